@@ -1,0 +1,1 @@
+"""lidcam: recorded lidar and camera topics in, fused objects out."""

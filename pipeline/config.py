@@ -1,0 +1,367 @@
+"""The settings: one model per stage, defaults in code, units in names.
+
+A YAML file overrides single values; a key that no model knows is an error, never ignored. `config/default.yaml` is a
+printed copy of the defaults. Parameters only: how stages are wired is said in `pipeline/build.py`.
+"""
+
+from pathlib import Path
+from typing import Annotated, Any, Literal, get_args
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from pipeline.errors import ConfigError
+
+__all__ = [
+    "AssociateConfig",
+    "ClassPrior",
+    "CombineConfig",
+    "Config",
+    "Detect2DConfig",
+    "Detect3DConfig",
+    "FuseConfig",
+    "GroundConfig",
+    "MotionConfig",
+    "OutlierConfig",
+    "OutputConfig",
+    "RunConfig",
+    "SyncConfig",
+    "TopicsConfig",
+    "describe_validation",
+    "load_config",
+    "read_yaml",
+]
+
+Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
+Share = Annotated[float, Field(ge=0, le=1)]
+Count = Annotated[int, Field(ge=1)]
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class ClassPrior(_Model):
+    """What is known of a class of road users before anything is measured.
+
+    Attributes:
+        name: Class name in the results.
+        size_m: Typical length, width, height.
+        size_max_m: A measured box larger than this is not of this class.
+        labels: Names that 2D detectors use for it (COCO names for instance).
+    """
+
+    name: str
+    size_m: tuple[Positive, Positive, Positive]
+    size_max_m: tuple[Positive, Positive, Positive]
+    labels: tuple[str, ...] = ()
+
+
+class TopicsConfig(_Model):
+    """Which topics take part; empty means all that fit.
+
+    Attributes:
+        lidars: Topics of clouds.
+        cameras: Topics of images.
+        exclude: Topics that are not used, by name or shell pattern.
+    """
+
+    lidars: tuple[str, ...] = ()
+    cameras: tuple[str, ...] = ()
+    exclude: tuple[str, ...] = ("/point_cloud_combined",)
+
+
+class SyncConfig(_Model):
+    """How messages of one moment are found.
+
+    Attributes:
+        policy: `approximate_time` (message_filters in C++), `approximate_time_python` (the original's) or `nearest`.
+        reference: Topic whose stamp a frame takes; empty: the first lidar's.
+        queue_size: Messages kept per topic.
+        slop_s: Largest spread of the stamps of a set (python policy: exclusive; nearest: distance to the reference).
+        max_interval_s: Largest spread under `approximate_time`; None for no bound, as in ROS.
+        age_penalty: How much better a newer set must be under `approximate_time`.
+    """
+
+    policy: Literal["approximate_time", "approximate_time_python", "nearest"] = "approximate_time"
+    reference: str = ""
+    queue_size: Count = 10
+    slop_s: NotNegative = 0.1
+    max_interval_s: Positive | None = 0.1
+    age_penalty: NotNegative = 0.1
+
+
+class MotionConfig(_Model):
+    """Motion compensation of clouds.
+
+    Attributes:
+        enabled: Off leaves points where they were measured.
+        topic: nav_msgs/Odometry of the site or vehicle frame; empty: found by its child frame, else by tf.
+        max_extrapolation_s: Points further from the known poses than this leave their cloud uncompensated.
+    """
+
+    enabled: bool = True
+    topic: str = ""
+    max_extrapolation_s: NotNegative = 0.2
+
+
+class OutlierConfig(_Model):
+    """Statistical outlier removal by PCL's rule.
+
+    Attributes:
+        enabled: Off keeps all points.
+        neighbors: Nearest neighbours that the mean distance is taken over, without the point itself.
+        std_ratio: Points further than mean + std_ratio x standard deviation go.
+    """
+
+    enabled: bool = True
+    neighbors: Count = 10
+    std_ratio: float = 1.0
+
+
+class GroundConfig(_Model):
+    """Ground removal by a RANSAC plane that is held to be ground.
+
+    Attributes:
+        enabled: Off keeps the ground.
+        distance_m: Points nearer to the plane than this belong to it.
+        max_tilt_deg: Largest angle between the plane's normal and the site's z axis.
+        height_tolerance_m: Largest distance, at the site's origin, from the rig's ground height where that is known.
+        iterations: Planes that are tried.
+        seed: Of the random choice.
+    """
+
+    enabled: bool = True
+    distance_m: Positive = 0.2
+    max_tilt_deg: Positive = 10.0
+    height_tolerance_m: Positive = 0.5
+    iterations: Count = 200
+    seed: int = 0
+
+
+class CombineConfig(_Model):
+    """How clouds become one.
+
+    Attributes:
+        min_range_m: Points nearer to their lidar go (the rig itself).
+        max_range_m: Points further from their lidar go.
+        motion: Motion compensation.
+        outliers: Outlier removal.
+        ground: Ground removal.
+    """
+
+    min_range_m: NotNegative = 0.0
+    max_range_m: Positive = 200.0
+    motion: MotionConfig = MotionConfig()
+    outliers: OutlierConfig = OutlierConfig()
+    ground: GroundConfig = GroundConfig()
+
+
+class Detect3DConfig(_Model):
+    """Detection in the cloud.
+
+    Attributes:
+        method: `cluster` needs no weights; `none` finds nothing.
+        cluster_distance_m: Points this near belong together, close to a lidar.
+        cluster_distance_per_m: Growth of that distance per metre of range (points thin out).
+        min_points: A cluster of fewer points is noise.
+        min_height_m: A cluster lower than this above the ground is a kerb or noise.
+        max_bottom_m: A cluster that hovers higher than this above the ground hangs there.
+    """
+
+    method: Literal["cluster", "none"] = "cluster"
+    cluster_distance_m: Positive = 0.4
+    cluster_distance_per_m: NotNegative = 0.01
+    min_points: Count = 10
+    min_height_m: NotNegative = 0.5
+    max_bottom_m: Positive = 1.0
+
+
+class Detect2DConfig(_Model):
+    """Detection in pictures.
+
+    Attributes:
+        method: `auto`: boxes in the recording if there are any, else the model if one is given, else none.
+        model: ONNX file (YOLOX layout); a path relative to the working folder.
+        min_score: Boxes with a lower score go.
+        nms_iou: Of two boxes of one class that overlap more than this the lower score goes.
+        threads: Threads inside the network; fixed, so that results do not depend on the machine's load.
+    """
+
+    method: Literal["auto", "onnx", "recorded", "none"] = "auto"
+    model: Path | None = None
+    min_score: Share = 0.3
+    nms_iou: Share = 0.45
+    threads: Count = 2
+
+
+class AssociateConfig(_Model):
+    """Which 3D box is which 2D box.
+
+    Attributes:
+        min_iou: Least overlap of the projected 3D box with the 2D box.
+        class_penalty: Taken from the overlap where the classes differ, before the best assignment is sought.
+    """
+
+    min_iou: Share = 0.3
+    class_penalty: NotNegative = 0.1
+
+
+class FuseConfig(_Model):
+    """What becomes of matched and unmatched objects.
+
+    Attributes:
+        min_score: Objects with a lower score are not reported.
+    """
+
+    min_score: Share = 0.0
+
+
+class OutputConfig(_Model):
+    """What is written.
+
+    Attributes:
+        images: Whether pictures are copied to the output.
+        clouds: Whether the combined cloud is written.
+        compression: Of the MCAP's chunks.
+    """
+
+    images: bool = True
+    clouds: bool = True
+    compression: Literal["none", "lz4", "zstd"] = "lz4"
+
+
+class RunConfig(_Model):
+    """How the work is done; none of it changes the result.
+
+    Attributes:
+        workers: 1 runs stage after stage; more overlap the stages of several frames.
+        window: Frames in work at once; None: two more than workers.
+    """
+
+    workers: Count = 2
+    window: Count | None = None
+
+
+_ROAD_CLASSES = (
+    ClassPrior(name="car", size_m=(4.2, 1.75, 1.55), size_max_m=(5.6, 2.4, 2.3), labels=("car",)),
+    ClassPrior(name="pedestrian", size_m=(0.6, 0.6, 1.75), size_max_m=(1.2, 1.2, 2.1), labels=("person", "pedestrian")),
+    ClassPrior(
+        name="bicycle", size_m=(1.8, 0.6, 1.7), size_max_m=(2.3, 1.1, 2.1), labels=("bicycle", "motorcycle", "cyclist")
+    ),
+    ClassPrior(name="truck", size_m=(8.0, 2.5, 3.2), size_max_m=(16.0, 3.2, 4.2), labels=("truck", "van")),
+    ClassPrior(name="bus", size_m=(11.5, 2.55, 3.2), size_max_m=(18.5, 3.2, 4.2), labels=("bus",)),
+)
+
+
+class Config(_Model):
+    """All settings of one run.
+
+    Attributes:
+        classes: What is looked for; the row of a class is its class id.
+    """
+
+    topics: TopicsConfig = TopicsConfig()
+    sync: SyncConfig = SyncConfig()
+    combine: CombineConfig = CombineConfig()
+    detect3d: Detect3DConfig = Detect3DConfig()
+    detect2d: Detect2DConfig = Detect2DConfig()
+    associate: AssociateConfig = AssociateConfig()
+    fuse: FuseConfig = FuseConfig()
+    output: OutputConfig = OutputConfig()
+    run: RunConfig = RunConfig()
+    classes: Annotated[tuple[ClassPrior, ...], Field(min_length=1)] = _ROAD_CLASSES
+
+    @model_validator(mode="after")
+    def _names_are_unique(self) -> "Config":
+        names = [prior.name for prior in self.classes]
+        if len(set(names)) < len(names):
+            raise ValueError(f"classes: a name stands twice in {', '.join(names)}")
+        return self
+
+    @property
+    def class_names(self) -> tuple[str, ...]:
+        """Names by class id."""
+        return tuple(prior.name for prior in self.classes)
+
+    @property
+    def class_id_of_label(self) -> dict[str, int]:
+        """Class id by each name that a 2D detector may use, the class's own name included."""
+        return {label: class_id for class_id, prior in enumerate(self.classes) for label in (prior.name, *prior.labels)}
+
+
+def load_config(path: Path | None = None, overrides: tuple[str, ...] = ()) -> Config:
+    """Defaults, then a YAML file, then single values `a.b=value` (the value is YAML).
+
+    Raises:
+        ConfigError: the file cannot be read, a key is unknown, or a value does not fit.
+    """
+    tree: dict[str, Any] = {}
+    if path is not None:
+        tree = read_yaml(path)
+    for override in overrides:
+        key, separator, text = override.partition("=")
+        if not separator or not key:
+            raise ConfigError(f"--set {override}: expected key.key=value")
+        try:
+            value = yaml.safe_load(text)
+        except yaml.YAMLError as err:
+            raise ConfigError(f"--set {override}: the value is not YAML") from err
+        *parents, leaf = key.split(".")
+        branch = tree
+        for parent in parents:
+            nested = branch.setdefault(parent, {})
+            if not isinstance(nested, dict):
+                raise ConfigError(f"--set {override}: {parent!r} is a value, not a section")
+            branch = nested
+        branch[leaf] = value
+    try:
+        return Config.model_validate(tree)
+    except ValidationError as err:
+        raise ConfigError(f"{path or 'settings'}: {describe_validation(Config, err)}") from err
+
+
+def describe_validation(model: type[BaseModel], err: ValidationError) -> str:
+    """The first fault of a validation in one line, with the keys that would have been right."""
+    fault = err.errors()[0]
+    key = ".".join(str(part) for part in fault["loc"])
+    more = f" (and {err.error_count() - 1} more)" if err.error_count() > 1 else ""
+    if fault["type"] == "extra_forbidden":
+        return f"unknown key {key!r}{more}; known here: {', '.join(_known_keys(model, fault['loc']))}"
+    return f"{key}: {fault['msg']}, found {fault.get('input')!r}{more}"
+
+
+def _known_keys(model: type[BaseModel], location: tuple[int | str, ...]) -> list[str]:
+    """Keys of the section that holds the last part of `location`."""
+    for part in location[:-1]:
+        if isinstance(part, str) and part in model.model_fields:
+            nested = _model_in(model.model_fields[part].annotation)
+            if nested is not None:
+                model = nested
+    return list(model.model_fields)
+
+
+def _model_in(annotation: Any) -> type[BaseModel] | None:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    return next((model for part in get_args(annotation) if (model := _model_in(part)) is not None), None)
+
+
+def read_yaml(path: Path) -> dict[str, Any]:
+    """A YAML file that holds a mapping.
+
+    Raises:
+        ConfigError: the file cannot be read, is not YAML, or holds something else.
+    """
+    try:
+        tree = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as err:
+        raise ConfigError(f"{path}: cannot be read: {err}") from err
+    except yaml.YAMLError as err:
+        raise ConfigError(f"{path}: not YAML: {' '.join(str(err).split())}") from err
+    if tree is None:
+        return {}
+    if not isinstance(tree, dict):
+        raise ConfigError(f"{path}: expected a mapping of sections, found {type(tree).__name__}")
+    return tree

@@ -1,0 +1,57 @@
+"""The errors that lidcam raises on purpose.
+
+    LidcamError
+    ├── RecordingError     a recording cannot be opened or read
+    │   └── MessageError   one message cannot be decoded
+    ├── CalibrationError   intrinsics, extrinsics or a rig file are unusable
+    │   └── FrameError     transforms of unlike frames were composed, or no path joins two frames
+    ├── ConfigError        the settings are wrong
+    ├── ModelError         a network cannot be loaded or does not have the expected layout
+    └── OutputError        a result cannot be written
+
+Each message is one line that says what was expected, what was found and what to do. The command line turns them into
+that line and exit code 1; everything else is a bug and keeps its traceback.
+"""
+
+__all__ = [
+    "CalibrationError",
+    "ConfigError",
+    "FrameError",
+    "LidcamError",
+    "MessageError",
+    "ModelError",
+    "OutputError",
+    "RecordingError",
+]
+
+
+class LidcamError(Exception):
+    """Base of every error that the input, the calibration or the settings can cause."""
+
+
+class RecordingError(LidcamError):
+    """A recording cannot be opened or read."""
+
+
+class MessageError(RecordingError):
+    """One message cannot be decoded; the others may well be."""
+
+
+class CalibrationError(LidcamError):
+    """Intrinsics, extrinsics or a rig file are unusable."""
+
+
+class FrameError(CalibrationError):
+    """Transforms of unlike frames were composed, or no path joins two frames."""
+
+
+class ConfigError(LidcamError):
+    """The settings are wrong."""
+
+
+class ModelError(LidcamError):
+    """A network cannot be loaded or does not have the expected layout."""
+
+
+class OutputError(LidcamError):
+    """A result cannot be written."""

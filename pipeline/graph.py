@@ -1,0 +1,180 @@
+"""A typed stage graph: declared top to bottom, run serially or pipelined with equal results.
+
+A stage is any callable. `Graph.add` returns a handle that carries the stage's output type, so that the type checker
+sees a wrong wiring; a stage can only read handles that exist already, so the graph has no cycles and declaration order
+is the order of execution. This module knows no stage.
+"""
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import ExitStack
+from dataclasses import dataclass
+from typing import Any, Generic, Protocol, TypeVar, overload
+
+__all__ = ["Graph", "Node"]
+
+A = TypeVar("A")
+B = TypeVar("B")
+C = TypeVar("C")
+D = TypeVar("D")
+E = TypeVar("E")
+G = TypeVar("G")
+
+
+class Stamped(Protocol):
+    """What a frame must tell about itself, for error messages."""
+
+    @property
+    def index(self) -> int:
+        """Running number."""
+
+    @property
+    def stamp_ns(self) -> int:
+        """Time of measurement."""
+
+
+F = TypeVar("F", bound=Stamped)
+R = TypeVar("R")
+
+
+@dataclass(frozen=True, eq=False)
+class Node(Generic[R]):
+    """Handle to one stage's output.
+
+    Attributes:
+        name: Stage name, for timing and errors.
+        fn: The stage.
+        inputs: Handles whose values it takes, in order.
+        workers: 1 keeps frames in order (for stages with state); more only for pure stages.
+    """
+
+    name: str
+    fn: Callable[..., R]
+    inputs: tuple["Node[Any]", ...] = ()
+    workers: int = 1
+
+
+class Graph(Generic[F]):
+    """Stages over a stream of frames.
+
+    Attributes:
+        frame: Handle to the incoming frame.
+        seconds: Time spent in each stage so far, by name, summed over its threads.
+    """
+
+    def __init__(self, frame_type: type[F]) -> None:
+        self.frame: Node[F] = Node("frame", frame_type)
+        self.nodes: list[Node[Any]] = []
+        self.seconds: dict[str, float] = {}
+        self._clock = threading.Lock()
+
+    @overload
+    def add(self, name: str, fn: Callable[[A], R], a: Node[A], /, *, workers: int = 1) -> Node[R]: ...
+    @overload
+    def add(self, name: str, fn: Callable[[A, B], R], a: Node[A], b: Node[B], /, *, workers: int = 1) -> Node[R]: ...
+    @overload
+    def add(
+        self, name: str, fn: Callable[[A, B, C], R], a: Node[A], b: Node[B], c: Node[C], /, *, workers: int = 1
+    ) -> Node[R]: ...
+    @overload
+    def add(
+        self,
+        name: str,
+        fn: Callable[[A, B, C, D, E, G], R],
+        a: Node[A],
+        b: Node[B],
+        c: Node[C],
+        d: Node[D],
+        e: Node[E],
+        g: Node[G],
+        /,
+        *,
+        workers: int = 1,
+    ) -> Node[R]: ...
+    def add(self, name: str, fn: Callable[..., Any], /, *inputs: Node[Any], workers: int = 1) -> Node[Any]:
+        """Append a stage that reads `inputs`; the handle of its output.
+
+        Raises:
+            ValueError: an input belongs to another graph, or the name is taken.
+        """
+        known = {self.frame, *self.nodes}
+        if not set(inputs) <= known:
+            raise ValueError(f"stage {name}: an input does not belong to this graph")
+        if any(node.name == name for node in self.nodes):
+            raise ValueError(f"stage {name}: the name is taken")
+        node: Node[Any] = Node(name, fn, inputs, workers)
+        self.nodes.append(node)
+        self.seconds[name] = 0.0
+        return node
+
+    def run(self, sink: Node[R], frames: Iterable[F]) -> Iterator[R]:
+        """The sink's value for each frame, in order, on the calling thread."""
+        for frame in frames:
+            values: dict[Node[Any], Any] = {self.frame: frame}
+            for node in self.nodes:
+                values[node] = self._call(node, frame, [values[i] for i in node.inputs])
+            yield values[sink]
+
+    def run_pipelined(self, sink: Node[R], frames: Iterable[F], *, window: int) -> Iterator[R]:
+        """Same values in the same order as `run`, each stage on threads of its own.
+
+        Every stage has a pool that serves first come, first served; all tasks of a frame are submitted in frame order,
+        and each waits for its inputs. So a stage with one worker sees the frames in order, and nothing blocks for ever.
+
+        Args:
+            sink: Whose values to yield.
+            frames: Read on the calling thread. If reading fails, the frames read before come out first, as in `run`.
+            window: At most this many frames are in work at once.
+        """
+        if window < 1:
+            raise ValueError(f"window: expected at least 1 frame, got {window}")
+        pending: deque[dict[Node[Any], Future[Any]]] = deque()
+        with ExitStack() as stack:
+            pools = {n: stack.enter_context(ThreadPoolExecutor(n.workers, f"lidcam-{n.name}")) for n in self.nodes}
+            stack.callback(lambda: [future.cancel() for futures in pending for future in futures.values()])
+            source_error: Exception | None = None
+            source = iter(frames)
+            while True:
+                try:
+                    frame = next(source)
+                except StopIteration:
+                    break
+                except Exception as err:
+                    source_error = err
+                    break
+                futures: dict[Node[Any], Future[Any]] = {self.frame: _done(frame)}
+                for node in self.nodes:
+                    inputs = [futures[i] for i in node.inputs]
+                    futures[node] = pools[node].submit(self._wait_and_call, node, frame, inputs)
+                pending.append(futures)
+                if len(pending) == window:
+                    yield pending.popleft()[sink].result()
+            while pending:
+                yield pending.popleft()[sink].result()
+            if source_error is not None:
+                raise source_error
+
+    def _call(self, node: Node[Any], frame: F, args: list[Any]) -> Any:
+        start = time.perf_counter()
+        try:
+            return node.fn(*args)
+        except Exception as err:
+            note = f"in stage {node.name}, frame {frame.index}, stamp {frame.stamp_ns} ns"
+            if not any(known.startswith("in stage") for known in getattr(err, "__notes__", ())):
+                err.add_note(note)
+            raise
+        finally:
+            with self._clock:
+                self.seconds[node.name] += time.perf_counter() - start
+
+    def _wait_and_call(self, node: Node[Any], frame: F, inputs: list[Future[Any]]) -> Any:
+        return self._call(node, frame, [future.result() for future in inputs])
+
+
+def _done(value: Any) -> Future[Any]:
+    future: Future[Any] = Future()
+    future.set_result(value)
+    return future

@@ -1,0 +1,1 @@
+"""From a recording to typed data: containers, message decoders, calibration."""

@@ -1,0 +1,1 @@
+"""From frame results to files."""
