@@ -1,0 +1,1 @@
+"""Sample recordings and what records them."""
