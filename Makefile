@@ -1,0 +1,38 @@
+# make demo    process the sample recording into out/
+# make test    lint, types, tests
+# make check   lint and types only
+# make bench   what is measured against what
+# Each installs what it needs into .venv the first time, and only then.
+
+PYTHON ?= python3
+BIN := .venv/bin
+INSTALLED := .venv/installed
+
+.PHONY: demo test check bench
+.DELETE_ON_ERROR:
+
+$(INSTALLED): pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "lidcam needs Python 3.11 or newer, found " + sys.version.split()[0] + ": set PYTHON=python3.12 or the like")'
+	$(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[sim,torch,dev]'
+	@touch $@
+
+demo: $(INSTALLED)
+	@mkdir -p out
+	$(BIN)/lidcam-process bags/sandbox.bag out/sandbox.mcap --config config/sandbox.yaml --rerun out/sandbox.rrd
+	@echo
+	@echo 'Look at it:'
+	@echo '  out/sandbox.rrd    $(BIN)/rerun out/sandbox.rrd'
+	@echo '  out/sandbox.mcap   Foxglove or Lichtblick: "Open local file"'
+
+check: $(INSTALLED)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy pipeline readers writers bags tests benchmarks
+
+test: check
+	$(BIN)/pytest
+
+bench: $(INSTALLED)
+	$(BIN)/python benchmarks/end_to_end.py
+	$(BIN)/python benchmarks/filters.py
