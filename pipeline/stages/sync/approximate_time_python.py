@@ -1,0 +1,137 @@
+"""The rules of message_filters' Python ApproximateTimeSynchronizer, with a search that cannot explode.
+
+Source: ros_comm, message_filters/__init__.py. Greedy and dependent on the order of arrival: the first set that fits the
+newest message is emitted at once, so sets may come out of time order. The genuine program tries combinations one by
+one, exponentially many in the number of topics; here the same combination is found without trying the hopeless ones.
+"""
+
+from collections.abc import Sequence
+from typing import Generic, TypeVar
+
+from pipeline.stages.sync.policy import DropReason, OnItemDrop
+
+__all__ = ["ApproximateTimePython", "first_combination"]
+
+T = TypeVar("T")
+
+
+class ApproximateTimePython(Generic[T]):
+    """At most one set per arrival: the first in product order, nearest messages first, with a spread below slop.
+
+    Args:
+        topic_count: Number of topics, at least one.
+        queue_size: Messages held per topic; the one with the smallest stamp goes, even if it is the newest arrival.
+        slop_ns: Spread that a set must stay below; 0 lets no set form.
+        on_drop: Told of each message that is in no set.
+    """
+
+    def __init__(self, topic_count: int, *, queue_size: int, slop_ns: int, on_drop: OnItemDrop[T]) -> None:
+        self._queues: list[dict[int, T]] = [{} for _ in range(topic_count)]
+        self._queue_size = queue_size
+        self._slop_ns = slop_ns
+        self._on_drop = on_drop
+
+    def add(self, topic: int, stamp_ns: int, item: T) -> Sequence[tuple[T, ...]]:
+        """Take a message; the set that it completes, if any.
+
+        An equal stamp replaces the queued message and keeps its place among ties.
+        """
+        queue = self._queues[topic]
+        if stamp_ns in queue:
+            self._on_drop(queue[stamp_ns], DropReason.REPLACED)
+        queue[stamp_ns] = item
+        if len(queue) > self._queue_size:
+            oldest_ns = min(queue)
+            reason = DropReason.TOO_LATE if oldest_ns == stamp_ns else DropReason.QUEUE_FULL
+            self._on_drop(queue.pop(oldest_ns), reason)
+            if oldest_ns == stamp_ns:
+                return []
+        candidates = self._candidates(topic, stamp_ns)
+        stamps_ns = first_combination(stamp_ns, candidates, self._slop_ns)
+        if stamps_ns is None:
+            return []
+        stamps_ns.insert(topic, stamp_ns)
+        return [tuple(queue.pop(chosen) for queue, chosen in zip(self._queues, stamps_ns, strict=True))]
+
+    def flush(self) -> Sequence[tuple[T, ...]]:
+        """Nothing: a set never waits for later messages."""
+        return []
+
+    def close(self) -> None:
+        """Report everything still held as dropped."""
+        for queue in self._queues:
+            for item in queue.values():
+                self._on_drop(item, DropReason.END)
+            queue.clear()
+
+    def _candidates(self, topic: int, stamp_ns: int) -> list[list[int]]:
+        """Stamps of each other topic within slop of the newcomer, nearest first, ties in order of insertion.
+
+        Stops at the first topic that has none: its list is empty then, and the last.
+        """
+        candidates = []
+        for other, queue in enumerate(self._queues):
+            if other == topic:
+                continue
+            near = [queued_ns for queued_ns in queue if abs(queued_ns - stamp_ns) <= self._slop_ns]
+            near.sort(key=lambda queued_ns: abs(queued_ns - stamp_ns))
+            candidates.append(near)
+            if not near:
+                break
+        return candidates
+
+
+def first_combination(newcomer_ns: int, candidates: Sequence[Sequence[int]], slop_ns: int) -> list[int] | None:
+    """The first of `itertools.product(*candidates)` that spreads less than slop together with the newcomer.
+
+    A combination fits if a window [start, start + slop) holds all its stamps, so a stamp s allows the starts in
+    (s - slop, s]. For each topic and all after it, the starts that leave each of them at least one stamp are known
+    before the choice begins. Then the first stamp whose starts meet those of the later topics is the right one, and
+    no choice is ever taken back: O(topics x (topics + queue size)) steps.
+
+    Args:
+        newcomer_ns: Stamp that every combination includes.
+        candidates: Stamps of each other topic, all within slop of the newcomer, in order of preference.
+        slop_ns: Exclusive bound of the spread.
+    """
+    if not all(candidates):
+        return None
+    nearest_ns = [stamps_ns[0] for stamps_ns in candidates]
+    if max([newcomer_ns, *nearest_ns]) - min([newcomer_ns, *nearest_ns]) < slop_ns:
+        return nearest_ns
+
+    first_ns, last_ns = newcomer_ns - slop_ns + 1, newcomer_ns
+    later_starts = [[(first_ns, last_ns)] if first_ns <= last_ns else []]
+    for stamps_ns in reversed(candidates):
+        later_starts.append(_starts_that_reach(stamps_ns, newcomer_ns, slop_ns, later_starts[-1]))
+    if not later_starts.pop():
+        return None
+
+    chosen = []
+    for stamps_ns in candidates:
+        starts = later_starts.pop()
+        for stamp_ns in stamps_ns:
+            narrowed = max(first_ns, stamp_ns - slop_ns + 1), min(last_ns, stamp_ns)
+            if any(max(narrowed[0], low) <= min(narrowed[1], high) for low, high in starts):
+                first_ns, last_ns = narrowed
+                chosen.append(stamp_ns)
+                break
+    return chosen
+
+
+def _starts_that_reach(
+    stamps_ns: Sequence[int], newcomer_ns: int, slop_ns: int, starts: list[tuple[int, int]]
+) -> list[tuple[int, int]]:
+    """The part of `starts` (closed intervals) whose windows hold at least one of the stamps.
+
+    Every window holds the newcomer, so it misses the topic only if it starts after the last stamp before the newcomer
+    and ends before the first one after it.
+    """
+    before_ns = max((s for s in stamps_ns if s <= newcomer_ns), default=newcomer_ns - slop_ns)
+    after_ns = min((s for s in stamps_ns if s >= newcomer_ns), default=newcomer_ns + slop_ns)
+    gap_first, gap_last = before_ns + 1, after_ns - slop_ns
+    if gap_first > gap_last:
+        return starts
+    below = [(low, min(high, gap_first - 1)) for low, high in starts if low < gap_first]
+    above = [(max(low, gap_last + 1), high) for low, high in starts if high > gap_last]
+    return below + above

@@ -1,0 +1,134 @@
+"""From a stream of undecoded messages to frames: what belongs to one moment, by the configured policy."""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+
+from pipeline.config import SyncConfig
+from pipeline.errors import ConfigError
+from pipeline.stages.sync.approximate_time import ApproximateTime
+from pipeline.stages.sync.approximate_time_python import ApproximateTimePython
+from pipeline.stages.sync.nearest import Nearest
+from pipeline.stages.sync.policy import OnItemDrop, Policy
+from pipeline.types import Drop, RawMessage, SensorBundle
+
+__all__ = ["SyncStats", "synchronize"]
+
+
+@dataclass(slots=True)
+class SyncStats:
+    """What `synchronize` has seen so far; filled while its frames are taken.
+
+    Attributes:
+        received: Number of messages by topic; a topic that never spoke is there with 0.
+        sets: Number of frames.
+        skew_max_ns: Largest spread of the stamps of a frame.
+        skew_total_ns: Sum of the spreads.
+    """
+
+    received: dict[str, int] = field(default_factory=dict)
+    sets: int = 0
+    skew_max_ns: int = 0
+    skew_total_ns: int = 0
+
+    @property
+    def skew_mean_ns(self) -> float:
+        """Mean spread of the stamps of a frame; 0 without frames."""
+        return self.skew_total_ns / self.sets if self.sets else 0.0
+
+    def count(self, bundle: SensorBundle) -> None:
+        """Add one frame."""
+        self.sets += 1
+        self.skew_max_ns = max(self.skew_max_ns, bundle.skew_ns)
+        self.skew_total_ns += bundle.skew_ns
+
+
+def synchronize(
+    messages: Iterable[RawMessage],
+    topics: Sequence[str],
+    config: SyncConfig,
+    *,
+    reference: str,
+    on_drop: Callable[[Drop], None],
+    flush: bool = True,
+    stats: SyncStats | None = None,
+) -> Iterator[SensorBundle]:
+    """Frames of one message per topic, lazily, in the order in which the policy finds them.
+
+    Every message of `topics` ends in one frame or is reported to `on_drop`. Messages of other topics pass by uncounted.
+
+    Args:
+        messages: In order of recording; equal times in order of (file, position).
+        topics: What each frame consists of, in this order.
+        config: Policy and its parameters.
+        reference: One of `topics`: a frame has the stamp and log time of its message.
+        on_drop: Told of each message that is in no frame, in a fixed order.
+        flush: Whether frames that only the end of the recording makes certain are emitted; ROS's live program does
+            not, since it never learns of the end.
+        stats: Filled while frames are taken.
+
+    Raises:
+        ConfigError: `topics` is empty or names a topic twice, or the reference is not among them.
+    """
+    if not topics or len(set(topics)) < len(topics):
+        raise ConfigError(f"sync: expected one or more distinct topics, found {', '.join(topics) or 'none'}")
+    if reference not in topics:
+        raise ConfigError(f"sync.reference: {reference!r} is not synchronised; choose one of {', '.join(topics)}")
+
+    def drop(message: RawMessage, reason: str) -> None:
+        on_drop(Drop(message.topic, message.stamp_ns, reason))
+
+    policy = _policy(config, topics, topics.index(reference), drop)
+    return _bundles(messages, topics, reference, policy, stats if stats is not None else SyncStats(), flush)
+
+
+def _bundles(
+    messages: Iterable[RawMessage],
+    topics: Sequence[str],
+    reference: str,
+    policy: Policy[RawMessage],
+    stats: SyncStats,
+    flush: bool,
+) -> Iterator[SensorBundle]:
+    stats.received.update(dict.fromkeys(topics, 0))
+    for index, found in enumerate(_sets(messages, topics, policy, stats, flush)):
+        chosen = dict(zip(topics, found, strict=True))
+        bundle = SensorBundle(index, chosen[reference].stamp_ns, chosen[reference].log_time_ns, chosen)
+        stats.count(bundle)
+        yield bundle
+
+
+def _sets(
+    messages: Iterable[RawMessage], topics: Sequence[str], policy: Policy[RawMessage], stats: SyncStats, flush: bool
+) -> Iterator[tuple[RawMessage, ...]]:
+    index_of = {topic: index for index, topic in enumerate(topics)}
+    for message in messages:
+        topic = message.topic
+        if topic in index_of:
+            stats.received[topic] += 1
+            yield from policy.add(index_of[topic], message.stamp_ns, message)
+    if flush:
+        yield from policy.flush()
+    policy.close()
+
+
+def _policy(
+    config: SyncConfig, topics: Sequence[str], reference: int, on_drop: OnItemDrop[RawMessage]
+) -> Policy[RawMessage]:
+    slop_ns = _nanoseconds(config.slop_s)
+    match config.policy:
+        case "approximate_time":
+            return ApproximateTime(
+                len(topics),
+                queue_size=config.queue_size,
+                age_penalty=config.age_penalty,
+                max_interval_ns=None if config.max_interval_s is None else _nanoseconds(config.max_interval_s),
+                on_drop=on_drop,
+            )
+        case "approximate_time_python":
+            return ApproximateTimePython(len(topics), queue_size=config.queue_size, slop_ns=slop_ns, on_drop=on_drop)
+        case "nearest":
+            return Nearest(topics, reference=reference, queue_size=config.queue_size, slop_ns=slop_ns, on_drop=on_drop)
+
+
+def _nanoseconds(seconds: float) -> int:
+    return round(seconds * 1e9)

@@ -1,0 +1,577 @@
+import itertools
+import json
+import random
+import time
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterable, Sequence
+from functools import cache
+from typing import Any, Literal
+
+import pytest
+from helpers import shared
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pipeline.config import SyncConfig
+from pipeline.errors import ConfigError
+from pipeline.stages.sync import ApproximateTime, ApproximateTimePython, DropReason, Nearest, Policy, SyncStats
+from pipeline.stages.sync import synchronize as synchronize_
+from pipeline.stages.sync.approximate_time_python import first_combination
+from pipeline.types import Channel, Drop, RawMessage, SensorBundle
+
+MS = 1_000_000
+PolicyName = Literal["approximate_time", "approximate_time_python", "nearest"]
+POLICIES: tuple[PolicyName, ...] = ("approximate_time", "approximate_time_python", "nearest")
+
+Item = tuple[int, int, int]  # topic, stamp_ns, number of the arrival
+Arrival = tuple[int, int]  # topic, stamp_ns
+Drops = list[tuple[Item, str]]
+
+
+def make_policy(name: PolicyName, topic_count: int, *, queue_size: int, slop_ns: int, drops: Drops) -> Policy[Item]:
+    def on_drop(item: Item, reason: str) -> None:
+        drops.append((item, reason))
+
+    if name == "approximate_time":
+        return ApproximateTime(topic_count, queue_size=queue_size, max_interval_ns=slop_ns, on_drop=on_drop)
+    if name == "approximate_time_python":
+        return ApproximateTimePython(topic_count, queue_size=queue_size, slop_ns=slop_ns, on_drop=on_drop)
+    topics = [f"/t{topic}" for topic in range(topic_count)]
+    return Nearest(topics, reference=0, queue_size=queue_size, slop_ns=slop_ns, on_drop=on_drop)
+
+
+def run_policy(policy: Policy[Item], arrivals: Iterable[Arrival]) -> list[tuple[Item, ...]]:
+    sets: list[tuple[Item, ...]] = []
+    for number, (topic, stamp_ns) in enumerate(arrivals):
+        sets += policy.add(topic, stamp_ns, (topic, stamp_ns, number))
+    sets += policy.flush()
+    policy.close()
+    return sets
+
+
+def stamps_ms(sets: Iterable[tuple[Item, ...]]) -> list[list[int]]:
+    return [[stamp_ns // MS for _, stamp_ns, _ in found] for found in sets]
+
+
+def arrivals_ms(*arrivals: tuple[int, int]) -> list[Arrival]:
+    return [(topic, stamp_ms * MS) for topic, stamp_ms in arrivals]
+
+
+# --- the genuine programs
+
+
+@cache
+def oracle_cases() -> dict[str, dict[str, Any]]:
+    cases = json.loads(shared("oracles/sync/cases.json").read_text())
+    return {case["name"]: case for case in cases}
+
+
+ORACLE_NAMES = [
+    *(f"grid_n{n}_q{q}_s{s}" for n in (2, 3, 8) for q in (1, 5, 10) for s in ("0.1", "1.0")),
+    *[
+        "rates_3_5",
+        "rates_3_10",
+        "outoforder_5",
+        "outoforder_10",
+        "unsorted_stamps_5",
+        "unsorted_stamps_10",
+        "dup_stamps_10",
+    ],
+    *[
+        "gap_1",
+        "gap_10",
+        "late_topic_1",
+        "late_topic_10",
+        "exact_equal_1",
+        "edge_slop_equal",
+        "edge_slop_3",
+        "edge_ties",
+        "zero_slop",
+    ],
+    *["drops_50", "seed_lidar", "seed_camera", "seed_fusion_eval", "slow_fast", "hand_spread", "hand_spread_second"],
+    *["hand_spread_deeper", "hand_tie_order_a", "hand_tie_order_b", "hand_tie_reinsert", "hand_full_old"],
+    *["hand_full_old_match", "hand_slop_edge", "hand_late_pair", "hand_one_per_add", "hand_old_left"],
+]
+
+
+def test_all_oracle_cases_are_judged() -> None:
+    assert sorted(ORACLE_NAMES) == sorted(oracle_cases())
+    assert len(ORACLE_NAMES) == 51
+
+
+def oracle_policy(variant: str, case: dict[str, Any], on_drop: Callable[[Any, str], None]) -> Policy[list[int]]:
+    topic_count, queue_size, slop_ns = case["topics"], case["queue_size"], round(case["slop"] * 1e9)
+    match variant:
+        case "python":
+            return ApproximateTimePython(topic_count, queue_size=queue_size, slop_ns=slop_ns, on_drop=on_drop)
+        case "default":
+            return ApproximateTime(topic_count, queue_size=queue_size, on_drop=on_drop)
+        case _:
+            return ApproximateTime(topic_count, queue_size=queue_size, max_interval_ns=slop_ns, on_drop=on_drop)
+
+
+@pytest.mark.parametrize("variant", ["python", "default", "maxint"])
+@pytest.mark.parametrize("name", ORACLE_NAMES)
+def test_equals_genuine_message_filters(name: str, variant: str) -> None:
+    case = oracle_cases()[name]
+    expected = case["expected_python"] if variant == "python" else case["expected_cpp"][variant]
+    dropped: list[list[int]] = []
+    policy = oracle_policy(variant, case, lambda item, _reason: dropped.append(item))
+
+    found = []
+    for arrival, (topic, stamp_ns, message_id) in enumerate(case["arrivals"]):
+        found += [[arrival, list(messages)] for messages in policy.add(topic, stamp_ns, [stamp_ns, message_id])]
+    policy.close()
+
+    assert found == expected
+    assert len(dropped) + case["topics"] * len(found) == len(case["arrivals"])
+
+
+# --- every policy
+
+
+streams = st.lists(st.tuples(st.integers(0, 2), st.integers(0, 400)), max_size=60).map(
+    lambda pairs: arrivals_ms(*pairs)
+)  # unsorted, with equal stamps
+sorted_streams = streams.map(lambda arrivals: sorted(arrivals, key=lambda arrival: arrival[1]))
+any_stream = st.one_of(streams, sorted_streams)
+
+
+@pytest.mark.parametrize("name", POLICIES)
+@given(arrivals=any_stream, queue_size=st.integers(1, 6), slop_ms=st.integers(0, 150))
+def test_every_message_is_used_once_or_dropped_once(
+    name: PolicyName, arrivals: list[Arrival], queue_size: int, slop_ms: int
+) -> None:
+    drops: Drops = []
+    policy = make_policy(name, 3, queue_size=queue_size, slop_ns=slop_ms * MS, drops=drops)
+    sets = run_policy(policy, arrivals)
+
+    used = [item for found in sets for item in found]
+    everything = [(topic, stamp_ns, number) for number, (topic, stamp_ns) in enumerate(arrivals)]
+    assert sorted(used + [item for item, _ in drops]) == sorted(everything)
+    assert all([topic for topic, _, _ in found] == [0, 1, 2] for found in sets)
+    assert all(reason for _, reason in drops)
+
+
+@pytest.mark.parametrize("name", POLICIES)
+@given(arrivals=any_stream, queue_size=st.integers(1, 4), slop_ms=st.integers(0, 150))
+def test_buffers_are_bounded(name: PolicyName, arrivals: list[Arrival], queue_size: int, slop_ms: int) -> None:
+    drops: Drops = []
+    policy = make_policy(name, 3, queue_size=queue_size, slop_ns=slop_ms * MS, drops=drops)
+    used: list[Item] = []
+    for number, (topic, stamp_ns) in enumerate(arrivals):
+        used += [item for found in policy.add(topic, stamp_ns, (topic, stamp_ns, number)) for item in found]
+        held = Counter(topic for topic, _ in arrivals[: number + 1])
+        held.subtract(topic for topic, _, _ in used)
+        held.subtract(topic for (topic, _, _), _ in drops)
+        assert all(0 <= count <= queue_size for count in held.values())
+
+
+@given(arrivals=sorted_streams, queue_size=st.integers(1, 6), slop_ms=st.integers(0, 150))
+def test_spread_stays_within_the_bound(arrivals: list[Arrival], queue_size: int, slop_ms: int) -> None:
+    for name in POLICIES:
+        policy = make_policy(name, 3, queue_size=queue_size, slop_ns=slop_ms * MS, drops=[])
+        for stamps in stamps_ms(run_policy(policy, arrivals)):
+            if name == "nearest":
+                assert max(abs(stamp_ms - stamps[0]) for stamp_ms in stamps) <= slop_ms
+            elif name == "approximate_time":
+                assert max(stamps) - min(stamps) <= slop_ms
+            else:
+                assert max(stamps) - min(stamps) < slop_ms
+
+
+@pytest.mark.parametrize("name", ["approximate_time", "nearest"])
+@given(arrivals=sorted_streams, slop_ms=st.integers(0, 150), seed=st.integers(0, 2**32))
+def test_interleaving_of_topics_does_not_matter(
+    name: PolicyName, arrivals: list[Arrival], slop_ms: int, seed: int
+) -> None:
+    by_topic: dict[int, list[Arrival]] = defaultdict(list)
+    for arrival in arrivals:
+        by_topic[arrival[0]].append(arrival)
+    shuffled_topics = [topic for topic, _ in arrivals]
+    random.Random(seed).shuffle(shuffled_topics)
+    shuffled = [by_topic[topic].pop(0) for topic in shuffled_topics]
+
+    def result(stream: list[Arrival]) -> list[list[int]]:
+        return stamps_ms(run_policy(make_policy(name, 3, queue_size=99, slop_ns=slop_ms * MS, drops=[]), stream))
+
+    assert result(shuffled) == result(arrivals)
+
+
+@pytest.mark.parametrize("name", ["approximate_time", "nearest"])
+@given(arrivals=any_stream, slop_ms=st.integers(0, 150))
+def test_sets_never_cross(name: PolicyName, arrivals: list[Arrival], slop_ms: int) -> None:
+    if name == "approximate_time":  # takes messages of one topic as they arrive, as ROS does
+        arrivals = sorted(arrivals, key=lambda arrival: arrival[1])
+    sets = stamps_ms(run_policy(make_policy(name, 3, queue_size=5, slop_ns=slop_ms * MS, drops=[]), arrivals))
+    for earlier, later in itertools.pairwise(sets):
+        assert all(a <= b for a, b in zip(earlier, later, strict=True))
+
+
+@pytest.mark.parametrize("name", POLICIES)
+def test_nineteen_tidy_topics_lose_nothing(name: PolicyName) -> None:
+    arrivals = arrivals_ms(*((topic, 100 * frame + topic) for frame in range(20) for topic in range(19)))
+    drops: Drops = []
+    sets = run_policy(make_policy(name, 19, queue_size=10, slop_ns=100 * MS, drops=drops), arrivals)
+    assert stamps_ms(sets) == [[100 * frame + topic for topic in range(19)] for frame in range(20)]
+    assert drops == []
+
+
+# --- approximate_time
+
+
+def test_approximate_time_flushes_what_the_end_makes_certain() -> None:
+    arrivals = arrivals_ms((0, 0), (1, 10), (0, 100), (1, 110))
+    policy = make_policy("approximate_time", 2, queue_size=10, slop_ns=50 * MS, drops=[])
+    live = [found for topic, stamp_ns in arrivals for found in policy.add(topic, stamp_ns, (topic, stamp_ns, 0))]
+    assert stamps_ms(live) == [[0, 10]]
+    assert stamps_ms(policy.flush()) == [[100, 110]]
+    assert policy.flush() == []
+
+
+def test_approximate_time_flush_finds_several_sets() -> None:
+    policy = make_policy("approximate_time", 2, queue_size=10, slop_ns=50 * MS, drops=[])
+    # A third message of the first topic at 38 would make a better set than (33, 38).
+    for topic, stamp_ns in arrivals_ms((0, 33), (0, 33), (1, 38), (1, 44)):
+        assert policy.add(topic, stamp_ns, (topic, stamp_ns, 0)) == []
+    assert stamps_ms(policy.flush()) == [[33, 38], [33, 44]]
+
+
+@pytest.mark.parametrize(
+    ("arrivals", "queue_size", "expected"),
+    [
+        ([(0, 0), (1, 90)], 10, [(0, DropReason.TOO_FAR), (90, DropReason.END)]),
+        ([(0, 0), (0, 100)], 1, [(0, DropReason.QUEUE_FULL), (100, DropReason.END)]),
+        # (0, 40) is a candidate until (40, 41), with the same pivot, proves better.
+        ([(0, 0), (1, 40), (0, 41), (1, 42)], 10, [(0, DropReason.LEFT_OUT), (42, DropReason.END)]),
+        # The lost message of topic 0 might have been the partner of 49, nearer than 90.
+        ([(0, 50), (0, 90), (1, 49)], 1, [(50, DropReason.QUEUE_FULL), (49, DropReason.AFTER_OVERFLOW)]),
+    ],
+)
+def test_approximate_time_reasons(
+    arrivals: list[Arrival], queue_size: int, expected: list[tuple[int, DropReason]]
+) -> None:
+    drops: Drops = []
+    run_policy(
+        make_policy("approximate_time", 2, queue_size=queue_size, slop_ns=50 * MS, drops=drops), arrivals_ms(*arrivals)
+    )
+    assert [(item[1] // MS, reason) for item, reason in drops][: len(expected)] == expected
+
+
+@pytest.mark.parametrize(
+    ("second_ns", "pivot_ns", "expected"),
+    [
+        (105, 55, (0, 55)),  # 1.1 x 50 later for a start 55 later: not better
+        (106, 56, (106, 56)),  # 1.1 x 50 later for a start 56 later: better
+    ],
+)
+def test_approximate_time_age_penalty_to_the_nanosecond(
+    second_ns: int, pivot_ns: int, expected: tuple[int, int]
+) -> None:
+    policy: ApproximateTime[int] = ApproximateTime(2, queue_size=10, on_drop=lambda _item, _reason: None)
+    found = [policy.add(topic, stamp_ns, stamp_ns) for topic, stamp_ns in ((0, 0), (1, pivot_ns), (0, second_ns))]
+    assert [*found[-1], *policy.flush()][0] == expected
+
+
+def test_approximate_time_of_equal_stamps_the_last_topic_is_the_pivot() -> None:
+    # The second topic has lost a message and cannot be the pivot, so the first one's message goes.
+    policy = make_policy("approximate_time", 2, queue_size=1, slop_ns=50 * MS, drops=[])
+    assert run_policy(policy, arrivals_ms((0, 0), (1, 2), (1, 0))) == []
+
+
+# --- approximate_time_python
+
+
+def product_search(newcomer_ns: int, candidates: Sequence[Sequence[int]], slop_ns: int) -> list[int] | None:
+    """What the genuine program does: try all combinations in order."""
+    for combination in itertools.product(*candidates):
+        if max([newcomer_ns, *combination]) - min([newcomer_ns, *combination]) < slop_ns:
+            return list(combination)
+    return None
+
+
+@settings(max_examples=500)
+@given(data=st.data(), slop_ns=st.integers(0, 12), topic_count=st.integers(0, 5))
+def test_first_combination_equals_product_search(data: st.DataObject, slop_ns: int, topic_count: int) -> None:
+    newcomer_ns = 100
+    near = st.lists(st.integers(newcomer_ns - slop_ns, newcomer_ns + slop_ns), max_size=5, unique=True)
+    lists = st.lists(near, min_size=topic_count, max_size=topic_count)
+    candidates = [sorted(stamps, key=lambda s: abs(s - newcomer_ns)) for stamps in data.draw(lists)]
+    assert first_combination(newcomer_ns, candidates, slop_ns) == product_search(newcomer_ns, candidates, slop_ns)
+
+
+def disagreeing_candidates() -> list[list[int]]:
+    """Seven topics of ten stamps; any two of the last two topics are further apart than the slop of 100."""
+    middle = [[1000 + sign * step for step in range(5) for sign in (1, -1)] for _ in range(5)]
+    return [*middle, [950 - step for step in range(10)], [1051 + step for step in range(10)]]
+
+
+def test_first_combination_does_not_try_ten_million() -> None:
+    candidates = disagreeing_candidates()
+    assert product_search(1000, [stamps[:2] for stamps in candidates], 100) is None
+    start = time.perf_counter()
+    for _ in range(100):
+        assert first_combination(1000, candidates, 100) is None
+    assert time.perf_counter() - start < 5  # a full search takes some seconds each; this one far below a millisecond
+
+
+def test_python_policy_does_not_hang_when_two_of_eight_topics_disagree() -> None:
+    arrivals = [
+        (topic, 100_000 * MS + frame * 5 * MS + {6: -52 * MS, 7: 52 * MS}.get(topic, topic))
+        for frame in range(10)
+        for topic in (0, 6, 7, 1, 2, 3, 4, 5)
+    ]
+    start = time.perf_counter()
+    policy = make_policy("approximate_time_python", 8, queue_size=10, slop_ns=50 * MS, drops=[])
+    run_policy(policy, arrivals)
+    assert time.perf_counter() - start < 5
+
+
+class NaivePython:
+    """The rules once more, with the exponential search, as a judge for small queues."""
+
+    def __init__(self, topic_count: int, queue_size: int, slop_ns: int) -> None:
+        self.queues: list[dict[int, Item]] = [{} for _ in range(topic_count)]
+        self.queue_size = queue_size
+        self.slop_ns = slop_ns
+
+    def add(self, topic: int, stamp_ns: int, item: Item) -> list[tuple[Item, ...]]:
+        self.queues[topic][stamp_ns] = item
+        while len(self.queues[topic]) > self.queue_size:
+            del self.queues[topic][min(self.queues[topic])]
+        choices = [
+            [stamp_ns]
+            if other == topic
+            else sorted((s for s in queue if abs(s - stamp_ns) <= self.slop_ns), key=lambda s: abs(s - stamp_ns))
+            for other, queue in enumerate(self.queues)
+        ]
+        for stamps in itertools.product(*choices):
+            queued = all(s in queue for s, queue in zip(stamps, self.queues, strict=True))
+            if queued and max(stamps) - min(stamps) < self.slop_ns:
+                return [tuple(queue.pop(s) for s, queue in zip(stamps, self.queues, strict=True))]
+        return []
+
+
+@settings(max_examples=300)
+@given(
+    arrivals=st.lists(st.tuples(st.integers(0, 3), st.integers(0, 60)), max_size=60).map(lambda a: arrivals_ms(*a)),
+    queue_size=st.integers(1, 5),
+    slop_ms=st.integers(0, 40),
+)
+def test_python_policy_equals_naive_rules(arrivals: list[Arrival], queue_size: int, slop_ms: int) -> None:
+    naive = NaivePython(4, queue_size, slop_ms * MS)
+    policy = make_policy("approximate_time_python", 4, queue_size=queue_size, slop_ns=slop_ms * MS, drops=[])
+    for number, (topic, stamp_ns) in enumerate(arrivals):
+        item = (topic, stamp_ns, number)
+        assert policy.add(topic, stamp_ns, item) == naive.add(topic, stamp_ns, item)
+
+
+def test_python_policy_reasons() -> None:
+    drops: Drops = []
+    policy = make_policy("approximate_time_python", 2, queue_size=2, slop_ns=10 * MS, drops=drops)
+    assert run_policy(policy, arrivals_ms((0, 100), (0, 100), (0, 200), (0, 50), (0, 300), (1, 900))) == []
+    assert [(item[2], reason) for item, reason in drops] == [
+        (0, DropReason.REPLACED),
+        (3, DropReason.TOO_LATE),
+        (1, DropReason.QUEUE_FULL),
+        (2, DropReason.END),
+        (4, DropReason.END),
+        (5, DropReason.END),
+    ]
+
+
+# --- nearest
+
+
+@pytest.mark.parametrize(
+    ("arrivals", "expected"),
+    [
+        ([], []),
+        ([(0, 0)], []),
+        ([(0, 0), (1, 50)], [[0, 50]]),  # slop is inclusive
+        ([(0, 0), (1, 51)], []),
+        ([(0, 100), (1, 90), (1, 110)], [[100, 90]]),  # a tie goes to the earlier stamp
+        ([(1, 110), (0, 100), (1, 90)], [[100, 90]]),  # whatever arrived first
+        ([(0, 0), (1, 10), (1, 20), (0, 100), (1, 70), (1, 95)], [[0, 10], [100, 95]]),
+        ([(0, 0), (0, 50), (1, 40), (1, 140)], [[50, 40]]),  # wanted by two: goes to the nearer
+        ([(0, 0), (0, 50), (1, 25), (1, 140)], [[0, 25]]),  # equally near: to the earlier
+        ([(0, 0), (0, 50), (1, 40), (1, 51)], [[0, 40], [50, 51]]),  # the nearer one has a nearer partner
+        ([(0, 0), (0, 40), (1, 30), (1, 45)], [[0, 30], [40, 45]]),  # the same, further from both
+        ([(0, 100), (0, 0), (1, 98), (1, 2), (1, 200)], [[0, 2], [100, 98]]),  # out of order, in time
+    ],
+)
+def test_nearest_takes(arrivals: list[tuple[int, int]], expected: list[list[int]]) -> None:
+    policy = make_policy("nearest", 2, queue_size=10, slop_ns=50 * MS, drops=[])
+    assert stamps_ms(run_policy(policy, arrivals_ms(*arrivals))) == expected
+
+
+def test_nearest_takes_the_first_of_equal_stamps() -> None:
+    policy = make_policy("nearest", 2, queue_size=10, slop_ns=50 * MS, drops=[])
+    sets = run_policy(policy, arrivals_ms((1, 5), (1, 5), (0, 0)))
+    assert [[item[2] for item in found] for found in sets] == [[2, 0]]
+
+
+def test_nearest_waits_until_every_topic_has_reached_the_following_reference() -> None:
+    policy = make_policy("nearest", 3, queue_size=10, slop_ns=50 * MS, drops=[])
+    emitted = [
+        stamps_ms(policy.add(topic, stamp_ns, (topic, stamp_ns, 0)))
+        for topic, stamp_ns in arrivals_ms((0, 0), (1, 1), (2, 2), (0, 100), (1, 101), (2, 99), (2, 140))
+    ]
+    assert emitted == [[], [], [], [], [], [], [[0, 1, 2]]]
+
+
+def test_nearest_does_not_wait_for_what_an_out_of_order_message_has_told_already() -> None:
+    policy = make_policy("nearest", 2, queue_size=10, slop_ns=50 * MS, drops=[])
+    emitted = [
+        stamps_ms(policy.add(topic, stamp_ns, (topic, stamp_ns, 0)))
+        for topic, stamp_ns in arrivals_ms((0, 0), (1, 101), (1, 3), (0, 100))
+    ]
+    assert emitted == [[], [], [], [[0, 3]]]
+
+
+def test_nearest_settles_when_a_queue_is_full() -> None:
+    policy = make_policy("nearest", 2, queue_size=3, slop_ns=50 * MS, drops=[])
+    emitted = [
+        stamps_ms(policy.add(topic, stamp_ns, (topic, stamp_ns, 0)))
+        for topic, stamp_ns in arrivals_ms((0, 0), (1, -10), (1, 20), (1, 40), (1, 60))
+    ]
+    assert emitted == [[], [], [], [], [[0, -10]]]
+
+
+def test_nearest_reasons() -> None:
+    drops: Drops = []
+    policy = make_policy("nearest", 3, queue_size=10, slop_ns=50 * MS, drops=drops)
+    stream = [(0, 0), (1, 30), (1, 3), (2, 4), (2, 5), (0, 300), (1, 100), (1, 301), (2, 400), (0, 500), (1, 500)]
+    stream += [(2, 500), (0, 1), (0, 900), (1, 900), (2, 900), (1, 2)]
+    assert stamps_ms(run_policy(policy, arrivals_ms(*stream))) == [[0, 3, 4], [500, 500, 500], [900, 900, 900]]
+    assert [(item[0], item[1] // MS, reason) for item, reason in drops] == [
+        (1, 30, DropReason.NO_REFERENCE),
+        (1, 100, DropReason.NO_REFERENCE),
+        (2, 5, DropReason.NO_REFERENCE),
+        (0, 300, "no message of /t2 within slop"),
+        (1, 301, DropReason.NO_REFERENCE),
+        (2, 400, DropReason.NO_REFERENCE),
+        (0, 1, DropReason.TOO_LATE),
+        (1, 2, DropReason.TOO_LATE),
+    ]
+
+
+@given(stamps=st.lists(st.lists(st.integers(0, 400), unique=True), min_size=3, max_size=3), slop_ms=st.integers(0, 80))
+def test_nearest_keeps_all_who_are_each_others_nearest(stamps: list[list[int]], slop_ms: int) -> None:
+    arrivals = arrivals_ms(*sorted(((t, s) for t, column in enumerate(stamps) for s in column), key=lambda a: a[1]))
+    policy = make_policy("nearest", 3, queue_size=99, slop_ns=slop_ms * MS, drops=[])
+    sets = stamps_ms(run_policy(policy, arrivals))
+
+    def nearest(stamp_ms: int, others: list[int]) -> int | None:
+        return min(others, key=lambda other: (abs(other - stamp_ms), other), default=None)
+
+    for reference_ms in stamps[0]:
+        partners = [nearest(reference_ms, column) for column in stamps[1:]]
+        if all(p is not None and abs(p - reference_ms) <= slop_ms for p in partners) and all(
+            nearest(p, stamps[0]) == reference_ms for p in partners if p is not None
+        ):
+            assert [reference_ms, *partners] in sets
+
+
+# --- messages to frames
+
+
+CHANNELS = [Channel(f"/t{topic}", "sensor_msgs/msg/Image", "cdr") for topic in range(4)]
+
+
+def message(topic: int, stamp_ms: int, position: int = 0) -> RawMessage:
+    return RawMessage(stamp_ms * MS, (stamp_ms + 7) * MS, (0, position), b"", CHANNELS[topic])
+
+
+def synchronize(
+    messages: Iterable[RawMessage], config: SyncConfig | None = None, *, flush: bool = True
+) -> tuple[list[SensorBundle], list[Drop], SyncStats]:
+    drops: list[Drop] = []
+    stats = SyncStats()
+    bundles = synchronize_(
+        messages,
+        ["/t1", "/t0"],
+        config or SyncConfig(),
+        reference="/t0",
+        on_drop=drops.append,
+        flush=flush,
+        stats=stats,
+    )
+    return list(bundles), drops, stats
+
+
+def refuse_drop(drop: Drop) -> None:
+    pytest.fail(f"dropped: {drop}")
+
+
+def frames(count: int) -> list[RawMessage]:
+    return [message(topic, 100 * frame + 10 * topic, 4 * frame) for frame in range(count) for topic in range(3)]
+
+
+@pytest.mark.parametrize("name", POLICIES)
+def test_frames_have_the_reference_stamp_and_the_order_of_topics(name: PolicyName) -> None:
+    bundles, drops, stats = synchronize(frames(3), SyncConfig(policy=name))
+    assert [bundle.index for bundle in bundles] == [0, 1, 2]
+    assert [bundle.stamp_ns for bundle in bundles] == [0, 100 * MS, 200 * MS]
+    assert [bundle.log_time_ns for bundle in bundles] == [7 * MS, 107 * MS, 207 * MS]
+    assert [list(bundle.messages) for bundle in bundles] == [["/t1", "/t0"]] * 3
+    assert all(topic == m.topic for bundle in bundles for topic, m in bundle.messages.items())
+    assert drops == []
+    assert stats == SyncStats({"/t1": 3, "/t0": 3}, 3, 10 * MS, 30 * MS)
+    assert stats.skew_mean_ns == 10 * MS
+
+
+@pytest.mark.parametrize("name", POLICIES)
+@pytest.mark.parametrize(("messages", "dropped"), [([], 0), ([message(0, 0)], 1), ([message(2, 0)], 0)])
+def test_recordings_without_a_set(name: PolicyName, messages: list[RawMessage], dropped: int) -> None:
+    bundles, drops, stats = synchronize(messages, SyncConfig(policy=name))
+    assert bundles == []
+    assert len(drops) == dropped
+    assert stats.received == {"/t1": 0, "/t0": dropped}
+    assert (stats.sets, stats.skew_mean_ns) == (0, 0.0)
+
+
+def test_without_flush_the_last_frame_is_dropped_as_in_ros() -> None:
+    bundles, drops, _ = synchronize(frames(3), flush=False)
+    assert len(bundles) == 2
+    assert drops == [Drop("/t1", 210 * MS, DropReason.END), Drop("/t0", 200 * MS, DropReason.END)]
+
+
+def test_one_topic_alone_passes_through() -> None:
+    for name in POLICIES:
+        found = synchronize_(
+            [message(0, 0), message(0, 5)], ["/t0"], SyncConfig(policy=name), reference="/t0", on_drop=refuse_drop
+        )
+        assert [bundle.stamp_ns for bundle in found] == [0, 5 * MS]
+
+
+def test_frames_come_before_the_recording_is_read_to_its_end() -> None:
+    def endless() -> Iterable[RawMessage]:
+        for frame in itertools.count():
+            yield from (message(0, 100 * frame), message(1, 100 * frame + 1))
+
+    for name in POLICIES:
+        found = synchronize_(
+            endless(), ["/t0", "/t1"], SyncConfig(policy=name), reference="/t0", on_drop=lambda _drop: None
+        )
+        assert len(list(itertools.islice(found, 50))) == 50
+
+
+def test_max_interval_bounds_approximate_time() -> None:
+    apart = [message(0, 0), message(1, 90)]
+    assert len(synchronize(apart, SyncConfig(max_interval_s=0.09))[0]) == 1
+    assert len(synchronize(apart, SyncConfig(max_interval_s=0.08))[0]) == 0
+    assert len(synchronize([message(0, 0), message(1, 900)], SyncConfig(max_interval_s=None))[0]) == 1
+
+
+@pytest.mark.parametrize(
+    ("topics", "reference", "fault"),
+    [
+        ([], "/t0", "found none"),
+        (["/t0", "/t0"], "/t0", "found /t0, /t0"),
+        (["/t0", "/t1"], "/t9", "'/t9' is not synchronised; choose one of /t0, /t1"),
+    ],
+)
+def test_wrong_topics_are_refused_at_once(topics: list[str], reference: str, fault: str) -> None:
+    with pytest.raises(ConfigError, match=fault):
+        synchronize_([], topics, SyncConfig(), reference=reference, on_drop=refuse_drop)
