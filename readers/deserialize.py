@@ -1,20 +1,28 @@
 """Serialised messages to plain objects, by the definition that the recording itself carries.
 
-The recorded definition decides the layout (vision_msgs, foxglove_msgs and tf changed over time). A recording without
-definitions (ROS 2 before Iron) is read by those of the ROS 2 release that it names, else of Humble.
+The recorded definition decides the layout (vision_msgs, foxglove_msgs and tf changed over time). What it leaves out
+(all of it in ROS 2 before Iron) is taken from the ROS release that the recording names, else from Noetic or Humble.
 """
 
+import re
 import threading
+from collections.abc import Iterator
 from functools import lru_cache
 from typing import Any
 
+from rosbags.interfaces import Nodetype
+from rosbags.interfaces.typing import Typesdict
 from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from pipeline.errors import MessageError
 from pipeline.types import Channel, RawMessage
+from readers.definitions import release_types
 
-__all__ = ["deserialize", "typestore_for"]
+__all__ = ["deserialize", "deserialize_as", "typestore_for"]
+
+# rosbag2 puts the IDL texts of a type and its dependencies one after another under such headings.
+IDL_HEADING = re.compile(r"^={80}\nIDL: .*\n", re.MULTILINE)
 
 _lock = threading.Lock()
 
@@ -30,44 +38,84 @@ def deserialize(message: RawMessage) -> Any:
     try:
         if channel.encoding == "ros1":
             return store.deserialize_ros1(message.data, channel.msgtype)
-        return store.deserialize_cdr(message.data, channel.msgtype)
+        # a view, because bytes would be copied whole behind their first four
+        return store.deserialize_cdr(memoryview(message.data), channel.msgtype)
     except Exception as err:  # the generated decoders let struct, index, value and unicode errors through
         raise MessageError(
             f"{channel.topic}: {len(message.data)} bytes are no {channel.msgtype} ({type(err).__name__}: {err})"
         ) from err
 
 
+def deserialize_as(message: RawMessage, msgtype: str) -> Any:
+    """Like `deserialize`, for a message that has to be of one type.
+
+    Raises:
+        MessageError: the message is of another type, or cannot be decoded.
+    """
+    if message.channel.msgtype != msgtype:
+        raise MessageError(f"{message.topic}: expected {msgtype}, found {message.channel.msgtype}")
+    return deserialize(message)
+
+
 def typestore_for(channel: Channel) -> Typestore:
     """The types that this channel's messages are built of.
 
     Raises:
-        MessageError: the definition cannot be parsed, or there is none and the type is not a common one.
+        MessageError: the definition cannot be parsed, or a type is neither in it nor a common one.
     """
     with _lock:  # lru_cache alone would build a store twice when two threads ask at once
-        return _typestore(channel)
-
-
-@lru_cache(maxsize=256)
-def _typestore(channel: Channel) -> Typestore:
-    if not channel.definition.strip():
-        store = get_typestore(_release_of(channel))
-        if channel.msgtype not in store.fielddefs:
-            raise MessageError(f"{channel.topic}: the recording has no definition of {channel.msgtype}")
-        return store
-    store = get_typestore(Stores.EMPTY)
-    try:
-        if channel.definition_format == "ros2idl":
-            types = get_types_from_idl(channel.definition)
-        else:
-            types = get_types_from_msg(channel.definition, channel.msgtype)
-        store.register(types)
-    except (TypesysError, ValueError, KeyError) as err:
-        raise MessageError(f"{channel.topic}: the recorded definition of {channel.msgtype} is unusable: {err}") from err
+        store = _typestore(channel)
+    if isinstance(store, str):
+        raise MessageError(f"{channel.topic}: {store}")
     return store
 
 
-def _release_of(channel: Channel) -> Stores:
-    if channel.encoding == "ros1":
-        return Stores.ROS1_NOETIC
-    wanted = f"ros2_{channel.distro.lower()}"
-    return next((store for store in Stores if store.value == wanted), Stores.ROS2_HUMBLE)
+@lru_cache(maxsize=256)
+def _typestore(channel: Channel) -> Typestore | str:
+    """The types, or why there are none: failures are kept as well, a topic has many messages."""
+    try:
+        types = _recorded_types(channel)
+        known = release_types(channel)
+        store = get_typestore(Stores.EMPTY)
+        wanted = [channel.msgtype]
+        visited = set(store.fielddefs)
+        while wanted:
+            name = wanted.pop()
+            if name in visited:
+                continue
+            visited.add(name)
+            if name not in types:
+                if name not in known:
+                    return f"the recording has no definition of {name}" + _needed_by(name, channel)
+                types[name] = known[name]
+            wanted += _parts(types[name])
+        store.register(types)
+    except (TypesysError, ValueError, LookupError, TypeError, RecursionError) as err:
+        reason = " ".join(str(err).split())[:200]
+        return f"the recorded definition of {channel.msgtype} is unusable: {type(err).__name__}: {reason}"
+    return store
+
+
+def _recorded_types(channel: Channel) -> Typesdict:
+    if not channel.definition.strip():
+        return {}
+    if channel.definition_format != "ros2idl":
+        return get_types_from_msg(channel.definition, channel.msgtype)
+    types: Typesdict = {}
+    for text in IDL_HEADING.split(channel.definition):
+        if text.strip():
+            types |= get_types_from_idl(text)
+    return types
+
+
+def _parts(definition: Any) -> Iterator[str]:
+    """Names of the message types that a definition has fields of."""
+    for _, (node, detail) in definition[1]:
+        if node in {Nodetype.ARRAY, Nodetype.SEQUENCE}:
+            node, detail = detail[0]
+        if node == Nodetype.NAME:
+            yield detail
+
+
+def _needed_by(name: str, channel: Channel) -> str:
+    return "" if name == channel.msgtype else f", which {channel.msgtype} needs"

@@ -1,0 +1,184 @@
+"""Open a recording: one file, a ROS 2 bag folder, or the files of a split recording, as one stream of messages."""
+
+import heapq
+import shutil
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from types import TracebackType
+from typing import Self
+
+import zstandard
+
+from pipeline.errors import LidcamError, RecordingError
+from pipeline.types import RawMessage
+from readers.base import Recording, RecordingFile, TopicInfo, merge_topics
+from readers.damage import LIBRARY_ERRORS, damaged, opening
+from readers.mcap import McapFile
+from readers.rosbag1 import Rosbag1File
+from readers.rosbag2 import folder_metadata, recording_files
+from readers.sqlite import SqliteFile
+
+__all__ = ["open_recording"]
+
+ROSBAG1_MAGIC = b"#ROSBAG V2.0\n"
+MCAP_MAGIC = b"\x89MCAP0\r\n"
+SQLITE_MAGIC = b"SQLite format 3\0"
+ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
+EXPECTED = "a ROS 1 .bag (format 2.0), a ROS 2 .mcap or .db3 file, or a ROS 2 bag folder"
+
+
+def open_recording(paths: Sequence[Path]) -> Recording:
+    """Open one recording, to be used as a context manager.
+
+    Args:
+        paths: A file, a ROS 2 bag folder, or all files of a split recording in their order. What a file is, its first
+            bytes say, not its name. Messages of equal log time come in the order of the files.
+
+    Raises:
+        RecordingError: a path is no recording, is damaged, is given twice, or ROS 1 and ROS 2 files are mixed.
+            No file stays open then.
+    """
+    if not paths:
+        raise RecordingError(f"expected {EXPECTED}, got no path")
+    with ExitStack() as stack:
+        opened: list[RecordingFile] = []
+        for index, path in enumerate(_all_files(paths)):
+            opened.append(_open_file(path, index, stack))
+            if opened[-1].ros_version != opened[0].ros_version:
+                raise RecordingError(
+                    f"expected the files of one recording, found {opened[0].ros_version} ({opened[0].path}) and "
+                    f"{opened[-1].ros_version} ({opened[-1].path}); process them one by one"
+                )
+        return _FilesRecording(tuple(opened), stack.pop_all())
+
+
+class _FilesRecording:
+    """The files of one recording, merged by time; see `Recording`."""
+
+    def __init__(self, files: tuple[RecordingFile, ...], resources: ExitStack) -> None:
+        self._files = files
+        self._resources = resources
+        self._closed = False
+        self.paths = tuple(file.path for file in files)
+        self.topics: tuple[TopicInfo, ...] = merge_topics(info for file in files for info in file.topics)
+        self.message_count = sum(file.message_count for file in files)
+        self.start_ns = min((file.start_ns for file in files if file.message_count), default=0)
+        self.end_ns = max((file.end_ns for file in files if file.message_count), default=0)
+
+    def messages(
+        self, topics: Collection[str] | None = None, *, start_ns: int | None = None, stop_ns: int | None = None
+    ) -> Iterator[RawMessage]:
+        """See `Recording`."""
+        wanted = None if topics is None else frozenset(topics)
+        streams = [self._messages_of(file, wanted, start_ns, stop_ns) for file in self._files]
+        return heapq.merge(*streams, key=lambda message: (message.log_time_ns, message.order))
+
+    def _messages_of(
+        self, file: RecordingFile, topics: frozenset[str] | None, start_ns: int | None, stop_ns: int | None
+    ) -> Iterator[RawMessage]:
+        progress = "before the first message"
+        count = 0
+        if self._closed:
+            raise RecordingError(f"{file.path}: expected an open recording, but it was closed")
+        messages = file.messages(topics, start_ns=start_ns, stop_ns=stop_ns)
+        while True:
+            try:
+                message = next(messages, None)
+            except LidcamError:
+                raise
+            except LIBRARY_ERRORS as err:
+                raise damaged(file.path, err, progress=progress) from err
+            if message is None:
+                return
+            count += 1
+            progress = f"after {count} messages (log time {message.log_time_ns} ns)"
+            yield message
+
+    def close(self) -> None:
+        """Close the files."""
+        self._closed = True
+        self._resources.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, exc_type: type[BaseException] | None, exc: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def _all_files(paths: Sequence[Path]) -> list[Path]:
+    files: list[Path] = []
+    for path in paths:
+        if not path.exists():
+            raise RecordingError(f"{path}: no such file or folder; expected {EXPECTED}")
+        with opening(path):
+            files += recording_files(path) if path.is_dir() else (path,)
+    seen: dict[tuple[int, int], Path] = {}
+    for file in files:
+        with opening(file):
+            status = file.stat()
+        identity = status.st_dev, status.st_ino  # the same through a link
+        if identity in seen:
+            raise RecordingError(f"{file}: given twice (also as {seen[identity]}); name each file of a recording once")
+        seen[identity] = file
+    return files
+
+
+def _open_file(path: Path, index: int, stack: ExitStack) -> RecordingFile:
+    """Open one file; what has to be undone later goes on the stack."""
+    with opening(path):
+        location = path
+        magic = _first_bytes(path)
+        if magic.startswith(ZSTD_MAGIC):
+            location = _unpacked(path, stack)
+            magic = _first_bytes(location)
+        file = _file_of_kind(path, location, magic, index)
+        stack.callback(file.close)
+    return file
+
+
+def _file_of_kind(path: Path, location: Path, magic: bytes, index: int) -> RecordingFile:
+    if magic.startswith(ROSBAG1_MAGIC):
+        return Rosbag1File(path, index, location=location)
+    metadata = folder_metadata(path.parent)
+    listed = path.name in metadata.file_names
+    compressed, distro = (metadata.message_compression, metadata.distro) if listed else (False, "")
+    if magic.startswith(MCAP_MAGIC):
+        return McapFile(path, index, location=location, message_compression=compressed, distro=distro)
+    if magic.startswith(SQLITE_MAGIC):
+        return SqliteFile(path, index, location=location, message_compression=compressed, distro=distro)
+    raise RecordingError(f"{path}: expected {EXPECTED}, found {_describe(magic, path)}")
+
+
+def _first_bytes(path: Path) -> bytes:
+    with path.open("rb") as stream:
+        return stream.read(64)
+
+
+def _describe(magic: bytes, path: Path) -> str:
+    """What a file that is no recording seems to be, and what to do."""
+    if not magic:
+        kind = "a compressed file with nothing in it" if path.suffix == ".zstd" else "an empty file"
+        return f"{kind}; record or copy it again"
+    if magic.startswith(b"#ROSBAG V"):
+        version = magic[9:].split(b"\n")[0].decode(errors="replace")
+        return f"a ROS 1 bag of format {version}; convert it with `rosbag fix`"
+    if path.suffix in {".bag", ".mcap", ".db3"}:
+        return f"other bytes than a {path.suffix} file begins with; it is damaged or something else"
+    printable = all(byte >= 32 or byte in b"\t\r\n" for byte in magic)
+    return (
+        "a text file; name the recording itself" if printable else "a file of another kind; name the recording itself"
+    )
+
+
+def _unpacked(path: Path, stack: ExitStack) -> Path:
+    """The content of a zstd-compressed file (rosbag2's compression mode `file`) in a temporary folder."""
+    folder = Path(stack.enter_context(TemporaryDirectory(prefix="lidcam-")))
+    unpacked = folder / path.with_suffix("").name
+    with path.open("rb") as packed, unpacked.open("wb") as stream:
+        shutil.copyfileobj(zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True), stream)
+    return unpacked

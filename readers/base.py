@@ -1,0 +1,137 @@
+"""What a recording looks like from outside, whatever file format it lies in."""
+
+from collections.abc import Collection, Iterable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import TracebackType
+from typing import Literal, Protocol, Self
+
+from pipeline.errors import RecordingError
+from pipeline.types import Channel, RawMessage
+
+__all__ = ["Recording", "RecordingFile", "TopicInfo", "merge_topics"]
+
+RosVersion = Literal["ROS 1", "ROS 2"]
+
+
+@dataclass(frozen=True, slots=True)
+class TopicInfo:
+    """One topic with one type; a topic that was recorded with two types has two of these.
+
+    Attributes:
+        topic: Topic name.
+        msgtype: Type name in the ROS 2 spelling, for instance `sensor_msgs/msg/PointCloud2`.
+        message_count: Messages recorded, also where they cannot be read.
+        channels: The distinct definitions it was recorded with; empty where it cannot be read.
+        unreadable: Why its messages are not yielded; empty where they are.
+    """
+
+    topic: str
+    msgtype: str
+    message_count: int
+    channels: tuple[Channel, ...]
+    unreadable: str = ""
+
+    @property
+    def channel(self) -> Channel:
+        """The first of `channels`.
+
+        Raises:
+            RecordingError: the topic cannot be read.
+        """
+        if not self.channels:
+            raise RecordingError(f"{self.topic}: {self.msgtype} cannot be read: {self.unreadable}")
+        return self.channels[0]
+
+
+class RecordingFile(Protocol):
+    """One open file of a recording.
+
+    Attributes:
+        path: The file.
+        ros_version: Which ROS recorded it.
+        topics: What it holds, sorted by topic and type.
+        start_ns: Log time of the first message; 0 where there is none.
+        end_ns: Log time of the last message (inclusive); 0 where there is none.
+        message_count: Number of messages, also of those that cannot be read.
+    """
+
+    path: Path
+    ros_version: RosVersion
+    topics: tuple[TopicInfo, ...]
+    start_ns: int
+    end_ns: int
+    message_count: int
+
+    def messages(
+        self, topics: Collection[str] | None, *, start_ns: int | None, stop_ns: int | None
+    ) -> Iterator[RawMessage]:
+        """As `Recording.messages`, in the order of (log time, position in the file).
+
+        Raises:
+            Exception: of the library that reads the file, where the file is damaged.
+        """
+
+    def close(self) -> None:
+        """Close the file."""
+
+
+class Recording(Protocol):
+    """A whole recording, open: a context manager that closes its files."""
+
+    @property
+    def paths(self) -> tuple[Path, ...]:
+        """Its files, in the order of `RawMessage.order[0]`."""
+
+    @property
+    def topics(self) -> tuple[TopicInfo, ...]:
+        """What it holds, sorted by topic and type."""
+
+    @property
+    def start_ns(self) -> int:
+        """Log time of the first message; 0 where there is none."""
+
+    @property
+    def end_ns(self) -> int:
+        """Log time of the last message (inclusive); 0 where there is none."""
+
+    @property
+    def message_count(self) -> int:
+        """Number of messages, also of those that cannot be read."""
+
+    def messages(
+        self, topics: Collection[str] | None = None, *, start_ns: int | None = None, stop_ns: int | None = None
+    ) -> Iterator[RawMessage]:
+        """The messages in the order of (log time, file, position in the file), read as they are asked for.
+
+        Args:
+            topics: Only these; all by default. A name that was not recorded yields nothing.
+            start_ns: Only messages recorded at or after this time.
+            stop_ns: Only messages recorded before this time.
+
+        Raises:
+            RecordingError: the recording is damaged; says how far it was read.
+        """
+
+    def close(self) -> None:
+        """Close the files; messages that were already yielded stay valid."""
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(
+        self, exc_type: type[BaseException] | None, exc: BaseException | None, traceback: TracebackType | None
+    ) -> None: ...
+
+
+def merge_topics(topics: Iterable[TopicInfo]) -> tuple[TopicInfo, ...]:
+    """One entry per topic and type, counts added, definitions without repetition; sorted."""
+    merged: dict[tuple[str, str], TopicInfo] = {}
+    for info in topics:
+        known = merged.get((info.topic, info.msgtype), replace(info, message_count=0, channels=()))
+        merged[info.topic, info.msgtype] = replace(
+            known,
+            message_count=known.message_count + info.message_count,
+            channels=tuple(dict.fromkeys(known.channels + info.channels)),
+            unreadable=known.unreadable or info.unreadable,
+        )
+    return tuple(merged[key] for key in sorted(merged))

@@ -1,0 +1,42 @@
+"""Message definitions for recordings that carry none (sqlite3 before ROS 2 Iron), beyond those that rosbags brings."""
+
+from functools import lru_cache
+
+from rosbags.interfaces.typing import Typesdict
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from pipeline.types import Channel
+
+__all__ = ["release_types"]
+
+# vision_msgs 4, as in Humble and later; earlier releases laid hypotheses and 2D boxes out differently.
+VISION_MSGS = {
+    "Point2D": "float64 x\nfloat64 y",
+    "Pose2D": "vision_msgs/Point2D position\nfloat64 theta",
+    "BoundingBox2D": "vision_msgs/Pose2D center\nfloat64 size_x\nfloat64 size_y",
+    "BoundingBox3D": "geometry_msgs/Pose center\ngeometry_msgs/Vector3 size",
+    "ObjectHypothesis": "string class_id\nfloat64 score",
+    "ObjectHypothesisWithPose": "ObjectHypothesis hypothesis\ngeometry_msgs/PoseWithCovariance pose",
+    "Detection2D": "std_msgs/Header header\nObjectHypothesisWithPose[] results\nBoundingBox2D bbox\nstring id",
+    "Detection2DArray": "std_msgs/Header header\nDetection2D[] detections",
+    "Detection3D": "std_msgs/Header header\nObjectHypothesisWithPose[] results\nBoundingBox3D bbox\nstring id",
+    "Detection3DArray": "std_msgs/Header header\nDetection3D[] detections",
+}
+BEFORE_VISION_MSGS_4 = {"crystal", "bouncy", "dashing", "eloquent", "foxy", "galactic"}
+
+
+def release_types(channel: Channel) -> Typesdict:
+    """The types of the ROS release that recorded the channel: the one it names, else Noetic or Humble."""
+    return _release_types(channel.encoding, channel.distro.lower())
+
+
+@lru_cache(maxsize=16)
+def _release_types(encoding: str, distro: str) -> Typesdict:
+    if encoding == "ros1":
+        return dict(get_typestore(Stores.ROS1_NOETIC).fielddefs)
+    release = next((store for store in Stores if store.value == f"ros2_{distro}"), Stores.ROS2_HUMBLE)
+    types = dict(get_typestore(release).fielddefs)
+    if distro not in BEFORE_VISION_MSGS_4:
+        for name, text in VISION_MSGS.items():
+            types |= get_types_from_msg(text, f"vision_msgs/msg/{name}")
+    return types

@@ -1,0 +1,410 @@
+"""ROS messages and recordings for tests, built with rosbags' type stores: an independent writer for our readers.
+
+A message is a plain mapping of field names in the ROS 2 spelling (`k`, `nanosec`); fields that are left out are zero or
+empty. The same mapping serialises to ROS 1 and to CDR: names that ROS 1 writes in capitals (`CameraInfo.K`) are
+found regardless of case.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+from mcap.writer import CompressionType
+from mcap.writer import Writer as McapWriter
+from rosbags.interfaces import Nodetype
+from rosbags.rosbag1 import Writer as Writer1
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
+from rosbags.rosbag2 import Writer as Writer2
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+from pipeline.types import Channel, RawMessage
+from readers.deserialize import typestore_for
+
+__all__ = [
+    "Fields",
+    "camera_info",
+    "channel",
+    "detection2d_array",
+    "header",
+    "image",
+    "odometry",
+    "pointcloud2",
+    "raw",
+    "serialize",
+    "store_for",
+    "tf_message",
+    "time",
+    "transform_stamped",
+    "write_mcap",
+    "write_rosbag1",
+    "write_rosbag2",
+]
+
+Fields = Mapping[str, Any]
+Encoding = Literal["ros1", "cdr"]
+
+# Types that rosbags does not bring for one ROS version or both (vision_msgs: branch ros2).
+EXTRA_TYPES = {
+    "tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms",
+    "vision_msgs/msg/Point2D": "float64 x\nfloat64 y",
+    "vision_msgs/msg/Pose2D": "vision_msgs/Point2D position\nfloat64 theta",
+    "vision_msgs/msg/BoundingBox2D": "vision_msgs/Pose2D center\nfloat64 size_x\nfloat64 size_y",
+    "vision_msgs/msg/BoundingBox3D": "geometry_msgs/Pose center\ngeometry_msgs/Vector3 size",
+    "vision_msgs/msg/ObjectHypothesis": "string class_id\nfloat64 score",
+    "vision_msgs/msg/ObjectHypothesisWithPose": (
+        "vision_msgs/ObjectHypothesis hypothesis\ngeometry_msgs/PoseWithCovariance pose"
+    ),
+    "vision_msgs/msg/Detection2D": (
+        "std_msgs/Header header\nvision_msgs/ObjectHypothesisWithPose[] results\n"
+        "vision_msgs/BoundingBox2D bbox\nstring id"
+    ),
+    "vision_msgs/msg/Detection2DArray": "std_msgs/Header header\nvision_msgs/Detection2D[] detections",
+    "vision_msgs/msg/Detection3D": (
+        "std_msgs/Header header\nvision_msgs/ObjectHypothesisWithPose[] results\n"
+        "vision_msgs/BoundingBox3D bbox\nstring id"
+    ),
+    "vision_msgs/msg/Detection3DArray": "std_msgs/Header header\nvision_msgs/Detection3D[] detections",
+}
+
+# sensor_msgs/PointField constants.
+POINT_FIELD_DATATYPES = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}
+
+# --- messages as mappings
+
+
+def time(stamp_ns: int) -> Fields:
+    """builtin_interfaces/Time."""
+    sec, nanosec = divmod(stamp_ns, 10**9)
+    return {"sec": sec, "nanosec": nanosec}
+
+
+def header(stamp_ns: int, frame_id: str) -> Fields:
+    """std_msgs/Header."""
+    return {"stamp": time(stamp_ns), "frame_id": frame_id}
+
+
+def pointcloud2(
+    xyz: npt.ArrayLike,
+    *,
+    stamp_ns: int,
+    frame_id: str = "lidar",
+    height: int = 1,
+    point_padding: int = 0,
+    row_padding: int = 0,
+    is_bigendian: bool = False,
+    **extra: npt.NDArray[Any],
+) -> Fields:
+    """sensor_msgs/PointCloud2 with x, y, z in the dtype of `xyz`, then the extra fields in theirs, tightly packed.
+
+    `height` > 1 makes it organised; `point_padding` and `row_padding` are bytes of filling after each point and row.
+    """
+    points = np.asarray(xyz, None if isinstance(xyz, np.ndarray) else np.float32).reshape(-1, 3)
+    columns = {"x": points[:, 0], "y": points[:, 1], "z": points[:, 2], **extra}
+    order: Literal["<", ">"] = ">" if is_bigendian else "<"
+    formats = [column.dtype.newbyteorder(order) for column in columns.values()]
+    offsets = np.cumsum([0, *(f.itemsize for f in formats)])
+    point_step = int(offsets[-1]) + point_padding
+    layout: Any = {"names": [*columns], "formats": formats, "offsets": offsets[:-1].tolist(), "itemsize": point_step}
+    table = np.zeros(len(points), np.dtype(layout))
+    for name, column in columns.items():
+        table[name] = column
+    width = len(points) // height
+    rows = np.frombuffer(table.tobytes(), np.uint8).reshape(height, width * point_step)
+    return {
+        "header": header(stamp_ns, frame_id),
+        "height": height,
+        "width": width,
+        "fields": [
+            {"name": name, "offset": int(at), "datatype": POINT_FIELD_DATATYPES[f.str[1:]], "count": 1}
+            for name, at, f in zip(columns, offsets[:-1], formats, strict=True)
+        ],
+        "is_bigendian": is_bigendian,
+        "point_step": point_step,
+        "row_step": width * point_step + row_padding,
+        "data": np.pad(rows, ((0, 0), (0, row_padding))).reshape(-1),
+        "is_dense": bool(np.isfinite(points).all()),
+    }
+
+
+def image(
+    pixels: npt.NDArray[Any],
+    *,
+    stamp_ns: int,
+    frame_id: str = "camera",
+    encoding: str = "rgb8",
+    row_padding: int = 0,
+    is_bigendian: bool = False,
+) -> Fields:
+    """sensor_msgs/Image of the given array (H, W) or (H, W, C), bytes as they are."""
+    height, width = pixels.shape[:2]
+    rows = np.frombuffer(np.ascontiguousarray(pixels).tobytes(), np.uint8).reshape(height, -1)
+    return {
+        "header": header(stamp_ns, frame_id),
+        "height": height,
+        "width": width,
+        "encoding": encoding,
+        "is_bigendian": int(is_bigendian),
+        "step": rows.shape[1] + row_padding,
+        "data": np.pad(rows, ((0, 0), (0, row_padding))).reshape(-1),
+    }
+
+
+def camera_info(
+    K: npt.ArrayLike,
+    *,
+    stamp_ns: int,
+    width_px: int,
+    height_px: int,
+    frame_id: str = "camera",
+    distortion_model: str = "plumb_bob",
+    distortion: Sequence[float] = (0.0, 0.0, 0.0, 0.0, 0.0),
+    R: npt.ArrayLike | None = None,
+    P: npt.ArrayLike | None = None,
+) -> Fields:
+    """sensor_msgs/CameraInfo; without `P` the projection matrix is [K | 0]."""
+    k = np.asarray(K, np.float64).reshape(3, 3)
+    p = np.hstack([k, np.zeros((3, 1))]) if P is None else np.asarray(P, np.float64)
+    return {
+        "header": header(stamp_ns, frame_id),
+        "height": height_px,
+        "width": width_px,
+        "distortion_model": distortion_model,
+        "d": np.asarray(distortion, np.float64),
+        "k": k.reshape(9),
+        "r": (np.eye(3) if R is None else np.asarray(R, np.float64)).reshape(9),
+        "p": p.reshape(12),
+    }
+
+
+def transform_stamped(
+    parent: str,
+    child: str,
+    *,
+    stamp_ns: int,
+    translation: Sequence[float] = (0.0, 0.0, 0.0),
+    rotation_xyzw: Sequence[float] = (0.0, 0.0, 0.0, 1.0),
+) -> Fields:
+    """geometry_msgs/TransformStamped: pose of `child` in `parent`."""
+    return {
+        "header": header(stamp_ns, parent),
+        "child_frame_id": child,
+        "transform": {
+            "translation": dict(zip("xyz", translation, strict=True)),
+            "rotation": dict(zip("xyzw", rotation_xyzw, strict=True)),
+        },
+    }
+
+
+def tf_message(transforms: Sequence[Fields]) -> Fields:
+    """tf2_msgs/TFMessage of `transform_stamped` items."""
+    return {"transforms": list(transforms)}
+
+
+def odometry(
+    *,
+    stamp_ns: int,
+    frame_id: str = "odom",
+    child_frame_id: str = "base_link",
+    position: Sequence[float] = (0.0, 0.0, 0.0),
+    orientation_xyzw: Sequence[float] = (0.0, 0.0, 0.0, 1.0),
+) -> Fields:
+    """nav_msgs/Odometry; twist and covariances are zero."""
+    pose = {
+        "position": dict(zip("xyz", position, strict=True)),
+        "orientation": dict(zip("xyzw", orientation_xyzw, strict=True)),
+    }
+    return {"header": header(stamp_ns, frame_id), "child_frame_id": child_frame_id, "pose": {"pose": pose}}
+
+
+def detection2d_array(
+    xyxy: npt.ArrayLike,
+    *,
+    class_names: Sequence[str],
+    scores: Sequence[float],
+    stamp_ns: int,
+    frame_id: str = "camera",
+) -> Fields:
+    """vision_msgs/Detection2DArray of boxes left, top, right, bottom in pixels."""
+    return {
+        "header": header(stamp_ns, frame_id),
+        "detections": [
+            {
+                "header": header(stamp_ns, frame_id),
+                "results": [{"hypothesis": {"class_id": name, "score": float(score)}}],
+                "bbox": {
+                    "center": {"position": {"x": float(left + right) / 2, "y": float(top + bottom) / 2}},
+                    "size_x": float(right - left),
+                    "size_y": float(bottom - top),
+                },
+            }
+            for (left, top, right, bottom), name, score in zip(
+                np.asarray(xyxy, np.float64).reshape(-1, 4), class_names, scores, strict=True
+            )
+        ],
+    }
+
+
+# --- serialised
+
+
+@lru_cache
+def store_for(encoding: Encoding) -> Typestore:
+    """Types of ROS 1 Noetic (`ros1`) or ROS 2 Humble (`cdr`), with vision_msgs and tf2_msgs."""
+    store = get_typestore(Stores.ROS1_NOETIC if encoding == "ros1" else Stores.ROS2_HUMBLE)
+    types = {}
+    for name, text in EXTRA_TYPES.items():
+        if name not in store.fielddefs:
+            types.update(get_types_from_msg(text, name))
+    store.register(types)
+    return store
+
+
+@lru_cache
+def channel(topic: str, msgtype: str, encoding: Encoding = "cdr") -> Channel:
+    """A channel with the full definition of its type."""
+    ros_version: Literal[1, 2] = 1 if encoding == "ros1" else 2
+    text, _ = store_for(encoding).generate_msgdef(msgtype, ros_version=ros_version)
+    return Channel(topic, msgtype, encoding, text, "ros1msg" if encoding == "ros1" else "ros2msg")
+
+
+def serialize(msgtype: str, message: Fields, encoding: Encoding = "cdr", store: Typestore | None = None) -> bytes:
+    """The bytes of a message mapping; `store` holds the types (default: `store_for(encoding)`)."""
+    types = store_for(encoding) if store is None else store
+    built = _build(types, msgtype, message)
+    serialized = types.serialize_ros1 if encoding == "ros1" else types.serialize_cdr
+    return bytes(serialized(built, msgtype))
+
+
+def raw(
+    topic: str,
+    msgtype: str,
+    message: Fields,
+    stamp_ns: int,
+    log_time_ns: int | None = None,
+    encoding: Encoding = "cdr",
+    *,
+    order: tuple[int, int] = (0, 0),
+) -> RawMessage:
+    """An undecoded message as a reader yields it; recorded at its stamp unless `log_time_ns` says otherwise."""
+    log_time_ns = stamp_ns if log_time_ns is None else log_time_ns
+    data = serialize(msgtype, message, encoding)
+    return RawMessage(stamp_ns, log_time_ns, order, data, channel(topic, msgtype, encoding))
+
+
+def _build(store: Typestore, msgtype: str, message: Fields) -> Any:
+    values = {name.lower(): value for name, value in message.items()}
+    arguments = {}
+    for name, (node, detail) in store.fielddefs[msgtype][1]:
+        arguments[name] = _field(store, node, detail, values.pop(name.lower(), None))
+    if values:
+        raise KeyError(f"{msgtype} has no field {', '.join(values)}")
+    return store.types[msgtype](**arguments)
+
+
+def _field(store: Typestore, node: Nodetype, detail: Any, value: Any) -> Any:
+    if node == Nodetype.NAME:
+        return _build(store, detail, value or {})
+    if node == Nodetype.BASE:
+        return value if value is not None else _zero(detail[0])
+    (item_node, item_detail), length = detail
+    if item_node == Nodetype.BASE and item_detail[0] not in {"string", "wstring"}:
+        dtype = {"byte": "u1", "char": "u1", "octet": "u1"}.get(item_detail[0], item_detail[0])
+        if value is None:
+            return np.zeros(length if node == Nodetype.ARRAY else 0, dtype)
+        return np.frombuffer(value, dtype) if isinstance(value, bytes) else np.asarray(value, dtype)
+    items = [None] * (length if node == Nodetype.ARRAY else 0) if value is None else value
+    return [_field(store, item_node, item_detail, item) for item in items]
+
+
+def _zero(base: str) -> str | bool | int | float:
+    if base in {"string", "wstring"}:
+        return ""
+    if base == "bool":
+        return False
+    return 0.0 if base.startswith("float") else 0
+
+
+# --- recordings
+
+
+def write_rosbag1(
+    path: Path,
+    raws: Iterable[RawMessage],
+    compression: Literal["none", "bz2", "lz4"] = "none",
+    *,
+    chunk_bytes: int = 1 << 20,
+) -> None:
+    """A ROS 1 bag of `ros1` messages in the order given; one connection per channel."""
+    writer = Writer1(path)
+    writer.chunk_threshold = chunk_bytes
+    if compression != "none":
+        writer.set_compression(Writer1.CompressionFormat[compression.upper()])
+    connections: dict[Channel, Any] = {}
+    with writer:
+        for message in raws:
+            source = message.channel
+            if source not in connections:
+                _, md5sum = typestore_for(source).generate_msgdef(source.msgtype)
+                connections[source] = writer.add_connection(
+                    source.topic, source.msgtype, msgdef=source.definition, md5sum=md5sum
+                )
+            writer.write(connections[source], message.log_time_ns, message.data)
+
+
+def write_rosbag2(
+    path: Path,
+    raws: Iterable[RawMessage],
+    plugin: Literal["sqlite3", "mcap"] = "sqlite3",
+    compression: Literal["none", "file", "message", "storage"] = "none",
+    *,
+    definitions: bool = True,
+) -> None:
+    """A ROS 2 bag folder of `cdr` messages in the order given; `storage` compresses MCAP chunks, all with zstd."""
+    writer = Writer2(path, version=9, storage_plugin=StoragePlugin[plugin.upper()])
+    writer.set_compression(CompressionMode[compression.upper()], CompressionFormat.ZSTD)
+    connections: dict[Channel, Any] = {}
+    with writer:
+        for message in raws:
+            source = message.channel
+            if source not in connections:
+                connections[source] = writer.add_connection(
+                    source.topic,
+                    source.msgtype,
+                    msgdef=source.definition if definitions else "",
+                    rihs01=typestore_for(source).hash_rihs01(source.msgtype),
+                )
+            writer.write(connections[source], message.log_time_ns, message.data)
+
+
+def write_mcap(
+    path: Path,
+    raws: Iterable[RawMessage],
+    compression: Literal["none", "lz4", "zstd"] = "none",
+    *,
+    chunk_bytes: int = 1 << 20,
+    profile: str | None = None,
+    **options: bool,
+) -> None:
+    """One MCAP file by the mcap library, messages of any encoding; `options` go to its Writer (`use_chunking`...)."""
+    messages = list(raws)
+    encodings = {message.channel.encoding for message in messages}
+    default_profile = "ros1" if encodings == {"ros1"} else "ros2"
+    with path.open("xb") as stream:
+        writer = McapWriter(stream, chunk_bytes, CompressionType[compression.upper()], **options)  # type: ignore[arg-type]  # bools only
+        writer.start(default_profile if profile is None else profile, "lidcam tests")
+        channels: dict[Channel, int] = {}
+        for sequence, message in enumerate(messages):
+            source = message.channel
+            if source not in channels:
+                ros1 = source.encoding == "ros1"
+                name = source.msgtype.replace("/msg/", "/") if ros1 else source.msgtype
+                schema = writer.register_schema(name, source.definition_format, source.definition.encode())
+                channels[source] = writer.register_channel(source.topic, source.encoding, schema)
+            writer.add_message(
+                channels[source], message.log_time_ns, bytes(message.data), message.log_time_ns, sequence
+            )
+        writer.finish()  # type: ignore[no-untyped-call]  # mcap annotates in part
