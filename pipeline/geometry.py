@@ -6,6 +6,7 @@
 
 from bisect import bisect_left, bisect_right
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +16,16 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.errors import FrameError
 
-__all__ = ["Transform", "TransformTree", "box_corners", "interpolate_poses", "rotation_fault", "wrap_angle"]
+__all__ = [
+    "Transform",
+    "TransformTree",
+    "box_corners",
+    "first_polygon_with",
+    "interpolate_poses",
+    "iou_xyxy",
+    "rotation_fault",
+    "wrap_angle",
+]
 
 F64 = npt.NDArray[np.float64]
 
@@ -62,8 +72,11 @@ class Transform:
 
     def apply(self, points: npt.NDArray[Any]) -> npt.NDArray[Any]:
         """Points (..., 3) of `src` in `dst`; the dtype is kept."""
-        matrix = self.matrix.astype(points.dtype, copy=False)
-        moved: npt.NDArray[Any] = points @ matrix[:3, :3].T + matrix[:3, 3]
+        # Not BLAS: for products this thin its threads cost tens of milliseconds of waiting on a busy machine.
+        x, y, z = np.moveaxis(points, -1, 0)
+        moved = np.empty_like(points)
+        for axis, (a, b, c, shift) in enumerate(self.matrix[:3].astype(points.dtype)):
+            moved[..., axis] = a * x + b * y + c * z + shift
         return moved
 
     @property
@@ -120,7 +133,7 @@ def wrap_angle(angles_rad: npt.ArrayLike) -> F64:
     """Angles brought to (-pi, pi]."""
     angles = np.asarray(angles_rad, np.float64)
     wrapped = angles - 2 * np.pi * np.ceil((angles - np.pi) / (2 * np.pi))
-    return np.where(wrapped <= -np.pi, np.pi, wrapped)
+    return np.where(wrapped <= -np.pi, np.pi, np.minimum(wrapped, np.pi))  # both ends: rounding may overshoot
 
 
 def box_corners(centers: F64, sizes: F64, yaws: F64) -> F64:
@@ -160,6 +173,52 @@ def box_corners(centers: F64, sizes: F64, yaws: F64) -> F64:
         -1,
     )
     return np.asarray(turned + centers[:, None], np.float64)
+
+
+def first_polygon_with(polygons: Sequence[F64], points: F64) -> npt.NDArray[np.int64]:
+    """Which polygon holds each point; a point on an edge is inside, the first polygon wins.
+
+    Args:
+        polygons: Each (K, 2) corners in either direction; may be concave.
+        points: (N, 2) in the same plane.
+
+    Returns:
+        (N,) row in `polygons`, -1 where none holds the point.
+    """
+    rows = np.full(len(points), -1, np.int64)
+    for row, polygon in reversed(list(enumerate(polygons))):
+        start, end = polygon, np.roll(polygon, -1, axis=0)
+        x, y = points[:, :1], points[:, 1:]
+        along = end - start
+        # > 0: the point lies left of the edge
+        side = along[:, 0] * (y - start[:, 1]) - along[:, 1] * (x - start[:, 0])
+        crosses = (start[:, 1] <= y) != (end[:, 1] <= y)
+        inside = (crosses & ((side > 0) == (along[:, 1] > 0))).sum(1) % 2 == 1
+        low, high = np.minimum(start, end), np.maximum(start, end)
+        in_span = (x >= low[:, 0]) & (x <= high[:, 0]) & (y >= low[:, 1]) & (y <= high[:, 1])
+        on_edge = ((side == 0) & in_span).any(1)
+        rows[inside | on_edge] = row
+    return rows
+
+
+def iou_xyxy(first: npt.NDArray[Any], second: npt.NDArray[Any]) -> F64:
+    """Overlap (intersection over union) of upright rectangles, each of N with each of M.
+
+    Args:
+        first: (N, 4) left, top, right, bottom.
+        second: (M, 4) likewise.
+
+    Returns:
+        (N, M) in [0, 1]; 0 where a rectangle is empty, inverted or not finite.
+    """
+    a, b = np.asarray(first, np.float64)[:, None], np.asarray(second, np.float64)[None]
+    with np.errstate(invalid="ignore"):
+        extent_a, extent_b = a[..., 2:] - a[..., :2], b[..., 2:] - b[..., :2]
+        shared = np.minimum(a[..., 2:], b[..., 2:]) - np.maximum(a[..., :2], b[..., :2])
+    overlap = (shared > 0).all(-1) & (extent_a > 0).all(-1) & (extent_b > 0).all(-1)
+    intersection = np.where(overlap, shared.prod(-1), 0.0)
+    union = np.where(overlap, extent_a.prod(-1) + extent_b.prod(-1) - intersection, 1.0)
+    return np.asarray(intersection / union)
 
 
 def interpolate_poses(stamps_ns: npt.NDArray[np.int64], poses: F64, wanted_ns: npt.NDArray[np.int64]) -> F64:
@@ -205,10 +264,10 @@ class TransformTree:
     def add(self, stamp_ns: int, transform: Transform) -> None:
         """Add T_parent_child at one time. An equal stamp replaces; one older than the window is not kept."""
         stamps, transforms = self._stamped.setdefault(transform.src, (deque(), deque()))
-        if (
-            transforms and transforms[-1].dst != transform.dst
-        ):  # the frame has a new parent: the old motion says nothing now
-            stamps.clear()
+        if transforms and transforms[-1].dst != transform.dst:
+            if stamp_ns < stamps[-1]:  # a late word of the former parent
+                return
+            stamps.clear()  # the frame has a new parent: the old motion says nothing now
             transforms.clear()
         at = bisect_left(stamps, stamp_ns)
         if at < len(stamps) and stamps[at] == stamp_ns:
@@ -243,7 +302,7 @@ class TransformTree:
 
     def root(self, frame: str) -> str:
         """The end of the chain of parents that starts at `frame`."""
-        return self._chain(frame)[-1]
+        return self.chain(frame)[-1]
 
     def lookup(self, dst: str, src: str, stamp_ns: int | None = None) -> Transform:
         """T_dst_src at a time, interpolated between recorded transforms; None asks for the newest.
@@ -251,14 +310,19 @@ class TransformTree:
         Raises:
             FrameError: no path joins the frames, or a moving edge on it is not known at that time.
         """
-        up_src, up_dst = self._chain(src), self._chain(dst)
+        up_src, up_dst = self.chain(src), self.chain(dst)
         common = next((frame for frame in up_src if frame in up_dst), None)
         if common is None:
             known = ", ".join(sorted(self.frames)) or "none at all"
             raise FrameError(f"no transform joins frame {src!r} with {dst!r}; frames with a transform: {known}")
         return self._climb(dst, common, stamp_ns).inverse() @ self._climb(src, common, stamp_ns)
 
-    def _chain(self, frame: str) -> list[str]:
+    def chain(self, frame: str) -> list[str]:
+        """The frame, its parent, and so on to the root.
+
+        Raises:
+            FrameError: the parents run in a circle.
+        """
         chain = [frame]
         while (parent := self.parent(chain[-1])) is not None:
             if parent in chain:

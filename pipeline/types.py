@@ -98,11 +98,19 @@ class RawMessage(NamedTuple):
 
 
 class Drop(NamedTuple):
-    """One message that took no part, and why."""
+    """One message that took no part, and why.
+
+    Attributes:
+        topic: Its topic.
+        stamp_ns: Its stamp.
+        reason: Why, in words that are the same for all messages with this fate.
+        detail: What was found in this very message; may be empty.
+    """
 
     topic: str
     stamp_ns: int
     reason: str
+    detail: str = ""
 
 
 # --- sensor data
@@ -468,6 +476,7 @@ class FrameResult:
         objects: The fused objects, in the site frame.
         matched: (N,) int32 for the rows of `objects`: number of cameras that confirm it.
         drops: Messages of the bundle that could not be used.
+        left_out: Recorded 2D boxes that could not be used, by reason.
     """
 
     bundle: SensorBundle
@@ -477,7 +486,8 @@ class FrameResult:
     matches: Mapping[str, Matches]
     objects: Boxes3D
     matched: npt.NDArray[np.int32]
-    drops: tuple[Drop, ...] = field(default=())
+    drops: tuple[Drop, ...] = ()
+    left_out: Mapping[str, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         check_array("matched", self.matched, (len(self.objects),), np.int32)

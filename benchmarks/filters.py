@@ -1,0 +1,150 @@
+"""The combining steps beside Open3D's, on the same clouds, alternating in one run.
+
+    python benchmarks/filters.py [--rounds 10] [--shared ../shared]
+
+Clouds: every fifth frame of the KITTI sequence (112 000 points) and the oracle scene s30k_0 (three lidars, 86 000
+points). Open3D does the same job as far as it can: its outlier filter counts the point among its neighbours (11 for our
+10), its plane is unconstrained. The conversion to its float64 points is not counted. Wall and CPU milliseconds are
+medians; both libraries use as many threads as they like. Without Open3D (it needs libusb) lidcam is timed alone.
+"""
+
+import argparse
+import json
+import statistics
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from pipeline.config import CombineConfig, GroundConfig, OutlierConfig
+from pipeline.filters.deskew import deskew
+from pipeline.filters.ground import find_ground, height_above
+from pipeline.filters.outliers import statistical_inliers
+from pipeline.geometry import Transform
+from pipeline.stages.combine import Combine
+from pipeline.types import LidarSensor, PointCloud, PoseSamples, Rig, SensorBundle
+
+F32 = npt.NDArray[np.float32]
+SWEEP_NS = 100_000_000
+
+
+@dataclass
+class Timing:
+    """Samples of one step, milliseconds."""
+
+    wall_ms: list[float] = field(default_factory=list)
+    cpu_ms: list[float] = field(default_factory=list)
+
+    def measure(self, step: Callable[[], object]) -> None:
+        """Run the step once."""
+        wall, cpu = time.perf_counter(), time.process_time()
+        step()
+        self.wall_ms.append((time.perf_counter() - wall) * 1e3)
+        self.cpu_ms.append((time.process_time() - cpu) * 1e3)
+
+    def __str__(self) -> str:
+        return f"{statistics.median(self.wall_ms):7.1f} ms wall {statistics.median(self.cpu_ms):7.1f} ms CPU"
+
+
+def load_clouds(shared: Path) -> dict[str, tuple[F32, npt.NDArray[np.float64]]]:
+    """Points and lidar origins by name of cloud, in the site frame."""
+    clouds: dict[str, tuple[F32, npt.NDArray[np.float64]]] = {}
+    for frame in (0, 5, 10):
+        path = shared / f"data/kitti_raw_sequence/velodyne_points/{frame:010d}.bin"
+        clouds[f"KITTI {frame}"] = np.fromfile(path, "<f4").reshape(-1, 4)[:, :3].copy(), np.zeros((1, 3))
+    scene = shared / "oracles/combiner/s30k_0"
+    offsets = np.array(json.loads((scene / "scene.json").read_text(encoding="utf-8"))["offsets"])
+    lidars = [np.fromfile(scene / f"{name}.bin", "<f4").reshape(-1, 4) for name in ("lidar11", "lidar12", "lidar2")]
+    shifted = [lidar[:, :3] + offset.astype(np.float32) for lidar, offset in zip(lidars, offsets, strict=True)]
+    clouds["s30k_0"] = np.concatenate(shifted), offsets
+    return clouds
+
+
+def load_open3d() -> Any:
+    """Open3D, or None where it cannot be loaded."""
+    try:
+        import open3d
+    except (ImportError, OSError) as err:
+        print(f"Open3D cannot be loaded, lidcam alone: {err}")
+        return None
+    return open3d
+
+
+def our_steps(xyz: F32, origins: npt.NDArray[np.float64]) -> dict[str, Callable[[], object]]:
+    """Each step on the cloud that it would be given, and the whole stage."""
+    outliers, ground = OutlierConfig(), GroundConfig()
+    kept = xyz[statistical_inliers(xyz, neighbors=outliers.neighbors, std_ratio=outliers.std_ratio)]
+    offsets_ns = np.linspace(0, SWEEP_NS - 1, len(xyz)).astype(np.int32)
+    poses = np.tile(np.eye(4), (3, 1, 1))
+    poses[:, 0, 3] = 0, 1, 2  # 10 m/s
+    motion = PoseSamples("site", "odom", np.array([-1, 0, 1], np.int64) * SWEEP_NS, poses)
+    cloud = PointCloud(
+        0, "lidar", xyz, np.zeros(len(xyz), np.float32), np.zeros(len(xyz), np.uint16), offsets_ns, has_time=True
+    )
+    rig = Rig("site", (LidarSensor("lidar", "/lidar", Transform.identity("site", "lidar")),), (), ())
+    combine = Combine(rig, CombineConfig())
+
+    def remove_outliers() -> object:
+        return xyz[statistical_inliers(xyz, neighbors=outliers.neighbors, std_ratio=outliers.std_ratio)]
+
+    def remove_ground() -> object:
+        plane = find_ground(kept, origins, config=ground)
+        return None if plane is None else kept[np.abs(height_above(plane, kept)) > ground.distance_m]
+
+    return {
+        "motion compensation": lambda: deskew(xyz, offsets_ns.astype(np.int64), 0, motion),
+        "outliers": remove_outliers,
+        "ground": remove_ground,
+        "whole stage": lambda: combine(SensorBundle(0, 0, 0, {}, motion), {"lidar": cloud}),
+    }
+
+
+def open3d_steps(o3d: Any, xyz: F32) -> dict[str, Callable[[], object]]:
+    """The same jobs in Open3D."""
+    outliers, ground = OutlierConfig(), GroundConfig()
+    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(xyz.astype(np.float64)))
+    kept, _ = cloud.remove_statistical_outlier(outliers.neighbors + 1, outliers.std_ratio)
+
+    def remove_ground() -> object:
+        _, rows = kept.segment_plane(ground.distance_m, 3, ground.iterations)
+        return kept.select_by_index(rows, invert=True)
+
+    return {
+        "outliers": lambda: cloud.remove_statistical_outlier(outliers.neighbors + 1, outliers.std_ratio),
+        "ground": remove_ground,
+    }
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--rounds", type=int, default=10)
+    parser.add_argument("--shared", type=Path, default=Path(__file__).resolve().parents[2] / "shared")
+    options = parser.parse_args()
+    o3d = load_open3d()
+
+    for name, (xyz, origins) in load_clouds(options.shared).items():
+        ours = our_steps(xyz, origins)
+        theirs = {} if o3d is None else open3d_steps(o3d, xyz)
+        timings = {(who, step): Timing() for who, steps in (("ours", ours), ("theirs", theirs)) for step in steps}
+        for _ in range(options.rounds):
+            for step in ours:
+                timings["ours", step].measure(ours[step])
+                if step in theirs:
+                    timings["theirs", step].measure(theirs[step])
+        print(f"{name}: {len(xyz)} points")
+        for step in ours:
+            ratio = ""
+            if step in theirs:
+                peer, own = timings["theirs", step], timings["ours", step]
+                share = statistics.median(own.cpu_ms) / statistics.median(peer.cpu_ms)
+                ratio = f"   Open3D {peer}   {share:.2f} of its CPU"
+            print(f"  {step:20s} lidcam {timings['ours', step]}{ratio}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,175 @@
+"""The ground as a plane: RANSAC among planes that can be ground, then least squares.
+
+RANSAC after Fischler and Bolles (1981). The largest plane of a traffic scene is often a wall, so a plane has to lie
+flat, below every lidar, and at the rig's height where that is known; and what counts is how many more points it holds
+than the layers just above and just below it, since a wall or a hedge fills all three alike.
+"""
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from pipeline.config import GroundConfig
+from pipeline.types import Plane
+
+__all__ = ["find_ground", "height_above"]
+
+F32 = npt.NDArray[np.float32]
+F64 = npt.NDArray[np.float64]
+
+SAMPLE_POINTS = 6000
+"""Planes are drawn from, and scored on, at most this many points, every n-th of the cloud."""
+
+CELL_PER_DISTANCE = 5.0
+"""Planes are drawn through the lowest points of cells this many `distance_m` wide: a wall stands on few cells."""
+
+LAYER_PER_DISTANCE = 0.5
+"""Planes are fitted to a layer thinner than what is removed: a thick one tilts to take in pavements beside the road."""
+
+STANDS_OUT = 1.5
+"""Least ratio of the points in the ground's layer to those in the layers beside it, where fog or a wall has 1."""
+
+REFINEMENTS = 6
+"""Rounds of least squares on the sample, each on the points near the plane of the last; one on all points follows."""
+
+
+def find_ground(
+    xyz_site: F32, lidar_origins_site: F64, *, config: GroundConfig, ground_height_m: float | None = None
+) -> Plane | None:
+    """The plane of the ground, or None where nothing can be ground.
+
+    Args:
+        xyz_site: (N, 3) points in the site frame, metres, finite.
+        lidar_origins_site: (L, 3) origins of the lidars in the site frame, metres: the ground is below each.
+        config: Limits, number of planes tried and seed. The same input always gives the same plane.
+        ground_height_m: Expected z of the ground at the site's origin; None if unknown.
+
+    Returns:
+        None if no plane within the limits stands out from the layers above and below it, or if its points form a
+        mere line on the map (the foot of a wall).
+    """
+    layer_m = LAYER_PER_DISTANCE * config.distance_m
+    points = np.ascontiguousarray(xyz_site.T)  # a row per coordinate: three times faster to measure heights on
+    sample = np.ascontiguousarray(points[:, :: max(1, -(-len(xyz_site) // SAMPLE_POINTS))])
+    reachable = _within_reach(sample.T, config, ground_height_m)
+    candidates = _lowest_of_cells(reachable, CELL_PER_DISTANCE * config.distance_m)
+    if len(candidates) < 3:
+        return None
+    rng = np.random.Generator(np.random.PCG64(config.seed))
+    triples = candidates[rng.integers(len(candidates), size=(config.iterations, 3))]
+    planes = _planes_through(triples.astype(np.float64))
+    planes = planes[_can_be_ground(planes, lidar_origins_site, config, ground_height_m)]
+    if not len(planes):
+        return None
+    held, beside = _layers(sample, planes, layer_m)
+    plane = planes[np.argmax(held - beside)]
+    for cloud in [sample] * REFINEMENTS + [points]:
+        refined = _least_squares(cloud, plane, layer_m)
+        if refined is None or not _can_be_ground(refined[None], lidar_origins_site, config, ground_height_m)[0]:
+            break
+        plane = refined
+    if not _is_a_floor(points, plane, layer_m):
+        return None
+    return Plane(plane[:3].copy(), float(plane[3]))
+
+
+def height_above(plane: Plane, xyz_site: F32) -> F32:
+    """Signed distances (N,) of points (N, 3) from a plane, metres; positive above it."""
+    return _heights(xyz_site.T, np.append(plane.normal, plane.offset_m))
+
+
+def _heights(points: F32, plane: F64) -> F32:
+    """Signed distances (N,) of points (3, N) from a plane (4,)."""
+    # Not BLAS, which may round differently with another number of threads.
+    a, b, c, d = plane.astype(np.float32)
+    heights: F32 = points[0] * a + points[1] * b
+    heights += points[2] * c
+    heights += d
+    return heights
+
+
+def _within_reach(xyz: F32, config: GroundConfig, ground_height_m: float | None) -> F32:
+    """The points that some plane within the limits of height and tilt goes through."""
+    if ground_height_m is None:
+        return xyz
+    rise = np.tan(np.radians(config.max_tilt_deg)) * np.hypot(xyz[:, 0], xyz[:, 1])
+    within: npt.NDArray[np.bool_] = np.abs(xyz[:, 2] - ground_height_m) <= config.height_tolerance_m + rise
+    return xyz[within]
+
+
+def _lowest_of_cells(xyz: F32, cell_m: float) -> F32:
+    """The lowest point of each occupied cell of a square grid over x and y."""
+    cells = np.floor(xyz[:, :2] / np.float32(cell_m))
+    order = np.lexsort((xyz[:, 2], cells[:, 1], cells[:, 0]))
+    cells = cells[order]
+    first = np.ones(len(cells), np.bool_)
+    first[1:] = (cells[1:] != cells[:-1]).any(axis=1)
+    return xyz[order[first]]
+
+
+def _planes_through(triples: F64) -> F64:
+    """Planes (K, 4), unit normal and offset, normal upwards, through K triples of points (K, 3, 3)."""
+    normals = np.cross(triples[:, 1] - triples[:, 0], triples[:, 2] - triples[:, 0])
+    lengths = np.linalg.norm(normals, axis=1)
+    spanned = lengths > 1e-9  # not where a point was drawn twice or three lie on a line
+    normals = normals[spanned] / lengths[spanned, None]
+    normals *= np.where(normals[:, 2:] < 0, -1.0, 1.0)
+    return np.column_stack([normals, -(normals * triples[spanned, 0]).sum(axis=1)])
+
+
+def _can_be_ground(
+    planes: F64, lidar_origins_site: F64, config: GroundConfig, ground_height_m: float | None
+) -> npt.NDArray[np.bool_]:
+    """Which planes (K, 4) are flat enough, below every lidar and at the expected height."""
+    fit: npt.NDArray[np.bool_] = planes[:, 2] >= np.cos(np.radians(config.max_tilt_deg))
+    fit &= (planes[:, :3] @ lidar_origins_site.T + planes[:, 3:] > 0).all(axis=1)
+    if ground_height_m is not None:
+        # Compared without dividing by the normal's z, which may be 0.
+        off = np.abs(planes[:, 3] + ground_height_m * planes[:, 2])
+        fit &= off <= config.height_tolerance_m * planes[:, 2]
+    return fit
+
+
+def _layers(points: F32, planes: F64, layer_m: float) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
+    """Points that each of K planes holds, and points of the fuller of the layers above and below, equally thick."""
+    edges = np.array([-3, -1, 1, 3], np.float32) * np.float32(layer_m)
+    counts = np.zeros((len(planes), len(edges)), np.int64)
+    for row, plane in enumerate(planes):
+        heights = _heights(points, plane)
+        counts[row] = [np.count_nonzero(heights <= edge) for edge in edges]
+    below, held, above = np.diff(counts, axis=1).T
+    return held, np.maximum(below, above)
+
+
+def _least_squares(points: F32, plane: F64, layer_m: float) -> F64 | None:
+    """The plane (4,) of least squared distances to the points near `plane`; None if they are fewer than 3.
+
+    Near means within `layer_m`, and within three times the robust deviation of those: the feet of cars and kerbs
+    lie on one side and would lift the plane.
+    """
+    heights = np.abs(_heights(points, plane))
+    within = heights[heights <= layer_m]
+    if len(within) < 3:
+        return None
+    near = points[:, heights <= min(layer_m, 3 * 1.4826 * float(np.median(within)) + 1e-6)]
+    centre, scatter = _scatter(near)
+    normal = np.linalg.eigh(scatter)[1][:, 0]
+    normal *= -1.0 if normal[2] < 0 else 1.0
+    return np.append(normal, -(normal * centre).sum())
+
+
+def _is_a_floor(points: F32, plane: F64, layer_m: float) -> bool:
+    """Whether a plane stands out from the layers beside it, and what it holds has width on the map."""
+    held, beside = _layers(points, plane[None], layer_m)
+    if held[0] < max(3, STANDS_OUT * beside[0]):
+        return False
+    _, scatter = _scatter(points[:2, np.abs(_heights(points, plane)) <= layer_m])
+    return bool(np.linalg.eigvalsh(scatter)[0] >= layer_m**2)
+
+
+def _scatter(points: F32) -> tuple[F64, F64]:
+    """Centre (D,) and covariance (D, D) of points (D, N)."""
+    centre = points.mean(axis=1, dtype=np.float64)
+    centred = points - centre[:, None]
+    return centre, np.einsum("in,jn->ij", centred, centred) / points.shape[1]  # not BLAS, see _heights

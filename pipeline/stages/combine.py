@@ -1,0 +1,165 @@
+"""The clouds of all lidars as one, in the site frame at the frame's time, parted into ground and the rest."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from pipeline.config import CombineConfig
+from pipeline.errors import FrameError
+from pipeline.filters.deskew import covers, deskew
+from pipeline.filters.ground import find_ground, height_above
+from pipeline.filters.outliers import statistical_inliers
+from pipeline.types import CombinedCloud, LidarSensor, Plane, PointCloud, PoseSamples, Rig, SensorBundle
+
+__all__ = ["Combine"]
+
+
+class Combine:
+    """Stage: range gate, motion compensation, extrinsics, outlier removal, ground removal.
+
+    Every step but the extrinsics can be switched off in the settings. All fields of the points are kept. Points come
+    in the order of `Rig.lidars`, and within a lidar in that of its message. Keeps nothing between frames.
+    """
+
+    def __init__(self, rig: Rig, config: CombineConfig) -> None:
+        self._rig = rig
+        self._config = config
+        self._lidar_origins_site = np.array([lidar.T_site_lidar.translation for lidar in rig.lidars])
+
+    def __call__(self, bundle: SensorBundle, clouds: Mapping[str, PointCloud]) -> CombinedCloud:
+        """The combined cloud of one frame.
+
+        Args:
+            bundle: Gives the frame's time and the motion of the site frame, if any is known.
+            clouds: By lidar name, in the lidars' own frames; a lidar may be missing.
+
+        Raises:
+            ValueError: a cloud is of no lidar of the rig.
+            FrameError: the motion is that of another frame than the site's.
+        """
+        config, motion = self._config, self._motion_of(bundle)
+        unknown = set(clouds) - {lidar.name for lidar in self._rig.lidars}
+        if unknown:
+            raise ValueError(f"clouds: no lidar of the rig is named {', '.join(sorted(unknown))}")
+
+        sweeps: list[_Sweep] = []
+        for index, lidar in enumerate(self._rig.lidars):
+            if lidar.name in clouds:
+                near = _in_range(clouds[lidar.name], config.min_range_m, config.max_range_m)
+                sweeps.append(_to_site(near, index, lidar, bundle.stamp_ns, motion, config))
+        cloud, lidar_index = _joined(sweeps, bundle.stamp_ns, self._rig.site_frame)
+        counts = {"input": sum(len(c) + c.nan_dropped for c in clouds.values()), "nan": cloud.nan_dropped}
+        counts["range"] = counts["input"] - counts["nan"] - len(cloud)
+
+        kept = np.arange(len(cloud))
+        if config.outliers.enabled:
+            neighbors, std_ratio = config.outliers.neighbors, config.outliers.std_ratio
+            kept = np.flatnonzero(statistical_inliers(cloud.xyz, neighbors=neighbors, std_ratio=std_ratio))
+        counts["outliers"] = len(cloud) - len(kept)
+
+        plane, on_ground = None, np.zeros(len(kept), np.bool_)
+        if config.ground.enabled:
+            plane, on_ground = self._ground_of(cloud.xyz[kept])
+        ground_cloud, left = cloud.select(kept[on_ground]), kept[~on_ground]
+        counts |= {"ground": len(ground_cloud), "left": len(left)}
+
+        compensated = tuple(sweep.lidar_name for sweep in sweeps if sweep.compensated)
+        return CombinedCloud(cloud.select(left), lidar_index[left], ground_cloud, plane, counts, compensated)
+
+    def _motion_of(self, bundle: SensorBundle) -> PoseSamples | None:
+        if bundle.motion is None or not self._config.motion.enabled:
+            return None
+        if bundle.motion.frame_id != self._rig.site_frame:
+            raise FrameError(
+                f"motion: expected poses of the site frame {self._rig.site_frame!r}, got {bundle.motion.frame_id!r}"
+            )
+        return bundle.motion
+
+    def _ground_of(self, xyz_site: npt.NDArray[np.float32]) -> tuple[Plane | None, npt.NDArray[np.bool_]]:
+        """The ground's plane, and which points belong to it."""
+        config = self._config.ground
+        plane = find_ground(
+            xyz_site, self._lidar_origins_site, config=config, ground_height_m=self._rig.ground_height_m
+        )
+        if plane is None:
+            return None, np.zeros(len(xyz_site), np.bool_)
+        return plane, np.abs(height_above(plane, xyz_site)) <= config.distance_m
+
+
+class _Sweep(NamedTuple):
+    """One lidar's points in the site frame; `time_offset_ns` counts from the frame's time."""
+
+    lidar_name: str
+    lidar_index: int
+    cloud: PointCloud
+    compensated: bool
+
+
+def _in_range(cloud: PointCloud, min_range_m: float, max_range_m: float) -> PointCloud:
+    """Points within the limits, both inclusive, seen from the lidar.
+
+    A point at the lidar itself is never kept: some drivers write rays without a return as (0, 0, 0).
+    """
+    range_m = np.sqrt(np.einsum("nj,nj->n", cloud.xyz, cloud.xyz))
+    keep = (range_m > 0) & (range_m >= min_range_m) & (range_m <= max_range_m)
+    return cloud if keep.all() else cloud.select(keep)
+
+
+def _to_site(
+    cloud: PointCloud,
+    lidar_index: int,
+    lidar: LidarSensor,
+    stamp_ns: int,
+    motion: PoseSamples | None,
+    config: CombineConfig,
+) -> _Sweep:
+    """The cloud in the site frame, at the frame's time if the motion is known over its points' times."""
+    lead_ns = cloud.stamp_ns - stamp_ns
+    offset_ns = cloud.time_offset_ns.astype(np.int64) + lead_ns
+    xyz_site = lidar.T_site_lidar.apply(cloud.xyz)
+    # Without times of points, a cloud of the frame's own stamp has nothing to be moved by.
+    timed = cloud.has_time or lead_ns != 0
+    compensated = bool(
+        motion is not None
+        and timed
+        and len(cloud)
+        and covers(
+            motion,
+            stamp_ns + min(0, int(offset_ns.min())),
+            stamp_ns + max(0, int(offset_ns.max())),
+            max_extrapolation_s=config.motion.max_extrapolation_s,
+        )
+    )
+    if motion is not None and compensated:
+        xyz_site = deskew(xyz_site, stamp_ns + offset_ns, stamp_ns, motion)
+    int32 = np.iinfo(np.int32)
+    moved = PointCloud(
+        stamp_ns=stamp_ns,
+        frame_id=lidar.T_site_lidar.dst,
+        xyz=xyz_site,
+        intensity=cloud.intensity,
+        ring=cloud.ring,
+        time_offset_ns=np.clip(offset_ns, int32.min, int32.max).astype(np.int32),  # saturates 2.1 s away
+        has_time=cloud.has_time,
+        nan_dropped=cloud.nan_dropped,
+    )
+    return _Sweep(lidar.name, lidar_index, moved, compensated)
+
+
+def _joined(sweeps: list[_Sweep], stamp_ns: int, site_frame: str) -> tuple[PointCloud, npt.NDArray[np.uint8]]:
+    """All sweeps as one cloud, and the row of the lidar by point."""
+    clouds = [sweep.cloud for sweep in sweeps]
+    joined = PointCloud(
+        stamp_ns=stamp_ns,
+        frame_id=site_frame,
+        xyz=np.concatenate([np.zeros((0, 3), np.float32), *(cloud.xyz for cloud in clouds)]),
+        intensity=np.concatenate([np.zeros(0, np.float32), *(cloud.intensity for cloud in clouds)]),
+        ring=np.concatenate([np.zeros(0, np.uint16), *(cloud.ring for cloud in clouds)]),
+        time_offset_ns=np.concatenate([np.zeros(0, np.int32), *(cloud.time_offset_ns for cloud in clouds)]),
+        has_time=bool(clouds) and all(cloud.has_time for cloud in clouds),
+        nan_dropped=sum(cloud.nan_dropped for cloud in clouds),
+    )
+    indices = [np.full(len(sweep.cloud), sweep.lidar_index, np.uint8) for sweep in sweeps]
+    return joined, np.concatenate([np.zeros(0, np.uint8), *indices])

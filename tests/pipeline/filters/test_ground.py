@@ -1,0 +1,212 @@
+import json
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from helpers import shared
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pipeline.config import GroundConfig
+from pipeline.filters.ground import find_ground, height_above
+from pipeline.types import Plane
+
+F32 = npt.NDArray[np.float32]
+F64 = npt.NDArray[np.float64]
+ORIGIN = np.zeros((1, 3))
+FINITE_SCENES = ("odd_cloud2_small", "odd_dups", "odd_tiny", "s10k_0", "s10k_1", "s30k_0")
+KITTI_SEQUENCE = tuple(f"kitti_raw_sequence/velodyne_points/{frame:010d}.bin" for frame in range(15))
+KITTI_OBJECT = tuple(f"kitti_object/training/velodyne/{frame:06d}.bin" for frame in range(4))
+
+
+def tilt_deg(a: npt.ArrayLike, b: npt.ArrayLike) -> float:
+    """Angle between two normals."""
+    return float(np.degrees(np.arccos(np.clip(np.dot(a, b) / np.linalg.norm(a) / np.linalg.norm(b), -1, 1))))
+
+
+def floor(rng: np.random.Generator, count: int, *, z: float = -1.7, half_m: float = 20.0, noise_m: float = 0.02) -> F64:
+    return np.column_stack([rng.uniform(-half_m, half_m, (count, 2)), rng.normal(z, noise_m, count)])
+
+
+def wall(rng: np.random.Generator, count: int, *, x: float = 8.0, z: tuple[float, float] = (-1.7, 3.0)) -> F64:
+    return np.column_stack([rng.normal(x, 0.02, count), rng.uniform(-20, 20, count), rng.uniform(*z, count)])
+
+
+def ground_of(points: F64, **options: Any) -> Plane | None:
+    height = options.pop("ground_height_m", None)
+    origins = options.pop("origins", ORIGIN)
+    return find_ground(points.astype(np.float32), origins, config=GroundConfig(**options), ground_height_m=height)
+
+
+def kitti(path: str) -> F32:
+    return np.fromfile(shared(f"data/{path}"), "<f4").reshape(-1, 4)[:, :3].copy()
+
+
+# --- against PCL, Open3D and real streets
+
+
+def oracle_kept(scene: str) -> tuple[F32, F64, dict[str, Any]]:
+    """What PCL's outlier removal kept, the lidars' origins, and PCL's plane of it."""
+    folder = shared(f"oracles/combiner/{scene}")
+    offsets = np.array(json.loads((folder / "scene.json").read_text())["offsets"])
+    names = ("lidar11", "lidar12", "lidar2")
+    parts = [np.fromfile(folder / f"{name}.bin", "<f4").reshape(-1, 4)[:, :3] for name in names]
+    cloud = np.concatenate([part + offset.astype(np.float32) for part, offset in zip(parts, offsets, strict=True)])
+    kept = cloud[np.fromfile(folder / "sor_kept.bin", "<i4")]
+    return kept[np.isfinite(kept).all(axis=1)], offsets, json.loads((folder / "plane.json").read_text())
+
+
+@pytest.mark.parametrize("scene", [*FINITE_SCENES, "odd_nan"])
+def test_the_plane_is_pcls(scene: str) -> None:
+    cloud, origins, pcl = oracle_kept(scene)
+    plane = find_ground(cloud, origins, config=GroundConfig())
+    assert plane is not None
+    assert tilt_deg(plane.normal, pcl["coefficients"][:3]) < 0.05
+    assert plane.offset_m == pytest.approx(pcl["coefficients"][3], abs=0.01)
+
+
+@pytest.mark.parametrize("scene", ["s10k_0", "s30k_0"])
+def test_the_plane_is_open3ds(scene: str) -> None:
+    try:
+        import open3d
+    except (ImportError, OSError) as err:
+        pytest.skip(f"Open3D cannot be loaded: {err}")
+    cloud, origins, _ = oracle_kept(scene)
+    open3d.utility.random.seed(0)
+    points = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(cloud.astype(np.float64)))
+    (a, b, c, d), _ = points.segment_plane(distance_threshold=0.05, ransac_n=3, num_iterations=1000)
+    plane = find_ground(cloud, origins, config=GroundConfig())
+    assert plane is not None
+    assert tilt_deg(plane.normal, np.sign(c) * np.array([a, b, c])) < 0.1
+    assert plane.offset_m == pytest.approx(np.sign(c) * d, abs=0.01)
+
+
+def test_a_street_is_found_and_stays_still_from_frame_to_frame() -> None:
+    planes = [find_ground(kitti(path), ORIGIN, config=GroundConfig()) for path in KITTI_SEQUENCE]
+    heights = [float(plane.height_m(np.zeros(2))) for plane in planes if plane]
+    assert len(heights) == len(KITTI_SEQUENCE)
+    assert all(abs(height + 1.73) < 0.05 for height in heights)  # the velodyne's height on KITTI's car
+    assert np.abs(np.diff(heights)).max() < 0.01
+    normals = [plane.normal for plane in planes if plane]
+    assert max(tilt_deg(normal, [0, 0, 1]) for normal in normals) < 1.5
+    assert max(tilt_deg(a, b) for a, b in zip(normals[1:], normals, strict=False)) < 0.2
+
+
+@pytest.mark.parametrize("path", [*KITTI_OBJECT, "kitti_object_8/000008.bin"])
+def test_other_streets(path: str) -> None:
+    plane = find_ground(kitti(path), ORIGIN, config=GroundConfig(), ground_height_m=-1.73)
+    assert plane is not None
+    assert float(plane.height_m(np.zeros(2))) == pytest.approx(-1.73, abs=0.08)
+    assert tilt_deg(plane.normal, [0, 0, 1]) < 3
+
+
+# --- what may be ground
+
+
+def test_a_floor_among_walls_with_more_points() -> None:
+    rng = np.random.default_rng(0)
+    points = np.concatenate([wall(rng, 60_000), wall(rng, 60_000, x=-7.0), floor(rng, 6_000)])
+    plane = ground_of(points)
+    assert plane is not None
+    assert tilt_deg(plane.normal, [0, 0, 1]) < 0.3
+    assert float(plane.height_m(np.zeros(2))) == pytest.approx(-1.7, abs=0.02)
+
+
+def test_car_roofs_do_not_lift_the_ground() -> None:
+    rng = np.random.default_rng(1)
+    roofs = np.column_stack([rng.uniform(3, 9, (8_000, 2)), rng.normal(-0.2, 0.02, 8_000)])
+    plane = ground_of(np.concatenate([floor(rng, 10_000), roofs]))
+    assert plane is not None
+    assert float(plane.height_m(np.zeros(2))) == pytest.approx(-1.7, abs=0.01)
+
+
+def test_the_rigs_height_decides_between_two_floors() -> None:
+    rng = np.random.default_rng(2)
+    points = np.concatenate([floor(rng, 20_000, z=-5.0), floor(rng, 8_000, z=-1.7, half_m=10)])
+    plane = ground_of(points, ground_height_m=-1.6)
+    assert plane is not None
+    assert float(plane.height_m(np.zeros(2))) == pytest.approx(-1.7, abs=0.01)
+    assert ground_of(points, ground_height_m=-3.0) is None
+
+
+def test_the_ground_is_below_every_lidar() -> None:
+    rng = np.random.default_rng(3)
+    points = np.concatenate([floor(rng, 20_000, z=2.0), floor(rng, 5_000, z=-1.7)])  # a ceiling has more points
+    plane = ground_of(points)
+    assert plane is not None
+    assert plane.offset_m == pytest.approx(1.7, abs=0.01)
+    below = np.array([[0, 0, 0.0], [5, 5, -2.0]])
+    assert ground_of(points, origins=below) is None
+
+
+@pytest.mark.parametrize(("slope_deg", "found"), [(0, True), (8, True), (15, False)])
+def test_slope(slope_deg: float, found: bool) -> None:
+    points = floor(np.random.default_rng(4), 10_000)
+    points[:, 2] += np.tan(np.radians(slope_deg)) * points[:, 0]
+    points = points[points[:, 2] < -0.3]
+    plane = ground_of(points)
+    assert (plane is not None) is found
+    if plane is not None:
+        assert tilt_deg(plane.normal, [-np.tan(np.radians(slope_deg)), 0, 1]) < 0.3
+
+
+@pytest.mark.parametrize(
+    "points",
+    [
+        np.zeros((0, 3)),
+        np.array([[1.0, 2.0, -1.0]]),
+        np.array([[1.0, 2.0, -1.0], [4.0, 2.0, -1.0]]),
+        np.repeat([[1.0, 2.0, -1.0]], 50, axis=0),
+        np.column_stack([np.arange(50.0), np.zeros(50), np.full(50, -1.0)]),
+        wall(np.random.default_rng(5), 20_000),
+        wall(np.random.default_rng(6), 5_000, z=(-1.7, -1.5)),
+        np.concatenate([wall(np.random.default_rng(7), 9_000, x=x) for x in (-9.0, 8.0)]),
+        np.random.default_rng(8).uniform(-20, 20, (20_000, 3)),
+    ],
+    ids=["empty", "one", "two", "same", "line", "wall", "kerb", "street canyon without street", "fog"],
+)
+def test_no_ground(points: F64) -> None:
+    assert ground_of(points) is None
+
+
+# --- properties
+
+
+@settings(deadline=None, max_examples=30)
+@given(
+    roll=st.floats(-8, 8),
+    pitch=st.floats(-8, 8),
+    depth_m=st.floats(1, 8),
+    seed=st.integers(0, 5),
+)
+def test_a_tilted_floor_with_clutter_is_recovered(roll: float, pitch: float, depth_m: float, seed: int) -> None:
+    rng = np.random.default_rng(9)
+    points = floor(rng, 4_000, z=0.0)
+    slope = np.tan(np.radians([pitch, roll])) / 1.5  # both together stay within 10 degrees
+    points[:, 2] += points[:, :2] @ slope - depth_m
+    clutter = np.column_stack([rng.uniform(-20, 20, (2_000, 2)), rng.uniform(0.3, 5, 2_000)])
+    clutter[:, 2] += clutter[:, :2] @ slope - depth_m
+    cloud = np.concatenate([points, clutter])
+    plane = ground_of(cloud, seed=seed)
+    assert plane is not None
+    assert np.linalg.norm(plane.normal) == pytest.approx(1)
+    assert tilt_deg(plane.normal, [-slope[0], -slope[1], 1]) < 0.1
+    assert float(plane.height_m(np.zeros(2))) == pytest.approx(-depth_m, abs=0.01)
+
+
+def test_the_same_input_gives_the_same_bits_and_the_seed_only_the_last_of_them() -> None:
+    cloud = kitti(KITTI_SEQUENCE[0])
+    first, again, other = (find_ground(cloud, ORIGIN, config=GroundConfig(seed=seed)) for seed in (0, 0, 1))
+    assert first is not None
+    assert again is not None
+    assert other is not None
+    assert first.normal.tobytes() == again.normal.tobytes()
+    assert first.offset_m == again.offset_m
+    assert tilt_deg(first.normal, other.normal) < 0.05
+
+
+def test_height_above() -> None:
+    plane = Plane(np.array([0.0, 0.6, 0.8]), 1.0)
+    xyz = np.array([[5, 0, 0], [0, -1, -0.5], [1, 1, 1]], np.float32)
+    np.testing.assert_allclose(height_above(plane, xyz), [1.0, 0.0, 2.4], atol=1e-6)

@@ -1,0 +1,278 @@
+import numpy as np
+import numpy.typing as npt
+import pytest
+from helpers import shared
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy.spatial.transform import Rotation
+
+from pipeline.config import CombineConfig, GroundConfig, MotionConfig, OutlierConfig
+from pipeline.errors import FrameError
+from pipeline.geometry import Transform
+from pipeline.stages.combine import Combine
+from pipeline.types import CombinedCloud, LidarSensor, PointCloud, PoseSamples, Rig, SensorBundle
+
+F32 = npt.NDArray[np.float32]
+F64 = npt.NDArray[np.float64]
+Triple = tuple[float, float, float]
+MS = 1_000_000
+STAMP_NS = 1_600_000_000_000_000_000
+RAW = CombineConfig(
+    motion=MotionConfig(enabled=False), outliers=OutlierConfig(enabled=False), ground=GroundConfig(enabled=False)
+)
+MOVED = RAW.model_copy(update={"motion": MotionConfig()})
+
+
+def pose(translation: Triple = (0, 0, 0), euler_deg: Triple = (0, 0, 0)) -> F64:
+    matrix = np.eye(4)
+    matrix[:3, :3] = Rotation.from_euler("xyz", euler_deg, degrees=True).as_matrix()
+    matrix[:3, 3] = translation
+    return matrix
+
+
+def rig(**extrinsics: F64) -> Rig:
+    lidars = [LidarSensor(name, f"/{name}", Transform("site", name, T)) for name, T in extrinsics.items()]
+    return Rig("site", tuple(lidars), (), ())
+
+
+def sweep(
+    xyz: npt.ArrayLike,
+    *,
+    stamp_ns: int = STAMP_NS,
+    offsets_ns: npt.ArrayLike | None = None,
+    first_id: int = 0,
+    nan_dropped: int = 0,
+) -> PointCloud:
+    """A cloud whose points can be told apart by intensity and ring."""
+    points = np.array(xyz, np.float32).reshape(-1, 3)
+    ids = first_id + np.arange(len(points))
+    offsets = np.zeros(len(points), np.int32) if offsets_ns is None else np.array(offsets_ns, np.int32)
+    return PointCloud(
+        stamp_ns,
+        "lidar",
+        points,
+        ids.astype(np.float32),
+        ids.astype(np.uint16),
+        offsets,
+        has_time=offsets_ns is not None,
+        nan_dropped=nan_dropped,
+    )
+
+
+def frame(motion: PoseSamples | None = None) -> SensorBundle:
+    return SensorBundle(0, STAMP_NS, STAMP_NS, {}, motion)
+
+
+def driving(*stamps_ms: int, frame_id: str = "site") -> PoseSamples:
+    """10 m/s along x."""
+    poses = np.array([pose((10.0 * ms / 1000, 0, 0)) for ms in stamps_ms])
+    return PoseSamples(frame_id, "odom", STAMP_NS + np.array(stamps_ms, np.int64) * MS, poses)
+
+
+def street(seed: int = 0, *, z: float = -1.7) -> F64:
+    """A floor with a block on it, and one stray point as the last."""
+    rng = np.random.default_rng(seed)
+    floor = np.column_stack([rng.uniform(-20, 20, (8000, 2)), rng.normal(z, 0.01, 8000)])
+    block = rng.uniform((5, -1, z + 0.3), (9, 1, z + 1.5), (3000, 3))
+    return np.concatenate([floor, block, [[0, 90, 40]]])
+
+
+def assert_consistent(combined: CombinedCloud) -> None:
+    counts = combined.counts
+    assert list(counts) == ["input", "nan", "range", "outliers", "ground", "left"]
+    assert counts["input"] == sum(counts[step] for step in ("nan", "range", "outliers", "ground", "left"))
+    assert counts["left"] == len(combined.cloud) == len(combined.lidar_index)
+    assert counts["ground"] == len(combined.ground_cloud)
+
+
+# --- order, fields, extrinsics
+
+
+def test_points_come_in_the_order_of_the_rig_with_all_fields() -> None:
+    stage = Combine(rig(a=pose(), b=pose((10, 0, 0)), c=pose((0, 0, 2))), RAW)
+    clouds = {
+        "c": sweep([[7, 7, 7]], first_id=50),
+        "a": sweep([[1, 2, 3], [4, 5, 6]], first_id=10, offsets_ns=[5, -6], stamp_ns=STAMP_NS + 100),
+        "b": sweep([[1, 1, 1]], first_id=30, stamp_ns=STAMP_NS - 40 * MS),
+    }
+    combined = stage(frame(), clouds)
+    cloud = combined.cloud
+    assert cloud.xyz.tolist() == [[1, 2, 3], [4, 5, 6], [11, 1, 1], [7, 7, 9]]
+    assert cloud.intensity.tolist() == [10, 11, 30, 50]
+    assert cloud.ring.tolist() == [10, 11, 30, 50]
+    assert cloud.time_offset_ns.tolist() == [105, 94, -40 * MS, 0]  # from the frame's time
+    assert combined.lidar_index.tolist() == [0, 0, 1, 2]
+    assert (cloud.stamp_ns, cloud.frame_id, cloud.has_time) == (STAMP_NS, "site", False)
+    assert combined.plane is None
+    assert combined.compensated == ()
+    assert_consistent(combined)
+
+
+def test_a_full_rotation_by_hand() -> None:
+    # The lidar looks left (yaw 90) from 2 m up: its x is the site's y, its y the site's -x.
+    stage = Combine(rig(a=pose((1, 0, 2), (0, 0, 90))), RAW)
+    combined = stage(frame(), {"a": sweep([[3, 0, 0], [0, 4, -2]])})
+    np.testing.assert_allclose(combined.cloud.xyz, np.array([[1, 3, 2], [-3, 0, 0]]), atol=1e-6)
+
+
+def test_missing_lidars_and_no_lidars() -> None:
+    stage = Combine(rig(a=pose(), b=pose()), CombineConfig())
+    one = stage(frame(), {"b": sweep([[1, 2, 3]])})
+    assert one.lidar_index.tolist() == [1]
+    assert_consistent(one)
+    none = stage(frame(), {})
+    assert len(none.cloud) == 0
+    assert none.cloud.frame_id == "site"
+    assert set(none.counts.values()) == {0}
+    empty = stage(frame(driving(-100, 100)), {"a": sweep([], offsets_ns=[], nan_dropped=3)})
+    assert empty.counts["input"] == empty.counts["nan"] == 3
+    assert_consistent(empty)
+
+
+def test_a_cloud_of_an_unknown_lidar_is_refused() -> None:
+    with pytest.raises(ValueError, match="no lidar of the rig is named roof"):
+        Combine(rig(a=pose()), RAW)(frame(), {"roof": sweep([[1, 2, 3]])})
+
+
+def test_range_is_from_the_lidar_and_a_point_at_the_lidar_is_none() -> None:
+    config = RAW.model_copy(update={"min_range_m": 1.0, "max_range_m": 50.0})
+    xyz = np.array([[0, 0, 0], [0.99, 0, 0], [1, 0, 0], [0, 30, 40], [0, 30, 40.1], [1e30, 0, 0]])
+    combined = Combine(rig(a=pose((100, 0, 0))), config)(frame(), {"a": sweep(xyz, nan_dropped=2)})
+    assert combined.cloud.ring.tolist() == [2, 3]
+    assert combined.counts == {"input": 8, "nan": 2, "range": 4, "outliers": 0, "ground": 0, "left": 2}
+    open_gate = Combine(rig(a=pose()), RAW)(frame(), {"a": sweep(xyz[:2])})
+    assert open_gate.cloud.ring.tolist() == [1]
+
+
+# --- motion compensation
+
+
+def test_each_point_is_moved_to_the_frames_time() -> None:
+    # The lidar looks back (yaw 180): what it saw 5 m behind the site 50 ms ago is 5.5 m behind now.
+    stage = Combine(rig(a=pose((0, 0, 2), (0, 0, 180))), MOVED)
+    cloud = sweep([[5, 0, 0], [5, 0, 0]], stamp_ns=STAMP_NS - 50 * MS, offsets_ns=[0, 50 * MS])
+    combined = stage(frame(driving(-100, 0, 100)), {"a": cloud})
+    np.testing.assert_allclose(combined.cloud.xyz, np.array([[-5.5, 0, 2], [-5, 0, 2]]), atol=1e-5)
+    assert combined.cloud.time_offset_ns.tolist() == [-50 * MS, 0]  # still when they were measured
+    assert combined.cloud.has_time
+    assert combined.compensated == ("a",)
+
+
+def test_a_cloud_without_times_of_points_is_moved_rigidly_by_its_stamp() -> None:
+    stage = Combine(rig(a=pose(), b=pose()), MOVED)
+    clouds = {"a": sweep([[5, 0, 0]]), "b": sweep([[5, 0, 0]], stamp_ns=STAMP_NS + 30 * MS)}
+    combined = stage(frame(driving(-100, 100)), clouds)
+    np.testing.assert_allclose(combined.cloud.xyz, np.array([[5, 0, 0], [5.3, 0, 0]]), atol=1e-5)
+    assert combined.compensated == ("b",)
+
+
+@pytest.mark.parametrize(
+    ("config", "motion"),
+    [
+        (RAW, driving(-100, 100)),
+        (MOVED, None),
+        (MOVED, driving(0)),
+        (MOVED, driving(-400, -251)),  # the frame's time is 251 ms beyond the last pose
+        (MOVED, driving(151, 400)),  # the point's time is 201 ms before the first
+    ],
+    ids=["off", "no odometry", "one pose", "old odometry", "late odometry"],
+)
+def test_without_known_motion_points_stay_and_the_lidar_is_not_listed(
+    config: CombineConfig, motion: PoseSamples | None
+) -> None:
+    cloud = sweep([[5, 0, 0]], stamp_ns=STAMP_NS - 50 * MS, offsets_ns=[0])
+    combined = Combine(rig(a=pose()), config)(frame(motion), {"a": cloud})
+    assert combined.cloud.xyz.tolist() == [[5, 0, 0]]
+    assert combined.compensated == ()
+
+
+def test_motion_of_another_frame_is_refused() -> None:
+    with pytest.raises(FrameError, match="'site', got 'imu'"):
+        Combine(rig(a=pose()), MOVED)(frame(driving(0, 100, frame_id="imu")), {})
+
+
+# --- outliers and ground
+
+
+def test_outliers_and_ground_are_taken_out_and_counted() -> None:
+    xyz = street()
+    combined = Combine(rig(a=pose()), CombineConfig())(frame(), {"a": sweep(xyz)})
+    assert combined.plane is not None
+    assert combined.plane.offset_m == pytest.approx(1.7, abs=0.01)
+    assert len(xyz) - 1 not in combined.cloud.ring  # the stray point
+    assert np.abs(combined.ground_cloud.xyz[:, 2] + 1.7).max() <= 0.21
+    assert combined.cloud.xyz[:, 2].min() > -1.51
+    assert 2900 <= combined.counts["left"] <= 3000
+    assert_consistent(combined)
+
+
+@pytest.mark.parametrize("outliers", [True, False])
+@pytest.mark.parametrize("ground", [True, False])
+def test_each_step_can_be_switched_off(outliers: bool, ground: bool) -> None:
+    config = CombineConfig(outliers=OutlierConfig(enabled=outliers), ground=GroundConfig(enabled=ground))
+    combined = Combine(rig(a=pose()), config)(frame(), {"a": sweep(street())})
+    assert (combined.counts["outliers"] > 0) is outliers
+    assert (combined.counts["ground"] > 0) is ground
+    assert (combined.plane is not None) is ground
+    assert_consistent(combined)
+
+
+def test_the_rigs_ground_height_is_used() -> None:
+    site = rig(a=pose())
+    wrong = Rig(site.site_frame, site.lidars, (), (), ground_height_m=-3.0)
+    combined = Combine(wrong, CombineConfig())(frame(), {"a": sweep(street())})
+    assert combined.plane is None
+    assert combined.counts["ground"] == 0
+
+
+def test_a_real_frame_twice_gives_the_same_bits() -> None:
+    points = np.fromfile(shared("data/kitti_raw_sequence/velodyne_points/0000000000.bin"), "<f4").reshape(-1, 4)
+    stage = Combine(rig(velodyne=pose((0, 0, 1.73), (0.1, -0.8, 30))), CombineConfig())
+    first, second = (stage(frame(), {"velodyne": sweep(points[:, :3])}) for _ in range(2))
+    assert first.plane is not None
+    assert second.plane is not None
+    assert first.cloud.xyz.tobytes() == second.cloud.xyz.tobytes()
+    assert first.ground_cloud.xyz.tobytes() == second.ground_cloud.xyz.tobytes()
+    assert first.plane.normal.tobytes() == second.plane.normal.tobytes()
+    assert abs(float(first.plane.height_m(np.zeros(2)))) < 0.05
+    assert_consistent(first)
+
+
+# --- properties
+
+points = st.integers(0, 30).flatmap(
+    lambda n: arrays(np.float32, (n, 3), elements=st.floats(-90, 90, width=32).filter(lambda v: v == 0 or abs(v) > 1))
+)
+
+
+@given(first=points, second=points)
+def test_identity_extrinsics_and_no_filters_return_every_point(first: F32, second: F32) -> None:
+    combined = Combine(rig(a=pose(), b=pose()), RAW)(frame(), {"a": sweep(first), "b": sweep(second)})
+    both = np.concatenate([first, second])
+    np.testing.assert_array_equal(combined.cloud.xyz, both[(both != 0).any(axis=1)])
+    assert_consistent(combined)
+
+
+@settings(deadline=None, max_examples=15)
+@given(yaw_deg=st.floats(-180, 180), x=st.floats(-50, 50), y=st.floats(-50, 50), seed=st.integers(0, 3))
+def test_turning_the_rig_turns_the_result(yaw_deg: float, x: float, y: float, seed: int) -> None:
+    turn = pose((x, y, 0), (0, 0, yaw_deg))
+    extrinsics = {"a": pose((1, 0, 0.5), (2, -3, 10)), "b": pose((-1, 0.5, 0.2), (0, 4, 200))}
+    xyz = street(seed)
+    clouds = {
+        name: sweep((part - T[:3, 3]) @ T[:3, :3])
+        for (name, T), part in zip(extrinsics.items(), np.array_split(xyz[:-1], 2), strict=True)
+    }
+    turned_extrinsics = {name: turn @ T for name, T in extrinsics.items()}
+
+    straight, turned = (Combine(rig(**T), RAW)(frame(), clouds) for T in (extrinsics, turned_extrinsics))
+    expected = straight.cloud.xyz @ turn[:3, :3].T + turn[:3, 3]
+    np.testing.assert_allclose(turned.cloud.xyz, expected, atol=1e-3)
+
+    straight, turned = (Combine(rig(**T), CombineConfig())(frame(), clouds) for T in (extrinsics, turned_extrinsics))
+    assert straight.plane is not None
+    assert turned.plane is not None
+    np.testing.assert_allclose(turned.plane.normal, turn[:3, :3] @ straight.plane.normal, atol=1e-4)
+    assert turned.counts["outliers"] == pytest.approx(straight.counts["outliers"], abs=3)  # float32 rounds otherwise
+    assert turned.counts["ground"] == pytest.approx(straight.counts["ground"], abs=3)
