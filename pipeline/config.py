@@ -24,10 +24,12 @@ __all__ = [
     "MotionConfig",
     "OutlierConfig",
     "OutputConfig",
+    "RigConfig",
     "RunConfig",
     "SyncConfig",
     "TopicsConfig",
     "describe_validation",
+    "dump_config",
     "load_config",
     "read_yaml",
 ]
@@ -49,12 +51,14 @@ class ClassPrior(_Model):
         name: Class name in the results.
         size_m: Typical length, width, height.
         size_max_m: A measured box larger than this is not of this class.
+        frequency: How common the class is, against the others; decides between classes that fit equally well.
         labels: Names that 2D detectors use for it (COCO names for instance).
     """
 
     name: str
     size_m: tuple[Positive, Positive, Positive]
     size_max_m: tuple[Positive, Positive, Positive]
+    frequency: Positive = 1.0
     labels: tuple[str, ...] = ()
 
 
@@ -70,6 +74,17 @@ class TopicsConfig(_Model):
     lidars: tuple[str, ...] = ()
     cameras: tuple[str, ...] = ()
     exclude: tuple[str, ...] = ("/point_cloud_combined",)
+
+
+class RigConfig(_Model):
+    """What is assumed of the rig.
+
+    Attributes:
+        site_frame: Frame that clouds are combined and objects reported in; empty: the rig file's, else `base_link` if
+            the lidars are fixed to it, else the frame that they are all fixed to.
+    """
+
+    site_frame: str = ""
 
 
 class SyncConfig(_Model):
@@ -165,35 +180,48 @@ class Detect3DConfig(_Model):
         method: `cluster` needs no weights; `none` finds nothing.
         cluster_distance_m: Points this near belong together, close to a lidar.
         cluster_distance_per_m: Growth of that distance per metre of range (points thin out).
+        height_weight: What a metre of height counts against a metre along the ground, when distances are taken.
+        split_shares: Clusters that fit no class well are clustered again with these shares of the distance.
+        clearance_m: Points lower than this above the ground are not looked at: kerbs and remains of the ground would
+            join objects.
         min_points: A cluster of fewer points is noise.
         min_height_m: A cluster lower than this above the ground is a kerb or noise.
         max_bottom_m: A cluster that hovers higher than this above the ground hangs there.
+        points_per_sr: Beams of one lidar per steradian: 1 / (vertical x horizontal resolution in radians); what an
+            object in full view returns is judged by it.
+        min_score: Boxes with a lower score go.
     """
 
     method: Literal["cluster", "none"] = "cluster"
     cluster_distance_m: Positive = 0.4
     cluster_distance_per_m: NotNegative = 0.01
+    height_weight: Positive = 0.5
+    split_shares: tuple[Annotated[float, Field(gt=0, lt=1)], ...] = (0.6,)
+    clearance_m: NotNegative = 0.3
     min_points: Count = 10
     min_height_m: NotNegative = 0.5
     max_bottom_m: Positive = 1.0
+    points_per_sr: Positive = 45_000.0
+    min_score: Share = 0.1
 
 
 class Detect2DConfig(_Model):
     """Detection in pictures.
 
     Attributes:
-        method: `auto`: boxes in the recording if there are any, else the model if one is given, else none.
+        method: `auto`: the model if one is given, else boxes in the recording if there are any, else none.
         model: ONNX file (YOLOX layout); a path relative to the working folder.
         min_score: Boxes with a lower score go.
         nms_iou: Of two boxes of one class that overlap more than this the lower score goes.
-        threads: Threads inside the network; fixed, so that results do not depend on the machine's load.
+        threads: Threads inside the network; fixed, so that results do not depend on the machine. One is cheapest: the
+            other cores have the other stages to run.
     """
 
     method: Literal["auto", "onnx", "recorded", "none"] = "auto"
     model: Path | None = None
     min_score: Share = 0.3
     nms_iou: Share = 0.45
-    threads: Count = 2
+    threads: Count = 1
 
 
 class AssociateConfig(_Model):
@@ -201,7 +229,8 @@ class AssociateConfig(_Model):
 
     Attributes:
         min_iou: Least overlap of the projected 3D box with the 2D box.
-        class_penalty: Taken from the overlap where the classes differ, before the best assignment is sought.
+        class_penalty: Taken from the overlap where the classes differ, before the best assignment is sought; a pair
+            that is worth nothing then is never formed, so with 1 classes must agree.
     """
 
     min_iou: Share = 0.3
@@ -245,13 +274,25 @@ class RunConfig(_Model):
 
 
 _ROAD_CLASSES = (
-    ClassPrior(name="car", size_m=(4.2, 1.75, 1.55), size_max_m=(5.6, 2.4, 2.3), labels=("car",)),
-    ClassPrior(name="pedestrian", size_m=(0.6, 0.6, 1.75), size_max_m=(1.2, 1.2, 2.1), labels=("person", "pedestrian")),
+    ClassPrior(name="car", size_m=(4.0, 1.7, 1.55), size_max_m=(5.6, 2.4, 2.3), labels=("car",)),
     ClassPrior(
-        name="bicycle", size_m=(1.8, 0.6, 1.7), size_max_m=(2.3, 1.1, 2.1), labels=("bicycle", "motorcycle", "cyclist")
+        name="pedestrian",
+        size_m=(0.6, 0.6, 1.75),
+        size_max_m=(1.2, 1.2, 2.1),
+        frequency=0.5,
+        labels=("person", "pedestrian"),
     ),
-    ClassPrior(name="truck", size_m=(8.0, 2.5, 3.2), size_max_m=(16.0, 3.2, 4.2), labels=("truck", "van")),
-    ClassPrior(name="bus", size_m=(11.5, 2.55, 3.2), size_max_m=(18.5, 3.2, 4.2), labels=("bus",)),
+    ClassPrior(
+        name="bicycle",
+        size_m=(1.8, 0.6, 1.7),
+        size_max_m=(2.3, 1.1, 2.1),
+        frequency=0.2,
+        labels=("bicycle", "motorcycle", "cyclist"),
+    ),
+    ClassPrior(
+        name="truck", size_m=(8.0, 2.5, 3.2), size_max_m=(16.0, 3.2, 4.2), frequency=0.2, labels=("truck", "van")
+    ),
+    ClassPrior(name="bus", size_m=(11.5, 2.55, 3.2), size_max_m=(18.5, 3.2, 4.2), frequency=0.1, labels=("bus",)),
 )
 
 
@@ -263,6 +304,7 @@ class Config(_Model):
     """
 
     topics: TopicsConfig = TopicsConfig()
+    rig: RigConfig = RigConfig()
     sync: SyncConfig = SyncConfig()
     combine: CombineConfig = CombineConfig()
     detect3d: Detect3DConfig = Detect3DConfig()
@@ -320,6 +362,12 @@ def load_config(path: Path | None = None, overrides: tuple[str, ...] = ()) -> Co
         return Config.model_validate(tree)
     except ValidationError as err:
         raise ConfigError(f"{path or 'settings'}: {describe_validation(Config, err)}") from err
+
+
+def dump_config(config: Config) -> str:
+    """All settings as YAML that `load_config` reads back; `config/default.yaml` is `dump_config(Config())`."""
+    text: str = yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False, default_flow_style=None, width=100)
+    return text
 
 
 def describe_validation(model: type[BaseModel], err: ValidationError) -> str:

@@ -1,0 +1,34 @@
+"""What a 2D engine hands to the detect2d stage: every box that a network proposes, before any of them is sorted out."""
+
+from collections.abc import Sequence
+from typing import NamedTuple, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+__all__ = ["Candidates2D", "Detector2D"]
+
+
+class Candidates2D(NamedTuple):
+    """Proposals for one picture, in the network's own order.
+
+    Attributes:
+        xyxy: (A, 4) float32, left, top, right, bottom in pixels of the picture as it was given; may reach beyond it.
+        scores: (A,) float32 in [0, 1].
+        labels: (A,) int64, row of the detector's `labels`.
+    """
+
+    xyxy: npt.NDArray[np.float32]
+    scores: npt.NDArray[np.float32]
+    labels: npt.NDArray[np.int64]
+
+
+class Detector2D(Protocol):
+    """An engine that proposes boxes for pictures."""
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Names of what it can find."""
+
+    def __call__(self, pictures: Sequence[npt.NDArray[np.uint8]]) -> list[Candidates2D]:
+        """Proposals for each picture, (H, W, 3) RGB of any size, in order."""

@@ -1,0 +1,163 @@
+"""2D detection by a network in an ONNX file, in the layout of YOLOX (Ge et al., arXiv:2107.08430).
+
+The layout, as Megvii's export writes it: one input (N, 3, H, W) float32, BGR 0..255, the picture scaled to fit and
+placed top left on a ground of 114; one output (N, A, 85) with one row per cell of the grids of stride 8, 16 and 32: box
+centre and size, objectness, 80 COCO class scores. Centre and size are either raw (cells from the own cell; logarithm
+of cells) or, after an export with `--decode_in_inference`, already pixels: a trial run at loading tells which.
+
+The network runs on the CPU whatever else the machine has: results must not depend on the machine's accelerators.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import onnxruntime as ort
+
+from pipeline.config import Config
+from pipeline.detectors.coco import COCO_LABELS
+from pipeline.detectors.detector2d import Candidates2D
+from pipeline.errors import ModelError
+
+__all__ = ["OnnxDetector2D"]
+
+F32 = npt.NDArray[np.float32]
+Picture = npt.NDArray[np.uint8]
+
+STRIDES_PX = (8, 16, 32)
+PADDING = 114.0
+COLUMNS = 5 + len(COCO_LABELS)
+EXPECTED = (
+    f"expected the YOLOX layout: one input (N, 3, H, W) float32 with H and W multiples of {STRIDES_PX[-1]}, "
+    f"one output (N, A, {COLUMNS}) float32 with A = HW/64 + HW/256 + HW/1024"
+)
+
+
+class OnnxDetector2D:
+    """A loaded network; may be called from several threads at once."""
+
+    def __init__(self, path: Path, config: Config) -> None:
+        """Load and try out a network.
+
+        Args:
+            path: ONNX file.
+            config: `detect2d.threads` is used.
+
+        Raises:
+            ModelError: there is no such file, it is not an ONNX file, or the layout is not YOLOX's.
+        """
+        self._path = path
+        self._session = _open(path, config.detect2d.threads)
+        self._input, self._batch, self._height_px, self._width_px = _input_layout(path, self._session)
+        self._grid, self._stride = _anchors(self._height_px, self._width_px)
+        trial = self._run(np.full((self._batch or 2, 3, self._height_px, self._width_px), PADDING, np.float32))
+        # Raw centres are a few cells at most; centres in pixels span the whole picture, whatever it shows.
+        self._decoded = float(trial[..., :2].max()) > min(self._height_px, self._width_px) / 2
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Names of what it can find."""
+        return COCO_LABELS
+
+    def __call__(self, pictures: Sequence[Picture]) -> list[Candidates2D]:
+        """Proposals for each picture, in order.
+
+        All pictures run in one batch where the network's batch dimension is free; a network that is fixed to batches
+        of B runs once per B pictures, the last batch filled up with blank ones.
+
+        Args:
+            pictures: (H, W, 3) RGB, of any size each.
+
+        Raises:
+            ModelError: the network fails while it runs.
+        """
+        size = self._batch or max(len(pictures), 1)
+        found: list[Candidates2D] = []
+        for start in range(0, len(pictures), size):
+            found += self._detect(pictures[start : start + size], size)
+        return found
+
+    def _detect(self, pictures: Sequence[Picture], size: int) -> list[Candidates2D]:
+        batch = np.full((size, 3, self._height_px, self._width_px), PADDING, np.float32)
+        scales = [_letterbox(picture, into) for picture, into in zip(pictures, batch, strict=False)]
+        rows = self._run(batch)
+        return [self._decode(row, scale) for row, scale in zip(rows, scales, strict=False)]
+
+    def _run(self, batch: F32) -> F32:
+        try:
+            (rows,) = self._session.run(None, {self._input: batch})
+        except Exception as err:  # onnxruntime's errors have no base of their own
+            raise ModelError(f"{self._path}: the network fails on a batch of {len(batch)}: {_one_line(err)}") from err
+        expected = (len(batch), len(self._grid), COLUMNS)
+        if rows.shape != expected or rows.dtype != np.float32:
+            raise ModelError(f"{self._path}: {EXPECTED}; here {expected}, found an output {rows.shape} {rows.dtype}")
+        return np.asarray(rows)
+
+    def _decode(self, rows: F32, scale: F32) -> Candidates2D:
+        """Proposals of one picture from the network's rows (A, 85); `scale` is network pixels per picture pixel."""
+        if self._decoded:
+            center, size = rows[:, :2], rows[:, 2:4]
+        else:
+            center, size = (rows[:, :2] + self._grid) * self._stride, np.exp(rows[:, 2:4]) * self._stride
+        xyxy = np.concatenate([center - size / 2, center + size / 2], 1) / np.tile(scale, 2)
+        labels = rows[:, 5:].argmax(1)
+        scores = rows[:, 4] * np.take_along_axis(rows[:, 5:], labels[:, None], 1)[:, 0]
+        return Candidates2D(xyxy.astype(np.float32, copy=False), scores, labels)
+
+
+def _open(path: Path, threads: int) -> Any:
+    if not path.is_file():
+        raise ModelError(f"{path}: expected an ONNX file, found {'a folder' if path.is_dir() else 'no such file'}")
+    options = ort.SessionOptions()
+    options.intra_op_num_threads = threads
+    options.inter_op_num_threads = 1
+    options.use_deterministic_compute = True
+    options.log_severity_level = 4  # errors are raised; onnxruntime would print them as well
+    # Idle threads would otherwise spin for a while after each run and take the cores from the other stages.
+    options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+    try:
+        return ort.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
+    except Exception as err:  # onnxruntime's errors have no base of their own
+        raise ModelError(f"{path}: expected an ONNX file that onnxruntime can load: {_one_line(err)}") from err
+
+
+def _input_layout(path: Path, session: Any) -> tuple[str, int | None, int, int]:
+    """Name of the input, batch size (None where it is free), height and width in pixels."""
+    inputs, outputs = session.get_inputs(), session.get_outputs()
+    match [(value.shape, value.type) for value in inputs]:
+        case [([batch, 3, int(height), int(width)], "tensor(float)")] if (
+            len(outputs) == 1 and height > 0 and width > 0 and height % STRIDES_PX[-1] == width % STRIDES_PX[-1] == 0
+        ):
+            return inputs[0].name, batch if isinstance(batch, int) and batch > 0 else None, height, width
+    found = ", ".join(f"{value.name} {tuple(value.shape)} {value.type}" for value in [*inputs, *outputs])
+    raise ModelError(f"{path}: {EXPECTED}; found {found}")
+
+
+def _anchors(height_px: int, width_px: int) -> tuple[F32, F32]:
+    """Cell (A, 2) column and row, and stride (A, 1) in pixels, of each row of the output."""
+    grids, strides = [], []
+    for stride in STRIDES_PX:
+        row, column = np.indices((height_px // stride, width_px // stride))
+        grids.append(np.stack([column.ravel(), row.ravel()], 1))
+        strides.append(np.full((row.size, 1), stride))
+    return np.concatenate(grids).astype(np.float32), np.concatenate(strides).astype(np.float32)
+
+
+def _letterbox(picture: Picture, into: F32) -> F32:
+    """Scale a picture into the top left of a network input (3, H, W), RGB to BGR; (2,) scale in x and y.
+
+    The scaled size is cut to whole pixels, as YOLOX does; the scales returned are those of the size that it became.
+    """
+    height, width = picture.shape[:2]
+    ratio = min(into.shape[1] / height, into.shape[2] / width)
+    size = np.maximum([int(width * ratio), int(height * ratio)], 1)
+    small = cv2.resize(picture, (int(size[0]), int(size[1])), interpolation=cv2.INTER_LINEAR)
+    into[:, : size[1], : size[0]] = small[..., ::-1].transpose(2, 0, 1)
+    return (size / [width, height]).astype(np.float32)
+
+
+def _one_line(err: Exception) -> str:
+    return " ".join(str(err).split())

@@ -1,0 +1,85 @@
+"""Which 3D box is which 2D box, for each camera on its own.
+
+Each 3D box is projected into the picture; its overlap with a 2D box (IoU), less a penalty where their classes differ,
+is what the pair is worth. The assignment with the largest sum is taken (Kuhn-Munkres, as in Crouse, "On implementing 2D
+rectangular assignment algorithms", IEEE TAES 52(4), 2016), so no pair takes a box away from a better one, and every
+camera that sees an object may confirm it. Pairs that overlap too little are never formed.
+
+A box hidden behind another one is not told apart by depth: the visible one has the larger overlap with the 2D box.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import linear_sum_assignment
+
+from pipeline.config import Config
+from pipeline.errors import FrameError
+from pipeline.geometry import box_corners, iou_xyxy
+from pipeline.types import Boxes2D, Boxes3D, CameraSensor, Matches, Rig
+
+__all__ = ["Associate"]
+
+Rows = npt.NDArray[np.intp]
+
+
+class Associate:
+    """Association of 3D boxes with the 2D boxes of a frame."""
+
+    def __init__(self, rig: Rig, config: Config) -> None:
+        self._cameras = rig.cameras
+        self._config = config.associate
+
+    def __call__(self, boxes3d: Boxes3D, boxes2d: Mapping[str, Boxes2D]) -> Mapping[str, Matches]:
+        """Matches by camera name, in the rig's order, for each camera that has an entry in `boxes2d`.
+
+        Raises:
+            FrameError: the 3D boxes are not in the frame that the cameras are calibrated to.
+        """
+        return {
+            camera.name: self._match(camera, boxes3d, boxes2d[camera.name])
+            for camera in self._cameras
+            if camera.name in boxes2d
+        }
+
+    def _match(self, camera: CameraSensor, boxes3d: Boxes3D, boxes2d: Boxes2D) -> Matches:
+        projected = _project(camera, boxes3d)
+        # Detectors may draw boxes beyond the picture, projections end at its border: compare what both show.
+        size = np.array([camera.model.width_px, camera.model.height_px] * 2, np.float32)
+        rows3d, rows2d = _rank3d(boxes3d), _rank2d(boxes2d)
+        iou = iou_xyxy(projected[rows3d], np.clip(boxes2d.xyxy, 0, size)[rows2d])
+        differs = boxes3d.class_ids[rows3d][:, None] != boxes2d.class_ids[rows2d]
+        worth = iou - self._config.class_penalty * differs
+        # A pair that may not be is worth nothing, like no pair at all, and is taken out of the assignment afterwards.
+        allowed = (iou >= self._config.min_iou) & (worth > 0)
+        first, second = linear_sum_assignment(np.where(allowed, worth, 0.0), maximize=True)
+        taken = allowed[first, second]
+        first, second = first[taken], second[taken]
+        pairs = np.stack([rows3d[first], rows2d[second]], 1).astype(np.int64)
+        order = np.argsort(pairs[:, 0])
+        return Matches(pairs[order], iou[first, second][order].astype(np.float32), projected)
+
+
+def _project(camera: CameraSensor, boxes: Boxes3D) -> npt.NDArray[np.float32]:
+    """(N, 4) upright rectangles in the camera's picture, clipped to it; NaN where a box is not seen."""
+    if boxes.frame_id != camera.T_camera_site.src:
+        raise FrameError(
+            f"camera {camera.name}: expected boxes in frame {camera.T_camera_site.src!r}, found {boxes.frame_id!r}"
+        )
+    corners = box_corners(boxes.centers, boxes.sizes, boxes.yaws)
+    return camera.model.project_boxes(np.asarray(camera.T_camera_site.apply(corners), np.float64))
+
+
+def _rank3d(boxes: Boxes3D) -> Rows:
+    """Rows by falling score, then by everything else that tells boxes apart.
+
+    Assignments of equal worth are decided by row order; this one does not depend on how the boxes were listed.
+    """
+    columns = [boxes.class_ids, boxes.yaws, *boxes.sizes.T, *boxes.centers.T, -boxes.scores]
+    return np.lexsort(columns)
+
+
+def _rank2d(boxes: Boxes2D) -> Rows:
+    """Rows by falling score, then by class and place."""
+    return np.lexsort([*boxes.xyxy.T, boxes.class_ids, -boxes.scores])

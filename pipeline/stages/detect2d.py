@@ -1,0 +1,75 @@
+"""Detection in pictures: from a network's proposals to the boxes that each camera's picture shows."""
+
+from collections.abc import Mapping
+
+import numpy as np
+import numpy.typing as npt
+
+from pipeline.config import Config
+from pipeline.detectors.detector2d import Candidates2D, Detector2D
+from pipeline.errors import ConfigError
+from pipeline.geometry import iou_xyxy
+from pipeline.types import Boxes2D, Image, Rig
+
+__all__ = ["Detect2D", "suppress_overlaps"]
+
+
+class Detect2D:
+    """Boxes of the configured classes in the pictures of a frame."""
+
+    def __init__(self, rig: Rig, config: Config, detector: Detector2D) -> None:
+        """Tie a detector's labels to the configured classes; labels that no class names are left out.
+
+        Raises:
+            ConfigError: not one of the detector's labels belongs to a class.
+        """
+        class_ids = config.class_id_of_label
+        self._class_ids = np.array([class_ids.get(label, -1) for label in detector.labels], np.int32)
+        if not (self._class_ids >= 0).any():
+            raise ConfigError(
+                f"classes: expected labels that the 2D detector knows ({', '.join(detector.labels[:8])}, ...), "
+                f"found {', '.join(class_ids)}; add them to classes.N.labels"
+            )
+        self._cameras = [camera.name for camera in rig.cameras]
+        self._config = config.detect2d
+        self._detector = detector
+
+    def __call__(self, images: Mapping[str, Image]) -> Mapping[str, Boxes2D]:
+        """Boxes by camera name, in the rig's order; a camera without a picture in this frame has no entry.
+
+        Boxes are in pixels of the original picture, clipped to it, in order of falling score.
+
+        Raises:
+            ModelError: the network fails while it runs.
+        """
+        names = [name for name in self._cameras if name in images]
+        found = self._detector([images[name].rgb for name in names])
+        return {name: self._boxes(images[name], proposed) for name, proposed in zip(names, found, strict=True)}
+
+    def _boxes(self, image: Image, proposed: Candidates2D) -> Boxes2D:
+        height, width = image.rgb.shape[:2]
+        xyxy = np.clip(proposed.xyxy, 0, np.array([width, height, width, height], np.float32))
+        class_ids = self._class_ids[proposed.labels]
+        wanted = (proposed.scores >= self._config.min_score) & (class_ids >= 0)
+        rows = np.flatnonzero(wanted & (xyxy[:, 2] > xyxy[:, 0]) & (xyxy[:, 3] > xyxy[:, 1]))
+        boxes = Boxes2D(image.stamp_ns, image.frame_id, xyxy[rows], proposed.scores[rows], class_ids[rows])
+        return boxes.select(suppress_overlaps(boxes, max_iou=self._config.nms_iou))
+
+
+def suppress_overlaps(boxes: Boxes2D, *, max_iou: float) -> npt.NDArray[np.intp]:
+    """Greedy non-maximum suppression within each class.
+
+    Boxes are taken in order of falling score, equal scores in the order given; each one removes the boxes of its class
+    that overlap it by more than `max_iou`.
+
+    Returns:
+        Rows that are left, in order of falling score.
+    """
+    order = np.argsort(-boxes.scores, kind="stable")
+    kept: list[np.intp] = []
+    while len(order):
+        first, order = order[0], order[1:]
+        kept.append(first)
+        overlap = iou_xyxy(boxes.xyxy[first : first + 1], boxes.xyxy[order])[0]
+        order = order[(boxes.class_ids[order] != boxes.class_ids[first]) | (overlap <= max_iou)]
+    return np.array(kept, np.intp)

@@ -1,0 +1,74 @@
+"""Fused objects: geometry from the lidar, class from the cameras, one score from both.
+
+Position, size, yaw and covariance stay as the lidar found them, also where a camera's class does not go with the
+size. Objects that no camera confirms keep the lidar's class and score.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from pipeline.config import Config
+from pipeline.types import Boxes2D, Boxes3D, Matches
+
+__all__ = ["Fuse", "Fused"]
+
+
+class Fused(NamedTuple):
+    """What became of the 3D boxes of a frame.
+
+    Attributes:
+        objects: The fused objects, in the order of the 3D boxes.
+        matched: (N,) int32, number of cameras that confirm each object.
+    """
+
+    objects: Boxes3D
+    matched: npt.NDArray[np.int32]
+
+
+class Fuse:
+    """Fusion of the 3D boxes of a frame with the 2D boxes that they were matched with."""
+
+    def __init__(self, config: Config) -> None:
+        self._class_count = len(config.classes)
+        self._min_score = config.fuse.min_score
+
+    def __call__(
+        self, lidar_boxes: Boxes3D, camera_boxes: Mapping[str, Boxes2D], matches: Mapping[str, Matches]
+    ) -> Fused:
+        """The objects of a frame.
+
+        Class: each matched camera votes with its score; of classes with equal votes the lidar's goes first, then the
+        one with the lowest class id. Score: 1 - (1 - lidar) x product of (1 - camera) over the matched cameras
+        (noisy-or), the probability that at least one of the sensors is right about there being an object, if they err
+        independently.
+
+        Args:
+            lidar_boxes: N boxes in the site frame.
+            camera_boxes: By camera name.
+            matches: By camera name; for the rows of `lidar_boxes` and of the camera's boxes.
+        """
+        n = len(lidar_boxes)
+        votes, missed = np.zeros((n, self._class_count)), 1.0 - lidar_boxes.scores.astype(np.float64)
+        matched = np.zeros(n, np.int32)
+        for name, found in matches.items():
+            rows, rows2d = found.pairs[:, 0], found.pairs[:, 1]  # each row at most once: plain indexing adds right
+            scores = camera_boxes[name].scores[rows2d].astype(np.float64)
+            votes[rows, camera_boxes[name].class_ids[rows2d]] += scores
+            missed[rows] *= 1.0 - scores
+            matched[rows] += 1
+        fused_scores = np.where(matched > 0, 1.0 - missed, lidar_boxes.scores).astype(np.float32)
+        class_ids = _winners(votes, lidar_boxes.class_ids)
+        objects = replace(lidar_boxes, scores=fused_scores, class_ids=class_ids)
+        kept = fused_scores >= self._min_score
+        return Fused(objects.select(kept), matched[kept])
+
+
+def _winners(votes: npt.NDArray[np.float64], own_ids: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
+    """(N,) class id with the most votes (N, C); the box's own one where no other has more."""
+    best = votes.argmax(1)
+    rows = np.arange(len(votes))
+    return np.where(votes[rows, own_ids] >= votes[rows, best], own_ids, best).astype(np.int32)

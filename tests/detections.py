@@ -1,0 +1,65 @@
+"""Boxes and cameras for tests, from plain rows."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from pipeline.camera import CameraModel
+from pipeline.geometry import Transform, wrap_angle
+from pipeline.types import Boxes2D, Boxes3D, CameraSensor, Rig
+
+__all__ = ["boxes2d", "boxes3d", "camera_rig", "forward_camera"]
+
+# Optical axes (right, down, forward) of a camera that looks along the site's x axis.
+LOOK_FORWARD = np.array([[0.0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]])
+
+
+def boxes3d(
+    rows: npt.ArrayLike,
+    *,
+    scores: Sequence[float] | None = None,
+    class_ids: Sequence[int] | None = None,
+    frame_id: str = "site",
+) -> Boxes3D:
+    """Boxes from rows x, y, z, length, width, height, yaw; scores 0.5 and class 0 unless given."""
+    table = np.array(rows, np.float64).reshape(-1, 7)
+    n = len(table)
+    return Boxes3D(
+        1,
+        frame_id,
+        table[:, :3].copy(),
+        table[:, 3:6].copy(),
+        wrap_angle(table[:, 6]),
+        np.full(n, 0.5, np.float32) if scores is None else np.array(scores, np.float32),
+        np.zeros(n, np.int32) if class_ids is None else np.array(class_ids, np.int32),
+        np.arange(n, dtype=np.int32) + 10,
+        np.tile(np.diag([0.01, 0.02, 0.03]), (n, 1, 1)),
+    )
+
+
+def boxes2d(rows: npt.ArrayLike, *, frame_id: str = "cam") -> Boxes2D:
+    """Boxes from rows left, top, right, bottom, score, class id."""
+    table = np.array(rows, np.float64).reshape(-1, 6)
+    return Boxes2D(
+        1,
+        frame_id,
+        table[:, :4].astype(np.float32),
+        table[:, 4].astype(np.float32),
+        table[:, 5].astype(np.int32),
+    )
+
+
+def forward_camera(
+    name: str = "cam", *, distortion: Sequence[float] = (), size_px: tuple[int, int] = (640, 480)
+) -> CameraSensor:
+    """A camera at the site's origin that looks along x, f = 500 px, principal point in the middle of the picture."""
+    width, height = size_px
+    K = np.array([[500.0, 0, width / 2 - 0.5], [0, 500, height / 2 - 0.5], [0, 0, 1]])
+    model = CameraModel(name, width, height, K, "plumb_bob", np.array(distortion, np.float64))
+    return CameraSensor(name, f"/{name}/image", "", model, Transform(name, "site", LOOK_FORWARD.copy()))
+
+
+def camera_rig(*cameras: CameraSensor) -> Rig:
+    """A rig of cameras; its lidars play no part here."""
+    return Rig("site", (), cameras, ())

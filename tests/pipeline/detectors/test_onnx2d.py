@@ -1,0 +1,236 @@
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from helpers import shared
+from onnx_files import DOUBLE, write_yolox
+
+from pipeline.config import Config, Detect2DConfig
+from pipeline.detectors.coco import COCO_LABELS
+from pipeline.detectors.onnx2d import OnnxDetector2D
+from pipeline.errors import ModelError
+
+SIZE_PX = (64, 96)  # height, width of the networks that are made here
+ANCHORS = 8 * 12 + 4 * 6 + 2 * 3
+
+Array = npt.NDArray[Any]
+
+
+def raw_rows(seed: int = 0) -> Array:
+    """Rows as a YOLOX head gives them: offsets, logarithms, then scores in [0, 1]."""
+    rng = np.random.default_rng(seed)
+    return np.concatenate(
+        [rng.uniform(-1, 2, (ANCHORS, 2)), rng.normal(0, 1, (ANCHORS, 2)), rng.uniform(0, 1, (ANCHORS, 81))], 1
+    ).astype(np.float32)
+
+
+def decoded_by_loop(rows: Array) -> Array:
+    """Rows with centre and size in pixels of the network's input, cell by cell as the paper's code does."""
+    out, at = rows.astype(np.float64), 0
+    for stride in (8, 16, 32):
+        for row in range(SIZE_PX[0] // stride):
+            for column in range(SIZE_PX[1] // stride):
+                x, y, log_w, log_h = (float(v) for v in rows[at, :4])
+                out[at, :4] = (
+                    (x + column) * stride,
+                    (y + row) * stride,
+                    math.exp(log_w) * stride,
+                    math.exp(log_h) * stride,
+                )
+                at += 1
+    assert at == len(rows)
+    return out
+
+
+def candidates_by_loop(rows: Array, picture_px: tuple[int, int]) -> tuple[Array, Array, Array]:
+    """xyxy, scores, labels of a picture (height, width) by the plain definition."""
+    height, width = picture_px
+    ratio = min(SIZE_PX[0] / height, SIZE_PX[1] / width)
+    scale_x, scale_y = max(int(width * ratio), 1) / width, max(int(height * ratio), 1) / height
+    xyxy, scores, labels = [], [], []
+    for cx, cy, w, h, objectness, *classes in decoded_by_loop(rows):
+        xyxy.append(((cx - w / 2) / scale_x, (cy - h / 2) / scale_y, (cx + w / 2) / scale_x, (cy + h / 2) / scale_y))
+        best = max(range(80), key=lambda c: classes[c])
+        scores.append(objectness * classes[best])
+        labels.append(best)
+    return np.array(xyxy), np.array(scores), np.array(labels)
+
+
+def picture(height: int, width: int, rgb: tuple[int, int, int] = (0, 0, 0)) -> npt.NDArray[np.uint8]:
+    return np.full((height, width, 3), rgb, np.uint8)
+
+
+def detector(path: Path, threads: int = 1) -> OnnxDetector2D:
+    return OnnxDetector2D(path, Config(detect2d=Detect2DConfig(threads=threads)))
+
+
+@pytest.mark.parametrize("picture_px", [(64, 96), (375, 1242), (480, 640), (600, 100), (10, 12), (1, 900)])
+@pytest.mark.parametrize("in_pixels", [False, True], ids=["raw", "decoded in the network"])
+def test_decodes_as_the_plain_definition_does(tmp_path: Path, picture_px: tuple[int, int], in_pixels: bool) -> None:
+    rows = raw_rows()
+    expected = candidates_by_loop(rows, picture_px)
+    bias = decoded_by_loop(rows).astype(np.float32) if in_pixels else rows
+    model = detector(write_yolox(tmp_path / "m.onnx", bias, size_px=SIZE_PX))
+    (found,) = model([picture(*picture_px)])
+    assert found.xyxy.dtype == found.scores.dtype == np.float32
+    np.testing.assert_allclose(found.xyxy, expected[0], rtol=1e-4, atol=1e-2)
+    np.testing.assert_allclose(found.scores, expected[1], rtol=1e-5)
+    np.testing.assert_array_equal(found.labels, expected[2])
+
+
+@pytest.mark.parametrize("channel", [0, 1, 2])
+def test_network_sees_blue_green_red_from_0_to_255(tmp_path: Path, channel: int) -> None:
+    rows, weight = raw_rows(), np.zeros((ANCHORS, 85))
+    rows[:, 4], weight[:, 4], rows[:, 5] = 0, 1, 1
+    rows[:, 6:] = 0
+    one_channel = [float(c == channel) for c in range(3)]
+    path = write_yolox(tmp_path / "m.onnx", rows, size_px=SIZE_PX, weight=weight, channel_weights=one_channel)
+    (found,) = detector(path)([picture(128, 192, rgb=(30, 20, 10))])
+    np.testing.assert_allclose(found.scores, (10, 20, 30)[channel], rtol=1e-5)
+
+
+def test_picture_lies_top_left_on_a_ground_of_114(tmp_path: Path) -> None:
+    rows, weight = np.zeros((ANCHORS, 85), np.float32), np.zeros((ANCHORS, 85))
+    rows[:, 5], weight[:, 4] = 1, 1
+    model = detector(write_yolox(tmp_path / "m.onnx", rows, size_px=SIZE_PX, weight=weight))
+    (found,) = model([picture(48, 288)])  # scaled to 16 x 96: a quarter of the input is black
+    np.testing.assert_allclose(found.scores, 114 * 0.75, rtol=1e-5)
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 3, 5])
+def test_batches_change_nothing(tmp_path: Path, count: int) -> None:
+    rows, weight = raw_rows(), np.zeros((ANCHORS, 85))
+    weight[:, 4] = 1 / 255
+    pictures = [picture(40 + 7 * i, 60 + 5 * i, rgb=(50 * i, 20, 5 * i)) for i in range(count)]
+    found = {
+        batch: detector(write_yolox(tmp_path / f"{batch}.onnx", rows, size_px=SIZE_PX, batch=batch, weight=weight))(
+            pictures
+        )
+        for batch in (1, 2, 4, "batch")
+    }
+    assert all(len(candidates) == count for candidates in found.values())
+    for batch in (2, 4, "batch"):
+        for single, batched in zip(found[1], found[batch], strict=True):
+            for expected, got in zip(single, batched, strict=True):
+                np.testing.assert_array_equal(got, expected)
+    brightness = [c.scores.sum() for c in found["batch"]]
+    assert brightness == sorted(set(brightness)), "each picture has its own result"
+
+
+def test_a_free_batch_runs_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    free = detector(write_yolox(tmp_path / "free.onnx", raw_rows(), size_px=SIZE_PX, batch="n"))
+    fixed = detector(write_yolox(tmp_path / "fixed.onnx", raw_rows(), size_px=SIZE_PX))
+    sizes: list[int] = []
+    run: Callable[[OnnxDetector2D, Array], Array] = OnnxDetector2D._run
+
+    def counted(model: OnnxDetector2D, batch: Array) -> Array:
+        sizes.append(len(batch))
+        return run(model, batch)
+
+    monkeypatch.setattr(OnnxDetector2D, "_run", counted)
+    free([picture(20, 30)] * 3)
+    fixed([picture(20, 30)] * 3)
+    assert sizes == [3, 1, 1, 1]
+
+
+def no_file(path: Path) -> Path:
+    return path
+
+
+def folder(path: Path) -> Path:
+    path.mkdir()
+    return path
+
+
+def text(path: Path) -> Path:
+    path.write_text("this is no network\n")
+    return path
+
+
+def empty(path: Path) -> Path:
+    path.touch()
+    return path
+
+
+def cut(path: Path) -> Path:
+    write_yolox(path, raw_rows(), size_px=SIZE_PX)
+    path.write_bytes(path.read_bytes()[:5000])
+    return path
+
+
+def classes_20(path: Path) -> Path:
+    return write_yolox(path, raw_rows()[:, :25], size_px=SIZE_PX)
+
+
+def too_few_anchors(path: Path) -> Path:
+    return write_yolox(path, raw_rows()[:-1], size_px=SIZE_PX)
+
+
+def transposed(path: Path) -> Path:  # the layout of Ultralytics
+    return write_yolox(path, raw_rows().T, size_px=SIZE_PX)
+
+
+def one_channel(path: Path) -> Path:
+    return write_yolox(path, raw_rows(), size_px=SIZE_PX, channel_weights=[1.0])
+
+
+def odd_size(path: Path) -> Path:
+    return write_yolox(path, raw_rows(), size_px=(60, 96))
+
+
+def two_outputs(path: Path) -> Path:
+    return write_yolox(path, raw_rows(), size_px=SIZE_PX, outputs=2)
+
+
+def doubles(path: Path) -> Path:
+    return write_yolox(path, raw_rows(), size_px=SIZE_PX, dtype=DOUBLE)
+
+
+@pytest.mark.parametrize(
+    ("make", "told"),
+    [
+        (no_file, "expected an ONNX file, found no such file"),
+        (folder, "expected an ONNX file, found a folder"),
+        (text, "expected an ONNX file that onnxruntime can load"),
+        (empty, "expected an ONNX file that onnxruntime can load"),
+        (cut, "expected an ONNX file that onnxruntime can load"),
+        (classes_20, "found an output (1, 126, 25)"),
+        (too_few_anchors, "here (1, 126, 85), found an output (1, 125, 85)"),
+        (transposed, "found an output (1, 85, 126)"),
+        (one_channel, "found images (1, 1, 64, 96)"),
+        (odd_size, "found images (1, 3, 60, 96)"),
+        (two_outputs, "output1 (1, 126, 85)"),
+        (doubles, "tensor(double)"),
+    ],
+    ids=lambda value: value.__name__ if callable(value) else "",
+)
+def test_other_files_are_refused_in_one_line(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], make: Callable[[Path], Path], told: str
+) -> None:
+    path = make(tmp_path / "m.onnx")
+    with pytest.raises(ModelError) as caught:
+        detector(path)
+    message = str(caught.value)
+    assert told in message
+    assert str(path) in message
+    assert "\n" not in message
+    assert capfd.readouterr() == ("", ""), "the reason is raised, not printed"
+
+
+def test_labels_are_those_of_coco() -> None:
+    assert len(COCO_LABELS) == len(set(COCO_LABELS)) == 80
+    numbered = {0: "person", 1: "bicycle", 2: "car", 3: "motorcycle", 5: "bus", 7: "truck", 79: "toothbrush"}
+    assert {i: COCO_LABELS[i] for i in numbered} == numbered
+
+
+def test_real_network_does_not_depend_on_threads() -> None:
+    path = shared("weights/yolox_nano.onnx")
+    noise = np.random.default_rng(0).integers(0, 255, (375, 1242, 3), np.uint8)
+    (one,), (two,), (again,) = (detector(path, threads)([noise]) for threads in (1, 2, 1))
+    for expected, *others in zip(one, two, again, strict=True):
+        for other in others:
+            np.testing.assert_array_equal(other, expected)

@@ -1,0 +1,316 @@
+import itertools
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import pytest
+from detections import boxes2d, boxes3d, camera_rig, forward_camera
+from helpers import shared
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.optimize import linear_sum_assignment
+
+from pipeline.camera import CameraModel
+from pipeline.config import AssociateConfig, Config
+from pipeline.errors import FrameError
+from pipeline.geometry import Transform, box_corners
+from pipeline.stages.associate import Associate
+from pipeline.types import Boxes2D, Boxes3D, CameraSensor, Matches, Rig
+
+Array = npt.NDArray[Any]
+Row = tuple[float, ...]
+
+CAR, PEDESTRIAN = 0, 1
+
+
+def associate(
+    boxes: Boxes3D, found: Mapping[str, Boxes2D], *, rig: Rig | None = None, **settings: float
+) -> Mapping[str, Matches]:
+    config = Config(associate=AssociateConfig.model_validate(settings))
+    return Associate(rig or camera_rig(forward_camera()), config)(boxes, found)
+
+
+def match(boxes: Boxes3D, rows: Sequence[Row], **settings: float) -> list[tuple[int, int]]:
+    pairs = associate(boxes, {"cam": boxes2d(rows)}, rig=None, **settings)["cam"].pairs
+    return [(int(a), int(b)) for a, b in pairs]
+
+
+def projection(boxes: Boxes3D, camera: CameraSensor | None = None) -> Array:
+    """Where each 3D box appears, clipped to the picture."""
+    camera = camera or forward_camera()
+    return associate(boxes, {camera.name: boxes2d([])}, rig=camera_rig(camera))[camera.name].projected_xyxy
+
+
+def shown(xyxy: Sequence[float] | Array, *, score: float = 0.8, class_id: int = CAR, shift: float = 0.0) -> Row:
+    """A 2D box at a place, `shift` times its width to the right."""
+    left, top, right, bottom = (float(v) for v in xyxy)
+    dx = shift * (right - left)
+    return (left + dx, top, right + dx, bottom, score, class_id)
+
+
+AHEAD = (10.0, 0.0, 0.0, 4.0, 2.0, 1.5, 0.0)
+LEFT = (10.0, 4.0, 0.0, 4.0, 2.0, 1.5, 0.0)
+BEHIND = (-10.0, 0.0, 0.0, 4.0, 2.0, 1.5, 0.0)
+TWO = boxes3d([AHEAD, LEFT])
+AT = projection(TWO)
+
+
+def test_projection_is_that_of_opencv_with_distortion() -> None:
+    camera = forward_camera(distortion=[-0.2, 0.05, 0.001, -0.002, 0.01])
+    corners = camera.T_camera_site.apply(box_corners(TWO.centers, TWO.sizes, TWO.yaws)).reshape(-1, 3)
+    pixels, _ = cv2.projectPoints(corners, np.zeros(3), np.zeros(3), camera.model.K, camera.model.distortion)
+    pixels = pixels.reshape(2, 8, 2) + 0.5
+    low, high = pixels.min(1), pixels.max(1)
+    np.testing.assert_allclose(projection(TWO, camera), np.concatenate([low, high], 1), atol=0.5)
+    assert np.abs(projection(TWO, camera) - AT).max() > 2, "the lens matters here"
+
+
+@pytest.mark.parametrize(
+    ("boxes", "rows", "expected"),
+    [
+        (boxes3d([]), [], []),
+        (boxes3d([]), [shown(AT[0])], []),
+        (TWO, [], []),
+        (TWO, [shown(AT[1]), shown(AT[0])], [(0, 1), (1, 0)]),
+        (TWO, [shown(AT[1])], [(1, 0)]),
+        (TWO, [shown(AT[0]), shown(AT[0], shift=0.1)], [(0, 0)]),
+        (boxes3d([AHEAD, (10.2, *AHEAD[1:])]), [shown(AT[0])], [(0, 0)]),
+        (boxes3d([BEHIND, AHEAD]), [shown(AT[0])], [(1, 0)]),
+    ],
+    ids=[
+        "nothing",
+        "no 3D boxes",
+        "no 2D boxes",
+        "each to its own",
+        "one is missed",
+        "the better of two 2D boxes",
+        "the better of two 3D boxes",
+        "behind the camera",
+    ],
+)
+def test_standing_cases(boxes: Boxes3D, rows: list[Row], expected: list[tuple[int, int]]) -> None:
+    assert match(boxes, rows) == expected
+    assert match(boxes, rows, min_iou=0) == expected
+
+
+def test_records_hold_the_projections_of_all_boxes() -> None:
+    found = associate(boxes3d([BEHIND, AHEAD]), {"cam": boxes2d([shown(AT[0])])})["cam"]
+    assert np.isnan(found.projected_xyxy[0]).all()
+    np.testing.assert_array_equal(found.projected_xyxy[1], AT[0])
+    assert found.iou.tolist() == [1.0]
+
+
+@pytest.mark.parametrize("min_iou", [0.0, 0.5, 1.0])
+def test_threshold_holds_at_its_ends(min_iou: float) -> None:
+    # The original matched disjoint boxes at 0 and refused identical ones at 1.
+    far = shown(AT[0], shift=2.0)
+    assert match(boxes3d([AHEAD]), [far], min_iou=min_iou) == []
+    assert match(boxes3d([AHEAD]), [far, shown(AT[0])], min_iou=min_iou) == [(0, 1)]
+
+
+def test_no_pair_takes_a_box_from_a_better_sum() -> None:
+    # Shifts of 0.2 and 0.3 overlap by 0.67 and 0.54: taking the best pair first leaves the other box without any.
+    boxes = boxes3d([AHEAD, (*AHEAD[:1], -0.45, *AHEAD[2:])])
+    first, second = projection(boxes)
+    width = first[2] - first[0]
+    lag = (second[0] - first[0]) / width
+    rows = [shown(first, shift=0.45 * lag), shown(first, shift=-0.4)]
+    assert match(boxes, rows, min_iou=0.3) == [(0, 1), (1, 0)]
+
+
+def test_off_screen_boxes_have_no_area() -> None:
+    # The original clipped them to rectangles of negative width and height, whose product is positive.
+    beside = boxes3d([(5.0, 40.0, 30.0, 4.0, 2.0, 1.5, 0.0)])
+    assert np.isnan(projection(beside)).all()
+    assert match(beside, [(0, 0, 640, 480, 0.9, CAR), (-500, -500, -10, -10, 0.9, CAR)], min_iou=0) == []
+
+
+def test_boxes_beyond_the_border_are_compared_inside_the_picture() -> None:
+    near = boxes3d([(4.0, 2.6, 0.0, 3.0, 1.8, 1.5, 0.0)])
+    left, top, right, bottom = (float(v) for v in projection(near)[0])
+    assert left == 0
+    found = associate(near, {"cam": boxes2d([(left - 300, top, right, bottom, 0.9, CAR)])})["cam"]
+    assert found.iou.tolist() == [1.0]
+
+
+@pytest.mark.parametrize(
+    ("penalty", "expected"),
+    [(0.0, [(0, 0)]), (0.1, [(0, 0)]), (0.5, [(0, 1)]), (1.0, [(0, 1)])],
+)
+def test_class_penalty(penalty: float, expected: list[tuple[int, int]]) -> None:
+    rows = [shown(AT[0], class_id=PEDESTRIAN), shown(AT[0], shift=0.2)]  # worth 1 - penalty and 0.67
+    assert match(boxes3d([AHEAD]), rows, class_penalty=penalty) == expected
+
+
+def test_full_class_penalty_forbids() -> None:
+    rows = [shown(AT[0], class_id=PEDESTRIAN)]
+    assert match(boxes3d([AHEAD]), rows, class_penalty=0.9) == [(0, 0)]
+    assert match(boxes3d([AHEAD]), rows, class_penalty=1.0) == []
+
+
+def test_each_camera_confirms_on_its_own() -> None:
+    # The original gave a vehicle to the first camera that reached the threshold, though the second one saw it better
+    # (first_camera_not_best), and let a vehicle that was matched already use up the boxes of its other cameras
+    # (second_camera_consumes).
+    rig = camera_rig(forward_camera("a"), forward_camera("b"))
+    boxes = boxes3d([AHEAD, (10.0, -0.8, 0.0, 4.0, 2.0, 1.5, 0.0)])
+    first, second = projection(boxes)
+    found = associate(
+        boxes,
+        {
+            "b": boxes2d([shown(second, shift=-0.02), shown(first)]),
+            "a": boxes2d([shown(first, shift=-0.3)]),
+        },
+        rig=rig,
+    )
+    assert [*found] == ["a", "b"], "in the order of the rig"
+    assert found["a"].pairs.tolist() == [[0, 0]]
+    assert found["b"].pairs.tolist() == [[0, 1], [1, 0]]
+    alone = associate(boxes, {"a": boxes2d([shown(first)]), "b": boxes2d([shown(second)])}, rig=rig)
+    assert [alone[name].pairs.tolist() for name in "ab"] == [[[0, 0]], [[1, 0]]]
+
+
+def test_cameras_without_boxes_have_no_entry() -> None:
+    assert associate(TWO, {}) == {}
+
+
+def test_boxes_in_another_frame_are_refused() -> None:
+    with pytest.raises(FrameError, match="expected boxes in frame 'site', found 'odom'"):
+        associate(boxes3d([AHEAD], frame_id="odom"), {"cam": boxes2d([])})
+
+
+spots = st.tuples(st.integers(0, 4), st.integers(0, 1))
+rows_3d = st.lists(st.tuples(spots, st.sampled_from([0.3, 0.6])), max_size=5)
+rows_2d = st.lists(st.tuples(spots, st.sampled_from([-0.2, 0.0, 0.1]), st.sampled_from([0.4, 0.9])), max_size=5)
+
+
+def scene(rows3: Sequence[Any], rows2: Sequence[Any]) -> tuple[Boxes3D, Boxes2D]:
+    """Boxes in crowded places, so that ties and rivals are common."""
+    places = [(10.0, 1.0 - 0.5 * spot, 0.0, 4.0, 2.0, 1.5, 0.0) for (spot, _), *_ in rows3]
+    boxes = boxes3d(places, scores=[score for _, score in rows3], class_ids=[c for (_, c), _ in rows3])
+    targets = projection(boxes3d([(10.0, 1.0 - 0.5 * spot, 0.0, 4.0, 2.0, 1.5, 0.0) for (spot, _), *_ in rows2]))
+    seen = [
+        shown(xyxy, score=score, class_id=c, shift=shift)
+        for xyxy, ((_, c), shift, score) in zip(targets, rows2, strict=True)
+    ]
+    return boxes, boxes2d(seen)
+
+
+def worth_by_loop(boxes: Boxes3D, seen: Boxes2D, min_iou: float, penalty: float) -> Array:
+    worth = np.zeros((len(boxes), len(seen)))
+    for (i, a), (j, b) in itertools.product(
+        enumerate(projection(boxes)), enumerate(np.clip(seen.xyxy, 0, [640, 480] * 2))
+    ):
+        width, height = min(a[2], b[2]) - max(a[0], b[0]), min(a[3], b[3]) - max(a[1], b[1])
+        if width > 0 and height > 0:
+            area = float(width) * float(height)
+            iou = area / (float(a[2] - a[0]) * float(a[3] - a[1]) + float(b[2] - b[0]) * float(b[3] - b[1]) - area)
+            if iou >= min_iou:
+                worth[i, j] = max(0.0, iou - penalty * (boxes.class_ids[i] != seen.class_ids[j]))
+    return worth
+
+
+@given(rows_3d, rows_2d, st.sampled_from([0.0, 0.31, 0.6]), st.sampled_from([0.0, 0.1, 0.5]))
+def test_sum_is_the_best_there_is(rows3: list[Any], rows2: list[Any], min_iou: float, penalty: float) -> None:
+    boxes, seen = scene(rows3, rows2)
+    found = associate(boxes, {"cam": seen}, min_iou=min_iou, class_penalty=penalty)["cam"]
+    worth = worth_by_loop(boxes, seen, min_iou, penalty)
+    short, long = sorted(worth.shape)
+    table = worth if worth.shape[0] <= worth.shape[1] else worth.T
+    best = max(
+        sum(table[i, j] for i, j in enumerate(columns)) for columns in itertools.permutations(range(long), short)
+    )
+    chosen = worth[found.pairs[:, 0], found.pairs[:, 1]]
+    assert chosen.sum() == pytest.approx(best, abs=1e-5)
+    assert (chosen > 0).all()
+    assert found.pairs[:, 0].tolist() == sorted(set(found.pairs[:, 0].tolist()))
+    assert len(set(found.pairs[:, 1].tolist())) == len(found)
+
+
+@given(rows_3d, rows_2d, st.randoms(use_true_random=False))
+def test_order_of_boxes_does_not_matter(rows3: list[Any], rows2: list[Any], random: Any) -> None:
+    boxes, seen = scene(rows3, rows2)
+    order3 = np.array(random.sample(range(len(boxes)), len(boxes)), np.intp)
+    order2 = np.array(random.sample(range(len(seen)), len(seen)), np.intp)
+    straight = associate(boxes, {"cam": seen})["cam"]
+    mixed = associate(boxes.select(order3), {"cam": seen.select(order2)})["cam"]
+
+    def named(found: Matches, three: Sequence[Any], two: Sequence[Any]) -> list[Any]:  # equal rows are one and the same
+        return sorted((three[i], two[j], float(v)) for (i, j), v in zip(found.pairs, found.iou, strict=True))
+
+    assert named(straight, rows3, rows2) == named(mixed, [rows3[i] for i in order3], [rows2[i] for i in order2])
+
+
+# --- scenes with truth, and what the original made of them
+
+
+def scene_rig(calibration: Mapping[str, Any]) -> Rig:
+    """Cameras from 3 x 4 matrices K [R | t]; these count pixels from the corner of the picture as lidcam's boxes do."""
+    width, height, f = calibration["W"], calibration["H"], calibration["f"]
+    corner_K = np.array([[f, 0, width / 2], [0, f, height / 2], [0, 0, 1]])
+    center_K = corner_K - np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
+    cameras = []
+    for number, P in enumerate(np.array(calibration["P"], np.float64), start=1):
+        matrix = np.eye(4)
+        matrix[:3] = np.linalg.solve(corner_K, P)
+        model = CameraModel(f"{number}", width, height, center_K.copy(), "plumb_bob", np.zeros(0))
+        cameras.append(CameraSensor(f"{number}", "", "", model, Transform(f"{number}", "site", matrix)))
+    return camera_rig(*cameras)
+
+
+def true_rows(P: Array, size: tuple[int, int], truth: Boxes3D, seen: Boxes2D) -> dict[int, int]:
+    """Which object each 2D box shows, by the place of the truth in the picture; boxes that show none have no entry."""
+    corners = box_corners(truth.centers, truth.sizes, truth.yaws)
+    homogeneous = corners @ P[:, :3].T + P[:, 3]
+    overlaps = np.zeros((len(truth), len(seen)))
+    for i, j in itertools.product(range(len(truth)), range(len(seen))):
+        if (homogeneous[i, :, 2] <= 0.05).any():
+            continue
+        pixels = homogeneous[i, :, :2] / homogeneous[i, :, 2:]
+        low, high = np.clip(pixels.min(0), 0, size), np.clip(pixels.max(0), 0, size)
+        width, height = np.minimum(high, seen.xyxy[j, 2:]) - np.maximum(low, seen.xyxy[j, :2])
+        if width > 0 and height > 0:
+            union = (high - low).prod() + (seen.xyxy[j, 2:] - seen.xyxy[j, :2]).prod() - width * height
+            overlaps[i, j] = width * height / union
+    objects, shows = linear_sum_assignment(overlaps, maximize=True)
+    return {int(j): int(i) for i, j in zip(objects, shows, strict=True) if overlaps[i, j] >= 0.5}
+
+
+def inside(xyxy: Array, size: tuple[int, int]) -> bool:
+    return bool((xyxy[:2] > 0).all() and (xyxy[2:] < size).all())
+
+
+def test_scenes_of_the_original() -> None:
+    oracle = json.loads(shared("oracles/fusion/scenes.json").read_text())
+    rig = scene_rig(oracle["calibration"])
+    ours_right = ours_wrong = seed_right = seed_wrong = shown_objects = whole_seed_matches = 0
+    for case in oracle["cases"]:
+        seen = {camera.name: boxes2d(rows) for camera, rows in zip(rig.cameras, case["boxes2d"], strict=True)}
+        lidar = boxes3d(case["boxes3d"], scores=case["scores3d"])
+        found = associate(lidar, seen, rig=rig, min_iou=case["iou_thresh"])
+        ours = {(name, int(j)): int(i) for name, matches in found.items() for i, j in matches.pairs}
+        seed = {(str(camera), row2d): row3d for camera, row3d, _, row2d, _ in case["seed_match"]}
+        truth = {
+            (camera.name, j): i
+            for camera, P in zip(rig.cameras, oracle["calibration"]["P"], strict=True)
+            for j, i in true_rows(
+                np.array(P), (oracle["W"], oracle["H"]), boxes3d(case["gt_boxes3d"]), seen[camera.name]
+            ).items()
+        }
+        sound = {key: row for key, row in seed.items() if truth.get(key) == row}
+        # The scenes' boxes of objects that leave the picture are the outline of the whole object, cut at the border:
+        # wider than what the picture shows, which is what is projected here.
+        whole = {(n, j): i for (n, j), i in sound.items() if inside(seen[n].xyxy[j], (oracle["W"], oracle["H"]))}
+        assert whole.items() <= ours.items(), case["name"]
+        whole_seed_matches += len(whole)
+        shown_objects += len(truth)
+        seed_right, seed_wrong = seed_right + len(sound), seed_wrong + len(seed) - len(sound)
+        right = sum(truth.get(key) == row for key, row in ours.items())
+        ours_right, ours_wrong = ours_right + right, ours_wrong + len(ours) - right
+    assert (seed_right, seed_wrong, shown_objects) == (167, 2, 326), "the original: one camera for each object at most"
+    assert whole_seed_matches > 0.8 * seed_right
+    assert ours_wrong == 0
+    assert ours_right >= 0.94 * shown_objects

@@ -1,0 +1,168 @@
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import pytest
+from detections import boxes2d, camera_rig, forward_camera
+from helpers import shared
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pipeline.config import ClassPrior, Config, Detect2DConfig
+from pipeline.detectors.detector2d import Candidates2D
+from pipeline.detectors.onnx2d import OnnxDetector2D
+from pipeline.errors import ConfigError
+from pipeline.geometry import iou_xyxy
+from pipeline.stages.detect2d import Detect2D, suppress_overlaps
+from pipeline.types import Image
+
+LABELS = ("person", "kite", "car", "bicycle", "motorcycle")
+Row = tuple[float, float, float, float, float, str]
+
+
+@dataclass
+class Proposals:
+    """A detector that proposes the same rows for every picture."""
+
+    rows: Sequence[Row]
+    labels: tuple[str, ...] = LABELS
+
+    def __call__(self, pictures: Sequence[npt.NDArray[np.uint8]]) -> list[Candidates2D]:
+        table = np.array([row[:5] for row in self.rows], np.float32).reshape(-1, 5)
+        labels = np.array([self.labels.index(row[5]) for row in self.rows], np.int64)
+        return [Candidates2D(table[:, :4], table[:, 4], labels) for _ in pictures]
+
+
+def image(name: str = "cam", *, height: int = 100, width: int = 200) -> Image:
+    return Image(7, f"{name}_optical", np.zeros((height, width, 3), np.uint8))
+
+
+def detect(rows: Sequence[Row], **settings: float) -> list[tuple[list[float], float, str]]:
+    config = Config(detect2d=Detect2DConfig.model_validate(settings))
+    stage = Detect2D(camera_rig(forward_camera()), config, Proposals(rows))
+    found = stage({"cam": image()})["cam"]
+    names = [config.class_names[i] for i in found.class_ids]
+    return list(zip(found.xyxy.tolist(), [round(float(s), 3) for s in found.scores], names, strict=True))
+
+
+CAR: Row = (10, 10, 50, 40, 0.9, "car")
+
+
+@pytest.mark.parametrize(
+    ("rows", "expected"),
+    [
+        ([], []),
+        ([CAR], [([10, 10, 50, 40], 0.9, "car")]),
+        ([(10, 10, 50, 40, 0.29, "car")], []),
+        ([(10, 10, 50, 40, 0.5, "car")], [([10, 10, 50, 40], 0.5, "car")]),
+        ([(10, 10, 50, 40, 0.9, "kite")], []),
+        ([(10, 10, 50, 40, 0.8, "motorcycle")], [([10, 10, 50, 40], 0.8, "bicycle")]),
+        ([(-20, -5, 30, 130, 0.9, "car")], [([0, 0, 30, 100], 0.9, "car")]),
+        ([(210, 10, 250, 40, 0.9, "car"), (-9, 10, 0, 40, 0.9, "car")], []),
+        ([(20, 10, 20, 40, 0.9, "car"), (30, 10, 20, 40, 0.9, "car")], []),
+        ([(11, 10, 50, 40, 0.6, "car"), CAR], [([10, 10, 50, 40], 0.9, "car")]),
+        (
+            [(11, 10, 50, 40, 0.6, "person"), CAR],
+            [([10, 10, 50, 40], 0.9, "car"), ([11, 10, 50, 40], 0.6, "pedestrian")],
+        ),
+        ([(10, 10, 50, 40, 0.6, "bicycle"), (10, 10, 50, 40, 0.7, "motorcycle")], [([10, 10, 50, 40], 0.7, "bicycle")]),
+        ([CAR, (100, 10, 150, 40, 0.95, "car")], [([100, 10, 150, 40], 0.95, "car"), ([10, 10, 50, 40], 0.9, "car")]),
+    ],
+    ids=[
+        "none",
+        "one",
+        "below the least score",
+        "another score",
+        "a label of no class",
+        "a second label of a class",
+        "beyond the picture: clipped",
+        "outside of the picture: gone",
+        "empty or inverted: gone",
+        "two on one car: the better one",
+        "two classes on one place: both",
+        "two labels of one class on one place: the better one",
+        "falling score",
+    ],
+)
+def test_proposals_to_boxes(rows: list[Row], expected: list[tuple[list[float], float, str]]) -> None:
+    assert detect(rows) == expected
+
+
+def test_equal_scores_keep_the_order_of_the_network() -> None:
+    rows: list[Row] = [(x, 10, x + 20, 40, 0.5, "car") for x in (100, 0, 50)]
+    assert [xyxy[0] for xyxy, _, _ in detect(rows)] == [100, 0, 50]
+
+
+def test_min_score_itself_is_enough() -> None:
+    assert len(detect([(10, 10, 50, 40, 0.5, "car")], min_score=0.5)) == 1
+
+
+def test_cameras_in_the_order_of_the_rig_and_none_without_a_picture() -> None:
+    rig = camera_rig(*(forward_camera(name) for name in ("a", "b", "c")))
+    stage = Detect2D(rig, Config(), Proposals([CAR]))
+    assert stage({}) == {}
+    found = stage({"c": image("c"), "a": image("a", width=30)})
+    assert [*found] == ["a", "c"]
+    assert (found["c"].stamp_ns, found["c"].frame_id) == (7, "c_optical")
+    assert found["a"].xyxy.tolist() == [[10, 10, 30, 40]], "clipped to its own picture"
+
+
+def test_classes_that_the_detector_cannot_find_are_an_error() -> None:
+    config = Config(classes=(ClassPrior(name="tram", size_m=(30, 3, 4), size_max_m=(60, 4, 5)),))
+    with pytest.raises(ConfigError, match=r"person, kite, car.*found tram"):
+        Detect2D(camera_rig(forward_camera()), config, Proposals([]))
+
+
+whole = st.integers(0, 12)
+rows_2d = st.lists(
+    st.tuples(
+        whole, whole, st.integers(1, 12), st.integers(1, 12), st.sampled_from([0.2, 0.5, 0.9]), st.integers(0, 1)
+    ),
+    max_size=12,
+)
+
+
+@given(rows_2d, st.sampled_from([0.0, 0.3, 0.45, 1.0]))
+def test_suppression_equals_the_plain_loop(rows: list[tuple[float, ...]], max_iou: float) -> None:
+    table = [(x, y, x + w, y + h, score, label) for x, y, w, h, score, label in rows]
+    boxes = boxes2d(table)
+    kept: list[int] = []
+    for row in sorted(range(len(table)), key=lambda i: (-table[i][4], i)):
+        if all(table[row][5] != table[k][5] or plain_iou(table[row], table[k]) <= max_iou for k in kept):
+            kept.append(row)
+    assert suppress_overlaps(boxes, max_iou=max_iou).tolist() == kept
+
+
+def plain_iou(a: Sequence[float], b: Sequence[float]) -> float:
+    shared_area = max(0.0, min(a[2], b[2]) - max(a[0], b[0])) * max(0.0, min(a[3], b[3]) - max(a[1], b[1]))
+    return shared_area / ((a[2] - a[0]) * (a[3] - a[1]) + (b[2] - b[0]) * (b[3] - b[1]) - shared_area)
+
+
+def test_suppression_agrees_with_opencv() -> None:
+    rng = np.random.default_rng(3)
+    corner, size = rng.uniform(0, 300, (400, 2)), rng.uniform(20, 80, (400, 2))
+    boxes = boxes2d(
+        np.concatenate([corner, corner + size, rng.permutation(400)[:, None] / 400 + 0.001, np.zeros((400, 1))], 1)
+    )
+    xywh = np.concatenate([corner, size], 1)
+    expected = cv2.dnn.NMSBoxes(xywh.tolist(), boxes.scores.tolist(), 0.0, 0.45)
+    assert suppress_overlaps(boxes, max_iou=0.45).tolist() == list(expected)
+
+
+def test_cars_of_a_real_picture() -> None:
+    config, weights = Config(), shared("weights/yolox_nano.onnx")
+    bgr = cv2.imread(str(shared("data/kitti_object_8/000008.png")))
+    assert bgr is not None
+    picture = Image(0, "cam", np.ascontiguousarray(bgr[..., ::-1]))
+    stage = Detect2D(camera_rig(forward_camera()), config, OnnxDetector2D(weights, config))
+    found = stage({"cam": picture})["cam"]
+    cars = found.select(found.class_ids == config.class_names.index("car"))
+    label_file = json.loads(shared("data/kitti_object_8/info_from_pkl.json").read_text())
+    labelled = [i["bbox"] for i in label_file["data_list"][0]["instances"] if i["bbox_label"] == 2]
+    assert len(labelled) == 6
+    overlap = iou_xyxy(np.array(labelled), cars.xyxy)
+    assert (overlap.max(1) >= 0.5).sum() >= 6
+    assert len(cars) <= 9, "hardly anything but cars"
