@@ -55,6 +55,10 @@ class CameraModel:
             raise CalibrationError(f"distortion model {self.model!r} is not one of {', '.join(limit)}")
         if self.K.shape != (3, 3) or not np.isfinite(self.K).all():
             raise CalibrationError("camera matrix K: expected nine finite numbers")
+        if np.any(self.K[[1, 2, 2], [0, 0, 1]]) or self.K[2, 2] != 1:
+            raise CalibrationError(
+                f"camera matrix K: expected zeros below the diagonal and 1 at its end, got {self.K.tolist()}"
+            )
         if self.width_px <= 0 or self.height_px <= 0:
             raise CalibrationError(f"picture size {self.width_px} x {self.height_px} px: expected positive numbers")
         focal = (float(self.K[0, 0]), float(self.K[1, 1]))

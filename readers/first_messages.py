@@ -1,0 +1,84 @@
+"""The first message of a topic that can be decoded: it tells the sensor's frame and the picture's size."""
+
+from collections.abc import Collection
+from typing import Any
+
+import cv2
+import numpy as np
+
+from pipeline.errors import MessageError
+from readers.base import Recording
+from readers.deserialize import deserialize
+from readers.tf import clean_frame
+
+__all__ = ["FirstMessages"]
+
+TRIES = 20
+"""Messages that are tried per topic: a recording may begin with a broken one, not with this many."""
+
+
+class FirstMessages:
+    """Looks at the start of topics; what was found is kept, and read only once."""
+
+    def __init__(self, recording: Recording) -> None:
+        self._recording = recording
+        self._found: dict[tuple[str, str], Any | MessageError] = {}
+
+    def decoded(self, topic: str, msgtypes: Collection[str]) -> Any:
+        """The first message of `topic` with one of `msgtypes`, decoded.
+
+        Raises:
+            MessageError: none of the first messages can be decoded; quotes the first fault.
+        """
+        key = (topic, min(msgtypes))
+        if key not in self._found:
+            try:
+                self._found[key] = self._read(topic, msgtypes)
+            except MessageError as err:
+                self._found[key] = err
+        if isinstance(found := self._found[key], MessageError):
+            raise found
+        return found
+
+    def missing(self, topic: str, msgtypes: Collection[str]) -> bool:
+        """Whether none of the topic's first messages can be decoded."""
+        try:
+            self.decoded(topic, msgtypes)
+        except MessageError:
+            return True
+        return False
+
+    def frame(self, topic: str, msgtypes: Collection[str]) -> str:
+        """Frame that the topic's messages name; empty where they name none or cannot be decoded."""
+        try:
+            return clean_frame(self.decoded(topic, msgtypes).header.frame_id)
+        except MessageError:
+            return ""
+
+    def picture_size(self, topic: str, msgtypes: Collection[str]) -> tuple[int, int] | None:
+        """(width, height) in pixels of the topic's first picture; None where that cannot be told."""
+        try:
+            message = self.decoded(topic, msgtypes)
+        except MessageError:
+            return None
+        if hasattr(message, "width"):
+            return int(message.width), int(message.height)
+        if not len(message.data):
+            return None
+        picture = cv2.imdecode(np.asarray(message.data, np.uint8), cv2.IMREAD_GRAYSCALE)
+        return None if picture is None else (picture.shape[1], picture.shape[0])
+
+    def _read(self, topic: str, msgtypes: Collection[str]) -> Any:
+        fault: MessageError | None = None
+        tried = 0
+        for message in self._recording.messages([topic]):
+            if message.channel.msgtype not in msgtypes:
+                continue
+            tried += 1
+            try:
+                return deserialize(message)
+            except MessageError as err:
+                fault = fault or err
+            if tried == TRIES:
+                break
+        raise MessageError(f"{topic}: none of its first {tried} messages can be decoded: {fault or 'it has none'}")

@@ -1,0 +1,73 @@
+"""What is in a recording, topic by topic: counts, rates, gaps. Reads headers only; nothing is decoded."""
+
+from collections import defaultdict
+from dataclasses import dataclass
+
+import numpy as np
+
+from readers.base import Recording
+
+__all__ = ["TopicSurvey", "survey"]
+
+GAP_PERIODS = 2.5
+"""A pause of more than this many usual periods is a gap: one lost message makes two periods."""
+
+
+@dataclass(frozen=True, slots=True)
+class TopicSurvey:
+    """One topic of a recording.
+
+    Attributes:
+        topic: Topic name.
+        msgtype: Type name.
+        count: Number of messages.
+        rate_hz: 1 / median period of the stamps; 0 with fewer than two messages.
+        gaps: Number of pauses longer than 2.5 periods.
+        longest_gap_s: Longest pause between two stamps.
+        delay_s: Median of log time minus stamp: how late the messages were recorded.
+        backwards: Number of messages whose stamp lies before that of the one recorded before.
+        problem: Why its messages cannot be read; empty if they can.
+    """
+
+    topic: str
+    msgtype: str
+    count: int
+    rate_hz: float
+    gaps: int
+    longest_gap_s: float
+    delay_s: float
+    backwards: int
+    problem: str = ""
+
+
+def survey(recording: Recording) -> tuple[TopicSurvey, ...]:
+    """All topics by name.
+
+    Raises:
+        RecordingError: the recording cannot be read to its end.
+    """
+    times: defaultdict[str, list[tuple[int, int]]] = defaultdict(list)
+    for message in recording.messages():
+        times[message.topic].append((message.stamp_ns, message.log_time_ns))
+    return tuple(
+        _describe(info.topic, info.msgtype, info.message_count, times[info.topic], info.unreadable)
+        for info in sorted(recording.topics, key=lambda info: info.topic)
+    )
+
+
+def _describe(topic: str, msgtype: str, count: int, times: list[tuple[int, int]], problem: str) -> TopicSurvey:
+    stamps_ns, log_ns = np.array(times, np.int64).reshape(-1, 2).T
+    steps_s = np.diff(stamps_ns) / 1e9
+    forward_s = steps_s[steps_s > 0]
+    period_s = float(np.median(forward_s)) if len(forward_s) else 0.0
+    return TopicSurvey(
+        topic=topic,
+        msgtype=msgtype,
+        count=count,
+        rate_hz=1 / period_s if period_s else 0.0,
+        gaps=int((forward_s > GAP_PERIODS * period_s).sum()),
+        longest_gap_s=float(forward_s.max()) if len(forward_s) else 0.0,
+        delay_s=float(np.median(log_ns - stamps_ns)) / 1e9 if len(times) else 0.0,
+        backwards=int((steps_s < 0).sum()),
+        problem=problem,
+    )
