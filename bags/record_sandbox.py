@@ -35,6 +35,8 @@ from bags.sandbox_world import (
 )
 from pipeline.geometry import Transform, box_corners
 
+__all__ = ["SandboxRecorder", "record"]
+
 F64 = npt.NDArray[np.float64]
 
 START_NS = 1_700_000_000_000_000_000

@@ -292,7 +292,7 @@ _ROAD_CLASSES = (
     ClassPrior(
         name="truck", size_m=(8.0, 2.5, 3.2), size_max_m=(16.0, 3.2, 4.2), frequency=0.2, labels=("truck", "van")
     ),
-    ClassPrior(name="bus", size_m=(11.5, 2.55, 3.2), size_max_m=(18.5, 3.2, 4.2), frequency=0.1, labels=("bus",)),
+    ClassPrior(name="bus", size_m=(11.5, 2.55, 3.2), size_max_m=(18.5, 3.2, 4.2), frequency=0.2, labels=("bus",)),
 )
 
 

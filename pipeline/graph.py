@@ -8,7 +8,7 @@ is the order of execution. This module knows no stage.
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -22,6 +22,7 @@ C = TypeVar("C")
 D = TypeVar("D")
 E = TypeVar("E")
 G = TypeVar("G")
+H = TypeVar("H")
 
 
 class Stamped(Protocol):
@@ -83,13 +84,14 @@ class Graph(Generic[F]):
     def add(
         self,
         name: str,
-        fn: Callable[[A, B, C, D, E, G], R],
+        fn: Callable[[A, B, C, D, E, G, H], R],
         a: Node[A],
         b: Node[B],
         c: Node[C],
         d: Node[D],
         e: Node[E],
         g: Node[G],
+        h: Node[H],
         /,
         *,
         workers: int = 1,
@@ -110,7 +112,7 @@ class Graph(Generic[F]):
         self.seconds[name] = 0.0
         return node
 
-    def run(self, sink: Node[R], frames: Iterable[F]) -> Iterator[R]:
+    def run(self, sink: Node[R], frames: Iterable[F]) -> Generator[R, None, None]:
         """The sink's value for each frame, in order, on the calling thread."""
         for frame in frames:
             values: dict[Node[Any], Any] = {self.frame: frame}
@@ -118,7 +120,7 @@ class Graph(Generic[F]):
                 values[node] = self._call(node, frame, [values[i] for i in node.inputs])
             yield values[sink]
 
-    def run_pipelined(self, sink: Node[R], frames: Iterable[F], *, window: int) -> Iterator[R]:
+    def run_pipelined(self, sink: Node[R], frames: Iterable[F], *, window: int) -> Generator[R, None, None]:
         """Same values in the same order as `run`, each stage on threads of its own.
 
         Every stage has a pool that serves first come, first served; all tasks of a frame are submitted in frame order,

@@ -1,0 +1,184 @@
+"""The main job on the sample recording: the right objects, in every container, with the same bytes every time."""
+
+import json
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command import Lidcam
+from results import Found, fused_objects, messages_of, topics_of
+from rosbags.convert import convert
+from rosbags.highlevel import AnyReader
+
+TOPICS = {
+    "/lidar_camera_fused": "msgs/msg/MsgLidCam",
+    "/fused/detections": "vision_msgs/msg/Detection3DArray",
+    "/fused/scene": "foxglove_msgs/msg/SceneUpdate",
+    "/fused/markers": "visualization_msgs/msg/MarkerArray",
+    "/lidar/detections": "vision_msgs/msg/Detection3DArray",
+    "/cam11/detections": "vision_msgs/msg/Detection2DArray",
+    "/cam11/image/compressed": "sensor_msgs/msg/CompressedImage",
+    "/cam11/camera_info": "sensor_msgs/msg/CameraInfo",
+    "/cam11/annotations": "foxglove_msgs/msg/ImageAnnotations",
+    "/point_cloud_combined": "sensor_msgs/msg/PointCloud2",
+    "/tf_static": "tf2_msgs/msg/TFMessage",
+    "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
+}
+
+
+@pytest.fixture(scope="module")
+def whole(lidcam: Lidcam, sandbox: Path, sandbox_config: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Output of the whole sample, with a Rerun recording beside it."""
+    out = tmp_path_factory.mktemp("whole") / "out.mcap"
+    run = lidcam("process", sandbox, out, "--config", sandbox_config, "--rerun", out.with_suffix(".rrd"))
+    assert run.code == 0, run.err
+    assert "objects" in run.out
+    assert "frames" in run.out
+    assert out.with_suffix(".rrd").stat().st_size > 100_000
+    return out
+
+
+@pytest.fixture(scope="module")
+def truth(sandbox: Path) -> dict[str, list[tuple[int, float, float, float]]]:
+    """(stamp, x, y, yaw) of each car, from the ground truth odometry."""
+    found: dict[str, list[tuple[int, float, float, float]]] = {"car1": [], "car2": []}
+    with AnyReader([sandbox]) as reader:
+        for car, poses in found.items():
+            wanted = [c for c in reader.connections if c.topic == f"/{car}/base_pose_ground_truth"]
+            for connection, _, data in reader.messages(wanted):
+                message = reader.deserialize(data, connection.msgtype)
+                stamp, pose = message.header.stamp, message.pose.pose
+                yaw = 2 * np.arctan2(pose.orientation.z, pose.orientation.w)
+                poses.append((stamp.sec * 10**9 + stamp.nanosec, pose.position.x, pose.position.y, float(yaw)))
+    return found
+
+
+def nearest(objects: list[Found], x: float, y: float) -> tuple[float, Found | None]:
+    return min(
+        ((float(np.hypot(o.x - x, o.y - y)), o) for o in objects), key=lambda pair: pair[0], default=(np.inf, None)
+    )
+
+
+def test_both_cars_are_found_and_confirmed(
+    whole: Path, truth: dict[str, list[tuple[int, float, float, float]]]
+) -> None:
+    frames = fused_objects(whole)
+    assert len(frames) >= 29
+    for car, poses in truth.items():
+        stamps = np.array([stamp for stamp, *_ in poses])
+        errors = []
+        for stamp_ns, objects in frames.items():
+            _, x, y, _ = poses[int(np.abs(stamps - stamp_ns).argmin())]
+            distance_m, found = nearest([o for o in objects if o.label == "car"], x, y)
+            if found is not None and distance_m < 0.15:
+                errors.append(distance_m)
+        assert len(errors) >= 0.9 * len(frames), f"{car}: found in {len(errors)} of {len(frames)} frames"
+        assert np.median(errors) < 0.08, car
+
+
+def test_zones_hold_one_car_each(whole: Path) -> None:
+    counts = [(m.num_intersection, m.num_circle) for _, m in messages_of(whole, "/lidar_camera_fused")]
+    assert all(i >= 1 for i, _ in counts[2:])
+    for _, message in messages_of(whole, "/lidar_camera_fused"):
+        assert message.num_intersection == len(message.objects_intersection)
+        assert message.num_circle == len(message.objects_circle)
+        assert all(o.pos_y >= 0 for o in message.objects_intersection)
+        assert all(o.pos_y < 0 for o in message.objects_circle)
+
+
+def test_output_contract(whole: Path) -> None:
+    topics = topics_of(whole)
+    assert {topic: topics[topic][0] for topic in TOPICS} == TOPICS
+    frames = len(fused_objects(whole))
+    assert {topics[t][1] for t in TOPICS if t != "/tf_static"} == {frames}
+    for topic in ("image/compressed", "camera_info", "annotations", "detections"):
+        stamps = [
+            m.timestamp if hasattr(m, "timestamp") else getattr(m, "header", None)
+            for _, m in messages_of(whole, f"/cam43/{topic}")
+        ]
+        assert len(stamps) == frames
+    images = [m.header.stamp for _, m in messages_of(whole, "/cam43/image/compressed")]
+    infos = [m.header.stamp for _, m in messages_of(whole, "/cam43/camera_info")]
+    assert [(s.sec, s.nanosec) for s in images] == [(s.sec, s.nanosec) for s in infos]
+
+
+def test_stamps_rise_and_log_times_are_those_of_the_reference(whole: Path) -> None:
+    logged = [log_ns for log_ns, _ in messages_of(whole, "/fused/detections")]
+    stamps = list(fused_objects(whole))
+    assert all(a < b for a, b in pairwise(stamps))
+    assert {log_ns - stamp_ns for log_ns, stamp_ns in zip(logged, stamps, strict=True)} == {104_000_000}
+
+
+@pytest.fixture(scope="module")
+def second(lidcam: Lidcam, sandbox: Path, sandbox_config: Path, tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """Output of one second of the sample."""
+    out = tmp_path_factory.mktemp("second") / "out.mcap"
+    run = lidcam("process", sandbox, out, "--config", sandbox_config, "--duration", "1", "--workers", "1")
+    assert run.code == 0, run.err
+    return out.read_bytes()
+
+
+@pytest.mark.parametrize("workers", [1, 2, 4])
+def test_same_bytes_whatever_the_workers(
+    lidcam: Lidcam, sandbox: Path, sandbox_config: Path, tmp_path: Path, second: bytes, workers: int
+) -> None:
+    out = tmp_path / "other_name.mcap"
+    run = lidcam("process", sandbox, out, "--config", sandbox_config, "--duration", "1", "--workers", workers)
+    assert run.code == 0, run.err
+    assert out.read_bytes() == second
+
+
+@pytest.mark.parametrize("storage", ["sqlite3", "mcap"])
+def test_same_objects_from_ros2(
+    lidcam: Lidcam, sandbox: Path, sandbox_config: Path, tmp_path: Path, whole: Path, storage: str
+) -> None:
+    folder, out = tmp_path / "bag", tmp_path / "out.mcap"
+    convert(  # rosbags' own conversion, not ours
+        [sandbox],
+        folder,
+        dst_storage=storage,
+        dst_version=9,
+        compress=None,
+        compress_mode="file",
+        default_typestore=None,
+        typestore=None,
+        exclude_topics=(),
+        include_topics=(),
+        exclude_msgtypes=(),
+        include_msgtypes=(),
+    )
+    run = lidcam("process", folder, out, "--config", sandbox_config)
+    assert run.code == 0, run.err
+    assert fused_objects(out) == fused_objects(whole)
+
+
+def test_json_summary(lidcam: Lidcam, sandbox: Path, sandbox_config: Path, tmp_path: Path) -> None:
+    run = lidcam("process", sandbox, tmp_path / "o.mcap", "--config", sandbox_config, "--json", "--duration", "1")
+    summary = json.loads(run.out)
+    assert summary["frames"] >= 8
+    assert summary["box_source"] == "recorded"
+    assert summary["frames_per_second"] > 0
+    used, dropped = summary["messages_used"], summary["drops"]
+    assert set(used) >= {"/velodyne1_points", "/image_raw_11/compressed", "/detections_44"}
+    assert all(drop["reason"] for drop in dropped)
+
+
+def test_without_pictures_and_boxes_it_is_lidar_only_and_says_so(
+    lidcam: Lidcam, sandbox: Path, sandbox_config: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "o.mcap"
+    settings = ("--set", "output.images=false", "--set", "detect2d.method=none")
+    run = lidcam("process", sandbox, out, "--config", sandbox_config, *settings)
+    assert run.code == 0, run.err
+    assert "lidar-only" in run.out
+    assert not any("image" in topic for topic in topics_of(out))
+    assert any(fused_objects(out).values())
+
+
+def test_printing_detections_and_matches(lidcam: Lidcam, sandbox: Path, sandbox_config: Path, tmp_path: Path) -> None:
+    options = ("--print-detections", "--print-matches", "--duration", "1")
+    run = lidcam("process", sandbox, tmp_path / "o.mcap", "--config", sandbox_config, *options)
+    assert run.code == 0, run.err
+    assert "lidar detections" in run.out
+    assert "is 2D box" in run.out

@@ -1,0 +1,38 @@
+"""The wheel, in an environment of its own, from another folder: what a user gets."""
+
+import os
+import subprocess
+import sys
+import venv
+from pathlib import Path
+
+from results import fused_objects
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def run(*command: object, cwd: Path) -> str:
+    clean = {name: value for name, value in os.environ.items() if name not in {"PYTHONPATH", "VIRTUAL_ENV"}}
+    done = subprocess.run([str(c) for c in command], cwd=cwd, env=clean, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, f"{done.stdout}\n{done.stderr}"
+    return done.stdout
+
+
+def test_wheel_runs_elsewhere(tmp_path: Path, sandbox: Path, sandbox_config: Path) -> None:
+    # sdist first, wheel from it: a file that the sdist lacks is missing from the wheel, too
+    run(sys.executable, "-m", "build", "--no-isolation", "--outdir", tmp_path / "dist", cwd=ROOT)
+    (wheel,) = (tmp_path / "dist").glob("*.whl")
+    venv.create(tmp_path / "env", with_pip=True)
+    python, elsewhere = tmp_path / "env" / "bin" / "python", tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    quiet = ("--quiet", "--disable-pip-version-check", "--constraint", ROOT / "constraints.txt")
+    run(python, "-m", "pip", "install", *quiet, wheel, cwd=elsewhere)
+    names = "pipeline", "readers", "writers", "bags"
+    names = ("pipeline", "readers", "writers", "bags")
+    owners = f"from importlib.metadata import packages_distributions as p; print([p()[n] for n in {names}])"
+    assert run(python, "-c", owners, cwd=elsewhere).strip() == str([["lidcam"]] * 4)
+    program = python.with_name("lidcam-process")
+    arguments = (sandbox, "out.mcap", "--config", sandbox_config, "--duration", "1", "--rerun", "out.rrd")
+    assert "frames" in run(program, *arguments, cwd=elsewhere)
+    assert any(fused_objects(elsewhere / "out.mcap").values())
+    assert (elsewhere / "out.rrd").stat().st_size > 10_000
