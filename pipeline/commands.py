@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from pipeline.build import box_source
-from pipeline.config import Config, dump_config, load_config
+from pipeline.config import Config, RunConfig, dump_config, load_config
 from pipeline.errors import CalibrationError, ConfigError, OutputError, RecordingError
 from pipeline.process import OUTSIDE_ZONES, RunSummary, TimeWindow, process
 from pipeline.types import FrameResult
@@ -85,7 +85,7 @@ def run_process(options: ProcessOptions) -> None:
         provenance = Provenance(
             version=version("lidcam"),
             inputs=tuple((path.name, _sha256(path)) for path in recording.paths),
-            config_yaml=dump_config(config),
+            config_yaml=dump_config(config.model_copy(update={"run": RunConfig()})),  # how it was run changes nothing
             rig_yaml=rig_yaml(found.rig),
             start_ns=recording.start_ns,
         )

@@ -1,0 +1,147 @@
+"""Whole FrameResults for tests of writers: two lidars, two cameras, a handful of objects."""
+
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+from builders import header, image, raw
+from detections import boxes3d, forward_camera
+
+from pipeline.config import Config
+from pipeline.geometry import Transform, box_corners
+from pipeline.types import (
+    Boxes2D,
+    Boxes3D,
+    Channel,
+    CombinedCloud,
+    Drop,
+    FrameResult,
+    LidarSensor,
+    Matches,
+    Plane,
+    PointCloud,
+    PoseSamples,
+    RawMessage,
+    Rig,
+    SensorBundle,
+    Zone,
+)
+from writers.provenance import Provenance
+
+__all__ = ["CONFIG", "PERIOD_NS", "PROVENANCE", "RIG", "START_NS", "frame", "picture"]
+
+START_NS = 1_700_000_000_123_456_789
+PERIOD_NS = 100_000_000
+CONFIG = Config()
+PROVENANCE = Provenance(
+    "1.2.3", (("a.bag", "aa" * 32), ("b.bag", "bb" * 32)), "fuse: {}\n", "site_frame: site\n", START_NS
+)
+
+
+def _rig() -> Rig:
+    tilted = Transform.from_quaternion("site", "lidar2", (1.0, -2.0, 0.5), (0.0, 0.1, 0.0, 0.995))
+    north = np.array([[-50.0, 0.0], [50.0, 0.0], [50.0, 50.0], [-50.0, 50.0]])
+    return Rig(
+        "site",
+        (
+            LidarSensor("lidar1", "/lidar1", Transform.identity("site", "site")),
+            LidarSensor("lidar2", "/lidar2", tilted),
+        ),
+        (forward_camera("left", distortion=(0.1, -0.05)), forward_camera("right")),
+        (Zone("intersection", north), Zone("circle", north * [1, -1])),
+        -1.5,
+    )
+
+
+RIG = _rig()
+
+
+def picture(
+    topic: str,
+    stamp_ns: int,
+    *,
+    frame_id: str,
+    encoding: Literal["ros1", "cdr"] = "cdr",
+    compressed: bool = False,
+    seed: int = 0,
+) -> RawMessage:
+    """A recorded picture of 64 x 48 px, or of bytes that only look like a PNG if compressed."""
+    pixels = np.random.default_rng(seed).integers(0, 255, (48, 64, 3), np.uint8)
+    if compressed:
+        data = np.concatenate([np.frombuffer(b"\x89PNG\r\n\x1a\n", np.uint8), pixels.reshape(-1)[:1001]])
+        fields = {"header": header(stamp_ns, frame_id), "format": "png", "data": data}
+        return raw(topic, "sensor_msgs/msg/CompressedImage", fields, stamp_ns, encoding=encoding)
+    fields = dict(image(pixels, stamp_ns=stamp_ns, frame_id=frame_id))
+    return raw(topic, "sensor_msgs/msg/Image", fields, stamp_ns, encoding=encoding)
+
+
+def frame(index: int = 0, *, drops: tuple[Drop, ...] = (), objects: int = 3, motion: bool = False) -> FrameResult:
+    """Frame `index` of a run: `left` has an Image in ROS 1 bytes, `right` a CompressedImage in CDR, stamps differ."""
+    stamp_ns = START_NS + index * PERIOD_NS
+    lidar = [
+        RawMessage(stamp_ns + skew, stamp_ns + 7, (0, index), b"", Channel(topic, "sensor_msgs/msg/PointCloud2", "cdr"))
+        for topic, skew in (("/lidar1", 0), ("/lidar2", 3_000_000))
+    ]
+    left = picture("/left/image", stamp_ns + 1_000_001, frame_id="recorded", encoding="ros1", seed=index)
+    right = picture("/right/image", stamp_ns - 2_000_003, frame_id="right", compressed=True, seed=index)
+    messages = {message.topic: message for message in (*lidar, left, right)}
+    samples = PoseSamples(
+        "site",
+        "odom",
+        np.array([stamp_ns - 10**8, stamp_ns + 10**8], np.int64),
+        np.stack([np.eye(4), _shifted(2.0 * (index + 1))]),
+    )
+    rows = [[10.0, 1.5, 0.1, 4.2, 1.8, 1.5, 0.3], [15, 0, 0, 0.6, 0.6, 1.7, np.pi], [9, -60, 0, 8, 2.5, 3, -1]]
+    found = replace(
+        boxes3d(rows[:objects], scores=[0.9, 0.5, 0.25][:objects], class_ids=[0, 1, 3][:objects]), stamp_ns=stamp_ns
+    )
+    boxes = {"left": _boxes2d(left.stamp_ns, "left"), "right": Boxes2D.empty(right.stamp_ns, "right")}
+    return FrameResult(
+        SensorBundle(index, stamp_ns, stamp_ns + 7, messages, samples if motion else None),
+        _combined(stamp_ns, index),
+        found,
+        boxes,
+        {camera.name: _matches(row == 0 and objects > 0, found, row) for row, camera in enumerate(RIG.cameras)},
+        found,
+        np.arange(objects, dtype=np.int32)[::-1].copy(),
+        drops,
+    )
+
+
+def _shifted(x_m: float) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+    matrix = np.eye(4)
+    matrix[0, 3] = x_m
+    return matrix
+
+
+def _combined(stamp_ns: int, seed: int) -> CombinedCloud:
+    random = np.random.default_rng(seed)
+
+    def cloud(n: int) -> PointCloud:
+        return PointCloud(
+            stamp_ns,
+            "site",
+            random.normal(0, 10, (n, 3)).astype(np.float32),
+            random.random(n, np.float32),
+            random.integers(0, 64, n).astype(np.uint16),
+            random.integers(-(10**8), 10**8, n).astype(np.int32),
+            has_time=True,
+        )
+
+    kept, ground = cloud(500), cloud(200)
+    counts = {"input": 710, "nan": 0, "range": 0, "outliers": 10, "ground": 200, "left": 500}
+    plane = Plane(np.array([0.0, 0.0, 1.0]), 1.5)
+    return CombinedCloud(kept, np.zeros(500, np.uint8), ground, plane, counts, ("lidar1",))
+
+
+def _boxes2d(stamp_ns: int, frame_id: str) -> Boxes2D:
+    xyxy = np.array([[200.5, 150, 300.25, 250], [10, 20, 30, 60]], np.float32)
+    return Boxes2D(stamp_ns, frame_id, xyxy, np.array([0.75, 0.5], np.float32), np.array([0, 1], np.int32))
+
+
+def _matches(matched: bool, found: Boxes3D, row: int) -> Matches:
+    camera = RIG.cameras[row]
+    corners = box_corners(found.centers, found.sizes, found.yaws)
+    projected = camera.model.project_boxes(camera.T_camera_site.apply(corners))
+    n = int(matched)
+    return Matches(np.zeros((n, 2), np.int64), np.full(n, 0.625, np.float32), projected)

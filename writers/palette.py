@@ -1,0 +1,43 @@
+"""Colours that all outputs share, so that an object looks the same in every viewer."""
+
+from typing import NamedTuple
+
+__all__ = ["CAMERA_ONLY", "LIDAR_ONLY", "MATCHED", "Rgb", "class_color"]
+
+
+class Rgb(NamedTuple):
+    """Red, green and blue in [0, 1]."""
+
+    r: float
+    g: float
+    b: float
+
+    @property
+    def bytes_rgb(self) -> tuple[int, int, int]:
+        """The same in 0 ... 255."""
+        return round(self.r * 255), round(self.g * 255), round(self.b * 255)
+
+
+# Told apart on a dark background and by the colour-blind (after Okabe and Ito, jfly.uni-koeln.de/color, made lighter).
+_CLASS_COLORS = (
+    Rgb(0.34, 0.71, 0.98),
+    Rgb(0.98, 0.52, 0.18),
+    Rgb(0.88, 0.56, 0.85),
+    Rgb(0.10, 0.78, 0.62),
+    Rgb(0.96, 0.88, 0.30),
+    Rgb(0.80, 0.80, 0.80),
+)
+
+MATCHED = Rgb(0.20, 0.95, 0.35)
+"""A 2D box and the projection of a 3D box that belong together."""
+
+CAMERA_ONLY = Rgb(1.00, 0.76, 0.10)
+"""A 2D box without a 3D box."""
+
+LIDAR_ONLY = Rgb(0.35, 0.75, 1.00)
+"""The projection of a 3D box without a 2D box."""
+
+
+def class_color(class_id: int) -> Rgb:
+    """Colour of a class; they repeat after the sixth."""
+    return _CLASS_COLORS[class_id % len(_CLASS_COLORS)]
