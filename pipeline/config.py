@@ -196,13 +196,13 @@ class Detect3DConfig(_Model):
     cluster_distance_m: Positive = 0.4
     cluster_distance_per_m: NotNegative = 0.01
     height_weight: Positive = 0.5
-    split_shares: tuple[Annotated[float, Field(gt=0, lt=1)], ...] = (0.6,)
+    split_shares: tuple[Annotated[float, Field(gt=0, lt=1)], ...] = (0.7,)
     clearance_m: NotNegative = 0.3
     min_points: Count = 10
     min_height_m: NotNegative = 0.5
     max_bottom_m: Positive = 1.0
     points_per_sr: Positive = 45_000.0
-    min_score: Share = 0.1
+    min_score: Share = 0.07
 
 
 class Detect2DConfig(_Model):

@@ -1,0 +1,130 @@
+"""Thinning and range-aware single-linkage clustering of a lidar cloud.
+
+Two points belong together when they are nearer than a distance that grows with their range, because points thin out
+with range. Heights may count less than ground distances, so that a roof joins its bonnet and the rings of a sparse
+lidar join each other, while a tree over a car joins neither.
+
+The result does not depend on the order of the points: coordinates are rounded to a binary fraction of a metre, which
+makes their sums exact, and everything that follows is ordered by grid cell.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+__all__ = ["Cells", "cluster_points", "thin_points"]
+
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+
+RESOLUTION_PER_M = 8192.0
+"""Coordinates are rounded to this fraction of a metre (0.12 mm): float64 adds up a million of them exactly."""
+
+LINK_CELL_SHARE = 0.6
+"""Edge of the cells that are linked, as a share of the link distance; finer cells cost more and change little."""
+
+LEVEL_GROWTH = 1.5
+"""Ratio of the distances of neighbouring levels of the grid and of the search."""
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """Points grouped by the cells of a grid, in order of cell.
+
+    Attributes:
+        means: (M, 3) float64 mean of each cell's points, metres.
+        counts: (M,) int64 points in each cell.
+        members: (N,) int64 rows of the points, cell after cell; in no defined order within a cell.
+        starts: (M,) int64 where each cell starts in `members`.
+    """
+
+    means: F64
+    counts: I64
+    members: I64
+    starts: I64
+
+    @property
+    def cell_of_point(self) -> I64:
+        """(N,) cell of each point."""
+        cells = np.empty(len(self.members), np.int64)
+        cells[self.members] = np.repeat(np.arange(len(self.starts)), self.counts)
+        return cells
+
+
+def thin_points(points: F64, cell_m: F64, group: npt.NDArray[np.integer] | None = None) -> Cells:
+    """Group points by a grid whose cells are the smaller, the nearer the points; at least one point.
+
+    Args:
+        points: (N, 3) metres.
+        cell_m: (N,) wished edge of the cell at each point; taken down to the next of a series of sizes.
+        group: (N,) number from 0; points of different groups share no cell.
+    """
+    exact = np.rint(points * RESOLUTION_PER_M) / RESOLUTION_PER_M
+    level = _levels(cell_m)
+    edge_m = cell_m.min() * LEVEL_GROWTH ** np.arange(level.max() + 1)
+    cell = np.floor(exact / edge_m[level, None]).astype(np.int64)
+    cell -= cell.min(0)
+    span = cell.max(0) + 1
+    key = level if group is None else level * (int(group.max()) + 1) + group
+    for axis in range(3):
+        key = key * span[axis] + cell[:, axis]
+    members = np.argsort(key)
+    starts = np.flatnonzero(np.diff(key[members], prepend=-1))
+    counts = np.diff(starts, append=len(key))
+    means = np.stack([np.add.reduceat(exact[members, axis], starts) / counts for axis in range(3)], 1)
+    return Cells(means, counts, members, starts)
+
+
+def cluster_points(points: F64, link_distance_m: F64) -> tuple[int, I64]:
+    """Split points into clusters that are further apart than the link distance.
+
+    The points are grouped by cells of about half the link distance. Two cells are linked when the distance of their
+    means is at most the smaller of their link distances.
+
+    Args:
+        points: (N, 3) metres.
+        link_distance_m: (N,) link distance at each point, positive.
+
+    Returns:
+        The number of clusters, and (N,) the cluster of each point; clusters are numbered in order of their first cell.
+    """
+    if not len(points):
+        return 0, np.zeros(0, np.int64)
+    cells = thin_points(points, LINK_CELL_SHARE * link_distance_m)
+    distance_m = np.minimum.reduceat(link_distance_m[cells.members], cells.starts)
+    edges = _near_pairs(cells.means, distance_m)
+    size = len(cells.starts)
+    graph = coo_array((np.ones(len(edges), np.int32), (edges[:, 0], edges[:, 1])), shape=(size, size))
+    count, cluster_of_cell = connected_components(graph.tocsr(), directed=False)
+    return int(count), cluster_of_cell.astype(np.int64)[cells.cell_of_point]
+
+
+def _near_pairs(means: F64, distance_m: F64) -> I64:
+    """(E, 2) pairs that are at most the smaller of their link distances apart.
+
+    Level by level, so that the wide search of far cells does not have to go through the near ones: every pair is found
+    at the level of its smaller distance, where both partners take part.
+    """
+    level = _levels(distance_m)
+    found = [np.zeros((0, 2), np.int64)]
+    for lowest in np.unique(level):
+        rows = np.flatnonzero(level >= lowest)
+        reach = float(distance_m[level == lowest].max())
+        pairs = rows[
+            cKDTree(means[rows], balanced_tree=False, compact_nodes=False).query_pairs(reach, output_type="ndarray")
+        ]
+        a, b = pairs[:, 0], pairs[:, 1]
+        gap = means[a] - means[b]
+        squared = gap[:, 0] ** 2 + gap[:, 1] ** 2 + gap[:, 2] ** 2
+        found.append(pairs[squared <= np.minimum(distance_m[a], distance_m[b]) ** 2])
+    return np.concatenate(found)
+
+
+def _levels(distance_m: F64) -> I64:
+    """Step of each distance in a geometric series that starts at the smallest."""
+    steps = np.log(distance_m / distance_m.min()) / np.log(LEVEL_GROWTH)
+    return np.asarray(np.floor(steps), np.int64)

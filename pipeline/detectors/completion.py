@@ -1,0 +1,125 @@
+"""What class of road user a cluster can be, and the box that it then has.
+
+A lidar sees an object's near sides only. A side that faces a lidar shows its whole length; how far the object goes on
+behind it is known from the size prior of its class. So a cluster is compared with each class, once with its length
+along either axis of the rectangle, where missing length counts only as far as it should have been seen; then the box
+keeps its near sides and grows away from the lidars.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from pipeline.config import ClassPrior
+from pipeline.detectors.lshape import Rectangles
+
+__all__ = ["CompletedBoxes", "complete_boxes"]
+
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+
+SHORT_SHARE = 0.2
+"""Standard deviation of a measured extent below the prior, as a share of it; a side may also be hidden in part."""
+
+SHORT_LIMIT = 3.0
+"""Missing length counts no more than this many standard deviations: another object may stand in front."""
+
+WHOLE_SHARE = 0.8
+"""A side that faces a lidar and measures this share of the prior was seen whole."""
+
+BOTH_ENDS_SHARE = 0.1
+"""Share of the points that lidars beyond either end must have measured, for both ends to have been seen."""
+
+BOTH_ENDS_WHOLE_SHARE = 0.5
+"""An extent whose both ends were seen is whole from this share of the prior on; less is a part."""
+
+
+@dataclass(frozen=True, eq=False)
+class CompletedBoxes:
+    """Boxes of C clusters, above flat ground.
+
+    Attributes:
+        class_ids: (C,) int64, row of the priors; -1 where the cluster is larger than every class.
+        center_xy: (C, 2) float64, metres.
+        sizes: (C, 3) float64 length, width, height, metres; the box stands on the ground.
+        yaw_rad: (C,) float64 of the length, in (-pi/2, pi/2]: which end is the front is not known.
+        misfit: (C,) float64 squared deviation from the size prior in standard deviations, halved.
+        center_std_m: (C, 2) float64 standard deviation of the centre along length and width.
+        faces_m2: (C,) float64 area of the box that faces the lidars, seen from their mean direction.
+    """
+
+    class_ids: I64
+    center_xy: F64
+    sizes: F64
+    yaw_rad: F64
+    misfit: F64
+    center_std_m: F64
+    faces_m2: F64
+
+
+def complete_boxes(
+    rectangles: Rectangles, top_m: F64, lidar_share: F64, lidar_xy: F64, priors: tuple[ClassPrior, ...]
+) -> CompletedBoxes:
+    """Choose the class of each cluster and complete its box.
+
+    Args:
+        rectangles: Measured extents of C clusters.
+        top_m: (C,) height of each cluster above the ground, metres.
+        lidar_share: (C, L) share of each cluster's points that each lidar measured.
+        lidar_xy: (L, 2) positions of the lidars, metres, in the frame of the clusters.
+        priors: Sizes of the classes.
+    """
+    axes, extent = rectangles.axes, rectangles.high - rectangles.low  # (C, axis, xy), (C, axis)
+    middle = (rectangles.high + rectangles.low) / 2
+    towards = np.einsum("cax,lx->cla", axes, lidar_xy) - middle[:, None]  # (C, L, axis)
+    distance = np.maximum(np.linalg.norm(towards, axis=2, keepdims=True), 1e-9)
+    # The extent along one axis shows on the side that looks along the other.
+    seen = np.einsum("cl,cla->ca", lidar_share, np.abs(towards / distance))[:, ::-1]
+
+    size, size_max = np.array([p.size_m for p in priors]), np.array([p.size_max_m for p in priors])
+    turned = [[0, 1, 2], [1, 0, 2]]  # length along the first axis, or along the second
+    mean, limit = size[:, turned].reshape(-1, 3), size_max[:, turned].reshape(-1, 3)  # (2K, 3)
+    measured = np.concatenate([extent, top_m[:, None]], 1)[:, None]  # (C, 1, 3)
+    visible = np.concatenate([seen, np.ones((len(seen), 1))], 1)[:, None]
+    long = np.maximum(measured - mean, 0) / np.maximum((limit - mean) / 2, 1e-9)
+    short = np.minimum(visible * np.maximum(mean - measured, 0) / (SHORT_SHARE * mean), SHORT_LIMIT)
+    misfit = ((long**2 + short**2) / 2).sum(2)  # (C, 2K)
+    rarity = -np.log(np.repeat([p.frequency for p in priors], 2))
+    cost = np.where((measured <= limit).all(2), misfit + rarity, np.inf)
+    choice = cost.argmin(1)
+    rows = np.arange(len(choice))
+    class_ids = np.where(np.isfinite(cost[rows, choice]), choice // 2, -1)
+
+    chosen, chosen_limit = mean[choice], limit[choice]
+    center, full, std = _grow(extent, middle, chosen[:, :2], chosen_limit[:, :2], seen, towards, lidar_share)
+    height = np.where(top_m >= WHOLE_SHARE * chosen[:, 2], top_m, chosen[:, 2])
+    swap = (choice % 2 == 1)[:, None]
+    yaw = rectangles.angle_rad + np.where(swap[:, 0], np.pi / 2, 0.0)
+    faces = (seen * full).sum(1) * height
+    return CompletedBoxes(
+        class_ids,
+        np.einsum("ca,cax->cx", center, axes),
+        np.concatenate([np.where(swap, full[:, ::-1], full), height[:, None]], 1),
+        np.where(yaw > np.pi / 2, yaw - np.pi, yaw),
+        misfit[rows, choice],
+        np.where(swap, std[:, ::-1], std),
+        faces,
+    )
+
+
+def _grow(
+    extent: F64, middle: F64, prior: F64, limit: F64, seen: F64, towards: F64, lidar_share: F64
+) -> tuple[F64, F64, F64]:
+    """Centre, extent and standard deviation of the centre along each axis (C, 2), grown away from the lidars."""
+    # -1: the lidar looks at the low end, 1: at the high end, between: at both, along the side.
+    end = np.clip(towards / (np.maximum(extent, prior / 2) / 2)[:, None], -1, 1)
+    both = np.minimum(np.einsum("cl,cla->ca", lidar_share, end > 0.5), np.einsum("cl,cla->ca", lidar_share, end < -0.5))
+    whole = (both >= BOTH_ENDS_SHARE) & (extent >= BOTH_ENDS_WHOLE_SHARE * prior)
+    whole |= (seen > 0.5) & (extent >= WHOLE_SHARE * prior)
+    missing = np.where(whole, 0.0, np.maximum(prior - extent, 0))
+    anchor = np.einsum("cl,cla->ca", lidar_share, end)
+    full = extent + missing
+    # A grown box may be as wrong as the class is varied; half of that moves the centre.
+    std = np.where(missing > 0, np.minimum((limit - prior) / 4, missing), 0.0)
+    return middle - anchor * missing / 2, full, std

@@ -1,0 +1,77 @@
+import numpy as np
+import numpy.typing as npt
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy.cluster.hierarchy import fcluster, linkage
+from scipy.spatial.distance import pdist
+
+from pipeline.detectors.cluster import cluster_points, thin_points
+
+
+def line(*x: float) -> npt.NDArray[np.float64]:
+    return np.array([[value, 0.0, 0.0] for value in x])
+
+
+def groups(labels: npt.NDArray[np.int64]) -> set[frozenset[int]]:
+    return {frozenset(np.flatnonzero(labels == label).tolist()) for label in np.unique(labels)}
+
+
+@pytest.mark.parametrize(
+    ("points", "distance_m", "expected"),
+    [
+        pytest.param(np.zeros((0, 3)), [], set(), id="empty"),
+        pytest.param(line(3.0), [1.0], {frozenset({0})}, id="one"),
+        pytest.param(line(0.0, 0.9), [1.0, 1.0], {frozenset({0, 1})}, id="near"),
+        pytest.param(line(0.0, 1.1), [1.0, 1.0], {frozenset({0}), frozenset({1})}, id="apart"),
+        pytest.param(line(0.0, 0.9, 1.8, 2.7), [1.0] * 4, {frozenset({0, 1, 2, 3})}, id="chain"),
+        pytest.param(line(0.0, 0.9), [1.0, 0.5], {frozenset({0}), frozenset({1})}, id="the smaller distance counts"),
+        pytest.param(line(0.0, 1.9, 100.0, 101.9), [1.0, 1.0, 2.0, 2.0], None, id="distance grows"),
+    ],
+)
+def test_clusters_of_a_few_points(
+    points: npt.NDArray[np.float64], distance_m: list[float], expected: set[frozenset[int]] | None
+) -> None:
+    count, labels = cluster_points(points, np.array(distance_m))
+    expected = {frozenset({0}), frozenset({1}), frozenset({2, 3})} if expected is None else expected
+    assert groups(labels) == expected
+    assert count == len(expected)
+
+
+@given(points=arrays(np.int64, st.tuples(st.integers(2, 40), st.just(3)), elements=st.integers(-6, 6)))
+@settings(max_examples=60, deadline=None, derandomize=True)
+def test_clusters_are_those_of_single_linkage(points: npt.NDArray[np.int64]) -> None:
+    # Whole numbers and a distance of 1.2 keep every point in a cell of its own, so that scipy judges the same problem.
+    exact = points.astype(np.float64)
+    _, labels = cluster_points(exact, np.full(len(exact), 1.2))
+    judged = fcluster(linkage(pdist(exact), "single"), 1.2, "distance")
+    assert groups(labels) == groups(np.asarray(judged, np.int64))
+
+
+@given(seed=st.integers(0, 1000))
+@settings(max_examples=20, deadline=None, derandomize=True)
+def test_order_of_points_changes_nothing(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    points, distance = rng.uniform(-5, 5, (300, 3)), rng.uniform(0.2, 1.0, 300)
+    order = rng.permutation(300)
+    _, labels = cluster_points(points, distance)
+    _, shuffled = cluster_points(points[order], distance[order])
+    np.testing.assert_array_equal(shuffled, labels[order])
+    cells, others = thin_points(points, distance), thin_points(points[order], distance[order])
+    np.testing.assert_array_equal(cells.means, others.means)
+    np.testing.assert_array_equal(cells.counts, others.counts)
+
+
+def test_cells_hold_every_point_once_and_lie_within_their_size() -> None:
+    rng = np.random.default_rng(1)
+    points, group = rng.uniform(-20, 20, (5000, 3)), rng.integers(0, 3, 5000)
+    cell_m = 0.3 + 0.1 * np.linalg.norm(points, axis=1)
+    cells = thin_points(points, cell_m, group)
+    assert sorted(cells.members.tolist()) == list(range(5000))
+    of_point = cells.cell_of_point
+    np.testing.assert_array_equal(np.bincount(of_point), cells.counts)
+    assert (np.abs(points - cells.means[of_point]) <= cell_m[:, None]).all()
+    assert (np.ptp(group[cells.members[cells.starts[0] : cells.starts[1]]])) == 0
+    first_group = group[cells.members[cells.starts]]
+    np.testing.assert_array_equal(group, first_group[of_point])

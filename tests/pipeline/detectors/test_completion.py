@@ -1,0 +1,99 @@
+import numpy as np
+import pytest
+
+from pipeline.config import Config
+from pipeline.detectors.completion import CompletedBoxes, complete_boxes
+from pipeline.detectors.lshape import Rectangles
+
+PRIORS = Config().classes
+CAR, PEDESTRIAN = 0, 1
+LENGTH, WIDTH, HEIGHT = PRIORS[CAR].size_m
+
+
+def complete(
+    low: tuple[float, float],
+    high: tuple[float, float],
+    *,
+    top_m: float = 1.5,
+    angle: float = 0.0,
+    lidars: tuple[tuple[float, float], ...] = ((0.0, 0.0),),
+) -> CompletedBoxes:
+    """One cluster, seen in equal parts by all lidars."""
+    rectangle = Rectangles(np.array([angle]), np.array([low]), np.array([high]), np.zeros(1))
+    share = np.full((1, len(lidars)), 1 / len(lidars))
+    return complete_boxes(rectangle, np.array([top_m]), share, np.array(lidars), PRIORS)
+
+
+def test_rear_of_a_car_grows_forward() -> None:
+    box = complete((10.0, -0.85), (10.3, 0.85))
+    assert box.class_ids.tolist() == [CAR]
+    assert box.center_xy[0] == pytest.approx([10 + LENGTH / 2, 0.0])
+    assert box.sizes[0] == pytest.approx([LENGTH, 1.7, 1.5])
+    assert box.yaw_rad[0] == 0.0
+    assert box.center_std_m[0, 0] > box.center_std_m[0, 1]
+
+
+def test_side_of_a_car_grows_in_width() -> None:
+    box = complete((-2.0, 8.0), (2.1, 8.3))
+    assert box.class_ids.tolist() == [CAR]
+    assert box.center_xy[0] == pytest.approx([0.05, 8 + WIDTH / 2])
+    assert box.sizes[0, :2] == pytest.approx([4.1, WIDTH])
+    assert box.center_std_m[0, 1] > box.center_std_m[0, 0]
+
+
+def test_lidar_on_the_other_side_sees_the_other_end() -> None:
+    box = complete((10.0, -0.85), (10.3, 0.85), lidars=((30.0, 0.0),))
+    assert box.center_xy[0] == pytest.approx([10.3 - LENGTH / 2, 0.0])
+
+
+def test_length_along_the_second_axis_turns_the_yaw() -> None:
+    box = complete((8.0, -2.0), (8.3, 2.1))
+    assert box.yaw_rad[0] == pytest.approx(np.pi / 2)
+    assert box.sizes[0, :2] == pytest.approx([4.1, WIDTH])
+    turned = complete((8.0, -2.0), (8.3, 2.1), angle=0.4)
+    assert turned.yaw_rad[0] == pytest.approx(0.4 - np.pi / 2)
+
+
+def test_car_that_lidars_at_both_ends_saw_is_left_as_measured() -> None:
+    box = complete((10.0, -0.75), (13.2, 0.75), lidars=((0.0, 0.0), (25.0, 0.0)))
+    assert box.center_xy[0] == pytest.approx([11.6, 0.0])
+    assert box.sizes[0, :2] == pytest.approx([3.2, 1.5])
+    assert box.center_std_m[0] == pytest.approx([0.0, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("high", "top_m", "name"),
+    [
+        ((10.4, 0.25), 1.75, "pedestrian"),
+        ((11.8, 0.3), 1.7, "bicycle"),
+        ((10.5, 1.3), 3.1, "truck"),
+        ((14.2, 0.85), 1.5, "car"),
+        ((22.0, 1.25), 3.2, "bus"),
+    ],
+)
+def test_class_by_size(high: tuple[float, float], top_m: float, name: str) -> None:
+    box = complete((10.0, -high[1]), high, top_m=top_m, lidars=((0.0, 4.0), (20.0, -4.0)))
+    assert PRIORS[box.class_ids[0]].name == name
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "top_m"),
+    [
+        pytest.param((10.0, -15.0), (10.3, 15.0), 1.5, id="too long"),
+        pytest.param((10.0, -2.0), (16.0, 2.0), 1.5, id="too wide"),
+        pytest.param((10.0, -0.85), (14.0, 0.85), 4.5, id="too tall"),
+    ],
+)
+def test_larger_than_every_class(low: tuple[float, float], high: tuple[float, float], top_m: float) -> None:
+    assert complete(low, high, top_m=top_m).class_ids.tolist() == [-1]
+
+
+def test_low_part_of_a_car_gets_the_height_of_the_prior() -> None:
+    assert complete((10.0, -0.85), (10.3, 0.85), top_m=0.9).sizes[0, 2] == HEIGHT
+
+
+def test_rarer_class_loses_a_tie() -> None:
+    twin = PRIORS[PEDESTRIAN].model_copy(update={"name": "twin", "frequency": 1.0})
+    rectangle = Rectangles(np.zeros(1), np.array([[10.0, -0.3]]), np.array([[10.6, 0.3]]), np.zeros(1))
+    box = complete_boxes(rectangle, np.array([1.75]), np.ones((1, 1)), np.zeros((1, 2)), (PRIORS[PEDESTRIAN], twin))
+    assert box.class_ids.tolist() == [1]

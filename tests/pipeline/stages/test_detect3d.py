@@ -1,0 +1,222 @@
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from helpers import shared
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from lidar_scene import Box, combined, rig, scan, turned
+
+from pipeline.config import Config, load_config
+from pipeline.stages.combine import Combine
+from pipeline.stages.detect3d import Detect3D
+from pipeline.types import Boxes3D, CombinedCloud, Plane, PointCloud, SensorBundle
+
+ROOT = Path(__file__).parents[3]
+LIDAR = (0.0, 0.0, 1.8)
+CAR, BICYCLE = 0, 2
+
+
+def car(x: float, y: float, yaw: float = 0.0) -> Box:
+    return (x, y, 0.8, 4.2, 1.75, 1.5, yaw)
+
+
+def detect(points: npt.NDArray[np.float64], config: Config | None = None) -> Boxes3D:
+    return Detect3D(rig(LIDAR), config or Config())(combined(points))
+
+
+def yaw_error_deg(found: float, true: float) -> float:
+    """Without motion front and rear look alike, so half a turn is no error."""
+    off = (found - true) % np.pi
+    return float(np.rad2deg(min(off, np.pi - off)))
+
+
+def assert_found(boxes: Boxes3D, truth: Box, *, within_m: float, within_deg: float) -> int:
+    distance = np.hypot(boxes.centers[:, 0] - truth[0], boxes.centers[:, 1] - truth[1])
+    row = int(distance.argmin())
+    assert distance[row] <= within_m
+    assert yaw_error_deg(boxes.yaws[row], truth[6]) <= within_deg
+    return row
+
+
+def assert_same(one: Boxes3D, other: Boxes3D) -> None:
+    for name in ("centers", "sizes", "yaws", "scores", "class_ids", "point_counts", "covariances"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
+
+
+@pytest.mark.parametrize(
+    "truth",
+    [
+        pytest.param(car(12, 0), id="rear"),
+        pytest.param(car(0, 8), id="side"),
+        pytest.param(car(9, 5), id="corner"),
+        pytest.param(car(-8, -6, 0.6), id="behind, turned"),
+        pytest.param(car(6, -10, -1.2), id="turned"),
+        pytest.param(car(20, 7, 2.5), id="far"),
+    ],
+)
+def test_car_seen_by_one_lidar(truth: Box) -> None:
+    boxes = detect(scan(LIDAR, [truth], noise_m=0.01))
+    assert len(boxes) == 1
+    assert_found(boxes, truth, within_m=0.2, within_deg=3.0)
+    assert boxes.class_ids.tolist() == [CAR]
+    assert boxes.centers[0, 2] - boxes.sizes[0, 2] / 2 == pytest.approx(0.0, abs=1e-9)
+    assert boxes.sizes[0] == pytest.approx([4.1, 1.75, 1.55], abs=0.2)
+
+
+def test_box_grows_away_from_the_lidar_and_its_far_end_is_less_certain() -> None:
+    boxes = detect(scan(LIDAR, [car(12, 0)]))
+    assert boxes.centers[0, 0] - boxes.sizes[0, 0] / 2 == pytest.approx(12 - 2.1, abs=0.05)
+    assert boxes.covariances[0, 0, 0] > 4 * boxes.covariances[0, 1, 1]
+
+
+def test_car_seen_from_both_ends_keeps_its_measured_size() -> None:
+    ahead, behind = (-9.0, 0.0, 1.8), (9.0, 0.0, 1.8)
+    truth: Box = (0.0, 0.0, 0.75, 3.2, 1.5, 1.4, 0.2)
+    boxes = Detect3D(rig(ahead, behind), Config())(combined(scan(ahead, [truth]), scan(behind, [truth])))
+    row = assert_found(boxes, truth, within_m=0.05, within_deg=1.0)
+    assert boxes.sizes[row, :2] == pytest.approx(truth[3:5], abs=0.1)
+
+
+def test_covariances_are_positive_definite_and_counts_are_those_of_the_cloud() -> None:
+    points = scan(LIDAR, [car(12, 0), car(8, 9, 1.0)])
+    boxes = detect(points)
+    assert len(boxes) == 2
+    assert (np.linalg.eigvalsh(boxes.covariances) > 0).all()
+    usable = int((points[:, 2] > Config().detect3d.clearance_m).sum())
+    assert 0.95 * usable <= boxes.point_counts.sum() <= usable  # single beams over the far edge of a roof stand alone
+    assert (boxes.stamp_ns, boxes.frame_id) == (7, "site")
+
+
+@given(
+    yaw=st.floats(-3.0, 3.0),
+    turn=st.floats(-3.0, 3.0),
+    shift=st.tuples(st.floats(-50, 50), st.floats(-50, 50)),
+    bearing=st.floats(-3.0, 3.0),
+    range_m=st.floats(7.0, 18.0),
+)
+@settings(max_examples=25, deadline=None, derandomize=True)
+def test_turning_and_shifting_the_scene_turns_and_shifts_the_boxes(
+    yaw: float, turn: float, shift: tuple[float, float], bearing: float, range_m: float
+) -> None:
+    truth = car(range_m * np.cos(bearing), range_m * np.sin(bearing), yaw)
+    points = scan(LIDAR, [truth], noise_m=0.01)
+    here = detect(points)
+    origin = tuple(turned(np.array(LIDAR), turn, shift).tolist())
+    there = Detect3D(rig(origin), Config())(combined(turned(points, turn, shift)))
+    assert len(here) == len(there) == 1
+    assert there.centers[0] == pytest.approx(turned(here.centers[0], turn, shift), abs=0.25)
+    assert yaw_error_deg(there.yaws[0], here.yaws[0] + turn) <= 3.0
+    assert there.sizes[0] == pytest.approx(here.sizes[0], abs=0.25)
+
+
+@pytest.mark.parametrize("gap_m", [0.6, 1.0])
+@pytest.mark.parametrize("range_m", [7.0, 14.0])
+def test_cars_parked_close_together_stay_apart(gap_m: float, range_m: float) -> None:
+    step = 4.2 + gap_m
+    row = [car(-step, range_m), car(0, range_m), car(step, range_m)]
+    boxes = detect(scan(LIDAR, row))
+    assert len(boxes) == 3
+    for truth in row:
+        assert_found(boxes, truth, within_m=0.35, within_deg=3.0)
+
+
+def test_branch_over_a_car_is_no_part_of_it() -> None:
+    crown: Box = (11.0, 3.0, 3.2, 6.0, 4.0, 1.4, 0.3)
+    boxes = detect(scan(LIDAR, [car(11, 2), crown], rings=(-24.8, 15.0, 96)))
+    row = assert_found(boxes, car(11, 2), within_m=0.25, within_deg=3.0)
+    assert boxes.sizes[row, 2] == pytest.approx(1.5, abs=0.15)
+
+
+def test_ground_may_slope() -> None:
+    normal = np.array([-0.05, 0.0, 1.0]) / np.linalg.norm([-0.05, 0.0, 1.0])
+    points = scan(LIDAR, [car(12, 0)])
+    points[:, 2] += 0.05 * points[:, 0]
+    boxes = Detect3D(rig(LIDAR), Config())(combined(points, plane=Plane(normal, 0.0)))
+    assert boxes.centers[0, 2] - boxes.sizes[0, 2] / 2 == pytest.approx(0.05 * boxes.centers[0, 0])
+
+
+@pytest.mark.parametrize(
+    "points",
+    [
+        pytest.param(np.zeros((0, 3)), id="empty"),
+        pytest.param(np.array([[9.0, 1.0, 1.0]]), id="one"),
+        pytest.param(np.tile([[9.0, 1.0, 1.0]], (50, 1)), id="all in one place"),
+        pytest.param(np.linspace([5, -30, 1], [5, 30, 1], 3000), id="line"),
+        pytest.param(np.linspace([8, 0, -0.2], [9, 0, 0.2], 200), id="below the clearance"),
+        pytest.param(np.linspace([8, 0, 2.5], [9, 1, 3.5], 200), id="hanging"),
+        pytest.param(scan(LIDAR, [(15.0, 0.0, 2.0, 0.3, 40.0, 4.0, 0.0)]), id="wall"),
+        pytest.param(scan(LIDAR, [(15.0, 0.0, 5.0, 5.0, 5.0, 10.0, 0.0)], rings=(-20, 25, 64)), id="house"),
+    ],
+)
+def test_what_is_no_road_user_gives_no_box(points: npt.NDArray[np.float64]) -> None:
+    assert len(detect(points)) == 0
+
+
+def test_method_none_finds_nothing() -> None:
+    settings_none = load_config(overrides=("detect3d.method=none",))
+    assert len(detect(scan(LIDAR, [car(12, 0)]), settings_none)) == 0
+
+
+def test_order_of_the_points_does_not_matter() -> None:
+    scene = [car(12, 0), car(4, 8, 0.8), (9.0, -5.0, 0.9, 1.8, 0.5, 1.7, 0.4), (25.0, 10.0, 1.6, 9.0, 2.5, 3.2, 0.1)]
+    cloud = combined(scan(LIDAR, scene, noise_m=0.03), scan((20.0, 0.0, 1.8), scene, noise_m=0.03))
+    detector = Detect3D(rig(LIDAR, (20.0, 0.0, 1.8)), Config())
+    boxes = detector(cloud)
+    order = np.random.default_rng(3).permutation(len(cloud.cloud))
+    shuffled = replace(cloud, cloud=cloud.cloud.select(order), lidar_index=cloud.lidar_index[order])
+    assert len(boxes) == len(scene)
+    assert_same(boxes, detector(shuffled))
+    assert (np.diff(boxes.scores) <= 0).all()
+
+
+def test_sandbox_settings_find_a_model_car_seen_by_three_lidars() -> None:
+    config = load_config(ROOT / "config" / "sandbox.yaml")
+    origins = [(-0.56, 1.25, 0.6), (0.43, 0.26, 0.6), (0.0, -0.99, 0.74)]
+    truth: Box = (0.8, 1.4, 0.112, 0.33, 0.22, 0.21, 0.7)
+    clouds = [scan(origin, [truth], rings=(-15, 15, 16), step_deg=0.2, noise_m=0.003) for origin in origins]
+    boxes = Detect3D(rig(*origins), config)(combined(*clouds))
+    assert len(boxes) == 1
+    row = assert_found(boxes, truth, within_m=0.03, within_deg=8.0)
+    assert boxes.sizes[row] == pytest.approx(truth[3:6], abs=0.03)
+    assert config.classes[boxes.class_ids[row]].name == "car"
+
+
+# --- real clouds
+
+
+def kitti(path: Path) -> CombinedCloud:
+    xyz = np.fromfile(path, np.float32).reshape(-1, 4)[:, :3].copy()
+    n = len(xyz)
+    cloud = PointCloud(0, "lidar0", xyz, np.zeros(n, np.float32), np.zeros(n, np.uint16), np.zeros(n, np.int32))
+    sensors = replace(rig((0.0, 0.0, 0.0)), ground_height_m=None)
+    return Combine(sensors, Config().combine)(SensorBundle(0, 0, 0, {}), {"lidar0": cloud})
+
+
+@pytest.mark.parametrize("frame", [0, 7, 14])
+def test_kitti_car_ahead(frame: int) -> None:
+    path = shared(f"data/kitti_raw_sequence/velodyne_points/{frame:010d}.bin")
+    boxes = Detect3D(rig((0.0, 0.0, 0.0)), Config())(kitti(path))
+    x, y, z = np.fromfile(path, np.float32).reshape(-1, 4)[:, :3].T
+    rear_m = np.percentile(x[(x > 4) & (x < 15) & (np.abs(y) < 1) & (z > -1.45) & (z < -0.6)], 1)
+    ahead = (np.abs(boxes.centers[:, 1]) < 1) & (boxes.centers[:, 0] > 4) & (boxes.centers[:, 0] < 15)
+    (row,) = np.flatnonzero(ahead & (boxes.class_ids == CAR))
+    assert boxes.centers[row, 0] - boxes.sizes[row, 0] / 2 == pytest.approx(rear_m, abs=0.15)
+    assert len(boxes) < 30
+
+
+def test_kitti_cars_parked_along_a_street() -> None:
+    folder = shared("data/kitti_object_8")
+    frame = json.loads((folder / "info_from_pkl.json").read_text())["data_list"][0]
+    T_lidar_camera = np.linalg.inv(np.array(frame["images"]["CAM2"]["lidar2cam"]))
+    labels = np.array([i["bbox_3d"][:3] for i in frame["instances"] if i["bbox_label_3d"] == 2])
+    centers = labels @ T_lidar_camera[:3, :3].T + T_lidar_camera[:3, 3]
+    boxes = Detect3D(rig((0.0, 0.0, 0.0)), Config())(kitti(folder / "000008.bin"))
+    apart_m = np.hypot(*(centers[:, None, :2] - boxes.centers[:, :2]).transpose(2, 0, 1))
+    assert len(centers) == 6
+    assert (apart_m.min(1) < 1.0).sum() >= 5
+    assert len(set(apart_m.argmin(1))) == 6
+    assert len(boxes) < 20
