@@ -34,7 +34,9 @@ def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Grap
     )
     graph = Graph(SensorBundle)
     clouds = graph.add("decode clouds", CloudDecoder(rig, on_bad=on_bad), graph.frame)
-    combined = graph.add("combine", lambda bundle, clouds: combine(bundle, clouds.by_sensor), graph.frame, clouds)
+    combined = graph.add(
+        "combine", lambda bundle, clouds: combine(bundle, clouds.by_sensor), graph.frame, clouds, workers=2
+    )
     boxes3d = graph.add("detect 3D", detect3d, combined)
     boxes2d = _add_boxes2d(graph, config, rig, on_bad=on_bad)
     matches = graph.add("associate", lambda boxes3d, boxes2d: associate(boxes3d, boxes2d.by_sensor), boxes3d, boxes2d)

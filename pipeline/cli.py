@@ -5,6 +5,7 @@ else is a bug and shows its traceback. Results go to stdout, progress and log to
 """
 
 import logging
+import os
 import sys
 from collections.abc import Callable
 from importlib.metadata import version
@@ -84,6 +85,10 @@ def process(
     overrides = list(settings or ())
     if workers is not None:
         overrides.append(f"run.workers={workers}")
+    if workers != 1:
+        # Stages of several frames already fill the cores; OpenMP threads inside of one would only wait for each other.
+        # Read once, when the libraries are loaded.
+        os.environ.setdefault("OMP_NUM_THREADS", "1")
     from pipeline.commands import ProcessOptions, run_process  # heavy: after the arguments are known to be right
 
     options = ProcessOptions(

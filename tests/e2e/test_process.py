@@ -3,6 +3,7 @@
 import json
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -47,7 +48,7 @@ def truth(sandbox: Path) -> dict[str, list[tuple[int, float, float, float]]]:
         for car, poses in found.items():
             wanted = [c for c in reader.connections if c.topic == f"/{car}/base_pose_ground_truth"]
             for connection, _, data in reader.messages(wanted):
-                message = reader.deserialize(data, connection.msgtype)
+                message: Any = reader.deserialize(data, connection.msgtype)
                 stamp, pose = message.header.stamp, message.pose.pose
                 yaw = 2 * np.arctan2(pose.orientation.z, pose.orientation.w)
                 poses.append((stamp.sec * 10**9 + stamp.nanosec, pose.position.x, pose.position.y, float(yaw)))

@@ -87,7 +87,11 @@ def test_one_worker_stage_sees_frames_in_order() -> None:
         seen.append(value)
         return value
 
-    uneven = graph.add("uneven", lambda f: (time.sleep(0.002 * (f.index % 3)), f.index)[1], graph.frame, workers=3)
+    def dawdle(frame: Frame) -> int:
+        time.sleep(0.002 * (frame.index % 3))
+        return frame.index
+
+    uneven = graph.add("uneven", dawdle, graph.frame, workers=3)
     sink = graph.add("remember", remember, uneven)
     assert list(graph.run_pipelined(sink, frames(20), window=6)) == list(range(20)) == seen
 
@@ -103,7 +107,11 @@ def test_at_most_window_frames_are_in_work(window: int) -> None:
                 peak[0] = max(peak[0], len(alive))
             yield frame
 
-    sink = graph.add("slow", lambda f: (time.sleep(0.001), f.index)[1], graph.frame)
+    def dawdle(frame: Frame) -> int:
+        time.sleep(0.001)
+        return frame.index
+
+    sink = graph.add("slow", dawdle, graph.frame)
     for index in graph.run_pipelined(sink, source(), window=window):
         with lock:
             alive.discard(index)
