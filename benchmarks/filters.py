@@ -5,7 +5,7 @@
 Clouds: every fifth frame of the KITTI sequence (112 000 points) and the oracle scene s30k_0 (three lidars, 86 000
 points). Open3D does the same job as far as it can: its outlier filter counts the point among its neighbours (11 for our
 10), its plane is unconstrained. The conversion to its float64 points is not counted. Wall and CPU milliseconds are
-medians; both libraries use as many threads as they like. Without Open3D (it needs libusb) lidcam is timed alone.
+medians; both libraries use as many threads as they like.
 """
 
 import argparse
@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from bags.open3d_runtime import load_libusb
 from pipeline.config import CombineConfig, GroundConfig, OutlierConfig
 from pipeline.filters.deskew import deskew
 from pipeline.filters.ground import find_ground, height_above
@@ -65,12 +66,10 @@ def load_clouds(shared: Path) -> dict[str, tuple[F32, npt.NDArray[np.float64]]]:
 
 
 def load_open3d() -> Any:
-    """Open3D, or None where it cannot be loaded."""
-    try:
-        import open3d
-    except (ImportError, OSError) as err:
-        print(f"Open3D cannot be loaded, lidcam alone: {err}")
-        return None
+    """Open3D; imported late, because it reads the number of threads when it is loaded."""
+    load_libusb()
+    import open3d
+
     return open3d
 
 
@@ -125,11 +124,14 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=10)
     parser.add_argument("--shared", type=Path, default=Path(__file__).resolve().parents[2] / "shared")
     options = parser.parse_args()
+    if not (options.shared / "data").is_dir():
+        print(f"{options.shared}: no such folder; name the one that holds the clouds with --shared")
+        return
     o3d = load_open3d()
 
     for name, (xyz, origins) in load_clouds(options.shared).items():
         ours = our_steps(xyz, origins)
-        theirs = {} if o3d is None else open3d_steps(o3d, xyz)
+        theirs = open3d_steps(o3d, xyz)
         timings = {(who, step): Timing() for who, steps in (("ours", ours), ("theirs", theirs)) for step in steps}
         for _ in range(options.rounds):
             for step in ours:

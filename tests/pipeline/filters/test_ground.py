@@ -8,6 +8,7 @@ from helpers import shared
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from bags.open3d_runtime import load_libusb
 from pipeline.config import GroundConfig
 from pipeline.filters.ground import find_ground, height_above
 from pipeline.types import Plane
@@ -68,10 +69,9 @@ def test_the_plane_is_pcls(scene: str) -> None:
 
 @pytest.mark.parametrize("scene", ["s10k_0", "s30k_0"])
 def test_the_plane_is_open3ds(scene: str) -> None:
-    try:
-        import open3d
-    except (ImportError, OSError) as err:
-        pytest.skip(f"Open3D cannot be loaded: {err}")
+    load_libusb()
+    import open3d
+
     cloud, origins, _ = oracle_kept(scene)
     open3d.utility.random.seed(0)
     points = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(cloud.astype(np.float64)))
