@@ -21,6 +21,9 @@ F64 = npt.NDArray[np.float64]
 SAMPLE_POINTS = 6000
 """Planes are drawn from, and scored on, at most this many points, every n-th of the cloud."""
 
+THINNING, FINALISTS = 4, 16
+"""All planes are scored on every fourth point of the sample, the best of them on all of it."""
+
 CELL_PER_DISTANCE = 5.0
 """Planes are drawn through the lowest points of cells this many `distance_m` wide: a wall stands on few cells."""
 
@@ -62,8 +65,10 @@ def find_ground(
     planes = planes[_can_be_ground(planes, lidar_origins_site, config, ground_height_m)]
     if not len(planes):
         return None
-    held, beside = _layers(sample, planes, layer_m)
-    plane = planes[np.argmax(held - beside)]
+    for scored in (sample[:, ::THINNING], sample):
+        held, beside = _layers(scored, planes, layer_m)
+        planes = planes[np.argsort(beside - held, kind="stable")[:FINALISTS]]
+    plane = planes[0]
     for cloud in [sample] * REFINEMENTS + [points]:
         refined = _least_squares(cloud, plane, layer_m)
         if refined is None or not _can_be_ground(refined[None], lidar_origins_site, config, ground_height_m)[0]:
@@ -76,13 +81,14 @@ def find_ground(
 
 def height_above(plane: Plane, xyz_site: F32) -> F32:
     """Signed distances (N,) of points (N, 3) from a plane, metres; positive above it."""
-    return _heights(xyz_site.T, np.append(plane.normal, plane.offset_m))
+    heights: F32 = _heights(xyz_site.T, np.append(plane.normal, plane.offset_m)[None])[0]
+    return heights
 
 
-def _heights(points: F32, plane: F64) -> F32:
-    """Signed distances (N,) of points (3, N) from a plane (4,)."""
+def _heights(points: F32, planes: F64) -> F32:
+    """Signed distances (K, N) of points (3, N) from planes (K, 4)."""
     # Not BLAS, which may round differently with another number of threads.
-    a, b, c, d = plane.astype(np.float32)
+    a, b, c, d = planes.astype(np.float32).T[..., None]
     heights: F32 = points[0] * a + points[1] * b
     heights += points[2] * c
     heights += d
@@ -133,12 +139,9 @@ def _can_be_ground(
 
 def _layers(points: F32, planes: F64, layer_m: float) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
     """Points that each of K planes holds, and points of the fuller of the layers above and below, equally thick."""
+    heights = _heights(points, planes)
     edges = np.array([-3, -1, 1, 3], np.float32) * np.float32(layer_m)
-    counts = np.zeros((len(planes), len(edges)), np.int64)
-    for row, plane in enumerate(planes):
-        heights = _heights(points, plane)
-        counts[row] = [np.count_nonzero(heights <= edge) for edge in edges]
-    below, held, above = np.diff(counts, axis=1).T
+    below, held, above = np.diff([np.count_nonzero(heights <= edge, axis=1) for edge in edges], axis=0)
     return held, np.maximum(below, above)
 
 
@@ -148,7 +151,7 @@ def _least_squares(points: F32, plane: F64, layer_m: float) -> F64 | None:
     Near means within `layer_m`, and within three times the robust deviation of those: the feet of cars and kerbs
     lie on one side and would lift the plane.
     """
-    heights = np.abs(_heights(points, plane))
+    heights = np.abs(_heights(points, plane[None])[0])
     within = heights[heights <= layer_m]
     if len(within) < 3:
         return None
@@ -164,7 +167,7 @@ def _is_a_floor(points: F32, plane: F64, layer_m: float) -> bool:
     held, beside = _layers(points, plane[None], layer_m)
     if held[0] < max(3, STANDS_OUT * beside[0]):
         return False
-    _, scatter = _scatter(points[:2, np.abs(_heights(points, plane)) <= layer_m])
+    _, scatter = _scatter(points[:2, np.abs(_heights(points, plane[None])[0]) <= layer_m])
     return bool(np.linalg.eigvalsh(scatter)[0] >= layer_m**2)
 
 
