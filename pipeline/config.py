@@ -41,7 +41,7 @@ Count = Annotated[int, Field(ge=1)]
 
 
 class _Model(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 class ClassPrior(_Model):
@@ -113,12 +113,15 @@ class MotionConfig(_Model):
     Attributes:
         enabled: Off leaves points where they were measured.
         topic: nav_msgs/Odometry of the site or vehicle frame; empty: found by its child frame, else by tf.
-        max_extrapolation_s: Points further from the known poses than this leave their cloud uncompensated.
+        max_extrapolation_s: Points measured longer than this before the first or after the last known pose leave their
+            cloud uncompensated.
+        max_gap_s: Poses further apart than this say nothing of the motion between them.
     """
 
     enabled: bool = True
     topic: str = ""
     max_extrapolation_s: NotNegative = 0.2
+    max_gap_s: Positive = 1.0
 
 
 class OutlierConfig(_Model):
@@ -149,10 +152,10 @@ class GroundConfig(_Model):
 
     enabled: bool = True
     distance_m: Positive = 0.2
-    max_tilt_deg: Positive = 10.0
+    max_tilt_deg: Annotated[float, Field(gt=0, lt=90)] = 10.0
     height_tolerance_m: Positive = 0.5
     iterations: Count = 200
-    seed: int = 0
+    seed: Annotated[int, Field(ge=0)] = 0
 
 
 class CombineConfig(_Model):
@@ -265,7 +268,7 @@ class RunConfig(_Model):
     """How the work is done; none of it changes the result.
 
     Attributes:
-        workers: 1 runs stage after stage; more overlap the stages of several frames.
+        workers: 1 runs stage after stage; with more, stages run on threads of their own, and more frames overlap.
         window: Frames in work at once; None: two more than workers.
     """
 

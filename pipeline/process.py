@@ -1,7 +1,7 @@
 """One run over a recording: read, synchronise, push through the stages, write, count."""
 
 import time
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
@@ -9,10 +9,10 @@ from functools import partial
 
 from pipeline.build import BoxSource, box_source, build_graph
 from pipeline.config import Config
-from pipeline.errors import ConfigError, RecordingError
+from pipeline.errors import ConfigError, MessageError, RecordingError
 from pipeline.geometry import first_polygon_with
 from pipeline.graph import Graph, Node
-from pipeline.stages.sync import synchronize
+from pipeline.stages.sync import SyncStats, synchronize
 from pipeline.types import Drop, FrameResult, Rig, SensorBundle
 from readers.base import Recording
 from readers.motion import MotionBuffer, MotionSource
@@ -20,6 +20,9 @@ from readers.sensors import OnBadMessage
 from writers.base import ResultWriter
 
 __all__ = ["OUTSIDE_ZONES", "DropTable", "RunSummary", "TimeWindow", "process", "synchronized_topics"]
+
+READ_AHEAD_NS = 2_000_000_000
+"""Poses recorded this long before a window are read, too."""
 
 OUTSIDE_ZONES = "outside"
 """Column of objects that no zone holds."""
@@ -55,6 +58,8 @@ class RunSummary:
     Attributes:
         frames: Frames written.
         box_source: Where 2D boxes came from.
+        motion_topics: Where the motion of the site frame came from; empty where it stands still.
+        compensated: Frames with a cloud that was moved to the frame's time.
         objects: Fused objects by (class name, zone name).
         confirmed: Fused objects that at least one camera confirms.
         points: Lidar points by step of the combination, summed over the frames.
@@ -69,6 +74,8 @@ class RunSummary:
 
     frames: int
     box_source: BoxSource
+    motion_topics: tuple[str, ...]
+    compensated: int
     objects: Mapping[tuple[str, str], int]
     confirmed: int
     points: Mapping[str, int]
@@ -119,29 +126,57 @@ def process(
     reference = config.sync.reference or rig.lidars[0].topic
     if reference not in topics:
         raise ConfigError(f"sync.reference: {reference!r} is not among the topics in use: {', '.join(topics)}")
-    drops, tally, started = DropTable(), _Tally(config, rig), time.perf_counter()
+    drops, tally, stats, started = DropTable(), _Tally(config, rig), SyncStats(), time.perf_counter()
+
+    def bad(drop: Drop) -> None:
+        if on_bad == "fail":
+            raise MessageError(drop.detail or f"{drop.topic}: {drop.reason}")
+        drops.add(drop)
+
     graph, result = build_graph(config, rig, on_bad=on_bad)
     for writer in writers:
         result = graph.add(f"write {writer.name}", partial(_write, writer), result)
-    motion = MotionBuffer(motion_source, on_drop=drops.add) if motion_source else None
+    motion = MotionBuffer(motion_source, on_drop=bad) if motion_source else None
     for drop in early_drops:
         if motion is None or drop.topic not in motion.topics:  # those will be met again
-            drops.add(drop)
+            bad(drop)
     wanted = {*topics, *(motion.topics if motion else ())}
     messages = recording.messages(wanted, start_ns=window.start_ns, stop_ns=window.stop_ns)
+    if motion and window.start_ns is not None:
+        _read_ahead(motion, recording, window.start_ns)
     bundles = synchronize(
-        motion.tap(messages) if motion else messages, topics, config.sync, reference=reference, on_drop=drops.add
+        motion.tap(messages) if motion else messages,
+        topics,
+        config.sync,
+        reference=reference,
+        on_drop=drops.add,
+        stats=stats,
     )
     frames = _with_motion(bundles, motion) if motion else bundles
     with closing(_run(graph, result, frames, config)) as results:
         for frame in results:
             tally.add(frame)
             for drop in frame.drops:
-                drops.add(drop)
+                bad(drop)
             on_result(frame)
     if tally.frames == 0:
         raise RecordingError(_no_frames(recording, topics, drops))
-    return tally.summary(box_source(config, rig), drops, graph.seconds, time.perf_counter() - started)
+    return RunSummary(
+        frames=tally.frames,
+        box_source=box_source(config, rig),
+        motion_topics=motion.topics if motion else (),
+        compensated=tally.compensated,
+        objects=dict(sorted(tally.objects.items())),
+        confirmed=tally.confirmed,
+        points=dict(tally.points),
+        messages_used=dict(sorted(tally.messages.items())),
+        drops=drops,
+        boxes_left_out=dict(sorted(tally.left_out.items())),
+        skew_mean_ms=stats.skew_mean_ns / 1e6,
+        skew_max_ms=stats.skew_max_ns / 1e6,
+        stage_seconds=dict(graph.seconds),
+        wall_seconds=time.perf_counter() - started,
+    )
 
 
 def synchronized_topics(config: Config, rig: Rig) -> tuple[str, ...]:
@@ -164,8 +199,31 @@ def _run(
 
 
 def _with_motion(bundles: Iterator[SensorBundle], motion: MotionBuffer) -> Iterator[SensorBundle]:
+    """Bundles with the poses around their stamps.
+
+    A bundle is complete when its last message was read, which may be before the poses of its sweep were: so it waits
+    for the next one, and is given what is known by then.
+    """
+    waiting: SensorBundle | None = None
     for bundle in bundles:
-        yield replace(bundle, motion=motion.window(bundle.stamp_ns))
+        if waiting is not None:
+            yield _with_later_poses(waiting, motion)
+        waiting = replace(bundle, motion=motion.window(bundle.stamp_ns))
+    if waiting is not None:
+        yield _with_later_poses(waiting, motion)
+
+
+def _with_later_poses(bundle: SensorBundle, motion: MotionBuffer) -> SensorBundle:
+    later = motion.window(bundle.stamp_ns)
+    if later is None or (bundle.motion is not None and later.stamps_ns[0] > bundle.motion.stamps_ns[0]):
+        return bundle  # a pause so long that the buffer has let go of this bundle's time
+    return replace(bundle, motion=later)
+
+
+def _read_ahead(motion: MotionBuffer, recording: Recording, start_ns: int) -> None:
+    """Take in the poses that were recorded just before a window: its first sweeps began there."""
+    before = recording.messages(motion.topics, start_ns=start_ns - READ_AHEAD_NS, stop_ns=start_ns)
+    deque(motion.tap(before), maxlen=0)
 
 
 def _write(writer: ResultWriter, result: FrameResult) -> FrameResult:
@@ -190,10 +248,9 @@ class _Tally:
     def __init__(self, config: Config, rig: Rig) -> None:
         self._class_names = config.class_names
         self._zones = rig.zones
-        self._skews_ns_sum = 0
-        self._skew_ns_max = 0
         self.frames = 0
         self.confirmed = 0
+        self.compensated = 0
         self.objects: Counter[tuple[str, str]] = Counter()
         self.points: Counter[str] = Counter()
         self.messages: Counter[str] = Counter()
@@ -201,6 +258,7 @@ class _Tally:
 
     def add(self, frame: FrameResult) -> None:
         self.frames += 1
+        self.compensated += bool(frame.combined.compensated)
         self.confirmed += int((frame.matched > 0).sum())
         rows = first_polygon_with([zone.polygon_site for zone in self._zones], frame.objects.centers[:, :2])
         for class_id, row in zip(frame.objects.class_ids.tolist(), rows.tolist(), strict=True):
@@ -210,23 +268,3 @@ class _Tally:
         self.left_out.update(dict(frame.left_out))
         unused = {(drop.topic, drop.stamp_ns) for drop in frame.drops}
         self.messages.update(topic for topic, m in frame.bundle.messages.items() if (topic, m.stamp_ns) not in unused)
-        self._skews_ns_sum += frame.bundle.skew_ns
-        self._skew_ns_max = max(self._skew_ns_max, frame.bundle.skew_ns)
-
-    def summary(
-        self, source: BoxSource, drops: DropTable, stage_seconds: Mapping[str, float], wall_seconds: float
-    ) -> RunSummary:
-        return RunSummary(
-            frames=self.frames,
-            box_source=source,
-            objects=dict(sorted(self.objects.items())),
-            confirmed=self.confirmed,
-            points=dict(self.points),
-            messages_used=dict(sorted(self.messages.items())),
-            drops=drops,
-            boxes_left_out=dict(sorted(self.left_out.items())),
-            skew_mean_ms=self._skews_ns_sum / self.frames / 1e6,
-            skew_max_ms=self._skew_ns_max / 1e6,
-            stage_seconds=dict(stage_seconds),
-            wall_seconds=wall_seconds,
-        )

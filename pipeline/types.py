@@ -197,6 +197,21 @@ class PoseSamples:
     def __len__(self) -> int:
         return len(self.stamps_ns)
 
+    def covers(self, earliest_ns: int, latest_ns: int, *, max_extrapolation_s: float, max_gap_s: float) -> bool:
+        """Whether the motion is known over a time span.
+
+        It is where the span reaches no further than `max_extrapolation_s` beyond the first and the last pose, and no
+        two poses that it lies between are further apart than `max_gap_s`. One pose tells no motion.
+        """
+        if len(self) < 2:
+            return False
+        reach_ns = round(max_extrapolation_s * 1e9)
+        first = max(int(np.searchsorted(self.stamps_ns, earliest_ns, side="right")) - 1, 0)
+        last = int(np.searchsorted(self.stamps_ns, latest_ns, side="left"))
+        around_ns = self.stamps_ns[first : last + 1]
+        ends_near = around_ns[0] - reach_ns <= earliest_ns and latest_ns <= around_ns[-1] + reach_ns
+        return bool(ends_near and (np.diff(around_ns) <= round(max_gap_s * 1e9)).all())
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SensorBundle:

@@ -7,7 +7,6 @@ taken only if its child frame is the site frame or fixed to it.
 from bisect import bisect_left
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -17,9 +16,8 @@ from pipeline.errors import ConfigError, FrameError, MessageError
 from pipeline.geometry import Transform, interpolate_poses
 from pipeline.types import Drop, PoseSamples, RawMessage, Rig
 from readers.base import Recording
-from readers.deserialize import deserialize_as
 from readers.first_messages import FirstMessages
-from readers.odometry import ODOMETRY
+from readers.odometry import ODOMETRY, decode_odometry
 from readers.tf import TF_TYPES, RecordedTransforms, clean_frame, decode_transforms, tf_topics
 
 __all__ = ["MotionBuffer", "MotionSource", "find_motion_source"]
@@ -232,18 +230,7 @@ class MotionBuffer:
             if fault:
                 raise fault
             return
-        pose = _odometry_pose(deserialize_as(message, ODOMETRY), self._source.fixed_frame_id)
-        self._tracks[next(iter(self._tracks))].add(message.stamp_ns, pose.matrix)
-
-
-def _odometry_pose(message: Any, fixed_frame_id: str) -> Transform:
-    frame = clean_frame(message.header.frame_id)
-    if frame != fixed_frame_id:
-        raise FrameError(f"pose in {frame!r}, expected {fixed_frame_id!r} as in the first message")
-    place, turn = message.pose.pose.position, message.pose.pose.orientation
-    return Transform.from_quaternion(
-        fixed_frame_id,
-        clean_frame(message.child_frame_id),
-        [place.x, place.y, place.z],
-        [turn.x, turn.y, turn.z, turn.w],
-    )
+        sample = decode_odometry(message)
+        if sample.frame_id != self._source.fixed_frame_id:
+            raise FrameError(f"pose in {sample.frame_id!r}, expected {self._source.fixed_frame_id!r} as at first")
+        self._tracks[next(iter(self._tracks))].add(sample.stamp_ns, sample.T_parent_child.matrix)

@@ -23,7 +23,7 @@ class OdometrySample:
     Attributes:
         stamp_ns: Time of the estimate.
         frame_id: The frame it moves in (`odom`, `map`).
-        child_frame_id: The frame that moves (`base_link`).
+        child_frame_id: The frame that moves (`base_link`); empty where the publisher does not say.
         T_parent_child: Pose of the child frame: `frame_id` from `child_frame_id`.
         linear_velocity: (3,) float64, metres a second, along the axes of the child frame.
         angular_velocity: (3,) float64, radians a second, about the axes of the child frame.
@@ -47,11 +47,11 @@ def decode_odometry(message: RawMessage) -> OdometrySample:
     Velocities are as recorded, NaN where the publisher knows none.
 
     Raises:
-        MessageError: not an Odometry, no name for the moving frame, or a pose that is none.
+        MessageError: not an Odometry, no two different frames, or a pose that is none.
     """
     odometry = deserialize_as(message, ODOMETRY)
     parent, child = clean_frame(odometry.header.frame_id), clean_frame(odometry.child_frame_id)
-    if not parent or not child or parent == child:
+    if not parent or parent == child:
         raise MessageError(f"{message.topic}: expected two frame names, found frame_id {parent!r}, child {child!r}")
     position, orientation = odometry.pose.pose.position, odometry.pose.pose.orientation
     twist = odometry.twist.twist

@@ -72,8 +72,10 @@ class RecordedBoxes:
         boxes: dict[str, Boxes2D] = {}
         for name, found in decoded.by_sensor.items():
             left_out.update(found.left_out)
-            boxes[name] = found.boxes.select(found.boxes.scores >= self._config.detect2d.min_score)
-        return Decoded(boxes, decoded.drops, dict(sorted(left_out.items())))
+            sure = found.boxes.scores >= self._config.detect2d.min_score
+            left_out[f"score under detect2d.min_score ({self._config.detect2d.min_score:g})"] += int((~sure).sum())
+            boxes[name] = found.boxes.select(sure)
+        return Decoded(boxes, decoded.drops, dict(sorted((+left_out).items())))
 
     def _decode_one(self, message: RawMessage) -> Detections2D:
         return decode_detections2d(message, self._config.class_id_of_label)

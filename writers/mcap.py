@@ -123,8 +123,11 @@ class McapResultWriter:
             if self._messages == 0:
                 first_ns = min(stamps_ns)
                 self._put("/tf_static", TF, static_transforms(self._rig, first_ns), log_time_ns)
-            if result.bundle.motion is not None and len(result.bundle.motion):
-                self._put("/tf", TF, moving_transform(result.bundle.motion, stamp_ns), log_time_ns)
+            motion, limits = result.bundle.motion, self._config.combine.motion
+            if motion is not None and motion.covers(
+                stamp_ns, stamp_ns, max_extrapolation_s=limits.max_extrapolation_s, max_gap_s=limits.max_gap_s
+            ):
+                self._put("/tf", TF, moving_transform(motion, stamp_ns), log_time_ns)
             for topic, msgtype, message in self._site_messages(result):
                 self._put(topic, msgtype, message, log_time_ns)
             if self._config.output.clouds:

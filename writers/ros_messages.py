@@ -62,11 +62,8 @@ def static_transforms(rig: Rig, stamp_ns: int) -> TFMessage:
 
 
 def moving_transform(motion: PoseSamples, stamp_ns: int) -> TFMessage:
-    """The pose of the moving frame at one time."""
-    if len(motion) == 1:
-        pose = motion.T_fixed_moving[0].copy()
-    else:
-        pose = interpolate_poses(motion.stamps_ns, motion.T_fixed_moving, np.array([stamp_ns], np.int64))[0]
+    """The pose of the moving frame at a time that the motion covers."""
+    pose = interpolate_poses(motion.stamps_ns, motion.T_fixed_moving, np.array([stamp_ns], np.int64))[0]
     return TFMessage([_transform_stamped(Transform(motion.fixed_frame_id, motion.frame_id, pose), stamp_ns)])
 
 

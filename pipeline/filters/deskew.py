@@ -9,18 +9,10 @@ import numpy.typing as npt
 from pipeline.geometry import interpolate_poses
 from pipeline.types import PoseSamples
 
-__all__ = ["covers", "deskew"]
+__all__ = ["deskew"]
 
 KNOT_NS = 1_000_000
 """Poses are interpolated at this step, points linearly between: within 13 um at 100 m while turning at 1 rad/s."""
-
-
-def covers(motion: PoseSamples, earliest_ns: int, latest_ns: int, *, max_extrapolation_s: float) -> bool:
-    """Whether the poses reach over a time span, give or take `max_extrapolation_s` at either end."""
-    if len(motion) < 2:
-        return False
-    reach_ns = round(max_extrapolation_s * 1e9)
-    return int(motion.stamps_ns[0]) - reach_ns <= earliest_ns and latest_ns <= int(motion.stamps_ns[-1]) + reach_ns
 
 
 def deskew(
@@ -35,7 +27,7 @@ def deskew(
         xyz_moving: (N, 3) metres, each in the moving frame as it was at the point's own time.
         point_stamps_ns: (N,) times of measurement.
         stamp_ns: The moment to bring them to.
-        motion: At least two poses; beyond their ends the last motion goes on (see `covers`).
+        motion: At least two poses; beyond their ends the last motion goes on (see `PoseSamples.covers`).
     """
     if not len(xyz_moving):
         return xyz_moving

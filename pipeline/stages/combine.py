@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from pipeline.config import CombineConfig
 from pipeline.errors import FrameError
-from pipeline.filters.deskew import covers, deskew
+from pipeline.filters.deskew import deskew
 from pipeline.filters.ground import find_ground, height_above
 from pipeline.filters.outliers import statistical_inliers
 from pipeline.types import CombinedCloud, LidarSensor, Plane, PointCloud, PoseSamples, Rig, SensorBundle
@@ -125,11 +125,11 @@ def _to_site(
         motion is not None
         and timed
         and len(cloud)
-        and covers(
-            motion,
+        and motion.covers(
             stamp_ns + min(0, int(offset_ns.min())),
             stamp_ns + max(0, int(offset_ns.max())),
             max_extrapolation_s=config.motion.max_extrapolation_s,
+            max_gap_s=config.motion.max_gap_s,
         )
     )
     if motion is not None and compensated:

@@ -43,7 +43,7 @@ def test_pose_and_twist(encoding: builders.Encoding) -> None:
         ({"orientation_xyzw": (0.0, 0.0, 0.0, 0.0)}, r"/odom: .*expected a unit quaternion"),
         ({"orientation_xyzw": (np.nan, 0.0, 0.0, 1.0)}, r"/odom: .*nan"),
         ({"position": (np.inf, 0.0, 0.0)}, r"/odom: .*finite metres"),
-        ({"child_frame_id": ""}, r"expected two frame names, found frame_id 'odom', child ''"),
+        ({"child_frame_id": "odom"}, r"expected two frame names, found frame_id 'odom', child 'odom'"),
         ({"frame_id": ""}, r"expected two frame names"),
         ({"frame_id": "/base_link"}, r"expected two frame names"),
     ],
@@ -56,3 +56,8 @@ def test_poses_that_are_none(options: dict[str, Any], match: str) -> None:
 def test_other_type() -> None:
     with pytest.raises(MessageError, match="expected nav_msgs/msg/Odometry"):
         decode_odometry(builders.raw("/image", "sensor_msgs/msg/Image", {}, STAMP_NS))
+
+
+def test_a_publisher_that_does_not_name_what_moves() -> None:
+    message = builders.raw("/odom", MSGTYPE, builders.odometry(stamp_ns=1, child_frame_id=""), 1)
+    assert decode_odometry(message).child_frame_id == ""
