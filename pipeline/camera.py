@@ -141,6 +141,14 @@ class CameraModel:
             (N, 4) left, top, right, bottom in pixels; NaN where nothing of the box is in the picture. Boxes that reach
             behind the camera are cut at its plane first.
         """
+        found = np.full((len(corners_camera), 4), np.nan, np.float32)
+        ahead = (corners_camera[..., 2] >= NEAR_M).any(1)
+        if ahead.any():
+            found[ahead] = self._project_boxes_ahead(corners_camera[ahead])
+        return found
+
+    def _project_boxes_ahead(self, corners_camera: F64) -> F64:
+        """`project_boxes` for boxes of which at least one corner is in front of the camera."""
         start, end = corners_camera[:, _EDGES[:, 0]], corners_camera[:, _EDGES[:, 1]]  # (N, 12, 3)
         z0, z1 = start[..., 2:], end[..., 2:]
         rise = np.where(z0 == z1, 1.0, z1 - z0)
@@ -156,4 +164,4 @@ class CameraModel:
         size = np.array([self.width_px, self.height_px], np.float64)
         boxes = np.concatenate([np.clip(low, 0, size), np.clip(high, 0, size)], -1)
         seen = (boxes[:, 2] > boxes[:, 0]) & (boxes[:, 3] > boxes[:, 1])
-        return np.where(seen[:, None], boxes, np.nan).astype(np.float32)
+        return np.where(seen[:, None], boxes, np.nan)

@@ -38,7 +38,7 @@ class Cells:
     Attributes:
         means: (M, 3) float64 mean of each cell's points, metres.
         counts: (M,) int64 points in each cell.
-        members: (N,) int64 rows of the points, cell after cell; in no defined order within a cell.
+        members: (N,) int64 rows of the points, cell after cell.
         starts: (M,) int64 where each cell starts in `members`.
     """
 
@@ -63,20 +63,21 @@ def thin_points(points: F64, cell_m: F64, group: npt.NDArray[np.integer] | None 
         cell_m: (N,) wished edge of the cell at each point; taken down to the next of a series of sizes.
         group: (N,) number from 0; points of different groups share no cell.
     """
-    exact = np.rint(points * RESOLUTION_PER_M) / RESOLUTION_PER_M
+    # A row per coordinate: steps along long rows are several times faster than along rows of three.
+    exact = np.rint(np.ascontiguousarray(points.T) * RESOLUTION_PER_M) / RESOLUTION_PER_M
     level = _levels(cell_m)
     edge_m = cell_m.min() * LEVEL_GROWTH ** np.arange(level.max() + 1)
-    cell = np.floor(exact / edge_m[level, None]).astype(np.int64)
-    cell -= cell.min(0)
-    span = cell.max(0) + 1
+    cell = np.floor(exact / edge_m[level]).astype(np.int64)
+    cell -= cell.min(1, keepdims=True)
+    span = cell.max(1) + 1
     key = level if group is None else level * (int(group.max()) + 1) + group
     for axis in range(3):
-        key = key * span[axis] + cell[:, axis]
-    members = np.argsort(key)
+        key = key * span[axis] + cell[axis]
+    members = np.argsort(key, kind="stable")  # fast where neighbours in a scan are neighbours in space
     starts = np.flatnonzero(np.diff(key[members], prepend=-1))
     counts = np.diff(starts, append=len(key))
-    means = np.stack([np.add.reduceat(exact[members, axis], starts) / counts for axis in range(3)], 1)
-    return Cells(means, counts, members, starts)
+    means = np.add.reduceat(exact.take(members, axis=1), starts, axis=1) / counts
+    return Cells(np.ascontiguousarray(means.T), counts, members, starts)
 
 
 def cluster_points(points: F64, link_distance_m: F64) -> tuple[int, I64]:
@@ -98,30 +99,29 @@ def cluster_points(points: F64, link_distance_m: F64) -> tuple[int, I64]:
     distance_m = np.minimum.reduceat(link_distance_m[cells.members], cells.starts)
     edges = _near_pairs(cells.means, distance_m)
     size = len(cells.starts)
-    graph = coo_array((np.ones(len(edges), np.int32), (edges[:, 0], edges[:, 1])), shape=(size, size))
+    graph = coo_array((np.ones(edges.shape[1]), tuple(edges)), shape=(size, size))
     count, cluster_of_cell = connected_components(graph.tocsr(), directed=False)
     return int(count), cluster_of_cell.astype(np.int64)[cells.cell_of_point]
 
 
 def _near_pairs(means: F64, distance_m: F64) -> I64:
-    """(E, 2) pairs that are at most the smaller of their link distances apart.
+    """(2, E) pairs that are at most the smaller of their link distances apart.
 
     Level by level, so that the wide search of far cells does not have to go through the near ones: every pair is found
     at the level of its smaller distance, where both partners take part.
     """
     level = _levels(distance_m)
-    found = [np.zeros((0, 2), np.int64)]
+    columns = np.ascontiguousarray(means.T)
+    found = [np.zeros((2, 0), np.int64)]
     for lowest in np.unique(level):
         rows = np.flatnonzero(level >= lowest)
         reach = float(distance_m[level == lowest].max())
-        pairs = rows[
-            cKDTree(means[rows], balanced_tree=False, compact_nodes=False).query_pairs(reach, output_type="ndarray")
-        ]
-        a, b = pairs[:, 0], pairs[:, 1]
-        gap = means[a] - means[b]
-        squared = gap[:, 0] ** 2 + gap[:, 1] ** 2 + gap[:, 2] ** 2
-        found.append(pairs[squared <= np.minimum(distance_m[a], distance_m[b]) ** 2])
-    return np.concatenate(found)
+        tree = cKDTree(means[rows], balanced_tree=False, compact_nodes=False)
+        a, b = rows.take(tree.query_pairs(reach, output_type="ndarray").T)
+        x, y, z = columns.take(a, axis=1) - columns.take(b, axis=1)
+        near = x**2 + y**2 + z**2 <= np.minimum(distance_m.take(a), distance_m.take(b)) ** 2
+        found.append(np.stack([a[near], b[near]]))
+    return np.concatenate(found, 1)
 
 
 def _levels(distance_m: F64) -> I64:

@@ -124,15 +124,16 @@ class _Thinned:
     @classmethod
     def of(cls, xy: F64, cluster: I64, starts: I64) -> "_Thinned":
         """Means of the points in the cells of a grid of each cluster's own size."""
-        low, high = np.minimum.reduceat(xy, starts), np.maximum.reduceat(xy, starts)
-        diagonal_m = np.maximum(np.hypot(high[:, 0] - low[:, 0], high[:, 1] - low[:, 1]), 1e-3)
-        cell = ((xy - low[cluster]) / (diagonal_m / CELLS_ACROSS)[cluster, None]).astype(np.int64)
+        columns = np.ascontiguousarray(xy.T)
+        low = np.minimum.reduceat(columns, starts, axis=1)
+        diagonal_m = np.maximum(np.hypot(*(np.maximum.reduceat(columns, starts, axis=1) - low)), 1e-3)
+        cell = ((columns - low[:, cluster]) / (diagonal_m / CELLS_ACROSS)[cluster]).astype(np.int64)
         side = CELLS_ACROSS + 1
-        key = (cluster * side + cell[:, 0]) * side + cell[:, 1]
+        key = (cluster * side + cell[0]) * side + cell[1]
         order = np.argsort(key, kind="stable")
         first = np.flatnonzero(np.diff(key[order], prepend=-1))
         weights = np.diff(first, append=len(key)).astype(np.float64)
-        means = np.stack([np.add.reduceat(xy[order, axis], first) / weights for axis in range(2)], 1)
+        means = (np.add.reduceat(columns.take(order, axis=1), first, axis=1) / weights).T
         thin_cluster = cluster[order[first]]
         thin_starts = np.searchsorted(thin_cluster, np.arange(len(starts)))
         return cls(means, weights, thin_cluster, thin_starts, SOFT_SHARE * diagonal_m)

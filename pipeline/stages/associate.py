@@ -37,17 +37,26 @@ class Associate:
         Raises:
             FrameError: the 3D boxes are not in the frame that the cameras are calibrated to.
         """
-        return {
-            camera.name: self._match(camera, boxes3d, boxes2d[camera.name])
-            for camera in self._cameras
-            if camera.name in boxes2d
-        }
+        corners = box_corners(boxes3d.centers, boxes3d.sizes, boxes3d.yaws)
+        rows3d = _rank3d(boxes3d)
+        matches = {}
+        for camera in self._cameras:
+            if camera.name in boxes2d:
+                projected = _project(camera, corners, boxes3d.frame_id)
+                matches[camera.name] = self._match(camera, boxes3d, rows3d, projected, boxes2d[camera.name])
+        return matches
 
-    def _match(self, camera: CameraSensor, boxes3d: Boxes3D, boxes2d: Boxes2D) -> Matches:
-        projected = _project(camera, boxes3d)
+    def _match(
+        self,
+        camera: CameraSensor,
+        boxes3d: Boxes3D,
+        rows3d: Rows,
+        projected: npt.NDArray[np.float32],
+        boxes2d: Boxes2D,
+    ) -> Matches:
         # Detectors may draw boxes beyond the picture, projections end at its border: compare what both show.
         size = np.array([camera.model.width_px, camera.model.height_px] * 2, np.float32)
-        rows3d, rows2d = _rank3d(boxes3d), _rank2d(boxes2d)
+        rows2d = _rank2d(boxes2d)
         iou = iou_xyxy(projected[rows3d], np.clip(boxes2d.xyxy, 0, size)[rows2d])
         differs = boxes3d.class_ids[rows3d][:, None] != boxes2d.class_ids[rows2d]
         worth = iou - self._config.class_penalty * differs
@@ -61,13 +70,12 @@ class Associate:
         return Matches(pairs[order], iou[first, second][order].astype(np.float32), projected)
 
 
-def _project(camera: CameraSensor, boxes: Boxes3D) -> npt.NDArray[np.float32]:
-    """(N, 4) upright rectangles in the camera's picture, clipped to it; NaN where a box is not seen."""
-    if boxes.frame_id != camera.T_camera_site.src:
+def _project(camera: CameraSensor, corners: npt.NDArray[np.float64], frame_id: str) -> npt.NDArray[np.float32]:
+    """(N, 4) upright rectangles in the camera's picture, clipped to it; NaN where a box (N, 8, 3) is not seen."""
+    if frame_id != camera.T_camera_site.src:
         raise FrameError(
-            f"camera {camera.name}: expected boxes in frame {camera.T_camera_site.src!r}, found {boxes.frame_id!r}"
+            f"camera {camera.name}: expected boxes in frame {camera.T_camera_site.src!r}, found {frame_id!r}"
         )
-    corners = box_corners(boxes.centers, boxes.sizes, boxes.yaws)
     return camera.model.project_boxes(np.asarray(camera.T_camera_site.apply(corners), np.float64))
 
 

@@ -15,7 +15,6 @@ __all__ = ["Detect3D"]
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
-Mask = npt.NDArray[np.bool_]
 
 CEILING_SHARE = 1.15
 """Points above this multiple of the tallest class are left out: what is cut off there is too tall for every class."""
@@ -62,8 +61,8 @@ class _Points:
     lidar: I64
     weights: I64
 
-    def select(self, rows: Mask | I64) -> "_Points":
-        return _Points(*(getattr(self, field.name)[rows] for field in fields(self)))
+    def select(self, rows: I64) -> "_Points":
+        return _Points(*(getattr(self, field.name).take(rows, axis=0) for field in fields(self)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,8 +115,8 @@ class Detect3D:
         xyz = combined.cloud.xyz.astype(np.float64)
         height = xyz[:, 2] - self._ground_m(combined, xyz[:, :2])
         rows = np.flatnonzero((height > self._config.clearance_m) & (height < self._ceiling_m))
-        xyz, lidar = xyz[rows], combined.lidar_index[rows].astype(np.int64)
-        gap = xyz - self._lidar_xyz[lidar]
+        xyz, lidar = xyz.take(rows, axis=0), combined.lidar_index[rows].astype(np.int64)
+        gap = xyz - self._lidar_xyz.take(lidar, axis=0)
         range_m = np.sqrt(gap[:, 0] ** 2 + gap[:, 1] ** 2 + gap[:, 2] ** 2)
         link_m = self._config.cluster_distance_m + self._config.cluster_distance_per_m * range_m
         if not len(rows):
@@ -143,11 +142,11 @@ class Detect3D:
         small = usable & (_diameter(points.position[:, :2], starts) <= self._diagonal_m)
         again = usable.copy()
         if not small.any():
-            return [], points.select(again[cluster])
-        rows = small[cluster]
+            return [], points.select(np.flatnonzero(again[cluster]))
+        rows = np.flatnonzero(small[cluster])
         candidates = self._measured(points.select(rows), np.searchsorted(cluster[rows], np.flatnonzero(small)))
         again[small] = (candidates.boxes.class_ids < 0) | (candidates.boxes.misfit > GOOD_MISFIT)
-        return [candidates], points.select(again[cluster])
+        return [candidates], points.select(np.flatnonzero(again[cluster]))
 
     def _measured(self, points: _Points, starts: I64) -> _Candidates:
         """Completed boxes of clusters, for points sorted by cluster."""
@@ -221,10 +220,12 @@ def _unrivalled(centers: F64, sizes: F64, yaws: F64) -> I64:
     """Rows of the boxes that share little ground with a kept box before them."""
     steps = (np.arange(8) + 0.5) / 8 - 0.5
     grid = np.stack(np.meshgrid(steps, steps, indexing="ij"), -1).reshape(-1, 2)
-    turns = _turns(yaws)
-    samples = centers[:, None, :2] + (grid * sizes[:, None, :2]) @ turns.transpose(0, 2, 1)  # (N, G, 2)
-    local = (samples.reshape(-1, 2) - centers[:, None, :2]) @ turns  # (N, N G, 2): samples in each box's own axes
-    inside = (np.abs(local) <= sizes[:, None, :2] / 2).all(2).reshape(len(sizes), len(sizes), len(grid)).mean(2)
+    samples = centers[:, None, :2] + (grid * sizes[:, None, :2]) @ _turns(yaws).transpose(0, 2, 1)  # (N, G, 2)
+    x, y = (samples.reshape(-1, 2) - centers[:, None, :2]).transpose(2, 0, 1)  # (N, N G): from each box's centre
+    cos, sin = np.cos(yaws)[:, None], np.sin(yaws)[:, None]
+    half_length, half_width = sizes[:, :2].T[..., None] / 2
+    within = (np.abs(x * cos + y * sin) <= half_length) & (np.abs(y * cos - x * sin) <= half_width)
+    inside = within.reshape(len(sizes), len(sizes), len(grid)).mean(2)
     rivals = np.maximum(inside, inside.T) > OVERLAP_SHARE
     kept: list[int] = []
     for row in range(len(centers)):
