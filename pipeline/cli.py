@@ -4,37 +4,66 @@ Exit codes: 0 done; 1 the input, the calibration or a check failed, with one lin
 else is a bug and shows its traceback. Results go to stdout, progress and log to stderr.
 """
 
+import errno
 import logging
 import os
+import signal
 import sys
 from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
+from types import FrameType
 from typing import Annotated, Literal
 
 import typer
 
+from pipeline.config import RunConfig
 from pipeline.errors import LidcamError
 
 __all__ = ["app", "main", "main_process"]
 
-PROCESS_EXAMPLES = """
+MOST_SECONDS = 1e9
+"""Thirty years: longer than any recording, and well inside 64 bits of nanoseconds."""
+
+# \b keeps the lines of a paragraph as they are.
+PROCESS_EXAMPLES = """\b
 Examples:
-
   lidcam-process drive.bag out.mcap --rerun out.rrd
+  lidcam-process bag_folder out.mcap --model-2d yolox_nano.onnx
+  lidcam-process drive.bag out.mcap --rig site.yaml --start 30 --duration 10
+  lidcam-process part_0.mcap part_1.mcap out.mcap --set sync.slop_s=0.05
+"""
 
-  lidcam-process bag_folder out.mcap --model-2d yolox_nano.onnx --rig site.yaml
-
-  lidcam-process part_0.mcap part_1.mcap out.mcap --start 30 --duration 10 --set combine.outliers.enabled=false
+INSPECT_EXAMPLES = """\b
+Examples:
+  lidcam inspect drive.bag
+  lidcam inspect drive.bag --write-rig rig.yaml
+  lidcam inspect bag_folder --json
 """
 
 app = typer.Typer(
     help="Recorded lidar and camera topics in, fused objects out. No ROS installed.",
     no_args_is_help=True,
+    rich_markup_mode=None,  # plain text: the same on a terminal, in a log and in a file
     pretty_exceptions_enable=False,
     add_completion=False,
 )
+process_app = typer.Typer(rich_markup_mode=None, pretty_exceptions_enable=False, add_completion=False)
 
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"lidcam {version('lidcam')}")
+        raise typer.Exit
+
+
+def _seconds(value: float | None) -> float | None:
+    if value is not None and not value <= MOST_SECONDS:
+        raise typer.BadParameter(f"expected at most {MOST_SECONDS:.0f} seconds, found {value}")
+    return value
+
+
+Version = Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")]
 ConfigFile = Annotated[Path | None, typer.Option("--config", metavar="FILE", help="Pipeline settings (YAML).")]
 Setting = Annotated[list[str] | None, typer.Option("--set", metavar="A.B=C", help="One setting; may be repeated.")]
 RigFile = Annotated[
@@ -50,6 +79,7 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON."
 
 
 @app.command(epilog=PROCESS_EXAMPLES)
+@process_app.command(epilog=PROCESS_EXAMPLES)
 def process(
     paths: Annotated[
         list[Path],
@@ -64,17 +94,35 @@ def process(
     model_2d: Annotated[
         Path | None, typer.Option("--model-2d", metavar="FILE.onnx", help="2D detector (ONNX, YOLOX layout).")
     ] = None,
-    start: Annotated[float, typer.Option(min=0, metavar="S", help="Skip the first S seconds.")] = 0.0,
-    duration: Annotated[float | None, typer.Option(min=0, metavar="S", help="Process S seconds.")] = None,
-    workers: Annotated[int | None, typer.Option(min=1, metavar="N", help="1: stage after stage.")] = None,
+    start: Annotated[
+        float, typer.Option(min=0, metavar="S", callback=_seconds, help="Skip the first S seconds.")
+    ] = 0.0,
+    duration: Annotated[
+        float | None,
+        typer.Option(min=0, metavar="S", callback=_seconds, help="Process S seconds; without it, to the end."),
+    ] = None,
+    workers: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            metavar="N",
+            help="1: stage after stage; more: stages of several frames at once. The output is the same. "
+            f"[default: {RunConfig().workers}]",
+        ),
+    ] = None,
     on_bad_message: Annotated[
         Literal["skip", "fail"], typer.Option(help="What to do about a message that cannot be decoded.")
     ] = "skip",
-    print_detections: Annotated[bool, typer.Option(help="Print what the lidars saw, frame by frame.")] = False,
-    print_matches: Annotated[bool, typer.Option(help="Print which 2D box is which object, frame by frame.")] = False,
+    print_detections: Annotated[
+        bool, typer.Option("--print-detections", help="Print what the lidars saw, frame by frame.")
+    ] = False,
+    print_matches: Annotated[
+        bool, typer.Option("--print-matches", help="Print which 2D box is which object, frame by frame.")
+    ] = False,
     as_json: AsJson = False,
+    _: Version = False,
 ) -> None:
-    """Turn a recording into fused objects: an MCAP, and a Rerun recording on demand."""
+    """Turn a recording into fused objects (MCAP, Rerun)."""
     if len(paths) < 2:
         raise typer.BadParameter("expected at least one recording and the output", param_hint="IN OUT.mcap")
     *inputs, output = paths
@@ -82,6 +130,13 @@ def process(
         raise typer.BadParameter(f"the output comes last and ends in .mcap, found {output}", param_hint="OUT.mcap")
     if rerun is not None and rerun.suffix != ".rrd":
         raise typer.BadParameter(f"expected a name that ends in .rrd, found {rerun}", param_hint="--rerun")
+    if duration == 0:
+        raise typer.BadParameter("expected more than 0 seconds", param_hint="--duration")
+    if as_json and (print_detections or print_matches):
+        raise typer.BadParameter(
+            "prints one JSON document and nothing else: leave out --print-detections and --print-matches",
+            param_hint="--json",
+        )
     overrides = list(settings or ())
     if workers is not None:
         overrides.append(f"run.workers={workers}")
@@ -109,10 +164,7 @@ def process(
     run_process(options)
 
 
-@app.command(
-    epilog="Examples:\n\n  lidcam inspect drive.bag\n\n  lidcam inspect drive.bag --write-rig rig.yaml\n\n"
-    "  lidcam inspect bag_folder --json"
-)
+@app.command(epilog=INSPECT_EXAMPLES)
 def inspect(
     paths: Annotated[list[Path], typer.Argument(metavar="IN [IN ...]", help="Recording (one, or parts of one).")],
     config_file: ConfigFile = None,
@@ -121,7 +173,10 @@ def inspect(
     write_rig: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a starting rig (YAML).")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Tell what is in a recording: topics, types, rates, gaps, calibration, and what lidcam would use."""
+    """Tell what is in a recording and what lidcam would use.
+
+    Topics, types, rates, gaps, sensors, and where their calibration comes from.
+    """
     from pipeline.commands import InspectOptions, run_inspect
 
     run_inspect(
@@ -136,35 +191,38 @@ def inspect(
     )
 
 
-def _version(wanted: bool) -> None:
-    if wanted:
-        typer.echo(f"lidcam {version('lidcam')}")
-        raise typer.Exit
-
-
 @app.callback()
-def _common(
-    _: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")] = False,
-) -> None:
+def _common(_: Version = False) -> None:
     pass
 
 
 def main() -> None:
     """The program `lidcam`."""
-    _run(app, sys.argv[1:])
+    _run(app, "lidcam")
 
 
 def main_process() -> None:
     """The program `lidcam-process`: `lidcam process`."""
-    _run(app, ["process", *sys.argv[1:]])
+    _run(process_app, "lidcam-process")
 
 
-def _run(program: Callable[..., object], arguments: list[str]) -> None:
+def _run(program: Callable[..., object], name: str) -> None:
     logging.basicConfig(level=logging.WARNING, format="lidcam: %(message)s", stream=sys.stderr)
+    signal.signal(signal.SIGTERM, _terminate)
     try:
-        program(arguments, prog_name="lidcam")
+        program(sys.argv[1:], prog_name=name)
+    except OSError as err:
+        if err.errno != errno.ENOSPC:
+            raise
+        sys.stderr.write(f"lidcam: error: {err.filename or 'standard output'}: {err.strerror}\n")
+        sys.exit(1)
     except LidcamError as err:
         sys.stderr.write(f"lidcam: error: {' '.join(str(err).split())}\n")
         for note in getattr(err, "__notes__", ()):
             sys.stderr.write(f"  {note}\n")
         sys.exit(1)
+
+
+def _terminate(number: int, _: FrameType | None) -> None:
+    """End in order, so that unfinished outputs are removed; the exit code is the one that shells give."""
+    sys.exit(128 + number)

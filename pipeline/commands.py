@@ -2,7 +2,6 @@
 
 import json
 import logging
-import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
@@ -11,8 +10,9 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
+from rich.console import Console, RenderableType
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.text import Text
 
 from pipeline.build import box_source
 from pipeline.config import Config, RunConfig, dump_config, load_config
@@ -30,11 +30,22 @@ from readers.sensors import OnBadMessage
 from readers.survey import TopicSurvey, survey
 from writers.base import ResultWriter
 from writers.mcap import McapResultWriter, Provenance
-from writers.tables import drops_table, objects_table, pairs_table, sensors_table, stages_table, topics_table
+from writers.tables import (
+    drops_table,
+    objects_table,
+    pairs_table,
+    points_table,
+    sensors_table,
+    stages_table,
+    topics_table,
+)
 
 __all__ = ["InspectOptions", "ProcessOptions", "run_inspect", "run_process"]
 
 logger = logging.getLogger(__name__)
+
+WIDEST = 10_000
+"""Columns of a table's line at most: more than any table has."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,9 +87,10 @@ def run_process(options: ProcessOptions) -> None:
     """
     config = _config(options.config_file, options.overrides, model_2d=options.model_2d)
     _check_outputs(options)
-    out, err = _console(), Console(stderr=True)
+    out, err = _console(), _console(stderr=True)
     with open_recording(options.inputs) as recording:
         _check_not_empty(recording)
+        _check_not_overwritten(recording, options.output, options.rerun)
         found = _find_rig(recording, config, options.rig_file)
         for fault in found.faults:
             logger.warning("%s is left out: %s", fault.sensor, fault.reason)
@@ -128,9 +140,12 @@ def run_inspect(options: InspectOptions) -> None:
         LidcamError: the recording or the settings are at fault, or the rig file cannot be written.
     """
     config = _config(options.config_file, options.overrides)
+    if options.write_rig is not None:
+        _check_writable(options.write_rig)
     out = _console()
     with open_recording(options.inputs) as recording:
         _check_not_empty(recording)
+        _check_not_overwritten(recording, options.write_rig)
         topics = survey(recording)
         found, problem = _try_find_rig(recording, config, options.rig_file)
         if options.as_json:
@@ -141,7 +156,7 @@ def run_inspect(options: InspectOptions) -> None:
             if found is None:
                 raise OutputError(f"{options.write_rig}: no rig to write: {problem}")
             write_rig(found.rig, options.write_rig)
-            Console(stderr=True).print(f"wrote {options.write_rig}")
+            _console(stderr=True).print(f"wrote {options.write_rig}")
 
 
 def _config(path: Path | None, overrides: tuple[str, ...], model_2d: Path | None = None) -> Config:
@@ -151,21 +166,42 @@ def _config(path: Path | None, overrides: tuple[str, ...], model_2d: Path | None
     return config.model_copy(update={"detect2d": config.detect2d.model_copy(update={"model": model_2d})})
 
 
-def _console() -> Console:
-    """Standard output; into a file or a pipe tables are as wide as they need to be."""
-    return Console(soft_wrap=True) if sys.stdout.isatty() else Console(width=240, soft_wrap=True)
+def _console(*, stderr: bool = False) -> Console:
+    """A console that prints text as it is: names of topics and files may look like markup. Lines are never broken."""
+    return Console(stderr=stderr, soft_wrap=True, markup=False, emoji=False)
+
+
+def _show(out: Console, table: RenderableType) -> None:
+    """Print a table as wide as it needs to be, whatever the terminal: no value cut or broken, no trailing blanks."""
+    for line in out.render_lines(table, out.options.update(width=WIDEST), pad=False):
+        text = Text.assemble(*((segment.text, segment.style or "") for segment in line))
+        text.rstrip()
+        out.print(text)
 
 
 def _check_outputs(options: ProcessOptions) -> None:
     for output in (options.output, options.rerun):
         if output is None:
             continue
-        if output.is_dir():
-            raise OutputError(f"{output}: expected the name of a file to write, found a folder")
-        if not output.parent.is_dir():
-            raise OutputError(f"{output}: the folder {output.parent} does not exist; create it first")
+        _check_writable(output)
         if any(path.exists() and output.exists() and path.samefile(output) for path in options.inputs):
             raise OutputError(f"{output}: is the recording itself; choose another name")
+    if options.rerun is not None and options.rerun.resolve() == options.output.resolve():
+        raise OutputError(f"{options.rerun}: is the same file as {options.output}; choose another name")
+
+
+def _check_writable(output: Path) -> None:
+    if output.is_dir():
+        raise OutputError(f"{output}: expected the name of a file to write, found a folder")
+    if not output.parent.is_dir():
+        raise OutputError(f"{output}: the folder {output.parent} does not exist; create it first")
+
+
+def _check_not_overwritten(recording: Recording, *outputs: Path | None) -> None:
+    """Refuse an output that is a file of the recording: one inside its folder, or one that a link leads to."""
+    for output in outputs:
+        if output is not None and output.exists() and any(path.samefile(output) for path in recording.paths):
+            raise OutputError(f"{output}: is a file of the recording itself; choose another name")
 
 
 def _check_not_empty(recording: Recording) -> None:
@@ -211,31 +247,30 @@ def _progress(err: Console, recording: Recording, options: ProcessOptions) -> It
 
 def _print_detections(out: Console, frame: FrameResult, config: Config) -> None:
     boxes = frame.lidar_boxes
-    out.print(f"frame {frame.bundle.index}  stamp {boxes.stamp_ns} ns  {len(boxes)} lidar detections", highlight=False)
+    out.print(f"frame {frame.bundle.index}  stamp {boxes.stamp_ns} ns  {len(boxes)} lidar detections")
     for row in range(len(boxes)):
         (x, y, z), (length, width, height) = boxes.centers[row], boxes.sizes[row]
         out.print(
             f"  {row:3} {config.class_names[boxes.class_ids[row]]:10} score {boxes.scores[row]:.2f}"
             f"  x {x:8.2f} y {y:8.2f} z {z:6.2f}  l {length:5.2f} w {width:5.2f} h {height:5.2f}"
             f"  yaw {boxes.yaws[row]:6.3f}  {boxes.point_counts[row]} points",
-            highlight=False,
         )
 
 
 def _print_matches(out: Console, frame: FrameResult, config: Config) -> None:
-    out.print(f"frame {frame.bundle.index}  stamp {frame.bundle.stamp_ns} ns  matches", highlight=False)
+    out.print(f"frame {frame.bundle.index}  stamp {frame.bundle.stamp_ns} ns  matches")
     matched: set[int] = set()
     for camera, matches in frame.matches.items():
         boxes2d = frame.camera_boxes[camera]
         for (row3d, row2d), iou in zip(matches.pairs.tolist(), matches.iou.tolist(), strict=True):
             name = config.class_names[boxes2d.class_ids[row2d]]
-            out.print(f"  {camera}: object {row3d} is 2D box {row2d} ({name}), IoU {iou:.2f}", highlight=False)
+            out.print(f"  {camera}: object {row3d} is 2D box {row2d} ({name}), IoU {iou:.2f}")
             matched.add(row3d)
         alone = sorted(set(range(len(boxes2d))) - set(matches.pairs[:, 1].tolist()))
         if alone:
-            out.print(f"  {camera}: seen by the camera alone: {', '.join(map(str, alone))}", highlight=False)
+            out.print(f"  {camera}: seen by the camera alone: {', '.join(map(str, alone))}")
     alone = sorted(set(range(len(frame.lidar_boxes))) - matched)
-    out.print(f"  seen by the lidars alone: {', '.join(map(str, alone)) or 'none'}", highlight=False)
+    out.print(f"  seen by the lidars alone: {', '.join(map(str, alone)) or 'none'}")
 
 
 def _print_summary(out: Console, summary: RunSummary, found: Discovery, options: ProcessOptions) -> None:
@@ -244,25 +279,25 @@ def _print_summary(out: Console, summary: RunSummary, found: Discovery, options:
         return
     zones = [*(zone.name for zone in found.rig.zones), OUTSIDE_ZONES]
     for fault in found.faults:
-        out.print(f"left out: {fault.sensor} ({fault.topic}): {fault.reason}", highlight=False)
-    out.print(objects_table(summary.objects, zones))
+        out.print(f"left out: {fault.sensor} ({fault.topic}): {fault.reason}")
+    _show(out, objects_table(summary.objects, zones))
     out.print()
-    out.print(drops_table(summary.messages_used, summary.drops.counts, summary.drops.examples))
+    _show(out, drops_table(summary.messages_used, summary.drops.counts, summary.drops.examples))
     for reason, count in summary.boxes_left_out.items():
-        out.print(f"  recorded 2D boxes left out: {count}, {reason}", highlight=False)
+        out.print(f"  recorded 2D boxes left out: {count}, {reason}")
     out.print()
-    out.print(stages_table(summary.stage_seconds, summary.frames))
+    _show(out, stages_table(summary.stage_seconds, summary.frames))
     out.print()
-    points = ", ".join(f"{name} {count / summary.frames:.0f}" for name, count in summary.points.items())
+    _show(out, points_table(summary.points, summary.frames))
+    out.print()
     facts = {
         "frames": f"{summary.frames}, {summary.frames_per_second:.1f} a second",
-        "points a frame": points,
         "sync skew": f"{summary.skew_mean_ms:.1f} ms mean, {summary.skew_max_ms:.1f} ms at most",
         "2D boxes": _BOX_SOURCES[summary.box_source],
         "confirmed": f"{summary.confirmed} of {sum(summary.objects.values())} objects by a camera",
         "written": ", ".join(str(path) for path in (options.output, options.rerun) if path is not None),
     }
-    out.print(pairs_table("run", facts))
+    _show(out, pairs_table("run", facts))
 
 
 _BOX_SOURCES = {
@@ -341,18 +376,18 @@ def _print_inspection(
 ) -> None:
     seconds = (recording.end_ns - recording.start_ns) / 1e9
     files = ", ".join(str(path) for path in recording.paths)
-    out.print(f"{files}: {recording.message_count} messages, {seconds:.2f} s", highlight=False)
+    out.print(f"{files}: {recording.message_count} messages, {seconds:.2f} s")
     out.print()
-    out.print(topics_table(topics))
+    _show(out, topics_table(topics))
     if found is None:
-        out.print(f"\nlidcam could not process it: {problem}", highlight=False)
+        out.print(f"\nlidcam could not process it: {problem}")
         return
     report = _inspection(recording, topics, found, problem, config)
-    out.print(f"\nsite frame: {found.rig.site_frame}", highlight=False)
-    out.print(sensors_table(report["sensors"]))
+    out.print(f"\nsite frame: {found.rig.site_frame}")
+    _show(out, sensors_table(report["sensors"]))
     for fault in found.faults:
-        out.print(f"left out: {fault.sensor} ({fault.topic}): {fault.reason}", highlight=False)
+        out.print(f"left out: {fault.sensor} ({fault.topic}): {fault.reason}")
     for note in found.notes:
-        out.print(f"note: {note}", highlight=False)
-    out.print(f"motion of the site frame: {', '.join(report['motion']) or 'none: it stands still'}", highlight=False)
-    out.print(f"2D boxes: {_BOX_SOURCES[report['box_source']]}", highlight=False)
+        out.print(f"note: {note}")
+    out.print(f"motion of the site frame: {', '.join(report['motion']) or 'none: it stands still'}")
+    out.print(f"2D boxes: {_BOX_SOURCES[report['box_source']]}")

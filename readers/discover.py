@@ -13,7 +13,7 @@ from pipeline.errors import CalibrationError, FrameError, LidcamError, Recording
 from pipeline.geometry import Transform
 from pipeline.types import CameraSensor, LidarSensor, Rig, Zone
 from readers.assignment import assign_cameras, assign_lidars
-from readers.base import Recording
+from readers.base import Recording, TopicInfo
 from readers.camera_calibration import calibrate_camera
 from readers.extrinsics import rigid_transform
 from readers.first_messages import FirstMessages
@@ -28,6 +28,25 @@ FAR_M = 1e4
 
 BEYOND_SITE = frozenset({"earth", "utm"})
 """Frames with coordinates of millions of metres, in which float32 points would lose their centimetres."""
+
+
+RAW_LIDAR = frozenset(
+    {
+        "livox_ros_driver/msg/CustomMsg",
+        "livox_ros_driver2/msg/CustomMsg",
+        "nebula_msgs/msg/NebulaPackets",
+        "ouster_ros/msg/PacketMsg",
+        "ouster_sensor_msgs/msg/PacketMsg",
+        "pandar_msgs/msg/PandarScan",
+        "rslidar_msg/msg/RslidarPacket",
+        "velodyne_msgs/msg/VelodynePacket",
+        "velodyne_msgs/msg/VelodyneScan",
+    }
+)
+"""Types that drivers record before they make clouds of them."""
+
+MOST_LISTED = 10
+"""Topics that an error names."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,6 +118,8 @@ def discover_rig(recording: Recording, config: Config, rig_file: RigFile | None 
     lidar_topics, faults, notes = find_lidar_topics(recording, config.topics)
     lidars, lidar_assignment = assign_lidars(rig_file.lidars, lidar_topics, recording)
     faults += lidar_assignment.faults
+    if not lidars and rig_file.lidars == {}:
+        raise CalibrationError("the rig file says `lidars: {}`, no lidar: name one, or leave `lidars` out to take all")
     if not lidars and not faults:
         raise RecordingError(_no_clouds(recording, config))
     camera_topics, camera_faults, camera_notes = find_camera_topics(recording, config.topics, first)
@@ -200,11 +221,23 @@ def _is_joined(dst: str, src: str, transforms: RecordedTransforms) -> bool:
 
 
 def _no_clouds(recording: Recording, config: Config) -> str:
-    there = ", ".join(f"{info.topic} ({info.msgtype}, {info.message_count})" for info in recording.topics) or "none"
-    return (
+    expected = (
         f"{', '.join(str(path) for path in recording.paths)}: expected a topic of lidar clouds "
-        f"(sensor_msgs/msg/PointCloud2), apart from {', '.join(config.topics.exclude) or 'none'}; found topics: {there}"
+        f"(sensor_msgs/msg/PointCloud2), apart from {', '.join(config.topics.exclude) or 'none'}"
     )
+    if raw := [info for info in recording.topics if info.msgtype in RAW_LIDAR]:
+        return (
+            f"{expected}; found {_listed(raw)}, which lidcam does not read yet: play the recording through the lidar's "
+            "driver and record the clouds that it publishes"
+        )
+    there = any(info.msgtype in CLOUD for info in recording.topics)
+    remedy = "see topics.exclude and topics.lidars of the settings" if there else "record the clouds of the driver, too"
+    return f"{expected}; found topics: {_listed(recording.topics) or 'none'}; {remedy}"
+
+
+def _listed(topics: Sequence[TopicInfo]) -> str:
+    more = f" and {len(topics) - MOST_LISTED} more" if len(topics) > MOST_LISTED else ""
+    return ", ".join(f"{info.topic} ({info.msgtype}, {info.message_count})" for info in topics[:MOST_LISTED]) + more
 
 
 def _no_lidar(faults: Sequence[SensorFault], site: str) -> str:

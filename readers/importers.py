@@ -16,7 +16,7 @@ import numpy.typing as npt
 from pipeline.config import read_yaml
 from pipeline.errors import CalibrationError
 from readers.extrinsics import decompose_projection
-from readers.rig_file import CameraEntry, LidarEntry, RigFile
+from readers.rig_file import CameraEntry, LidarEntry, RigFile, parse_rig
 
 __all__ = ["import_geometry_yaml", "import_kitti_calib", "is_geometry_tree"]
 
@@ -44,8 +44,10 @@ def _geometry_cameras(tree: Mapping[str, Any]) -> Mapping[str, Mapping[str, Any]
 def import_geometry_yaml(path: Path) -> RigFile:
     """The cameras of a geometry.yaml; a camera whose matrices are unsound stays in, and becomes a fault of the rig.
 
+    A camera that has a number for a name, 11, is called cam11.
+
     Raises:
-        CalibrationError: a matrix is missing or has the wrong number of values.
+        CalibrationError: a matrix is missing or has the wrong number of values, or a name cannot be that of a topic.
         ConfigError: the file is no YAML mapping.
     """
     cameras = _geometry_cameras(read_yaml(path))
@@ -55,8 +57,8 @@ def import_geometry_yaml(path: Path) -> RigFile:
     for name, camera in cameras.items():
         w2c = _matrix(path, f"{name}.w2c", camera.get("w2c"), (4, 4))
         c2p = _matrix(path, f"{name}.c2p", camera.get("c2p"), (3, 4))
-        entries[name] = _camera(w2c, c2p)
-    return RigFile(cameras=entries)
+        entries[f"cam{name}" if name.isdecimal() else name] = _camera(w2c, c2p)
+    return parse_rig({"cameras": entries}, path)
 
 
 def _camera(T_camera_site: F64, projection: F64) -> CameraEntry:

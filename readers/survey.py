@@ -4,6 +4,7 @@ from collections import defaultdict
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from readers.base import Recording
 
@@ -11,6 +12,10 @@ __all__ = ["TopicSurvey", "survey"]
 
 GAP_PERIODS = 2.5
 """A pause of more than this many usual periods is a gap: one lost message makes two periods."""
+
+EVEN_SHARE = 0.5
+"""Stamps are evenly spaced if the middle half of their periods is within this share of the median: sensors are, even
+with losses; events and transforms of several senders are not, and have no period to miss."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,8 +26,9 @@ class TopicSurvey:
         topic: Topic name.
         msgtype: Type name.
         count: Number of messages.
-        rate_hz: 1 / median period of the stamps; 0 with fewer than two messages.
-        gaps: Number of pauses longer than 2.5 periods.
+        rate_hz: 1 / median period of the stamps if they are evenly spaced, else periods by time; 0 with fewer than two
+            stamps.
+        gaps: Number of pauses longer than 2.5 periods; 0 if the stamps are not evenly spaced.
         longest_gap_s: Longest pause between two stamps.
         delay_s: Median of log time minus stamp: how late the messages were recorded.
         backwards: Number of messages whose stamp lies before that of the one recorded before.
@@ -59,15 +65,25 @@ def _describe(topic: str, msgtype: str, count: int, times: list[tuple[int, int]]
     stamps_ns, log_ns = np.array(times, np.int64).reshape(-1, 2).T
     steps_s = np.diff(stamps_ns) / 1e9
     forward_s = steps_s[steps_s > 0]
-    period_s = float(np.median(forward_s)) if len(forward_s) else 0.0
+    period_s, is_even = _period(forward_s)
     return TopicSurvey(
         topic=topic,
         msgtype=msgtype,
         count=count,
         rate_hz=1 / period_s if period_s else 0.0,
-        gaps=int((forward_s > GAP_PERIODS * period_s).sum()),
+        gaps=int((forward_s > GAP_PERIODS * period_s).sum()) if is_even else 0,
         longest_gap_s=float(forward_s.max()) if len(forward_s) else 0.0,
         delay_s=float(np.median(log_ns - stamps_ns)) / 1e9 if len(times) else 0.0,
         backwards=int((steps_s < 0).sum()),
         problem=problem,
     )
+
+
+def _period(steps_s: npt.NDArray[np.float64]) -> tuple[float, bool]:
+    """Usual time between two stamps, 0 without any, and whether they are evenly spaced."""
+    if not len(steps_s):
+        return 0.0, False
+    low_s, median_s, high_s = np.quantile(steps_s, [0.25, 0.5, 0.75]).tolist()
+    if max(median_s - low_s, high_s - median_s) <= EVEN_SHARE * median_s:
+        return median_s, True
+    return float(steps_s.mean()), False

@@ -7,7 +7,15 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-__all__ = ["drops_table", "objects_table", "pairs_table", "sensors_table", "stages_table", "topics_table"]
+__all__ = [
+    "drops_table",
+    "objects_table",
+    "pairs_table",
+    "points_table",
+    "sensors_table",
+    "stages_table",
+    "topics_table",
+]
 
 
 def objects_table(objects: Mapping[tuple[str, str], int], zones: Iterable[str]) -> Table:
@@ -45,6 +53,14 @@ def stages_table(seconds: Mapping[str, float], frames: int) -> Table:
     return table
 
 
+def points_table(points: Mapping[str, int], frames: int) -> Table:
+    """Lidar points a frame by step of the combination."""
+    table = _table("points", "step", "points a frame")
+    for step, count in points.items():
+        table.add_row(step, f"{count / max(frames, 1):.0f}")
+    return table
+
+
 def pairs_table(title: str, pairs: Mapping[str, Any]) -> Table:
     """Two columns without a head."""
     table = Table(title=title, title_justify="left", title_style="bold", show_header=False, box=None, pad_edge=False)
@@ -55,7 +71,7 @@ def pairs_table(title: str, pairs: Mapping[str, Any]) -> Table:
 
 def topics_table(topics: Sequence[Any]) -> Table:
     """What `readers.survey` found, a row a topic."""
-    columns = ("type", "messages", "Hz", "gaps", "longest", "recorded after", "")
+    columns = ("type", "count", "Hz", "gaps", "longest", "delay", "")
     table = _table("topics", "topic", *columns, text_columns=("type", ""))
     for topic in topics:
         remarks = [topic.problem] if topic.problem else []
@@ -63,7 +79,7 @@ def topics_table(topics: Sequence[Any]) -> Table:
             remarks.append(f"{topic.backwards} stamps run backwards")
         table.add_row(
             topic.topic,
-            topic.msgtype,
+            topic.msgtype.replace("/msg/", "/"),
             str(topic.count),
             f"{topic.rate_hz:.1f}" if topic.rate_hz else "",
             str(topic.gaps or ""),

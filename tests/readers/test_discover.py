@@ -23,10 +23,11 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.config import Config
 from pipeline.errors import CalibrationError, RecordingError
-from pipeline.types import RawMessage
+from pipeline.types import Channel, RawMessage
 from readers.bag import open_recording
 from readers.discover import Discovery, discover_rig
 from readers.memory import MemoryRecording
+from readers.rig_file import RigFile
 
 K = np.array([[500.0, 0, 32.0], [0, 500.0, 24.0], [0, 0, 1]])
 OPTICAL = (-0.5, 0.5, -0.5, 0.5)  # REP 103: optical axes in a body frame
@@ -181,6 +182,29 @@ def test_no_clouds_lists_the_topics() -> None:
         discover([picture("/camera/image_raw", "camera")])
     with pytest.raises(RecordingError, match="found topics: none"):
         discover([])
+
+
+def test_raw_packets_are_named_with_a_remedy() -> None:
+    scan = Channel("/velodyne_packets", "velodyne_msgs/msg/VelodyneScan", "cdr", "", "ros2msg")
+    with pytest.raises(
+        RecordingError, match=r"/velodyne_packets.*VelodyneScan, 1\), which lidcam does not read yet.*play"
+    ):
+        discover([RawMessage(1, 1, (0, 0), b"", scan), picture("/camera/image_raw", "camera")])
+
+
+def test_no_clouds_among_many_topics_names_a_few() -> None:
+    with pytest.raises(RecordingError, match=r"and 5 more"):
+        discover([picture(f"/camera{i}/image_raw", "camera") for i in range(15)])
+
+
+def test_clouds_that_the_settings_leave_out_are_no_fault_of_the_driver() -> None:
+    with pytest.raises(RecordingError, match=r"apart from /points.*topics\.exclude and topics\.lidars"):
+        discover([cloud("/points", "a")], topics={"exclude": ["/points"]})
+
+
+def test_a_rig_file_without_lidars_says_so() -> None:
+    with pytest.raises(CalibrationError, match=r"`lidars: \{\}`"):
+        discover_rig(MemoryRecording([cloud("/points", "a")]), Config(), RigFile(lidars={}))
 
 
 def test_topics_are_left_out_by_pattern_or_chosen() -> None:

@@ -86,6 +86,14 @@ def test_mistakes_in_a_geometry_yaml(tmp_path: Path, camera: dict[str, Any], rea
         load_rig(tmp_path / "geometry.yaml")
 
 
+def test_cameras_of_a_geometry_yaml_that_are_numbers(tmp_path: Path) -> None:
+    (tmp_path / "geometry.yaml").write_text(yaml.safe_dump({"cameras": {11: {"w2c": W2C_11, "c2p": C2P}}}))
+    assert list(load_rig(tmp_path / "geometry.yaml").cameras or ()) == ["cam11"]
+    (tmp_path / "geometry.yaml").write_text(yaml.safe_dump({"cameras": {"left camera": {"w2c": W2C_11, "c2p": C2P}}}))
+    with pytest.raises(CalibrationError, match=r"geometry\.yaml: cameras\.left camera"):
+        load_rig(tmp_path / "geometry.yaml")
+
+
 def kitti_object_8(tmp_path: Path) -> tuple[Path, dict[str, Any]]:
     """The calibration file of KITTI object frame 8, from the numbers of mmdetection3d's index, and that index."""
     scene = json.loads(shared("data/kitti_object_8/info_from_pkl.json").read_text())["data_list"][0]
