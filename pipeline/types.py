@@ -223,6 +223,7 @@ class SensorBundle:
         log_time_ns: Log time of that message.
         messages: By topic.
         motion: Poses of the site frame around `stamp_ns`, if the recording has odometry of it.
+        left_out: How many messages were left out of every frame since the bundle before, by (topic, reason).
     """
 
     index: int
@@ -230,6 +231,7 @@ class SensorBundle:
     log_time_ns: int
     messages: Mapping[str, RawMessage]
     motion: PoseSamples | None = None
+    left_out: Mapping[tuple[str, str], int] = field(default_factory=dict)
 
     @property
     def skew_ns(self) -> int:
@@ -487,7 +489,7 @@ class FrameResult:
         combined: The combined cloud.
         lidar_boxes: What the lidars alone saw, in the site frame.
         camera_boxes: What each camera alone saw, by camera name.
-        matches: By camera name; for the rows of `lidar_boxes`.
+        matches: By camera name, for every camera of the rig; for the rows of `lidar_boxes`.
         objects: The fused objects, in the site frame.
         matched: (N,) int32 for the rows of `objects`: number of cameras that confirm it.
         drops: Messages of the bundle that could not be used.

@@ -202,7 +202,7 @@ def _site_frame(lidar_frames: Sequence[str], camera_frames: set[str], transforms
         except FrameError:  # a circle: the lidar itself is reported when its pose is looked up
             continue
         chain = chain[: next((i for i, name in enumerate(chain) if name in BEYOND_SITE and i), len(chain))]
-        ends.append((frame, "base_link" if _is_joined("base_link", frame, transforms) else chain[-1]))
+        ends.append((frame, "base_link" if transforms.are_joined("base_link", frame) else chain[-1]))
     if not ends:
         return lidar_frames[0] if lidar_frames else ""
     roots = [root for _, root in ends]
@@ -210,14 +210,6 @@ def _site_frame(lidar_frames: Sequence[str], camera_frames: set[str], transforms
     if root in camera_frames or root.endswith(("optical", "optical_frame")):
         return next(frame for frame, end in ends if end == root)
     return root
-
-
-def _is_joined(dst: str, src: str, transforms: RecordedTransforms) -> bool:
-    try:
-        transforms.fixed.lookup(dst, src)
-    except FrameError:
-        return False
-    return True
 
 
 def _no_clouds(recording: Recording, config: Config) -> str:

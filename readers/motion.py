@@ -91,7 +91,7 @@ def _of_odometry(
     child, fixed = clean_frame(message.child_frame_id), clean_frame(message.header.frame_id)
     if not child and is_wanted:  # many drivers leave it empty; the settings say what it is
         child = rig.site_frame
-    if not child or not fixed or _is_fixed(rig.site_frame, fixed, transforms):
+    if not child or not fixed or transforms.are_joined(rig.site_frame, fixed):
         raise ConfigError(f"{topic}: pose of {child!r} in {fixed!r} is no motion of the site frame {rig.site_frame!r}")
     if child == rig.site_frame:
         return MotionSource((topic,), rig.site_frame, fixed, (child,))
@@ -99,14 +99,6 @@ def _of_odometry(
         return MotionSource((topic,), rig.site_frame, fixed, (transforms.lookup(child, rig.site_frame), child))
     except FrameError as err:
         raise ConfigError(f"{topic}: odometry of {child!r}, not of the site frame: {err}") from err
-
-
-def _is_fixed(frame: str, other: str, transforms: RecordedTransforms) -> bool:
-    try:
-        transforms.fixed.lookup(frame, other)
-    except FrameError:
-        return False
-    return True
 
 
 def _of_tf(recording: Recording, rig: Rig, transforms: RecordedTransforms) -> MotionSource | None:

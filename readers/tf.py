@@ -62,6 +62,14 @@ class RecordedTransforms:
             reasons += [f"{frame} moves in {self.moving[frame]}" for frame in sorted(ends & set(self.moving))]
             raise FrameError("; ".join([str(err), *reasons])) from err
 
+    def are_joined(self, frame: str, other: str) -> bool:
+        """Whether the pose of one frame in the other is known and holds for all time."""
+        try:
+            self.fixed.lookup(frame, other)
+        except FrameError:
+            return False
+        return True
+
 
 def clean_frame(name: str) -> str:
     """A frame name without the leading slash of old ROS 1 drivers."""

@@ -15,7 +15,7 @@ Values = Sequence[tuple[str, str]]
 
 
 def diagnostics(result: FrameResult, rig: Rig, not_copied: Sequence[Drop]) -> DiagnosticArray:
-    """Synchronisation, points by step, objects by source, and messages of the frame that could not be used.
+    """Synchronisation, points by step, objects by source, and messages that no frame took or this one could not use.
 
     Args:
         result: The frame.
@@ -45,7 +45,10 @@ def _synchronisation(result: FrameResult) -> Values:
         (f"offset_ms {topic}", f"{(message.stamp_ns - bundle.stamp_ns) / 1e6:.3f}")
         for topic, message in sorted(bundle.messages.items())
     ]
-    return [("frame", str(bundle.index)), ("skew_ms", f"{bundle.skew_ns / 1e6:.3f}"), *offsets]
+    left_out = [
+        (f"left out {topic}", f"{count}: {reason}") for (topic, reason), count in sorted(bundle.left_out.items())
+    ]
+    return [("frame", str(bundle.index)), ("skew_ms", f"{bundle.skew_ns / 1e6:.3f}"), *offsets, *left_out]
 
 
 def _cloud(result: FrameResult) -> Values:

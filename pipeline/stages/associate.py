@@ -32,7 +32,7 @@ class Associate:
         self._config = config.associate
 
     def __call__(self, boxes3d: Boxes3D, boxes2d: Mapping[str, Boxes2D]) -> Mapping[str, Matches]:
-        """Matches by camera name, in the rig's order, for each camera that has an entry in `boxes2d`.
+        """Matches by camera name, in the rig's order; without pairs for a camera that has no entry in `boxes2d`.
 
         Raises:
             FrameError: the 3D boxes are not in the frame that the cameras are calibrated to.
@@ -41,9 +41,9 @@ class Associate:
         rows3d = _rank3d(boxes3d)
         matches = {}
         for camera in self._cameras:
-            if camera.name in boxes2d:
-                projected = _project(camera, corners, boxes3d.frame_id)
-                matches[camera.name] = self._match(camera, boxes3d, rows3d, projected, boxes2d[camera.name])
+            projected = _project(camera, corners, boxes3d.frame_id)
+            found = boxes2d.get(camera.name, Boxes2D.empty(boxes3d.stamp_ns, camera.T_camera_site.dst))
+            matches[camera.name] = self._match(camera, boxes3d, rows3d, projected, found)
         return matches
 
     def _match(

@@ -49,15 +49,15 @@ class Fuse:
         Args:
             lidar_boxes: N boxes in the site frame.
             camera_boxes: By camera name.
-            matches: By camera name; for the rows of `lidar_boxes` and of the camera's boxes.
+            matches: By camera name, of these cameras at least; for the rows of `lidar_boxes` and of the camera's boxes.
         """
         n = len(lidar_boxes)
         votes, missed = np.zeros((n, self._class_count)), 1.0 - lidar_boxes.scores.astype(np.float64)
         matched = np.zeros(n, np.int32)
-        for name, found in matches.items():
-            rows, rows2d = found.pairs[:, 0], found.pairs[:, 1]  # each row at most once: plain indexing adds right
-            scores = camera_boxes[name].scores[rows2d].astype(np.float64)
-            votes[rows, camera_boxes[name].class_ids[rows2d]] += scores
+        for name, boxes in camera_boxes.items():
+            rows, rows2d = matches[name].pairs.T  # each row at most once: plain indexing adds right
+            scores = boxes.scores[rows2d].astype(np.float64)
+            votes[rows, boxes.class_ids[rows2d]] += scores
             missed[rows] *= 1.0 - scores
             matched[rows] += 1
         fused_scores = np.where(matched > 0, 1.0 - missed, lidar_boxes.scores).astype(np.float32)

@@ -123,6 +123,7 @@ def test_a_wall_that_stands_still_comes_out_flat(
     bag, out = recording(tmp_path / "a.bag", motion()), tmp_path / "out.mcap"
     run = lidcam("process", bag, out, *ALL_POINTS)
     assert run.code == 0, run.err
+    assert f"{FRAMES} of {FRAMES} frames compensated" in run.out
     clouds = clouds_of(out)
     assert len(clouds) == FRAMES
     for stamp_ns, xyz in clouds.items():

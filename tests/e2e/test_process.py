@@ -163,6 +163,8 @@ def test_json_summary(lidcam: Lidcam, sandbox: Path, sandbox_config: Path, tmp_p
     used, dropped = summary["messages_used"], summary["drops"]
     assert set(used) >= {"/velodyne1_points", "/image_raw_11/compressed", "/detections_44"}
     assert all(drop["reason"] for drop in dropped)
+    assert summary["motion"] == {"topics": [], "compensated_frames": 0}
+    assert set(summary["unused_topics"]) == {"/car1/base_pose_ground_truth", "/car2/base_pose_ground_truth"}
 
 
 def test_without_pictures_and_boxes_it_is_lidar_only_and_says_so(
@@ -175,6 +177,17 @@ def test_without_pictures_and_boxes_it_is_lidar_only_and_says_so(
     assert "lidar-only" in run.out
     assert not any("image" in topic for topic in topics_of(out))
     assert any(fused_objects(out).values())
+
+
+def test_lidar_only_draws_its_boxes_over_the_pictures(
+    lidcam: Lidcam, sandbox: Path, sandbox_config: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "o.mcap"
+    options = ("--set", "detect2d.method=none", "--duration", "1")
+    run = lidcam("process", sandbox, out, "--config", sandbox_config, *options)
+    assert run.code == 0, run.err
+    assert all(len(message.points) > 0 for _, message in messages_of(out, "/cam43/annotations"))
+    assert not messages_of(out, "/cam43/detections"), "no detector has looked"
 
 
 def test_printing_detections_and_matches(lidcam: Lidcam, sandbox: Path, sandbox_config: Path, tmp_path: Path) -> None:

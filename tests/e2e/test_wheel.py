@@ -27,7 +27,6 @@ def test_wheel_runs_elsewhere(tmp_path: Path, sandbox: Path, sandbox_config: Pat
     elsewhere.mkdir()
     quiet = ("--quiet", "--disable-pip-version-check", "--constraint", ROOT / "constraints.txt")
     run(python, "-m", "pip", "install", *quiet, wheel, cwd=elsewhere)
-    names = "pipeline", "readers", "writers", "bags"
     names = ("pipeline", "readers", "writers", "bags")
     owners = f"from importlib.metadata import packages_distributions as p; print([p()[n] for n in {names}])"
     assert run(python, "-c", owners, cwd=elsewhere).strip() == str([["lidcam"]] * 4)

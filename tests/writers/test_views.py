@@ -1,5 +1,6 @@
 """What people look at: scenes, markers, annotations, diagnostics."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -77,11 +78,14 @@ def test_annotations_without_boxes() -> None:
 
 def test_diagnostics() -> None:
     drops = (Drop("/left/image", 1, "cannot be decoded", "12 bytes"), Drop("/left/image", 2, "too late"))
-    message = through_cdr(diagnostics(frame(4, drops=drops[:1]), RIG, drops[1:]))
+    result = frame(4, drops=drops[:1])
+    late = replace(result.bundle, left_out={("/right/image", "no partner"): 3})
+    message = through_cdr(diagnostics(replace(result, bundle=late), RIG, drops[1:]))
     found = {status.name: [(pair.key, pair.value) for pair in status.values] for status in message.status}
     assert ("skew_ms", "5.000") in found["lidcam: synchronisation"]
     assert ("offset_ms /left/image", "1.000") in found["lidcam: synchronisation"]
     assert ("frame", "4") in found["lidcam: synchronisation"]
+    assert ("left out /right/image", "3: no partner") in found["lidcam: synchronisation"]
     assert ("points outliers", "10") in found["lidcam: cloud"]
     assert ("motion compensated", "lidar1") in found["lidcam: cloud"]
     for pair in (("fused", "3"), ("confirmed by cameras", "2"), ("detected left", "2"), ("matched right", "0")):

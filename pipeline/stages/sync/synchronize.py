@@ -1,5 +1,6 @@
 """From a stream of undecoded messages to frames: what belongs to one moment, by the configured policy."""
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
@@ -74,25 +75,31 @@ def synchronize(
     if reference not in topics:
         raise ConfigError(f"sync.reference: {reference!r} is not synchronised; choose one of {', '.join(topics)}")
 
+    left_out: Counter[tuple[str, str]] = Counter()
+
     def drop(message: RawMessage, reason: str) -> None:
+        left_out[message.topic, reason] += 1
         on_drop(Drop(message.topic, message.stamp_ns, reason))
 
+    stats = SyncStats() if stats is None else stats
     policy = _policy(config, topics, topics.index(reference), drop)
-    return _bundles(messages, topics, reference, policy, stats if stats is not None else SyncStats(), flush)
+    sets = _sets(messages, topics, policy, stats, flush)
+    return _bundles(sets, topics, reference, left_out, stats)
 
 
 def _bundles(
-    messages: Iterable[RawMessage],
+    sets: Iterable[tuple[RawMessage, ...]],
     topics: Sequence[str],
     reference: str,
-    policy: Policy[RawMessage],
+    left_out: Counter[tuple[str, str]],
     stats: SyncStats,
-    flush: bool,
 ) -> Iterator[SensorBundle]:
-    stats.received.update(dict.fromkeys(topics, 0))
-    for index, found in enumerate(_sets(messages, topics, policy, stats, flush)):
+    for index, found in enumerate(sets):
         chosen = dict(zip(topics, found, strict=True))
-        bundle = SensorBundle(index, chosen[reference].stamp_ns, chosen[reference].log_time_ns, chosen)
+        bundle = SensorBundle(
+            index, chosen[reference].stamp_ns, chosen[reference].log_time_ns, chosen, left_out=dict(left_out)
+        )
+        left_out.clear()
         stats.count(bundle)
         yield bundle
 
@@ -101,6 +108,7 @@ def _sets(
     messages: Iterable[RawMessage], topics: Sequence[str], policy: Policy[RawMessage], stats: SyncStats, flush: bool
 ) -> Iterator[tuple[RawMessage, ...]]:
     index_of = {topic: index for index, topic in enumerate(topics)}
+    stats.received.update(dict.fromkeys(topics, 0))
     for message in messages:
         topic = message.topic
         if topic in index_of:

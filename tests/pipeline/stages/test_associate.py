@@ -173,8 +173,10 @@ def test_each_camera_confirms_on_its_own() -> None:
     assert [alone[name].pairs.tolist() for name in "ab"] == [[[0, 0]], [[1, 0]]]
 
 
-def test_cameras_without_boxes_have_no_entry() -> None:
-    assert associate(TWO, {}) == {}
+def test_without_2d_boxes_there_are_projections_all_the_same() -> None:
+    found = associate(TWO, {})["cam"]
+    assert len(found) == 0
+    np.testing.assert_array_equal(found.projected_xyxy, AT)
 
 
 def test_boxes_in_another_frame_are_refused() -> None:

@@ -531,6 +531,17 @@ def test_recordings_without_a_set(name: PolicyName, messages: list[RawMessage], 
     assert (stats.sets, stats.skew_mean_ns) == (0, 0.0)
 
 
+@given(st.lists(st.tuples(st.integers(0, 1), st.integers(0, 40)), max_size=40), st.sampled_from(POLICIES))
+def test_bundles_count_what_was_left_out_before_them(arrivals: list[tuple[int, int]], name: PolicyName) -> None:
+    messages = [message(topic, stamp_ms, position) for position, (topic, stamp_ms) in enumerate(arrivals)]
+    drops: list[Drop] = []
+    config = SyncConfig(policy=name, queue_size=3, slop_s=0.005)
+    told: Counter[tuple[str, str]] = Counter()
+    for bundle in synchronize_(messages, ["/t0", "/t1"], config, reference="/t0", on_drop=drops.append):
+        told.update(bundle.left_out)
+        assert told == Counter((drop.topic, drop.reason) for drop in drops)
+
+
 def test_without_flush_the_last_frame_is_dropped_as_in_ros() -> None:
     bundles, drops, _ = synchronize(frames(3), flush=False)
     assert len(bundles) == 2
