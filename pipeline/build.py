@@ -33,7 +33,7 @@ def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Grap
         Fuse(config),
     )
     graph = Graph(SensorBundle)
-    clouds = graph.add("decode clouds", CloudDecoder(rig, on_bad=on_bad), graph.frame)
+    clouds = graph.add("decode clouds", CloudDecoder(rig, config, on_bad=on_bad), graph.frame)
     combined = graph.add(
         "combine", lambda bundle, clouds: combine(bundle, clouds.by_sensor), graph.frame, clouds, workers=2
     )

@@ -39,6 +39,7 @@ Examples:
   lidcam inspect drive.bag
   lidcam inspect drive.bag --write-rig rig.yaml
   lidcam inspect bag_folder --json
+  lidcam inspect broken.bag --repair whole.mcap
 """
 
 app = typer.Typer(
@@ -111,7 +112,8 @@ def process(
         ),
     ] = None,
     on_bad_message: Annotated[
-        Literal["skip", "fail"], typer.Option(help="What to do about a message that cannot be decoded.")
+        Literal["skip", "fail"],
+        typer.Option(help="What to do about a message that cannot be decoded, or a damaged file."),
     ] = "skip",
     print_detections: Annotated[
         bool, typer.Option("--print-detections", help="Print what the lidars saw, frame by frame.")
@@ -171,12 +173,18 @@ def inspect(
     settings: Setting = None,
     rig_file: RigFile = None,
     write_rig: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a starting rig (YAML).")] = None,
+    repair: Annotated[
+        Path | None,
+        typer.Option(metavar="OUT.mcap", help="Write every message that can still be read to a clean MCAP."),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Tell what is in a recording and what lidcam would use.
 
-    Topics, types, rates, gaps, sensors, and where their calibration comes from.
+    Topics, types, rates, gaps, sensors, where their calibration comes from, and what is damaged.
     """
+    if repair is not None and repair.suffix != ".mcap":
+        raise typer.BadParameter(f"expected a name that ends in .mcap, found {repair}", param_hint="--repair")
     from pipeline.commands import InspectOptions, run_inspect
 
     run_inspect(
@@ -186,6 +194,7 @@ def inspect(
             overrides=tuple(settings or ()),
             rig_file=rig_file,
             write_rig=write_rig,
+            repair=repair,
             as_json=as_json,
         )
     )

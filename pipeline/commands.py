@@ -18,6 +18,7 @@ from pipeline.process import TimeWindow, process
 from pipeline.report import (
     console,
     inspection_tree,
+    loss_records,
     print_detections,
     print_inspection,
     print_matches,
@@ -33,10 +34,12 @@ from readers.image import decode_picture
 from readers.motion import find_motion_source
 from readers.rig import load_rig
 from readers.rig_file import rig_yaml, write_rig
+from readers.sensor_messages import sensor_messages
 from readers.sensors import OnBadMessage
 from readers.survey import survey
 from writers.base import ResultWriter
 from writers.mcap import McapResultWriter, Provenance
+from writers.repair import write_repaired
 
 __all__ = ["InspectOptions", "ProcessOptions", "run_inspect", "run_process"]
 
@@ -71,6 +74,7 @@ class InspectOptions:
     overrides: tuple[str, ...] = ()
     rig_file: Path | None = None
     write_rig: Path | None = None
+    repair: Path | None = None
     as_json: bool = False
 
 
@@ -83,7 +87,10 @@ def run_process(options: ProcessOptions) -> None:
     config = _config(options.config_file, options.overrides, model_2d=options.model_2d)
     _check_outputs(options)
     out, err = console(), console(stderr=True)
-    with open_recording(options.inputs) as recording:
+    rescue = options.on_bad_message == "skip"
+    with sensor_messages(open_recording(options.inputs, rescue=rescue)) as recording:
+        for path in dict.fromkeys(loss.path for loss in recording.losses):
+            logger.warning("%s is damaged or was not closed: what can still be read is read", path)
         _check_not_empty(recording)
         _check_not_overwritten(recording, options.output, options.rerun)
         found = _find_rig(recording, config, options.rig_file)
@@ -141,12 +148,16 @@ def run_inspect(options: InspectOptions) -> None:
         LidcamError: the recording or the settings are at fault, or the rig file cannot be written.
     """
     config = _config(options.config_file, options.overrides)
-    if options.write_rig is not None:
-        _check_writable(options.write_rig)
+    for output in (options.write_rig, options.repair):
+        if output is not None:
+            _check_writable(output)
     out = console()
-    with open_recording(options.inputs) as recording:
+    with (
+        open_recording(options.inputs, thorough=options.repair is not None) as recorded,
+        sensor_messages(recorded) as recording,
+    ):
         _check_not_empty(recording)
-        _check_not_overwritten(recording, options.write_rig)
+        _check_not_overwritten(recording, options.write_rig, options.repair)
         topics = survey(recording)
         found, problem = _try_find_rig(recording, config, options.rig_file)
         motion = find_motion_source(recording, found.rig, found.transforms, config) if found else None
@@ -160,6 +171,25 @@ def run_inspect(options: InspectOptions) -> None:
                 raise OutputError(f"{options.write_rig}: no rig to write: {problem}")
             write_rig(found.rig, options.write_rig)
             console(stderr=True).print(f"wrote {options.write_rig}")
+        if options.repair is not None:
+            _repair(recorded, options.repair)
+
+
+def _repair(recording: Recording, output: Path) -> None:
+    """Write what can be read of a recording; of topics that cannot be read, the messages are named as left out."""
+
+    def lost() -> Iterator[dict[str, str]]:
+        for record in loss_records(recording.losses):
+            values = record | {"file": Path(record["file"]).name}
+            yield {key: "unknown" if value is None else str(value) for key, value in values.items()}
+
+    channels = [channel for info in recording.topics for channel in info.channels]
+    count = write_repaired(output, channels, recording.messages(), lost=lost())
+    err = console(stderr=True)
+    err.print(f"wrote {output}: {count} messages")
+    for info in recording.topics:
+        if info.unreadable and info.message_count:
+            err.print(f"not copied: {info.topic}, {info.message_count} messages: {info.unreadable}")
 
 
 def _config(path: Path | None, overrides: tuple[str, ...], model_2d: Path | None = None) -> Config:

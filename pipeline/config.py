@@ -28,6 +28,8 @@ __all__ = [
     "RunConfig",
     "SyncConfig",
     "TopicsConfig",
+    "VelodyneConfig",
+    "VelodyneLidarConfig",
     "describe_validation",
     "dump_config",
     "load_config",
@@ -69,11 +71,14 @@ class TopicsConfig(_Model):
         lidars: Topics of clouds.
         cameras: Topics of images.
         exclude: Topics that are not used, by name or shell pattern.
+        last_resort: Topics, by name or shell pattern, that were made of others: used only where nothing else of their
+            kind was recorded. Parts of combined messages go before them, and after all that was recorded by itself.
     """
 
     lidars: tuple[str, ...] = ()
     cameras: tuple[str, ...] = ()
-    exclude: tuple[str, ...] = ("/point_cloud_combined",)
+    exclude: tuple[str, ...] = ()
+    last_resort: tuple[str, ...] = ("/point_cloud_combined",)
 
 
 class RigConfig(_Model):
@@ -85,6 +90,39 @@ class RigConfig(_Model):
     """
 
     site_frame: str = ""
+
+
+class VelodyneLidarConfig(_Model):
+    """What the packets of a Velodyne do not say of themselves.
+
+    Attributes:
+        model: `auto` takes what the packets say; VLP-32A and B are alike there, and an HDL-64E says nothing.
+        calibration: YAML file of ROS's velodyne driver; empty: the manual's table. An HDL-64E needs one.
+    """
+
+    model: Literal[
+        "auto",
+        "VLP-16",
+        "Puck Hi-Res",
+        "HDL-32E",
+        "HDL-64E S2",
+        "HDL-64E S3",
+        "VLP-32A",
+        "VLP-32B",
+        "VLP-32C",
+        "VLS-128",
+    ] = "auto"
+    calibration: str = ""
+
+
+class VelodyneConfig(VelodyneLidarConfig):
+    """Raw packets of Velodyne lidars (velodyne_msgs): the settings for all, and for single ones.
+
+    Attributes:
+        topics: The same two settings by topic, instead of those above.
+    """
+
+    topics: dict[str, VelodyneLidarConfig] = {}
 
 
 class SyncConfig(_Model):
@@ -308,6 +346,7 @@ class Config(_Model):
 
     topics: TopicsConfig = TopicsConfig()
     rig: RigConfig = RigConfig()
+    velodyne: VelodyneConfig = VelodyneConfig()
     sync: SyncConfig = SyncConfig()
     combine: CombineConfig = CombineConfig()
     detect3d: Detect3DConfig = Detect3DConfig()

@@ -14,7 +14,7 @@ from pipeline.geometry import first_polygon_with
 from pipeline.graph import Graph, Node
 from pipeline.stages.sync import SyncStats, synchronize
 from pipeline.types import Drop, FrameResult, Rig, SensorBundle
-from readers.base import Recording
+from readers.base import Loss, Recording
 from readers.motion import MotionBuffer, MotionSource
 from readers.sensors import OnBadMessage
 from writers.base import ResultWriter
@@ -65,6 +65,7 @@ class RunSummary:
         points: Lidar points by step of the combination, summed over the frames.
         messages_used: Messages that took part, by topic.
         drops: Messages that did not.
+        losses: What is damaged in the files that were read.
         boxes_left_out: Recorded 2D boxes that could not be used, by reason.
         skew_mean_ms: Mean spread of the stamps in a set.
         skew_max_ms: Largest.
@@ -81,6 +82,7 @@ class RunSummary:
     points: Mapping[str, int]
     messages_used: Mapping[str, int]
     drops: DropTable
+    losses: tuple[Loss, ...]
     boxes_left_out: Mapping[str, int]
     skew_mean_ms: float
     skew_max_ms: float
@@ -171,6 +173,7 @@ def process(
         points=dict(tally.points),
         messages_used=dict(sorted(tally.messages.items())),
         drops=drops,
+        losses=recording.losses,
         boxes_left_out=dict(sorted(tally.left_out.items())),
         skew_mean_ms=stats.skew_mean_ns / 1e6,
         skew_max_ms=stats.skew_max_ns / 1e6,

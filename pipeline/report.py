@@ -12,7 +12,7 @@ from pipeline.build import box_source
 from pipeline.config import Config
 from pipeline.process import OUTSIDE_ZONES, RunSummary
 from pipeline.types import FrameResult
-from readers.base import Recording, TopicInfo
+from readers.base import Loss, Recording, TopicInfo
 from readers.discover import Discovery
 from readers.motion import MotionSource
 from readers.sensor_topics import CAMERA_INFO
@@ -20,6 +20,7 @@ from readers.survey import TopicSurvey
 from readers.tf import TF_TYPES
 from writers.tables import (
     drops_table,
+    losses_table,
     objects_table,
     pairs_table,
     points_table,
@@ -31,6 +32,7 @@ from writers.tables import (
 __all__ = [
     "console",
     "inspection_tree",
+    "loss_records",
     "print_detections",
     "print_inspection",
     "print_matches",
@@ -44,6 +46,9 @@ WIDEST = 10_000
 
 MOST_LISTED = 10
 """Names in one line at most."""
+
+MOST_LOSSES = 20
+"""Damaged places in the table at most."""
 
 _BOX_SOURCES = {
     "onnx": "from the 2D network",
@@ -98,6 +103,20 @@ def unused_topics(recording: Recording, summary: RunSummary) -> tuple[TopicInfo,
     )
 
 
+def loss_records(losses: Sequence[Loss]) -> list[dict[str, Any]]:
+    """What is damaged, for machines: `file`, `position` and `size` in bytes, `messages`, `reason`; None is unknown."""
+    return [
+        {
+            "file": str(loss.path),
+            "position": loss.position,
+            "size": loss.size,
+            "messages": loss.messages,
+            "reason": loss.reason,
+        }
+        for loss in losses
+    ]
+
+
 def print_summary(
     out: Console, summary: RunSummary, found: Discovery, unused: Sequence[TopicInfo], outputs: Sequence[Path]
 ) -> None:
@@ -116,6 +135,7 @@ def print_summary(
     _show(out, drops_table(summary.messages_used, summary.drops.counts, summary.drops.examples))
     for reason, count in summary.boxes_left_out.items():
         out.print(f"  recorded 2D boxes left out: {count}, {reason}")
+    _print_losses(out, summary.losses)
     out.print()
     _show(out, stages_table(summary.stage_seconds, summary.frames))
     out.print()
@@ -158,6 +178,7 @@ def summary_tree(
         "points": dict(summary.points),
         "messages_used": dict(summary.messages_used),
         "drops": drops,
+        "losses": loss_records(summary.losses),
         "unused_topics": {info.topic: info.message_count for info in unused},
         "boxes_left_out": dict(summary.boxes_left_out),
         "sync_skew_ms": {"mean": summary.skew_mean_ms, "max": summary.skew_max_ms},
@@ -192,6 +213,7 @@ def print_inspection(
     out.print(f"{files}: {recording.message_count} messages, {seconds:.2f} s")
     out.print()
     _show(out, topics_table(topics))
+    _print_losses(out, recording.losses)
     out.print()
     if found is None:
         out.print(f"lidcam could not process it: {problem}")
@@ -218,6 +240,7 @@ def inspection_tree(
         "end_ns": recording.end_ns,
         "messages": recording.message_count,
         "topics": [asdict(topic) for topic in topics],
+        "losses": loss_records(recording.losses),
         "problem": problem,
     }
     if found is not None:
@@ -230,6 +253,16 @@ def inspection_tree(
             "box_source": box_source(config, found.rig),
         }
     return tree
+
+
+def _print_losses(out: Console, losses: Sequence[Loss]) -> None:
+    """The table of damage; nothing of sound files."""
+    if not losses:
+        return
+    out.print()
+    _show(out, losses_table(loss_records(losses[:MOST_LOSSES])))
+    if len(losses) > MOST_LOSSES:
+        out.print(f"  and {len(losses) - MOST_LOSSES} more places; --json lists all")
 
 
 def _print_remarks(out: Console, found: Discovery) -> None:

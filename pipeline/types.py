@@ -60,18 +60,22 @@ class Channel:
     Attributes:
         topic: Topic name.
         msgtype: Type name in the ROS 2 spelling, for instance `sensor_msgs/msg/PointCloud2`.
-        encoding: Serialisation of the bytes: `ros1` or `cdr`.
-        definition: Message definition text as recorded; empty where the recording has none.
-        definition_format: `ros1msg`, `ros2msg` or `ros2idl`; says how to read `definition`.
+        encoding: Serialisation of the bytes.
+        definition: Message definition text as recorded, a protobuf FileDescriptorSet in base64; empty where the
+            recording has none.
+        definition_format: Says how to read `definition`.
         distro: Name of the ROS 2 release that the recording names, or empty.
+        digest: What the recorder knew the type by: ROS 1's md5sum or a ROS 2 type hash (REP 2011); empty where the
+            recording does not say.
     """
 
     topic: str
     msgtype: str
-    encoding: Literal["ros1", "cdr"]
+    encoding: Literal["ros1", "cdr", "protobuf", "json"]
     definition: str = ""
-    definition_format: Literal["ros1msg", "ros2msg", "ros2idl"] = "ros2msg"
+    definition_format: Literal["ros1msg", "ros2msg", "ros2idl", "protobuf", "jsonschema"] = "ros2msg"
     distro: str = ""
+    digest: str = ""
 
 
 class RawMessage(NamedTuple):
@@ -80,16 +84,19 @@ class RawMessage(NamedTuple):
     Attributes:
         stamp_ns: Header stamp; `log_time_ns` where the type has no header.
         log_time_ns: Time of recording.
-        order: (file index, position in the file): makes the order of equal times total.
+        order: (file index, position in the file), then the place within what was recorded as one message: makes the
+            order of equal times total.
         data: The serialised message.
         channel: Topic, type and definition.
+        problem: Why there are no data, where what was recorded cannot be read; empty if it can.
     """
 
     stamp_ns: int
     log_time_ns: int
-    order: tuple[int, int]
+    order: tuple[int, ...]
     data: bytes | memoryview
     channel: Channel
+    problem: str = ""
 
     @property
     def topic(self) -> str:
@@ -129,6 +136,8 @@ class PointCloud:
         time_offset_ns: (N,) int32, time of each point minus `stamp_ns`; zeros where the sensor reports none.
         has_time: Whether `time_offset_ns` was measured.
         nan_dropped: Number of points that were left out because a coordinate was not finite.
+        return_type: (N,) uint8, which echo of its beam each point is: 1 the strongest, 2 the last, 3 both, 0 not told;
+            None where the sensor's driver says nothing of it.
     """
 
     stamp_ns: int
@@ -139,6 +148,7 @@ class PointCloud:
     time_offset_ns: npt.NDArray[np.int32]
     has_time: bool = False
     nan_dropped: int = 0
+    return_type: npt.NDArray[np.uint8] | None = None
 
     def __post_init__(self) -> None:
         n = len(self.xyz)
@@ -146,6 +156,8 @@ class PointCloud:
         check_array("intensity", self.intensity, (n,), np.float32)
         check_array("ring", self.ring, (n,), np.uint16)
         check_array("time_offset_ns", self.time_offset_ns, (n,), np.int32)
+        if self.return_type is not None:
+            check_array("return_type", self.return_type, (n,), np.uint8)
 
     def __len__(self) -> int:
         return len(self.xyz)

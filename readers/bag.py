@@ -2,8 +2,9 @@
 
 import heapq
 import shutil
+import sqlite3
 from collections.abc import Collection, Iterator, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import TracebackType
@@ -13,8 +14,8 @@ import zstandard
 
 from pipeline.errors import LidcamError, RecordingError
 from pipeline.types import RawMessage
-from readers.base import Recording, RecordingFile, TopicInfo, merge_topics
-from readers.damage import LIBRARY_ERRORS, damaged, opening
+from readers.base import Loss, Recording, RecordingFile, RosVersion, TopicInfo, merge_topics
+from readers.damage import LIBRARY_ERRORS, DamageError, Losses, damaged, describe, opening
 from readers.mcap import McapFile
 from readers.rosbag1 import Rosbag1File
 from readers.rosbag2 import folder_metadata, recording_files
@@ -29,29 +30,67 @@ ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 EXPECTED = "a ROS 1 .bag (format 2.0), a ROS 2 .mcap or .db3 file, or a ROS 2 bag folder"
 
 
-def open_recording(paths: Sequence[Path]) -> Recording:
+def open_recording(paths: Sequence[Path], *, rescue: bool = True, thorough: bool = False) -> Recording:
     """Open one recording, to be used as a context manager.
 
     Args:
         paths: A file, a ROS 2 bag folder, or all files of a split recording in their order. What a file is, its first
             bytes say, not its name. Messages of equal log time come in the order of the files.
+        rescue: Read what can be read of damaged files, and tell of the rest in `Recording.losses`; without it damage
+            is an error.
+        thorough: Do so by reading every record once, even where index or summary seem right: finds what these lost.
 
     Raises:
-        RecordingError: a path is no recording, is damaged, is given twice, or ROS 1 and ROS 2 files are mixed.
-            No file stays open then.
+        RecordingError: a path is no recording, holds nothing that can be read, is given twice, or ROS 1 and ROS 2
+            files are mixed. No file stays open then.
     """
     if not paths:
         raise RecordingError(f"expected {EXPECTED}, got no path")
     with ExitStack() as stack:
         opened: list[RecordingFile] = []
-        for index, path in enumerate(_all_files(paths)):
-            opened.append(_open_file(path, index, stack))
-            if opened[-1].ros_version != opened[0].ros_version:
+        files = _all_files(paths)
+        faults: list[DamageError] = []
+        for index, path in enumerate(files):
+            try:
+                opened.append(_open_file(path, index, stack, rescue=rescue, thorough=thorough))
+            except DamageError as err:  # also the file that a recorder had begun last and never wrote to
+                if not rescue or len(files) == 1:
+                    raise
+                faults.append(err)
+                opened.append(_LostFile(path, err))
+        if len(faults) == len(files):
+            raise faults[0]
+        sound = [file for file in opened if not isinstance(file, _LostFile)]
+        for file in sound:
+            if file.ros_version != sound[0].ros_version:
                 raise RecordingError(
-                    f"expected the files of one recording, found {opened[0].ros_version} ({opened[0].path}) and "
-                    f"{opened[-1].ros_version} ({opened[-1].path}); process them one by one"
+                    f"expected the files of one recording, found {sound[0].ros_version} ({sound[0].path}) and "
+                    f"{file.ros_version} ({file.path}); process them one by one"
                 )
         return _FilesRecording(tuple(opened), stack.pop_all())
+
+
+class _LostFile:
+    """A file of a split recording of which nothing can be read; see `RecordingFile`."""
+
+    ros_version: RosVersion = "ROS 2"
+    topics: tuple[TopicInfo, ...] = ()
+    start_ns = end_ns = message_count = 0
+
+    def __init__(self, path: Path, fault: DamageError) -> None:
+        self.path = path
+        reason = str(fault).removeprefix(f"{path}: ")
+        self.losses: tuple[Loss, ...] = (Loss(path, 0, reason, path.stat().st_size),)
+
+    def messages(
+        self, topics: Collection[str] | None, *, start_ns: int | None, stop_ns: int | None
+    ) -> Iterator[RawMessage]:
+        """None."""
+        del topics, start_ns, stop_ns
+        return iter(())
+
+    def close(self) -> None:
+        """Nothing to close."""
 
 
 class _FilesRecording:
@@ -66,6 +105,11 @@ class _FilesRecording:
         self.message_count = sum(file.message_count for file in files)
         self.start_ns = min((file.start_ns for file in files if file.message_count), default=0)
         self.end_ns = max((file.end_ns for file in files if file.message_count), default=0)
+
+    @property
+    def losses(self) -> tuple[Loss, ...]:
+        """See `Recording`."""
+        return tuple(loss for file in self._files for loss in file.losses)
 
     def messages(
         self, topics: Collection[str] | None = None, *, start_ns: int | None = None, stop_ns: int | None = None
@@ -128,30 +172,44 @@ def _all_files(paths: Sequence[Path]) -> list[Path]:
     return files
 
 
-def _open_file(path: Path, index: int, stack: ExitStack) -> RecordingFile:
+def _open_file(path: Path, index: int, stack: ExitStack, *, rescue: bool, thorough: bool) -> RecordingFile:
     """Open one file; what has to be undone later goes on the stack."""
-    with opening(path):
+    with opening(path, rescued=rescue):
         location = path
+        losses = Losses(path)
         magic = _first_bytes(path)
         if magic.startswith(ZSTD_MAGIC):
-            location = _unpacked(path, stack)
+            location = _unpacked(path, stack, losses if rescue else None)
             magic = _first_bytes(location)
-        file = _file_of_kind(path, location, magic, index)
+        elif rescue and magic.startswith(SQLITE_MAGIC) and (journals := _journals(path)):
+            location = _completed(path, journals, stack, losses)
+        file = _file_of_kind(path, location, magic, index, rescue=rescue, thorough=thorough)
         stack.callback(file.close)
-    return file
+    return _WithLosses(file, losses.listed()) if losses.listed() else file
 
 
-def _file_of_kind(path: Path, location: Path, magic: bytes, index: int) -> RecordingFile:
+def _file_of_kind(
+    path: Path, location: Path, magic: bytes, index: int, *, rescue: bool, thorough: bool
+) -> RecordingFile:
     if magic.startswith(ROSBAG1_MAGIC):
-        return Rosbag1File(path, index, location=location)
+        return Rosbag1File(path, index, location=location, rescue=rescue, thorough=thorough)
     metadata = folder_metadata(path.parent)
     listed = path.name in metadata.file_names
     compressed, distro = (metadata.message_compression, metadata.distro) if listed else (False, "")
     if magic.startswith(MCAP_MAGIC):
-        return McapFile(path, index, location=location, message_compression=compressed, distro=distro)
+        return McapFile(
+            path,
+            index,
+            location=location,
+            message_compression=compressed,
+            distro=distro,
+            rescue=rescue,
+            thorough=thorough,
+        )
     if magic.startswith(SQLITE_MAGIC):
-        return SqliteFile(path, index, location=location, message_compression=compressed, distro=distro)
-    raise RecordingError(f"{path}: expected {EXPECTED}, found {_describe(magic, path)}")
+        return SqliteFile(path, index, location=location, message_compression=compressed, distro=distro, rescue=rescue)
+    fault = DamageError if not magic else RecordingError
+    raise fault(f"{path}: expected {EXPECTED}, found {_describe(magic, path)}")
 
 
 def _first_bytes(path: Path) -> bytes:
@@ -175,10 +233,61 @@ def _describe(magic: bytes, path: Path) -> str:
     )
 
 
-def _unpacked(path: Path, stack: ExitStack) -> Path:
-    """The content of a zstd-compressed file (rosbag2's compression mode `file`) in a temporary folder."""
+def _unpacked(path: Path, stack: ExitStack, losses: Losses | None) -> Path:
+    """The content of a zstd-compressed file (rosbag2's compression mode `file`) in a temporary folder.
+
+    Args:
+        path: The file.
+        stack: Removes the folder.
+        losses: Gets where the file is damaged: what comes before is used. None: that is an error.
+    """
     folder = Path(stack.enter_context(TemporaryDirectory(prefix="lidcam-")))
     unpacked = folder / path.with_suffix("").name
     with path.open("rb") as packed, unpacked.open("wb") as stream:
-        shutil.copyfileobj(zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True), stream)
+        try:
+            shutil.copyfileobj(zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True), stream)
+        except zstandard.ZstdError as err:
+            if losses is None:
+                raise
+            losses.note(stream.tell(), f"the file does not unpack further ({describe(err)})")
     return unpacked
+
+
+def _journals(path: Path) -> list[Path]:
+    """What SQLite has yet to bring into a database: its write-ahead log, or the way back from a half-done write."""
+    beside = [path.with_name(path.name + suffix) for suffix in ("-wal", "-journal")]
+    return [journal for journal in beside if journal.is_file() and journal.stat().st_size]
+
+
+def _completed(path: Path, journals: Sequence[Path], stack: ExitStack, losses: Losses) -> Path:
+    """A copy of a database that its recorder did not close, completed by SQLite from the journals."""
+    folder = Path(stack.enter_context(TemporaryDirectory(prefix="lidcam-")))
+    copy = folder / path.name
+    for file in (path, *journals):
+        shutil.copyfile(file, folder / file.name)
+    names = ", ".join(journal.name for journal in journals)
+    try:
+        with closing(sqlite3.connect(copy)) as database:
+            database.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
+            database.execute("SELECT count(*) FROM sqlite_master").fetchall()
+        losses.note(0, f"the recorder did not close it; completed from {names} in a copy", messages=0)
+    except sqlite3.Error as err:
+        losses.note(0, f"the recorder did not close it, and {names} cannot be brought in ({describe(err)})")
+    for journal in journals:
+        (folder / journal.name).unlink(missing_ok=True)
+    return copy
+
+
+class _WithLosses:
+    """A file with what was lost before it could be opened; see `RecordingFile`."""
+
+    def __init__(self, file: RecordingFile, losses: tuple[Loss, ...]) -> None:
+        self._file, self._losses = file, losses
+        self.path, self.ros_version, self.topics = file.path, file.ros_version, file.topics
+        self.start_ns, self.end_ns, self.message_count = file.start_ns, file.end_ns, file.message_count
+        self.messages, self.close = file.messages, file.close
+
+    @property
+    def losses(self) -> tuple[Loss, ...]:
+        """Those first."""
+        return self._losses + self._file.losses

@@ -9,7 +9,7 @@ from typing import Literal, Protocol, Self
 from pipeline.errors import RecordingError
 from pipeline.types import Channel, RawMessage
 
-__all__ = ["Recording", "RecordingFile", "TopicInfo", "merge_topics"]
+__all__ = ["Loss", "Recording", "RecordingFile", "TopicInfo", "merge_topics"]
 
 RosVersion = Literal["ROS 1", "ROS 2"]
 
@@ -24,6 +24,7 @@ class TopicInfo:
         message_count: Messages recorded, also where they cannot be read.
         channels: The distinct definitions it was recorded with; empty where it cannot be read.
         unreadable: Why its messages are not yielded; empty where they are.
+        part_of: Topic of the combined messages that its messages are taken out of; empty where it was recorded itself.
     """
 
     topic: str
@@ -31,6 +32,7 @@ class TopicInfo:
     message_count: int
     channels: tuple[Channel, ...]
     unreadable: str = ""
+    part_of: str = ""
 
     @property
     def channel(self) -> Channel:
@@ -42,6 +44,25 @@ class TopicInfo:
         if not self.channels:
             raise RecordingError(f"{self.topic}: {self.msgtype} cannot be read: {self.unreadable}")
         return self.channels[0]
+
+
+@dataclass(frozen=True, slots=True)
+class Loss:
+    """Part of a file that could not be read.
+
+    Attributes:
+        path: The file.
+        position: Byte at which it begins; in a file that is compressed as a whole, byte of the unpacked content.
+        reason: What was expected there and what was found.
+        size: Bytes that it takes up in the file; None where that cannot be told.
+        messages: Messages that were lost with it, 0 where none was; None where that cannot be told.
+    """
+
+    path: Path
+    position: int
+    reason: str
+    size: int | None = None
+    messages: int | None = None
 
 
 class RecordingFile(Protocol):
@@ -63,13 +84,17 @@ class RecordingFile(Protocol):
     end_ns: int
     message_count: int
 
+    @property
+    def losses(self) -> tuple[Loss, ...]:
+        """What is damaged, by position, as far as it was noticed: reading on may find more."""
+
     def messages(
         self, topics: Collection[str] | None, *, start_ns: int | None, stop_ns: int | None
     ) -> Iterator[RawMessage]:
         """As `Recording.messages`, in the order of (log time, position in the file).
 
         Raises:
-            Exception: of the library that reads the file, where the file is damaged.
+            Exception: of the library that reads the file, where it is damaged and was not opened to be rescued.
         """
 
     def close(self) -> None:
@@ -99,6 +124,10 @@ class Recording(Protocol):
     def message_count(self) -> int:
         """Number of messages, also of those that cannot be read."""
 
+    @property
+    def losses(self) -> tuple[Loss, ...]:
+        """What is damaged, by file and position, as far as it was noticed: reading on may find more."""
+
     def messages(
         self, topics: Collection[str] | None = None, *, start_ns: int | None = None, stop_ns: int | None = None
     ) -> Iterator[RawMessage]:
@@ -110,7 +139,7 @@ class Recording(Protocol):
             stop_ns: Only messages recorded before this time.
 
         Raises:
-            RecordingError: the recording is damaged; says how far it was read.
+            RecordingError: the recording is damaged and was not opened to be rescued; says how far it was read.
         """
 
     def close(self) -> None:

@@ -32,6 +32,10 @@ class ChunkCache:
             self._bytes -= len(self._chunks.popitem(last=False)[1])
         return chunk
 
+    def holds(self, position: int) -> bool:
+        """Whether the chunk at `position` is kept."""
+        return position in self._chunks
+
     def drop(self, position: int) -> None:
         """Forget the chunk at `position`: its last message was read."""
         chunk = self._chunks.pop(position, None)

@@ -1,9 +1,10 @@
-"""The errors of the reading libraries in our words: one line that names the file, the trouble and the remedy.
+"""Damage: the errors of the reading libraries in our words, and the account of what was lost.
 
 A damaged file makes the libraries raise nearly anything (lz4 a RuntimeError, bz2 an OSError without number, rosbags
 AssertionErrors), so the list is long; what is not in it (AttributeError, NameError...) is a bug, with its traceback.
 """
 
+import errno
 import sqlite3
 import struct
 from collections.abc import Iterator
@@ -16,8 +17,9 @@ from mcap.exceptions import McapError
 from rosbags.rosbag1 import ReaderError
 
 from pipeline.errors import LidcamError, RecordingError
+from readers.base import Loss
 
-__all__ = ["LIBRARY_ERRORS", "damaged", "opening"]
+__all__ = ["LIBRARY_ERRORS", "DamageError", "Losses", "damaged", "describe", "is_damage", "opening"]
 
 LIBRARY_ERRORS: tuple[type[Exception], ...] = (
     ReaderError,
@@ -37,34 +39,78 @@ LIBRARY_ERRORS: tuple[type[Exception], ...] = (
     ValueError,
 )
 
-REMEDIES = {
-    ".bag": "`rosbag reindex` may rescue it",
-    ".mcap": "`mcap recover` may rescue it",
-    ".db3": "`sqlite3 FILE .recover` may rescue it",
-}
+
+class DamageError(RecordingError):
+    """A file is damaged so that nothing, or not all of it, can be read."""
 
 
-def damaged(path: Path, err: Exception, *, progress: str = "") -> RecordingError:
-    """The error to raise for `err`; `progress` says how far the file was read."""
+class Losses:
+    """What one file lost, each part noted once, however often the file is read.
+
+    Args:
+        path: The file that is named.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._parts: dict[tuple[int, str], Loss] = {}
+
+    def note(self, position: int, reason: str, *, size: int | None = None, messages: int | None = None) -> None:
+        """Note a part, if it was not noted before; arguments as of `Loss`."""
+        self._parts.setdefault((position, reason), Loss(self._path, position, reason, size, messages))
+
+    def listed(self) -> tuple[Loss, ...]:
+        """All parts by position."""
+        return tuple(self._parts[key] for key in sorted(self._parts))
+
+
+def is_damage(err: Exception) -> bool:
+    """Whether a library raised `err` because of what the file holds, rather than because it cannot be reached."""
+    return isinstance(err, LIBRARY_ERRORS) and not isinstance(err, LidcamError) and not _is_of_system(err)
+
+
+def _is_of_system(err: Exception) -> bool:
+    """Whether the operating system reports it; a place that no file can have is the file's own fault."""
+    return isinstance(err, OSError) and err.errno not in {None, errno.EINVAL, errno.EOVERFLOW}
+
+
+def describe(err: Exception) -> str:
+    """What a library raised, in one line."""
+    return " ".join(str(err).split()) or f"unexpected end or value ({type(err).__name__})"
+
+
+def damaged(path: Path, err: Exception, *, progress: str = "", rescued: bool = False) -> RecordingError:
+    """The error to raise for `err`.
+
+    Args:
+        path: The file.
+        err: What a library raised.
+        progress: How far the file was read.
+        rescued: Whether it was tried to read what can still be read.
+    """
     where = f"{path}: {progress}: " if progress else f"{path}: "
-    if isinstance(err, OSError) and err.errno is not None:
+    if isinstance(err, OSError) and _is_of_system(err):
         return RecordingError(f"{where}cannot be read: {err.strerror}")
-    found = " ".join(str(err).split()) or "unexpected end or value"
-    suffix = path.with_suffix("").suffix if path.suffix == ".zstd" else path.suffix
-    remedy = REMEDIES.get(suffix, "record or copy it again")
-    return RecordingError(f"{where}the file is damaged or was not closed ({type(err).__name__}: {found}); {remedy}")
+    remedy = (
+        "nothing in it can be saved, record or copy it again"
+        if rescued
+        else "without `--on-bad-message fail` what can still be read is read"
+    )
+    return DamageError(
+        f"{where}the file is damaged or was not closed ({type(err).__name__}: {describe(err)}); {remedy}"
+    )
 
 
 @contextmanager
-def opening(path: Path) -> Iterator[None]:
+def opening(path: Path, *, rescued: bool = False) -> Iterator[None]:
     """Turn what a library raises while it opens `path` into a `RecordingError`.
 
     Raises:
-        RecordingError: instead of any of `LIBRARY_ERRORS`.
+        RecordingError: instead of any of `LIBRARY_ERRORS`; a `DamageError` where the content is at fault.
     """
     try:
         yield
     except LidcamError:
         raise
     except LIBRARY_ERRORS as err:
-        raise damaged(path, err) from err
+        raise damaged(path, err, rescued=rescued) from err

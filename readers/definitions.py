@@ -7,7 +7,18 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from pipeline.types import Channel
 
-__all__ = ["release_types"]
+__all__ = ["COMBINED_TYPES", "release_types"]
+
+# The original system's own.
+COMBINED_TYPES = {
+    "msgs/msg/MsgCamera": "std_msgs/Header header\nsensor_msgs/Image[] camera",
+    "msgs/msg/ListPointCloud": "std_msgs/Header header\nsensor_msgs/PointCloud2[] pointcloud",
+}
+
+VELODYNE_MSGS = {
+    "VelodyneScan": "std_msgs/Header header\nVelodynePacket[] packets",
+    "VelodynePacket": "builtin_interfaces/Time stamp\nuint8[1206] data",
+}
 
 # vision_msgs 4, as in Humble and later; earlier releases laid hypotheses and 2D boxes out differently.
 VISION_MSGS = {
@@ -32,10 +43,14 @@ def release_types(channel: Channel) -> Typesdict:
 
 @lru_cache(maxsize=16)
 def _release_types(encoding: str, distro: str) -> Typesdict:
+    ros2 = next((store for store in Stores if store.value == f"ros2_{distro}"), Stores.ROS2_HUMBLE)
+    types = dict(get_typestore(Stores.ROS1_NOETIC if encoding == "ros1" else ros2).fielddefs)
+    for name, text in COMBINED_TYPES.items():
+        types |= get_types_from_msg(text, name)
+    for name, text in VELODYNE_MSGS.items():
+        types |= get_types_from_msg(text, f"velodyne_msgs/msg/{name}")
     if encoding == "ros1":
-        return dict(get_typestore(Stores.ROS1_NOETIC).fielddefs)
-    release = next((store for store in Stores if store.value == f"ros2_{distro}"), Stores.ROS2_HUMBLE)
-    types = dict(get_typestore(release).fielddefs)
+        return types
     if distro not in BEFORE_VISION_MSGS_4:
         for name, text in VISION_MSGS.items():
             types |= get_types_from_msg(text, f"vision_msgs/msg/{name}")

@@ -1,7 +1,8 @@
 """Serialised messages to plain objects, by the definition that the recording itself carries.
 
 The recorded definition decides the layout (vision_msgs, foxglove_msgs and tf changed over time). What it leaves out
-(all of it in ROS 2 before Iron) is taken from the ROS release that the recording names, else from Noetic or Humble.
+(all of it in ROS 2 before Iron) is taken from the ROS release that the recording names, else from Noetic or Humble;
+a recording without the definition, but with another md5sum or hash than that release's, cannot be decoded.
 """
 
 import re
@@ -19,10 +20,12 @@ from pipeline.errors import MessageError
 from pipeline.types import Channel, RawMessage
 from readers.definitions import release_types
 
-__all__ = ["deserialize", "deserialize_as", "typestore_for"]
+__all__ = ["definition_problem", "deserialize", "deserialize_as", "typestore_for"]
 
 # rosbag2 puts the IDL texts of a type and its dependencies one after another under such headings.
 IDL_HEADING = re.compile(r"^={80}\nIDL: .*\n", re.MULTILINE)
+
+MD5SUM = re.compile(r"[0-9a-f]{32}")
 
 _lock = threading.Lock()
 
@@ -31,9 +34,11 @@ def deserialize(message: RawMessage) -> Any:
     """The message as an object with the fields of its definition; byte and number arrays are numpy arrays.
 
     Raises:
-        MessageError: the definition cannot be used, or the bytes do not fit it.
+        MessageError: the definition cannot be used, the bytes do not fit it, or the message could not be read.
     """
     channel = message.channel
+    if message.problem:
+        raise MessageError(f"{channel.topic}: {message.problem}")
     store = typestore_for(channel)
     try:
         if channel.encoding == "ros1":
@@ -43,6 +48,7 @@ def deserialize(message: RawMessage) -> Any:
     except Exception as err:  # the generated decoders let struct, index, value and unicode errors through
         raise MessageError(
             f"{channel.topic}: {len(message.data)} bytes are no {channel.msgtype} ({type(err).__name__}: {err})"
+            + (f"; {doubt}" if (doubt := _doubt(channel)) else "")
         ) from err
 
 
@@ -70,9 +76,22 @@ def typestore_for(channel: Channel) -> Typestore:
     return store
 
 
+def definition_problem(channel: Channel) -> str:
+    """Why the channel's messages cannot be decoded, or may be decoded wrongly; empty where nothing is known against it.
+
+    Where the recorded definition has another md5sum or hash than the recorded one, it is believed: bytes of another
+    layout seldom fit it.
+    """
+    with _lock:
+        store = _typestore(channel)
+    return store if isinstance(store, str) else _doubt(channel)
+
+
 @lru_cache(maxsize=256)
 def _typestore(channel: Channel) -> Typestore | str:
     """The types, or why there are none: failures are kept as well, a topic has many messages."""
+    if channel.encoding not in {"ros1", "cdr"}:
+        return f"{channel.msgtype} in {channel.encoding} is no ROS message"
     try:
         types = _recorded_types(channel)
         known = release_types(channel)
@@ -90,10 +109,30 @@ def _typestore(channel: Channel) -> Typestore | str:
                 types[name] = known[name]
             wanted += _parts(types[name])
         store.register(types)
+        if not channel.definition.strip() and (other := _other_digest(channel, store)):
+            return f"the recording has no definition of {channel.msgtype}, and the one that lidcam knows is {other}"
     except (TypesysError, ValueError, LookupError, TypeError, RecursionError) as err:
         reason = " ".join(str(err).split())[:200]
         return f"the recorded definition of {channel.msgtype} is unusable: {type(err).__name__}: {reason}"
     return store
+
+
+def _other_digest(channel: Channel, store: Typestore) -> str:
+    """What the types' md5sum or hash is and what was recorded, in words; empty if they agree or none was recorded."""
+    if MD5SUM.fullmatch(channel.digest):
+        _, found = store.generate_msgdef(channel.msgtype)
+    elif channel.digest.startswith("RIHS01_"):
+        found = store.hash_rihs01(channel.msgtype)
+    else:
+        return ""
+    return "" if found == channel.digest else f"{found}, not the recorded {channel.digest}"
+
+
+@lru_cache(maxsize=256)
+def _doubt(channel: Channel) -> str:
+    """What speaks against the recorded definition."""
+    other = _other_digest(channel, typestore_for(channel))
+    return f"the recorded definition is {other}" if other else ""
 
 
 def _recorded_types(channel: Channel) -> Typesdict:

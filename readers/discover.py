@@ -40,7 +40,6 @@ RAW_LIDAR = frozenset(
         "pandar_msgs/msg/PandarScan",
         "rslidar_msg/msg/RslidarPacket",
         "velodyne_msgs/msg/VelodynePacket",
-        "velodyne_msgs/msg/VelodyneScan",
     }
 )
 """Types that drivers record before they make clouds of them."""
@@ -114,8 +113,8 @@ def discover_rig(recording: Recording, config: Config, rig_file: RigFile | None 
         RecordingError: the recording has no clouds, or cannot be read.
     """
     rig_file = rig_file or RigFile()
-    first, transforms = FirstMessages(recording), read_transforms(recording)
-    lidar_topics, faults, notes = find_lidar_topics(recording, config.topics)
+    first, transforms = FirstMessages(recording, config.velodyne), read_transforms(recording)
+    lidar_topics, faults, notes = find_lidar_topics(recording, config.topics, first)
     lidars, lidar_assignment = assign_lidars(rig_file.lidars, lidar_topics, recording)
     faults += lidar_assignment.faults
     if not lidars and rig_file.lidars == {}:
@@ -213,9 +212,10 @@ def _site_frame(lidar_frames: Sequence[str], camera_frames: set[str], transforms
 
 
 def _no_clouds(recording: Recording, config: Config) -> str:
+    apart = f", apart from {', '.join(config.topics.exclude)}" if config.topics.exclude else ""
     expected = (
         f"{', '.join(str(path) for path in recording.paths)}: expected a topic of lidar clouds "
-        f"(sensor_msgs/msg/PointCloud2), apart from {', '.join(config.topics.exclude) or 'none'}"
+        f"({' or '.join(sorted(CLOUD))}){apart}"
     )
     if raw := [info for info in recording.topics if info.msgtype in RAW_LIDAR]:
         return (

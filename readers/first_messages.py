@@ -6,10 +6,13 @@ from typing import Any
 import cv2
 import numpy as np
 
+from pipeline.config import VelodyneConfig
 from pipeline.errors import MessageError
 from readers.base import Recording
 from readers.deserialize import deserialize
 from readers.tf import clean_frame
+from readers.velodyne import VelodyneDecoders
+from readers.velodyne_scan import SCAN
 
 __all__ = ["FirstMessages"]
 
@@ -18,10 +21,14 @@ TRIES = 20
 
 
 class FirstMessages:
-    """Looks at the start of topics; what was found is kept, and read only once."""
+    """Looks at the start of topics; what was found is kept, and read only once.
 
-    def __init__(self, recording: Recording) -> None:
+    Methods raise ConfigError or CalibrationError where the settings for a Velodyne's packets cannot be used.
+    """
+
+    def __init__(self, recording: Recording, velodyne: VelodyneConfig | None = None) -> None:
         self._recording = recording
+        self._velodyne = VelodyneDecoders(velodyne or VelodyneConfig())
         self._found: dict[tuple[str, str], Any | MessageError] = {}
 
     def decoded(self, topic: str, msgtypes: Collection[str]) -> Any:
@@ -76,6 +83,8 @@ class FirstMessages:
                 continue
             tried += 1
             try:
+                if message.channel.msgtype == SCAN:  # whose model may be unknown
+                    self._velodyne[topic](message)
                 return deserialize(message)
             except MessageError as err:
                 fault = fault or err

@@ -6,29 +6,24 @@ message of all chunks that overlap in time, and reads a file without chunk index
 
 import heapq
 from collections import Counter
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
-from typing import BinaryIO, Literal
+from typing import BinaryIO
 
-import zstandard
 from mcap.reader import SeekingReader
-from rosbags.typesys.msg import normalize_msgtype
 
+from pipeline.errors import RecordingError
 from pipeline.types import Channel, RawMessage
-from readers.base import RosVersion, TopicInfo, merge_topics
+from readers.base import Loss, RosVersion, TopicInfo, merge_topics
 from readers.chunks import ChunkCache, detach
-from readers.mcap_contents import ChunkPlace, Entry, load_chunk, messages_in, read_contents, read_exactly
+from readers.damage import Losses, describe, is_damage
+from readers.mcap_channels import channel_of, message_type
+from readers.mcap_contents import ChunkPlace, Contents, Entry, load_chunk, messages_in, read_contents, read_exactly
+from readers.mcap_walk import chunk_extent, contents_of_walk
+from readers.message_compression import decompressed
 from readers.peek import stamp_or_log_time
 
 __all__ = ["McapFile"]
-
-Definition = Literal["ros1msg", "ros2msg", "ros2idl"]
-DEFINITIONS: dict[tuple[str, str], Definition] = {
-    ("ros1", "ros1msg"): "ros1msg",
-    ("cdr", "ros2msg"): "ros2msg",
-    ("cdr", "ros2idl"): "ros2idl",
-    ("cdr", ""): "ros2msg",  # rosbag2 writes an empty schema where it knows the type's name only
-}
 
 
 class McapFile:
@@ -40,6 +35,8 @@ class McapFile:
         location: Where it lies unpacked, if not at `path`.
         message_compression: Whether each message is compressed with zstd (metadata.yaml says so).
         distro: ROS 2 release that metadata.yaml names.
+        rescue: Read what can be read of a damaged file, and tell of the rest in `losses`.
+        thorough: Do so by reading every record, even where the summary seems right.
     """
 
     ros_version: RosVersion
@@ -52,45 +49,66 @@ class McapFile:
         location: Path | None = None,
         message_compression: bool = False,
         distro: str = "",
+        rescue: bool = False,
+        thorough: bool = False,
     ) -> None:
         self.path = path
         self._file_index = file_index
-        self._decompressor = zstandard.ZstdDecompressor() if message_compression else None
+        self._rescue = rescue
+        self._losses = Losses(path)
+        self._bad_chunks: set[int] = set()
+        self._message_compression = message_compression
         self._chunk_cache = ChunkCache()
         self._stream: BinaryIO = (path if location is None else location).open("rb")
         try:
-            self._describe(distro)
+            self._describe(distro, thorough)
         except BaseException:
             self._stream.close()
             raise
 
-    def _describe(self, distro: str) -> None:
-        reader = SeekingReader(self._stream)
-        profile = reader.get_header().profile
-        contents = read_contents(reader, self._stream)
-        self._chunks, self._loose = contents.chunks, contents.loose
+    def _describe(self, distro: str, thorough: bool) -> None:
+        profile, contents = self._read_contents(thorough)
+        self._chunks, self._loose, self._cut_chunk = contents.chunks, contents.loose, contents.cut_chunk
         self._channels: dict[int, Channel] = {}
         topics = []
         for id_, recorded in sorted(contents.channels.items()):
             schema = contents.schemas.get(recorded.schema_id)
-            name = schema.name if schema else ""
-            msgtype = normalize_msgtype(name) if "/" in name else name
+            channel = channel_of(recorded, schema, distro)
             count = contents.counts[id_]
-            definition_format = DEFINITIONS.get((recorded.message_encoding, schema.encoding)) if schema else None
-            if schema is None or definition_format is None:
-                found = f"{recorded.message_encoding or 'no'} encoding, {schema.encoding if schema else 'no'} schema"
-                reason = f"its messages have {found}; lidcam reads cdr (ros2msg, ros2idl) and ros1 (ros1msg)"
-                topics.append(TopicInfo(recorded.topic, msgtype, count, (), reason))
+            if isinstance(channel, str):
+                topics.append(TopicInfo(recorded.topic, message_type(schema), count, (), channel))
                 continue
-            encoding: Literal["ros1", "cdr"] = "ros1" if recorded.message_encoding == "ros1" else "cdr"
-            channel = Channel(recorded.topic, msgtype, encoding, schema.data.decode(), definition_format, distro)
             self._channels[id_] = channel
-            topics.append(TopicInfo(recorded.topic, msgtype, count, (channel,)))
+            topics.append(TopicInfo(recorded.topic, channel.msgtype, count, (channel,)))
         self.topics = merge_topics(topics)
         self.message_count = contents.counts.total()
         self.start_ns, self.end_ns = (contents.start_ns, contents.end_ns) if self.message_count else (0, 0)
         encodings = {channel.encoding for channel in self._channels.values()}
         self.ros_version = "ROS 1" if profile == "ros1" or encodings == {"ros1"} else "ROS 2"
+
+    def _read_contents(self, thorough: bool) -> tuple[str, Contents]:
+        """Profile and contents; of a damaged file what is found by reading all of it."""
+        reader = SeekingReader(self._stream)
+        profile, because = "", ""
+        try:
+            profile = reader.get_header().profile
+            contents = read_contents(reader, self._stream)
+            if not thorough:
+                return profile, contents
+        except Exception as err:
+            if not self._rescue or not is_damage(err):
+                raise
+            because = describe(err)
+            contents = contents_of_walk(self._stream, self._losses, because=because)
+            if not contents.counts:
+                raise
+            return profile, contents
+        return profile, contents_of_walk(self._stream, self._losses, because="")
+
+    @property
+    def losses(self) -> tuple[Loss, ...]:
+        """See `RecordingFile`."""
+        return self._losses.listed()
 
     def messages(
         self, topics: Collection[str] | None, *, start_ns: int | None, stop_ns: int | None
@@ -114,17 +132,18 @@ class McapFile:
         while queue:
             place = heapq.heappop(queue)
             if isinstance(place, ChunkPlace):
-                for entry in messages_in(self._records_of(place.position), place.position):
-                    if taken(entry):
-                        heapq.heappush(queue, entry)
-                        left[place.position] += 1
+                for entry in self._entries_of(place, taken):
+                    heapq.heappush(queue, entry)
+                    left[place.position] += 1
                 continue
             channel = self._channels[place.channel_id]
-            data = self._read(place)
+            data = self._read_or_note(place)
             left[place.chunk] -= 1
             if not left[place.chunk]:
                 del left[place.chunk]
                 self._chunk_cache.drop(place.chunk)
+            if data is None:
+                continue
             yield RawMessage(
                 stamp_or_log_time(channel, data, place.log_time_ns),
                 place.log_time_ns,
@@ -137,13 +156,47 @@ class McapFile:
         """Close the file."""
         self._stream.close()
 
+    def _entries_of(self, place: ChunkPlace, taken: Callable[[Entry], bool]) -> list[Entry]:
+        """The messages of a chunk that are wanted; none of one that is damaged, which is noted."""
+        position = place.position
+        if position in self._bad_chunks:
+            return []
+        try:
+            return [entry for entry in messages_in(self._records_of(position), position) if taken(entry)]
+        except Exception as err:
+            if not self._rescue or not is_damage(err):
+                raise
+            self._bad_chunks.add(position)
+            size, count = chunk_extent(self._stream, position)
+            reason = f"a chunk that cannot be read ({describe(err)})"
+            self._losses.note(position, reason, size=size, messages=count)
+            return []
+
+    def _read_or_note(self, entry: Entry) -> bytes | memoryview | None:
+        """The data of a message; None where they are damaged, which is noted."""
+        try:
+            return self._read(entry)
+        except Exception as err:
+            if not self._rescue or not is_damage(err):
+                raise
+            where = f"a message at byte {entry.offset} of the chunk: " if entry.chunk else ""
+            self._losses.note(entry.chunk or entry.offset, where + describe(err), messages=1)
+            return None
+
     def _read(self, entry: Entry) -> bytes | memoryview:
+        self._check_open()
         if entry.chunk:
             data = detach(self._records_of(entry.chunk), entry.offset, entry.size)
         else:
             self._stream.seek(entry.offset)
             data = read_exactly(self._stream, entry.size)
-        return data if self._decompressor is None else self._decompressor.decompress(data)
+        return decompressed(data, self._channels[entry.channel_id].encoding, announced=self._message_compression)
 
     def _records_of(self, position: int) -> bytes:
-        return self._chunk_cache.get(position, lambda: load_chunk(self._stream, position))
+        self._check_open()
+        is_cut = position == self._cut_chunk
+        return self._chunk_cache.get(position, lambda: load_chunk(self._stream, position, is_cut=is_cut))
+
+    def _check_open(self) -> None:
+        if self._stream.closed:
+            raise RecordingError(f"{self.path}: expected an open recording, but it was closed")

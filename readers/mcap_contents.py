@@ -1,6 +1,7 @@
 """What an MCAP file holds and where: from its summary section, or by a scan where that is missing or incomplete."""
 
 import struct
+import zlib
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -8,17 +9,41 @@ from io import BytesIO
 from typing import BinaryIO, NamedTuple
 
 import mcap.records as records
+import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
-from mcap.stream_reader import get_chunk_data_stream
 
-__all__ = ["ChunkPlace", "Contents", "Entry", "load_chunk", "messages_in", "read_contents", "read_exactly"]
+from readers.unpack_chunk import LARGEST_CHUNK, unpack, unpack_lz4
+
+__all__ = [
+    "ChunkHead",
+    "ChunkPlace",
+    "Contents",
+    "Entry",
+    "contents_of_summary",
+    "count_entry",
+    "entry_of",
+    "has_sound_summary",
+    "load_chunk",
+    "messages_in",
+    "read_chunk_head",
+    "read_contents",
+    "read_exactly",
+    "records_in",
+    "register",
+]
 
 RECORD_HEAD = struct.Struct("<BQ")  # opcode, length of what follows
 MESSAGE_HEAD = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
 
+CHUNK_HEAD = struct.Struct("<QQQII")  # first and last log time, size unpacked, crc, length of the compression's name
+UINT64 = struct.Struct("<Q")
+FOOTER = struct.Struct("<BQQQI")  # head, begin of the summary, begin of its offsets, crc of the summary
+
 MAGIC_BYTES = 8
+BLOCK = 1 << 20
+MOST_NAME_BYTES = 32
 
 
 class Entry(NamedTuple):
@@ -52,6 +77,8 @@ class Contents:
     loose: list[Entry] = field(default_factory=list)
     start_ns: int = 2**64
     end_ns: int = 0
+    cut_chunk: int | None = None
+    """Position of the chunk inside which the file ends, if it was opened to be rescued."""
 
 
 def read_contents(reader: SeekingReader, stream: BinaryIO) -> Contents:
@@ -61,16 +88,45 @@ def read_contents(reader: SeekingReader, stream: BinaryIO) -> Contents:
         ValueError: the summary and the file disagree.
         Exception: of the mcap library, where the file is damaged.
     """
-    contents = _contents_of_summary(reader)
+    contents = contents_of_summary(reader, stream)
     if contents is None:
         contents = _contents_of_scan(stream)
         _check_against_summary(contents, reader)
     return contents
 
 
-def _contents_of_summary(reader: SeekingReader) -> Contents | None:
-    """What the summary section says; None where it leaves out something that is needed."""
+def has_sound_summary(stream: BinaryIO) -> bool:
+    """Whether the summary section has the checksum that the footer names, or the footer names none.
+
+    Raises:
+        OSError: the file is shorter than a footer.
+    """
+    end = stream.seek(-FOOTER.size - MAGIC_BYTES, 2)
+    _, _, start, _, crc = FOOTER.unpack(read_exactly(stream, FOOTER.size))
+    if not crc or not start:
+        return True
+    if start > end:
+        return False
+    stream.seek(start)
+    left = end + FOOTER.size - 4 - start  # all but the checksum itself
+    found = 0
+    while left > 0:
+        block = read_exactly(stream, min(left, BLOCK))
+        found = zlib.crc32(block, found)
+        left -= len(block)
+    return bool(found == crc)
+
+
+def contents_of_summary(reader: SeekingReader, stream: BinaryIO) -> Contents | None:
+    """What the summary section says; None where it leaves out something that is needed.
+
+    Raises:
+        ValueError: its checksum is wrong.
+        Exception: of the mcap library, where it is damaged.
+    """
     summary = reader.get_summary()
+    if not has_sound_summary(stream):
+        raise ValueError("the checksum of its summary is wrong")
     if summary is None or summary.statistics is None:
         return None
     statistics = summary.statistics
@@ -110,24 +166,26 @@ def _contents_of_scan(stream: BinaryIO) -> Contents:
         start = position + RECORD_HEAD.size
         if opcode in {Opcode.DATA_END, Opcode.FOOTER}:
             return contents
+        if not opcode:  # no kind of record, also of none to come
+            raise ValueError(f"no record begins at byte {position}")
         if opcode == Opcode.MESSAGE:
             head = read_exactly(stream, MESSAGE_HEAD.size)
-            entry = _entry(head, 0, 0, start, length)
+            entry = entry_of(head, 0, 0, start, length)
             contents.loose.append(entry)
-            _count(contents, entry)
+            count_entry(contents, entry)
         elif opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:
-            _register(contents, opcode, read_exactly(stream, length))
+            register(contents, opcode, read_exactly(stream, length))
         elif opcode == Opcode.CHUNK:
             chunk = load_chunk(stream, position)
             times, ids = [], set()
-            for inner, at, size in _records(chunk):
+            for inner, at, size in records_in(chunk):
                 if inner == Opcode.MESSAGE:
-                    entry = _entry(chunk, at, position, at, size)
+                    entry = entry_of(chunk, at, position, at, size)
                     times.append(entry.log_time_ns)
                     ids.add(entry.channel_id)
-                    _count(contents, entry)
+                    count_entry(contents, entry)
                 else:
-                    _register(contents, inner, chunk[at : at + size])
+                    register(contents, inner, chunk[at : at + size])
             if times:
                 contents.chunks.append(ChunkPlace(min(times), position, max(times), frozenset(ids)))
         position = start + length
@@ -144,13 +202,15 @@ def _check_against_summary(contents: Contents, reader: SeekingReader) -> None:
         raise ValueError(f"its statistics say {summary.statistics.message_count} messages, found {found}")
 
 
-def _count(contents: Contents, entry: Entry) -> None:
+def count_entry(contents: Contents, entry: Entry) -> None:
+    """Count a message and widen the time span."""
     contents.counts[entry.channel_id] += 1
     contents.start_ns = min(contents.start_ns, entry.log_time_ns)
     contents.end_ns = max(contents.end_ns, entry.log_time_ns)
 
 
-def _register(contents: Contents, opcode: int, record: bytes) -> None:
+def register(contents: Contents, opcode: int, record: bytes) -> None:
+    """Take in a schema or channel record; others are passed over."""
     stream = ReadDataStream(BytesIO(record))
     if opcode == Opcode.SCHEMA:
         schema = records.Schema.read(stream)
@@ -160,26 +220,104 @@ def _register(contents: Contents, opcode: int, record: bytes) -> None:
         contents.channels[channel.id] = channel
 
 
-def load_chunk(stream: BinaryIO, position: int) -> bytes:
+def load_chunk(stream: BinaryIO, position: int, *, is_cut: bool = False, verify: bool = True) -> bytes:
     """The records of the chunk at `position`, decompressed, its checksum verified.
+
+    Args:
+        stream: The file.
+        position: First byte of the chunk.
+        is_cut: The file ends inside the chunk: give the records that are whole, without a checksum over them.
+        verify: Whether to hold the checksum against it.
 
     Raises:
         ValueError: there is no chunk, its compression is unknown, or its size or checksum is wrong.
+        EOFError: the chunk reaches beyond the file.
+        Exception: of the library that decompresses.
     """
     stream.seek(position)
-    opcode, _ = RECORD_HEAD.unpack(read_exactly(stream, RECORD_HEAD.size))
+    opcode, length = RECORD_HEAD.unpack(read_exactly(stream, RECORD_HEAD.size))
     if opcode != Opcode.CHUNK:
         raise ValueError(f"expected a chunk at byte {position}, found a record of kind {opcode}")
-    chunk = records.Chunk.read(ReadDataStream(stream))
-    if chunk.compression not in {"", "lz4", "zstd"}:
-        raise ValueError(f"chunks compressed with {chunk.compression!r}, lidcam reads lz4 and zstd")
-    unpacked, size = get_chunk_data_stream(chunk, validate_crc=True)
-    if size != chunk.uncompressed_size:
-        raise ValueError(f"chunk at byte {position}: expected {chunk.uncompressed_size} bytes, found {size}")
-    return unpacked.read(size)
+    head = read_chunk_head(stream)
+    if head.position + head.size != position + RECORD_HEAD.size + length:
+        raise ValueError(f"chunk at byte {position}: {head.size} bytes of records do not fill its {length}")
+    if head.uncompressed_size > LARGEST_CHUNK:
+        raise ValueError(f"a chunk of {head.uncompressed_size} bytes, lidcam unpacks at most {LARGEST_CHUNK}")
+    if is_cut:
+        return _whole_records(_unpacked_prefix(stream, head))
+    left = stream.seek(0, 2) - head.position
+    if head.size > left:
+        raise EOFError(f"expected {head.size} more bytes, found {left}")
+    chunk = _unpacked(stream, head)
+    if len(chunk) != head.uncompressed_size:
+        raise ValueError(f"chunk at byte {position}: expected {head.uncompressed_size} bytes, found {len(chunk)}")
+    if verify and head.crc and zlib.crc32(chunk) != head.crc:
+        raise ValueError(f"chunk at byte {position}: crc {zlib.crc32(chunk):#010x} instead of {head.crc:#010x}")
+    return chunk
 
 
-def _records(chunk: bytes) -> Iterator[tuple[int, int, int]]:
+class ChunkHead(NamedTuple):
+    """What a chunk says of itself; its packed records begin at byte `position` and take up `size`."""
+
+    uncompressed_size: int
+    crc: int
+    compression: str
+    position: int
+    size: int
+
+
+def read_chunk_head(stream: BinaryIO) -> ChunkHead:
+    """The head of the chunk whose content begins here.
+
+    Raises:
+        EOFError: the file ends inside it.
+        ValueError: the name of the compression is not one.
+    """
+    _, _, uncompressed_size, crc, length = CHUNK_HEAD.unpack(read_exactly(stream, CHUNK_HEAD.size))
+    if length > MOST_NAME_BYTES:
+        raise ValueError(f"the name of a compression of {length} bytes")
+    compression = read_exactly(stream, length).decode()
+    (size,) = UINT64.unpack(read_exactly(stream, UINT64.size))
+    return ChunkHead(uncompressed_size, crc, compression, stream.tell(), size)
+
+
+def _unpacked(stream: BinaryIO, head: ChunkHead) -> bytes:
+    stream.seek(head.position)
+    data = read_exactly(stream, head.size)
+    if head.compression == "":
+        return data
+    if head.compression == "lz4":
+        return unpack_lz4(data, head.uncompressed_size)
+    if head.compression == "zstd":
+        if zstandard.frame_content_size(data) > LARGEST_CHUNK:
+            raise ValueError(f"a chunk that unpacks to more than {LARGEST_CHUNK} bytes")
+        return zstandard.decompress(data, head.uncompressed_size)
+    raise ValueError(f"chunks compressed with {head.compression!r}, lidcam reads lz4 and zstd")
+
+
+def _unpacked_prefix(stream: BinaryIO, head: ChunkHead) -> bytes:
+    stream.seek(head.position)
+    if head.compression == "lz4":
+        return unpack(stream, head.position, stream.seek(0, 2), "lz4").data
+    if head.compression == "zstd":
+        with zstandard.ZstdDecompressor().stream_reader(stream, closefd=False) as reader:
+            return reader.read(head.uncompressed_size)
+    if head.compression == "":
+        return stream.read(head.uncompressed_size)
+    raise ValueError(f"chunks compressed with {head.compression!r}, lidcam reads lz4 and zstd")
+
+
+def _whole_records(chunk: bytes) -> bytes:
+    at = 0
+    while at + RECORD_HEAD.size <= len(chunk):
+        _, size = RECORD_HEAD.unpack_from(chunk, at)
+        if at + RECORD_HEAD.size + size > len(chunk):
+            break
+        at += RECORD_HEAD.size + size
+    return chunk[:at]
+
+
+def records_in(chunk: bytes) -> Iterator[tuple[int, int, int]]:
     """Opcode, start and size of the content of each record in a chunk."""
     at = 0
     while at < len(chunk):
@@ -193,12 +331,12 @@ def _records(chunk: bytes) -> Iterator[tuple[int, int, int]]:
 
 def messages_in(chunk: bytes, position: int) -> Iterator[Entry]:
     """The messages of the chunk at `position`, in the order in which they lie there."""
-    for opcode, at, size in _records(chunk):
+    for opcode, at, size in records_in(chunk):
         if opcode == Opcode.MESSAGE:
-            yield _entry(chunk, at, position, at, size)
+            yield entry_of(chunk, at, position, at, size)
 
 
-def _entry(head: bytes, at: int, chunk_position: int, start: int, size: int) -> Entry:
+def entry_of(head: bytes, at: int, chunk_position: int, start: int, size: int) -> Entry:
     """The message whose record content starts at `start`; its first fields are in `head` at `at`."""
     channel_id, _, log_time_ns, _ = MESSAGE_HEAD.unpack_from(head, at)
     if size < MESSAGE_HEAD.size:

@@ -7,7 +7,7 @@ from types import TracebackType
 from typing import Self
 
 from pipeline.types import RawMessage
-from readers.base import TopicInfo, merge_topics
+from readers.base import Loss, TopicInfo, merge_topics
 
 __all__ = ["MemoryRecording"]
 
@@ -19,6 +19,7 @@ class MemoryRecording:
     """
 
     paths: tuple[Path, ...] = ()
+    losses: tuple[Loss, ...] = ()
 
     def __init__(self, messages: Iterable[RawMessage]) -> None:
         placed = [message._replace(order=(0, place)) for place, message in enumerate(messages)]

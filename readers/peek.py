@@ -19,7 +19,8 @@ def peek_stamp_ns(channel: Channel, data: bytes | memoryview) -> int | None:
     """Stamp of the std_msgs/Header that the message starts with, in nanoseconds.
 
     None where the type starts with no header, its definition cannot be used, or the data are too short to hold one.
-    The last two cannot be decoded either: they are counted there, where every message that is used passes.
+    The last two cannot be decoded either: they are counted there, where every message that is used passes. None, too,
+    for protobuf and JSON: `foxglove.to_ros` tells their stamps.
     """
     layout = _stamp_layout(channel)
     if layout is None:

@@ -4,21 +4,22 @@ rosbags parses the index; the messages are fetched here, because its own iterato
 order of connections, keeps one chunk only, and decompresses it anew at every change between overlapping chunks.
 """
 
+from collections import Counter
 from collections.abc import Collection, Iterator
 from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
-import numpy.typing as npt
-from rosbags.rosbag1 import Reader
-from rosbags.rosbag1.reader import Header, RecordType, decompressors, read_bytes, read_uint32
+from rosbags.rosbag1.reader import Header, RecordType, read_bytes, read_uint32
 
 from pipeline.errors import RecordingError
-from pipeline.types import Channel, RawMessage
-from readers.base import RosVersion, TopicInfo, merge_topics
+from pipeline.types import RawMessage
+from readers.base import Loss, RosVersion, TopicInfo, merge_topics
 from readers.chunks import ChunkCache, detach
+from readers.damage import Losses, describe, is_damage
 from readers.peek import stamp_or_log_time
+from readers.rosbag1_contents import Contents, contents_of_index, contents_of_walk, load_chunk
 
 __all__ = ["Rosbag1File"]
 
@@ -26,31 +27,64 @@ INDEX_BLOCK = 4096
 
 
 class Rosbag1File:
-    """One open .bag file; see `RecordingFile`."""
+    """One open .bag file; see `RecordingFile`.
+
+    Args:
+        path: The file.
+        file_index: Its place in the recording.
+        location: Where it lies unpacked, if not at `path`.
+        rescue: Read what can be read of a damaged file, and tell of the rest in `losses`.
+        thorough: Do so by reading every record, even where the index seems right.
+    """
 
     ros_version: RosVersion = "ROS 1"
 
-    def __init__(self, path: Path, file_index: int, *, location: Path | None = None) -> None:
+    def __init__(
+        self,
+        path: Path,
+        file_index: int,
+        *,
+        location: Path | None = None,
+        rescue: bool = False,
+        thorough: bool = False,
+    ) -> None:
         self.path = path
         self._file_index = file_index
         self._chunk_cache = ChunkCache()
-        self._reader = Reader(path if location is None else location)
-        self._reader.open()
+        self._rescue = rescue
+        self._losses = Losses(path)
+        self._bad_chunks: set[int] = set()
+        location = path if location is None else location
+        contents: Contents | None = None
+        fault: Exception | None = None
         try:
-            self._index = _index_of(self._reader)
+            contents = contents_of_index(location)
+        except Exception as err:
+            if not rescue or not is_damage(err):
+                raise
+            fault = err
+        self._stream: BinaryIO = location.open("rb")
+        try:
+            if contents is None or thorough:
+                contents = self._walked(contents, fault)
         except BaseException:
-            self._reader.close()
+            self._stream.close()
             raise
-        self._channels = {
-            connection.id: Channel(connection.topic, connection.msgtype, "ros1", connection.msgdef.data, "ros1msg")
-            for connection in self._reader.connections
-        }
+        self._channels, self._chunks, self._index = contents.channels, contents.chunks, contents.index
+        counts = Counter(
+            dict(zip(*(a.tolist() for a in np.unique(self._index[:, 3], return_counts=True)), strict=True))
+        )
         self.topics = merge_topics(
-            TopicInfo(connection.topic, connection.msgtype, connection.msgcount, (self._channels[connection.id],))
-            for connection in self._reader.connections
+            TopicInfo(channel.topic, channel.msgtype, counts[id_], (channel,))
+            for id_, channel in self._channels.items()
         )
         self.message_count = len(self._index)
         self.start_ns, self.end_ns = (int(self._index[i, 0]) if self.message_count else 0 for i in (0, -1))
+
+    @property
+    def losses(self) -> tuple[Loss, ...]:
+        """See `RecordingFile`."""
+        return self._losses.listed()
 
     def messages(
         self, topics: Collection[str] | None, *, start_ns: int | None, stop_ns: int | None
@@ -72,10 +106,12 @@ class Rosbag1File:
                 begin : min(begin + INDEX_BLOCK, last)
             ].tolist():
                 channel = self._channels[connection_id]
-                data = self._read(chunk_position, offset, connection_id, log_time_ns)
+                data = self._read_or_note(chunk_position, offset, connection_id, log_time_ns)
                 left[chunk_position] -= 1
                 if not left[chunk_position]:
                     self._chunk_cache.drop(chunk_position)
+                if data is None:
+                    continue
                 yield RawMessage(
                     stamp_or_log_time(channel, data, log_time_ns),
                     log_time_ns,
@@ -86,47 +122,61 @@ class Rosbag1File:
 
     def close(self) -> None:
         """Close the file."""
-        self._reader.close()
+        self._stream.close()
+
+    def _walked(self, indexed: Contents | None, fault: Exception | None) -> Contents:
+        """What is found without the index.
+
+        Raises:
+            Exception: `fault`, where nothing is.
+        """
+        walked = contents_of_walk(self._stream, self._losses, because=describe(fault) if fault else "")
+        if len(walked.index):
+            return walked
+        if fault is not None:
+            raise fault
+        return walked if indexed is None else indexed
+
+    def _read_or_note(
+        self, chunk_position: int, offset: int, connection_id: int, log_time_ns: int
+    ) -> bytes | memoryview | None:
+        """The data of a message; None where they are damaged, which is noted."""
+        chunk = self._chunks[chunk_position]
+        if chunk_position in self._bad_chunks:
+            return None
+        try:
+            return self._read(chunk_position, offset, connection_id, log_time_ns)
+        except Exception as err:
+            if not self._rescue or not is_damage(err):
+                raise
+            if chunk.compression == "none":
+                self._losses.note(chunk.data_position + offset, describe(err), messages=1)
+            elif self._chunk_cache.holds(chunk_position):
+                reason = f"a message at byte {offset} of the chunk: {describe(err)}"
+                self._losses.note(chunk_position, reason, messages=1)
+            else:
+                self._bad_chunks.add(chunk_position)
+                count = int((self._index[:, 1] == chunk_position).sum())
+                size = chunk.data_position + chunk.data_size - chunk_position
+                reason = f"a chunk that does not unpack ({describe(err)})"
+                self._losses.note(chunk_position, reason, size=size, messages=count)
+            return None
 
     def _read(self, chunk_position: int, offset: int, connection_id: int, log_time_ns: int) -> bytes | memoryview:
-        chunk = self._reader.chunks[chunk_position]
-        stream = self._stream()
-        if chunk.decompressor is decompressors["none"]:
-            _seek_message(stream, chunk.datapos + offset, connection_id, log_time_ns)
-            return read_bytes(stream, read_uint32(stream))
-
-        def load() -> bytes:
-            stream.seek(chunk.datapos)
-            return chunk.decompressor(read_bytes(stream, chunk.datasize))
-
-        records = self._chunk_cache.get(chunk_position, load)
+        if self._stream.closed:
+            raise RecordingError(f"{self.path}: expected an open recording, but it was closed")
+        chunk = self._chunks[chunk_position]
+        if chunk.compression == "none":
+            _seek_message(self._stream, chunk.data_position + offset, connection_id, log_time_ns)
+            size = read_uint32(self._stream)
+            if chunk.data_size and self._stream.tell() + size > chunk.data_position + chunk.data_size:
+                raise ValueError(f"a message of {size} bytes reaches beyond its chunk of {chunk.data_size}")
+            return read_bytes(self._stream, size)
+        records = self._chunk_cache.get(chunk_position, lambda: load_chunk(self._stream, chunk_position, chunk))
         stream = BytesIO(records)  # shares the bytes
         _seek_message(stream, offset, connection_id, log_time_ns)
         size = read_uint32(stream)
         return detach(records, stream.tell(), size)
-
-    def _stream(self) -> BinaryIO:
-        if self._reader.bio is None:
-            raise RecordingError(f"{self.path}: expected an open recording, but it was closed")
-        return self._reader.bio
-
-
-def _index_of(reader: Reader) -> npt.NDArray[np.int64]:
-    """All messages (N, 4): log time, position of the chunk, offset in it, connection; in that order."""
-    parts = [
-        np.column_stack([np.array(entries, np.int64), np.full(len(entries), id_, np.int64)])
-        for id_, entries in reader.indexes.items()
-        if entries
-    ]
-    reader.indexes.clear()  # eight times the size
-    counted = sum(sum(chunk.connection_counts.values()) for chunk in reader.chunk_infos)
-    indexed = sum(len(part) for part in parts)
-    if indexed != counted:
-        raise ValueError(f"the chunks hold {counted} messages, the index lists {indexed}")
-    if not parts:
-        return np.zeros((0, 4), np.int64)
-    index = np.concatenate(parts)
-    return index[np.lexsort((index[:, 2], index[:, 1], index[:, 0]))]
 
 
 def _seek_message(stream: BinaryIO, position: int, connection_id: int, log_time_ns: int) -> None:

@@ -1,6 +1,7 @@
 """Which topics of a recording are lidars and cameras, and which calibration and boxes belong to which camera.
 
-A topic takes part if it has messages, is not excluded by the settings, and its name does not say depth or mask.
+A topic takes part if it has messages, is not excluded by the settings, and its name does not say depth or mask. What
+was made of other topics (combined messages, combined clouds) counts only where they were not recorded.
 Pictures of one camera that were recorded several times (raw and compressed, raw and rectified) count once. CameraInfo
 and recorded boxes go to the camera of the same place (see `topic_names`), else to the one whose messages name the same
 frame; among several by frame, then by the longest common beginning, then in order of name; a single one goes to a
@@ -15,6 +16,7 @@ from pipeline.config import TopicsConfig
 from readers.base import Recording, TopicInfo
 from readers.first_messages import FirstMessages
 from readers.topic_names import is_measured_image, natural_key, pair_score, place, transport_free
+from readers.velodyne_scan import SCAN
 
 __all__ = [
     "BOXES",
@@ -27,7 +29,7 @@ __all__ = [
     "find_lidar_topics",
 ]
 
-CLOUD = frozenset({"sensor_msgs/msg/PointCloud2"})
+CLOUD = frozenset({"sensor_msgs/msg/PointCloud2", SCAN})
 PICTURE = frozenset({"sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"})
 CAMERA_INFO = frozenset({"sensor_msgs/msg/CameraInfo"})
 BOXES = frozenset({"vision_msgs/msg/Detection2DArray"})
@@ -63,14 +65,20 @@ class CameraTopics:
         return self.picture or self.boxes
 
 
-def find_lidar_topics(recording: Recording, config: TopicsConfig) -> tuple[list[str], list[SensorFault], list[str]]:
-    """Topics of clouds, in natural order or as configured; faults; and what was passed over, in words."""
+def find_lidar_topics(
+    recording: Recording, config: TopicsConfig, first: FirstMessages
+) -> tuple[list[str], list[SensorFault], list[str]]:
+    """Topics of clouds, in natural order or as configured; faults; and what was passed over, in words.
+
+    Packets of a lidar whose driver's clouds were recorded, too, are not used.
+    """
     if config.lidars:
         return _configured(recording, config.lidars, CLOUD, "lidar")
     infos, faults = _with_messages(recording, CLOUD, config, "lidar")
-    topics = [info.topic for info in infos if is_measured_image(info.topic)]
-    notes = [f"{info.topic}: a depth camera's cloud, not used" for info in infos if info.topic not in topics]
-    return topics, faults, notes
+    measured = [info for info in infos if is_measured_image(info.topic)]
+    notes = [f"{info.topic}: a depth camera's cloud, not used" for info in infos if info not in measured]
+    chosen = _first_hand(measured, config, notes)
+    return [info.topic for info in _clouds_before_packets(chosen, first, notes)], faults, notes
 
 
 def find_camera_topics(
@@ -86,7 +94,7 @@ def find_camera_topics(
         only_boxes_allowed = set(config.cameras)
     else:
         infos, faults = _with_messages(recording, PICTURE, config, "camera")
-        pictures = _one_per_camera(infos, first, notes)
+        pictures = _one_per_camera(_first_hand(infos, config, notes), first, notes)
         boxes = [info.topic for info in _with_messages(recording, BOXES, config, "camera")[0]]
         only_boxes_allowed = set(boxes)
     calibrations = [
@@ -147,6 +155,37 @@ def _configured(
         if topic not in there
     ]
     return [topic for topic in dict.fromkeys(topics) if topic in there], faults, []
+
+
+def _first_hand(infos: Sequence[TopicInfo], config: TopicsConfig, notes: list[str]) -> list[TopicInfo]:
+    """Of topics that tell of the same: those recorded by themselves, else parts of combined messages, else the rest.
+
+    A recording of a whole system holds what its nodes made of the sensors' messages beside these messages.
+    """
+
+    def hand(info: TopicInfo) -> int:
+        if any(fnmatchcase(info.topic, pattern) for pattern in config.last_resort):
+            return 2
+        return 1 if info.part_of else 0
+
+    best = min(map(hand, infos), default=0)
+    notes += [f"{info.topic}: made of the others, not used" for info in infos if hand(info) > best]
+    return [info for info in infos if hand(info) == best]
+
+
+def _clouds_before_packets(infos: Sequence[TopicInfo], first: FirstMessages, notes: list[str]) -> list[TopicInfo]:
+    """Without packets of a place or frame that has a cloud: the driver's own calibration made that."""
+    clouds = [info.topic for info in infos if info.msgtype != SCAN]
+    chosen: list[TopicInfo] = []
+    for info in infos:
+        if info.msgtype == SCAN and clouds:
+            frame = first.frame(info.topic, CLOUD)
+            same = (t for t in clouds if place(t) == place(info.topic) or (frame and first.frame(t, CLOUD) == frame))
+            if cloud := next(same, ""):
+                notes.append(f"{info.topic}: packets of the same lidar as {cloud}, not used")
+                continue
+        chosen.append(info)
+    return chosen
 
 
 def _types(recording: Recording, topic: str) -> set[str]:

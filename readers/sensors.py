@@ -11,6 +11,8 @@ from pipeline.types import Boxes2D, Drop, Image, PointCloud, RawMessage, Rig, Se
 from readers.detections2d import Detections2D, decode_detections2d
 from readers.image import decode_picture
 from readers.pointcloud2 import decode_pointcloud2
+from readers.velodyne import VelodyneDecoders
+from readers.velodyne_scan import SCAN
 
 __all__ = ["CloudDecoder", "Decoded", "PictureDecoder", "RecordedBoxes"]
 
@@ -36,13 +38,19 @@ class Decoded(Generic[T]):
 class CloudDecoder:
     """Clouds of all lidars, each in its own frame."""
 
-    def __init__(self, rig: Rig, *, on_bad: OnBadMessage) -> None:
+    def __init__(self, rig: Rig, config: Config, *, on_bad: OnBadMessage) -> None:
         self._topics = {lidar.name: lidar.topic for lidar in rig.lidars}
+        self._velodyne = VelodyneDecoders(config.velodyne)
         self._on_bad = on_bad
 
     def __call__(self, bundle: SensorBundle) -> Decoded[PointCloud]:
         """Clouds by lidar name."""
-        return _decode(bundle, self._topics, decode_pointcloud2, self._on_bad)
+        return _decode(bundle, self._topics, self._decode_one, self._on_bad)
+
+    def _decode_one(self, message: RawMessage) -> PointCloud:
+        if message.channel.msgtype == SCAN:
+            return self._velodyne[message.topic](message)
+        return decode_pointcloud2(message)
 
 
 class PictureDecoder:

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from readers.base import Recording
+from readers.base import Recording, TopicInfo
+from readers.deserialize import definition_problem
 
 __all__ = ["TopicSurvey", "survey"]
 
@@ -32,7 +33,7 @@ class TopicSurvey:
         longest_gap_s: Longest pause between two stamps.
         delay_s: Median of log time minus stamp: how late the messages were recorded.
         backwards: Number of messages whose stamp lies before that of the one recorded before.
-        problem: Why its messages cannot be read; empty if they can.
+        problem: Why its messages cannot be read, or what speaks against its definition; empty if nothing does.
     """
 
     topic: str
@@ -56,9 +57,15 @@ def survey(recording: Recording) -> tuple[TopicSurvey, ...]:
     for message in recording.messages():
         times[message.topic].append((message.stamp_ns, message.log_time_ns))
     return tuple(
-        _describe(info.topic, info.msgtype, info.message_count, times[info.topic], info.unreadable)
+        _describe(info.topic, info.msgtype, info.message_count, times[info.topic], _problem(info))
         for info in sorted(recording.topics, key=lambda info: info.topic)
     )
+
+
+def _problem(info: TopicInfo) -> str:
+    if info.unreadable or not info.message_count:
+        return info.unreadable
+    return next((problem for channel in info.channels if (problem := definition_problem(channel))), "")
 
 
 def _describe(topic: str, msgtype: str, count: int, times: list[tuple[int, int]], problem: str) -> TopicSurvey:

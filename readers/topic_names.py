@@ -18,7 +18,7 @@ ROLE_WORDS = frozenset(
     {
         *("image", "img", "images", "raw", "color", "colour", "rgb", "bgr", "mono", "rect", "rectified"),
         *("camera", "cam", "info", "detections", "detection", "detections2d", "boxes", "bboxes", "boxes2d"),
-        *("points", "pointcloud", "pointcloud2", "cloud", "scan"),
+        *("points", "pointcloud", "pointcloud2", "cloud", "scan", "packets"),
     }
 )
 NOT_PICTURES = frozenset(

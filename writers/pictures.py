@@ -77,11 +77,13 @@ def read_picture(message: RawMessage) -> Picture:
     """The fields of a recorded picture, ROS 1 or CDR of either byte order; the payload is not copied.
 
     Raises:
-        MessageError: the type is another one, or the bytes do not fit it.
+        MessageError: the type is another one, the bytes do not fit it, or the message could not be read.
     """
     msgtype = message.channel.msgtype
     if msgtype not in PICTURE_TYPES:
         raise MessageError(f"{message.topic}: expected {' or '.join(PICTURE_TYPES)}, found {msgtype}")
+    if message.problem:
+        raise MessageError(f"{message.topic}: {message.problem}")
     try:
         fields = _Fields(message)
         if message.channel.encoding == "ros1":

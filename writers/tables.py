@@ -9,6 +9,7 @@ from rich.text import Text
 
 __all__ = [
     "drops_table",
+    "losses_table",
     "objects_table",
     "pairs_table",
     "points_table",
@@ -43,6 +44,15 @@ def drops_table(
             table.add_row(topic if row == 0 else "", total if row == 0 else "", str(count or ""), reason)
     notes = [Text(f"  {reason}: {example}", style="dim") for (_, reason), example in sorted(examples.items())]
     return Group(table, *notes)
+
+
+def losses_table(losses: Sequence[Mapping[str, Any]]) -> Table:
+    """What is damaged in the files that were read: where, how much of it, how many messages, and why."""
+    table = _table("damage", "file", "from byte", "bytes", "messages lost", "reason", text_columns=("reason",))
+    for loss in losses:
+        size, messages = ("unknown" if loss[key] is None else str(loss[key]) for key in ("size", "messages"))
+        table.add_row(loss["file"], str(loss["position"]), size, messages, loss["reason"])
+    return table
 
 
 def stages_table(seconds: Mapping[str, float], frames: int) -> Table:

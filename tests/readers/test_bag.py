@@ -38,9 +38,13 @@ def plain(messages: Sequence[RawMessage]) -> list[tuple[str, int, int, bytes]]:
 
 
 def read(
-    *paths: Path, topics: Sequence[str] | None = None, start_ns: int | None = None, stop_ns: int | None = None
+    *paths: Path,
+    topics: Sequence[str] | None = None,
+    start_ns: int | None = None,
+    stop_ns: int | None = None,
+    rescue: bool = True,
 ) -> list[RawMessage]:
-    with open_recording(paths) as recording:
+    with open_recording(paths, rescue=rescue) as recording:
         return list(recording.messages(topics, start_ns=start_ns, stop_ns=stop_ns))
 
 
@@ -263,7 +267,7 @@ def test_cut_off_recordings(tmp_path: Path, kind: str) -> None:
     for size in sizes:
         cut = put(tmp_path / f"cut{path.suffix}", content[:size])
         with pytest.raises(RecordingError, match="damaged or was not closed") as caught:
-            read(cut)
+            read(cut, rescue=False)
         assert "\n" not in str(caught.value)
         assert cut.name in str(caught.value)
 
@@ -284,8 +288,9 @@ def test_overwritten_bytes_never_crash(
     place %= len(content)
     content[place : place + len(junk)] = junk
     path.write_bytes(content)
-    with suppress(RecordingError):
-        read(path)
+    for rescue in (True, False):
+        with suppress(RecordingError):
+            read(path, rescue=rescue)
 
 
 def test_damage_in_the_middle_says_how_far_it_got(tmp_path: Path) -> None:
@@ -296,7 +301,7 @@ def test_damage_in_the_middle_says_how_far_it_got(tmp_path: Path) -> None:
     content[middle : middle + 30] = bytes(30)
     path.write_bytes(content)
     got: list[RawMessage] = []
-    with open_recording([path]) as recording, pytest.raises(RecordingError) as caught:
+    with open_recording([path], rescue=False) as recording, pytest.raises(RecordingError) as caught:
         got.extend(recording.messages())
     assert plain(got) == plain(messages[: len(got)])
     assert got

@@ -1,4 +1,5 @@
 from dataclasses import replace
+from typing import Literal
 
 import pytest
 from builders import channel, detection2d_array, odometry, raw, store_for
@@ -9,6 +10,7 @@ from readers.deserialize import deserialize, typestore_for
 
 ODOMETRY = "nav_msgs/msg/Odometry"
 RULE = "=" * 80
+Encoding = Literal["ros1", "cdr"]
 
 
 def state() -> RawMessage:
@@ -76,3 +78,46 @@ def test_definitions_of_both_ros_versions() -> None:
         known = channel("/odom", ODOMETRY, "ros1" if encoding == "ros1" else "cdr")
         store = store_for("ros1" if encoding == "ros1" else "cdr")
         assert typestore_for(known).fielddefs[ODOMETRY] == store.fielddefs[ODOMETRY]
+
+
+KNOWN = [
+    ("ros1", "cd5e73d190d741a2f92e81eda573aca7"),  # of nav_msgs/Odometry, as rosmsg md5 gives it
+    ("cdr", store_for("cdr").hash_rihs01(ODOMETRY)),
+]
+OTHER = [("ros1", "0" * 32), ("cdr", "RIHS01_" + "0" * 64)]
+
+
+@pytest.mark.parametrize(("encoding", "digest"), [*KNOWN, ("ros1", "*"), ("cdr", "")])
+def test_without_a_definition_the_known_type_has_to_be_the_recorded_one(encoding: Encoding, digest: str) -> None:
+    message = raw("/odom", ODOMETRY, odometry(stamp_ns=5), 5, encoding=encoding)
+    bare = message._replace(channel=replace(message.channel, definition="", digest=digest))
+    assert deserialize(bare).child_frame_id == "base_link"
+
+
+@pytest.mark.parametrize(("encoding", "digest"), OTHER)
+def test_another_digest_and_no_definition(encoding: Encoding, digest: str) -> None:
+    message = raw("/odom", ODOMETRY, odometry(stamp_ns=5), 5, encoding=encoding)
+    bare = message._replace(channel=replace(message.channel, definition="", digest=digest))
+    with pytest.raises(MessageError, match=f"no definition of {ODOMETRY}, .* not the recorded {digest}"):
+        deserialize(bare)
+
+
+@pytest.mark.parametrize(("encoding", "digest"), OTHER)
+def test_a_definition_goes_before_a_digest_and_bytes_that_do_not_fit_name_both(encoding: Encoding, digest: str) -> None:
+    message = raw("/odom", ODOMETRY, odometry(stamp_ns=5), 5, encoding=encoding)
+    message = message._replace(channel=replace(message.channel, digest=digest))
+    assert deserialize(message).child_frame_id == "base_link"
+    with pytest.raises(MessageError, match=f"the recorded definition is .* not the recorded {digest}"):
+        deserialize(message._replace(data=message.data[:100]))
+
+
+@pytest.mark.parametrize("encoding", ["protobuf", "json"])
+def test_other_serialisations_are_no_ros_messages(encoding: Literal["protobuf", "json"]) -> None:
+    message = RawMessage(0, 0, (0, 0), b"{}", Channel("/t", "foxglove.Log", encoding, "", "jsonschema"))
+    with pytest.raises(MessageError, match=f"/t: foxglove.Log in {encoding} is no ROS message"):
+        deserialize(message)
+
+
+def test_a_message_that_could_not_be_read_says_why() -> None:
+    with pytest.raises(MessageError, match="/odom: its chunk is gone"):
+        deserialize(state()._replace(problem="its chunk is gone"))

@@ -6,6 +6,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+import velodyne
 from builders import (
     Fields,
     camera_info,
@@ -185,11 +186,46 @@ def test_no_clouds_lists_the_topics() -> None:
 
 
 def test_raw_packets_are_named_with_a_remedy() -> None:
-    scan = Channel("/velodyne_packets", "velodyne_msgs/msg/VelodyneScan", "cdr", "", "ros2msg")
-    with pytest.raises(
-        RecordingError, match=r"/velodyne_packets.*VelodyneScan, 1\), which lidcam does not read yet.*play"
-    ):
+    scan = Channel("/hesai/packets", "pandar_msgs/msg/PandarScan", "cdr", "", "ros2msg")
+    with pytest.raises(RecordingError, match=r"/hesai/packets.*PandarScan, 1\), which lidcam does not read yet.*play"):
         discover([RawMessage(1, 1, (0, 0), b"", scan), picture("/camera/image_raw", "camera")])
+
+
+def packets(topic: str, frame: str, model: str = "VLP-16") -> RawMessage:
+    return velodyne.scan(*velodyne.random_packets(model, packets=3), topic=topic, frame_id=frame)
+
+
+def test_velodyne_packets_are_a_lidar() -> None:
+    found = discover([packets("/front/velodyne_packets", "front"), static(("site", "front", (1, 0, 0)))])
+    assert [(lidar.topic, lidar.T_site_lidar.src) for lidar in found.rig.lidars] == [
+        ("/front/velodyne_packets", "front")
+    ]
+    assert found.faults == ()
+
+
+@pytest.mark.parametrize(
+    ("topic", "frame"), [("/velodyne_packets", "velodyne"), ("/front/velodyne_packets", "velodyne"), ("/packets", "a")]
+)
+def test_packets_are_left_out_where_their_clouds_were_recorded(topic: str, frame: str) -> None:
+    points = "/points" if topic == "/packets" else "/velodyne_points"
+    found = discover([packets(topic, frame), cloud(points, "velodyne"), static(("velodyne", "a", (0, 0, 0)))])
+    assert [lidar.topic for lidar in found.rig.lidars] == [points]
+    assert f"{topic}: packets of the same lidar as {points}, not used" in found.notes
+
+
+def test_packets_beside_the_clouds_of_another_lidar_are_used() -> None:
+    found = discover(
+        [packets("/left/packets", "left"), cloud("/right/points", "right"), static(("left", "right", (0, 0, 0)))]
+    )
+    assert {lidar.topic for lidar in found.rig.lidars} == {"/left/packets", "/right/points"}
+
+
+def test_packets_of_an_unknown_model_are_a_fault_with_a_remedy() -> None:
+    with pytest.raises(CalibrationError, match=r"found VLP-32A or VLP-32B; set velodyne\.model"):
+        discover([packets("/velodyne_packets", "velodyne", "VLP-32A")])
+    config = Config.model_validate({"velodyne": {"model": "VLP-32A"}})
+    recording = MemoryRecording([packets("/velodyne_packets", "velodyne", "VLP-32A")])
+    assert len(discover_rig(recording, config).rig.lidars) == 1
 
 
 def test_no_clouds_among_many_topics_names_a_few() -> None:

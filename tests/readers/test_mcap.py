@@ -121,7 +121,7 @@ def test_a_message_that_turned_into_another_record_is_damage(tmp_path: Path) -> 
     assert content.count(head) == 3
     path.write_bytes(content.replace(head, b"\x7f" + head[1:], 1))
     with pytest.raises(RecordingError, match="its statistics say 3 messages, found 2"):
-        open_recording([path])
+        open_recording([path], rescue=False)
 
 
 def test_a_wrong_checksum_is_damage(tmp_path: Path) -> None:
@@ -130,5 +130,8 @@ def test_a_wrong_checksum_is_damage(tmp_path: Path) -> None:
     content = path.read_bytes()
     assert content.count(b"base_link") == 3
     path.write_bytes(content.replace(b"base_link", b"case_link", 1))
-    with open_recording([path]) as recording, pytest.raises(RecordingError, match=r"before the first message: .*crc"):
+    with (
+        open_recording([path], rescue=False) as recording,
+        pytest.raises(RecordingError, match=r"before the first message: .*crc"),
+    ):
         list(recording.messages())

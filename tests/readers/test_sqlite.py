@@ -31,8 +31,8 @@ def change(database: Path, *statements: str) -> None:
     connection.close()
 
 
-def stamps(path: Path) -> list[int]:
-    with open_recording([path]) as recording:
+def stamps(path: Path, *, rescue: bool = False) -> list[int]:
+    with open_recording([path], rescue=rescue) as recording:
         return [m.stamp_ns - T0 for m in recording.messages()]
 
 
@@ -96,4 +96,4 @@ def test_databases_of_something_else(tmp_path: Path) -> None:
 def test_what_the_recorder_left_in_its_journal_is_not_lost_in_silence(database: Path) -> None:
     database.with_name("rec.db3-wal").write_bytes(b"rows to come")
     with pytest.raises(RecordingError, match="the recorder did not close it"):
-        open_recording([database])
+        open_recording([database], rescue=False)

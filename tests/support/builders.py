@@ -5,6 +5,7 @@ empty. The same mapping serialises to ROS 1 and to CDR: names that ROS 1 writes 
 found regardless of case.
 """
 
+from base64 import b64decode
 from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
@@ -50,6 +51,8 @@ Encoding = Literal["ros1", "cdr"]
 # Types that rosbags does not bring for one ROS version or both (vision_msgs: branch ros2).
 EXTRA_TYPES = {
     "tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms",
+    "velodyne_msgs/msg/VelodynePacket": "builtin_interfaces/Time stamp\nuint8[1206] data",
+    "velodyne_msgs/msg/VelodyneScan": "std_msgs/Header header\nvelodyne_msgs/VelodynePacket[] packets",
     "vision_msgs/msg/Point2D": "float64 x\nfloat64 y",
     "vision_msgs/msg/Pose2D": "vision_msgs/Point2D position\nfloat64 theta",
     "vision_msgs/msg/BoundingBox2D": "vision_msgs/Pose2D center\nfloat64 size_x\nfloat64 size_y",
@@ -402,7 +405,9 @@ def write_mcap(
             if source not in channels:
                 ros1 = source.encoding == "ros1"
                 name = source.msgtype.replace("/msg/", "/") if ros1 else source.msgtype
-                schema = writer.register_schema(name, source.definition_format, source.definition.encode())
+                binary = source.definition_format == "protobuf"
+                definition = b64decode(source.definition) if binary else source.definition.encode()
+                schema = writer.register_schema(name, source.definition_format, definition)
                 channels[source] = writer.register_channel(source.topic, source.encoding, schema)
             writer.add_message(
                 channels[source], message.log_time_ns, bytes(message.data), message.log_time_ns, sequence

@@ -70,3 +70,9 @@ def test_another_type_is_refused() -> None:
     other = message._replace(channel=message.channel.__class__("/c", "std_msgs/msg/String", "cdr"))
     with pytest.raises(MessageError, match=r"expected sensor_msgs/msg/Image or .*, found std_msgs/msg/String"):
         read_picture(other)
+
+
+def test_a_picture_that_could_not_be_read_says_why() -> None:
+    message = picture("/c", START_NS, frame_id="cam")._replace(data=b"", problem="its part is gone")
+    with pytest.raises(MessageError, match="/c: its part is gone"):
+        picture_cdr(message, frame_id="cam")

@@ -1,0 +1,145 @@
+"""The records of a ROS 1 bag, format 2.0: read one at a known place, or find the next one behind damage."""
+
+import re
+import struct
+from typing import BinaryIO, NamedTuple
+
+__all__ = [
+    "CHUNK",
+    "CHUNK_INFO",
+    "CONNECTION",
+    "HEADER",
+    "INDEX",
+    "MESSAGE",
+    "Record",
+    "find_record",
+    "looks_like_record",
+    "read_record",
+]
+
+MESSAGE = 2
+HEADER = 3
+INDEX = 4
+CHUNK = 5
+CHUNK_INFO = 6
+CONNECTION = 7
+
+FIELDS: dict[int, dict[bytes, int | None]] = {
+    MESSAGE: {b"conn": 4, b"time": 8},
+    HEADER: {b"index_pos": 8, b"conn_count": 4, b"chunk_count": 4},
+    INDEX: {b"ver": 4, b"conn": 4, b"count": 4},
+    CHUNK: {b"compression": None, b"size": 4},
+    CHUNK_INFO: {b"ver": 4, b"chunk_pos": 8, b"start_time": 8, b"end_time": 8, b"count": 4},
+    CONNECTION: {b"conn": 4, b"topic": None},
+}
+"""Fields that a record of each kind must have, with their sizes in bytes."""
+
+ENTRY_BYTES = {INDEX: 12, CHUNK_INFO: 8}
+
+UINT32 = struct.Struct("<I")
+
+HEADER_LIMIT = 1 << 16
+"""Longest header of a record in bytes: it holds at most the name of a topic."""
+
+SEARCH_BLOCK = 1 << 20
+
+# Length of the header, length of its first field, name of that field; the ends of both lengths are zero.
+RECORD_START = re.compile(
+    rb"(?s)..\x00\x00..\x00\x00"
+    rb"(?=(?:op|conn|conn_count|compression|chunk_pos|chunk_count|count|index_pos|topic|size|time|start_time|end_time|ver)=)"
+)
+LONGEST_START = 8 + len(b"chunk_count=")
+
+
+class Record(NamedTuple):
+    """One record: `kind` is its `op`, its data begin at byte `data` and take up `size`."""
+
+    kind: int
+    fields: dict[bytes, bytes]
+    start: int
+    data: int
+    size: int
+
+    @property
+    def end(self) -> int:
+        """The byte after it."""
+        return self.data + self.size
+
+    def number(self, name: bytes) -> int:
+        """An unsigned field."""
+        return int.from_bytes(self.fields[name], "little")
+
+    @property
+    def time_ns(self) -> int:
+        """The time of a message."""
+        seconds, nanoseconds = struct.unpack("<II", self.fields[b"time"])
+        return int(seconds) * 10**9 + int(nanoseconds)
+
+
+def read_record(stream: BinaryIO, position: int, end: int) -> Record | None:
+    """The record at `position`; None where there is none that is whole.
+
+    Args:
+        stream: The file, or an unpacked chunk.
+        position: First byte of the record.
+        end: Where the stream ends. Only a chunk may reach beyond it.
+    """
+    if position + 8 > end:
+        return None
+    stream.seek(position)
+    (length,) = UINT32.unpack(stream.read(4))
+    data = position + 8 + length
+    if length > HEADER_LIMIT or data > end:
+        return None
+    content = stream.read(length + 4)
+    fields = _fields(content[:length])
+    if fields is None or len(fields.get(b"op", b"")) != 1:
+        return None
+    kind = fields[b"op"][0]
+    for name, width in FIELDS.get(kind, {b"": None}).items():
+        if name not in fields or (width is not None and len(fields[name]) != width):
+            return None
+    (size,) = UINT32.unpack_from(content, length)
+    record = Record(kind, fields, position, data, size)
+    if kind in ENTRY_BYTES and size != record.number(b"count") * ENTRY_BYTES[kind]:
+        return None
+    return record if kind == CHUNK or record.end <= end else None
+
+
+def find_record(stream: BinaryIO, position: int, end: int) -> int:
+    """Where the next whole record begins at or after `position`; `end` where none does."""
+    while position < end:
+        stream.seek(position)
+        block = stream.read(min(SEARCH_BLOCK, end - position))
+        at = 0
+        while match := RECORD_START.search(block, at):
+            start = position + match.start()
+            if read_record(stream, start, end) is not None:
+                return start
+            at = match.start() + 1
+        if position + len(block) >= end or len(block) <= LONGEST_START:
+            return end
+        position += len(block) - LONGEST_START
+    return end
+
+
+def looks_like_record(stream: BinaryIO, position: int, end: int) -> bool:
+    """Whether a record that is damaged, or cut off by the end, seems to begin at `position`."""
+    stream.seek(position)
+    head = stream.read(min(64, end - position))
+    return len(head) < 64 or any(name + b"=" in head for names in FIELDS.values() for name in names)
+
+
+def _fields(header: bytes) -> dict[bytes, bytes] | None:
+    fields = {}
+    at = 0
+    while at < len(header):
+        if at + 4 > len(header):
+            return None
+        (length,) = UINT32.unpack_from(header, at)
+        name, separator, value = header[at + 4 : at + 4 + length].partition(b"=")
+        at += 4 + length
+        if not separator or at > len(header):
+            return None
+        fields[name] = value
+    return fields

@@ -1,0 +1,175 @@
+"""Damaged recordings: what can still be read is read, the rest is told, and `--repair` writes what was saved."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from builders import pointcloud2, raw, write_mcap, write_rosbag1, write_rosbag2
+from command import Lidcam
+from helpers import shared
+from mcap.reader import make_reader
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from pipeline.types import RawMessage
+
+STEP_NS = 100_000_000
+CLOUD = "sensor_msgs/msg/PointCloud2"
+
+
+def clouds(encoding: Any, count: int = 8) -> list[RawMessage]:
+    noise = np.random.default_rng(0)
+    messages = []
+    for i in range(count):
+        points = noise.uniform([5, -5, -1], [15, 5, 1], (200, 3)).astype(np.float32)
+        cloud = pointcloud2(points, stamp_ns=i * STEP_NS + 1, frame_id="lidar")
+        messages.append(raw("/points", CLOUD, cloud, i * STEP_NS + 1, i * STEP_NS + 5, encoding=encoding))
+    return messages
+
+
+def damaged(folder: Path, kind: str) -> Path:
+    """Eight clouds in chunks of their own, a byte of the fourth overwritten where that shows, then cut off."""
+    messages = clouds("ros1" if kind == "bag" else "cdr")
+    if kind == "bag":
+        path = folder / "rec.bag"
+        write_rosbag1(path, messages, "bz2", chunk_bytes=1000)
+    elif kind == "mcap":
+        path = folder / "rec.mcap"
+        write_mcap(path, messages, "none", chunk_bytes=1000)
+    else:
+        write_rosbag2(folder / "rec", messages)
+        path = folder / "rec" / "rec.db3"
+        path.write_bytes(path.read_bytes()[: -2 * 4096])
+        return path
+    content = bytearray(path.read_bytes())
+    if kind == "bag":
+        content[int(len(content) * 0.4)] ^= 1
+    else:
+        content[content.index(bytes(messages[3].data)) + 500] ^= 1
+    path.write_bytes(content[:-30])
+    return path
+
+
+def judged(path: Path) -> list[tuple[str, int, bytes]]:
+    """Topic, log time and bytes by the MCAP library, which checks the checksums."""
+    with path.open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        return [(channel.topic, message.log_time, message.data) for _, channel, message in reader.iter_messages()]
+
+
+def decoded_ros1(path: Path) -> list[tuple[str, Any]]:
+    """Type and content of each message, by the definitions in the file (rosbags reads no MCAP of ROS 1 as a whole)."""
+    found: list[tuple[str, Any]] = []
+    with path.open("rb") as file:
+        for schema, channel, message in make_reader(file).iter_messages():
+            assert schema is not None
+            assert (schema.encoding, channel.message_encoding) == ("ros1msg", "ros1")
+            store, name = get_typestore(Stores.EMPTY), schema.name.replace("/", "/msg/")
+            store.register(get_types_from_msg(schema.data.decode(), name))
+            found.append((schema.name, store.deserialize_ros1(message.data, name)))
+    return found
+
+
+@pytest.mark.parametrize("kind", ["bag", "mcap", "sqlite"])
+def test_repair_writes_what_can_be_read(lidcam: Lidcam, tmp_path: Path, kind: str) -> None:
+    path = damaged(tmp_path, kind)
+    before = {file: file.read_bytes() for file in tmp_path.rglob("*") if file.is_file()}
+    out, again = tmp_path / "out.mcap", tmp_path / "again.mcap"
+    run = lidcam("inspect", path, "--repair", out)
+    assert run.code == 0, run.err
+    assert "messages lost" in run.out
+    whole = {(m.topic, m.log_time_ns, bytes(m.data)) for m in clouds("ros1" if kind == "bag" else "cdr")}
+    saved = judged(out)
+    assert set(saved) < whole
+    assert len(saved) == {"bag": 7, "mcap": 7}.get(kind, len(saved)) >= 4
+    assert f"wrote {out}: {len(saved)} messages" in run.err.replace("\n", " ")
+    if kind == "bag":
+        clouds_saved: list[Any] = [message for _, message in decoded_ros1(out)]
+        assert [cloud.width for cloud in clouds_saved] == [200] * len(saved)
+    else:
+        with AnyReader([out]) as reader:
+            (connection,) = reader.connections
+            assert (connection.topic, connection.msgtype) == ("/points", CLOUD)
+            read: list[tuple[int, Any]] = [
+                (time, reader.deserialize(data, CLOUD)) for _, time, data in reader.messages()
+            ]
+        assert [(time, cloud.width) for time, cloud in read] == [(time, 200) for _, time, _ in saved]
+    assert lidcam("inspect", path, "--repair", again).code == 0
+    assert again.read_bytes() == out.read_bytes()
+    assert {file: file.read_bytes() for file in before} == before
+    tree = json.loads(lidcam("inspect", out, "--json").out)
+    assert (tree["losses"], tree["messages"]) == ([], len(saved))
+
+
+def test_repair_of_a_sound_recording_copies_it(lidcam: Lidcam, tmp_path: Path) -> None:
+    write_rosbag1(tmp_path / "rec.bag", clouds("ros1"), "lz4")
+    run = lidcam("inspect", tmp_path / "rec.bag", "--repair", tmp_path / "out.mcap")
+    assert run.code == 0, run.err
+    assert "damage" not in run.out
+    assert judged(tmp_path / "out.mcap") == [(m.topic, m.log_time_ns, bytes(m.data)) for m in clouds("ros1")]
+    with (tmp_path / "out.mcap").open("rb") as file:
+        reader = make_reader(file)
+        assert reader.get_header().profile == "ros1"
+        schema, channel, _ = next(reader.iter_messages())
+    assert schema is not None
+    assert (schema.name, schema.encoding, channel.message_encoding) == ("sensor_msgs/PointCloud2", "ros1msg", "ros1")
+
+
+@pytest.mark.parametrize(
+    ("name", "least"),
+    [
+        ("killed_none", 49),
+        ("killed_lz4", 49),
+        ("cut_lz4_60pct", 45),
+        ("cut_none_60pct", 42),
+        ("corrupt_lz4_middle", 76),
+    ],
+)
+def test_repair_of_genuine_bags(lidcam: Lidcam, tmp_path: Path, name: str, least: int) -> None:
+    out = tmp_path / "out.mcap"
+    run = lidcam("inspect", shared(f"oracles/genuine_bags/{name}.bag"), "--repair", out)
+    assert run.code == 0, run.err
+    assert len(judged(out)) >= least
+    assert "msgs/MsgLidCam" in {name for name, _ in decoded_ros1(out)}  # also types of the recording's own
+
+
+def test_process_tells_what_was_lost(lidcam: Lidcam, tmp_path: Path) -> None:
+    path, out = damaged(tmp_path, "mcap"), tmp_path / "out.mcap"
+    run = lidcam("process", path, out)
+    assert run.code == 0, run.err
+    assert "rec.mcap is damaged or was not closed" in run.err
+    assert "crc" in run.out
+    tree = json.loads(lidcam("process", path, out, "--json").out)
+    assert tree["frames"] == 7
+    (chunk, tail) = tree["losses"]
+    assert (chunk["file"], chunk["messages"], tail["messages"]) == (str(path), 1, 0)
+    assert chunk["size"] > 2400
+
+
+def test_damage_ends_the_run_on_demand(lidcam: Lidcam, tmp_path: Path) -> None:
+    path = damaged(tmp_path, "mcap")
+    run = lidcam("process", path, tmp_path / "out.mcap", "--on-bad-message", "fail")
+    assert run.code == 1
+    assert "damaged or was not closed" in run.error_line
+    assert not list(tmp_path.glob("out*"))
+
+
+@pytest.mark.parametrize("name", ["empty", "magic"])
+def test_nothing_to_save(lidcam: Lidcam, tmp_path: Path, name: str) -> None:
+    path = tmp_path / "rec.bag"
+    path.write_bytes(b"#ROSBAG V2.0\n" if name == "magic" else b"")
+    run = lidcam("inspect", path, "--repair", tmp_path / "out.mcap")
+    assert run.code == 1
+    assert "copy it again" in run.error_line
+    assert not list(tmp_path.glob("out*"))
+
+
+def test_repair_names_an_mcap_and_never_the_recording(lidcam: Lidcam, tmp_path: Path) -> None:
+    path = tmp_path / "rec.mcap"
+    write_mcap(path, clouds("cdr"))
+    content = path.read_bytes()
+    assert lidcam("inspect", path, "--repair", tmp_path / "out.bag").code == 2
+    assert lidcam("inspect", path, "--repair", path).code == 1
+    assert path.read_bytes() == content

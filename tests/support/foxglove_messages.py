@@ -1,0 +1,225 @@
+"""Messages with Foxglove's schemas, in protobuf by Google's runtime and in JSON: an independent writer for our readers.
+
+A message is a mapping of the schema's field names: times are integers in nanoseconds, payloads bytes, enumerations
+numbers. `twin` says in a Foxglove schema what a ROS message says.
+"""
+
+import json
+from base64 import b64encode
+from collections.abc import Mapping
+from functools import lru_cache
+from typing import Any, Literal
+
+import numpy as np
+from google.protobuf import timestamp_pb2
+from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet
+from google.protobuf.message_factory import GetMessages
+
+from pipeline.types import Channel, RawMessage
+from readers.deserialize import deserialize
+
+__all__ = ["SCHEMA_OF", "foxglove_raw", "twin"]
+
+Encoding = Literal["protobuf", "json"]
+Fields = Mapping[str, Any]
+
+TIME = "google.protobuf.Timestamp"
+
+# Names, numbers and types as in the package foxglove-schemas-protobuf 0.4.0; `*` is repeated.
+SCHEMAS: dict[str, dict[str, tuple[int, str]]] = {
+    "Vector3": {"x": (1, "double"), "y": (2, "double"), "z": (3, "double")},
+    "Quaternion": {"x": (1, "double"), "y": (2, "double"), "z": (3, "double"), "w": (4, "double")},
+    "Pose": {"position": (1, "foxglove.Vector3"), "orientation": (2, "foxglove.Quaternion")},
+    "PackedElementField": {"name": (1, "string"), "offset": (2, "fixed32"), "type": (3, "int32")},
+    "PointCloud": {
+        "timestamp": (1, TIME),
+        "frame_id": (2, "string"),
+        "pose": (3, "foxglove.Pose"),
+        "point_stride": (4, "fixed32"),
+        "fields": (5, "foxglove.PackedElementField*"),
+        "data": (6, "bytes"),
+    },
+    "RawImage": {
+        "timestamp": (1, TIME),
+        "frame_id": (7, "string"),
+        "width": (2, "fixed32"),
+        "height": (3, "fixed32"),
+        "encoding": (4, "string"),
+        "step": (5, "fixed32"),
+        "data": (6, "bytes"),
+    },
+    "CompressedImage": {
+        "timestamp": (1, TIME),
+        "frame_id": (4, "string"),
+        "data": (2, "bytes"),
+        "format": (3, "string"),
+    },
+    "CameraCalibration": {
+        "timestamp": (1, TIME),
+        "frame_id": (9, "string"),
+        "width": (2, "fixed32"),
+        "height": (3, "fixed32"),
+        "distortion_model": (4, "string"),
+        "D": (5, "double*"),
+        "K": (6, "double*"),
+        "R": (7, "double*"),
+        "P": (8, "double*"),
+    },
+    "FrameTransform": {
+        "timestamp": (1, TIME),
+        "parent_frame_id": (2, "string"),
+        "child_frame_id": (3, "string"),
+        "translation": (4, "foxglove.Vector3"),
+        "rotation": (5, "foxglove.Quaternion"),
+    },
+    "FrameTransforms": {"transforms": (1, "foxglove.FrameTransform*")},
+}
+
+SCHEMA_OF = {
+    "sensor_msgs/msg/PointCloud2": "foxglove.PointCloud",
+    "sensor_msgs/msg/Image": "foxglove.RawImage",
+    "sensor_msgs/msg/CompressedImage": "foxglove.CompressedImage",
+    "sensor_msgs/msg/CameraInfo": "foxglove.CameraCalibration",
+    "tf2_msgs/msg/TFMessage": "foxglove.FrameTransforms",
+}
+
+# foxglove.NumericType by sensor_msgs/PointField datatype.
+NUMERIC_TYPES = {1: 2, 2: 1, 3: 4, 4: 3, 5: 6, 6: 5, 7: 7, 8: 8}
+
+
+@lru_cache
+def _descriptors() -> FileDescriptorSet:
+    time = FileDescriptorProto()
+    timestamp_pb2.DESCRIPTOR.CopyToProto(time)
+    file = FileDescriptorProto(name="foxglove.proto", package="foxglove", syntax="proto3", dependency=[time.name])
+    for name, fields in SCHEMAS.items():
+        message = file.message_type.add(name=name)
+        for field, (number, kind) in fields.items():
+            base = kind.removesuffix("*")
+            added = message.field.add(name=field, number=number)
+            added.label = FieldDescriptorProto.LABEL_REPEATED if kind != base else FieldDescriptorProto.LABEL_OPTIONAL
+            if "." in base:
+                added.type, added.type_name = FieldDescriptorProto.TYPE_MESSAGE, f".{base}"
+            else:
+                added.type = getattr(FieldDescriptorProto, f"TYPE_{base.upper()}")
+    return FileDescriptorSet(file=[file, time])  # a file before its dependency: the specification sets no order
+
+
+@lru_cache
+def _classes() -> dict[str, Any]:
+    return dict(GetMessages([*reversed(_descriptors().file)]))
+
+
+@lru_cache
+def _channel(topic: str, schema: str, encoding: Encoding) -> Channel:
+    if encoding == "json":
+        return Channel(topic, schema, "json", '{"type": "object"}', "jsonschema")
+    return Channel(topic, schema, "protobuf", b64encode(_descriptors().SerializeToString()).decode(), "protobuf")
+
+
+def foxglove_raw(
+    topic: str,
+    schema: str,
+    fields: Fields,
+    log_time_ns: int,
+    encoding: Encoding = "protobuf",
+    *,
+    order: tuple[int, ...] = (0, 0),
+) -> RawMessage:
+    """An undecoded message as the MCAP reader yields it: its stamp is not told yet."""
+    data = (
+        json.dumps(_json(schema.removeprefix("foxglove."), fields)).encode()
+        if encoding == "json"
+        else bytes(_protobuf(schema, fields).SerializeToString())
+    )
+    return RawMessage(log_time_ns, log_time_ns, order, data, _channel(topic, schema, encoding))
+
+
+def twin(message: RawMessage, encoding: Encoding) -> RawMessage:
+    """The same measurement with a Foxglove schema; a message of a type without one as it is."""
+    schema = SCHEMA_OF.get(message.channel.msgtype)
+    if schema is None:
+        return message
+    fields = _FIELDS[schema](deserialize(message))
+    return foxglove_raw(message.topic, schema, fields, message.log_time_ns, encoding, order=message.order)
+
+
+def _protobuf(schema: str, fields: Fields) -> Any:
+    message = _classes()[schema]()
+    for name, value in fields.items():
+        _, kind = SCHEMAS[schema.removeprefix("foxglove.")][name]
+        if kind == TIME:
+            getattr(message, name).SetInParent()
+            message.timestamp.seconds, message.timestamp.nanos = divmod(value, 10**9)
+        elif kind.endswith("*"):
+            items = [_protobuf(kind[:-1], item) for item in value] if "." in kind else value
+            getattr(message, name).extend(items)
+        elif "." in kind:
+            getattr(message, name).CopyFrom(_protobuf(kind, value))
+        else:
+            setattr(message, name, value)
+    return message
+
+
+def _json(schema: str, fields: Fields) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for name, value in fields.items():
+        _, kind = SCHEMAS[schema][name]
+        inner = kind.removesuffix("*").removeprefix("foxglove.")
+        if kind == TIME:
+            found[name] = dict(zip(("sec", "nsec"), divmod(value, 10**9), strict=True))
+        elif kind == "bytes":
+            found[name] = b64encode(value).decode()
+        elif inner in SCHEMAS:
+            found[name] = [_json(inner, item) for item in value] if kind.endswith("*") else _json(inner, value)
+        else:
+            found[name] = [*value] if kind.endswith("*") else value
+    return found
+
+
+def _time(header: Any) -> int:
+    return int(header.stamp.sec * 10**9 + header.stamp.nanosec)
+
+
+def _labelled(message: Any) -> dict[str, Any]:
+    return {"timestamp": _time(message.header), "frame_id": message.header.frame_id}
+
+
+def _picture(message: Any, *names: str) -> dict[str, Any]:
+    return {**_labelled(message), **{name: getattr(message, name) for name in names}, "data": message.data.tobytes()}
+
+
+def _numbers(message: Any, names: str) -> dict[str, float]:
+    return {name: float(getattr(message, name)) for name in names}
+
+
+_FIELDS: dict[str, Any] = {
+    "foxglove.PointCloud": lambda m: {
+        **_labelled(m),
+        "pose": {"position": {}, "orientation": {"w": 1.0}},
+        "point_stride": m.point_step,
+        "fields": [{"name": f.name, "offset": f.offset, "type": NUMERIC_TYPES[f.datatype]} for f in m.fields],
+        "data": m.data.tobytes(),
+    },
+    "foxglove.RawImage": lambda m: _picture(m, "width", "height", "encoding", "step"),
+    "foxglove.CompressedImage": lambda m: _picture(m, "format"),
+    "foxglove.CameraCalibration": lambda m: {
+        **_labelled(m),
+        "width": m.width,
+        "height": m.height,
+        "distortion_model": m.distortion_model,
+        **{n: np.asarray(getattr(m, n, getattr(m, n.lower(), ()))).tolist() for n in "DKRP"},
+    },
+    "foxglove.FrameTransforms": lambda m: {
+        "transforms": [
+            {
+                "timestamp": _time(t.header),
+                "parent_frame_id": t.header.frame_id,
+                "child_frame_id": t.child_frame_id,
+                "translation": _numbers(t.transform.translation, "xyz"),
+                "rotation": _numbers(t.transform.rotation, "xyzw"),
+            }
+            for t in m.transforms
+        ]
+    },
+}
