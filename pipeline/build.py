@@ -15,7 +15,7 @@ from pipeline.stages.fuse import Fuse, Fused
 from pipeline.types import Boxes2D, Boxes3D, CombinedCloud, FrameResult, Image, Matches, PointCloud, Rig, SensorBundle
 from readers.sensors import CloudDecoder, Decoded, OnBadMessage, PictureDecoder, RecordedBoxes
 
-__all__ = ["BoxSource", "box_source", "build_graph"]
+__all__ = ["BoxSource", "box_source", "build_graph", "wanted_boxes"]
 
 BoxSource = Literal["onnx", "recorded", "none"]
 
@@ -45,7 +45,18 @@ def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Grap
 
 
 def box_source(config: Config, rig: Rig) -> BoxSource:
-    """Where 2D boxes come from: as configured; `auto`: the model if one is given, else recorded boxes, else none."""
+    """Where 2D boxes come from; none where no camera of the rig has what is wanted."""
+    wanted = wanted_boxes(config, rig)
+    found = {
+        "onnx": any(camera.topic for camera in rig.cameras),
+        "recorded": any(camera.boxes_topic for camera in rig.cameras),
+        "none": True,
+    }
+    return wanted if found[wanted] else "none"
+
+
+def wanted_boxes(config: Config, rig: Rig) -> BoxSource:
+    """Where 2D boxes should come from: as set; `auto`: the model if one is given, else recorded boxes, else none."""
     if config.detect2d.method != "auto":
         return config.detect2d.method
     if config.detect2d.model is not None:
@@ -56,7 +67,7 @@ def box_source(config: Config, rig: Rig) -> BoxSource:
 def _add_boxes2d(
     graph: Graph[SensorBundle], config: Config, rig: Rig, *, on_bad: OnBadMessage
 ) -> Node[Decoded[Boxes2D]]:
-    source = box_source(config, rig)
+    source = wanted_boxes(config, rig)
     if source == "none":
         return graph.add("no 2D boxes", _no_boxes, graph.frame)
     if source == "recorded":

@@ -7,7 +7,7 @@ from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
 
-from pipeline.build import BoxSource, box_source, build_graph
+from pipeline.build import BoxSource, box_source, build_graph, wanted_boxes
 from pipeline.config import Config
 from pipeline.errors import ConfigError, MessageError, RecordingError
 from pipeline.geometry import first_polygon_with
@@ -16,6 +16,7 @@ from pipeline.stages.sync import SyncStats, synchronize
 from pipeline.types import Drop, FrameResult, Rig, SensorBundle
 from readers.base import Loss, Recording
 from readers.motion import MotionBuffer, MotionSource
+from readers.sensor_topics import BOXES, PICTURE
 from readers.sensors import OnBadMessage
 from writers.base import ResultWriter
 
@@ -121,7 +122,8 @@ def process(
         early_drops: Messages that were found bad while the rig was being found.
 
     Raises:
-        RecordingError: reading fails, or not one set of messages belongs together.
+        RecordingError: reading fails, not one set of messages belongs together, or 2D boxes are wanted of a recording
+            without any camera.
         MessageError: a message cannot be decoded and `on_bad` is `fail`.
     """
     topics = synchronized_topics(config, rig)
@@ -136,6 +138,7 @@ def process(
         drops.add(drop)
 
     graph, result = build_graph(config, rig, on_bad=on_bad)
+    _check_box_source(recording, config, rig)
     for writer in writers:
         result = graph.add(f"write {writer.name}", partial(_write, writer), result)
     motion = MotionBuffer(motion_source, on_drop=bad) if motion_source else None
@@ -191,6 +194,22 @@ def synchronized_topics(config: Config, rig: Rig) -> tuple[str, ...]:
     if source == "recorded":
         topics += [camera.boxes_topic for camera in rig.cameras if camera.boxes_topic]
     return tuple(topics)
+
+
+def _check_box_source(recording: Recording, config: Config, rig: Rig) -> None:
+    """Cameras that were recorded and cannot be used are faults of the rig, and the run goes on without them."""
+    wanted = wanted_boxes(config, rig)
+    if wanted == "none":
+        return
+    expected, needed, remedy = {
+        "onnx": ("pictures for the 2D network", PICTURE, "leave out --model-2d"),
+        "recorded": ("recorded 2D boxes", BOXES, "set detect2d.method to auto"),
+    }[wanted]
+    if not any(info.msgtype in needed and info.message_count for info in recording.topics):
+        raise RecordingError(
+            f"{', '.join(map(str, recording.paths))}: expected {expected} ({' or '.join(sorted(needed))}), found no "
+            f"such topic with messages; {remedy} to go by the lidars alone"
+        )
 
 
 def _run(

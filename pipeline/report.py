@@ -53,7 +53,7 @@ MOST_LOSSES = 20
 _BOX_SOURCES = {
     "onnx": "from the 2D network",
     "recorded": "as recorded",
-    "none": "none: lidar-only (no model given with --model-2d, no boxes recorded)",
+    "none": "none: lidar-only (no camera with a model given by --model-2d or with recorded boxes)",
 }
 _NO_MOTION = "none: no odometry or tf of the site frame, or switched off"
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from builders import camera_info, image, pointcloud2, raw, write_rosbag1
 from command import Lidcam
+from onnx_files import write_yolox
 
 from pipeline.types import RawMessage
 
@@ -88,6 +89,20 @@ def test_no_camera_is_lidar_only(lidcam: Lidcam, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("method", "words"), [("onnx", "expected pictures"), ("recorded", "expected recorded 2D boxes")]
+)
+def test_2d_detection_without_a_camera_is_an_error(lidcam: Lidcam, tmp_path: Path, method: str, words: str) -> None:
+    model = write_yolox(tmp_path / "model.onnx", np.zeros((21, 85), np.float32), size_px=(32, 32))
+    out = tmp_path / "out.mcap"
+    recording = bag(tmp_path / "a.bag", clouds(3))
+    run = lidcam("process", recording, out, "--model-2d", model, "--set", f"detect2d.method={method}")
+    assert run.code == 1
+    assert words in run.error_line
+    assert str(recording) in run.error_line
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
     ("arguments", "code", "words"),
     [
         (("--set", "sync.polcy=nearest"), 1, "unknown key 'sync.polcy'"),
@@ -151,6 +166,15 @@ def test_bad_message_ends_the_run_on_demand(lidcam: Lidcam, tmp_path: Path, work
     assert "/points" in run.error_line
     assert "frame 2" in run.err
     assert not list(tmp_path.glob("out*"))
+
+
+def test_faults_of_all_cameras_leave_the_lidars_and_the_table_says_so(lidcam: Lidcam, tmp_path: Path) -> None:
+    messages = sorted([*clouds(4), *pictures(4)], key=lambda m: m.log_time_ns)  # no CameraInfo
+    model = write_yolox(tmp_path / "model.onnx", np.zeros((21, 85), np.float32), size_px=(32, 32))
+    run = lidcam("process", bag(tmp_path / "a.bag", messages), tmp_path / "out.mcap", "--model-2d", model)
+    assert run.code == 0, run.err
+    assert "left out: cam" in run.out
+    assert "2D boxes   none: lidar-only" in run.out
 
 
 def test_fault_of_one_camera_is_named_and_the_run_goes_on(lidcam: Lidcam, tmp_path: Path) -> None:
