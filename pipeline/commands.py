@@ -16,6 +16,7 @@ from pipeline.config import Config, RunConfig, dump_config, load_config
 from pipeline.errors import CalibrationError, ConfigError, OutputError, RecordingError
 from pipeline.process import TimeWindow, process
 from pipeline.report import (
+    Inspection,
     console,
     inspection_tree,
     loss_records,
@@ -161,11 +162,11 @@ def run_inspect(options: InspectOptions) -> None:
         topics = survey(recording)
         found, problem = _try_find_rig(recording, config, options.rig_file)
         motion = find_motion_source(recording, found.rig, found.transforms, config) if found else None
-        report = recording, topics, found, motion, problem, config
+        inspection = Inspection(recording, config, topics, found, motion, problem)
         if options.as_json:
-            out.print_json(json.dumps(inspection_tree(*report)))
+            out.print_json(json.dumps(inspection_tree(inspection)))
         else:
-            print_inspection(out, *report)
+            print_inspection(out, inspection)
         if options.write_rig is not None:
             if found is None:
                 raise OutputError(f"{options.write_rig}: no rig to write: {problem}")

@@ -1,7 +1,7 @@
 """What the commands print: what was found in a recording, what became of it, frame by frame and in total."""
 
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +30,7 @@ from writers.tables import (
 )
 
 __all__ = [
+    "Inspection",
     "console",
     "inspection_tree",
     "loss_records",
@@ -188,60 +189,58 @@ def summary_tree(
     }
 
 
-def print_inspection(
-    out: Console,
-    recording: Recording,
-    topics: Sequence[TopicSurvey],
-    found: Discovery | None,
-    motion: MotionSource | None,
-    problem: str,
-    config: Config,
-) -> None:
-    """What is in a recording.
+@dataclass(frozen=True, slots=True, eq=False)
+class Inspection:
+    """What was found in a recording.
 
-    Args:
-        out: Where to print.
-        recording: The recording.
+    Attributes:
+        recording: The recording, open.
+        config: Settings.
         topics: Its topics.
         found: The rig that lidcam would use; None if it could not process the recording.
         motion: Where the motion of the site frame would come from; None if it stands still.
         problem: Why there is no rig.
-        config: Settings.
     """
+
+    recording: Recording
+    config: Config
+    topics: Sequence[TopicSurvey]
+    found: Discovery | None
+    motion: MotionSource | None
+    problem: str
+
+
+def print_inspection(out: Console, inspection: Inspection) -> None:
+    """What is in a recording."""
+    recording, found = inspection.recording, inspection.found
     seconds = (recording.end_ns - recording.start_ns) / 1e9
     files = ", ".join(str(path) for path in recording.paths)
     out.print(f"{files}: {recording.message_count} messages, {seconds:.2f} s")
     out.print()
-    _show(out, topics_table(topics))
+    _show(out, topics_table(inspection.topics))
     _print_losses(out, recording.losses)
     out.print()
     if found is None:
-        out.print(f"lidcam could not process it: {problem}")
+        out.print(f"lidcam could not process it: {inspection.problem}")
         return
     out.print(f"site frame: {found.rig.site_frame}")
     _show(out, sensors_table([asdict(source) for source in found.sources]))
     _print_remarks(out, found)
-    out.print(f"motion: {', '.join(motion.topics) if motion else _NO_MOTION}")
-    out.print(f"2D boxes: {_BOX_SOURCES[box_source(config, found.rig)]}")
+    out.print(f"motion: {', '.join(inspection.motion.topics) if inspection.motion else _NO_MOTION}")
+    out.print(f"2D boxes: {_BOX_SOURCES[box_source(inspection.config, found.rig)]}")
 
 
-def inspection_tree(
-    recording: Recording,
-    topics: Sequence[TopicSurvey],
-    found: Discovery | None,
-    motion: MotionSource | None,
-    problem: str,
-    config: Config,
-) -> dict[str, Any]:
-    """What is in a recording, for machines; arguments as of `print_inspection`."""
+def inspection_tree(inspection: Inspection) -> dict[str, Any]:
+    """What is in a recording, for machines."""
+    recording, found, motion = inspection.recording, inspection.found, inspection.motion
     tree: dict[str, Any] = {
         "files": [str(path) for path in recording.paths],
         "start_ns": recording.start_ns,
         "end_ns": recording.end_ns,
         "messages": recording.message_count,
-        "topics": [asdict(topic) for topic in topics],
+        "topics": [asdict(topic) for topic in inspection.topics],
         "losses": loss_records(recording.losses),
-        "problem": problem,
+        "problem": inspection.problem,
     }
     if found is not None:
         tree |= {
@@ -250,7 +249,7 @@ def inspection_tree(
             "faults": [asdict(fault) for fault in found.faults],
             "notes": list(found.notes),
             "motion": list(motion.topics) if motion else [],
-            "box_source": box_source(config, found.rig),
+            "box_source": box_source(inspection.config, found.rig),
         }
     return tree
 

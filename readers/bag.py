@@ -7,14 +7,12 @@ from collections.abc import Collection, Iterator, Sequence
 from contextlib import ExitStack, closing
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from types import TracebackType
-from typing import Self
 
 import zstandard
 
 from pipeline.errors import LidcamError, RecordingError
 from pipeline.types import RawMessage
-from readers.base import Loss, Recording, RecordingFile, RosVersion, TopicInfo, merge_topics
+from readers.base import Closing, Loss, Recording, RecordingFile, RosVersion, TopicInfo, merge_topics
 from readers.damage import LIBRARY_ERRORS, DamageError, Losses, damaged, describe, opening
 from readers.mcap import McapFile
 from readers.rosbag1 import Rosbag1File
@@ -93,7 +91,7 @@ class _LostFile:
         """Nothing to close."""
 
 
-class _FilesRecording:
+class _FilesRecording(Closing):
     """The files of one recording, merged by time; see `Recording`."""
 
     def __init__(self, files: tuple[RecordingFile, ...], resources: ExitStack) -> None:
@@ -144,14 +142,6 @@ class _FilesRecording:
         """Close the files."""
         self._closed = True
         self._resources.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, exc_type: type[BaseException] | None, exc: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        self.close()
 
 
 def _all_files(paths: Sequence[Path]) -> list[Path]:

@@ -1,5 +1,6 @@
 """What a recording looks like from outside, whatever file format it lies in."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -9,7 +10,7 @@ from typing import Literal, Protocol, Self
 from pipeline.errors import RecordingError
 from pipeline.types import Channel, RawMessage
 
-__all__ = ["Loss", "Recording", "RecordingFile", "TopicInfo", "merge_topics"]
+__all__ = ["Closing", "Loss", "Recording", "RecordingFile", "TopicInfo", "merge_topics"]
 
 RosVersion = Literal["ROS 1", "ROS 2"]
 
@@ -150,6 +151,22 @@ class Recording(Protocol):
     def __exit__(
         self, exc_type: type[BaseException] | None, exc: BaseException | None, traceback: TracebackType | None
     ) -> None: ...
+
+
+class Closing(ABC):
+    """What leaves its `with` block closed."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Close it."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, exc_type: type[BaseException] | None, exc: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.close()
 
 
 def merge_topics(topics: Iterable[TopicInfo]) -> tuple[TopicInfo, ...]:

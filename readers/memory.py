@@ -3,16 +3,14 @@
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 from pipeline.types import RawMessage
-from readers.base import Loss, TopicInfo, merge_topics
+from readers.base import Closing, Loss, TopicInfo, merge_topics
 
 __all__ = ["MemoryRecording"]
 
 
-class MemoryRecording:
+class MemoryRecording(Closing):
     """The given messages as a `Recording`.
 
     They come out in the order of (log time, place in `messages`), with `order` set accordingly.
@@ -47,11 +45,3 @@ class MemoryRecording:
 
     def close(self) -> None:
         """Nothing to close."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, exc_type: type[BaseException] | None, exc: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        self.close()

@@ -7,11 +7,9 @@ message, on the topics that are asked for. All other messages pass as they are.
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 from pipeline.types import Channel, RawMessage
-from readers.base import Loss, Recording, TopicInfo, merge_topics
+from readers.base import Closing, Loss, Recording, TopicInfo, merge_topics
 from readers.foxglove import ros_channel, to_ros
 from readers.unpack import Parts, find_combined, split
 
@@ -34,7 +32,7 @@ def sensor_messages(recording: Recording) -> Recording:
     return _SensorMessages(recording, combined, foreign) if combined or foreign else recording
 
 
-class _SensorMessages:
+class _SensorMessages(Closing):
     """See `Recording`."""
 
     def __init__(self, recording: Recording, combined: dict[Channel, Parts], foreign: Collection[Channel]) -> None:
@@ -86,14 +84,6 @@ class _SensorMessages:
     def close(self) -> None:
         """Close the recording."""
         self._recording.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, exc_type: type[BaseException] | None, exc: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        self.close()
 
     def _infos(self, recorded: Iterable[TopicInfo]) -> Iterator[TopicInfo]:
         for info in recorded:
