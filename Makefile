@@ -1,14 +1,16 @@
 # make demo    process the sample recording into out/
 # make test    lint, types, tests
 # make check   lint and types only
+# make fuzz    hostile inputs for every decoder, MINUTES=15 of them (Linux)
 # make bench   what is measured against what
 # Each installs what it needs into .venv the first time, and only then.
 
 PYTHON ?= python3
 BIN := .venv/bin
+MINUTES ?= 15
 INSTALLED := .venv/installed
 
-.PHONY: demo test check bench
+.PHONY: demo test check fuzz bench
 .DELETE_ON_ERROR:
 
 $(INSTALLED): pyproject.toml constraints.txt
@@ -32,6 +34,9 @@ check: $(INSTALLED)
 
 test: check
 	$(BIN)/pytest
+
+fuzz: $(INSTALLED)
+	$(BIN)/python tests/fuzz/fuzz.py --minutes $(MINUTES)
 
 bench: $(INSTALLED)
 	$(BIN)/python benchmarks/end_to_end.py

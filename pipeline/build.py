@@ -75,7 +75,7 @@ def _add_boxes2d(
     if config.detect2d.model is None:
         raise ModelError("2D detection by onnx needs a model: give --model-2d FILE.onnx or set detect2d.model")
     detect2d = Detect2D(rig, config, OnnxDetector2D(config.detect2d.model, config))
-    pictures = graph.add("decode images", PictureDecoder(rig, on_bad=on_bad), graph.frame)
+    pictures = graph.add("decode images", PictureDecoder(rig, config, on_bad=on_bad), graph.frame)
 
     def detect(pictures: Decoded[Image]) -> Decoded[Boxes2D]:
         return Decoded(detect2d(pictures.by_sensor), pictures.drops)

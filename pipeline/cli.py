@@ -19,6 +19,7 @@ import typer
 
 from pipeline.config import RunConfig
 from pipeline.errors import LidcamError
+from readers.location import RemotePath, location
 
 __all__ = ["app", "main", "main_process"]
 
@@ -32,6 +33,7 @@ Examples:
   lidcam-process bag_folder out.mcap --model-2d yolox_nano.onnx
   lidcam-process drive.bag out.mcap --rig site.yaml --start 30 --duration 10
   lidcam-process part_0.mcap part_1.mcap out.mcap --set sync.slop_s=0.05
+  lidcam-process https://host/drive.mcap out.mcap --start 30 --duration 10
 """
 
 INSPECT_EXAMPLES = """\b
@@ -40,6 +42,7 @@ Examples:
   lidcam inspect drive.bag --write-rig rig.yaml
   lidcam inspect bag_folder --json
   lidcam inspect broken.bag --repair whole.mcap
+  lidcam inspect s3://bucket/drive.mcap
 """
 
 app = typer.Typer(
@@ -83,9 +86,10 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON."
 @process_app.command(epilog=PROCESS_EXAMPLES)
 def process(
     paths: Annotated[
-        list[Path],
+        list[str],
         typer.Argument(
-            metavar="IN [IN ...] OUT.mcap", help="Recording (.bag, ROS 2 folder, .mcap, .db3), then output."
+            metavar="IN [IN ...] OUT.mcap",
+            help="Recording (.bag, ROS 2 folder, .mcap, .db3, .pcap, or the URL of an .mcap), then output.",
         ),
     ],
     config_file: ConfigFile = None,
@@ -127,7 +131,9 @@ def process(
     """Turn a recording into fused objects (MCAP, Rerun)."""
     if len(paths) < 2:
         raise typer.BadParameter("expected at least one recording and the output", param_hint="IN OUT.mcap")
-    *inputs, output = paths
+    *inputs, output = map(location, paths)
+    if isinstance(output, RemotePath):
+        raise typer.BadParameter(f"the output is a local file, found {output}", param_hint="OUT.mcap")
     if output.suffix != ".mcap":
         raise typer.BadParameter(f"the output comes last and ends in .mcap, found {output}", param_hint="OUT.mcap")
     if rerun is not None and rerun.suffix != ".rrd":
@@ -168,7 +174,7 @@ def process(
 
 @app.command(epilog=INSPECT_EXAMPLES)
 def inspect(
-    paths: Annotated[list[Path], typer.Argument(metavar="IN [IN ...]", help="Recording (one, or parts of one).")],
+    paths: Annotated[list[str], typer.Argument(metavar="IN [IN ...]", help="Recording (one, or parts of one).")],
     config_file: ConfigFile = None,
     settings: Setting = None,
     rig_file: RigFile = None,
@@ -189,7 +195,7 @@ def inspect(
 
     run_inspect(
         InspectOptions(
-            inputs=tuple(paths),
+            inputs=tuple(map(location, paths)),
             config_file=config_file,
             overrides=tuple(settings or ()),
             rig_file=rig_file,

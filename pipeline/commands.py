@@ -2,9 +2,10 @@
 
 import json
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from hashlib import file_digest
 from importlib.metadata import version
 from pathlib import Path
@@ -32,6 +33,7 @@ from readers.bag import open_recording
 from readers.base import Recording
 from readers.discover import Discovery, discover_rig, rig_from_file
 from readers.image import decode_picture
+from readers.location import Location, RemotePath, location
 from readers.motion import find_motion_source
 from readers.rig import load_rig
 from readers.rig_file import rig_yaml, write_rig
@@ -46,12 +48,15 @@ __all__ = ["InspectOptions", "ProcessOptions", "run_inspect", "run_process"]
 
 logger = logging.getLogger(__name__)
 
+INSPECTED_NS = 5_000_000_000
+"""How much of a recording on a server `inspect` looks at: enough for the rate of a topic of 1 Hz."""
+
 
 @dataclass(frozen=True, slots=True)
 class ProcessOptions:
     """The command line of `process`."""
 
-    inputs: tuple[Path, ...]
+    inputs: tuple[Location, ...]
     output: Path
     rerun: Path | None = None
     config_file: Path | None = None
@@ -70,7 +75,7 @@ class ProcessOptions:
 class InspectOptions:
     """The command line of `inspect`."""
 
-    inputs: tuple[Path, ...]
+    inputs: tuple[Location, ...]
     config_file: Path | None = None
     overrides: tuple[str, ...] = ()
     rig_file: Path | None = None
@@ -89,17 +94,18 @@ def run_process(options: ProcessOptions) -> None:
     _check_outputs(options)
     out, err = console(), console(stderr=True)
     rescue = options.on_bad_message == "skip"
-    with sensor_messages(open_recording(options.inputs, rescue=rescue)) as recording:
+    with sensor_messages(open_recording(options.inputs, rescue=rescue, limits=config.limits)) as recording:
         for path in dict.fromkeys(loss.path for loss in recording.losses):
             logger.warning("%s is damaged or was not closed: what can still be read is read", path)
         _check_not_empty(recording)
         _check_not_overwritten(recording, options.output, options.rerun)
-        found = _find_rig(recording, config, options.rig_file)
+        window = _window(recording, options)
+        found = _find_rig(recording, config, options.rig_file, window)
         for fault in found.faults:
             logger.warning("%s is left out: %s", fault.sensor, fault.reason)
         provenance = Provenance(
             version=version("lidcam"),
-            inputs=tuple((path.name, _sha256(path)) for path in recording.paths),
+            inputs=tuple(_identity(path) for path in recording.paths),
             config_yaml=dump_config(config.model_copy(update={"run": RunConfig()})),  # how it was run changes nothing
             rig_yaml=rig_yaml(found.rig),
             start_ns=recording.start_ns,
@@ -112,9 +118,10 @@ def run_process(options: ProcessOptions) -> None:
             if options.rerun is not None:
                 from writers.rerun import RerunResultWriter  # loads a viewer's worth of code
 
-                rerun = RerunResultWriter(options.rerun, found.rig, config, provenance, decode_picture=decode_picture)
+                decode = partial(decode_picture, limits=config.limits)
+                rerun = RerunResultWriter(options.rerun, found.rig, config, provenance, decode_picture=decode)
                 writers.append(stack.enter_context(rerun))
-            with _progress(err, recording, options) as advance:
+            with _progress(err, recording, window) as advance:
 
                 def on_result(frame: FrameResult) -> None:
                     advance(frame)
@@ -129,7 +136,7 @@ def run_process(options: ProcessOptions) -> None:
                     config,
                     writers,
                     motion_source=motion,
-                    window=_window(recording, options),
+                    window=window,
                     on_bad=options.on_bad_message,
                     on_result=on_result,
                     early_drops=found.transforms.drops,
@@ -154,15 +161,16 @@ def run_inspect(options: InspectOptions) -> None:
             _check_writable(output)
     out = console()
     with (
-        open_recording(options.inputs, thorough=options.repair is not None) as recorded,
+        open_recording(options.inputs, thorough=options.repair is not None, limits=config.limits) as recorded,
         sensor_messages(recorded) as recording,
     ):
         _check_not_empty(recording)
         _check_not_overwritten(recording, options.write_rig, options.repair)
-        topics = survey(recording)
-        found, problem = _try_find_rig(recording, config, options.rig_file)
+        window = TimeWindow() if options.repair else _inspected(recording)
+        topics = survey(recording, stop_ns=window.stop_ns)
+        found, problem = _try_find_rig(recording, config, options.rig_file, window)
         motion = find_motion_source(recording, found.rig, found.transforms, config) if found else None
-        inspection = Inspection(recording, config, topics, found, motion, problem)
+        inspection = Inspection(recording, config, topics, found, motion, problem, window.stop_ns)
         if options.as_json:
             out.print_json(json.dumps(inspection_tree(inspection)))
         else:
@@ -181,7 +189,7 @@ def _repair(recording: Recording, output: Path) -> None:
 
     def lost() -> Iterator[dict[str, str]]:
         for record in loss_records(recording.losses):
-            values = record | {"file": Path(record["file"]).name}
+            values = record | {"file": location(record["file"]).name}
             yield {key: "unknown" if value is None else str(value) for key, value in values.items()}
 
     channels = [channel for info in recording.topics for channel in info.channels]
@@ -205,7 +213,7 @@ def _check_outputs(options: ProcessOptions) -> None:
         if output is None:
             continue
         _check_writable(output)
-        if any(path.exists() and output.exists() and path.samefile(output) for path in options.inputs):
+        if _is_one_of(options.inputs, output):
             raise OutputError(f"{output}: is the recording itself; choose another name")
     if options.rerun is not None and options.rerun.resolve() == options.output.resolve():
         raise OutputError(f"{options.rerun}: is the same file as {options.output}; choose another name")
@@ -221,8 +229,13 @@ def _check_writable(output: Path) -> None:
 def _check_not_overwritten(recording: Recording, *outputs: Path | None) -> None:
     """Refuse an output that is a file of the recording: one inside its folder, or one that a link leads to."""
     for output in outputs:
-        if output is not None and output.exists() and any(path.samefile(output) for path in recording.paths):
+        if output is not None and _is_one_of(recording.paths, output):
             raise OutputError(f"{output}: is a file of the recording itself; choose another name")
+
+
+def _is_one_of(inputs: Sequence[Location], output: Path) -> bool:
+    files = [path for path in inputs if isinstance(path, Path) and path.exists()]
+    return output.exists() and any(path.samefile(output) for path in files)
 
 
 def _check_not_empty(recording: Recording) -> None:
@@ -231,10 +244,11 @@ def _check_not_empty(recording: Recording) -> None:
         raise RecordingError(f"{names}: the recording has no messages; record it again, or check that it was closed")
 
 
-def _find_rig(recording: Recording, config: Config, rig_file: Path | None) -> Discovery:
+def _find_rig(recording: Recording, config: Config, rig_file: Path | None, window: TimeWindow) -> Discovery:
+    start_ns, stop_ns = window.start_ns, window.stop_ns
     if rig_file is None:
-        return discover_rig(recording, config)
-    return rig_from_file(load_rig(rig_file), recording, config)
+        return discover_rig(recording, config, start_ns=start_ns, stop_ns=stop_ns)
+    return rig_from_file(load_rig(rig_file), recording, config, start_ns=start_ns, stop_ns=stop_ns)
 
 
 def _window(recording: Recording, options: ProcessOptions) -> TimeWindow:
@@ -246,18 +260,27 @@ def _window(recording: Recording, options: ProcessOptions) -> TimeWindow:
     return TimeWindow(start_ns if options.start_s else None, stop_ns)
 
 
-def _sha256(path: Path) -> str:
+def _inspected(recording: Recording) -> TimeWindow:
+    """How much of a recording is looked at: of one on a server only the beginning, so as not to fetch all of it."""
+    stop_ns = recording.start_ns + INSPECTED_NS
+    is_remote = any(isinstance(path, RemotePath) for path in recording.paths)
+    return TimeWindow(None, stop_ns if is_remote and stop_ns <= recording.end_ns else None)
+
+
+def _identity(path: Location) -> dict[str, str]:
+    """What tells an input file from others; a file on a server is not fetched as a whole for its checksum."""
+    if isinstance(path, RemotePath):
+        return {"name": path.name, "url": str(path), **dict(path.facts)}
     with path.open("rb") as file:
-        return file_digest(file, "sha256").hexdigest()
+        return {"name": path.name, "sha256": file_digest(file, "sha256").hexdigest()}
 
 
 @contextmanager
-def _progress(err: Console, recording: Recording, options: ProcessOptions) -> Iterator[Callable[[FrameResult], None]]:
+def _progress(err: Console, recording: Recording, window: TimeWindow) -> Iterator[Callable[[FrameResult], None]]:
     """Progress over the recorded time, on a terminal only."""
     if not err.is_terminal:
         yield lambda _: None
         return
-    window = _window(recording, options)
     start_ns = window.start_ns or recording.start_ns
     stop_ns = min(window.stop_ns or recording.end_ns, recording.end_ns)
     columns = (TextColumn("{task.completed:.1f} of {task.total:.1f} s"), BarColumn(), TimeRemainingColumn())
@@ -266,9 +289,11 @@ def _progress(err: Console, recording: Recording, options: ProcessOptions) -> It
         yield lambda frame: progress.update(task, completed=(frame.bundle.log_time_ns - start_ns) / 1e9)
 
 
-def _try_find_rig(recording: Recording, config: Config, rig_file: Path | None) -> tuple[Discovery | None, str]:
+def _try_find_rig(
+    recording: Recording, config: Config, rig_file: Path | None, window: TimeWindow
+) -> tuple[Discovery | None, str]:
     """The rig, or why there is none: `inspect` tells of a recording that `process` could not use."""
     try:
-        return _find_rig(recording, config, rig_file), ""
+        return _find_rig(recording, config, rig_file, window), ""
     except (CalibrationError, RecordingError) as err:
         return None, str(err)

@@ -13,6 +13,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from pipeline.errors import ConfigError
 
 __all__ = [
+    "DEFAULT_LIMITS",
+    "MOST_YAML_BYTES",
     "AssociateConfig",
     "ClassPrior",
     "CombineConfig",
@@ -21,6 +23,7 @@ __all__ = [
     "Detect3DConfig",
     "FuseConfig",
     "GroundConfig",
+    "LimitsConfig",
     "MotionConfig",
     "OutlierConfig",
     "OutputConfig",
@@ -33,6 +36,7 @@ __all__ = [
     "describe_validation",
     "dump_config",
     "load_config",
+    "parse_yaml",
     "read_yaml",
 ]
 
@@ -40,6 +44,13 @@ Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
 Share = Annotated[float, Field(ge=0, le=1)]
 Count = Annotated[int, Field(ge=1)]
+
+MOST_YAML_BYTES = 1 << 20
+MOST_YAML_BRACKETS = 30
+"""Brackets in one another; PyYAML looks at all of them again at every word."""
+
+MOST_YAML_VALUES = 100_000
+"""Values in a file, each alias counted as what it stands for: a few lines of them can stand for billions."""
 
 
 class _Model(BaseModel):
@@ -302,6 +313,53 @@ class OutputConfig(_Model):
     compression: Literal["none", "lz4", "zstd"] = "lz4"
 
 
+class LimitsConfig(_Model):
+    """How much a recording may ask for: no sound one comes near, and a hostile one cannot fill the memory or the disk.
+
+    What goes beyond a limit is treated as damage, and the message names the setting to raise.
+
+    Attributes:
+        largest_unpacked_file_gib: What a compressed file, or all chunks of a damaged one, may unpack to; twenty times
+            the size of the file where that is more.
+        largest_chunk_mib: What a compressed chunk may unpack to.
+        largest_message_mib: Largest message, unpacked.
+        most_messages_per_chunk: Records in one chunk.
+        most_messages_in_memory: Messages of one file whose place is held in memory at once: of chunks that overlap in
+            time, and of a damaged file.
+        most_topics: Topics of one recording.
+        most_points: Points in one cloud.
+        largest_picture_mpx: Millions of pixels in one picture.
+        most_losses_listed: Damaged places of one file that are listed one by one; the rest is added up.
+    """
+
+    largest_unpacked_file_gib: Positive = 16.0
+    largest_chunk_mib: Count = 256
+    largest_message_mib: Count = 256
+    most_messages_per_chunk: Count = 1_000_000
+    most_messages_in_memory: Count = 10_000_000
+    most_topics: Count = 1000
+    most_points: Count = 10_000_000
+    largest_picture_mpx: Positive = 100.0
+    most_losses_listed: Count = 1000
+
+    @property
+    def largest_chunk_bytes(self) -> int:
+        """`largest_chunk_mib` in bytes."""
+        return self.largest_chunk_mib << 20
+
+    @property
+    def largest_message_bytes(self) -> int:
+        """`largest_message_mib` in bytes."""
+        return self.largest_message_mib << 20
+
+    def largest_unpacked_bytes(self, file_bytes: int) -> int:
+        """What a file of `file_bytes` may unpack to, in bytes."""
+        return max(round(self.largest_unpacked_file_gib * 2**30), 20 * file_bytes)
+
+
+DEFAULT_LIMITS = LimitsConfig()
+
+
 class RunConfig(_Model):
     """How the work is done; none of it changes the result.
 
@@ -355,6 +413,7 @@ class Config(_Model):
     fuse: FuseConfig = FuseConfig()
     output: OutputConfig = OutputConfig()
     run: RunConfig = RunConfig()
+    limits: LimitsConfig = LimitsConfig()
     classes: Annotated[tuple[ClassPrior, ...], Field(min_length=1)] = _ROAD_CLASSES
 
     @model_validator(mode="after")
@@ -384,12 +443,25 @@ def load_config(path: Path | None = None, overrides: tuple[str, ...] = ()) -> Co
     tree: dict[str, Any] = {}
     if path is not None:
         tree = read_yaml(path)
+    set_values(tree, overrides)
+    try:
+        return Config.model_validate(tree)
+    except ValidationError as err:
+        raise ConfigError(f"{path or 'settings'}: {describe_validation(Config, err)}") from err
+
+
+def set_values(tree: dict[str, Any], overrides: tuple[str, ...]) -> None:
+    """Put single values `a.b=value` (the value is YAML) into a tree of settings.
+
+    Raises:
+        ConfigError: one is not of this form, or leads through a value.
+    """
     for override in overrides:
         key, separator, text = override.partition("=")
         if not separator or not key:
             raise ConfigError(f"--set {override}: expected key.key=value")
         try:
-            value = yaml.safe_load(text)
+            value = parse_yaml(text)
         except yaml.YAMLError as err:
             raise ConfigError(f"--set {override}: the value is not YAML") from err
         *parents, leaf = key.split(".")
@@ -400,10 +472,6 @@ def load_config(path: Path | None = None, overrides: tuple[str, ...] = ()) -> Co
                 raise ConfigError(f"--set {override}: {parent!r} is a value, not a section")
             branch = nested
         branch[leaf] = value
-    try:
-        return Config.model_validate(tree)
-    except ValidationError as err:
-        raise ConfigError(f"{path or 'settings'}: {describe_validation(Config, err)}") from err
 
 
 def dump_config(config: Config) -> str:
@@ -419,7 +487,8 @@ def describe_validation(model: type[BaseModel], err: ValidationError) -> str:
     more = f" (and {err.error_count() - 1} more)" if err.error_count() > 1 else ""
     if fault["type"] == "extra_forbidden":
         return f"unknown key {key!r}{more}; known here: {', '.join(_known_keys(model, fault['loc']))}"
-    return f"{key}: {fault['msg']}, found {fault.get('input')!r}{more}"
+    found = repr(fault.get("input"))
+    return f"{key}: {fault['msg']}, found {found if len(found) <= 200 else found[:200] + '...'}{more}"
 
 
 def _known_keys(model: type[BaseModel], location: tuple[int | str, ...]) -> list[str]:
@@ -438,6 +507,54 @@ def _model_in(annotation: Any) -> type[BaseModel] | None:
     return next((model for part in get_args(annotation) if (model := _model_in(part)) is not None), None)
 
 
+class _Loader(yaml.SafeLoader):
+    def fetch_flow_collection_start(self, TokenClass: Any) -> None:
+        if self.flow_level == MOST_YAML_BRACKETS:
+            raise yaml.YAMLError(f"more than {MOST_YAML_BRACKETS} brackets in one another")
+        super().fetch_flow_collection_start(TokenClass)
+
+
+def parse_yaml(text: str | bytes) -> Any:
+    """What `yaml.safe_load` gives, of a file that holds a bounded number of values.
+
+    Raises:
+        yaml.YAMLError: it is no YAML, too large, or nested too deeply.
+    """
+    if len(text) > MOST_YAML_BYTES:
+        raise yaml.YAMLError(f"more than {MOST_YAML_BYTES >> 20} MiB")
+    loader = _Loader(text)
+    try:
+        node = loader.get_single_node()
+        if node is None:
+            return None
+        _count_values(node, {})
+        return loader.construct_document(node)
+    except RecursionError as err:
+        raise yaml.YAMLError("nested too deeply") from err
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as err:  # of dates and long numbers
+        raise yaml.YAMLError(f"a value that is none: {err}") from err
+    finally:
+        loader.dispose()
+
+
+def _count_values(node: yaml.Node, counts: dict[int, int]) -> int:
+    """Values that a node stands for; those of aliases are counted once and added each time."""
+    if id(node) in counts:
+        if not counts[id(node)]:
+            raise yaml.YAMLError("a value that contains itself")
+        return counts[id(node)]
+    counts[id(node)] = 0
+    parts: list[yaml.Node] = []
+    if isinstance(node, yaml.SequenceNode):
+        parts = node.value
+    elif isinstance(node, yaml.MappingNode):
+        parts = [part for pair in node.value for part in pair]
+    counts[id(node)] = total = 1 + sum(_count_values(part, counts) for part in parts)
+    if total > MOST_YAML_VALUES:
+        raise yaml.YAMLError(f"more than {MOST_YAML_VALUES} values")
+    return total
+
+
 def read_yaml(path: Path) -> dict[str, Any]:
     """A YAML file that holds a mapping.
 
@@ -445,7 +562,8 @@ def read_yaml(path: Path) -> dict[str, Any]:
         ConfigError: the file cannot be read, is not YAML, or holds something else.
     """
     try:
-        tree = yaml.safe_load(path.read_text(encoding="utf-8"))
+        with path.open(encoding="utf-8") as stream:
+            tree = parse_yaml(stream.read(MOST_YAML_BYTES + 1))
     except (OSError, UnicodeDecodeError) as err:
         raise ConfigError(f"{path}: cannot be read: {err}") from err
     except yaml.YAMLError as err:

@@ -25,8 +25,22 @@ __all__ = [
 ]
 
 
+MOST_CHARACTERS = 4000
+
+
 class LidcamError(Exception):
-    """Base of every error that the input, the calibration or the settings can cause."""
+    """Base of every error that the input, the calibration or the settings can cause.
+
+    Its text is one line of bounded length, whatever names and values a file has in it.
+    """
+
+    def __str__(self) -> str:
+        text = super().__str__()
+        if len(text) > MOST_CHARACTERS:
+            text = f"{text[:MOST_CHARACTERS]}..."
+        if text.isprintable():
+            return text
+        return "".join(letter if letter.isprintable() else repr(letter)[1:-1] for letter in text)
 
 
 class RecordingError(LidcamError):

@@ -29,6 +29,9 @@ __all__ = [
 
 F64 = npt.NDArray[np.float64]
 
+MOST_LINKS = 1000
+"""Transforms one after another: a robot has a dozen."""
+
 ROTATION_TOLERANCE = 1e-3
 """Largest entry of R R^T - I that still counts as rounding: calibration files often carry three or four digits."""
 
@@ -323,12 +326,16 @@ class TransformTree:
         Raises:
             FrameError: the parents run in a circle.
         """
-        chain = [frame]
-        while (parent := self.parent(chain[-1])) is not None:
+        chain: dict[str, None] = {frame: None}  # in order
+        last = frame
+        while (parent := self.parent(last)) is not None:
             if parent in chain:
                 raise FrameError(f"the transforms run in a circle: {' -> '.join([*chain, parent])}")
-            chain.append(parent)
-        return chain
+            if len(chain) == MOST_LINKS:
+                raise FrameError(f"more than {MOST_LINKS} transforms one after another lead from frame {frame!r}")
+            chain[parent] = None
+            last = parent
+        return list(chain)
 
     def _climb(self, frame: str, ancestor: str, stamp_ns: int | None) -> Transform:
         transform = Transform.identity(frame, frame)

@@ -18,6 +18,7 @@ from readers.base import Loss, Recording
 from readers.motion import MotionBuffer, MotionSource
 from readers.sensor_topics import BOXES, PICTURE
 from readers.sensors import OnBadMessage
+from readers.video import VideoStreams, video_topics
 from writers.base import ResultWriter
 
 __all__ = ["OUTSIDE_ZONES", "DropTable", "RunSummary", "TimeWindow", "process", "synchronized_topics"]
@@ -30,16 +31,16 @@ OUTSIDE_ZONES = "outside"
 
 
 class DropTable:
-    """Messages that took no part, counted by topic and reason; memory does not grow with their number."""
+    """Messages, and parts of them, that took no part, by topic and reason; memory does not grow with their number."""
 
     def __init__(self) -> None:
         self.counts: Counter[tuple[str, str]] = Counter()
         self.examples: dict[tuple[str, str], str] = {}
 
     def add(self, drop: Drop) -> None:
-        """Count one; the first detail of its kind is kept as the example."""
+        """Count one, or its parts; the first detail of its kind is kept as the example."""
         key = (drop.topic, drop.reason)
-        self.counts[key] += 1
+        self.counts[key] += drop.parts or 1
         if drop.detail:
             self.examples.setdefault(key, drop.detail)
 
@@ -149,6 +150,10 @@ def process(
     messages = recording.messages(wanted, start_ns=window.start_ns, stop_ns=window.stop_ns)
     if motion and window.start_ns is not None:
         _read_ahead(motion, recording, window.start_ns)
+    video = VideoStreams(video_topics(recording, topics), limits=config.limits)
+    if window.start_ns is not None:
+        video.look_back(recording, window.start_ns)
+    messages = video.decoded(messages)
     bundles = synchronize(
         motion.tap(messages) if motion else messages,
         topics,
@@ -157,6 +162,7 @@ def process(
         on_drop=drops.add,
         stats=stats,
     )
+    bundles = video.without_blanks(bundles, on_drop=drops.add, on_bad=bad)
     frames = _with_motion(bundles, motion) if motion else bundles
     with closing(_run(graph, result, frames, config)) as results:
         for frame in results:
@@ -288,5 +294,5 @@ class _Tally:
             self.objects[self._class_names[class_id], zone] += 1
         self.points.update(dict(frame.combined.counts))
         self.left_out.update(dict(frame.left_out))
-        unused = {(drop.topic, drop.stamp_ns) for drop in frame.drops}
+        unused = {(drop.topic, drop.stamp_ns) for drop in frame.drops if not drop.parts}
         self.messages.update(topic for topic, m in frame.bundle.messages.items() if (topic, m.stamp_ns) not in unused)

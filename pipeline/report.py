@@ -154,7 +154,10 @@ def print_summary(
     _show(out, pairs_table("run", facts))
     _print_remarks(out, found)
     if unused:
-        names = [info.topic for info in unused]
+        names = [
+            f"{info.topic} ({info.message_count}: {info.unreadable})" if info.unreadable else info.topic
+            for info in unused
+        ]
         more = f" and {len(names) - MOST_LISTED} more" if len(names) > MOST_LISTED else ""
         out.print(f"not used: {', '.join(names[:MOST_LISTED])}{more}")
 
@@ -200,6 +203,7 @@ class Inspection:
         found: The rig that lidcam would use; None if it could not process the recording.
         motion: Where the motion of the site frame would come from; None if it stands still.
         problem: Why there is no rig.
+        stop_ns: Log time before which it was looked at; None where all of it was.
     """
 
     recording: Recording
@@ -208,6 +212,7 @@ class Inspection:
     found: Discovery | None
     motion: MotionSource | None
     problem: str
+    stop_ns: int | None = None
 
 
 def print_inspection(out: Console, inspection: Inspection) -> None:
@@ -218,6 +223,9 @@ def print_inspection(out: Console, inspection: Inspection) -> None:
     out.print(f"{files}: {recording.message_count} messages, {seconds:.2f} s")
     out.print()
     _show(out, topics_table(inspection.topics))
+    if inspection.stop_ns is not None:
+        looked_s = (inspection.stop_ns - recording.start_ns) / 1e9
+        out.print(f"all but the counts is of the first {looked_s:g} s: of files on a server, no more is looked at")
     _print_losses(out, recording.losses)
     out.print()
     if found is None:
@@ -241,6 +249,7 @@ def inspection_tree(inspection: Inspection) -> dict[str, Any]:
         "topics": [asdict(topic) for topic in inspection.topics],
         "losses": loss_records(recording.losses),
         "problem": inspection.problem,
+        "looked_at_until_ns": inspection.stop_ns,
     }
     if found is not None:
         tree |= {

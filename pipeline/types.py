@@ -89,6 +89,7 @@ class RawMessage(NamedTuple):
         data: The serialised message.
         channel: Topic, type and definition.
         problem: Why there are no data, where what was recorded cannot be read; empty if it can.
+        left_out: Of a message that was made of several recorded ones: what was wrong with those that could not be used.
     """
 
     stamp_ns: int
@@ -97,6 +98,7 @@ class RawMessage(NamedTuple):
     data: bytes | memoryview
     channel: Channel
     problem: str = ""
+    left_out: tuple[str, ...] = ()
 
     @property
     def topic(self) -> str:
@@ -105,19 +107,21 @@ class RawMessage(NamedTuple):
 
 
 class Drop(NamedTuple):
-    """One message that took no part, and why.
+    """One message that took no part, or parts of one of which the rest did, and why.
 
     Attributes:
         topic: Its topic.
         stamp_ns: Its stamp.
         reason: Why, in words that are the same for all messages with this fate.
         detail: What was found in this very message; may be empty.
+        parts: How many of its parts took none, where the rest of it did; 0: the whole message.
     """
 
     topic: str
     stamp_ns: int
     reason: str
     detail: str = ""
+    parts: int = 0
 
 
 # --- sensor data
@@ -303,6 +307,15 @@ class Zone:
 
     def __post_init__(self) -> None:
         check_array("polygon_site", self.polygon_site, (len(self.polygon_site), 2), np.float64)
+
+
+def default_zones() -> tuple[Zone, ...]:
+    """The original's: `intersection` y >= 0 and `circle` y < 0; the edge between them belongs to the first."""
+    far_m = 1e4  # further than any lidar sees, and finite
+    return (
+        Zone("intersection", np.array([[-far_m, 0.0], [far_m, 0.0], [far_m, far_m], [-far_m, far_m]])),
+        Zone("circle", np.array([[-far_m, -far_m], [far_m, -far_m], [far_m, 0.0], [-far_m, 0.0]])),
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

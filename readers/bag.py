@@ -10,11 +10,16 @@ from tempfile import TemporaryDirectory
 
 import zstandard
 
+from pipeline.config import DEFAULT_LIMITS, LimitsConfig
 from pipeline.errors import LidcamError, RecordingError
 from pipeline.types import RawMessage
 from readers.base import Closing, Loss, Recording, RecordingFile, RosVersion, TopicInfo, merge_topics
+from readers.capture import is_capture
 from readers.damage import LIBRARY_ERRORS, DamageError, Losses, damaged, describe, opening
+from readers.location import Location, RemotePath
 from readers.mcap import McapFile
+from readers.pcap import PcapFile
+from readers.remote import open_remote
 from readers.rosbag1 import Rosbag1File
 from readers.rosbag2 import folder_metadata, recording_files
 from readers.sqlite import SqliteFile
@@ -25,18 +30,30 @@ ROSBAG1_MAGIC = b"#ROSBAG V2.0\n"
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 SQLITE_MAGIC = b"SQLite format 3\0"
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
-EXPECTED = "a ROS 1 .bag (format 2.0), a ROS 2 .mcap or .db3 file, or a ROS 2 bag folder"
+PIECE = 1 << 20
+DISK_RESERVE = 1 << 28
+"""Bytes of the temporary folder that are left to others."""
+
+EXPECTED = "a ROS 1 .bag (format 2.0), a ROS 2 .mcap or .db3 file, a ROS 2 bag folder, or a .pcap or .pcapng capture"
 
 
-def open_recording(paths: Sequence[Path], *, rescue: bool = True, thorough: bool = False) -> Recording:
+def open_recording(
+    paths: Sequence[Location],
+    *,
+    rescue: bool = True,
+    thorough: bool = False,
+    limits: LimitsConfig = DEFAULT_LIMITS,
+) -> Recording:
     """Open one recording, to be used as a context manager.
 
     Args:
         paths: A file, a ROS 2 bag folder, or all files of a split recording in their order. What a file is, its first
-            bytes say, not its name. Messages of equal log time come in the order of the files.
+            bytes say, not its name. Messages of equal log time come in the order of the files. An MCAP may lie on a
+            server; then only the parts of it that are needed are fetched.
         rescue: Read what can be read of damaged files, and tell of the rest in `Recording.losses`; without it damage
             is an error.
         thorough: Do so by reading every record once, even where index or summary seem right: finds what these lost.
+        limits: How much of the machine the recording may ask for.
 
     Raises:
         RecordingError: a path is no recording, holds nothing that can be read, is given twice, or ROS 1 and ROS 2
@@ -50,7 +67,7 @@ def open_recording(paths: Sequence[Path], *, rescue: bool = True, thorough: bool
         faults: list[DamageError] = []
         for index, path in enumerate(files):
             try:
-                opened.append(_open_file(path, index, stack, rescue=rescue, thorough=thorough))
+                opened.append(_open_file(path, index, stack, rescue=rescue, thorough=thorough, limits=limits))
             except DamageError as err:  # also the file that a recorder had begun last and never wrote to
                 if not rescue or len(files) == 1:
                     raise
@@ -58,14 +75,21 @@ def open_recording(paths: Sequence[Path], *, rescue: bool = True, thorough: bool
                 opened.append(_LostFile(path, err))
         if len(faults) == len(files):
             raise faults[0]
-        sound = [file for file in opened if not isinstance(file, _LostFile)]
+        sound = [file for file in opened if not isinstance(file, _LostFile) and file.ros_version != "no ROS"]
         for file in sound:
             if file.ros_version != sound[0].ros_version:
                 raise RecordingError(
                     f"expected the files of one recording, found {sound[0].ros_version} ({sound[0].path}) and "
                     f"{file.ros_version} ({file.path}); process them one by one"
                 )
-        return _FilesRecording(tuple(opened), stack.pop_all())
+        recording = _FilesRecording(tuple(opened), stack.pop_all())
+    if len(recording.topics) > limits.most_topics:
+        recording.close()
+        raise RecordingError(
+            f"{', '.join(map(str, recording.paths))}: {len(recording.topics)} topics, expected at most "
+            f"{limits.most_topics}: raise limits.most_topics"
+        )
+    return recording
 
 
 class _LostFile:
@@ -75,10 +99,11 @@ class _LostFile:
     topics: tuple[TopicInfo, ...] = ()
     start_ns = end_ns = message_count = 0
 
-    def __init__(self, path: Path, fault: DamageError) -> None:
+    def __init__(self, path: Location, fault: DamageError) -> None:
         self.path = path
         reason = str(fault).removeprefix(f"{path}: ")
-        self.losses: tuple[Loss, ...] = (Loss(path, 0, reason, path.stat().st_size),)
+        size = path.stat().st_size if isinstance(path, Path) else None
+        self.losses: tuple[Loss, ...] = (Loss(path, 0, reason, size),)
 
     def messages(
         self, topics: Collection[str] | None, *, start_ns: int | None, stop_ns: int | None
@@ -144,45 +169,77 @@ class _FilesRecording(Closing):
         self._resources.close()
 
 
-def _all_files(paths: Sequence[Path]) -> list[Path]:
-    files: list[Path] = []
+def _all_files(paths: Sequence[Location]) -> list[Location]:
+    files: list[Location] = []
     for path in paths:
+        if isinstance(path, RemotePath):
+            files.append(path)
+            continue
         if not path.exists():
             raise RecordingError(f"{path}: no such file or folder; expected {EXPECTED}")
         with opening(path):
             files += recording_files(path) if path.is_dir() else (path,)
-    seen: dict[tuple[int, int], Path] = {}
+    seen: dict[object, Location] = {}
     for file in files:
-        with opening(file):
-            status = file.stat()
-        identity = status.st_dev, status.st_ino  # the same through a link
+        identity = file.url if isinstance(file, RemotePath) else _inode(file)
         if identity in seen:
             raise RecordingError(f"{file}: given twice (also as {seen[identity]}); name each file of a recording once")
         seen[identity] = file
     return files
 
 
-def _open_file(path: Path, index: int, stack: ExitStack, *, rescue: bool, thorough: bool) -> RecordingFile:
+def _inode(file: Path) -> tuple[int, int]:
+    """The same through a link."""
+    with opening(file):
+        status = file.stat()
+    return status.st_dev, status.st_ino
+
+
+def _open_file(
+    path: Location, index: int, stack: ExitStack, *, rescue: bool, thorough: bool, limits: LimitsConfig
+) -> RecordingFile:
     """Open one file; what has to be undone later goes on the stack."""
+    if isinstance(path, RemotePath):
+        return _open_remote(path, index, stack, rescue=rescue, thorough=thorough, limits=limits)
     with opening(path, rescued=rescue):
         location = path
-        losses = Losses(path)
+        losses = Losses(path, limits.most_losses_listed)
         magic = _first_bytes(path)
         if magic.startswith(ZSTD_MAGIC):
-            location = _unpacked(path, stack, losses if rescue else None)
+            location = _unpacked(path, stack, losses if rescue else None, limits)
             magic = _first_bytes(location)
         elif rescue and magic.startswith(SQLITE_MAGIC) and (journals := _journals(path)):
             location = _completed(path, journals, stack, losses)
-        file = _file_of_kind(path, location, magic, index, rescue=rescue, thorough=thorough)
+        file = _file_of_kind(path, location, magic, index, rescue=rescue, thorough=thorough, limits=limits)
         stack.callback(file.close)
     return _WithLosses(file, losses.listed()) if losses.listed() else file
 
 
+def _open_remote(
+    path: RemotePath, index: int, stack: ExitStack, *, rescue: bool, thorough: bool, limits: LimitsConfig
+) -> RecordingFile:
+    """Open an MCAP on a server: the other formats have no index that can be fetched at once."""
+    path, stream = open_remote(path)
+    stack.callback(stream.close)
+    with opening(path, rescued=rescue):
+        magic = stream.read(64)
+        stream.seek(0)
+        if not magic.startswith(MCAP_MAGIC):
+            kinds = {ROSBAG1_MAGIC: "a ROS 1 bag", SQLITE_MAGIC: "an SQLite database", ZSTD_MAGIC: "a compressed file"}
+            kind = next((kind for begin, kind in kinds.items() if magic.startswith(begin)), "another kind of file")
+            raise RecordingError(
+                f"{path}: of files on a server, lidcam reads .mcap, found {kind}; download it, and read the copy"
+            )
+        return McapFile(path, index, stream=stream, rescue=rescue, thorough=thorough, limits=limits)
+
+
 def _file_of_kind(
-    path: Path, location: Path, magic: bytes, index: int, *, rescue: bool, thorough: bool
+    path: Path, location: Path, magic: bytes, index: int, *, rescue: bool, thorough: bool, limits: LimitsConfig
 ) -> RecordingFile:
     if magic.startswith(ROSBAG1_MAGIC):
-        return Rosbag1File(path, index, location=location, rescue=rescue, thorough=thorough)
+        return Rosbag1File(path, index, location=location, rescue=rescue, thorough=thorough, limits=limits)
+    if is_capture(magic):
+        return PcapFile(path, index, location=location, rescue=rescue, limits=limits)
     metadata = folder_metadata(path.parent)
     listed = path.name in metadata.file_names
     compressed, distro = (metadata.message_compression, metadata.distro) if listed else (False, "")
@@ -190,14 +247,23 @@ def _file_of_kind(
         return McapFile(
             path,
             index,
-            location=location,
+            stream=location.open("rb"),
             message_compression=compressed,
             distro=distro,
             rescue=rescue,
             thorough=thorough,
+            limits=limits,
         )
     if magic.startswith(SQLITE_MAGIC):
-        return SqliteFile(path, index, location=location, message_compression=compressed, distro=distro, rescue=rescue)
+        return SqliteFile(
+            path,
+            index,
+            location=location,
+            message_compression=compressed,
+            distro=distro,
+            rescue=rescue,
+            limits=limits,
+        )
     fault = DamageError if not magic else RecordingError
     raise fault(f"{path}: expected {EXPECTED}, found {_describe(magic, path)}")
 
@@ -215,7 +281,7 @@ def _describe(magic: bytes, path: Path) -> str:
     if magic.startswith(b"#ROSBAG V"):
         version = magic[9:].split(b"\n")[0].decode(errors="replace")
         return f"a ROS 1 bag of format {version}; convert it with `rosbag fix`"
-    if path.suffix in {".bag", ".mcap", ".db3"}:
+    if path.suffix in {".bag", ".mcap", ".db3", ".pcap", ".pcapng"}:
         return f"other bytes than a {path.suffix} file begins with; it is damaged or something else"
     printable = all(byte >= 32 or byte in b"\t\r\n" for byte in magic)
     return (
@@ -223,19 +289,34 @@ def _describe(magic: bytes, path: Path) -> str:
     )
 
 
-def _unpacked(path: Path, stack: ExitStack, losses: Losses | None) -> Path:
+def _unpacked(path: Path, stack: ExitStack, losses: Losses | None, limits: LimitsConfig) -> Path:
     """The content of a zstd-compressed file (rosbag2's compression mode `file`) in a temporary folder.
 
     Args:
         path: The file.
         stack: Removes the folder.
         losses: Gets where the file is damaged: what comes before is used. None: that is an error.
+        limits: How much it may unpack to.
+
+    Raises:
+        RecordingError: it unpacks to more, or to more than the temporary folder has room for.
     """
     folder = Path(stack.enter_context(TemporaryDirectory(prefix="lidcam-")))
     unpacked = folder / path.with_suffix("").name
     with path.open("rb") as packed, unpacked.open("wb") as stream:
         try:
-            shutil.copyfileobj(zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True), stream)
+            content = zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True)
+            left = min(
+                limits.largest_unpacked_bytes(path.stat().st_size), shutil.disk_usage(folder).free - DISK_RESERVE
+            )
+            while piece := content.read(PIECE):
+                left -= len(piece)
+                if left < 0:
+                    raise RecordingError(
+                        f"{path}: unpacks to more than {stream.tell()} bytes: raise limits.largest_unpacked_file_gib, "
+                        f"or free space in {folder.parent}"
+                    )
+                stream.write(piece)
         except zstandard.ZstdError as err:
             if losses is None:
                 raise

@@ -3,16 +3,16 @@
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, replace
-from pathlib import Path
 from types import TracebackType
 from typing import Literal, Protocol, Self
 
 from pipeline.errors import RecordingError
 from pipeline.types import Channel, RawMessage
+from readers.location import Location
 
 __all__ = ["Closing", "Loss", "Recording", "RecordingFile", "TopicInfo", "merge_topics"]
 
-RosVersion = Literal["ROS 1", "ROS 2"]
+RosVersion = Literal["ROS 1", "ROS 2", "no ROS"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,6 +26,8 @@ class TopicInfo:
         channels: The distinct definitions it was recorded with; empty where it cannot be read.
         unreadable: Why its messages are not yielded; empty where they are.
         part_of: Topic of the combined messages that its messages are taken out of; empty where it was recorded itself.
+        gathered_from: Type of the recorded messages, which `message_count` counts, that are gathered into its messages;
+            empty where they are as recorded.
     """
 
     topic: str
@@ -34,6 +36,7 @@ class TopicInfo:
     channels: tuple[Channel, ...]
     unreadable: str = ""
     part_of: str = ""
+    gathered_from: str = ""
 
     @property
     def channel(self) -> Channel:
@@ -59,7 +62,7 @@ class Loss:
         messages: Messages that were lost with it, 0 where none was; None where that cannot be told.
     """
 
-    path: Path
+    path: Location
     position: int
     reason: str
     size: int | None = None
@@ -70,7 +73,6 @@ class RecordingFile(Protocol):
     """One open file of a recording.
 
     Attributes:
-        path: The file.
         ros_version: Which ROS recorded it.
         topics: What it holds, sorted by topic and type.
         start_ns: Log time of the first message; 0 where there is none.
@@ -78,12 +80,15 @@ class RecordingFile(Protocol):
         message_count: Number of messages, also of those that cannot be read.
     """
 
-    path: Path
     ros_version: RosVersion
     topics: tuple[TopicInfo, ...]
     start_ns: int
     end_ns: int
     message_count: int
+
+    @property
+    def path(self) -> Location:
+        """The file."""
 
     @property
     def losses(self) -> tuple[Loss, ...]:
@@ -106,7 +111,7 @@ class Recording(Protocol):
     """A whole recording, open: a context manager that closes its files."""
 
     @property
-    def paths(self) -> tuple[Path, ...]:
+    def paths(self) -> tuple[Location, ...]:
         """Its files, in the order of `RawMessage.order[0]`."""
 
     @property

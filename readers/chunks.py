@@ -3,6 +3,8 @@
 from collections import OrderedDict
 from collections.abc import Callable
 
+from readers.unpack_chunk import Allowance
+
 __all__ = ["ChunkCache", "detach"]
 
 CACHE_BYTES = 64 << 20
@@ -13,19 +15,37 @@ class ChunkCache:
 
     Messages come in time order while chunks lie in the order of writing: neighbours overlap in time and are needed
     by turns. The bound keeps the memory of a recording whose chunks all overlap from growing with its length.
+
+    Args:
+        max_bytes: What is kept.
+        most_loaded_bytes: What may be unpacked in all since `begin`; None for no bound.
     """
 
-    def __init__(self, max_bytes: int = CACHE_BYTES) -> None:
+    def __init__(self, max_bytes: int = CACHE_BYTES, *, most_loaded_bytes: int | None = None) -> None:
         self._max_bytes = max_bytes
+        self._most_loaded = most_loaded_bytes
+        self.begin()
         self._bytes = 0
         self._chunks: OrderedDict[int, bytes] = OrderedDict()
 
+    def begin(self) -> None:
+        """Count what is unpacked anew: the recording is read once more."""
+        self._allowance = None if self._most_loaded is None else Allowance(self._most_loaded)
+
     def get(self, position: int, load: Callable[[], bytes]) -> bytes:
-        """The chunk at `position` of the file; `load` is called where it is not kept."""
+        """The chunk at `position` of the file; `load` is called where it is not kept.
+
+        Raises:
+            ValueError: more was unpacked than is allowed.
+        """
         if position in self._chunks:
             self._chunks.move_to_end(position)
             return self._chunks[position]
+        if self._allowance is not None:
+            self._allowance.take(0)
         chunk = load()
+        if self._allowance is not None:
+            self._allowance.take(len(chunk))
         self._chunks[position] = chunk
         self._bytes += len(chunk)
         while self._bytes > self._max_bytes and len(self._chunks) > 1:

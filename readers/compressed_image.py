@@ -3,10 +3,12 @@
 import cv2
 import numpy as np
 
+from pipeline.config import DEFAULT_LIMITS, LimitsConfig
 from pipeline.errors import MessageError
 from pipeline.types import Image, RawMessage
 from readers.deserialize import deserialize_as
-from readers.image_encodings import PACKED, U8, demosaic
+from readers.image_encodings import PACKED, U8, check_pixels, demosaic
+from readers.picture_header import KINDS, picture_size
 from readers.tf import clean_frame
 
 __all__ = ["COMPRESSED_IMAGE", "decode_compressed_image"]
@@ -14,28 +16,34 @@ __all__ = ["COMPRESSED_IMAGE", "decode_compressed_image"]
 COMPRESSED_IMAGE = "sensor_msgs/msg/CompressedImage"
 
 
-def decode_compressed_image(message: RawMessage) -> Image:
-    """The picture of a CompressedImage: JPEG, PNG and what else OpenCV reads; the data tell which.
+def decode_compressed_image(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS) -> Image:
+    """The picture of a CompressedImage: JPEG, PNG, WebP, AVIF, TIFF or BMP; the data tell which.
 
     Of `format` (`jpeg`, or in image_transport's spelling `rgb8; jpeg compressed bgr8`) only the encoding before the
     semicolon matters: image_transport compresses a Bayer mosaic as if it were a grey picture. Sixteen bits become
     eight by `>> 8`. An EXIF orientation is ignored: the calibration belongs to the sensor's own rows and columns.
 
     Raises:
-        MessageError: not a CompressedImage, broken data, or a compressed depth map.
+        MessageError: not a CompressedImage, broken data, more pixels than `limits` allow, or a compressed depth map.
     """
     compressed = deserialize_as(message, COMPRESSED_IMAGE)
     kind = compressed.format.strip()
     if "compresseddepth" in kind.lower():
         raise MessageError(f"{message.topic}: format {kind!r} holds distances, expected a picture: leave it out")
+    size = picture_size(compressed.data.tobytes())
+    if size is not None:
+        check_pixels(*size, limits, message.topic)
     source = kind.split(";")[0].strip().lower()
     is_mosaic = source in PACKED and PACKED[source].mosaic
-    rgb = _decode_mosaic(compressed.data, source) if is_mosaic else _imdecode(compressed.data, cv2.IMREAD_COLOR_RGB)
+    rgb = None
+    if size is not None:
+        data = compressed.data
+        rgb = _decode_mosaic(data, source) if is_mosaic else _imdecode(data, cv2.IMREAD_COLOR_RGB)
     if rgb is None:
         start = bytes(compressed.data[:8]).hex(" ") or "nothing"
         raise MessageError(
-            f"{message.topic}: {len(compressed.data)} bytes of format {kind!r} are no whole picture "
-            f"(they start with {start})"
+            f"{message.topic}: {len(compressed.data)} bytes of format {kind!r} are no whole picture; "
+            f"expected {KINDS} (they start with {start})"
         )
     return Image(message.stamp_ns, clean_frame(compressed.header.frame_id), rgb)
 

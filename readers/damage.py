@@ -9,15 +9,17 @@ import sqlite3
 import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
+from dataclasses import replace
 
 import yaml
 import zstandard
 from mcap.exceptions import McapError
 from rosbags.rosbag1 import ReaderError
 
+from pipeline.config import DEFAULT_LIMITS
 from pipeline.errors import LidcamError, RecordingError
 from readers.base import Loss
+from readers.location import Location
 
 __all__ = ["LIBRARY_ERRORS", "DamageError", "Losses", "damaged", "describe", "is_damage", "opening"]
 
@@ -40,6 +42,10 @@ LIBRARY_ERRORS: tuple[type[Exception], ...] = (
 )
 
 
+MOST_OTHERS = 1_000_000
+"""Parts beyond those that are listed that are still told apart, so that each counts once."""
+
+
 class DamageError(RecordingError):
     """A file is damaged so that nothing, or not all of it, can be read."""
 
@@ -49,19 +55,43 @@ class Losses:
 
     Args:
         path: The file that is named.
+        most_listed: Parts that are kept one by one; the others are added up to one.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Location, most_listed: int = DEFAULT_LIMITS.most_losses_listed) -> None:
         self._path = path
+        self._most_listed = most_listed
         self._parts: dict[tuple[int, str], Loss] = {}
+        self._others: set[int] = set()
+        self._rest: Loss | None = None
 
     def note(self, position: int, reason: str, *, size: int | None = None, messages: int | None = None) -> None:
         """Note a part, if it was not noted before; arguments as of `Loss`."""
-        self._parts.setdefault((position, reason), Loss(self._path, position, reason, size, messages))
+        key = (position, reason)
+        if key in self._parts:
+            return
+        loss = Loss(self._path, position, reason, size, messages)
+        if len(self._parts) < self._most_listed:
+            self._parts[key] = loss
+        elif hash(key) not in self._others and len(self._others) < MOST_OTHERS:
+            self._others.add(hash(key))
+            self._rest = _sum(self._rest, loss, len(self._others))
 
     def listed(self) -> tuple[Loss, ...]:
-        """All parts by position."""
-        return tuple(self._parts[key] for key in sorted(self._parts))
+        """All parts by position, and last the sum of those that are not kept."""
+        rest = () if self._rest is None else (self._rest,)
+        return (*(self._parts[key] for key in sorted(self._parts)), *rest)
+
+
+def _sum(rest: Loss | None, loss: Loss, count: int) -> Loss:
+    at_least = "" if count < MOST_OTHERS else " or more"
+    reason = f"{count}{at_least} further places, see limits.most_losses_listed; the first of them: "
+    if rest is None:
+        return replace(loss, reason=reason + loss.reason)
+    first = rest.reason.partition("the first of them: ")[2]
+    size = None if rest.size is None or loss.size is None else rest.size + loss.size
+    messages = None if rest.messages is None or loss.messages is None else rest.messages + loss.messages
+    return Loss(loss.path, rest.position, reason + first, size, messages)
 
 
 def is_damage(err: Exception) -> bool:
@@ -79,7 +109,7 @@ def describe(err: Exception) -> str:
     return " ".join(str(err).split()) or f"unexpected end or value ({type(err).__name__})"
 
 
-def damaged(path: Path, err: Exception, *, progress: str = "", rescued: bool = False) -> RecordingError:
+def damaged(path: Location, err: Exception, *, progress: str = "", rescued: bool = False) -> RecordingError:
     """The error to raise for `err`.
 
     Args:
@@ -102,7 +132,7 @@ def damaged(path: Path, err: Exception, *, progress: str = "", rescued: bool = F
 
 
 @contextmanager
-def opening(path: Path, *, rescued: bool = False) -> Iterator[None]:
+def opening(path: Location, *, rescued: bool = False) -> Iterator[None]:
     """Turn what a library raises while it opens `path` into a `RecordingError`.
 
     Raises:

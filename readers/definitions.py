@@ -7,7 +7,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from pipeline.types import Channel
 
-__all__ = ["COMBINED_TYPES", "release_types"]
+__all__ = ["COMBINED_TYPES", "VELODYNE_MSGS", "VIDEO_TYPES", "release_types"]
 
 # The original system's own.
 COMBINED_TYPES = {
@@ -18,6 +18,16 @@ COMBINED_TYPES = {
 VELODYNE_MSGS = {
     "VelodyneScan": "std_msgs/Header header\nVelodynePacket[] packets",
     "VelodynePacket": "builtin_interfaces/Time stamp\nuint8[1206] data",
+}
+
+VIDEO_TYPES = {
+    "foxglove_msgs/msg/CompressedVideo": (
+        "builtin_interfaces/Time timestamp\nstring frame_id\nuint8[] data\nstring format"
+    ),
+    "ffmpeg_image_transport_msgs/msg/FFMPEGPacket": (
+        "std_msgs/Header header\nint32 width\nint32 height\nstring encoding\nuint64 pts\nuint8 flags\n"
+        "bool is_bigendian\nuint8[] data"
+    ),
 }
 
 # vision_msgs 4, as in Humble and later; earlier releases laid hypotheses and 2D boxes out differently.
@@ -45,7 +55,7 @@ def release_types(channel: Channel) -> Typesdict:
 def _release_types(encoding: str, distro: str) -> Typesdict:
     ros2 = next((store for store in Stores if store.value == f"ros2_{distro}"), Stores.ROS2_HUMBLE)
     types = dict(get_typestore(Stores.ROS1_NOETIC if encoding == "ros1" else ros2).fielddefs)
-    for name, text in COMBINED_TYPES.items():
+    for name, text in (COMBINED_TYPES | VIDEO_TYPES).items():
         types |= get_types_from_msg(text, name)
     for name, text in VELODYNE_MSGS.items():
         types |= get_types_from_msg(text, f"velodyne_msgs/msg/{name}")

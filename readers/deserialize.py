@@ -8,17 +8,20 @@ a recording without the definition, but with another md5sum or hash than that re
 import re
 import threading
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
 from rosbags.interfaces import Nodetype
 from rosbags.interfaces.typing import Typesdict
-from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
+from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from pipeline.errors import MessageError
 from pipeline.types import Channel, RawMessage
+from readers.definition_size import size_fault
 from readers.definitions import release_types
+from readers.message_items import count_items
 
 __all__ = ["definition_problem", "deserialize", "deserialize_as", "typestore_for"]
 
@@ -26,6 +29,12 @@ __all__ = ["definition_problem", "deserialize", "deserialize_as", "typestore_for
 IDL_HEADING = re.compile(r"^={80}\nIDL: .*\n", re.MULTILINE)
 
 MD5SUM = re.compile(r"[0-9a-f]{32}")
+
+MOST_DEFINITION_CHARACTERS = 1 << 18
+MOST_ITEMS = 1_000_000
+"""Strings and messages in the lists of one message; each takes about a hundred bytes of memory and more."""
+
+EMPTY_LINES = re.compile(r"\n\s*\n")
 
 _lock = threading.Lock()
 
@@ -40,6 +49,12 @@ def deserialize(message: RawMessage) -> Any:
     if message.problem:
         raise MessageError(f"{channel.topic}: {message.problem}")
     store = typestore_for(channel)
+    if len(message.data) > MOST_ITEMS and (
+        count_items(store, channel.msgtype, channel.encoding, message.data, MOST_ITEMS) > MOST_ITEMS
+    ):
+        raise MessageError(
+            f"{channel.topic}: a {channel.msgtype} with more than {MOST_ITEMS} strings or messages in its lists"
+        )
     try:
         if channel.encoding == "ros1":
             return store.deserialize_ros1(message.data, channel.msgtype)
@@ -69,8 +84,7 @@ def typestore_for(channel: Channel) -> Typestore:
     Raises:
         MessageError: the definition cannot be parsed, or a type is neither in it nor a common one.
     """
-    with _lock:  # lru_cache alone would build a store twice when two threads ask at once
-        store = _typestore(channel)
+    store = _types_of(channel)
     if isinstance(store, str):
         raise MessageError(f"{channel.topic}: {store}")
     return store
@@ -82,9 +96,13 @@ def definition_problem(channel: Channel) -> str:
     Where the recorded definition has another md5sum or hash than the recorded one, it is believed: bytes of another
     layout seldom fit it.
     """
-    with _lock:
-        store = _typestore(channel)
+    store = _types_of(channel)
     return store if isinstance(store, str) else _doubt(channel)
+
+
+def _types_of(channel: Channel) -> Typestore | str:
+    with _lock:  # lru_cache alone would build a store twice when two threads ask at once
+        return _typestore(replace(channel, topic=""))  # thousands of topics may have one definition
 
 
 @lru_cache(maxsize=256)
@@ -108,10 +126,12 @@ def _typestore(channel: Channel) -> Typestore | str:
                     return f"the recording has no definition of {name}" + _needed_by(name, channel)
                 types[name] = known[name]
             wanted += _parts(types[name])
+        if fault := size_fault(channel.msgtype, {**store.fielddefs, **types}):
+            return f"the recorded definition of {channel.msgtype} is unusable: {fault}"
         store.register(types)
         if not channel.definition.strip() and (other := _other_digest(channel, store)):
             return f"the recording has no definition of {channel.msgtype}, and the one that lidcam knows is {other}"
-    except (TypesysError, ValueError, LookupError, TypeError, RecursionError) as err:
+    except Exception as err:  # names that are none of Python's, numbers without end: the code that is made fails anyhow
         reason = " ".join(str(err).split())[:200]
         return f"the recorded definition of {channel.msgtype} is unusable: {type(err).__name__}: {reason}"
     return store
@@ -138,8 +158,10 @@ def _doubt(channel: Channel) -> str:
 def _recorded_types(channel: Channel) -> Typesdict:
     if not channel.definition.strip():
         return {}
+    if len(channel.definition) > MOST_DEFINITION_CHARACTERS:
+        raise ValueError(f"{len(channel.definition)} characters, expected at most {MOST_DEFINITION_CHARACTERS}")
     if channel.definition_format != "ros2idl":
-        return get_types_from_msg(channel.definition, channel.msgtype)
+        return get_types_from_msg(EMPTY_LINES.sub("\n", channel.definition), channel.msgtype)
     types: Typesdict = {}
     for text in IDL_HEADING.split(channel.definition):
         if text.strip():

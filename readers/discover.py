@@ -3,7 +3,7 @@
 What a rig file gives is taken; what it leaves out comes from CameraInfo and tf.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,8 +11,8 @@ import numpy as np
 from pipeline.config import Config
 from pipeline.errors import CalibrationError, FrameError, LidcamError, RecordingError
 from pipeline.geometry import Transform
-from pipeline.types import CameraSensor, LidarSensor, Rig, Zone
-from readers.assignment import assign_cameras, assign_lidars
+from pipeline.types import CameraSensor, LidarSensor, Rig, Zone, default_zones
+from readers.assignment import AssignedLidar, assign_cameras, assign_lidars
 from readers.base import Recording, TopicInfo
 from readers.camera_calibration import calibrate_camera
 from readers.extrinsics import rigid_transform
@@ -20,11 +20,13 @@ from readers.first_messages import FirstMessages
 from readers.rig_file import LidarEntry, RigFile
 from readers.sensor_topics import CAMERA_INFO, CLOUD, SensorFault, find_camera_topics, find_lidar_topics
 from readers.tf import RecordedTransforms, clean_frame, read_transforms
+from readers.topic_names import place
 
-__all__ = ["Discovery", "SensorFault", "SensorSource", "default_zones", "discover_rig", "rig_from_file"]
+__all__ = ["Discovery", "SensorFault", "SensorSource", "discover_rig", "rig_from_file"]
 
-FAR_M = 1e4
-"""Edge of the default zones: further than any lidar sees, and finite."""
+
+OWN_SITE = "its frame is the site frame"
+"""Source of the pose of a lidar that has the site frame."""
 
 BEYOND_SITE = frozenset({"earth", "utm"})
 """Frames with coordinates of millions of metres, in which float32 points would lose their centimetres."""
@@ -39,7 +41,6 @@ RAW_LIDAR = frozenset(
         "ouster_sensor_msgs/msg/PacketMsg",
         "pandar_msgs/msg/PandarScan",
         "rslidar_msg/msg/RslidarPacket",
-        "velodyne_msgs/msg/VelodynePacket",
     }
 )
 """Types that drivers record before they make clouds of them."""
@@ -86,34 +87,52 @@ class Discovery:
     transforms: RecordedTransforms = field(repr=False)
 
 
-def rig_from_file(rig_file: RigFile, recording: Recording, config: Config) -> Discovery:
-    """The rig that a rig file describes, for the topics of a recording.
+def rig_from_file(
+    rig_file: RigFile,
+    recording: Recording,
+    config: Config,
+    *,
+    start_ns: int | None = None,
+    stop_ns: int | None = None,
+) -> Discovery:
+    """The rig that a rig file describes, for the topics of a recording; arguments as of `discover_rig`.
 
     Raises:
         CalibrationError: no lidar is usable.
         RecordingError: the recording has no clouds, or cannot be read.
     """
-    return discover_rig(recording, config, rig_file)
+    return discover_rig(recording, config, rig_file, start_ns=start_ns, stop_ns=stop_ns)
 
 
-def discover_rig(recording: Recording, config: Config, rig_file: RigFile | None = None) -> Discovery:
+def discover_rig(
+    recording: Recording,
+    config: Config,
+    rig_file: RigFile | None = None,
+    *,
+    start_ns: int | None = None,
+    stop_ns: int | None = None,
+) -> Discovery:
     """The rig of a recording.
 
     The site frame is the configured one, else the rig file's, else `base_link` if lidars are fixed to it, else the end
     of the chain of fixed transforms that most lidars (the first of equals) hang on; a camera's optical frame is no
-    site frame (z is not up): then it is the lidar's own.
+    site frame (z is not up): then it is the lidar's own. A lidar whose messages name no frame has the one that tf knows
+    by its name or a part of its topic, else one of its own; several such need poses from somewhere.
 
     Args:
         recording: Open recording; tf_static and the beginning of the other topics are read.
         config: Settings: which topics take part, and the site frame.
         rig_file: What is known already.
+        start_ns: Begin of the part that is of interest, by log time: there tf is read, too. None is the recording's.
+        stop_ns: Its end (exclusive).
 
     Raises:
-        CalibrationError: no lidar is usable; says why for each.
+        CalibrationError: no lidar is usable, says why for each; or nothing says where any of several lidars stands.
         RecordingError: the recording has no clouds, or cannot be read.
     """
     rig_file = rig_file or RigFile()
-    first, transforms = FirstMessages(recording, config.velodyne), read_transforms(recording)
+    first = FirstMessages(recording, config.velodyne)
+    transforms = read_transforms(recording, start_ns=start_ns, stop_ns=stop_ns)
     lidar_topics, faults, notes = find_lidar_topics(recording, config.topics, first)
     lidars, lidar_assignment = assign_lidars(rig_file.lidars, lidar_topics, recording)
     faults += lidar_assignment.faults
@@ -128,10 +147,12 @@ def discover_rig(recording: Recording, config: Config, rig_file: RigFile | None 
     camera_faults += camera_assignment.faults
     notes += lidar_assignment.notes + camera_notes + camera_assignment.notes
 
-    frames = {
-        lidar.name: clean_frame(lidar.entry.frame_id) or first.frame(lidar.topic, CLOUD) or lidar.name
+    named = {
+        lidar.name: clean_frame(lidar.entry.frame_id) or first.frame(lidar.topic, CLOUD)
         for lidar in lidars
+        if not first.missing(lidar.topic, CLOUD)
     }
+    frames = _lidar_frames(lidars, named, transforms)
     camera_frames = {first.frame(camera.topics.info, CAMERA_INFO) for camera in cameras if camera.topics.info}
     wanted = clean_frame(config.rig.site_frame or rig_file.site_frame)
     site = wanted or _site_frame(list(frames.values()), camera_frames, transforms)
@@ -149,6 +170,9 @@ def discover_rig(recording: Recording, config: Config, rig_file: RigFile | None 
         sources.append(SensorSource(lidar.name, lidar.topic, frame, "", source))
     if not lidar_sensors:
         raise CalibrationError(_no_lidar(faults, site))
+    apart = [lidar for lidar in lidars if named.get(lidar.name) == "" and lidar.topic not in {s.topic for s in sources}]
+    if apart and all(source.extrinsics == OWN_SITE for source in sources):
+        raise CalibrationError(_no_poses(recording, [source.topic for source in sources] + [x.topic for x in apart]))
 
     camera_sensors: list[CameraSensor] = []
     for camera in cameras:
@@ -167,15 +191,6 @@ def discover_rig(recording: Recording, config: Config, rig_file: RigFile | None 
     return Discovery(rig, (*faults, *camera_faults), tuple(sources), tuple(notes), transforms)
 
 
-def default_zones() -> tuple[Zone, ...]:
-    """The original's: `intersection` y >= 0 and `circle` y < 0; the edge between them belongs to the first."""
-    far = FAR_M
-    return (
-        Zone("intersection", np.array([[-far, 0.0], [far, 0.0], [far, far], [-far, far]])),
-        Zone("circle", np.array([[-far, -far], [far, -far], [far, 0.0], [-far, 0.0]])),
-    )
-
-
 def _zones(rig_file: RigFile) -> tuple[Zone, ...]:
     if rig_file.zones is None:
         return default_zones()
@@ -189,8 +204,22 @@ def _lidar_pose(entry: LidarEntry, site: str, frame: str, transforms: RecordedTr
     if (pose := entry.pose_in_site()) is not None:
         return rigid_transform("its pose", site, frame, pose), "rig file"
     if site == frame:
-        return Transform.identity(site, frame), "its frame is the site frame"
+        return Transform.identity(site, frame), OWN_SITE
     return transforms.lookup(site, frame), f"tf: {site} <- {frame}"
+
+
+def _lidar_frames(
+    lidars: Sequence[AssignedLidar], named: Mapping[str, str], transforms: RecordedTransforms
+) -> dict[str, str]:
+    """Frame by lidar: the named one, else what tf has of the lidar's name and the parts of its topic, else its name."""
+    frames = {lidar.name: named.get(lidar.name, "") for lidar in lidars}
+    known = transforms.fixed.frames - set(frames.values())
+    for lidar in lidars:
+        if not frames[lidar.name]:
+            words = (lidar.name, *place(lidar.topic))
+            frames[lidar.name] = next((word for word in words if word in known), lidar.name)
+            known -= {frames[lidar.name]}
+    return frames
 
 
 def _site_frame(lidar_frames: Sequence[str], camera_frames: set[str], transforms: RecordedTransforms) -> str:
@@ -230,6 +259,14 @@ def _no_clouds(recording: Recording, config: Config) -> str:
 def _listed(topics: Sequence[TopicInfo]) -> str:
     more = f" and {len(topics) - MOST_LISTED} more" if len(topics) > MOST_LISTED else ""
     return ", ".join(f"{info.topic} ({info.msgtype}, {info.message_count})" for info in topics[:MOST_LISTED]) + more
+
+
+def _no_poses(recording: Recording, topics: Sequence[str]) -> str:
+    return (
+        f"{', '.join(str(path) for path in recording.paths)}: found {len(topics)} lidars ({', '.join(topics)}), and "
+        "nothing that says where they stand: give their poses in a rig file (--rig), or take one of them "
+        f"(--set topics.lidars=[{topics[0]}])"
+    )
 
 
 def _no_lidar(faults: Sequence[SensorFault], site: str) -> str:

@@ -3,16 +3,16 @@
 from collections.abc import Collection
 from typing import Any
 
-import cv2
-import numpy as np
-
 from pipeline.config import VelodyneConfig
 from pipeline.errors import MessageError
 from readers.base import Recording
 from readers.deserialize import deserialize
+from readers.picture_header import picture_size
 from readers.tf import clean_frame
 from readers.velodyne import VelodyneDecoders
 from readers.velodyne_scan import SCAN
+from readers.video import first_picture_size
+from readers.video_packets import VIDEO, read_packet
 
 __all__ = ["FirstMessages"]
 
@@ -30,6 +30,7 @@ class FirstMessages:
         self._recording = recording
         self._velodyne = VelodyneDecoders(velodyne or VelodyneConfig())
         self._found: dict[tuple[str, str], Any | MessageError] = {}
+        self._video_sizes: dict[str, tuple[int, int] | None] = {}
 
     def decoded(self, topic: str, msgtypes: Collection[str]) -> Any:
         """The first message of `topic` with one of `msgtypes`, decoded.
@@ -58,7 +59,8 @@ class FirstMessages:
     def frame(self, topic: str, msgtypes: Collection[str]) -> str:
         """Frame that the topic's messages name; empty where they name none or cannot be decoded."""
         try:
-            return clean_frame(self.decoded(topic, msgtypes).header.frame_id)
+            message = self.decoded(topic, msgtypes)
+            return clean_frame(getattr(message, "header", message).frame_id)
         except MessageError:
             return ""
 
@@ -68,12 +70,15 @@ class FirstMessages:
             message = self.decoded(topic, msgtypes)
         except MessageError:
             return None
+        if message.__msgtype__ in VIDEO:
+            if topic not in self._video_sizes:
+                self._video_sizes[topic] = first_picture_size(self._recording.messages([topic]))
+            return self._video_sizes[topic]
         if hasattr(message, "width"):
             return int(message.width), int(message.height)
         if not len(message.data):
             return None
-        picture = cv2.imdecode(np.asarray(message.data, np.uint8), cv2.IMREAD_GRAYSCALE)
-        return None if picture is None else (picture.shape[1], picture.shape[0])
+        return picture_size(message.data.tobytes())
 
     def _read(self, topic: str, msgtypes: Collection[str]) -> Any:
         fault: MessageError | None = None
@@ -85,6 +90,8 @@ class FirstMessages:
             try:
                 if message.channel.msgtype == SCAN:  # whose model may be unknown
                     self._velodyne[topic](message)
+                if message.channel.msgtype in VIDEO:
+                    read_packet(message)
                 return deserialize(message)
             except MessageError as err:
                 fault = fault or err

@@ -8,6 +8,7 @@ without a timestamp its stamp is the log time.
 | foxglove.PointCloud | sensor_msgs/PointCloud2, its points moved by `pose` |
 | foxglove.RawImage | sensor_msgs/Image |
 | foxglove.CompressedImage | sensor_msgs/CompressedImage |
+| foxglove.CompressedVideo | foxglove_msgs/CompressedVideo |
 | foxglove.CameraCalibration | sensor_msgs/CameraInfo |
 | foxglove.FrameTransform, foxglove.FrameTransforms | tf2_msgs/TFMessage |
 """
@@ -18,12 +19,13 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from pipeline.errors import MessageError
 from pipeline.geometry import Transform
 from pipeline.types import Channel, RawMessage
+from readers.definitions import VIDEO_TYPES
 from readers.foxglove_wire import Fields, payload, read_fields, time_ns
 
 __all__ = ["ROS_TYPES", "ros_channel", "to_ros"]
@@ -32,6 +34,7 @@ ROS_TYPES = {
     "foxglove.PointCloud": "sensor_msgs/msg/PointCloud2",
     "foxglove.RawImage": "sensor_msgs/msg/Image",
     "foxglove.CompressedImage": "sensor_msgs/msg/CompressedImage",
+    "foxglove.CompressedVideo": "foxglove_msgs/msg/CompressedVideo",
     "foxglove.CameraCalibration": "sensor_msgs/msg/CameraInfo",
     "foxglove.FrameTransform": "tf2_msgs/msg/TFMessage",
     "foxglove.FrameTransforms": "tf2_msgs/msg/TFMessage",
@@ -165,6 +168,16 @@ def _compressed_image(fields: Fields, stamp_ns: int) -> Any:
     )
 
 
+def _compressed_video(fields: Fields, stamp_ns: int) -> Any:
+    return _record(
+        "foxglove_msgs/msg/CompressedVideo",
+        timestamp=_time(stamp_ns),
+        frame_id=fields.get("frame_id", ""),
+        data=np.frombuffer(payload(fields.get("data", b"")), np.uint8),
+        format=fields.get("format", ""),
+    )
+
+
 def _camera_calibration(fields: Fields, stamp_ns: int) -> Any:
     return _record(
         "sensor_msgs/msg/CameraInfo",
@@ -229,9 +242,12 @@ def _numbers(fields: Fields, names: str) -> dict[str, float]:
 
 
 def _header(fields: Fields, stamp_ns: int) -> Any:
+    return _record("std_msgs/msg/Header", stamp=_time(stamp_ns), frame_id=fields.get("frame_id", ""))
+
+
+def _time(stamp_ns: int) -> Any:
     sec, nanosec = divmod(stamp_ns, 10**9)
-    stamp = _record("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
-    return _record("std_msgs/msg/Header", stamp=stamp, frame_id=fields.get("frame_id", ""))
+    return _record("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
 
 
 def _record(msgtype: str, **fields: Any) -> Any:
@@ -240,13 +256,17 @@ def _record(msgtype: str, **fields: Any) -> Any:
 
 @cache
 def _store() -> Typestore:
-    return get_typestore(Stores.ROS2_HUMBLE)
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    for name, text in VIDEO_TYPES.items():
+        store.register(get_types_from_msg(text, name))
+    return store
 
 
 _CONVERSIONS: dict[str, Callable[[Fields, int], Any]] = {
     "foxglove.PointCloud": _point_cloud,
     "foxglove.RawImage": _raw_image,
     "foxglove.CompressedImage": _compressed_image,
+    "foxglove.CompressedVideo": _compressed_video,
     "foxglove.CameraCalibration": _camera_calibration,
     "foxglove.FrameTransform": _frame_transform,
     "foxglove.FrameTransforms": _frame_transforms,

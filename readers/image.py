@@ -5,11 +5,12 @@ from typing import Any
 import cv2
 import numpy as np
 
+from pipeline.config import DEFAULT_LIMITS, LimitsConfig
 from pipeline.errors import MessageError
 from pipeline.types import Image, RawMessage
 from readers.compressed_image import COMPRESSED_IMAGE, decode_compressed_image
 from readers.deserialize import deserialize_as
-from readers.image_encodings import PACKED, PLANAR, U8, packed_to_rgb, planar_rows, planar_to_rgb
+from readers.image_encodings import PACKED, PLANAR, U8, check_pixels, packed_to_rgb, planar_rows, planar_to_rgb
 from readers.tf import clean_frame
 
 __all__ = ["COMPRESSED_IMAGE", "RAW_IMAGE", "decode_image", "decode_picture"]
@@ -17,29 +18,31 @@ __all__ = ["COMPRESSED_IMAGE", "RAW_IMAGE", "decode_image", "decode_picture"]
 RAW_IMAGE = "sensor_msgs/msg/Image"
 
 
-def decode_picture(message: RawMessage) -> Image:
+def decode_picture(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS) -> Image:
     """The picture of a message of either type.
 
     Raises:
         MessageError: the message is of another type or holds no picture.
     """
     if message.channel.msgtype == COMPRESSED_IMAGE:
-        return decode_compressed_image(message)
+        return decode_compressed_image(message, limits=limits)
     if message.channel.msgtype == RAW_IMAGE:
-        return decode_image(message)
+        return decode_image(message, limits=limits)
     raise MessageError(f"{message.topic}: expected {RAW_IMAGE} or {COMPRESSED_IMAGE}, found {message.channel.msgtype}")
 
 
-def decode_image(message: RawMessage) -> Image:
+def decode_image(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS) -> Image:
     """The picture of a sensor_msgs/Image in one of the encodings that `image_encodings` lists.
 
     Rows may be padded (`step`). A rgb8 picture without padding is a view of the message's bytes.
 
     Raises:
-        MessageError: not an Image, an encoding without a picture, or sizes that do not fit the data.
+        MessageError: not an Image, an encoding without a picture, sizes that do not fit the data, or more pixels than
+            `limits` allow.
     """
     image = deserialize_as(message, RAW_IMAGE)
     encoding = image.encoding.strip().lower()
+    check_pixels(int(image.width), int(image.height), limits, message.topic)
     try:
         if encoding in PACKED:
             rgb = _packed(image, encoding, message.topic)

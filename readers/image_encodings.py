@@ -19,7 +19,19 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["PACKED", "PLANAR", "PackedEncoding", "demosaic", "packed_to_rgb", "planar_rows", "planar_to_rgb"]
+from pipeline.config import LimitsConfig
+from pipeline.errors import MessageError
+
+__all__ = [
+    "PACKED",
+    "PLANAR",
+    "PackedEncoding",
+    "check_pixels",
+    "demosaic",
+    "packed_to_rgb",
+    "planar_rows",
+    "planar_to_rgb",
+]
 
 U8 = npt.NDArray[np.uint8]
 
@@ -99,6 +111,19 @@ def demosaic(pixels: U8, encoding: str) -> U8:
     if code is None or not PACKED[encoding].mosaic:
         raise ValueError(f"{encoding} is no Bayer mosaic")
     return _convert(pixels, code)
+
+
+def check_pixels(width: int, height: int, limits: LimitsConfig, topic: str) -> None:
+    """Refuse a picture that is too large.
+
+    Raises:
+        MessageError: it is.
+    """
+    if width * height > limits.largest_picture_mpx * 1e6:
+        raise MessageError(
+            f"{topic}: a picture of {width} x {height} px, expected at most {limits.largest_picture_mpx:g} million "
+            "pixels: raise limits.largest_picture_mpx"
+        )
 
 
 def planar_rows(encoding: str, height: int) -> int:

@@ -4,6 +4,7 @@ A file may hold any encodings side by side: its profile only says what all of th
 """
 
 import base64
+from functools import lru_cache
 from typing import Literal
 
 from mcap.records import Channel as RecordedChannel
@@ -52,9 +53,13 @@ def channel_of(recorded: RecordedChannel, schema: Schema | None, distro: str) ->
             f"and json {', '.join(ROS_TYPES)}"
         )
     encoding, definition_format = known
-    if encoding == "protobuf":
-        definition = base64.b64encode(schema.data).decode()
-    else:
-        definition = schema.data.decode(errors="replace")  # of broken text the topic suffers, not the recording
+    definition = _definition(schema.data, encoding == "protobuf")
     digest = recorded.metadata.get("md5sum" if encoding == "ros1" else "topic_type_hash", "")
     return Channel(recorded.topic, msgtype, encoding, definition, definition_format, distro, digest)
+
+
+@lru_cache(maxsize=256)  # thousands of channels may have one schema
+def _definition(data: bytes, is_binary: bool) -> str:
+    if is_binary:
+        return base64.b64encode(data).decode()
+    return data.decode(errors="replace")  # of broken text the topic suffers, not the recording

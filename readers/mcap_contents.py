@@ -14,13 +14,17 @@ from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
 
-from readers.unpack_chunk import LARGEST_CHUNK, unpack, unpack_lz4
+from pipeline.config import LimitsConfig
+from pipeline.errors import RecordingError
+from readers.remote import tell_full_read
+from readers.unpack_chunk import check_chunk_size, unpack, unpack_lz4
 
 __all__ = [
     "ChunkHead",
     "ChunkPlace",
     "Contents",
     "Entry",
+    "add_loose",
     "contents_of_summary",
     "count_entry",
     "entry_of",
@@ -44,6 +48,8 @@ FOOTER = struct.Struct("<BQQQI")  # head, begin of the summary, begin of its off
 MAGIC_BYTES = 8
 BLOCK = 1 << 20
 MOST_NAME_BYTES = 32
+END_OF_TIME_NS = 1 << 63
+"""Times are 64 bits without sign in the file, and with one everywhere else."""
 
 
 class Entry(NamedTuple):
@@ -64,6 +70,8 @@ class ChunkPlace(NamedTuple):
     end_ns: int
     channel_ids: frozenset[int]
     """Channels in it; empty where the file does not say."""
+    size: int = 0
+    """Bytes that it takes up in the file; 0 where that is not known."""
 
 
 @dataclass(slots=True)
@@ -81,7 +89,7 @@ class Contents:
     """Position of the chunk inside which the file ends, if it was opened to be rescued."""
 
 
-def read_contents(reader: SeekingReader, stream: BinaryIO) -> Contents:
+def read_contents(reader: SeekingReader, stream: BinaryIO, limits: LimitsConfig) -> Contents:
     """What the file says it holds; read once from end to end where it does not say all.
 
     Raises:
@@ -90,7 +98,8 @@ def read_contents(reader: SeekingReader, stream: BinaryIO) -> Contents:
     """
     contents = contents_of_summary(reader, stream)
     if contents is None:
-        contents = _contents_of_scan(stream)
+        tell_full_read(stream, "its summary does not say all that is in it")
+        contents = _contents_of_scan(stream, limits)
         _check_against_summary(contents, reader)
     return contents
 
@@ -140,12 +149,17 @@ def contents_of_summary(reader: SeekingReader, stream: BinaryIO) -> Contents | N
                 chunk.chunk_start_offset,
                 chunk.message_end_time,
                 frozenset(chunk.message_index_offsets),
+                chunk.chunk_length,
             )
             for chunk in summary.chunk_indexes
         ],
         start_ns=statistics.message_start_time,
         end_ns=statistics.message_end_time,
     )
+    if len({chunk.position for chunk in contents.chunks}) < len(contents.chunks):
+        raise ValueError("its index names a chunk twice")
+    if contents.start_ns >= END_OF_TIME_NS or contents.end_ns >= END_OF_TIME_NS:
+        raise ValueError("its statistics name times that there are not")
     complete = (
         contents.counts.total() == statistics.message_count
         and len(contents.chunks) == statistics.chunk_count
@@ -156,7 +170,22 @@ def contents_of_summary(reader: SeekingReader, stream: BinaryIO) -> Contents | N
     return contents if complete else None
 
 
-def _contents_of_scan(stream: BinaryIO) -> Contents:
+def add_loose(contents: Contents, entry: Entry, limits: LimitsConfig) -> None:
+    """Take in a message outside of chunks.
+
+    Raises:
+        RecordingError: there are more of them than may be held in memory.
+    """
+    if len(contents.loose) >= limits.most_messages_in_memory:
+        raise RecordingError(
+            f"more than {limits.most_messages_in_memory} messages outside of chunks: write it anew with chunks, or "
+            "raise limits.most_messages_in_memory"
+        )
+    contents.loose.append(entry)
+    count_entry(contents, entry)
+
+
+def _contents_of_scan(stream: BinaryIO, limits: LimitsConfig) -> Contents:
     """The same by reading the whole file once, holding one chunk at a time."""
     contents = Contents()
     position = MAGIC_BYTES
@@ -171,14 +200,13 @@ def _contents_of_scan(stream: BinaryIO) -> Contents:
         if opcode == Opcode.MESSAGE:
             head = read_exactly(stream, MESSAGE_HEAD.size)
             entry = entry_of(head, 0, 0, start, length)
-            contents.loose.append(entry)
-            count_entry(contents, entry)
+            add_loose(contents, entry, limits)
         elif opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:
             register(contents, opcode, read_exactly(stream, length))
         elif opcode == Opcode.CHUNK:
-            chunk = load_chunk(stream, position)
+            chunk = load_chunk(stream, position, limits)
             times, ids = [], set()
-            for inner, at, size in records_in(chunk):
+            for inner, at, size in records_in(chunk, limits):
                 if inner == Opcode.MESSAGE:
                     entry = entry_of(chunk, at, position, at, size)
                     times.append(entry.log_time_ns)
@@ -187,7 +215,9 @@ def _contents_of_scan(stream: BinaryIO) -> Contents:
                 else:
                     register(contents, inner, chunk[at : at + size])
             if times:
-                contents.chunks.append(ChunkPlace(min(times), position, max(times), frozenset(ids)))
+                contents.chunks.append(
+                    ChunkPlace(min(times), position, max(times), frozenset(ids), start + length - position)
+                )
         position = start + length
 
 
@@ -220,12 +250,22 @@ def register(contents: Contents, opcode: int, record: bytes) -> None:
         contents.channels[channel.id] = channel
 
 
-def load_chunk(stream: BinaryIO, position: int, *, is_cut: bool = False, verify: bool = True) -> bytes:
+def load_chunk(
+    stream: BinaryIO,
+    position: int,
+    limits: LimitsConfig,
+    *,
+    before: int | None = None,
+    is_cut: bool = False,
+    verify: bool = True,
+) -> bytes:
     """The records of the chunk at `position`, decompressed, its checksum verified.
 
     Args:
         stream: The file.
         position: First byte of the chunk.
+        limits: What it may unpack to.
+        before: Where the next chunk begins: chunks inside of one another would bring the same messages again and again.
         is_cut: The file ends inside the chunk: give the records that are whole, without a checksum over them.
         verify: Whether to hold the checksum against it.
 
@@ -238,17 +278,20 @@ def load_chunk(stream: BinaryIO, position: int, *, is_cut: bool = False, verify:
     opcode, length = RECORD_HEAD.unpack(read_exactly(stream, RECORD_HEAD.size))
     if opcode != Opcode.CHUNK:
         raise ValueError(f"expected a chunk at byte {position}, found a record of kind {opcode}")
+    if before is not None and position + RECORD_HEAD.size + length > before:
+        raise ValueError(f"chunk at byte {position}: it reaches beyond byte {before}, where the next one begins")
     head = read_chunk_head(stream)
     if head.position + head.size != position + RECORD_HEAD.size + length:
         raise ValueError(f"chunk at byte {position}: {head.size} bytes of records do not fill its {length}")
-    if head.uncompressed_size > LARGEST_CHUNK:
-        raise ValueError(f"a chunk of {head.uncompressed_size} bytes, lidcam unpacks at most {LARGEST_CHUNK}")
+    largest = limits.largest_chunk_bytes
+    if head.compression:
+        check_chunk_size(head.uncompressed_size, largest)
     if is_cut:
-        return _whole_records(_unpacked_prefix(stream, head))
+        return _whole_records(_unpacked_prefix(stream, head, largest))
     left = stream.seek(0, 2) - head.position
     if head.size > left:
         raise EOFError(f"expected {head.size} more bytes, found {left}")
-    chunk = _unpacked(stream, head)
+    chunk = _unpacked(stream, head, largest)
     if len(chunk) != head.uncompressed_size:
         raise ValueError(f"chunk at byte {position}: expected {head.uncompressed_size} bytes, found {len(chunk)}")
     if verify and head.crc and zlib.crc32(chunk) != head.crc:
@@ -281,29 +324,29 @@ def read_chunk_head(stream: BinaryIO) -> ChunkHead:
     return ChunkHead(uncompressed_size, crc, compression, stream.tell(), size)
 
 
-def _unpacked(stream: BinaryIO, head: ChunkHead) -> bytes:
+def _unpacked(stream: BinaryIO, head: ChunkHead, largest: int) -> bytes:
     stream.seek(head.position)
     data = read_exactly(stream, head.size)
     if head.compression == "":
         return data
     if head.compression == "lz4":
-        return unpack_lz4(data, head.uncompressed_size)
+        return unpack_lz4(data, head.uncompressed_size, largest=largest)
     if head.compression == "zstd":
-        if zstandard.frame_content_size(data) > LARGEST_CHUNK:
-            raise ValueError(f"a chunk that unpacks to more than {LARGEST_CHUNK} bytes")
+        if zstandard.frame_content_size(data) > head.uncompressed_size:
+            raise ValueError(f"a chunk that unpacks to more than the {head.uncompressed_size} bytes that it names")
         return zstandard.decompress(data, head.uncompressed_size)
     raise ValueError(f"chunks compressed with {head.compression!r}, lidcam reads lz4 and zstd")
 
 
-def _unpacked_prefix(stream: BinaryIO, head: ChunkHead) -> bytes:
+def _unpacked_prefix(stream: BinaryIO, head: ChunkHead, largest: int) -> bytes:
     stream.seek(head.position)
     if head.compression == "lz4":
-        return unpack(stream, head.position, stream.seek(0, 2), "lz4").data
+        return unpack(stream, head.position, stream.seek(0, 2), "lz4", largest=largest).data
     if head.compression == "zstd":
         with zstandard.ZstdDecompressor().stream_reader(stream, closefd=False) as reader:
             return reader.read(head.uncompressed_size)
     if head.compression == "":
-        return stream.read(head.uncompressed_size)
+        return stream.read()
     raise ValueError(f"chunks compressed with {head.compression!r}, lidcam reads lz4 and zstd")
 
 
@@ -317,10 +360,19 @@ def _whole_records(chunk: bytes) -> bytes:
     return chunk[:at]
 
 
-def records_in(chunk: bytes) -> Iterator[tuple[int, int, int]]:
-    """Opcode, start and size of the content of each record in a chunk."""
-    at = 0
+def records_in(chunk: bytes, limits: LimitsConfig) -> Iterator[tuple[int, int, int]]:
+    """Opcode, start and size of the content of each record in a chunk.
+
+    Raises:
+        ValueError: a record does not fit the chunk, or there are too many.
+    """
+    at = count = 0
     while at < len(chunk):
+        count += 1
+        if count > limits.most_messages_per_chunk:
+            raise ValueError(
+                f"a chunk of more than {limits.most_messages_per_chunk} messages, see limits.most_messages_per_chunk"
+            )
         opcode, size = RECORD_HEAD.unpack_from(chunk, at)
         at += RECORD_HEAD.size
         if at + size > len(chunk):
@@ -329,9 +381,9 @@ def records_in(chunk: bytes) -> Iterator[tuple[int, int, int]]:
         at += size
 
 
-def messages_in(chunk: bytes, position: int) -> Iterator[Entry]:
+def messages_in(chunk: bytes, position: int, limits: LimitsConfig) -> Iterator[Entry]:
     """The messages of the chunk at `position`, in the order in which they lie there."""
-    for opcode, at, size in records_in(chunk):
+    for opcode, at, size in records_in(chunk, limits):
         if opcode == Opcode.MESSAGE:
             yield entry_of(chunk, at, position, at, size)
 
@@ -341,6 +393,8 @@ def entry_of(head: bytes, at: int, chunk_position: int, start: int, size: int) -
     channel_id, _, log_time_ns, _ = MESSAGE_HEAD.unpack_from(head, at)
     if size < MESSAGE_HEAD.size:
         raise ValueError(f"a message record of {size} bytes")
+    if log_time_ns >= END_OF_TIME_NS:
+        raise ValueError(f"a message recorded at {log_time_ns} ns, which is no time")
     return Entry(log_time_ns, chunk_position, start + MESSAGE_HEAD.size, size - MESSAGE_HEAD.size, channel_id)
 
 

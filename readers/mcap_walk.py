@@ -9,6 +9,7 @@ from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Statistics
 
+from pipeline.config import LimitsConfig
 from readers.damage import Losses, describe, is_damage
 from readers.mcap_contents import (
     CHUNK_HEAD,
@@ -18,6 +19,7 @@ from readers.mcap_contents import (
     UINT64,
     ChunkPlace,
     Contents,
+    add_loose,
     count_entry,
     entry_of,
     has_sound_summary,
@@ -27,6 +29,7 @@ from readers.mcap_contents import (
     records_in,
     register,
 )
+from readers.unpack_chunk import Allowance
 
 __all__ = ["chunk_extent", "contents_of_walk"]
 
@@ -66,15 +69,19 @@ class Record(NamedTuple):
         return self.content + self.size
 
 
-def contents_of_walk(stream: BinaryIO, losses: Losses, *, because: str) -> Contents:
+def contents_of_walk(stream: BinaryIO, losses: Losses, *, because: str, limits: LimitsConfig) -> Contents:
     """Read the whole file once, holding one chunk at a time; what cannot be read is noted.
 
     Args:
         stream: The file.
         losses: Gets what is damaged.
         because: Why the file's summary was not used; noted where nothing else is found to be wrong.
+        limits: How much it may unpack to.
+
+    Raises:
+        RecordingError: it has more messages outside of chunks than may be held in memory.
     """
-    walk = _Walk(stream, _end_of_records(stream), losses)
+    walk = _Walk(stream, _end_of_records(stream), losses, limits)
     walk.run()
     walk.close(because)
     return walk.contents
@@ -168,11 +175,13 @@ def _begins(stream: BinaryIO, position: int, end: int) -> bool:
 class _Walk:
     """Goes from record to record, and where there is none from the damage to the next one."""
 
-    def __init__(self, stream: BinaryIO, end: int, losses: Losses) -> None:
+    def __init__(self, stream: BinaryIO, end: int, losses: Losses, limits: LimitsConfig) -> None:
         self.contents = Contents()
         self._stream = stream
         self._end = end
         self._losses = losses
+        self._limits = limits
+        self._allowance = Allowance(limits.largest_unpacked_bytes(end))
         self._listed: Counter[int] = Counter()  # messages by chunk, by the indexes behind each
         self._bad: dict[int, tuple[str, int]] = {}  # reason and size by position
         self._part: int | None = None  # the chunk before
@@ -285,7 +294,7 @@ class _Walk:
                 or inner.position + inner.size < self._end
             ):
                 return False
-            chunk = load_chunk(self._stream, position, is_cut=True)
+            chunk = self._load(position, is_cut=True)
         except Exception as err:
             if not is_damage(err):
                 raise
@@ -300,7 +309,7 @@ class _Walk:
         if record.opcode == Opcode.CHUNK:
             self._part = record.start
             try:
-                self._take_records(load_chunk(self._stream, record.start), record.start)
+                self._take_records(self._load(record.start), record.start)
             except Exception as err:
                 if not is_damage(err):
                     raise
@@ -309,8 +318,7 @@ class _Walk:
         elif record.opcode == Opcode.MESSAGE:
             self._stream.seek(record.content)
             entry = entry_of(read_exactly(self._stream, MESSAGE_HEAD.size), 0, 0, record.content, record.size)
-            self.contents.loose.append(entry)
-            count_entry(self.contents, entry)
+            add_loose(self.contents, entry, self._limits)
         elif record.opcode == Opcode.MESSAGE_INDEX and self._part is not None:
             self._listed[self._part] += _listed(record)
         elif record.opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:
@@ -331,12 +339,19 @@ class _Walk:
     def _take_doubtful(self, position: int) -> None:
         """Keep the schemas and channels of a damaged chunk: for a file that names them nowhere else."""
         try:
-            chunk = load_chunk(self._stream, position, verify=False)
-            for opcode, at, size in records_in(chunk):
+            chunk = self._load(position, verify=False)
+            for opcode, at, size in records_in(chunk, self._limits):
                 register(self._doubtful, opcode, chunk[at : at + size])
         except Exception as err:
             if not is_damage(err):
                 raise
+
+    def _load(self, position: int, *, is_cut: bool = False, verify: bool = True) -> bytes:
+        """A chunk, as long as all of them do not unpack to more than is allowed."""
+        self._stream.seek(position + RECORD_HEAD.size)
+        head = read_chunk_head(self._stream)
+        self._allowance.take(head.uncompressed_size if head.compression else 0)
+        return load_chunk(self._stream, position, self._limits, is_cut=is_cut, verify=verify)
 
     def _take_records(self, chunk: bytes, position: int) -> None:
         """Take all of a chunk, or nothing.
@@ -344,7 +359,7 @@ class _Walk:
         Raises:
             ValueError: its records do not fit it.
         """
-        records = list(records_in(chunk))
+        records = list(records_in(chunk, self._limits))
         entries = [entry_of(chunk, at, position, at, size) for opcode, at, size in records if opcode == Opcode.MESSAGE]
         for opcode, at, size in records:
             if opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:

@@ -11,17 +11,22 @@ __all__ = ["decompressed"]
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 
 
-def decompressed(data: bytes | memoryview, encoding: str, *, announced: bool) -> bytes | memoryview:
+def decompressed(data: bytes | memoryview, encoding: str, *, announced: bool, largest: int) -> bytes | memoryview:
     """The message as it was before rosbag2 compressed it, if it did.
 
     Args:
         data: As recorded.
         encoding: Of the message (`Channel.encoding`).
         announced: Whether metadata.yaml says that messages are compressed.
+        largest: Bytes that it may unpack to.
 
     Raises:
+        ValueError: it unpacks to more.
         zstandard.ZstdError: the frame is damaged, or it was announced and is none.
     """
     if announced or (encoding == "cdr" and data[:4] == ZSTD_MAGIC):
-        return zstandard.ZstdDecompressor().decompress(data)
+        size = zstandard.frame_content_size(data)  # negative where the frame does not say it
+        if size > largest:
+            raise ValueError(f"a message unpacks to {size} bytes, see limits.largest_message_mib")
+        return zstandard.ZstdDecompressor().decompress(data, max_output_size=largest)
     return data

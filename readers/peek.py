@@ -12,6 +12,8 @@ from readers.deserialize import typestore_for
 __all__ = ["peek_stamp_ns", "stamp_or_log_time"]
 
 HEADER = "std_msgs/msg/Header"
+TIMESTAMP = "timestamp", "builtin_interfaces/msg/Time"
+"""What foxglove_msgs have instead of a header."""
 CDR_ENCAPSULATION_BYTES = 4
 
 
@@ -48,13 +50,19 @@ def _stamp_layout(channel: Channel) -> tuple[int, struct.Struct, struct.Struct] 
     except MessageError:
         return None
     fields = fielddefs[channel.msgtype][1]
+    if fields and (fields[0][0], fields[0][1][1]) == TIMESTAMP:
+        return _stamp_at(0, channel)
     starts_with_header = bool(fields) and fields[0][1] == (Nodetype.NAME, HEADER)
     if channel.msgtype != HEADER and not starts_with_header:
         return None
     names = [name for name, _ in fielddefs[HEADER][1]]
     if "stamp" not in names[:2]:
         return None
-    offset = 4 * names.index("stamp")  # ROS 1 puts seq (uint32) before it
+    return _stamp_at(4 * names.index("stamp"), channel)  # ROS 1 puts seq (uint32) before it
+
+
+def _stamp_at(offset: int, channel: Channel) -> tuple[int, struct.Struct, struct.Struct]:
+    """The layout of a stamp that lies at this place behind the encapsulation."""
     if channel.encoding == "ros1":
         return offset, struct.Struct("<II"), struct.Struct(">II")
     return CDR_ENCAPSULATION_BYTES + offset, struct.Struct("<iI"), struct.Struct(">iI")

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from pipeline.config import DEFAULT_LIMITS, LimitsConfig
 from pipeline.errors import MessageError
 from pipeline.types import PointCloud, RawMessage
 from readers.deserialize import deserialize_as
@@ -38,7 +39,7 @@ _DTYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8
 Values = npt.NDArray[Any]
 
 
-def decode_pointcloud2(message: RawMessage) -> PointCloud:
+def decode_pointcloud2(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS) -> PointCloud:
     """The points of a message in recorded order (organised clouds row by row), without those that have no place.
 
     Coordinates become float32 metres: steps of 8 micrometres at 100 m, but of half a metre at 5 000 km, where clouds in
@@ -49,10 +50,16 @@ def decode_pointcloud2(message: RawMessage) -> PointCloud:
         counted in `nan_dropped`. Rings outside of 0 to 65535 are brought to the nearer end.
 
     Raises:
-        MessageError: not a PointCloud2; x, y or z is missing; or sizes, offsets and data contradict one another.
+        MessageError: not a PointCloud2; x, y or z is missing; or sizes, offsets and data contradict one another, or
+            there are more points than `limits` allow.
     """
     cloud = deserialize_as(message, "sensor_msgs/msg/PointCloud2")
     height, width = int(cloud.height), int(cloud.width)
+    if height * width > limits.most_points:
+        raise MessageError(
+            f"{message.topic}: {height} x {width} points, expected at most {limits.most_points}: "
+            "raise limits.most_points"
+        )
     columns = _columns(cloud, height, width, message.topic)
     xyz, keep = _finite_points([columns.pop(axis) for axis in "xyz"])
     fields = {name: column.reshape(-1)[keep] for name, column in columns.items()}

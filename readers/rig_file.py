@@ -95,7 +95,7 @@ class LidarEntry(_Posed):
 
     Attributes:
         topic: Topic of its clouds; empty: the recording's topic of that name, else in order.
-        frame_id: Its frame; empty: as its messages say.
+        frame_id: Its frame; empty: as its messages say; packets that name none have one that tf knows by its name.
         T_site_lidar: Extrinsics, 4 x 4.
     """
 

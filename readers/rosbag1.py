@@ -6,6 +6,7 @@ order of connections, keeps one chunk only, and decompresses it anew at every ch
 
 from collections import Counter
 from collections.abc import Collection, Iterator
+from functools import cached_property
 from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO
@@ -13,6 +14,7 @@ from typing import BinaryIO
 import numpy as np
 from rosbags.rosbag1.reader import Header, RecordType, read_bytes, read_uint32
 
+from pipeline.config import DEFAULT_LIMITS, LimitsConfig
 from pipeline.errors import RecordingError
 from pipeline.types import RawMessage
 from readers.base import Loss, RosVersion, TopicInfo, merge_topics
@@ -35,6 +37,7 @@ class Rosbag1File:
         location: Where it lies unpacked, if not at `path`.
         rescue: Read what can be read of a damaged file, and tell of the rest in `losses`.
         thorough: Do so by reading every record, even where the index seems right.
+        limits: How much it may unpack to.
     """
 
     ros_version: RosVersion = "ROS 1"
@@ -47,14 +50,16 @@ class Rosbag1File:
         location: Path | None = None,
         rescue: bool = False,
         thorough: bool = False,
+        limits: LimitsConfig = DEFAULT_LIMITS,
     ) -> None:
         self.path = path
         self._file_index = file_index
-        self._chunk_cache = ChunkCache()
+        self._limits = limits
         self._rescue = rescue
-        self._losses = Losses(path)
+        self._losses = Losses(path, limits.most_losses_listed)
         self._bad_chunks: set[int] = set()
         location = path if location is None else location
+        self._chunk_cache = ChunkCache(most_loaded_bytes=limits.largest_unpacked_bytes(location.stat().st_size))
         contents: Contents | None = None
         fault: Exception | None = None
         try:
@@ -90,6 +95,7 @@ class Rosbag1File:
         self, topics: Collection[str] | None, *, start_ns: int | None, stop_ns: int | None
     ) -> Iterator[RawMessage]:
         """See `RecordingFile`."""
+        self._chunk_cache.begin()
         index = self._index
         if topics is not None:
             wanted = [id_ for id_, channel in self._channels.items() if channel.topic in topics]
@@ -130,7 +136,9 @@ class Rosbag1File:
         Raises:
             Exception: `fault`, where nothing is.
         """
-        walked = contents_of_walk(self._stream, self._losses, because=describe(fault) if fault else "")
+        walked = contents_of_walk(
+            self._stream, self._losses, because=describe(fault) if fault else "", limits=self._limits
+        )
         if len(walked.index):
             return walked
         if fault is not None:
@@ -156,11 +164,17 @@ class Rosbag1File:
                 self._losses.note(chunk_position, reason, messages=1)
             else:
                 self._bad_chunks.add(chunk_position)
-                count = int((self._index[:, 1] == chunk_position).sum())
+                count = self._chunk_counts[chunk_position]
                 size = chunk.data_position + chunk.data_size - chunk_position
                 reason = f"a chunk that does not unpack ({describe(err)})"
                 self._losses.note(chunk_position, reason, size=size, messages=count)
             return None
+
+    @cached_property
+    def _chunk_counts(self) -> dict[int, int]:
+        """Messages by chunk."""
+        positions, counts = np.unique(self._index[:, 1], return_counts=True)
+        return dict(zip(positions.tolist(), counts.tolist(), strict=True))
 
     def _read(self, chunk_position: int, offset: int, connection_id: int, log_time_ns: int) -> bytes | memoryview:
         if self._stream.closed:
@@ -169,10 +183,14 @@ class Rosbag1File:
         if chunk.compression == "none":
             _seek_message(self._stream, chunk.data_position + offset, connection_id, log_time_ns)
             size = read_uint32(self._stream)
+            if size > self._limits.largest_message_bytes:
+                raise ValueError(f"a message of {size} bytes, see limits.largest_message_mib")
             if chunk.data_size and self._stream.tell() + size > chunk.data_position + chunk.data_size:
                 raise ValueError(f"a message of {size} bytes reaches beyond its chunk of {chunk.data_size}")
             return read_bytes(self._stream, size)
-        records = self._chunk_cache.get(chunk_position, lambda: load_chunk(self._stream, chunk_position, chunk))
+        records = self._chunk_cache.get(
+            chunk_position, lambda: load_chunk(self._stream, chunk_position, chunk, self._limits)
+        )
         stream = BytesIO(records)  # shares the bytes
         _seek_message(stream, offset, connection_id, log_time_ns)
         size = read_uint32(stream)

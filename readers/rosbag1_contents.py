@@ -13,6 +13,8 @@ from rosbags.rosbag1 import Reader, ReaderError
 from rosbags.rosbag1.reader import Header, decompressors, normalize, read_bytes
 from rosbags.typesys.msg import normalize_msgtype
 
+from pipeline.config import LimitsConfig
+from pipeline.errors import RecordingError
 from pipeline.types import Channel
 from readers.damage import Losses, describe, is_damage
 from readers.rosbag1_records import (
@@ -27,7 +29,7 @@ from readers.rosbag1_records import (
     looks_like_record,
     read_record,
 )
-from readers.unpack_chunk import compression_of, unpack, unpack_lz4
+from readers.unpack_chunk import Allowance, compression_of, unpack, unpack_lz4
 
 __all__ = ["Chunk", "Contents", "contents_of_index", "contents_of_walk", "load_chunk"]
 
@@ -57,7 +59,7 @@ class Contents:
     index: npt.NDArray[np.int64]
 
 
-def load_chunk(stream: BinaryIO, position: int, chunk: Chunk) -> bytes:
+def load_chunk(stream: BinaryIO, position: int, chunk: Chunk, limits: LimitsConfig) -> bytes:
     """The records of the compressed chunk that begins at `position`.
 
     Raises:
@@ -67,9 +69,9 @@ def load_chunk(stream: BinaryIO, position: int, chunk: Chunk) -> bytes:
         record = read_record(stream, position, chunk.data_position + chunk.data_size)
         size = record.number(b"size") if record is not None and record.kind == CHUNK else chunk.data_size
         stream.seek(chunk.data_position)
-        return unpack_lz4(read_bytes(stream, chunk.data_size), size)
+        return unpack_lz4(read_bytes(stream, chunk.data_size), size, largest=limits.largest_chunk_bytes)
     end = chunk.data_position + chunk.data_size
-    unpacked = unpack(stream, chunk.data_position, end, chunk.compression)
+    unpacked = unpack(stream, chunk.data_position, end, chunk.compression, largest=limits.largest_chunk_bytes)
     _check_complete(chunk.compression, is_complete=unpacked.complete or chunk.is_cut)
     return unpacked.data
 
@@ -124,15 +126,19 @@ def _sorted(index: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
     return index[np.lexsort((index[:, 2], index[:, 1], index[:, 0]))]
 
 
-def contents_of_walk(stream: BinaryIO, losses: Losses, *, because: str) -> Contents:
+def contents_of_walk(stream: BinaryIO, losses: Losses, *, because: str, limits: LimitsConfig) -> Contents:
     """The same by reading the whole file once, holding one chunk at a time; what cannot be read is noted.
 
     Args:
         stream: The file.
         losses: Gets what is damaged.
         because: Why the index was not used; noted where nothing else is found to be wrong. Empty if it may be right.
+        limits: How much it may unpack to.
+
+    Raises:
+        RecordingError: it has more messages than may be held in memory.
     """
-    walk = _Walk(stream, stream.seek(0, 2))
+    walk = _Walk(stream, stream.seek(0, 2), limits)
     walk.run()
     return walk.contents(losses, because)
 
@@ -144,8 +150,10 @@ class _Walk:
     for it. What belongs together (a chunk, its damage, the index behind it) is counted under one position.
     """
 
-    def __init__(self, stream: BinaryIO, end: int) -> None:
+    def __init__(self, stream: BinaryIO, end: int, limits: LimitsConfig) -> None:
         self._stream = stream
+        self._limits = limits
+        self._allowance = Allowance(limits.largest_unpacked_bytes(end))
         self._end = end
         self._channels: dict[int, Channel] = {}
         self._chunks: dict[int, Chunk] = {}
@@ -249,7 +257,14 @@ class _Walk:
         bounded = not reaches_end and self._read(record.end) is not None
         limit = record.end if bounded else self._end
         try:
-            data, used, complete = unpack(self._stream, record.data, limit, compression)
+            data, used, complete = unpack(
+                self._stream,
+                record.data,
+                limit,
+                compression,
+                largest=self._limits.largest_chunk_bytes,
+                allowance=self._allowance,
+            )
             _check_complete(compression, is_complete=complete or reaches_end)
         except Exception as err:
             if not is_damage(err):
@@ -269,9 +284,13 @@ class _Walk:
 
     def _take_unpacked(self, data: bytes, chunk: int) -> int:
         """The records of an unpacked chunk; how many bytes they take up."""
-        stream, position = BytesIO(data), 0
+        stream, position, most = BytesIO(data), 0, self._limits.most_messages_per_chunk
         while (record := read_record(stream, position, len(data))) is not None and record.kind in (MESSAGE, CONNECTION):
             if record.kind == MESSAGE:
+                if self._found[chunk] >= most:
+                    reason = f"a chunk of more than {most} messages, see limits.most_messages_per_chunk"
+                    self._gaps[chunk].append((chunk, 0, reason))
+                    break
                 self._add(record, chunk, record.start)
             else:
                 self._take_connection(stream, record)
@@ -288,6 +307,11 @@ class _Walk:
         self._add(record, self._base, record.start - self._chunks[self._base].data_position)
 
     def _add(self, record: Record, chunk: int, offset: int) -> None:
+        if len(self._rows) >= 4 * self._limits.most_messages_in_memory:
+            raise RecordingError(
+                f"its index is lost, and it has more than {self._limits.most_messages_in_memory} messages: raise "
+                "limits.most_messages_in_memory"
+            )
         self._rows.extend((record.time_ns, chunk, offset, record.number(b"conn")))
         self._found[self._part] += 1
 

@@ -38,8 +38,10 @@ ENTRY_BYTES = {INDEX: 12, CHUNK_INFO: 8}
 
 UINT32 = struct.Struct("<I")
 
-HEADER_LIMIT = 1 << 16
+HEADER_LIMIT = 1 << 12
 """Longest header of a record in bytes: it holds at most the name of a topic."""
+
+MOST_FIELDS = 32
 
 SEARCH_BLOCK = 1 << 20
 
@@ -131,10 +133,11 @@ def looks_like_record(stream: BinaryIO, position: int, end: int) -> bool:
 
 
 def _fields(header: bytes) -> dict[bytes, bytes] | None:
-    fields = {}
-    at = 0
+    fields: dict[bytes, bytes] = {}
+    at = count = 0
     while at < len(header):
-        if at + 4 > len(header):
+        count += 1
+        if at + 4 > len(header) or count > MOST_FIELDS:
             return None
         (length,) = UINT32.unpack_from(header, at)
         name, separator, value = header[at + 4 : at + 4 + length].partition(b"=")

@@ -7,12 +7,14 @@ from typing import Any
 
 import yaml
 
+from pipeline.config import MOST_YAML_BYTES, parse_yaml
 from pipeline.errors import RecordingError
 
 __all__ = ["FolderMetadata", "folder_metadata", "recording_files"]
 
 METADATA = "metadata.yaml"
 STORAGE_SUFFIXES = (".db3", ".mcap")
+MOST_LISTED = 10
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,9 +42,10 @@ def recording_files(folder: Path) -> tuple[Path, ...]:
     files = tuple(folder / name for name in listed)
     missing = [file.name for file in files if not file.is_file()]
     if missing:
+        more = f" and {len(missing) - MOST_LISTED} more" if len(missing) > MOST_LISTED else ""
         raise RecordingError(
-            f"{folder}: {METADATA} lists {', '.join(missing)}, which {'is' if len(missing) == 1 else 'are'} not there; "
-            f"complete the folder, or give the files to read"
+            f"{folder}: {METADATA} lists {', '.join(missing[:MOST_LISTED])}{more}, which "
+            f"{'is' if len(missing) == 1 else 'are'} not there; complete the folder, or give the files to read"
         )
     if files:
         return files
@@ -71,7 +74,8 @@ def folder_metadata(folder: Path) -> FolderMetadata:
     expected = f"{path}: expected rosbag2's metadata (rosbag2_bagfile_information: relative_file_paths...)"
     remedy = "remove it to read all files of the folder"
     try:
-        document: Any = yaml.safe_load(path.read_bytes())
+        with path.open("rb") as stream:
+            document: Any = parse_yaml(stream.read(MOST_YAML_BYTES + 1))
         information: dict[str, Any] = document["rosbag2_bagfile_information"]
         names = tuple(PurePosixPath(name).name for name in information["relative_file_paths"])
         mode = str(information.get("compression_mode") or "").lower()

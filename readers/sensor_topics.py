@@ -17,6 +17,7 @@ from readers.base import Recording, TopicInfo
 from readers.first_messages import FirstMessages
 from readers.topic_names import is_measured_image, natural_key, pair_score, place, transport_free
 from readers.velodyne_scan import SCAN
+from readers.video_packets import VIDEO
 
 __all__ = [
     "BOXES",
@@ -30,7 +31,7 @@ __all__ = [
 ]
 
 CLOUD = frozenset({"sensor_msgs/msg/PointCloud2", SCAN})
-PICTURE = frozenset({"sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"})
+PICTURE = frozenset({"sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"}) | VIDEO
 CAMERA_INFO = frozenset({"sensor_msgs/msg/CameraInfo"})
 BOXES = frozenset({"vision_msgs/msg/Detection2DArray"})
 DEPTH_ENCODINGS = frozenset({"16UC1", "32FC1", "32SC1"})
@@ -77,6 +78,11 @@ def find_lidar_topics(
     infos, faults = _with_messages(recording, CLOUD, config, "lidar")
     measured = [info for info in infos if is_measured_image(info.topic)]
     notes = [f"{info.topic}: a depth camera's cloud, not used" for info in infos if info not in measured]
+    notes += [
+        f"{info.topic}: {info.message_count} {info.gathered_from} gathered into sweeps"
+        for info in infos
+        if info.gathered_from
+    ]
     chosen = _first_hand(measured, config, notes)
     return [info.topic for info in _clouds_before_packets(chosen, first, notes)], faults, notes
 
@@ -209,16 +215,19 @@ def _one_per_camera(infos: Sequence[TopicInfo], first: FirstMessages, notes: lis
     return sorted(set(chosen.values()), key=natural_key)
 
 
-def _processing(info: TopicInfo) -> tuple[bool, int]:
+def _processing(info: TopicInfo) -> tuple[bool, bool, int]:
     words = transport_free(info.topic).lower().rpartition("/")[2].split("_")
     steps = 0 if "raw" in words else 2 if "rect" in words else 3 if "mono" in words else 1
-    return info.msgtype.endswith("CompressedImage"), steps
+    return info.msgtype in VIDEO, info.msgtype.endswith("CompressedImage"), steps
 
 
 def _is_depth(info: TopicInfo, first: FirstMessages) -> bool:
     if info.msgtype.endswith("CompressedImage"):
         return False
-    return not first.missing(info.topic, PICTURE) and first.decoded(info.topic, PICTURE).encoding in DEPTH_ENCODINGS
+    if first.missing(info.topic, PICTURE):
+        return False
+    encoding = getattr(first.decoded(info.topic, PICTURE), "encoding", "")  # FFMPEGPacket: of the video; of the picture
+    return not DEPTH_ENCODINGS.isdisjoint(encoding.split(";"))
 
 
 def _best(topic: str, others: Sequence[str], frames: dict[str, str], *, single: bool) -> str:

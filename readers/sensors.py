@@ -2,7 +2,8 @@
 
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Generic, Literal, TypeVar
 
 from pipeline.config import Config
@@ -40,29 +41,37 @@ class CloudDecoder:
 
     def __init__(self, rig: Rig, config: Config, *, on_bad: OnBadMessage) -> None:
         self._topics = {lidar.name: lidar.topic for lidar in rig.lidars}
+        self._frames = {lidar.topic: lidar.T_site_lidar.src for lidar in rig.lidars}
         self._velodyne = VelodyneDecoders(config.velodyne)
+        self._limits = config.limits
         self._on_bad = on_bad
 
     def __call__(self, bundle: SensorBundle) -> Decoded[PointCloud]:
-        """Clouds by lidar name."""
-        return _decode(bundle, self._topics, self._decode_one, self._on_bad)
+        """Clouds by lidar name; one whose message names no frame has that of its lidar."""
+        decoded = _decode(bundle, self._topics, self._decode_one, self._on_bad)
+        drops = decoded.drops + tuple(drop for _, parts in decoded.by_sensor.values() for drop in parts)
+        return Decoded({name: cloud for name, (cloud, _) in decoded.by_sensor.items()}, drops)
 
-    def _decode_one(self, message: RawMessage) -> PointCloud:
+    def _decode_one(self, message: RawMessage) -> tuple[PointCloud, tuple[Drop, ...]]:
+        drops: tuple[Drop, ...] = ()
         if message.channel.msgtype == SCAN:
-            return self._velodyne[message.topic](message)
-        return decode_pointcloud2(message)
+            cloud, drops = self._velodyne[message.topic].decode(message)
+        else:
+            cloud = decode_pointcloud2(message, limits=self._limits)
+        return cloud if cloud.frame_id else replace(cloud, frame_id=self._frames[message.topic]), drops
 
 
 class PictureDecoder:
     """Pictures of all cameras."""
 
-    def __init__(self, rig: Rig, *, on_bad: OnBadMessage) -> None:
+    def __init__(self, rig: Rig, config: Config, *, on_bad: OnBadMessage) -> None:
+        self._decode_one = partial(decode_picture, limits=config.limits)
         self._topics = {camera.name: camera.topic for camera in rig.cameras if camera.topic}
         self._on_bad = on_bad
 
     def __call__(self, bundle: SensorBundle) -> Decoded[Image]:
         """Pictures by camera name."""
-        return _decode(bundle, self._topics, decode_picture, self._on_bad)
+        return _decode(bundle, self._topics, self._decode_one, self._on_bad)
 
 
 class RecordedBoxes:

@@ -13,6 +13,7 @@ import numpy as np
 import zstandard
 from rosbags.typesys.msg import normalize_msgtype
 
+from pipeline.config import DEFAULT_LIMITS, LimitsConfig
 from pipeline.errors import RecordingError
 from pipeline.types import Channel, RawMessage
 from readers.base import Loss, RosVersion, TopicInfo, merge_topics
@@ -28,6 +29,13 @@ DEFINITION_FORMATS: dict[str, Literal["ros2msg", "ros2idl"]] = {"ros2msg": "ros2
 Counts = dict[int, tuple[int, int, int]]
 """Number of messages, first and last log time by topic."""
 
+STEPS_PER_BYTE = 20
+"""Steps of SQLite's machine per byte of the file: rows of twelve bytes take thirty. Pages that refer to one another in
+a net rather than a tree would keep it busy for ever."""
+
+LEAST_STEPS = 10_000_000
+STEPS_AT_ONCE = 100_000
+
 TopicRow = tuple[int, str, str, str]
 """Id, name, type, serialisation."""
 
@@ -42,6 +50,7 @@ class SqliteFile:
         message_compression: Whether each message is compressed with zstd (metadata.yaml says so).
         distro: ROS 2 release that metadata.yaml names; the file's own word goes first.
         rescue: Read what can be read of a damaged file, and tell of the rest in `losses`.
+        limits: How large its messages may be.
     """
 
     ros_version: RosVersion = "ROS 2"
@@ -55,11 +64,13 @@ class SqliteFile:
         message_compression: bool = False,
         distro: str = "",
         rescue: bool = False,
+        limits: LimitsConfig = DEFAULT_LIMITS,
     ) -> None:
         self.path = path
         self._file_index = file_index
         self._rescue = rescue
-        self._losses = Losses(path)
+        self._limits = limits
+        self._losses = Losses(path, limits.most_losses_listed)
         self._walked: Walked | None = None
         self._message_compression = message_compression
         self._type_hashes: dict[int, str] = {}
@@ -73,6 +84,10 @@ class SqliteFile:
         # immutable: no lock, no journal, so that recordings on read-only media open too
         uri = f"{location.resolve().as_uri()}?mode=ro&immutable=1"
         self._database = sqlite3.connect(uri, uri=True, check_same_thread=False)
+        self._database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, limits.largest_message_bytes)
+        self._most_steps = LEAST_STEPS + STEPS_PER_BYTE * location.stat().st_size
+        self._steps = 0
+        self._database.set_progress_handler(self._count_steps, STEPS_AT_ONCE)
         self._stream: BinaryIO = location.open("rb")
         try:
             try:
@@ -91,7 +106,9 @@ class SqliteFile:
     def _contents(self, distro: str) -> tuple[str, dict[str, tuple[str, str]], Counts, list[TopicRow]]:
         """Release, definitions by type, messages by topic, and topics."""
         check_size(self._stream)
-        tables = {name for (name,) in self._query("SELECT name FROM sqlite_master WHERE type='table'")}
+        self._query("PRAGMA trusted_schema = OFF")
+        ordinary = "type = 'table' AND sql NOT LIKE 'CREATE VIRTUAL%'"
+        tables = {name for (name,) in self._query(f"SELECT name FROM sqlite_master WHERE {ordinary}")}
         if not {"topics", "messages"} <= tables:
             raise RecordingError(
                 f"{self.path}: expected a ROS 2 recording (tables topics and messages), "
@@ -235,8 +252,12 @@ class SqliteFile:
         try:
             if not isinstance(data, bytes):
                 raise TypeError(f"message {row_id} has no bytes")  # noqa: TRY301  (one place that notes or raises)
-            return decompressed(data, "cdr", announced=self._message_compression)
-        except (TypeError, zstandard.ZstdError) as err:
+            if len(data) > self._limits.largest_message_bytes:
+                raise ValueError(f"{len(data)} bytes, see limits.largest_message_mib")  # noqa: TRY301  (the same)
+            return decompressed(
+                data, "cdr", announced=self._message_compression, largest=self._limits.largest_message_bytes
+            )
+        except (TypeError, ValueError, zstandard.ZstdError) as err:
             if not self._rescue:
                 raise
             self._losses.note(0, f"message {row_id}: {describe(err)}", messages=1)
@@ -248,7 +269,13 @@ class SqliteFile:
         self._stream.close()
 
     def _query(self, sql: str, values: Collection[Any] = ()) -> Iterator[tuple[Any, ...]]:
+        self._steps = 0
         return self._database.execute(sql, tuple(values))
+
+    def _count_steps(self) -> bool:
+        """Whether SQLite is to give up."""
+        self._steps += STEPS_AT_ONCE
+        return self._steps > self._most_steps
 
 
 def _refuse_index(row_id: int) -> NoReturn:

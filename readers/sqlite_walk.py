@@ -19,6 +19,8 @@ __all__ = ["Walked", "check_size", "read_message", "walk_database"]
 LEAF = 0x0D
 HEADER_BYTES = 100
 MOST_PAYLOAD = 1 << 30
+STEPS_PER_PAGE = 4
+"""How often a page on which rows go on is met: once, and again by what is left of rows that were deleted."""
 INTEGER_BYTES = (0, 1, 2, 3, 4, 6, 8)
 UINT32 = struct.Struct(">I")
 
@@ -57,6 +59,7 @@ class _Pages:
             raise ValueError(f"expected at least 480 usable bytes in a page, found {self.usable}")
         self.count = file_bytes // self.size
         counted, valid_for, changes = (UINT32.unpack_from(header, place)[0] for place in (28, 92, 24))
+        self._steps_left = STEPS_PER_PAGE * self.count
         self.expected: int = counted if valid_for == changes else 0  # else an old SQLite, which did not count pages
 
     def read(self, number: int) -> bytes:
@@ -74,6 +77,9 @@ class _Pages:
         """The page on which the row goes on that is continued on page `number`."""
         if not 1 <= number <= self.count:
             raise ValueError(f"page {number} of {self.count} is missing")
+        if not self._steps_left:
+            raise ValueError("rows that go on and on")
+        self._steps_left -= 1
         self._stream.seek((number - 1) * self.size)
         return int(UINT32.unpack(self._stream.read(4))[0])
 
@@ -119,9 +125,13 @@ def walk_database(stream: BinaryIO, losses: Losses, *, because: str) -> Walked:
     broken: list[int] = []
     for number in range(1, pages.count + 1):
         page = pages.read(number)
+        left = pages.size
         for place in _places(page, HEADER_BYTES if number == 1 else 0):
             try:
                 cell = _cell(page, place, pages.usable)
+                left -= len(cell.local)
+                if left < 0:
+                    raise ValueError("rows that lie in one another")  # noqa: TRY301  (noted like other damage)
                 types = _serial_types(cell.local)
                 if _is_message(types):
                     _check_chain(pages, cell)
@@ -206,7 +216,10 @@ def _cell(page: bytes, place: int, usable: int) -> _Cell:
 
 
 def _chain_length(pages: _Pages, cell: _Cell) -> int:
-    return -(-(cell.payload_size - len(cell.local)) // (pages.usable - 4))
+    length = -(-(cell.payload_size - len(cell.local)) // (pages.usable - 4))
+    if length > pages.count:
+        raise ValueError(f"a row of {cell.payload_size} bytes is larger than the file")
+    return length
 
 
 def _check_chain(pages: _Pages, cell: _Cell) -> None:

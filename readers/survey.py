@@ -47,17 +47,23 @@ class TopicSurvey:
     problem: str = ""
 
 
-def survey(recording: Recording) -> tuple[TopicSurvey, ...]:
-    """All topics by name.
+def survey(recording: Recording, *, stop_ns: int | None = None) -> tuple[TopicSurvey, ...]:
+    """All topics by name; with `stop_ns`, all but the counts are of the messages recorded before that time.
 
     Raises:
         RecordingError: the recording cannot be read to its end.
     """
     times: defaultdict[str, list[tuple[int, int]]] = defaultdict(list)
-    for message in recording.messages():
+    for message in recording.messages(stop_ns=stop_ns):
         times[message.topic].append((message.stamp_ns, message.log_time_ns))
     return tuple(
-        _describe(info.topic, info.msgtype, info.message_count, times[info.topic], _problem(info))
+        _describe(
+            info.topic,
+            info.msgtype,
+            len(times[info.topic]) if info.gathered_from else info.message_count,
+            times[info.topic],
+            _problem(info),
+        )
         for info in sorted(recording.topics, key=lambda info: info.topic)
     )
 

@@ -6,8 +6,9 @@ static_transform_publisher), so a frame whose recorded transform never changes c
 frame that a vehicle moves in (`odom`, `map`, `earth`; REP 105): a parked vehicle may yet drive off.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,9 @@ TF_TYPES = frozenset({"tf/msg/tfMessage", "tf2_msgs/msg/TFMessage"})
 ODOMETRY_FRAMES = frozenset({"odom", "map", "earth"})
 PROBE_NS = 60_000_000_000
 """How much of /tf is read before the run: enough to see every frame, and no second pass over a long recording."""
+
+BEGINNING_NS = 2_000_000_000
+"""How much of it is read of every recording, wherever the window is: fixed frames are sent that often."""
 
 STILL = 1e-6
 """Largest change of a matrix entry (metres, or about radians) of a frame that counts as fixed."""
@@ -110,20 +114,33 @@ def _decode(stamped: Any) -> tuple[int, Transform | CalibrationError, str]:
         return stamp_ns, err, child
 
 
-def read_transforms(recording: Recording, *, probe_ns: int = PROBE_NS) -> RecordedTransforms:
-    """All of tf_static and the first `probe_ns` of tf."""
+def read_transforms(
+    recording: Recording, *, start_ns: int | None = None, stop_ns: int | None = None, probe_ns: int = PROBE_NS
+) -> RecordedTransforms:
+    """All of tf_static, and some of tf.
+
+    Args:
+        recording: Open recording.
+        start_ns: Begin of the window that is of interest, by log time; None is that of the recording.
+        stop_ns: Its end (exclusive).
+        probe_ns: The first part of the window, of which tf is read, and besides the beginning of the recording.
+    """
     static, dynamic = tf_topics(recording)
     fixed = TransformTree()
     faults: dict[str, str] = {}
     drops: list[Drop] = []
     seen: dict[str, Transform] = {}
     moving: dict[str, str] = {}
-    for message, transform, child in _transforms(recording, static, drops, stop_ns=None):
+    for message, transform, child in _transforms(recording, static, drops, [(None, None)]):
         if isinstance(transform, Transform):
             fixed.add_static(transform)
         else:
             faults[child] = f"{transform} ({message.topic})"
-    for message, transform, child in _transforms(recording, dynamic, drops, stop_ns=recording.start_ns + probe_ns):
+    begin_ns = recording.start_ns if start_ns is None else start_ns
+    end_ns = begin_ns + probe_ns if stop_ns is None else min(stop_ns, begin_ns + probe_ns)
+    early_ns = recording.start_ns + BEGINNING_NS
+    parts = [(recording.start_ns, early_ns), (max(begin_ns, early_ns), end_ns)]
+    for message, transform, child in _transforms(recording, dynamic, drops, parts):
         if not isinstance(transform, Transform):
             faults[child] = f"{transform} ({message.topic})"
         elif not fixed.is_static(child):
@@ -139,9 +156,12 @@ def read_transforms(recording: Recording, *, probe_ns: int = PROBE_NS) -> Record
 
 
 def _transforms(
-    recording: Recording, topics: list[str], drops: list[Drop], *, stop_ns: int | None
+    recording: Recording, topics: list[str], drops: list[Drop], parts: Iterable[tuple[int | None, int | None]]
 ) -> Iterator[tuple[RawMessage, Transform | CalibrationError, str]]:
-    for message in recording.messages(topics, stop_ns=stop_ns) if topics else ():
+    if not topics:
+        return
+    streams = (recording.messages(topics, start_ns=start_ns, stop_ns=stop_ns) for start_ns, stop_ns in parts)
+    for message in chain.from_iterable(streams):
         try:
             for _, transform, child in decode_transforms(message):
                 yield message, transform, child

@@ -13,11 +13,12 @@ from collections.abc import Iterable, Mapping, Sequence
 
 __all__ = ["is_measured_image", "is_rectified", "natural_key", "pair_score", "place", "sensor_names", "transport_free"]
 
-TRANSPORTS = frozenset({"compressed", "compressedDepth", "theora", "ffmpeg", "zstd"})
+TRANSPORTS = frozenset({"compressed", "compressedDepth", "theora", "ffmpeg", "foxglove", "zstd"})
 ROLE_WORDS = frozenset(
     {
         *("image", "img", "images", "raw", "color", "colour", "rgb", "bgr", "mono", "rect", "rectified"),
         *("camera", "cam", "info", "detections", "detection", "detections2d", "boxes", "bboxes", "boxes2d"),
+        *("compressed", "video", "h264", "h265", "hevc"),
         *("points", "pointcloud", "pointcloud2", "cloud", "scan", "packets"),
     }
 )

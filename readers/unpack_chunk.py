@@ -5,10 +5,7 @@ from typing import BinaryIO, NamedTuple, Protocol
 
 from lz4.frame import LZ4FrameDecompressor
 
-__all__ = ["LARGEST_CHUNK", "Unpacked", "compression_of", "unpack", "unpack_lz4"]
-
-LARGEST_CHUNK = 1 << 28
-"""Bytes that a chunk may unpack to: three hundred times what recorders write, and more than any one message."""
+__all__ = ["Allowance", "Unpacked", "check_chunk_size", "compression_of", "unpack", "unpack_lz4"]
 
 PIECE = 1 << 18
 MOST_AT_ONCE = 1 << 22
@@ -22,6 +19,27 @@ class Unpacked(NamedTuple):
     data: bytes
     packed_size: int
     complete: bool
+
+
+class Allowance:
+    """What the chunks of a file may still unpack to while it is read once.
+
+    Args:
+        size: Bytes, all chunks together.
+    """
+
+    def __init__(self, size: int) -> None:
+        self._size = self._left = size
+
+    def take(self, size: int) -> None:
+        """Use up some of it.
+
+        Raises:
+            ValueError: nothing is left.
+        """
+        if self._left < 0:
+            raise ValueError(f"chunks unpack to more than {self._size} bytes, see limits.largest_unpacked_file_gib")
+        self._left -= size
 
 
 class _Decompressor(Protocol):
@@ -39,52 +57,66 @@ def compression_of(first_bytes: bytes) -> str:
     return next((name for magic, name in MAGICS.items() if first_bytes.startswith(magic)), "none")
 
 
-def unpack_lz4(data: bytes, size: int) -> bytes:
+def check_chunk_size(size: int, largest: int) -> None:
+    """Refuse a chunk that unpacks to `size` bytes where that is more than `largest`.
+
+    Raises:
+        ValueError: it is.
+    """
+    if size > largest:
+        raise ValueError(f"a chunk unpacks to more than {largest} bytes, see limits.largest_chunk_mib")
+
+
+def unpack_lz4(data: bytes, size: int, *, largest: int) -> bytes:
     """A whole lz4 frame, in one piece: nearly three times as fast as `unpack`.
 
     Args:
         data: The frame.
         size: What it is said to unpack to: as much memory is taken at once, and more where it is not enough.
+        largest: Bytes that it may unpack to.
 
     Raises:
-        ValueError: it is larger than `LARGEST_CHUNK`.
+        ValueError: it unpacks to more.
         EOFError: it ends early.
         RuntimeError: it is damaged.
     """
     decompressor = LZ4FrameDecompressor()
-    parts: list[bytes] = [decompressor.decompress(data, min(size, LARGEST_CHUNK) + 1)]
+    parts: list[bytes] = [decompressor.decompress(data, min(size, largest) + 1)]
+    total = len(parts[0])
     while not decompressor.eof:
         if decompressor.needs_input:
             raise EOFError("its lz4 data end early")
-        _check_size(parts)
+        check_chunk_size(total, largest)
         parts.append(decompressor.decompress(b"", MOST_AT_ONCE))
-    _check_size(parts)
+        total += len(parts[-1])
+    check_chunk_size(total, largest)
     return parts[0] if len(parts) == 1 else b"".join(parts)
 
 
-def _check_size(parts: list[bytes]) -> None:
-    if sum(map(len, parts)) > LARGEST_CHUNK:
-        raise ValueError(f"a chunk unpacks to more than {LARGEST_CHUNK} bytes")
-
-
-def unpack(stream: BinaryIO, position: int, end: int, compression: str) -> Unpacked:
-    """Unpack what begins at `position` and ends before `end`.
+def unpack(
+    stream: BinaryIO, position: int, end: int, compression: str, *, largest: int, allowance: Allowance | None = None
+) -> Unpacked:
+    """Unpack what begins at `position` and ends before `end`, to `largest` bytes of those that `allowance` leaves.
 
     Raises:
-        ValueError: it is larger than `LARGEST_CHUNK`.
+        ValueError: it unpacks to more.
         OSError: bz2 found damage.
         RuntimeError: lz4 found damage.
     """
     decompressor: _Decompressor = LZ4FrameDecompressor() if compression == "lz4" else BZ2Decompressor()
     stream.seek(position)
     parts: list[bytes] = []
+    total = 0
     while not decompressor.eof:
         piece = b""
         if decompressor.needs_input:
             piece = stream.read(min(PIECE, end - stream.tell()))
             if not piece:
                 break
+        if allowance is not None:
+            allowance.take(0 if not parts else len(parts[-1]))
         parts.append(decompressor.decompress(piece, MOST_AT_ONCE))
-        _check_size(parts)
+        total += len(parts[-1])
+        check_chunk_size(total, largest)
     used = stream.tell() - position - len(decompressor.unused_data or b"")
     return Unpacked(b"".join(parts), used, decompressor.eof)

@@ -12,8 +12,6 @@ where these lie more than two seconds from the header (two clocks), the last pac
 stamp, as ROS's driver has it.
 """
 
-import logging
-from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -21,8 +19,15 @@ import numpy.typing as npt
 
 from pipeline.config import VelodyneConfig, VelodyneLidarConfig
 from pipeline.errors import CalibrationError, ConfigError, MessageError
-from pipeline.types import PointCloud, RawMessage
-from pipeline.velodyne_models import MODELS, VLS128_FIRST_FIRMWARE, LaserTable, VelodyneModel, built_in_table
+from pipeline.types import Drop, PointCloud, RawMessage
+from pipeline.velodyne_models import (
+    BLOCK_FLAGS,
+    MODELS,
+    VLS128_FIRST_FIRMWARE,
+    LaserTable,
+    VelodyneModel,
+    built_in_table,
+)
 from readers.point_time import MAX_OFFSET_NS
 from readers.velodyne_calibration import read_velodyne_calibration
 from readers.velodyne_layout import LAST, NOT_TOLD, STRONGEST, Beams, Layout, block_words
@@ -30,8 +35,6 @@ from readers.velodyne_points import cloud_of
 from readers.velodyne_scan import VelodynePackets, parse_velodyne_scan
 
 __all__ = ["VelodyneDecoder", "VelodyneDecoders"]
-
-logger = logging.getLogger(__name__)
 
 RETURN_MODES = {0x37: STRONGEST, 0x38: LAST}
 DUAL = 0x39
@@ -74,19 +77,29 @@ class VelodyneDecoder:
             self._table(self._model)
 
     def __call__(self, message: RawMessage) -> PointCloud:
-        """The points of a scan in the order of the packets' bytes.
+        """The cloud of `decode`."""
+        return self.decode(message)[0]
+
+    def decode(self, message: RawMessage) -> tuple[PointCloud, tuple[Drop, ...]]:
+        """The points of a scan in the order of the packets' bytes, and the packets that took no part in it.
 
         Returns:
             The cloud at the message's stamp, with ring, time and return type of every point. A scan of any length and
-            cut is fine. Of two returns at equal distance one point is left, of type "both".
+            cut is fine. Of two returns at equal distance one point is left, of type "both". Packets with blocks that
+            are not marked as this model marks them are left out.
 
         Raises:
             MessageError: the message is cut short, the model is not known or contradicts the settings, the packets are
                 of several models or modes, or they span more than two seconds.
         """
         packets = parse_velodyne_scan(message)
+        drops = [_drop(message, "packets that cannot be decoded", fault, 1) for fault in message.left_out]
         if not len(packets):
-            return _no_points(message.stamp_ns, packets.frame_id)
+            return _no_points(message.stamp_ns, packets.frame_id), tuple(drops)
+        recorded = len(packets)
+        begun = _begun_packets(packets)
+        if begun is not None:
+            packets = packets.select(begun)
         model = self._model_of(packets, message.topic)
         layout = _layout_of(packets, model)
         device_us = _device_us(packets)
@@ -96,7 +109,11 @@ class VelodyneDecoder:
         known = _known_packets(packets, beams, message.topic)
         if known is not None:
             packets, device_us = packets.select(known), device_us[known]
-        return cloud_of(packets, beams, device_us, _packet_times(packets, device_us, message), message.stamp_ns)
+        if foreign := recorded - len(packets):
+            reason = f"packets with blocks that a {model.name} does not send"
+            drops.append(_drop(message, reason, f"{foreign} of {recorded} packets of the scan", foreign))
+        times_ns = _packet_times(packets, device_us, message)
+        return cloud_of(packets, beams, device_us, times_ns, message.stamp_ns), tuple(drops)
 
     def _model_of(self, packets: VelodynePackets, topic: str) -> VelodyneModel:
         factory = packets.payload[:, 1204:1206]
@@ -174,19 +191,27 @@ def _known_packets(packets: VelodynePackets, beams: Beams, topic: str) -> npt.ND
     if expected.all():
         return None
     known = np.asarray(expected.all(axis=(0, 2, 3)))
-    name = beams.model.name
     if not known.any():
         found = int(flags[~expected][0])
         raise MessageError(
-            f"{topic}: expected packets of a {name}, found blocks that begin 0x{found:04x}; see velodyne.model"
+            f"{topic}: expected packets of a {beams.model.name}, found blocks that begin 0x{found:04x}; "
+            "see velodyne.model"
         )
-    _log_unknown_blocks(topic, name)
     return known
 
 
-@lru_cache(maxsize=256)  # once per topic is enough
-def _log_unknown_blocks(topic: str, model: str) -> None:
-    logger.warning("%s: packets with blocks that a %s does not send are left out", topic, model)
+def _begun_packets(packets: VelodynePackets) -> npt.NDArray[np.bool_] | None:
+    """Which packets begin as those of every model do; None if all or none do.
+
+    The others may hold anything where the model and the sensor's time are looked for.
+    """
+    begun = block_words(packets.payload, 1, 0)[:, 0] == BLOCK_FLAGS[0]
+    return None if begun.all() or not begun.any() else np.asarray(begun)
+
+
+def _drop(message: RawMessage, reason: str, detail: str, parts: int) -> Drop:
+    topic = message.topic
+    return Drop(topic, message.stamp_ns, reason, detail if detail.startswith(topic) else f"{topic}: {detail}", parts)
 
 
 # --- times

@@ -1,6 +1,7 @@
 """Where a result comes from: said in every output file."""
 
 import hashlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 __all__ = ["Provenance"]
@@ -12,7 +13,8 @@ class Provenance:
 
     Attributes:
         version: lidcam's.
-        inputs: Name and SHA-256 (hexadecimal) of each input file.
+        inputs: What is known of each input file: `name`, and `sha256` (hexadecimal), or of one on a server `url`
+            (without credentials), `size`, and `etag` and `last_modified` where the server says so.
         config_yaml: All settings that have a part in the result: without `run`, so that files stay equal whatever
             the number of workers.
         rig_yaml: The rig, as a rig file.
@@ -20,7 +22,7 @@ class Provenance:
     """
 
     version: str
-    inputs: tuple[tuple[str, str], ...]
+    inputs: tuple[Mapping[str, str], ...]
     config_yaml: str
     rig_yaml: str
     start_ns: int
@@ -28,8 +30,8 @@ class Provenance:
     def metadata(self) -> dict[str, str]:
         """What the metadata record `lidcam` says."""
         record = {"version": self.version}
-        for row, (name, sha256) in enumerate(self.inputs):
-            record |= {f"input.{row}.name": name, f"input.{row}.sha256": sha256}
+        for row, known in enumerate(self.inputs):
+            record |= {f"input.{row}.{key}": value for key, value in known.items()}
         for name, text in (("config", self.config_yaml), ("rig", self.rig_yaml)):
             record[f"{name}.sha256"] = hashlib.sha256(text.encode()).hexdigest()
         return record

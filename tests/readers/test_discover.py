@@ -220,6 +220,50 @@ def test_packets_beside_the_clouds_of_another_lidar_are_used() -> None:
     assert {lidar.topic for lidar in found.rig.lidars} == {"/left/packets", "/right/points"}
 
 
+def unnamed(topic: str) -> RawMessage:
+    """Packets without a frame, as those are that were gathered into a sweep."""
+    return packets(topic, "")
+
+
+@pytest.mark.parametrize(
+    ("topic", "in_tf", "frame"),
+    [
+        ("/velodyne_packets", "velodyne", "velodyne"),
+        ("/velodyne_packets", "top", "velodyne"),
+        ("/front/velodyne_packets", "front", "front"),
+        ("/front/velodyne_packets", "velodyne", "velodyne"),
+        ("/front/velodyne_packets", "front_velodyne", "front_velodyne"),
+        ("/velodyne_10_0_0_7/packets", "velodyne_10_0_0_7", "velodyne_10_0_0_7"),
+    ],
+)
+def test_packets_without_a_frame_have_the_one_that_tf_knows(topic: str, in_tf: str, frame: str) -> None:
+    found = discover([unnamed(topic), static(("site", in_tf, (1, 0, 0)))])
+    [lidar] = found.rig.lidars
+    assert lidar.T_site_lidar.src == frame
+    assert (found.rig.site_frame == "site") == (frame == in_tf)
+
+
+def test_two_lidars_never_share_a_frame_that_neither_names() -> None:
+    edges = [("base_link", frame, (1, 0, 0)) for frame in ("left", "right", "velodyne")]
+    found = discover([unnamed("/left/velodyne_packets"), unnamed("/right/velodyne_packets"), static(*edges)])
+    assert [lidar.T_site_lidar.src for lidar in found.rig.lidars] == ["left", "right"]
+    found = discover([packets("/a/packets", "velodyne"), unnamed("/b/velodyne_packets"), static(*edges)])
+    assert [lidar.topic for lidar in found.rig.lidars] == ["/a/packets"]
+    assert "no transform joins frame 'b_velodyne'" in found.faults[0].reason
+
+
+def test_several_lidars_without_any_pose_need_a_rig_file() -> None:
+    messages = [unnamed("/velodyne_10_0_0_1/packets"), unnamed("/velodyne_10_0_0_2/packets")]
+    with pytest.raises(CalibrationError, match=r"found 2 lidars \(.*_1/packets, .*_2/packets\).*a rig file \(--rig\)"):
+        discover(messages)
+    one = {"lidars": ["/velodyne_10_0_0_2/packets"]}
+    assert [lidar.topic for lidar in discover(messages, topics=one).rig.lidars] == one["lidars"]
+    lidars = {f"velodyne_10_0_0_{n}": {"translation_m": (n, 0, 0)} for n in (1, 2)}
+    rig_file = RigFile.model_validate({"site_frame": "site", "lidars": lidars})
+    found = discover_rig(MemoryRecording(messages), Config(), rig_file)
+    assert [lidar.T_site_lidar.translation.tolist() for lidar in found.rig.lidars] == [[1, 0, 0], [2, 0, 0]]
+
+
 def test_packets_of_an_unknown_model_are_a_fault_with_a_remedy() -> None:
     with pytest.raises(CalibrationError, match=r"found VLP-32A or VLP-32B; set velodyne\.model"):
         discover([packets("/velodyne_packets", "velodyne", "VLP-32A")])

@@ -34,3 +34,11 @@ def test_rate_and_gaps(stamps_ns: npt.NDArray[np.int64], rate_hz: float, gaps: i
     assert topic.rate_hz == pytest.approx(rate_hz, rel=0.02)
     assert topic.gaps == gaps
     assert topic.count == len(stamps_ns)
+
+
+def test_of_a_part_only_the_count_is_of_all() -> None:
+    every_s = np.arange(50) * SECOND_NS
+    recording = MemoryRecording(messages(np.concatenate([EVERY_100_MS, EVERY_100_MS[-1] + every_s])))
+    (topic,) = survey(recording, stop_ns=recording.start_ns + 4 * SECOND_NS)
+    assert topic.count == 100
+    assert [topic.rate_hz, topic.longest_gap_s] == pytest.approx([10, 0.1])

@@ -58,6 +58,28 @@ def test_only_the_beginning_of_tf_is_read_but_all_of_tf_static() -> None:
 
 
 @pytest.mark.parametrize(
+    ("start_s", "stop_s", "expected"),
+    [
+        (None, None, "abc"),
+        (None, 1.5, "ab"),  # never less than the first two seconds
+        (None, 50, "abc"),
+        (30, 35, "ab"),
+        (30, 70, "abde"),
+        (69, None, "abe"),
+        (1, 20, "abc"),
+    ],
+)
+def test_of_a_window_tf_is_read_where_it_begins_and_where_the_recording_does(
+    start_s: float | None, stop_s: float | None, expected: str
+) -> None:
+    times_s = {"a": 0, "b": 1.9, "c": 10, "d": 60, "e": 69.9, "f": 130}
+    messages = [tf("/tf", edge("base", name), at_s=at_s) for name, at_s in times_s.items()]
+    start_ns, stop_ns = (None if at_s is None else round(at_s * SECOND) for at_s in (start_s, stop_s))
+    found = read_transforms(MemoryRecording(messages), start_ns=start_ns, stop_ns=stop_ns)
+    assert found.fixed.frames == {"base", *expected}
+
+
+@pytest.mark.parametrize(
     ("bad", "reason"),
     [
         (edge("base", "lidar", rotation_xyzw=(0, 0, 0, 0)), "no unit quaternion"),

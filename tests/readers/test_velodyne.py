@@ -13,7 +13,7 @@ from velodyne import SCAN, START_NS, TOPIC, assert_as_judged, judged, random_pac
 
 from pipeline.config import VelodyneConfig, VelodyneLidarConfig
 from pipeline.errors import CalibrationError, ConfigError, MessageError
-from pipeline.types import PointCloud
+from pipeline.types import Drop, PointCloud
 from pipeline.velodyne_models import MODELS
 from readers.velodyne import VelodyneDecoder, VelodyneDecoders
 from readers.velodyne_calibration import read_velodyne_calibration
@@ -299,14 +299,29 @@ def test_huge_count_needs_no_memory() -> None:
         decoder()(message._replace(data=data))
 
 
-def test_packets_of_another_kind_are_left_out(caplog: pytest.LogCaptureFixture) -> None:
+def test_packets_of_another_kind_are_left_out_and_counted() -> None:
     payload, stamps_ns = random_packets("VLP-16", packets=10)
     foreign = payload.copy()
     foreign[4, 100:102] = 0x11, 0x22
-    cloud = decoder()(scan(foreign, stamps_ns, topic="/left_out"))
-    rest = np.delete(np.arange(10), 4)
+    foreign[7] = 0x55  # says of itself neither model nor time
+    message = scan(foreign, stamps_ns, topic="/left_out")
+    cloud, drops = decoder().decode(message)
+    rest = np.delete(np.arange(10), [4, 7])
     assert len(cloud) == len(decoder()(scan(payload[rest], stamps_ns[rest])))
-    assert "/left_out: packets with blocks" in caplog.text
+    reason = "packets with blocks that a VLP-16 does not send"
+    assert drops == (Drop("/left_out", message.stamp_ns, reason, "/left_out: 2 of 10 packets of the scan", 2),)
+    assert decoder().decode(scan(payload, stamps_ns))[1] == ()
+
+
+def test_packets_that_were_lost_before_are_counted() -> None:
+    payload, stamps_ns = random_packets("VLP-16", packets=3)
+    message = scan(payload, stamps_ns)._replace(left_out=(f"{TOPIC}: one", f"{TOPIC}: two"))
+    cloud, drops = decoder().decode(message)
+    assert len(cloud) == len(decoder()(scan(payload, stamps_ns)))
+    assert [(drop.reason, drop.detail, drop.parts) for drop in drops] == [
+        ("packets that cannot be decoded", f"{TOPIC}: one", 1),
+        ("packets that cannot be decoded", f"{TOPIC}: two", 1),
+    ]
 
 
 def test_a_scan_of_seconds_is_none() -> None:

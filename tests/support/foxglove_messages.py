@@ -54,6 +54,12 @@ SCHEMAS: dict[str, dict[str, tuple[int, str]]] = {
         "data": (2, "bytes"),
         "format": (3, "string"),
     },
+    "CompressedVideo": {
+        "timestamp": (1, TIME),
+        "frame_id": (2, "string"),
+        "data": (3, "bytes"),
+        "format": (4, "string"),
+    },
     "CameraCalibration": {
         "timestamp": (1, TIME),
         "frame_id": (9, "string"),
@@ -79,6 +85,7 @@ SCHEMA_OF = {
     "sensor_msgs/msg/PointCloud2": "foxglove.PointCloud",
     "sensor_msgs/msg/Image": "foxglove.RawImage",
     "sensor_msgs/msg/CompressedImage": "foxglove.CompressedImage",
+    "foxglove_msgs/msg/CompressedVideo": "foxglove.CompressedVideo",
     "sensor_msgs/msg/CameraInfo": "foxglove.CameraCalibration",
     "tf2_msgs/msg/TFMessage": "foxglove.FrameTransforms",
 }
@@ -203,6 +210,12 @@ _FIELDS: dict[str, Any] = {
     },
     "foxglove.RawImage": lambda m: _picture(m, "width", "height", "encoding", "step"),
     "foxglove.CompressedImage": lambda m: _picture(m, "format"),
+    "foxglove.CompressedVideo": lambda m: {
+        "timestamp": int(m.timestamp.sec * 10**9 + m.timestamp.nanosec),
+        "frame_id": m.frame_id,
+        "data": m.data.tobytes(),
+        "format": m.format,
+    },
     "foxglove.CameraCalibration": lambda m: {
         **_labelled(m),
         "width": m.width,

@@ -34,7 +34,11 @@ START_NS = 1_700_000_000_123_456_789
 PERIOD_NS = 100_000_000
 CONFIG = Config()
 PROVENANCE = Provenance(
-    "1.2.3", (("a.bag", "aa" * 32), ("b.bag", "bb" * 32)), "fuse: {}\n", "site_frame: site\n", START_NS
+    "1.2.3",
+    ({"name": "a.bag", "sha256": "aa" * 32}, {"name": "b.bag", "sha256": "bb" * 32}),
+    "fuse: {}\n",
+    "site_frame: site\n",
+    START_NS,
 )
 
 

@@ -13,7 +13,18 @@ import velodyne_decoder as vd
 from pipeline.types import Channel, PointCloud, RawMessage
 from pipeline.velodyne_models import MODELS, LaserTable, VelodyneModel, built_in_table
 
-__all__ = ["SCAN", "START_NS", "TOPIC", "assert_as_judged", "judged", "random_packets", "recorded_scans", "scan"]
+__all__ = [
+    "JUDGES",
+    "SCAN",
+    "START_NS",
+    "TOPIC",
+    "assert_as_judged",
+    "judged",
+    "packet_stream",
+    "random_packets",
+    "recorded_scans",
+    "scan",
+]
 
 U8 = npt.NDArray[np.uint8]
 I64 = npt.NDArray[np.int64]
@@ -50,6 +61,20 @@ def scan(
     packets = [{"stamp": builders.time(at), "data": data} for at, data in zip(stamps, payload, strict=True)]
     fields = {"header": builders.header(stamp_ns, frame_id), "packets": packets}
     return builders.raw(topic, SCAN, fields, stamp_ns, encoding=encoding)
+
+
+def packet_stream(
+    payload: U8, stamps_ns: npt.ArrayLike, *, encoding: builders.Encoding = "cdr", topic: str = TOPIC
+) -> list[RawMessage]:
+    """VelodynePackets as rosbags writes them, recorded at their stamps."""
+    msgtype = "velodyne_msgs/msg/VelodynePacket"
+    channel = builders.channel(topic, msgtype, encoding)
+    store = builders.store_for(encoding)
+    stream = []
+    for order, (at, data) in enumerate(zip(np.asarray(stamps_ns, np.int64).tolist(), payload, strict=True)):
+        packet = builders.serialize(msgtype, {"stamp": builders.time(at), "data": data}, encoding, store)
+        stream.append(RawMessage(at, at, (0, order), packet, channel))
+    return stream
 
 
 def random_packets(

@@ -1,0 +1,72 @@
+"""How much a message definition asks for, before any code is made of it.
+
+rosbags writes Python code for every field, and for every element of an array of strings or messages; and it makes an
+object for every message in a message, also of those that take up no bytes.
+"""
+
+from typing import Any
+
+from rosbags.interfaces import Nodetype
+from rosbags.interfaces.typing import Typesdict
+
+__all__ = ["MOST_FIELDS", "MOST_NESTING", "size_fault"]
+
+MOST_FIELDS = 5000
+"""Values in a message, a list counted as one and the elements of an array of messages each."""
+
+MOST_NESTING = 50
+
+_Size = tuple[int, int]
+"""Values, and the fewest bytes that they take up."""
+
+
+class _FaultError(Exception):
+    pass
+
+
+def size_fault(msgtype: str, types: Typesdict) -> str:
+    """Why messages of a type cannot be read at bounded cost; empty where they can.
+
+    Args:
+        msgtype: Name of the type.
+        types: It, and all that it is made of.
+    """
+    try:
+        _size(msgtype, types, {}, ())
+    except _FaultError as err:
+        return str(err)
+    return ""
+
+
+def _size(msgtype: str, types: Typesdict, known: dict[str, _Size], inside: tuple[str, ...]) -> _Size:
+    if msgtype in known:
+        return known[msgtype]
+    if msgtype in inside:
+        raise _FaultError(f"{msgtype} contains itself")
+    if len(inside) == MOST_NESTING:
+        raise _FaultError(f"more than {MOST_NESTING} types are nested in one another")
+    fields = least_bytes = 0
+    for name, (node, detail) in types[msgtype][1]:
+        part: Any = (node, detail)
+        count = 1
+        if node in {Nodetype.ARRAY, Nodetype.SEQUENCE}:
+            part, count = detail[0], int(detail[1])
+        values, size = _part_size(part, types, known, (*inside, msgtype))
+        if node == Nodetype.SEQUENCE and not size:
+            raise _FaultError(f"{name} is a list of messages that hold nothing")
+        if node == Nodetype.SEQUENCE:
+            size, count = 4, 1
+        in_one_piece = part[0] == Nodetype.BASE and part[1][0] not in {"string", "wstring"}
+        fields += 1 if in_one_piece else max(values * count, 1)
+        least_bytes += size * count
+        if fields > MOST_FIELDS:
+            raise _FaultError(f"a message of it holds more than {MOST_FIELDS} values")
+    known[msgtype] = fields, least_bytes
+    return known[msgtype]
+
+
+def _part_size(part: Any, types: Typesdict, known: dict[str, _Size], inside: tuple[str, ...]) -> _Size:
+    node, detail = part
+    if node == Nodetype.NAME:
+        return _size(detail, types, known, inside)
+    return 1, 4 if detail[0] in {"string", "wstring"} else 1

@@ -1,0 +1,69 @@
+"""Where a recording lies: a local path, or a URL whose credentials are never shown."""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from urllib.parse import unquote, urlsplit
+
+__all__ = ["Location", "RemotePath", "location"]
+
+URL = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+)://(.*)", re.DOTALL)
+QUERY = re.compile(r"[?#]")
+MORE = "?..."
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class RemotePath:
+    """A file that is reached over the network.
+
+    Attributes:
+        url: All of it, with what may be secret (user and password, the signature in a query): for the library that
+            fetches, for no message. The text form of this object is what may be shown.
+        facts: What its server said of it when it was opened: `size` in bytes, `etag`, `last_modified`.
+    """
+
+    url: str
+    facts: tuple[tuple[str, str], ...] = ()
+
+    def __str__(self) -> str:
+        protocol, rest = _parts(self.url)
+        shown, *more = QUERY.split(rest, maxsplit=1)
+        authority, slash, path = shown.partition("/")
+        host = authority.rpartition("@")[2]
+        port = host.rpartition("]")[2].partition(":")[2]
+        if port and not port.isdigit():  # a password with a slash or the like in it: secret all the same
+            return f"{protocol}://..."
+        return f"{protocol}://{host}{slash}{path}{MORE if more else ''}"
+
+    def __repr__(self) -> str:
+        return f"RemotePath({str(self)!r})"
+
+    @property
+    def protocol(self) -> str:
+        """Of the URL, in small letters."""
+        return _parts(self.url)[0]
+
+    @property
+    def name(self) -> str:
+        """Name of the file."""
+        return PurePosixPath(str(self).removesuffix(MORE).partition("://")[2]).name
+
+
+Location = Path | RemotePath
+
+
+def location(text: str) -> Location:
+    """What a command line names: a URL (`https://...`, `s3://...`), else a local path, also as `file://`."""
+    if URL.match(text) is None:
+        return Path(text)
+    protocol, rest = _parts(text)
+    if protocol == "file":
+        return Path(unquote(urlsplit(text).path))
+    return RemotePath(f"{protocol}://{rest}")
+
+
+def _parts(url: str) -> tuple[str, str]:
+    match = URL.match(url)
+    if match is None:
+        raise ValueError("expected a URL with a protocol, as https://host/path")
+    return match[1].lower(), match[2]

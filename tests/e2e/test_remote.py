@@ -1,0 +1,121 @@
+"""A recording on a server gives what the same file on disk gives."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from command import Lidcam
+from long_recording import LENGTH_S, MESSAGES, START_NS, write_long_recording
+from mcap.reader import make_reader
+from range_server import RangeServer, range_server
+
+WINDOW = ("--start", 30, "--duration", 3)
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("remote") / "rec.mcap"
+    write_long_recording(path)
+    return path
+
+
+@pytest.fixture
+def server(recording: Path) -> Iterator[RangeServer]:
+    with range_server({"/drives/rec.mcap": recording.read_bytes()}) as state:
+        yield state
+
+
+@pytest.fixture
+def url(server: RangeServer) -> str:
+    return server.url.replace("://", "://ada:s3cret@") + "/drives/rec.mcap?X-Amz-Signature=s3cret"
+
+
+def content_of(path: Path) -> tuple[list[Any], list[Any], dict[str, str]]:
+    with path.open("rb") as file:
+        reader = make_reader(file)
+        messages = [
+            (schema.name if schema else "", channel.topic, m.log_time, m.publish_time, m.sequence, m.data)
+            for schema, channel, m in reader.iter_messages(log_time_order=False)
+        ]
+        attachments = [(a.name, a.log_time, a.data) for a in reader.iter_attachments()]
+        (metadata,) = [record.metadata for record in reader.iter_metadata() if record.name == "lidcam"]
+    return messages, attachments, metadata
+
+
+def test_window_of_a_recording_on_a_server(
+    lidcam: Lidcam, recording: Path, server: RangeServer, url: str, tmp_path: Path
+) -> None:
+    local, remote = tmp_path / "local.mcap", tmp_path / "remote.mcap"
+    assert lidcam("process", recording, local, *WINDOW).code == 0
+    done = lidcam("process", url, remote, *WINDOW)
+    assert done.code == 0, done.err
+    assert "Warning" not in done.err
+    expected, got = content_of(local), content_of(remote)
+    assert len(expected[0]) > 100
+    assert got[:2] == expected[:2]
+    assert {key: value for key, value in got[2].items() if not key.startswith("input.")} == {
+        key: value for key, value in expected[2].items() if not key.startswith("input.")
+    }
+    assert got[2]["input.0.name"] == "rec.mcap"
+    assert got[2]["input.0.url"] == f"{server.url}/drives/rec.mcap?..."
+    assert got[2]["input.0.size"] == str(recording.stat().st_size)
+    assert {"input.0.etag", "input.0.last_modified"} <= got[2].keys()
+    assert server.sent < 0.2 * recording.stat().st_size
+    assert len(server.requests) < 20
+    assert b"s3cret" not in remote.read_bytes()
+    assert "s3cret" not in done.out + done.err
+
+
+def test_inspect_looks_at_the_beginning(lidcam: Lidcam, recording: Path, server: RangeServer, url: str) -> None:
+    done = lidcam("inspect", url, "--json")
+    assert done.code == 0, done.err
+    found = json.loads(done.out)
+    assert found["files"] == [f"{server.url}/drives/rec.mcap?..."]
+    assert found["messages"] == MESSAGES
+    assert found["looked_at_until_ns"] == START_NS + 5 * 10**9
+    topics = {topic["topic"]: topic for topic in found["topics"]}
+    assert topics["/points"]["count"] == 10 * LENGTH_S
+    assert topics["/points"]["rate_hz"] == pytest.approx(10)
+    assert found["motion"] == ["/tf"]
+    assert server.sent < 0.15 * recording.stat().st_size
+    done = lidcam("inspect", url)
+    assert "all but the counts is of the first 5 s: of files on a server, no more is looked at" in done.out
+    assert "s3cret" not in done.out + done.err
+
+
+def test_repair_reads_all_of_it(lidcam: Lidcam, server: RangeServer, url: str, tmp_path: Path) -> None:
+    content = server.files["/drives/rec.mcap"]
+    server.files["/drives/rec.mcap"] = content[: len(content) // 4]
+    done = lidcam("inspect", url, "--repair", tmp_path / "whole.mcap")
+    assert done.code == 0, done.err
+    assert "no more is looked at" not in done.out
+    assert "all of it is fetched, 6.9 MB" in done.err
+    with (tmp_path / "whole.mcap").open("rb") as file:
+        summary = make_reader(file).get_summary()
+        (record,) = [record.metadata for record in make_reader(file).iter_metadata()]
+    assert summary is not None
+    assert summary.statistics is not None
+    assert summary.statistics.message_count > 0.2 * MESSAGES
+    assert record["file"] == "rec.mcap"
+    assert "s3cret" not in done.out + done.err
+
+
+def test_errors_are_one_line_without_secrets(lidcam: Lidcam, server: RangeServer, url: str, tmp_path: Path) -> None:
+    server.statuses["/drives/rec.mcap"] = 403
+    done = lidcam("process", url, tmp_path / "out.mcap")
+    assert done.code == 1
+    assert done.error_line == (
+        f"lidcam: error: {server.url}/drives/rec.mcap?...: access was denied (HTTP 403); check the credentials, and "
+        "whether a signed link is still valid"
+    )
+    assert len(done.err.splitlines()) == 1
+    assert not (tmp_path / "out.mcap").exists()
+
+
+def test_output_on_a_server(lidcam: Lidcam, recording: Path, url: str) -> None:
+    done = lidcam("process", recording, url)
+    assert done.code == 2
+    assert "the output is a local file, found http://" in " ".join(done.err.split())
+    assert "s3cret" not in done.err

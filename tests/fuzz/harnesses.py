@@ -1,0 +1,611 @@
+"""What is fuzzed: for every decoder a function of bytes, and inputs to begin with.
+
+The contract of each: whatever the bytes, nothing but a `LidcamError` leaves lidcam's readers, its text is one short
+line, and memory and time stay bounded. A new decoder gets a line in `HARNESSES`, and what was found a file in
+`corpus/NAME/`.
+"""
+
+import json
+import sqlite3
+import struct
+from collections.abc import Callable
+from contextlib import suppress
+from functools import cache, partial
+from itertools import islice
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Literal, NamedTuple
+
+import cv2
+import numpy as np
+import yaml
+import zstandard
+from builders import (
+    Fields,
+    camera_info,
+    channel,
+    detection2d_array,
+    header,
+    image,
+    odometry,
+    pointcloud2,
+    raw,
+    serialize,
+    tf_message,
+    transform_stamped,
+    write_mcap,
+    write_rosbag1,
+    write_rosbag2,
+)
+from captures import capture_of, interface, ng_packet, pcap, section
+from combined_messages import CAMERAS, combined
+from foxglove_messages import SCHEMA_OF, foxglove_raw, twin
+from video import CODECS, compressed_video, encode, ffmpeg_packet, moving
+
+from pipeline.config import Config, LimitsConfig, dump_config, load_config
+from pipeline.errors import LidcamError
+from pipeline.types import Channel, RawMessage
+from pipeline.velodyne_models import MODELS
+from readers.bag import open_recording
+from readers.base import Recording
+from readers.camera_info import camera_model, rectified_camera_model
+from readers.deserialize import definition_problem, deserialize, typestore_for
+from readers.detections2d import decode_detections2d
+from readers.discover import discover_rig, rig_from_file
+from readers.image import decode_picture
+from readers.memory import MemoryRecording
+from readers.motion import find_motion_source
+from readers.odometry import decode_odometry
+from readers.pointcloud2 import decode_pointcloud2
+from readers.rig import load_rig
+from readers.rosbag2 import recording_files
+from readers.sensor_messages import sensor_messages
+from readers.survey import survey
+from readers.tf import decode_transforms, read_transforms
+from readers.velodyne import VelodyneDecoders
+from readers.velodyne_calibration import read_velodyne_calibration
+from readers.video_decoder import VideoDecoder
+
+__all__ = ["HARNESSES", "Harness"]
+
+T0 = 1_700_000_000 * 10**9
+Encoding = Literal["ros1", "cdr"]
+ENCODINGS: tuple[Encoding, ...] = ("ros1", "cdr")
+
+LIMITS = LimitsConfig(
+    largest_unpacked_file_gib=0.05,
+    largest_chunk_mib=4,
+    largest_message_mib=2,
+    most_messages_per_chunk=2000,
+    most_messages_in_memory=10_000,
+    most_topics=20,
+    most_points=100_000,
+    largest_picture_mpx=1.0,
+    most_losses_listed=50,
+)
+"""Small, so that a few kilobytes are enough to come to them."""
+
+MOST_MESSAGES = 3000
+LONGEST_LINE = 5000
+
+
+class Harness(NamedTuple):
+    """One decoder.
+
+    Attributes:
+        run: Gives it the bytes; raises whatever breaks the contract.
+        seeds: Sound inputs, and hostile ones that are known.
+    """
+
+    run: Callable[[bytes], None]
+    seeds: Callable[[], list[bytes]]
+
+
+def _hold(decode: Callable[..., Any], *arguments: Any) -> None:
+    """Run a decoder, and hold what leaves it to the contract."""
+    try:
+        decode(*arguments)
+    except LidcamError as err:
+        text = str(err)
+        if not text or "\n" in text or len(text) > LONGEST_LINE:
+            raise AssertionError(f"an error in one short line was expected, found {text[:200]!r}") from err
+
+
+# --- recordings
+
+
+@cache
+def _folder() -> TemporaryDirectory[str]:
+    return TemporaryDirectory(prefix="lidcam-fuzz-")
+
+
+def _file(name: str, data: bytes) -> Path:
+    path = Path(_folder().name) / name
+    path.parent.mkdir(exist_ok=True)
+    path.write_bytes(data)
+    return path
+
+
+def _read_everything(recording: Recording) -> None:
+    with sensor_messages(recording) as opened:
+        for message in islice(opened.messages(), MOST_MESSAGES):
+            with suppress(LidcamError):
+                deserialize(message)
+        survey(opened)
+        for loss in opened.losses:
+            if loss.position < 0 or "\n" in loss.reason:
+                raise AssertionError(f"a loss that cannot be told: {loss}")
+        with suppress(LidcamError):
+            found = discover_rig(opened, Config(limits=LIMITS))
+            find_motion_source(opened, found.rig, found.transforms, Config(limits=LIMITS))
+
+
+def _recording(name: str) -> Callable[[bytes], None]:
+    def run(data: bytes) -> None:
+        path = _file(name, data)
+        for rescue, thorough in ((True, False), (True, True), (False, False)):
+            _hold(_open, path, rescue, thorough)
+
+    return run
+
+
+def _open(path: Path, rescue: bool, thorough: bool) -> None:
+    _read_everything(open_recording([path], rescue=rescue, thorough=thorough, limits=LIMITS))
+
+
+def _scene(encoding: Encoding) -> list[RawMessage]:
+    """One message of every kind."""
+    points = np.arange(12, dtype=np.float32).reshape(-1, 3)
+    fields: dict[str, tuple[str, Fields]] = {
+        "/points": ("sensor_msgs/msg/PointCloud2", pointcloud2(points, stamp_ns=T0, intensity=points[:, 0])),
+        "/camera/image_raw": ("sensor_msgs/msg/Image", image(np.zeros((4, 4, 3), np.uint8), stamp_ns=T0)),
+        "/camera/camera_info": (
+            "sensor_msgs/msg/CameraInfo",
+            camera_info(np.diag([5.0, 5.0, 1.0]), stamp_ns=T0, width_px=4, height_px=4),
+        ),
+        "/tf_static": ("tf2_msgs/msg/TFMessage", tf_message([transform_stamped("lidar", "camera", stamp_ns=T0)])),
+        "/odom": ("nav_msgs/msg/Odometry", odometry(stamp_ns=T0)),
+    }
+    return [
+        raw(topic, msgtype, message, T0 + i, T0 + i, encoding)
+        for i, (topic, (msgtype, message)) in enumerate(fields.items())
+    ]
+
+
+def _states(encoding: Encoding, count: int = 6) -> list[RawMessage]:
+    return [
+        raw("/odom", "nav_msgs/msg/Odometry", odometry(stamp_ns=T0 + i), T0 + i, T0 + i, encoding) for i in range(count)
+    ]
+
+
+def _written(name: str, write: Callable[[Path], None]) -> bytes:
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / name
+        write(path)
+        return path.read_bytes() if path.is_file() else next(path.glob("*.[dm][bc]*")).read_bytes()
+
+
+def _rosbag1_seeds() -> list[bytes]:
+    compressions: tuple[Literal["none", "bz2", "lz4"], ...] = ("none", "bz2", "lz4")
+    writes = [partial(write_rosbag1, raws=_states("ros1"), compression=c, chunk_bytes=400) for c in compressions]
+    return [*map(_bag, writes), _bag(partial(write_rosbag1, raws=_scene("ros1"), chunk_bytes=2000))]
+
+
+def _bag(write: Callable[[Path], None]) -> bytes:
+    return _written("a.bag", write)
+
+
+def _mcap_seeds() -> list[bytes]:
+    compressions: tuple[Literal["none", "lz4", "zstd"], ...] = ("none", "lz4", "zstd")
+    states, scene = _states("cdr"), _scene("cdr")
+    writes = [
+        *(partial(write_mcap, raws=states, compression=c, chunk_bytes=400) for c in compressions),
+        partial(write_mcap, raws=states, compression="zstd", enable_crcs=False),  # so that alterations come further
+        partial(write_mcap, raws=_states("ros1"), use_chunking=False),
+        partial(write_mcap, raws=[twin(message, "json") for message in scene]),
+        partial(write_mcap, raws=[twin(message, "protobuf") for message in scene], compression="zstd"),
+    ]
+    return [_written("a.mcap", write) for write in writes]
+
+
+def _sqlite_seeds() -> list[bytes]:
+    return [
+        _written("a", lambda path: write_rosbag2(path, _states("cdr"), definitions=False)),
+        _written("a", lambda path: write_rosbag2(path, _states("cdr", 2), compression="message", definitions=False)),
+        _written("a.db3", _small_database),
+    ]
+
+
+def _small_database(path: Path) -> None:
+    database = sqlite3.connect(path)
+    database.execute("PRAGMA page_size = 512")
+    database.execute("CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT)")
+    database.execute("CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB)")
+    database.execute("INSERT INTO topics VALUES(1, '/a', 'std_msgs/msg/String', 'cdr')")
+    text = serialize("std_msgs/msg/String", {"data": "a" * 900})
+    database.executemany("INSERT INTO messages VALUES(?, 1, ?, ?)", [(i, i, text) for i in range(4)])
+    database.commit()
+    database.close()
+
+
+def _zstd(data: bytes) -> None:
+    """A file that is compressed as a whole."""
+    _recording("a.mcap.zstd")(data)
+
+
+def _zstd_seeds() -> list[bytes]:
+    seeds = [*_rosbag1_seeds()[:1], *_mcap_seeds()[:1], *_sqlite_seeds()[-1:]]
+    return [*map(zstandard.compress, seeds), zstandard.compress(seeds[0] + bytes(1 << 16))]
+
+
+# --- messages
+
+
+def _messages(msgtype: str, decode: Callable[[RawMessage], Any]) -> Callable[[bytes], None]:
+    """Bytes of a message; the first says the encoding."""
+
+    def run(data: bytes) -> None:
+        encoding = ENCODINGS[data[0] & 1 if data else 0]
+        message = RawMessage(T0, T0, (0, 0), data[1:], channel("/topic", msgtype, encoding))
+        _hold(decode, message)
+
+    return run
+
+
+def _message_seeds(msgtype: str, *messages: Fields) -> Callable[[], list[bytes]]:
+    return lambda: [
+        bytes([number]) + serialize(msgtype, message, encoding)
+        for message in messages
+        for number, encoding in enumerate(ENCODINGS)
+    ]
+
+
+CLOUD, PICTURE, COMPRESSED, INFO, TF, ODOMETRY, BOXES, SCAN = (
+    "sensor_msgs/msg/PointCloud2",
+    "sensor_msgs/msg/Image",
+    "sensor_msgs/msg/CompressedImage",
+    "sensor_msgs/msg/CameraInfo",
+    "tf2_msgs/msg/TFMessage",
+    "nav_msgs/msg/Odometry",
+    "vision_msgs/msg/Detection2DArray",
+    "velodyne_msgs/msg/VelodyneScan",
+)
+
+
+def _clouds() -> list[Fields]:
+    points = np.arange(9, dtype=np.float32).reshape(-1, 3)
+    times = np.linspace(0, 0.1, 3)
+    return [
+        pointcloud2(points, stamp_ns=T0, ring=np.arange(3, dtype=np.uint16), time=times.astype(np.float32)),
+        pointcloud2(points.astype(np.float64), stamp_ns=T0, is_bigendian=True, timestamp=T0 / 1e9 + times),
+    ]
+
+
+def _pictures() -> list[Fields]:
+    rng = np.random.default_rng(0)
+    names = ("rgb8", "mono16", "bayer_rggb8", "uyvy", "nv12", "nv24")
+    shapes = ((4, 4, 3), (4, 8), (4, 4), (4, 8), (6, 4), (12, 4))
+    pictures = [
+        dict(image(rng.integers(0, 256, shape, np.uint8), stamp_ns=T0, encoding=name))
+        for name, shape in zip(names, shapes, strict=True)
+    ]
+    return [{**picture, "width": 4, "height": 4} for picture in pictures]
+
+
+def _compressed() -> list[Fields]:
+    picture = np.random.default_rng(0).integers(0, 256, (6, 8, 3), np.uint8)
+    kinds = [".jpg", ".png", ".webp", ".bmp", ".avif", ".tiff"]
+    formats = [
+        "jpeg",
+        "rgb8; png compressed bgr8",
+        "webp",
+        "bayer_rggb8; png compressed",
+        "avif",
+        "bgr8; tiff compressed bgr8",
+    ]
+    return [
+        {"header": header(T0, "camera"), "format": kind, "data": cv2.imencode(suffix, picture)[1].reshape(-1)}
+        for suffix, kind in zip(kinds, formats, strict=True)
+    ]
+
+
+def _decode_info(message: RawMessage) -> None:
+    info = deserialize(message)
+    with suppress(LidcamError):
+        camera_model(info)
+    rectified_camera_model(info)
+
+
+def _decode_tf(message: RawMessage) -> None:
+    list(decode_transforms(message))
+    transforms = read_transforms(MemoryRecording([message]))
+    transforms.lookup("a", "c")
+
+
+def _scans() -> list[Fields]:
+    rng = np.random.default_rng(0)
+    messages: list[Fields] = []
+    for model in (MODELS["VLP-16"], MODELS["VLP-32C"], MODELS["HDL-32E"], MODELS["VLS-128"]):
+        payload = rng.integers(0, 256, (2, 1206), np.uint8)
+        payload[:, 0:1200:100], payload[:, 1:1200:100] = 0xFF, 0xEE
+        payload[:, 1204], payload[:, 1205] = 0x37, model.product or 0
+        packets = [{"stamp": {"sec": 1_700_000_000, "nanosec": 0}, "data": data} for data in payload]
+        messages.append({"header": header(T0, "velodyne"), "packets": packets})
+    return messages
+
+
+def _combined(data: bytes) -> None:
+    """A combined message, taken apart."""
+    for encoding in ENCODINGS[data[0] & 1 : (data[0] & 1) + 1] if data else ():
+        whole = _combined_message(encoding)._replace(data=data[1:])
+        _hold(_read_everything, MemoryRecording([whole, _combined_message(encoding)]))
+
+
+@cache
+def _combined_message(encoding: Encoding) -> RawMessage:
+    pictures = [raw("/a", PICTURE, picture, T0, encoding=encoding) for picture in _pictures()[:2]]
+    return combined("/all", CAMERAS, pictures, T0, encoding)
+
+
+def _whole_scene(data: bytes) -> None:
+    """A recording whose messages are altered: the calibration is looked for in it."""
+    messages = _scene("cdr")
+    for begin in range(0, len(data) - 3, 4):
+        number, place, value = struct.unpack_from("<BHB", data, begin)
+        message = messages[number % len(messages)]
+        altered = bytearray(message.data)
+        altered[place % len(altered)] = value
+        messages[number % len(messages)] = message._replace(data=bytes(altered))
+    _hold(_read_everything, MemoryRecording(messages))
+
+
+# --- Foxglove
+
+
+def _foxglove(encoding: Literal["protobuf", "json"]) -> Callable[[bytes], None]:
+    schemas = sorted({*SCHEMA_OF.values(), "foxglove.FrameTransform"})
+
+    def run(data: bytes) -> None:
+        schema = schemas[data[0] % len(schemas) if data else 0]
+        message = foxglove_raw("/topic", schema, {}, T0, encoding)._replace(data=data[1:])
+        _hold(_read_everything, MemoryRecording([message]))
+
+    return run
+
+
+def _foxglove_seeds(encoding: Literal["protobuf", "json"]) -> Callable[[], list[bytes]]:
+    schemas = sorted({*SCHEMA_OF.values(), "foxglove.FrameTransform"})
+
+    def seeds() -> list[bytes]:
+        twins = [twin(message, encoding) for message in _scene("cdr") if message.channel.msgtype in SCHEMA_OF]
+        return [bytes([schemas.index(message.channel.msgtype)]) + bytes(message.data) for message in twins]
+
+    return seeds
+
+
+def _protobuf_schema(data: bytes) -> None:
+    """The description of a protobuf type, then one message of that type."""
+    from base64 import b64encode
+
+    source = foxglove_raw("/topic", "foxglove.PointCloud", {}, T0)
+    altered = Channel("/topic", source.channel.msgtype, "protobuf", b64encode(data).decode(), "protobuf")
+    message = twin(_scene("cdr")[0], "protobuf")._replace(channel=altered)
+    _hold(_read_everything, MemoryRecording([message]))
+
+
+def _protobuf_schema_seeds() -> list[bytes]:
+    from base64 import b64decode
+
+    return [b64decode(foxglove_raw("/topic", "foxglove.PointCloud", {}, T0).channel.definition)]
+
+
+# --- message definitions
+
+ROS1_DEFINITION = "Header header\nPart[2] parts\nstring name\nuint8 A=1\n" + "=" * 80
+DEFINITIONS = [
+    ROS1_DEFINITION + "\nMSG: a/Part\nfloat64[] x\nint32[3] y\n",
+    "a/msg/B b\n" + "=" * 80 + "\nMSG: a/msg/B\na/msg/A a\n",
+    "a/msg/A[] children",
+    "string<=10[<=3] names\nwstring w 'x'\nint32 N=-3\ngeometry_msgs/Pose[2] poses\n",
+    "\n".join(f"float64 x{i}" for i in range(300)),
+    "uint8[99999999999] x\nstring[1000000] y",
+    "Empty[] nothing\n" + "=" * 80 + "\nMSG: a/Empty\n",
+]
+IDL = """================================================================================
+IDL: a/msg/A
+module a { module msg { module A_Constants { const uint8 N = 1; };
+@verbatim (language="comment", text="words" "and more")
+struct A { std_msgs::msg::Header header; double x[3]; sequence<a::msg::B, 4> parts; string name; }; }; };
+================================================================================
+IDL: a/msg/B
+module a { module msg { struct B { int32 number; }; }; };
+"""
+FORMATS: tuple[tuple[Encoding, Literal["ros1msg", "ros2msg", "ros2idl"]], ...] = (
+    ("ros1", "ros1msg"),
+    ("cdr", "ros2msg"),
+    ("cdr", "ros2idl"),
+)
+
+
+def _definition(data: bytes) -> None:
+    """A message definition in one of three forms, and two messages of that type."""
+    encoding, form = FORMATS[data[0] % 3 if data else 0]
+    digest = "0" * 32 if encoding == "ros1" else "RIHS01_0"
+    source = Channel("/topic", "a/msg/A", encoding, data[1:].decode(errors="replace"), form, "humble", digest)
+    definition_problem(source)
+    for content in (bytes(400), bytes([0, 1, 0, 0, *b"\2\0\0\0" * 40])):
+        _hold(deserialize, RawMessage(T0, T0, (0, 0), content, source))
+    _hold(_hash, source)
+
+
+def _hash(source: Channel) -> None:
+    typestore_for(source).hash_rihs01("a/msg/A")
+
+
+def _definition_seeds() -> list[bytes]:
+    return [bytes([form]) + text.encode() for text in DEFINITIONS for form in (0, 1)] + [b"\2" + IDL.encode()]
+
+
+# --- texts
+
+
+def _video(data: bytes) -> None:
+    """Packets behind their lengths; the first byte says the codec and the type of the messages."""
+    kinds = [*CODECS]
+    form, is_ffmpeg = kinds[data[0] % len(kinds)] if data else "h264", bool(data) and data[0] >= 128
+    decoder, rest, count, shown = VideoDecoder("/camera", limits=LIMITS), data[1:], 0, 0
+    while len(rest) > 1:
+        length = int.from_bytes(rest[:2], "big")
+        packet, stamp_ns = rest[2 : 2 + length], T0 + count
+        message = (
+            ffmpeg_packet(packet, stamp_ns, name=form) if is_ffmpeg else compressed_video(packet, stamp_ns, form=form)
+        )
+        count, rest = count + 1, rest[2 + length :]
+        shown += len(decoder.add(message, show=count % 8 > 0)) + (count % 8 == 0)
+    if shown + len(decoder.flush()) != count:
+        raise AssertionError(f"{count} messages went in, {shown} came out")
+
+
+def _video_seeds() -> list[bytes]:
+    seeds = []
+    for number, kind in enumerate(CODECS):
+        packets = [packet.data for packet in encode(moving(4, 32, 32), kind, gop=2)]
+        body = b"".join(len(packet).to_bytes(2, "big") + packet for packet in packets)
+        seeds += [bytes([first]) + body for first in (number, 128 + (number - 128) % len(CODECS))]
+    return seeds
+
+
+def _text(name: str, read: Callable[[Path], Any]) -> Callable[[bytes], None]:
+    return lambda data: _hold(read, _file(name, data))
+
+
+def _use_rig(path: Path) -> None:
+    rig_from_file(load_rig(path), MemoryRecording(_scene("cdr")), Config(limits=LIMITS))
+
+
+def _use_folder(path: Path) -> None:
+    folder = path.parent
+    (folder / "a_0.db3").touch()
+    for file in recording_files(folder):
+        if file.resolve().parent != folder.resolve():
+            raise AssertionError(f"{file} is not in the folder")
+
+
+RIG = """site_frame: lidar
+lidars: {lidar: {topic: /points, T_site_lidar: [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 2], [0, 0, 0, 1]]}}
+cameras:
+  camera: {topic: /camera/image_raw, width_px: 4, height_px: 4, K: [5, 0, 2, 0, 5, 2, 0, 0, 1], distortion: [0.1, 0],
+    translation_m: [0, 0, 1], rpy_deg: [0, 0, 90]}
+zones: {all: [[0, 0], [10, 0], [10, 10]]}
+"""
+GEOMETRY = """cameras:
+  11: {w2c: [[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]], c2p: [[5, 0, 2, 0], [0, 5, 2, 0], [0, 0, 1, 0]]}
+"""
+KITTI = """P2: 7 0 6 4 0 7 1 2 0 0 1 0.002
+R0_rect: 1 0 0 0 1 0 0 0 1
+Tr_velo_to_cam: 0 -1 0 0 0 0 -1 -0.08 1 0 0 -0.27
+S_rect_02: 1242 375
+"""
+ALIASES = "a: &a [1, 1, 1]\n" + "\n".join(
+    f"{chr(98 + i)}: &{chr(98 + i)} [{', '.join([f'*{chr(97 + i)}'] * 9)}]" for i in range(12)
+)
+MERGES = "a: &a {x: 1, y: 2}\n" + "\n".join(
+    f"{chr(98 + i)}: &{chr(98 + i)}\n  <<: [{', '.join([f'*{chr(97 + i)}'] * 9)}]" for i in range(9)
+)
+HOSTILE_YAML = [
+    ALIASES,
+    MERGES,
+    "a: &a [*a]",
+    "[" * 3000,
+    "a: 2001-99-99",
+    f"a: {'9' * 5000}",
+    "a: 1e99999",
+    "? [a]\n: b",
+]
+METADATA = """rosbag2_bagfile_information:
+  relative_file_paths: [a_0.db3, ../../etc/passwd, /etc/passwd, .., '', "a\\0b"]
+  ros_distro: humble
+  compression_mode: ''
+"""
+
+
+def _texts(*texts: str) -> Callable[[], list[bytes]]:
+    return lambda: [text.encode() for text in (*texts, *HOSTILE_YAML)]
+
+
+def _calibration() -> str:
+    lasers = [{"laser_id": i, "rot_correction": 0.0, "vert_correction": 0.01 * i} for i in range(16)]
+    return str(yaml.safe_dump({"lasers": lasers, "num_lasers": 16}))
+
+
+def _capture_seeds() -> list[bytes]:
+    """pcap and pcapng of a Velodyne; a whole packet and the begin of others, as inputs are short."""
+    data = np.zeros((6, 1206), np.uint8)
+    data[:, :4] = np.array([[0xFF, 0xEE, 0, 20 * row] for row in range(6)])
+    data[:, 1204:] = 0x37, 0x22
+    packets = capture_of(data, T0 + np.arange(6) * 10**6)
+    short = [(at, packet if row == 2 else packet[:60]) for row, (at, packet) in enumerate(packets)]
+    blocks = b"".join(ng_packet(at, packet) for at, packet in short)
+    return [pcap(short), pcap(packets, "big, us"), pcap(short, "little, modified"), section() + interface() + blocks]
+
+
+HARNESSES: dict[str, Harness] = {
+    "rosbag1": Harness(_recording("a.bag"), _rosbag1_seeds),
+    "mcap": Harness(_recording("a.mcap"), _mcap_seeds),
+    "sqlite": Harness(_recording("a.db3"), _sqlite_seeds),
+    "zstd": Harness(_zstd, _zstd_seeds),
+    "capture": Harness(_recording("a.pcap"), _capture_seeds),
+    "pointcloud2": Harness(
+        _messages(CLOUD, lambda m: decode_pointcloud2(m, limits=LIMITS)), lambda: _message_seeds(CLOUD, *_clouds())()
+    ),
+    "image": Harness(
+        _messages(PICTURE, lambda m: decode_picture(m, limits=LIMITS)), lambda: _message_seeds(PICTURE, *_pictures())()
+    ),
+    "compressed_image": Harness(
+        _messages(COMPRESSED, lambda m: decode_picture(m, limits=LIMITS)),
+        lambda: _message_seeds(COMPRESSED, *_compressed())(),
+    ),
+    "camera_info": Harness(
+        _messages(INFO, _decode_info),
+        _message_seeds(INFO, camera_info(np.diag([5.0, 5.0, 1.0]), stamp_ns=T0, width_px=4, height_px=4)),
+    ),
+    "tf": Harness(
+        _messages(TF, _decode_tf),
+        _message_seeds(
+            TF,
+            tf_message([transform_stamped(*edge, stamp_ns=T0) for edge in (("a", "b"), ("b", "c"))]),
+            tf_message([transform_stamped(*edge, stamp_ns=T0) for edge in (("a", "b"), ("b", "c"), ("c", "a"))]),
+        ),
+    ),
+    "odometry": Harness(_messages(ODOMETRY, decode_odometry), _message_seeds(ODOMETRY, odometry(stamp_ns=T0))),
+    "detections2d": Harness(
+        _messages(BOXES, lambda m: decode_detections2d(m, {"car": 0}, class_names=["car"])),
+        _message_seeds(
+            BOXES, detection2d_array([[0, 0, 5, 5]] * 2, class_names=["car", "0"], scores=[0.5, 0.6], stamp_ns=T0)
+        ),
+    ),
+    "velodyne_scan": Harness(
+        _messages(SCAN, lambda m: VelodyneDecoders(Config().velodyne)[m.topic](m)),
+        lambda: _message_seeds(SCAN, *_scans())(),
+    ),
+    "combined": Harness(
+        _combined, lambda: [bytes([i]) + bytes(_combined_message(e).data) for i, e in enumerate(ENCODINGS)]
+    ),
+    "scene": Harness(_whole_scene, lambda: [b"", bytes(range(64))]),
+    "foxglove_protobuf": Harness(_foxglove("protobuf"), _foxglove_seeds("protobuf")),
+    "foxglove_json": Harness(
+        _foxglove("json"),
+        lambda: [*_foxglove_seeds("json")(), b"\1" + b"[" * 2000, b"\1" + json.dumps({"data": [[]] * 50}).encode()],
+    ),
+    "video": Harness(_video, _video_seeds),
+    "protobuf_schema": Harness(_protobuf_schema, _protobuf_schema_seeds),
+    "definition": Harness(_definition, _definition_seeds),
+    "rig": Harness(_text("rig.yaml", _use_rig), _texts(RIG, GEOMETRY, KITTI)),
+    "config": Harness(_text("config.yaml", load_config), lambda: _texts(dump_config(Config())[:600])()),
+    "metadata": Harness(_text("folder/metadata.yaml", _use_folder), _texts(METADATA)),
+    "velodyne_calibration": Harness(
+        _text("lasers.yaml", lambda path: read_velodyne_calibration(path, MODELS["VLP-16"])),
+        lambda: _texts(_calibration())(),
+    ),
+}
+"""By name."""

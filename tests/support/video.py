@@ -1,0 +1,172 @@
+"""Videos for tests: pictures, PyAV's encoders, and the messages that recorders make of their packets."""
+
+import os
+from collections.abc import Sequence
+from fractions import Fraction
+from typing import Any, Literal, NamedTuple
+
+import av
+import cv2
+import numpy as np
+import numpy.typing as npt
+from builders import header, raw, time
+
+from pipeline.types import RawMessage
+from readers.image import decode_picture
+
+__all__ = [
+    "CODECS",
+    "PERIOD_NS",
+    "T0",
+    "Packet",
+    "compressed_video",
+    "encode",
+    "ffmpeg",
+    "ffmpeg_packet",
+    "foxglove",
+    "moving",
+    "pixels",
+    "psnr_db",
+]
+
+os.environ.setdefault("SVT_LOG", "0")  # or the encoder of AV1 tells of itself on stderr
+
+U8 = npt.NDArray[np.uint8]
+
+T0 = 1_700_000_000_000_000_000
+PERIOD_NS = 100_000_000
+
+# Codec, encoder and its options by Foxglove's name: one packet per picture, none out of order.
+CODECS: dict[str, tuple[str, str, dict[str, str]]] = {
+    "h264": ("h264", "libx264", {"preset": "veryfast", "tune": "zerolatency", "sc_threshold": "0"}),
+    "h265": (
+        "hevc",
+        "libx265",
+        {
+            "preset": "ultrafast",
+            "x265-params": "bframes=0:scenecut=0:log-level=none:pools=none:frame-threads=1:repeat-headers=1",
+        },
+    ),
+    "vp9": ("vp9", "libvpx-vp9", {"deadline": "realtime", "cpu-used": "8", "lag-in-frames": "0"}),
+    "av1": ("av1", "libsvtav1", {"preset": "11", "crf": "20", "svtav1-params": "pred-struct=1"}),
+    "vp8": ("vp8", "libvpx", {"deadline": "realtime", "cpu-used": "8", "lag-in-frames": "0"}),
+    "mpeg4": ("mpeg4", "mpeg4", {}),
+    "mjpeg": ("mjpeg", "mjpeg", {}),
+}
+
+
+class Packet(NamedTuple):
+    """One packet: its bytes, the number of its picture, and whether the encoder calls it a key frame."""
+
+    data: bytes
+    picture: int
+    is_key: bool
+
+
+def moving(count: int, width_px: int = 64, height_px: int = 48) -> list[U8]:
+    """Smooth RGB pictures with something that moves: each differs clearly from the one before."""
+    y, x = np.mgrid[:height_px, :width_px]
+    found = []
+    for number in range(count):
+        grey = 128 + 60 * np.sin((x + 2 * y) / 25 + number / 2)
+        tint = 20 * np.sin(np.stack([x, y, x + y], -1) / 40)  # codecs halve the resolution of colours
+        picture = np.ascontiguousarray((grey[..., None] + tint).astype(np.uint8))
+        center = (8 + 3 * number % (width_px - 16), height_px // 2)
+        found.append(np.asarray(cv2.circle(picture, center, 8, (240, 240, 240), -1), np.uint8))
+    return found
+
+
+def encode(pictures: Sequence[U8], kind: str = "h264", *, gop: int = 5, **options: str) -> list[Packet]:
+    """The packets of RGB pictures in the order of decoding.
+
+    Args:
+        pictures: All of one size.
+        kind: Of `CODECS`.
+        gop: Pictures from one key frame to the next.
+        options: Of the encoder, over those of `CODECS`; `_` for `-`.
+    """
+    _, encoder, defaults = CODECS[kind]
+    context: Any = av.CodecContext.create(encoder, "w")
+    context.height, context.width = pictures[0].shape[:2]
+    context.pix_fmt = "yuvj420p" if kind == "mjpeg" else "yuv420p"
+    context.time_base, context.framerate = Fraction(1, 10), Fraction(10)
+    context.gop_size, context.thread_count = gop, 1
+    if kind in {"vp9", "vp8", "mpeg4", "mjpeg"}:  # the others aim at a quality
+        context.bit_rate = 4_000_000
+    context.options = defaults | {name.replace("_", "-"): value for name, value in options.items()}
+    packets: list[Any] = []
+    for number, picture in enumerate(pictures):
+        frame = av.VideoFrame.from_ndarray(picture, format="rgb24")
+        frame.pts = number
+        packets += context.encode(frame)
+    packets += context.encode(None)
+    return [Packet(bytes(packet), packet.pts, packet.is_keyframe) for packet in packets]
+
+
+def compressed_video(
+    data: bytes,
+    stamp_ns: int,
+    log_time_ns: int | None = None,
+    *,
+    form: str = "h264",
+    topic: str = "/camera/video",
+    encoding: Literal["ros1", "cdr"] = "cdr",
+    frame_id: str = "camera",
+) -> RawMessage:
+    """A foxglove_msgs/CompressedVideo."""
+    fields = {"timestamp": time(stamp_ns), "frame_id": frame_id, "data": data, "format": form}
+    return raw(topic, "foxglove_msgs/msg/CompressedVideo", fields, stamp_ns, log_time_ns, encoding)
+
+
+def ffmpeg_packet(
+    data: bytes,
+    stamp_ns: int,
+    log_time_ns: int | None = None,
+    *,
+    name: str = "h264",
+    topic: str = "/camera/image_raw/ffmpeg",
+    encoding: Literal["ros1", "cdr"] = "cdr",
+    **fields: Any,
+) -> RawMessage:
+    """A ffmpeg_image_transport_msgs/FFMPEGPacket; `fields` are further ones of its own."""
+    message = {"header": header(stamp_ns, "camera"), "encoding": name, "data": data, **fields}
+    return raw(topic, "ffmpeg_image_transport_msgs/msg/FFMPEGPacket", message, stamp_ns, log_time_ns, encoding)
+
+
+def foxglove(packets: Sequence[Packet], form: str = "h264", **options: Any) -> list[RawMessage]:
+    """CompressedVideo of packets, stamped by their pictures, recorded one after another."""
+    return [
+        compressed_video(packet.data, *_times(place, packet), form=form, **options)
+        for place, packet in enumerate(packets)
+    ]
+
+
+def ffmpeg(packets: Sequence[Packet], name: str = "h264", **options: Any) -> list[RawMessage]:
+    """FFMPEGPacket of packets, stamped by their pictures, recorded one after another."""
+    return [
+        ffmpeg_packet(
+            packet.data,
+            *_times(place, packet),
+            name=name,
+            pts=1000 * packet.picture,
+            flags=int(packet.is_key),
+            **options,
+        )
+        for place, packet in enumerate(packets)
+    ]
+
+
+def _times(place: int, packet: Packet) -> tuple[int, int]:
+    """Stamp and log time."""
+    return T0 + packet.picture * PERIOD_NS, T0 + place * PERIOD_NS + 1_000_000
+
+
+def pixels(message: RawMessage) -> U8:
+    """The RGB picture of a message that came out of a decoder."""
+    return decode_picture(message).rgb
+
+
+def psnr_db(one: U8, other: U8) -> float:
+    """Peak signal-to-noise ratio of two pictures of one size; infinite where they are equal."""
+    error = float(((one.astype(np.float64) - other) ** 2).mean())
+    return float(10 * np.log10(255**2 / error)) if error else float("inf")
