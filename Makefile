@@ -42,6 +42,7 @@ bench: $(INSTALLED)
 	$(BIN)/python benchmarks/end_to_end.py
 	$(BIN)/python benchmarks/filters.py
 	$(BIN)/python benchmarks/velodyne.py
+	$(BIN)/python benchmarks/simulator.py
 
 config/default.yaml: pipeline/config.py $(INSTALLED)
 	@printf '# The defaults of every setting: a printed copy of pipeline/config.py, which explains each one.\n# Copy the part that you want to change into a file of your own and pass it with --config.\n\n' > $@

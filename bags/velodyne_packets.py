@@ -65,6 +65,13 @@ class EncodedPackets:
     stamps_ns: npt.NDArray[np.int64]
     payload: npt.NDArray[np.uint8]
 
+    def later(self, by_ns: int) -> "EncodedPackets":
+        """The same packets sent at another time, also by the clock inside of them (microseconds of the hour)."""
+        stamps_ns = self.stamps_ns + by_ns
+        payload = self.payload.copy()
+        payload[:, 1200:1204] = _hour_us(stamps_ns).astype("<u4").view(np.uint8).reshape(-1, 4)
+        return EncodedPackets(stamps_ns, payload)
+
 
 @dataclass(frozen=True, slots=True)
 class VelodyneSensor:
@@ -101,14 +108,32 @@ class VelodyneSensor:
 
     def beams(self, first_packet: int, packets: int) -> Beams:
         """The beams of packets `first_packet` up to `first_packet + packets`, F = packets x firings_per_packet."""
-        times_us = self._firing_us(first_packet, packets)[:, None] + self._laser_us
-        table = self._table
-        azimuth = self._azimuth_rad(times_us) - table.azimuth_offset_rad
+        firing_us, table = self._firing_us(first_packet, packets), self._table
+        # Azimuths are sums of one of the firing and one of the laser: only these need cosine and sine.
+        firing = self._azimuth_rad(firing_us)[:, None]
+        laser = 2 * np.pi * self.turn_hz * 1e-6 * self._laser_us - table.azimuth_offset_rad
         across = np.cos(table.elevation_rad)
-        up = np.broadcast_to(np.sin(table.elevation_rad), azimuth.shape)
-        directions = np.stack([across * np.cos(azimuth), -across * np.sin(azimuth), up], axis=-1)
+        cos, sin = across * np.cos(laser), across * np.sin(laser)
+        directions = np.empty((len(firing), len(table), 3))
+        directions[:, :, 0] = np.cos(firing) * cos - np.sin(firing) * sin
+        directions[:, :, 1] = -np.sin(firing) * cos - np.cos(firing) * sin
+        directions[:, :, 2] = np.sin(table.elevation_rad)
         origins = np.stack([np.zeros(len(table)), np.zeros(len(table)), table.vertical_offset_m], axis=-1)
+        times_us = firing_us[:, None] + self._laser_us
         return Beams(directions, origins, self.start_ns + np.rint(times_us * 1000).astype(np.int64))
+
+    def packet_ns(self, packet: int) -> int:
+        """Time of the first firing of a packet."""
+        return self.start_ns + round(packet * self._packet_us * 1000)
+
+    def azimuth_error_rad(self, first_packet: int, packets: int) -> F64:
+        """(F,) by how much the azimuths that packets tell of their firings are larger than the true ones.
+
+        A block tells 0.01 degrees; a decoder reckons on from there, so its later firing is wrong by as much.
+        """
+        begun_us = self._block_us(first_packet, packets).reshape(-1)
+        true_deg = np.rad2deg(self._azimuth_rad(begun_us))
+        return np.repeat(np.deg2rad(np.rint(true_deg * 100) / 100 - true_deg), SLOTS // self._facts.lasers)
 
     def encode(self, first_packet: int, ranges_m: F64, reflectivity: npt.NDArray[np.uint8]) -> EncodedPackets:
         """Packets of the ranges along `beams`.
@@ -134,7 +159,7 @@ class VelodyneSensor:
             steps = np.rint(ranges_m / facts.range_step_m)
             steps = np.where((steps > 0) & (steps <= 0xFFFF), steps, 0).astype(np.uint16)
         columns = BLOCKS // returns
-        times_us = self._firing_us(first_packet, packets).reshape(packets, columns, -1)[:, :, 0]
+        times_us = self._block_us(first_packet, packets)
         azimuth = np.rint(np.rad2deg(self._azimuth_rad(times_us)) * 100).astype(np.int64) % 36000
 
         table = np.zeros(packets, _PACKET)
@@ -144,7 +169,7 @@ class VelodyneSensor:
         blocks["echoes"]["steps"] = _by_return(steps, packets, columns, returns)
         blocks["echoes"]["reflectivity"] = _by_return(np.where(steps, reflectivity, 0), packets, columns, returns)
         stamps_ns = self.start_ns + np.rint(times_us[:, 0] * 1000).astype(np.int64)
-        table["time_us"] = (stamps_ns + 500) // 1000 % HOUR_US
+        table["time_us"] = _hour_us(stamps_ns)
         table["mode"] = RETURN_BYTES[self.return_mode]
         table["product"] = facts.product
         return EncodedPackets(stamps_ns, np.frombuffer(table.tobytes(), np.uint8).reshape(packets, -1))
@@ -178,8 +203,17 @@ class VelodyneSensor:
         block_us = np.arange(BLOCKS // self._returns) * self._facts.column_us
         return np.asarray((packet_us[:, None, None] + block_us[:, None] + in_block_us).reshape(-1))
 
+    def _block_us(self, first_packet: int, packets: int) -> F64:
+        """(packets, columns) times of the first firings of blocks, since `start_ns`."""
+        return self._firing_us(first_packet, packets).reshape(packets, BLOCKS // self._returns, -1)[:, :, 0]
+
     def _azimuth_rad(self, times_us: F64) -> F64:
         return np.asarray(np.deg2rad(self.start_azimuth_deg) + 2 * np.pi * self.turn_hz * 1e-6 * times_us)
+
+
+def _hour_us(stamps_ns: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    """Microseconds since the hour began, rounded."""
+    return (stamps_ns + 500) // 1000 % HOUR_US
 
 
 def _by_return(

@@ -9,7 +9,8 @@ import logging
 import os
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
 from types import FrameType
@@ -43,6 +44,22 @@ Examples:
   lidcam inspect bag_folder --json
   lidcam inspect broken.bag --repair whole.mcap
   lidcam inspect s3://bucket/drive.mcap
+"""
+
+SIMULATE_EXAMPLES = """\b
+Scenarios: sandbox, crossing, vehicle, or a YAML file of your own (copy one of config/scenarios).
+Examples:
+  lidcam simulate sandbox out.bag --duration 10
+  lidcam simulate crossing out.mcap --seed 7
+  lidcam simulate my_crossing.yaml bag_folder --format sqlite3
+  lidcam simulate sandbox out.bag --set lidars.velodyne1.clock_offset_ms=20
+"""
+
+DRIVE_EXAMPLES = """\b
+Keys: w forward, s back, a left, d right, x stop, 1 and 2 choose the car, o ends. A command holds until the next one.
+Examples:
+  lidcam drive sandbox out.bag --view
+  lidcam drive sandbox out.mcap --keys "wwadx2ww"
 """
 
 app = typer.Typer(
@@ -204,6 +221,103 @@ def inspect(
             as_json=as_json,
         )
     )
+
+
+Scenario = Annotated[str, typer.Argument(metavar="SCENARIO", help="Name of a scenario, or a YAML file.")]
+RecordingOut = Annotated[Path, typer.Argument(metavar="OUT", help="OUT.bag, OUT.mcap, or a folder (sqlite3).")]
+Format = Annotated[
+    Literal["ros1", "sqlite3", "mcap"] | None,
+    typer.Option("--format", help="Of the recording; without it, what its name ends in says it."),
+]
+Seed = Annotated[int | None, typer.Option(min=0, metavar="N", help="Instead of the scenario's: other noise.")]
+
+
+@app.command(epilog=SIMULATE_EXAMPLES)
+def simulate(
+    scenario: Scenario,
+    output: RecordingOut,
+    format_: Format = None,
+    duration: Annotated[
+        float | None,
+        typer.Option(min=0, metavar="S", callback=_seconds, help="Seconds to record; without it, the scenario's."),
+    ] = None,
+    seed: Seed = None,
+    settings: Setting = None,
+    workers: Annotated[
+        int | None,
+        typer.Option(min=1, metavar="N", help="Sensors simulated at once; the recording is the same. [default: cores]"),
+    ] = None,
+) -> None:
+    """Record a simulated scene: lidars, cameras, and the truth about what they see."""
+    if duration == 0:
+        raise typer.BadParameter("expected more than 0 seconds", param_hint="--duration")
+    with _simulator():
+        from bags.commands import SimulateOptions, run_simulate
+
+    options = SimulateOptions(
+        scenario=scenario,
+        output=output,
+        format=format_,
+        duration_s=duration,
+        seed=seed,
+        overrides=tuple(settings or ()),
+        workers=workers,
+    )
+    run_simulate(options)
+
+
+@app.command(epilog=DRIVE_EXAMPLES)
+def drive(
+    scenario: Scenario,
+    output: RecordingOut,
+    format_: Format = None,
+    keys: Annotated[
+        str | None,
+        typer.Option(metavar="KEYS", help="Press these one after the other, as fast as it can be simulated, and end."),
+    ] = None,
+    key_interval: Annotated[
+        float, typer.Option(min=0.01, max=60, metavar="S", help="Simulated seconds from one of --keys to the next.")
+    ] = 0.5,
+    view: Annotated[bool, typer.Option("--view", help="Show it in the Rerun viewer meanwhile.")] = False,
+    duration: Annotated[
+        float | None, typer.Option(min=0, metavar="S", callback=_seconds, help="End after S simulated seconds.")
+    ] = None,
+    seed: Seed = None,
+    settings: Setting = None,
+) -> None:
+    """Drive the cars of a scenario from the keyboard, and record it."""
+    if duration == 0:
+        raise typer.BadParameter("expected more than 0 seconds", param_hint="--duration")
+    with _simulator():
+        from bags.commands import DriveOptions, run_drive
+
+    options = DriveOptions(
+        scenario=scenario,
+        output=output,
+        format=format_,
+        duration_s=duration,
+        seed=seed,
+        overrides=tuple(settings or ()),
+        keys=keys,
+        key_interval_s=key_interval,
+        view=view,
+    )
+    run_drive(options)
+
+
+@contextmanager
+def _simulator() -> Iterator[None]:
+    """Loading the simulator, which an extra brings.
+
+    Raises:
+        LidcamError: it is not installed.
+    """
+    try:
+        yield
+    except ModuleNotFoundError as err:
+        if err.name not in {"open3d", "libusb_package"}:
+            raise
+        raise LidcamError(f"the simulator needs {err.name}, which is not installed: pip install 'lidcam[sim]'") from err
 
 
 @app.callback()

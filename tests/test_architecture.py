@@ -25,7 +25,7 @@ MAY_IMPORT = {
     "pipeline.filters": {"pipeline.filters"},
     "readers": {"readers"},
     "writers": {"writers"},
-    "bags": {"bags"},
+    "bags": {"bags", "readers.rig_file", "writers.atomic"},  # recordings and rigs are files like any other of ours
     "pipeline.graph": set(),
     "pipeline.errors": set(),
     "pipeline.geometry": set(),

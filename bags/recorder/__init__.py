@@ -1,0 +1,1 @@
+"""What is written: messages, truth, and the files that hold them."""

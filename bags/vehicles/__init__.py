@@ -1,0 +1,1 @@
+"""What moves: vehicles and people, their ways, and who drives them."""

@@ -1,0 +1,1 @@
+"""What can be seen: shapes, materials, places, and rays cast on them."""

@@ -1,0 +1,70 @@
+"""How large the things are that move: their boxes, wheels and steering."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+__all__ = ["SHAPES", "Shape"]
+
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Shape:
+    """Facts about a shape; lengths in its base frame (x forward, y left, z up).
+
+    The base frame lies on the ground: below the middle of the rear axle, below the rear wheel of a cyclist, below the
+    middle of a pedestrian.
+
+    Attributes:
+        class_name: Class in the truth.
+        size_m: Length, width (mirrors included), height of its box.
+        box_center_m: Centre of its box.
+        wheel_base_m: From axle to axle; 0 for a pedestrian.
+        track_width_m: Between the middles of the front wheels; 0 for what has not two of them.
+        wheel_radius_m: Of all wheels; 0 for a pedestrian.
+        largest_steering_rad: Of the middle of the front axle; the inner wheel turns further.
+    """
+
+    class_name: str
+    size_m: Vector
+    box_center_m: Vector
+    wheel_base_m: float = 0.0
+    track_width_m: float = 0.0
+    wheel_radius_m: float = 0.0
+    largest_steering_rad: float = 0.0
+
+    @property
+    def rear_m(self) -> float:
+        """The x of the rear end of the box; negative."""
+        return self.box_center_m[0] - self.size_m[0] / 2
+
+    @property
+    def front_m(self) -> float:
+        """The x of the front end of the box."""
+        return self.box_center_m[0] + self.size_m[0] / 2
+
+    @property
+    def bottom_m(self) -> float:
+        """The z of the bottom of the box."""
+        return self.box_center_m[2] - self.size_m[2] / 2
+
+    @property
+    def top_m(self) -> float:
+        """The z of the top of the box."""
+        return self.box_center_m[2] + self.size_m[2] / 2
+
+
+SHAPES: Mapping[str, Shape] = MappingProxyType(
+    {
+        # 1:14. The original's box begins 7 mm above the table; its controllers turn 28 rad per metre.
+        "model_car": Shape("car", (0.33, 0.22, 0.21), (0.105, 0.0, 0.112), 0.21, 0.165, 1 / 28, 0.6),
+        "car": Shape("car", (4.50, 1.92, 1.48), (1.30, 0.0, 0.74), 2.70, 1.44, 0.31, 0.48),
+        "van": Shape("van", (5.90, 2.34, 2.50), (1.85, 0.0, 1.25), 3.60, 1.64, 0.34, 0.50),
+        "truck": Shape("truck", (8.60, 2.78, 3.50), (2.10, 0.0, 1.75), 4.80, 1.98, 0.48, 0.50),
+        "bus": Shape("bus", (12.0, 2.88, 3.10), (2.60, 0.0, 1.55), 5.90, 2.04, 0.48, 0.55),
+        "cyclist": Shape("cyclist", (1.73, 0.58, 1.72), (0.525, 0.0, 0.86), 1.05, 0.0, 0.34, 0.7),
+        "pedestrian": Shape("pedestrian", (0.96, 0.54, 1.78), (-0.03, 0.0, 0.89)),
+    }
+)
+"""By the name that a scenario gives."""

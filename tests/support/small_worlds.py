@@ -1,0 +1,101 @@
+"""Things to look at for the tests of simulated sensors: scenes of few bodies, and ways that are known by formula."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial.transform import Rotation
+
+from bags.world.mesh import Material, Mesh, box, merged, polygon
+from bags.world.motion import FixedPath, Path, Poses, upright_poses
+from bags.world.scene import Mover, Part, Rays, Scene
+from pipeline.geometry import Transform
+
+__all__ = [
+    "BLACK",
+    "GLASS",
+    "GREY",
+    "RETRO",
+    "WHITE",
+    "EvenPath",
+    "box_mover",
+    "fixed_at",
+    "random_rays",
+    "scene",
+    "wall",
+]
+
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+
+WHITE = Material("white", (1.0, 1.0, 1.0), 1.0)
+GREY = Material("grey", (0.5, 0.5, 0.5), 0.25)
+BLACK = Material("black", (0.0, 0.0, 0.0), 0.01)
+RETRO = Material("reflector", (1.0, 1.0, 1.0), 5.0)
+GLASS = Material("glass", (0.1, 0.1, 0.1), 0.01, mirror=0.1, transmission=0.8)
+
+
+@dataclass(frozen=True, slots=True)
+class EvenPath:
+    """Upright, at an even pace and turning evenly.
+
+    Attributes:
+        start_m: Place at time 0.
+        velocity_m_s: Of the place.
+        yaw_rad: At time 0.
+        turn_rad_s: Change of yaw.
+    """
+
+    start_m: tuple[float, float, float]
+    velocity_m_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    yaw_rad: float = 0.0
+    turn_rad_s: float = 0.0
+
+    def poses(self, times_ns: I64) -> Poses:
+        """As `Path`."""
+        seconds: F64 = times_ns.astype(np.float64) * 1e-9
+        places = np.array(self.start_m) + seconds[:, None] * np.array(self.velocity_m_s)
+        return upright_poses(places, self.yaw_rad + self.turn_rad_s * seconds)
+
+
+def fixed_at(position_m: Sequence[float], rpy_deg: Sequence[float] = (0.0, 0.0, 0.0)) -> FixedPath:
+    """Something that stands still."""
+    turn = Rotation.from_euler("xyz", rpy_deg, degrees=True).as_quat()
+    return FixedPath(Transform.from_quaternion("world", "thing", np.array(position_m, np.float64), turn))
+
+
+def wall(x_m: float, material: Material, *, half_m: float = 50.0) -> Mesh:
+    """A square in the plane of one x, seen from the origin."""
+    corners = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * half_m
+    if x_m < 0:
+        corners = corners[::-1]
+    return polygon(np.c_[np.full(4, x_m), corners], material)
+
+
+def box_mover(
+    name: str,
+    path: Path,
+    size_m: tuple[float, float, float] = (4.0, 2.0, 1.5),
+    material: Material = GREY,
+    *,
+    parts: Sequence[tuple[Mesh, Path]] = (),
+) -> Mover:
+    """A box that stands on the ground at its path's place, or other parts in such a box."""
+    center = (0.0, 0.0, size_m[2] / 2)
+    own = parts or [(box(center, size_m, material), path)]
+    return Mover(name, "car", path, center, size_m, tuple(Part(mesh, way) for mesh, way in own))
+
+
+def scene(meshes: Sequence[Mesh] = (), movers: Sequence[Mover] = ()) -> Scene:
+    """What stands still and what moves."""
+    return Scene(merged(meshes), movers)
+
+
+def random_rays(count: int, *, seed: int = 0, reach_m: float = 8.0, span_ns: int = 100_000_000) -> Rays:
+    """Rays from anywhere in a cube to anywhere near its middle, in order of time."""
+    random = np.random.default_rng(seed)
+    origins = random.uniform(-reach_m, reach_m, (count, 3))
+    directions = random.uniform(-2, 2, (count, 3)) - origins
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    return Rays(origins, directions, np.sort(random.integers(0, span_ns, count)))
