@@ -5,6 +5,7 @@ import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import yaml
 from rich.console import Console
@@ -12,14 +13,18 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from bags.driving import drive
 from bags.keyboard import Keyboard, ScriptedKeys
-from bags.live_view import LiveView
 from bags.recorder.files import MessageWriter, RecordingFormat, format_of, recording_file, ros_version_of
-from bags.recorder.simulation import Recorded, Simulation
+from bags.recorder.recorded import Recorded
+from bags.recorder.start import simulating
 from bags.scenario import Scenario, load_scenario
 from bags.terminal import terminal_keys
 from bags.vehicles.keys import RemoteControl
 from pipeline.errors import ConfigError
 from readers.rig_file import rig_yaml
+
+if TYPE_CHECKING:
+    from bags.live_view import LiveView
+    from bags.recorder.simulation import Simulation
 
 __all__ = ["DriveOptions", "SimulateOptions", "run_drive", "run_simulate"]
 
@@ -87,7 +92,7 @@ def run_drive(options: DriveOptions) -> None:
         else:
             keyboard = ScriptedKeys(sys.stdin.read().strip(), interval_ns)
         simulation, recorder = resources.enter_context(_recording(scenario, options, driven=drivable))
-        view = LiveView(simulation).spawn() if options.view else None
+        view = _viewer(simulation) if options.view else None
         end_ns = None if options.duration_s is None else round(options.duration_s * 1e9)
         status = resources.enter_context(contextlib.closing(_StatusLine()))
         for recorded, control in drive(simulation, keyboard, drivable, end_ns=end_ns):
@@ -108,7 +113,7 @@ class _Recorder:
     def add(self, recorded: list[Recorded]) -> None:
         """Write what was recorded in one step."""
         for one in recorded:
-            self._writer.write(one.topic, one.message, self._start_ns + one.log_ns, latched=one.latched)
+            self._writer.write(one, self._start_ns)
         self.messages += len(recorded)
 
     def tell(self, output: Path, now_ns: int) -> None:
@@ -126,11 +131,11 @@ class _StatusLine:
         self._console = _console()
         self._shown = False
 
-    def show(self, simulation: Simulation, control: RemoteControl) -> None:
+    def show(self, simulation: "Simulation", control: RemoteControl) -> None:
         """Write the line anew."""
         if not self._console.is_terminal:
             return
-        state = simulation.traffic.trajectories[control.chosen].last
+        state = simulation.state(control.chosen)
         cars = " ".join(f"{number} {name}" for number, name in enumerate(control.vehicles, 1))
         self._write(
             f"\r{simulation.now_ns * 1e-9:6.1f} s  {control.chosen} at {state.x_m:6.2f} {state.y_m:6.2f} m, "
@@ -152,16 +157,22 @@ class _StatusLine:
 @contextlib.contextmanager
 def _recording(
     scenario: Scenario, options: SimulateOptions | DriveOptions, *, driven: tuple[str, ...] = ()
-) -> Iterator[tuple[Simulation, _Recorder]]:
+) -> Iterator[tuple["Simulation", _Recorder]]:
     """A simulation and the file that it is recorded to."""
     format = format_of(options.output, options.format)
     workers = options.workers if isinstance(options, SimulateOptions) else None
     version = ros_version_of(format)
-    simulation = Simulation(scenario, ros_version=version, seed=options.seed, workers=workers, driven=driven)
     text = yaml.safe_dump(scenario.model_dump(mode="json"), sort_keys=False, default_flow_style=None, width=100)
-    rig = rig_yaml(simulation.true_rig)
-    with recording_file(options.output, format, rig_yaml=rig, scenario_yaml=text) as writer:
-        yield simulation, _Recorder(writer, scenario.start_ns)
+    with simulating(scenario, ros_version=version, seed=options.seed, workers=workers, driven=driven) as simulation:
+        rig = rig_yaml(simulation.true_rig)
+        with recording_file(options.output, format, rig_yaml=rig, scenario_yaml=text) as writer:
+            yield simulation, _Recorder(writer, scenario.start_ns)
+
+
+def _viewer(simulation: "Simulation") -> "LiveView":
+    from bags.live_view import LiveView  # Rerun, which a drive without a view does not need
+
+    return LiveView(simulation).spawn()
 
 
 @contextlib.contextmanager

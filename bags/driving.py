@@ -1,18 +1,20 @@
 """Driving the cars of a scenario: keys in, simulated steps out."""
 
-import os
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
+from typing import TYPE_CHECKING
 
 from bags.keyboard import Keyboard
-from bags.recorder.simulation import STEP_NS, Recorded, Simulation
+from bags.recorder.recorded import STEP_NS, Recorded
 from bags.vehicles.keys import RemoteControl
+
+if TYPE_CHECKING:
+    from bags.recorder.simulation import Simulation
 
 __all__ = ["drive"]
 
 
 def drive(
-    simulation: Simulation, keyboard: Keyboard, drivable: tuple[str, ...], *, end_ns: int | None = None
+    simulation: "Simulation", keyboard: Keyboard, drivable: tuple[str, ...], *, end_ns: int | None = None
 ) -> Iterator[tuple[list[Recorded], RemoteControl]]:
     """Simulate step by step under the keys, until the key to quit, the end of the input, or `end_ns`.
 
@@ -21,17 +23,16 @@ def drive(
     """
     control = RemoteControl.of(drivable)
     now_ns = 0
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        while True:
-            keys, ended = keyboard.pressed(now_ns)
-            for key in keys:
-                control = control if control.done else control.pressed(key)
-            for name, command in control.commands.items():
-                simulation.traffic.command(name, command)
-            if control.done or ended or (end_ns is not None and now_ns >= end_ns):
-                break
-            until_ns = min(keyboard.next_ns(now_ns), now_ns + STEP_NS, *([] if end_ns is None else [end_ns]))
-            yield simulation.step(until_ns, pool), control
-            keyboard.wait(until_ns)
-            now_ns = until_ns
+    while True:
+        keys, ended = keyboard.pressed(now_ns)
+        for key in keys:
+            control = control if control.done else control.pressed(key)
+        for name, command in control.commands.items():
+            simulation.command(name, command)
+        if control.done or ended or (end_ns is not None and now_ns >= end_ns):
+            break
+        until_ns = min(keyboard.next_ns(now_ns), now_ns + STEP_NS, *([] if end_ns is None else [end_ns]))
+        yield simulation.step(until_ns), control
+        keyboard.wait(until_ns)
+        now_ns = until_ns
     yield simulation.rest(), control

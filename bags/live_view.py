@@ -7,9 +7,13 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from bags.recorder.simulation import TRUTH_TOPIC, Recorded, Simulation
+from bags.recorder.message_types import message_types
+from bags.recorder.recorded import Recorded
+from bags.recorder.simulation import Simulation
+from bags.recorder.states import TRUTH_TOPIC
 from bags.recorder.true_rig import T_carrier_sensor
 from bags.scenario import SensorScenario
+from bags.sensors.lens import camera_model
 from pipeline.errors import OutputError
 
 __all__ = ["LiveView"]
@@ -29,22 +33,19 @@ class LiveView:
         self._stream = rr.RecordingStream("lidcam_drive") if stream is None else stream
         scenario = simulation.scenario
         self._sensors = {lidar.topic: f"{_parent(lidar)}/{name}" for name, lidar in scenario.lidars.items()}
-        for name, settings in scenario.cameras.items():
-            topic = f"{settings.topic}/compressed" if settings.output == "jpeg" else settings.topic
-            self._sensors[topic] = f"{_parent(settings)}/{name}"
+        self._sensors |= {cam.picture_topic: f"{_parent(cam)}/{name}" for name, cam in scenario.cameras.items()}
+        self._types, self._ros_version = message_types(simulation.ros_version), simulation.ros_version
         self._stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         for name, sensor in [*scenario.lidars.items(), *scenario.cameras.items()]:
             pose = T_carrier_sensor(scenario, sensor)
             placed = rr.Transform3D(translation=pose.translation, mat3x3=pose.matrix[:3, :3])
             self._stream.log(f"{_parent(sensor)}/{name}", placed, static=True)
-        for name, camera in simulation.cameras.items():
-            model, entity = camera.model, f"{_parent(scenario.cameras[name])}/{name}"
+        pictures = []
+        for name, camera in scenario.cameras.items():
+            model, entity = camera_model(camera), f"{_parent(camera)}/{name}"
             lens = rr.Pinhole(image_from_camera=model.K, resolution=[model.width_px, model.height_px])
             self._stream.log(entity, lens, static=True)
-        pictures = [
-            rrb.Spatial2DView(name=name, origin=f"{_parent(scenario.cameras[name])}/{name}")
-            for name in simulation.cameras
-        ]
+            pictures.append(rrb.Spatial2DView(name=name, origin=entity))
         scene = rrb.Spatial3DView(name="Scene", origin="world")
         self._stream.send_blueprint(rrb.Blueprint(rrb.Horizontal(scene, rrb.Grid(*pictures)), collapse_panels=True))
 
@@ -63,17 +64,24 @@ class LiveView:
     def show(self, recorded: Sequence[Recorded]) -> None:
         """Show what was recorded in one step."""
         for one in recorded:
+            if one.topic not in self._sensors and one.topic not in (TRUTH_TOPIC, "/tf"):
+                continue
+            message = self._message(one)
             self._stream.set_time("stamp", duration=np.timedelta64(one.stamp_ns, "ns"))
-            kind = one.message.__msgtype__.rpartition("/")[2]
-            if one.topic in self._sensors:
-                self._stream.log(self._sensors[one.topic], _drawn(kind, one.message))
-            elif one.topic == TRUTH_TOPIC:
-                self._stream.log("world/truth", _boxes(one.message))
+            if one.topic == TRUTH_TOPIC:
+                self._stream.log("world/truth", _boxes(message))
             elif one.topic == "/tf":
-                move = one.message.transforms[0].transform
+                move = message.transforms[0].transform
                 place = [move.translation.x, move.translation.y, move.translation.z]
                 turn = rr.Quaternion(xyzw=[move.rotation.x, move.rotation.y, move.rotation.z, move.rotation.w])
                 self._stream.log("world/base_link", rr.Transform3D(translation=place, rotation=turn))
+            else:
+                self._stream.log(self._sensors[one.topic], _drawn(one.msgtype.rpartition("/")[2], message))
+
+    def _message(self, recorded: Recorded) -> Any:
+        if self._ros_version == 1:
+            return self._types.deserialize_ros1(recorded.data, recorded.msgtype)
+        return self._types.deserialize_cdr(recorded.data, recorded.msgtype)
 
 
 def _parent(sensor: SensorScenario) -> str:

@@ -189,6 +189,11 @@ class CameraScenario(SensorScenario):
     jpeg_quality: Annotated[int, Field(ge=1, le=100)] = 80
     detector: Detector2DScenario | None = None
 
+    @property
+    def picture_topic(self) -> str:
+        """Where its pictures are."""
+        return f"{self.topic}/compressed" if self.output == "jpeg" else self.topic
+
 
 class RouteScenario(_Model):
     """A way over the ground that traffic follows.

@@ -18,6 +18,7 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Rosbag2Writer
 
 from bags.recorder.message_types import RosVersion, message_types
+from bags.recorder.recorded import Recorded
 from pipeline.errors import OutputError
 from writers.atomic import atomic_output, output_errors
 
@@ -48,8 +49,8 @@ _LATCHED = Qos(
 class MessageWriter(Protocol):
     """An open recording."""
 
-    def write(self, topic: str, message: Any, log_ns: int, *, latched: bool = False) -> None:
-        """Add a message object; log times (since 1970) never fall. A latched topic is sent to late subscribers, too."""
+    def write(self, recorded: Recorded, start_ns: int) -> None:
+        """Add a message of a scenario that began at a time (since 1970); log times never fall."""
         ...
 
 
@@ -152,13 +153,14 @@ class _Rosbag1:
         self._bag, self._types = bag, message_types(1)
         self._connections: dict[str, Any] = {}
 
-    def write(self, topic: str, message: Any, log_ns: int, *, latched: bool = False) -> None:
+    def write(self, recorded: Recorded, start_ns: int) -> None:
         """See `MessageWriter`."""
+        topic = recorded.topic
         if topic not in self._connections:
             self._connections[topic] = self._bag.add_connection(
-                topic, message.__msgtype__, typestore=self._types, latching=1 if latched else None
+                topic, recorded.msgtype, typestore=self._types, latching=1 if recorded.latched else None
             )
-        self._bag.write(self._connections[topic], log_ns, self._types.serialize_ros1(message, message.__msgtype__))
+        self._bag.write(self._connections[topic], start_ns + recorded.log_ns, recorded.data)
 
 
 class _Rosbag2:
@@ -166,13 +168,15 @@ class _Rosbag2:
         self._bag, self._types = bag, message_types(2)
         self._connections: dict[str, Any] = {}
 
-    def write(self, topic: str, message: Any, log_ns: int, *, latched: bool = False) -> None:
+    def write(self, recorded: Recorded, start_ns: int) -> None:
         """See `MessageWriter`."""
+        topic = recorded.topic
         if topic not in self._connections:
+            profiles = [_LATCHED] if recorded.latched else []
             self._connections[topic] = self._bag.add_connection(
-                topic, message.__msgtype__, typestore=self._types, offered_qos_profiles=[_LATCHED] if latched else []
+                topic, recorded.msgtype, typestore=self._types, offered_qos_profiles=profiles
             )
-        self._bag.write(self._connections[topic], log_ns, self._types.serialize_cdr(message, message.__msgtype__))
+        self._bag.write(self._connections[topic], start_ns + recorded.log_ns, recorded.data)
 
 
 class _Mcap:
@@ -181,17 +185,16 @@ class _Mcap:
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
 
-    def write(self, topic: str, message: Any, log_ns: int, *, latched: bool = False) -> None:
+    def write(self, recorded: Recorded, start_ns: int) -> None:
         """See `MessageWriter`."""
-        msgtype = message.__msgtype__
+        topic, msgtype, log_ns = recorded.topic, recorded.msgtype, start_ns + recorded.log_ns
         if msgtype not in self._schemas:
             text, _ = self._types.generate_msgdef(msgtype, ros_version=2)
             self._schemas[msgtype] = self._writer.register_schema(msgtype, "ros2msg", text.encode())
         if topic not in self._channels:
-            profiles = {"offered_qos_profiles": _latched_yaml()} if latched else {}
+            profiles = {"offered_qos_profiles": _latched_yaml()} if recorded.latched else {}
             self._channels[topic] = self._writer.register_channel(topic, "cdr", self._schemas[msgtype], profiles)
-        data = bytes(self._types.serialize_cdr(message, msgtype))
-        self._writer.add_message(self._channels[topic], log_ns, data, log_ns)
+        self._writer.add_message(self._channels[topic], log_ns, recorded.data, log_ns)
 
 
 def _latched_yaml() -> str:

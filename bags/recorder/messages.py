@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bags.recorder.message_types import RosVersion, message_types
+from bags.recorder.recorded import Recorded
 from pipeline.camera import CameraModel
 from pipeline.geometry import Transform
 
@@ -63,6 +64,12 @@ class MessageFactory:
     def new(self, msgtype: str, **fields: Any) -> Any:
         """A message object."""
         return self.types.types[msgtype](**fields)
+
+    def recorded(self, log_ns: int, topic: str, stamp_ns: int, message: Any, *, latched: bool = False) -> Recorded:
+        """A message object as it is recorded."""
+        msgtype = message.__msgtype__
+        serialize = self.types.serialize_ros1 if self.ros_version == 1 else self.types.serialize_cdr
+        return Recorded(log_ns, topic, stamp_ns, msgtype, bytes(serialize(message, msgtype)), latched)
 
     def time(self, time_ns: int) -> Any:
         """builtin_interfaces/Time."""

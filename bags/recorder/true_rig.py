@@ -63,7 +63,7 @@ def true_rig(scenario: Scenario, models: dict[str, CameraModel]) -> Rig:
     cameras = [
         CameraSensor(
             name,
-            f"{camera.topic}/compressed" if camera.output == "jpeg" else camera.topic,
+            camera.picture_topic,
             camera.detector.topic if camera.detector else "",
             models[name],
             T_carrier_sensor(scenario, camera).inverse(),

@@ -68,7 +68,9 @@ def write_all(path: Path, format: RecordingFormat) -> None:
     make = MessageFactory(ros_version_of(format), START_NS)
     with recording_file(path, format, rig_yaml="site_frame: site\n", scenario_yaml="world: sandbox\n") as writer:
         for number, (topic, message) in enumerate(all_messages(make).items()):
-            writer.write(topic, message, START_NS + STAMP_NS + number, latched=topic == "/tf_static")
+            writer.write(
+                make.recorded(STAMP_NS + number, topic, STAMP_NS, message, latched=topic == "/tf_static"), START_NS
+            )
 
 
 @pytest.fixture(scope="module", params=FORMATS)
@@ -187,7 +189,8 @@ def test_what_fails_leaves_the_older_recording_as_it_was(tmp_path: Path, format:
     before, names = digest(path), sorted(file.name for file in tmp_path.iterdir())
 
     def fail(writer: MessageWriter) -> None:
-        writer.write("/wheel", MessageFactory(ros_version_of(format), START_NS).number(1.0), START_NS)
+        make = MessageFactory(ros_version_of(format), START_NS)
+        writer.write(make.recorded(0, "/wheel", 0, make.number(1.0)), START_NS)
         raise RuntimeError("no more")
 
     with pytest.raises(RuntimeError, match="no more"), recording_file(path, format, rig_yaml="", scenario_yaml="") as w:

@@ -1,0 +1,43 @@
+"""Begin a simulation: its other processes first, then what this one needs itself: libraries load side by side."""
+
+import os
+from collections.abc import Collection, Iterator
+from contextlib import ExitStack, contextmanager
+from typing import TYPE_CHECKING
+
+from bags.recorder.message_types import RosVersion
+from bags.recorder.processes import SensingProcess, SensingTask, shared_out
+from bags.scenario import Scenario
+
+if TYPE_CHECKING:
+    from bags.recorder.simulation import Simulation
+
+__all__ = ["simulating"]
+
+
+@contextmanager
+def simulating(
+    scenario: Scenario,
+    *,
+    ros_version: RosVersion,
+    seed: int | None = None,
+    workers: int | None = None,
+    driven: Collection[str] = (),
+) -> Iterator["Simulation"]:
+    """A scenario in motion.
+
+    Args:
+        scenario: What is simulated.
+        ros_version: Whose messages.
+        seed: Instead of the scenario's own.
+        workers: Processes that share the sensors, this one among them; None: as many as there are cores.
+        driven: Vehicles that stand at their start until `Simulation.command` moves them.
+    """
+    seed = scenario.seed if seed is None else seed
+    mine, *others = shared_out(scenario, os.cpu_count() or 1 if workers is None else workers)
+    with ExitStack() as stack:
+        tasks = [SensingTask(scenario, tuple(driven), ros_version, seed, names) for names in others]
+        processes = [stack.enter_context(SensingProcess(task)) for task in tasks]
+        from bags.recorder.simulation import Simulation  # Open3D takes a second or two
+
+        yield Simulation(SensingTask(scenario, tuple(driven), ros_version, seed, mine), processes)
