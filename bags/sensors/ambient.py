@@ -13,6 +13,7 @@ F32 = npt.NDArray[np.float32]
 GRID_PX = 4
 """The sky's light changes slowly over a surface: it is worked out for every fourth pixel of every fourth row."""
 DIRECTIONS = 20
+AXIS_X, AXIS_Z = np.array([1, 0, 0], np.float32), np.array([0, 0, 1], np.float32)
 LEAST = 0.35
 """Share of the light that reaches a point that sees no sky at all: what is around it sends some back."""
 
@@ -30,9 +31,9 @@ def sky_light(scene: Scene, points: F32, normals: F32) -> F32:
     if not len(rows) or not len(columns):
         return np.ones((height, width), np.float32)
     grid = np.ix_(rows, columns)
-    starts, up = points[grid].reshape(-1, 3).astype(np.float64), normals[grid].reshape(-1, 3).astype(np.float64)
-    across = np.cross(up, np.where(np.abs(up[:, 2:]) < 0.9, [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]))
-    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
+    starts, up = points[grid].reshape(-1, 3), normals[grid].reshape(-1, 3)
+    across = np.cross(up, np.where(np.abs(up[:, 2:]) < 0.9, AXIS_Z, AXIS_X))
+    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), np.float32(1e-9))
     along = np.cross(up, across)
     free, asked = np.zeros(len(up)), np.zeros(len(up))
     for step in range(DIRECTIONS):

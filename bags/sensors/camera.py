@@ -137,8 +137,10 @@ class Camera:
         moments = self._moments(time_ns)
         seen = [put_movers(self._scene, self._light, self._lens, still, moment) for moment in moments]
         pixels, linear = (seen[0].pixels, seen[0].linear) if len(seen) == 1 else _mean_light(still, seen)
-        developed = background.copy()
-        developed.reshape(-1, 3)[pixels] = self._film.developed_pixels(linear, pixels)
+        developed = background
+        if len(pixels):
+            developed = background.copy()
+            developed.reshape(-1, 3)[pixels] = self._film.developed_pixels(linear, pixels)
         return self._read_out(developed, number, seen[len(seen) // 2])
 
     def _read_out(self, developed: npt.NDArray[np.int16], number: int, truth: Moving) -> Picture:

@@ -47,9 +47,9 @@ class Optics:
         """(N,) share of a beam that each surface that was hit sends straight back; 0 for a miss."""
         share = np.zeros(len(hits))
         rows = np.flatnonzero(hits.material >= 0)
-        material = hits.material[rows]
-        reflectivity = surface_reflectivity(self._palette, material, hits.local[rows], hits.normal[rows])
-        share[rows] = returned_share(reflectivity, self._mirror[material], cos_incidence[rows])
+        material, local, normal = hits.material.take(rows), hits.local.take(rows, 0), hits.normal.take(rows, 0)
+        reflectivity = surface_reflectivity(self._palette, material, local, normal)
+        share[rows] = returned_share(reflectivity, self._mirror.take(material), cos_incidence.take(rows))
         return share
 
 

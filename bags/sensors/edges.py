@@ -5,6 +5,8 @@ from enum import IntEnum
 import numpy as np
 import numpy.typing as npt
 
+from bags.world.placed import dotted
+
 __all__ = ["Side", "edge_beams"]
 
 F64 = npt.NDArray[np.float64]
@@ -57,15 +59,15 @@ def edge_beams(
     starts, ahead = origins.reshape(-1, 3), directions.reshape(-1, 3)
 
     def ends(one: I64, other: I64) -> Bools:
-        swapped = flat_m[one] > flat_m[other]
+        swapped = flat_m.take(one) > flat_m.take(other)
         near, far = np.where(swapped, other, one), np.where(swapped, one, other)
-        face = normals[near]
-        depth_m = np.einsum("ij,ij->i", face, starts[near] - starts[far])
-        depth_m += flat_m[near] * np.einsum("ij,ij->i", face, ahead[near])
-        along = np.einsum("ij,ij->i", face, ahead[far])
+        face, near_m = normals.take(near, 0), flat_m.take(near)
+        depth_m = dotted(face, starts.take(near, 0) - starts.take(far, 0))
+        depth_m += near_m * dotted(face, ahead.take(near, 0))
+        along = dotted(face, ahead.take(far, 0))
         # A plane that the other beam never meets is as good as one behind all.
         goes_on_m = depth_m / np.where(along < 0, along, -1e-12)
-        return np.asarray((goes_on_m < flat_m[far] - step_m) & (flat_m[near] < reach_m))
+        return np.asarray((goes_on_m < flat_m.take(far) - step_m) & (near_m < reach_m))
 
     stacked = range_m[:, by_elevation]
     firing, place = np.nonzero(np.abs(stacked[:, 1:] - stacked[:, :-1]) > step_m)

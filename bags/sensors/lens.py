@@ -19,6 +19,10 @@ Bools = npt.NDArray[np.bool_]
 ROUND_TRIP_PX = 0.005
 """A pixel whose ray does not come back to it within this lies outside of what the lens covers."""
 NEWTON_STEPS = 3
+SMALL_PX = 1000
+"""It does not pay to leave out pixels of windows that have no more."""
+FAR_PX = 10_000
+"""OpenCV fills shapes that lie within this."""
 DIFFERENCE = 1e-6
 
 
@@ -46,8 +50,22 @@ class Lens:
     def __init__(self, model: CameraModel) -> None:
         self.model = model
         self.width, self.height = model.width_px, model.height_px
+        self._bent = _is_bent(model)
+
+    @cached_property
+    def _inverse(self) -> tuple[F64, Bools]:
         rows, columns = np.divmod(np.arange(self.width * self.height), self.width)
-        self.plane, self.covered = undistorted(model, np.stack([columns + 0.5, rows + 0.5], -1))
+        return undistorted(self.model, np.stack([columns + 0.5, rows + 0.5], -1))
+
+    @property
+    def plane(self) -> F64:
+        """(P, 2) where the pixels' centres look: x and y in the optical frame's plane z = 1."""
+        return self._inverse[0]
+
+    @property
+    def covered(self) -> Bools:
+        """(P,) whether the lens covers each pixel."""
+        return self._inverse[1]
 
     @cached_property
     def directions(self) -> F32:
@@ -59,6 +77,8 @@ class Lens:
 
         A lens is smooth: within a pixel the plane of z = 1 changes linearly, to some thousandths of a pixel.
         """
+        if not self._bent:
+            return _through(self.plane.take(pixels, 0) + np.array(offset_px) / self.model.K[[0, 1], [0, 1]])
         across, down = self._slopes
         return _through(
             self.plane.take(pixels, 0) + offset_px[0] * across.take(pixels, 0) + offset_px[1] * down.take(pixels, 0)
@@ -68,6 +88,12 @@ class Lens:
     def _seen_radius(self) -> float:
         """All that any pixel sees is nearer to the axis than this, on the plane z = 1."""
         return 1.02 * float(np.hypot(self.plane[:, 0], self.plane[:, 1]).max(initial=0.0)) + 0.01
+
+    def may_see(self, center: F64, radius: float) -> bool:
+        """Whether any pixel may show something in a sphere of the optical frame; often true where none does."""
+        x, y, z = center.tolist()
+        half = np.arctan(self._seen_radius)  # of the cone that all pixels look into
+        return bool(np.hypot(x, y) * np.cos(half) - z * np.sin(half) <= radius)
 
     @cached_property
     def _slopes(self) -> tuple[F32, F32]:
@@ -83,6 +109,20 @@ class Lens:
             both.append(np.where(doubtful | (plane.shape[axis] < 2), usual, slope).reshape(-1, 2).astype(np.float32))
         return both[0], both[1]
 
+    def hull(self, points: F64, window: tuple[int, int, int, int]) -> I64:
+        """Pixels (K,) of a window that may show the convex hull of points (N, 3) of the optical frame, rising."""
+        left, top, right, bottom = window
+        width = right - left
+        whole = self._bent or width * (bottom - top) < SMALL_PX or (points[:, 2] < NEAR_M).any()
+        pixels = None if whole else self.model.project(points)[0] - 0.5
+        if pixels is None or np.abs(pixels).max() > FAR_PX:
+            return (np.arange(top, bottom)[:, None] * self.width + np.arange(left, right)).reshape(-1)
+        inside = np.zeros((bottom - top, width), np.uint8)
+        corners = np.rint((pixels - (left, top)) * 16).astype(np.int32)
+        cv2.fillConvexPoly(inside, cv2.convexHull(corners), 1, shift=4)
+        rows = np.flatnonzero(cv2.dilate(inside, np.ones((3, 3), np.uint8)))
+        return rows + rows // width * (self.width - width) + (top * self.width + left)
+
     def window(self, points: F64) -> tuple[int, int, int, int]:
         """Columns and rows that the convex hull of points (K, 3) of the optical frame can be seen in.
 
@@ -92,7 +132,7 @@ class Lens:
         ahead = points[:, 2] >= NEAR_M
         if not ahead.any():
             return 0, 0, 0, 0
-        bent = bool(self.model.distortion.any()) or self.model.model == "equidistant"
+        bent = self._bent
         samples = points if ahead.all() and not bent else _hull_samples(points)
         pixels = self.model.project(samples)[0]
         if bent:
@@ -116,15 +156,20 @@ def undistorted(model: CameraModel, pixels: F64) -> tuple[F64, Bools]:
         (N, 2) x and y in the optical frame's plane z = 1, and whether the lens covers each pixel; elsewhere 0.
     """
     focal, center = model.K[[0, 1], [0, 1]], model.K[:2, 2] + 0.5
-    plane = (pixels - center) / focal
-    if model.distortion.any() or model.model == "equidistant":
-        plane = _approximate(model, pixels)
-        for _ in range(NEWTON_STEPS):
-            plane = _newton_step(model, plane, pixels)
+    if not _is_bent(model):
+        return (pixels - center) / focal, np.ones(len(pixels), np.bool_)
+    plane = _approximate(model, pixels)
+    for _ in range(NEWTON_STEPS):
+        plane = _newton_step(model, plane, pixels)
     plane = np.where(np.isfinite(plane), plane, 0.0)
     seen, valid = model.project(np.concatenate([plane, np.ones((len(plane), 1))], 1))
     covered = valid & (np.abs(seen - pixels) < ROUND_TRIP_PX).all(1)
     return np.where(covered[:, None], plane, 0.0), covered
+
+
+def _is_bent(model: CameraModel) -> bool:
+    """Whether it takes more than a focal length and a centre to say where a pixel looks."""
+    return bool(model.distortion.any()) or model.model == "equidistant" or model.K[0, 1] != 0
 
 
 def _approximate(model: CameraModel, pixels: F64) -> F64:
@@ -162,9 +207,11 @@ def _newton_step(model: CameraModel, plane: F64, pixels: F64) -> F64:
 
 def _through(plane: F64) -> F32:
     """Unit vectors (N, 3) through points (N, 2) of the plane z = 1."""
-    directions = np.concatenate([plane, np.ones((len(plane), 1))], 1)
-    length = np.sqrt(np.einsum("ij,ij->i", directions, directions))
-    return np.asarray(directions / length[:, None], np.float32)
+    x, y = plane[:, 0], plane[:, 1]
+    share = 1 / np.sqrt(x * x + y * y + 1)
+    directions = np.empty((len(plane), 3), np.float32)
+    directions[:, 0], directions[:, 1], directions[:, 2] = x * share, y * share, share
+    return directions
 
 
 def _hull_samples(points: F64) -> F64:

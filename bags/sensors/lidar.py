@@ -7,6 +7,7 @@ have them: a moving carrier is not made up for.
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -16,7 +17,8 @@ from bags.sensors.echoes import NO_ECHO, Echoes, Light, Optics, distinct_echoes,
 from bags.sensors.edges import Side, edge_beams
 from bags.sensors.timing import random_numbers
 from bags.velodyne_packets import EncodedPackets
-from bags.world.motion import Path, turned
+from bags.world.motion import FixedPath, Path, turned
+from bags.world.placed import dotted
 from bags.world.scene import Hits, Rays, Scene, Span
 
 __all__ = ["Lidar", "Sweep"]
@@ -139,7 +141,10 @@ class Lidar:
         kept = np.flatnonzero(steps)
         beam, laser = kept // steps.shape[1], kept // steps.shape[1] % len(self._rings)
         directions = beams.measured_directions.reshape(-1, 3)
-        xyz = directions[beam] * range_m.reshape(-1)[kept, None] + beams.origins[laser]
+        xyz, kept_m = directions.take(beam, 0), range_m.reshape(-1).take(kept)
+        for axis in range(3):
+            xyz[:, axis] *= kept_m
+        xyz += beams.origins.take(laser, 0)
         hit = mover.reshape(-1)[kept]
         return Sweep(
             number,
@@ -186,7 +191,9 @@ class Lidar:
         echoes = Echoes(np.stack([range_m] * 2, 1), np.stack([share] * 2, 1), np.stack([hits.mover] * 2, 1))
 
         rim, rim_rays, rim_hits = self._rim(hits, rays, beams, rotation, span)
-        mixed = np.unique(np.concatenate([np.flatnonzero(self._optics.transmission[hits.material]), rim]))
+        mixed = np.unique(
+            np.concatenate([np.flatnonzero(self._optics.transmission.take(hits.material, mode="wrap")), rim])
+        )
         if not len(mixed):
             return echoes
         beam = np.concatenate([np.arange(len(mixed)), np.searchsorted(mixed, rim)])
@@ -215,7 +222,13 @@ class Lidar:
         return self._placed(beams)[0]
 
     def _placed(self, beams: SweepBeams) -> tuple[Rays, F64]:
-        """As `rays`, and the sensor's rotation at each firing (F, 3, 3)."""
+        """As `rays`, and the sensor's rotation at each firing (F, 3, 3), or its only one (1, 3, 3)."""
+        if isinstance(self._path, FixedPath):
+            pose = self._path.poses(beams.times_ns[:1, 0])
+            turned_beams = cv2.transform(beams.directions.reshape(-1, 1, 3), pose.rotation[0])
+            directions = np.asarray(turned_beams, np.float64).reshape(-1, 3)
+            origins = np.tile(pose.apply(beams.origins), (len(beams.times_ns), 1))
+            return Rays(origins, directions, beams.times_ns.reshape(-1)), pose.rotation
         poses = self._path.poses((beams.times_ns[:, 0] + beams.times_ns[:, -1]) // 2)
         origins, directions = np.empty_like(beams.directions), np.empty_like(beams.directions)
         for axis in range(3):
@@ -246,15 +259,17 @@ class Lidar:
             by_elevation=self._by_elevation,
         )
         beam, side = np.nonzero(edges.reshape(-1, 4))
-        x, y, z = beams.directions.reshape(-1, 3)[beam].T
+        x, y, z = beams.directions.reshape(-1, 3).take(beam, 0).T
         across = np.maximum(np.hypot(x, y), 1e-9)
         right = np.stack([y / across, -x / across, np.zeros(len(beam))], 1)
         above = np.stack([-x * z / across, -y * z / across, across], 1)
         away = np.where((side >= Side.BELOW)[:, None], above, right) * np.array(SIGN_OF_SIDE)[side, None]
-        spread = rays.directions[beam] + half_angle_rad * turned(rotation[beam // grid[1]], away)
-        rim = Rays(rays.origins[beam], spread / np.sqrt(1 + half_angle_rad**2), rays.times_ns[beam])
+        middle = rays.select(beam)
+        rotation = rotation if len(rotation) == 1 else rotation.take(beam // grid[1], 0)
+        spread = middle.directions + half_angle_rad * turned(rotation, away)
+        rim = Rays(middle.origins, spread / np.sqrt(1 + half_angle_rad**2), middle.times_ns)
         seen = self._scene.cast(rim, span)
-        steps_m = np.minimum(seen.distance_m, SKY_M) - np.minimum(hits.distance_m[beam], SKY_M)
+        steps_m = np.minimum(seen.distance_m, SKY_M) - np.minimum(hits.distance_m.take(beam), SKY_M)
         others = np.flatnonzero(np.abs(steps_m) > self._scenario.echo_separation_m)
         return beam[others], rim.select(others), seen.select(others)
 
@@ -293,4 +308,4 @@ class Lidar:
 
 
 def _cos_incidence(hits: Hits, rays: Rays) -> F64:
-    return np.asarray(-np.einsum("ij,ij->i", hits.normal, rays.directions))
+    return -dotted(hits.normal, rays.directions)

@@ -7,6 +7,7 @@ approximation of Fresnel's law (Schlick 1994), and a glint of the sun.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import cv2
 import numpy as np
@@ -14,6 +15,7 @@ import numpy.typing as npt
 
 from bags.scenario import SunScenario
 from bags.world.mesh import Material
+from bags.world.placed import dotted
 
 __all__ = ["Light", "Shading"]
 
@@ -61,24 +63,25 @@ class Light:
         self.shadows = sun.shadows
         self._towards = self.towards.astype(np.float32)
         self._mirror = np.array([material.mirror for material in palette], np.float32)
-        self._clouds = _cloud_map()
         on_ground = SUN_RGB * max(self._towards[2], 0.15) + SKY_IRRADIANCE_RGB
         self.exposure = float(WHITE / (0.9 * on_ground.mean()))
 
     def sky(self, directions: F32, *, clouds: bool = True) -> F32:
         """Radiance (N, 3) of the sky, and of the ground at the horizon, in directions (N, 3)."""
         up = directions[:, 2]
-        share = np.sqrt(np.clip(up, 0.0, 1.0))[:, None]
-        rgb = HORIZON_RGB + share * (ZENITH_RGB - HORIZON_RGB)
-        if clouds:
-            cover = self._cloud_cover(directions)[:, None]
-            rgb += cover * (CLOUD_RGB - rgb)
-        near_sun = np.clip(directions @ self._towards, 0.0, 1.0)
+        share = np.sqrt(np.clip(up, 0.0, 1.0))
+        cover = self._cloud_cover(directions) if clouds else None
+        near_sun = np.clip(dotted(directions, self._towards), 0.0, 1.0)
         glow = _squared(near_sun, 3) * np.float32(0.22) + (near_sun > 0.99995) * np.float32(8)
-        rgb += glow[:, None] * (SUN_RGB * np.float32(0.8))
-        below = 1 - np.exp(np.minimum(up, 0.0) * np.float32(9))[:, None]
-        rgb += below * (GROUND_RGB - rgb)
-        return np.asarray(rgb, np.float32)
+        below = 1 - np.exp(np.minimum(up, 0.0) * np.float32(9))
+        rgb = np.empty((len(directions), 3), np.float32)
+        for color in range(3):
+            light = HORIZON_RGB[color] + share * (ZENITH_RGB - HORIZON_RGB)[color]
+            if cover is not None:
+                light += cover * (CLOUD_RGB[color] - light)
+            light += glow * (SUN_RGB[color] * np.float32(0.8))
+            np.add(light, below * (GROUND_RGB[color] - light), out=rgb[:, color])
+        return rgb
 
     def surface(self, albedo: F32, material: I64, normal: F32, directions: F32, distance: F32) -> Shading:
         """Light from surface points.
@@ -90,19 +93,24 @@ class Light:
             directions: (N, 3) unit vectors from the camera.
             distance: (N,) metres from the camera.
         """
-        up = (0.5 + 0.5 * normal[:, 2])[:, None]
-        facing_sun = np.maximum(normal @ self._towards, 0.0)[:, None]
-        rest = albedo * (BOUNCE_RGB + up * (SKY_IRRADIANCE_RGB - BOUNCE_RGB))
-        sun = albedo * (facing_sun * SUN_RGB)
-        mirrors = np.flatnonzero(self._mirror[material] > 0)
+        up = 0.5 + 0.5 * normal[:, 2]
+        facing_sun = np.maximum(dotted(normal, self._towards), 0.0)
+        rest, sun = np.empty_like(albedo), np.empty_like(albedo)
+        for color in range(3):
+            from_sky = BOUNCE_RGB[color] + up * (SKY_IRRADIANCE_RGB - BOUNCE_RGB)[color]
+            np.multiply(albedo[:, color], from_sky, out=rest[:, color])
+            np.multiply(albedo[:, color], facing_sun * SUN_RGB[color], out=sun[:, color])
+        mirrors = np.flatnonzero(self._mirror.take(material) > 0)
         if len(mirrors):
             self._add_mirrored(
                 rest, sun, mirrors, material.take(mirrors), normal.take(mirrors, 0), directions.take(mirrors, 0)
             )
         if len(distance) and distance.max() > 0.01 * HAZE_M:
-            clear = self.clearness(distance)[:, None]
-            rest += (1 - clear) * (HORIZON_RGB * np.float32(0.85) - rest)
-            sun *= clear
+            clear = self.clearness(distance)
+            haze = 1 - clear
+            for color in range(3):
+                rest[:, color] += haze * (HORIZON_RGB[color] * np.float32(0.85) - rest[:, color])
+                sun[:, color] *= clear
         return Shading(rest, sun)
 
     def clearness(self, distance: F32) -> F32:
@@ -111,14 +119,19 @@ class Light:
 
     def _add_mirrored(self, rest: F32, sun: F32, rows: I64, material: I64, normal: F32, directions: F32) -> None:
         """Put the mirrored sky and the sun's glint on some of the points, in place."""
-        against = np.clip(-np.einsum("ij,ij->i", normal, directions), 0.0, 1.0)
-        base = self._mirror[material]
-        fresnel = (base + (1 - base) * _squared(1 - against, 2) * (1 - against))[:, None]
-        mirrored = directions + 2 * against[:, None] * normal
-        glint = _squared(np.clip(mirrored @ self._towards, 0.0, 1.0), GLINT_SQUARINGS) * (normal @ self._towards > 0)
-        matt_rest, matt_sun = rest.take(rows, 0), sun.take(rows, 0)
-        rest[rows] = matt_rest + fresnel * (self.sky(mirrored, clouds=False) - matt_rest)
-        sun[rows] = matt_sun + fresnel * ((np.float32(GLINT) * glint)[:, None] * SUN_RGB - matt_sun)
+        against = np.clip(-dotted(normal, directions), 0.0, 1.0)
+        base = self._mirror.take(material)
+        fresnel = base + (1 - base) * _squared(1 - against, 2) * (1 - against)
+        mirrored, twice = np.empty_like(directions), 2 * against
+        for axis in range(3):
+            np.add(directions[:, axis], twice * normal[:, axis], out=mirrored[:, axis])
+        glint = _squared(np.clip(dotted(mirrored, self._towards), 0.0, 1.0), GLINT_SQUARINGS)
+        glint *= np.float32(GLINT) * (dotted(normal, self._towards) > 0)
+        sky = self.sky(mirrored, clouds=False)
+        for color in range(3):
+            matt_rest, matt_sun = rest[:, color].take(rows), sun[:, color].take(rows)
+            rest[:, color][rows] = matt_rest + fresnel * (sky[:, color] - matt_rest)
+            sun[:, color][rows] = matt_sun + fresnel * (glint * SUN_RGB[color] - matt_sun)
 
     def _cloud_cover(self, directions: F32) -> F32:
         """Share (N,) of the sky that is cloud."""
@@ -130,7 +143,7 @@ class Light:
         if not rows:
             return np.empty(0, np.float32)
         x, y = grid.reshape(2, rows, 1024)
-        cover = cv2.remap(self._clouds, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP).reshape(-1)[: len(u)]
+        cover = cv2.remap(_cloud_map(), x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP).reshape(-1)[: len(u)]
         return np.asarray(cover * np.clip(directions[:, 2] * 6, 0.0, 1.0), np.float32)
 
 
@@ -141,6 +154,7 @@ def _squared(values: F32, times: int) -> F32:
     return values
 
 
+@cache
 def _cloud_map() -> F32:
     """Cover, 0 to 1, of a square of sky that can be laid side by side: noise whose octaves fall off as in nature."""
     random = np.random.Generator(np.random.PCG64(7))

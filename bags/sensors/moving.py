@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -10,9 +11,9 @@ import numpy.typing as npt
 
 from bags.sensors.lens import Lens
 from bags.sensors.light import Light
-from bags.sensors.still import BESIDE_PX, Still, Surfaces, contrasts, lit_surfaces, static_surfaces, turned
+from bags.sensors.still import BESIDE_PX, Still, Surfaces, contrasts, lit_surfaces, turned
 from bags.world.motion import Poses
-from bags.world.placed import PartHits, PlacedPart
+from bags.world.placed import PartHits, PartSurfaces, PlacedPart, passing_rays
 from bags.world.scene import STATIC, Scene
 from pipeline.geometry import box_corners
 
@@ -22,6 +23,7 @@ F32 = npt.NDArray[np.float32]
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
 Window = tuple[int, int, int, int]
+EMPTY: Window = (0, 0, 0, 0)
 
 BOX_MARGIN_M = 0.02
 """Parts may reach this far out of the box that is the truth."""
@@ -56,8 +58,7 @@ class _Samples:
     def __init__(self, origin: F64, directions: F32, depth: F32) -> None:
         self.origin, self.directions, self.depth = origin, directions, depth
         self._serial = np.full(len(depth), -1, np.int32)
-        self._found: list[tuple[I64, PartHits]] = []
-        self._movers: list[int] = []
+        self._found: list[_Found] = []
 
     def cast(self, row: int, part: PlacedPart, rows: I64) -> I64:
         """Cast some of the rays at a part of a mover; those (rows) that it would stop if nothing stood before it."""
@@ -66,31 +67,53 @@ class _Samples:
         nearer = np.flatnonzero(hits.distance < self.depth.take(alone))
         seen = alone.take(nearer)
         self.depth[seen], self._serial[seen] = hits.distance.take(nearer), len(self._found)
-        self._found.append((seen, _take(hits, nearer)))
-        self._movers.append(row)
+        self._found.append(_Found(row, part, seen, hits, nearer))
         return alone
+
+    def hide(self, rows: I64) -> None:
+        """Some of the rays meet something before any mover."""
+        self._serial[rows] = -1
 
     def nearest(self) -> tuple[I64, npt.NDArray[np.int16], Surfaces]:
         """The rays (K,) that meet a mover first, which one (K,), and what they meet there."""
-        rows, kept = [np.empty(0, np.int64)], []
-        for serial, (seen, hits) in enumerate(self._found):
-            still_seen = np.flatnonzero(self._serial.take(seen) == serial)
-            rows.append(seen.take(still_seen))
-            kept.append(_take(hits, still_seen))
+        rows, movers, seen = [np.empty(0, np.int64)], [np.empty(0, np.int16)], [_NOTHING]
+        for serial, (mover, part, found, hits, nearer) in enumerate(self._found):
+            left = np.flatnonzero(self._serial.take(found) == serial)
+            if not len(left):
+                continue
+            rows.append(found.take(left))
+            movers.append(np.full(len(left), mover, np.int16))
+            directions = self.directions.take(rows[-1], 0)
+            seen.append(part.surfaces(hits, nearer.take(left), self.origin, directions))
         all_rows = np.concatenate(rows)
-        movers = np.array(self._movers, np.int16).take(self._serial.take(all_rows))
+        normal, material, local = (np.concatenate(column) for column in zip(*seen, strict=True))
+        directions, distance = self.directions.take(all_rows, 0), self.depth.take(all_rows)
         return (
             all_rows,
-            movers,
-            Surfaces(
-                self.origin,
-                self.directions.take(all_rows, 0),
-                np.concatenate([np.empty(0, np.float32), *(hits.distance for hits in kept)]),
-                np.concatenate([np.empty((0, 3), np.float32), *(hits.normal for hits in kept)]),
-                np.concatenate([np.empty(0, np.int64), *(hits.material for hits in kept)]),
-                np.concatenate([np.empty((0, 3), np.float32), *(hits.local for hits in kept)]),
-            ),
+            np.concatenate(movers),
+            Surfaces(self.origin, directions, distance, normal, material, local),
         )
+
+
+class _Found(NamedTuple):
+    """What rays met of a part.
+
+    Attributes:
+        mover: Row of its mover.
+        part: The part.
+        seen: (K,) the rays that met nothing nearer before.
+        hits: All that met it.
+        nearer: (K,) which of the hits those are.
+    """
+
+    mover: int
+    part: PlacedPart
+    seen: I64
+    hits: PartHits
+    nearer: I64
+
+
+_NOTHING = PartSurfaces(np.empty((0, 3), np.float32), np.empty(0, np.int64), np.empty((0, 3), np.float32))
 
 
 class _View:
@@ -104,12 +127,18 @@ class _View:
         self._to_camera = to_camera
         self.base = mover.path.poses(np.array([time_ns], np.int64))
         self.size, self.center = np.array(mover.size_m), np.array(mover.box_center_m)
+        self._middle = self.base.apply(self.center[None])[0]
+        self._radius = float(np.linalg.norm(self.size)) / 2 + 2 * BOX_MARGIN_M
+        self.window = self.contact_window = self.shadow_window = EMPTY
+        reach = REACHES * CONTACT_REACH * self.size[2]
+        way = max(self._middle[2] + self._radius - lowest_m, 0.0) / light.towards[2] if light.shadows else 0.0
+        around = self._to_camera.apply((self._middle - way / 2 * light.towards)[None])[0]
+        if not lens.may_see(around, self._radius + 2 * reach + way / 2):
+            return
         corners = self.base.apply(_corners(self.center, self.size + 2 * BOX_MARGIN_M))
         self.window = lens.window(self._to_camera.apply(corners))
-        reach = REACHES * CONTACT_REACH * self.size[2]
         flat = _corners(self.center * (1, 1, 0), np.array([*(self.size[:2] + 2 * reach), 0.2 * self.size[2]]))
         self.contact_window = lens.window(self._to_camera.apply(self.base.apply(flat)))
-        self.shadow_window: Window = (0, 0, 0, 0)
         if light.shadows:
             way = np.maximum(corners[:, 2:] - lowest_m, 0.0) / light.towards[2]
             hull = np.concatenate([corners, corners - way * light.towards])
@@ -124,34 +153,28 @@ class _View:
     def part_windows(self) -> list[Window]:
         """The window of each part; empty ones, where the mover itself cannot be seen."""
         if _is_empty(self.window):
-            return [(0, 0, 0, 0)] * len(self.parts)
+            return [EMPTY] * len(self.parts)
         return [self._lens.window(self._to_camera.apply(part.corners)) for part in self.parts]
 
     def shades(self, points: F32, towards: F64) -> npt.NDArray[np.bool_]:
         """Whether it keeps the sun from points (N, 3)."""
         shaded = np.zeros(len(points), np.bool_)
-        middle, radius = self.base.apply(self.center[None])[0], np.linalg.norm(self.size) / 2 + 2 * BOX_MARGIN_M
-        offset = middle.astype(np.float32) - points
-        along = offset @ towards.astype(np.float32)
-        across2 = np.einsum("ij,ij->i", offset, offset) - along * along
-        rows = np.flatnonzero((across2 <= radius * radius) & (along >= -radius))
+        rows = passing_rays(points, towards, self._middle, self._radius)
         for part in self.parts if len(rows) else ():
             found = part.occludes(points.take(rows, 0), towards)
-            shaded[rows[found]] = True
-            rows = rows[~found]
+            shaded[rows.compress(found)] = True
+            rows = rows.compress(~found)
         return shaded
 
     def darkness(self, points: F32) -> F32:
         """Share (N,) of the sky's light that it keeps from points near the ground below and around it."""
         rotation, translation = self.base.rotation[0].astype(np.float32), self.base.translation[0].astype(np.float32)
-        local = cv2.transform((points - translation)[:, None], rotation.T.copy())[:, 0]
-        outside = np.abs(local[:, :2] - self.center[:2].astype(np.float32)) - np.float32(0.46) * self.size[:2].astype(
-            np.float32
-        )
-        np.maximum(outside, 0, out=outside)
-        scale = np.float32(CONTACT_REACH * self.size[2])
-        away = np.sqrt(outside[:, 0] ** 2 + outside[:, 1] ** 2) / scale
-        height = np.clip(1 - np.abs(local[:, 2]) / np.float32(0.35 * self.size[2]), 0.0, 1.0)
+        to_local = np.concatenate([rotation.T, -(rotation.T @ translation)[:, None]], 1)
+        x, y, z = cv2.transform(points[:, None], to_local).reshape(-1, 3).T
+        beside = np.maximum(np.abs(x - np.float32(self.center[0])) - np.float32(0.46 * self.size[0]), 0)
+        ahead = np.maximum(np.abs(y - np.float32(self.center[1])) - np.float32(0.46 * self.size[1]), 0)
+        away = np.sqrt(beside * beside + ahead * ahead) * np.float32(1 / (CONTACT_REACH * self.size[2]))
+        height = np.clip(1 - np.abs(z) * np.float32(1 / (0.35 * self.size[2])), 0.0, 1.0)
         fading = np.clip(np.float32(REACHES) - away, 0.0, 1.0)  # nothing ends sharply where the window does
         return np.asarray(CONTACT * np.exp(-away) * height * fading, np.float32)
 
@@ -160,12 +183,20 @@ def put_movers(scene: Scene, light: Light, lens: Lens, still: Still, time_ns: in
     """Cast what moves at one moment, in the windows where it can be seen, and its shadows."""
     to_camera, lowest_m = still.pose.inverse(), still.lowest_m
     views = [_View(scene, row, light, lens, to_camera, lowest_m, time_ns) for row in range(len(scene.movers))]
-    samples = _Samples(still.pose.translation[0], still.directions, still.distance.copy())
     alone_px, alone_xyxy = np.zeros(len(views), np.int64), np.full((len(views), 4), np.nan)
+    owner = np.full(len(still.linear), STATIC, np.int16)
+    around = _around([window for view in views for window in (view.window, view.contact_window, view.shadow_window)])
+    if _is_empty(around):
+        return Moving(np.empty(0, np.int64), np.empty((0, 3), np.float32), owner, alone_px, alone_xyxy)
+    crop, shape = _slices(around), (lens.height, lens.width)
+    depth, linear = np.empty_like(still.distance), np.empty_like(still.linear)  # elsewhere nothing looks at them
+    depth.reshape(shape)[crop] = still.distance.reshape(shape)[crop]
+    linear.reshape(*shape, 3)[crop] = still.linear.reshape(*shape, 3)[crop]
+    samples = _Samples(still.pose.translation[0], still.directions, depth)
     for view in views:
         alone = (
             [
-                samples.cast(view.row, part, _pixels(window, lens))
+                samples.cast(view.row, part, lens.hull(to_camera.apply(part.corners), window))
                 for part, window in zip(view.parts, view.part_windows, strict=True)
                 if not _is_empty(window)
             ]
@@ -174,7 +205,6 @@ def put_movers(scene: Scene, light: Light, lens: Lens, still: Still, time_ns: in
         )
         if alone:
             alone_px[view.row], alone_xyxy[view.row] = _extent(alone, lens)
-    linear, owner = still.linear.copy(), np.full(len(still.linear), STATIC, np.int16)
     shadows = _shadows(light, lens, still, views)
     changed = shadows.cast
     rows = np.flatnonzero(changed)
@@ -183,7 +213,7 @@ def put_movers(scene: Scene, light: Light, lens: Lens, still: Still, time_ns: in
     owner[rows] = movers
     linear[rows] = _light_of_movers(scene, light, views, surfaces)
     changed[rows] = True
-    edges = _edges(lens, views, linear, owner)
+    edges = _edges(lens, views, linear, owner) if len(rows) else rows
     if len(edges):
         linear[edges] = _smoothed(scene, light, lens, still, views, edges, shadows.on(still, edges))
         changed[edges] = True
@@ -208,13 +238,18 @@ class _Shadows:
     def on(self, still: Still, pixels: I64) -> F32:
         """Light (K, 3) that is left of some pixels."""
         rest, sun = still.shading.rest.take(pixels, 0), still.shading.sun.take(pixels, 0)
-        return np.asarray((1 - self.dark.take(pixels))[:, None] * rest + (1 - self.shade.take(pixels))[:, None] * sun)
+        left, sunny = 1 - self.dark.take(pixels), 1 - self.shade.take(pixels)
+        for color in range(3):
+            rest[:, color] *= left
+            sun[:, color] *= sunny
+        rest += sun
+        return rest
 
 
 def _shadows(light: Light, lens: Lens, still: Still, views: Sequence[_View]) -> _Shadows:
     """Cast the shadows of movers on a still view."""
     changed = np.zeros((lens.height, lens.width), np.bool_)
-    sunny = (still.shading.sun[:, 1] > 0).reshape(changed.shape)
+    sunlight = still.shading.sun.reshape(*changed.shape, 3)[..., 1]
     shade, dark = np.zeros(changed.shape, np.float32), np.zeros(changed.shape, np.float32)
     points = still.points.reshape(*changed.shape, 3)
     touched = []
@@ -227,7 +262,7 @@ def _shadows(light: Light, lens: Lens, still: Still, views: Sequence[_View]) -> 
             changed[crop] |= share > 0.002
         crop = _slices(view.shadow_window)
         if changed[crop].size:
-            rows = np.flatnonzero(sunny[crop])
+            rows = np.flatnonzero(sunlight[crop] > 0)
             shaded = np.zeros(changed[crop].size, np.bool_)
             shaded[rows] = view.shades(points[crop].reshape(-1, 3).take(rows, 0), light.towards)
             if shaded.any():
@@ -235,7 +270,7 @@ def _shadows(light: Light, lens: Lens, still: Still, views: Sequence[_View]) -> 
                 touched.append(view.shadow_window)
     for window in touched:
         crop = _slices(window)
-        lit = sunny[crop].astype(np.float32)
+        lit = (sunlight[crop] > 0).astype(np.float32)
         # A soft edge, as the sun is no point; only sunny neighbours count.
         soft = lit * cv2.blur(shade[crop] * lit, (3, 3)) / np.maximum(cv2.blur(lit, (3, 3)), 1e-3)
         shade[crop] = soft
@@ -282,8 +317,8 @@ def _smoothed(
         ground: (E, 3) their light without movers, but with the movers' shadows.
     """
     beside = np.concatenate([lens.directions_beside(pixels, offset) for offset in BESIDE_PX])
-    behind = static_surfaces(scene, still.pose, turned(still.pose, beside))
-    samples = _Samples(behind.origin, behind.directions, behind.distance.copy())
+    origin, directions = still.pose.translation[0], turned(still.pose, beside)
+    samples = _Samples(origin, directions, np.full(len(directions), np.inf, np.float32))
     y, x = np.divmod(pixels, lens.width)
     for view in views:
         if _is_empty(view.window):
@@ -292,6 +327,10 @@ def _smoothed(
             inside = np.flatnonzero((x >= left) & (x < right) & (y >= top) & (y < bottom))
             if len(inside):
                 samples.cast(view.row, part, np.concatenate([inside + step * len(pixels) for step in range(4)]))
+    # What stands still can be before a mover only where it is so near in a neighbour's middle already.
+    doubtful = np.flatnonzero(np.isfinite(samples.depth) & (samples.depth >= np.tile(still.nearest.take(pixels), 4)))
+    behind = scene.static_distance(origin, directions.take(doubtful, 0))
+    samples.hide(doubtful.compress(behind <= samples.depth.take(doubtful)))
     colors = np.tile(ground, (4, 1))
     rows, _, surfaces = samples.nearest()
     colors[rows] = _light_of_movers(scene, light, views, surfaces)
@@ -301,6 +340,15 @@ def _smoothed(
 def _corners(center: F64, size: F64) -> F64:
     """(8, 3) corners of an upright box."""
     return np.asarray(box_corners(center[None], size[None], np.zeros(1))[0])
+
+
+def _around(windows: Sequence[Window]) -> Window:
+    """The smallest window that holds several; those that are empty do not count."""
+    shown = [window for window in windows if not _is_empty(window)]
+    if not shown:
+        return EMPTY
+    left, top, right, bottom = zip(*shown, strict=True)
+    return min(left), min(top), max(right), max(bottom)
 
 
 def _is_empty(window: Window) -> bool:
@@ -313,12 +361,6 @@ def _slices(window: Window) -> tuple[slice, slice]:
     return slice(top, bottom), slice(left, right)
 
 
-def _pixels(window: Window, lens: Lens) -> I64:
-    """Numbers of the pixels in a window."""
-    left, top, right, bottom = window
-    return (np.arange(top, bottom)[:, None] * lens.width + np.arange(left, right)).reshape(-1)
-
-
 def _extent(parts: Sequence[I64], lens: Lens) -> tuple[int, F64]:
     """How many pixels several sets hold together, and left, top, right, bottom of the rectangle around them."""
     shown = np.zeros((lens.height, lens.width), np.bool_)
@@ -328,7 +370,3 @@ def _extent(parts: Sequence[I64], lens: Lens) -> tuple[int, F64]:
     if not len(columns):
         return 0, np.full(4, np.nan)
     return int(shown.sum()), np.array([columns[0], rows[0], columns[-1] + 1, rows[-1] + 1], np.float64)
-
-
-def _take(hits: PartHits, rows: I64) -> PartHits:
-    return PartHits(*(getattr(hits, name).take(rows, 0) for name in PartHits.__slots__))

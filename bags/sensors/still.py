@@ -10,7 +10,7 @@ from bags.sensors.ambient import sky_light
 from bags.sensors.lens import Lens
 from bags.sensors.light import Light, Shading
 from bags.world.motion import Poses
-from bags.world.scene import Rays, Scene
+from bags.world.scene import Scene
 from bags.world.textures import surface_rgb
 
 __all__ = ["BESIDE_PX", "Still", "Surfaces", "contrasts", "lit_surfaces", "static_surfaces", "take_still", "turned"]
@@ -63,9 +63,14 @@ class Surfaces:
     @property
     def points(self) -> F32:
         """(N, 3) metres in the world, so far above the surface that rays from there do not meet it by rounding."""
-        distance = np.where(np.isfinite(self.distance), self.distance, np.float32(0))[:, None]
+        distance = np.where(np.isfinite(self.distance), self.distance, np.float32(0))
         lift = np.float32(5e-4) + np.float32(2e-5) * distance
-        return np.asarray(self.directions * distance + lift * self.normal + self.origin.astype(np.float32))
+        points = np.empty_like(self.directions)
+        for axis, begin in enumerate(self.origin.astype(np.float32)):
+            along = self.directions[:, axis] * distance
+            along += lift * self.normal[:, axis]
+            np.add(along, begin, out=points[:, axis])
+        return points
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,6 +84,7 @@ class Still:
         points: (P, 3) float32 the surface, a little above it.
         shading: Its light (P); what a thing that stands still shades has no sun.
         linear: (P, 3) float32 all of its light together.
+        nearest: (P,) float32 metres: the least distance of each pixel and its neighbours.
         lowest_m: Height of the lowest point that is seen.
     """
 
@@ -88,6 +94,7 @@ class Still:
     points: F32
     shading: Shading
     linear: F32
+    nearest: F32
     lowest_m: float
 
 
@@ -114,22 +121,24 @@ def take_still(scene: Scene, light: Light, lens: Lens, pose: Poses) -> Still:
     picture = (lens.height, lens.width, 3)
     share = sky_light(scene, points.reshape(picture), normals.reshape(picture)).reshape(-1)
     # The haze before a surface is not darkened, nor is the sky.
-    rest *= (1 - (1 - share) * light.clearness(distance))[:, None]
+    left = 1 - (1 - share) * light.clearness(distance)
+    for color in range(3):
+        rest[:, color] *= left
     bare = ~lens.covered
     distance[bare], rest[bare], sun[bare] = 0.0, 0.0, 0.0
     seen = np.isfinite(distance) & lens.covered
-    lowest_m = float(points[:, 2].min(where=seen, initial=np.inf))
+    lowest_m = float(points[:, 2].compress(seen).min(initial=np.inf))
     lowest_m = min(lowest_m, float(pose.translation[0, 2]))
-    return Still(pose, directions, distance, points, Shading(rest, sun), rest + sun, lowest_m)
+    around = cv2.erode(distance.reshape(lens.height, lens.width), np.ones((3, 3), np.uint8))
+    nearest = np.asarray(around, np.float32).reshape(-1)
+    return Still(pose, directions, distance, points, Shading(rest, sun), rest + sun, nearest, lowest_m)
 
 
 def static_surfaces(scene: Scene, pose: Poses, directions: F32) -> Surfaces:
     """What stands still along rays (N, 3) from the camera."""
-    n, origin = len(directions), pose.translation[0]
-    rays = Rays(np.broadcast_to(origin, (n, 3)), directions.astype(np.float64), np.zeros(n, np.int64))
-    hits = scene.cast_static(rays)
-    distance, normal = hits.distance_m.astype(np.float32), hits.normal.astype(np.float32)
-    return Surfaces(origin, directions, distance, normal, hits.material, hits.local)
+    origin = pose.translation[0]
+    seen = scene.static_seen(origin, directions)
+    return Surfaces(origin, directions, seen.distance, seen.normal, seen.material, seen.local)
 
 
 def lit_surfaces(scene: Scene, light: Light, surfaces: Surfaces) -> Shading:
@@ -148,8 +157,8 @@ def lit_surfaces(scene: Scene, light: Light, surfaces: Surfaces) -> Shading:
     shading = light.surface(albedo, surfaces.material, surfaces.normal, surfaces.directions, surfaces.distance)
     if light.shadows:
         facing = np.flatnonzero(shading.sun[:, 1] > 0)
-        points = surfaces.take(facing).points.astype(np.float64)
-        shading.sun[facing[scene.shaded_by_static(points, light.towards)]] = 0.0
+        points = surfaces.take(facing).points
+        shading.sun[facing.compress(scene.shaded_by_static(points, light.towards))] = 0.0
     return shading
 
 

@@ -1,18 +1,23 @@
 """Parts of movers at one moment, for many rays of that moment: in single precision, with one pose for all rays."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple, TypeVar
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["PartHits", "PlacedPart"]
+__all__ = ["FEW_RAYS", "PartHits", "PartSurfaces", "PlacedPart", "dotted", "packed", "passing_rays", "threads_for"]
 
 F32 = npt.NDArray[np.float32]
 F64 = npt.NDArray[np.float64]
+Floats = npt.NDArray[np.float32] | npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
+Real = TypeVar("Real", np.float32, np.float64)
 Bools = npt.NDArray[np.bool_]
+
+FEW_RAYS = 4096
+"""Fewer rays are cast by one thread: to wake others costs more."""
 
 _CORNERS = np.array(np.meshgrid([0.0, 1.0], [0.0, 1.0], [0.0, 1.0])).reshape(3, -1).T
 
@@ -24,13 +29,25 @@ class PartHits:
     Attributes:
         rows: (K,) int64 the rays that did, rising.
         distance: (K,) float32 metres.
+        face: (N, 3) float32 normal of the triangle that each of all rays met, in the part's frame.
+        triangle: (N,) uint32 its row.
+    """
+
+    rows: I64
+    distance: F32
+    face: F32
+    triangle: npt.NDArray[np.uint32]
+
+
+class PartSurfaces(NamedTuple):
+    """What rays met of a part.
+
+    Attributes:
         normal: (K, 3) float32 unit vectors in the world, on the side that the ray comes from.
         material: (K,) int64 rows of the scene's palette.
         local: (K, 3) float32 metres, in the part's frame.
     """
 
-    rows: I64
-    distance: F32
     normal: F32
     material: I64
     local: F32
@@ -65,39 +82,78 @@ class PlacedPart:
             origin: (3,) in the world.
             directions: (N, 3) unit vectors in the world.
         """
-        rays = np.empty((len(directions), 6), np.float32)
-        rays[:, :3] = (origin - self._translation) @ self._rotation
-        rays[:, 3:] = _mapped(directions, self._rotation.T)
-        answer = self._caster.cast_rays(self._tensor(rays))
+        rays = packed((origin - self._translation) @ self._rotation, _mapped(directions, self._rotation.T))
+        answer = self._caster.cast_rays(self._tensor(rays), nthreads=threads_for(len(rays)))
         distance = answer["t_hit"].numpy()
         rows = np.flatnonzero(np.isfinite(distance))
-        near, met = distance.take(rows), rays.take(rows, 0)
-        normal = answer["primitive_normals"].numpy().take(rows, 0)
-        away = np.einsum("ij,ij->i", normal, met[:, 3:]) > 0
-        normal[away] *= -1
-        material = self._materials.take(answer["primitive_ids"].numpy().take(rows).astype(np.int64))
-        local = met[:, :3] + near[:, None] * met[:, 3:]
-        return PartHits(rows, near, _mapped(normal, self._rotation), material, local)
+        face, triangle = answer["primitive_normals"].numpy(), answer["primitive_ids"].numpy()
+        return PartHits(rows, distance.take(rows), face, triangle)
+
+    def surfaces(self, hits: PartHits, some: I64, origin: F64, directions: F32) -> PartSurfaces:
+        """What some of the rays met.
+
+        Args:
+            hits: Of all rays, by `cast`.
+            some: (K,) rows of `hits.rows`.
+            origin: (3,) of the rays, in the world.
+            directions: (K, 3) of these rays, in the world.
+        """
+        rays, distance = hits.rows.take(some), hits.distance.take(some)
+        normal = _mapped(hits.face.take(rays, 0), self._rotation)
+        turn = np.where(dotted(normal, directions) > 0, np.float32(-1), np.float32(1))
+        begin, ahead = (origin - self._translation) @ self._rotation, _mapped(directions, self._rotation.T)
+        local = np.empty_like(ahead)
+        for axis in range(3):
+            normal[:, axis] *= turn
+            np.multiply(ahead[:, axis], distance, out=local[:, axis])
+            local[:, axis] += np.float32(begin[axis])
+        return PartSurfaces(normal, self._materials.take(hits.triangle.take(rays)), local)
 
     def occludes(self, points: F32, towards: F64) -> Bools:
         """Whether the part keeps the light of a direction (3,) from points (N, 3) of the world."""
         shaded = np.zeros(len(points), np.bool_)
-        offset = np.asarray(self.center, np.float32) - points
-        along = offset @ np.asarray(towards, np.float32)
-        across2 = np.einsum("ij,ij->i", offset, offset) - along * along
-        radius = 1.001 * self.radius + 1e-4
-        near = np.flatnonzero((across2 <= radius * radius) & (along >= -radius))
+        near = passing_rays(points, towards, self.center, 1.001 * self.radius + 1e-4)
         if len(near):
-            rays = np.empty((len(near), 6), np.float32)
-            rays[:, :3] = _mapped(points.take(near, 0) - self._translation.astype(np.float32), self._rotation.T)
-            rays[:, 3:] = towards @ self._rotation
-            shaded[near] = self._caster.test_occlusions(self._tensor(rays)).numpy()
+            begins = _mapped(points.take(near, 0), self._rotation.T, -self._translation @ self._rotation)
+            rays = packed(begins, towards @ self._rotation)
+            shaded[near] = self._caster.test_occlusions(self._tensor(rays), nthreads=threads_for(len(rays))).numpy()
         return shaded
 
 
-def _mapped(vectors: F32, matrix: F64) -> F32:
-    """Vectors (N, 3) times a matrix; ten times as fast as numpy for so few columns."""
+def packed(origins: Floats, directions: Floats) -> F32:
+    """Rays (N, 6) as the ray caster takes them, of origins and directions (N, 3), one of which may be (3,) for all."""
+    rays = np.empty((len(directions) if directions.ndim == 2 else len(origins), 6), np.float32)
+    for axis in range(3):  # numpy is slow where the innermost axis is short
+        rays[:, axis], rays[:, 3 + axis] = origins[..., axis], directions[..., axis]
+    return rays
+
+
+def threads_for(rays: int) -> int:
+    """How many threads cast so many rays best; 0 for as many as there are processors."""
+    return 1 if rays < FEW_RAYS else 0
+
+
+def dotted(a: npt.NDArray[Real], b: npt.NDArray[Real]) -> npt.NDArray[Real]:
+    """Products (N,) of vectors (N, 3) each with its own, or all with one."""
+    products: npt.NDArray[Real] = a[:, 0] * b[..., 0]
+    products += a[:, 1] * b[..., 1]
+    products += a[:, 2] * b[..., 2]
+    return products
+
+
+def passing_rays(points: F32, towards: F64, center: F64, radius: float) -> I64:
+    """Which rays from points (N, 3) in one direction (3,) meet a sphere."""
+    x, y, z = (np.float32(middle) - points[:, axis] for axis, middle in enumerate(center.tolist()))
+    a, b, c = towards.astype(np.float32)
+    along = x * a + y * b + z * c
+    across2 = x * x + y * y + z * z - along * along
+    return np.flatnonzero((across2 <= np.float32(radius * radius)) & (along >= np.float32(-radius)))
+
+
+def _mapped(vectors: F32, matrix: F64, shift: F64 | None = None) -> F32:
+    """Vectors (N, 3) times a matrix, and shifted; ten times as fast as numpy for so few columns."""
     if not len(vectors):
         return np.empty((0, 3), np.float32)
-    mapped = cv2.transform(vectors[:, None], matrix.astype(np.float32)).reshape(-1, 3)
+    affine = matrix if shift is None else np.concatenate([matrix, shift[:, None]], 1)
+    mapped = cv2.transform(vectors[:, None], affine.astype(np.float32)).reshape(-1, 3)
     return np.asarray(mapped, np.float32)

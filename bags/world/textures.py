@@ -45,7 +45,8 @@ def surface_rgb(palette: Sequence[Material], material: I64, local: Floats, norma
     table = _table(tuple(palette))
     drawn = _drawn(table, material, local, normal)
     rgb = table.rgb.take(drawn.rows, axis=0)
-    rgb *= drawn.shade[:, None]
+    for color in range(3):
+        rgb[:, color] *= drawn.shade
     return np.clip(rgb, 0.0, 1.0, out=rgb)
 
 

@@ -74,6 +74,36 @@ def test_window_holds_every_pixel_that_looks_into_a_hull(name: str) -> None:
         left, top, right, bottom = lens.window(points)
         inside = (pixels >= (left, top)).all(1) & (pixels <= (right, bottom)).all(1)
         assert (inside | ~seen).all()
+        shown = np.zeros(640 * 480, np.bool_)
+        if right > left and bottom > top:
+            shown[lens.hull(points, (left, top, right, bottom))] = True
+        column, row = np.floor(pixels[seen]).astype(int).T
+        assert shown[row * 640 + column].all()
+
+
+def test_hull_of_a_long_thing_is_less_than_its_window() -> None:
+    lens = Lens(lens_model("none"))
+    points = np.array([[-1.0, -0.9, 2], [-0.9, -0.95, 2], [0.9, 0.95, 2.2], [1.0, 0.9, 2.2]])
+    left, top, right, bottom = lens.window(points)
+    pixels = lens.hull(points, (left, top, right, bottom))
+    assert len(pixels) < 0.3 * (right - left) * (bottom - top)
+    assert (np.diff(pixels) > 0).all()
+
+
+@pytest.mark.parametrize("name", LENSES)
+def test_what_may_not_be_seen_is_not_in_the_picture(name: str) -> None:
+    lens = Lens(lens_model(name))
+    random = np.random.default_rng(7)
+    hidden = 0
+    for _ in range(200):
+        middle, radius = random.uniform([-8, -8, -4.0], [8, 8, 8.0]), random.uniform(0.1, 2.0)
+        points = random.standard_normal((300, 3))
+        points = middle + radius * points / np.linalg.norm(points, axis=1, keepdims=True)
+        pixels, valid = lens.model.project(points)
+        seen = valid & (points[:, 2] > 0.02) & (pixels >= 0).all(1) & (pixels < (640, 480)).all(1)
+        assert lens.may_see(middle, radius) or not seen.any()
+        hidden += not lens.may_see(middle, radius)
+    assert hidden > 50
 
 
 def test_window_of_what_is_behind_is_empty() -> None:

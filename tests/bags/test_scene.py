@@ -90,6 +90,25 @@ def test_of_two_surfaces_at_one_distance_the_one_that_stands_still() -> None:
     assert (hits.distance_m.tolist(), hits.mover.tolist()) == ([pytest.approx(4.5)], [STATIC])
 
 
+def test_what_pictures_see_of_what_stands_still_is_what_rays_meet() -> None:
+    world = scene([box((4, 2, 1), (9, 0, 0.5), BLACK), wall(20.0, WHITE, half_m=6)], [])
+    directions = np.random.default_rng(3).uniform([0.5, -1, -0.6], [1, 1, 0.6], (5000, 3))
+    directions = (directions / np.linalg.norm(directions, axis=1, keepdims=True)).astype(np.float32)
+    origin = np.array([0.5, -0.25, 1.0])
+    rays = Rays(np.tile(origin, (5000, 1)), directions.astype(np.float64), np.zeros(5000, np.int64))
+    hits, seen = world.cast_static(rays), world.static_seen(origin, directions)
+    assert 0.1 < np.isfinite(seen.distance).mean() < 0.9
+    np.testing.assert_allclose(seen.distance, hits.distance_m, rtol=1e-6)
+    np.testing.assert_array_equal(seen.material, hits.material)
+    np.testing.assert_allclose(seen.normal, hits.normal, atol=1e-6)
+    met = np.isfinite(seen.distance)
+    np.testing.assert_allclose(seen.local[met], hits.local[met], atol=1e-5)
+    np.testing.assert_array_equal(world.static_distance(origin, directions), seen.distance)
+    empty = scene().static_seen(origin, directions)
+    assert np.isinf(empty.distance).all()
+    assert (empty.material == -1).all()
+
+
 @pytest.mark.parametrize("movers", [[], [box_mover("car", EvenPath((5, 0, 0)))]])
 def test_empty_worlds_and_no_rays(movers: list[object]) -> None:
     world = scene([], movers)  # type: ignore[arg-type]  # drawn above
