@@ -2,6 +2,7 @@
 # make test    lint, types, tests
 # make check   lint and types only
 # make fuzz    hostile inputs for every decoder, MINUTES=15 of them (Linux)
+# make samples record the sample recordings in bags/ anew
 # make bench   what is measured against what
 # Each installs what it needs into .venv the first time, and only then.
 
@@ -10,7 +11,7 @@ BIN := .venv/bin
 MINUTES ?= 15
 INSTALLED := .venv/installed
 
-.PHONY: demo test check fuzz bench
+.PHONY: demo test check fuzz samples bench
 .DELETE_ON_ERROR:
 
 $(INSTALLED): pyproject.toml constraints.txt
@@ -22,10 +23,11 @@ $(INSTALLED): pyproject.toml constraints.txt
 demo: $(INSTALLED)
 	@mkdir -p out
 	$(BIN)/lidcam-process bags/sandbox.bag out/sandbox.mcap --config config/sandbox.yaml --rerun out/sandbox.rrd
+	$(BIN)/lidcam-process bags/crossing.mcap out/crossing.mcap --config config/crossing.yaml --rerun out/crossing.rrd
 	@echo
 	@echo 'Look at it:'
-	@echo '  out/sandbox.rrd    $(BIN)/rerun out/sandbox.rrd'
-	@echo '  out/sandbox.mcap   Foxglove or Lichtblick: "Open local file"'
+	@echo '  out/sandbox.rrd, out/crossing.rrd     $(BIN)/rerun out/sandbox.rrd'
+	@echo '  out/sandbox.mcap, out/crossing.mcap   Foxglove or Lichtblick: "Open local file"'
 
 check: $(INSTALLED)
 	$(BIN)/ruff check .
@@ -37,6 +39,10 @@ test: check
 
 fuzz: $(INSTALLED)
 	$(BIN)/python tests/fuzz/fuzz.py --minutes $(MINUTES)
+
+samples: $(INSTALLED)
+	$(BIN)/lidcam simulate sandbox bags/sandbox.bag --duration 2 --set 'lidars.*.firing_stride=4' --set 'cameras.*.jpeg_quality=40'
+	$(BIN)/lidcam simulate crossing bags/crossing.mcap --duration 1.4 --set 'cameras.*.rate_hz=5' --set 'cameras.*.jpeg_quality=45'
 
 bench: $(INSTALLED)
 	$(BIN)/python benchmarks/end_to_end.py

@@ -18,7 +18,7 @@ from bags.recorder.recorded import Recorded
 from bags.recorder.start import simulating
 from bags.scenario import Scenario, load_scenario
 from bags.terminal import terminal_keys
-from bags.vehicles.keys import RemoteControl
+from bags.vehicles.keys import RemoteControl, script_keys
 from pipeline.errors import ConfigError
 from readers.rig_file import rig_yaml
 
@@ -63,12 +63,11 @@ def run_simulate(options: SimulateOptions) -> None:
     Raises:
         LidcamError: the scenario or the output is at fault; no output is left behind.
     """
-    scenario = load_scenario(options.scenario, options.overrides)
-    duration_s = scenario.duration_s if options.duration_s is None else options.duration_s
-    with _recording(scenario, options) as (simulation, recorder), _progress(duration_s) as progress:
-        for recorded in simulation.run(duration_s):
+    scenario = _scenario(options)
+    with _recording(scenario, options) as (simulation, recorder), _progress(scenario.duration_s) as progress:
+        for recorded in simulation.run(scenario.duration_s):
             recorder.add(recorded)
-            progress(min(simulation.now_ns * 1e-9, duration_s))
+            progress(simulation.now_ns * 1e-9)
     recorder.tell(options.output, simulation.now_ns)
 
 
@@ -78,19 +77,23 @@ def run_drive(options: DriveOptions) -> None:
     Raises:
         LidcamError: the scenario, the terminal or the output is at fault; no output is left behind.
     """
-    scenario = load_scenario(options.scenario, options.overrides)
+    scenario = _scenario(options)
     drivable = tuple(name for name, vehicle in scenario.vehicles.items() if vehicle.commands)
     if not drivable:
-        raise ConfigError(f"{options.scenario}: expected a vehicle with `commands: true` to drive, found none")
+        known = ", ".join(scenario.vehicles) or "none"
+        raise ConfigError(
+            f"{options.scenario}: expected a vehicle with `commands: true` to drive, found none; "
+            f"--set vehicles.NAME.commands=true makes it one of {known}"
+        )
     with contextlib.ExitStack() as resources:
         keyboard: Keyboard
         interval_ns = round(options.key_interval_s * 1e9)
         if options.keys is not None:
-            keyboard = ScriptedKeys(options.keys, interval_ns)
+            keyboard = ScriptedKeys(_checked(options.keys, drivable), interval_ns)
         elif sys.stdin.isatty():
             keyboard = resources.enter_context(terminal_keys(sys.stdin.fileno()))
         else:
-            keyboard = ScriptedKeys(sys.stdin.read().strip(), interval_ns)
+            keyboard = ScriptedKeys(_checked("".join(sys.stdin.read().split()), drivable), interval_ns)
         simulation, recorder = resources.enter_context(_recording(scenario, options, driven=drivable))
         view = _viewer(simulation) if options.view else None
         end_ns = None if options.duration_s is None else round(options.duration_s * 1e9)
@@ -101,6 +104,25 @@ def run_drive(options: DriveOptions) -> None:
                 view.show(recorded)
             status.show(simulation, control)
     recorder.tell(options.output, simulation.now_ns)
+
+
+def _scenario(options: SimulateOptions | DriveOptions) -> Scenario:
+    """As it is simulated: with the seed and the duration that were asked for."""
+    scenario = load_scenario(options.scenario, options.overrides)
+    asked = {"seed": options.seed, "duration_s": options.duration_s}
+    return scenario.model_copy(update={key: value for key, value in asked.items() if value is not None})
+
+
+def _checked(keys: str, drivable: tuple[str, ...]) -> str:
+    """Keys of a script, all of which mean something.
+
+    Raises:
+        ConfigError: one does not.
+    """
+    known = script_keys(drivable)
+    if wrong := next((key for key in keys if key not in known), ""):
+        raise ConfigError(f"keys: expected {' '.join(known)} (. waits), found {wrong!r} in {keys[:80]!r}")
+    return keys
 
 
 class _Recorder:
@@ -163,7 +185,7 @@ def _recording(
     workers = options.workers if isinstance(options, SimulateOptions) else None
     version = ros_version_of(format)
     text = yaml.safe_dump(scenario.model_dump(mode="json"), sort_keys=False, default_flow_style=None, width=100)
-    with simulating(scenario, ros_version=version, seed=options.seed, workers=workers, driven=driven) as simulation:
+    with simulating(scenario, ros_version=version, workers=workers, driven=driven) as simulation:
         rig = rig_yaml(simulation.true_rig)
         with recording_file(options.output, format, rig_yaml=rig, scenario_yaml=text) as writer:
             yield simulation, _Recorder(writer, scenario.start_ns)

@@ -19,7 +19,7 @@ def drive(
     """Simulate step by step under the keys, until the key to quit, the end of the input, or `end_ns`.
 
     Yields:
-        What was recorded in a step, and what is pressed; at last what was measured and not yet recorded.
+        What was recorded in a step, and what is pressed; at last what had begun to be measured by then.
     """
     control = RemoteControl.of(drivable)
     now_ns = 0
@@ -35,4 +35,4 @@ def drive(
         yield simulation.step(until_ns), control
         keyboard.wait(until_ns)
         now_ns = until_ns
-    yield simulation.rest(), control
+    yield simulation.finish(), control

@@ -1,5 +1,7 @@
 """A simulation as it happens, in the Rerun viewer: what lidars and cameras see, and what is really there."""
 
+import os
+import sys
 from collections.abc import Sequence
 from typing import Any
 
@@ -55,6 +57,8 @@ class LiveView:
         Raises:
             OutputError: it cannot be started.
         """
+        if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+            raise OutputError("--view: expected a display for the Rerun viewer, found none (DISPLAY is not set)")
         try:
             self._stream.spawn()
         except (OSError, RuntimeError) as err:

@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from scipy.spatial.transform import Rotation
 
+from bags.vehicles.ackermann import command_topic, controller_topics
 from pipeline.config import describe_validation, read_yaml, set_values
 from pipeline.errors import ConfigError
 from pipeline.geometry import Transform
@@ -33,8 +34,17 @@ Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Share = Annotated[float, Field(ge=0, le=1)]
+EGO_FRAME = "base_link"
+"""Of the vehicle that carries sensors (REP 105)."""
+OWN_TOPICS = ("/tf", "/tf_static", "/odom", "/ground_truth/objects")
+COEFFICIENTS = {"plumb_bob": 5, "rational_polynomial": 8, "equidistant": 4}
+"""Of the distortion models, as CameraInfo has them."""
 Count = Annotated[int, Field(ge=1)]
+Metres = Annotated[float, Field(ge=-1e5, le=1e5)]
+"""Of places: further out, single precision knows no millimetres."""
 Vector = tuple[Finite, Finite, Finite]
+Topic = Annotated[str, Field(pattern=r"^/[A-Za-z_]\w*(/\w+)*$")]
+Name = Annotated[str, Field(pattern=r"^[A-Za-z_]\w*$")]
 
 
 class _Model(BaseModel):
@@ -45,8 +55,8 @@ class Miscalibration(_Model):
     """By how much the recorded extrinsics of a sensor are wrong.
 
     Attributes:
-        rpy_deg: Roll, pitch, yaw in the sensor's own frame.
-        xyz_cm: Shift in the sensor's own frame.
+        rpy_deg: Roll, pitch, yaw in the frame of the sensor's body (x forward, y left, z up).
+        xyz_cm: Shift in that frame.
     """
 
     rpy_deg: Vector = (0.0, 0.0, 0.0)
@@ -67,16 +77,16 @@ class SensorScenario(_Model):
         jitter_ms: Standard deviation of the moment of measurement.
         clock_offset_ms: Its clock runs ahead of the true time by this: stamps are wrong by it.
         drop_rate: Share of its messages that are lost.
-        log_delay_ms: A message is recorded this long after its measurement ended.
-        log_jitter_ms: Standard deviation of that delay (never negative).
+        log_delay_ms: A message is recorded this long after its measurement ended; a picture, after its stamp.
+        log_jitter_ms: Standard deviation of that delay (never negative); large ones let messages overtake each other.
         dies_at_s: No measurement begins at or after this time of the scenario.
         miscalibration: What is wrong with its recorded extrinsics.
     """
 
-    topic: str
+    topic: Topic
     frame_id: str
     mounted_on: str = ""
-    position_m: Vector
+    position_m: tuple[Metres, Metres, Metres]
     rpy_deg: Vector = (0.0, 0.0, 0.0)
     rate_hz: Positive = 10.0
     phase_ms: NotNegative = 0.0
@@ -122,7 +132,7 @@ class LidarScenario(SensorScenario):
     firing_stride: Count = 1
     start_azimuth_deg: Finite = 180.0
     output: Literal["points", "packets", "both"] = "points"
-    packets_topic: str = ""
+    packets_topic: Topic | Literal[""] = ""
     return_mode: Literal["strongest", "last", "dual"] = "strongest"
     divergence_mrad: NotNegative = 3.0
     echo_separation_m: Positive = 0.5
@@ -130,6 +140,12 @@ class LidarScenario(SensorScenario):
     max_range_m: Positive = 100.0
     range_noise_m: NotNegative = 0.01
     dropout: Share = 0.005
+
+    @property
+    def topics(self) -> list[str]:
+        """Where its messages are."""
+        both = {"points": [self.topic], "packets": [self.packets_topic], "both": [self.topic, self.packets_topic]}
+        return both[self.output]
 
 
 class Detector2DScenario(_Model):
@@ -145,7 +161,7 @@ class Detector2DScenario(_Model):
         min_height_px: Neither is one whose box is lower than this.
     """
 
-    topic: str
+    topic: Topic
     delay_ms: NotNegative = 30.0
     pixel_noise_px: NotNegative = 1.2
     miss_rate: Share = 0.05
@@ -164,23 +180,23 @@ class CameraScenario(SensorScenario):
         focal_px: fx and fy.
         center_px: cx and cy; empty: the middle of the picture.
         distortion_model: As in CameraInfo.
-        distortion: Coefficients in its order.
+        distortion: Coefficients in its order; what is left out is 0.
         exposure_ms: Light is gathered this long; the stamp is the middle.
         motion_blur: Whether what moves is blurred by the exposure.
         gain: Brightness.
         noise: Standard deviation of a pixel's value, of 255.
         output: `jpeg` (CompressedImage on `topic`/compressed) or `raw` (Image on `topic`, rgb8).
-        jpeg_quality: 0 to 100.
+        jpeg_quality: 1 to 100.
         detector: A simulated detector that looks at it.
     """
 
-    info_topic: str
+    info_topic: Topic
     width_px: Count = 640
     height_px: Count = 480
     focal_px: tuple[Positive, Positive]
     center_px: tuple[Finite, Finite] | None = None
     distortion_model: Literal["plumb_bob", "rational_polynomial", "equidistant"] = "plumb_bob"
-    distortion: tuple[Finite, ...] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    distortion: tuple[Finite, ...] = ()
     exposure_ms: NotNegative = 4.0
     motion_blur: bool = False
     gain: Positive = 1.0
@@ -194,6 +210,16 @@ class CameraScenario(SensorScenario):
         """Where its pictures are."""
         return f"{self.topic}/compressed" if self.output == "jpeg" else self.topic
 
+    @property
+    def topics(self) -> list[str]:
+        """Where its messages are."""
+        return [self.picture_topic, self.info_topic, *([self.detector.topic] if self.detector else [])]
+
+    @property
+    def coefficients(self) -> tuple[float, ...]:
+        """All of the distortion model's."""
+        return (*self.distortion, *[0.0] * (COEFFICIENTS[self.distortion_model] - len(self.distortion)))
+
 
 class RouteScenario(_Model):
     """A way over the ground that traffic follows.
@@ -205,7 +231,7 @@ class RouteScenario(_Model):
         yields_to: Routes whose traffic goes first where the two cross.
     """
 
-    points_m: tuple[tuple[Finite, Finite] | tuple[Finite, Finite, NotNegative], ...]
+    points_m: tuple[tuple[Metres, Metres] | tuple[Metres, Metres, NotNegative], ...]
     closed: bool = False
     corner_radius_m: NotNegative = 5.0
     yields_to: tuple[str, ...] = ()
@@ -224,14 +250,15 @@ class VehicleScenario(_Model):
         speed_m_s: How fast, on a route.
         keys: Keys that drive it instead (`w s a d x`), `key_interval_s` each, from the start.
         key_interval_s: Time from one key to the next.
-        odometry: Record nav_msgs/Odometry of its true pose on /NAME/base_pose_ground_truth.
+        odometry: Record nav_msgs/Odometry: the true pose of the middle of its box on /NAME/base_pose_ground_truth; that
+            of `base_link` on /odom, if it is the ego vehicle.
         commands: Record its ackermann_msgs/AckermannDriveStamped and the six Float64 commands of its controllers.
         ego: It carries sensors and is the frame that tf leads to (`odom` to `base_link`); it is no object of the truth.
     """
 
     shape: Literal["model_car", "car", "van", "truck", "bus", "cyclist", "pedestrian"] = "car"
     color: tuple[Share, Share, Share] = (0.6, 0.1, 0.1)
-    start: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
+    start: tuple[Metres, Metres, Finite] = (0.0, 0.0, 0.0)
     route: str = ""
     route_start_m: NotNegative = 0.0
     speed_m_s: NotNegative = 0.0
@@ -240,6 +267,11 @@ class VehicleScenario(_Model):
     odometry: bool = False
     commands: bool = False
     ego: bool = False
+
+    def topics(self, name: str) -> list[str]:
+        """Where its messages are, under its name."""
+        odometry = [f"/{name}/base_pose_ground_truth"] if self.odometry and not self.ego else []
+        return [*odometry, *([command_topic(name), *controller_topics(name)] if self.commands else [])]
 
 
 class RecordingScenario(_Model):
@@ -277,7 +309,7 @@ class Scenario(_Model):
         description: One line for people.
         world: What stands still.
         site_frame: Frame of the world in the messages.
-        start_unix_s: Time of the first moment, seconds since 1970.
+        start_unix_s: Time of the first moment, seconds since 1970; a header counts to 2038.
         duration_s: Length of the recording, if nothing else is asked for.
         seed: Of all random numbers.
         sun: Light.
@@ -291,14 +323,14 @@ class Scenario(_Model):
     description: str = ""
     world: Literal["sandbox", "crossing", "street"]
     site_frame: str = "site"
-    start_unix_s: Annotated[int, Field(ge=0)] = 1_700_000_000
+    start_unix_s: Annotated[int, Field(ge=0, le=2_000_000_000)] = 1_700_000_000
     duration_s: Positive = 10.0
     seed: Annotated[int, Field(ge=0)] = 1
     sun: SunScenario = SunScenario()
     routes: dict[str, RouteScenario] = {}
-    vehicles: dict[str, VehicleScenario] = {}
-    lidars: dict[str, LidarScenario] = {}
-    cameras: dict[str, CameraScenario] = {}
+    vehicles: dict[Name, VehicleScenario] = {}
+    lidars: dict[Name, LidarScenario] = {}
+    cameras: dict[Name, CameraScenario] = {}
     recording: RecordingScenario = RecordingScenario()
 
     @model_validator(mode="after")
@@ -318,22 +350,53 @@ class Scenario(_Model):
                     raise ValueError(
                         f"routes.{name}.yields_to: expected one of {_listed(self.routes)}, found {other!r}"
                     )
-        topics: dict[str, str] = {}
-        for name, sensor in [*self.lidars.items(), *self.cameras.items()]:
-            if sensor.mounted_on not in ("", self.ego):
-                raise ValueError(f"{name}.mounted_on: expected the ego vehicle or nothing, found {sensor.mounted_on!r}")
-            if sensor.topic in topics:
-                raise ValueError(f"{name}.topic: {sensor.topic!r} is the topic of {topics[sensor.topic]}, too")
-            topics[sensor.topic] = name
-        for name, lidar in self.lidars.items():
-            if lidar.output != "points" and (lidar.model == "linear" or not lidar.packets_topic):
-                raise ValueError(f"lidars.{name}: packets need a Velodyne model and a packets_topic")
-            if lidar.output != "points" and lidar.firing_stride != 1:
-                raise ValueError(f"lidars.{name}: packets hold every firing: expected firing_stride 1")
         egos = [name for name, vehicle in self.vehicles.items() if vehicle.ego]
         if len(egos) > 1:
             raise ValueError(f"vehicles: expected one ego at most, found {_listed(egos)}")
         return self
+
+    @model_validator(mode="after")
+    def _sensors_fit(self) -> "Scenario":
+        for name, sensor in self.sensors.items():
+            if sensor.mounted_on not in ("", self.ego):
+                raise ValueError(f"{name}.mounted_on: expected the ego vehicle or nothing, found {sensor.mounted_on!r}")
+        for name, lidar in ((f"lidars.{key}", value) for key, value in self.lidars.items()):
+            if lidar.output != "points" and (lidar.model == "linear" or not lidar.packets_topic):
+                raise ValueError(f"{name}: packets need a Velodyne model and a packets_topic")
+            if lidar.output != "points" and lidar.firing_stride != 1:
+                raise ValueError(f"{name}: packets hold every firing: expected firing_stride 1")
+            if lidar.elevation_deg[0] >= lidar.elevation_deg[1]:
+                raise ValueError(f"{name}.elevation_deg: expected the lower one first, found {lidar.elevation_deg}")
+            of_linear = {key: LidarScenario.model_fields[key].default for key in ("beams", "elevation_deg", "columns")}
+            for key, default in of_linear.items():
+                if lidar.model != "linear" and getattr(lidar, key) != default:
+                    raise ValueError(f"{name}.{key}: is for the model `linear`; a {lidar.model} has its own")
+        for name, camera in ((f"cameras.{key}", value) for key, value in self.cameras.items()):
+            if len(camera.distortion) > COEFFICIENTS[camera.distortion_model]:
+                most = f"{camera.distortion_model} has {COEFFICIENTS[camera.distortion_model]} coefficients"
+                raise ValueError(f"{name}.distortion: {most}, found {len(camera.distortion)}")
+        return self
+
+    @model_validator(mode="after")
+    def _names_are_unique(self) -> "Scenario":
+        topics = [("the simulator", topic) for topic in OWN_TOPICS]
+        topics += [(name, topic) for name, sensor in self.sensors.items() for topic in sensor.topics]
+        topics += [(name, topic) for name, vehicle in self.vehicles.items() for topic in vehicle.topics(name)]
+        frames = [("the simulator", frame) for frame in (self.site_frame, EGO_FRAME, *self.vehicles)]
+        frames += [(name, sensor.frame_id) for name, sensor in self.sensors.items()]
+        for kind, used in (("topic", topics), ("frame", frames)):
+            owner: dict[str, str] = {}
+            for name, word in used:
+                if word in owner and (kind == "topic" or owner[word] != name):
+                    raise ValueError(f"{name}: {word!r} is a {kind} of {owner[word]}, too")
+                owner[word] = name
+        return self
+
+    @property
+    def sensors(self) -> dict[str, LidarScenario | CameraScenario]:
+        """Lidars, then cameras, by the name that messages about them give: `lidars.top`."""
+        lidars = {f"lidars.{name}": lidar for name, lidar in self.lidars.items()}
+        return {**lidars, **{f"cameras.{name}": camera for name, camera in self.cameras.items()}}
 
     @property
     def ego(self) -> str:
@@ -373,12 +436,15 @@ def load_scenario(name: str, overrides: tuple[str, ...] = ()) -> Scenario:
     try:
         return Scenario.model_validate(tree)
     except ValidationError as err:
-        raise ConfigError(f"{path}: {describe_validation(Scenario, err)}") from err
+        where = f"{path} with --set" if overrides else f"{path}"
+        raise ConfigError(f"{where}: {describe_validation(Scenario, err)}") from err
 
 
 def _for_each(tree: dict[str, Any], override: str) -> list[str]:
     """An override for each of the names that a `*` in its key stands for."""
     key, equals, value = override.partition("=")
+    if key.startswith("*"):
+        raise ConfigError(f"--set {override}: name the section, as in cameras.*.rate_hz")
     keys = [""]
     for part in key.split("."):
         keys = [f"{before}{name}." for before in keys for name in (_names_at(tree, before) if part == "*" else [part])]

@@ -66,14 +66,13 @@ class TerminalKeys:
 
 @contextlib.contextmanager
 def terminal_keys(descriptor: int) -> Iterator[TerminalKeys]:
-    """Keys of a terminal; Ctrl-C (once) and a closed terminal are the end of its input."""
+    """Keys of a terminal; Ctrl-C and a closed terminal are the end of its input, however often they are told."""
     keys = TerminalKeys(descriptor)
     before = termios.tcgetattr(descriptor)
     handlers: dict[int, Any] = {number: signal.getsignal(number) for number in ENDINGS}
 
-    def end(number: int, _: FrameType | None) -> None:
+    def end(_: int, __: FrameType | None) -> None:
         keys.end()
-        signal.signal(number, handlers[number])  # a second one is no request any more
 
     try:
         for number in ENDINGS:

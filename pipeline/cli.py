@@ -9,9 +9,9 @@ import logging
 import os
 import signal
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from importlib.metadata import version
+from importlib.util import find_spec
 from pathlib import Path
 from types import FrameType
 from typing import Annotated, Literal
@@ -251,8 +251,8 @@ def simulate(
     """Record a simulated scene: lidars, cameras, and the truth about what they see."""
     if duration == 0:
         raise typer.BadParameter("expected more than 0 seconds", param_hint="--duration")
-    with _simulator():
-        from bags.commands import SimulateOptions, run_simulate
+    _check_simulator()
+    from bags.commands import SimulateOptions, run_simulate
 
     options = SimulateOptions(
         scenario=scenario,
@@ -288,8 +288,8 @@ def drive(
     """Drive the cars of a scenario from the keyboard, and record it."""
     if duration == 0:
         raise typer.BadParameter("expected more than 0 seconds", param_hint="--duration")
-    with _simulator():
-        from bags.commands import DriveOptions, run_drive
+    _check_simulator()
+    from bags.commands import DriveOptions, run_drive
 
     options = DriveOptions(
         scenario=scenario,
@@ -305,19 +305,15 @@ def drive(
     run_drive(options)
 
 
-@contextmanager
-def _simulator() -> Iterator[None]:
-    """Loading the simulator, which an extra brings.
+def _check_simulator() -> None:
+    """The simulator is an extra.
 
     Raises:
         LidcamError: it is not installed.
     """
-    try:
-        yield
-    except ModuleNotFoundError as err:
-        if err.name not in {"open3d", "libusb_package"}:
-            raise
-        raise LidcamError(f"the simulator needs {err.name}, which is not installed: pip install 'lidcam[sim]'") from err
+    for package in ("open3d", "libusb_package"):
+        if find_spec(package) is None:
+            raise LidcamError(f"the simulator needs {package}, which is not installed: pip install 'lidcam[sim]'")
 
 
 @app.callback()

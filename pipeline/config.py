@@ -487,6 +487,8 @@ def describe_validation(model: type[BaseModel], err: ValidationError) -> str:
     more = f" (and {err.error_count() - 1} more)" if err.error_count() > 1 else ""
     if fault["type"] == "extra_forbidden":
         return f"unknown key {key!r}{more}; known here: {', '.join(_known_keys(model, fault['loc']))}"
+    if fault["type"] == "value_error" and not key:  # of several keys together: the message names them
+        return f"{fault['ctx']['error']}{more}"
     found = repr(fault.get("input"))
     return f"{key}: {fault['msg']}, found {found if len(found) <= 200 else found[:200] + '...'}{more}"
 

@@ -34,7 +34,7 @@ MAY_IMPORT = {
     "pipeline.types": set(),
     "pipeline.velodyne_models": set(),
 }
-PRINTS = {"pipeline.cli", "bags.record_sandbox"}
+PRINTS = {"pipeline.cli"}
 
 SOURCES = sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
 

@@ -5,7 +5,7 @@ Same messages, same bytes. A file appears under its name when it is whole; until
 
 import contextlib
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
@@ -28,6 +28,7 @@ RecordingFormat = Literal["ros1", "sqlite3", "mcap"]
 FORMATS: tuple[RecordingFormat, ...] = ("ros1", "sqlite3", "mcap")
 
 LIBRARY = "lidcam"
+ENDINGS = "a name that ends in .bag (ROS 1), in .mcap (MCAP), or has no ending (ROS 2 sqlite3 folder), or a --format"
 CHUNK_BYTES = 1 << 20
 METADATA_VERSION: Literal[8] = 8
 """What Humble reads."""
@@ -55,18 +56,18 @@ class MessageWriter(Protocol):
 
 
 def format_of(path: Path, wanted: RecordingFormat | None) -> RecordingFormat:
-    """The format that a name asks for: `.bag` ROS 1, `.mcap` MCAP, a name without suffix a sqlite3 folder.
+    """The format that is wanted, else the one that the name asks for.
 
     Raises:
-        OutputError: the name fits no format, or another one than is wanted.
+        OutputError: the name asks for none, or for another one than is wanted.
     """
     suffixes: dict[str, RecordingFormat] = {".bag": "ros1", ".mcap": "mcap", "": "sqlite3"}
     by_name = suffixes.get(path.suffix)
-    if by_name is None or (wanted is not None and wanted != by_name):
-        asked = f"--format {wanted}" if wanted else "a recording"
-        raise OutputError(
-            f"{path}: expected for {asked} a name that ends in .bag (ros1), in .mcap (mcap), or has no ending (sqlite3)"
-        )
+    if wanted is not None and (not path.suffix or by_name in (None, wanted)):
+        return wanted
+    if by_name is None or wanted is not None:
+        asked = f"for --format {wanted} another name than one of another format" if wanted else ENDINGS
+        raise OutputError(f"{path}: expected {asked}")
     return by_name
 
 
@@ -100,31 +101,38 @@ def recording_file(
             writer.add_metadata("lidcam_truth", {"attachments": ", ".join(texts)})
             yield _Mcap(writer)
             writer.finish()  # type: ignore[no-untyped-call]
-        return
-    with contextlib.ExitStack() as beside:
+    elif format == "ros1":
+        with atomic_output(path) as part, _beside(path, texts), output_errors(path):
+            part.unlink()
+            bag = Rosbag1Writer(part)
+            bag.set_compression(Rosbag1Writer.CompressionFormat.LZ4)
+            with bag:
+                yield _Rosbag1(bag)
+    else:
+        with _atomic_folder(path) as folder, _beside(path, texts), output_errors(path):
+            with Rosbag2Writer(folder, version=METADATA_VERSION, storage_plugin=StoragePlugin.SQLITE3) as bag2:
+                yield _Rosbag2(bag2)
+            _rename_inside(folder, path.name)
+
+
+@contextlib.contextmanager
+def _beside(path: Path, texts: Mapping[str, str]) -> Iterator[None]:
+    """Texts in files beside a recording, by what their names add to its name."""
+    with contextlib.ExitStack() as files:
         for name, text in texts.items():
-            part = beside.enter_context(atomic_output(path.with_name(f"{path.name}.{name}")))
+            part = files.enter_context(atomic_output(path.with_name(f"{path.name}.{name}")))
             part.write_text(text, encoding="utf-8")
-        if format == "ros1":
-            with atomic_output(path) as part, output_errors(path):
-                part.unlink()
-                bag = Rosbag1Writer(part)
-                bag.set_compression(Rosbag1Writer.CompressionFormat.LZ4)
-                with bag:
-                    yield _Rosbag1(bag)
-        else:
-            with _atomic_folder(path) as folder, output_errors(path):
-                with Rosbag2Writer(folder, version=METADATA_VERSION, storage_plugin=StoragePlugin.SQLITE3) as bag2:
-                    yield _Rosbag2(bag2)
-                _rename_inside(folder, path.name)
+        yield
 
 
 @contextlib.contextmanager
 def _atomic_folder(path: Path) -> Iterator[Path]:
     """As `atomic_output`, for a ROS 2 bag folder; an older one is replaced, anything else is refused."""
     with output_errors(path):
-        if path.exists() and not (path.is_dir() and (path / "metadata.yaml").is_file()):
-            raise OutputError(f"{path}: is there already and no ROS 2 bag folder; choose another name")
+        if path.exists() and not _is_recorded(path):
+            raise OutputError(
+                f"{path}: is there already, and is not or not only a ROS 2 recording; choose another name"
+            )
         if not path.parent.is_dir():
             raise OutputError(f"{path}: there is no folder {path.parent}; create it first")
         part = path.with_name(f"{path.name}.part")
@@ -138,6 +146,13 @@ def _atomic_folder(path: Path) -> Iterator[Path]:
     except BaseException:
         shutil.rmtree(part, ignore_errors=True)
         raise
+
+
+def _is_recorded(path: Path) -> bool:
+    """Whether a folder holds what a ROS 2 recorder writes, and nothing else."""
+    if not path.is_dir() or not (path / "metadata.yaml").is_file():
+        return False
+    return all(file.name == "metadata.yaml" or file.suffix in {".db3", ".mcap"} for file in path.iterdir())
 
 
 def _rename_inside(folder: Path, name: str) -> None:

@@ -145,7 +145,7 @@ class MessageFactory:
 
     def jpeg(self, stamp_ns: int, frame_id: str, rgb: npt.NDArray[np.uint8], quality: int) -> Any:
         """sensor_msgs/CompressedImage, JPEG, of a picture (H, W, 3)."""
-        _, data = cv2.imencode(".jpg", rgb[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
+        _, data = cv2.imencode(".jpg", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, quality])
         header = self.header(stamp_ns, frame_id)
         return self.new("sensor_msgs/msg/CompressedImage", header=header, format="jpeg", data=data.reshape(-1))
 

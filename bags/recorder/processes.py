@@ -4,6 +4,7 @@ Each process has the whole world and moves it by itself, which costs little: the
 traffic. Only commands go in, only finished messages come out.
 """
 
+import contextlib
 import multiprocessing
 import signal
 from collections.abc import Mapping, Sequence
@@ -34,14 +35,12 @@ class SensingTask(NamedTuple):
         scenario: What is simulated.
         driven: Vehicles that stand at their start until they are driven.
         ros_version: Whose messages.
-        seed: Of all random numbers.
         names: Its sensors.
     """
 
     scenario: Scenario
     driven: tuple[str, ...]
     ros_version: RosVersion
-    seed: int
     names: tuple[str, ...]
 
 
@@ -62,7 +61,13 @@ class SensingProcess:
         context = multiprocessing.get_context("spawn")  # the libraries' threads do not survive a fork
         self._pipe, theirs = context.Pipe()
         self._process = context.Process(target=_serve, args=(theirs, task), daemon=True)
-        self._process.start()
+        # A terminal tells all processes of Ctrl-C; the one that asks decides, from the first moment on.
+        handlers = {number: signal.signal(number, signal.SIG_IGN) for number in (signal.SIGINT, signal.SIGHUP)}
+        try:
+            self._process.start()
+        finally:
+            for number, handler in handlers.items():
+                signal.signal(number, handler)
         theirs.close()
 
     def __enter__(self) -> Self:
@@ -82,10 +87,10 @@ class SensingProcess:
         """Of the process."""
         return self._process.pid or 0
 
-    def ask(self, until_ns: int, commands: Mapping[str, AckermannCommand]) -> None:
-        """Have it move its world on to a time, after commands to vehicles, and measure."""
+    def ask(self, until_ns: int, commands: Mapping[str, AckermannCommand], *, begun_ns: int) -> None:
+        """Have it move its world on to a time, after commands to vehicles, and measure; see `Sensing.measure`."""
         try:
-            self._pipe.send((until_ns, dict(commands)))
+            self._pipe.send((until_ns, dict(commands), begun_ns))
         except OSError as err:
             raise self._gone() from err
 
@@ -114,8 +119,6 @@ class SensingProcess:
 
 def _serve(pipe: Connection, task: SensingTask) -> None:
     """Measure whatever is asked, until nobody is there to ask."""
-    for number in (signal.SIGINT, signal.SIGHUP):
-        signal.signal(number, signal.SIG_IGN)  # a terminal tells all processes; the one that asks decides
     from bags.recorder.sensing import Sensing  # not before: who starts processes waits for nothing heavy
     from bags.recorder.stage import Stage
 
@@ -123,16 +126,17 @@ def _serve(pipe: Connection, task: SensingTask) -> None:
         stage = Stage(task.scenario, driven=task.driven)
         sensing = Sensing(stage, task)
         while True:
-            until_ns, commands = pipe.recv()
+            until_ns, commands, begun_ns = pipe.recv()
             for name, command in commands.items():
                 stage.traffic.command(name, command)
             stage.traffic.advance(until_ns)
-            pipe.send(sensing.measure(until_ns))
+            pipe.send(sensing.measure(until_ns, begun_ns=begun_ns))
             stage.forget(until_ns)
     except (EOFError, OSError):
         return
     except Exception as err:
-        pipe.send(err)
+        with contextlib.suppress(OSError):  # who asked may have found the same fault
+            pipe.send(err)
 
 
 def _cost_us(sensor: LidarScenario | CameraScenario) -> float:

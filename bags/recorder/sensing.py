@@ -49,16 +49,16 @@ class Sensing:
     """
 
     def __init__(self, stage: Stage, task: SensingTask) -> None:
-        self._stage, self._seed, names = stage, task.seed, task.names
+        self._stage, self._seed, names = stage, task.scenario.seed, task.names
         self._messages = MessageFactory(task.ros_version, task.scenario.start_ns)
         self._sensors: list[_Lidar | _Camera] = [
             *(self._lidar(name, lidar) for name, lidar in stage.scenario.lidars.items() if name in names),
             *(self._camera(name, camera) for name, camera in stage.scenario.cameras.items() if name in names),
         ]
 
-    def measure(self, until_ns: int) -> list[Measured]:
-        """What has been measured since the last call and up to a time."""
-        return [self._measured(sensor, one) for sensor in self._sensors for one in _due(sensor, until_ns)]
+    def measure(self, until_ns: int, *, begun_ns: int) -> list[Measured]:
+        """What has been measured since the last call and up to a time, of what had begun before another time."""
+        return [self._measured(sensor, one) for sensor in self._sensors for one in _due(sensor, until_ns, begun_ns)]
 
     def _lidar(self, name: str, lidar: LidarScenario) -> _Lidar:
         device = Lidar(name, lidar, self._stage.sensor_path(lidar), self._stage.scene, self._seed)
@@ -112,9 +112,13 @@ class Sensing:
             yield make.recorded(late_ns, settings.detector.topic, stamp_ns, boxes)
 
 
-def _due(sensor: _Lidar | _Camera, until_ns: int) -> Iterator[Measurement]:
-    """The measurements of a sensor that have ended by then."""
-    while sensor.next.end_ns <= until_ns and sensor.timing.is_alive(sensor.next.begin_ns):
+def _due(sensor: _Lidar | _Camera, until_ns: int, begun_ns: int) -> Iterator[Measurement]:
+    """The measurements of a sensor that have ended by the first time, and begun before the second."""
+    while (
+        sensor.next.end_ns <= until_ns
+        and sensor.next.begin_ns < begun_ns
+        and sensor.timing.is_alive(sensor.next.begin_ns)
+    ):
         yield sensor.next
         sensor.next = _measurement(sensor.timing, sensor.device, sensor.next.number + 1)
 

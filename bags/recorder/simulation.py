@@ -62,33 +62,19 @@ class Simulation:
         self._commands[vehicle] = command
 
     def run(self, duration_s: float) -> Iterator[list[Recorded]]:
-        """The messages of a whole recording, a step at a time, in the order in which they are recorded.
-
-        What was measured before the end is recorded, also where that takes longer.
-        """
+        """The messages of a whole recording, a step at a time, in the order in which they are recorded."""
         end_ns = round(duration_s * 1e9)
         while self._now_ns < end_ns:
             yield self.step(min(self.now_ns + STEP_NS, end_ns))
-        yield self.rest()
+        yield self.finish()
 
     def step(self, until_ns: int) -> list[Recorded]:
         """Go on to a moment; what was recorded until then."""
         begin_ns, self._now_ns = self._now_ns, until_ns
-        commands, self._commands = self._commands, {}
-        for process in self._others:
-            process.ask(until_ns, commands)
-        for name, command in commands.items():
-            self._stage.traffic.command(name, command)
-        self._stage.traffic.advance(until_ns)
-        measured = self._sensing.measure(until_ns)
-        for process in self._others:
-            measured += process.answer()
-        self._measured += measured
-        self._waiting += [recorded for one in measured for recorded in one.recorded]
+        self._measure(until_ns, begun_ns=until_ns)
         self._waiting += self._states.between(begin_ns, until_ns)
         self._truths += moments(self.scenario.recording.truth_rate_hz, begin_ns, until_ns)
-        while self._truths and self._truths[0] + self._stage.longest_ns <= until_ns:
-            self._waiting.append(self._states.truth(self._truths.popleft(), self._measured))
+        self._tell_truths(until_ns)
         self._stage.forget(until_ns)
         self._measured = [one for one in self._measured if one.until_ns > until_ns - 2 * self._stage.longest_ns]
         self._waiting.sort(key=lambda recorded: recorded[:3])
@@ -96,10 +82,34 @@ class Simulation:
         done, self._waiting = self._waiting[:ready], self._waiting[ready:]
         return done
 
-    def rest(self) -> list[Recorded]:
-        """What was measured and not yet recorded; the end."""
-        done, self._waiting = self._waiting, []
+    def finish(self) -> list[Recorded]:
+        """The end: what was measured before it, or had begun then, and was not recorded yet."""
+        end_ns = self._now_ns + self._stage.longest_ns
+        self._measure(end_ns, begun_ns=self._now_ns)
+        while self._truths and self._truths[-1] >= self._now_ns:  # nothing measures at the end itself
+            self._truths.pop()
+        self._tell_truths(end_ns)
+        done, self._waiting = sorted(self._waiting, key=lambda recorded: recorded[:3]), []
         return done
+
+    def _measure(self, until_ns: int, *, begun_ns: int) -> None:
+        """Have everything move on to a time, and measure."""
+        commands, self._commands = self._commands, {}
+        for process in self._others:
+            process.ask(until_ns, commands, begun_ns=begun_ns)
+        for name, command in commands.items():
+            self._stage.traffic.command(name, command)
+        self._stage.traffic.advance(until_ns)
+        measured = self._sensing.measure(until_ns, begun_ns=begun_ns)
+        for process in self._others:
+            measured += process.answer()
+        self._measured += measured
+        self._waiting += [recorded for one in measured for recorded in one.recorded]
+
+    def _tell_truths(self, until_ns: int) -> None:
+        """The truth about moments of which all has been measured."""
+        while self._truths and self._truths[0] + self._stage.longest_ns <= until_ns:
+            self._waiting.append(self._states.truth(self._truths.popleft(), self._measured))
 
     def _static_transforms(self) -> Recorded:
         message = self._messages.transforms(0, recorded_extrinsics(self.scenario))

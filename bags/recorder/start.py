@@ -20,7 +20,6 @@ def simulating(
     scenario: Scenario,
     *,
     ros_version: RosVersion,
-    seed: int | None = None,
     workers: int | None = None,
     driven: Collection[str] = (),
 ) -> Iterator["Simulation"]:
@@ -29,15 +28,13 @@ def simulating(
     Args:
         scenario: What is simulated.
         ros_version: Whose messages.
-        seed: Instead of the scenario's own.
         workers: Processes that share the sensors, this one among them; None: as many as there are cores.
         driven: Vehicles that stand at their start until `Simulation.command` moves them.
     """
-    seed = scenario.seed if seed is None else seed
     mine, *others = shared_out(scenario, os.cpu_count() or 1 if workers is None else workers)
     with ExitStack() as stack:
-        tasks = [SensingTask(scenario, tuple(driven), ros_version, seed, names) for names in others]
+        tasks = [SensingTask(scenario, tuple(driven), ros_version, names) for names in others]
         processes = [stack.enter_context(SensingProcess(task)) for task in tasks]
         from bags.recorder.simulation import Simulation  # Open3D takes a second or two
 
-        yield Simulation(SensingTask(scenario, tuple(driven), ros_version, seed, mine), processes)
+        yield Simulation(SensingTask(scenario, tuple(driven), ros_version, mine), processes)

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from bags.recorder.messages import MessageFactory, TrueObject
 from bags.recorder.recorded import Measured, Recorded
 from bags.recorder.stage import Stage
-from bags.recorder.true_rig import EGO_FRAME
+from bags.scenario import EGO_FRAME
 from bags.vehicles.ackermann import command_topic, controller_topics
 from bags.world.dimensions import SHAPES
 
@@ -90,7 +90,7 @@ class States:
         """The pose of the middle of a vehicle's box, as the original's ground truth has it."""
         ahead_m = SHAPES[self._stage.scenario.vehicles[name].shape].box_center_m[0]
         speed, turn = self._speeds(name, time_ns)
-        pose = self._stage.T_site_box(name, f"{name}/base_link", time_ns)
+        pose = self._stage.T_site_box(name, name, time_ns)
         return self._messages.odometry(time_ns, pose, (speed, turn * ahead_m, turn))
 
     def _speeds(self, name: str, time_ns: int) -> tuple[float, float]:
@@ -103,7 +103,7 @@ class States:
         """What the driver asks for, and what that makes of the six controllers."""
         command = self._stage.traffic.command_at(name, time_ns)
         speed, steering = command.speed_m_s, command.steering_rad
-        drive = self._messages.drive(time_ns, f"{name}/base_link", speed_m_s=speed, steering_rad=steering)
+        drive = self._messages.drive(time_ns, name, speed_m_s=speed, steering_rad=steering)
         yield self._told(command_topic(name), time_ns, drive)
         values = self._stage.traffic.chassis[name].controllers(command).values
         for topic, value in zip(controller_topics(name), values, strict=True):

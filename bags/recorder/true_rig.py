@@ -3,14 +3,13 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from bags.scenario import CameraScenario, Scenario, SensorScenario
+from bags.scenario import EGO_FRAME, CameraScenario, Scenario, SensorScenario
 from pipeline.camera import CameraModel
 from pipeline.geometry import Transform
 from pipeline.types import CameraSensor, LidarSensor, Rig, default_zones
 
-__all__ = ["EGO_FRAME", "T_carrier_sensor", "carrier_frame", "recorded_extrinsics", "rig_frame", "true_rig"]
+__all__ = ["T_carrier_sensor", "carrier_frame", "recorded_extrinsics", "rig_frame", "true_rig"]
 
-EGO_FRAME = "base_link"
 OPTICAL = np.array([[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 """A camera's optical axes (x right, y down, z forward) in its body's (x forward, y left, z up); REP 103."""
 
@@ -27,20 +26,23 @@ def carrier_frame(scenario: Scenario, sensor: SensorScenario) -> str:
 
 def T_carrier_sensor(scenario: Scenario, sensor: SensorScenario) -> Transform:
     """The true place of the sensor's frame, for a camera the optical one, on what carries it."""
-    body = sensor.T_carrier_body(carrier_frame(scenario, sensor))
-    return Transform(body.dst, body.src, body.matrix @ OPTICAL) if isinstance(sensor, CameraScenario) else body
+    return _framed(sensor.T_carrier_body(carrier_frame(scenario, sensor)), sensor)
 
 
 def recorded_extrinsics(scenario: Scenario) -> list[Transform]:
     """What tf_static says of every sensor: the truth, but for the miscalibration that the scenario asks for."""
-    return [_miscalibrated(T_carrier_sensor(scenario, sensor), sensor) for sensor in _sensors(scenario)]
+    found = []
+    for sensor in scenario.sensors.values():
+        true, error = sensor.T_carrier_body(carrier_frame(scenario, sensor)), np.eye(4)
+        error[:3, :3] = Rotation.from_euler("xyz", sensor.miscalibration.rpy_deg, degrees=True).as_matrix()
+        error[:3, 3] = np.array(sensor.miscalibration.xyz_cm) / 100
+        found.append(_framed(Transform(true.dst, true.src, true.matrix @ error), sensor))
+    return found
 
 
-def _miscalibrated(true: Transform, sensor: SensorScenario) -> Transform:
-    error = np.eye(4)
-    error[:3, :3] = Rotation.from_euler("xyz", sensor.miscalibration.rpy_deg, degrees=True).as_matrix()
-    error[:3, 3] = np.array(sensor.miscalibration.xyz_cm) / 100
-    return Transform(true.dst, true.src, true.matrix @ error)
+def _framed(body: Transform, sensor: SensorScenario) -> Transform:
+    """The frame of a sensor's messages instead of its body's."""
+    return Transform(body.dst, body.src, body.matrix @ OPTICAL) if isinstance(sensor, CameraScenario) else body
 
 
 def true_rig(scenario: Scenario, models: dict[str, CameraModel]) -> Rig:
@@ -72,7 +74,3 @@ def true_rig(scenario: Scenario, models: dict[str, CameraModel]) -> Rig:
         if carrier_frame(scenario, camera) == frame
     ]
     return Rig(frame, tuple(lidars), tuple(cameras), default_zones(), ground_height_m=0.0)
-
-
-def _sensors(scenario: Scenario) -> list[SensorScenario]:
-    return [*scenario.lidars.values(), *scenario.cameras.values()]

@@ -37,7 +37,7 @@ def camera_model(scenario: CameraScenario) -> CameraModel:
         scenario.height_px,
         np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]),
         scenario.distortion_model,
-        np.array(scenario.distortion, np.float64),
+        np.array(scenario.coefficients, np.float64),
     )
 
 

@@ -8,11 +8,12 @@ from dataclasses import dataclass, field, replace
 
 from bags.vehicles.ackermann import AckermannCommand
 
-__all__ = ["QUIT", "RemoteControl", "command_of", "commands_of_keys"]
+__all__ = ["QUIT", "RemoteControl", "command_of", "commands_of_keys", "script_keys"]
 
 SPEED_M_S = 0.3
 STEERING_RAD = 0.7 * 0.7
 QUIT = "o"
+WAIT = "."
 
 _COMMANDS = {
     "w": AckermannCommand(SPEED_M_S, 0.0),
@@ -21,6 +22,11 @@ _COMMANDS = {
     "d": AckermannCommand(SPEED_M_S, -STEERING_RAD),
     "x": AckermannCommand(0.0, 0.0),
 }
+
+
+def script_keys(vehicles: tuple[str, ...]) -> str:
+    """All keys that mean something in a script; the last one only lets its time pass."""
+    return "".join(_COMMANDS) + "123456789"[: len(vehicles)] + QUIT + WAIT
 
 
 def command_of(key: str) -> AckermannCommand | None:

@@ -57,8 +57,20 @@ def test_a_viewer_that_cannot_be_started(monkeypatch: pytest.MonkeyPatch) -> Non
         raise RuntimeError("Failed to find Rerun Viewer executable in PATH")
 
     monkeypatch.setattr(rr.RecordingStream, "spawn", fail)
+    monkeypatch.setenv("DISPLAY", ":0")
     with (
         simulating(Scenario.model_validate(small_scenario()), ros_version=2, workers=1) as simulation,
         pytest.raises(OutputError, match="--view: the Rerun viewer cannot be started: Failed to find"),
+    ):
+        LiveView(simulation, rr.RecordingStream("test")).spawn()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems have no DISPLAY")
+def test_a_viewer_without_a_display(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    with (
+        simulating(Scenario.model_validate(small_scenario()), ros_version=2, workers=1) as simulation,
+        pytest.raises(OutputError, match="expected a display"),
     ):
         LiveView(simulation, rr.RecordingStream("test")).spawn()

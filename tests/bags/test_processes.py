@@ -19,7 +19,7 @@ UNTIL_NS = 150_000_000
 
 def task(**changes: object) -> SensingTask:
     scenario = Scenario.model_validate(small_scenario(**changes))
-    return SensingTask(scenario, ("car1",), 1, 1, ("top", "front"))
+    return SensingTask(scenario, ("car1",), 1, ("top", "front"))
 
 
 @given(st.sampled_from(["sandbox", "crossing", "vehicle"]), st.integers(1, 20))
@@ -41,9 +41,9 @@ def test_a_process_measures_what_this_one_would() -> None:
     sensing = Sensing(stage, task())
     stage.traffic.command("car1", commands["car1"])
     stage.traffic.advance(UNTIL_NS)
-    here = sensing.measure(UNTIL_NS)
+    here = sensing.measure(UNTIL_NS, begun_ns=UNTIL_NS)
     with SensingProcess(task()) as process:
-        process.ask(UNTIL_NS, commands)
+        process.ask(UNTIL_NS, commands, begun_ns=UNTIL_NS)
         there = process.answer()
     assert len(here) == len(there) > 1
     for mine, its in zip(here, there, strict=True):
@@ -54,19 +54,19 @@ def test_a_process_measures_what_this_one_would() -> None:
 def test_its_errors_come_out() -> None:
     wrong = task(vehicles__car2__route="", vehicles__car2__start=[-1.5, 1.35, 0])
     with SensingProcess(wrong) as process:
-        process.ask(UNTIL_NS, {})
+        process.ask(UNTIL_NS, {}, begun_ns=UNTIL_NS)
         with pytest.raises(ConfigError, match=r"vehicles\.car2: expected free ground"):
             process.answer()
 
 
 def test_a_process_that_was_killed_is_told_of() -> None:
     with SensingProcess(task()) as process:
-        process.ask(UNTIL_NS, {})
+        process.ask(UNTIL_NS, {}, begun_ns=UNTIL_NS)
         process.answer()
         os.kill(process.pid, signal.SIGKILL)
 
         def ask_again() -> None:
-            process.ask(2 * UNTIL_NS, {})
+            process.ask(2 * UNTIL_NS, {}, begun_ns=2 * UNTIL_NS)
             process.answer()
 
         with pytest.raises(LidcamError, match="a process of the simulation ended with -9"):

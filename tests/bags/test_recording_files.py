@@ -209,20 +209,31 @@ def test_a_place_that_cannot_be_written(tmp_path: Path, format: RecordingFormat)
 def test_a_folder_that_is_no_recording_is_kept(tmp_path: Path) -> None:
     (tmp_path / "a").mkdir()
     (tmp_path / "a" / "thesis.txt").write_text("mine")
-    with pytest.raises(OutputError, match="no ROS 2 bag folder"):
+    with pytest.raises(OutputError, match="is not or not only a ROS 2 recording"):
+        write_all(tmp_path / "a", "sqlite3")
+    (tmp_path / "a" / "metadata.yaml").write_text("a recording, and more")
+    with pytest.raises(OutputError, match="is not or not only a ROS 2 recording"):
         write_all(tmp_path / "a", "sqlite3")
     assert (tmp_path / "a" / "thesis.txt").read_text() == "mine"
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["a"]
 
 
 @pytest.mark.parametrize(
     ("name", "wanted", "format"),
-    [("a.bag", None, "ros1"), ("a.mcap", None, "mcap"), ("a", None, "sqlite3"), ("a", "sqlite3", "sqlite3")],
+    [
+        ("a.bag", None, "ros1"),
+        ("a.mcap", None, "mcap"),
+        ("a", None, "sqlite3"),
+        ("a", "sqlite3", "sqlite3"),
+        ("a", "ros1", "ros1"),
+        ("a.recording", "mcap", "mcap"),
+    ],
 )
 def test_the_name_says_the_format(name: str, wanted: RecordingFormat | None, format: RecordingFormat) -> None:
     assert format_of(Path(name), wanted) == format
 
 
-@pytest.mark.parametrize(("name", "wanted"), [("a.txt", None), ("a.bag", "mcap"), ("a.mcap", "sqlite3"), ("a", "ros1")])
+@pytest.mark.parametrize(("name", "wanted"), [("a.txt", None), ("a.bag", "mcap"), ("a.mcap", "sqlite3")])
 def test_a_name_that_fits_no_format(name: str, wanted: RecordingFormat | None) -> None:
-    with pytest.raises(OutputError, match=r"ends in \.bag"):
+    with pytest.raises(OutputError, match=f"{name}: expected"):
         format_of(Path(name), wanted)

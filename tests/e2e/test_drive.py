@@ -160,6 +160,7 @@ def test_a_wall_stops_a_car(lidcam: Lidcam, tmp_path: Path) -> None:
     [
         (("vehicle", "out.bag", "--keys", "w"), 1, "expected a vehicle with `commands: true` to drive"),
         (("sandbox", "out.bag", "--key-interval", "0"), 2, "key-interval"),
+        (("sandbox", "out.bag", "--keys", "hello"), 1, "keys: expected w s a d x 1 2 o . (. waits), found 'h'"),
     ],
 )
 def test_what_cannot_be_driven(lidcam: Lidcam, arguments: tuple[str, ...], code: int, message: str) -> None:

@@ -25,9 +25,9 @@ from builders import (
 )
 from captures import capture_of, pcap
 from results import Found, fused_objects
+from slabs import distance_to_box
 from velodyne import packet_stream, scan
 
-from bags.raycast import cast
 from bags.velodyne_packets import VelodyneSensor
 from pipeline.commands import ProcessOptions, run_process
 from pipeline.config import VelodyneLidarConfig
@@ -56,7 +56,7 @@ def ranges_of(origins: F64, directions: F64) -> F64:
         ground_m = (-HEIGHT_M - origins[:, 2]) / directions[:, 2]
     nearest_m = np.where((ground_m > 0) & (ground_m < 40), ground_m, np.inf)
     for center, yaw in CARS:
-        distance_m, _ = cast(origins, directions, np.array(center), np.array(CAR_M), yaw)
+        distance_m = distance_to_box(origins, directions, np.array(center), np.array(CAR_M), yaw)
         nearest_m = np.minimum(nearest_m, distance_m)
     return nearest_m
 

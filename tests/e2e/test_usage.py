@@ -135,7 +135,7 @@ def test_the_readme_shows_what_the_demo_prints(
     lidcam: Lidcam, sandbox: Path, sandbox_config: Path, tmp_path: Path
 ) -> None:
     readme = (sandbox.parents[1] / "README.md").read_text(encoding="utf-8")
-    shown = readme.split("ends with:\n\n```\n")[1].split("...\n```")[0]
+    shown = readme.split("The first table is:\n\n```\n")[1].split("...\n```")[0]
     run = lidcam("process", sandbox, tmp_path / "out.mcap", "--config", sandbox_config)
     assert shown.startswith("objects\n")
     assert shown in run.out

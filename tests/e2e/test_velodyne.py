@@ -8,9 +8,9 @@ import pytest
 from builders import pointcloud2, raw, write_rosbag1, write_rosbag2
 from command import Lidcam
 from results import Found, fused_objects
+from slabs import distance_to_box
 from velodyne import scan
 
-from bags.raycast import cast
 from bags.velodyne_packets import VelodyneSensor
 from pipeline.types import RawMessage
 from pipeline.velodyne_models import MODELS
@@ -32,7 +32,7 @@ def ranges_of(origins: F64, directions: F64) -> F64:
         ground_m = (-HEIGHT_M - origins[:, 2]) / directions[:, 2]
     nearest_m = np.where((ground_m > 0) & (ground_m < 80), ground_m, np.inf)
     for center, yaw in CARS:
-        distance_m, _ = cast(origins, directions, np.array(center), np.array(CAR_M), yaw)
+        distance_m = distance_to_box(origins, directions, np.array(center), np.array(CAR_M), yaw)
         nearest_m = np.minimum(nearest_m, distance_m)
     return nearest_m
 

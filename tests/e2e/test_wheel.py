@@ -30,6 +30,14 @@ def test_wheel_runs_elsewhere(tmp_path: Path, sandbox: Path, sandbox_config: Pat
     names = ("pipeline", "readers", "writers", "bags")
     owners = f"from importlib.metadata import packages_distributions as p; print([p()[n] for n in {names}])"
     assert run(python, "-c", owners, cwd=elsewhere).strip() == str([["lidcam"]] * 4)
+    scenarios = (
+        "from bags.scenario import load_scenario, scenario_names as n; print([load_scenario(s).world for s in n()])"
+    )
+    assert run(python, "-c", scenarios, cwd=elsewhere).strip() == str(["crossing", "sandbox", "street"])
+    simulate = [str(python.with_name("lidcam")), "simulate", "sandbox", "out.bag"]
+    failed = subprocess.run(simulate, cwd=elsewhere, capture_output=True, text=True, check=False)
+    assert failed.returncode == 1
+    assert "which is not installed: pip install 'lidcam[sim]'" in failed.stderr
     program = python.with_name("lidcam-process")
     arguments = (sandbox, "out.mcap", "--config", sandbox_config, "--duration", "1", "--rerun", "out.rrd")
     assert "frames" in run(program, *arguments, cwd=elsewhere)
