@@ -1,18 +1,22 @@
 """What a simulated second costs, part by part, beside the casting of its rays alone, alternating in one run.
 
-    python benchmarks/simulator.py [SCENARIO ...] [--rounds 20]
+    python benchmarks/simulator.py [SCENARIO ...] [--rounds 20] [--seconds 10]
 
 Lidars: a sweep of each, with what moves, edges, glass, noise and all else, and the same beams cast once at what stands
 still. Cameras: the first picture of each (of one that is fixed to the site it takes what stands still) and the later
 ones, without JPEG. Milliseconds are medians of processor time, over all cores; means of the later pictures, as things
-come and go.
+come and go. The whole: `lidcam simulate` with its start, on all cores, by the clock.
 """
 
 import argparse
 import statistics
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from functools import partial
+from pathlib import Path as FilePath
+from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 from bags.scenario import Scenario, SensorScenario, load_scenario
@@ -111,16 +115,29 @@ def processor_ms(step: Callable[[], object]) -> float:
     return (time.process_time() - start) * 1e3
 
 
+def whole_s(scenario_name: str, seconds: float) -> float:
+    """How long the installed command takes for a recording of some length."""
+    program = FilePath(sys.executable).with_name("lidcam")
+    with TemporaryDirectory() as folder:
+        command = [str(program), "simulate", scenario_name, f"{folder}/out.bag", "--duration", str(seconds)]
+        begin = time.perf_counter()
+        subprocess.run(command, check=True, stderr=subprocess.DEVNULL)
+        return time.perf_counter() - begin
+
+
 def main() -> None:
     """Print one line per sensor, and one per scenario."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scenarios", nargs="*", default=["sandbox", "crossing", "vehicle"])
     parser.add_argument("--rounds", type=int, default=20)
+    parser.add_argument("--seconds", type=float, default=10.0, help="of the whole")
     arguments = parser.parse_args()
     for scenario_name in arguments.scenarios:
+        scenario, beams = load_scenario(scenario_name), 0.0
         total_ms = 0.0
-        for name, cost in lidar_costs(load_scenario(scenario_name), arguments.rounds):
+        for name, cost in lidar_costs(scenario, arguments.rounds):
             total_ms += cost.sweep_ms * cost.sweeps_per_s
+            beams += cost.rays * cost.sweeps_per_s
             print(
                 f"{scenario_name:10s} {name:12s} {cost.rays:7d} beams  sweep {cost.sweep_ms:6.1f} ms  "
                 f"cast alone {cost.plain_ms:6.1f} ms  ratio {cost.sweep_ms / cost.plain_ms:5.1f}  "
@@ -128,13 +145,20 @@ def main() -> None:
             )
         print(f"{scenario_name:10s} lidars: {total_ms:.0f} ms of processor time per simulated second")
         total_ms = 0.0
-        for name, seen in camera_costs(load_scenario(scenario_name), arguments.rounds):
+        for name, seen in camera_costs(scenario, arguments.rounds):
             total_ms += seen.picture_ms * seen.pictures_per_s
             print(
                 f"{scenario_name:10s} {name:12s} first picture {seen.first_ms:6.0f} ms  "
                 f"later ones {seen.picture_ms:6.1f} ms  {seen.pixels_moving} pixels of what moves"
             )
         print(f"{scenario_name:10s} cameras: {total_ms:.0f} ms of processor time per simulated second")
+        pixels = sum(one.width_px * one.height_px * one.rate_hz for one in scenario.cameras.values())
+        seconds = arguments.seconds
+        took_s = whole_s(scenario_name, seconds) / seconds
+        print(
+            f"{scenario_name:10s} whole: {took_s:.2f} s per simulated second (of {seconds:g}, with start); "
+            f"{beams / took_s / 1e6:.2f} M beams/s and {pixels / took_s / 1e6:.1f} M pixels/s"
+        )
 
 
 if __name__ == "__main__":
