@@ -38,6 +38,7 @@ def test_a_run_that_is_interrupted_leaves_nothing(
     sandbox: Path, sandbox_config: Path, tmp_path: Path, number: signal.Signals, code: int
 ) -> None:
     command = [PROGRAM, sandbox, tmp_path / "out.mcap", "--config", sandbox_config, "--rerun", tmp_path / "out.rrd"]
+    command += ["--set", "combine.ground.iterations=20000"]  # so that it is still at work
     with subprocess.Popen(
         [str(part) for part in command], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as run:
