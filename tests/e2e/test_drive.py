@@ -2,6 +2,7 @@
 
 import os
 import pty
+import re
 import signal
 import subprocess
 import sys
@@ -43,9 +44,17 @@ class Driver:
             assert self.process.poll() is None, self.shown
             self.shown += os.read(self.hand, 4096)
 
-    def press(self, keys: str) -> None:
-        """Type."""
-        os.write(self.hand, keys.encode())
+    def press(self, key: str) -> None:
+        """Press a key, and look on until the simulation has gone on with it."""
+        os.write(self.hand, key.encode())
+        end, begin_s = time.monotonic() + STARTED_S, self.now_s()
+        while self.now_s() < begin_s + 0.3:
+            assert time.monotonic() < end, self.shown
+            self.shown += os.read(self.hand, 4096)
+
+    def now_s(self) -> float:
+        """How far the simulation has gone, as it is shown."""
+        return float(re.findall(rb"\r *([\d.]+) s ", self.shown)[-1])
 
     def leave(self) -> int:
         """The exit code, once it has ended by itself."""
@@ -95,8 +104,7 @@ def test_all_keys(driver: Driver) -> None:
     driver.wait_for(b"car1 at")
     for key in "wasdx2w1w":
         driver.press(key)
-        time.sleep(0.35)
-    driver.press("o")
+    os.write(driver.hand, b"o")
     assert driver.leave() == 0
     assert b"wrote" in driver.shown
     assert b"Traceback" not in driver.shown
@@ -110,11 +118,10 @@ def test_all_keys(driver: Driver) -> None:
 def test_other_endings_keep_the_recording(driver: Driver, ending: str) -> None:
     driver.wait_for(b"car1 at")
     driver.press("w")
-    time.sleep(0.4)
     if ending == "ctrl-c":
         os.killpg(driver.process.pid, signal.SIGINT)  # what a terminal makes of the key, where it controls the process
     else:
-        driver.press("\x04")
+        os.write(driver.hand, b"\x04")
     assert driver.leave() == 0
     assert b"Traceback" not in driver.shown
     assert termios.tcgetattr(driver.terminal) == driver.before
@@ -124,7 +131,6 @@ def test_other_endings_keep_the_recording(driver: Driver, ending: str) -> None:
 def test_a_lost_terminal_keeps_the_recording(driver: Driver) -> None:
     driver.wait_for(b"car1 at")
     driver.press("w")
-    time.sleep(0.4)
     os.close(driver.terminal)
     os.close(driver.hand)
     assert driver.process.wait(STARTED_S) == 0
