@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -40,7 +41,12 @@ def test_a_run_that_is_interrupted_leaves_nothing(
     command = [PROGRAM, sandbox, tmp_path / "out.mcap", "--config", sandbox_config, "--rerun", tmp_path / "out.rrd"]
     command += ["--set", "combine.ground.iterations=20000"]  # so that it is still at work
     with subprocess.Popen(
-        [str(part) for part in command], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        [str(part) for part in command],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        # A shell has what it runs in the background ignore Ctrl-C, the tests and all that they start, too.
+        preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_DFL),
     ) as run:
         until = time.monotonic() + 60
         while not (tmp_path / "out.rrd.part").exists():
