@@ -102,6 +102,10 @@ def cases(arguments: argparse.Namespace, folder: Path) -> list[Case]:
     return found
 
 
+WITHOUT_HEADER = {"tf2_msgs/msg/TFMessage", "std_msgs/msg/Float64"}
+"""Of the types of the recordings here; all others begin with one."""
+
+
 def repeated(recording: Path, times: int, out: Path) -> Path:
     """A ROS 1 recording played several times in a row, stamps and log times moved on."""
     with Reader(recording) as reader, Writer(out) as writer:
@@ -113,7 +117,7 @@ def repeated(recording: Path, times: int, out: Path) -> Path:
         for turn in range(times):
             for connection, log_ns, data in reader.messages():
                 shift_ns = turn * span_ns
-                if connection.msgtype != "tf2_msgs/msg/TFMessage":  # all others here begin with a header
+                if connection.msgtype not in WITHOUT_HEADER:
                     seconds, nanoseconds = struct.unpack_from("<II", data, 4)
                     stamp_ns = seconds * 10**9 + nanoseconds + shift_ns
                     data = data[:4] + struct.pack("<II", *divmod(stamp_ns, 10**9)) + data[12:]
