@@ -32,7 +32,7 @@ demo: $(INSTALLED)
 check: $(INSTALLED)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy pipeline readers writers bags tests benchmarks
+	$(BIN)/mypy lidcam pipeline readers writers bags tests benchmarks
 
 test: check
 	$(BIN)/pytest
@@ -50,6 +50,6 @@ bench: $(INSTALLED)
 	$(BIN)/python benchmarks/velodyne.py
 	$(BIN)/python benchmarks/simulator.py
 
-config/default.yaml: pipeline/config.py $(INSTALLED)
-	@printf '# The defaults of every setting: a printed copy of pipeline/config.py, which explains each one.\n# Copy the part that you want to change into a file of your own and pass it with --config.\n\n' > $@
-	@$(BIN)/python -c 'from pipeline.config import *; print(dump_config(Config()), end="")' >> $@
+config/default.yaml: pipeline/core/config.py $(INSTALLED)
+	@printf '# The defaults of every setting: a printed copy of pipeline/core/config.py, which explains each one.\n# Copy the part that you want to change into a file of your own and pass it with --config.\n\n' > $@
+	@$(BIN)/python -c 'from pipeline.core.config import *; print(dump_config(Config()), end="")' >> $@

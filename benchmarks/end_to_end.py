@@ -58,7 +58,7 @@ def run_peer(case: Case, out: Path, shared: Path) -> Timing:
     script = str(shared / "tools" / "baseline.py")
     # Open3D's wheel wants libusb, which a bare machine lacks.
     start = (
-        "import runpy, sys; from bags.open3d_runtime import load_libusb; load_libusb(); "
+        "import runpy, sys; from bags.simulator.world.open3d_runtime import load_libusb; load_libusb(); "
         "sys.argv = sys.argv[1:]; runpy.run_path(sys.argv[0], run_name='__main__')"
     )
     text, peak_mib = _run([sys.executable, "-c", start, script, str(case.recording), str(out / "p.mcap"), *case.peer])

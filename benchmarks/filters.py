@@ -20,14 +20,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from bags.open3d_runtime import load_libusb
-from pipeline.config import CombineConfig, GroundConfig, OutlierConfig
+from bags.simulator.world.open3d_runtime import load_libusb
+from pipeline.core.config import CombineConfig, GroundConfig, OutlierConfig
+from pipeline.core.geometry import Transform
+from pipeline.core.types import LidarSensor, PointCloud, PoseSamples, Rig, SensorBundle
 from pipeline.filters.deskew import deskew
 from pipeline.filters.ground import find_ground, height_above
 from pipeline.filters.outliers import statistical_inliers
-from pipeline.geometry import Transform
 from pipeline.stages.combine import Combine
-from pipeline.types import LidarSensor, PointCloud, PoseSamples, Rig, SensorBundle
 
 F32 = npt.NDArray[np.float32]
 SWEEP_NS = 100_000_000

@@ -19,15 +19,15 @@ from pathlib import Path as FilePath
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
-from bags.scenario import Scenario, SensorScenario, load_scenario
-from bags.sensors.beams import pattern_of
-from bags.sensors.camera import Camera
-from bags.sensors.lidar import Lidar
-from bags.vehicles.traffic import Traffic
-from bags.world.motion import FixedPath, MountedPath, Path
-from bags.world.places import static_mesh
-from bags.world.scene import Scene
-from bags.world.shapes import build_mover
+from bags.simulator.recorder.movers import build_mover
+from bags.simulator.scenario import Scenario, SensorScenario, load_scenario
+from bags.simulator.sensors.beams import pattern_of
+from bags.simulator.sensors.camera import Camera
+from bags.simulator.sensors.lidar import Lidar
+from bags.simulator.vehicles.traffic import Traffic
+from bags.simulator.world.motion import FixedPath, MountedPath, Path
+from bags.simulator.world.places.places import static_mesh
+from bags.simulator.world.scene import Scene
 
 WARM_UP_S = 2.0
 

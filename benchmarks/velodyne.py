@@ -21,11 +21,11 @@ from pathlib import Path
 import numpy as np
 import velodyne_decoder as vd
 
-from bags.velodyne_packets import VelodyneSensor
-from pipeline.config import VelodyneLidarConfig
-from pipeline.types import Channel, RawMessage
-from readers.velodyne import VelodyneDecoder
-from readers.velodyne_scan import SCAN, parse_velodyne_scan
+from bags.simulator.sensors.velodyne_packets import VelodyneSensor
+from pipeline.core.config import VelodyneLidarConfig
+from pipeline.core.types import Channel, RawMessage
+from readers.velodyne.decoder import VelodyneDecoder
+from readers.velodyne.scan import SCAN, parse_velodyne_scan
 
 CHANNEL = Channel("/velodyne_packets", SCAN, "cdr")
 

@@ -1,1 +1,1 @@
-"""lidcam: recorded lidar and camera topics in, fused objects out."""
+"""What every stage speaks, and the stages: nothing here opens a file of a recording or prints."""

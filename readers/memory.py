@@ -4,8 +4,8 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
 
-from pipeline.types import RawMessage
-from readers.base import Closing, Loss, TopicInfo, merge_topics
+from pipeline.core.types import RawMessage
+from readers.recording import Closing, Loss, TopicInfo, merge_topics
 
 __all__ = ["MemoryRecording"]
 

@@ -4,82 +4,72 @@ import ast
 from pathlib import Path
 
 import pytest
+from import_graph import FLOORS, circles, module_name, our_imports, package_of, read_import_graph, room_of, sources
 
 ROOT = Path(__file__).resolve().parent.parent
-PACKAGES = ("pipeline", "readers", "writers", "bags")
-CORE = {
-    "pipeline.types",
-    "pipeline.geometry",
-    "pipeline.camera",
-    "pipeline.errors",
-    "pipeline.config",
-    "pipeline.velodyne_models",
-}
-# From the inside out: each may import those before it.
-COMPOSITION = ("pipeline.build", "pipeline.process", "pipeline.report", "pipeline.commands", "pipeline.cli")
+GRAPH = read_import_graph(ROOT)
+MOST_FILES = 17
 
-# What a module of the first part may import of ours, beside itself and the core.
+# Within its floor: what a room may import of the others. Rooms that are not named here may import all of their floor
+# as long as no circle comes of it.
 MAY_IMPORT = {
-    "pipeline.stages": {"pipeline.detectors", "pipeline.filters"},
-    "pipeline.detectors": {"pipeline.detectors", "pipeline.filters"},
-    "pipeline.filters": {"pipeline.filters"},
-    "readers": {"readers"},
-    "writers": {"writers"},
-    "bags": {"bags", "readers.rig_file", "writers.atomic"},  # recordings and rigs are files like any other of ours
     "pipeline.graph": set(),
-    "pipeline.errors": set(),
-    "pipeline.geometry": set(),
-    "pipeline.camera": set(),
-    "pipeline.config": set(),
-    "pipeline.types": set(),
-    "pipeline.velodyne_models": set(),
+    "pipeline.core": set(),
+    "pipeline.filters": {"pipeline.core"},
+    "pipeline.detectors": {"pipeline.core", "pipeline.filters"},
+    "pipeline.stages": {"pipeline.core", "pipeline.filters", "pipeline.detectors"},
 }
-PRINTS = {"pipeline.cli"}
-
-SOURCES = sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
-
-
-def module_name(path: Path) -> str:
-    parts = path.relative_to(ROOT).with_suffix("").parts
-    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+EXITS = {"lidcam.cli"}
+SOURCES = sources(ROOT)
 
 
-def our_imports(path: Path) -> set[str]:
-    names: set[str] = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            names |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{path}: imports are absolute"
-            names.add(node.module or "")
-    return {name for name in names if name.split(".")[0] in PACKAGES}
+def name_of(path: Path) -> str:
+    return module_name(path, ROOT)
 
 
-def part_of(module: str) -> str:
-    return max((part for part in MAY_IMPORT if module == part or module.startswith(part + ".")), key=len, default="")
+def within(module: str, part: str) -> bool:
+    return module == part or module.startswith(f"{part}.")
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=module_name)
-def test_import_direction(path: Path) -> None:
-    module = module_name(path)
-    if module in COMPOSITION:
-        later = COMPOSITION[COMPOSITION.index(module) + 1 :]
-        assert not our_imports(path) & {*later}
-        return
-    part = part_of(module)
-    if module == "pipeline":
-        assert not our_imports(path)
-        return
-    assert part, f"{module} belongs to no known part"
-    for imported in our_imports(path) - CORE:
-        allowed = any(imported == name or imported.startswith(name + ".") for name in MAY_IMPORT[part])
-        own_subpackage = part == "pipeline.stages" and imported.startswith(".".join(module.split(".")[:3]) + ".")
-        assert allowed or own_subpackage, f"{module} imports {imported}"
+def test_no_import_points_up() -> None:
+    assert not GRAPH.upward
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=module_name)
+def test_no_circles() -> None:
+    assert not circles(GRAPH.modules)
+    assert not circles(GRAPH.arrows)
+
+
+def test_no_folder_is_a_heap() -> None:
+    assert {folder: count for folder, count in GRAPH.files.items() if count > MOST_FILES} == {}
+
+
+def test_every_source_is_on_a_floor() -> None:
+    folders = {path.parent.name for path in ROOT.glob("*/__init__.py")}
+    assert folders == set(FLOORS)
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=name_of)
+def test_stages_know_neither_each_other_nor_what_is_above(path: Path) -> None:
+    module = name_of(path)
+    part = max((part for part in MAY_IMPORT if within(module, part)), key=len, default="")
+    for imported in our_imports(path):
+        if (
+            not part
+            or package_of(imported) != package_of(module)
+            or room_of(imported) == room_of(module) != "pipeline.stages"
+        ):
+            continue
+        own = within(imported, part) and part != "pipeline.stages"
+        own_stage = part == "pipeline.stages" and within(imported, ".".join(module.split(".")[:3]))
+        assert own or own_stage or any(within(imported, name) for name in MAY_IMPORT[part]), (
+            f"{module} imports {imported}"
+        )
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=name_of)
 def test_library_code_neither_prints_nor_exits(path: Path) -> None:
-    if module_name(path) in PRINTS:
+    if name_of(path) in EXITS:
         pytest.skip("part of the command line")
     calls = [node.func for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if isinstance(node, ast.Call)]
     names = {call.id for call in calls if isinstance(call, ast.Name)}
@@ -92,7 +82,7 @@ def test_library_code_neither_prints_nor_exits(path: Path) -> None:
     assert "sys.exit" not in attributes
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=module_name)
+@pytest.mark.parametrize("path", SOURCES, ids=name_of)
 def test_exports_exist(path: Path) -> None:
     tree = ast.parse(path.read_text(encoding="utf-8"))
     exported = [
@@ -111,5 +101,5 @@ def test_exports_exist(path: Path) -> None:
         if isinstance(node, ast.ImportFrom):
             defined |= {alias.asname or alias.name for alias in node.names}
     assert set(exported) <= defined
-    if module_name(path).count(".") and not path.name.startswith("_") and path.name != "__init__.py":
+    if name_of(path).count(".") and not path.name.startswith("_") and path.name != "__init__.py":
         assert exported, "every module says in __all__ what it offers"

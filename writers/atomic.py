@@ -4,7 +4,7 @@ import contextlib
 from collections.abc import Iterator
 from pathlib import Path
 
-from pipeline.errors import OutputError
+from pipeline.core.errors import OutputError
 
 __all__ = ["atomic_output", "output_errors"]
 

@@ -3,7 +3,7 @@
 from types import TracebackType
 from typing import Protocol, Self
 
-from pipeline.types import Drop, FrameResult
+from pipeline.core.types import Drop, FrameResult
 
 __all__ = ["ResultWriter"]
 

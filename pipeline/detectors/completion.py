@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.config import ClassPrior
+from pipeline.core.config import ClassPrior
 from pipeline.detectors.lshape import Rectangles
 
 __all__ = ["CompletedBoxes", "complete_boxes"]

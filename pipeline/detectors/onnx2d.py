@@ -17,10 +17,10 @@ import numpy as np
 import numpy.typing as npt
 import onnxruntime as ort
 
-from pipeline.config import Config
+from pipeline.core.config import Config
+from pipeline.core.errors import ModelError
 from pipeline.detectors.coco import COCO_LABELS
 from pipeline.detectors.detector2d import Candidates2D
-from pipeline.errors import ModelError
 
 __all__ = ["OnnxDetector2D"]
 

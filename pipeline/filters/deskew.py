@@ -6,8 +6,8 @@ The scene is taken to stand still in the fixed frame; what moves by itself keeps
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.geometry import interpolate_poses
-from pipeline.types import PoseSamples
+from pipeline.core.geometry import interpolate_poses
+from pipeline.core.types import PoseSamples
 
 __all__ = ["deskew"]
 

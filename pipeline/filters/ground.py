@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.config import GroundConfig
-from pipeline.types import Plane
+from pipeline.core.config import GroundConfig
+from pipeline.core.types import Plane
 
 __all__ = ["find_ground", "height_above"]
 

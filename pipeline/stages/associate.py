@@ -14,10 +14,10 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 
-from pipeline.config import Config
-from pipeline.errors import FrameError
-from pipeline.geometry import box_corners, iou_xyxy
-from pipeline.types import Boxes2D, Boxes3D, CameraSensor, Matches, Rig
+from pipeline.core.config import Config
+from pipeline.core.errors import FrameError
+from pipeline.core.geometry import box_corners, iou_xyxy
+from pipeline.core.types import Boxes2D, Boxes3D, CameraSensor, Matches, Rig
 
 __all__ = ["Associate"]
 

@@ -6,12 +6,12 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.config import CombineConfig
-from pipeline.errors import FrameError
+from pipeline.core.config import CombineConfig
+from pipeline.core.errors import FrameError
+from pipeline.core.types import CombinedCloud, LidarSensor, Plane, PointCloud, PoseSamples, Rig, SensorBundle
 from pipeline.filters.deskew import deskew
 from pipeline.filters.ground import find_ground, height_above
 from pipeline.filters.outliers import statistical_inliers
-from pipeline.types import CombinedCloud, LidarSensor, Plane, PointCloud, PoseSamples, Rig, SensorBundle
 
 __all__ = ["Combine"]
 

@@ -5,11 +5,11 @@ from collections.abc import Mapping
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.config import Config
+from pipeline.core.config import Config
+from pipeline.core.errors import ConfigError
+from pipeline.core.geometry import iou_xyxy
+from pipeline.core.types import Boxes2D, Image, Rig
 from pipeline.detectors.detector2d import Candidates2D, Detector2D
-from pipeline.errors import ConfigError
-from pipeline.geometry import iou_xyxy
-from pipeline.types import Boxes2D, Image, Rig
 
 __all__ = ["Detect2D", "suppress_overlaps"]
 

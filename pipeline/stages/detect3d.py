@@ -5,11 +5,11 @@ from dataclasses import dataclass, fields
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.config import Config
+from pipeline.core.config import Config
+from pipeline.core.types import Boxes3D, CombinedCloud, Rig
 from pipeline.detectors.cluster import cluster_points, thin_points
 from pipeline.detectors.completion import CompletedBoxes, complete_boxes
 from pipeline.detectors.lshape import Rectangles, fit_rectangles, quantiles_by_cluster
-from pipeline.types import Boxes3D, CombinedCloud, Rig
 
 __all__ = ["Detect3D"]
 

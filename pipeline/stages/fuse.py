@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.config import Config
-from pipeline.types import Boxes2D, Boxes3D, Matches
+from pipeline.core.config import Config
+from pipeline.core.types import Boxes2D, Boxes3D, Matches
 
 __all__ = ["Fuse", "Fused"]
 

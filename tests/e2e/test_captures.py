@@ -12,8 +12,8 @@ from command import Lidcam
 from results import fused_objects, messages_of, topics_of
 from velodyne import START_NS, packet_stream, random_packets, scan
 
-from pipeline.commands import InspectOptions, ProcessOptions, run_inspect, run_process
-from pipeline.errors import CalibrationError, MessageError, RecordingError
+from lidcam.commands.process import InspectOptions, ProcessOptions, run_inspect, run_process
+from pipeline.core.errors import CalibrationError, MessageError, RecordingError
 
 PAYLOAD, STAMPS_NS = random_packets("VLP-16", packets=170, start=0)
 LEFT, RIGHT = "/velodyne_10_0_0_1/packets", "/velodyne_10_0_0_2/packets"

@@ -16,9 +16,9 @@ from command import Lidcam
 from foxglove_messages import twin
 from results import Found, fused_objects, messages_of, topics_of
 
-from pipeline.types import RawMessage
-from readers.bag import open_recording
-from readers.deserialize import deserialize
+from pipeline.core.types import RawMessage
+from readers.messages.deserialize import deserialize
+from readers.open import open_recording
 
 FRAMES = 6
 CLOUD_TOPICS = [f"/velodyne{i}_points" for i in (1, 2, 3)]

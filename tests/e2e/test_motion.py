@@ -12,7 +12,7 @@ from command import Lidcam
 from results import messages_of, topics_of
 from scipy.spatial.transform import Rotation
 
-from pipeline.types import RawMessage
+from pipeline.core.types import RawMessage
 
 F64 = npt.NDArray[np.float64]
 

@@ -28,11 +28,11 @@ from results import Found, fused_objects
 from slabs import distance_to_box
 from velodyne import packet_stream, scan
 
-from bags.velodyne_packets import VelodyneSensor
-from pipeline.commands import ProcessOptions, run_process
-from pipeline.config import VelodyneLidarConfig
-from pipeline.types import RawMessage
-from readers.velodyne import VelodyneDecoder
+from bags.simulator.sensors.velodyne_packets import VelodyneSensor
+from lidcam.commands.process import ProcessOptions, run_process
+from pipeline.core.config import VelodyneLidarConfig
+from pipeline.core.types import RawMessage
+from readers.velodyne.decoder import VelodyneDecoder
 
 F64 = npt.NDArray[np.float64]
 

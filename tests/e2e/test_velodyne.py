@@ -11,10 +11,10 @@ from results import Found, fused_objects
 from slabs import distance_to_box
 from velodyne import scan
 
-from bags.velodyne_packets import VelodyneSensor
-from pipeline.types import RawMessage
-from pipeline.velodyne_models import MODELS
-from readers.velodyne_scan import parse_velodyne_scan
+from bags.simulator.sensors.velodyne_packets import VelodyneSensor
+from pipeline.core.types import RawMessage
+from readers.velodyne.models import MODELS
+from readers.velodyne.scan import parse_velodyne_scan
 
 F64 = npt.NDArray[np.float64]
 

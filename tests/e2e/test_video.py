@@ -17,11 +17,11 @@ from foxglove_messages import twin
 from results import Found, fused_objects, messages_of, topics_of
 from video import compressed_video, encode, ffmpeg_packet, psnr_db
 
-from pipeline.commands import ProcessOptions, run_process
-from pipeline.types import RawMessage
-from readers.bag import open_recording
-from readers.deserialize import deserialize
-from readers.image import decode_picture
+from lidcam.commands.process import ProcessOptions, run_process
+from pipeline.core.types import RawMessage
+from readers.messages.deserialize import deserialize
+from readers.messages.image import decode_picture
+from readers.open import open_recording
 
 FRAMES = 6
 GOP = 3
@@ -254,7 +254,7 @@ def test_without_the_decoder(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     """Each camera is left out with one line that says what to install; the lidars go on."""
-    monkeypatch.setattr("readers.video_packets.find_spec", lambda _: None)
+    monkeypatch.setattr("readers.video.packets.find_spec", lambda _: None)
     out = tmp_path / "out.mcap"
     with caplog.at_level(logging.WARNING):
         run_process(ProcessOptions((film,), out, config_file=sandbox_config, as_json=True))

@@ -27,11 +27,12 @@ def test_wheel_runs_elsewhere(tmp_path: Path, sandbox: Path, sandbox_config: Pat
     elsewhere.mkdir()
     quiet = ("--quiet", "--disable-pip-version-check", "--constraint", ROOT / "constraints.txt")
     run(python, "-m", "pip", "install", *quiet, wheel, cwd=elsewhere)
-    names = ("pipeline", "readers", "writers", "bags")
+    names = ("lidcam", "pipeline", "readers", "writers", "bags")
     owners = f"from importlib.metadata import packages_distributions as p; print([p()[n] for n in {names}])"
-    assert run(python, "-c", owners, cwd=elsewhere).strip() == str([["lidcam"]] * 4)
+    assert run(python, "-c", owners, cwd=elsewhere).strip() == str([["lidcam"]] * 5)
     scenarios = (
-        "from bags.scenario import load_scenario, scenario_names as n; print([load_scenario(s).world for s in n()])"
+        "from bags.simulator.scenario import load_scenario, scenario_names; "
+        "print([load_scenario(name).world for name in scenario_names()])"
     )
     assert run(python, "-c", scenarios, cwd=elsewhere).strip() == str(["crossing", "sandbox", "street"])
     simulate = [str(python.with_name("lidcam")), "simulate", "sandbox", "out.bag"]

@@ -42,29 +42,29 @@ from combined_messages import CAMERAS, combined
 from foxglove_messages import SCHEMA_OF, foxglove_raw, twin
 from video import CODECS, compressed_video, encode, ffmpeg_packet, moving
 
-from pipeline.config import Config, LimitsConfig, dump_config, load_config
-from pipeline.errors import LidcamError
-from pipeline.types import Channel, RawMessage
-from pipeline.velodyne_models import MODELS
-from readers.bag import open_recording
-from readers.base import Recording
-from readers.camera_info import camera_model, rectified_camera_model
-from readers.deserialize import definition_problem, deserialize, typestore_for
-from readers.detections2d import decode_detections2d
-from readers.discover import discover_rig, rig_from_file
-from readers.image import decode_picture
+from pipeline.core.config import Config, LimitsConfig, dump_config, load_config
+from pipeline.core.errors import LidcamError
+from pipeline.core.types import Channel, RawMessage
+from readers.files.rosbag2_folder import recording_files
 from readers.memory import MemoryRecording
-from readers.motion import find_motion_source
-from readers.odometry import decode_odometry
-from readers.pointcloud2 import decode_pointcloud2
-from readers.rig import load_rig
-from readers.rosbag2 import recording_files
-from readers.sensor_messages import sensor_messages
-from readers.survey import survey
-from readers.tf import decode_transforms, read_transforms
-from readers.velodyne import VelodyneDecoders
-from readers.velodyne_calibration import read_velodyne_calibration
-from readers.video_decoder import VideoDecoder
+from readers.messages.camera_info import camera_model, rectified_camera_model
+from readers.messages.deserialize import definition_problem, deserialize, typestore_for
+from readers.messages.detections2d import decode_detections2d
+from readers.messages.image import decode_picture
+from readers.messages.odometry import decode_odometry
+from readers.messages.pointcloud2 import decode_pointcloud2
+from readers.messages.tf import decode_transforms, read_transforms
+from readers.open import open_recording
+from readers.recording import Recording
+from readers.rig.discovery import discover_rig, rig_from_file
+from readers.rig.load import load_rig
+from readers.streams.motion import find_motion_source
+from readers.streams.per_sensor import sensor_messages
+from readers.streams.survey import survey
+from readers.velodyne.calibration import read_velodyne_calibration
+from readers.velodyne.decoder import VelodyneDecoders
+from readers.velodyne.models import MODELS
+from readers.video.decoder import VideoDecoder
 
 __all__ = ["HARNESSES", "Harness"]
 

@@ -65,7 +65,7 @@ def test_seeds_of_recordings_are_read() -> None:
     """Else the fuzzing would try nothing but files that are refused."""
     from harnesses import LIMITS, _file
 
-    from readers.bag import open_recording
+    from readers.open import open_recording
 
     for name, file in (("rosbag1", "a.bag"), ("mcap", "a.mcap"), ("sqlite", "a.db3"), ("zstd", "a.zstd")):
         for seed in HARNESSES[name].seeds():

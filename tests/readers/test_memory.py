@@ -1,9 +1,9 @@
 import pytest
 from builders import odometry, raw
 
-from pipeline.types import RawMessage
-from readers.base import Recording
+from pipeline.core.types import RawMessage
 from readers.memory import MemoryRecording
+from readers.recording import Recording
 
 
 def state(topic: str, log_time_ns: int, stamp_ns: int) -> RawMessage:

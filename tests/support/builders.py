@@ -22,8 +22,8 @@ from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from pipeline.types import Channel, RawMessage
-from readers.deserialize import typestore_for
+from pipeline.core.types import Channel, RawMessage
+from readers.messages.deserialize import typestore_for
 
 __all__ = [
     "Fields",

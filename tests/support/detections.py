@@ -5,9 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.camera import CameraModel
-from pipeline.geometry import Transform, wrap_angle
-from pipeline.types import Boxes2D, Boxes3D, CameraSensor, Rig
+from pipeline.core.camera import CameraModel
+from pipeline.core.geometry import Transform, wrap_angle
+from pipeline.core.types import Boxes2D, Boxes3D, CameraSensor, Rig
 
 __all__ = ["boxes2d", "boxes3d", "camera_rig", "forward_camera"]
 

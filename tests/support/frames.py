@@ -7,9 +7,9 @@ import numpy as np
 from builders import header, image, raw
 from detections import boxes3d, forward_camera
 
-from pipeline.config import Config
-from pipeline.geometry import Transform, box_corners
-from pipeline.types import (
+from pipeline.core.config import Config
+from pipeline.core.geometry import Transform, box_corners
+from pipeline.core.types import (
     Boxes2D,
     Boxes3D,
     Channel,

@@ -3,8 +3,8 @@
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.geometry import Transform
-from pipeline.types import CombinedCloud, LidarSensor, Plane, PointCloud, Rig
+from pipeline.core.geometry import Transform
+from pipeline.core.types import CombinedCloud, LidarSensor, Plane, PointCloud, Rig
 
 __all__ = ["Box", "combined", "rig", "scan", "turned"]
 

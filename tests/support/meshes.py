@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from bags.world.mesh import Mesh
+from bags.simulator.world.meshes.mesh import Mesh
 
 __all__ = ["open_edges", "signed_volume"]
 

@@ -7,10 +7,10 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from bags.world.mesh import Material, Mesh, box, merged, polygon
-from bags.world.motion import FixedPath, Path, Poses, upright_poses
-from bags.world.scene import Mover, Part, Rays, Scene
-from pipeline.geometry import Transform
+from bags.simulator.world.meshes.mesh import Material, Mesh, box, merged, polygon
+from bags.simulator.world.motion import FixedPath, Path, Poses, upright_poses
+from bags.simulator.world.scene import Mover, Part, Rays, Scene
+from pipeline.core.geometry import Transform
 
 __all__ = [
     "BLACK",

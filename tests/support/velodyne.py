@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 import velodyne_decoder as vd
 
-from pipeline.types import Channel, PointCloud, RawMessage
-from pipeline.velodyne_models import MODELS, LaserTable, VelodyneModel, built_in_table
+from pipeline.core.types import Channel, PointCloud, RawMessage
+from readers.velodyne.models import MODELS, LaserTable, VelodyneModel, built_in_table
 
 __all__ = [
     "JUDGES",

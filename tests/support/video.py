@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 from builders import header, raw, time
 
-from pipeline.types import RawMessage
-from readers.image import decode_picture
+from pipeline.core.types import RawMessage
+from readers.messages.image import decode_picture
 
 __all__ = [
     "CODECS",

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.errors import OutputError
+from pipeline.core.errors import OutputError
 from writers.atomic import atomic_output
 
 

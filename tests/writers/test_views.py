@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from frames import CONFIG, RIG, START_NS, frame
 
-from pipeline.types import Drop
-from writers.annotations import image_annotations
-from writers.definitions import output_types
-from writers.diagnostics import diagnostics
+from pipeline.core.types import Drop
+from writers.messages.annotations import image_annotations
+from writers.messages.definitions import output_types
+from writers.messages.diagnostics import diagnostics
+from writers.messages.scene import marker_array, scene_update
 from writers.palette import CAMERA_ONLY, LIDAR_ONLY, MATCHED
-from writers.scene import marker_array, scene_update
 
 NAMES = CONFIG.class_names
 

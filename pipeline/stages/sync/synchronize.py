@@ -4,13 +4,13 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
-from pipeline.config import SyncConfig
-from pipeline.errors import ConfigError
+from pipeline.core.config import SyncConfig
+from pipeline.core.errors import ConfigError
+from pipeline.core.types import Drop, RawMessage, SensorBundle
 from pipeline.stages.sync.approximate_time import ApproximateTime
 from pipeline.stages.sync.approximate_time_python import ApproximateTimePython
 from pipeline.stages.sync.nearest import Nearest
 from pipeline.stages.sync.policy import OnItemDrop, Policy
-from pipeline.types import Drop, RawMessage, SensorBundle
 
 __all__ = ["SyncStats", "synchronize"]
 

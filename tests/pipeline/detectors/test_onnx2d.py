@@ -9,10 +9,10 @@ import pytest
 from helpers import shared
 from onnx_files import DOUBLE, write_yolox
 
-from pipeline.config import Config, Detect2DConfig
+from pipeline.core.config import Config, Detect2DConfig
+from pipeline.core.errors import ModelError
 from pipeline.detectors.coco import COCO_LABELS
 from pipeline.detectors.onnx2d import OnnxDetector2D
-from pipeline.errors import ModelError
 
 SIZE_PX = (64, 96)  # height, width of the networks that are made here
 ANCHORS = 8 * 12 + 4 * 6 + 2 * 3

@@ -5,8 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from pipeline.core.types import PoseSamples
 from pipeline.filters.deskew import deskew
-from pipeline.types import PoseSamples
 
 F64 = npt.NDArray[np.float64]
 MS = 1_000_000

@@ -8,10 +8,10 @@ from helpers import shared
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bags.open3d_runtime import load_libusb
-from pipeline.config import GroundConfig
+from bags.simulator.world.open3d_runtime import load_libusb
+from pipeline.core.config import GroundConfig
+from pipeline.core.types import Plane
 from pipeline.filters.ground import find_ground, height_above
-from pipeline.types import Plane
 
 F32 = npt.NDArray[np.float32]
 F64 = npt.NDArray[np.float64]

@@ -13,12 +13,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment
 
-from pipeline.camera import CameraModel
-from pipeline.config import AssociateConfig, Config
-from pipeline.errors import FrameError
-from pipeline.geometry import Transform, box_corners
+from pipeline.core.camera import CameraModel
+from pipeline.core.config import AssociateConfig, Config
+from pipeline.core.errors import FrameError
+from pipeline.core.geometry import Transform, box_corners
+from pipeline.core.types import Boxes2D, Boxes3D, CameraSensor, Matches, Rig
 from pipeline.stages.associate import Associate
-from pipeline.types import Boxes2D, Boxes3D, CameraSensor, Matches, Rig
 
 Array = npt.NDArray[Any]
 Row = tuple[float, ...]

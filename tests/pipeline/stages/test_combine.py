@@ -7,11 +7,11 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
-from pipeline.config import CombineConfig, GroundConfig, MotionConfig, OutlierConfig
-from pipeline.errors import FrameError
-from pipeline.geometry import Transform
+from pipeline.core.config import CombineConfig, GroundConfig, MotionConfig, OutlierConfig
+from pipeline.core.errors import FrameError
+from pipeline.core.geometry import Transform
+from pipeline.core.types import CombinedCloud, LidarSensor, PointCloud, PoseSamples, Rig, SensorBundle
 from pipeline.stages.combine import Combine
-from pipeline.types import CombinedCloud, LidarSensor, PointCloud, PoseSamples, Rig, SensorBundle
 
 F32 = npt.NDArray[np.float32]
 F64 = npt.NDArray[np.float64]

@@ -11,13 +11,13 @@ from helpers import shared
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.config import ClassPrior, Config, Detect2DConfig
+from pipeline.core.config import ClassPrior, Config, Detect2DConfig
+from pipeline.core.errors import ConfigError
+from pipeline.core.geometry import iou_xyxy
+from pipeline.core.types import Image
 from pipeline.detectors.detector2d import Candidates2D
 from pipeline.detectors.onnx2d import OnnxDetector2D
-from pipeline.errors import ConfigError
-from pipeline.geometry import iou_xyxy
 from pipeline.stages.detect2d import Detect2D, suppress_overlaps
-from pipeline.types import Image
 
 LABELS = ("person", "kite", "car", "bicycle", "motorcycle")
 Row = tuple[float, float, float, float, float, str]

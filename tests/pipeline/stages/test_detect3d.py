@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from lidar_scene import Box, combined, rig, scan, turned
 
-from pipeline.config import Config, load_config
+from pipeline.core.config import Config, load_config
+from pipeline.core.types import Boxes3D, CombinedCloud, Plane, PointCloud, SensorBundle
 from pipeline.stages.combine import Combine
 from pipeline.stages.detect3d import Detect3D
-from pipeline.types import Boxes3D, CombinedCloud, Plane, PointCloud, SensorBundle
 
 ROOT = Path(__file__).parents[3]
 LIDAR = (0.0, 0.0, 1.8)

@@ -4,9 +4,9 @@ from detections import boxes2d, boxes3d
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.config import Config, FuseConfig
+from pipeline.core.config import Config, FuseConfig
+from pipeline.core.types import Boxes2D, Matches
 from pipeline.stages.fuse import Fuse
-from pipeline.types import Boxes2D, Matches
 
 CAR, PEDESTRIAN, BICYCLE = 0, 1, 2
 PLACE = (5.0, 1.0, 0.5, 4.0, 1.8, 1.5, 0.3)

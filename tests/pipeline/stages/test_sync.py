@@ -12,12 +12,12 @@ from helpers import shared
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipeline.config import SyncConfig
-from pipeline.errors import ConfigError
+from pipeline.core.config import SyncConfig
+from pipeline.core.errors import ConfigError
+from pipeline.core.types import Channel, Drop, RawMessage, SensorBundle
 from pipeline.stages.sync import ApproximateTime, ApproximateTimePython, DropReason, Nearest, Policy, SyncStats
 from pipeline.stages.sync import synchronize as synchronize_
 from pipeline.stages.sync.approximate_time_python import first_combination
-from pipeline.types import Channel, Drop, RawMessage, SensorBundle
 
 MS = 1_000_000
 PolicyName = Literal["approximate_time", "approximate_time_python", "nearest"]

@@ -1,0 +1,1 @@
+"""Scenes of lidars, cameras and traffic, simulated and recorded."""

@@ -1,0 +1,1 @@
+"""Driving the cars of a scenario by keys."""

@@ -1,0 +1,114 @@
+"""A simulation as it happens, in the Rerun viewer: what lidars and cameras see, and what is really there."""
+
+import os
+import sys
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from bags.simulator.recorder.message_types import message_types
+from bags.simulator.recorder.recorded import Recorded
+from bags.simulator.recorder.simulation import Simulation
+from bags.simulator.recorder.states import TRUTH_TOPIC
+from bags.simulator.recorder.true_rig import T_carrier_sensor
+from bags.simulator.scenario import SensorScenario
+from bags.simulator.sensors.lens import camera_model
+from pipeline.core.errors import OutputError
+
+__all__ = ["LiveView"]
+
+BOX_COLOR = (255, 170, 40)
+
+
+class LiveView:
+    """Shows recorded messages; lidars that record nothing but packets are not shown.
+
+    Args:
+        simulation: Where they come from.
+        stream: Where to show them; left out: a new one of its own.
+    """
+
+    def __init__(self, simulation: Simulation, stream: rr.RecordingStream | None = None) -> None:
+        self._stream = rr.RecordingStream("lidcam_drive") if stream is None else stream
+        scenario = simulation.scenario
+        self._sensors = {lidar.topic: f"{_parent(lidar)}/{name}" for name, lidar in scenario.lidars.items()}
+        self._sensors |= {cam.picture_topic: f"{_parent(cam)}/{name}" for name, cam in scenario.cameras.items()}
+        self._types, self._ros_version = message_types(simulation.ros_version), simulation.ros_version
+        self._stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        for name, sensor in [*scenario.lidars.items(), *scenario.cameras.items()]:
+            pose = T_carrier_sensor(scenario, sensor)
+            placed = rr.Transform3D(translation=pose.translation, mat3x3=pose.matrix[:3, :3])
+            self._stream.log(f"{_parent(sensor)}/{name}", placed, static=True)
+        pictures = []
+        for name, camera in scenario.cameras.items():
+            model, entity = camera_model(camera), f"{_parent(camera)}/{name}"
+            lens = rr.Pinhole(image_from_camera=model.K, resolution=[model.width_px, model.height_px])
+            self._stream.log(entity, lens, static=True)
+            pictures.append(rrb.Spatial2DView(name=name, origin=entity))
+        scene = rrb.Spatial3DView(name="Scene", origin="world")
+        self._stream.send_blueprint(rrb.Blueprint(rrb.Horizontal(scene, rrb.Grid(*pictures)), collapse_panels=True))
+
+    def spawn(self) -> "LiveView":
+        """Open the viewer.
+
+        Raises:
+            OutputError: it cannot be started.
+        """
+        if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+            raise OutputError("--view: expected a display for the Rerun viewer, found none (DISPLAY is not set)")
+        try:
+            self._stream.spawn()
+        except (OSError, RuntimeError) as err:
+            raise OutputError(f"--view: the Rerun viewer cannot be started: {err}") from err
+        return self
+
+    def show(self, recorded: Sequence[Recorded]) -> None:
+        """Show what was recorded in one step."""
+        for one in recorded:
+            if one.topic not in self._sensors and one.topic not in (TRUTH_TOPIC, "/tf"):
+                continue
+            message = self._message(one)
+            self._stream.set_time("stamp", duration=np.timedelta64(one.stamp_ns, "ns"))
+            if one.topic == TRUTH_TOPIC:
+                self._stream.log("world/truth", _boxes(message))
+            elif one.topic == "/tf":
+                move = message.transforms[0].transform
+                place = [move.translation.x, move.translation.y, move.translation.z]
+                turn = rr.Quaternion(xyzw=[move.rotation.x, move.rotation.y, move.rotation.z, move.rotation.w])
+                self._stream.log("world/base_link", rr.Transform3D(translation=place, rotation=turn))
+            else:
+                self._stream.log(self._sensors[one.topic], _drawn(one.msgtype.rpartition("/")[2], message))
+
+    def _message(self, recorded: Recorded) -> Any:
+        if self._ros_version == 1:
+            return self._types.deserialize_ros1(recorded.data, recorded.msgtype)
+        return self._types.deserialize_cdr(recorded.data, recorded.msgtype)
+
+
+def _parent(sensor: SensorScenario) -> str:
+    return "world/base_link" if sensor.mounted_on else "world"
+
+
+def _drawn(kind: str, message: Any) -> Any:
+    """A cloud or a picture as the viewer takes it."""
+    if kind == "PointCloud2":
+        floats = message.data.reshape(message.width, message.point_step)[:, :12].copy().view(np.float32)
+        return rr.Points3D(floats, radii=rr.Radius.ui_points(1.5))
+    if kind == "CompressedImage":
+        return rr.EncodedImage(contents=message.data, media_type="image/jpeg")
+    return rr.Image(message.data.reshape(message.height, message.width, 3))
+
+
+def _boxes(message: Any) -> Any:
+    boxes = [detection.bbox for detection in message.detections]
+    centers = [[box.center.position.x, box.center.position.y, box.center.position.z] for box in boxes]
+    turns = [box.center.orientation for box in boxes]
+    return rr.Boxes3D(
+        centers=centers,
+        sizes=[[box.size.x, box.size.y, box.size.z] for box in boxes],
+        quaternions=[rr.Quaternion(xyzw=[turn.x, turn.y, turn.z, turn.w]) for turn in turns],
+        colors=BOX_COLOR,
+    )

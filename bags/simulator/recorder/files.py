@@ -1,0 +1,230 @@
+"""The files that a simulated recording is written to: ROS 1 bag, ROS 2 sqlite3 folder, MCAP.
+
+Same messages, same bytes. A file appears under its name when it is whole; until then it is a `.part` beside it.
+"""
+
+import contextlib
+import shutil
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, Literal, Protocol
+
+import yaml
+from mcap.writer import CompressionType
+from mcap.writer import Writer as McapWriter
+from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+from rosbags.rosbag1 import Writer as Rosbag1Writer
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as Rosbag2Writer
+
+from bags.simulator.recorder.message_types import RosVersion, message_types
+from bags.simulator.recorder.recorded import Recorded
+from pipeline.core.errors import OutputError
+from writers.atomic import atomic_output, output_errors
+
+__all__ = ["FORMATS", "MessageWriter", "RecordingFormat", "format_of", "recording_file", "ros_version_of"]
+
+RecordingFormat = Literal["ros1", "sqlite3", "mcap"]
+FORMATS: tuple[RecordingFormat, ...] = ("ros1", "sqlite3", "mcap")
+
+LIBRARY = "lidcam"
+ENDINGS = "a name that ends in .bag (ROS 1), in .mcap (MCAP), or has no ending (ROS 2 sqlite3 folder), or a --format"
+CHUNK_BYTES = 1 << 20
+METADATA_VERSION: Literal[8] = 8
+"""What Humble reads."""
+
+_FOREVER = QosTime(2147483647, 4294967295)
+_LATCHED = Qos(
+    QosHistory.KEEP_LAST,
+    1,
+    QosReliability.RELIABLE,
+    QosDurability.TRANSIENT_LOCAL,
+    _FOREVER,
+    _FOREVER,
+    QosLiveliness.AUTOMATIC,
+    _FOREVER,
+    avoid_ros_namespace_conventions=False,
+)
+
+
+class MessageWriter(Protocol):
+    """An open recording."""
+
+    def write(self, recorded: Recorded, start_ns: int) -> None:
+        """Add a message of a scenario that began at a time (since 1970); log times never fall."""
+        ...
+
+
+def format_of(path: Path, wanted: RecordingFormat | None) -> RecordingFormat:
+    """The format that is wanted, else the one that the name asks for.
+
+    Raises:
+        OutputError: the name asks for none, or for another one than is wanted.
+    """
+    suffixes: dict[str, RecordingFormat] = {".bag": "ros1", ".mcap": "mcap", "": "sqlite3"}
+    by_name = suffixes.get(path.suffix)
+    if wanted is not None and (not path.suffix or by_name in (None, wanted)):
+        return wanted
+    if by_name is None or wanted is not None:
+        asked = f"for --format {wanted} another name than one of another format" if wanted else ENDINGS
+        raise OutputError(f"{path}: expected {asked}")
+    return by_name
+
+
+def ros_version_of(format: RecordingFormat) -> RosVersion:
+    """Whose messages a format holds."""
+    return 1 if format == "ros1" else 2
+
+
+@contextlib.contextmanager
+def recording_file(
+    path: Path, format: RecordingFormat, *, rig_yaml: str, scenario_yaml: str
+) -> Iterator[MessageWriter]:
+    """Write a recording; an older one of that name is replaced when the new one is whole.
+
+    Args:
+        path: File, or folder for sqlite3.
+        format: Of the file.
+        rig_yaml: The true calibration as a rig file: an attachment of an MCAP, else `NAME.rig.yaml` beside the bag.
+        scenario_yaml: What was simulated: an attachment of an MCAP, else `NAME.scenario.yaml` beside the bag.
+
+    Raises:
+        OutputError: it cannot be written, or something else stands there.
+    """
+    texts = {"rig.yaml": rig_yaml, "scenario.yaml": scenario_yaml}
+    if format == "mcap":
+        with atomic_output(path) as part, output_errors(path), part.open("wb") as stream:
+            writer = McapWriter(stream, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
+            writer.start(profile="ros2", library=LIBRARY)
+            for name, text in texts.items():
+                writer.add_attachment(0, 0, name, "application/yaml", text.encode())
+            writer.add_metadata("lidcam_truth", {"attachments": ", ".join(texts)})
+            yield _Mcap(writer)
+            writer.finish()  # type: ignore[no-untyped-call]
+    elif format == "ros1":
+        with atomic_output(path) as part, _beside(path, texts), output_errors(path):
+            part.unlink()
+            bag = Rosbag1Writer(part)
+            bag.set_compression(Rosbag1Writer.CompressionFormat.LZ4)
+            with bag:
+                yield _Rosbag1(bag)
+    else:
+        with _atomic_folder(path) as folder, _beside(path, texts), output_errors(path):
+            with Rosbag2Writer(folder, version=METADATA_VERSION, storage_plugin=StoragePlugin.SQLITE3) as bag2:
+                yield _Rosbag2(bag2)
+            _rename_inside(folder, path.name)
+
+
+@contextlib.contextmanager
+def _beside(path: Path, texts: Mapping[str, str]) -> Iterator[None]:
+    """Texts in files beside a recording, by what their names add to its name."""
+    with contextlib.ExitStack() as files:
+        for name, text in texts.items():
+            part = files.enter_context(atomic_output(path.with_name(f"{path.name}.{name}")))
+            part.write_text(text, encoding="utf-8")
+        yield
+
+
+@contextlib.contextmanager
+def _atomic_folder(path: Path) -> Iterator[Path]:
+    """As `atomic_output`, for a ROS 2 bag folder; an older one is replaced, anything else is refused."""
+    with output_errors(path):
+        if path.exists() and not _is_recorded(path):
+            raise OutputError(
+                f"{path}: is there already, and is not or not only a ROS 2 recording; choose another name"
+            )
+        if not path.parent.is_dir():
+            raise OutputError(f"{path}: there is no folder {path.parent}; create it first")
+        part = path.with_name(f"{path.name}.part")
+        shutil.rmtree(part, ignore_errors=True)
+    try:
+        yield part
+        with output_errors(path):
+            if path.exists():
+                shutil.rmtree(path)
+            part.replace(path)
+    except BaseException:
+        shutil.rmtree(part, ignore_errors=True)
+        raise
+
+
+def _is_recorded(path: Path) -> bool:
+    """Whether a folder holds what a ROS 2 recorder writes, and nothing else."""
+    if not path.is_dir() or not (path / "metadata.yaml").is_file():
+        return False
+    return all(file.name == "metadata.yaml" or file.suffix in {".db3", ".mcap"} for file in path.iterdir())
+
+
+def _rename_inside(folder: Path, name: str) -> None:
+    """Name the database after the final folder: rosbags names it after the one that it was written to."""
+    written = folder / f"{folder.name}.db3"
+    written.rename(folder / f"{name}.db3")
+    metadata = folder / "metadata.yaml"
+    metadata.write_text(metadata.read_text(encoding="utf-8").replace(written.name, f"{name}.db3"), encoding="utf-8")
+
+
+class _Rosbag1:
+    def __init__(self, bag: Rosbag1Writer) -> None:
+        self._bag, self._types = bag, message_types(1)
+        self._connections: dict[str, Any] = {}
+
+    def write(self, recorded: Recorded, start_ns: int) -> None:
+        """See `MessageWriter`."""
+        topic = recorded.topic
+        if topic not in self._connections:
+            self._connections[topic] = self._bag.add_connection(
+                topic, recorded.msgtype, typestore=self._types, latching=1 if recorded.latched else None
+            )
+        self._bag.write(self._connections[topic], start_ns + recorded.log_ns, recorded.data)
+
+
+class _Rosbag2:
+    def __init__(self, bag: Rosbag2Writer) -> None:
+        self._bag, self._types = bag, message_types(2)
+        self._connections: dict[str, Any] = {}
+
+    def write(self, recorded: Recorded, start_ns: int) -> None:
+        """See `MessageWriter`."""
+        topic = recorded.topic
+        if topic not in self._connections:
+            profiles = [_LATCHED] if recorded.latched else []
+            self._connections[topic] = self._bag.add_connection(
+                topic, recorded.msgtype, typestore=self._types, offered_qos_profiles=profiles
+            )
+        self._bag.write(self._connections[topic], start_ns + recorded.log_ns, recorded.data)
+
+
+class _Mcap:
+    def __init__(self, writer: McapWriter) -> None:
+        self._writer, self._types = writer, message_types(2)
+        self._schemas: dict[str, int] = {}
+        self._channels: dict[str, int] = {}
+
+    def write(self, recorded: Recorded, start_ns: int) -> None:
+        """See `MessageWriter`."""
+        topic, msgtype, log_ns = recorded.topic, recorded.msgtype, start_ns + recorded.log_ns
+        if msgtype not in self._schemas:
+            text, _ = self._types.generate_msgdef(msgtype, ros_version=2)
+            self._schemas[msgtype] = self._writer.register_schema(msgtype, "ros2msg", text.encode())
+        if topic not in self._channels:
+            profiles = {"offered_qos_profiles": _latched_yaml()} if recorded.latched else {}
+            self._channels[topic] = self._writer.register_channel(topic, "cdr", self._schemas[msgtype], profiles)
+        self._writer.add_message(self._channels[topic], log_ns, recorded.data, log_ns)
+
+
+def _latched_yaml() -> str:
+    """`_LATCHED` in the form of rosbag2 since Iron, which MCAP channels carry."""
+    forever = {"sec": _FOREVER.sec, "nsec": _FOREVER.nsec}
+    profile = {
+        "history": "keep_last",
+        "depth": _LATCHED.depth,
+        "reliability": "reliable",
+        "durability": "transient_local",
+        "deadline": forever,
+        "lifespan": forever,
+        "liveliness": "automatic",
+        "liveliness_lease_duration": forever,
+        "avoid_ros_namespace_conventions": False,
+    }
+    text: str = yaml.safe_dump([profile], sort_keys=False)
+    return text

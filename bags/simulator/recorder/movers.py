@@ -1,0 +1,47 @@
+"""What moves: from a scenario's word for it to its parts and the box that is the truth about it."""
+
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+
+from bags.simulator.scenario import VehicleScenario
+from bags.simulator.vehicles.trajectory import Trajectory
+from bags.simulator.world.bodies.chassis import front_wheel
+from bags.simulator.world.bodies.cyclist import cyclist_parts
+from bags.simulator.world.bodies.dimensions import SHAPES, Shape
+from bags.simulator.world.bodies.joints import RaisedPath, steered_wheel
+from bags.simulator.world.bodies.motor_vehicles import BODIES
+from bags.simulator.world.bodies.pedestrian import pedestrian_parts
+from bags.simulator.world.scene import Mover, Part
+
+__all__ = ["SHAPES", "Shape", "build_mover"]
+
+F64 = npt.NDArray[np.float64]
+
+
+def build_mover(
+    name: str, vehicle: VehicleScenario, trajectory: Trajectory, *, height: Callable[[F64], F64] | None = None
+) -> Mover:
+    """What a scenario calls `name`, with its truth.
+
+    Args:
+        name: Unique in the scenario; it decides about the looks of people, too.
+        vehicle: Shape and colour.
+        trajectory: Of its base frame; it may grow later.
+        height: Heights (N,) of the ground at places (N, 2), for pedestrians, who step on kerbs; none: it is flat.
+    """
+    shape = SHAPES[vehicle.shape]
+    path: Trajectory | RaisedPath = trajectory
+    if vehicle.shape == "pedestrian":
+        path = trajectory if height is None else RaisedPath(trajectory, height)
+        parts = pedestrian_parts(name, vehicle.color, path)
+    elif vehicle.shape == "cyclist":
+        parts = cyclist_parts(name, vehicle.color, trajectory)
+    else:
+        wheel = front_wheel(vehicle.shape)
+        parts = (
+            Part(BODIES[vehicle.shape](vehicle.color), trajectory),
+            *(Part(wheel, steered_wheel(trajectory, shape, side)) for side in (1, -1)),
+        )
+    return Mover(name, shape.class_name, path, shape.box_center_m, shape.size_m, parts)

@@ -1,0 +1,136 @@
+"""Sensors that measure in processes of their own, since those of one process wait for its interpreter lock.
+
+Each process has the whole world and moves it by itself, which costs little: the same steps and commands make the same
+traffic. Only commands go in, only finished messages come out.
+"""
+
+import contextlib
+import multiprocessing
+import signal
+from collections.abc import Mapping, Sequence
+from multiprocessing.connection import Connection
+from types import TracebackType
+from typing import Self
+
+from bags.simulator.recorder.recorded import Measured
+from bags.simulator.recorder.task import SensingTask
+from bags.simulator.scenario import CameraScenario, LidarScenario, Scenario
+from bags.simulator.vehicles.ackermann import AckermannCommand
+from pipeline.core.errors import LidcamError
+from readers.velodyne.models import MODELS
+
+__all__ = ["SensingProcess", "shared_out"]
+
+LIDAR_COST = 0.8
+CAMERA_COST, MOVING_CAMERA_COST = 0.05, 1.1
+"""Microseconds a beam and a pixel, about; a camera that moves cannot keep what it saw."""
+SLOTS = 32
+"""Beams of a Velodyne's column."""
+
+
+def shared_out(scenario: Scenario, workers: int) -> list[tuple[str, ...]]:
+    """The sensors of each worker: the costliest first, each to whoever has the least to do."""
+    sensors: dict[str, LidarScenario | CameraScenario] = {**scenario.lidars, **scenario.cameras}
+    costs = {name: sensor.rate_hz * _cost_us(sensor) for name, sensor in sensors.items()}
+    shares: list[list[str]] = [[] for _ in range(max(min(workers, len(costs)), 1))]
+    for name in sorted(costs, key=lambda name: -costs[name]):
+        min(shares, key=lambda share: sum(costs[other] for other in share)).append(name)
+    return [tuple(share) for share in shares]
+
+
+class SensingProcess:
+    """A process with some of the sensors; a context manager."""
+
+    def __init__(self, task: SensingTask) -> None:
+        context = multiprocessing.get_context("spawn")  # the libraries' threads do not survive a fork
+        self._pipe, theirs = context.Pipe()
+        self._process = context.Process(target=_serve, args=(theirs, task), daemon=True)
+        # A terminal tells all processes of Ctrl-C; the one that asks decides, from the first moment on.
+        handlers = {number: signal.signal(number, signal.SIG_IGN) for number in (signal.SIGINT, signal.SIGHUP)}
+        try:
+            self._process.start()
+        finally:
+            for number, handler in handlers.items():
+                signal.signal(number, handler)
+        theirs.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._pipe.close()  # it ends when nobody asks any more
+        self._process.join(1.0)
+        if self._process.is_alive():
+            self._process.kill()
+            self._process.join()
+
+    @property
+    def pid(self) -> int:
+        """Of the process."""
+        return self._process.pid or 0
+
+    def ask(self, until_ns: int, commands: Mapping[str, AckermannCommand], *, begun_ns: int) -> None:
+        """Have it move its world on to a time, after commands to vehicles, and measure; see `Sensing.measure`."""
+        try:
+            self._pipe.send((until_ns, dict(commands), begun_ns))
+        except OSError as err:
+            raise self._gone() from err
+
+    def answer(self) -> Sequence[Measured]:
+        """What was measured by the last `ask`.
+
+        Raises:
+            LidcamError: the process is gone, or an error of its own.
+        """
+        try:
+            found = self._pipe.recv()
+        except (EOFError, OSError) as err:
+            raise self._gone() from err
+        if isinstance(found, BaseException):
+            raise found
+        answer: Sequence[Measured] = found
+        return answer
+
+    def _gone(self) -> LidcamError:
+        self._process.join(1.0)
+        code = self._process.exitcode
+        return LidcamError(
+            f"a process of the simulation ended with {code}: perhaps there was too little memory; try --workers 1"
+        )
+
+
+def _serve(pipe: Connection, task: SensingTask) -> None:
+    """Measure whatever is asked, until nobody is there to ask."""
+    from bags.simulator.recorder.sensing import Sensing  # not before: who starts processes waits for nothing heavy
+    from bags.simulator.recorder.stage import Stage
+
+    try:
+        stage = Stage(task.scenario, driven=task.driven)
+        sensing = Sensing(stage, task)
+        while True:
+            until_ns, commands, begun_ns = pipe.recv()
+            for name, command in commands.items():
+                stage.traffic.command(name, command)
+            stage.traffic.advance(until_ns)
+            pipe.send(sensing.measure(until_ns, begun_ns=begun_ns))
+            stage.forget(until_ns)
+    except (EOFError, OSError):
+        return
+    except Exception as err:
+        with contextlib.suppress(OSError):  # who asked may have found the same fault
+            pipe.send(err)
+
+
+def _cost_us(sensor: LidarScenario | CameraScenario) -> float:
+    """Of one measurement, about."""
+    if isinstance(sensor, CameraScenario):
+        pixels = sensor.width_px * sensor.height_px
+        return pixels * (MOVING_CAMERA_COST if sensor.mounted_on else CAMERA_COST)
+    beams = (
+        sensor.beams * sensor.columns
+        if sensor.model == "linear"
+        else SLOTS / MODELS[sensor.model].column_us * 1e6 / sensor.rate_hz
+    )
+    return beams / sensor.firing_stride * LIDAR_COST

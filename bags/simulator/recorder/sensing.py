@@ -1,0 +1,142 @@
+"""Sensors at work: which of them has measured what up to a time, as messages."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from bags.simulator.recorder.messages import MessageFactory
+from bags.simulator.recorder.recorded import Measured, Recorded
+from bags.simulator.recorder.stage import Stage
+from bags.simulator.recorder.task import SensingTask
+from bags.simulator.scenario import CameraScenario, LidarScenario
+from bags.simulator.sensors.camera import Camera, Picture
+from bags.simulator.sensors.detector2d import detect
+from bags.simulator.sensors.lidar import Lidar, Sweep
+from bags.simulator.sensors.timing import Measurement, Timing
+
+__all__ = ["Sensing"]
+
+
+@dataclass(slots=True)
+class _Lidar:
+    """A lidar at work: its clock, what measures, and its next measurement."""
+
+    settings: LidarScenario
+    timing: Timing
+    device: Lidar
+    next: Measurement
+
+
+@dataclass(slots=True)
+class _Camera:
+    """A camera at work; see `_Lidar`."""
+
+    settings: CameraScenario
+    timing: Timing
+    device: Camera
+    next: Measurement
+
+
+class Sensing:
+    """Some of a scenario's sensors.
+
+    Args:
+        stage: What they see; it has to be moved on before they measure.
+        task: Which sensors, and whose messages.
+    """
+
+    def __init__(self, stage: Stage, task: SensingTask) -> None:
+        self._stage, self._seed, names = stage, task.scenario.seed, task.names
+        self._messages = MessageFactory(task.ros_version, task.scenario.start_ns)
+        self._sensors: list[_Lidar | _Camera] = [
+            *(self._lidar(name, lidar) for name, lidar in stage.scenario.lidars.items() if name in names),
+            *(self._camera(name, camera) for name, camera in stage.scenario.cameras.items() if name in names),
+        ]
+
+    def measure(self, until_ns: int, *, begun_ns: int) -> list[Measured]:
+        """What has been measured since the last call and up to a time, of what had begun before another time."""
+        return [self._measured(sensor, one) for sensor in self._sensors for one in _due(sensor, until_ns, begun_ns)]
+
+    def _lidar(self, name: str, lidar: LidarScenario) -> _Lidar:
+        device = Lidar(name, lidar, self._stage.sensor_path(lidar), self._stage.scene, self._seed)
+        timing = Timing(name, lidar, self._seed, trigger_jitter=False)
+        return _Lidar(lidar, timing, device, _measurement(timing, device, 0))
+
+    def _camera(self, name: str, camera: CameraScenario) -> _Camera:
+        path, sun = self._stage.sensor_path(camera), self._stage.scenario.sun
+        device = Camera(name, camera, path, self._stage.scene, sun, self._seed)
+        timing = Timing(name, camera, self._seed, trigger_jitter=True)
+        return _Camera(camera, timing, device, _measurement(timing, device, 0))
+
+    def _measured(self, sensor: _Lidar | _Camera, measurement: Measurement) -> Measured:
+        # A picture stands for the time that is nearer to it than to the next one.
+        around_ns = sensor.timing.period_ns // 2 if isinstance(sensor, _Camera) else 0
+        times = (measurement.begin_ns - around_ns, measurement.end_ns + around_ns)
+        by_lidar = isinstance(sensor, _Lidar)
+        if measurement.lost:
+            return Measured(by_lidar, *times, np.zeros(len(self._stage.scene.movers), np.int64), ())
+        if isinstance(sensor, _Lidar):
+            sweep = sensor.device.sweep(measurement.number)
+            return Measured(by_lidar, *times, sweep.hits_per_mover, tuple(self._of_sweep(sensor, measurement, sweep)))
+        picture = sensor.device.picture(measurement.number, measurement.begin_ns)
+        return Measured(by_lidar, *times, picture.seen_px, tuple(self._of_picture(sensor, measurement, picture)))
+
+    def _of_sweep(self, lidar: _Lidar, measurement: Measurement, sweep: Sweep) -> Iterator[Recorded]:
+        settings, stamp_ns, make = lidar.settings, measurement.stamp_ns, self._messages
+        if settings.output != "packets":
+            cloud = make.cloud(stamp_ns, settings.frame_id, _cloud_fields(sweep))
+            yield make.recorded(measurement.log_ns, settings.topic, stamp_ns, cloud)
+        if sweep.packets is not None:
+            # What is in a packet is told by the sensor's clock, too.
+            packets = sweep.packets.later(make.start_ns + stamp_ns - measurement.begin_ns)
+            stamps_ns = packets.stamps_ns - make.start_ns
+            scan = make.scan(stamp_ns, settings.frame_id, stamps_ns, packets.payload)
+            yield make.recorded(measurement.log_ns, settings.packets_topic, stamp_ns, scan)
+
+    def _of_picture(self, camera: _Camera, measurement: Measurement, picture: Picture) -> Iterator[Recorded]:
+        settings, stamp_ns, log_ns, make = camera.settings, measurement.stamp_ns, measurement.log_ns, self._messages
+        model = camera.device.model
+        if settings.output == "jpeg":
+            message = make.jpeg(stamp_ns, model.frame_id, picture.rgb, settings.jpeg_quality)
+        else:
+            message = make.image(stamp_ns, model.frame_id, picture.rgb)
+        yield make.recorded(log_ns, settings.picture_topic, stamp_ns, message)
+        yield make.recorded(log_ns, settings.info_topic, stamp_ns, make.camera_info(stamp_ns, model))
+        if settings.detector is not None:
+            found = detect(camera.device, picture, settings.detector, measurement.number)
+            boxes = make.detections_2d(stamp_ns, model.frame_id, found.xyxy, found.scores, found.class_names)
+            late_ns = log_ns + round(settings.detector.delay_ms * 1e6)
+            yield make.recorded(late_ns, settings.detector.topic, stamp_ns, boxes)
+
+
+def _due(sensor: _Lidar | _Camera, until_ns: int, begun_ns: int) -> Iterator[Measurement]:
+    """The measurements of a sensor that have ended by the first time, and begun before the second."""
+    while (
+        sensor.next.end_ns <= until_ns
+        and sensor.next.begin_ns < begun_ns
+        and sensor.timing.is_alive(sensor.next.begin_ns)
+    ):
+        yield sensor.next
+        sensor.next = _measurement(sensor.timing, sensor.device, sensor.next.number + 1)
+
+
+def _measurement(timing: Timing, device: Lidar | Camera, number: int) -> Measurement:
+    if isinstance(device, Lidar):
+        return timing.measurement(number, begin_ns=device.begin_ns(number), end_ns=device.end_ns(number))
+    return timing.measurement(number, lasts_ns=device.after_ns)
+
+
+def _cloud_fields(sweep: Sweep) -> dict[str, npt.NDArray[Any]]:
+    """The fields of the ROS velodyne driver: x y z intensity ring time; the kind of return, where there are two."""
+    fields: dict[str, npt.NDArray[Any]] = {
+        "x": sweep.xyz[:, 0],
+        "y": sweep.xyz[:, 1],
+        "z": sweep.xyz[:, 2],
+        "intensity": sweep.intensity,
+        "ring": sweep.ring,
+        "time": sweep.time_offset_s,
+    }
+    return fields if sweep.return_type is None else fields | {"return_type": sweep.return_type}

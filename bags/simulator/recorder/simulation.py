@@ -1,0 +1,117 @@
+"""A scenario as a stream of messages: everything moves, every sensor measures in its time, step by step.
+
+The messages are the same whatever the steps and the number of workers: each measurement depends on the scenario, the
+seed and its own number alone.
+"""
+
+from collections import deque
+from collections.abc import Iterator, Sequence
+
+from bags.simulator.recorder.messages import MessageFactory
+from bags.simulator.recorder.processes import SensingProcess
+from bags.simulator.recorder.recorded import STEP_NS, Measured, Recorded
+from bags.simulator.recorder.sensing import Sensing
+from bags.simulator.recorder.stage import Stage
+from bags.simulator.recorder.states import States, moments
+from bags.simulator.recorder.task import SensingTask
+from bags.simulator.recorder.true_rig import recorded_extrinsics, true_rig
+from bags.simulator.sensors.lens import camera_model
+from bags.simulator.vehicles.ackermann import AckermannCommand
+from bags.simulator.vehicles.trajectory import State
+from pipeline.core.types import Rig
+
+__all__ = ["Simulation"]
+
+
+class Simulation:
+    """A scenario in motion; `bags.simulator.recorder.start.simulating` begins one.
+
+    Args:
+        task: What is simulated, and which sensors measure in this process.
+        others: Where the other sensors measure.
+    """
+
+    def __init__(self, task: SensingTask, others: Sequence[SensingProcess] = ()) -> None:
+        self.scenario, self.ros_version = task.scenario, task.ros_version
+        self._others = others
+        self._stage = Stage(task.scenario, driven=task.driven)
+        self._messages = MessageFactory(task.ros_version, task.scenario.start_ns)
+        self._states = States(self._stage, self._messages)
+        self._sensing = Sensing(self._stage, task)
+        self._now_ns = -1
+        self._waiting: list[Recorded] = [self._static_transforms()]
+        self._measured: list[Measured] = []
+        self._truths: deque[int] = deque()
+        self._commands: dict[str, AckermannCommand] = {}
+
+    @property
+    def now_ns(self) -> int:
+        """How far it has gone."""
+        return max(self._now_ns, 0)
+
+    @property
+    def true_rig(self) -> Rig:
+        """The calibration as it really is."""
+        return true_rig(self.scenario, {name: camera_model(camera) for name, camera in self.scenario.cameras.items()})
+
+    def state(self, vehicle: str) -> State:
+        """Where a vehicle is now."""
+        return self._stage.traffic.trajectories[vehicle].last
+
+    def command(self, vehicle: str, command: AckermannCommand) -> None:
+        """Drive a vehicle from now on; the command holds until the next one."""
+        self._commands[vehicle] = command
+
+    def run(self, duration_s: float) -> Iterator[list[Recorded]]:
+        """The messages of a whole recording, a step at a time, in the order in which they are recorded."""
+        end_ns = round(duration_s * 1e9)
+        while self._now_ns < end_ns:
+            yield self.step(min(self.now_ns + STEP_NS, end_ns))
+        yield self.finish()
+
+    def step(self, until_ns: int) -> list[Recorded]:
+        """Go on to a moment; what was recorded until then."""
+        begin_ns, self._now_ns = self._now_ns, until_ns
+        self._measure(until_ns, begun_ns=until_ns)
+        self._waiting += self._states.between(begin_ns, until_ns)
+        self._truths += moments(self.scenario.recording.truth_rate_hz, begin_ns, until_ns)
+        self._tell_truths(until_ns)
+        self._stage.forget(until_ns)
+        self._measured = [one for one in self._measured if one.until_ns > until_ns - 2 * self._stage.longest_ns]
+        self._waiting.sort(key=lambda recorded: recorded[:3])
+        ready = sum(recorded.log_ns <= until_ns for recorded in self._waiting)
+        done, self._waiting = self._waiting[:ready], self._waiting[ready:]
+        return done
+
+    def finish(self) -> list[Recorded]:
+        """The end: what was measured before it, or had begun then, and was not recorded yet."""
+        end_ns = self._now_ns + self._stage.longest_ns
+        self._measure(end_ns, begun_ns=self._now_ns)
+        while self._truths and self._truths[-1] >= self._now_ns:  # nothing measures at the end itself
+            self._truths.pop()
+        self._tell_truths(end_ns)
+        done, self._waiting = sorted(self._waiting, key=lambda recorded: recorded[:3]), []
+        return done
+
+    def _measure(self, until_ns: int, *, begun_ns: int) -> None:
+        """Have everything move on to a time, and measure."""
+        commands, self._commands = self._commands, {}
+        for process in self._others:
+            process.ask(until_ns, commands, begun_ns=begun_ns)
+        for name, command in commands.items():
+            self._stage.traffic.command(name, command)
+        self._stage.traffic.advance(until_ns)
+        measured = self._sensing.measure(until_ns, begun_ns=begun_ns)
+        for process in self._others:
+            measured += process.answer()
+        self._measured += measured
+        self._waiting += [recorded for one in measured for recorded in one.recorded]
+
+    def _tell_truths(self, until_ns: int) -> None:
+        """The truth about moments of which all has been measured."""
+        while self._truths and self._truths[0] + self._stage.longest_ns <= until_ns:
+            self._waiting.append(self._states.truth(self._truths.popleft(), self._measured))
+
+    def _static_transforms(self) -> Recorded:
+        message = self._messages.transforms(0, recorded_extrinsics(self.scenario))
+        return self._messages.recorded(0, "/tf_static", 0, message, latched=True)

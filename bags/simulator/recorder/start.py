@@ -1,0 +1,41 @@
+"""Begin a simulation: its other processes first, then what this one needs itself: libraries load side by side."""
+
+import os
+from collections.abc import Collection, Iterator
+from contextlib import ExitStack, contextmanager
+from typing import TYPE_CHECKING
+
+from bags.simulator.recorder.message_types import RosVersion
+from bags.simulator.recorder.processes import SensingProcess, shared_out
+from bags.simulator.recorder.task import SensingTask
+from bags.simulator.scenario import Scenario
+
+if TYPE_CHECKING:
+    from bags.simulator.recorder.simulation import Simulation
+
+__all__ = ["simulating"]
+
+
+@contextmanager
+def simulating(
+    scenario: Scenario,
+    *,
+    ros_version: RosVersion,
+    workers: int | None = None,
+    driven: Collection[str] = (),
+) -> Iterator["Simulation"]:
+    """A scenario in motion.
+
+    Args:
+        scenario: What is simulated.
+        ros_version: Whose messages.
+        workers: Processes that share the sensors, this one among them; None: as many as there are cores.
+        driven: Vehicles that stand at their start until `Simulation.command` moves them.
+    """
+    mine, *others = shared_out(scenario, os.cpu_count() or 1 if workers is None else workers)
+    with ExitStack() as stack:
+        tasks = [SensingTask(scenario, tuple(driven), ros_version, names) for names in others]
+        processes = [stack.enter_context(SensingProcess(task)) for task in tasks]
+        from bags.simulator.recorder.simulation import Simulation  # Open3D takes a second or two
+
+        yield Simulation(SensingTask(scenario, tuple(driven), ros_version, mine), processes)

@@ -1,0 +1,121 @@
+"""What is known without sensors: the vehicles' motion, their commands, and the truth about what is there."""
+
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from bags.simulator.recorder.messages import MessageFactory, TrueObject
+from bags.simulator.recorder.recorded import Measured, Recorded
+from bags.simulator.recorder.stage import Stage
+from bags.simulator.scenario import EGO_FRAME
+from bags.simulator.topics import command_topic, controller_topics
+from bags.simulator.world.bodies.dimensions import SHAPES
+
+__all__ = ["TRUTH_TOPIC", "States", "moments"]
+
+I64 = npt.NDArray[np.int64]
+
+TRUTH_TOPIC = "/ground_truth/objects"
+
+LATENCY_NS = 1_000_000
+"""From a vehicle's state to its message in the recording."""
+
+TURN_NS = 10_000_000
+"""Over which the rate of turn is taken."""
+
+
+class States:
+    """Tells how a stage is.
+
+    Args:
+        stage: What is there.
+        messages: Makes the messages.
+    """
+
+    def __init__(self, stage: Stage, messages: MessageFactory) -> None:
+        self._stage, self._messages = stage, messages
+
+    def between(self, begin_ns: int, until_ns: int) -> Iterator[Recorded]:
+        """Odometry, tf and commands of the vehicles at the moments after `begin_ns` up to `until_ns`."""
+        settings = self._stage.scenario.recording
+        for name, vehicle in self._stage.scenario.vehicles.items():
+            for time_ns in moments(settings.odometry_rate_hz, begin_ns, until_ns):
+                if vehicle.ego:
+                    yield from self._ego_motion(name, time_ns, odometry=vehicle.odometry)
+                elif vehicle.odometry:
+                    yield self._told(f"/{name}/base_pose_ground_truth", time_ns, self._odometry(name, time_ns))
+            if vehicle.commands:
+                for time_ns in moments(settings.command_rate_hz, begin_ns, until_ns):
+                    yield from self._commands(name, time_ns)
+
+    def truth(self, time_ns: int, measured: Iterable[Measured]) -> Recorded:
+        """What is there at a moment, recorded when every sensor that was measuring then has finished.
+
+        Args:
+            time_ns: The moment.
+            measured: Among them the measurements of that moment.
+        """
+        stage = self._stage
+        points, pixels = (np.zeros(len(stage.vehicles), np.int64) for _ in range(2))
+        for one in measured:
+            if one.from_ns <= time_ns < one.until_ns:
+                (points if one.by_lidar else pixels)[:] += one.hits
+        objects = [
+            TrueObject(
+                name,
+                SHAPES[vehicle.shape].class_name,
+                stage.T_site_box(name, name, time_ns),
+                SHAPES[vehicle.shape].size_m,
+                int(points[row]),
+                int(pixels[row]),
+            )
+            for row, (name, vehicle) in enumerate(stage.vehicles.items())
+        ]
+        message = self._messages.truth(time_ns, stage.scenario.site_frame, objects)
+        return self._messages.recorded(time_ns + stage.longest_ns, TRUTH_TOPIC, time_ns, message)
+
+    def _told(self, topic: str, time_ns: int, message: Any, *, after: int = 1) -> Recorded:
+        return self._messages.recorded(time_ns + after * LATENCY_NS, topic, time_ns, message)
+
+    def _ego_motion(self, name: str, time_ns: int, *, odometry: bool) -> Iterator[Recorded]:
+        pose = self._stage.T_site_base(name, EGO_FRAME, time_ns)
+        yield self._told("/tf", time_ns, self._messages.transforms(time_ns, [pose]))
+        if odometry:
+            speed, turn = self._speeds(name, time_ns)
+            yield self._told("/odom", time_ns, self._messages.odometry(time_ns, pose, (speed, 0.0, turn)))
+
+    def _odometry(self, name: str, time_ns: int) -> Any:
+        """The pose of the middle of a vehicle's box, as the original's ground truth has it."""
+        ahead_m = SHAPES[self._stage.scenario.vehicles[name].shape].box_center_m[0]
+        speed, turn = self._speeds(name, time_ns)
+        pose = self._stage.T_site_box(name, name, time_ns)
+        return self._messages.odometry(time_ns, pose, (speed, turn * ahead_m, turn))
+
+    def _speeds(self, name: str, time_ns: int) -> tuple[float, float]:
+        """Along the heading (m/s), and of turning (rad/s)."""
+        path = self._stage.traffic.trajectories[name]
+        before, now = path.state(max(time_ns - TURN_NS, 0)), path.state(time_ns)
+        return now.speed_m_s, (now.yaw_rad - before.yaw_rad) / (TURN_NS * 1e-9)
+
+    def _commands(self, name: str, time_ns: int) -> Iterator[Recorded]:
+        """What the driver asks for, and what that makes of the six controllers."""
+        command = self._stage.traffic.command_at(name, time_ns)
+        speed, steering = command.speed_m_s, command.steering_rad
+        drive = self._messages.drive(time_ns, name, speed_m_s=speed, steering_rad=steering)
+        yield self._told(command_topic(name), time_ns, drive)
+        values = self._stage.traffic.chassis[name].controllers(command).values
+        for topic, value in zip(controller_topics(name), values, strict=True):
+            yield self._told(topic, time_ns, self._messages.number(value), after=2)
+
+
+def moments(rate_hz: float, begin_ns: int, until_ns: int) -> Iterator[int]:
+    """Times of a steady rate after `begin_ns` up to `until_ns`; 0 is the first of all."""
+    if rate_hz <= 0:
+        return
+    number = 0 if begin_ns < 0 else int(begin_ns * rate_hz / 1e9)
+    while (time_ns := round(number * 1e9 / rate_hz)) <= until_ns:
+        if time_ns > begin_ns:
+            yield time_ns
+        number += 1

@@ -1,0 +1,76 @@
+"""The calibration of a scenario: the true one, as a rig, and the one that is recorded, as transforms."""
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from bags.simulator.scenario import EGO_FRAME, CameraScenario, Scenario, SensorScenario
+from pipeline.core.camera import CameraModel
+from pipeline.core.geometry import Transform
+from pipeline.core.types import CameraSensor, LidarSensor, Rig, default_zones
+
+__all__ = ["T_carrier_sensor", "carrier_frame", "recorded_extrinsics", "rig_frame", "true_rig"]
+
+OPTICAL = np.array([[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+"""A camera's optical axes (x right, y down, z forward) in its body's (x forward, y left, z up); REP 103."""
+
+
+def rig_frame(scenario: Scenario) -> str:
+    """The frame that the sensors are fixed to: the vehicle's, if they ride on one, else the site's."""
+    return EGO_FRAME if scenario.ego else scenario.site_frame
+
+
+def carrier_frame(scenario: Scenario, sensor: SensorScenario) -> str:
+    """The frame that one sensor's place is given in."""
+    return EGO_FRAME if sensor.mounted_on else scenario.site_frame
+
+
+def T_carrier_sensor(scenario: Scenario, sensor: SensorScenario) -> Transform:
+    """The true place of the sensor's frame, for a camera the optical one, on what carries it."""
+    return _framed(sensor.T_carrier_body(carrier_frame(scenario, sensor)), sensor)
+
+
+def recorded_extrinsics(scenario: Scenario) -> list[Transform]:
+    """What tf_static says of every sensor: the truth, but for the miscalibration that the scenario asks for."""
+    found = []
+    for sensor in scenario.sensors.values():
+        true, error = sensor.T_carrier_body(carrier_frame(scenario, sensor)), np.eye(4)
+        error[:3, :3] = Rotation.from_euler("xyz", sensor.miscalibration.rpy_deg, degrees=True).as_matrix()
+        error[:3, 3] = np.array(sensor.miscalibration.xyz_cm) / 100
+        found.append(_framed(Transform(true.dst, true.src, true.matrix @ error), sensor))
+    return found
+
+
+def _framed(body: Transform, sensor: SensorScenario) -> Transform:
+    """The frame of a sensor's messages instead of its body's."""
+    return Transform(body.dst, body.src, body.matrix @ OPTICAL) if isinstance(sensor, CameraScenario) else body
+
+
+def true_rig(scenario: Scenario, models: dict[str, CameraModel]) -> Rig:
+    """The rig as it really is, of the sensors that are fixed to its frame.
+
+    Args:
+        scenario: What is simulated.
+        models: Intrinsics by camera.
+    """
+    frame = rig_frame(scenario)
+    lidars = [
+        LidarSensor(
+            name,
+            lidar.packets_topic if lidar.output == "packets" else lidar.topic,
+            T_carrier_sensor(scenario, lidar),
+        )
+        for name, lidar in scenario.lidars.items()
+        if carrier_frame(scenario, lidar) == frame
+    ]
+    cameras = [
+        CameraSensor(
+            name,
+            camera.picture_topic,
+            camera.detector.topic if camera.detector else "",
+            models[name],
+            T_carrier_sensor(scenario, camera).inverse(),
+        )
+        for name, camera in scenario.cameras.items()
+        if carrier_frame(scenario, camera) == frame
+    ]
+    return Rig(frame, tuple(lidars), tuple(cameras), default_zones(), ground_height_m=0.0)

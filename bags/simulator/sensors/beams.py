@@ -1,0 +1,163 @@
+"""Where the beams of a turning lidar point, and when, sweep by sweep.
+
+A Velodyne's sweep is made of whole packets: it begins with the first packet of its turn. A `linear` lidar has as many
+firings per turn as the scenario says and its beams at equal steps, all of a firing at once. Both turn clockwise seen
+from above, evenly, with `rate_hz`.
+"""
+
+from dataclasses import dataclass
+from math import ceil
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from bags.simulator.scenario import LidarScenario
+from bags.simulator.sensors.velodyne_packets import EncodedPackets, VelodyneSensor
+from readers.velodyne.models import MODELS, built_in_table
+
+__all__ = ["LinearPattern", "Pattern", "SweepBeams", "VelodynePattern", "pattern_of"]
+
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+
+MS = 1_000_000
+LINEAR_RANGE_STEP_M = 0.002
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SweepBeams:
+    """The beams of one sweep: F firings of L lasers, in the sensor's frame (x ahead, y to the left, z up).
+
+    Attributes:
+        directions: (F, L, 3) unit vectors.
+        origins: (L, 3) metres, where ranges count from.
+        times_ns: (F, L) int64, true time since the scenario began.
+        azimuth_error_rad: (F,) by how much the sensor takes its azimuths for larger than they are.
+    """
+
+    directions: F64
+    origins: F64
+    times_ns: I64
+    azimuth_error_rad: F64
+
+    @property
+    def measured_directions(self) -> F64:
+        """(F, L, 3) where the sensor believes its beams to point; unit vectors to 1e-8."""
+        error, measured = self.azimuth_error_rad[:, None], self.directions.copy()
+        measured[:, :, 0] += error * self.directions[:, :, 1]
+        measured[:, :, 1] -= error * self.directions[:, :, 0]
+        return measured
+
+
+class Pattern(Protocol):
+    """How a lidar fires."""
+
+    @property
+    def elevation_rad(self) -> F64:
+        """(L,) of the lasers, in the order in which `SweepBeams` has them."""
+        ...
+
+    @property
+    def range_step_m(self) -> float:
+        """Ranges are multiples of this."""
+        ...
+
+    def begin_ns(self, number: int) -> int:
+        """True time at which a sweep begins, and the one before it ends."""
+        ...
+
+    def beams(self, number: int) -> SweepBeams:
+        """The beams of a sweep."""
+        ...
+
+    def encode(self, number: int, ranges_m: F64, reflectivity: npt.NDArray[np.uint8]) -> EncodedPackets | None:
+        """The packets of a sweep by a clock that began with the scenario, None where the model has none.
+
+        Args:
+            number: Of the sweep.
+            ranges_m: (F, L), or (F, L, 2) of the last return and the strongest; 0 is no return.
+            reflectivity: Like `ranges_m`.
+        """
+        ...
+
+
+class VelodynePattern:
+    """A Velodyne of a model with one bank of lasers."""
+
+    def __init__(self, scenario: LidarScenario) -> None:
+        self._sensor = VelodyneSensor(
+            scenario.model,
+            round(scenario.phase_ms * MS),
+            scenario.rate_hz,
+            scenario.start_azimuth_deg,
+            scenario.return_mode,
+        )
+        self._stride = scenario.firing_stride
+        self.elevation_rad: F64 = built_in_table(scenario.model).elevation_rad
+        self.range_step_m = MODELS[scenario.model].range_step_m
+
+    def begin_ns(self, number: int) -> int:
+        """As `Pattern`: time of the first firing of the sweep's first packet."""
+        return self._sensor.packet_ns(self.packets(number).start)
+
+    def packets(self, number: int) -> range:
+        """Numbers of the packets of a sweep: those that begin within its turn."""
+        per_turn = self._sensor.packets_per_turn
+        # A packet that begins with the turn, but for rounding, is of that turn.
+        return range(ceil(number * per_turn - 1e-6), ceil((number + 1) * per_turn - 1e-6))
+
+    def beams(self, number: int) -> SweepBeams:
+        """As `Pattern`."""
+        packets = self.packets(number)
+        beams = self._sensor.beams(packets.start, len(packets))
+        error = self._sensor.azimuth_error_rad(packets.start, len(packets))
+        kept = slice(-packets.start * self._sensor.firings_per_packet % self._stride, None, self._stride)
+        return SweepBeams(beams.directions[kept], beams.origins, beams.times_ns[kept], error[kept])
+
+    def encode(self, number: int, ranges_m: F64, reflectivity: npt.NDArray[np.uint8]) -> EncodedPackets | None:
+        """As `Pattern`; packets hold all firings, so it needs a stride of 1."""
+        return self._sensor.encode(self.packets(number).start, ranges_m, reflectivity)
+
+
+class LinearPattern:
+    """A lidar with beams at equal steps of elevation, from the lowest up, and firings at equal steps of azimuth."""
+
+    def __init__(self, scenario: LidarScenario) -> None:
+        self._scenario = scenario
+        self.elevation_rad: F64 = np.deg2rad(np.linspace(*scenario.elevation_deg, scenario.beams))
+        self.range_step_m = LINEAR_RANGE_STEP_M
+
+    def begin_ns(self, number: int) -> int:
+        """As `Pattern`."""
+        return round(self._scenario.phase_ms * MS + number * 1e9 / self._scenario.rate_hz)
+
+    def beams(self, number: int) -> SweepBeams:
+        """As `Pattern`."""
+        columns, lasers = self._scenario.columns, len(self.elevation_rad)
+        stride = self._scenario.firing_stride
+        column = np.arange(-number * columns % stride, columns, stride)
+        azimuth = np.deg2rad(self._scenario.start_azimuth_deg) + 2 * np.pi / columns * column
+        across = np.cos(self.elevation_rad)
+        directions = np.empty((len(column), lasers, 3))
+        directions[:, :, 0] = np.cos(azimuth)[:, None] * across
+        directions[:, :, 1] = -np.sin(azimuth)[:, None] * across
+        directions[:, :, 2] = np.sin(self.elevation_rad)
+        turns_ns = (number + column / columns) * (1e9 / self._scenario.rate_hz)
+        times_ns = np.rint(self._scenario.phase_ms * MS + turns_ns).astype(np.int64)
+        times_ns = np.broadcast_to(times_ns[:, None], (len(column), lasers))
+        return SweepBeams(directions, np.zeros((lasers, 3)), times_ns, np.zeros(len(column)))
+
+    def encode(
+        self,
+        number: int,  # noqa: ARG002  (as `Pattern`)
+        ranges_m: F64,  # noqa: ARG002
+        reflectivity: npt.NDArray[np.uint8],  # noqa: ARG002
+    ) -> EncodedPackets | None:
+        """As `Pattern`: none."""
+        return None
+
+
+def pattern_of(scenario: LidarScenario) -> Pattern:
+    """How a lidar of a scenario fires."""
+    return LinearPattern(scenario) if scenario.model == "linear" else VelodynePattern(scenario)

@@ -1,0 +1,195 @@
+"""A simulated camera: pictures of a scene, and which mover each pixel shows.
+
+A camera that is fixed to the site casts what stands still once; each picture then takes only the windows in which
+something moves or throws its shadow. A camera on a vehicle casts everything each time.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from bags.simulator.scenario import CameraScenario, SunScenario
+from bags.simulator.sensors.film import Film
+from bags.simulator.sensors.lens import Lens, camera_model
+from bags.simulator.sensors.light import Light
+from bags.simulator.sensors.moving import Moving, put_movers
+from bags.simulator.sensors.still import Still, take_still
+from bags.simulator.world.motion import FixedPath, MountedPath, Path, Poses
+from bags.simulator.world.scene import Scene
+from pipeline.core.camera import CameraModel
+from pipeline.core.geometry import Transform
+from pipeline.core.types import check_array
+
+__all__ = ["T_BODY_OPTICAL", "Camera", "Picture"]
+
+F32 = npt.NDArray[np.float32]
+F64 = npt.NDArray[np.float64]
+
+T_BODY_OPTICAL = Transform("body", "optical", np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]]))
+"""REP 103: the body looks along x with z up, the optical frame along z with y down."""
+MOST_MOMENTS = 9
+"""Moments of an exposure that a blurred picture is the mean of, at most."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Picture:
+    """One picture and the truth about it.
+
+    Attributes:
+        rgb: (H, W, 3) uint8 sRGB.
+        movers: (H, W) int16 row of the mover (`Scene.movers`) at the middle of each pixel, in the middle of the
+            exposure; -1 for what stands still.
+        alone_px: (M,) int64 how many pixels each mover would have in the picture if nothing stood before it.
+        alone_xyxy: (M, 4) float64 left, top, right, bottom of these pixels; NaN for none.
+    """
+
+    rgb: npt.NDArray[np.uint8]
+    movers: npt.NDArray[np.int16]
+    alone_px: npt.NDArray[np.int64]
+    alone_xyxy: F64
+
+    def __post_init__(self) -> None:
+        height, width = self.movers.shape
+        check_array("rgb", self.rgb, (height, width, 3), np.uint8)
+        check_array("movers", self.movers, (height, width), np.int16)
+        check_array("alone_px", self.alone_px, (len(self.alone_px),), np.int64)
+        check_array("alone_xyxy", self.alone_xyxy, (len(self.alone_px), 4), np.float64)
+
+    @property
+    def seen_px(self) -> npt.NDArray[np.int64]:
+        """(M,) how many pixels show each mover."""
+        rows = self.movers[self.movers >= 0].astype(np.int64)
+        return np.bincount(rows, minlength=len(self.alone_px)).astype(np.int64)
+
+
+class Camera:
+    """One camera of a scenario.
+
+    Attributes:
+        name: In the scenario.
+        scenario: Its settings.
+        seed: Of the scenario.
+        movers: Of the scene.
+        model: Its true intrinsics.
+
+    Args:
+        name: In the scenario; names its random numbers.
+        scenario: Its settings.
+        body: Path of its body: x along the view, z up.
+        scene: What it sees.
+        sun: Where the light comes from.
+        seed: Of the scenario.
+    """
+
+    def __init__(
+        self, name: str, scenario: CameraScenario, body: Path, scene: Scene, sun: SunScenario, seed: int
+    ) -> None:
+        self.name, self.scenario, self.seed, self.movers = name, scenario, seed, scene.movers
+        self.model: CameraModel = camera_model(scenario)
+        self._path, self._fixed = MountedPath(body, T_BODY_OPTICAL), isinstance(body, FixedPath)
+        self._scene, self._lens, self._light = scene, Lens(self.model), Light(sun, scene.palette)
+        self._film = Film(
+            name,
+            self.model.width_px,
+            self.model.height_px,
+            exposure=scenario.gain * self._light.exposure,
+            noise=scenario.noise,
+            seed=seed,
+        )
+        self._still: tuple[Still, npt.NDArray[np.int16]] | None = None
+
+    def optical_pose(self, time_ns: int) -> Poses:
+        """The one pose of the optical frame (z forward, x right, y down) in the world."""
+        return self._path.poses(np.array([time_ns], np.int64))
+
+    @property
+    def after_ns(self) -> int:
+        """How long after the middle of a picture light is gathered for it: what moves must be known until then."""
+        return round(self.scenario.exposure_ms * 5e5) if self.scenario.motion_blur else 0
+
+    def picture(self, number: int, time_ns: int) -> Picture:
+        """Picture `number`, whose exposure has its middle at a time.
+
+        The same whatever was taken before.
+        """
+        if self._fixed:
+            return self._picture_of_fixed(number, time_ns)
+        moments = self._moments(time_ns)
+        light, middle = np.zeros((self.model.height_px * self.model.width_px, 3), np.float32), None
+        for moment in moments:
+            still = take_still(self._scene, self._light, self._lens, self.optical_pose(moment))
+            moving = put_movers(self._scene, self._light, self._lens, still, moment)
+            linear = still.linear.copy()
+            linear[moving.pixels] = moving.linear
+            light += linear / np.float32(len(moments))
+            middle = moving if moment == time_ns else middle
+        developed = self._film.developed(light.reshape(self.model.height_px, self.model.width_px, 3))
+        return self._read_out(developed, number, middle or moving)
+
+    def _picture_of_fixed(self, number: int, time_ns: int) -> Picture:
+        """Only what moves is cast and developed again."""
+        if self._still is None:
+            still = take_still(self._scene, self._light, self._lens, self.optical_pose(0))
+            shape = (self.model.height_px, self.model.width_px, 3)
+            self._still = still, self._film.developed(still.linear.reshape(shape))
+        still, background = self._still
+        moments = self._moments(time_ns)
+        seen = [put_movers(self._scene, self._light, self._lens, still, moment) for moment in moments]
+        pixels, linear = (seen[0].pixels, seen[0].linear) if len(seen) == 1 else _mean_light(still, seen)
+        developed = background
+        if len(pixels):
+            developed = background.copy()
+            developed.reshape(-1, 3)[pixels] = self._film.developed_pixels(linear, pixels)
+        return self._read_out(developed, number, seen[len(seen) // 2])
+
+    def _read_out(self, developed: npt.NDArray[np.int16], number: int, truth: Moving) -> Picture:
+        owner = truth.owner.reshape(self.model.height_px, self.model.width_px)
+        return Picture(self._film.read_out(developed, number), owner, truth.alone_px, truth.alone_xyxy)
+
+    def _moments(self, time_ns: int) -> list[int]:
+        """Times of the exposure, evenly spread, the middle among them; one alone where nothing is blurred."""
+        exposure_ns = self.scenario.exposure_ms * 1e6
+        if not self.scenario.motion_blur or not exposure_ns:
+            return [time_ns]
+        count = int(np.clip(np.ceil(self._blur_px(time_ns, exposure_ns)), 1, MOST_MOMENTS)) // 2 * 2 + 1
+        steps = (np.arange(count) - (count - 1) / 2) / count
+        return [max(time_ns + round(step * exposure_ns), 0) for step in steps]
+
+    def _blur_px(self, time_ns: int, exposure_ns: float) -> float:
+        """How far anything moves in the picture during an exposure, at most and about."""
+        ends = np.array([max(time_ns - round(exposure_ns / 2), 0), time_ns + round(exposure_ns / 2)], np.int64)
+        cameras = self._path.poses(ends)
+        ways = [0.0]
+        if not self._fixed:
+            ahead = np.array([[0.0, 0.0, 10.0], [4.0, 0.0, 10.0], [0.0, 1.5, 4.0]])
+            fixed = self.optical_pose(int(ends[0])).apply(ahead)
+            ways.append(self._way_px(cameras, np.stack([fixed, fixed])))
+        for mover in self._scene.movers:
+            length, width, _ = mover.size_m
+            center = np.array(mover.box_center_m)
+            ground = np.array([[length / 2, width / 2, 0.0], [-length / 2, -width / 2, 0.0], [0, 0, 0]]) + center
+            poses = mover.path.poses(ends)
+            places = np.stack([poses.apply(np.repeat(point[None], 2, 0)) for point in ground], 1)
+            ways.append(self._way_px(cameras, places))
+        return max(ways)
+
+    def _way_px(self, cameras: Poses, places: F64) -> float:
+        """Largest way in the picture of points (2, K, 3) of the world, from the first camera's view to the second's."""
+        to_camera = cameras.inverse()
+        seen = np.einsum("nij,nkj->nki", to_camera.rotation, places) + to_camera.translation[:, None]
+        pixels, valid = self.model.project(seen)
+        size = np.array([self.model.width_px, self.model.height_px])
+        inside = valid.all(0) & ((pixels > -0.5 * size) & (pixels < 1.5 * size)).all((0, 2))
+        return float(np.linalg.norm(pixels[1] - pixels[0], axis=-1)[inside].max(initial=0.0))
+
+
+def _mean_light(still: Still, seen: list[Moving]) -> tuple[npt.NDArray[np.int64], F32]:
+    """Pixels that anything changed at any of several moments, and their light on average."""
+    changes = np.zeros_like(still.linear)
+    changed = np.zeros(len(changes), np.bool_)
+    for moving in seen:
+        changes[moving.pixels] += (moving.linear - still.linear[moving.pixels]) / np.float32(len(seen))
+        changed[moving.pixels] = True
+    pixels = np.flatnonzero(changed)
+    return pixels, np.maximum(still.linear[pixels] + changes[pixels], 0.0)

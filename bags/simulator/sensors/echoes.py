@@ -1,0 +1,166 @@
+"""What comes back of a beam: how much of its light, at which range, and which echoes the receiver finds in it.
+
+Light is told as a share: what a white wall, met at a right angle by the whole beam, sends back is 1 at any range. The
+receiver gets share / r^2 of it, and finds an echo of share s up to r = max_range * sqrt(s).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from bags.simulator.world.meshes.mesh import Material
+from bags.simulator.world.scene import STATIC, Hits
+from bags.simulator.world.surfaces.textures import surface_reflectivity
+
+__all__ = ["NO_ECHO", "Echoes", "Light", "Optics", "distinct_echoes", "intensity", "returned_share"]
+
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+
+NO_ECHO = 0.0
+"""Range where there is none."""
+
+# Oren and Nayar's model of rough surfaces (Generalization of Lambert's reflectance model, 1994) for light that goes
+# back where it came from, with facets that lean by 0.5 rad: asphalt seen at a grazing angle stays visible, as it does.
+_ROUGHNESS2 = 0.5**2
+_STRAIGHT = 1 - 0.5 * _ROUGHNESS2 / (_ROUGHNESS2 + 0.33)
+_GRAZING = 0.45 * _ROUGHNESS2 / (_ROUGHNESS2 + 0.09)
+
+
+class Optics:
+    """What the surfaces of a scene do to a beam.
+
+    Attributes:
+        transmission: (P + 1,) share of a beam that passes each material of the palette; the last row is that of a miss.
+        most_light: The largest share that any material sends back.
+    """
+
+    def __init__(self, palette: Sequence[Material]) -> None:
+        self._palette = tuple(palette)
+        self._mirror = np.array([material.mirror for material in palette], np.float64)
+        self.transmission = np.array([*(material.transmission for material in palette), 0.0])
+        self.most_light = max((material.reflectivity for material in palette), default=0.0)
+
+    def share(self, hits: Hits, cos_incidence: F64) -> F64:
+        """(N,) share of a beam that each surface that was hit sends straight back; 0 for a miss."""
+        share = np.zeros(len(hits))
+        rows = np.flatnonzero(hits.material >= 0)
+        material, local, normal = hits.material.take(rows), hits.local.take(rows, 0), hits.normal.take(rows, 0)
+        reflectivity = surface_reflectivity(self._palette, material, local, normal)
+        share[rows] = returned_share(reflectivity, self._mirror.take(material), cos_incidence.take(rows))
+        return share
+
+
+def returned_share(reflectivity: npt.NDArray[np.floating], mirror: F64, cos_incidence: F64) -> F64:
+    """(N,) share of a beam that surfaces send straight back.
+
+    A rough surface sends less the flatter it is met; one that mirrors loses the mirrored part (Schlick, 1994) and has
+    no roughness, so that it vanishes at grazing angles; a retroreflector does not mind the angle.
+
+    Args:
+        reflectivity: (N,) share at a right angle; more than 1 for a retroreflector.
+        mirror: (N,) as of `Material`.
+        cos_incidence: (N,) cosine of the angle between beam and normal.
+    """
+    cos = np.clip(cos_incidence, 0.0, 1.0)
+    falloff = (_STRAIGHT * cos + _GRAZING * (1 - cos * cos)) / _STRAIGHT
+    shiny = np.flatnonzero(mirror > 0)
+    falloff[shiny] = cos[shiny] * (1 - (1 - cos[shiny]) ** 5)
+    falloff[reflectivity > 1] = 1.0
+    return np.asarray(reflectivity * falloff, np.float64)
+
+
+def intensity(share: F64) -> F64:
+    """Reflectivity on Velodyne's scale: 0 to 100 from black to white, 101 to 255 for retroreflectors (its manuals)."""
+    with np.errstate(divide="ignore"):
+        return np.rint(np.where(share <= 1, 100 * share, 255 - 154 / np.maximum(share, 1.0)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Echoes:
+    """The echoes that a receiver reports of N beams: the strongest one, and the last.
+
+    Attributes:
+        range_m: (N, 2) metres by beam of the strongest and the last echo, before any noise; `NO_ECHO` for none.
+        share: (N, 2) of the beam's light.
+        mover: (N, 2) row of the mover that it comes from.
+    """
+
+    range_m: F64
+    share: F64
+    mover: I64
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Light:
+    """What comes back of some beams, surface by surface.
+
+    Attributes:
+        beam: (K,) which beam.
+        range_m: (K,) metres; infinite where there is nothing.
+        share: (K,) of the beam's light.
+        mover: (K,) row of the mover that it comes from.
+    """
+
+    beam: I64
+    range_m: F64
+    share: F64
+    mover: I64
+
+    def select(self, rows: I64 | npt.NDArray[np.bool_]) -> "Light":
+        """Some of it."""
+        return Light(self.beam[rows], self.range_m[rows], self.share[rows], self.mover[rows])
+
+
+def distinct_echoes(
+    light: Light, count: int, *, reach_m: float, nearest_m: float, apart_m: float, second_strongest: bool
+) -> Echoes:
+    """The echoes of N beams.
+
+    Surfaces that follow one another by less than `apart_m` make one echo, at the mean of their ranges by light: that is
+    how points between two things come to be.
+
+    Args:
+        light: Of the beams 0 to `count` - 1, in any order.
+        count: N.
+        reach_m: Range at which a share of 1 is just found.
+        nearest_m: What is nearer is not found.
+        apart_m: Range between two echoes at least.
+        second_strongest: Report the second strongest echo as the strongest where the strongest is the last one, too, as
+            a Velodyne does that sends both.
+    """
+    echoes = Echoes(np.full((count, 2), NO_ECHO), np.zeros((count, 2)), np.full((count, 2), STATIC, np.int64))
+    found = _echoes_in_order(light.select(light.range_m >= nearest_m), apart_m)
+    found = found.select(found.share * reach_m**2 >= found.range_m**2)
+    if not len(found.beam):
+        return echoes
+    by_power = np.lexsort((found.share / found.range_m**2, found.beam))
+    last = np.flatnonzero(np.append(found.beam[1:] != found.beam[:-1], True))
+    strongest = by_power[last]
+    if second_strongest:
+        several = np.diff(last, prepend=-1) > 1
+        strongest = np.where(several & (strongest == last), by_power[last - 1], strongest)
+    for column, rows in enumerate((strongest, last)):
+        beam = found.beam[rows]
+        echoes.range_m[beam, column] = found.range_m[rows]
+        echoes.share[beam, column] = found.share[rows]
+        echoes.mover[beam, column] = found.mover[rows]
+    return echoes
+
+
+def _echoes_in_order(light: Light, apart_m: float) -> Light:
+    """Light with what is close together as one, by beam and range; the mover is that of the brightest surface."""
+    light = light.select(np.isfinite(light.range_m) & (light.share > 0))
+    light = light.select(np.lexsort((light.range_m, light.beam)))
+    if not len(light.beam):
+        return light
+    begins = np.append(True, (np.diff(light.beam) > 0) | (np.diff(light.range_m) > apart_m))
+    first = np.flatnonzero(begins)
+    share = np.add.reduceat(light.share, first)
+    range_m = np.add.reduceat(light.share * light.range_m, first) / share
+    echo = np.cumsum(begins) - 1
+    brightest = np.flatnonzero(light.share == np.maximum.reduceat(light.share, first)[echo])
+    _, chosen = np.unique(echo[brightest], return_index=True)
+    return Light(light.beam[first], range_m, share, light.mover[brightest[chosen]])

@@ -1,0 +1,120 @@
+"""From light to pixels: exposure, vignette, tone, sRGB, noise."""
+
+from functools import cache, cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from bags.simulator.sensors.timing import random_numbers
+
+__all__ = ["Film", "srgb_from_linear"]
+
+F32 = npt.NDArray[np.float32]
+F64 = npt.NDArray[np.float64]
+I16 = npt.NDArray[np.int16]
+U8 = npt.NDArray[np.uint8]
+
+FRACTION = 64
+"""Parts of one step of a pixel's value that pictures are kept in until the noise is on them."""
+BRIGHTEST = 4.0
+"""Light beyond this is clipped."""
+SHOULDER = 0.55
+"""Above this the tone curve bends: highlights are pressed together instead of cut off."""
+VIGNETTE = 0.10
+"""Share of the light that the corners lose."""
+NOISE_ROOM_PX = 96
+"""The noise field is larger than the picture by this, and begins anywhere in that room for each picture."""
+ROWS_AT_ONCE = 64
+"""Rows that are read out together: they stay within the processor's caches."""
+SHARED_NOISE = 0.8  # red, green and blue noise are partly the same, as after demosaicing; 0.8^2 + 0.6^2 = 1
+
+
+class Film:
+    """The sensor behind a camera's lens.
+
+    Args:
+        name: Of the camera.
+        width: Columns.
+        height: Rows.
+        exposure: Factor on all light.
+        noise: Standard deviation of a pixel's value, of 255.
+        seed: Of the scenario.
+    """
+
+    def __init__(self, name: str, width: int, height: int, *, exposure: float, noise: float, seed: int) -> None:
+        self._name, self._seed, self._noise = name, seed, noise
+        self._height, self._width = height, width
+        x = (np.arange(width) - (width - 1) / 2) / max(np.hypot(width, height) / 2, 1)
+        y = (np.arange(height) - (height - 1) / 2) / max(np.hypot(width, height) / 2, 1)
+        loss = 1 - VIGNETTE * (x**2 + y[:, None] ** 2)
+        self._scale = np.asarray(exposure * loss * (65535 / BRIGHTEST), np.float32)[..., None]
+
+    @cached_property
+    def _field(self) -> I16:
+        """Noise of which each picture has a part."""
+        shape = (self._height + NOISE_ROOM_PX, self._width + NOISE_ROOM_PX, 3)
+        random = random_numbers(self._seed, self._name, "noise field", 0)
+        field = 0.6 * random.standard_normal(shape, np.float32)
+        shared = SHARED_NOISE * random.standard_normal(shape[:2], np.float32)
+        for color in range(3):
+            field[..., color] += shared
+        field *= np.float32(self._noise * FRACTION)
+        return np.clip(np.round(field, out=field), -32767, 32767, out=field).astype(np.int16)
+
+    def developed(self, linear: F32) -> I16:
+        """A picture (H, W, 3) of light as pixel values times `FRACTION`."""
+        return _encoded(linear * self._scale)
+
+    def developed_pixels(self, linear: F32, pixels: npt.NDArray[np.int64]) -> I16:
+        """Some pixels (K, 3) of it, numbered row by row."""
+        scale = self._scale.reshape(-1).take(pixels)
+        scaled = np.empty_like(linear)
+        for color in range(3):
+            np.multiply(linear[:, color], scale, out=scaled[:, color])
+        return _encoded(scaled)
+
+    def read_out(self, developed: I16, number: int) -> U8:
+        """The pixels (H, W, 3) of picture `number`, with its noise."""
+        height, width, _ = developed.shape
+        field: I16 | None = None
+        added = True
+        if self._noise:
+            random = random_numbers(self._seed, self._name, "noise", number)
+            top, left = random.integers(0, NOISE_ROOM_PX, 2)
+            field = self._field[top : top + height, left : left + width]
+            added = random.random() < 0.5
+        picture = np.empty(developed.shape, np.uint8)
+        for first in range(0, height, ROWS_AT_ONCE):
+            rows = slice(first, first + ROWS_AT_ONCE)
+            values = developed[rows] + np.int16(FRACTION // 2)
+            if field is not None and added:
+                values += field[rows]
+            elif field is not None:
+                values -= field[rows]
+            values >>= 6  # FRACTION
+            picture[rows] = np.clip(values, 0, 255, out=values)
+        return picture
+
+
+def _encoded(scaled: F32) -> I16:
+    return np.take(_values(), np.clip(scaled, 0, 65535, out=scaled).astype(np.uint16))
+
+
+@cache
+def _values() -> I16:
+    """Pixel values times `FRACTION` of light from 0 to `BRIGHTEST`, in 65536 steps."""
+    linear: F64 = np.linspace(0.0, BRIGHTEST, 65536)
+    return np.round(255 * FRACTION * srgb_from_linear(_toned(linear))).astype(np.int16)
+
+
+def srgb_from_linear(linear: F64) -> F64:
+    """Values as displayed, 0 to 1, of light 0 to 1 (IEC 61966-2-1)."""
+    light = np.clip(linear, 0.0, 1.0)
+    return np.where(light <= 0.0031308, 12.92 * light, 1.055 * np.maximum(light, 1e-9) ** (1 / 2.4) - 0.055)
+
+
+def _toned(linear: F64) -> F64:
+    """The tone curve: straight up to `SHOULDER`, then towards 1 without ever bending sharply."""
+    room = 1 - SHOULDER
+    over = np.maximum(linear - SHOULDER, 0.0)
+    return np.where(linear <= SHOULDER, linear, SHOULDER + room * (1 - np.exp(-over / room)))

@@ -1,0 +1,227 @@
+"""Where the pixels of a camera look, and where things land in its picture."""
+
+from functools import cached_property
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from bags.simulator.scenario import CameraScenario
+from pipeline.core.camera import NEAR_M, CameraModel
+
+__all__ = ["Lens", "camera_model"]
+
+F32 = npt.NDArray[np.float32]
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+Bools = npt.NDArray[np.bool_]
+
+ROUND_TRIP_PX = 0.005
+"""A pixel whose ray does not come back to it within this lies outside of what the lens covers."""
+NEWTON_STEPS = 3
+SMALL_PX = 1000
+"""It does not pay to leave out pixels of windows that have no more."""
+FAR_PX = 10_000
+"""OpenCV fills shapes that lie within this."""
+DIFFERENCE = 1e-6
+
+
+def camera_model(scenario: CameraScenario) -> CameraModel:
+    """The true intrinsics of a camera."""
+    fx, fy = scenario.focal_px
+    # Pixels are counted from their centres here (as in CameraInfo), so the middle is at (n - 1) / 2.
+    cx, cy = scenario.center_px or ((scenario.width_px - 1) / 2, (scenario.height_px - 1) / 2)
+    return CameraModel(
+        scenario.frame_id,
+        scenario.width_px,
+        scenario.height_px,
+        np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]),
+        scenario.distortion_model,
+        np.array(scenario.coefficients, np.float64),
+    )
+
+
+class Lens:
+    """The inverse of `CameraModel.project` for every pixel, worked out once.
+
+    Pixels are numbered row by row: pixel p is in row p // width and column p % width.
+    """
+
+    def __init__(self, model: CameraModel) -> None:
+        self.model = model
+        self.width, self.height = model.width_px, model.height_px
+        self._bent = _is_bent(model)
+
+    @cached_property
+    def _inverse(self) -> tuple[F64, Bools]:
+        rows, columns = np.divmod(np.arange(self.width * self.height), self.width)
+        return undistorted(self.model, np.stack([columns + 0.5, rows + 0.5], -1))
+
+    @property
+    def plane(self) -> F64:
+        """(P, 2) where the pixels' centres look: x and y in the optical frame's plane z = 1."""
+        return self._inverse[0]
+
+    @property
+    def covered(self) -> Bools:
+        """(P,) whether the lens covers each pixel."""
+        return self._inverse[1]
+
+    @cached_property
+    def directions(self) -> F32:
+        """(P, 3) unit vectors through the pixels' centres, in the optical frame."""
+        return _through(self.plane)
+
+    def directions_beside(self, pixels: I64, offset_px: tuple[float, float]) -> F32:
+        """(K, 3) unit vectors through points beside the centres of pixels (K,).
+
+        A lens is smooth: within a pixel the plane of z = 1 changes linearly, to some thousandths of a pixel.
+        """
+        if not self._bent:
+            return _through(self.plane.take(pixels, 0) + np.array(offset_px) / self.model.K[[0, 1], [0, 1]])
+        across, down = self._slopes
+        return _through(
+            self.plane.take(pixels, 0) + offset_px[0] * across.take(pixels, 0) + offset_px[1] * down.take(pixels, 0)
+        )
+
+    @cached_property
+    def _seen_radius(self) -> float:
+        """All that any pixel sees is nearer to the axis than this, on the plane z = 1."""
+        return 1.02 * float(np.hypot(self.plane[:, 0], self.plane[:, 1]).max(initial=0.0)) + 0.01
+
+    def may_see(self, center: F64, radius: float) -> bool:
+        """Whether any pixel may show something in a sphere of the optical frame; often true where none does."""
+        x, y, z = center.tolist()
+        half = np.arctan(self._seen_radius)  # of the cone that all pixels look into
+        return bool(np.hypot(x, y) * np.cos(half) - z * np.sin(half) <= radius)
+
+    @cached_property
+    def _slopes(self) -> tuple[F32, F32]:
+        """Change of the plane's x, y (P, 2) by one pixel to the right and by one down."""
+        plane = self.plane.reshape(self.height, self.width, 2)
+        both = []
+        for axis, focal, part in ((1, self.model.K[0, 0], 0), (0, self.model.K[1, 1], 1)):
+            slope = np.zeros_like(plane) if plane.shape[axis] < 2 else np.gradient(plane, axis=axis)
+            usual = np.zeros(2)
+            usual[part] = 1 / focal
+            # Next to what the lens does not cover there is no difference to take.
+            doubtful = ~np.isfinite(slope).all(-1, keepdims=True) | (np.abs(slope - usual).max(-1) > 1)[..., None]
+            both.append(np.where(doubtful | (plane.shape[axis] < 2), usual, slope).reshape(-1, 2).astype(np.float32))
+        return both[0], both[1]
+
+    def hull(self, points: F64, window: tuple[int, int, int, int]) -> I64:
+        """Pixels (K,) of a window that may show the convex hull of points (N, 3) of the optical frame, rising."""
+        left, top, right, bottom = window
+        width = right - left
+        whole = self._bent or width * (bottom - top) < SMALL_PX or (points[:, 2] < NEAR_M).any()
+        pixels = None if whole else self.model.project(points)[0] - 0.5
+        if pixels is None or np.abs(pixels).max() > FAR_PX:
+            return (np.arange(top, bottom)[:, None] * self.width + np.arange(left, right)).reshape(-1)
+        inside = np.zeros((bottom - top, width), np.uint8)
+        corners = np.rint((pixels - (left, top)) * 16).astype(np.int32)
+        cv2.fillConvexPoly(inside, cv2.convexHull(corners), 1, shift=4)
+        rows = np.flatnonzero(cv2.dilate(inside, np.ones((3, 3), np.uint8)))
+        return rows + rows // width * (self.width - width) + (top * self.width + left)
+
+    def window(self, points: F64) -> tuple[int, int, int, int]:
+        """Columns and rows that the convex hull of points (K, 3) of the optical frame can be seen in.
+
+        Returns:
+            Left, top, right, bottom as for slices; with right <= left or bottom <= top nothing is in the picture.
+        """
+        ahead = points[:, 2] >= NEAR_M
+        if not ahead.any():
+            return 0, 0, 0, 0
+        bent = self._bent
+        samples = points if ahead.all() and not bent else _hull_samples(points)
+        pixels = self.model.project(samples)[0]
+        if bent:
+            # Where no pixel looks, the lens model need not hold: only the side on which that lies counts.
+            plane = samples[:, :2] / samples[:, 2:]
+            radius = np.hypot(plane[:, 0], plane[:, 1])
+            aside = radius > self._seen_radius
+            outwards = 4 * max(self.width, self.height) * plane[aside] / radius[aside, None]
+            unbent = 1.5 * self.model.K[[0, 1], [0, 1]] * plane[aside]
+            pixels = np.concatenate([pixels[~aside], self.model.K[:2, 2] + outwards, self.model.K[:2, 2] + unbent])
+        low, high = np.floor(pixels.min(0)) - 2, np.ceil(pixels.max(0)) + 2
+        left, top = np.clip(low, 0, [self.width, self.height]).astype(int)
+        right, bottom = np.clip(high, 0, [self.width, self.height]).astype(int)
+        return int(left), int(top), int(right), int(bottom)
+
+
+def undistorted(model: CameraModel, pixels: F64) -> tuple[F64, Bools]:
+    """Where pixels (N, 2), counted as `CameraModel.project` counts them, look.
+
+    Returns:
+        (N, 2) x and y in the optical frame's plane z = 1, and whether the lens covers each pixel; elsewhere 0.
+    """
+    focal, center = model.K[[0, 1], [0, 1]], model.K[:2, 2] + 0.5
+    if not _is_bent(model):
+        return (pixels - center) / focal, np.ones(len(pixels), np.bool_)
+    plane = _approximate(model, pixels)
+    for _ in range(NEWTON_STEPS):
+        plane = _newton_step(model, plane, pixels)
+    plane = np.where(np.isfinite(plane), plane, 0.0)
+    seen, valid = model.project(np.concatenate([plane, np.ones((len(plane), 1))], 1))
+    covered = valid & (np.abs(seen - pixels) < ROUND_TRIP_PX).all(1)
+    return np.where(covered[:, None], plane, 0.0), covered
+
+
+def _is_bent(model: CameraModel) -> bool:
+    """Whether it takes more than a focal length and a centre to say where a pixel looks."""
+    return bool(model.distortion.any()) or model.model == "equidistant" or model.K[0, 1] != 0
+
+
+def _approximate(model: CameraModel, pixels: F64) -> F64:
+    """OpenCV's inverse, near enough for Newton's method."""
+    points, limit = (pixels - 0.5)[:, None], (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 40, 1e-9)
+    if model.model == "equidistant":
+        coefficients = np.concatenate([model.distortion, np.zeros(4)])[:4]
+        return np.asarray(cv2.fisheye.undistortPoints(points, model.K, coefficients, criteria=limit)[:, 0])
+    count = 5 if model.model == "plumb_bob" else 8
+    coefficients = np.concatenate([model.distortion, np.zeros(8)])[:count]
+    return np.asarray(cv2.undistortPoints(points, model.K, coefficients, criteria=limit)[:, 0])
+
+
+def _newton_step(model: CameraModel, plane: F64, pixels: F64) -> F64:
+    """One step of Newton's method on `CameraModel.project`; points that it would throw far away stay."""
+    one = np.ones((len(plane), 1))
+    here = model.project(np.concatenate([plane, one], 1))[0]
+    step = DIFFERENCE * np.maximum(1.0, np.abs(plane).max(1))
+    right = model.project(np.concatenate([plane + step[:, None] * (1, 0), one], 1))[0]
+    below = model.project(np.concatenate([plane + step[:, None] * (0, 1), one], 1))[0]
+    by_x, by_y, miss = (right - here) / step[:, None], (below - here) / step[:, None], pixels - here
+    determinant = by_x[:, 0] * by_y[:, 1] - by_x[:, 1] * by_y[:, 0]
+    usable = np.abs(determinant) > 1e-9
+    determinant = np.where(usable, determinant, 1.0)
+    change = np.stack(
+        [
+            (miss[:, 0] * by_y[:, 1] - miss[:, 1] * by_y[:, 0]) / determinant,
+            (miss[:, 1] * by_x[:, 0] - miss[:, 0] * by_x[:, 1]) / determinant,
+        ],
+        1,
+    )
+    near = usable & (np.abs(change).max(1) < 0.5 * (1 + np.abs(plane).max(1)))
+    return np.where(near[:, None], plane + change, plane)
+
+
+def _through(plane: F64) -> F32:
+    """Unit vectors (N, 3) through points (N, 2) of the plane z = 1."""
+    x, y = plane[:, 0], plane[:, 1]
+    share = 1 / np.sqrt(x * x + y * y + 1)
+    directions = np.empty((len(plane), 3), np.float32)
+    directions[:, 0], directions[:, 1], directions[:, 2] = x * share, y * share, share
+    return directions
+
+
+def _hull_samples(points: F64) -> F64:
+    """Points on the lines between all pairs of points (K, 3), cut at the camera's plane."""
+    first, second = np.triu_indices(len(points), 1)
+    start, end = points[first], points[second]
+    shown = np.maximum(start[:, 2], end[:, 2]) >= NEAR_M
+    start, end = start[shown], end[shown]
+    rise = np.where(start[:, 2:] == end[:, 2:], 1.0, end[:, 2:] - start[:, 2:])
+    cut = start + np.clip((NEAR_M - start[:, 2:]) / rise, 0.0, 1.0) * (end - start)
+    start, end = np.where(start[:, 2:] < NEAR_M, cut, start), np.where(end[:, 2:] < NEAR_M, cut, end)
+    share = np.linspace(0.0, 1.0, 5)[:, None, None]
+    return np.asarray((start * (1 - share) + end * share).reshape(-1, 3))

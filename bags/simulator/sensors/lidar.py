@@ -1,0 +1,311 @@
+"""A turning lidar in a scene: sweeps as its driver would give them.
+
+Every beam is cast at its own time, from where the sensor is then. Where a beam may meet an edge or glass, its rim is
+cast, too, and what lies behind the glass. Points are in the sensor's frame at the time of their own firing, as drivers
+have them: a moving carrier is not made up for.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from bags.simulator.scenario import LidarScenario
+from bags.simulator.sensors.beams import SweepBeams, pattern_of
+from bags.simulator.sensors.echoes import NO_ECHO, Echoes, Light, Optics, distinct_echoes, intensity
+from bags.simulator.sensors.edges import Side, edge_beams
+from bags.simulator.sensors.timing import random_numbers
+from bags.simulator.sensors.velodyne_packets import EncodedPackets
+from bags.simulator.world.motion import FixedPath, Path, turned
+from bags.simulator.world.placed import dotted
+from bags.simulator.world.scene import Hits, Rays, Scene, Span
+
+__all__ = ["Lidar", "Sweep"]
+
+F32 = npt.NDArray[np.float32]
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+
+# Columns of `Echoes`, and return types as in `PointCloud.return_type`
+STRONGEST, LAST = 0, 1
+RETURN_STRONGEST, RETURN_LAST, RETURN_BOTH = 1, 2, 3
+MOST_STEPS = 0xFFFF
+
+SPECKLE = 0.06
+"""Of the light that comes back about this share is lost, now more and now less: what is diffuse stays within 100."""
+
+RIM_WEIGHT = 1 / 6
+"""Share of a beam's light that each of four rays at its rim stands for; the one in the middle has the rest."""
+
+PANES = 4
+"""Surfaces of glass that a beam passes at most."""
+
+FAINT = 0.05
+"""Share of a beam's light below which it is not followed behind glass."""
+
+BEHIND_M = 1e-4
+"""A beam goes on this far behind a surface of glass."""
+
+SKY_M = 1e5
+"""Stands for the range of a beam that meets nothing."""
+
+SIGN_OF_SIDE = (-1, 1, -1, 1)
+"""Whether each side of a beam, by `Side`, lies to its right or above: it turns clockwise."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sweep:
+    """One turn of a lidar.
+
+    Attributes:
+        number: Counted from 0.
+        begin_ns: True time of its first firing since the scenario began.
+        end_ns: True time at which it is complete.
+        xyz: (N, 3) metres in the sensor's frame at the time of each point.
+        intensity: (N,) whole numbers from 0 to 255, on Velodyne's scale.
+        ring: (N,) from the lowest elevation up.
+        time_offset_ns: (N,) int64 after `begin_ns`.
+        return_type: (N,) 1 the strongest echo, 2 the last, 3 both; None where one echo per beam is reported.
+        hits_per_mover: (M,) int64 points on each of the scene's movers.
+        packets: The same as the sensor sends it, by a clock that began with the scenario; None where no packets are
+            asked for.
+    """
+
+    number: int
+    begin_ns: int
+    end_ns: int
+    xyz: F32
+    intensity: F32
+    ring: npt.NDArray[np.uint16]
+    time_offset_ns: I64
+    return_type: npt.NDArray[np.uint8] | None
+    hits_per_mover: I64
+    packets: EncodedPackets | None
+
+    def __len__(self) -> int:
+        return len(self.xyz)
+
+    @property
+    def time_offset_s(self) -> F32:
+        """(N,) seconds after `begin_ns`."""
+        return (self.time_offset_ns * 1e-9).astype(np.float32)
+
+
+class Lidar:
+    """One lidar of a scenario.
+
+    Args:
+        name: Of the lidar; its random numbers hang on it.
+        scenario: Its settings. Clock offset, jitter, drops and death are not looked at here.
+        path: Of its body (x ahead, y to the left, z up) in the world.
+        scene: What it sees.
+        seed: Of the scenario.
+    """
+
+    def __init__(self, name: str, scenario: LidarScenario, path: Path, scene: Scene, seed: int) -> None:
+        self._name = name
+        self._scenario = scenario
+        self._path = path
+        self._scene = scene
+        self._seed = seed
+        self._pattern = pattern_of(scenario)
+        self._optics = Optics(scene.palette)
+        self._by_elevation = np.argsort(self._pattern.elevation_rad, kind="stable")
+        self._rings = np.empty(len(self._by_elevation), np.uint16)
+        self._rings[self._by_elevation] = np.arange(len(self._by_elevation), dtype=np.uint16)
+        self._dual = scenario.return_mode == "dual"
+
+    def begin_ns(self, number: int) -> int:
+        """True time of the first firing of a sweep."""
+        return self._pattern.begin_ns(number)
+
+    def end_ns(self, number: int) -> int:
+        """True time at which a sweep is complete: the movers' paths must lead up to there before it is asked for."""
+        return self._pattern.begin_ns(number + 1)
+
+    def sweep(self, number: int) -> Sweep:
+        """One turn; the same whatever other sweeps were asked for."""
+        beams = self._pattern.beams(number)
+        range_m, share, mover = self._received(beams, number)
+        steps = np.rint(range_m / self._pattern.range_step_m)
+        steps[steps > MOST_STEPS] = NO_ECHO
+        range_m, brightness = steps * self._pattern.range_step_m, intensity(share)
+        packets = self._packets(number, beams, range_m, brightness) if self._scenario.output != "points" else None
+
+        return_type = None
+        if self._dual:
+            both = steps[:, 0] == steps[:, 1]
+            steps[both, 0] = NO_ECHO
+            return_type = np.stack([np.full(len(steps), RETURN_LAST), np.where(both, RETURN_BOTH, RETURN_STRONGEST)], 1)
+        kept = np.flatnonzero(steps)
+        beam, laser = kept // steps.shape[1], kept // steps.shape[1] % len(self._rings)
+        directions = beams.measured_directions.reshape(-1, 3)
+        xyz, kept_m = directions.take(beam, 0), range_m.reshape(-1).take(kept)
+        for axis in range(3):
+            xyz[:, axis] *= kept_m
+        xyz += beams.origins.take(laser, 0)
+        hit = mover.reshape(-1)[kept]
+        return Sweep(
+            number,
+            self.begin_ns(number),
+            self.end_ns(number),
+            xyz.astype(np.float32),
+            brightness.reshape(-1)[kept].astype(np.float32),
+            self._rings[laser],
+            beams.times_ns.reshape(-1)[beam] - self.begin_ns(number),
+            None if return_type is None else return_type.reshape(-1)[kept].astype(np.uint8),
+            np.bincount(hit[hit >= 0], minlength=len(self._scene.movers)).astype(np.int64),
+            packets,
+        )
+
+    def _received(self, beams: SweepBeams, number: int) -> tuple[F64, F64, I64]:
+        """Range with noise (0 for no echo), share of light, and mover of the reported echoes of all beams.
+
+        Each (N, 1), or (N, 2) of the last echo and the strongest.
+        """
+        count = beams.times_ns.size
+        columns = {"strongest": [STRONGEST], "last": [LAST], "dual": [LAST, STRONGEST]}[self._scenario.return_mode]
+        random = random_numbers(self._seed, self._name, "lidar", number)
+        speckle = np.exp(-SPECKLE * np.abs(random.standard_normal(count, np.float32)))
+        noise_m = self._scenario.range_noise_m * random.standard_normal((count, len(columns)), np.float32)
+        lost = random.random((count, len(columns)), np.float32) < self._scenario.dropout
+
+        echoes = self._echoes(beams, speckle.astype(np.float64))
+        range_m, share, mover = echoes.range_m[:, columns], echoes.share[:, columns], echoes.mover[:, columns]
+        if self._dual:  # what is one echo is measured once
+            one = range_m[:, 0] == range_m[:, 1]
+            noise_m[one, 0], lost[one, 0] = noise_m[one, 1], lost[one, 1]
+        return np.where((range_m > 0) & ~lost, np.maximum(range_m + noise_m, 0.0), NO_ECHO), share, mover
+
+    def _echoes(self, beams: SweepBeams, speckle: F64) -> Echoes:
+        """The echoes of all beams without noise; `speckle` (N,) is what each beam's light is multiplied by."""
+        rays, rotation = self._placed(beams)
+        span = Span.of(rays)
+        hits = self._scene.cast(rays, span)
+        cos_incidence = _cos_incidence(hits, rays)
+        share = speckle * self._optics.share(hits, cos_incidence)
+        found = (hits.distance_m <= self._scenario.max_range_m * np.sqrt(share)) & (share > 0)
+        found &= hits.distance_m >= self._scenario.min_range_m
+        range_m = np.where(found, hits.distance_m, NO_ECHO)
+        echoes = Echoes(np.stack([range_m] * 2, 1), np.stack([share] * 2, 1), np.stack([hits.mover] * 2, 1))
+
+        rim, rim_rays, rim_hits = self._rim(hits, rays, beams, rotation, span)
+        mixed = np.unique(
+            np.concatenate([np.flatnonzero(self._optics.transmission.take(hits.material, mode="wrap")), rim])
+        )
+        if not len(mixed):
+            return echoes
+        beam = np.concatenate([np.arange(len(mixed)), np.searchsorted(mixed, rim)])
+        # What of the rim meets nothing else is part of the middle.
+        weight = np.full(len(beam), RIM_WEIGHT)
+        weight[: len(mixed)] = 1 - RIM_WEIGHT * np.bincount(beam[len(mixed) :], minlength=len(mixed))
+        some = distinct_echoes(
+            self._light(
+                beam,
+                Rays.together([rays.select(mixed), rim_rays]),
+                Hits.together([hits.select(mixed), rim_hits]),
+                weight * speckle[mixed][beam],
+                span,
+            ),
+            len(mixed),
+            reach_m=self._scenario.max_range_m,
+            nearest_m=self._scenario.min_range_m,
+            apart_m=self._scenario.echo_separation_m,
+            second_strongest=self._dual,
+        )
+        echoes.range_m[mixed], echoes.share[mixed], echoes.mover[mixed] = some.range_m, some.share, some.mover
+        return echoes
+
+    def rays(self, beams: SweepBeams) -> Rays:
+        """Beams in the world, (F * L), each firing from where the sensor is in its middle."""
+        return self._placed(beams)[0]
+
+    def _placed(self, beams: SweepBeams) -> tuple[Rays, F64]:
+        """As `rays`, and the sensor's rotation at each firing (F, 3, 3), or its only one (1, 3, 3)."""
+        if isinstance(self._path, FixedPath):
+            pose = self._path.poses(beams.times_ns[:1, 0])
+            turned_beams = cv2.transform(beams.directions.reshape(-1, 1, 3), pose.rotation[0])
+            directions = np.asarray(turned_beams, np.float64).reshape(-1, 3)
+            origins = np.tile(pose.apply(beams.origins), (len(beams.times_ns), 1))
+            return Rays(origins, directions, beams.times_ns.reshape(-1)), pose.rotation
+        poses = self._path.poses((beams.times_ns[:, 0] + beams.times_ns[:, -1]) // 2)
+        origins, directions = np.empty_like(beams.directions), np.empty_like(beams.directions)
+        for axis in range(3):
+            x, y, z = poses.rotation[:, axis].T[:, :, None]
+            for source, target in ((beams.origins, origins), (beams.directions, directions)):
+                target[:, :, axis] = x * source[..., 0] + y * source[..., 1] + z * source[..., 2]
+        origins += poses.translation[:, None]
+        rays = Rays(origins.reshape(-1, 3), directions.reshape(-1, 3), beams.times_ns.reshape(-1))
+        return rays, poses.rotation
+
+    def _rim(self, hits: Hits, rays: Rays, beams: SweepBeams, rotation: F64, span: Span) -> tuple[I64, Rays, Hits]:
+        """Rays at the rims of beams that meet something else than the middle: of which beams (K,), and what they meet.
+
+        Only sides are looked at on which something ends before the next beam.
+        """
+        half_angle_rad = self._scenario.divergence_mrad * 1e-3 / 2
+        if not half_angle_rad:
+            none = np.empty(0, np.int64)
+            return none, rays.select(none), hits.select(none)
+        grid = beams.directions.shape
+        edges = edge_beams(
+            hits.distance_m.reshape(grid[:2]),
+            hits.normal.reshape(grid),
+            rays.origins.reshape(grid),
+            rays.directions.reshape(grid),
+            step_m=self._scenario.echo_separation_m,
+            reach_m=self._scenario.max_range_m * self._optics.most_light**0.5,
+            by_elevation=self._by_elevation,
+        )
+        beam, side = np.nonzero(edges.reshape(-1, 4))
+        x, y, z = beams.directions.reshape(-1, 3).take(beam, 0).T
+        across = np.maximum(np.hypot(x, y), 1e-9)
+        right = np.stack([y / across, -x / across, np.zeros(len(beam))], 1)
+        above = np.stack([-x * z / across, -y * z / across, across], 1)
+        away = np.where((side >= Side.BELOW)[:, None], above, right) * np.array(SIGN_OF_SIDE)[side, None]
+        middle = rays.select(beam)
+        rotation = rotation if len(rotation) == 1 else rotation.take(beam // grid[1], 0)
+        spread = middle.directions + half_angle_rad * turned(rotation, away)
+        rim = Rays(middle.origins, spread / np.sqrt(1 + half_angle_rad**2), middle.times_ns)
+        seen = self._scene.cast(rim, span)
+        steps_m = np.minimum(seen.distance_m, SKY_M) - np.minimum(hits.distance_m.take(beam), SKY_M)
+        others = np.flatnonzero(np.abs(steps_m) > self._scenario.echo_separation_m)
+        return beam[others], rim.select(others), seen.select(others)
+
+    def _light(self, beam: I64, rays: Rays, hits: Hits, weight: F64, span: Span) -> Light:
+        """What rays meet, and what they meet behind it if that is glass.
+
+        Args:
+            beam: (K,) which beam each is part of.
+            rays: K rays.
+            hits: What they meet first.
+            weight: (K,) share of the beam's light.
+            span: Of the sweep.
+        """
+        passed_m = np.zeros(len(rays))
+        layers = []
+        for _ in range(PANES + 1):
+            layers.append((beam, passed_m + hits.distance_m, weight, hits, _cos_incidence(hits, rays)))
+            left = weight * self._optics.transmission[hits.material] ** 2  # it passes again on its way back
+            on = np.flatnonzero(left > FAINT)
+            if not len(on):
+                break
+            onward_m = hits.distance_m[on] + BEHIND_M
+            directions = rays.directions[on]
+            rays = Rays(rays.origins[on] + directions * onward_m[:, None], directions, rays.times_ns[on])
+            hits = self._scene.cast(rays, span)
+            beam, passed_m, weight = beam[on], passed_m[on] + onward_m, left[on]
+        beams, ranges_m, weights, seen, cosines = zip(*layers, strict=True)
+        together = Hits.together(seen)
+        share = np.concatenate(weights) * self._optics.share(together, np.concatenate(cosines))
+        return Light(np.concatenate(beams), np.concatenate(ranges_m), share, together.mover)
+
+    def _packets(self, number: int, beams: SweepBeams, range_m: F64, brightness: F64) -> EncodedPackets | None:
+        shape = (*beams.times_ns.shape, *([2] if self._dual else []))
+        reflectivity = brightness.reshape(shape).astype(np.uint8)
+        return self._pattern.encode(number, range_m.reshape(shape), reflectivity)
+
+
+def _cos_incidence(hits: Hits, rays: Rays) -> F64:
+    return -dotted(hits.normal, rays.directions)

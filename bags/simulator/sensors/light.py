@@ -1,0 +1,167 @@
+"""Daylight on surfaces, in linear light: a sun, a sky with a few clouds, haze, and simple mirrors.
+
+One unit of light is what a white horizontal surface sends back in full daylight, roughly; `Light.exposure` makes it so.
+A matt surface follows Lambert; what mirrors (glass, paint) shows the sky in the mirror direction, by Schlick's
+approximation of Fresnel's law (Schlick 1994), and a glint of the sun.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from bags.simulator.scenario import SunScenario
+from bags.simulator.world.meshes.mesh import Material
+from bags.simulator.world.placed import dotted
+
+__all__ = ["Light", "Shading"]
+
+F32 = npt.NDArray[np.float32]
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+
+SUN_RGB = np.array([1.15, 1.08, 0.95], np.float32)  # irradiance of a surface that faces the sun
+SKY_IRRADIANCE_RGB = np.array([0.30, 0.36, 0.46], np.float32)  # of a surface that faces up
+BOUNCE_RGB = np.array([0.17, 0.16, 0.14], np.float32)  # of one that faces down: light from the ground
+HORIZON_RGB = np.array([0.78, 0.85, 0.92], np.float32)
+ZENITH_RGB = np.array([0.17, 0.36, 0.74], np.float32)
+GROUND_RGB = np.array([0.30, 0.29, 0.26], np.float32)  # where nothing is, below the horizon
+CLOUD_RGB = np.array([0.98, 0.98, 0.98], np.float32)
+HAZE_M = 1100.0
+"""Over this way all but 37 % of the contrast is lost."""
+GLINT_SQUARINGS, GLINT = 7, 8.0
+"""The sun's glint falls off as the 2^7-th power of a cosine."""
+WHITE = 1.08
+"""Light that a matt white (0.9) horizontal surface in the sun exposes a pixel with, before the tone curve."""
+CLOUD_CELLS = 512
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shading:
+    """Light from N surface points to the camera.
+
+    Attributes:
+        rest: (N, 3) float32, whatever the sun does: sky light, light from the ground, mirrored sky, haze.
+        sun: (N, 3) float32, to be added where nothing stands before the sun.
+    """
+
+    rest: F32
+    sun: F32
+
+
+class Light:
+    """The light of one scenario and the materials that it falls on."""
+
+    def __init__(self, sun: SunScenario, palette: Sequence[Material]) -> None:
+        azimuth, elevation = np.deg2rad(sun.azimuth_deg), np.deg2rad(sun.elevation_deg)
+        self.towards: F64 = np.array(
+            [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
+        )
+        self.shadows = sun.shadows
+        self._towards = self.towards.astype(np.float32)
+        self._mirror = np.array([material.mirror for material in palette], np.float32)
+        on_ground = SUN_RGB * max(self._towards[2], 0.15) + SKY_IRRADIANCE_RGB
+        self.exposure = float(WHITE / (0.9 * on_ground.mean()))
+
+    def sky(self, directions: F32, *, clouds: bool = True) -> F32:
+        """Radiance (N, 3) of the sky, and of the ground at the horizon, in directions (N, 3)."""
+        up = directions[:, 2]
+        share = np.sqrt(np.clip(up, 0.0, 1.0))
+        cover = self._cloud_cover(directions) if clouds else None
+        near_sun = np.clip(dotted(directions, self._towards), 0.0, 1.0)
+        glow = _squared(near_sun, 3) * np.float32(0.22) + (near_sun > 0.99995) * np.float32(8)
+        below = 1 - np.exp(np.minimum(up, 0.0) * np.float32(9))
+        rgb = np.empty((len(directions), 3), np.float32)
+        for color in range(3):
+            light = HORIZON_RGB[color] + share * (ZENITH_RGB - HORIZON_RGB)[color]
+            if cover is not None:
+                light += cover * (CLOUD_RGB[color] - light)
+            light += glow * (SUN_RGB[color] * np.float32(0.8))
+            np.add(light, below * (GROUND_RGB[color] - light), out=rgb[:, color])
+        return rgb
+
+    def surface(self, albedo: F32, material: I64, normal: F32, directions: F32, distance: F32) -> Shading:
+        """Light from surface points.
+
+        Args:
+            albedo: (N, 3) linear.
+            material: (N,) rows of the palette.
+            normal: (N, 3) unit vectors towards the camera's side.
+            directions: (N, 3) unit vectors from the camera.
+            distance: (N,) metres from the camera.
+        """
+        up = 0.5 + 0.5 * normal[:, 2]
+        facing_sun = np.maximum(dotted(normal, self._towards), 0.0)
+        rest, sun = np.empty_like(albedo), np.empty_like(albedo)
+        for color in range(3):
+            from_sky = BOUNCE_RGB[color] + up * (SKY_IRRADIANCE_RGB - BOUNCE_RGB)[color]
+            np.multiply(albedo[:, color], from_sky, out=rest[:, color])
+            np.multiply(albedo[:, color], facing_sun * SUN_RGB[color], out=sun[:, color])
+        mirrors = np.flatnonzero(self._mirror.take(material) > 0)
+        if len(mirrors):
+            self._add_mirrored(
+                rest, sun, mirrors, material.take(mirrors), normal.take(mirrors, 0), directions.take(mirrors, 0)
+            )
+        if len(distance) and distance.max() > 0.01 * HAZE_M:
+            clear = self.clearness(distance)
+            haze = 1 - clear
+            for color in range(3):
+                rest[:, color] += haze * (HORIZON_RGB[color] * np.float32(0.85) - rest[:, color])
+                sun[:, color] *= clear
+        return Shading(rest, sun)
+
+    def clearness(self, distance: F32) -> F32:
+        """Share (N,) of a surface's own light that haze lets through; 0 for infinite distance."""
+        return np.asarray(np.exp(distance * np.float32(-1 / HAZE_M)), np.float32)
+
+    def _add_mirrored(self, rest: F32, sun: F32, rows: I64, material: I64, normal: F32, directions: F32) -> None:
+        """Put the mirrored sky and the sun's glint on some of the points, in place."""
+        against = np.clip(-dotted(normal, directions), 0.0, 1.0)
+        base = self._mirror.take(material)
+        fresnel = base + (1 - base) * _squared(1 - against, 2) * (1 - against)
+        mirrored, twice = np.empty_like(directions), 2 * against
+        for axis in range(3):
+            np.add(directions[:, axis], twice * normal[:, axis], out=mirrored[:, axis])
+        glint = _squared(np.clip(dotted(mirrored, self._towards), 0.0, 1.0), GLINT_SQUARINGS)
+        glint *= np.float32(GLINT) * (dotted(normal, self._towards) > 0)
+        sky = self.sky(mirrored, clouds=False)
+        for color in range(3):
+            matt_rest, matt_sun = rest[:, color].take(rows), sun[:, color].take(rows)
+            rest[:, color][rows] = matt_rest + fresnel * (sky[:, color] - matt_rest)
+            sun[:, color][rows] = matt_sun + fresnel * (glint * SUN_RGB[color] - matt_sun)
+
+    def _cloud_cover(self, directions: F32) -> F32:
+        """Share (N,) of the sky that is cloud."""
+        height = np.maximum(directions[:, 2], 0.02) + np.float32(0.12)
+        u, v = directions[:, 0] / height * 90 + 11, directions[:, 1] / height * 90 + 37
+        rows = -(-len(u) // 1024)  # OpenCV's pictures are less than 32768 pixels long
+        grid = np.zeros((2, rows * 1024), np.float32)
+        grid[0, : len(u)], grid[1, : len(u)] = u % CLOUD_CELLS, v % CLOUD_CELLS
+        if not rows:
+            return np.empty(0, np.float32)
+        x, y = grid.reshape(2, rows, 1024)
+        cover = cv2.remap(_cloud_map(), x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP).reshape(-1)[: len(u)]
+        return np.asarray(cover * np.clip(directions[:, 2] * 6, 0.0, 1.0), np.float32)
+
+
+def _squared(values: F32, times: int) -> F32:
+    """Values squared again and again."""
+    for _ in range(times):
+        values = values * values
+    return values
+
+
+@cache
+def _cloud_map() -> F32:
+    """Cover, 0 to 1, of a square of sky that can be laid side by side: noise whose octaves fall off as in nature."""
+    random = np.random.Generator(np.random.PCG64(7))
+    spectrum = np.fft.rfft2(random.standard_normal((CLOUD_CELLS, CLOUD_CELLS)))
+    frequency = np.hypot(np.fft.fftfreq(CLOUD_CELLS)[:, None], np.fft.rfftfreq(CLOUD_CELLS))
+    frequency[0, 0] = np.inf
+    noise = np.fft.irfft2(spectrum / (frequency + 0.006) ** 1.8, (CLOUD_CELLS, CLOUD_CELLS))
+    noise /= noise.std()
+    share = np.clip((noise - 0.35) / 1.4, 0.0, 1.0)
+    return np.asarray(0.9 * share * share * (3 - 2 * share), np.float32)

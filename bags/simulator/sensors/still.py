@@ -1,0 +1,183 @@
+"""What a camera sees of what stands still, kept so that moving things and their shadows can be put on it."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from bags.simulator.sensors.ambient import sky_light
+from bags.simulator.sensors.lens import Lens
+from bags.simulator.sensors.light import Light, Shading
+from bags.simulator.world.motion import Poses
+from bags.simulator.world.scene import Scene
+from bags.simulator.world.surfaces.textures import surface_rgb
+
+__all__ = ["BESIDE_PX", "Still", "Surfaces", "contrasts", "lit_surfaces", "static_surfaces", "take_still", "turned"]
+
+F32 = npt.NDArray[np.float32]
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+Bools = npt.NDArray[np.bool_]
+
+BESIDE_PX = ((-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25))
+"""The four points of a pixel that are looked through where neighbours differ (anti-aliasing)."""
+CONTRAST = 0.06
+"""Difference of the square root of brightness, of white's, from which neighbours differ."""
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
+ROWS_AT_ONCE = 1 << 17
+"""Rays that are worked on together: their arrays stay within the processor's caches, more or less."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Surfaces:
+    """What N rays from one point meet.
+
+    Attributes:
+        origin: (3,) float64 where the rays begin, in the world.
+        directions: (N, 3) float32 unit vectors in the world.
+        distance: (N,) float32 metres; infinite for nothing.
+        normal: (N, 3) float32 unit vectors in the world, on the side that the ray comes from; 0 for nothing.
+        material: (N,) int64 rows of the scene's palette.
+        local: (N, 3) metres, in the frame of the part, or of the world for what stands still.
+    """
+
+    origin: F64
+    directions: F32
+    distance: F32
+    normal: F32
+    material: I64
+    local: F32 | F64
+
+    def take(self, rows: I64) -> "Surfaces":
+        """Some of them."""
+        return Surfaces(
+            self.origin,
+            self.directions.take(rows, 0),
+            self.distance.take(rows),
+            self.normal.take(rows, 0),
+            self.material.take(rows),
+            self.local.take(rows, 0),
+        )
+
+    @property
+    def points(self) -> F32:
+        """(N, 3) metres in the world, so far above the surface that rays from there do not meet it by rounding."""
+        distance = np.where(np.isfinite(self.distance), self.distance, np.float32(0))
+        lift = np.float32(5e-4) + np.float32(2e-5) * distance
+        points = np.empty_like(self.directions)
+        for axis, begin in enumerate(self.origin.astype(np.float32)):
+            along = self.directions[:, axis] * distance
+            along += lift * self.normal[:, axis]
+            np.add(along, begin, out=points[:, axis])
+        return points
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Still:
+    """A view without anything that moves; P pixels, numbered row by row.
+
+    Attributes:
+        pose: Of the optical frame in the world; a single one.
+        directions: (P, 3) float32 unit vectors in the world.
+        distance: (P,) float32 metres; infinite for the sky, 0 where the lens covers nothing.
+        points: (P, 3) float32 the surface, a little above it.
+        shading: Its light (P); what a thing that stands still shades has no sun.
+        linear: (P, 3) float32 all of its light together.
+        nearest: (P,) float32 metres: the least distance of each pixel and its neighbours.
+        lowest_m: Height of the lowest point that is seen.
+    """
+
+    pose: Poses
+    directions: F32
+    distance: F32
+    points: F32
+    shading: Shading
+    linear: F32
+    nearest: F32
+    lowest_m: float
+
+
+def take_still(scene: Scene, light: Light, lens: Lens, pose: Poses) -> Still:
+    """Cast every pixel of a view, and four points of those that differ from their neighbours."""
+    directions = turned(pose, lens.directions)
+    n = len(directions)
+    distance, points = np.empty(n, np.float32), np.empty((n, 3), np.float32)
+    rest, sun = np.empty((n, 3), np.float32), np.empty((n, 3), np.float32)
+    normals = np.empty((n, 3), np.float32)
+    for first in range(0, n, ROWS_AT_ONCE):
+        rows = slice(first, first + ROWS_AT_ONCE)
+        surfaces = static_surfaces(scene, pose, directions[rows])
+        shading = lit_surfaces(scene, light, surfaces)
+        points[rows], distance[rows] = surfaces.points, surfaces.distance
+        rest[rows], sun[rows], normals[rows] = shading.rest, shading.sun, surfaces.normal
+    mixed = np.flatnonzero(contrasts((rest + sun).reshape(lens.height, lens.width, 3)) & _inner(lens))
+    for first in range(0, len(mixed), ROWS_AT_ONCE // 4):
+        pixels = mixed[first : first + ROWS_AT_ONCE // 4]
+        beside = turned(pose, np.concatenate([lens.directions_beside(pixels, offset) for offset in BESIDE_PX]))
+        shading = lit_surfaces(scene, light, static_surfaces(scene, pose, beside))
+        rest[pixels] = shading.rest.reshape(4, -1, 3).mean(0)
+        sun[pixels] = shading.sun.reshape(4, -1, 3).mean(0)
+    picture = (lens.height, lens.width, 3)
+    share = sky_light(scene, points.reshape(picture), normals.reshape(picture)).reshape(-1)
+    # The haze before a surface is not darkened, nor is the sky.
+    left = 1 - (1 - share) * light.clearness(distance)
+    for color in range(3):
+        rest[:, color] *= left
+    bare = ~lens.covered
+    distance[bare], rest[bare], sun[bare] = 0.0, 0.0, 0.0
+    seen = np.isfinite(distance) & lens.covered
+    lowest_m = float(points[:, 2].compress(seen).min(initial=np.inf))
+    lowest_m = min(lowest_m, float(pose.translation[0, 2]))
+    around = cv2.erode(distance.reshape(lens.height, lens.width), np.ones((3, 3), np.uint8))
+    nearest = np.asarray(around, np.float32).reshape(-1)
+    return Still(pose, directions, distance, points, Shading(rest, sun), rest + sun, nearest, lowest_m)
+
+
+def static_surfaces(scene: Scene, pose: Poses, directions: F32) -> Surfaces:
+    """What stands still along rays (N, 3) from the camera."""
+    origin = pose.translation[0]
+    seen = scene.static_seen(origin, directions)
+    return Surfaces(origin, directions, seen.distance, seen.normal, seen.material, seen.local)
+
+
+def lit_surfaces(scene: Scene, light: Light, surfaces: Surfaces) -> Shading:
+    """Light from what rays meet, and from the sky where they meet nothing; shaded by what stands still."""
+    hit = np.isfinite(surfaces.distance)
+    if not hit.all():
+        n = len(hit)
+        rest, sun = np.zeros((n, 3), np.float32), np.zeros((n, 3), np.float32)
+        rows, free = np.flatnonzero(hit), np.flatnonzero(~hit)
+        rest[free] = light.sky(surfaces.directions.take(free, 0))
+        if len(rows):
+            shading = lit_surfaces(scene, light, surfaces.take(rows))
+            rest[rows], sun[rows] = shading.rest, shading.sun
+        return Shading(rest, sun)
+    albedo = surface_rgb(scene.palette, surfaces.material, surfaces.local, surfaces.normal)
+    shading = light.surface(albedo, surfaces.material, surfaces.normal, surfaces.directions, surfaces.distance)
+    if light.shadows:
+        facing = np.flatnonzero(shading.sun[:, 1] > 0)
+        points = surfaces.take(facing).points
+        shading.sun[facing.compress(scene.shaded_by_static(points, light.towards))] = 0.0
+    return shading
+
+
+def turned(pose: Poses, vectors: F32) -> F32:
+    """Vectors (N, 3) of the optical frame in the world."""
+    if not len(vectors):
+        return np.empty((0, 3), np.float32)
+    rotation = pose.rotation[0].astype(np.float32)
+    return np.asarray(cv2.transform(vectors[:, None], rotation).reshape(-1, 3), np.float32)
+
+
+def contrasts(linear: F32) -> Bools:
+    """Which pixels of a picture (H, W, 3) of light differ from a neighbour, row by row (H * W,)."""
+    brightness = np.sqrt(linear @ LUMINANCE)
+    square = np.ones((3, 3), np.uint8)
+    return np.asarray(cv2.dilate(brightness, square) - cv2.erode(brightness, square) > CONTRAST).reshape(-1)
+
+
+def _inner(lens: Lens) -> Bools:
+    """Pixels that the lens covers together with all their neighbours."""
+    covered = lens.covered.reshape(lens.height, lens.width).astype(np.uint8)
+    return cv2.erode(covered, np.ones((3, 3), np.uint8)).reshape(-1) > 0

@@ -1,0 +1,223 @@
+"""What a VLP-16, HDL-32E or VLP-32C sends: where its beams point and when, and packets of the ranges they measured.
+
+The inverse of `readers.velodyne.decoder`, written apart from it. Azimuth and time follow the manuals: the head turns
+evenly, block azimuths are rounded to 0.01 degrees, packet times to microseconds, ranges to the model's step.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from readers.velodyne.models import BLOCK_FLAGS, MODELS, LaserTable, VelodyneModel, built_in_table
+
+__all__ = ["Beams", "EncodedPackets", "VelodyneSensor"]
+
+F64 = npt.NDArray[np.float64]
+
+BLOCKS, SLOTS = 12, 32
+HOUR_US = 3_600_000_000
+RETURN_BYTES = {"strongest": 0x37, "last": 0x38, "dual": 0x39}
+
+_PACKET = np.dtype(
+    {
+        "names": ["blocks", "time_us", "mode", "product"],
+        "formats": [
+            (
+                np.dtype(
+                    [("flag", "<u2"), ("azimuth", "<u2"), ("echoes", [("steps", "<u2"), ("reflectivity", "u1")], SLOTS)]
+                ),
+                BLOCKS,
+            ),
+            "<u4",
+            "u1",
+            "u1",
+        ],
+    }
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Beams:
+    """The beams of consecutive firings, in the sensor's frame (x ahead, y to the left, z up).
+
+    Attributes:
+        directions: (F, L, 3) unit vectors, by firing and laser id.
+        origins: (L, 3) metres, where the beams of each laser meet the axis.
+        times_ns: (F, L) int64.
+    """
+
+    directions: F64
+    origins: F64
+    times_ns: npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EncodedPackets:
+    """Packets as the sensor sends them.
+
+    Attributes:
+        stamps_ns: (P,) int64, time of the first firing.
+        payload: (P, 1206) uint8.
+    """
+
+    stamps_ns: npt.NDArray[np.int64]
+    payload: npt.NDArray[np.uint8]
+
+    def later(self, by_ns: int) -> "EncodedPackets":
+        """The same packets sent at another time, also by the clock inside of them (microseconds of the hour)."""
+        stamps_ns = self.stamps_ns + by_ns
+        payload = self.payload.copy()
+        payload[:, 1200:1204] = _hour_us(stamps_ns).astype("<u4").view(np.uint8).reshape(-1, 4)
+        return EncodedPackets(stamps_ns, payload)
+
+
+@dataclass(frozen=True, slots=True)
+class VelodyneSensor:
+    """One sensor that turns evenly from a moment on; packets are counted from there.
+
+    Attributes:
+        model: A model of `MODELS` with one bank of lasers.
+        start_ns: Time of the first firing of packet 0.
+        turn_hz: Turns per second.
+        start_azimuth_deg: Azimuth at `start_ns`, clockwise from the front.
+        return_mode: Which echoes are sent.
+    """
+
+    model: str
+    start_ns: int
+    turn_hz: float = 10.0
+    start_azimuth_deg: float = 0.0
+    return_mode: Literal["strongest", "last", "dual"] = "strongest"
+
+    def __post_init__(self) -> None:
+        able = [name for name, model in MODELS.items() if model.banks == 1]
+        if self.model not in able:
+            raise ValueError(f"model: expected one of {', '.join(able)}, got {self.model!r}")
+
+    @property
+    def firings_per_packet(self) -> int:
+        """Firings of all lasers that one packet holds."""
+        return BLOCKS // self._returns * (SLOTS // self._facts.lasers)
+
+    @property
+    def packets_per_turn(self) -> float:
+        """Packets in one turn; no whole number as a rule."""
+        return 1e6 / self.turn_hz / self._packet_us
+
+    def beams(self, first_packet: int, packets: int) -> Beams:
+        """The beams of packets `first_packet` up to `first_packet + packets`, F = packets x firings_per_packet."""
+        firing_us, table = self._firing_us(first_packet, packets), self._table
+        # Azimuths are sums of one of the firing and one of the laser: only these need cosine and sine.
+        firing = self._azimuth_rad(firing_us)[:, None]
+        laser = 2 * np.pi * self.turn_hz * 1e-6 * self._laser_us - table.azimuth_offset_rad
+        across = np.cos(table.elevation_rad)
+        cos, sin = across * np.cos(laser), across * np.sin(laser)
+        directions = np.empty((len(firing), len(table), 3))
+        directions[:, :, 0] = np.cos(firing) * cos - np.sin(firing) * sin
+        directions[:, :, 1] = -np.sin(firing) * cos - np.cos(firing) * sin
+        directions[:, :, 2] = np.sin(table.elevation_rad)
+        origins = np.stack([np.zeros(len(table)), np.zeros(len(table)), table.vertical_offset_m], axis=-1)
+        times_us = firing_us[:, None] + self._laser_us
+        return Beams(directions, origins, self.start_ns + np.rint(times_us * 1000).astype(np.int64))
+
+    def packet_ns(self, packet: int) -> int:
+        """Time of the first firing of a packet."""
+        return self.start_ns + round(packet * self._packet_us * 1000)
+
+    def azimuth_error_rad(self, first_packet: int, packets: int) -> F64:
+        """(F,) by how much the azimuths that packets tell of their firings are larger than the true ones.
+
+        A block tells 0.01 degrees; a decoder reckons on from there, so its later firing is wrong by as much.
+        """
+        begun_us = self._block_us(first_packet, packets).reshape(-1)
+        true_deg = np.rad2deg(self._azimuth_rad(begun_us))
+        return np.repeat(np.deg2rad(np.rint(true_deg * 100) / 100 - true_deg), SLOTS // self._facts.lasers)
+
+    def encode(self, first_packet: int, ranges_m: F64, reflectivity: npt.NDArray[np.uint8]) -> EncodedPackets:
+        """Packets of the ranges along `beams`.
+
+        Args:
+            first_packet: Number of the first packet.
+            ranges_m: (F, L) metres by firing and laser id; in dual mode (F, L, 2), the last return, then the strongest.
+                What is not finite, not positive or beyond the format's reach is no return.
+            reflectivity: Like `ranges_m`.
+
+        Raises:
+            ValueError: the shapes do not fit, or F fills no whole number of packets.
+        """
+        facts, returns = self._facts, self._returns
+        packets, rest = divmod(len(ranges_m), self.firings_per_packet)
+        shape = (len(ranges_m), facts.lasers, *([2] if returns == 2 else []))
+        if rest or ranges_m.shape != shape or reflectivity.shape != shape:
+            raise ValueError(
+                f"ranges_m, reflectivity: expected {list(shape)} with a multiple of {self.firings_per_packet} firings, "
+                f"got {list(ranges_m.shape)}, {list(reflectivity.shape)}"
+            )
+        with np.errstate(invalid="ignore"):
+            steps = np.rint(ranges_m / facts.range_step_m)
+            steps = np.where((steps > 0) & (steps <= 0xFFFF), steps, 0).astype(np.uint16)
+        columns = BLOCKS // returns
+        times_us = self._block_us(first_packet, packets)
+        azimuth = np.rint(np.rad2deg(self._azimuth_rad(times_us)) * 100).astype(np.int64) % 36000
+
+        table = np.zeros(packets, _PACKET)
+        blocks = table["blocks"].reshape(packets, columns, returns)
+        blocks["flag"] = BLOCK_FLAGS[0]
+        blocks["azimuth"] = azimuth[:, :, None]
+        blocks["echoes"]["steps"] = _by_return(steps, packets, columns, returns)
+        blocks["echoes"]["reflectivity"] = _by_return(np.where(steps, reflectivity, 0), packets, columns, returns)
+        stamps_ns = self.start_ns + np.rint(times_us[:, 0] * 1000).astype(np.int64)
+        table["time_us"] = _hour_us(stamps_ns)
+        table["mode"] = RETURN_BYTES[self.return_mode]
+        table["product"] = facts.product
+        return EncodedPackets(stamps_ns, np.frombuffer(table.tobytes(), np.uint8).reshape(packets, -1))
+
+    @property
+    def _facts(self) -> VelodyneModel:
+        return MODELS[self.model]
+
+    @property
+    def _table(self) -> LaserTable:
+        return built_in_table(self.model)
+
+    @property
+    def _returns(self) -> int:
+        return 2 if self.return_mode == "dual" else 1
+
+    @property
+    def _packet_us(self) -> float:
+        return self._facts.column_us * (BLOCKS // self._returns)
+
+    @property
+    def _laser_us(self) -> F64:
+        """(L,) since the firing began."""
+        return np.array(self._facts.slot_us[0][: self._facts.lasers], np.float64)
+
+    def _firing_us(self, first_packet: int, packets: int) -> F64:
+        """(F,) since `start_ns`."""
+        packet_us = (first_packet + np.arange(packets)) * self._packet_us
+        per_block = SLOTS // self._facts.lasers
+        in_block_us = np.array(self._facts.slot_us[0][:: self._facts.lasers][:per_block], np.float64)
+        block_us = np.arange(BLOCKS // self._returns) * self._facts.column_us
+        return np.asarray((packet_us[:, None, None] + block_us[:, None] + in_block_us).reshape(-1))
+
+    def _block_us(self, first_packet: int, packets: int) -> F64:
+        """(packets, columns) times of the first firings of blocks, since `start_ns`."""
+        return self._firing_us(first_packet, packets).reshape(packets, BLOCKS // self._returns, -1)[:, :, 0]
+
+    def _azimuth_rad(self, times_us: F64) -> F64:
+        return np.asarray(np.deg2rad(self.start_azimuth_deg) + 2 * np.pi * self.turn_hz * 1e-6 * times_us)
+
+
+def _hour_us(stamps_ns: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    """Microseconds since the hour began, rounded."""
+    return (stamps_ns + 500) // 1000 % HOUR_US
+
+
+def _by_return(
+    values: npt.NDArray[np.uint16] | npt.NDArray[np.uint8], packets: int, columns: int, returns: int
+) -> npt.NDArray[np.uint16] | npt.NDArray[np.uint8]:
+    """(F, L) or (F, L, 2) as the blocks hold them: (packets, columns, returns, 32)."""
+    return np.moveaxis(values.reshape(packets, columns, SLOTS, returns), 3, 2)

@@ -1,0 +1,69 @@
+"""How the driver of each shape drives, and what its chassis can do."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+from bags.simulator.vehicles.ackermann import Ackermann
+from bags.simulator.world.bodies.dimensions import SHAPES
+
+__all__ = ["HABITS", "Habits", "chassis_of"]
+
+
+@dataclass(frozen=True, slots=True)
+class Habits:
+    """What a driver takes for comfortable; a pedestrian is its own driver.
+
+    Attributes:
+        acceleration_m_s2: From rest.
+        braking_m_s2: When there is time to brake.
+        hard_braking_m_s2: When there is not.
+        sideways_m_s2: In curves.
+        headway_s: Time between the own front and the rear of whom it follows.
+        gap_m: Room in front of it when it stands.
+        clearance_m: Room beside it that it wants to see free.
+        look_ahead_m: It steers for the place on its way that is so far from the rear axle...
+        look_ahead_s: ...and so much further for each m/s.
+        steering_rate_rad_s: How fast it turns the steering.
+    """
+
+    acceleration_m_s2: float
+    braking_m_s2: float
+    hard_braking_m_s2: float
+    sideways_m_s2: float
+    headway_s: float
+    gap_m: float
+    clearance_m: float
+    look_ahead_m: float
+    look_ahead_s: float
+    steering_rate_rad_s: float
+
+
+HABITS: Mapping[str, Habits] = MappingProxyType(
+    {
+        "model_car": Habits(0.5, 0.5, 1.5, 0.5, 0.5, 0.08, 0.02, 0.16, 0.1, 4.0),
+        "car": Habits(1.8, 2.2, 8.0, 2.0, 1.2, 1.5, 0.25, 2.6, 0.35, 0.9),
+        "van": Habits(1.5, 2.0, 7.0, 1.8, 1.3, 1.7, 0.25, 3.2, 0.35, 0.8),
+        "truck": Habits(1.1, 1.8, 6.0, 1.4, 1.5, 2.0, 0.3, 4.2, 0.35, 0.7),
+        "bus": Habits(1.1, 1.5, 6.0, 1.3, 1.5, 2.0, 0.3, 5.0, 0.35, 0.7),
+        "cyclist": Habits(1.0, 1.8, 5.0, 1.8, 1.0, 0.8, 0.15, 1.0, 0.35, 2.0),
+        "pedestrian": Habits(1.0, 1.5, 3.0, 5.0, 0.5, 0.3, 0.0, 0.0, 0.0, 0.0),
+    }
+)
+"""By shape."""
+
+
+def chassis_of(shape: str) -> Ackermann | None:
+    """How a shape moves on its wheels; None for one that walks."""
+    facts, habits = SHAPES[shape], HABITS[shape]
+    if not facts.wheel_base_m:
+        return None
+    return Ackermann(
+        wheel_base_m=facts.wheel_base_m,
+        track_m=facts.track_width_m,
+        wheel_radius_m=facts.wheel_radius_m,
+        max_steering_rad=facts.largest_steering_rad,
+        steering_rate_rad_s=habits.steering_rate_rad_s,
+        acceleration_m_s2=2 * habits.acceleration_m_s2,
+        braking_m_s2=habits.hard_braking_m_s2,
+    )

@@ -1,0 +1,193 @@
+"""Ways over the ground: straight pieces joined by arcs, measured along their length."""
+
+import math
+from bisect import bisect_right
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from bags.simulator.scenario import RouteScenario
+from pipeline.core.errors import ConfigError
+
+__all__ = ["Route", "RoutePoint", "pure_pursuit"]
+
+F64 = npt.NDArray[np.float64]
+
+SHORTEST_M = 1e-9
+"""Pieces shorter than this are rounding errors of others."""
+
+
+@dataclass(frozen=True, slots=True)
+class RoutePoint:
+    """One place on a route.
+
+    Attributes:
+        x_m: In the world.
+        y_m: In the world.
+        yaw_rad: Direction of the way, not wrapped: it never jumps along the route.
+        curvature: In 1/m; positive to the left.
+    """
+
+    x_m: float
+    y_m: float
+    yaw_rad: float
+    curvature: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Piece:
+    """A straight or an arc: where on the route it begins, its first point, how long it is."""
+
+    start_m: float
+    first: RoutePoint
+    length_m: float
+
+    def point(self, along_m: float) -> RoutePoint:
+        turn = along_m * self.first.curvature
+        chord = along_m * (math.sin(turn / 2) / (turn / 2) if turn else 1.0)
+        towards = self.first.yaw_rad + turn / 2
+        x, y = self.first.x_m + chord * math.cos(towards), self.first.y_m + chord * math.sin(towards)
+        return RoutePoint(x, y, self.first.yaw_rad + turn, self.first.curvature)
+
+
+class Route:
+    """A curve by its length: from 0 to `length_m`, where a closed one begins again.
+
+    Places before the start and after the end of an open route lie straight on.
+    """
+
+    def __init__(self, pieces: Sequence[_Piece], *, closed: bool) -> None:
+        self._pieces = tuple(pieces)
+        self._starts = [piece.start_m for piece in pieces]
+        self.closed = closed
+        self.length_m = pieces[-1].start_m + pieces[-1].length_m
+        self._turned = pieces[-1].point(pieces[-1].length_m).yaw_rad - pieces[0].first.yaw_rad if closed else 0.0
+        columns = (
+            (p.start_m, p.length_m, p.first.x_m, p.first.y_m, p.first.yaw_rad, p.first.curvature) for p in pieces
+        )
+        self._table = np.array(list(columns), np.float64)
+
+    @classmethod
+    def from_scenario(cls, scenario: RouteScenario) -> "Route":
+        """The way along the corners of a scenario's route, each rounded off with an arc.
+
+        A corner with too little room for its radius gets the largest that fits between the middles of its sides.
+
+        Raises:
+            ConfigError: there are too few corners, or the way turns back on itself.
+        """
+        corners = [np.array(point[:2]) for point in scenario.points_m]
+        radii = [point[2] if len(point) == 3 else scenario.corner_radius_m for point in scenario.points_m]
+        fewest = 3 if scenario.closed else 2
+        if len(corners) < fewest:
+            raise ConfigError(f"points_m: expected {fewest} corners at least, got {len(corners)}")
+        return cls(_pieces(corners, radii, closed=scenario.closed), closed=scenario.closed)
+
+    def point(self, along_m: float) -> RoutePoint:
+        """The place at a length; on a closed route any length is one, and each round adds its turn to the yaw."""
+        rounds, within = divmod(along_m, self.length_m) if self.closed else (0.0, along_m)
+        row = max(bisect_right(self._starts, within) - 1, 0)
+        piece = self._pieces[row]
+        outside = not self.closed and not 0 <= within <= self.length_m
+        if outside:
+            end = self._pieces[0].first if within < 0 else piece.point(piece.length_m)
+            beyond = within if within < 0 else within - self.length_m
+            x, y = end.x_m + beyond * math.cos(end.yaw_rad), end.y_m + beyond * math.sin(end.yaw_rad)
+            return RoutePoint(x, y, end.yaw_rad, 0.0)
+        place = piece.point(within - piece.start_m)
+        return RoutePoint(place.x_m, place.y_m, place.yaw_rad + rounds * self._turned, place.curvature)
+
+    def points(self, along_m: npt.ArrayLike) -> F64:
+        """(N, 4) columns as the fields of `RoutePoint`, at lengths (N,); as `point`."""
+        along = np.asarray(along_m, np.float64)
+        rounds, within = np.divmod(along, self.length_m) if self.closed else (np.zeros_like(along), along)
+        row = np.clip(np.searchsorted(self._table[:, 0], within, side="right") - 1, 0, None)
+        start, length, x, y, yaw, curvature = self._table[row].T
+        on = np.clip(within - start, 0.0, length)
+        turn = on * curvature
+        chord, towards = on * np.sinc(turn / (2 * np.pi)), yaw + turn / 2
+        beyond = within - start - on  # straight on, before the start and after the end
+        end_yaw = yaw + turn
+        x = x + chord * np.cos(towards) + beyond * np.cos(end_yaw)
+        y = y + chord * np.sin(towards) + beyond * np.sin(end_yaw)
+        return np.stack(
+            [x, y, end_yaw + rounds * self._turned, np.where(np.abs(beyond) > SHORTEST_M, 0.0, curvature)], -1
+        )
+
+    def nearest(self, xy: npt.ArrayLike) -> F64:
+        """Lengths (N,) of the places on the route that are nearest to points (N, 2); the first of equally near ones."""
+        points = np.asarray(xy, np.float64)[:, None]
+        start, length, x, y, yaw, curvature = self._table.T
+        ahead, aside = np.cos(yaw), np.sin(yaw)
+        offset_x, offset_y = points[..., 0] - x, points[..., 1] - y
+        forward, left = offset_x * ahead + offset_y * aside, offset_y * ahead - offset_x * aside
+        bend = np.where(curvature == 0.0, 1.0, curvature)
+        # Angle about the arc's centre, from its first point on in the way's direction.
+        angle = np.mod(np.arctan2(forward, 1 / np.abs(bend) - left * np.sign(bend)), 2 * np.pi)
+        whole = np.abs(bend) * length
+        beyond = np.where(angle > (whole + 2 * np.pi) / 2, 0.0, np.minimum(angle, whole))
+        along = np.where(curvature == 0.0, np.clip(forward, 0.0, length), beyond / np.abs(bend))
+        places = self.points((start + np.minimum(along, length * (1 - 1e-12))).ravel())[:, :2].reshape(*along.shape, 2)
+        best = ((places - points) ** 2).sum(-1).argmin(1)
+        return np.asarray((start + along)[np.arange(len(points)), best])
+
+    def followed(self, x_m: float, y_m: float, near_m: float) -> float:
+        """The length of the place nearest to a point, near a known one; keeps to its own round and crossing."""
+        along = near_m
+        for _ in range(3):
+            place = self.point(along)
+            cos, sin = math.cos(place.yaw_rad), math.sin(place.yaw_rad)
+            forward = (x_m - place.x_m) * cos + (y_m - place.y_m) * sin
+            left = (y_m - place.y_m) * cos - (x_m - place.x_m) * sin
+            along += forward / max(1 - place.curvature * left, 0.5)
+        return along
+
+
+def pure_pursuit(x_m: float, y_m: float, yaw_rad: float, goal: RoutePoint, wheel_base_m: float) -> float:
+    """The steering angle whose arc leads from the rear axle to a place (Coulter, CMU-RI-TR-92-01, 1992)."""
+    dx, dy = goal.x_m - x_m, goal.y_m - y_m
+    left = dy * math.cos(yaw_rad) - dx * math.sin(yaw_rad)
+    distance2 = dx * dx + dy * dy
+    return math.atan(2 * left * wheel_base_m / distance2) if distance2 else 0.0
+
+
+def _pieces(corners: Sequence[F64], radii: Sequence[float], *, closed: bool) -> list[_Piece]:
+    count = len(corners)
+    sides = [corners[(row + 1) % count] - corners[row] for row in range(count if closed else count - 1)]
+    lengths = [float(np.hypot(*side)) for side in sides]
+    for row, length in enumerate(lengths):
+        if length < SHORTEST_M:
+            raise ConfigError(f"points_m: expected corners apart from each other, got {corners[row].tolist()} twice")
+    yaws = [math.atan2(side[1], side[0]) for side in sides]
+    turns, cuts, arcs = [0.0] * count, [0.0] * count, [0.0] * count
+    for row in range(count) if closed else range(1, count - 1):
+        turn = math.remainder(yaws[row % len(sides)] - yaws[row - 1], 2 * math.pi)
+        if abs(turn) > math.pi - 1e-3:
+            raise ConfigError(f"points_m: expected a way that goes on, it turns back at {corners[row].tolist()}")
+        room = min(lengths[row - 1], lengths[row % len(sides)]) / 2
+        turns[row] = turn
+        cuts[row] = min(radii[row] * math.tan(abs(turn) / 2), room)
+        arcs[row] = cuts[row] / math.tan(abs(turn) / 2) if abs(turn) > 1e-9 else 0.0
+    pieces: list[_Piece] = []
+    along, yaw = 0.0, yaws[0]
+
+    def add(x: float, y: float, length: float, curvature: float) -> None:
+        nonlocal along, yaw
+        if length > SHORTEST_M:
+            pieces.append(_Piece(along, RoutePoint(x, y, yaw, curvature), length))
+            along += length
+        yaw += length * curvature
+
+    for row, (corner, side, length) in enumerate(zip(corners, sides, lengths, strict=False)):
+        after = (row + 1) % count
+        unit = side / length
+        leave, reach = corner + unit * cuts[row], corner + unit * (length - cuts[after])
+        add(float(leave[0]), float(leave[1]), length - cuts[row] - cuts[after], 0.0)
+        if arcs[after] > 0.0:
+            bend = math.copysign(1 / arcs[after], turns[after])
+            add(float(reach[0]), float(reach[1]), abs(turns[after]) * arcs[after], bend)
+        else:
+            yaw += turns[after]
+    return pieces

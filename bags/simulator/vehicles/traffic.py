@@ -1,0 +1,290 @@
+"""All that moves in a scenario, step by step: route followers, cars driven by keys, cars driven from outside."""
+
+import math
+from bisect import bisect_left, bisect_right
+from collections.abc import Collection, Mapping
+from dataclasses import replace
+from types import MappingProxyType
+
+from bags.simulator.scenario import Scenario, VehicleScenario
+from bags.simulator.vehicles.ackermann import Ackermann, AckermannCommand
+from bags.simulator.vehicles.followers import Follower, Seen
+from bags.simulator.vehicles.footprints import Rectangle, footprint, overlap
+from bags.simulator.vehicles.habits import HABITS, chassis_of
+from bags.simulator.vehicles.keys import commands_of_keys
+from bags.simulator.vehicles.obstacles import Obstacles, obstacles_of
+from bags.simulator.vehicles.right_of_way import Stretch, Traveller, shared_stretches
+from bags.simulator.vehicles.routes import Route
+from bags.simulator.vehicles.trajectory import State, Trajectory
+from bags.simulator.world.bodies.dimensions import SHAPES
+from bags.simulator.world.meshes.mesh import Mesh
+from bags.simulator.world.places.places import static_mesh
+from pipeline.core.errors import ConfigError
+
+__all__ = ["STEP_NS", "Traffic"]
+
+STEP_NS = 10_000_000
+"""Length of a step."""
+
+STEPS_PER_DECISION = 5
+"""Drivers look and decide this often."""
+
+STANDING = AckermannCommand()
+
+
+class _Vehicle:
+    """One thing that moves, and what moves it."""
+
+    def __init__(
+        self, name: str, scenario: VehicleScenario, follower: Follower | None, chassis: Ackermann | None, state: State
+    ) -> None:
+        self.name, self.follower, self.chassis, self.state = name, follower, chassis, state
+        self.shape = SHAPES[scenario.shape]
+        self.ground = footprint(self.shape, state)
+        self.trajectory = Trajectory(0, state)
+        self.script = commands_of_keys(scenario.keys, scenario.key_interval_s)[::-1]
+        self.times: list[int] = []
+        self.commands: list[AckermannCommand] = []
+        self.asked = self.done = STANDING
+        self.blocked_steps = 0
+        self.near: list[Rectangle | _Vehicle] = []
+        self.ask(0, AckermannCommand(state.speed_m_s))
+
+    def ask(self, time_ns: int, command: AckermannCommand) -> None:
+        """Put a command in force; its chassis does what the controllers are told."""
+        if self.commands and command == self.asked:
+            return
+        self.asked = command
+        self.done = command if self.chassis is None else self.chassis.command(self.chassis.controllers(command))
+        if self.times and self.times[-1] == time_ns:
+            self.commands[-1] = command
+        else:
+            self.times.append(time_ns)
+            self.commands.append(command)
+
+    def next_state(self, seconds: float) -> State:
+        """Where it wants to be."""
+        if self.chassis is not None:
+            return self.chassis.step(self.state, self.done, seconds)
+        if self.follower is not None:
+            return self.follower.walk(self.state, self.done.speed_m_s, seconds)
+        return self.state
+
+
+class Traffic:
+    """What moves in a scenario, at rising times.
+
+    Nothing drives through anything: a step that would bring a vehicle into another one, or into something that stands
+    still, leaves it where it is, at rest.
+
+    Args:
+        scenario: Who moves, and how.
+        driven: Names of those that are driven from outside, by `command`, whatever the scenario says. They begin at
+            their `start`, if the scenario has one for them, and otherwise at the start on their route.
+        static: What stands still; None: all of the scenario's world.
+
+    Attributes:
+        trajectories: By name.
+        chassis: By name, of those on wheels.
+
+    Raises:
+        ConfigError: a route cannot be followed, two things stand in each other at the start, or a driven one is
+            unknown or on foot.
+    """
+
+    def __init__(self, scenario: Scenario, *, driven: Collection[str] = (), static: Mesh | None = None) -> None:
+        for name in driven:
+            if name not in scenario.vehicles:
+                known = ", ".join(scenario.vehicles) or "none"
+                raise ConfigError(f"expected vehicles to drive among {known}, found {name!r}")
+        self._steps = 0
+        self._vehicles: dict[str, _Vehicle] = {}
+        routes = _routes(scenario)
+        for order, (name, said) in enumerate(scenario.vehicles.items()):
+            self._vehicles[name] = _vehicle(order, name, said, routes, driven=name in driven)
+        self._travellers: dict[str, list[Traveller]] = {}
+        for vehicle in self._vehicles.values():
+            if vehicle.follower is not None:
+                traveller = vehicle.follower.traveller
+                self._travellers.setdefault(traveller.route, []).append(traveller)
+        self._stretches = _stretches_of(scenario, routes, self._travellers)
+        self._obstacles = _obstacles(scenario.world, static_mesh(scenario.world) if static is None else static)
+        self._refuse_overlaps()
+        self.trajectories: Mapping[str, Trajectory] = MappingProxyType(
+            {name: vehicle.trajectory for name, vehicle in self._vehicles.items()}
+        )
+        self.chassis: Mapping[str, Ackermann] = MappingProxyType(
+            {name: vehicle.chassis for name, vehicle in self._vehicles.items() if vehicle.chassis is not None}
+        )
+
+    @property
+    def now_ns(self) -> int:
+        """Up to when everything is known."""
+        return self._steps * STEP_NS
+
+    def advance(self, until_ns: int) -> None:
+        """Move on, in whole steps, until the time is reached."""
+        while self.now_ns < until_ns:
+            self._step()
+
+    def command(self, name: str, command: AckermannCommand) -> None:
+        """Drive a vehicle from now on; the command holds until the next one."""
+        self._vehicles[name].ask(self.now_ns, command)
+
+    def command_at(self, name: str, time_ns: int) -> AckermannCommand:
+        """The command that was in force at a time."""
+        vehicle = self._vehicles[name]
+        return vehicle.commands[max(bisect_right(vehicle.times, time_ns) - 1, 0)]
+
+    def commands_between(self, name: str, from_ns: int, to_ns: int) -> list[tuple[int, AckermannCommand]]:
+        """Times and commands given in [from, to); each held until the next."""
+        vehicle = self._vehicles[name]
+        rows = slice(bisect_left(vehicle.times, from_ns), bisect_left(vehicle.times, to_ns))
+        return list(zip(vehicle.times[rows], vehicle.commands[rows], strict=True))
+
+    def blocked_steps(self, name: str) -> int:
+        """In how many steps so far something stood in a vehicle's way."""
+        return self._vehicles[name].blocked_steps
+
+    def forget(self, before_ns: int) -> None:
+        """Drop what is not needed to answer for times from `before_ns` on."""
+        for vehicle in self._vehicles.values():
+            vehicle.trajectory.forget(before_ns)
+            first = max(bisect_right(vehicle.times, before_ns) - 1, 0)
+            del vehicle.times[:first], vehicle.commands[:first]
+
+    def _step(self) -> None:
+        now_ns = self.now_ns
+        if self._steps % STEPS_PER_DECISION == 0:
+            self._find_near()
+            self._decide(now_ns)
+        for vehicle in self._vehicles.values():
+            while vehicle.script and vehicle.script[-1][0] <= now_ns:
+                vehicle.ask(now_ns, vehicle.script.pop()[1])
+            self._move(vehicle)
+            vehicle.trajectory.append(now_ns + STEP_NS, vehicle.state)
+        self._steps += 1
+
+    def _move(self, vehicle: _Vehicle) -> None:
+        state = vehicle.next_state(STEP_NS / 1e9)
+        if state == vehicle.state:
+            return
+        ground = footprint(vehicle.shape, state)
+        if any(overlap(ground, other.ground if isinstance(other, _Vehicle) else other) for other in vehicle.near):
+            vehicle.state = replace(vehicle.state, speed_m_s=0.0)
+            vehicle.blocked_steps += 1
+            return
+        if vehicle.follower is not None and vehicle.chassis is None:
+            vehicle.follower.walked(state.walked_m - vehicle.state.walked_m)
+        vehicle.state, vehicle.ground = state, ground
+
+    def _decide(self, now_ns: int) -> None:
+        seconds = STEPS_PER_DECISION * STEP_NS / 1e9
+        seen = {}
+        for vehicle in self._vehicles.values():
+            if vehicle.follower is not None:
+                vehicle.follower.observe(vehicle.state)
+            traveller = vehicle.follower.traveller if vehicle.follower is not None else None
+            seen[vehicle.name] = Seen(vehicle.ground, vehicle.state, traveller)
+        for vehicle in self._vehicles.values():
+            if vehicle.follower is None:
+                continue
+            others = [other for name, other in seen.items() if name != vehicle.name]
+            stretches = self._stretches[vehicle.follower.traveller.route]
+            command = vehicle.follower.decide(vehicle.state, seconds, others, stretches, self._travellers)
+            vehicle.ask(now_ns, command)
+
+    def _find_near(self) -> None:
+        """What each vehicle may reach until the next decision."""
+        seconds = STEPS_PER_DECISION * STEP_NS / 1e9
+        vehicles = list(self._vehicles.values())
+        for vehicle in vehicles:
+            reach_m = vehicle.ground.radius_m + seconds * (abs(vehicle.state.speed_m_s) + 2)
+            vehicle.near = list(self._obstacles.near(vehicle.ground.x_m, vehicle.ground.y_m, reach_m))
+        for row, vehicle in enumerate(vehicles):
+            for other in vehicles[row + 1 :]:
+                speeds = abs(vehicle.state.speed_m_s) + abs(other.state.speed_m_s)
+                if _apart(vehicle.ground, other.ground) < seconds * (speeds + 2):
+                    vehicle.near.append(other)
+                    other.near.append(vehicle)
+
+    def _refuse_overlaps(self) -> None:
+        placed: list[_Vehicle] = []
+        for vehicle in self._vehicles.values():
+            for other in placed:
+                if overlap(vehicle.ground, other.ground):
+                    raise ConfigError(
+                        f"vehicles.{vehicle.name}: expected free ground at its start, found {other.name}: "
+                        "move its start or route_start_m"
+                    )
+            if any(overlap(vehicle.ground, obstacle) for obstacle in self._obstacles.rectangles):
+                raise ConfigError(
+                    f"vehicles.{vehicle.name}: expected free ground at its start, found something that stands there: "
+                    "move its start or route_start_m"
+                )
+            placed.append(vehicle)
+
+
+def _apart(one: Rectangle, other: Rectangle) -> float:
+    """Between the circles around two rectangles."""
+    return math.hypot(one.x_m - other.x_m, one.y_m - other.y_m) - one.radius_m - other.radius_m
+
+
+def _obstacles(world: str, static: Mesh) -> Obstacles:
+    step_m, headroom_m = (0.03, 0.22) if world == "sandbox" else (0.2, 2.2)
+    return Obstacles(obstacles_of(static, step_m=step_m, headroom_m=headroom_m))
+
+
+def _routes(scenario: Scenario) -> dict[str, Route]:
+    routes = {}
+    for name, route in scenario.routes.items():
+        try:
+            routes[name] = Route.from_scenario(route)
+        except ConfigError as err:
+            raise ConfigError(f"routes.{name}: {err}") from err
+    return routes
+
+
+def _vehicle(order: int, name: str, vehicle: VehicleScenario, routes: dict[str, Route], *, driven: bool) -> _Vehicle:
+    chassis, follower = chassis_of(vehicle.shape), None
+    if chassis is None and driven:
+        raise ConfigError(f"vehicles.{name}: expected wheels on what is driven, found a {vehicle.shape}")
+    x, y, yaw_deg = vehicle.start
+    state = State(x, y, math.radians(yaw_deg))
+    if vehicle.route:
+        route = routes[vehicle.route]
+        if not route.closed and vehicle.route_start_m > route.length_m:
+            raise ConfigError(
+                f"vehicles.{name}.route_start_m: expected at most the length of {vehicle.route}, "
+                f"{route.length_m:.1f} m, found {vehicle.route_start_m}"
+            )
+        follower = Follower(
+            order,
+            vehicle.route,
+            route,
+            vehicle.route_start_m,
+            vehicle.speed_m_s,
+            SHAPES[vehicle.shape],
+            HABITS[vehicle.shape],
+            chassis,
+        )
+        if not driven:
+            state = follower.first
+        elif "start" not in vehicle.model_fields_set:
+            state = replace(follower.first, speed_m_s=0.0)
+    if driven:
+        vehicle, follower = vehicle.model_copy(update={"keys": ""}), None
+    return _Vehicle(name, vehicle, follower, chassis, state)
+
+
+def _stretches_of(
+    scenario: Scenario, routes: dict[str, Route], travellers: Mapping[str, Collection[Traveller]]
+) -> dict[str, tuple[Stretch, ...]]:
+    """What the routes share that anyone travels."""
+    shapes, clearance_m = {}, {}
+    for name in travellers:
+        kinds = [vehicle.shape for vehicle in scenario.vehicles.values() if vehicle.route == name]
+        shapes[name] = max((SHAPES[kind] for kind in kinds), key=lambda shape: shape.size_m[1])
+        clearance_m[name] = max(HABITS[kind].clearance_m for kind in kinds)
+    yields_to = {name: scenario.routes[name].yields_to for name in travellers}
+    return shared_stretches({name: routes[name] for name in travellers}, shapes, yields_to, clearance_m)

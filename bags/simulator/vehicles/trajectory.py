@@ -1,0 +1,124 @@
+"""Where something was: states at rising times, grown step by step and asked at any time between them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from bags.simulator.world.motion import Poses, upright_poses
+
+__all__ = ["State", "Trajectory"]
+
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+
+FIRST_ROOM = 256
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """One moment of something that moves upright over the ground.
+
+    Attributes:
+        x_m: Of its base frame: below the rear axle, or below the middle of what has none.
+        y_m: As x.
+        yaw_rad: Heading, not wrapped: a full turn counts.
+        speed_m_s: Along the heading; negative backwards.
+        steering_rad: Of the middle of the front axle, to the left.
+        walked_m: Way covered so far; drives the gait of a pedestrian and the turning of wheels.
+    """
+
+    x_m: float
+    y_m: float
+    yaw_rad: float
+    speed_m_s: float = 0.0
+    steering_rad: float = 0.0
+    walked_m: float = 0.0
+
+
+class Trajectory:
+    """States at rising times; between two of them all is linear.
+
+    Is a `bags.simulator.world.motion.Path`. It may be asked about times up to its last state, and before its first one,
+    where it stood still.
+    """
+
+    def __init__(self, time_ns: int, state: State) -> None:
+        self._times = np.empty(FIRST_ROOM, np.int64)
+        self._states = np.empty((FIRST_ROOM, 6), np.float64)
+        self._count = 0
+        self.append(time_ns, state)
+
+    def append(self, time_ns: int, state: State) -> None:
+        """Add the next moment.
+
+        Raises:
+            ValueError: it is not later than the last one.
+        """
+        if self._count and time_ns <= self._times[self._count - 1]:
+            raise ValueError(f"expected a time after {self._times[self._count - 1]} ns, got {time_ns}")
+        if self._count == len(self._times):
+            self._times = np.concatenate([self._times, np.empty_like(self._times)])
+            self._states = np.concatenate([self._states, np.empty_like(self._states)])
+        self._times[self._count] = time_ns
+        self._states[self._count] = (
+            state.x_m,
+            state.y_m,
+            state.yaw_rad,
+            state.speed_m_s,
+            state.steering_rad,
+            state.walked_m,
+        )
+        self._count += 1
+
+    def forget(self, before_ns: int) -> None:
+        """Drop what is not needed to answer for times from `before_ns` on."""
+        first = max(int(np.searchsorted(self._times[: self._count], before_ns, side="right")) - 1, 0)
+        kept = self._count - first
+        self._times[:kept] = self._times[first : self._count].copy()
+        self._states[:kept] = self._states[first : self._count].copy()
+        self._count = kept
+
+    @property
+    def end_ns(self) -> int:
+        """Time of the last state."""
+        return int(self._times[self._count - 1])
+
+    @property
+    def last(self) -> State:
+        """The last state."""
+        return State(*(float(value) for value in self._states[self._count - 1]))
+
+    def states(self, times_ns: I64) -> F64:
+        """(N, 6) columns as the fields of `State`, at times (N,).
+
+        Raises:
+            ValueError: a time is later than the last state.
+        """
+        times = self._times[: self._count]
+        if len(times_ns) and times_ns.max() > times[-1]:
+            raise ValueError(f"expected times up to {times[-1]} ns, got {times_ns.max()}: simulate further first")
+        states = self._states[: self._count]
+        after = np.clip(np.searchsorted(times, times_ns, side="right"), 1, max(self._count - 1, 1))
+        if self._count == 1:
+            return np.repeat(states, len(times_ns), 0)
+        span = (times[after] - times[after - 1]).astype(np.float64)
+        share = np.clip((times_ns - times[after - 1]) / span, 0.0, 1.0)[:, None]
+        return np.asarray(states[after - 1] + share * (states[after] - states[after - 1]))
+
+    def state(self, time_ns: int) -> State:
+        """The state at one time.
+
+        Raises:
+            ValueError: it is later than the last state.
+        """
+        return State(*(float(value) for value in self.states(np.array([time_ns], np.int64))[0]))
+
+    def poses(self, times_ns: I64) -> Poses:
+        """Poses (N) of the base frame, on the ground (z = 0), at times (N,).
+
+        Raises:
+            ValueError: a time is later than the last state.
+        """
+        states = self.states(times_ns)
+        return upright_poses(np.c_[states[:, :2], np.zeros(len(states))], states[:, 2])

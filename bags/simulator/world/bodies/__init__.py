@@ -1,0 +1,1 @@
+"""What moves: vehicles, cyclists and pedestrians, in rigid parts."""

@@ -1,0 +1,193 @@
+"""Passenger cars, full-size and as a model, in the base frame (below the rear axle); front wheels are apart."""
+
+from collections.abc import Callable
+
+from bags.simulator.world.bodies.chassis import rear_wheels, underbody
+from bags.simulator.world.bodies.dimensions import SHAPES
+from bags.simulator.world.bodies.hulls import Hull, both_sides
+from bags.simulator.world.meshes.lofts import loft
+from bags.simulator.world.meshes.materials import (
+    CHROME,
+    DARK,
+    GLASS,
+    HEADLAMP,
+    INTERIOR,
+    PLATE,
+    PLATE_YELLOW,
+    SEAM,
+    TAIL_LAMP,
+    paint,
+)
+from bags.simulator.world.meshes.mesh import Material, Mesh, box, merged
+
+__all__ = ["car", "model_car"]
+
+Rgb = tuple[float, float, float]
+
+
+def _passenger_car(name: str, color: Rgb, *, arch: float, mirror_half: float, inset: float, width: float) -> Mesh:
+    """A hatchback that fills the box of its shape.
+
+    Args:
+        name: Of the shape.
+        color: Paint.
+        arch: Radius of the wheel arches.
+        mirror_half: How far the mirrors stand out from the middle.
+        inset: Half the width between the wheels, for the floor.
+        width: Of the body.
+    """
+    shape = SHAPES[name]
+    body, half = paint(color), width / 2
+    low, rear, length, height = shape.bottom_m, shape.rear_m, shape.size_m[0], shape.size_m[2]
+
+    def x(share: float) -> float:
+        return rear + share * length
+
+    def z(share: float) -> float:
+        return low + share * height
+
+    hull = Hull(
+        stations=(
+            (x(0.004), 0.84 * half, z(0.56)),
+            (x(0.012), 0.93 * half, z(0.61)),
+            (x(0.05), 0.98 * half, z(0.645)),
+            (x(0.14), half, z(0.655)),
+            (x(0.68), half, z(0.635)),
+            (x(0.74), half, z(0.62)),
+            (x(0.90), 0.97 * half, z(0.545)),
+            (x(0.950), 0.93 * half, z(0.505)),
+            (x(0.980), 0.86 * half, z(0.460)),
+            (x(0.994), 0.74 * half, z(0.41)),
+        ),
+        levels=(
+            (z(0.13), 0.94),
+            (z(0.20), 0.985),
+            (z(0.36), 1.0),
+            (z(0.53), 0.985),
+            (z(0.60), 0.95),
+            (z(0.65), 0.86),
+        ),
+        bottom_m=z(0.13),
+        axles_m=(0.0, shape.wheel_base_m),
+        arch_m=arch,
+        axle_height_m=shape.wheel_radius_m,
+    )
+    parts = [
+        hull.mesh(body, below=DARK),
+        _car_cabin(x, z, half, body),
+        box((x(0.45), 0.0, z(0.50)), (0.42 * length, 1.2 * half, 0.36 * height), INTERIOR),
+        underbody(shape, z(0.14), inset, z(0.45)),
+        rear_wheels(name),
+    ]
+    thin, wide = 0.006 * length, 0.29 * width
+    parts += [
+        box((x(1.0) - 0.8 * thin, 0.0, z(0.215)), (0.8 * thin, 1.05 * half, 0.13 * height), DARK),
+        box((x(1.0) - 0.8 * thin, 0.0, z(0.375)), (0.8 * thin, 0.90 * half, 0.045 * height), DARK),
+        box((x(1.0) - 0.5 * thin, 0.0, z(0.275)), (thin, wide, 0.075 * height), PLATE),
+        box((x(0.0) + 0.5 * thin, 0.0, z(0.40)), (thin, wide, 0.075 * height), PLATE_YELLOW),
+        box((x(0.0) + 0.8 * thin, 0.0, z(0.20)), (0.8 * thin, 1.3 * half, 0.11 * height), DARK),
+        both_sides(
+            box((x(1.0) - 0.8 * thin, 0.60 * half, z(0.365)), (0.8 * thin, 0.24 * half, 0.075 * height), HEADLAMP)
+        ),
+        both_sides(
+            box((x(1.0) - 0.8 * thin, 0.62 * half, z(0.21)), (0.8 * thin, 0.12 * half, 0.06 * height), HEADLAMP)
+        ),
+        both_sides(
+            box((x(0.0) + 0.8 * thin, 0.72 * half, z(0.485)), (0.8 * thin, 0.24 * half, 0.13 * height), TAIL_LAMP)
+        ),
+    ]
+    for side in (-1, 1):
+        lamp = [(x(0.952), z(0.365)), (x(0.993), z(0.328)), (x(0.993), z(0.402)), (x(0.952), z(0.43))]
+        tail = [(x(0.006), z(0.42)), (x(0.04), z(0.44)), (x(0.04), z(0.55)), (x(0.006), z(0.55))]
+        sill = [(x(0.31), z(0.135)), (x(0.71), z(0.135)), (x(0.71), z(0.185)), (x(0.31), z(0.185))]
+        parts += [
+            hull.side_panel(lamp, side, HEADLAMP, thickness=0.03 * width),
+            hull.side_panel(tail, side, TAIL_LAMP, thickness=0.02 * width),
+            hull.side_panel(sill, side, DARK, thickness=0.02 * width),
+        ]
+    parts += [
+        both_sides(_mirror(x(0.655), z(0.625), hull.half_width(x(0.655), z(0.60)), mirror_half, height, body)),
+    ]
+    seam = 0.003 * length
+    for side in (-1, 1):
+        parts += [hull.seam(x(share), z(0.19), z(0.62), seam, side, SEAM) for share in (0.655, 0.43)]
+        parts.append(hull.seam(x(0.245), z(0.42), z(0.62), seam, side, SEAM))
+    for share in (0.455, 0.275):
+        handle = [
+            (x(share), z(0.555)),
+            (x(share + 0.035), z(0.555)),
+            (x(share + 0.035), z(0.572)),
+            (x(share), z(0.572)),
+        ]
+        parts += [hull.side_panel(handle, side, CHROME, thickness=0.018 * width) for side in (-1, 1)]
+    return merged(parts)
+
+
+def _car_cabin(x: Callable[[float], float], z: Callable[[float], float], half: float, body: Material) -> Mesh:
+    """Glass all round, pillars and a roof."""
+    # From the rear right corner round the front: place along the car and across it, at the belt and at the roof.
+    belt = [
+        (0.030, 0.70),
+        (0.055, 0.84),
+        (0.135, 0.86),
+        (0.245, 0.87),
+        (0.43, 0.88),
+        (0.455, 0.88),
+        (0.63, 0.87),
+        (0.665, 0.86),
+        (0.725, 0.52),
+    ]
+    roof = [
+        (0.110, 0.54),
+        (0.125, 0.62),
+        (0.165, 0.66),
+        (0.265, 0.67),
+        (0.43, 0.67),
+        (0.45, 0.67),
+        (0.535, 0.66),
+        (0.55, 0.64),
+        (0.575, 0.40),
+    ]
+    glass = (False, False, True, True, False, True, False, True)  # strips of one side
+
+    def ring(points: list[tuple[float, float]], level: float, shrink: float) -> list[tuple[float, float, float]]:
+        middle = x(0.33)
+        right = [(middle + (x(a) - middle) * shrink, -half * b * shrink, z(level)) for a, b in points]
+        return right + [(a, -b, c) for a, b, c in right[::-1]]
+
+    n = len(belt)
+
+    def look(level: int, side: int) -> Material:
+        if level != 1:
+            return body
+        if side in {n - 1, 2 * n - 1}:  # windscreen and rear window
+            return GLASS
+        return GLASS if glass[side if side < n else 2 * n - 2 - side] else body
+
+    rings = [
+        ring(belt, 0.60, 1.0),
+        ring(belt, 0.655, 0.995),
+        ring(roof, 0.945, 1.0),
+        ring(roof, 0.982, 0.95),
+        ring(roof, 1.0, 0.80),
+    ]
+    return loft(rings, body, where=look)
+
+
+def _mirror(x: float, z: float, y: float, reach: float, height: float, body: Material) -> Mesh:
+    """The left outside mirror, from the body's side `y` out to `reach`."""
+    size = 0.085 * height
+    inner = 0.94 * y
+    shell = box((x, (inner + reach) / 2, z), (0.9 * size, reach - inner, size), body)
+    glass = box((x - 0.46 * size, (y + reach) / 2, z), (0.06 * size, 0.8 * (reach - y), 0.8 * size), CHROME)
+    return merged([shell, glass])
+
+
+def model_car(color: Rgb) -> Mesh:
+    """A model at about 1:14, in a paint: the body with its rear wheels."""
+    return _passenger_car("model_car", color, arch=0.0405, mirror_half=0.110, inset=0.060, width=0.206)
+
+
+def car(color: Rgb) -> Mesh:
+    """A hatchback in a paint: the body with its rear wheels."""
+    return _passenger_car("car", color, arch=0.355, mirror_half=0.96, inset=0.55, width=1.80)

@@ -1,0 +1,107 @@
+"""Painted bodies of motor vehicles: cross sections from rear to front, with arches over the wheels."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+
+from bags.simulator.world.meshes.lofts import loft, panel
+from bags.simulator.world.meshes.mesh import Material, Mesh, merged
+
+__all__ = ["Hull", "both_sides"]
+
+F64 = npt.NDArray[np.float64]
+ARCH_STEPS = 8
+
+
+@dataclass(frozen=True, slots=True)
+class Hull:
+    """A body of cross sections.
+
+    Attributes:
+        stations: Rows of x (rising), half width and top.
+        levels: Rows of height and share of the half width, from below; the last one is for the top whatever its
+            height, and levels above the top come down to it.
+        bottom_m: Ground clearance.
+        axles_m: x of the axles.
+        arch_m: Radius of the arches about the wheels' middles; 0 has none.
+        axle_height_m: Of the wheels' middles.
+    """
+
+    stations: Sequence[tuple[float, float, float]]
+    levels: Sequence[tuple[float, float]]
+    bottom_m: float
+    axles_m: Sequence[float] = ()
+    arch_m: float = 0.0
+    axle_height_m: float = 0.0
+
+    def half_width(self, x: float, z: float) -> float:
+        """The y of the left side at a place of the side view."""
+        section = self._section(x, self.bottom_m)
+        return float(np.interp(z, section[:, 1], section[:, 0]))
+
+    def top(self, x: float) -> float:
+        """The z of the top."""
+        xs, _, tops = np.array(self.stations).T
+        return float(np.interp(x, xs, tops))
+
+    def mesh(self, material: Material, *, below: Material) -> Mesh:
+        """The closed body; `below` is seen in the arches and from underneath."""
+        rings = []
+        for x, bottom in self._floor():
+            right = self._section(x, bottom)
+            ring = np.concatenate([right * [-1.0, 1.0], right[::-1]])
+            rings.append(np.c_[np.full(len(ring), x), ring])
+        floor = 2 * len(self.levels) - 1
+        return loft(np.stack(rings), material, where=lambda _, side: below if side == floor else material)
+
+    def side_panel(self, outline: npt.ArrayLike, side: int, material: Material, *, thickness: float = 0.008) -> Mesh:
+        """A plate on one side (1 left, -1 right); its outline (K, 2) of x and z, counter-clockwise from the right."""
+        corners = np.array([(x, side * self.half_width(x, z), z) for x, z in np.asarray(outline, np.float64)])
+        return panel(corners if side < 0 else corners[::-1], material, thickness=thickness)
+
+    def seam(self, x: float, low: float, high: float, width: float, side: int, material: Material) -> Mesh:
+        """An upright joint on one side (1 left, -1 right) that follows the cross section."""
+        heights = [low, *(z for z, _ in self.levels if low < z < high), high]
+        rows = [[(x, a), (x + width, a), (x + width, b), (x, b)] for a, b in pairwise(heights)]
+        return merged(self.side_panel(row, side, material, thickness=0.5 * width) for row in rows)
+
+    def _section(self, x: float, bottom: float) -> F64:
+        """(L, 2) y and z of the left half of a cross section, from below."""
+        xs, halves, tops = np.array(self.stations).T
+        half, top = float(np.interp(x, xs, halves)), float(np.interp(x, xs, tops))
+        levels, shares = np.array(self.levels).T
+        crown = shares[-1] / shares[-2]
+        # Levels above a low bonnet come down to it; the sides stay the planes that they are elsewhere.
+        heights = np.minimum(levels, top - np.linspace(0.05, 0.0, len(levels)) * (top - self.bottom_m))
+        heights[0], heights[-1] = self.bottom_m, top
+        shares = np.interp(heights, levels, shares)
+        shares[-1] = shares[-2] * crown
+        return np.stack([half * shares, np.maximum(heights, bottom)], 1)
+
+    def _floor(self) -> list[tuple[float, float]]:
+        """Places x of all cross sections, rising, and the height of the floor there; at an arch's ends it steps."""
+        angle = np.linspace(0, np.pi, ARCH_STEPS + 1)
+        places: list[tuple[float, float]] = []
+        last = -np.inf
+        for axle in sorted(self.axles_m):
+            low, high = axle - self.arch_m, axle + self.arch_m
+            places += [(x, self.bottom_m) for x, _, _ in self.stations if last < x < low]
+            height = np.maximum(self.axle_height_m + self.arch_m * np.sin(angle), self.bottom_m)
+            arch = axle - self.arch_m * np.cos(angle)
+            inner = [x for x, _, _ in self.stations if low < x < high and not np.isclose(arch, x).any()]
+            xs = np.sort(np.concatenate([arch, inner]))
+            vault = list(zip(xs.tolist(), np.interp(xs, arch, height).tolist(), strict=True))
+            places += [(low, self.bottom_m), *vault, (high, self.bottom_m)]
+            last = high
+        return places + [(x, self.bottom_m) for x, _, _ in self.stations if x > last]
+
+
+def both_sides(mesh: Mesh) -> Mesh:
+    """The mesh and its mirror image on the other side of the middle plane y = 0."""
+    mirrored = Mesh(
+        mesh.vertices * [1.0, -1.0, 1.0], np.ascontiguousarray(mesh.triangles[:, ::-1]), mesh.materials, mesh.palette
+    )
+    return merged([mesh, mirrored])

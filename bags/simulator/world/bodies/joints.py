@@ -1,0 +1,130 @@
+"""Parts that move on what carries them: wheels that steer, legs that walk and pedal."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from bags.simulator.world.bodies.dimensions import Shape
+from bags.simulator.world.motion import Poses
+
+__all__ = [
+    "SPEED",
+    "STEERING",
+    "WALKED",
+    "ArticulatedPath",
+    "Carrier",
+    "RaisedPath",
+    "pitched",
+    "steered_fork",
+    "steered_wheel",
+]
+
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+
+SPEED = 3
+STEERING = 4
+WALKED = 5
+"""Columns of `Trajectory.states`."""
+STEP_M = np.linspace(-0.24, 0.24, 7)
+
+
+class Carrier(Protocol):
+    """What has joints: a `Trajectory`, or one that was raised."""
+
+    def states(self, times_ns: I64) -> F64:
+        """(N, 6) columns as the fields of `bags.simulator.vehicles.trajectory.State`, at times (N,)."""
+        ...
+
+    def poses(self, times_ns: I64) -> Poses:
+        """Poses (N) of the base frame at times (N,)."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class RaisedPath:
+    """Someone who walks over uneven ground.
+
+    Attributes:
+        carrier: The way in the plane z = 0.
+        height: From places (N, 2) to heights (N,) of the ground.
+    """
+
+    carrier: Carrier
+    height: Callable[[F64], F64]
+
+    def states(self, times_ns: I64) -> F64:
+        """As the carrier's."""
+        return self.carrier.states(times_ns)
+
+    def poses(self, times_ns: I64) -> Poses:
+        """On the ground; steps are climbed within a foot's length before and behind them."""
+        flat = self.carrier.poses(times_ns)
+        ahead, raised = flat.rotation[:, :2, 0], flat.translation.copy()
+        raised[:, 2] = np.mean([self.height(raised[:, :2] + offset * ahead) for offset in STEP_M], axis=0)
+        return Poses(flat.rotation, raised)
+
+
+@dataclass(frozen=True, slots=True)
+class ArticulatedPath:
+    """A part whose place on its carrier follows from the carrier's state.
+
+    Attributes:
+        carrier: Where the whole thing is.
+        place: From states (N, 6), see `Trajectory.states`, to the part's poses (N) in the carrier's base frame.
+    """
+
+    carrier: Carrier
+    place: Callable[[F64], Poses]
+
+    def poses(self, times_ns: I64) -> Poses:
+        """The part in the world at times (N,).
+
+        Raises:
+            ValueError: a time is later than the carrier's last state.
+        """
+        return self.carrier.poses(times_ns) @ self.place(self.carrier.states(times_ns))
+
+
+def pitched(angles: F64, x: F64 | float, y: float, z: F64 | float) -> Poses:
+    """Poses at places in the carrier's frame, turned so that what hangs down swings forward by angles (N,)."""
+    cos, sin, zero, one = np.cos(angles), np.sin(angles), np.zeros_like(angles), np.ones_like(angles)
+    rotation = np.stack([cos, zero, -sin, zero, one, zero, sin, zero, cos], -1).reshape(-1, 3, 3)
+    return Poses(rotation, np.stack([zero + x, zero + y, zero + z], -1))
+
+
+def steered_wheel(carrier: Carrier, shape: Shape, side: int) -> ArticulatedPath:
+    """A front wheel, `side` 1 for the left one, -1 for the right one; its middle is its origin.
+
+    Both wheels roll about one centre on the line of the rear axle, so that the inner one turns further (Ackermann).
+    """
+
+    def place(states: F64) -> Poses:
+        tangent = np.tan(states[:, STEERING])
+        near = shape.wheel_base_m - side * shape.track_width_m / 2 * tangent
+        turn = np.arctan2(shape.wheel_base_m * tangent, near)
+        hinge = np.array([shape.wheel_base_m, side * shape.track_width_m / 2, shape.wheel_radius_m])
+        return _turned(turn, 0.0, hinge)
+
+    return ArticulatedPath(carrier, place)
+
+
+def steered_fork(carrier: Carrier, hinge: tuple[float, float, float], rake_rad: float) -> ArticulatedPath:
+    """The fork of a bicycle: turned about an axis through `hinge` that leans back by `rake_rad`."""
+
+    def place(states: F64) -> Poses:
+        return _turned(states[:, STEERING], rake_rad, np.array(hinge))
+
+    return ArticulatedPath(carrier, place)
+
+
+def _turned(angles: F64, lean_rad: float, hinge: F64) -> Poses:
+    """Turned to the left about an axis through `hinge` that leans back from the upright."""
+    axis = np.array([-np.sin(lean_rad), 0.0, np.cos(lean_rad)])
+    cross = np.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])
+    sin, cos = np.sin(angles)[:, None, None], np.cos(angles)[:, None, None]
+    rotation = np.eye(3) + sin * cross + (1 - cos) * (cross @ cross)
+    return Poses(rotation, np.repeat(hinge[None], len(angles), 0))

@@ -1,0 +1,211 @@
+"""Triangles with a material each, and the simple bodies that everything is built of.
+
+Bodies are made where they stand: lengths in metres, in the frame of the thing that they belong to (x forward, y left,
+z up; REP 103). Triangles run counter-clockwise seen from outside.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from pipeline.core.types import check_array
+
+__all__ = ["Material", "Mesh", "Texture", "box", "cylinder", "merged", "polygon", "prism", "profile", "sphere"]
+
+F64 = npt.NDArray[np.float64]
+Rgb = tuple[float, float, float]
+Texture = Literal[
+    "plain",
+    "asphalt",
+    "bark",
+    "brick",
+    "concrete",
+    "crossing",
+    "facade",
+    "foliage",
+    "glass_front",
+    "grass",
+    "model_front",
+    "paving",
+    "roof",
+    "sandbox",
+    "street",
+    "wood",
+]
+
+
+@dataclass(frozen=True, slots=True)
+class Material:
+    """How a surface looks to a camera and to a lidar.
+
+    Attributes:
+        name: For people.
+        rgb: Diffuse colour as displayed (sRGB), each in [0, 1].
+        reflectivity: Share of a 905 nm beam that comes back from a white surface's point of view, in [0, 1]; a
+            retroreflector (number plate, sign, tail lamp) has more than 1.
+        mirror: Share of light reflected like a mirror at normal incidence (Schlick's F0); 0 is matt.
+        transmission: Share of a lidar beam that passes through (glass).
+        texture: What varies the colour over the surface.
+    """
+
+    name: str
+    rgb: Rgb
+    reflectivity: float = 0.3
+    mirror: float = 0.0
+    transmission: float = 0.0
+    texture: Texture = "plain"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mesh:
+    """Triangles.
+
+    Attributes:
+        vertices: (V, 3) float64 metres.
+        triangles: (T, 3) int64 rows of `vertices`.
+        materials: (T,) int64 rows of `palette`.
+        palette: The materials that it uses.
+    """
+
+    vertices: F64
+    triangles: npt.NDArray[np.int64]
+    materials: npt.NDArray[np.int64]
+    palette: tuple[Material, ...]
+
+    def __post_init__(self) -> None:
+        check_array("vertices", self.vertices, (len(self.vertices), 3), np.float64)
+        n = len(self.triangles)
+        check_array("triangles", self.triangles, (n, 3), np.int64)
+        check_array("materials", self.materials, (n,), np.int64)
+
+    def __len__(self) -> int:
+        return len(self.triangles)
+
+    def moved(self, translation: npt.ArrayLike = (0.0, 0.0, 0.0), *, yaw: float = 0.0, scale: float = 1.0) -> "Mesh":
+        """The mesh scaled about the origin, then turned about +z, then shifted."""
+        cos, sin = np.cos(yaw), np.sin(yaw)
+        turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+        vertices = scale * self.vertices @ turn.T + np.asarray(translation, np.float64)
+        return Mesh(vertices, self.triangles, self.materials, self.palette)
+
+    @property
+    def bounds(self) -> tuple[F64, F64]:
+        """Lowest and highest x, y, z."""
+        return self.vertices.min(0), self.vertices.max(0)
+
+
+def merged(meshes: Iterable[Mesh]) -> Mesh:
+    """All of them as one; each material stands once in its palette."""
+    parts = list(meshes)
+    palette = tuple(dict.fromkeys(material for part in parts for material in part.palette))
+    row = {material: index for index, material in enumerate(palette)}
+    starts = np.cumsum([0, *(len(part.vertices) for part in parts)])
+    triangles = [part.triangles + start for part, start in zip(parts, starts[:-1], strict=True)]
+    rows = [np.array([row[material] for material in part.palette], np.int64)[part.materials] for part in parts]
+    return Mesh(
+        np.concatenate([np.empty((0, 3)), *(part.vertices for part in parts)]),
+        np.concatenate([np.empty((0, 3), np.int64), *triangles]),
+        np.concatenate([np.empty(0, np.int64), *rows]),
+        palette,
+    )
+
+
+def box(center: npt.ArrayLike, size: Sequence[float], material: Material, *, yaw: float = 0.0) -> Mesh:
+    """An upright box."""
+    length, width, _ = size
+    corners = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * (length / 2, width / 2)
+    return prism(corners, -size[2] / 2, size[2] / 2, material).moved(center, yaw=yaw)
+
+
+def prism(outline: npt.ArrayLike, bottom: float, top: float, material: Material) -> Mesh:
+    """An upright body with a convex outline (K, 2), counter-clockwise from above, between two heights."""
+    xy = np.asarray(outline, np.float64)
+    k = len(xy)
+    vertices = np.concatenate([np.c_[xy, np.full(k, bottom)], np.c_[xy, np.full(k, top)]])
+    return Mesh(vertices, _hull_of_rings(k), np.zeros(4 * k - 4, np.int64), (material,))
+
+
+def profile(outline: npt.ArrayLike, width: float, material: Material, *, taper: float = 1.0) -> Mesh:
+    """A body with a convex side view (K, 2) of x and z, counter-clockwise seen from the right (-y), of a width in y.
+
+    Args:
+        outline: Side view; x forward, z up.
+        width: In y, at the outline's lowest point.
+        material: Of all sides.
+        taper: Share of the width that is left at its highest point (a car's cabin leans inwards).
+    """
+    xz = np.asarray(outline, np.float64)
+    k, z = len(xz), xz[:, 1]
+    share = (z - z.min()) / max(float(np.ptp(z)), 1e-9)
+    half = width / 2 * (1 + (taper - 1) * share)
+    right, left = np.c_[xz[:, 0], -half, z], np.c_[xz[:, 0], half, z]
+    return Mesh(np.concatenate([left, right]), _hull_of_rings(k), np.zeros(4 * k - 4, np.int64), (material,))
+
+
+def cylinder(
+    start: npt.ArrayLike,
+    end: npt.ArrayLike,
+    radius: float,
+    material: Material,
+    *,
+    sides: int = 16,
+    taper: float = 1.0,
+) -> Mesh:
+    """A round bar from one point to another; `taper` is the share of the radius at its end."""
+    first, last = np.asarray(start, np.float64), np.asarray(end, np.float64)
+    axis = (last - first) / np.linalg.norm(last - first)
+    side = np.cross(axis, [0.0, 0.0, 1.0] if abs(axis[2]) < 0.9 else [1.0, 0.0, 0.0])
+    side /= np.linalg.norm(side)
+    angle = 2 * np.pi * np.arange(sides) / sides
+    ring = radius * (np.cos(angle)[:, None] * side + np.sin(angle)[:, None] * np.cross(axis, side))
+    vertices = np.concatenate([first + ring, last + taper * ring])
+    return Mesh(vertices, _hull_of_rings(sides), np.zeros(4 * sides - 4, np.int64), (material,))
+
+
+def sphere(center: npt.ArrayLike, radius: float, material: Material, *, sides: int = 12) -> Mesh:
+    """A ball of rings and sides."""
+    rings = sides // 2
+    tilt = np.pi * np.arange(1, rings) / rings
+    turn = 2 * np.pi * np.arange(sides) / sides
+    body = np.stack(
+        [
+            np.outer(np.sin(tilt), np.cos(turn)),
+            np.outer(np.sin(tilt), np.sin(turn)),
+            np.repeat(np.cos(tilt)[:, None], sides, 1),
+        ],
+        -1,
+    ).reshape(-1, 3)
+    vertices = np.concatenate([body, [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]]) * radius + np.asarray(center, np.float64)
+    here = np.arange(sides)
+    after = (here + 1) % sides
+    north, south, last = len(body), len(body) + 1, (rings - 2) * sides
+    faces = [
+        np.stack([np.full(sides, north), here, after], 1),
+        np.stack([np.full(sides, south), last + after, last + here], 1),
+    ]
+    for ring in range(rings - 2):
+        upper, lower = ring * sides, (ring + 1) * sides
+        faces.append(np.stack([upper + here, lower + here, lower + after], 1))
+        faces.append(np.stack([upper + here, lower + after, upper + after], 1))
+    triangles = np.concatenate(faces).astype(np.int64)
+    return Mesh(vertices, triangles, np.zeros(len(triangles), np.int64), (material,))
+
+
+def polygon(corners: npt.ArrayLike, material: Material) -> Mesh:
+    """One flat convex face (K, 3), counter-clockwise seen from the side that it shows."""
+    vertices = np.asarray(corners, np.float64)
+    k = len(vertices)
+    triangles = np.stack([np.zeros(k - 2, np.int64), np.arange(1, k - 1), np.arange(2, k)], 1)
+    return Mesh(vertices, triangles, np.zeros(k - 2, np.int64), (material,))
+
+
+def _hull_of_rings(k: int) -> npt.NDArray[np.int64]:
+    """Triangles of a body between two rings of K vertices: its end at the first ring, the other end, its sides."""
+    here = np.arange(k)
+    after = (here + 1) % k
+    fan = np.stack([np.zeros(k - 2, np.int64), np.arange(1, k - 1), np.arange(2, k)], 1)
+    sides = np.concatenate([np.stack([here, after, after + k], 1), np.stack([here, after + k, here + k], 1)])
+    return np.concatenate([fan[:, ::-1], fan + k, sides]).astype(np.int64)

@@ -1,0 +1,122 @@
+"""Where things are at given times: poses as arrays, and the paths that give them."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from pipeline.core.geometry import Transform
+from pipeline.core.types import check_array
+
+__all__ = ["FixedPath", "MountedPath", "Path", "Poses", "turned", "upright_poses"]
+
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Poses:
+    """N rigid motions from a thing's own frame to the world's.
+
+    Attributes:
+        rotation: (N, 3, 3) float64.
+        translation: (N, 3) float64 metres.
+    """
+
+    rotation: F64
+    translation: F64
+
+    def __post_init__(self) -> None:
+        n = len(self.translation)
+        check_array("rotation", self.rotation, (n, 3, 3), np.float64)
+        check_array("translation", self.translation, (n, 3), np.float64)
+
+    def __len__(self) -> int:
+        return len(self.translation)
+
+    def __matmul__(self, other: "Poses") -> "Poses":
+        """Chain: `other` first. Either may hold a single pose for all of the other's."""
+        return Poses(self.rotation @ other.rotation, self.apply(other.translation))
+
+    def inverse(self) -> "Poses":
+        """The motions back."""
+        rotation = self.rotation.transpose(0, 2, 1)
+        return Poses(rotation, -turned(rotation, self.translation))
+
+    def apply(self, points: F64) -> F64:
+        """Points (N, 3) of the thing in the world, each by its own pose; a single pose moves them all."""
+        return self.turn(points) + self.translation
+
+    def turn(self, vectors: F64) -> F64:
+        """Directions (N, 3) of the thing in the world, each by its own pose; a single pose turns them all."""
+        return turned(self.rotation, vectors)
+
+
+class Path(Protocol):
+    """Where a thing is at any time that was simulated."""
+
+    def poses(self, times_ns: I64) -> Poses:
+        """Poses (N) at times (N,) in nanoseconds since the scenario began."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class FixedPath:
+    """A thing that stands still.
+
+    Attributes:
+        T_world_thing: Its place.
+    """
+
+    T_world_thing: Transform
+
+    def poses(self, times_ns: I64) -> Poses:
+        """The same pose each time."""
+        matrix = self.T_world_thing.matrix
+        n = len(times_ns)
+        return Poses(np.broadcast_to(matrix[:3, :3], (n, 3, 3)).copy(), np.broadcast_to(matrix[:3, 3], (n, 3)).copy())
+
+
+@dataclass(frozen=True, slots=True)
+class MountedPath:
+    """A thing that is fixed to another one that moves.
+
+    Attributes:
+        carrier: The other thing.
+        T_carrier_thing: Place on it.
+    """
+
+    carrier: Path
+    T_carrier_thing: Transform
+
+    def poses(self, times_ns: I64) -> Poses:
+        """The carrier's poses, each with the place on it."""
+        matrix = self.T_carrier_thing.matrix
+        return self.carrier.poses(times_ns) @ Poses(matrix[None, :3, :3], matrix[None, :3, 3])
+
+
+def turned(rotation: F64, vectors: F64) -> F64:
+    """Vectors (N, 3) turned by rotations (N, 3, 3), or all by one (1, 3, 3), or one by all."""
+    if len(rotation) == 1:
+        # Not BLAS, whose threads wait for one another on a busy machine.
+        x, y, z = vectors.T
+        result = np.empty_like(vectors)
+        for axis, (a, b, c) in enumerate(rotation[0]):
+            result[:, axis] = a * x + b * y + c * z
+        return result
+    if len(vectors) == 1:
+        return np.asarray(np.einsum("nij,j->ni", rotation, vectors[0]))
+    return np.asarray(np.einsum("nij,nj->ni", rotation, vectors))
+
+
+def upright_poses(positions: F64, yaws: F64) -> Poses:
+    """Poses of things that stand upright.
+
+    Args:
+        positions: (N, 3) metres.
+        yaws: (N,) radians about +z.
+    """
+    cos, sin, zero, one = np.cos(yaws), np.sin(yaws), np.zeros_like(yaws), np.ones_like(yaws)
+    rotation = np.stack([cos, -sin, zero, sin, cos, zero, zero, zero, one], -1).reshape(-1, 3, 3)
+    return Poses(rotation, np.asarray(positions, np.float64))

@@ -1,0 +1,1 @@
+"""Recorded lidar and camera topics in, fused objects out."""

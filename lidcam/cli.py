@@ -1,0 +1,353 @@
+"""The command line: parses, runs a command, turns known errors into one line; the only place that exits.
+
+Exit codes: 0 done; 1 the input, the calibration or a check failed, with one line on stderr; 2 wrong usage; anything
+else is a bug and shows its traceback. Results go to stdout, progress and log to stderr.
+"""
+
+import errno
+import logging
+import os
+import signal
+import sys
+from collections.abc import Callable
+from importlib.metadata import version
+from importlib.util import find_spec
+from pathlib import Path
+from types import FrameType
+from typing import Annotated, Literal
+
+import typer
+
+from pipeline.core.config import RunConfig
+from pipeline.core.errors import LidcamError
+from readers.location import RemotePath, location
+
+__all__ = ["app", "main", "main_process"]
+
+MOST_SECONDS = 1e9
+"""Thirty years: longer than any recording, and well inside 64 bits of nanoseconds."""
+
+# \b keeps the lines of a paragraph as they are.
+PROCESS_EXAMPLES = """\b
+Examples:
+  lidcam-process drive.bag out.mcap --rerun out.rrd
+  lidcam-process bag_folder out.mcap --model-2d yolox_nano.onnx
+  lidcam-process drive.bag out.mcap --rig site.yaml --start 30 --duration 10
+  lidcam-process part_0.mcap part_1.mcap out.mcap --set sync.slop_s=0.05
+  lidcam-process https://host/drive.mcap out.mcap --start 30 --duration 10
+"""
+
+INSPECT_EXAMPLES = """\b
+Examples:
+  lidcam inspect drive.bag
+  lidcam inspect drive.bag --write-rig rig.yaml
+  lidcam inspect bag_folder --json
+  lidcam inspect broken.bag --repair whole.mcap
+  lidcam inspect s3://bucket/drive.mcap
+"""
+
+SIMULATE_EXAMPLES = """\b
+Scenarios: sandbox, crossing, vehicle, or a YAML file of your own (copy one of config/scenarios).
+Examples:
+  lidcam simulate sandbox out.bag --duration 10
+  lidcam simulate crossing out.mcap --seed 7
+  lidcam simulate my_crossing.yaml bag_folder --format sqlite3
+  lidcam simulate sandbox out.bag --set lidars.velodyne1.clock_offset_ms=20
+"""
+
+DRIVE_EXAMPLES = """\b
+Keys: w forward, s back, a left, d right, x stop, 1 and 2 choose the car, o ends. A command holds until the next one.
+Examples:
+  lidcam drive sandbox out.bag --view
+  lidcam drive sandbox out.mcap --keys "wwadx2ww"
+"""
+
+app = typer.Typer(
+    help="Recorded lidar and camera topics in, fused objects out. No ROS installed.",
+    no_args_is_help=True,
+    rich_markup_mode=None,  # plain text: the same on a terminal, in a log and in a file
+    pretty_exceptions_enable=False,
+    add_completion=False,
+)
+process_app = typer.Typer(rich_markup_mode=None, pretty_exceptions_enable=False, add_completion=False)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"lidcam {version('lidcam')}")
+        raise typer.Exit
+
+
+def _seconds(value: float | None) -> float | None:
+    if value is not None and not value <= MOST_SECONDS:
+        raise typer.BadParameter(f"expected at most {MOST_SECONDS:.0f} seconds, found {value}")
+    return value
+
+
+Version = Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")]
+ConfigFile = Annotated[Path | None, typer.Option("--config", metavar="FILE", help="Pipeline settings (YAML).")]
+Setting = Annotated[list[str] | None, typer.Option("--set", metavar="A.B=C", help="One setting; may be repeated.")]
+RigFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--rig",
+        metavar="FILE",
+        help="Sensors, calibration and zones (rig YAML, the original's geometry.yaml, or a KITTI calib file); "
+        "without it they are found in the recording.",
+    ),
+]
+AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
+
+
+@app.command(epilog=PROCESS_EXAMPLES)
+@process_app.command(epilog=PROCESS_EXAMPLES)
+def process(
+    paths: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="IN [IN ...] OUT.mcap",
+            help="Recording (.bag, ROS 2 folder, .mcap, .db3, .pcap, or the URL of an .mcap), then output.",
+        ),
+    ],
+    config_file: ConfigFile = None,
+    settings: Setting = None,
+    rig_file: RigFile = None,
+    rerun: Annotated[Path | None, typer.Option(metavar="OUT.rrd", help="Also write a Rerun recording.")] = None,
+    model_2d: Annotated[
+        Path | None, typer.Option("--model-2d", metavar="FILE.onnx", help="2D detector (ONNX, YOLOX layout).")
+    ] = None,
+    start: Annotated[
+        float, typer.Option(min=0, metavar="S", callback=_seconds, help="Skip the first S seconds.")
+    ] = 0.0,
+    duration: Annotated[
+        float | None,
+        typer.Option(min=0, metavar="S", callback=_seconds, help="Process S seconds; without it, to the end."),
+    ] = None,
+    workers: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            metavar="N",
+            help="1: stage after stage; more: stages of several frames at once. The output is the same. "
+            f"[default: {RunConfig().workers}]",
+        ),
+    ] = None,
+    on_bad_message: Annotated[
+        Literal["skip", "fail"],
+        typer.Option(help="What to do about a message that cannot be decoded, or a damaged file."),
+    ] = "skip",
+    print_detections: Annotated[
+        bool, typer.Option("--print-detections", help="Print what the lidars saw, frame by frame.")
+    ] = False,
+    print_matches: Annotated[
+        bool, typer.Option("--print-matches", help="Print which 2D box is which object, frame by frame.")
+    ] = False,
+    as_json: AsJson = False,
+    _: Version = False,
+) -> None:
+    """Turn a recording into fused objects (MCAP, Rerun)."""
+    if len(paths) < 2:
+        raise typer.BadParameter("expected at least one recording and the output", param_hint="IN OUT.mcap")
+    *inputs, output = map(location, paths)
+    if isinstance(output, RemotePath):
+        raise typer.BadParameter(f"the output is a local file, found {output}", param_hint="OUT.mcap")
+    if output.suffix != ".mcap":
+        raise typer.BadParameter(f"the output comes last and ends in .mcap, found {output}", param_hint="OUT.mcap")
+    if rerun is not None and rerun.suffix != ".rrd":
+        raise typer.BadParameter(f"expected a name that ends in .rrd, found {rerun}", param_hint="--rerun")
+    if duration == 0:
+        raise typer.BadParameter("expected more than 0 seconds", param_hint="--duration")
+    if as_json and (print_detections or print_matches):
+        raise typer.BadParameter(
+            "prints one JSON document and nothing else: leave out --print-detections and --print-matches",
+            param_hint="--json",
+        )
+    overrides = list(settings or ())
+    if workers is not None:
+        overrides.append(f"run.workers={workers}")
+    if workers != 1:
+        # Stages of several frames already fill the cores; OpenMP threads inside of one would only wait for each other.
+        # Read once, when the libraries are loaded.
+        os.environ.setdefault("OMP_NUM_THREADS", "1")
+    from lidcam.commands.process import ProcessOptions, run_process  # heavy: after the arguments are known to be right
+
+    options = ProcessOptions(
+        inputs=tuple(inputs),
+        output=output,
+        rerun=rerun,
+        config_file=config_file,
+        overrides=tuple(overrides),
+        rig_file=rig_file,
+        model_2d=model_2d,
+        start_s=start,
+        duration_s=duration,
+        on_bad_message=on_bad_message,
+        print_detections=print_detections,
+        print_matches=print_matches,
+        as_json=as_json,
+    )
+    run_process(options)
+
+
+@app.command(epilog=INSPECT_EXAMPLES)
+def inspect(
+    paths: Annotated[list[str], typer.Argument(metavar="IN [IN ...]", help="Recording (one, or parts of one).")],
+    config_file: ConfigFile = None,
+    settings: Setting = None,
+    rig_file: RigFile = None,
+    write_rig: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a starting rig (YAML).")] = None,
+    repair: Annotated[
+        Path | None,
+        typer.Option(metavar="OUT.mcap", help="Write every message that can still be read to a clean MCAP."),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Tell what is in a recording and what lidcam would use.
+
+    Topics, types, rates, gaps, sensors, where their calibration comes from, and what is damaged.
+    """
+    if repair is not None and repair.suffix != ".mcap":
+        raise typer.BadParameter(f"expected a name that ends in .mcap, found {repair}", param_hint="--repair")
+    from lidcam.commands.process import InspectOptions, run_inspect
+
+    run_inspect(
+        InspectOptions(
+            inputs=tuple(map(location, paths)),
+            config_file=config_file,
+            overrides=tuple(settings or ()),
+            rig_file=rig_file,
+            write_rig=write_rig,
+            repair=repair,
+            as_json=as_json,
+        )
+    )
+
+
+Scenario = Annotated[str, typer.Argument(metavar="SCENARIO", help="Name of a scenario, or a YAML file.")]
+RecordingOut = Annotated[Path, typer.Argument(metavar="OUT", help="OUT.bag, OUT.mcap, or a folder (sqlite3).")]
+Format = Annotated[
+    Literal["ros1", "sqlite3", "mcap"] | None,
+    typer.Option("--format", help="Of the recording; without it, what its name ends in says it."),
+]
+Seed = Annotated[int | None, typer.Option(min=0, metavar="N", help="Instead of the scenario's: other noise.")]
+
+
+@app.command(epilog=SIMULATE_EXAMPLES)
+def simulate(
+    scenario: Scenario,
+    output: RecordingOut,
+    format_: Format = None,
+    duration: Annotated[
+        float | None,
+        typer.Option(min=0, metavar="S", callback=_seconds, help="Seconds to record; without it, the scenario's."),
+    ] = None,
+    seed: Seed = None,
+    settings: Setting = None,
+    workers: Annotated[
+        int | None,
+        typer.Option(min=1, metavar="N", help="Sensors simulated at once; the recording is the same. [default: cores]"),
+    ] = None,
+) -> None:
+    """Record a simulated scene: lidars, cameras, and the truth about what they see."""
+    if duration == 0:
+        raise typer.BadParameter("expected more than 0 seconds", param_hint="--duration")
+    _check_simulator()
+    from lidcam.commands.simulate import SimulateOptions, run_simulate
+
+    options = SimulateOptions(
+        scenario=scenario,
+        output=output,
+        format=format_,
+        duration_s=duration,
+        seed=seed,
+        overrides=tuple(settings or ()),
+        workers=workers,
+    )
+    run_simulate(options)
+
+
+@app.command(epilog=DRIVE_EXAMPLES)
+def drive(
+    scenario: Scenario,
+    output: RecordingOut,
+    format_: Format = None,
+    keys: Annotated[
+        str | None,
+        typer.Option(metavar="KEYS", help="Press these one after the other, as fast as it can be simulated, and end."),
+    ] = None,
+    key_interval: Annotated[
+        float, typer.Option(min=0.01, max=60, metavar="S", help="Simulated seconds from one of --keys to the next.")
+    ] = 0.5,
+    view: Annotated[bool, typer.Option("--view", help="Show it in the Rerun viewer meanwhile.")] = False,
+    duration: Annotated[
+        float | None, typer.Option(min=0, metavar="S", callback=_seconds, help="End after S simulated seconds.")
+    ] = None,
+    seed: Seed = None,
+    settings: Setting = None,
+) -> None:
+    """Drive the cars of a scenario from the keyboard, and record it."""
+    if duration == 0:
+        raise typer.BadParameter("expected more than 0 seconds", param_hint="--duration")
+    _check_simulator()
+    from lidcam.commands.simulate import DriveOptions, run_drive
+
+    options = DriveOptions(
+        scenario=scenario,
+        output=output,
+        format=format_,
+        duration_s=duration,
+        seed=seed,
+        overrides=tuple(settings or ()),
+        keys=keys,
+        key_interval_s=key_interval,
+        view=view,
+    )
+    run_drive(options)
+
+
+def _check_simulator() -> None:
+    """The simulator is an extra.
+
+    Raises:
+        LidcamError: it is not installed.
+    """
+    for package in ("open3d", "libusb_package"):
+        if find_spec(package) is None:
+            raise LidcamError(f"the simulator needs {package}, which is not installed: pip install 'lidcam[sim]'")
+
+
+@app.callback()
+def _common(_: Version = False) -> None:
+    pass
+
+
+def main() -> None:
+    """The program `lidcam`."""
+    _run(app, "lidcam")
+
+
+def main_process() -> None:
+    """The program `lidcam-process`: `lidcam process`."""
+    _run(process_app, "lidcam-process")
+
+
+def _run(program: Callable[..., object], name: str) -> None:
+    logging.basicConfig(level=logging.WARNING, format="lidcam: %(message)s", stream=sys.stderr)
+    signal.signal(signal.SIGTERM, _terminate)
+    try:
+        program(sys.argv[1:], prog_name=name)
+    except OSError as err:
+        if err.errno != errno.ENOSPC:
+            raise
+        sys.stderr.write(f"lidcam: error: {err.filename or 'standard output'}: {err.strerror}\n")
+        sys.exit(1)
+    except LidcamError as err:
+        sys.stderr.write(f"lidcam: error: {' '.join(str(err).split())}\n")
+        for note in getattr(err, "__notes__", ()):
+            sys.stderr.write(f"  {note}\n")
+        sys.exit(1)
+
+
+def _terminate(number: int, _: FrameType | None) -> None:
+    """End in order, so that unfinished outputs are removed; the exit code is the one that shells give."""
+    sys.exit(128 + number)

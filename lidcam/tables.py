@@ -1,0 +1,117 @@
+"""The tables that a run ends with, for people (rich) and for machines (plain values)."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+__all__ = [
+    "drops_table",
+    "losses_table",
+    "objects_table",
+    "pairs_table",
+    "points_table",
+    "sensors_table",
+    "stages_table",
+    "topics_table",
+]
+
+
+def objects_table(objects: Mapping[tuple[str, str], int], zones: Iterable[str]) -> Table:
+    """Fused objects by class (rows) and zone (columns), summed over the frames."""
+    zones = list(zones)
+    table = _table("objects", "class", *zones, "all")
+    classes = sorted({name for name, _ in objects})
+    for name in classes:
+        counts = [objects.get((name, zone), 0) for zone in zones]
+        table.add_row(name, *(str(count) for count in counts), str(sum(counts)))
+    if not classes:
+        table.add_row("none", *("0" for _ in zones), "0")
+    return table
+
+
+def drops_table(
+    used: Mapping[str, int], dropped: Mapping[tuple[str, str], int], examples: Mapping[tuple[str, str], str]
+) -> RenderableType:
+    """Messages by topic: how many took part, how many did not and why, with an example of each problem."""
+    table = _table("messages", "topic", "used", "dropped", "reason", text_columns=("topic", "reason"))
+    for topic in sorted({*used, *(topic for topic, _ in dropped)}):
+        reasons = sorted((reason, count) for (name, reason), count in dropped.items() if name == topic)
+        total = str(used.get(topic, 0))
+        for row, (reason, count) in enumerate(reasons or [("", 0)]):
+            table.add_row(topic if row == 0 else "", total if row == 0 else "", str(count or ""), reason)
+    notes = [Text(f"  {reason}: {example}", style="dim") for (_, reason), example in sorted(examples.items())]
+    return Group(table, *notes)
+
+
+def losses_table(losses: Sequence[Mapping[str, Any]]) -> Table:
+    """What is damaged in the files that were read: where, how much of it, how many messages, and why."""
+    table = _table("damage", "file", "from byte", "bytes", "messages lost", "reason", text_columns=("reason",))
+    for loss in losses:
+        size, messages = ("unknown" if loss[key] is None else str(loss[key]) for key in ("size", "messages"))
+        table.add_row(loss["file"], str(loss["position"]), size, messages, loss["reason"])
+    return table
+
+
+def stages_table(seconds: Mapping[str, float], frames: int) -> Table:
+    """Milliseconds a frame in each stage."""
+    table = _table("time", "stage", "ms a frame")
+    for name, spent in seconds.items():
+        table.add_row(name, f"{1e3 * spent / max(frames, 1):.1f}")
+    return table
+
+
+def points_table(points: Mapping[str, int], frames: int) -> Table:
+    """Lidar points a frame by step of the combination."""
+    table = _table("points", "step", "points a frame")
+    for step, count in points.items():
+        table.add_row(step, f"{count / max(frames, 1):.0f}")
+    return table
+
+
+def pairs_table(title: str, pairs: Mapping[str, Any]) -> Table:
+    """Two columns without a head."""
+    table = Table(title=title, title_justify="left", title_style="bold", show_header=False, box=None, pad_edge=False)
+    for name, value in pairs.items():
+        table.add_row(name, str(value))
+    return table
+
+
+def topics_table(topics: Sequence[Any]) -> Table:
+    """What `readers.streams.survey` found, a row a topic."""
+    columns = ("type", "count", "Hz", "gaps", "longest", "delay", "")
+    table = _table("topics", "topic", *columns, text_columns=("type", ""))
+    for topic in topics:
+        remarks = [topic.problem] if topic.problem else []
+        if topic.backwards:
+            remarks.append(f"{topic.backwards} stamps run backwards")
+        table.add_row(
+            topic.topic,
+            topic.msgtype.replace("/msg/", "/"),
+            str(topic.count),
+            f"{topic.rate_hz:.1f}" if topic.rate_hz else "",
+            str(topic.gaps or ""),
+            f"{topic.longest_gap_s:.3f} s" if topic.longest_gap_s else "",
+            f"{1e3 * topic.delay_s:.1f} ms" if topic.count else "",
+            ", ".join(remarks),
+        )
+    return table
+
+
+def sensors_table(sensors: Sequence[Mapping[str, str]]) -> Table:
+    """The sensors that would be used, and where their calibration comes from."""
+    columns = ("sensor", "topic", "frame_id", "intrinsics", "extrinsics")
+    table = _table("sensors", *columns, text_columns=columns)
+    for sensor in sensors:
+        table.add_row(*(sensor[column] for column in columns))
+    return table
+
+
+def _table(title: str, first: str, *columns: str, text_columns: tuple[str, ...] = ()) -> Table:
+    table = Table(title=title, title_justify="left", title_style="bold", header_style="dim", box=None, pad_edge=False)
+    table.add_column(first)
+    for column in columns:
+        table.add_column(column, justify="left" if column in text_columns else "right")
+    return table

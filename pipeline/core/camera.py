@@ -1,0 +1,167 @@
+"""Camera intrinsics: projection of points and boxes into a picture, with lens distortion.
+
+Distortion models as REP and OpenCV define them (docs.opencv.org, "Camera Calibration and 3D Reconstruction" and
+"Fisheye camera model"): `plumb_bob` k1 k2 p1 p2 k3; `rational_polynomial` k1 k2 p1 p2 k3 k4 k5 k6; `equidistant`
+(also `kannala_brandt`, `fisheye`) k1 k2 k3 k4. Pixel (0, 0) is the top left corner of the top left pixel in lidcam's
+boxes; the calibration's principal point is counted from pixel centres, as OpenCV and ROS do, so half a pixel is added
+on projection.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal, get_args
+
+import numpy as np
+import numpy.typing as npt
+
+from pipeline.core.errors import CalibrationError
+
+__all__ = ["CameraModel", "DistortionModel"]
+
+F64 = npt.NDArray[np.float64]
+DistortionModel = Literal["plumb_bob", "rational_polynomial", "equidistant"]
+
+NEAR_M = 0.01
+"""Edges of boxes are cut at this depth: nearer points have no place in the picture."""
+
+# Rows of `box_corners` that each edge of a box joins.
+_EDGES = np.array([[0, 1], [1, 2], [2, 3], [3, 0], [4, 5], [5, 6], [6, 7], [7, 4], [0, 4], [1, 5], [2, 6], [3, 7]])
+_EDGE_SHARES = np.linspace(0.0, 1.0, 5)[:, None]  # lens distortion bends edges: corners alone would miss the bulge
+
+
+@dataclass(frozen=True, eq=False)
+class CameraModel:
+    """Intrinsics of one camera.
+
+    Attributes:
+        frame_id: Optical frame (z forward, x right, y down).
+        width_px: Picture width.
+        height_px: Picture height.
+        K: (3, 3) float64 camera matrix, pixels.
+        model: Distortion model.
+        distortion: (k,) float64 coefficients; fewer than the model has are taken as zero.
+    """
+
+    frame_id: str
+    width_px: int
+    height_px: int
+    K: F64
+    model: DistortionModel
+    distortion: F64
+
+    def __post_init__(self) -> None:
+        limit = {"plumb_bob": 5, "rational_polynomial": 8, "equidistant": 4}
+        if self.model not in get_args(DistortionModel):
+            raise CalibrationError(f"distortion model {self.model!r} is not one of {', '.join(limit)}")
+        if self.K.shape != (3, 3) or not np.isfinite(self.K).all():
+            raise CalibrationError("camera matrix K: expected nine finite numbers")
+        if np.any(self.K[[1, 2, 2], [0, 0, 1]]) or self.K[2, 2] != 1:
+            raise CalibrationError(
+                f"camera matrix K: expected zeros below the diagonal and 1 at its end, got {self.K.tolist()}"
+            )
+        if self.width_px <= 0 or self.height_px <= 0:
+            raise CalibrationError(f"picture size {self.width_px} x {self.height_px} px: expected positive numbers")
+        focal = (float(self.K[0, 0]), float(self.K[1, 1]))
+        # A view of over 178 or under 0.3 degrees is no camera; zero means "not calibrated" (sensor_msgs/CameraInfo).
+        if not all(0.01 < f / self.width_px < 200 for f in focal):
+            raise CalibrationError(
+                f"focal length {focal[0]:g}, {focal[1]:g} px is impossible for a picture {self.width_px} px wide"
+            )
+        if not np.isfinite(self.distortion).all():
+            raise CalibrationError("distortion coefficients: expected finite numbers")
+        if len(self.distortion) > limit[self.model] and np.any(self.distortion[limit[self.model] :]):
+            raise CalibrationError(
+                f"distortion model {self.model} has {limit[self.model]} coefficients, found {len(self.distortion)}"
+            )
+        self.K.flags.writeable = False
+        self.distortion.flags.writeable = False
+
+    @cached_property
+    def _coefficients(self) -> F64:
+        return np.concatenate([self.distortion[:8], np.zeros(8)])[:8]
+
+    @cached_property
+    def _radius_limit(self) -> float:
+        """Largest undistorted radius (tangent of the angle; equidistant: the angle) where the model is one-to-one.
+
+        Beyond it the polynomial folds back and points far outside of the view would land in the picture.
+        """
+        radius = np.linspace(0.0, np.pi if self.model == "equidistant" else 20.0, 4001)
+        grown = radius * self._radial(radius**2)
+        falling = np.flatnonzero(np.diff(grown) <= 0)
+        return float(radius[falling[0]]) if len(falling) else np.inf
+
+    def _radial(self, r2: F64) -> F64:
+        k = self._coefficients
+        if self.model == "equidistant":
+            return np.asarray(1 + r2 * (k[0] + r2 * (k[1] + r2 * (k[2] + r2 * k[3]))))
+        top = 1 + r2 * (k[0] + r2 * (k[1] + r2 * k[4]))
+        return np.asarray(top / (1 + r2 * (k[5] + r2 * (k[6] + r2 * k[7]))))
+
+    def project(self, points_camera: npt.NDArray[np.floating]) -> tuple[F64, npt.NDArray[np.bool_]]:
+        """Where points appear.
+
+        Args:
+            points_camera: (..., 3) metres in the optical frame.
+
+        Returns:
+            (..., 2) pixels, and whether each point is in front of the camera and inside what the lens model covers;
+            the pixels of the others mean nothing. Points outside of the picture are not cut off.
+        """
+        points = np.asarray(points_camera, np.float64)
+        x, y, z = points[..., 0], points[..., 1], points[..., 2]
+        front = z > NEAR_M / 2
+        depth = np.where(front, z, 1.0)
+        x, y = x / depth, y / depth
+        k = self._coefficients
+        if self.model == "equidistant":
+            radius = np.hypot(x, y)
+            theta = np.arctan(radius)
+            inside = theta < self._radius_limit
+            scale = np.where(radius > 1e-9, theta * self._radial(theta**2) / np.maximum(radius, 1e-9), 1.0)
+            x_lens, y_lens = x * scale, y * scale
+        else:
+            r2 = x * x + y * y
+            inside = r2 < self._radius_limit**2
+            r2 = np.where(inside, r2, 0.0)
+            scale = self._radial(r2)
+            x_lens = x * scale + 2 * k[2] * x * y + k[3] * (r2 + 2 * x * x)
+            y_lens = y * scale + k[2] * (r2 + 2 * y * y) + 2 * k[3] * x * y
+        u = self.K[0, 0] * x_lens + self.K[0, 1] * y_lens + self.K[0, 2] + 0.5
+        v = self.K[1, 1] * y_lens + self.K[1, 2] + 0.5
+        return np.stack([u, v], -1), front & inside
+
+    def project_boxes(self, corners_camera: F64) -> npt.NDArray[np.float32]:
+        """Smallest upright rectangles around boxes, clipped to the picture.
+
+        Args:
+            corners_camera: (N, 8, 3) corners in the order of `geometry.box_corners`, metres in the optical frame.
+
+        Returns:
+            (N, 4) left, top, right, bottom in pixels; NaN where nothing of the box is in the picture. Boxes that reach
+            behind the camera are cut at its plane first.
+        """
+        found = np.full((len(corners_camera), 4), np.nan, np.float32)
+        ahead = (corners_camera[..., 2] >= NEAR_M).any(1)
+        if ahead.any():
+            found[ahead] = self._project_boxes_ahead(corners_camera[ahead])
+        return found
+
+    def _project_boxes_ahead(self, corners_camera: F64) -> F64:
+        """`project_boxes` for boxes of which at least one corner is in front of the camera."""
+        start, end = corners_camera[:, _EDGES[:, 0]], corners_camera[:, _EDGES[:, 1]]  # (N, 12, 3)
+        z0, z1 = start[..., 2:], end[..., 2:]
+        rise = np.where(z0 == z1, 1.0, z1 - z0)
+        cut = np.clip((NEAR_M - z0) / rise, 0.0, 1.0)
+        in_front = np.maximum(z0, z1)[..., 0] >= NEAR_M
+        cut_point = start + cut * (end - start)
+        start, end = np.where(z0 < NEAR_M, cut_point, start), np.where(z1 < NEAR_M, cut_point, end)
+        samples = start[:, :, None] * (1 - _EDGE_SHARES) + end[:, :, None] * _EDGE_SHARES  # (N, 12, S, 3)
+        pixels, valid = self.project(samples)
+        valid &= in_front[..., None]
+        low = np.where(valid[..., None], pixels, np.inf).min((1, 2))
+        high = np.where(valid[..., None], pixels, -np.inf).max((1, 2))
+        size = np.array([self.width_px, self.height_px], np.float64)
+        boxes = np.concatenate([np.clip(low, 0, size), np.clip(high, 0, size)], -1)
+        seen = (boxes[:, 2] > boxes[:, 0]) & (boxes[:, 3] > boxes[:, 1])
+        return np.where(seen[:, None], boxes, np.nan)

@@ -1,0 +1,1 @@
+"""Containers: what a recording is stored in, from a file to a server."""

@@ -1,0 +1,236 @@
+"""MCAP recordings (https://mcap.dev/spec), ROS 2 (cdr) and ROS 1, chunks as they are, lz4 or zstd, or no chunks.
+
+The mcap library parses summary and chunks. The order of messages is made here: the library's own queue holds every
+message of all chunks that overlap in time, and reads a file without chunk index into memory as a whole.
+"""
+
+import heapq
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator
+from typing import BinaryIO
+
+import numpy as np
+
+from pipeline.core.config import DEFAULT_LIMITS, LimitsConfig
+from pipeline.core.errors import RecordingError
+from pipeline.core.types import Channel, RawMessage
+from readers.files.chunk_cache import ChunkCache, detach
+from readers.files.damage import Losses, describe, is_damage
+from readers.files.mcap.channels import channel_of, message_type
+from readers.files.mcap.index import ChunkPlace, Contents, Entry, load_chunk, messages_in, read_contents, read_exactly
+from readers.files.mcap.recovery import chunk_extent, contents_of_walk
+from readers.files.mcap.summary import HeadReader
+from readers.files.message_zstd import decompressed
+from readers.files.remote import ReadAhead, tell_full_read
+from readers.location import Location
+from readers.messages.header_stamp import stamp_or_log_time
+from readers.recording import Loss, RosVersion, TopicInfo, merge_topics
+
+__all__ = ["McapFile"]
+
+
+class McapFile:
+    """One open MCAP file; see `RecordingFile`.
+
+    Args:
+        path: The file.
+        file_index: Its place in the recording.
+        stream: Its content, unpacked if it lies there packed; closed together with it.
+        message_compression: Whether each message is compressed with zstd (metadata.yaml says so).
+        distro: ROS 2 release that metadata.yaml names.
+        rescue: Read what can be read of a damaged file, and tell of the rest in `losses`.
+        thorough: Do so by reading every record, even where the summary seems right.
+        limits: How much it may unpack to.
+    """
+
+    ros_version: RosVersion
+
+    def __init__(
+        self,
+        path: Location,
+        file_index: int,
+        *,
+        stream: BinaryIO,
+        message_compression: bool = False,
+        distro: str = "",
+        rescue: bool = False,
+        thorough: bool = False,
+        limits: LimitsConfig = DEFAULT_LIMITS,
+    ) -> None:
+        self.path = path
+        self._file_index = file_index
+        self._rescue = rescue
+        self._limits = limits
+        self._losses = Losses(path, limits.most_losses_listed)
+        self._bad_chunks: set[int] = set()
+        self._message_compression = message_compression
+        self._stream = stream
+        try:
+            self._chunk_cache = ChunkCache(most_loaded_bytes=limits.largest_unpacked_bytes(stream.seek(0, 2)))
+            stream.seek(0)
+            self._describe(distro, thorough)
+        except BaseException:
+            self._stream.close()
+            raise
+
+    def _describe(self, distro: str, thorough: bool) -> None:
+        profile, contents = self._read_contents(thorough)
+        self._chunks, self._loose, self._cut_chunk = contents.chunks, contents.loose, contents.cut_chunk
+        self._positions = np.sort(np.array([chunk.position for chunk in self._chunks], np.uint64))
+        self._channels: dict[int, Channel] = {}
+        topics = []
+        for id_, recorded in sorted(contents.channels.items()):
+            schema = contents.schemas.get(recorded.schema_id)
+            channel = channel_of(recorded, schema, distro)
+            count = contents.counts[id_]
+            if isinstance(channel, str):
+                topics.append(TopicInfo(recorded.topic, message_type(schema), count, (), channel))
+                continue
+            self._channels[id_] = channel
+            topics.append(TopicInfo(recorded.topic, channel.msgtype, count, (channel,)))
+        self.topics = merge_topics(topics)
+        self.message_count = contents.counts.total()
+        self.start_ns, self.end_ns = (contents.start_ns, contents.end_ns) if self.message_count else (0, 0)
+        encodings = {channel.encoding for channel in self._channels.values()}
+        self.ros_version = "ROS 1" if profile == "ros1" or encodings == {"ros1"} else "ROS 2"
+
+    def _read_contents(self, thorough: bool) -> tuple[str, Contents]:
+        """Profile and contents; of a damaged file what is found by reading all of it."""
+        reader = HeadReader(self._stream)
+        profile, because = "", ""
+        try:
+            profile = reader.get_header().profile
+            contents = read_contents(reader, self._stream, self._limits)
+            if not thorough:
+                return profile, contents
+        except Exception as err:
+            if not self._rescue or not is_damage(err):
+                raise
+            because = describe(err)
+            tell_full_read(self._stream, f"its summary cannot be used ({because})")
+            contents = contents_of_walk(self._stream, self._losses, because=because, limits=self._limits)
+            if not contents.counts:
+                raise
+            return profile, contents
+        tell_full_read(self._stream, "every record is wanted")
+        return profile, contents_of_walk(self._stream, self._losses, because="", limits=self._limits)
+
+    @property
+    def losses(self) -> tuple[Loss, ...]:
+        """See `RecordingFile`."""
+        return self._losses.listed()
+
+    def messages(
+        self, topics: Collection[str] | None, *, start_ns: int | None, stop_ns: int | None
+    ) -> Iterator[RawMessage]:
+        """See `RecordingFile`."""
+        self._chunk_cache.begin()
+        wanted = {id_ for id_, channel in self._channels.items() if topics is None or channel.topic in topics}
+        start = 0 if start_ns is None else start_ns
+        stop = 2**64 if stop_ns is None else stop_ns
+
+        def taken(entry: Entry) -> bool:
+            return entry.channel_id in wanted and start <= entry.log_time_ns < stop
+
+        queue: list[Entry | ChunkPlace] = [entry for entry in self._loose if taken(entry)]
+        places = [
+            chunk
+            for chunk in self._chunks
+            if chunk.end_ns >= start and chunk.start_ns < stop and (not chunk.channel_ids or chunk.channel_ids & wanted)
+        ]
+        queue += places
+        heapq.heapify(queue)
+        ahead = ReadAhead(self._stream, [(place.position, place.size) for place in sorted(places)])
+        left: Counter[int] = Counter()  # messages to come by chunk
+        while queue:
+            place = heapq.heappop(queue)
+            if isinstance(place, ChunkPlace):
+                ahead.reach()
+                for entry in self._entries_of(place, taken):
+                    heapq.heappush(queue, entry)
+                    left[place.position] += 1
+                self._check_waiting(left)
+                continue
+            channel = self._channels[place.channel_id]
+            data = self._read_or_note(place)
+            left[place.chunk] -= 1
+            if not left[place.chunk]:
+                del left[place.chunk]
+                self._chunk_cache.drop(place.chunk)
+            if data is None:
+                continue
+            yield RawMessage(
+                stamp_or_log_time(channel, data, place.log_time_ns),
+                place.log_time_ns,
+                (self._file_index, (place.chunk << 32) + place.offset),
+                data,
+                channel,
+            )
+
+    def _check_waiting(self, left: Counter[int]) -> None:
+        """Refuse chunks that overlap in time so that all their messages wait for one another."""
+        if left.total() > self._limits.most_messages_in_memory:
+            raise RecordingError(
+                f"{self.path}: more than {self._limits.most_messages_in_memory} messages of chunks that overlap in "
+                "time: write it anew in the order of time, or raise limits.most_messages_in_memory"
+            )
+
+    def close(self) -> None:
+        """Close the file."""
+        self._stream.close()
+
+    def _entries_of(self, place: ChunkPlace, taken: Callable[[Entry], bool]) -> list[Entry]:
+        """The messages of a chunk that are wanted; none of one that is damaged, which is noted."""
+        position = place.position
+        if position in self._bad_chunks:
+            return []
+        try:
+            return [entry for entry in messages_in(self._records_of(position), position, self._limits) if taken(entry)]
+        except Exception as err:
+            if not self._rescue or not is_damage(err):
+                raise
+            self._bad_chunks.add(position)
+            size, count = chunk_extent(self._stream, position)
+            reason = f"a chunk that cannot be read ({describe(err)})"
+            self._losses.note(position, reason, size=size, messages=count)
+            return []
+
+    def _read_or_note(self, entry: Entry) -> bytes | memoryview | None:
+        """The data of a message; None where they are damaged, which is noted."""
+        try:
+            return self._read(entry)
+        except Exception as err:
+            if not self._rescue or not is_damage(err):
+                raise
+            where = f"a message at byte {entry.offset} of the chunk: " if entry.chunk else ""
+            self._losses.note(entry.chunk or entry.offset, where + describe(err), messages=1)
+            return None
+
+    def _read(self, entry: Entry) -> bytes | memoryview:
+        self._check_open()
+        if entry.chunk:
+            data = detach(self._records_of(entry.chunk), entry.offset, entry.size)
+        else:
+            if entry.size > self._limits.largest_message_bytes:
+                raise ValueError(f"a message of {entry.size} bytes, see limits.largest_message_mib")
+            self._stream.seek(entry.offset)
+            data = read_exactly(self._stream, entry.size)
+        return decompressed(
+            data,
+            self._channels[entry.channel_id].encoding,
+            announced=self._message_compression,
+            largest=self._limits.largest_message_bytes,
+        )
+
+    def _records_of(self, position: int) -> bytes:
+        self._check_open()
+        is_cut = position == self._cut_chunk
+        following = int(np.searchsorted(self._positions, np.uint64(position), side="right"))
+        before = int(self._positions[following]) if following < len(self._positions) else None
+        return self._chunk_cache.get(
+            position, lambda: load_chunk(self._stream, position, self._limits, before=before, is_cut=is_cut)
+        )
+
+    def _check_open(self) -> None:
+        if self._stream.closed:
+            raise RecordingError(f"{self.path}: expected an open recording, but it was closed")

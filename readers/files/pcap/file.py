@@ -1,0 +1,171 @@
+"""What Velodynes sent over the network, captured as pcap or pcapng, as a recording of VelodynePackets.
+
+A topic per lidar: `/velodyne_192_168_1_201/packets` is what 192.168.1.201 sent, with the port in the name where it is
+not 2368, for instance `/velodyne_192_168_1_201_2369/packets`. The name depends on the lidar alone, so one rig file fits
+all captures of a rig. Stamp and log time are the time of capture; the packets' own clock has microseconds in the
+hour only. Everything else in the file is counted on topics that are not read: GPS, other traffic, by kind.
+"""
+
+from array import array
+from collections import Counter
+from collections.abc import Collection, Iterator
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from pipeline.core.config import DEFAULT_LIMITS, LimitsConfig
+from pipeline.core.errors import RecordingError
+from pipeline.core.types import Channel, RawMessage
+from readers.files.damage import Losses
+from readers.files.pcap.packets import Window, captured_packets
+from readers.files.pcap.udp import CUT_SHORT, FRAGMENTS, NOT_IP, NOT_UDP, UNKNOWN_LINK, address_text, find_udp
+from readers.recording import Loss, RosVersion, TopicInfo, merge_topics
+from readers.velodyne.packet import packet_channel, packet_message_data
+from readers.velodyne.scan import PACKET_BYTES
+
+__all__ = ["PcapFile"]
+
+DATA_PORT = 2368
+POSITION_BYTES = 554
+
+MOST_LIDARS = 64
+"""Senders that are told apart."""
+
+NO_TIME, OTHER_SIZE, POSITION, TOO_MANY = "no_time", "other_size", "position", "too_many_lidars"
+OTHERS = {
+    CUT_SHORT: "packets of which the capture kept too little",
+    FRAGMENTS: "fragments of IP packets, which no Velodyne sends",
+    NOT_IP: "packets that are not IP",
+    NOT_UDP: "IP packets that are not UDP",
+    NO_TIME: "packets without a time of capture",
+    OTHER_SIZE: f"UDP packets of other sizes than a Velodyne's {PACKET_BYTES} bytes",
+    POSITION: "position packets (GPS), which are not used",
+    TOO_MANY: f"packets of more than {MOST_LIDARS} lidars",
+    UNKNOWN_LINK: "packets of another link type than Ethernet, Linux cooked, loopback and raw IP",
+}
+"""What is not read, by the name of its topic below /other_traffic."""
+
+
+class PcapFile:
+    """One open capture; see `RecordingFile`.
+
+    It is read once as a whole when it is opened: what is where is kept, 18 bytes per packet.
+
+    Args:
+        path: The file.
+        file_index: Its place in the recording.
+        location: Where it lies unpacked, if not at `path`.
+        rescue: Read what can be read of a damaged file, and tell of the rest in `losses`.
+        limits: How much of that is listed.
+    """
+
+    ros_version: RosVersion = "no ROS"
+
+    def __init__(
+        self,
+        path: Path,
+        file_index: int,
+        *,
+        location: Path | None = None,
+        rescue: bool = False,
+        limits: LimitsConfig = DEFAULT_LIMITS,
+    ) -> None:
+        self.path = path
+        self._file_index = file_index
+        self._rescue = rescue
+        self._losses = Losses(path, limits.most_losses_listed)
+        self._channels: list[Channel] = []
+        self._stream = (path if location is None else location).open("rb")
+        try:
+            self._describe()
+        except BaseException:
+            self._stream.close()
+            raise
+
+    def _describe(self) -> None:
+        times, positions, lidars = array("q"), array("q"), array("H")
+        numbers: dict[tuple[bytes, int], int] = {}
+        others: Counter[str] = Counter()
+        first_ns, last_ns = 2**63, -1
+        for packet in captured_packets(self._stream, self._note):
+            time_ns = packet.time_ns
+            if time_ns >= 0:
+                first_ns, last_ns = min(first_ns, time_ns), max(last_ns, time_ns)
+            found = find_udp(packet.head, packet.size, packet.link_type)
+            if isinstance(found, str):
+                others[found] += 1
+            elif found.size != PACKET_BYTES:
+                others[POSITION if found.size == POSITION_BYTES else OTHER_SIZE] += 1
+            elif time_ns < 0:
+                others[NO_TIME] += 1
+            else:
+                key = found.source, found.port
+                if key not in numbers and len(numbers) == MOST_LIDARS:
+                    others[TOO_MANY] += 1
+                    continue
+                lidars.append(numbers.setdefault(key, len(numbers)))
+                times.append(time_ns)
+                positions.append(packet.position + found.data_at)
+        self._channels = [packet_channel(f"{_place(*key)}/packets") for key in numbers]
+        self._times = np.array(times, np.int64)
+        self._positions = np.array(positions, np.int64)
+        self._lidars = np.array(lidars, np.uint16)
+        counts = np.bincount(self._lidars, minlength=len(numbers)).tolist()
+        self.topics = merge_topics(
+            [TopicInfo(c.topic, c.msgtype, n, (c,)) for c, n in zip(self._channels, counts, strict=True)]
+            + [TopicInfo(f"/other_traffic/{k}", "packet", n, (), OTHERS[k]) for k, n in others.items()]
+        )
+        self.message_count = len(times) + others.total()
+        self.start_ns, self.end_ns = (first_ns, last_ns) if last_ns >= 0 else (0, 0)
+        if not self.message_count and (losses := self.losses):
+            raise EOFError(losses[0].reason)
+
+    def _note(self, position: int, reason: str, *, size: int | None = None, messages: int | None = None) -> None:
+        if not self._rescue:
+            raise EOFError(f"at byte {position}: {reason}")
+        self._losses.note(position, reason, size=size, messages=messages)
+
+    @property
+    def losses(self) -> tuple[Loss, ...]:
+        """See `RecordingFile`."""
+        return self._losses.listed()
+
+    def messages(
+        self, topics: Collection[str] | None, *, start_ns: int | None, stop_ns: int | None
+    ) -> Iterator[RawMessage]:
+        """See `RecordingFile`."""
+        wanted = [number for number, channel in enumerate(self._channels) if topics is None or channel.topic in topics]
+        taken = np.isin(self._lidars, wanted)
+        if start_ns is not None:
+            taken &= self._times >= start_ns
+        if stop_ns is not None:
+            taken &= self._times < stop_ns
+        rows = np.flatnonzero(taken)
+        rows = rows[np.argsort(self._times[rows], kind="stable")]
+        self._check_open()
+        window = Window(self._stream)
+        for time_ns, position, lidar in self._entries(rows):
+            self._check_open()
+            data = packet_message_data(time_ns, window.read(position, PACKET_BYTES))
+            yield RawMessage(time_ns, time_ns, (self._file_index, position), data, self._channels[lidar])
+
+    def _entries(self, rows: npt.NDArray[np.intp]) -> Iterator[tuple[int, int, int]]:
+        """Time, place and lidar of packets."""
+        columns = self._times, self._positions, self._lidars
+        for part in np.array_split(rows, len(rows) // 4096 + 1):
+            yield from zip(*(column[part].tolist() for column in columns), strict=True)
+
+    def close(self) -> None:
+        """Close the file."""
+        self._stream.close()
+
+    def _check_open(self) -> None:
+        if self._stream.closed:
+            raise RecordingError(f"{self.path}: expected an open recording, but it was closed")
+
+
+def _place(source: bytes, port: int) -> str:
+    """What the topics of one lidar begin with."""
+    address = address_text(source).replace(".", "_").replace(":", "_")
+    return f"/velodyne_{address}" if port == DATA_PORT else f"/velodyne_{address}_{port}"

@@ -1,0 +1,105 @@
+"""ROS 2 bag folders: which files they hold, and what metadata.yaml says about all of them."""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import yaml
+
+from pipeline.core.config import MOST_YAML_BYTES, parse_yaml
+from pipeline.core.errors import RecordingError
+
+__all__ = ["FolderMetadata", "folder_metadata", "recording_files"]
+
+METADATA = "metadata.yaml"
+STORAGE_SUFFIXES = (".db3", ".mcap")
+MOST_LISTED = 10
+
+
+@dataclass(frozen=True, slots=True)
+class FolderMetadata:
+    """The part of metadata.yaml that the files themselves do not say.
+
+    Attributes:
+        file_names: The files in recording order.
+        message_compression: Whether each message is compressed with zstd.
+        distro: Name of the ROS 2 release, or empty.
+    """
+
+    file_names: tuple[str, ...] = ()
+    message_compression: bool = False
+    distro: str = ""
+
+
+def recording_files(folder: Path) -> tuple[Path, ...]:
+    """The files of a bag folder in recording order: as metadata.yaml lists them, else all by their numbers.
+
+    Raises:
+        RecordingError: there are none, one is missing, or metadata.yaml cannot be read.
+    """
+    listed = folder_metadata(folder).file_names
+    files = tuple(folder / name for name in listed)
+    missing = [file.name for file in files if not file.is_file()]
+    if missing:
+        more = f" and {len(missing) - MOST_LISTED} more" if len(missing) > MOST_LISTED else ""
+        raise RecordingError(
+            f"{folder}: {METADATA} lists {', '.join(missing[:MOST_LISTED])}{more}, which "
+            f"{'is' if len(missing) == 1 else 'are'} not there; complete the folder, or give the files to read"
+        )
+    if files:
+        return files
+    found = sorted((file for file in folder.iterdir() if _is_storage(file)), key=_natural_order)
+    if len({_storage_suffix(file) for file in found}) > 1:
+        names = ", ".join(file.name for file in found)
+        raise RecordingError(
+            f"{folder}: expected one recording, found several kinds of files ({names}); name the files"
+        )
+    if not found:
+        bags = sum(file.suffix == ".bag" for file in folder.iterdir())
+        hint = f"found {bags} ROS 1 .bag file(s): name them one by one" if bags else "found none of them"
+        raise RecordingError(f"{folder}: expected a ROS 2 bag folder ({METADATA}, .db3 or .mcap files), {hint}")
+    return tuple(found)
+
+
+def folder_metadata(folder: Path) -> FolderMetadata:
+    """What metadata.yaml of `folder` says; the defaults where there is none.
+
+    Raises:
+        RecordingError: it cannot be read.
+    """
+    path = folder / METADATA
+    if not path.is_file():
+        return FolderMetadata()
+    expected = f"{path}: expected rosbag2's metadata (rosbag2_bagfile_information: relative_file_paths...)"
+    remedy = "remove it to read all files of the folder"
+    try:
+        with path.open("rb") as stream:
+            document: Any = parse_yaml(stream.read(MOST_YAML_BYTES + 1))
+        information: dict[str, Any] = document["rosbag2_bagfile_information"]
+        names = tuple(PurePosixPath(name).name for name in information["relative_file_paths"])
+        mode = str(information.get("compression_mode") or "").lower()
+        compression = information.get("compression_format") or ""
+        distro = str(information.get("ros_distro") or "")
+    except (OSError, yaml.YAMLError, LookupError, TypeError, ValueError, AttributeError) as err:
+        found = " ".join(str(err).split())
+        raise RecordingError(f"{expected}, found {type(err).__name__}: {found}; {remedy}") from err
+    if mode in {"message", "file"} and compression != "zstd":
+        raise RecordingError(
+            f"{path}: expected compression zstd, found {compression!r}; convert it with `ros2 bag convert`"
+        )
+    return FolderMetadata(names, mode == "message", distro)
+
+
+def _storage_suffix(file: Path) -> str:
+    return Path(file.stem).suffix if file.suffix == ".zstd" else file.suffix
+
+
+def _is_storage(file: Path) -> bool:
+    return file.is_file() and _storage_suffix(file) in STORAGE_SUFFIXES
+
+
+def _natural_order(file: Path) -> list[tuple[int, str]]:
+    """rec_2 before rec_10."""
+    parts = re.split(r"(\d+)", file.name)
+    return [(int(part), "") if part.isdigit() else (0, part) for part in parts]

@@ -1,0 +1,1 @@
+"""The sqlite3 files of ROS 2 bags."""

@@ -1,0 +1,304 @@
+"""What a damaged SQLite recording still holds: its rows, read page by page past SQLite's own trees.
+
+The library refuses a database that lacks a page, and its own `.recover` is no part of it. The pages say enough
+(https://www.sqlite.org/fileformat2.html): every leaf of a table holds whole rows, and a long row names the page on
+which it goes on. They have no checksums: bytes of a message that were overwritten do not show.
+"""
+
+import struct
+from array import array
+from typing import BinaryIO, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from readers.files.damage import Losses
+
+__all__ = ["Walked", "check_size", "read_message", "walk_database"]
+
+LEAF = 0x0D
+HEADER_BYTES = 100
+MOST_PAYLOAD = 1 << 30
+STEPS_PER_PAGE = 4
+"""How often a page on which rows go on is met: once, and again by what is left of rows that were deleted."""
+INTEGER_BYTES = (0, 1, 2, 3, 4, 6, 8)
+UINT32 = struct.Struct(">I")
+
+Value = int | float | str | bytes | None
+
+
+class Walked(NamedTuple):
+    """The rows that were found.
+
+    `rows` (N, 5) has the log time, the id, the topic's id, the page and the place in it of every message, in the order
+    of the first two. `topics` are (id, name, type, serialisation), `definitions` (encoding, text) by type.
+    """
+
+    rows: npt.NDArray[np.int64]
+    topics: list[tuple[int, str, str, str]]
+    definitions: dict[str, tuple[str, str]]
+    distro: str
+
+
+class _Pages:
+    """The pages of a database file by number, from 1."""
+
+    def __init__(self, stream: BinaryIO) -> None:
+        self._stream = stream
+        file_bytes = stream.seek(0, 2)
+        stream.seek(0)
+        header = stream.read(HEADER_BYTES)
+        if len(header) < HEADER_BYTES:
+            raise EOFError(f"expected {HEADER_BYTES} bytes of a database's header, found {len(header)}")
+        (size,) = struct.unpack_from(">H", header, 16)
+        self.size = 65536 if size == 1 else int(size)
+        if self.size < 512 or self.size & (self.size - 1):
+            raise ValueError(f"expected a power of two as the size of pages, found {self.size}")
+        self.usable = self.size - header[20]
+        if self.usable < 480:
+            raise ValueError(f"expected at least 480 usable bytes in a page, found {self.usable}")
+        self.count = file_bytes // self.size
+        counted, valid_for, changes = (UINT32.unpack_from(header, place)[0] for place in (28, 92, 24))
+        self._steps_left = STEPS_PER_PAGE * self.count
+        self.expected: int = counted if valid_for == changes else 0  # else an old SQLite, which did not count pages
+
+    def read(self, number: int) -> bytes:
+        """One page.
+
+        Raises:
+            ValueError: the file has no such page.
+        """
+        if not 1 <= number <= self.count:
+            raise ValueError(f"page {number} of {self.count} is missing")
+        self._stream.seek((number - 1) * self.size)
+        return self._stream.read(self.size)
+
+    def next_of(self, number: int) -> int:
+        """The page on which the row goes on that is continued on page `number`."""
+        if not 1 <= number <= self.count:
+            raise ValueError(f"page {number} of {self.count} is missing")
+        if not self._steps_left:
+            raise ValueError("rows that go on and on")
+        self._steps_left -= 1
+        self._stream.seek((number - 1) * self.size)
+        return int(UINT32.unpack(self._stream.read(4))[0])
+
+
+class _Cell(NamedTuple):
+    """A row as it lies in a leaf: `local` is what the leaf holds of its payload, the rest begins on `overflow`."""
+
+    row_id: int
+    payload_size: int
+    local: bytes
+    overflow: int
+
+
+def check_size(stream: BinaryIO) -> None:
+    """Refuse a file that lacks pages: SQLite would take the rest of its last page for zeros.
+
+    Raises:
+        EOFError: it does.
+        ValueError: the header of the file is not one of a database.
+    """
+    pages = _Pages(stream)
+    if pages.expected > pages.count:
+        raise EOFError(f"the file has {pages.count} of {pages.expected} pages")
+
+
+def walk_database(stream: BinaryIO, losses: Losses, *, because: str) -> Walked:
+    """Read every page once; what cannot be read is noted.
+
+    Args:
+        stream: The file.
+        losses: Gets what is damaged.
+        because: What SQLite said of the file; noted where nothing else is found to be wrong.
+
+    Raises:
+        ValueError: the header of the file is not one of a database.
+        EOFError: the file ends inside it.
+    """
+    pages = _Pages(stream)
+    rows = array("q")
+    topics: dict[int, tuple[int, str, str, str]] = {}
+    definitions: dict[str, tuple[str, str]] = {}
+    distro = ""
+    broken: list[int] = []
+    for number in range(1, pages.count + 1):
+        page = pages.read(number)
+        left = pages.size
+        for place in _places(page, HEADER_BYTES if number == 1 else 0):
+            try:
+                cell = _cell(page, place, pages.usable)
+                left -= len(cell.local)
+                if left < 0:
+                    raise ValueError("rows that lie in one another")  # noqa: TRY301  (noted like other damage)
+                types = _serial_types(cell.local)
+                if _is_message(types):
+                    _check_chain(pages, cell)
+                    _, topic_id, log_time_ns = _values(cell.local, types[:3])
+                    rows.extend((_integer(log_time_ns), cell.row_id, _integer(topic_id), number, place))
+                    continue
+                if not types or types[0] or not all(type_ >= 13 and type_ % 2 for type_ in types[1:]):
+                    continue
+                texts = [str(value) for value in _values(_payload(pages, cell), types)[1:]]
+            except (ValueError, LookupError, struct.error):
+                broken.append((number - 1) * pages.size + place)
+                continue
+            if len(texts) == 1:
+                distro = distro or texts[0]
+            elif len(texts) >= 3 and texts[1] in {"ros2msg", "ros2idl", "unknown"}:
+                definitions.setdefault(texts[0], (texts[1], texts[2]))
+            elif len(texts) >= 3:
+                topics.setdefault(cell.row_id, (cell.row_id, texts[0], texts[1], texts[2]))
+    table = np.array(rows, np.int64).reshape(-1, 5)
+    table = table[np.unique(table[:, 1], return_index=True)[1]]  # a page that was given up may still hold old rows
+    table = table[np.lexsort((table[:, 1], table[:, 0]))]
+    _note(pages, table, broken, losses, because)
+    return Walked(table, [topics[id_] for id_ in sorted(topics)], definitions, distro)
+
+
+def read_message(stream: BinaryIO, page: int, place: int) -> bytes:
+    """The data of the message in the row at `place` of `page`.
+
+    Raises:
+        ValueError: the row or one of the pages on which it goes on is damaged.
+    """
+    pages = _Pages(stream)
+    payload = _payload(pages, _cell(pages.read(page), place, pages.usable))
+    data = _values(payload, _serial_types(payload))[3]
+    if not isinstance(data, bytes):
+        raise TypeError("a message without bytes")
+    return data
+
+
+def _note(pages: _Pages, table: npt.NDArray[np.int64], broken: list[int], losses: Losses, because: str) -> None:
+    ids = table[:, 1]
+    missing = int(ids.max() - ids.min() + 1 - len(ids)) if len(ids) else 0
+    end = pages.count * pages.size
+    is_cut = pages.expected > pages.count
+    if is_cut:
+        size = (pages.expected - pages.count) * pages.size
+        losses.note(end, f"the file has {pages.count} of {pages.expected} pages: it was cut off", size=size)
+    if broken:
+        reason = f"{len(broken)} rows that cannot be read, or whose data lie on missing pages"
+        losses.note(broken[0], reason, messages=max(missing, 0) if len(broken) <= missing else None)
+    elif missing:
+        losses.note(0, f"the ids of the messages show that {missing} are missing", messages=missing)
+    elif not is_cut:
+        losses.note(0, f"SQLite cannot read it ({because}); the rows were found by reading every page", messages=0)
+
+
+def _places(page: bytes, offset: int) -> list[int]:
+    """Where the rows of a leaf lie; none where the page is something else."""
+    if page[offset] != LEAF:
+        return []
+    (count,) = struct.unpack_from(">H", page, offset + 3)
+    end = min(offset + 8 + 2 * count, len(page) - 1)
+    places: list[int] = np.frombuffer(page[offset + 8 : end], ">u2", count=(end - offset - 8) // 2).tolist()
+    return places
+
+
+def _cell(page: bytes, place: int, usable: int) -> _Cell:
+    size, at = _varint(page, place)
+    row_id, at = _varint(page, at)
+    if size > MOST_PAYLOAD:
+        raise ValueError(f"a row of {size} bytes")
+    most = usable - 35
+    local = size
+    if size > most:
+        least = (usable - 12) * 32 // 255 - 23
+        local = least + (size - least) % (usable - 4)
+        local = local if local <= most else least
+    if at + local + (4 if local < size else 0) > usable:
+        raise ValueError("a row that reaches beyond its page")
+    overflow = UINT32.unpack_from(page, at + local)[0] if local < size else 0
+    return _Cell(row_id, size, page[at : at + local], overflow)
+
+
+def _chain_length(pages: _Pages, cell: _Cell) -> int:
+    length = -(-(cell.payload_size - len(cell.local)) // (pages.usable - 4))
+    if length > pages.count:
+        raise ValueError(f"a row of {cell.payload_size} bytes is larger than the file")
+    return length
+
+
+def _check_chain(pages: _Pages, cell: _Cell) -> None:
+    """Raise where a page on which the row goes on is missing, or the row does not end where its size says."""
+    number = cell.overflow
+    for _ in range(_chain_length(pages, cell)):
+        number = pages.next_of(number)
+    if number:
+        raise ValueError("a row that goes on behind its end")
+
+
+def _payload(pages: _Pages, cell: _Cell) -> bytes:
+    parts, number = [cell.local], cell.overflow
+    for _ in range(_chain_length(pages, cell)):
+        page = pages.read(number)
+        (number,) = UINT32.unpack_from(page)
+        parts.append(page[4 : pages.usable])
+    if number:
+        raise ValueError("a row that goes on behind its end")
+    return b"".join(parts)[: cell.payload_size]
+
+
+def _serial_types(payload: bytes) -> list[int]:
+    """What kind of value each column of a row has."""
+    end, at = _varint(payload, 0)
+    if end > len(payload):
+        raise ValueError("a row whose head reaches beyond it")
+    types = []
+    while at < end:
+        type_, at = _varint(payload, at)
+        types.append(type_)
+    return types
+
+
+def _is_message(types: list[int]) -> bool:
+    """Columns id (kept apart), topic_id, timestamp, data."""
+    integers = {1, 2, 3, 4, 5, 6, 8, 9}
+    return len(types) == 4 and types[0] == 0 and {*types[1:3]} <= integers and types[3] >= 12 and types[3] % 2 == 0
+
+
+def _values(payload: bytes, types: list[int]) -> list[Value]:
+    """The columns of a row, from the first.
+
+    Raises:
+        ValueError: they reach beyond it.
+    """
+    at, _ = _varint(payload, 0)
+    values: list[Value] = []
+    for type_ in types:
+        if type_ in {0, 8, 9}:
+            values.append({0: None, 8: 0, 9: 1}[type_])
+            continue
+        size = INTEGER_BYTES[type_] if type_ <= 6 else 8 if type_ == 7 else (type_ - 12) // 2
+        content = payload[at : at + size]
+        if len(content) != size or type_ in {10, 11}:
+            raise ValueError("a row whose columns do not fit it")
+        at += size
+        if type_ <= 6:
+            values.append(int.from_bytes(content, "big", signed=True))
+        elif type_ == 7:
+            values.append(float(struct.unpack(">d", content)[0]))
+        else:
+            values.append(content.decode() if type_ % 2 else content)
+    return values
+
+
+def _integer(value: Value) -> int:
+    if not isinstance(value, int):
+        raise TypeError(f"expected a number, found {value!r}")
+    return value
+
+
+def _varint(data: bytes, at: int) -> tuple[int, int]:
+    """A number of up to nine bytes, seven bits each, and where it ends."""
+    value = 0
+    for place in range(8):
+        byte = data[at + place]
+        value = value << 7 | byte & 0x7F
+        if byte < 0x80:
+            return value, at + place + 1
+    value = value << 8 | data[at + 8]
+    return (value - (1 << 64) if value >= 1 << 63 else value), at + 9

@@ -1,0 +1,1 @@
+"""Decoders: one message type each, from bytes to a record."""

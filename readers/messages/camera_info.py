@@ -1,0 +1,119 @@
+"""sensor_msgs/CameraInfo to `CameraModel`.
+
+Sources: the comments of sensor_msgs/CameraInfo.msg and REP 104; image_geometry's PinholeCameraModel for region of
+interest and binning. A raw picture is described by K and D. A rectified one (`image_rect`, `image_rect_color`) is
+described by P = K' [I | t] in a frame that is turned by R against the camera's own: x_rectified = R x_camera. P's last
+column only restates the baseline of a stereo pair, which the frame's own extrinsics already hold, so it is left out.
+"""
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from pipeline.core.camera import CameraModel, DistortionModel
+from pipeline.core.errors import CalibrationError
+from pipeline.core.geometry import Transform, rotation_fault
+
+__all__ = ["DISTORTION_MODELS", "camera_model", "distortion_model", "rectified_camera_model"]
+
+DISTORTION_MODELS: dict[str, DistortionModel] = {
+    "plumb_bob": "plumb_bob",
+    "radtan": "plumb_bob",
+    "rational_polynomial": "rational_polynomial",
+    "equidistant": "equidistant",
+    "kannala_brandt": "equidistant",
+    "fisheye": "equidistant",
+}
+"""The names that recordings use, and what they mean here."""
+
+
+def distortion_model(name: str, coefficients: npt.ArrayLike) -> tuple[DistortionModel, npt.NDArray[np.float64]]:
+    """A distortion model by its ROS name, and its coefficients as float64.
+
+    Without any coefficient that differs from zero a picture has no distortion, whatever the name, except that an
+    equidistant lens with zeros still bends (r = f theta).
+
+    Raises:
+        CalibrationError: coefficients without a model that is known.
+    """
+    values = np.array(coefficients, np.float64).reshape(-1)
+    known = DISTORTION_MODELS.get(name.strip().lower())
+    if known is not None:
+        return known, values
+    if not values.any():
+        return "plumb_bob", np.zeros(0)
+    raise CalibrationError(
+        f"distortion model {name!r} with {len(values)} coefficients: expected one of {', '.join(DISTORTION_MODELS)}"
+    )
+
+
+def camera_model(info: Any, *, frame_id: str = "") -> CameraModel:
+    """Intrinsics of the raw picture: K and the lens distortion, for the part of the sensor that was read out.
+
+    Args:
+        info: Decoded CameraInfo of ROS 1 (D, K, R, P) or ROS 2 (d, k, r, p).
+        frame_id: Optical frame; empty: the one that `info` names.
+
+    Raises:
+        CalibrationError: the camera is uncalibrated (K[0] = 0), or a value is impossible; says which.
+    """
+    model, coefficients = distortion_model(info.distortion_model, _field(info, "d"))
+    K = _field(info, "k").reshape(3, 3)
+    if K[0, 0] == 0:
+        raise CalibrationError("CameraInfo.K[0] is 0: the camera is uncalibrated; give its calibration in a rig file")
+    return _of_read_out(info, frame_id or _frame(info), K, model, coefficients)
+
+
+def rectified_camera_model(info: Any, *, frame_id: str = "") -> tuple[CameraModel, Transform]:
+    """Intrinsics of the rectified picture, and how its frame is turned against the camera's.
+
+    Returns:
+        The model (K = P[:, :3], no distortion) and T_rectified_camera. Where R is the identity both frames are one and
+        have one name; otherwise the rectified frame is called `<frame>_rectified`.
+
+    Raises:
+        CalibrationError: P[0] is 0, R is no rotation, or a value is impossible.
+    """
+    K = _field(info, "p").reshape(3, 4)[:, :3].copy()
+    if K[0, 0] == 0:
+        raise CalibrationError(
+            "CameraInfo.P[0] is 0, but its pictures are rectified; give its calibration in a rig file"
+        )
+    rotation = _field(info, "r").reshape(3, 3)
+    if fault := rotation_fault(rotation):
+        raise CalibrationError(f"CameraInfo.R is no rotation: {fault}")
+    frame = frame_id or _frame(info)
+    turned = not np.array_equal(rotation, np.eye(3))
+    matrix = np.eye(4)
+    matrix[:3, :3] = rotation
+    model = _of_read_out(info, f"{frame}_rectified" if turned else frame, K, "plumb_bob", np.zeros(0))
+    return model, Transform(model.frame_id, frame, matrix)
+
+
+def _of_read_out(
+    info: Any, frame: str, K: npt.NDArray[np.float64], model: DistortionModel, coefficients: npt.NDArray[np.float64]
+) -> CameraModel:
+    """K and size after region of interest, then binning: both are given for the full sensor."""
+    width, height, roi = int(info.width), int(info.height), info.roi
+    if width <= 0 or height <= 0:
+        raise CalibrationError(f"CameraInfo says a picture of {width} x {height} px: expected positive numbers")
+    x, y = int(roi.x_offset), int(roi.y_offset)
+    part_width, part_height = int(roi.width) or width - x, int(roi.height) or height - y
+    if x + part_width > width or y + part_height > height or part_width <= 0 or part_height <= 0:
+        raise CalibrationError(
+            f"CameraInfo.roi of {part_width} x {part_height} px at ({x}, {y}) does not lie in {width} x {height} px"
+        )
+    bin_x, bin_y = max(int(info.binning_x), 1), max(int(info.binning_y), 1)
+    shift = np.array([[1.0, 0.0, -x], [0.0, 1.0, -y], [0.0, 0.0, 1.0]])
+    scaled = np.diag([1 / bin_x, 1 / bin_y, 1.0]) @ shift @ K
+    return CameraModel(frame, part_width // bin_x, part_height // bin_y, scaled, model, coefficients)
+
+
+def _field(info: Any, name: str) -> npt.NDArray[np.float64]:
+    value = getattr(info, name.upper(), None)
+    return np.array(getattr(info, name) if value is None else value, np.float64)
+
+
+def _frame(info: Any) -> str:
+    return str(info.header.frame_id).lstrip("/")

@@ -1,0 +1,182 @@
+"""Serialised messages to plain objects, by the definition that the recording itself carries.
+
+The recorded definition decides the layout (vision_msgs, foxglove_msgs and tf changed over time). What it leaves out
+(all of it in ROS 2 before Iron) is taken from the ROS release that the recording names, else from Noetic or Humble;
+a recording without the definition, but with another md5sum or hash than that release's, cannot be decoded.
+"""
+
+import re
+import threading
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any
+
+from rosbags.interfaces import Nodetype
+from rosbags.interfaces.typing import Typesdict
+from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+from pipeline.core.errors import MessageError
+from pipeline.core.types import Channel, RawMessage
+from readers.messages.definition_size import size_fault
+from readers.messages.definitions import release_types
+from readers.messages.item_count import count_items
+
+__all__ = ["definition_problem", "deserialize", "deserialize_as", "typestore_for"]
+
+# rosbag2 puts the IDL texts of a type and its dependencies one after another under such headings.
+IDL_HEADING = re.compile(r"^={80}\nIDL: .*\n", re.MULTILINE)
+
+MD5SUM = re.compile(r"[0-9a-f]{32}")
+
+MOST_DEFINITION_CHARACTERS = 1 << 18
+MOST_ITEMS = 1_000_000
+"""Strings and messages in the lists of one message; each takes about a hundred bytes of memory and more."""
+
+EMPTY_LINES = re.compile(r"\n\s*\n")
+
+_lock = threading.Lock()
+
+
+def deserialize(message: RawMessage) -> Any:
+    """The message as an object with the fields of its definition; byte and number arrays are numpy arrays.
+
+    Raises:
+        MessageError: the definition cannot be used, the bytes do not fit it, or the message could not be read.
+    """
+    channel = message.channel
+    if message.problem:
+        raise MessageError(f"{channel.topic}: {message.problem}")
+    store = typestore_for(channel)
+    if len(message.data) > MOST_ITEMS and (
+        count_items(store, channel.msgtype, channel.encoding, message.data, MOST_ITEMS) > MOST_ITEMS
+    ):
+        raise MessageError(
+            f"{channel.topic}: a {channel.msgtype} with more than {MOST_ITEMS} strings or messages in its lists"
+        )
+    try:
+        if channel.encoding == "ros1":
+            return store.deserialize_ros1(message.data, channel.msgtype)
+        # a view, because bytes would be copied whole behind their first four
+        return store.deserialize_cdr(memoryview(message.data), channel.msgtype)
+    except Exception as err:  # the generated decoders let struct, index, value and unicode errors through
+        raise MessageError(
+            f"{channel.topic}: {len(message.data)} bytes are no {channel.msgtype} ({type(err).__name__}: {err})"
+            + (f"; {doubt}" if (doubt := _doubt(channel)) else "")
+        ) from err
+
+
+def deserialize_as(message: RawMessage, msgtype: str) -> Any:
+    """Like `deserialize`, for a message that has to be of one type.
+
+    Raises:
+        MessageError: the message is of another type, or cannot be decoded.
+    """
+    if message.channel.msgtype != msgtype:
+        raise MessageError(f"{message.topic}: expected {msgtype}, found {message.channel.msgtype}")
+    return deserialize(message)
+
+
+def typestore_for(channel: Channel) -> Typestore:
+    """The types that this channel's messages are built of.
+
+    Raises:
+        MessageError: the definition cannot be parsed, or a type is neither in it nor a common one.
+    """
+    store = _types_of(channel)
+    if isinstance(store, str):
+        raise MessageError(f"{channel.topic}: {store}")
+    return store
+
+
+def definition_problem(channel: Channel) -> str:
+    """Why the channel's messages cannot be decoded, or may be decoded wrongly; empty where nothing is known against it.
+
+    Where the recorded definition has another md5sum or hash than the recorded one, it is believed: bytes of another
+    layout seldom fit it.
+    """
+    store = _types_of(channel)
+    return store if isinstance(store, str) else _doubt(channel)
+
+
+def _types_of(channel: Channel) -> Typestore | str:
+    with _lock:  # lru_cache alone would build a store twice when two threads ask at once
+        return _typestore(replace(channel, topic=""))  # thousands of topics may have one definition
+
+
+@lru_cache(maxsize=256)
+def _typestore(channel: Channel) -> Typestore | str:
+    """The types, or why there are none: failures are kept as well, a topic has many messages."""
+    if channel.encoding not in {"ros1", "cdr"}:
+        return f"{channel.msgtype} in {channel.encoding} is no ROS message"
+    try:
+        types = _recorded_types(channel)
+        known = release_types(channel)
+        store = get_typestore(Stores.EMPTY)
+        wanted = [channel.msgtype]
+        visited = set(store.fielddefs)
+        while wanted:
+            name = wanted.pop()
+            if name in visited:
+                continue
+            visited.add(name)
+            if name not in types:
+                if name not in known:
+                    return f"the recording has no definition of {name}" + _needed_by(name, channel)
+                types[name] = known[name]
+            wanted += _parts(types[name])
+        if fault := size_fault(channel.msgtype, {**store.fielddefs, **types}):
+            return f"the recorded definition of {channel.msgtype} is unusable: {fault}"
+        store.register(types)
+        if not channel.definition.strip() and (other := _other_digest(channel, store)):
+            return f"the recording has no definition of {channel.msgtype}, and the one that lidcam knows is {other}"
+    except Exception as err:  # names that are none of Python's, numbers without end: the code that is made fails anyhow
+        reason = " ".join(str(err).split())[:200]
+        return f"the recorded definition of {channel.msgtype} is unusable: {type(err).__name__}: {reason}"
+    return store
+
+
+def _other_digest(channel: Channel, store: Typestore) -> str:
+    """What the types' md5sum or hash is and what was recorded, in words; empty if they agree or none was recorded."""
+    if MD5SUM.fullmatch(channel.digest):
+        _, found = store.generate_msgdef(channel.msgtype)
+    elif channel.digest.startswith("RIHS01_"):
+        found = store.hash_rihs01(channel.msgtype)
+    else:
+        return ""
+    return "" if found == channel.digest else f"{found}, not the recorded {channel.digest}"
+
+
+@lru_cache(maxsize=256)
+def _doubt(channel: Channel) -> str:
+    """What speaks against the recorded definition."""
+    other = _other_digest(channel, typestore_for(channel))
+    return f"the recorded definition is {other}" if other else ""
+
+
+def _recorded_types(channel: Channel) -> Typesdict:
+    if not channel.definition.strip():
+        return {}
+    if len(channel.definition) > MOST_DEFINITION_CHARACTERS:
+        raise ValueError(f"{len(channel.definition)} characters, expected at most {MOST_DEFINITION_CHARACTERS}")
+    if channel.definition_format != "ros2idl":
+        return get_types_from_msg(EMPTY_LINES.sub("\n", channel.definition), channel.msgtype)
+    types: Typesdict = {}
+    for text in IDL_HEADING.split(channel.definition):
+        if text.strip():
+            types |= get_types_from_idl(text)
+    return types
+
+
+def _parts(definition: Any) -> Iterator[str]:
+    """Names of the message types that a definition has fields of."""
+    for _, (node, detail) in definition[1]:
+        if node in {Nodetype.ARRAY, Nodetype.SEQUENCE}:
+            node, detail = detail[0]
+        if node == Nodetype.NAME:
+            yield detail
+
+
+def _needed_by(name: str, channel: Channel) -> str:
+    return "" if name == channel.msgtype else f", which {channel.msgtype} needs"

@@ -1,0 +1,273 @@
+"""Foxglove's schemas for sensors, in protobuf or JSON, as the ROS 2 messages that say the same.
+
+Source: docs.foxglove.dev/docs/sdk/schemas (foxglove-sdk, schemas/). What a message leaves out has proto3's default;
+without a timestamp its stamp is the log time.
+
+| Foxglove | ROS 2 |
+| --- | --- |
+| foxglove.PointCloud | sensor_msgs/PointCloud2, its points moved by `pose` |
+| foxglove.RawImage | sensor_msgs/Image |
+| foxglove.CompressedImage | sensor_msgs/CompressedImage |
+| foxglove.CompressedVideo | foxglove_msgs/CompressedVideo |
+| foxglove.CameraCalibration | sensor_msgs/CameraInfo |
+| foxglove.FrameTransform, foxglove.FrameTransforms | tf2_msgs/TFMessage |
+"""
+
+from collections.abc import Callable
+from functools import cache, lru_cache
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+from pipeline.core.errors import MessageError
+from pipeline.core.geometry import Transform
+from pipeline.core.types import Channel, RawMessage
+from readers.messages.definitions import VIDEO_TYPES
+from readers.messages.foxglove_wire import Fields, payload, read_fields, time_ns
+
+__all__ = ["ROS_TYPES", "ros_channel", "to_ros"]
+
+ROS_TYPES = {
+    "foxglove.PointCloud": "sensor_msgs/msg/PointCloud2",
+    "foxglove.RawImage": "sensor_msgs/msg/Image",
+    "foxglove.CompressedImage": "sensor_msgs/msg/CompressedImage",
+    "foxglove.CompressedVideo": "foxglove_msgs/msg/CompressedVideo",
+    "foxglove.CameraCalibration": "sensor_msgs/msg/CameraInfo",
+    "foxglove.FrameTransform": "tf2_msgs/msg/TFMessage",
+    "foxglove.FrameTransforms": "tf2_msgs/msg/TFMessage",
+}
+"""The schemas that are read, and the types that their messages become."""
+
+# Of foxglove.PackedElementField.NumericType: sensor_msgs/PointField's datatype, and numpy's.
+_NUMERIC_TYPES = {
+    1: (2, "<u1"),
+    2: (1, "<i1"),
+    3: (4, "<u2"),
+    4: (3, "<i2"),
+    5: (6, "<u4"),
+    6: (5, "<i4"),
+    7: (7, "<f4"),
+    8: (8, "<f8"),
+}
+
+
+@lru_cache(maxsize=1024)
+def ros_channel(channel: Channel) -> Channel:
+    """The channel of the ROS 2 messages that a Foxglove channel's messages become."""
+    msgtype = ROS_TYPES[channel.msgtype]
+    text, _ = _store().generate_msgdef(msgtype, ros_version=2)
+    return Channel(channel.topic, msgtype, "cdr", text, "ros2msg")
+
+
+def to_ros(message: RawMessage) -> RawMessage:
+    """The message as a ROS 2 message of `ros_channel`; what cannot be read becomes one without data, with the problem.
+
+    Its stamp is the message's own timestamp; that of transforms, which have one each, is the log time.
+    """
+    source, channel = message.channel, ros_channel(message.channel)
+    try:
+        fields = read_fields(message)
+        stamp_ns = time_ns(fields["timestamp"]) if "timestamp" in fields else message.log_time_ns
+        record = _CONVERSIONS[source.msgtype](fields, stamp_ns)
+        data = _store().serialize_cdr(record, channel.msgtype)
+    except Exception as err:  # values of any type in JSON, and protobuf's and rosbags' own errors
+        reason = str(err) if isinstance(err, MessageError) else f"{type(err).__name__}: {err}"
+        found = f"{len(message.data)} bytes are no {source.msgtype} in {source.encoding} ({' '.join(reason.split())})"
+        return message._replace(data=b"", channel=channel, problem=found)
+    if channel.msgtype == "tf2_msgs/msg/TFMessage":
+        stamp_ns = message.log_time_ns
+    return message._replace(stamp_ns=stamp_ns, data=data, channel=channel)
+
+
+def _point_cloud(fields: Fields, stamp_ns: int) -> Any:
+    step = int(fields.get("point_stride", 0))
+    data = np.frombuffer(payload(fields.get("data", b"")), np.uint8)
+    if len(data) and (step <= 0 or len(data) % step):
+        raise MessageError(f"{len(data)} bytes of data are no points of {step} bytes each")
+    width = len(data) // step if step else 0
+    elements = []
+    for element in fields.get("fields", ()):
+        kind = int(element.get("type", 0))
+        if kind not in _NUMERIC_TYPES:
+            raise MessageError(f"field {element.get('name', '')!r} has type {kind}, expected 1 to 8")
+        datatype, _ = _NUMERIC_TYPES[kind]
+        elements.append(
+            _record(
+                "sensor_msgs/msg/PointField",
+                name=element.get("name", ""),
+                offset=int(element.get("offset", 0)),
+                datatype=datatype,
+                count=1,
+            )
+        )
+    pose = _pose(fields.get("pose", {}))
+    if width and not np.array_equal(pose.matrix, np.eye(4)):
+        data = _moved(data, width, step, fields["fields"], pose)
+    return _record(
+        "sensor_msgs/msg/PointCloud2",
+        header=_header(fields, stamp_ns),
+        height=1,
+        width=width,
+        fields=elements,
+        is_bigendian=False,
+        point_step=step,
+        row_step=width * step,
+        data=data,
+        is_dense=False,
+    )
+
+
+def _moved(
+    data: npt.NDArray[np.uint8], width: int, step: int, elements: list[Fields], pose: Transform
+) -> npt.NDArray[np.uint8]:
+    """The points in the cloud's frame: the message gives them relative to `pose`."""
+    places = {element.get("name", ""): element for element in reversed(elements)}  # the first of a name stays
+    if not {"x", "y", "z"} <= places.keys():
+        raise MessageError("a pose, but not the fields x, y and z")
+    formats = [_NUMERIC_TYPES[int(places[axis]["type"])][1] for axis in "xyz"]
+    if any(kind not in {"<f4", "<f8"} for kind in formats):
+        raise MessageError(f"a pose, but coordinates of type {', '.join(formats)}: expected float")
+    moved = data.copy()
+    layout: Any = {
+        "names": [*"xyz"],
+        "formats": formats,
+        "offsets": [int(places[axis].get("offset", 0)) for axis in "xyz"],
+        "itemsize": step,
+    }
+    points = np.ndarray((width,), np.dtype(layout), moved)
+    xyz = np.column_stack([points[axis].astype(np.float64) for axis in "xyz"])
+    with np.errstate(over="ignore", invalid="ignore"):  # points without a return are NaN or infinite
+        xyz = xyz @ pose.matrix[:3, :3].T + pose.matrix[:3, 3]
+        for axis, column in zip("xyz", xyz.T, strict=True):
+            points[axis] = column
+    return moved
+
+
+def _raw_image(fields: Fields, stamp_ns: int) -> Any:
+    return _record(
+        "sensor_msgs/msg/Image",
+        header=_header(fields, stamp_ns),
+        height=int(fields.get("height", 0)),
+        width=int(fields.get("width", 0)),
+        encoding=fields.get("encoding", ""),
+        is_bigendian=0,
+        step=int(fields.get("step", 0)),
+        data=np.frombuffer(payload(fields.get("data", b"")), np.uint8),
+    )
+
+
+def _compressed_image(fields: Fields, stamp_ns: int) -> Any:
+    return _record(
+        "sensor_msgs/msg/CompressedImage",
+        header=_header(fields, stamp_ns),
+        format=fields.get("format", ""),
+        data=np.frombuffer(payload(fields.get("data", b"")), np.uint8),
+    )
+
+
+def _compressed_video(fields: Fields, stamp_ns: int) -> Any:
+    return _record(
+        "foxglove_msgs/msg/CompressedVideo",
+        timestamp=_time(stamp_ns),
+        frame_id=fields.get("frame_id", ""),
+        data=np.frombuffer(payload(fields.get("data", b"")), np.uint8),
+        format=fields.get("format", ""),
+    )
+
+
+def _camera_calibration(fields: Fields, stamp_ns: int) -> Any:
+    return _record(
+        "sensor_msgs/msg/CameraInfo",
+        header=_header(fields, stamp_ns),
+        height=int(fields.get("height", 0)),
+        width=int(fields.get("width", 0)),
+        distortion_model=fields.get("distortion_model", ""),
+        d=np.array(fields.get("D", ()), np.float64),
+        k=_matrix(fields, "K", np.zeros(9)),
+        r=_matrix(fields, "R", np.eye(3).reshape(9)),  # only stereo cameras need R and P
+        p=_matrix(fields, "P", np.zeros(12)),
+        binning_x=0,
+        binning_y=0,
+        roi=_record("sensor_msgs/msg/RegionOfInterest", x_offset=0, y_offset=0, height=0, width=0, do_rectify=False),
+    )
+
+
+def _matrix(fields: Fields, name: str, unset: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    values = np.array(fields.get(name, ()), np.float64)
+    if values.shape not in {(0,), unset.shape}:
+        raise MessageError(f"{name} has {values.size} numbers, expected {len(unset)}")
+    return values if len(values) else unset
+
+
+def _frame_transforms(fields: Fields, stamp_ns: int) -> Any:
+    own = [_transform_stamped(item, stamp_ns) for item in fields.get("transforms", ())]
+    return _record("tf2_msgs/msg/TFMessage", transforms=own)
+
+
+def _frame_transform(fields: Fields, stamp_ns: int) -> Any:
+    return _record("tf2_msgs/msg/TFMessage", transforms=[_transform_stamped(fields, stamp_ns)])
+
+
+def _transform_stamped(fields: Fields, stamp_ns: int) -> Any:
+    if "timestamp" in fields:
+        stamp_ns = time_ns(fields["timestamp"])
+    return _record(
+        "geometry_msgs/msg/TransformStamped",
+        header=_header({"frame_id": fields.get("parent_frame_id", "")}, stamp_ns),
+        child_frame_id=fields.get("child_frame_id", ""),
+        transform=_record(
+            "geometry_msgs/msg/Transform",
+            translation=_record("geometry_msgs/msg/Vector3", **_numbers(fields.get("translation", {}), "xyz")),
+            rotation=_record("geometry_msgs/msg/Quaternion", **_rotation(fields.get("rotation", {}))),
+        ),
+    )
+
+
+def _pose(fields: Fields) -> Transform:
+    position, orientation = _numbers(fields.get("position", {}), "xyz"), _rotation(fields.get("orientation", {}))
+    return Transform.from_quaternion("frame", "points", [*position.values()], [*orientation.values()])
+
+
+def _rotation(fields: Fields) -> dict[str, float]:
+    """A quaternion; zeros, which proto3 cannot tell from one that was never set, are no rotation."""
+    numbers = _numbers(fields, "xyzw")
+    return numbers if any(numbers.values()) else {**numbers, "w": 1.0}
+
+
+def _numbers(fields: Fields, names: str) -> dict[str, float]:
+    return {name: float(fields.get(name, 0.0)) for name in names}
+
+
+def _header(fields: Fields, stamp_ns: int) -> Any:
+    return _record("std_msgs/msg/Header", stamp=_time(stamp_ns), frame_id=fields.get("frame_id", ""))
+
+
+def _time(stamp_ns: int) -> Any:
+    sec, nanosec = divmod(stamp_ns, 10**9)
+    return _record("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
+
+
+def _record(msgtype: str, **fields: Any) -> Any:
+    return _store().types[msgtype](**fields)
+
+
+@cache
+def _store() -> Typestore:
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    for name, text in VIDEO_TYPES.items():
+        store.register(get_types_from_msg(text, name))
+    return store
+
+
+_CONVERSIONS: dict[str, Callable[[Fields, int], Any]] = {
+    "foxglove.PointCloud": _point_cloud,
+    "foxglove.RawImage": _raw_image,
+    "foxglove.CompressedImage": _compressed_image,
+    "foxglove.CompressedVideo": _compressed_video,
+    "foxglove.CameraCalibration": _camera_calibration,
+    "foxglove.FrameTransform": _frame_transform,
+    "foxglove.FrameTransforms": _frame_transforms,
+}

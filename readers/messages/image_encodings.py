@@ -1,0 +1,145 @@
+"""Pixels in the encodings of sensor_msgs/image_encodings.hpp (ROS 1 Noetic to ROS 2 Lyrical) to RGB of 8 bits.
+
+| encoding | taken as |
+| --- | --- |
+| rgb8 rgba8 bgr8 bgra8, and the same with 16 | colour; alpha is left out |
+| mono8 mono16 8UC1 16UC1 | grey |
+| 8UC3 8UC4 16UC3 16UC4 | BGR and BGRA, OpenCV's order |
+| bayer_rggb8 ... bayer_grbg16 | mosaic, named by the first row's two pixels and the second row's; bilinear |
+| yuv422 = uyvy, yuv422_yuy2 = yuyv | two pixels in four bytes, ITU-R BT.601, limited range |
+| nv12 nv21 nv24 | plane of Y, then of U and V in turn (nv21: V and U), ITU-R BT.601, limited range |
+
+Of 16 bits the upper eight are kept (`value >> 8`): pictures of sensors with 12 bits that do not shift them up are dark.
+Signed, float and two-channel encodings hold measurements, not pictures.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from pipeline.core.config import LimitsConfig
+from pipeline.core.errors import MessageError
+
+__all__ = [
+    "PACKED",
+    "PLANAR",
+    "PackedEncoding",
+    "check_pixels",
+    "demosaic",
+    "packed_to_rgb",
+    "planar_rows",
+    "planar_to_rgb",
+]
+
+U8 = npt.NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True)
+class PackedEncoding:
+    """Pixels that follow one another.
+
+    Attributes:
+        channels: Values per pixel.
+        depth_bytes: Bytes per value, 1 or 2.
+        conversion: OpenCV's code for the way to RGB; None: it is RGB.
+        mosaic: Whether each pixel has one colour only.
+        pixels_per_group: Pixels that share values; the width is a multiple.
+    """
+
+    channels: int
+    depth_bytes: int
+    conversion: int | None
+    mosaic: bool = False
+    pixels_per_group: int = 1
+
+
+def _packed_encodings() -> dict[str, PackedEncoding]:
+    colours = {
+        "rgb": (3, None),
+        "rgba": (4, cv2.COLOR_RGBA2RGB),
+        "bgr": (3, cv2.COLOR_BGR2RGB),
+        "bgra": (4, cv2.COLOR_BGRA2RGB),
+        "mono": (1, cv2.COLOR_GRAY2RGB),
+    }
+    matrices = {1: cv2.COLOR_GRAY2RGB, 3: cv2.COLOR_BGR2RGB, 4: cv2.COLOR_BGRA2RGB}
+    # OpenCV's older names (BayerBG for RGGB) count from the second pixel of the second row; these do as ROS does.
+    mosaics = {
+        "rggb": cv2.COLOR_BayerRGGB2RGB,
+        "bggr": cv2.COLOR_BayerBGGR2RGB,
+        "gbrg": cv2.COLOR_BayerGBRG2RGB,
+        "grbg": cv2.COLOR_BayerGRBG2RGB,
+    }
+    encodings = {}
+    for bits in (8, 16):
+        depth = bits // 8
+        for name, (channels, code) in colours.items():
+            encodings[f"{name}{bits}"] = PackedEncoding(channels, depth, code)
+        for channels, code in matrices.items():
+            encodings[f"{bits}uc{channels}"] = PackedEncoding(channels, depth, code)
+        for name, code in mosaics.items():
+            encodings[f"bayer_{name}{bits}"] = PackedEncoding(1, depth, code, mosaic=True)
+    for name in ("yuv422", "uyvy"):
+        encodings[name] = PackedEncoding(2, 1, cv2.COLOR_YUV2RGB_UYVY, pixels_per_group=2)
+    for name in ("yuv422_yuy2", "yuyv"):
+        encodings[name] = PackedEncoding(2, 1, cv2.COLOR_YUV2RGB_YUY2, pixels_per_group=2)
+    return encodings
+
+
+PACKED = _packed_encodings()
+"""By name in lower case."""
+
+PLANAR = {"nv12": cv2.COLOR_YUV2RGB_NV12, "nv21": cv2.COLOR_YUV2RGB_NV21, "nv24": None}
+"""OpenCV's code by name in lower case; it has none for nv24."""
+
+# ITU-R BT.601 with Y in 16..235 and U, V in 16..240, the numbers that OpenCV uses for the other YUV encodings.
+_RGB_FROM_YUV = np.array([[1.164, 0.0, 1.596], [1.164, -0.391, -0.813], [1.164, 2.018, 0.0]])
+_RGB_FROM_YUV_SHIFTED = np.hstack([_RGB_FROM_YUV, -_RGB_FROM_YUV @ [[16.0], [128.0], [128.0]]])
+
+
+def packed_to_rgb(pixels: U8, encoding: PackedEncoding) -> U8:
+    """Pixels (H, W, channels), the upper byte of each value, to (H, W, 3); RGB without gaps is not copied."""
+    if encoding.conversion is None:
+        return np.ascontiguousarray(pixels)
+    return _convert(pixels[..., 0] if encoding.channels == 1 else pixels, encoding.conversion)
+
+
+def demosaic(pixels: U8, encoding: str) -> U8:
+    """A Bayer mosaic (H, W), at least 3 x 3, to (H, W, 3); `encoding` as in `bayer_rggb8`."""
+    code = PACKED[encoding].conversion
+    if code is None or not PACKED[encoding].mosaic:
+        raise ValueError(f"{encoding} is no Bayer mosaic")
+    return _convert(pixels, code)
+
+
+def check_pixels(width: int, height: int, limits: LimitsConfig, topic: str) -> None:
+    """Refuse a picture that is too large.
+
+    Raises:
+        MessageError: it is.
+    """
+    if width * height > limits.largest_picture_mpx * 1e6:
+        raise MessageError(
+            f"{topic}: a picture of {width} x {height} px, expected at most {limits.largest_picture_mpx:g} million "
+            "pixels: raise limits.largest_picture_mpx"
+        )
+
+
+def planar_rows(encoding: str, height: int) -> int:
+    """Rows of `step` bytes that a planar picture has in all."""
+    return height * 3 if encoding == "nv24" else height * 3 // 2
+
+
+def planar_to_rgb(data: U8, encoding: str, *, height: int, width: int, step: int) -> U8:
+    """Planes in rows of `step` bytes to (H, W, 3); nv12 and nv21 have even width and height."""
+    code = PLANAR[encoding]
+    if code is not None:
+        return _convert(np.ndarray((planar_rows(encoding, height), width), np.uint8, data, 0, (step, 1)), code)
+    luma: U8 = np.ndarray((height, width, 1), np.uint8, data, 0, (step, 1, 1))
+    chroma: U8 = np.ndarray((height, width, 2), np.uint8, data, height * step, (2 * step, 2, 1))
+    return np.asarray(cv2.transform(np.concatenate([luma, chroma], -1), _RGB_FROM_YUV_SHIFTED), np.uint8)
+
+
+def _convert(pixels: U8, code: int) -> U8:
+    return np.asarray(cv2.cvtColor(pixels, code), np.uint8)

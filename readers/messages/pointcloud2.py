@@ -1,0 +1,144 @@
+"""sensor_msgs/PointCloud2 of any field layout to `PointCloud`.
+
+What a field means is told by its name alone, and drivers do not agree on names: letter case is ignored, and of several
+fields for one thing the first of `INTENSITY_FIELDS`, `RING_FIELDS` or `point_time.TIME_FIELDS` is taken. Other fields
+are passed over.
+"""
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from pipeline.core.config import DEFAULT_LIMITS, LimitsConfig
+from pipeline.core.errors import MessageError
+from pipeline.core.types import PointCloud, RawMessage
+from readers.messages.deserialize import deserialize_as
+from readers.messages.point_time import TIME_FIELDS, point_time_offsets
+from readers.messages.tf import clean_frame
+
+__all__ = ["INTENSITY_FIELDS", "RING_FIELDS", "decode_pointcloud2"]
+
+INTENSITY_FIELDS = (
+    "intensity",
+    "intensities",
+    "i",
+    "reflectivity",
+    "reflectance",
+    "signal",
+    "remission",
+    "amplitude",
+)
+RING_FIELDS = ("ring", "channel", "laser_id", "laser", "line", "beam", "row")
+
+_USED_FIELDS = frozenset(("x", "y", "z", *INTENSITY_FIELDS, *RING_FIELDS, *TIME_FIELDS))
+
+# sensor_msgs/PointField; PCL wrote 9 to 11 before ROS named them (ros2/common_interfaces#301).
+_DTYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8", 9: "i8", 10: "u8", 11: "u1"}
+
+Values = npt.NDArray[Any]
+
+
+def decode_pointcloud2(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS) -> PointCloud:
+    """The points of a message in recorded order (organised clouds row by row), without those that have no place.
+
+    Coordinates become float32 metres: steps of 8 micrometres at 100 m, but of half a metre at 5 000 km, where clouds in
+    UTM coordinates lie.
+
+    Returns:
+        The cloud at the message's stamp. Points with a coordinate that is not finite in float32 are left out and
+        counted in `nan_dropped`. Rings outside of 0 to 65535 are brought to the nearer end.
+
+    Raises:
+        MessageError: not a PointCloud2; x, y or z is missing; or sizes, offsets and data contradict one another, or
+            there are more points than `limits` allow.
+    """
+    cloud = deserialize_as(message, "sensor_msgs/msg/PointCloud2")
+    height, width = int(cloud.height), int(cloud.width)
+    if height * width > limits.most_points:
+        raise MessageError(
+            f"{message.topic}: {height} x {width} points, expected at most {limits.most_points}: "
+            "raise limits.most_points"
+        )
+    columns = _columns(cloud, height, width, message.topic)
+    xyz, keep = _finite_points([columns.pop(axis) for axis in "xyz"])
+    fields = {name: column.reshape(-1)[keep] for name, column in columns.items()}
+    intensity = next((fields[name] for name in INTENSITY_FIELDS if name in fields), None)
+    ring = next((fields[name] for name in RING_FIELDS if name in fields), None)
+    time_offset_ns = point_time_offsets(fields, message.stamp_ns, topic=message.topic)
+    n = len(xyz)
+    return PointCloud(
+        stamp_ns=message.stamp_ns,
+        frame_id=clean_frame(cloud.header.frame_id),
+        xyz=xyz,
+        intensity=np.zeros(n, np.float32) if intensity is None else _as_float32(intensity),
+        ring=np.zeros(n, np.uint16) if ring is None else _as_uint16(ring),
+        time_offset_ns=np.zeros(n, np.int32) if time_offset_ns is None else time_offset_ns,
+        has_time=time_offset_ns is not None,
+        nan_dropped=height * width - n,
+    )
+
+
+def _columns(cloud: Any, height: int, width: int, topic: str) -> dict[str, Values]:
+    """Views (height, width) into the message's data of each field with a known meaning, by name in lower case.
+
+    Raises:
+        MessageError: the layout contradicts itself, or x, y or z is missing.
+    """
+    if height * width == 0:  # nothing was seen; such messages often come without any fields
+        return {axis: np.zeros((0, 0), np.float32) for axis in "xyz"}
+    fields = {field.name.lower(): field for field in reversed(cloud.fields)}  # reversed: the first of a name stays
+    if not {"x", "y", "z"} <= fields.keys():
+        names = ", ".join(field.name for field in cloud.fields) or "none"
+        raise MessageError(f"{topic}: expected the fields x, y and z, found {names}")
+    point_step = int(cloud.point_step)
+    # A single row has no use for its step, and some writers leave it zero.
+    row_step = width * point_step if height == 1 or not cloud.row_step else int(cloud.row_step)
+    if row_step < width * point_step or (height - 1) * row_step + width * point_step > len(cloud.data):
+        raise MessageError(
+            f"{topic}: {height} x {width} points of {point_step} bytes in rows of {row_step} bytes "
+            f"do not fit {len(cloud.data)} bytes of data"
+        )
+    data = cloud.data
+    if data.ctypes.data % 8 and point_step % 4 == 0:
+        data = data.copy()  # numpy takes seven times as long over numbers that lie across their natural boundaries
+    order = ">" if cloud.is_bigendian else "<"
+    columns = {}
+    for name, field in fields.items():
+        used = name in _USED_FIELDS
+        if field.datatype not in _DTYPES:
+            if used:
+                raise MessageError(f"{topic}: field {field.name} has datatype {field.datatype}, expected 1 to 11")
+            continue
+        dtype = np.dtype(order + _DTYPES[field.datatype])
+        end = int(field.offset) + dtype.itemsize * max(int(field.count), 1)
+        if end > point_step:
+            raise MessageError(f"{topic}: field {field.name} ends at byte {end} of a point of {point_step} bytes")
+        if used:  # of a field with several elements the first
+            columns[name] = np.ndarray((height, width), dtype, data, field.offset, (row_step, point_step))
+    return columns
+
+
+def _finite_points(axes: list[Values]) -> tuple[npt.NDArray[np.float32], slice | npt.NDArray[np.bool_]]:
+    """Finite points (N, 3) of three columns (height, width), and which rows of the flattened columns they are."""
+    grid = np.empty((*axes[0].shape, 3), np.float32)
+    with np.errstate(over="ignore", invalid="ignore"):  # float64 beyond float32 becomes infinite
+        for index, axis in enumerate(axes):
+            grid[..., index] = axis
+    xyz = grid.reshape(-1, 3)
+    finite = np.isfinite(xyz)
+    if finite.all():
+        return xyz, slice(None)
+    keep = finite[:, 0] & finite[:, 1] & finite[:, 2]
+    return xyz[keep], keep
+
+
+def _as_float32(values: Values) -> npt.NDArray[np.float32]:
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.array(values, np.float32)
+
+
+def _as_uint16(values: Values) -> npt.NDArray[np.uint16]:
+    if values.dtype.kind == "u" and values.dtype.itemsize <= 2:
+        return np.array(values, np.uint16)
+    return np.asarray(np.clip(np.nan_to_num(values), 0, 65535), np.uint16)

@@ -1,0 +1,169 @@
+"""tf and tf_static to transforms.
+
+tf/tfMessage (ROS 1) and tf2_msgs/TFMessage (both) hold the same; leading slashes of frame names, which old ROS 1
+drivers write, are taken off. Old ROS 1 systems publish fixed mountings on /tf again and again (tf's
+static_transform_publisher), so a frame whose recorded transform never changes counts as fixed, unless its parent is a
+frame that a vehicle moves in (`odom`, `map`, `earth`; REP 105): a parked vehicle may yet drive off.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from itertools import chain
+from typing import Any
+
+import numpy as np
+
+from pipeline.core.errors import CalibrationError, FrameError, MessageError
+from pipeline.core.geometry import Transform, TransformTree
+from pipeline.core.types import Drop, RawMessage
+from readers.messages.deserialize import deserialize
+from readers.recording import Recording
+
+__all__ = ["TF_TYPES", "RecordedTransforms", "clean_frame", "decode_transforms", "read_transforms", "tf_topics"]
+
+TF_TYPES = frozenset({"tf/msg/tfMessage", "tf2_msgs/msg/TFMessage"})
+ODOMETRY_FRAMES = frozenset({"odom", "map", "earth"})
+PROBE_NS = 60_000_000_000
+"""How much of /tf is read before the run: enough to see every frame, and no second pass over a long recording."""
+
+BEGINNING_NS = 2_000_000_000
+"""How much of it is read of every recording, wherever the window is: fixed frames are sent that often."""
+
+STILL = 1e-6
+"""Largest change of a matrix entry (metres, or about radians) of a frame that counts as fixed."""
+
+QUATERNION_TOLERANCE = 0.01
+"""tf2 itself refuses quaternions whose squared length is further from 1 (tf2::BufferCore::setTransform)."""
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedTransforms:
+    """What a recording says of where its frames are.
+
+    Attributes:
+        fixed: Transforms that hold for all time.
+        moving: Parent by child, for frames that move.
+        faults: What is wrong with a frame's recorded transform, by child; such transforms are left out.
+        drops: Messages that could not be decoded.
+    """
+
+    fixed: TransformTree
+    moving: Mapping[str, str] = field(default_factory=dict)
+    faults: Mapping[str, str] = field(default_factory=dict)
+    drops: tuple[Drop, ...] = ()
+
+    def lookup(self, dst: str, src: str) -> Transform:
+        """T_dst_src over fixed transforms alone.
+
+        Raises:
+            FrameError: the frames are not joined, or only by one that moves; says why where that is known.
+        """
+        try:
+            return self.fixed.lookup(dst, src)
+        except FrameError as err:
+            reasons = [f"{frame}: {self.faults[frame]}" for frame in sorted(self.faults)]
+            ends = {self.fixed.root(src), self.fixed.root(dst)}
+            reasons += [f"{frame} moves in {self.moving[frame]}" for frame in sorted(ends & set(self.moving))]
+            raise FrameError("; ".join([str(err), *reasons])) from err
+
+    def are_joined(self, frame: str, other: str) -> bool:
+        """Whether the pose of one frame in the other is known and holds for all time."""
+        try:
+            self.fixed.lookup(frame, other)
+        except FrameError:
+            return False
+        return True
+
+
+def clean_frame(name: str) -> str:
+    """A frame name without the leading slash of old ROS 1 drivers."""
+    return name.strip().lstrip("/")
+
+
+def tf_topics(recording: Recording) -> tuple[list[str], list[str]]:
+    """Topics of fixed transforms (`.../tf_static`) and of the others, each in order of name."""
+    topics = sorted({info.topic for info in recording.topics if info.msgtype in TF_TYPES})
+    static = [name for name in topics if name.rsplit("/", 1)[-1] == "tf_static"]
+    return static, [name for name in topics if name not in static]
+
+
+def decode_transforms(message: RawMessage) -> Iterator[tuple[int, Transform | CalibrationError, str]]:
+    """The transforms of one message: stamp in ns, T_parent_child or what is wrong with it, child frame.
+
+    Raises:
+        MessageError: the message cannot be decoded, or is of another type.
+    """
+    if message.channel.msgtype not in TF_TYPES:
+        raise MessageError(f"{message.topic}: expected a message of transforms, found {message.channel.msgtype}")
+    for stamped in deserialize(message).transforms:
+        yield _decode(stamped)
+
+
+def _decode(stamped: Any) -> tuple[int, Transform | CalibrationError, str]:
+    parent, child = clean_frame(stamped.header.frame_id), clean_frame(stamped.child_frame_id)
+    stamp_ns = stamped.header.stamp.sec * 10**9 + stamped.header.stamp.nanosec
+    shift, turn = stamped.transform.translation, stamped.transform.rotation
+    xyzw = np.array([turn.x, turn.y, turn.z, turn.w])
+    if not parent or not child or parent == child:
+        return stamp_ns, FrameError(f"transform from {child!r} to {parent!r}: expected two different frames"), child
+    if not abs(xyzw @ xyzw - 1) <= QUATERNION_TOLERANCE:
+        return stamp_ns, FrameError(f"its rotation {xyzw.tolist()} is no unit quaternion"), child
+    try:
+        return stamp_ns, Transform.from_quaternion(parent, child, [shift.x, shift.y, shift.z], xyzw), child
+    except FrameError as err:
+        return stamp_ns, err, child
+
+
+def read_transforms(
+    recording: Recording, *, start_ns: int | None = None, stop_ns: int | None = None, probe_ns: int = PROBE_NS
+) -> RecordedTransforms:
+    """All of tf_static, and some of tf.
+
+    Args:
+        recording: Open recording.
+        start_ns: Begin of the window that is of interest, by log time; None is that of the recording.
+        stop_ns: Its end (exclusive).
+        probe_ns: The first part of the window, of which tf is read, and besides the beginning of the recording.
+    """
+    static, dynamic = tf_topics(recording)
+    fixed = TransformTree()
+    faults: dict[str, str] = {}
+    drops: list[Drop] = []
+    seen: dict[str, Transform] = {}
+    moving: dict[str, str] = {}
+    for message, transform, child in _transforms(recording, static, drops, [(None, None)]):
+        if isinstance(transform, Transform):
+            fixed.add_static(transform)
+        else:
+            faults[child] = f"{transform} ({message.topic})"
+    begin_ns = recording.start_ns if start_ns is None else start_ns
+    end_ns = begin_ns + probe_ns if stop_ns is None else min(stop_ns, begin_ns + probe_ns)
+    early_ns = recording.start_ns + BEGINNING_NS
+    parts = [(recording.start_ns, early_ns), (max(begin_ns, early_ns), end_ns)]
+    for message, transform, child in _transforms(recording, dynamic, drops, parts):
+        if not isinstance(transform, Transform):
+            faults[child] = f"{transform} ({message.topic})"
+        elif not fixed.is_static(child):
+            first = seen.setdefault(child, transform)
+            same = first.dst == transform.dst and np.abs(first.matrix - transform.matrix).max() <= STILL
+            if not same or transform.dst in ODOMETRY_FRAMES:
+                moving[child] = transform.dst
+    for child, transform in seen.items():
+        if child not in moving:
+            fixed.add_static(transform)
+    known = {child: reason for child, reason in faults.items() if not fixed.is_static(child)}
+    return RecordedTransforms(fixed, moving, known, tuple(drops))
+
+
+def _transforms(
+    recording: Recording, topics: list[str], drops: list[Drop], parts: Iterable[tuple[int | None, int | None]]
+) -> Iterator[tuple[RawMessage, Transform | CalibrationError, str]]:
+    if not topics:
+        return
+    streams = (recording.messages(topics, start_ns=start_ns, stop_ns=stop_ns) for start_ns, stop_ns in parts)
+    for message in chain.from_iterable(streams):
+        try:
+            for _, transform, child in decode_transforms(message):
+                yield message, transform, child
+        except MessageError as err:
+            drops.append(Drop(message.topic, message.stamp_ns, "cannot be decoded", str(err)))

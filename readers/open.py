@@ -1,0 +1,364 @@
+"""Open a recording: one file, a ROS 2 bag folder, or the files of a split recording, as one stream of messages."""
+
+import heapq
+import shutil
+import sqlite3
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import ExitStack, closing
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import zstandard
+
+from pipeline.core.config import DEFAULT_LIMITS, LimitsConfig
+from pipeline.core.errors import LidcamError, RecordingError
+from pipeline.core.types import RawMessage
+from readers.files.damage import LIBRARY_ERRORS, DamageError, Losses, damaged, describe, opening
+from readers.files.mcap.file import McapFile
+from readers.files.pcap.file import PcapFile
+from readers.files.pcap.packets import is_capture
+from readers.files.remote import open_remote
+from readers.files.rosbag1.file import Rosbag1File
+from readers.files.rosbag2_folder import folder_metadata, recording_files
+from readers.files.sqlite.file import SqliteFile
+from readers.location import Location, RemotePath
+from readers.recording import Closing, Loss, Recording, RecordingFile, RosVersion, TopicInfo, merge_topics
+
+__all__ = ["open_recording"]
+
+ROSBAG1_MAGIC = b"#ROSBAG V2.0\n"
+MCAP_MAGIC = b"\x89MCAP0\r\n"
+SQLITE_MAGIC = b"SQLite format 3\0"
+ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
+PIECE = 1 << 20
+DISK_RESERVE = 1 << 28
+"""Bytes of the temporary folder that are left to others."""
+
+EXPECTED = "a ROS 1 .bag (format 2.0), a ROS 2 .mcap or .db3 file, a ROS 2 bag folder, or a .pcap or .pcapng capture"
+
+
+def open_recording(
+    paths: Sequence[Location],
+    *,
+    rescue: bool = True,
+    thorough: bool = False,
+    limits: LimitsConfig = DEFAULT_LIMITS,
+) -> Recording:
+    """Open one recording, to be used as a context manager.
+
+    Args:
+        paths: A file, a ROS 2 bag folder, or all files of a split recording in their order. What a file is, its first
+            bytes say, not its name. Messages of equal log time come in the order of the files. An MCAP may lie on a
+            server; then only the parts of it that are needed are fetched.
+        rescue: Read what can be read of damaged files, and tell of the rest in `Recording.losses`; without it damage
+            is an error.
+        thorough: Do so by reading every record once, even where index or summary seem right: finds what these lost.
+        limits: How much of the machine the recording may ask for.
+
+    Raises:
+        RecordingError: a path is no recording, holds nothing that can be read, is given twice, or ROS 1 and ROS 2
+            files are mixed. No file stays open then.
+    """
+    if not paths:
+        raise RecordingError(f"expected {EXPECTED}, got no path")
+    with ExitStack() as stack:
+        opened: list[RecordingFile] = []
+        files = _all_files(paths)
+        faults: list[DamageError] = []
+        for index, path in enumerate(files):
+            try:
+                opened.append(_open_file(path, index, stack, rescue=rescue, thorough=thorough, limits=limits))
+            except DamageError as err:  # also the file that a recorder had begun last and never wrote to
+                if not rescue or len(files) == 1:
+                    raise
+                faults.append(err)
+                opened.append(_LostFile(path, err))
+        if len(faults) == len(files):
+            raise faults[0]
+        sound = [file for file in opened if not isinstance(file, _LostFile) and file.ros_version != "no ROS"]
+        for file in sound:
+            if file.ros_version != sound[0].ros_version:
+                raise RecordingError(
+                    f"expected the files of one recording, found {sound[0].ros_version} ({sound[0].path}) and "
+                    f"{file.ros_version} ({file.path}); process them one by one"
+                )
+        recording = _FilesRecording(tuple(opened), stack.pop_all())
+    if len(recording.topics) > limits.most_topics:
+        recording.close()
+        raise RecordingError(
+            f"{', '.join(map(str, recording.paths))}: {len(recording.topics)} topics, expected at most "
+            f"{limits.most_topics}: raise limits.most_topics"
+        )
+    return recording
+
+
+class _LostFile:
+    """A file of a split recording of which nothing can be read; see `RecordingFile`."""
+
+    ros_version: RosVersion = "ROS 2"
+    topics: tuple[TopicInfo, ...] = ()
+    start_ns = end_ns = message_count = 0
+
+    def __init__(self, path: Location, fault: DamageError) -> None:
+        self.path = path
+        reason = str(fault).removeprefix(f"{path}: ")
+        size = path.stat().st_size if isinstance(path, Path) else None
+        self.losses: tuple[Loss, ...] = (Loss(path, 0, reason, size),)
+
+    def messages(
+        self, topics: Collection[str] | None, *, start_ns: int | None, stop_ns: int | None
+    ) -> Iterator[RawMessage]:
+        """None."""
+        del topics, start_ns, stop_ns
+        return iter(())
+
+    def close(self) -> None:
+        """Nothing to close."""
+
+
+class _FilesRecording(Closing):
+    """The files of one recording, merged by time; see `Recording`."""
+
+    def __init__(self, files: tuple[RecordingFile, ...], resources: ExitStack) -> None:
+        self._files = files
+        self._resources = resources
+        self._closed = False
+        self.paths = tuple(file.path for file in files)
+        self.topics: tuple[TopicInfo, ...] = merge_topics(info for file in files for info in file.topics)
+        self.message_count = sum(file.message_count for file in files)
+        self.start_ns = min((file.start_ns for file in files if file.message_count), default=0)
+        self.end_ns = max((file.end_ns for file in files if file.message_count), default=0)
+
+    @property
+    def losses(self) -> tuple[Loss, ...]:
+        """See `Recording`."""
+        return tuple(loss for file in self._files for loss in file.losses)
+
+    def messages(
+        self, topics: Collection[str] | None = None, *, start_ns: int | None = None, stop_ns: int | None = None
+    ) -> Iterator[RawMessage]:
+        """See `Recording`."""
+        wanted = None if topics is None else frozenset(topics)
+        streams = [self._messages_of(file, wanted, start_ns, stop_ns) for file in self._files]
+        return heapq.merge(*streams, key=lambda message: (message.log_time_ns, message.order))
+
+    def _messages_of(
+        self, file: RecordingFile, topics: frozenset[str] | None, start_ns: int | None, stop_ns: int | None
+    ) -> Iterator[RawMessage]:
+        progress = "before the first message"
+        count = 0
+        if self._closed:
+            raise RecordingError(f"{file.path}: expected an open recording, but it was closed")
+        messages = file.messages(topics, start_ns=start_ns, stop_ns=stop_ns)
+        while True:
+            try:
+                message = next(messages, None)
+            except LidcamError:
+                raise
+            except LIBRARY_ERRORS as err:
+                raise damaged(file.path, err, progress=progress) from err
+            if message is None:
+                return
+            count += 1
+            progress = f"after {count} messages (log time {message.log_time_ns} ns)"
+            yield message
+
+    def close(self) -> None:
+        """Close the files."""
+        self._closed = True
+        self._resources.close()
+
+
+def _all_files(paths: Sequence[Location]) -> list[Location]:
+    files: list[Location] = []
+    for path in paths:
+        if isinstance(path, RemotePath):
+            files.append(path)
+            continue
+        if not path.exists():
+            raise RecordingError(f"{path}: no such file or folder; expected {EXPECTED}")
+        with opening(path):
+            files += recording_files(path) if path.is_dir() else (path,)
+    seen: dict[object, Location] = {}
+    for file in files:
+        identity = file.url if isinstance(file, RemotePath) else _inode(file)
+        if identity in seen:
+            raise RecordingError(f"{file}: given twice (also as {seen[identity]}); name each file of a recording once")
+        seen[identity] = file
+    return files
+
+
+def _inode(file: Path) -> tuple[int, int]:
+    """The same through a link."""
+    with opening(file):
+        status = file.stat()
+    return status.st_dev, status.st_ino
+
+
+def _open_file(
+    path: Location, index: int, stack: ExitStack, *, rescue: bool, thorough: bool, limits: LimitsConfig
+) -> RecordingFile:
+    """Open one file; what has to be undone later goes on the stack."""
+    if isinstance(path, RemotePath):
+        return _open_remote(path, index, stack, rescue=rescue, thorough=thorough, limits=limits)
+    with opening(path, rescued=rescue):
+        location = path
+        losses = Losses(path, limits.most_losses_listed)
+        magic = _first_bytes(path)
+        if magic.startswith(ZSTD_MAGIC):
+            location = _unpacked(path, stack, losses if rescue else None, limits)
+            magic = _first_bytes(location)
+        elif rescue and magic.startswith(SQLITE_MAGIC) and (journals := _journals(path)):
+            location = _completed(path, journals, stack, losses)
+        file = _file_of_kind(path, location, magic, index, rescue=rescue, thorough=thorough, limits=limits)
+        stack.callback(file.close)
+    return _WithLosses(file, losses.listed()) if losses.listed() else file
+
+
+def _open_remote(
+    path: RemotePath, index: int, stack: ExitStack, *, rescue: bool, thorough: bool, limits: LimitsConfig
+) -> RecordingFile:
+    """Open an MCAP on a server: the other formats have no index that can be fetched at once."""
+    path, stream = open_remote(path)
+    stack.callback(stream.close)
+    with opening(path, rescued=rescue):
+        magic = stream.read(64)
+        stream.seek(0)
+        if not magic.startswith(MCAP_MAGIC):
+            kinds = {ROSBAG1_MAGIC: "a ROS 1 bag", SQLITE_MAGIC: "an SQLite database", ZSTD_MAGIC: "a compressed file"}
+            kind = next((kind for begin, kind in kinds.items() if magic.startswith(begin)), "another kind of file")
+            raise RecordingError(
+                f"{path}: of files on a server, lidcam reads .mcap, found {kind}; download it, and read the copy"
+            )
+        return McapFile(path, index, stream=stream, rescue=rescue, thorough=thorough, limits=limits)
+
+
+def _file_of_kind(
+    path: Path, location: Path, magic: bytes, index: int, *, rescue: bool, thorough: bool, limits: LimitsConfig
+) -> RecordingFile:
+    if magic.startswith(ROSBAG1_MAGIC):
+        return Rosbag1File(path, index, location=location, rescue=rescue, thorough=thorough, limits=limits)
+    if is_capture(magic):
+        return PcapFile(path, index, location=location, rescue=rescue, limits=limits)
+    metadata = folder_metadata(path.parent)
+    listed = path.name in metadata.file_names
+    compressed, distro = (metadata.message_compression, metadata.distro) if listed else (False, "")
+    if magic.startswith(MCAP_MAGIC):
+        return McapFile(
+            path,
+            index,
+            stream=location.open("rb"),
+            message_compression=compressed,
+            distro=distro,
+            rescue=rescue,
+            thorough=thorough,
+            limits=limits,
+        )
+    if magic.startswith(SQLITE_MAGIC):
+        return SqliteFile(
+            path,
+            index,
+            location=location,
+            message_compression=compressed,
+            distro=distro,
+            rescue=rescue,
+            limits=limits,
+        )
+    fault = DamageError if not magic else RecordingError
+    raise fault(f"{path}: expected {EXPECTED}, found {_describe(magic, path)}")
+
+
+def _first_bytes(path: Path) -> bytes:
+    with path.open("rb") as stream:
+        return stream.read(64)
+
+
+def _describe(magic: bytes, path: Path) -> str:
+    """What a file that is no recording seems to be, and what to do."""
+    if not magic:
+        kind = "a compressed file with nothing in it" if path.suffix == ".zstd" else "an empty file"
+        return f"{kind}; record or copy it again"
+    if magic.startswith(b"#ROSBAG V"):
+        version = magic[9:].split(b"\n")[0].decode(errors="replace")
+        return f"a ROS 1 bag of format {version}; convert it with `rosbag fix`"
+    if path.suffix in {".bag", ".mcap", ".db3", ".pcap", ".pcapng"}:
+        return f"other bytes than a {path.suffix} file begins with; it is damaged or something else"
+    printable = all(byte >= 32 or byte in b"\t\r\n" for byte in magic)
+    return (
+        "a text file; name the recording itself" if printable else "a file of another kind; name the recording itself"
+    )
+
+
+def _unpacked(path: Path, stack: ExitStack, losses: Losses | None, limits: LimitsConfig) -> Path:
+    """The content of a zstd-compressed file (rosbag2's compression mode `file`) in a temporary folder.
+
+    Args:
+        path: The file.
+        stack: Removes the folder.
+        losses: Gets where the file is damaged: what comes before is used. None: that is an error.
+        limits: How much it may unpack to.
+
+    Raises:
+        RecordingError: it unpacks to more, or to more than the temporary folder has room for.
+    """
+    folder = Path(stack.enter_context(TemporaryDirectory(prefix="lidcam-")))
+    unpacked = folder / path.with_suffix("").name
+    with path.open("rb") as packed, unpacked.open("wb") as stream:
+        try:
+            content = zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True)
+            left = min(
+                limits.largest_unpacked_bytes(path.stat().st_size), shutil.disk_usage(folder).free - DISK_RESERVE
+            )
+            while piece := content.read(PIECE):
+                left -= len(piece)
+                if left < 0:
+                    raise RecordingError(
+                        f"{path}: unpacks to more than {stream.tell()} bytes: raise limits.largest_unpacked_file_gib, "
+                        f"or free space in {folder.parent}"
+                    )
+                stream.write(piece)
+        except zstandard.ZstdError as err:
+            if losses is None:
+                raise
+            losses.note(stream.tell(), f"the file does not unpack further ({describe(err)})")
+    return unpacked
+
+
+def _journals(path: Path) -> list[Path]:
+    """What SQLite has yet to bring into a database: its write-ahead log, or the way back from a half-done write."""
+    beside = [path.with_name(path.name + suffix) for suffix in ("-wal", "-journal")]
+    return [journal for journal in beside if journal.is_file() and journal.stat().st_size]
+
+
+def _completed(path: Path, journals: Sequence[Path], stack: ExitStack, losses: Losses) -> Path:
+    """A copy of a database that its recorder did not close, completed by SQLite from the journals."""
+    folder = Path(stack.enter_context(TemporaryDirectory(prefix="lidcam-")))
+    copy = folder / path.name
+    for file in (path, *journals):
+        shutil.copyfile(file, folder / file.name)
+    names = ", ".join(journal.name for journal in journals)
+    try:
+        with closing(sqlite3.connect(copy)) as database:
+            database.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
+            database.execute("SELECT count(*) FROM sqlite_master").fetchall()
+        losses.note(0, f"the recorder did not close it; completed from {names} in a copy", messages=0)
+    except sqlite3.Error as err:
+        losses.note(0, f"the recorder did not close it, and {names} cannot be brought in ({describe(err)})")
+    for journal in journals:
+        (folder / journal.name).unlink(missing_ok=True)
+    return copy
+
+
+class _WithLosses:
+    """A file with what was lost before it could be opened; see `RecordingFile`."""
+
+    def __init__(self, file: RecordingFile, losses: tuple[Loss, ...]) -> None:
+        self._file, self._losses = file, losses
+        self.path, self.ros_version, self.topics = file.path, file.ros_version, file.topics
+        self.start_ns, self.end_ns, self.message_count = file.start_ns, file.end_ns, file.message_count
+        self.messages, self.close = file.messages, file.close
+
+    @property
+    def losses(self) -> tuple[Loss, ...]:
+        """Those first."""
+        return self._losses + self._file.losses

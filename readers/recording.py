@@ -1,0 +1,188 @@
+"""What a recording looks like from outside, whatever file format it lies in."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Collection, Iterable, Iterator
+from dataclasses import dataclass, replace
+from types import TracebackType
+from typing import Literal, Protocol, Self
+
+from pipeline.core.errors import RecordingError
+from pipeline.core.types import Channel, RawMessage
+from readers.location import Location
+
+__all__ = ["Closing", "Loss", "Recording", "RecordingFile", "TopicInfo", "merge_topics"]
+
+RosVersion = Literal["ROS 1", "ROS 2", "no ROS"]
+
+
+@dataclass(frozen=True, slots=True)
+class TopicInfo:
+    """One topic with one type; a topic that was recorded with two types has two of these.
+
+    Attributes:
+        topic: Topic name.
+        msgtype: Type name in the ROS 2 spelling, for instance `sensor_msgs/msg/PointCloud2`.
+        message_count: Messages recorded, also where they cannot be read.
+        channels: The distinct definitions it was recorded with; empty where it cannot be read.
+        unreadable: Why its messages are not yielded; empty where they are.
+        part_of: Topic of the combined messages that its messages are taken out of; empty where it was recorded itself.
+        gathered_from: Type of the recorded messages, which `message_count` counts, that are gathered into its messages;
+            empty where they are as recorded.
+    """
+
+    topic: str
+    msgtype: str
+    message_count: int
+    channels: tuple[Channel, ...]
+    unreadable: str = ""
+    part_of: str = ""
+    gathered_from: str = ""
+
+    @property
+    def channel(self) -> Channel:
+        """The first of `channels`.
+
+        Raises:
+            RecordingError: the topic cannot be read.
+        """
+        if not self.channels:
+            raise RecordingError(f"{self.topic}: {self.msgtype} cannot be read: {self.unreadable}")
+        return self.channels[0]
+
+
+@dataclass(frozen=True, slots=True)
+class Loss:
+    """Part of a file that could not be read.
+
+    Attributes:
+        path: The file.
+        position: Byte at which it begins; in a file that is compressed as a whole, byte of the unpacked content.
+        reason: What was expected there and what was found.
+        size: Bytes that it takes up in the file; None where that cannot be told.
+        messages: Messages that were lost with it, 0 where none was; None where that cannot be told.
+    """
+
+    path: Location
+    position: int
+    reason: str
+    size: int | None = None
+    messages: int | None = None
+
+
+class RecordingFile(Protocol):
+    """One open file of a recording.
+
+    Attributes:
+        ros_version: Which ROS recorded it.
+        topics: What it holds, sorted by topic and type.
+        start_ns: Log time of the first message; 0 where there is none.
+        end_ns: Log time of the last message (inclusive); 0 where there is none.
+        message_count: Number of messages, also of those that cannot be read.
+    """
+
+    ros_version: RosVersion
+    topics: tuple[TopicInfo, ...]
+    start_ns: int
+    end_ns: int
+    message_count: int
+
+    @property
+    def path(self) -> Location:
+        """The file."""
+
+    @property
+    def losses(self) -> tuple[Loss, ...]:
+        """What is damaged, by position, as far as it was noticed: reading on may find more."""
+
+    def messages(
+        self, topics: Collection[str] | None, *, start_ns: int | None, stop_ns: int | None
+    ) -> Iterator[RawMessage]:
+        """As `Recording.messages`, in the order of (log time, position in the file).
+
+        Raises:
+            Exception: of the library that reads the file, where it is damaged and was not opened to be rescued.
+        """
+
+    def close(self) -> None:
+        """Close the file."""
+
+
+class Recording(Protocol):
+    """A whole recording, open: a context manager that closes its files."""
+
+    @property
+    def paths(self) -> tuple[Location, ...]:
+        """Its files, in the order of `RawMessage.order[0]`."""
+
+    @property
+    def topics(self) -> tuple[TopicInfo, ...]:
+        """What it holds, sorted by topic and type."""
+
+    @property
+    def start_ns(self) -> int:
+        """Log time of the first message; 0 where there is none."""
+
+    @property
+    def end_ns(self) -> int:
+        """Log time of the last message (inclusive); 0 where there is none."""
+
+    @property
+    def message_count(self) -> int:
+        """Number of messages, also of those that cannot be read."""
+
+    @property
+    def losses(self) -> tuple[Loss, ...]:
+        """What is damaged, by file and position, as far as it was noticed: reading on may find more."""
+
+    def messages(
+        self, topics: Collection[str] | None = None, *, start_ns: int | None = None, stop_ns: int | None = None
+    ) -> Iterator[RawMessage]:
+        """The messages in the order of (log time, file, position in the file), read as they are asked for.
+
+        Args:
+            topics: Only these; all by default. A name that was not recorded yields nothing.
+            start_ns: Only messages recorded at or after this time.
+            stop_ns: Only messages recorded before this time.
+
+        Raises:
+            RecordingError: the recording is damaged and was not opened to be rescued; says how far it was read.
+        """
+
+    def close(self) -> None:
+        """Close the files; messages that were already yielded stay valid."""
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(
+        self, exc_type: type[BaseException] | None, exc: BaseException | None, traceback: TracebackType | None
+    ) -> None: ...
+
+
+class Closing(ABC):
+    """What leaves its `with` block closed."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Close it."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, exc_type: type[BaseException] | None, exc: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def merge_topics(topics: Iterable[TopicInfo]) -> tuple[TopicInfo, ...]:
+    """One entry per topic and type, counts added, definitions without repetition; sorted."""
+    merged: dict[tuple[str, str], TopicInfo] = {}
+    for info in topics:
+        known = merged.get((info.topic, info.msgtype), replace(info, message_count=0, channels=()))
+        merged[info.topic, info.msgtype] = replace(
+            known,
+            message_count=known.message_count + info.message_count,
+            channels=tuple(dict.fromkeys(known.channels + info.channels)),
+            unreadable=known.unreadable or info.unreadable,
+        )
+    return tuple(merged[key] for key in sorted(merged))

@@ -1,0 +1,277 @@
+"""The rig of a recording: the sensors whose calibration is sound, and what ails the others.
+
+What a rig file gives is taken; what it leaves out comes from CameraInfo and tf.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from pipeline.core.config import Config
+from pipeline.core.errors import CalibrationError, FrameError, LidcamError, RecordingError
+from pipeline.core.geometry import Transform
+from pipeline.core.types import CameraSensor, LidarSensor, Rig, Zone, default_zones
+from readers.messages.tf import RecordedTransforms, clean_frame, read_transforms
+from readers.recording import Recording, TopicInfo
+from readers.rig.assignment import AssignedLidar, assign_cameras, assign_lidars
+from readers.rig.camera_calibration import calibrate_camera
+from readers.rig.extrinsics import rigid_transform
+from readers.rig.first_messages import FirstMessages
+from readers.rig.rig_file import LidarEntry, RigFile
+from readers.rig.sensor_topics import CAMERA_INFO, CLOUD, SensorFault, find_camera_topics, find_lidar_topics
+from readers.rig.topic_names import place
+
+__all__ = ["Discovery", "SensorFault", "SensorSource", "discover_rig", "rig_from_file"]
+
+
+OWN_SITE = "its frame is the site frame"
+"""Source of the pose of a lidar that has the site frame."""
+
+BEYOND_SITE = frozenset({"earth", "utm"})
+"""Frames with coordinates of millions of metres, in which float32 points would lose their centimetres."""
+
+
+RAW_LIDAR = frozenset(
+    {
+        "livox_ros_driver/msg/CustomMsg",
+        "livox_ros_driver2/msg/CustomMsg",
+        "nebula_msgs/msg/NebulaPackets",
+        "ouster_ros/msg/PacketMsg",
+        "ouster_sensor_msgs/msg/PacketMsg",
+        "pandar_msgs/msg/PandarScan",
+        "rslidar_msg/msg/RslidarPacket",
+    }
+)
+"""Types that drivers record before they make clouds of them."""
+
+MOST_LISTED = 10
+"""Topics that an error names."""
+
+
+@dataclass(frozen=True, slots=True)
+class SensorSource:
+    """Where a sensor's calibration was found.
+
+    Attributes:
+        sensor: Its name in the rig.
+        topic: Its topic.
+        frame_id: Its frame.
+        intrinsics: Source of a camera's intrinsics; empty for a lidar.
+        extrinsics: Source of its pose.
+    """
+
+    sensor: str
+    topic: str
+    frame_id: str
+    intrinsics: str
+    extrinsics: str
+
+
+@dataclass(frozen=True, slots=True)
+class Discovery:
+    """The rig, and how it was found.
+
+    Attributes:
+        rig: Sensors with sound calibration.
+        faults: Sensors without: the run goes on without them.
+        sources: One per sensor of the rig, lidars first.
+        notes: Topics that were passed over, and sensors that were assigned to topics by order, in words.
+        transforms: The recording's transforms.
+    """
+
+    rig: Rig
+    faults: tuple[SensorFault, ...]
+    sources: tuple[SensorSource, ...]
+    notes: tuple[str, ...]
+    transforms: RecordedTransforms = field(repr=False)
+
+
+def rig_from_file(
+    rig_file: RigFile,
+    recording: Recording,
+    config: Config,
+    *,
+    start_ns: int | None = None,
+    stop_ns: int | None = None,
+) -> Discovery:
+    """The rig that a rig file describes, for the topics of a recording; arguments as of `discover_rig`.
+
+    Raises:
+        CalibrationError: no lidar is usable.
+        RecordingError: the recording has no clouds, or cannot be read.
+    """
+    return discover_rig(recording, config, rig_file, start_ns=start_ns, stop_ns=stop_ns)
+
+
+def discover_rig(
+    recording: Recording,
+    config: Config,
+    rig_file: RigFile | None = None,
+    *,
+    start_ns: int | None = None,
+    stop_ns: int | None = None,
+) -> Discovery:
+    """The rig of a recording.
+
+    The site frame is the configured one, else the rig file's, else `base_link` if lidars are fixed to it, else the end
+    of the chain of fixed transforms that most lidars (the first of equals) hang on; a camera's optical frame is no
+    site frame (z is not up): then it is the lidar's own. A lidar whose messages name no frame has the one that tf knows
+    by its name or a part of its topic, else one of its own; several such need poses from somewhere.
+
+    Args:
+        recording: Open recording; tf_static and the beginning of the other topics are read.
+        config: Settings: which topics take part, and the site frame.
+        rig_file: What is known already.
+        start_ns: Begin of the part that is of interest, by log time: there tf is read, too. None is the recording's.
+        stop_ns: Its end (exclusive).
+
+    Raises:
+        CalibrationError: no lidar is usable, says why for each; or nothing says where any of several lidars stands.
+        RecordingError: the recording has no clouds, or cannot be read.
+    """
+    rig_file = rig_file or RigFile()
+    first = FirstMessages(recording, config.velodyne)
+    transforms = read_transforms(recording, start_ns=start_ns, stop_ns=stop_ns)
+    lidar_topics, faults, notes = find_lidar_topics(recording, config.topics, first)
+    lidars, lidar_assignment = assign_lidars(rig_file.lidars, lidar_topics, recording)
+    faults += lidar_assignment.faults
+    if not lidars and rig_file.lidars == {}:
+        raise CalibrationError("the rig file says `lidars: {}`, no lidar: name one, or leave `lidars` out to take all")
+    if not lidars and not faults:
+        raise RecordingError(_no_clouds(recording, config))
+    camera_topics, camera_faults, camera_notes = find_camera_topics(recording, config.topics, first)
+    cameras, camera_assignment = assign_cameras(
+        rig_file.cameras, camera_topics, recording, taken={lidar.name for lidar in lidars} | {"lidar", "fused"}
+    )
+    camera_faults += camera_assignment.faults
+    notes += lidar_assignment.notes + camera_notes + camera_assignment.notes
+
+    named = {
+        lidar.name: clean_frame(lidar.entry.frame_id) or first.frame(lidar.topic, CLOUD)
+        for lidar in lidars
+        if not first.missing(lidar.topic, CLOUD)
+    }
+    frames = _lidar_frames(lidars, named, transforms)
+    camera_frames = {first.frame(camera.topics.info, CAMERA_INFO) for camera in cameras if camera.topics.info}
+    wanted = clean_frame(config.rig.site_frame or rig_file.site_frame)
+    site = wanted or _site_frame(list(frames.values()), camera_frames, transforms)
+    sources: list[SensorSource] = []
+    lidar_sensors: list[LidarSensor] = []
+    for lidar in lidars:
+        frame = frames[lidar.name]
+        try:
+            first.decoded(lidar.topic, CLOUD)
+            T_site_lidar, source = _lidar_pose(lidar.entry, site, frame, transforms)
+        except LidcamError as err:
+            faults.append(SensorFault(lidar.name, lidar.topic, str(err)))
+            continue
+        lidar_sensors.append(LidarSensor(lidar.name, lidar.topic, T_site_lidar))
+        sources.append(SensorSource(lidar.name, lidar.topic, frame, "", source))
+    if not lidar_sensors:
+        raise CalibrationError(_no_lidar(faults, site))
+    apart = [lidar for lidar in lidars if named.get(lidar.name) == "" and lidar.topic not in {s.topic for s in sources}]
+    if apart and all(source.extrinsics == OWN_SITE for source in sources):
+        raise CalibrationError(_no_poses(recording, [source.topic for source in sources] + [x.topic for x in apart]))
+
+    camera_sensors: list[CameraSensor] = []
+    for camera in cameras:
+        try:
+            found = calibrate_camera(camera.entry, camera.topics, site, first, transforms)
+        except LidcamError as err:
+            camera_faults.append(SensorFault(camera.name, camera.topics.topic, str(err)))
+            continue
+        camera_sensors.append(
+            CameraSensor(camera.name, camera.topics.picture, camera.topics.boxes, found.model, found.T_camera_site)
+        )
+        sources.append(
+            SensorSource(camera.name, camera.topics.topic, found.model.frame_id, found.intrinsics, found.extrinsics)
+        )
+    rig = Rig(site, tuple(lidar_sensors), tuple(camera_sensors), _zones(rig_file), rig_file.ground_height_m)
+    return Discovery(rig, (*faults, *camera_faults), tuple(sources), tuple(notes), transforms)
+
+
+def _zones(rig_file: RigFile) -> tuple[Zone, ...]:
+    if rig_file.zones is None:
+        return default_zones()
+    return tuple(Zone(name, np.array(corners, np.float64)) for name, corners in rig_file.zones.items())
+
+
+def _lidar_pose(entry: LidarEntry, site: str, frame: str, transforms: RecordedTransforms) -> tuple[Transform, str]:
+    """T_site_lidar and where it was found."""
+    if entry.T_site_lidar is not None:
+        return rigid_transform("T_site_lidar", site, frame, entry.T_site_lidar), "rig file"
+    if (pose := entry.pose_in_site()) is not None:
+        return rigid_transform("its pose", site, frame, pose), "rig file"
+    if site == frame:
+        return Transform.identity(site, frame), OWN_SITE
+    return transforms.lookup(site, frame), f"tf: {site} <- {frame}"
+
+
+def _lidar_frames(
+    lidars: Sequence[AssignedLidar], named: Mapping[str, str], transforms: RecordedTransforms
+) -> dict[str, str]:
+    """Frame by lidar: the named one, else what tf has of the lidar's name and the parts of its topic, else its name."""
+    frames = {lidar.name: named.get(lidar.name, "") for lidar in lidars}
+    known = transforms.fixed.frames - set(frames.values())
+    for lidar in lidars:
+        if not frames[lidar.name]:
+            words = (lidar.name, *place(lidar.topic))
+            frames[lidar.name] = next((word for word in words if word in known), lidar.name)
+            known -= {frames[lidar.name]}
+    return frames
+
+
+def _site_frame(lidar_frames: Sequence[str], camera_frames: set[str], transforms: RecordedTransforms) -> str:
+    ends: list[tuple[str, str]] = []
+    for frame in lidar_frames:
+        try:
+            chain = transforms.fixed.chain(frame)
+        except FrameError:  # a circle: the lidar itself is reported when its pose is looked up
+            continue
+        chain = chain[: next((i for i, name in enumerate(chain) if name in BEYOND_SITE and i), len(chain))]
+        ends.append((frame, "base_link" if transforms.are_joined("base_link", frame) else chain[-1]))
+    if not ends:
+        return lidar_frames[0] if lidar_frames else ""
+    roots = [root for _, root in ends]
+    root = max(roots, key=roots.count)  # the first of equals
+    if root in camera_frames or root.endswith(("optical", "optical_frame")):
+        return next(frame for frame, end in ends if end == root)
+    return root
+
+
+def _no_clouds(recording: Recording, config: Config) -> str:
+    apart = f", apart from {', '.join(config.topics.exclude)}" if config.topics.exclude else ""
+    expected = (
+        f"{', '.join(str(path) for path in recording.paths)}: expected a topic of lidar clouds "
+        f"({' or '.join(sorted(CLOUD))}){apart}"
+    )
+    if raw := [info for info in recording.topics if info.msgtype in RAW_LIDAR]:
+        return (
+            f"{expected}; found {_listed(raw)}, which lidcam does not read yet: play the recording through the lidar's "
+            "driver and record the clouds that it publishes"
+        )
+    there = any(info.msgtype in CLOUD for info in recording.topics)
+    remedy = "see topics.exclude and topics.lidars of the settings" if there else "record the clouds of the driver, too"
+    return f"{expected}; found topics: {_listed(recording.topics) or 'none'}; {remedy}"
+
+
+def _listed(topics: Sequence[TopicInfo]) -> str:
+    more = f" and {len(topics) - MOST_LISTED} more" if len(topics) > MOST_LISTED else ""
+    return ", ".join(f"{info.topic} ({info.msgtype}, {info.message_count})" for info in topics[:MOST_LISTED]) + more
+
+
+def _no_poses(recording: Recording, topics: Sequence[str]) -> str:
+    return (
+        f"{', '.join(str(path) for path in recording.paths)}: found {len(topics)} lidars ({', '.join(topics)}), and "
+        "nothing that says where they stand: give their poses in a rig file (--rig), or take one of them "
+        f"(--set topics.lidars=[{topics[0]}])"
+    )
+
+
+def _no_lidar(faults: Sequence[SensorFault], site: str) -> str:
+    reasons = "; ".join(f"{fault.sensor} ({fault.topic}): {fault.reason}" for fault in faults)
+    return (
+        f"no lidar is usable in site frame {site!r}: {reasons}; give the lidars' poses in a rig file (--rig), "
+        "or another site frame (--set rig.site_frame=FRAME)"
+    )

@@ -1,0 +1,67 @@
+"""Matrices that people or calibration tools wrote, to sound transforms, or the reason why not."""
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import rq
+
+from pipeline.core.errors import CalibrationError
+from pipeline.core.geometry import Transform, rotation_fault
+
+__all__ = ["decompose_projection", "rigid_transform"]
+
+F64 = npt.NDArray[np.float64]
+
+ROUNDED = 1e-6
+"""Rotations further from orthonormal than this were rounded in a file: the nearest true rotation replaces them."""
+
+
+def rigid_transform(name: str, dst: str, src: str, values: npt.ArrayLike) -> Transform:
+    """T_dst_src from sixteen numbers.
+
+    Rotations that were rounded to a few digits become the nearest rotation (polar decomposition), since the inverse of
+    a transform is taken by transposing.
+
+    Raises:
+        CalibrationError: not rigid; says what of `name` is wrong.
+    """
+    matrix = np.array(values, np.float64).reshape(4, 4)
+    if not np.isfinite(matrix).all():
+        raise CalibrationError(f"{name} holds numbers that are not finite")
+    if fault := rotation_fault(matrix[:3, :3]):
+        raise CalibrationError(f"the rotation of {name} is none: {fault}")
+    if np.abs(matrix[3] - [0, 0, 0, 1]).max() > ROUNDED:
+        raise CalibrationError(f"the last row of {name} is {matrix[3].tolist()}: expected 0 0 0 1")
+    if dst == src and np.abs(matrix - np.eye(4)).max() > ROUNDED:
+        raise CalibrationError(f"{name} moves frame {dst!r} against itself: give the sensor or the site another frame")
+    matrix[3] = [0, 0, 0, 1]
+    rotation = matrix[:3, :3]
+    if np.abs(rotation @ rotation.T - np.eye(3)).max() > ROUNDED:
+        u, _, vt = np.linalg.svd(rotation)
+        matrix[:3, :3] = u @ vt
+    return Transform(dst, src, matrix)
+
+
+def decompose_projection(name: str, values: npt.ArrayLike) -> tuple[F64, F64]:
+    """K (3, 3) with K[2, 2] = 1 and T_camera_site (4, 4) of a projection P = s K [R | t], depth positive in front.
+
+    By RQ decomposition (Hartley and Zisserman, Multiple View Geometry, 6.2.4).
+
+    Raises:
+        CalibrationError: P[:, :3] is singular or mirrored.
+    """
+    P = np.array(values, np.float64).reshape(3, 4)
+    if not np.isfinite(P).all():
+        raise CalibrationError(f"{name} holds numbers that are not finite")
+    scale = float(np.linalg.norm(P[2, :3]))
+    if scale < 1e-12 or abs(np.linalg.det(P[:, :3] / np.abs(P[:, :3]).max())) < 1e-12:
+        raise CalibrationError(f"{name} is singular: its left 3 x 3 part has determinant 0, so it projects nothing")
+    P = P / scale
+    if np.linalg.det(P[:, :3]) < 0:
+        raise CalibrationError(f"{name} is mirrored (negative determinant): expected depth that is positive in front")
+    K, R = rq(P[:, :3])
+    signs = np.where(np.diag(K) < 0, -1.0, 1.0)
+    K, R = K * signs, signs[:, None] * R
+    matrix = np.eye(4)
+    matrix[:3, :3] = R
+    matrix[:3, 3] = np.linalg.solve(K, P[:, 3])
+    return np.asarray(K / K[2, 2], np.float64), matrix

@@ -1,0 +1,100 @@
+"""The first message of a topic that can be decoded: it tells the sensor's frame and the picture's size."""
+
+from collections.abc import Collection
+from typing import Any
+
+from pipeline.core.config import VelodyneConfig
+from pipeline.core.errors import MessageError
+from readers.messages.deserialize import deserialize
+from readers.messages.image_header import picture_size
+from readers.messages.tf import clean_frame
+from readers.recording import Recording
+from readers.velodyne.decoder import VelodyneDecoders
+from readers.velodyne.scan import SCAN
+from readers.video.packets import VIDEO, read_packet
+from readers.video.streams import first_picture_size
+
+__all__ = ["FirstMessages"]
+
+TRIES = 20
+"""Messages that are tried per topic: a recording may begin with a broken one, not with this many."""
+
+
+class FirstMessages:
+    """Looks at the start of topics; what was found is kept, and read only once.
+
+    Methods raise ConfigError or CalibrationError where the settings for a Velodyne's packets cannot be used.
+    """
+
+    def __init__(self, recording: Recording, velodyne: VelodyneConfig | None = None) -> None:
+        self._recording = recording
+        self._velodyne = VelodyneDecoders(velodyne or VelodyneConfig())
+        self._found: dict[tuple[str, str], Any | MessageError] = {}
+        self._video_sizes: dict[str, tuple[int, int] | None] = {}
+
+    def decoded(self, topic: str, msgtypes: Collection[str]) -> Any:
+        """The first message of `topic` with one of `msgtypes`, decoded.
+
+        Raises:
+            MessageError: none of the first messages can be decoded; quotes the first fault.
+        """
+        key = (topic, min(msgtypes))
+        if key not in self._found:
+            try:
+                self._found[key] = self._read(topic, msgtypes)
+            except MessageError as err:
+                self._found[key] = err
+        if isinstance(found := self._found[key], MessageError):
+            raise found
+        return found
+
+    def missing(self, topic: str, msgtypes: Collection[str]) -> bool:
+        """Whether none of the topic's first messages can be decoded."""
+        try:
+            self.decoded(topic, msgtypes)
+        except MessageError:
+            return True
+        return False
+
+    def frame(self, topic: str, msgtypes: Collection[str]) -> str:
+        """Frame that the topic's messages name; empty where they name none or cannot be decoded."""
+        try:
+            message = self.decoded(topic, msgtypes)
+            return clean_frame(getattr(message, "header", message).frame_id)
+        except MessageError:
+            return ""
+
+    def picture_size(self, topic: str, msgtypes: Collection[str]) -> tuple[int, int] | None:
+        """(width, height) in pixels of the topic's first picture; None where that cannot be told."""
+        try:
+            message = self.decoded(topic, msgtypes)
+        except MessageError:
+            return None
+        if message.__msgtype__ in VIDEO:
+            if topic not in self._video_sizes:
+                self._video_sizes[topic] = first_picture_size(self._recording.messages([topic]))
+            return self._video_sizes[topic]
+        if hasattr(message, "width"):
+            return int(message.width), int(message.height)
+        if not len(message.data):
+            return None
+        return picture_size(message.data.tobytes())
+
+    def _read(self, topic: str, msgtypes: Collection[str]) -> Any:
+        fault: MessageError | None = None
+        tried = 0
+        for message in self._recording.messages([topic]):
+            if message.channel.msgtype not in msgtypes:
+                continue
+            tried += 1
+            try:
+                if message.channel.msgtype == SCAN:  # whose model may be unknown
+                    self._velodyne[topic](message)
+                if message.channel.msgtype in VIDEO:
+                    read_packet(message)
+                return deserialize(message)
+            except MessageError as err:
+                fault = fault or err
+            if tried == TRIES:
+                break
+        raise MessageError(f"{topic}: none of its first {tried} messages can be decoded: {fault or 'it has none'}")

@@ -1,0 +1,157 @@
+"""Calibration files of other systems to rig files.
+
+The original's geometry.yaml holds, per camera, `w2c` (4 x 4, world to camera) and `c2p` (3 x 4, camera to pixel);
+lidars are not in it. KITTI's holds P0..P3 (3 x 4, rectified camera 0 to pixel), R0_rect and Tr_velo_to_cam (A. Geiger
+et al., "Vision meets Robotics: The KITTI Dataset", IJRR 2013, equation 8: x = P_i R0_rect Tr_velo_to_cam X). Neither
+says topics: see `assignment` for how the recording's topics are found.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from pipeline.core.config import read_yaml
+from pipeline.core.errors import CalibrationError
+from readers.rig.extrinsics import decompose_projection
+from readers.rig.rig_file import CameraEntry, LidarEntry, RigFile, parse_rig
+
+__all__ = ["import_geometry_yaml", "import_kitti_calib", "is_geometry_tree"]
+
+F64 = npt.NDArray[np.float64]
+
+KITTI_CAMERAS = (2, 3, 0, 1)
+"""Colour cameras first: a recording with one camera has the left colour camera, `image_2`."""
+
+
+# --- the original's geometry.yaml
+
+
+def is_geometry_tree(tree: Mapping[str, Any]) -> bool:
+    """Whether a YAML file's content has the form of the original's geometry.yaml."""
+    return bool(_geometry_cameras(tree))
+
+
+def _geometry_cameras(tree: Mapping[str, Any]) -> Mapping[str, Mapping[str, Any]]:
+    cameras = tree.get("cameras", tree)
+    if not isinstance(cameras, Mapping):
+        return {}
+    return {str(name): c for name, c in cameras.items() if isinstance(c, Mapping) and {"w2c", "c2p"} & set(c)}
+
+
+def import_geometry_yaml(path: Path) -> RigFile:
+    """The cameras of a geometry.yaml; a camera whose matrices are unsound stays in, and becomes a fault of the rig.
+
+    A camera that has a number for a name, 11, is called cam11.
+
+    Raises:
+        CalibrationError: a matrix is missing or has the wrong number of values, or a name cannot be that of a topic.
+        ConfigError: the file is no YAML mapping.
+    """
+    cameras = _geometry_cameras(read_yaml(path))
+    if not cameras:
+        raise CalibrationError(f"{path}: expected cameras with w2c (4 x 4) and c2p (3 x 4), found none")
+    entries = {}
+    for name, camera in cameras.items():
+        w2c = _matrix(path, f"{name}.w2c", camera.get("w2c"), (4, 4))
+        c2p = _matrix(path, f"{name}.c2p", camera.get("c2p"), (3, 4))
+        entries[f"cam{name}" if name.isdecimal() else name] = _camera(w2c, c2p)
+    return parse_rig({"cameras": entries}, path)
+
+
+def _camera(T_camera_site: F64, projection: F64) -> CameraEntry:
+    """A camera by its pose and its projection from the camera's frame, which need not be an optical one."""
+    try:
+        K, T_optical_camera = decompose_projection("projection", projection)
+    except CalibrationError:
+        return CameraEntry(P=_flat(projection @ T_camera_site))  # becomes a fault of the rig that says why
+    return CameraEntry(K=_flat(K), T_camera_site=_flat(T_optical_camera @ T_camera_site))
+
+
+def _matrix(path: Path, name: str, value: Any, shape: tuple[int, int]) -> F64:
+    try:
+        matrix = np.array(value, np.float64)
+    except (TypeError, ValueError):
+        matrix = np.zeros(0)
+    if matrix.size != shape[0] * shape[1]:
+        raise CalibrationError(f"{path}: {name}: expected {shape[0]} x {shape[1]} numbers, found {matrix.size}")
+    return matrix.reshape(shape)
+
+
+# --- KITTI
+
+
+def import_kitti_calib(path: Path) -> RigFile:
+    """The rectified cameras and the Velodyne of KITTI's object, odometry or raw calibration; the site is the Velodyne.
+
+    Args:
+        path: `000008.txt` or `calib.txt`; of raw data `calib_cam_to_cam.txt` or `calib_velo_to_cam.txt`, the other one
+            beside it.
+
+    Raises:
+        CalibrationError: an entry is missing or has the wrong number of values.
+    """
+    values = _kitti_values(path)
+    if "R" in values and "T" in values:
+        values |= _kitti_values(path.with_name("calib_cam_to_cam.txt"))
+    elif "P_rect_00" in values or "P_rect_02" in values:
+        values |= _kitti_values(path.with_name("calib_velo_to_cam.txt"))
+    if "R" in values:
+        T_cam0_velo = np.eye(4)
+        T_cam0_velo[:3, :3] = _kitti_matrix(path, values, ("R",), (3, 3))
+        T_cam0_velo[:3, 3] = _kitti_matrix(path, values, ("T",), (3, 1))[:, 0]
+    else:
+        T_cam0_velo = np.vstack(
+            [_kitti_matrix(path, values, ("Tr_velo_to_cam", "Tr_velo_cam", "Tr"), (3, 4)), [0, 0, 0, 1]]
+        )
+    T_rect_cam0 = np.eye(4)
+    if not ("Tr" in values and "R0_rect" not in values):  # odometry: Tr leads to the rectified camera already
+        T_rect_cam0[:3, :3] = _kitti_matrix(path, values, ("R0_rect", "R_rect", "R_rect_00"), (3, 3))
+    cameras = {}
+    for number in KITTI_CAMERAS:
+        names = (f"P{number}", f"P_rect_0{number}")
+        if not any(name in values for name in names):
+            continue
+        entry = _camera(T_rect_cam0 @ T_cam0_velo, _kitti_matrix(path, values, names, (3, 4)))
+        size = values.get(f"S_rect_0{number}", [])
+        if len(size) == 2:
+            entry = entry.model_copy(update={"width_px": int(size[0]), "height_px": int(size[1])})
+        cameras[f"cam{number}"] = entry
+    if not cameras:
+        raise CalibrationError(f"{path}: expected projections P0 to P3 or P_rect_00 to P_rect_03, found none")
+    return RigFile(
+        site_frame="velodyne", lidars={"velodyne": LidarEntry(T_site_lidar=_flat(np.eye(4)))}, cameras=cameras
+    )
+
+
+def _kitti_values(path: Path) -> dict[str, list[float]]:
+    """Numbers by name; lines of words (a date, a comment) are passed over."""
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as err:
+        raise CalibrationError(f"{path}: cannot be read as KITTI calibration: {err}") from err
+    values = {}
+    for line in lines:
+        name, separator, text = line.partition(":")
+        if not separator or line.startswith("#"):
+            continue
+        try:
+            values[name.strip()] = [float(word) for word in text.split()]
+        except ValueError:
+            continue
+    return values
+
+
+def _kitti_matrix(path: Path, values: Mapping[str, list[float]], names: tuple[str, ...], shape: tuple[int, int]) -> F64:
+    name = next((name for name in names if name in values), None)
+    if name is None:
+        raise CalibrationError(
+            f"{path}: expected a line {' or '.join(names)}, found {', '.join(sorted(values)) or 'none'}"
+        )
+    return _matrix(path, name, values[name], shape)
+
+
+def _flat(matrix: F64) -> tuple[float, ...]:
+    return tuple(matrix.reshape(-1).tolist())

@@ -1,0 +1,244 @@
+"""Which topics of a recording are lidars and cameras, and which calibration and boxes belong to which camera.
+
+A topic takes part if it has messages, is not excluded by the settings, and its name does not say depth or mask. What
+was made of other topics (combined messages, combined clouds) counts only where they were not recorded.
+Pictures of one camera that were recorded several times (raw and compressed, raw and rectified) count once. CameraInfo
+and recorded boxes go to the camera of the same place (see `topic_names`), else to the one whose messages name the same
+frame; among several by frame, then by the longest common beginning, then in order of name; a single one goes to a
+single camera.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+
+from pipeline.core.config import TopicsConfig
+from readers.recording import Recording, TopicInfo
+from readers.rig.first_messages import FirstMessages
+from readers.rig.topic_names import is_measured_image, natural_key, pair_score, place, transport_free
+from readers.velodyne.scan import SCAN
+from readers.video.packets import VIDEO
+
+__all__ = [
+    "BOXES",
+    "CAMERA_INFO",
+    "CLOUD",
+    "PICTURE",
+    "CameraTopics",
+    "SensorFault",
+    "find_camera_topics",
+    "find_lidar_topics",
+]
+
+CLOUD = frozenset({"sensor_msgs/msg/PointCloud2", SCAN})
+PICTURE = frozenset({"sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"}) | VIDEO
+CAMERA_INFO = frozenset({"sensor_msgs/msg/CameraInfo"})
+BOXES = frozenset({"vision_msgs/msg/Detection2DArray"})
+DEPTH_ENCODINGS = frozenset({"16UC1", "32FC1", "32SC1"})
+
+
+@dataclass(frozen=True, slots=True)
+class SensorFault:
+    """A sensor that the run goes on without.
+
+    Attributes:
+        sensor: Its name.
+        topic: Its topic; empty where none is known.
+        reason: Why, in one line.
+    """
+
+    sensor: str
+    topic: str
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class CameraTopics:
+    """The topics of one camera; empty where there is none."""
+
+    picture: str
+    info: str = ""
+    boxes: str = ""
+
+    @property
+    def topic(self) -> str:
+        """The topic that the camera is known by."""
+        return self.picture or self.boxes
+
+
+def find_lidar_topics(
+    recording: Recording, config: TopicsConfig, first: FirstMessages
+) -> tuple[list[str], list[SensorFault], list[str]]:
+    """Topics of clouds, in natural order or as configured; faults; and what was passed over, in words.
+
+    Packets of a lidar whose driver's clouds were recorded, too, are not used.
+    """
+    if config.lidars:
+        return _configured(recording, config.lidars, CLOUD, "lidar")
+    infos, faults = _with_messages(recording, CLOUD, config, "lidar")
+    measured = [info for info in infos if is_measured_image(info.topic)]
+    notes = [f"{info.topic}: a depth camera's cloud, not used" for info in infos if info not in measured]
+    notes += [
+        f"{info.topic}: {info.message_count} {info.gathered_from} gathered into sweeps"
+        for info in infos
+        if info.gathered_from
+    ]
+    chosen = _first_hand(measured, config, notes)
+    return [info.topic for info in _clouds_before_packets(chosen, first, notes)], faults, notes
+
+
+def find_camera_topics(
+    recording: Recording, config: TopicsConfig, first: FirstMessages
+) -> tuple[list[CameraTopics], list[SensorFault], list[str]]:
+    """Cameras, in natural order or as configured, those of which only boxes were recorded last; faults; notes."""
+    notes: list[str] = []
+    if config.cameras:
+        pictures, faults, _ = _configured(recording, config.cameras, PICTURE | BOXES, "camera")
+        boxes = [t for t in pictures if _types(recording, t) <= BOXES]
+        pictures = [t for t in pictures if t not in boxes]
+        boxes += [i.topic for i in _with_messages(recording, BOXES, config, "camera")[0] if i.topic not in boxes]
+        only_boxes_allowed = set(config.cameras)
+    else:
+        infos, faults = _with_messages(recording, PICTURE, config, "camera")
+        pictures = _one_per_camera(_first_hand(infos, config, notes), first, notes)
+        boxes = [info.topic for info in _with_messages(recording, BOXES, config, "camera")[0]]
+        only_boxes_allowed = set(boxes)
+    calibrations = [
+        info.topic for info in _with_messages(recording, CAMERA_INFO, TopicsConfig(exclude=()), "camera")[0]
+    ]
+
+    frames = {topic: first.frame(topic, PICTURE) for topic in pictures}
+    frames |= {topic: first.frame(topic, BOXES) for topic in boxes}
+    frames |= {topic: first.frame(topic, CAMERA_INFO) for topic in calibrations}
+    boxes_of: dict[str, str] = {}
+    alone: list[str] = []
+    for topic in boxes:
+        camera = _best(topic, pictures, frames, single=len(boxes) == 1)
+        if camera and camera not in boxes_of:
+            boxes_of[camera] = topic
+        elif camera:
+            notes.append(f"{topic}: {boxes_of[camera]} already has the boxes of {camera}, not used")
+        elif topic in only_boxes_allowed:
+            alone.append(topic)
+    single = len(pictures) + len(alone) == 1
+    cameras = [
+        CameraTopics(topic, _best(topic, calibrations, frames, single=single), boxes_of.get(topic, ""))
+        for topic in pictures
+    ]
+    for topic in alone:
+        if info := _best(topic, calibrations, frames, single=single):
+            cameras.append(CameraTopics("", info, topic))
+        else:
+            notes.append(f"{topic}: boxes of a camera without pictures and without CameraInfo, not used")
+    return cameras, faults, notes
+
+
+def _with_messages(
+    recording: Recording, msgtypes: frozenset[str], config: TopicsConfig, kind: str
+) -> tuple[list[TopicInfo], list[SensorFault]]:
+    """Topics of the given types that can be read, in natural order, and those that cannot."""
+    infos = [
+        info
+        for info in recording.topics
+        if info.msgtype in msgtypes
+        and info.message_count > 0
+        and not any(fnmatchcase(info.topic, pattern) for pattern in config.exclude)
+    ]
+    infos.sort(key=lambda info: natural_key(info.topic))
+    faults = [SensorFault(kind, info.topic, info.unreadable) for info in infos if info.unreadable]
+    return [info for info in infos if not info.unreadable], faults
+
+
+def _configured(
+    recording: Recording, topics: Iterable[str], msgtypes: frozenset[str], kind: str
+) -> tuple[list[str], list[SensorFault], list[str]]:
+    there = {i.topic for i in recording.topics if i.msgtype in msgtypes and i.message_count and not i.unreadable}
+    names = ", ".join(sorted(there, key=natural_key)) or "none"
+    wanted = " or ".join(sorted(msgtypes))
+    faults = [
+        SensorFault(kind, topic, f"the settings name it, but the recording has no such {wanted}; it has {names}")
+        for topic in topics
+        if topic not in there
+    ]
+    return [topic for topic in dict.fromkeys(topics) if topic in there], faults, []
+
+
+def _first_hand(infos: Sequence[TopicInfo], config: TopicsConfig, notes: list[str]) -> list[TopicInfo]:
+    """Of topics that tell of the same: those recorded by themselves, else parts of combined messages, else the rest.
+
+    A recording of a whole system holds what its nodes made of the sensors' messages beside these messages.
+    """
+
+    def hand(info: TopicInfo) -> int:
+        if any(fnmatchcase(info.topic, pattern) for pattern in config.last_resort):
+            return 2
+        return 1 if info.part_of else 0
+
+    best = min(map(hand, infos), default=0)
+    notes += [f"{info.topic}: made of the others, not used" for info in infos if hand(info) > best]
+    return [info for info in infos if hand(info) == best]
+
+
+def _clouds_before_packets(infos: Sequence[TopicInfo], first: FirstMessages, notes: list[str]) -> list[TopicInfo]:
+    """Without packets of a place or frame that has a cloud: the driver's own calibration made that."""
+    clouds = [info.topic for info in infos if info.msgtype != SCAN]
+    chosen: list[TopicInfo] = []
+    for info in infos:
+        if info.msgtype == SCAN and clouds:
+            frame = first.frame(info.topic, CLOUD)
+            same = (t for t in clouds if place(t) == place(info.topic) or (frame and first.frame(t, CLOUD) == frame))
+            if cloud := next(same, ""):
+                notes.append(f"{info.topic}: packets of the same lidar as {cloud}, not used")
+                continue
+        chosen.append(info)
+    return chosen
+
+
+def _types(recording: Recording, topic: str) -> set[str]:
+    return {info.msgtype for info in recording.topics if info.topic == topic}
+
+
+def _one_per_camera(infos: Sequence[TopicInfo], first: FirstMessages, notes: list[str]) -> list[str]:
+    """Picture topics without depth pictures; of several of one camera the least processed one."""
+    chosen: dict[tuple[object, ...], str] = {}
+    for info in sorted(infos, key=lambda info: (_processing(info), natural_key(info.topic))):
+        frame = first.frame(info.topic, PICTURE)
+        if not is_measured_image(info.topic) or _is_depth(info, first):
+            notes.append(f"{info.topic}: depth or mask pictures, not used")
+            continue
+        by_topic, by_frame = (transport_free(info.topic),), (place(info.topic), frame)
+        kept = chosen.get(by_topic) or (chosen.get(by_frame) if frame else None)
+        if kept:
+            notes.append(f"{info.topic}: pictures of the same camera as {kept}, not used")
+        else:
+            chosen[by_topic] = chosen[by_frame] = info.topic
+    return sorted(set(chosen.values()), key=natural_key)
+
+
+def _processing(info: TopicInfo) -> tuple[bool, bool, int]:
+    words = transport_free(info.topic).lower().rpartition("/")[2].split("_")
+    steps = 0 if "raw" in words else 2 if "rect" in words else 3 if "mono" in words else 1
+    return info.msgtype in VIDEO, info.msgtype.endswith("CompressedImage"), steps
+
+
+def _is_depth(info: TopicInfo, first: FirstMessages) -> bool:
+    if info.msgtype.endswith("CompressedImage"):
+        return False
+    if first.missing(info.topic, PICTURE):
+        return False
+    encoding = getattr(first.decoded(info.topic, PICTURE), "encoding", "")  # FFMPEGPacket: of the video; of the picture
+    return not DEPTH_ENCODINGS.isdisjoint(encoding.split(";"))
+
+
+def _best(topic: str, others: Sequence[str], frames: dict[str, str], *, single: bool) -> str:
+    """The topic of `others` that belongs to the same camera; empty if none does."""
+    if not others:
+        return ""
+    scores = {
+        other: pair_score(topic, other, same_frame=bool(frames[topic]) and frames[topic] == frames[other])
+        for other in sorted(others, key=natural_key)
+    }
+    best = max(scores, key=lambda other: scores[other])  # the first of equals
+    if scores[best][0] > 0:
+        return best
+    return best if single and len(others) == 1 else ""

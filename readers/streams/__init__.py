@@ -1,0 +1,1 @@
+"""Streams of each sensor: combined messages taken apart, packets gathered, motion, decoders."""

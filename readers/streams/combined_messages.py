@@ -1,0 +1,108 @@
+"""Messages that hold several pictures or clouds, taken apart: each part is a message of its own, with its own stamp.
+
+The original system records such: msgs/MsgCamera (`sensor_msgs/Image[] camera`) and msgs/ListPointCloud
+(`sensor_msgs/PointCloud2[] pointcloud`). The definition tells, not the name: any type that has a list of pictures or
+clouds among its fields is one. Part `n` (from 1) of field `camera` of `/camera_msgs_combined` has the topic
+`/camera_msgs_combined/camera_n`: the place in the list says which sensor it is, as the original had it.
+"""
+
+import re
+from collections.abc import Container, Iterator, Mapping
+from itertools import islice
+
+from rosbags.interfaces import Nodetype
+
+from pipeline.core.errors import MessageError
+from pipeline.core.types import Channel, RawMessage
+from readers.messages.definitions import COMBINED_TYPES
+from readers.messages.deserialize import deserialize, typestore_for
+from readers.messages.header_stamp import stamp_or_log_time
+from readers.recording import Recording
+
+__all__ = ["Parts", "find_combined", "split"]
+
+PART_TYPES = frozenset({"sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/PointCloud2"})
+
+LISTS = re.compile(r"(?:Image|PointCloud2)\s*[\[,>]")
+"""Lists in .msg (`Image[]`) and in IDL (`sequence<Image>`): most definitions need no closer look."""
+
+PROBED = 5
+"""Messages that are opened to see how many parts they have: a sensor may be missing from the first."""
+
+MOST_PARTS = 64
+"""Sensors of one list; a broken length could say any number."""
+
+Parts = Mapping[tuple[str, int], Channel]
+"""Topic, type and definition of each part, by (field, place in its list from 0)."""
+
+
+def find_combined(recording: Recording) -> dict[Channel, Parts]:
+    """The channels of combined messages, with the parts that their first messages have; none without any.
+
+    Raises:
+        RecordingError: the recording cannot be read.
+    """
+    channels = [channel for info in recording.topics if info.message_count for channel in info.channels]
+    lists = {channel: fields for channel in channels if (fields := _lists(channel))}
+    found = {channel: _parts(channel, fields, recording) for channel, fields in lists.items()}
+    return {channel: parts for channel, parts in found.items() if parts}
+
+
+def split(message: RawMessage, parts: Parts, wanted: Container[str]) -> Iterator[RawMessage]:
+    """The parts of a message on the topics `wanted`, in the order of its fields and lists.
+
+    All have its log time. A message that cannot be decoded becomes one message with that problem on each topic. A part
+    that none of the first messages had is passed over: its topic is not listed.
+    """
+    try:
+        whole = deserialize(message)
+    except MessageError as err:
+        for place, channel in enumerate(parts.values()):
+            if channel.topic in wanted:
+                order = (*message.order, place)
+                yield message._replace(order=order, data=b"", channel=channel, problem=str(err))
+        return
+    store = typestore_for(message.channel)
+    serialize = store.serialize_ros1 if message.channel.encoding == "ros1" else store.serialize_cdr
+    for place, ((name, index), channel) in enumerate(parts.items()):
+        if channel.topic in wanted and index < len(items := getattr(whole, name)):
+            data = serialize(items[index], channel.msgtype)
+            stamp_ns = stamp_or_log_time(channel, data, message.log_time_ns)
+            yield RawMessage(stamp_ns, message.log_time_ns, (*message.order, place), data, channel)
+
+
+def _lists(channel: Channel) -> dict[str, str]:
+    """Type of the parts by field, for fields that are lists of pictures or clouds."""
+    if channel.encoding not in {"ros1", "cdr"}:
+        return {}
+    if not LISTS.search(channel.definition or COMBINED_TYPES.get(channel.msgtype, "")):
+        return {}
+    try:
+        fields = typestore_for(channel).fielddefs[channel.msgtype][1]
+    except MessageError:  # said where the topic is used
+        return {}
+    found = {}
+    for name, (node, detail) in fields:
+        if node in {Nodetype.ARRAY, Nodetype.SEQUENCE} and detail[0][0] == Nodetype.NAME:
+            found[name] = str(detail[0][1])
+    return {name: msgtype for name, msgtype in found.items() if msgtype in PART_TYPES}
+
+
+def _parts(channel: Channel, fields: dict[str, str], recording: Recording) -> Parts:
+    counts = dict.fromkeys(fields, 0)
+    same = (message for message in recording.messages([channel.topic]) if message.channel == channel)
+    for message in islice(same, PROBED):
+        try:
+            whole = deserialize(message)
+        except MessageError:
+            continue
+        counts = {name: max(count, len(getattr(whole, name))) for name, count in counts.items()}
+    store = typestore_for(channel)
+    ros1 = channel.encoding == "ros1"
+    parts = {}
+    for name, msgtype in fields.items():
+        text, _ = store.generate_msgdef(msgtype, ros_version=1 if ros1 else 2)
+        for index in range(min(counts[name], MOST_PARTS)):
+            topic = f"{channel.topic}/{name}_{index + 1}"
+            parts[name, index] = Channel(topic, msgtype, channel.encoding, text, "ros1msg" if ros1 else "ros2msg")
+    return parts

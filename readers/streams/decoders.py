@@ -1,0 +1,116 @@
+"""The messages of one frame to the data of its sensors; what cannot be decoded becomes a drop or ends the run."""
+
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Generic, Literal, TypeVar
+
+from pipeline.core.config import Config
+from pipeline.core.errors import MessageError
+from pipeline.core.types import Boxes2D, Drop, Image, PointCloud, RawMessage, Rig, SensorBundle
+from readers.messages.detections2d import Detections2D, decode_detections2d
+from readers.messages.image import decode_picture
+from readers.messages.pointcloud2 import decode_pointcloud2
+from readers.velodyne.decoder import VelodyneDecoders
+from readers.velodyne.scan import SCAN
+
+__all__ = ["CloudDecoder", "Decoded", "PictureDecoder", "RecordedBoxes"]
+
+T = TypeVar("T")
+OnBadMessage = Literal["skip", "fail"]
+
+
+@dataclass(frozen=True, slots=True)
+class Decoded(Generic[T]):
+    """What one frame's messages held.
+
+    Attributes:
+        by_sensor: By sensor name, in rig order; a sensor whose message is missing or bad has no entry.
+        drops: The bad messages.
+        left_out: Parts of the messages that could not be used, by reason.
+    """
+
+    by_sensor: Mapping[str, T]
+    drops: tuple[Drop, ...] = ()
+    left_out: Mapping[str, int] = field(default_factory=dict)
+
+
+class CloudDecoder:
+    """Clouds of all lidars, each in its own frame."""
+
+    def __init__(self, rig: Rig, config: Config, *, on_bad: OnBadMessage) -> None:
+        self._topics = {lidar.name: lidar.topic for lidar in rig.lidars}
+        self._frames = {lidar.topic: lidar.T_site_lidar.src for lidar in rig.lidars}
+        self._velodyne = VelodyneDecoders(config.velodyne)
+        self._limits = config.limits
+        self._on_bad = on_bad
+
+    def __call__(self, bundle: SensorBundle) -> Decoded[PointCloud]:
+        """Clouds by lidar name; one whose message names no frame has that of its lidar."""
+        decoded = _decode(bundle, self._topics, self._decode_one, self._on_bad)
+        drops = decoded.drops + tuple(drop for _, parts in decoded.by_sensor.values() for drop in parts)
+        return Decoded({name: cloud for name, (cloud, _) in decoded.by_sensor.items()}, drops)
+
+    def _decode_one(self, message: RawMessage) -> tuple[PointCloud, tuple[Drop, ...]]:
+        drops: tuple[Drop, ...] = ()
+        if message.channel.msgtype == SCAN:
+            cloud, drops = self._velodyne[message.topic].decode(message)
+        else:
+            cloud = decode_pointcloud2(message, limits=self._limits)
+        return cloud if cloud.frame_id else replace(cloud, frame_id=self._frames[message.topic]), drops
+
+
+class PictureDecoder:
+    """Pictures of all cameras."""
+
+    def __init__(self, rig: Rig, config: Config, *, on_bad: OnBadMessage) -> None:
+        self._decode_one = partial(decode_picture, limits=config.limits)
+        self._topics = {camera.name: camera.topic for camera in rig.cameras if camera.topic}
+        self._on_bad = on_bad
+
+    def __call__(self, bundle: SensorBundle) -> Decoded[Image]:
+        """Pictures by camera name."""
+        return _decode(bundle, self._topics, self._decode_one, self._on_bad)
+
+
+class RecordedBoxes:
+    """2D boxes that a detector wrote into the recording."""
+
+    def __init__(self, rig: Rig, config: Config, *, on_bad: OnBadMessage) -> None:
+        self._topics = {camera.name: camera.boxes_topic for camera in rig.cameras if camera.boxes_topic}
+        self._config = config
+        self._on_bad = on_bad
+
+    def __call__(self, bundle: SensorBundle) -> Decoded[Boxes2D]:
+        """Boxes by camera name."""
+        decoded = _decode(bundle, self._topics, self._decode_one, self._on_bad)
+        left_out: Counter[str] = Counter()
+        boxes: dict[str, Boxes2D] = {}
+        for name, found in decoded.by_sensor.items():
+            left_out.update(found.left_out)
+            sure = found.boxes.scores >= self._config.detect2d.min_score
+            left_out[f"score under detect2d.min_score ({self._config.detect2d.min_score:g})"] += int((~sure).sum())
+            boxes[name] = found.boxes.select(sure)
+        return Decoded(boxes, decoded.drops, dict(sorted((+left_out).items())))
+
+    def _decode_one(self, message: RawMessage) -> Detections2D:
+        return decode_detections2d(message, self._config.class_id_of_label)
+
+
+def _decode(
+    bundle: SensorBundle, topics: Mapping[str, str], decode: Callable[[RawMessage], T], on_bad: OnBadMessage
+) -> Decoded[T]:
+    found: dict[str, T] = {}
+    drops: list[Drop] = []
+    for name, topic in topics.items():
+        message = bundle.messages.get(topic)
+        if message is None:
+            continue
+        try:
+            found[name] = decode(message)
+        except MessageError as err:
+            if on_bad == "fail":
+                raise
+            drops.append(Drop(topic, message.stamp_ns, "cannot be decoded", str(err)))
+    return Decoded(found, tuple(drops))

@@ -1,0 +1,228 @@
+"""The motion of the site frame itself, for the compensation of clouds: from odometry, or from tf.
+
+Odometry of other things (the ground truth of a car that drives through the scene) is no motion of the rig: a source is
+taken only if its child frame is the site frame or fixed to it.
+"""
+
+from bisect import bisect_left
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from pipeline.core.config import Config
+from pipeline.core.errors import ConfigError, FrameError, MessageError
+from pipeline.core.geometry import Transform, interpolate_poses
+from pipeline.core.types import Drop, PoseSamples, RawMessage, Rig
+from readers.messages.odometry import ODOMETRY, decode_odometry
+from readers.messages.tf import TF_TYPES, RecordedTransforms, clean_frame, decode_transforms, tf_topics
+from readers.recording import Recording
+from readers.rig.first_messages import FirstMessages
+
+__all__ = ["MotionBuffer", "MotionSource", "find_motion_source"]
+
+F64 = npt.NDArray[np.float64]
+
+KEPT_NS = 5_000_000_000
+"""How long poses are kept: sets of messages leave the synchroniser a few periods after they were recorded."""
+
+WINDOW_NS = 500_000_000
+"""Half of the span that a frame gets: a sweep takes 0.1 s, and sensors of one frame are less than that apart."""
+
+FIXED_FRAMES = ("odom", "map", "world", "earth")
+"""REP 105; `odom` first, since it moves without jumps."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MotionSource:
+    """Where the poses of the site frame come from.
+
+    Attributes:
+        topics: Topics of odometry or of transforms.
+        frame_id: The site frame.
+        fixed_frame_id: The frame that it moves in.
+        links: The way from the site frame to the fixed frame: transforms that hold for all time, and for the others the
+            frame that moves in its parent. The site frame's own comes first.
+    """
+
+    topics: tuple[str, ...]
+    frame_id: str
+    fixed_frame_id: str
+    links: tuple[Transform | str, ...]
+
+
+def find_motion_source(
+    recording: Recording, rig: Rig, transforms: RecordedTransforms, config: Config
+) -> MotionSource | None:
+    """The configured odometry, else odometry of the site frame, else tf of it; None where the site does not move.
+
+    Of several odometry topics the one with the most messages is taken, then the first by name.
+
+    Raises:
+        ConfigError: the configured topic has no odometry, or that of a frame that is not fixed to the site frame.
+    """
+    if not config.combine.motion.enabled:
+        return None
+    first = FirstMessages(recording)
+    infos = [
+        info for info in recording.topics if info.msgtype == ODOMETRY and info.message_count and not info.unreadable
+    ]
+    wanted = config.combine.motion.topic
+    if wanted:
+        if wanted not in {info.topic for info in infos}:
+            names = ", ".join(info.topic for info in infos) or "none"
+            raise ConfigError(
+                f"combine.motion.topic: {wanted!r} is no recorded nav_msgs/msg/Odometry; there is {names}"
+            )
+        return _of_odometry(wanted, first, rig, transforms, is_wanted=True)
+    for info in sorted(infos, key=lambda info: (-info.message_count, info.topic)):
+        try:
+            return _of_odometry(info.topic, first, rig, transforms, is_wanted=False)
+        except (ConfigError, MessageError):
+            continue
+    return _of_tf(recording, rig, transforms)
+
+
+def _of_odometry(
+    topic: str, first: FirstMessages, rig: Rig, transforms: RecordedTransforms, *, is_wanted: bool
+) -> MotionSource:
+    message = first.decoded(topic, {ODOMETRY})
+    child, fixed = clean_frame(message.child_frame_id), clean_frame(message.header.frame_id)
+    if not child and is_wanted:  # many drivers leave it empty; the settings say what it is
+        child = rig.site_frame
+    if not child or not fixed or transforms.are_joined(rig.site_frame, fixed):
+        raise ConfigError(f"{topic}: pose of {child!r} in {fixed!r} is no motion of the site frame {rig.site_frame!r}")
+    if child == rig.site_frame:
+        return MotionSource((topic,), rig.site_frame, fixed, (child,))
+    try:
+        return MotionSource((topic,), rig.site_frame, fixed, (transforms.lookup(child, rig.site_frame), child))
+    except FrameError as err:
+        raise ConfigError(f"{topic}: odometry of {child!r}, not of the site frame: {err}") from err
+
+
+def _of_tf(recording: Recording, rig: Rig, transforms: RecordedTransforms) -> MotionSource | None:
+    links: list[Transform | str] = []
+    frames = [rig.site_frame]
+    while True:
+        frame = frames[-1]
+        if frame in transforms.moving:
+            links.append(frame)
+            parent = transforms.moving[frame]
+        elif transforms.fixed.is_static(frame):
+            edge = transforms.fixed.lookup(transforms.fixed.chain(frame)[1], frame)
+            links.append(edge)
+            parent = edge.dst
+        else:
+            break
+        if parent in frames:
+            return None
+        frames.append(parent)
+    moves = [i for i, link in enumerate(links) if isinstance(link, str)]
+    if not moves:
+        return None
+    above = frames[moves[0] + 1 :]
+    fixed = next((frame for frame in FIXED_FRAMES if frame in above), above[-1])
+    return MotionSource(tuple(tf_topics(recording)[1]), rig.site_frame, fixed, tuple(links[: frames.index(fixed)]))
+
+
+class _Track:
+    """Poses of one frame in its parent by time."""
+
+    def __init__(self) -> None:
+        self.stamps_ns: list[int] = []
+        self.poses: list[F64] = []
+
+    def add(self, stamp_ns: int, pose: F64) -> None:
+        """Keep a pose for a while; an equal stamp replaces."""
+        at = bisect_left(self.stamps_ns, stamp_ns)
+        if at < len(self.stamps_ns) and self.stamps_ns[at] == stamp_ns:
+            self.poses[at] = pose
+            return
+        self.stamps_ns.insert(at, stamp_ns)
+        self.poses.insert(at, pose)
+        old = bisect_left(self.stamps_ns, self.stamps_ns[-1] - KEPT_NS)
+        del self.stamps_ns[:old], self.poses[:old]
+
+    def around(self, stamp_ns: int) -> tuple[npt.NDArray[np.int64], F64]:
+        """The poses within the window, and the next one on either side: (S,) and (S, 4, 4)."""
+        low = max(bisect_left(self.stamps_ns, stamp_ns - WINDOW_NS) - 1, 0)
+        high = bisect_left(self.stamps_ns, stamp_ns + WINDOW_NS + 1) + 1
+        poses = self.poses[low:high]
+        return np.array(self.stamps_ns[low:high], np.int64), np.array(poses, np.float64).reshape(-1, 4, 4)
+
+
+class MotionBuffer:
+    """The last few seconds of the site frame's motion, filled by the messages that stream past.
+
+    Poses recorded after the message that the stream stands at are not known yet: at the newest frame the last motion
+    has to be carried on.
+    """
+
+    def __init__(self, source: MotionSource, *, on_drop: Callable[[Drop], None] = lambda _: None) -> None:
+        self._source = source
+        self._on_drop = on_drop
+        self._tracks = {link: _Track() for link in source.links if isinstance(link, str)}
+        ends = [link.src if isinstance(link, Transform) else link for link in source.links[1:]]
+        parents = zip(source.links, [*ends, source.fixed_frame_id], strict=True)
+        self._parents = {link: parent for link, parent in parents if isinstance(link, str)}
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """Topics that the stream has to contain."""
+        return self._source.topics
+
+    def tap(self, messages: Iterable[RawMessage]) -> Iterator[RawMessage]:
+        """The messages of all other topics; those of the source are taken in. Bad ones are dropped and reported."""
+        for message in messages:
+            if message.topic not in self._source.topics:
+                yield message
+                continue
+            try:
+                self._take(message)
+            except MessageError as err:
+                self._on_drop(Drop(message.topic, message.stamp_ns, "cannot be decoded", str(err)))
+            except FrameError as err:
+                self._on_drop(Drop(message.topic, message.stamp_ns, "its pose is unusable", str(err)))
+
+    def window(self, stamp_ns: int) -> PoseSamples | None:
+        """Poses of the site frame around a time; None with fewer than two."""
+        tracks = {name: track.around(stamp_ns) for name, track in self._tracks.items()}
+        if any(len(stamps) < 2 for stamps, _ in tracks.values()):
+            return None
+        begin = max(stamps[0] for stamps, _ in tracks.values())
+        end = min(stamps[-1] for stamps, _ in tracks.values())
+        densest = max(tracks, key=lambda name: len(tracks[name][0]))
+        stamps_ns = tracks[densest][0]
+        stamps_ns = stamps_ns[(stamps_ns >= begin) & (stamps_ns <= end)]
+        if len(stamps_ns) < 2:
+            return None
+        poses = np.broadcast_to(np.eye(4), (len(stamps_ns), 4, 4))
+        for link in self._source.links:
+            if isinstance(link, Transform):
+                poses = link.matrix @ poses
+                continue
+            known_ns, known = tracks[link]
+            same = np.array_equal(known_ns, stamps_ns)
+            poses = (known if same else interpolate_poses(known_ns, known, stamps_ns)) @ poses
+        return PoseSamples(self._source.frame_id, self._source.fixed_frame_id, stamps_ns, np.ascontiguousarray(poses))
+
+    def _take(self, message: RawMessage) -> None:
+        if message.channel.msgtype in TF_TYPES:
+            fault: FrameError | None = None
+            for stamp_ns, transform, child in decode_transforms(message):
+                if child not in self._tracks:
+                    continue
+                if not isinstance(transform, Transform):
+                    fault = fault or FrameError(f"{child}: {transform}")
+                elif transform.dst != self._parents[child]:
+                    fault = fault or FrameError(f"{child} in {transform.dst!r}, expected {self._parents[child]!r}")
+                else:
+                    self._tracks[child].add(stamp_ns, transform.matrix)
+            if fault:
+                raise fault
+            return
+        sample = decode_odometry(message)
+        if sample.frame_id != self._source.fixed_frame_id:
+            raise FrameError(f"pose in {sample.frame_id!r}, expected {self._source.fixed_frame_id!r} as at first")
+        self._tracks[next(iter(self._tracks))].add(sample.stamp_ns, sample.T_parent_child.matrix)

@@ -1,0 +1,147 @@
+"""A recording as the rest of lidcam reads it: one topic per sensor, with one ROS message per measurement.
+
+Combined messages are taken apart (see `unpack`), Foxglove's schemas become ROS types (see `foxglove`), and packets of
+Velodynes become sweeps (see `velodyne_sweeps`), on the topics that are asked for. All other messages pass as they are;
+video is decoded later (see `video`), and without a decoder for it such topics cannot be read.
+"""
+
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from dataclasses import replace
+
+from pipeline.core.types import Channel, RawMessage
+from readers.location import Location
+from readers.messages.foxglove import ROS_TYPES, ros_channel, to_ros
+from readers.recording import Closing, Loss, Recording, TopicInfo, merge_topics
+from readers.streams.combined_messages import Parts, find_combined, split
+from readers.velodyne.packet import PACKET, packet_problem, scan_channel
+from readers.velodyne.scan import SCAN
+from readers.velodyne.sweeps import PAUSE_NS, gather_sweeps
+from readers.video.packets import VIDEO, missing_decoder
+
+__all__ = ["sensor_messages"]
+
+
+def sensor_messages(recording: Recording) -> Recording:
+    """The recording with a topic of its own, and a ROS type, for every sensor; closed together with it.
+
+    Raises:
+        RecordingError: the recording cannot be read; it is closed then.
+    """
+    try:
+        combined = find_combined(recording)
+    except BaseException:
+        recording.close()
+        raise
+    channels = {channel for info in recording.topics for channel in info.channels}
+    foreign = {channel for channel in channels if channel.encoding in {"protobuf", "json"}}
+    closed = {channel: problem for channel in channels if (problem := _problem(channel))}
+    packets = {channel for channel in channels if channel.msgtype == PACKET}
+    if not (combined or foreign or closed or packets):
+        return recording
+    return _SensorMessages(recording, combined, foreign, closed, packets)
+
+
+def _problem(channel: Channel) -> str:
+    """Why the messages of a channel cannot become those of a sensor."""
+    if channel.msgtype == PACKET:
+        return packet_problem(channel)
+    return missing_decoder() if ROS_TYPES.get(channel.msgtype, channel.msgtype) in VIDEO else ""
+
+
+class _SensorMessages(Closing):
+    """See `Recording`."""
+
+    def __init__(
+        self,
+        recording: Recording,
+        combined: Mapping[Channel, Parts],
+        foreign: Collection[Channel],
+        closed: Mapping[Channel, str],
+        packets: Collection[Channel],
+    ) -> None:
+        self._recording = recording
+        self._combined = combined
+        self._foreign = foreign
+        self._closed = closed
+        self._packets = frozenset(packets) - closed.keys()
+        self.topics = merge_topics(self._infos(recording.topics))
+        self._whole = {info.topic: info.part_of for info in self.topics if info.part_of}
+
+    @property
+    def paths(self) -> tuple[Location, ...]:
+        """See `Recording`."""
+        return self._recording.paths
+
+    @property
+    def start_ns(self) -> int:
+        """See `Recording`."""
+        return self._recording.start_ns
+
+    @property
+    def end_ns(self) -> int:
+        """See `Recording`."""
+        return self._recording.end_ns
+
+    @property
+    def message_count(self) -> int:
+        """See `Recording`; a combined message counts once."""
+        return self._recording.message_count
+
+    @property
+    def losses(self) -> tuple[Loss, ...]:
+        """See `Recording`."""
+        return self._recording.losses
+
+    def messages(
+        self, topics: Collection[str] | None = None, *, start_ns: int | None = None, stop_ns: int | None = None
+    ) -> Iterator[RawMessage]:
+        """See `Recording`."""
+        wanted = frozenset([info.topic for info in self.topics] if topics is None else topics)
+        if not any(channel.topic in wanted for channel in self._packets):
+            return self._sensor_messages(topics, wanted, start_ns, stop_ns)
+        around = self._sensor_messages(
+            topics,
+            wanted,
+            None if start_ns is None else start_ns - PAUSE_NS,
+            None if stop_ns is None else stop_ns + PAUSE_NS,
+        )
+        return gather_sweeps(around, self._packets, start_ns=start_ns, stop_ns=stop_ns)
+
+    def _sensor_messages(
+        self, topics: Collection[str] | None, wanted: Collection[str], start_ns: int | None, stop_ns: int | None
+    ) -> Iterator[RawMessage]:
+        """The messages, with packets as they were recorded."""
+        recorded = None if topics is None else {self._whole.get(topic, topic) for topic in topics}
+        for message in self._recording.messages(recorded, start_ns=start_ns, stop_ns=stop_ns):
+            if message.channel in self._combined:
+                yield from split(message, self._combined[message.channel], wanted)
+            elif message.channel in self._closed or message.topic not in wanted:  # part of a combined message's topic
+                continue
+            else:
+                yield to_ros(message) if message.channel in self._foreign else message
+
+    def close(self) -> None:
+        """Close the recording."""
+        self._recording.close()
+
+    def _infos(self, recorded: Iterable[TopicInfo]) -> Iterator[TopicInfo]:
+        for info in recorded:
+            parts: dict[tuple[str, str], dict[Channel, None]] = {}
+            kept: list[Channel] = []
+            for channel in info.channels:
+                if channel not in self._combined:
+                    kept.append(ros_channel(channel) if channel in self._foreign else channel)
+                for part in self._combined.get(channel, {}).values():
+                    parts.setdefault((part.topic, part.msgtype), {})[part] = None
+            for (topic, msgtype), channels in parts.items():
+                yield TopicInfo(topic, msgtype, info.message_count, tuple(channels), part_of=info.topic)
+            problem = next((self._closed[channel] for channel in info.channels if channel in self._closed), "")
+            if info.msgtype == PACKET and info.channels:
+                scans = () if problem else (scan_channel(info.topic),)
+                yield replace(info, msgtype=SCAN, channels=scans, unreadable=problem, gathered_from=PACKET)
+            elif problem:
+                yield replace(info, msgtype=kept[0].msgtype, channels=(), unreadable=problem)
+            elif kept:
+                yield replace(info, msgtype=kept[0].msgtype, channels=tuple(kept))
+            elif not parts:
+                yield info

@@ -1,0 +1,79 @@
+"""Calibration files of ROS's velodyne driver (`VLP16db.yaml` and its siblings) to a table of lasers."""
+
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from pipeline.core.config import describe_validation, read_yaml
+from pipeline.core.errors import CalibrationError
+from readers.velodyne.models import LaserTable, RangeCorrections, VelodyneModel
+
+__all__ = ["read_velodyne_calibration"]
+
+
+class _Laser(BaseModel):
+    model_config = ConfigDict(extra="ignore", allow_inf_nan=False)
+
+    laser_id: int
+    rot_correction: float
+    vert_correction: float
+    dist_correction: float = 0.0
+    dist_correction_x: float = 0.0
+    dist_correction_y: float = 0.0
+    vert_offset_correction: float = 0.0
+    horiz_offset_correction: float = 0.0
+    focal_distance: float = 0.0
+    focal_slope: float = 0.0
+    min_intensity: float = 0.0
+    max_intensity: float = 255.0
+
+
+class _File(BaseModel):
+    model_config = ConfigDict(extra="ignore")
+
+    lasers: list[_Laser] = Field(min_length=1)
+
+
+def read_velodyne_calibration(path: Path, model: VelodyneModel) -> LaserTable:
+    """The table of one unit, angles in radians and lengths in metres as in the file.
+
+    `distance_resolution` is passed over: the model decides it, and files exist that say otherwise.
+
+    Raises:
+        CalibrationError: the file does not fit, or its lasers are not those of the model.
+        ConfigError: the file cannot be read, or is no YAML mapping.
+    """
+    try:
+        lasers = _File.model_validate(read_yaml(path)).lasers
+    except ValidationError as err:
+        raise CalibrationError(
+            f"{path}: expected a calibration of ROS's velodyne driver: {describe_validation(_File, err)}"
+        ) from err
+    lasers = sorted(lasers, key=lambda laser: laser.laser_id)
+    if [laser.laser_id for laser in lasers] != list(range(model.lasers)):
+        raise CalibrationError(
+            f"{path}: expected each laser_id of a {model.name} once, 0 to {model.lasers - 1}; "
+            f"found {len(lasers)} lasers, {lasers[0].laser_id} to {lasers[-1].laser_id}"
+        )
+
+    def column(name: str) -> npt.NDArray[np.float64]:
+        return np.array([getattr(laser, name) for laser in lasers], np.float64)
+
+    corrections = RangeCorrections(
+        far_m=column("dist_correction"),
+        near_x_m=column("dist_correction_x"),
+        near_y_m=column("dist_correction_y"),
+        horizontal_offset_m=column("horiz_offset_correction"),
+        focal_distance=column("focal_distance"),
+        focal_slope=column("focal_slope"),
+        min_intensity=np.floor(column("min_intensity")),
+        max_intensity=np.floor(column("max_intensity")),
+    )
+    return LaserTable(
+        column("vert_correction"),
+        column("rot_correction"),
+        column("vert_offset_correction"),
+        corrections if corrections.any_set else None,
+    )

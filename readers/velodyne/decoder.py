@@ -1,0 +1,259 @@
+"""velodyne_msgs/VelodyneScan to `PointCloud`: what a Velodyne sends, before any driver made a cloud of it.
+
+Each block of a packet carries one azimuth. The head turns on while the block's lasers fire: the rate is taken over the
+packet (VLS-128: from packet to packet, as one packet may be one column), and every laser gets the azimuth and the time
+of its own firing. Drivers round these azimuths to 0.01 degrees; here they are not rounded.
+
+**Times.** Drivers do not agree on what a scan's header says: the first packet's stamp or the last one's, by the host's
+clock or by the sensor's (ros-drivers/velodyne#191, #218). So a cloud keeps the header stamp, by which its scan was
+synchronised, as the time that `time_offset_ns` counts from, and the offsets come from the packets: the spacing from the
+sensor's own microseconds, which do not jitter, laid upon the packets' stamps by the median of the differences. Only
+where these lie more than two seconds from the header (two clocks), the last packet is taken to have the header's
+stamp, as ROS's driver has it.
+"""
+
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from pipeline.core.config import VelodyneConfig, VelodyneLidarConfig
+from pipeline.core.errors import CalibrationError, ConfigError, MessageError
+from pipeline.core.types import Drop, PointCloud, RawMessage
+from readers.messages.point_time import MAX_OFFSET_NS
+from readers.velodyne.calibration import read_velodyne_calibration
+from readers.velodyne.layout import LAST, NOT_TOLD, STRONGEST, Beams, Layout, block_words
+from readers.velodyne.models import (
+    BLOCK_FLAGS,
+    MODELS,
+    VLS128_FIRST_FIRMWARE,
+    LaserTable,
+    VelodyneModel,
+    built_in_table,
+)
+from readers.velodyne.points import cloud_of
+from readers.velodyne.scan import VelodynePackets, parse_velodyne_scan
+
+__all__ = ["VelodyneDecoder", "VelodyneDecoders"]
+
+RETURN_MODES = {0x37: STRONGEST, 0x38: LAST}
+DUAL = 0x39
+HOUR_US = 3_600_000_000
+
+
+class VelodyneDecoders:
+    """One decoder per topic, made when the topic is first asked for."""
+
+    def __init__(self, config: VelodyneConfig) -> None:
+        self._config = config
+        self._decoders: dict[str, VelodyneDecoder] = {}
+
+    def __getitem__(self, topic: str) -> "VelodyneDecoder":
+        """The decoder of a topic.
+
+        Raises:
+            ConfigError: the configured model needs a calibration file, or the file cannot be read.
+            CalibrationError: the calibration file does not fit the configured model.
+        """
+        if topic not in self._decoders:
+            self._decoders[topic] = VelodyneDecoder(self._config.topics.get(topic, self._config))
+        return self._decoders[topic]
+
+
+class VelodyneDecoder:
+    """Scans of one lidar to clouds, by the settings and what the packets say of the sensor.
+
+    Raises:
+        ConfigError: the configured model needs a calibration file, or the file cannot be read.
+        CalibrationError: the calibration file does not fit the configured model.
+    """
+
+    def __init__(self, settings: VelodyneLidarConfig) -> None:
+        self._calibration = settings.calibration
+        self._model = None if settings.model == "auto" else MODELS[settings.model]
+        self._beams: dict[tuple[VelodyneModel, Layout], Beams] = {}
+        self._tables: dict[str, LaserTable] = {}
+        if self._model is not None:
+            self._table(self._model)
+
+    def __call__(self, message: RawMessage) -> PointCloud:
+        """The cloud of `decode`."""
+        return self.decode(message)[0]
+
+    def decode(self, message: RawMessage) -> tuple[PointCloud, tuple[Drop, ...]]:
+        """The points of a scan in the order of the packets' bytes, and the packets that took no part in it.
+
+        Returns:
+            The cloud at the message's stamp, with ring, time and return type of every point. A scan of any length and
+            cut is fine. Of two returns at equal distance one point is left, of type "both". Packets with blocks that
+            are not marked as this model marks them are left out.
+
+        Raises:
+            MessageError: the message is cut short, the model is not known or contradicts the settings, the packets are
+                of several models or modes, or they span more than two seconds.
+        """
+        packets = parse_velodyne_scan(message)
+        drops = [_drop(message, "packets that cannot be decoded", fault, 1) for fault in message.left_out]
+        if not len(packets):
+            return _no_points(message.stamp_ns, packets.frame_id), tuple(drops)
+        recorded = len(packets)
+        begun = _begun_packets(packets)
+        if begun is not None:
+            packets = packets.select(begun)
+        model = self._model_of(packets, message.topic)
+        layout = _layout_of(packets, model)
+        device_us = _device_us(packets)
+        if model.name == "VLS-128" and _is_first_firmware(device_us, layout):
+            model = VLS128_FIRST_FIRMWARE
+        beams = self._beams_of(model, layout)
+        known = _known_packets(packets, beams, message.topic)
+        if known is not None:
+            packets, device_us = packets.select(known), device_us[known]
+        if foreign := recorded - len(packets):
+            reason = f"packets with blocks that a {model.name} does not send"
+            drops.append(_drop(message, reason, f"{foreign} of {recorded} packets of the scan", foreign))
+        times_ns = _packet_times(packets, device_us, message)
+        return cloud_of(packets, beams, device_us, times_ns, message.stamp_ns), tuple(drops)
+
+    def _model_of(self, packets: VelodynePackets, topic: str) -> VelodyneModel:
+        factory = packets.payload[:, 1204:1206]
+        product = int(factory[0, 1])
+        configured = self._model
+        if configured is not None and configured.product is None:
+            return configured
+        if (factory != factory[0]).any():
+            raise MessageError(
+                f"{topic}: expected packets of one model and return mode, found several; an HDL-64E does not name "
+                "itself: set velodyne.model and velodyne.calibration"
+            )
+        named = [model for model in MODELS.values() if model.product == product]
+        if configured is not None:
+            if named and configured not in named:
+                raise MessageError(f"{topic}: velodyne.model says {configured.name}, the packets say {_names(named)}")
+            return configured
+        if len(named) != 1:
+            found = _names(named) if named else f"product byte 0x{product:02x}"
+            raise MessageError(f"{topic}: expected packets of one known model, found {found}; set velodyne.model")
+        return named[0]
+
+    def _beams_of(self, model: VelodyneModel, layout: Layout) -> Beams:
+        key = (model, layout)
+        if key not in self._beams:
+            try:
+                self._beams[key] = Beams(model, self._table(model), layout)
+            except (CalibrationError, ConfigError) as err:
+                raise MessageError(str(err)) from err
+        return self._beams[key]
+
+    def _table(self, model: VelodyneModel) -> LaserTable:
+        if model.name not in self._tables:
+            self._tables[model.name] = _read_table(self._calibration, model)
+        return self._tables[model.name]
+
+
+def _read_table(calibration: str, model: VelodyneModel) -> LaserTable:
+    if calibration:
+        return read_velodyne_calibration(Path(calibration), model)
+    if model.product is None:
+        raise ConfigError(
+            f"velodyne.model {model.name} needs velodyne.calibration, a file of ROS's velodyne driver: the lasers of "
+            "an HDL-64E differ from unit to unit"
+        )
+    return built_in_table(model.name)
+
+
+def _names(models: list[VelodyneModel]) -> str:
+    return " or ".join(model.name for model in models)
+
+
+# --- what a packet holds
+
+
+def _layout_of(packets: VelodynePackets, model: VelodyneModel) -> Layout:
+    """The layout of a scan's packets, by their return mode."""
+    if model.product is None:  # the HDL-64E repeats a column's azimuth where it sends both returns, the strongest first
+        azimuth = block_words(packets.payload, 12, 2)
+        if np.count_nonzero(azimuth[:, 0] == azimuth[:, 2]) * 2 > len(packets):
+            return Layout(model.columns_dual, model.banks, (STRONGEST, LAST), apart=model.banks)
+        return Layout(model.columns, model.banks, (STRONGEST,))
+    mode = int(packets.payload[0, 1204])
+    if mode == DUAL:
+        return Layout(model.columns_dual, model.banks, (LAST, STRONGEST))
+    return Layout(model.columns, model.banks, (RETURN_MODES.get(mode, NOT_TOLD),))
+
+
+def _known_packets(packets: VelodynePackets, beams: Beams, topic: str) -> npt.NDArray[np.bool_] | None:
+    """Which packets have blocks that are marked as this model marks them; None if all have."""
+    layout = beams.layout
+    words = block_words(packets.payload, layout.blocks, 0)
+    flags = np.stack([words[:, beams.blocks + layout.apart * echo] for echo in range(len(layout.returns))])
+    expected = flags == beams.flags
+    if expected.all():
+        return None
+    known = np.asarray(expected.all(axis=(0, 2, 3)))
+    if not known.any():
+        found = int(flags[~expected][0])
+        raise MessageError(
+            f"{topic}: expected packets of a {beams.model.name}, found blocks that begin 0x{found:04x}; "
+            "see velodyne.model"
+        )
+    return known
+
+
+def _begun_packets(packets: VelodynePackets) -> npt.NDArray[np.bool_] | None:
+    """Which packets begin as those of every model do; None if all or none do.
+
+    The others may hold anything where the model and the sensor's time are looked for.
+    """
+    begun = block_words(packets.payload, 1, 0)[:, 0] == BLOCK_FLAGS[0]
+    return None if begun.all() or not begun.any() else np.asarray(begun)
+
+
+def _drop(message: RawMessage, reason: str, detail: str, parts: int) -> Drop:
+    topic = message.topic
+    return Drop(topic, message.stamp_ns, reason, detail if detail.startswith(topic) else f"{topic}: {detail}", parts)
+
+
+# --- times
+
+
+def _device_us(packets: VelodynePackets) -> npt.NDArray[np.int64]:
+    """(P,) the sensor's time of each packet after the last one's; its clock starts anew every hour."""
+    clock_us = packets.payload[:, 1200:1204].view("<u4")[:, 0].astype(np.int64)
+    half = HOUR_US // 2
+    return np.asarray((clock_us - clock_us[-1] + half) % HOUR_US - half)
+
+
+def _is_first_firmware(device_us: npt.NDArray[np.int64], layout: Layout) -> bool:
+    """Whether a VLS-128 sends three columns in 160 us, not in 173.3; lost packets do not move the median."""
+    if len(device_us) < 2:
+        return False
+    return bool(np.median(np.diff(device_us)) * 3 / layout.columns < 167)
+
+
+def _packet_times(
+    packets: VelodynePackets, device_us: npt.NDArray[np.int64], message: RawMessage
+) -> npt.NDArray[np.int64]:
+    """(P,) nanoseconds from the message's stamp; see the module."""
+    stamps_ns = packets.stamps_ns - packets.stamps_ns[-1]
+    times_ns = device_us * 1000
+    span_ns = int(times_ns.max() - times_ns.min())
+    if span_ns > MAX_OFFSET_NS:
+        raise MessageError(f"{message.topic}: expected a scan, found packets that span {span_ns / 1e9:.1f} s")
+    times_ns += round(float(np.median(stamps_ns - times_ns))) + int(packets.stamps_ns[-1]) - message.stamp_ns
+    if int(np.abs(times_ns).max()) > MAX_OFFSET_NS:
+        times_ns -= times_ns[-1]
+    return times_ns
+
+
+def _no_points(stamp_ns: int, frame_id: str) -> PointCloud:
+    return PointCloud(
+        stamp_ns=stamp_ns,
+        frame_id=frame_id,
+        xyz=np.zeros((0, 3), np.float32),
+        intensity=np.zeros(0, np.float32),
+        ring=np.zeros(0, np.uint16),
+        time_offset_ns=np.zeros(0, np.int32),
+        has_time=True,
+        return_type=np.zeros(0, np.uint8),
+    )

@@ -1,0 +1,84 @@
+"""How a Velodyne's packet is laid out: which block holds which lasers, columns and returns."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from numpy.lib.stride_tricks import as_strided
+
+from readers.velodyne.models import BLOCK_FLAGS, LaserTable, VelodyneModel
+
+__all__ = ["BLOCK_BYTES", "BOTH", "LAST", "NOT_TOLD", "SLOTS", "STRONGEST", "Beams", "Layout", "block_words"]
+
+SLOTS = 32
+"""Ranges of a block."""
+
+BLOCK_BYTES = 100
+
+# `PointCloud.return_type`
+NOT_TOLD = 0
+STRONGEST = 1
+LAST = 2
+BOTH = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """How the blocks of a packet follow one another.
+
+    Attributes:
+        columns: Number of columns.
+        banks: Number of banks.
+        returns: Types of the returns in the order of their blocks; one where there is one per firing.
+        apart: Blocks from a return to the next one of the same firing.
+    """
+
+    columns: int
+    banks: int
+    returns: tuple[int, ...]
+    apart: int = 1
+
+    @property
+    def blocks(self) -> int:
+        """Blocks in use, from the first on."""
+        return self.columns * self.banks * len(self.returns)
+
+    @property
+    def block_of_firing(self) -> npt.NDArray[np.intp]:
+        """(columns, banks): block that holds the first return."""
+        column, bank = np.arange(self.columns)[:, None], np.arange(self.banks)
+        between = len(self.returns) if self.apart == 1 else 1
+        return np.asarray(column * self.banks * len(self.returns) + bank * between)
+
+
+class Beams:
+    """Tables of one model, calibration and layout.
+
+    Those by place in the column, (banks * 32,), repeat with every column: their length is a power of two, so that a
+    place is found without a division.
+    """
+
+    def __init__(self, model: VelodyneModel, table: LaserTable, layout: Layout) -> None:
+        place = np.arange(model.banks * SLOTS)
+        laser = place % model.lasers
+        slot_us = np.array(model.slot_us, np.float64).reshape(-1)
+        column_us = np.arange(layout.columns) * model.column_us + model.first_us
+        self.model = model
+        self.layout = layout
+        self.laser = laser
+        self.slot_us = slot_us.astype(np.float32)
+        self.firing_ns = np.rint((column_us[:, None] + slot_us).reshape(-1) * 1000).astype(np.int32)
+        self.blocks = layout.block_of_firing
+        self.flags = np.array(BLOCK_FLAGS[: model.banks], np.uint16)
+        self.azimuth_offset_rad = table.azimuth_offset_rad[laser].astype(np.float32)
+        self.cos_elevation = np.cos(table.elevation_rad)[laser].astype(np.float32)
+        self.sin_elevation = np.sin(table.elevation_rad)[laser].astype(np.float32)
+        self.vertical_offset_m = table.vertical_offset_m[laser].astype(np.float32)
+        self.ring = table.rings[laser]
+        self.corrections = table.corrections
+
+
+def block_words(payload: npt.NDArray[np.uint8], blocks: int, offset: int) -> npt.NDArray[np.uint16]:
+    """(P, blocks): two bytes at `offset` of every block, a view."""
+    first = payload[:, offset : offset + 2].view("<u2")
+    return as_strided(first, (len(payload), blocks), (first.strides[0], BLOCK_BYTES), writeable=False)

@@ -1,0 +1,101 @@
+"""velodyne_msgs/VelodynePacket, one message per UDP packet, and the VelodyneScan that a run of them makes.
+
+Neither direction decodes: the 1214 bytes of stamp and payload lie in both messages alike, little endian.
+"""
+
+import struct
+from collections.abc import Sequence
+from functools import lru_cache
+
+from rosbags.interfaces import Nodetype
+
+from pipeline.core.errors import MessageError
+from pipeline.core.types import Channel, RawMessage
+from readers.messages.definitions import VELODYNE_MSGS
+from readers.messages.deserialize import typestore_for
+from readers.velodyne.scan import PACKET_BYTES, SCAN
+
+__all__ = [
+    "PACKET",
+    "packet_channel",
+    "packet_data",
+    "packet_message_data",
+    "packet_problem",
+    "scan_channel",
+    "scan_data",
+]
+
+PACKET = "velodyne_msgs/msg/VelodynePacket"
+
+STAMPED_BYTES = 8 + PACKET_BYTES
+"""Bytes of a packet and the stamp before it."""
+
+_CDR_LITTLE_ENDIAN = b"\0\1\0\0"
+_CDR = len(_CDR_LITTLE_ENDIAN)
+
+_SEPARATOR = "=" * 80
+_TIME = f"{_SEPARATOR}\nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
+_HEADER = f"{_SEPARATOR}\nMSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n"
+_PACKET_DEFINITION = f"{VELODYNE_MSGS['VelodynePacket']}\n{_TIME}"
+_SCAN_DEFINITION = (
+    f"{VELODYNE_MSGS['VelodyneScan']}\n{_HEADER}{_SEPARATOR}\nMSG: velodyne_msgs/VelodynePacket\n{_PACKET_DEFINITION}"
+)
+
+
+def packet_channel(topic: str) -> Channel:
+    """A channel of VelodynePackets that were recorded without ROS."""
+    return Channel(topic, PACKET, "cdr", _PACKET_DEFINITION)
+
+
+def scan_channel(topic: str) -> Channel:
+    """The channel of the scans that the packets of a topic make."""
+    return Channel(topic, SCAN, "cdr", _SCAN_DEFINITION)
+
+
+def packet_message_data(stamp_ns: int, payload: bytes | memoryview) -> bytes:
+    """A VelodynePacket of `packet_channel`."""
+    return _CDR_LITTLE_ENDIAN + struct.pack("<II", *divmod(stamp_ns, 10**9)) + payload
+
+
+def packet_data(message: RawMessage) -> bytes | memoryview:
+    """Stamp and payload of a VelodynePacket as `scan_data` takes them; `packet_problem` has found its channel sound.
+
+    Raises:
+        MessageError: its bytes are not there, or end too soon.
+    """
+    data = message.data
+    if message.problem:
+        raise MessageError(f"{message.topic}: {message.problem}")
+    start = 0 if message.channel.encoding == "ros1" else _CDR
+    if len(data) < start + STAMPED_BYTES:
+        raise MessageError(
+            f"{message.topic}: expected a {PACKET} of {start + STAMPED_BYTES} bytes, found {len(data)} bytes"
+        )
+    # OMG DDSI-RTPS 10.2: the lowest bit of the encapsulation identifier says little endian.
+    if start and not data[1] & 1:
+        return struct.pack("<II", *struct.unpack_from(">II", data, start)) + data[start + 8 : start + STAMPED_BYTES]
+    return data[start : start + STAMPED_BYTES]
+
+
+def scan_data(packets: Sequence[bytes | memoryview]) -> bytes:
+    """A VelodyneScan of `scan_channel`: its header has the first packet's stamp, and no frame.
+
+    Args:
+        packets: Stamp and payload of each, at least one.
+    """
+    head = _CDR_LITTLE_ENDIAN + packets[0][:8] + struct.pack("<I4xI", 1, len(packets))  # an empty name ends in a zero
+    return head + b"\0\0".join(packets)
+
+
+@lru_cache(maxsize=256)
+def packet_problem(channel: Channel) -> str:
+    """Why the VelodynePackets of a channel cannot be used; empty where its definition is the usual one."""
+    try:
+        fields = typestore_for(channel).fielddefs[PACKET][1]
+    except MessageError as err:
+        return str(err).removeprefix(f"{channel.topic}: ")
+    known = [
+        ("stamp", (Nodetype.NAME, "builtin_interfaces/msg/Time")),
+        ("data", (Nodetype.ARRAY, ((Nodetype.BASE, ("uint8", 0)), PACKET_BYTES))),
+    ]
+    return "" if fields == known else f"its definition of {PACKET} is not a stamp and uint8[{PACKET_BYTES}]"

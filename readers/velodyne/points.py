@@ -1,0 +1,194 @@
+"""Ranges of Velodyne packets to points: azimuth by firing, calibration, times."""
+
+import numpy as np
+import numpy.typing as npt
+from numpy.lib.stride_tricks import as_strided
+
+from pipeline.core.types import PointCloud
+from readers.velodyne.layout import BLOCK_BYTES, BOTH, LAST, SLOTS, STRONGEST, Beams, Layout, block_words
+from readers.velodyne.models import RangeCorrections, VelodyneModel
+from readers.velodyne.scan import VelodynePackets
+
+__all__ = ["cloud_of"]
+
+F32 = npt.NDArray[np.float32]
+F64 = npt.NDArray[np.float64]
+Rows = npt.NDArray[np.intp]
+
+# The HDL-64E's two calibration distances (manual, appendix E).
+FAR_M, NEAR_X_M, NEAR_Y_M = 25.04, 2.40, 1.93
+
+
+def cloud_of(
+    packets: VelodynePackets,
+    beams: Beams,
+    device_us: npt.NDArray[np.int64],
+    packet_ns: npt.NDArray[np.int64],
+    stamp_ns: int,
+) -> PointCloud:
+    """The points of packets that all have the layout of `beams`.
+
+    Args:
+        packets: P packets, at least one.
+        beams: Tables of the model and calibration.
+        device_us: (P,) time of each packet by the sensor's clock, from any origin.
+        packet_ns: (P,) time of each packet after `stamp_ns`.
+        stamp_ns: The cloud's.
+    """
+    layout = beams.layout
+    echoes = _echoes(packets.payload, layout.blocks)
+    steps = np.ndarray((len(echoes),), "<u2", echoes, 0, (3,)).copy()
+    kept, return_type = _measured(steps, len(packets), layout)
+    firing = _firings(kept, layout)
+    place = firing & (layout.banks * SLOTS - 1)
+    cos_azimuth, sin_azimuth = (grid.reshape(-1).take(firing) for grid in _headings(packets.payload, beams, device_us))
+    steps = steps.take(kept)
+    range_m = steps.astype(np.float32)
+    range_m *= np.float32(beams.model.range_step_m)
+    intensity = echoes.reshape(-1).take(3 * kept + 2).astype(np.float32)
+    if beams.corrections is None:
+        xyz = _points(beams, place, range_m, cos_azimuth, sin_azimuth)
+    else:
+        xyz = _corrected_points(beams, beams.corrections, place, range_m, cos_azimuth, sin_azimuth)
+        intensity = _corrected_intensity(beams.corrections, beams.laser[place], steps, intensity)
+    times_ns = packet_ns.astype(np.int32)[:, None] + beams.firing_ns
+    return PointCloud(
+        stamp_ns=stamp_ns,
+        frame_id=packets.frame_id,
+        xyz=xyz,
+        intensity=intensity,
+        ring=beams.ring.take(place),
+        time_offset_ns=times_ns.reshape(-1).take(firing),
+        has_time=True,
+        return_type=return_type,
+    )
+
+
+def _echoes(payload: npt.NDArray[np.uint8], blocks: int) -> npt.NDArray[np.uint8]:
+    """(P * blocks * 32, 3): two bytes of range and one of reflectivity, copied so that they lie side by side."""
+    first = payload[:, 4:]
+    shape, strides = (len(payload), blocks, 3 * SLOTS), (payload.strides[0], BLOCK_BYTES, 1)
+    return np.ascontiguousarray(as_strided(first, shape, strides, writeable=False)).reshape(-1, 3)
+
+
+def _measured(steps: npt.NDArray[np.uint16], packets: int, layout: Layout) -> tuple[Rows, npt.NDArray[np.uint8]]:
+    """Rows of the ranges that make a point, and the types of their returns."""
+    measured = steps != 0
+    if len(layout.returns) == 1:
+        kept = np.flatnonzero(measured)
+        return kept, np.full(len(kept), layout.returns[0], np.uint8)
+    shape = (packets, -1, 2, layout.apart * SLOTS)
+    pairs = steps.reshape(shape)
+    equal = pairs[:, :, 0] == pairs[:, :, 1]
+    strongest, last = layout.returns.index(STRONGEST), layout.returns.index(LAST)
+    types = np.empty(pairs.shape, np.uint8)
+    types[:, :, strongest] = np.where(equal, np.uint8(BOTH), np.uint8(STRONGEST))
+    types[:, :, last] = LAST
+    measured.reshape(shape)[:, :, last] &= ~equal
+    kept = np.flatnonzero(measured)
+    return kept, types.reshape(-1).take(kept)
+
+
+def _firings(kept: Rows, layout: Layout) -> Rows:
+    """Where each range stands in (P, columns, banks, 32): both returns of a firing stand in the same place."""
+    if len(layout.returns) == 1:
+        return kept
+    width = layout.apart * SLOTS  # a power of two
+    return ((kept & -2 * width) >> 1) | (kept & (width - 1))
+
+
+def _headings(payload: npt.NDArray[np.uint8], beams: Beams, device_us: npt.NDArray[np.int64]) -> tuple[F32, F32]:
+    """Cosine and sine of the azimuth of every firing, (P, columns, banks, 32).
+
+    The azimuth is that of the block plus a small angle that all blocks of a packet share: by the addition theorems
+    only the two parts need cosine and sine.
+    """
+    layout = beams.layout
+    azimuth = block_words(payload, layout.blocks, 2)[:, beams.blocks]
+    rate = _turn_rate(azimuth[:, :, 0].astype(np.int64), beams.model, device_us).astype(np.float32)
+    small = (rate[:, None] * beams.slot_us - beams.azimuth_offset_rad).reshape(-1, 1, layout.banks, SLOTS)
+    block = azimuth.astype(np.float32)[..., None] * np.float32(np.pi / 18000)
+    cos_small, sin_small, cos_block, sin_block = np.cos(small), np.sin(small), np.cos(block), np.sin(block)
+    cos = cos_block * cos_small
+    part = sin_block * sin_small
+    cos -= part
+    sin = sin_block * cos_small
+    sin += np.multiply(cos_block, sin_small, out=part)
+    return cos, sin
+
+
+def _turn_rate(azimuth: npt.NDArray[np.int64], model: VelodyneModel, device_us: npt.NDArray[np.int64]) -> F64:
+    """(P,) radians per microsecond, of the azimuths (P, columns) in hundredths of a degree."""
+    columns = azimuth.shape[1]
+    if model.banks < 4 or (len(azimuth) == 1 and columns > 1):
+        turned = _turn(azimuth[:, 0], azimuth[:, -1]) / ((columns - 1) * model.column_us)
+    elif len(azimuth) == 1:
+        turned = np.zeros(1)  # a single column says nothing of the motion
+    else:
+        period_us = columns * model.column_us
+        between = np.maximum(np.rint(np.diff(device_us) / period_us), 1.0)
+        turned = _turn(azimuth[:-1, 0], azimuth[1:, 0]) / (between * period_us)
+        turned = np.concatenate([turned[:1], turned])
+    return np.asarray(turned * (np.pi / 18000))
+
+
+def _turn(before: npt.NDArray[np.int64], after: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    """The smaller turn from one azimuth to another, hundredths of a degree."""
+    return (after - before + 18000) % 36000 - 18000
+
+
+def _points(beams: Beams, place: Rows, range_m: F32, cos_azimuth: F32, sin_azimuth: F32) -> F32:
+    """(n, 3): x ahead at azimuth 0, y to the left, so against the sense of the azimuth, z up."""
+    xyz = np.empty((len(place), 3), np.float32)
+    horizontal_m = range_m * beams.cos_elevation.take(place)
+    np.multiply(horizontal_m, cos_azimuth, out=xyz[:, 0])
+    np.negative(horizontal_m, out=horizontal_m)
+    np.multiply(horizontal_m, sin_azimuth, out=xyz[:, 1])
+    np.multiply(range_m, beams.sin_elevation.take(place), out=xyz[:, 2])
+    xyz[:, 2] += beams.vertical_offset_m.take(place)
+    return xyz
+
+
+def _corrected_points(
+    beams: Beams,
+    corrections: RangeCorrections,
+    place: Rows,
+    range_m: F32,
+    cos_azimuth: F32,
+    sin_azimuth: F32,
+) -> F32:
+    """As `_points`, with the two-point calibration of the HDL-64E (manual, appendix E).
+
+    z takes the mean of the corrections of x and y, as velodyne_decoder does; the manual takes that of y.
+    """
+    laser = beams.laser[place]
+    cos_elevation, sin_elevation = beams.cos_elevation.take(place), beams.sin_elevation.take(place)
+    far_m, near_x_m, near_y_m, beside_m = (
+        values.astype(np.float32).take(laser)
+        for values in (
+            corrections.far_m,
+            corrections.near_x_m,
+            corrections.near_y_m,
+            corrections.horizontal_offset_m,
+        )
+    )
+    across_m = (range_m + far_m) * cos_elevation
+    two_points = (near_x_m != 0) & (near_y_m != 0) & (range_m < FAR_M)
+    weight_x = np.where(two_points, (np.abs(across_m * sin_azimuth) - NEAR_X_M) / (FAR_M - NEAR_X_M), np.float32(1))
+    weight_y = np.where(two_points, (np.abs(across_m * cos_azimuth) - NEAR_Y_M) / (FAR_M - NEAR_Y_M), np.float32(1))
+    add_x = weight_x * far_m + (1 - weight_x) * near_x_m
+    add_y = weight_y * far_m + (1 - weight_y) * near_y_m
+    xyz = np.empty((len(place), 3), np.float32)
+    xyz[:, 0] = (range_m + add_y) * cos_elevation * cos_azimuth + beside_m * sin_azimuth
+    xyz[:, 1] = beside_m * cos_azimuth - (range_m + add_x) * cos_elevation * sin_azimuth
+    xyz[:, 2] = (range_m + (add_x + add_y) / 2) * sin_elevation + beams.vertical_offset_m.take(place)
+    return xyz
+
+
+def _corrected_intensity(
+    corrections: RangeCorrections, laser: Rows, steps: npt.NDArray[np.uint16], reflectivity: F32
+) -> F32:
+    focus = (1 - corrections.focal_distance[laser] / 131) ** 2
+    added = 256 * corrections.focal_slope[laser] * np.abs(focus - (1 - steps / 65535) ** 2)
+    lowest, highest = corrections.min_intensity[laser], corrections.max_intensity[laser]
+    return np.clip(reflectivity + added, lowest, highest).astype(np.float32)

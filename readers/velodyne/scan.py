@@ -1,0 +1,125 @@
+"""velodyne_msgs/VelodyneScan as bytes: header, then packets of a stamp and 1206 bytes each, viewed where they lie.
+
+The generic decoder takes 70 times as long: it makes an object of each packet. In CDR every stamp begins at a multiple
+of four bytes, so packets lie 1216 bytes apart, yet nothing fills up the last one; in ROS 1 they lie 1214 apart.
+"""
+
+import struct
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+from rosbags.interfaces import Nodetype
+
+from pipeline.core.errors import MessageError
+from pipeline.core.types import Channel, RawMessage, check_array
+from readers.messages.deserialize import typestore_for
+from readers.messages.tf import clean_frame
+
+__all__ = ["PACKET_BYTES", "SCAN", "VelodynePackets", "parse_velodyne_scan"]
+
+SCAN = "velodyne_msgs/msg/VelodyneScan"
+PACKET_BYTES = 1206
+
+_ENCAPSULATION = 4
+_STAMP_BYTES = 8
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class VelodynePackets:
+    """The packets of one scan in recorded order.
+
+    Attributes:
+        frame_id: Frame that the scan names.
+        stamps_ns: (P,) int64, when the driver says that each packet was measured, or came in.
+        payload: (P, 1206) uint8, what the sensor sent; a view, packets need not lie side by side.
+    """
+
+    frame_id: str
+    stamps_ns: npt.NDArray[np.int64]
+    payload: npt.NDArray[np.uint8]
+
+    def __post_init__(self) -> None:
+        n = len(self.stamps_ns)
+        check_array("stamps_ns", self.stamps_ns, (n,), np.int64)
+        check_array("payload", self.payload, (n, PACKET_BYTES), np.uint8)
+
+    def __len__(self) -> int:
+        return len(self.stamps_ns)
+
+    def select(self, rows: npt.NDArray[np.bool_]) -> "VelodynePackets":
+        """The packets of a mask."""
+        return VelodynePackets(self.frame_id, self.stamps_ns[rows], self.payload[rows])
+
+
+def parse_velodyne_scan(message: RawMessage) -> VelodynePackets:
+    """The packets of a message; bytes behind the last one are passed over.
+
+    Raises:
+        MessageError: not a VelodyneScan, its recorded definition is not the usual one, or its bytes end too soon.
+    """
+    channel, data = message.channel, message.data
+    if message.problem:
+        raise MessageError(f"{channel.topic}: {message.problem}")
+    if channel.msgtype != SCAN:
+        raise MessageError(f"{channel.topic}: expected {SCAN}, found {channel.msgtype}")
+    if fault := _unusual(channel):
+        raise MessageError(f"{channel.topic}: {fault}")
+    try:
+        frame_id, count, start, order, stride = _layout(channel, data)
+    except (struct.error, UnicodeDecodeError) as err:
+        raise MessageError(
+            f"{channel.topic}: {len(data)} bytes are no {SCAN}: its header is cut off or damaged"
+        ) from err
+    size = _STAMP_BYTES + PACKET_BYTES
+    needed = start + (count - 1) * stride + size if count else start
+    if needed > len(data):
+        whole = max(len(data) - start - size + stride, 0) // stride
+        raise MessageError(
+            f"{channel.topic}: expected {count} packets in {needed} bytes, found {len(data)} bytes: "
+            f"the message ends after {whole} whole packets"
+        )
+    if not count:
+        return VelodynePackets(clean_frame(frame_id), np.zeros(0, np.int64), np.zeros((0, PACKET_BYTES), np.uint8))
+    buffer = np.frombuffer(data, np.uint8)
+    stamps = np.ndarray((count, 2), f"{order}u4", buffer, start, (stride, 4)).astype(np.int64)
+    payload = np.ndarray((count, PACKET_BYTES), np.uint8, buffer, start + _STAMP_BYTES, (stride, 1))
+    return VelodynePackets(clean_frame(frame_id), stamps[:, 0] * 10**9 + stamps[:, 1], payload)
+
+
+def _layout(channel: Channel, data: bytes | memoryview) -> tuple[str, int, int, str, int]:
+    """Frame, number of packets, position of the first, byte order, and distance from one to the next."""
+    if channel.encoding == "ros1":
+        order, at, stride = "<", 12, _STAMP_BYTES + PACKET_BYTES
+    else:
+        # OMG DDSI-RTPS 10.2: the lowest bit of the encapsulation identifier says little endian.
+        order = "<" if len(data) > 1 and data[1] & 1 else ">"
+        at, stride = _ENCAPSULATION + _STAMP_BYTES, (_STAMP_BYTES + PACKET_BYTES + 3) // 4 * 4
+    (length,) = struct.unpack_from(f"{order}I", data, at)
+    at += 4
+    frame_id = bytes(data[at : at + length]).rstrip(b"\0").decode()
+    at += length
+    if channel.encoding == "cdr":
+        at += -at % 4
+    (count,) = struct.unpack_from(f"{order}I", data, at)
+    return frame_id, count, at + 4, order, stride
+
+
+@lru_cache(maxsize=256)
+def _unusual(channel: Channel) -> str:
+    """What the recorded definition has that `_layout` does not know; empty where it is the usual one."""
+    types = typestore_for(channel).fielddefs
+    fields = [name for name, _ in types[SCAN][1]]
+    packet = types.get("velodyne_msgs/msg/VelodynePacket")
+    header = [name for name, _ in types["std_msgs/msg/Header"][1]] if fields[:1] == ["header"] else []
+    known_header = ["seq", "stamp", "frame_id"] if channel.encoding == "ros1" else ["stamp", "frame_id"]
+    known = (
+        fields == ["header", "packets"]
+        and header == known_header
+        and packet is not None
+        and [name for name, _ in packet[1]] == ["stamp", "data"]
+        and packet[1][1][1][0] == Nodetype.ARRAY
+        and packet[1][1][1][1][1] == PACKET_BYTES
+    )
+    return "" if known else f"its definition of {SCAN} is not header and packets of stamp and uint8[{PACKET_BYTES}]"

@@ -1,0 +1,159 @@
+"""The packets of one video topic to pictures, one after another. The only module that imports PyAV (extra `video`).
+
+A picture depends on those before it, so a decoder sees every packet of its topic in order. It begins with a packet that
+needs no other; after one that cannot be decoded it begins again, with the next such packet, instead of showing what a
+codec makes up where it lacks a picture. Decoding runs on one thread: the same packets give the same pictures.
+"""
+
+from typing import Any
+
+import av
+import cv2
+import numpy as np
+from av.codec.context import Flags
+from rosbags.typesys import Stores, get_typestore
+
+from pipeline.core.config import DEFAULT_LIMITS, LimitsConfig
+from pipeline.core.errors import MessageError
+from pipeline.core.types import Channel, RawMessage
+from readers.messages.compressed_image import COMPRESSED_IMAGE
+from readers.video.h264_gaps import GapFinder
+from readers.video.packets import AFTER_DAMAGE, BEFORE_KEY_FRAME, VideoPacket, read_packet
+
+__all__ = ["VideoDecoder"]
+
+MAX_PIXELS = 1 << 25
+"""Of a picture, a little over 8K: a decoder keeps up to 17 of them, of whatever size the first packet names."""
+
+MAX_HELD = 32
+"""Packets that may wait for their pictures: H.264 and H.265 put at most 16 out of order."""
+
+JPEG_QUALITY = 95
+
+_DECODERS = {"av1": "libdav1d"}  # FFmpeg's own needs a graphics card
+_STAMP_END_NS = 2**31 * 10**9
+_TYPES = get_typestore(Stores.ROS2_HUMBLE)
+_DEFINITION, _ = _TYPES.generate_msgdef(COMPRESSED_IMAGE, ros_version=2)
+
+
+class VideoDecoder:
+    """Turns the messages of one topic into sensor_msgs/CompressedImage, each with its own stamp, frame and log time.
+
+    The pictures are JPEG: what waits for the other sensors stays small. A message that gives no picture comes out
+    without data and with the reason as its `problem`: `BEFORE_KEY_FRAME`, `AFTER_DAMAGE`, or what is wrong with it.
+    Where pictures were recorded out of order (B-frames), messages come out later, each with the picture of its packet.
+
+    Args:
+        topic: Their topic.
+        limits: `largest_picture_mpx`, where that is less than `MAX_PIXELS`.
+    """
+
+    def __init__(self, topic: str, *, limits: LimitsConfig = DEFAULT_LIMITS) -> None:
+        self._channel = Channel(topic, COMPRESSED_IMAGE, "cdr", _DEFINITION, "ros2msg")
+        self._max_pixels = min(MAX_PIXELS, round(limits.largest_picture_mpx * 1e6))
+        self._codec = ""
+        self._context: Any = None
+        self._gaps = GapFinder()
+        self._waits = BEFORE_KEY_FRAME
+        self._count = 0
+        self._held: dict[int, tuple[RawMessage, str] | None] = {}
+
+    def add(self, message: RawMessage, *, show: bool = True) -> list[RawMessage]:
+        """Take the next message; the messages whose fate is known by then, in the order of their pictures.
+
+        Args:
+            message: CompressedVideo or FFMPEGPacket.
+            show: Whether this message comes out; if not, it only helps to decode those after it.
+        """
+        try:
+            packet = read_packet(message)
+        except MessageError as err:
+            return [*self._end_of_stream(damaged=True), *self._blank(message, str(err), show)]
+        done: list[RawMessage] = []
+        if packet.codec != self._codec:
+            done += self._end_of_stream()
+            self._codec = packet.codec
+        if self._context is None:
+            if not packet.is_key:
+                return [*done, *self._blank(message, self._waits, show)]
+            self._context, self._gaps = _open(packet.codec, self._max_pixels), GapFinder()
+        if packet.codec == "h264" and (gap := self._gaps.gap_before(packet.data.data, is_key=packet.is_key)):
+            return [*done, *self._end_of_stream(damaged=True), *self._blank(message, gap, show)]
+        self._count += 1
+        self._held[self._count] = (message, packet.frame_id) if show else None
+        try:
+            done += self._decode(packet)
+        except av.error.FFmpegError as err:
+            held = self._held.pop(self._count, None)
+            done += self._end_of_stream(damaged=True)
+            problem = f"{len(packet.data)} bytes are no {packet.codec} ({err.strerror})"
+            return [*done, *self._blank(message, problem, held is not None)]
+        limit = MAX_HELD if self._context.has_b_frames else 0
+        return done + self._give_up(max(len(self._held) - limit, 0))
+
+    def flush(self) -> list[RawMessage]:
+        """What the decoder still holds, at the end of the recording."""
+        return self._end_of_stream()
+
+    def _decode(self, packet: VideoPacket) -> list[RawMessage]:
+        coded = av.Packet(packet.data.tobytes())
+        coded.pts = coded.dts = self._count
+        return [picture for frame in self._context.decode(coded) for picture in self._taken(frame)]
+
+    def _taken(self, frame: Any) -> list[RawMessage]:
+        """The message whose packet a frame was in, with its picture."""
+        held = self._held.pop(frame.pts, None)
+        if held is None:
+            return []
+        message, frame_id = held
+        try:
+            data = _picture(frame, message.stamp_ns, frame_id)
+        except (cv2.error, av.error.FFmpegError, ValueError) as err:
+            reason = " ".join(str(err).split())
+            return self._blank(message, f"a {frame.width} x {frame.height} px picture cannot become a JPEG ({reason})")
+        return [message._replace(data=data, channel=self._channel)]
+
+    def _end_of_stream(self, *, damaged: bool = False) -> list[RawMessage]:
+        """Let the decoder go with what it still holds; the next one begins with a key frame."""
+        if self._context is None:
+            return []
+        try:
+            done = [picture for frame in self._context.decode(None) for picture in self._taken(frame)]
+        except av.error.FFmpegError:
+            done = []
+        self._context = None
+        self._waits = AFTER_DAMAGE if damaged else self._waits
+        return done + self._give_up(len(self._held))
+
+    def _give_up(self, count: int) -> list[RawMessage]:
+        """The messages that have waited longest, without their pictures."""
+        given_up = [self._held.pop(key) for key in list(self._held)[:count]]
+        return [blank for held in given_up if held for blank in self._blank(held[0], "no picture came of its packet")]
+
+    def _blank(self, message: RawMessage, problem: str, show: bool = True) -> list[RawMessage]:
+        return [message._replace(data=b"", channel=self._channel, problem=problem)] if show else []
+
+
+def _open(codec: str, max_pixels: int) -> Any:
+    context = av.CodecContext.create(_DECODERS.get(codec, codec), "r")
+    context.thread_count = 1
+    context.flags |= Flags.low_delay
+    context.options = {"max_pixels": str(max_pixels), "err_detect": "crccheck+bitstream+buffer+explode"}
+    return context
+
+
+def _picture(frame: Any, stamp_ns: int, frame_id: str) -> bytes:
+    """A frame as sensor_msgs/CompressedImage.
+
+    Raises:
+        ValueError: it has more rows or columns than a JPEG can have.
+    """
+    bgr = frame.to_ndarray(format="bgr24")
+    done, jpeg = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    if not done:
+        raise ValueError("too large")
+    sec, nanosec = divmod(stamp_ns if 0 <= stamp_ns < _STAMP_END_NS else 0, 10**9)
+    stamp = _TYPES.types["builtin_interfaces/msg/Time"](sec=sec, nanosec=nanosec)
+    header = _TYPES.types["std_msgs/msg/Header"](stamp=stamp, frame_id=frame_id)
+    image = _TYPES.types[COMPRESSED_IMAGE](header=header, format="jpeg", data=np.asarray(jpeg, np.uint8).reshape(-1))
+    return bytes(_TYPES.serialize_cdr(image, COMPRESSED_IMAGE))

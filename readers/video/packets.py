@@ -1,0 +1,124 @@
+"""Messages that hold one packet of a video: which codec it is, and whether decoding can begin with it.
+
+Sources: docs.foxglove.dev/docs/sdk/schemas/compressed-video (H.264 and H.265 in Annex B form, AV1 in low-overhead form,
+one picture per message); ffmpeg_image_transport_msgs/FFMPEGPacket, whose `encoding` is a codec or the FFmpeg encoder
+that made it, in newer releases followed by pixel formats (`hevc;yuv420p;bgr8;bgr8`); ITU-T H.264 and H.265, table 7-1
+each; the bitstream specifications of VP9 (6.2), VP8 (RFC 6386, 9.1) and AV1 (5.3).
+"""
+
+import re
+from importlib.util import find_spec
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from pipeline.core.errors import MessageError
+from pipeline.core.types import RawMessage
+from readers.messages.deserialize import deserialize
+from readers.messages.tf import clean_frame
+
+__all__ = [
+    "AFTER_DAMAGE",
+    "BEFORE_KEY_FRAME",
+    "COMPRESSED_VIDEO",
+    "FFMPEG_PACKET",
+    "VIDEO",
+    "VideoPacket",
+    "missing_decoder",
+    "read_packet",
+]
+
+COMPRESSED_VIDEO = "foxglove_msgs/msg/CompressedVideo"
+FFMPEG_PACKET = "ffmpeg_image_transport_msgs/msg/FFMPEGPacket"
+VIDEO = frozenset({COMPRESSED_VIDEO, FFMPEG_PACKET})
+
+BEFORE_KEY_FRAME = "before the first key frame of the video"
+AFTER_DAMAGE = "after a packet that cannot be decoded, before the next key frame of the video"
+
+KEY_FLAG = 1  # AV_PKT_FLAG_KEY
+
+# Names of codecs and of FFmpeg's encoders (libx264, h264_nvenc, hevc_vaapi, libvpx-vp9, libsvtav1) by decoder.
+_NAMES = {
+    "h264": re.compile(r"(h\.?264|avc1?|(lib)?x264(rgb)?|libopenh264)(_\w+)?"),
+    "hevc": re.compile(r"(h\.?265|hevc|(lib)?x265)(_\w+)?"),
+    "vp9": re.compile(r"(vp9|libvpx-vp9)(_\w+)?"),
+    "av1": re.compile(r"(av1|libaom-av1|libsvtav1|librav1e)(_\w+)?"),
+    "vp8": re.compile(r"(vp8|libvpx)(_\w+)?"),
+    "mpeg4": re.compile(r"mpeg4(_\w+)?"),
+    "mjpeg": re.compile(r"mjpeg(_\w+)?"),
+}
+
+# H.264: slice of an IDR picture (5), sequence parameter set (7), or recovery point (message 6 first in an SEI, 6): an
+# encoder that refreshes picture by picture never sends another IDR. H.265: pictures of random access (16 to 23),
+# parameter sets (32 to 34). Start codes occur nowhere else: the standards have them escaped.
+_KEY_UNITS = {
+    "h264": re.compile(rb"\x00\x00\x01(?:[\x05\x25\x45\x65\x07\x27\x47\x67]|\x06\x06)"),
+    "hevc": re.compile(rb"\x00\x00\x01[\x20\x22\x24\x26\x28\x2a\x2c\x2e\x40\x42\x44]"),
+}
+_TEMPORAL_DELIMITER, _SEQUENCE_HEADER = b"\x12\x00", 1
+
+
+class VideoPacket(NamedTuple):
+    """One packet.
+
+    Attributes:
+        codec: `h264`, `hevc`, `vp9`, `av1`, `vp8`, `mpeg4` or `mjpeg`.
+        data: Its bytes.
+        is_key: Whether decoding can begin with it.
+        frame_id: Camera optical frame.
+    """
+
+    codec: str
+    data: npt.NDArray[np.uint8]
+    is_key: bool
+    frame_id: str
+
+
+def missing_decoder() -> str:
+    """Why video cannot be decoded here, and what to do; empty where it can."""
+    if find_spec("av") is not None:
+        return ""
+    return "it is video, which needs PyAV: pip install 'lidcam[video]'"
+
+
+def read_packet(message: RawMessage) -> VideoPacket:
+    """The packet of a CompressedVideo or FFMPEGPacket, undecoded.
+
+    Raises:
+        MessageError: the message cannot be read or is empty, or the codec is none that is known.
+    """
+    fields, is_ffmpeg = deserialize(message), message.channel.msgtype == FFMPEG_PACKET
+    try:
+        named = str(fields.encoding if is_ffmpeg else fields.format)
+        frame_id = clean_frame(fields.header.frame_id if is_ffmpeg else fields.frame_id)
+        data, is_flagged = np.asarray(fields.data), is_ffmpeg and bool(int(fields.flags) & KEY_FLAG)
+    except (AttributeError, TypeError, ValueError) as err:
+        raise MessageError(f"{message.topic}: the recorded {message.channel.msgtype} is another type ({err})") from err
+    name = named.split(";")[0].strip().lower()
+    codec = next((codec for codec, names in _NAMES.items() if names.fullmatch(name)), None)
+    if codec is None:
+        raise MessageError(f"{message.topic}: video of format {named[:50]!r}; expected one of {', '.join(_NAMES)}")
+    if data.dtype != np.uint8 or not data.size:
+        raise MessageError(f"{message.topic}: {named[:50]} video without data")
+    return VideoPacket(codec, data, _is_key(codec, data, is_flagged), frame_id)
+
+
+def _is_key(codec: str, data: npt.NDArray[np.uint8], is_flagged: bool) -> bool:
+    """Whether decoding can begin here: as the bitstream says, for codecs that hide it as the message says."""
+    first = int(data[0])
+    match codec:
+        case "h264" | "hevc":
+            return _KEY_UNITS[codec].search(data.data) is not None
+        case "vp9":  # frame marker, profile (3 has a bit more), show_existing_frame, frame_type
+            shift = 1 if first >> 4 & 3 == 3 else 2
+            return first >> 6 == 2 and first >> shift & 3 == 0
+        case "vp8":
+            return first & 1 == 0
+        case "av1":
+            head = data[:3].tobytes().removeprefix(_TEMPORAL_DELIMITER)
+            return bool(head) and head[0] >> 3 & 15 == _SEQUENCE_HEADER
+        case "mjpeg":
+            return True
+        case _:
+            return is_flagged

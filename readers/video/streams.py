@@ -1,0 +1,148 @@
+"""Video topics between the recording and synchronisation: from here on their messages are pictures.
+
+All messages of a topic pass here in order, also those that no frame will take: later pictures depend on them. What
+comes out is a JPEG per message, so the queues of synchronisation hold no decoded pictures. A message without a picture
+keeps its place in synchronisation, so that the other sensors' frames go on, and is taken out of its frame and counted.
+"""
+
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Iterator
+from dataclasses import replace
+from itertools import islice
+from typing import TYPE_CHECKING
+
+from pipeline.core.config import DEFAULT_LIMITS, LimitsConfig
+from pipeline.core.errors import MessageError
+from pipeline.core.types import Drop, RawMessage, SensorBundle
+from readers.messages.image import decode_picture
+from readers.recording import Recording
+from readers.video.packets import AFTER_DAMAGE, BEFORE_KEY_FRAME, VIDEO, read_packet
+
+if TYPE_CHECKING:
+    from readers.video.decoder import VideoDecoder
+
+__all__ = ["LOOK_BACK_NS", "VideoStreams", "first_picture_size", "video_topics"]
+
+LOOK_BACK_NS = 10_000_000_000
+"""Before a window, the last key frame is sought this far back: many encoders send one every 250 pictures or sooner."""
+
+MOST_HELD_BYTES = 64 << 20
+"""What is held of one topic in search of its last key frame."""
+
+MESSAGE_BYTES = 400  # that a message takes beside its data
+
+MOST_SOUGHT = 1000
+"""Messages that are looked at for the first picture."""
+
+
+def video_topics(recording: Recording, topics: Collection[str]) -> tuple[str, ...]:
+    """Those of `topics` that hold video and can be read."""
+    video = {info.topic for info in recording.topics if info.msgtype in VIDEO and not info.unreadable}
+    return tuple(topic for topic in topics if topic in video)
+
+
+def first_picture_size(messages: Iterable[RawMessage]) -> tuple[int, int] | None:
+    """(width, height) in pixels of the first picture of a video topic; None if the first messages give none."""
+    decoder: VideoDecoder | None = None
+    for message in islice((m for m in messages if m.channel.msgtype in VIDEO), MOST_SOUGHT):
+        decoder = decoder or _decoder(message.topic, DEFAULT_LIMITS)
+        for picture in decoder.add(message):
+            if not picture.problem:
+                height, width = decode_picture(picture).rgb.shape[:2]
+                return width, height
+    return None
+
+
+class VideoStreams:
+    """The video topics of one pass over a recording.
+
+    Args:
+        topics: Of `video_topics`.
+        limits: How large a picture may be.
+    """
+
+    def __init__(self, topics: Iterable[str], *, limits: LimitsConfig = DEFAULT_LIMITS) -> None:
+        self._decoders = {topic: _decoder(topic, limits) for topic in topics}
+        self._looked_back = False
+
+    def look_back(self, recording: Recording, start_ns: int) -> None:
+        """Decode what was recorded from the last key frame before `start_ns` on, for the pictures after it."""
+        self._looked_back = True
+        if not self._decoders:
+            return
+        held: dict[str, list[RawMessage]] = {}
+        size: dict[str, int] = {}
+        for message in recording.messages([*self._decoders], start_ns=start_ns - LOOK_BACK_NS, stop_ns=start_ns):
+            topic = message.topic
+            if message.channel.msgtype not in VIDEO:
+                continue
+            if _is_key(message):
+                held[topic], size[topic] = [], 0
+            if topic in held:
+                held[topic].append(message)
+                size[topic] += len(message.data) + MESSAGE_BYTES
+                if size[topic] > MOST_HELD_BYTES:
+                    self._take_in(held[topic])
+                    held[topic], size[topic] = [], 0
+        for messages in held.values():
+            self._take_in(messages)
+
+    def _take_in(self, messages: Iterable[RawMessage]) -> None:
+        for message in messages:
+            self._decoders[message.topic].add(message, show=False)
+
+    def decoded(self, messages: Iterable[RawMessage]) -> Iterator[RawMessage]:
+        """All messages, those of video topics as pictures."""
+        for message in messages:
+            decoder = self._decoders.get(message.topic)
+            if decoder is None or message.channel.msgtype not in VIDEO:
+                yield message
+            else:
+                yield from decoder.add(message)
+        for decoder in self._decoders.values():
+            yield from decoder.flush()
+
+    def without_blanks(
+        self, bundles: Iterable[SensorBundle], *, on_drop: Callable[[Drop], None], on_bad: Callable[[Drop], None]
+    ) -> Iterator[SensorBundle]:
+        """The bundles without the video messages that gave no picture.
+
+        Args:
+            bundles: Of messages that `decoded` yielded.
+            on_drop: Told of those before the first key frame: most recordings begin between two.
+            on_bad: Told of all others.
+        """
+        for bundle in bundles:
+            blank = [m for topic in self._decoders if (m := bundle.messages.get(topic)) is not None and m.problem]
+            if not blank:
+                yield bundle
+                continue
+            left_out = Counter(bundle.left_out)
+            for message in blank:
+                drop = self._drop(message)
+                left_out[drop.topic, drop.reason] += 1
+                (on_drop if drop.reason == BEFORE_KEY_FRAME else on_bad)(drop)
+            topics = {message.topic for message in blank}
+            kept = {topic: message for topic, message in bundle.messages.items() if topic not in topics}
+            yield replace(bundle, messages=kept, left_out=dict(left_out))
+
+    def _drop(self, message: RawMessage) -> Drop:
+        if message.problem == BEFORE_KEY_FRAME:
+            detail = f"none in the {LOOK_BACK_NS // 10**9} s before --start" if self._looked_back else ""
+            return Drop(message.topic, message.stamp_ns, BEFORE_KEY_FRAME, detail)
+        if message.problem == AFTER_DAMAGE:
+            return Drop(message.topic, message.stamp_ns, AFTER_DAMAGE)
+        return Drop(message.topic, message.stamp_ns, "cannot be decoded", message.problem)
+
+
+def _decoder(topic: str, limits: LimitsConfig) -> "VideoDecoder":
+    from readers.video.decoder import VideoDecoder  # needs PyAV, which is optional
+
+    return VideoDecoder(topic, limits=limits)
+
+
+def _is_key(message: RawMessage) -> bool:
+    try:
+        return read_packet(message).is_key
+    except MessageError:
+        return False

@@ -1,0 +1,76 @@
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import rerun as rr
+from small_scenario import small_scenario
+
+from bags.simulator.drive.live_view import LiveView
+from bags.simulator.recorder.message_types import RosVersion
+from bags.simulator.recorder.start import simulating
+from bags.simulator.scenario import Scenario
+from pipeline.core.errors import OutputError
+
+RERUN = Path(sys.executable).with_name("rerun")
+RIDING = {"mounted_on": "car2", "position_m": [0.0, 0.0, 0.4]}
+
+
+def printed(path: Path) -> str:
+    environment = {"HOME": str(path.parent), "PATH": "/usr/bin:/bin"}
+    command = [str(RERUN), "rrd", "print", "-v", str(path)]
+    return subprocess.run(command, capture_output=True, text=True, env=environment, check=True, timeout=60).stdout
+
+
+@pytest.mark.parametrize("version", [1, 2])
+@pytest.mark.parametrize("output", ["jpeg", "raw"])
+def test_sensors_and_truth_are_shown(tmp_path: Path, version: RosVersion, output: str) -> None:
+    scenario = Scenario.model_validate(small_scenario(cameras__front__output=output))
+    stream = rr.RecordingStream("test")
+    stream.save(tmp_path / "view.rrd")
+    with simulating(scenario, ros_version=version, workers=1) as simulation:
+        view = LiveView(simulation, stream)
+        for recorded in simulation.run(0.3):
+            view.show(recorded)
+    stream.disconnect()
+    found = set(re.findall(r"(/world[\w/]*)", printed(tmp_path / "view.rrd")))
+    assert {"/world", "/world/top", "/world/front", "/world/truth"} <= found
+
+
+def test_an_ego_vehicle_moves_its_sensors(tmp_path: Path) -> None:
+    changes = {f"{kind}__{key}": value for kind in ("lidars__top", "cameras__front") for key, value in RIDING.items()}
+    scenario = Scenario.model_validate(small_scenario(vehicles__car2__ego=True, **changes))
+    stream = rr.RecordingStream("test")
+    stream.save(tmp_path / "view.rrd")
+    with simulating(scenario, ros_version=2, workers=1) as simulation:
+        view = LiveView(simulation, stream)
+        for recorded in simulation.run(0.25):
+            view.show(recorded)
+    stream.disconnect()
+    found = set(re.findall(r"(/world[\w/]*)", printed(tmp_path / "view.rrd")))
+    assert {"/world/base_link", "/world/base_link/top", "/world/base_link/front"} <= found
+
+
+def test_a_viewer_that_cannot_be_started(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(_: rr.RecordingStream) -> None:
+        raise RuntimeError("Failed to find Rerun Viewer executable in PATH")
+
+    monkeypatch.setattr(rr.RecordingStream, "spawn", fail)
+    monkeypatch.setenv("DISPLAY", ":0")
+    with (
+        simulating(Scenario.model_validate(small_scenario()), ros_version=2, workers=1) as simulation,
+        pytest.raises(OutputError, match="--view: the Rerun viewer cannot be started: Failed to find"),
+    ):
+        LiveView(simulation, rr.RecordingStream("test")).spawn()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems have no DISPLAY")
+def test_a_viewer_without_a_display(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    with (
+        simulating(Scenario.model_validate(small_scenario()), ros_version=2, workers=1) as simulation,
+        pytest.raises(OutputError, match="expected a display"),
+    ):
+        LiveView(simulation, rr.RecordingStream("test")).spawn()

@@ -1,0 +1,115 @@
+"""Keys through a pseudo-terminal: read as pressed, and the terminal as it was before."""
+
+import os
+import pty
+import signal
+import termios
+import time
+from collections.abc import Iterator
+
+import pytest
+
+from bags.simulator.drive.terminal import terminal_keys
+
+Terminal = tuple[int, int]  # what a user's hand holds, and the program's end
+
+
+@pytest.fixture
+def terminal() -> Iterator[Terminal]:
+    hand, program = pty.openpty()
+    yield hand, program
+    for descriptor in (hand, program):
+        try:
+            os.close(descriptor)
+        except OSError:
+            continue
+
+
+def test_keys_come_without_enter_and_are_not_echoed(terminal: Terminal) -> None:
+    hand, program = terminal
+    with terminal_keys(program) as keys:
+        assert keys.pressed(0) == ("", False)
+        os.write(hand, b"wa")
+        os.write(hand, b"d")
+        time.sleep(0.05)
+        assert keys.pressed(1) == ("wad", False)
+        assert keys.pressed(2) == ("", False)
+        local = termios.tcgetattr(program)[3]
+        assert not local & (termios.ECHO | termios.ICANON)
+
+
+def test_the_terminal_is_restored(terminal: Terminal) -> None:
+    _, program = terminal
+    before, handler = termios.tcgetattr(program), signal.getsignal(signal.SIGINT)
+    with terminal_keys(program):
+        assert termios.tcgetattr(program) != before
+    assert termios.tcgetattr(program) == before
+    assert signal.getsignal(signal.SIGINT) == handler
+
+
+def test_the_terminal_is_restored_after_an_error(terminal: Terminal) -> None:
+    _, program = terminal
+    before = termios.tcgetattr(program)
+
+    def fail() -> None:
+        with terminal_keys(program):
+            raise RuntimeError("anything")
+
+    with pytest.raises(RuntimeError, match="anything"):
+        fail()
+    assert termios.tcgetattr(program) == before
+
+
+def test_ctrl_d_ends_the_input(terminal: Terminal) -> None:
+    hand, program = terminal
+    with terminal_keys(program) as keys:
+        os.write(hand, b"w\x04")
+        time.sleep(0.05)
+        found = keys.pressed(0)
+        assert found.ended
+        assert found.keys.startswith("w")
+
+
+def test_a_lost_terminal_ends_the_input() -> None:
+    hand, program = pty.openpty()
+    with terminal_keys(program) as keys:
+        os.close(hand)
+        assert keys.pressed(0).ended
+    os.close(program)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP])
+def test_a_signal_ends_the_input(terminal: Terminal, number: signal.Signals) -> None:
+    _, program = terminal
+    with terminal_keys(program) as keys:
+        os.kill(os.getpid(), number)
+        assert keys.pressed(0).ended
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP])
+def test_further_signals_change_nothing(terminal: Terminal, number: signal.Signals) -> None:
+    """A closed terminal is told by the kernel and by the shell; Ctrl-C twice wants the recording, too."""
+    _, program = terminal
+    with terminal_keys(program) as keys:
+        for _ in range(3):
+            os.kill(os.getpid(), number)
+        assert keys.pressed(0).ended
+
+
+def test_simulated_time_does_not_run_ahead(terminal: Terminal) -> None:
+    hand, program = terminal
+    with terminal_keys(program) as keys:
+        begin = time.monotonic()
+        os.write(hand, b"w")  # a key does not end the wait
+        keys.wait(200_000_000)
+        assert time.monotonic() - begin > 0.15
+        keys.wait(100_000_000)  # already past
+        assert keys.pressed(0).keys == "w"
+
+
+def test_what_is_no_key_is_passed_over(terminal: Terminal) -> None:
+    hand, program = terminal
+    with terminal_keys(program) as keys:
+        os.write(hand, b"\xff\xc3w")
+        time.sleep(0.05)
+        assert keys.pressed(0) == ("w", False)

@@ -1,0 +1,246 @@
+"""What is written comes back: through lidcam's readers and through rosbags."""
+
+import hashlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from mcap.reader import make_reader
+from rosbags.highlevel import AnyReader
+
+from bags.simulator.recorder.files import (
+    FORMATS,
+    MessageWriter,
+    RecordingFormat,
+    format_of,
+    recording_file,
+    ros_version_of,
+)
+from bags.simulator.recorder.messages import MessageFactory, TrueObject
+from pipeline.core.camera import CameraModel
+from pipeline.core.errors import OutputError
+from pipeline.core.geometry import Transform
+from pipeline.core.types import RawMessage
+from readers.messages.camera_info import camera_model
+from readers.messages.deserialize import deserialize
+from readers.messages.detections2d import decode_detections2d
+from readers.messages.image import decode_picture
+from readers.messages.odometry import decode_odometry
+from readers.messages.pointcloud2 import decode_pointcloud2
+from readers.messages.tf import decode_transforms
+from readers.open import open_recording
+from readers.velodyne.scan import parse_velodyne_scan
+
+START_NS = 1_700_000_000 * 10**9
+STAMP_NS = 2_345_678_901
+NAMES = {"ros1": "a.bag", "sqlite3": "a", "mcap": "a.mcap"}
+MODEL = CameraModel(
+    "cam", 64, 48, np.array([[50.0, 0, 31.5], [0, 51.0, 23.5], [0, 0, 1]]), "plumb_bob", np.array([-0.1, 0.02, 0, 0, 0])
+)
+POSE = Transform.from_quaternion("site", "car", [1.0, -2.0, 0.5], [0, 0, np.sin(0.4), np.cos(0.4)])
+POINTS: dict[str, npt.NDArray[Any]] = {
+    "x": np.array([1.0, 2.0], np.float32),
+    "y": np.array([3.0, 4.0], np.float32),
+    "z": np.array([5.0, 6.0], np.float32),
+    "intensity": np.array([7.0, 255.0], np.float32),
+    "ring": np.array([0, 15], np.uint16),
+    "time": np.array([0.0, 0.0999], np.float32),
+}
+RGB = np.random.default_rng(0).integers(0, 255, (48, 64, 3), np.uint8)
+PAYLOAD = np.arange(2 * 1206, dtype=np.uint32).astype(np.uint8).reshape(2, 1206)
+BOXES = np.array([[10.0, 20.0, 30.0, 45.5], [0.0, 0.0, 5.0, 5.0]])
+
+
+def all_messages(make: MessageFactory) -> dict[str, Any]:
+    thing = TrueObject("car1", "van", POSE, (4.0, 2.0, 1.5), lidar_points=12, image_pixels=3456)
+    return {
+        "/tf_static": make.transforms(STAMP_NS, [POSE]),
+        "/points": make.cloud(STAMP_NS, "lidar", POINTS),
+        "/packets": make.scan(STAMP_NS, "lidar", np.array([STAMP_NS, STAMP_NS + 1_327_000]), PAYLOAD),
+        "/image": make.image(STAMP_NS, "cam", RGB),
+        "/image/compressed": make.jpeg(STAMP_NS, "cam", np.full((48, 64, 3), (200, 100, 50), np.uint8), 95),
+        "/info": make.camera_info(STAMP_NS, MODEL),
+        "/odometry": make.odometry(STAMP_NS, POSE, (3.0, 0.1, 0.2)),
+        "/drive": make.drive(STAMP_NS, "car", speed_m_s=0.5, steering_rad=-0.25),
+        "/wheel": make.number(14.0),
+        "/boxes": make.detections_2d(STAMP_NS, "cam", BOXES, np.array([0.9, 0.4]), ["car", "pedestrian"]),
+        "/nothing": make.detections_2d(STAMP_NS, "cam", np.empty((0, 4)), np.empty(0), []),
+        "/truth": make.truth(STAMP_NS, "site", [thing]),
+    }
+
+
+def write_all(path: Path, format: RecordingFormat) -> None:
+    make = MessageFactory(ros_version_of(format), START_NS)
+    with recording_file(path, format, rig_yaml="site_frame: site\n", scenario_yaml="world: sandbox\n") as writer:
+        for number, (topic, message) in enumerate(all_messages(make).items()):
+            writer.write(
+                make.recorded(STAMP_NS + number, topic, STAMP_NS, message, latched=topic == "/tf_static"), START_NS
+            )
+
+
+@pytest.fixture(scope="module", params=FORMATS)
+def recording(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("recording") / NAMES[request.param]
+    write_all(path, request.param)
+    return path
+
+
+def messages_of(path: Path) -> dict[str, RawMessage]:
+    with open_recording([path]) as opened:
+        assert opened.losses == ()
+        return {message.topic: message._replace(data=bytes(message.data)) for message in opened.messages()}
+
+
+def test_sensor_messages_come_back(recording: Path) -> None:
+    found = messages_of(recording)
+    stamped = {message.stamp_ns for topic, message in found.items() if topic not in {"/wheel", "/tf_static"}}
+    assert stamped == {START_NS + STAMP_NS}
+
+    cloud = decode_pointcloud2(found["/points"])
+    np.testing.assert_array_equal(cloud.xyz, np.stack([POINTS["x"], POINTS["y"], POINTS["z"]], 1))
+    assert cloud.ring is not None
+    np.testing.assert_array_equal(cloud.ring, POINTS["ring"])
+
+    packets = parse_velodyne_scan(found["/packets"])
+    np.testing.assert_array_equal(packets.payload, PAYLOAD)
+    assert packets.stamps_ns.tolist() == [START_NS + STAMP_NS, START_NS + STAMP_NS + 1_327_000]
+
+    np.testing.assert_array_equal(decode_picture(found["/image"]).rgb, RGB)
+    jpeg = decode_picture(found["/image/compressed"]).rgb.astype(int)
+    assert np.abs(jpeg - (200, 100, 50)).max() <= 3
+
+    model = camera_model(deserialize(found["/info"]))
+    np.testing.assert_array_equal(model.K, MODEL.K)
+    np.testing.assert_array_equal(model.distortion, MODEL.distortion)
+    assert (model.width_px, model.height_px, model.model) == (64, 48, "plumb_bob")
+
+
+def test_poses_and_boxes_come_back(recording: Path) -> None:
+    found = messages_of(recording)
+    odometry = decode_odometry(found["/odometry"])
+    np.testing.assert_allclose(odometry.T_parent_child.matrix, POSE.matrix, atol=1e-12)
+    assert odometry.linear_velocity.tolist() == [3.0, 0.1, 0.0]
+    assert odometry.angular_velocity.tolist() == [0.0, 0.0, 0.2]
+
+    [(stamp_ns, transform, _)] = decode_transforms(found["/tf_static"])
+    assert stamp_ns == START_NS + STAMP_NS
+    assert isinstance(transform, Transform)
+    np.testing.assert_allclose(transform.matrix, POSE.matrix, atol=1e-12)
+
+    labels = {"car": 0, "pedestrian": 1, "1": 0, "2": 1}
+    boxes = decode_detections2d(found["/boxes"], labels).boxes
+    np.testing.assert_allclose(boxes.xyxy, BOXES, atol=1e-5)
+    assert boxes.class_ids.tolist() == [0, 1]
+    assert len(decode_detections2d(found["/nothing"], labels).boxes) == 0
+
+    drive = deserialize(found["/drive"]).drive
+    assert (drive.speed, drive.steering_angle) == (0.5, -0.25)
+    assert deserialize(found["/wheel"]).data == 14.0
+
+
+def test_truth_tells_class_box_and_how_often_it_was_hit(recording: Path) -> None:
+    [thing] = deserialize(messages_of(recording)["/truth"]).detections
+    size, center = thing.bbox.size, thing.bbox.center.position
+    assert (size.x, size.y, size.z, center.x, center.y, center.z) == (4.0, 2.0, 1.5, 1.0, -2.0, 0.5)
+    if recording.suffix == ".bag":
+        assert [(one.id, one.score) for one in thing.results] == [(4, 1.0), (-1, 12.0), (-2, 3456.0), (-3, 0.0)]
+    else:
+        told = [(one.hypothesis.class_id, one.hypothesis.score) for one in thing.results]
+        assert told == [("van", 1.0), ("lidar_points", 12.0), ("image_pixels", 3456.0)]
+        assert thing.id == "car1"
+
+
+def test_rosbags_reads_every_message(recording: Path) -> None:
+    if recording.suffix == ".mcap":
+        with recording.open("rb") as stream:
+            assert sum(1 for _ in make_reader(stream).iter_messages()) == 12
+        return
+    with AnyReader([recording]) as reader:
+        for connection, _, data in reader.messages():
+            reader.deserialize(data, connection.msgtype)
+        assert reader.message_count == 12
+
+
+def test_the_true_calibration_goes_with_it(recording: Path) -> None:
+    if recording.suffix == ".mcap":
+        with recording.open("rb") as stream:
+            texts = {one.name: one.data.decode() for one in make_reader(stream).iter_attachments()}
+    else:
+        texts = {
+            name: recording.with_name(f"{recording.name}.{name}").read_text() for name in ("rig.yaml", "scenario.yaml")
+        }
+    assert texts == {"rig.yaml": "site_frame: site\n", "scenario.yaml": "world: sandbox\n"}
+
+
+def digest(path: Path) -> list[str]:
+    files = [path] if path.is_file() else sorted(path.iterdir())
+    return [file.name + hashlib.sha256(file.read_bytes()).hexdigest() for file in files]
+
+
+@pytest.mark.parametrize("format", FORMATS)
+def test_same_messages_same_bytes(tmp_path: Path, format: RecordingFormat) -> None:
+    found = []
+    for folder in ("one", "two"):
+        (tmp_path / folder).mkdir()
+        write_all(tmp_path / folder / NAMES[format], format)
+        found.append(digest(tmp_path / folder / NAMES[format]))
+    assert found[0] == found[1]
+
+
+@pytest.mark.parametrize("format", FORMATS)
+def test_what_fails_leaves_the_older_recording_as_it_was(tmp_path: Path, format: RecordingFormat) -> None:
+    path = tmp_path / NAMES[format]
+    write_all(path, format)
+    before, names = digest(path), sorted(file.name for file in tmp_path.iterdir())
+
+    def fail(writer: MessageWriter) -> None:
+        make = MessageFactory(ros_version_of(format), START_NS)
+        writer.write(make.recorded(0, "/wheel", 0, make.number(1.0)), START_NS)
+        raise RuntimeError("no more")
+
+    with pytest.raises(RuntimeError, match="no more"), recording_file(path, format, rig_yaml="", scenario_yaml="") as w:
+        fail(w)
+    assert digest(path) == before
+    assert sorted(file.name for file in tmp_path.iterdir()) == names
+
+
+@pytest.mark.parametrize("format", FORMATS)
+def test_a_place_that_cannot_be_written(tmp_path: Path, format: RecordingFormat) -> None:
+    path = tmp_path / "missing" / NAMES[format]
+    with pytest.raises(OutputError, match="missing"), recording_file(path, format, rig_yaml="", scenario_yaml=""):
+        pytest.fail("nothing was opened")
+
+
+def test_a_folder_that_is_no_recording_is_kept(tmp_path: Path) -> None:
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a" / "thesis.txt").write_text("mine")
+    with pytest.raises(OutputError, match="is not or not only a ROS 2 recording"):
+        write_all(tmp_path / "a", "sqlite3")
+    (tmp_path / "a" / "metadata.yaml").write_text("a recording, and more")
+    with pytest.raises(OutputError, match="is not or not only a ROS 2 recording"):
+        write_all(tmp_path / "a", "sqlite3")
+    assert (tmp_path / "a" / "thesis.txt").read_text() == "mine"
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["a"]
+
+
+@pytest.mark.parametrize(
+    ("name", "wanted", "format"),
+    [
+        ("a.bag", None, "ros1"),
+        ("a.mcap", None, "mcap"),
+        ("a", None, "sqlite3"),
+        ("a", "sqlite3", "sqlite3"),
+        ("a", "ros1", "ros1"),
+        ("a.recording", "mcap", "mcap"),
+    ],
+)
+def test_the_name_says_the_format(name: str, wanted: RecordingFormat | None, format: RecordingFormat) -> None:
+    assert format_of(Path(name), wanted) == format
+
+
+@pytest.mark.parametrize(("name", "wanted"), [("a.txt", None), ("a.bag", "mcap"), ("a.mcap", "sqlite3")])
+def test_a_name_that_fits_no_format(name: str, wanted: RecordingFormat | None) -> None:
+    with pytest.raises(OutputError, match=f"{name}: expected"):
+        format_of(Path(name), wanted)

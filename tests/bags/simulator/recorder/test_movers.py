@@ -1,0 +1,152 @@
+import numpy as np
+import numpy.typing as npt
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from meshes import open_edges, signed_volume
+
+from bags.simulator.recorder.movers import SHAPES, build_mover
+from bags.simulator.scenario import VehicleScenario
+from bags.simulator.vehicles.trajectory import State, Trajectory
+from bags.simulator.world.bodies.cyclist import CRANK_CYCLE_M
+from bags.simulator.world.bodies.joints import steered_wheel
+from bags.simulator.world.bodies.pedestrian import CYCLE_M
+from bags.simulator.world.meshes.materials import PLATE, PLATE_YELLOW
+from bags.simulator.world.scene import Mover
+
+F64 = npt.NDArray[np.float64]
+SECOND_NS = 10**9
+MOMENTS = [int(t) for t in np.linspace(0, SECOND_NS, 25)]
+CENTIMETRE = 0.01
+
+
+def mover_of(name: str, *, steering: float = 0.0, speed: float = 1.4, yaw: float = 0.0) -> Mover:
+    """A shape that covers a whole cycle of its legs within one second, without leaving its place."""
+    cycle = CRANK_CYCLE_M if name == "cyclist" else CYCLE_M
+    trajectory = Trajectory(0, State(0.0, 0.0, yaw, speed, steering, 0.0))
+    trajectory.append(SECOND_NS, State(0.0, 0.0, yaw, speed, steering, cycle))
+    return build_mover(name, VehicleScenario.model_validate({"shape": name}), trajectory)
+
+
+def vertices(mover: Mover, part: int, time_ns: int) -> F64:
+    pose = mover.parts[part].path.poses(np.array([time_ns], np.int64))
+    return np.asarray(mover.parts[part].mesh.vertices @ pose.rotation[0].T + pose.translation[0])
+
+
+def extent(mover: Mover) -> tuple[F64, F64]:
+    points = [vertices(mover, part, t) for part in range(len(mover.parts)) for t in MOMENTS]
+    return np.concatenate(points).min(0), np.concatenate(points).max(0)
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_shapes_fill_their_boxes_and_do_not_reach_out(name: str) -> None:
+    shape = SHAPES[name]
+    mover = mover_of(name)
+    assert (mover.class_name, mover.size_m, mover.box_center_m) == (shape.class_name, shape.size_m, shape.box_center_m)
+    low, high = extent(mover)
+    middle, half = np.array(shape.box_center_m), np.array(shape.size_m) / 2
+    assert np.abs(low - (middle - half)).max() <= CENTIMETRE + 1e-9
+    assert np.abs(high - (middle + half)).max() <= CENTIMETRE + 1e-9
+    assert low[2] == pytest.approx(0.0, abs=2e-3)  # it stands on the ground
+
+
+@pytest.mark.parametrize("end", [-1, 1])
+@pytest.mark.parametrize("name", [name for name, shape in SHAPES.items() if shape.wheel_base_m])
+def test_steered_wheels_stay_in_the_box(name: str, end: int) -> None:
+    shape = SHAPES[name]
+    low, high = extent(mover_of(name, steering=end * shape.largest_steering_rad))
+    middle, half = np.array(shape.box_center_m), np.array(shape.size_m) / 2
+    assert (low >= middle - half - CENTIMETRE).all()
+    assert (high <= middle + half + CENTIMETRE).all()
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_every_part_is_closed_and_faces_outwards(name: str) -> None:
+    for part in mover_of(name).parts:
+        assert open_edges(part.mesh) == 0
+        assert signed_volume(part.mesh) > 0
+
+
+@pytest.mark.parametrize("name", ["model_car", "car", "van", "truck", "bus"])
+def test_vehicles_carry_number_plates_at_their_ends(name: str) -> None:
+    mesh = mover_of(name).parts[0].mesh
+    shape = SHAPES[name]
+    for plate, end in ((PLATE, shape.front_m), (PLATE_YELLOW, shape.rear_m)):
+        assert plate.reflectivity > 1
+        points = mesh.vertices[mesh.triangles[mesh.materials == mesh.palette.index(plate)]]
+        assert abs(points[..., 0].mean() - end) < 0.1
+        assert abs(points[..., 1].mean()) < 1e-6
+
+
+def test_a_colour_is_that_of_the_body() -> None:
+    trajectory = Trajectory(0, State(0.0, 0.0, 0.0))
+    for shape in ("car", "pedestrian"):
+        mover = build_mover("x", VehicleScenario.model_validate({"shape": shape, "color": (0.1, 0.2, 0.9)}), trajectory)
+        assert any(material.rgb == (0.1, 0.2, 0.9) for part in mover.parts for material in part.mesh.palette)
+
+
+@settings(deadline=None)
+@given(steering=st.floats(-0.48, 0.48))
+def test_both_front_wheels_roll_about_one_centre(steering: float) -> None:
+    shape = SHAPES["car"]
+    trajectory = Trajectory(0, State(0.0, 0.0, 0.0, 1.0, steering, 0.0))
+    if abs(steering) < 1e-6:
+        return
+    radius = shape.wheel_base_m / np.tan(steering)  # of the middle of the rear axle
+    for side in (1, -1):
+        pose = steered_wheel(trajectory, shape, side).poses(np.array([0], np.int64))
+        axle = pose.rotation[0] @ [0.0, 1.0, 0.0]
+        to_centre = np.array([0.0, radius, shape.wheel_radius_m]) - pose.translation[0]
+        np.testing.assert_allclose(np.cross(axle, to_centre / np.linalg.norm(to_centre)), 0.0, atol=1e-9)
+
+
+def feet(mover: Mover) -> dict[int, F64]:
+    """Lowest points of the left (1) and right (-1) shin over the moments."""
+    parts = {1: 2, -1: 5}
+    return {
+        side: np.array([(p := vertices(mover, part, t))[p[:, 2].argmin()] for t in MOMENTS])
+        for side, part in parts.items()
+    }
+
+
+def test_walking_legs_alternate() -> None:
+    mover = mover_of("pedestrian")
+    knees = {side: np.array([vertices(mover, part, t).mean(0)[0] for t in MOMENTS]) for side, part in ((1, 1), (-1, 4))}
+    assert np.corrcoef(knees[1], knees[-1])[0, 1] < -0.99
+    hands = np.array([vertices(mover, 3, t)[:, 0].mean() for t in MOMENTS])  # the left arm goes with the right leg
+    assert np.corrcoef(hands, knees[-1])[0, 1] > 0.99
+    heights = np.stack([feet(mover)[side][:, 2] for side in (1, -1)])
+    np.testing.assert_allclose(heights.min(0), 0.0, atol=2e-3)  # one foot is always on the ground
+    assert heights.max() > 0.03  # and the other one is lifted
+    assert set(heights.argmin(0).tolist()) == {0, 1}
+
+
+def test_who_stands_does_not_stride() -> None:
+    mover = mover_of("pedestrian", speed=0.0)
+    low, high = extent(mover)
+    assert high[0] - low[0] < 0.45
+
+
+def test_feet_stay_on_the_pedals() -> None:
+    mover = mover_of("cyclist")
+    crank, left_shin = 2, 4
+    for t in MOMENTS:
+        # The left pedal is the highest y of the crank.
+        pedal = vertices(mover, crank, t)
+        pedal = pedal[pedal[:, 1] > 0.1].mean(0)
+        sole = vertices(mover, left_shin, t)
+        distance = np.linalg.norm((sole - pedal)[:, [0, 2]], axis=1).min()
+        assert distance < 0.12
+
+
+def test_kerbs_lift_pedestrians() -> None:
+    trajectory = Trajectory(0, State(-2.0, 0.0, 0.0, 1.0, 0.0, 0.0))
+    trajectory.append(4 * SECOND_NS, State(2.0, 0.0, 0.0, 1.0, 0.0, 4.0))
+    scenario = VehicleScenario(shape="pedestrian")
+    mover = build_mover("p", scenario, trajectory, height=lambda xy: np.where(xy[:, 0] > 0, 0.12, 0.0))
+    z = mover.path.poses(np.arange(0, 4 * SECOND_NS + 1, SECOND_NS // 20)).translation[:, 2]
+    assert (z[0], z[-1]) == (0.0, pytest.approx(0.12))
+    assert (np.diff(z) >= 0).all()
+    assert np.diff(z).max() < 0.04
+    low = np.concatenate([vertices(mover, part, 4 * SECOND_NS) for part in range(len(mover.parts))]).min(0)
+    assert low[2] == pytest.approx(0.12, abs=2e-3)

@@ -1,0 +1,81 @@
+import os
+import signal
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from small_scenario import small_scenario
+
+from bags.simulator.recorder.processes import SensingProcess, shared_out
+from bags.simulator.recorder.sensing import Sensing
+from bags.simulator.recorder.stage import Stage
+from bags.simulator.recorder.task import SensingTask
+from bags.simulator.scenario import Scenario, load_scenario
+from bags.simulator.vehicles.ackermann import AckermannCommand
+from pipeline.core.errors import ConfigError, LidcamError
+
+UNTIL_NS = 150_000_000
+
+
+def task(**changes: object) -> SensingTask:
+    scenario = Scenario.model_validate(small_scenario(**changes))
+    return SensingTask(scenario, ("car1",), 1, ("top", "front"))
+
+
+@given(st.sampled_from(["sandbox", "crossing", "vehicle"]), st.integers(1, 20))
+def test_every_sensor_has_one_worker(name: str, workers: int) -> None:
+    scenario = load_scenario(name)
+    shares = shared_out(scenario, workers)
+    assert 1 <= len(shares) <= workers
+    assert all(shares)
+    assert sorted(sensor for share in shares for sensor in share) == sorted([*scenario.lidars, *scenario.cameras])
+
+
+def test_without_sensors_there_is_one_worker_with_nothing_to_do() -> None:
+    assert shared_out(Scenario(world="sandbox"), 3) == [()]
+
+
+def test_a_process_measures_what_this_one_would() -> None:
+    commands = {"car1": AckermannCommand(0.3, 0.1)}
+    stage = Stage(task().scenario, driven=("car1",))
+    sensing = Sensing(stage, task())
+    stage.traffic.command("car1", commands["car1"])
+    stage.traffic.advance(UNTIL_NS)
+    here = sensing.measure(UNTIL_NS, begun_ns=UNTIL_NS)
+    with SensingProcess(task()) as process:
+        process.ask(UNTIL_NS, commands, begun_ns=UNTIL_NS)
+        there = process.answer()
+    assert len(here) == len(there) > 1
+    for mine, its in zip(here, there, strict=True):
+        np.testing.assert_array_equal(mine.hits, its.hits)
+        assert mine._replace(hits=its.hits) == its
+
+
+def test_its_errors_come_out() -> None:
+    wrong = task(vehicles__car2__route="", vehicles__car2__start=[-1.5, 1.35, 0])
+    with SensingProcess(wrong) as process:
+        process.ask(UNTIL_NS, {}, begun_ns=UNTIL_NS)
+        with pytest.raises(ConfigError, match=r"vehicles\.car2: expected free ground"):
+            process.answer()
+
+
+def test_a_process_that_was_killed_is_told_of() -> None:
+    with SensingProcess(task()) as process:
+        process.ask(UNTIL_NS, {}, begun_ns=UNTIL_NS)
+        process.answer()
+        os.kill(process.pid, signal.SIGKILL)
+
+        def ask_again() -> None:
+            process.ask(2 * UNTIL_NS, {}, begun_ns=2 * UNTIL_NS)
+            process.answer()
+
+        with pytest.raises(LidcamError, match="a process of the simulation ended with -9"):
+            ask_again()
+
+
+def test_it_ends_with_its_block() -> None:
+    with SensingProcess(task()) as process:
+        os.kill(process.pid, 0)  # it is there
+    with pytest.raises(ProcessLookupError):
+        os.kill(process.pid, 0)

@@ -1,0 +1,76 @@
+import numpy as np
+import pytest
+
+from bags.simulator.scenario import LidarScenario
+from bags.simulator.sensors.beams import SweepBeams, VelodynePattern, pattern_of
+from readers.velodyne.models import MODELS, built_in_table
+
+VELODYNES = ["VLP-16", "Puck Hi-Res", "HDL-32E", "VLP-32A", "VLP-32C"]
+
+
+def scenario(model: str = "VLP-16", **settings: object) -> LidarScenario:
+    values = {"topic": "/points", "frame_id": "lidar", "position_m": (0, 0, 0), "model": model, **settings}
+    return LidarScenario.model_validate(values)
+
+
+def azimuth_deg(beams: SweepBeams) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+    """Clockwise from the front."""
+    return np.asarray(np.rad2deg(np.arctan2(-beams.directions[..., 1], beams.directions[..., 0])))
+
+
+@pytest.mark.parametrize("mode", ["strongest", "dual"])
+@pytest.mark.parametrize("model", VELODYNES)
+def test_a_velodyne_fires_whole_packets_turn_by_turn(model: str, mode: str) -> None:
+    pattern = pattern_of(scenario(model, phase_ms=30.0, rate_hz=20.0, start_azimuth_deg=90.0, return_mode=mode))
+    assert isinstance(pattern, VelodynePattern)
+    facts = MODELS[model]
+    packet_ns = facts.column_us * 1000 * (6 if mode == "dual" else 12)
+    first = 0
+    for number in range(30):
+        packets, beams = pattern.packets(number), pattern.beams(number)
+        assert packets.start == first
+        first = packets.stop
+        nominal_ns = 30e6 + number * 50e6
+        assert nominal_ns - 1 <= pattern.begin_ns(number) < nominal_ns + packet_ns + 1
+        assert beams.times_ns[0, 0] == pattern.begin_ns(number)
+        assert pattern.begin_ns(number + 1) > beams.times_ns.max()
+        assert beams.times_ns.shape == (len(packets) * (6 if mode == "dual" else 12) * 32 // facts.lasers, facts.lasers)
+        turned_deg = 360 * (beams.times_ns[0, 0] - 30e6) / 50e6 + 90
+        offset_deg = np.rad2deg(built_in_table(model).azimuth_offset_rad[0])
+        assert (azimuth_deg(beams)[0, 0] + offset_deg - turned_deg + 180) % 360 - 180 == pytest.approx(0, abs=1e-6)
+    np.testing.assert_allclose(np.linalg.norm(beams.directions, axis=-1), 1, atol=1e-12)
+
+
+def test_azimuths_are_told_to_a_hundredth_of_a_degree() -> None:
+    beams = pattern_of(scenario("HDL-32E")).beams(3)
+    told = azimuth_deg(beams)[:, 0] + np.rad2deg(beams.azimuth_error_rad)
+    np.testing.assert_allclose(told * 100, np.rint(told * 100), atol=1e-5)
+    assert 0.004 < np.rad2deg(np.abs(beams.azimuth_error_rad).max()) <= 0.005
+    across = beams.measured_directions
+    told = np.rad2deg(np.arctan2(-across[:, 0, 1], across[:, 0, 0]))
+    np.testing.assert_allclose(told * 100, np.rint(told * 100), atol=1e-4)
+    np.testing.assert_allclose(np.linalg.norm(across, axis=-1), 1, atol=1e-8)
+
+
+def test_a_linear_lidar_is_evenly_spread() -> None:
+    pattern = pattern_of(
+        scenario("linear", beams=5, elevation_deg=(-20, 20), columns=360, phase_ms=5.0, start_azimuth_deg=0.0)
+    )
+    assert np.rad2deg(pattern.elevation_rad).tolist() == pytest.approx([-20, -10, 0, 10, 20])
+    beams = pattern.beams(2)
+    np.testing.assert_allclose(azimuth_deg(beams)[:180, 3], np.arange(180), atol=1e-9)
+    np.testing.assert_allclose(np.rad2deg(np.arcsin(beams.directions[7, :, 2])), [-20, -10, 0, 10, 20], atol=1e-9)
+    assert beams.times_ns[:, 0].tolist() == np.rint(205e6 + np.arange(360) * 1e8 / 360).astype(int).tolist()
+    assert (pattern.begin_ns(2), pattern.begin_ns(3)) == (205_000_000, 305_000_000)
+    assert not beams.azimuth_error_rad.any()
+
+
+@pytest.mark.parametrize("stride", [2, 3, 7])
+@pytest.mark.parametrize("model", ["VLP-16", "HDL-32E", "linear"])
+def test_a_stride_goes_on_evenly_over_the_sweeps(model: str, stride: int) -> None:
+    every, some = (pattern_of(scenario(model, firing_stride=n, columns=100)) for n in (1, stride))
+    all_ns = np.concatenate([every.beams(number).times_ns[:, 0] for number in range(4)])
+    some_ns = np.concatenate([some.beams(number).times_ns[:, 0] for number in range(4)])
+    assert some_ns.tolist() == all_ns[::stride].tolist()
+    beams = some.beams(1)
+    assert len(beams.directions) == len(beams.azimuth_error_rad) == len(beams.times_ns)

@@ -1,0 +1,363 @@
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from bags.simulator.scenario import CameraScenario, Detector2DScenario, SunScenario
+from bags.simulator.sensors.ambient import sky_light
+from bags.simulator.sensors.camera import T_BODY_OPTICAL, Camera, Picture
+from bags.simulator.sensors.detector2d import detect
+from bags.simulator.sensors.film import Film, srgb_from_linear
+from bags.simulator.vehicles.trajectory import State, Trajectory
+from bags.simulator.world.meshes.mesh import Material, Mesh, box, merged, polygon
+from bags.simulator.world.motion import FixedPath, MountedPath, Path
+from bags.simulator.world.scene import Mover, Part, Scene
+from pipeline.core.geometry import Transform, box_corners
+
+F64 = npt.NDArray[np.float64]
+
+GROUND = Material("ground", (0.55, 0.55, 0.55))
+BLACK = Material("black", (0.05, 0.05, 0.05))
+PALE = Material("pale", (0.95, 0.95, 0.95))
+BARREL: dict[str, Any] = {"distortion": (-0.25, 0.08, 0.001, -0.0005, 0.0)}
+FISHEYE: dict[str, Any] = {"distortion_model": "equidistant", "distortion": (-0.02, 0.003, 0.0, 0.0)}
+MS = 1_000_000
+
+
+def ground(half_m: float = 30.0) -> Mesh:
+    h = half_m
+    return polygon([[-h, -h, 0], [h, -h, 0], [h, h, 0], [-h, h, 0]], GROUND)
+
+
+def camera_at(
+    scene: Scene,
+    *,
+    place: tuple[float, float, float] = (0.0, 0.0, 1.5),
+    rpy_deg: tuple[float, float, float] = (0.0, 12.0, 0.0),
+    sun: SunScenario | None = None,
+    carrier: Path | None = None,
+    seed: int = 3,
+    name: str = "front",
+    **settings: Any,
+) -> Camera:
+    settings = {"width_px": 320, "height_px": 240, "focal_px": (260.0, 260.0), "noise": 0.0} | settings
+    scenario = CameraScenario(
+        topic="/image", info_topic="/info", frame_id="optical", position_m=place, rpy_deg=rpy_deg, **settings
+    )
+    mount = scenario.T_carrier_body("carrier")
+    body: Path = FixedPath(mount) if carrier is None else MountedPath(carrier, mount)
+    return Camera(name, scenario, body, scene, sun or SunScenario(azimuth_deg=160, elevation_deg=45), seed)
+
+
+def box_mover(
+    *,
+    start: tuple[float, float, float] = (5.0, 0.4, 0.3),
+    speed_m_s: float = 0.0,
+    size: tuple[float, float, float] = (1.2, 0.9, 0.8),
+    name: str = "box",
+    material: Material = PALE,
+) -> Mover:
+    x, y, yaw = start
+    path = Trajectory(0, State(x, y, yaw))
+    end = (x + 10 * speed_m_s * np.cos(yaw), y + 10 * speed_m_s * np.sin(yaw))
+    path.append(10**10, State(float(end[0]), float(end[1]), yaw))
+    center = (0.0, 0.0, size[2] / 2)
+    return Mover(name, "car", path, center, size, (Part(box(center, size, material), path),))
+
+
+def brightness(picture: Picture) -> F64:
+    return np.asarray(picture.rgb.astype(np.float64).mean(2))
+
+
+def where(camera: Camera, point: tuple[float, float, float]) -> tuple[int, int]:
+    """Row and column of the pixel that a point of the world is in."""
+    pose = camera.optical_pose(0).inverse()
+    (u, v), _ = (value[0] for value in camera.model.project(pose.apply(np.array([point]))))
+    return int(v), int(u)
+
+
+# --- geometry
+
+
+@pytest.mark.parametrize("lens", [{}, BARREL, FISHEYE], ids=["pinhole", "barrel", "fisheye"])
+@pytest.mark.parametrize("moves", [False, True], ids=["stands", "moves"])
+def test_edges_of_a_box_are_where_they_are_projected(lens: dict[str, Any], moves: bool) -> None:
+    size, place, yaw = (1.0, 1.4, 1.2), (5.0, -0.6), 0.4
+    if moves:
+        scene = Scene(ground(), [box_mover(start=(*place, yaw), size=size, material=BLACK)])
+    else:
+        scene = Scene(merged([ground(), box((*place, size[2] / 2), size, BLACK, yaw=yaw)]), [])
+    camera = camera_at(scene, sun=SunScenario(shadows=False), **lens)
+    values = (brightness(camera.picture(0, 0)) / 255) ** 2.2
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    outer = [(place[0] + x * cos - y * sin, place[1] + x * sin + y * cos) for x in (-0.5, 0.5) for y in (-0.7, 0.7)]
+    bearings = [y / x for x, y in outer]
+    checked = 0
+    for x, y in (outer[int(np.argmin(bearings))], outer[int(np.argmax(bearings))]):  # the outline's upright edges
+        for height in (0.5, 0.7, 0.9):
+            point = np.array([[x, y, height]])
+            (u, v), _ = (value[0] for value in camera.model.project(camera.optical_pose(0).inverse().apply(point)))
+            assert abs(_edge_column(values, float(u), float(v)) - u) < 0.4
+            checked += 1
+    assert checked == 6
+
+
+def _edge_column(values: F64, u: float, v: float) -> float:
+    """Where brightness steps, near a place, to a part of a pixel: how far along the profile the left side reaches."""
+    first = int(u) - 6
+    rows = np.clip([int(np.floor(v - 0.5)), int(np.floor(v - 0.5)) + 1], 0, len(values) - 1)
+    share = v - 0.5 - np.floor(v - 0.5)
+    profile = values[rows[0], first : first + 13] * (1 - share) + values[rows[1], first : first + 13] * share
+    left, right = profile[:3].mean(), profile[-3:].mean()
+    assert abs(left - right) > 0.1
+    return float(first + ((profile - right) / (left - right)).sum())
+
+
+def test_a_picture_says_which_mover_each_pixel_shows() -> None:
+    near, far = box_mover(start=(4.0, 0.0, 0.0), name="near"), box_mover(start=(7.0, 0.5, 0.0), name="far")
+    camera = camera_at(Scene(ground(), [far, near]))
+    picture = camera.picture(0, 0)
+    assert picture.movers[where(camera, (4.0 - 0.6, 0.0, 0.4))] == 1
+    assert picture.movers[where(camera, (7.0 - 0.6, 0.85, 0.6))] == 0
+    assert picture.movers[where(camera, (3.0, 1.5, 0.0))] == -1
+    np.testing.assert_array_equal(picture.seen_px, [(picture.movers == row).sum() for row in (0, 1)])
+    assert picture.alone_px[1] == picture.seen_px[1]
+    assert 0 < picture.seen_px[0] < picture.alone_px[0]
+    alone = camera_at(Scene(ground(), [far])).picture(0, 0)
+    assert picture.alone_px[0] == alone.seen_px[0]
+    rows, columns = np.nonzero(alone.movers == 0)
+    expected = [columns.min(), rows.min(), columns.max() + 1, rows.max() + 1]
+    np.testing.assert_array_equal(picture.alone_xyxy[0], expected)
+
+
+def test_what_stands_still_hides_movers() -> None:
+    wall = box((3.0, 0.0, 1.0), (0.1, 6.0, 2.0), GROUND)
+    picture = camera_at(Scene(merged([ground(), wall]), [box_mover()])).picture(0, 0)
+    assert picture.seen_px[0] == 0
+    assert picture.alone_px[0] > 100
+    assert (picture.movers == -1).all()
+
+
+def test_movers_out_of_view_leave_no_trace() -> None:
+    picture = camera_at(Scene(ground(), [box_mover(start=(-6.0, 0.0, 0.0))])).picture(0, 0)
+    empty = camera_at(Scene(ground(), [])).picture(0, 0)
+    assert picture.alone_px[0] == 0
+    assert np.isnan(picture.alone_xyxy).all()
+    assert empty.alone_px.shape == (0,)
+    assert empty.alone_xyxy.shape == (0, 4)
+    assert np.abs(picture.rgb.astype(int) - empty.rgb).max() <= 1
+
+
+# --- light
+
+
+def test_sun_casts_shadows_away_from_itself() -> None:
+    post = box((6.0, 0.0, 1.0), (0.4, 0.4, 2.0), GROUND)
+    scene = Scene(merged([ground(), post]), [])
+    camera = camera_at(scene, place=(0.0, 0.0, 4.0), rpy_deg=(0, 32, 0), sun=SunScenario(azimuth_deg=90))
+    values = brightness(camera.picture(0, 0))
+    # The sun is in the left (y > 0), 50 degrees high: the shadow ends 2 / tan(50 deg) = 1.68 m to the right.
+    assert values[where(camera, (6.0, -1.5, 0.0))] < 0.75 * values[where(camera, (6.0, 1.5, 0.0))]
+    assert values[where(camera, (6.0, -2.2, 0.0))] == pytest.approx(values[where(camera, (6.0, 1.5, 0.0))], rel=0.05)
+
+
+@pytest.mark.parametrize("azimuth_deg", [30.0, 90.0, 210.0])
+def test_shadow_of_a_mover_is_that_of_the_same_thing_standing_still(azimuth_deg: float) -> None:
+    sun, size = SunScenario(azimuth_deg=azimuth_deg, elevation_deg=35), (1.2, 0.9, 0.8)
+    wall = box((8.0, 0.0, 1.0), (0.2, 9.0, 2.0), GROUND)
+    stands = Scene(merged([ground(), wall, box((5.0, 0.4, 0.4), size, PALE, yaw=0.3)]), [])
+    moves = Scene(merged([ground(), wall]), [box_mover(size=size)])
+    first = brightness(camera_at(stands, sun=sun).picture(0, 0))
+    second = brightness(camera_at(moves, sun=sun).picture(0, 0))
+    away = cv2.dilate((camera_at(moves, sun=sun).picture(0, 0).movers >= 0).astype(np.uint8), np.ones((5, 5))) == 0
+    dark, also_dark = (values < 0.72 * np.median(values[200:, :100]) for values in (first, second))
+    dark, also_dark = dark & away, also_dark & away
+    assert dark.sum() > 150
+    union = (dark | also_dark).sum()
+    assert (dark & also_dark).sum() > 0.85 * union
+
+
+def test_without_shadows_the_ground_is_lit_everywhere() -> None:
+    scene = Scene(merged([ground(), box((6.0, 0.0, 1.0), (0.4, 0.4, 2.0), GROUND)]), [box_mover(start=(4, 2, 0))])
+    camera = camera_at(scene, sun=SunScenario(azimuth_deg=90, shadows=False), place=(0, 0, 4.0), rpy_deg=(0, 32, 0))
+    values = brightness(camera.picture(0, 0))
+    assert values[where(camera, (6.0, -1.2, 0.0))] == pytest.approx(values[where(camera, (6.0, 1.2, 0.0))], rel=0.03)
+
+
+def test_ground_below_a_mover_is_darker_without_sun_as_well() -> None:
+    camera = camera_at(Scene(ground(), [box_mover(start=(5.0, 0.2, 0.0))]), sun=SunScenario(shadows=False))
+    values = brightness(camera.picture(0, 0))
+    assert values[where(camera, (4.36, 0.2, 0.0))] < 0.97 * values[where(camera, (3.3, 0.2, 0.0))]
+
+
+def test_ground_at_the_foot_of_a_wall_gets_less_of_the_sky() -> None:
+    wall = box((6.0, 0.0, 2.0), (0.2, 6.0, 4.0), GROUND)
+    settings: dict[str, Any] = {"place": (0, 0, 4.0), "rpy_deg": (0, 32, 0)}
+    cameras = [
+        camera_at(Scene(static, []), sun=SunScenario(shadows=False), **settings)
+        for static in (merged([ground(), wall]), ground())
+    ]
+    beside, open_ground = (brightness(camera.picture(0, 0))[where(camera, (5.6, 0, 0))] for camera in cameras)
+    assert beside < 0.97 * open_ground
+
+
+def test_sky_light_of_open_ground_of_a_corner_and_of_the_sky() -> None:
+    walls = [box((0.0, 3.0, 5.0), (20.0, 0.1, 10.0), GROUND), box((0.0, -3.0, 5.0), (20.0, 0.1, 10.0), GROUND)]
+    up = np.array([0, 0, 1], np.float32)
+    points = np.zeros((8, 8, 3), np.float32)
+    points[..., 2] = 1e-3
+    assert (sky_light(Scene(ground(), []), points, np.broadcast_to(up, points.shape)) == 1).all()
+    alley = sky_light(Scene(merged([ground(), *walls]), []), points, np.broadcast_to(up, points.shape))
+    # By hand: between endless walls of height h, w away at both sides, sin(atan(w / h)) of the sky's light arrives.
+    assert alley.mean() == pytest.approx(0.35 + 0.65 * np.sin(np.arctan(3 / 10)), abs=0.08)
+    assert (sky_light(Scene(ground(), []), points, np.zeros_like(points)) == 1).all()
+    assert sky_light(Scene(ground(), []), points[:1, :1], points[:1, :1]).shape == (1, 1)
+
+
+def test_side_that_faces_the_sun_is_brighter() -> None:
+    scene = Scene(merged([ground(), box((5.0, 0.0, 0.5), (1, 1, 1), PALE, yaw=np.pi / 4)]), [])
+    camera = camera_at(scene, sun=SunScenario(azimuth_deg=130, elevation_deg=30))
+    values = brightness(camera.picture(0, 0))
+    assert values[where(camera, (4.65, 0.35, 0.5))] > 1.3 * values[where(camera, (4.65, -0.35, 0.5))]
+
+
+def test_glass_mirrors_the_sky() -> None:
+    dark = Material("matt", (0.05, 0.05, 0.05))
+    glass = Material("glass", (0.05, 0.05, 0.05), mirror=0.1)
+    sides = [box((5.0, y, 1.0), (0.1, 1.8, 2.0), material) for y, material in ((1.0, dark), (-1.0, glass))]
+    camera = camera_at(Scene(merged([ground(), *sides]), []), sun=SunScenario(azimuth_deg=0))
+    values = brightness(camera.picture(0, 0))
+    assert values[where(camera, (4.95, -1.0, 1.7))] > 1.5 * values[where(camera, (4.95, 1.0, 1.7))]
+
+
+def test_sky_is_blue_above_and_pale_at_the_horizon() -> None:
+    camera = camera_at(Scene(ground(), []), rpy_deg=(0, -35, 0), sun=SunScenario(azimuth_deg=180))
+    above, horizon = np.median(camera.picture(0, 0).rgb[:30], (0, 1)), camera.picture(0, 0).rgb[-8:].mean((0, 1))
+    assert above[2] > above[0] + 30
+    assert horizon.mean() > above.mean()
+
+
+# --- exposure
+
+
+def test_gain_makes_it_brighter() -> None:
+    scene = Scene(ground(), [box_mover()])
+    dim, usual = (brightness(camera_at(scene, gain=gain).picture(0, 0)) for gain in (0.5, 1.0))
+    lit = (usual > 20) & (usual < 180)  # below the shoulder of the tone curve
+    linear = [((value[lit] / 255 + 0.055) / 1.055) ** 2.4 for value in (dim, usual)]
+    assert np.median(linear[0] / linear[1]) == pytest.approx(0.5, rel=0.03)
+
+
+def test_noise_is_as_strong_as_asked_for_and_another_one_in_each_picture() -> None:
+    scene = Scene(ground(), [])
+    clean = camera_at(scene).picture(0, 0).rgb.astype(int)
+    camera = camera_at(scene, noise=2.5)
+    first, second = (camera.picture(number, 0).rgb.astype(int) for number in (0, 1))
+    middle = (clean > 15) & (clean < 240)
+    assert (first - clean)[middle].std() == pytest.approx(2.5, rel=0.05)
+    assert abs((first - clean)[middle].mean()) < 0.1
+    assert abs(np.corrcoef((first - clean)[middle], (second - clean)[middle])[0, 1]) < 0.05
+
+
+def test_pictures_do_not_depend_on_what_was_taken_before() -> None:
+    def scene() -> Scene:
+        return Scene(ground(), [box_mover(speed_m_s=2.0)])
+
+    forward, backward = camera_at(scene(), noise=1.5), camera_at(scene(), noise=1.5)
+    numbers = (0, 1, 2, 3)
+    there = {number: forward.picture(number, number * 100 * MS) for number in numbers}
+    back = {number: backward.picture(number, number * 100 * MS) for number in reversed(numbers)}
+    for number in numbers:
+        np.testing.assert_array_equal(there[number].rgb, back[number].rgb)
+        np.testing.assert_array_equal(there[number].movers, back[number].movers)
+    other = camera_at(scene(), noise=1.5, seed=4).picture(0, 0)
+    assert (other.rgb != there[0].rgb).any()
+
+
+def test_motion_blur_spreads_what_moves_over_its_way() -> None:
+    scene = Scene(ground(), [box_mover(start=(6.0, -1.0, np.pi / 2), speed_m_s=8.0, size=(1, 1, 1), material=BLACK)])
+    settings: dict[str, Any] = {"exposure_ms": 40.0, "sun": SunScenario(shadows=False)}
+    sharp = brightness(camera_at(scene, **settings).picture(1, 100 * MS))
+    camera = camera_at(scene, motion_blur=True, **settings)
+    blurred = brightness(camera.picture(1, 100 * MS))
+    row = where(camera, (5.5, 0.0, 0.8))[0]
+    widths = [int((np.abs(np.diff(values[row])) > 2).sum()) for values in (sharp, blurred)]
+    # 8 m/s for 40 ms are 0.32 m: at 5.5 m, and 260 px of focal length, 15 px at both sides.
+    assert widths[0] <= 10
+    assert 18 <= widths[1] <= 40
+    assert np.abs(sharp - blurred)[:, :60].max() < 3  # what stands still stays sharp
+
+
+# --- on a vehicle
+
+
+def test_camera_on_a_vehicle_sees_what_a_fixed_one_sees_from_there() -> None:
+    static = merged([ground(), box((9.0, 1.0, 0.5), (1, 1, 1), PALE), box((12.0, -2.0, 1.0), (1, 1, 2), GROUND)])
+    scene = Scene(static, [box_mover(start=(7.0, -0.5, 0.5))])
+    carrier = Trajectory(0, State(0.0, 0.0, 0.0))
+    carrier.append(10**9, State(2.0, 0.0, 0.2))
+    mounted = camera_at(scene, carrier=carrier, **BARREL)
+    place = Transform("world", "carrier", np.eye(4))
+    turn = np.eye(4)
+    turn[:2, :2], turn[:2, 3] = [[np.cos(0.2), -np.sin(0.2)], [np.sin(0.2), np.cos(0.2)]], (2.0, 0.0)
+    fixed = camera_at(scene, carrier=FixedPath(Transform(place.dst, place.src, turn)), **BARREL)
+    np.testing.assert_array_equal(mounted.picture(0, 10**9).rgb, fixed.picture(0, 10**9).rgb)
+    assert (mounted.picture(0, 0).rgb != mounted.picture(0, 10**9).rgb).mean() > 0.2
+    blurred = camera_at(scene, carrier=carrier, motion_blur=True, exposure_ms=50.0).picture(0, 500 * MS)
+    assert blurred.rgb.shape == (240, 320, 3)
+
+
+def test_optical_frame_looks_along_the_body() -> None:
+    forward, right, down = T_BODY_OPTICAL.apply(np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]]))
+    np.testing.assert_array_equal([forward, right, down], [[1, 0, 0], [0, -1, 0], [0, 0, -1]])
+
+
+def test_pixels_that_the_lens_does_not_cover_stay_black() -> None:
+    scene = Scene(ground(), [box_mover()])
+    camera = camera_at(scene, focal_px=(75.0, 75.0), distortion_model="equidistant", distortion=(0.0,) * 4)
+    picture = camera.picture(0, 0)
+    assert (picture.rgb[0, 0] == 0).all()
+    assert (picture.movers[0, 0] == -1).all()
+    assert picture.rgb[120, 160].min() > 0
+
+
+# --- film
+
+
+def test_srgb_of_known_values() -> None:
+    np.testing.assert_allclose(
+        srgb_from_linear(np.array([-1.0, 0.0, 0.0031308, 0.2140411, 1.0, 2.0])), [0, 0, 0.04045, 0.5, 1, 1], atol=1e-5
+    )
+
+
+def test_film_without_noise_says_the_same_of_one_pixel_and_of_a_picture() -> None:
+    film = Film("front", 6, 4, exposure=0.8, noise=0.0, seed=1)
+    light = np.random.default_rng(1).uniform(0, 2, (4, 6, 3)).astype(np.float32)
+    developed = film.developed(light)
+    pixels = np.array([0, 7, 23])
+    np.testing.assert_array_equal(
+        film.developed_pixels(light.reshape(-1, 3)[pixels], pixels), developed.reshape(-1, 3)[pixels]
+    )
+    assert film.read_out(developed, 0).dtype == np.uint8
+    assert (
+        np.diff(film.developed(np.linspace(0, 4, 72, dtype=np.float32).reshape(4, 6, 3)).reshape(-1).astype(int)) > -120
+    ).all()
+
+
+# --- a detector that looks at its pictures
+
+
+def test_a_detector_finds_what_the_camera_sees_but_not_what_carries_it() -> None:
+    movers = [box_mover(name="ego", start=(0.0, 0.0, 0.0), size=(4.0, 0.5, 0.5)), box_mover(start=(6.0, 0.5, 0.2))]
+    camera = camera_at(Scene(ground(), movers), carrier=movers[0].path, mounted_on="ego")
+    picture = camera.picture(4, 400 * MS)
+    assert picture.seen_px.min() > 300
+    scenario = Detector2DScenario(topic="/detections", pixel_noise_px=0.0, miss_rate=0.0, false_per_image=0.0)
+    found = detect(camera, picture, scenario, 4)
+    np.testing.assert_array_equal(found.movers, [1])
+    assert found.class_names == ("car",)
+    corners = box_corners(np.array([[6.0, 0.5, 0.4]]), np.array([[1.2, 0.9, 0.8]]), np.array([0.2]))
+    expected = camera.model.project_boxes(camera.optical_pose(0).inverse().apply(corners[0])[None])
+    np.testing.assert_allclose(found.xyxy, expected, atol=1.0)

@@ -1,0 +1,134 @@
+import numpy as np
+import pytest
+from small_worlds import BLACK, GLASS, GREY, RETRO, WHITE
+
+from bags.simulator.sensors.echoes import NO_ECHO, Echoes, Light, Optics, distinct_echoes, intensity, returned_share
+from bags.simulator.world.meshes.mesh import Material
+from bags.simulator.world.scene import Hits
+from bags.simulator.world.surfaces.textures import surface_reflectivity
+
+MIRROR = Material("mirror", (1, 1, 1), 1.0, mirror=0.5)
+PALETTE = (WHITE, GREY, BLACK, RETRO, GLASS, MIRROR)
+
+
+def share(material: Material, incidence_deg: float) -> float:
+    cos = np.array([np.cos(np.deg2rad(incidence_deg))])
+    return float(returned_share(np.array([material.reflectivity]), np.array([material.mirror]), cos)[0])
+
+
+def echoes(surfaces: list[tuple[float, float, int]], *, second_strongest: bool = False, reach_m: float = 100) -> Echoes:
+    """Of one beam that meets surfaces (range, share, mover)."""
+    range_m, share, mover = (np.array(column) for column in zip(*surfaces, strict=True))
+    return distinct_echoes(
+        Light(np.zeros(len(mover), np.int64), range_m.astype(np.float64), share.astype(np.float64), mover),
+        1,
+        reach_m=reach_m,
+        nearest_m=1.0,
+        apart_m=0.5,
+        second_strongest=second_strongest,
+    )
+
+
+@pytest.mark.parametrize("material", PALETTE)
+def test_straight_on_a_surface_sends_back_what_its_material_says(material: Material) -> None:
+    assert share(material, 0) == pytest.approx(material.reflectivity)
+
+
+def test_surfaces_send_back_what_their_texture_has_there() -> None:
+    paving = Material("paving", (0.5, 0.5, 0.5), 0.4, texture="paving")
+    palette = (*PALETTE, paving)
+    count = 1000
+    places = np.random.default_rng(0).uniform(-5, 5, (count, 3)) * (1, 1, 0)
+    up = np.tile([0.0, 0.0, 1.0], (count, 1))
+    row = np.full(count, palette.index(paving))
+    straight = Optics(palette).share(Hits(np.ones(count), up, row, np.full(count, -1), places), np.ones(count))
+    np.testing.assert_allclose(straight, surface_reflectivity(palette, row, places, up), rtol=1e-6)
+    assert np.ptp(straight) > 0.01
+
+
+def test_a_miss_sends_nothing() -> None:
+    nowhere, row = np.zeros((2, 3)), np.array([-1, 0])
+    hits = Hits(np.array([np.inf, 1.0]), nowhere, row, np.array([-1, -1]), nowhere)
+    assert Optics(PALETTE).share(hits, np.array([0.0, 1.0])).tolist() == [0.0, 1.0]
+
+
+@pytest.mark.parametrize("material", [WHITE, GREY, BLACK, GLASS, MIRROR])
+def test_the_flatter_a_surface_is_met_the_less_comes_back(material: Material) -> None:
+    by_angle = [share(material, angle) for angle in (0, 20, 40, 60, 80, 89)]
+    assert by_angle == sorted(by_angle, reverse=True)
+
+
+def test_at_grazing_angles_rough_ground_is_seen_and_a_mirror_is_not() -> None:
+    assert share(GREY, 88) > 0.3 * GREY.reflectivity
+    assert share(MIRROR, 88) < 0.01
+    assert share(RETRO, 60) == RETRO.reflectivity
+
+
+def test_intensity_is_on_the_scale_of_velodyne() -> None:
+    shares = np.array([0.0, 0.1, 0.5, 1.0, 1.01, 2.0, 5.0, 1e9])
+    assert intensity(shares).tolist() == [0, 10, 50, 100, 103, 178, 224, 255]
+
+
+def test_echoes_that_are_far_enough_apart() -> None:
+    found = echoes([(30.0, 0.2, 7), (np.inf, 0.0, -1), (10.0, 0.1, 3)])
+    assert found.range_m.tolist() == [[10.0, 30.0]]
+    assert found.mover.tolist() == [[3, 7]]
+
+
+def test_the_strongest_is_the_one_of_which_most_light_arrives() -> None:
+    far = echoes([(10.0, 0.02, 3), (30.0, 0.3, 7)])
+    assert far.range_m.tolist() == [[30.0, 30.0]]
+    near = echoes([(10.0, 0.04, 3), (30.0, 0.3, 7)])
+    assert near.range_m.tolist() == [[10.0, 30.0]]
+    assert near.share.tolist() == [[0.04, 0.3]]
+
+
+def test_two_echoes_are_sent_though_the_last_is_the_strongest() -> None:
+    found = echoes([(10.0, 0.02, 3), (30.0, 0.3, 7)], second_strongest=True)
+    assert found.range_m.tolist() == [[10.0, 30.0]]
+    assert found.mover.tolist() == [[3, 7]]
+    alone = echoes([(10.0, 0.0001, 3), (30.0, 0.3, 7)], second_strongest=True)
+    assert alone.range_m.tolist() == [[30.0, 30.0]]
+
+
+def test_surfaces_close_together_make_one_echo_between_them() -> None:
+    found = echoes([(10.0, 0.3, 1), (10.4, 0.1, 2)])
+    assert found.range_m.tolist() == [[pytest.approx(10.1)] * 2]
+    assert found.share.tolist() == [[pytest.approx(0.4)] * 2]
+    assert found.mover.tolist() == [[1, 1]]
+
+
+@pytest.mark.parametrize(
+    "surface",
+    [(np.inf, 0.5, 0), (0.9, 1.0, 0), (50.0, 0.0, 0), (50.0, 0.24, 0)],
+    ids=["nothing", "too near", "black", "too dark"],
+)
+def test_no_echo(surface: tuple[float, float, int]) -> None:
+    assert echoes([surface, (np.inf, 0.0, -1)]).range_m.tolist() == [[NO_ECHO, NO_ECHO]]
+
+
+def test_just_bright_enough() -> None:
+    assert echoes([(50.0, 0.26, 0)]).range_m.tolist() == [[50.0, 50.0]]
+
+
+def test_beams_do_not_mix() -> None:
+    random = np.random.default_rng(0)
+    surfaces = [[(random.uniform(1, 60), random.uniform(0, 0.5), n) for n in range(6)] for _ in range(50)]
+    order = random.permutation(300)
+    flat = np.array([(beam, *surface) for beam, row in enumerate(surfaces) for surface in row])[order]
+    light = Light(flat[:, 0].astype(np.int64), flat[:, 1], flat[:, 2], flat[:, 3].astype(np.int64))
+    for second in (False, True):
+        together = distinct_echoes(light, 51, reach_m=100, nearest_m=1, apart_m=0.5, second_strongest=second)
+        alone = [echoes(row, second_strongest=second) for row in surfaces]
+        np.testing.assert_allclose(together.range_m[:50], np.concatenate([one.range_m for one in alone]))
+        np.testing.assert_allclose(together.share[:50], np.concatenate([one.share for one in alone]))
+        np.testing.assert_array_equal(together.mover[:50], np.concatenate([one.mover for one in alone]))
+        assert together.range_m[50].tolist() == [NO_ECHO, NO_ECHO]
+        assert (together.range_m[:50, 0] <= together.range_m[:50, 1]).all()
+
+
+def test_no_beams() -> None:
+    nothing = np.empty(0)
+    light = Light(nothing.astype(np.int64), nothing, nothing, nothing.astype(np.int64))
+    found = distinct_echoes(light, 0, reach_m=9, nearest_m=1, apart_m=1, second_strongest=True)
+    assert found.range_m.shape == found.share.shape == found.mover.shape == (0, 2)

@@ -1,0 +1,113 @@
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from bags.simulator.sensors.lens import Lens, undistorted
+from pipeline.core.camera import CameraModel, DistortionModel
+
+LENSES: dict[str, tuple[DistortionModel, tuple[float, ...], float]] = {
+    "none": ("plumb_bob", (0.0,) * 5, 500.0),
+    "barrel": ("plumb_bob", (-0.30, 0.11, 0.0007, -0.0004, -0.02), 420.0),
+    "pincushion": ("plumb_bob", (0.12, 0.02, -0.001, 0.001, 0.0), 500.0),
+    "rational": ("rational_polynomial", (5.1, 2.3, 1e-4, -2e-4, 0.09, 5.4, 3.9, 0.6), 430.0),
+    "fisheye": ("equidistant", (-0.02, 0.004, -0.002, 0.0003), 290.0),
+}
+
+
+def lens_model(name: str) -> CameraModel:
+    kind, distortion, focal = LENSES[name]
+    matrix = np.array([[focal, 0, 322.1], [0, focal + 1.5, 238.7], [0, 0, 1.0]])
+    return CameraModel("optical", 640, 480, matrix, kind, np.array(distortion))
+
+
+def pixel_centers() -> npt.NDArray[np.float64]:
+    rows, columns = np.divmod(np.arange(640 * 480), 640)
+    return np.stack([columns + 0.5, rows + 0.5], 1)
+
+
+@pytest.mark.parametrize("name", LENSES)
+def test_rays_come_back_to_their_pixels(name: str) -> None:
+    lens = Lens(lens_model(name))
+    pixels, valid = lens.model.project(3.7 * lens.directions[lens.covered])
+    assert valid.all()
+    assert np.abs(pixels - pixel_centers()[lens.covered]).max() < 0.01
+    np.testing.assert_allclose(np.linalg.norm(lens.directions, axis=1), 1.0, atol=1e-6)
+    assert lens.covered.mean() > 0.95
+
+
+@pytest.mark.parametrize("name", LENSES)
+def test_rays_beside_pixels_come_back_beside_them(name: str) -> None:
+    lens = Lens(lens_model(name))
+    inner = np.flatnonzero(lens.covered.reshape(480, 640)[2:-2, 2:-2].reshape(-1))
+    inner = (inner // 636 + 2) * 640 + inner % 636 + 2
+    around = np.stack([lens.covered[inner + step] for step in (-641, -640, -639, -1, 1, 639, 640, 641)]).all(0)
+    pixels, _ = lens.model.project(lens.directions_beside(inner[around], (0.25, -0.25)))
+    assert np.abs(pixels - pixel_centers()[inner[around]] - (0.25, -0.25)).max() < 0.01
+
+
+def test_pixels_outside_of_the_image_circle_are_not_covered() -> None:
+    matrix = np.array([[150.0, 0, 319.5], [0, 150.0, 239.5], [0, 0, 1.0]])
+    lens = Lens(CameraModel("optical", 640, 480, matrix, "equidistant", np.zeros(4)))
+    circle = np.hypot(*(pixel_centers() - (320, 240)).T) < 150 * np.pi / 2 + 1
+    covered = lens.covered
+    assert not covered[~circle].any()  # the model knows no rays from behind
+    assert covered[np.hypot(*(pixel_centers() - (320, 240)).T) < 150 * 1.5].all()
+    assert np.isfinite(lens.directions).all()
+
+
+def test_no_pixels() -> None:
+    plane, covered = undistorted(lens_model("none"), np.empty((0, 2)))
+    assert plane.shape == (0, 2)
+    assert covered.shape == (0,)
+
+
+@pytest.mark.parametrize("name", LENSES)
+def test_window_holds_every_pixel_that_looks_into_a_hull(name: str) -> None:
+    lens = Lens(lens_model(name))
+    random = np.random.default_rng(5)
+    for _ in range(15):
+        middle = random.uniform([-3, -2, -1.0], [3, 2, 8.0])
+        points = middle + random.uniform(-1, 1, (8, 3)) * random.uniform(0.1, 1.5, 3)
+        shares = random.dirichlet(np.full(8, 0.4), 400)  # inside of the hull, many near its corners and edges
+        pixels, valid = lens.model.project(shares @ points)
+        seen = valid & (pixels >= 0).all(1) & (pixels < (640, 480)).all(1) & ((shares @ points)[:, 2] > 0.02)
+        left, top, right, bottom = lens.window(points)
+        inside = (pixels >= (left, top)).all(1) & (pixels <= (right, bottom)).all(1)
+        assert (inside | ~seen).all()
+        shown = np.zeros(640 * 480, np.bool_)
+        if right > left and bottom > top:
+            shown[lens.hull(points, (left, top, right, bottom))] = True
+        column, row = np.floor(pixels[seen]).astype(int).T
+        assert shown[row * 640 + column].all()
+
+
+def test_hull_of_a_long_thing_is_less_than_its_window() -> None:
+    lens = Lens(lens_model("none"))
+    points = np.array([[-1.0, -0.9, 2], [-0.9, -0.95, 2], [0.9, 0.95, 2.2], [1.0, 0.9, 2.2]])
+    left, top, right, bottom = lens.window(points)
+    pixels = lens.hull(points, (left, top, right, bottom))
+    assert len(pixels) < 0.3 * (right - left) * (bottom - top)
+    assert (np.diff(pixels) > 0).all()
+
+
+@pytest.mark.parametrize("name", LENSES)
+def test_what_may_not_be_seen_is_not_in_the_picture(name: str) -> None:
+    lens = Lens(lens_model(name))
+    random = np.random.default_rng(7)
+    hidden = 0
+    for _ in range(200):
+        middle, radius = random.uniform([-8, -8, -4.0], [8, 8, 8.0]), random.uniform(0.1, 2.0)
+        points = random.standard_normal((300, 3))
+        points = middle + radius * points / np.linalg.norm(points, axis=1, keepdims=True)
+        pixels, valid = lens.model.project(points)
+        seen = valid & (points[:, 2] > 0.02) & (pixels >= 0).all(1) & (pixels < (640, 480)).all(1)
+        assert lens.may_see(middle, radius) or not seen.any()
+        hidden += not lens.may_see(middle, radius)
+    assert hidden > 50
+
+
+def test_window_of_what_is_behind_is_empty() -> None:
+    lens = Lens(lens_model("none"))
+    assert lens.window(np.array([[0.0, 0, -1], [1, 0, -2]])) == (0, 0, 0, 0)
+    left, _, right, _ = lens.window(np.array([[50.0, 0, 1], [60, 0, 2]]))
+    assert right <= left

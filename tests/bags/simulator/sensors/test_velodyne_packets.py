@@ -1,0 +1,121 @@
+import numpy as np
+import numpy.typing as npt
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from velodyne import assert_as_judged, judged, scan
+
+from bags.simulator.sensors.velodyne_packets import EncodedPackets, VelodyneSensor
+from pipeline.core.config import VelodyneLidarConfig
+from pipeline.core.types import PointCloud
+from readers.velodyne.decoder import VelodyneDecoder
+from readers.velodyne.models import MODELS, built_in_table
+
+MODES = ("strongest", "last", "dual")
+START_NS = 1_000_000_000_000
+
+
+def sensor(model: str, mode: str = "strongest", **options: float) -> VelodyneSensor:
+    return VelodyneSensor(model, START_NS, return_mode=mode, **options)  # type: ignore[arg-type]  # drawn from MODES
+
+
+def decode(packets: EncodedPackets) -> PointCloud:
+    return VelodyneDecoder(VelodyneLidarConfig())(scan(packets.payload, packets.stamps_ns))
+
+
+def some_ranges(
+    of: VelodyneSensor, packets: int, seed: int = 0
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.uint8]]:
+    rng = np.random.default_rng(seed)
+    shape = (packets * of.firings_per_packet, MODELS[of.model].lasers, *([2] if of.return_mode == "dual" else []))
+    ranges_m = rng.uniform(0.5, 120, shape)
+    ranges_m[rng.random(shape) < 0.2] = np.inf
+    return ranges_m, rng.integers(0, 256, shape).astype(np.uint8)
+
+
+@settings(max_examples=20, deadline=None)
+@given(
+    st.sampled_from(["VLP-16", "HDL-32E", "VLP-32C"]),
+    st.sampled_from(["strongest", "last"]),
+    st.floats(5, 20),
+    st.floats(0, 360),
+    st.integers(0, 10_000),
+)
+def test_points_come_back_where_and_when_they_were(
+    model: str, mode: str, turn_hz: float, start_azimuth_deg: float, first_packet: int
+) -> None:
+    source = sensor(model, mode, turn_hz=turn_hz, start_azimuth_deg=start_azimuth_deg)
+    ranges_m, reflectivity = some_ranges(source, 10)
+    beams = source.beams(first_packet, 10)
+    cloud = decode(source.encode(first_packet, ranges_m, reflectivity))
+    hit = np.isfinite(ranges_m)
+    truth = (beams.origins + beams.directions * np.where(hit, ranges_m, 0)[..., None])[hit]
+    assert len(cloud) == len(truth)
+    bound_m = MODELS[model].range_step_m + np.deg2rad(0.02) * ranges_m[hit]
+    np.testing.assert_array_less(np.linalg.norm(cloud.xyz - truth, axis=1), bound_m)
+    times_ns = cloud.stamp_ns + cloud.time_offset_ns.astype(np.int64)
+    np.testing.assert_allclose(times_ns, beams.times_ns[hit], atol=1500)
+    np.testing.assert_array_equal(cloud.intensity, reflectivity[hit])
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("model", ["VLP-16", "Puck Hi-Res", "HDL-32E", "VLP-32C"])
+def test_velodyne_decoder_reads_it_as_we_do(model: str, mode: str) -> None:
+    source = sensor(model, mode, start_azimuth_deg=359)
+    packets = source.encode(7, *some_ranges(source, 12))
+    assert_as_judged(decode(packets), judged(model, packets.payload, packets.stamps_ns), model)
+
+
+def test_two_echoes() -> None:
+    source = sensor("VLP-16", "dual")
+    ranges_m = np.zeros((source.firings_per_packet, 16, 2))
+    ranges_m[0, 0] = 10.0, 10.0  # one echo is both the last and the strongest
+    ranges_m[0, 1] = 20.0, 5.0
+    ranges_m[0, 2] = 30.0, np.nan
+    cloud = decode(source.encode(0, ranges_m, np.full(ranges_m.shape, 9, np.uint8)))
+    by_range = np.argsort(np.linalg.norm(cloud.xyz, axis=1))
+    assert cloud.return_type is not None
+    assert cloud.return_type[by_range].tolist() == [1, 3, 2, 2]
+    np.testing.assert_allclose(np.linalg.norm(cloud.xyz[by_range], axis=1), [5, 10, 20, 30], atol=0.02)
+
+
+def test_rate_of_packets() -> None:
+    assert sensor("VLP-16").packets_per_turn * 10 == pytest.approx(754, abs=1)
+    assert sensor("VLP-16", "dual").packets_per_turn * 10 == pytest.approx(1507, abs=1)
+    assert sensor("HDL-32E").packets_per_turn * 10 == pytest.approx(1808, abs=1)
+
+
+def test_packets_continue_one_another() -> None:
+    source = sensor("HDL-32E", turn_hz=20.0)
+    ranges_m, reflectivity = some_ranges(source, 6)
+    cut = 2 * source.firings_per_packet
+    whole = source.encode(3, ranges_m, reflectivity)
+    parts = [source.encode(3, ranges_m[:cut], reflectivity[:cut]), source.encode(5, ranges_m[cut:], reflectivity[cut:])]
+    np.testing.assert_array_equal(np.concatenate([part.payload for part in parts]), whole.payload)
+    np.testing.assert_array_equal(np.concatenate([part.stamps_ns for part in parts]), whole.stamps_ns)
+
+
+@pytest.mark.parametrize("range_m", [np.nan, np.inf, -1.0, 0.0, 0.0009, 131.08])
+def test_what_is_no_return(range_m: float) -> None:
+    source = sensor("VLP-16")
+    ranges_m = np.full((source.firings_per_packet, 16), range_m)
+    assert len(decode(source.encode(0, ranges_m, np.full(ranges_m.shape, 7, np.uint8)))) == 0
+
+
+def test_beams_of_a_resting_moment() -> None:
+    beams = sensor("VLP-32C", turn_hz=1e-9).beams(0, 1)
+    table = built_in_table("VLP-32C")
+    elevation = np.arcsin(beams.directions[0, :, 2])
+    azimuth = np.arctan2(-beams.directions[0, :, 1], beams.directions[0, :, 0])
+    np.testing.assert_allclose(elevation, table.elevation_rad, atol=1e-9)
+    np.testing.assert_allclose(azimuth, -table.azimuth_offset_rad, atol=1e-9)
+    assert np.rad2deg(-azimuth[:3]).tolist() == pytest.approx([-1.4, 4.2, -1.4])
+
+
+def test_wrong_use() -> None:
+    with pytest.raises(ValueError, match="model: expected one of VLP-16"):
+        sensor("VLS-128")
+    with pytest.raises(ValueError, match=r"a multiple of 24 firings, got \[23, 16\]"):
+        sensor("VLP-16").encode(0, np.ones((23, 16)), np.ones((23, 16), np.uint8))
+    with pytest.raises(ValueError, match=r"expected \[12, 16, 2\]"):
+        sensor("VLP-16", "dual").encode(0, np.ones((12, 16)), np.ones((12, 16), np.uint8))

@@ -1,0 +1,112 @@
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from bags.simulator.scenario import Scenario, load_scenario, scenario_names
+from pipeline.core.errors import ConfigError
+from pipeline.core.geometry import rotation_fault
+
+ROOT = Path(__file__).resolve().parents[3]
+LIDAR = {"topic": "/points", "frame_id": "lidar", "position_m": [0, 0, 1]}
+CAMERA = {"topic": "/image", "info_topic": "/info", "frame_id": "cam", "position_m": [0, 0, 1], "focal_px": [500, 500]}
+
+
+def tree(**changes: Any) -> dict[str, Any]:
+    return {"world": "sandbox", "lidars": {"top": LIDAR}, "cameras": {"front": CAMERA}} | changes
+
+
+def written(path: Path, content: dict[str, Any]) -> str:
+    path.write_text(yaml.safe_dump(content), encoding="utf-8")
+    return str(path)
+
+
+def test_the_three_scenarios_come_with_lidcam() -> None:
+    assert scenario_names() == ["crossing", "sandbox", "vehicle"]
+
+
+@pytest.mark.parametrize("name", ["crossing", "sandbox", "vehicle"])
+def test_scenarios_are_sound(name: str) -> None:
+    scenario = load_scenario(name)
+    assert scenario.description
+    assert scenario.lidars
+    assert scenario.cameras
+    assert scenario.vehicles
+    for sensor in [*scenario.lidars.values(), *scenario.cameras.values()]:
+        assert rotation_fault(sensor.T_carrier_body("site").matrix[:3, :3]) is None
+
+
+def test_a_file_of_ones_own(tmp_path: Path) -> None:
+    scenario = load_scenario(written(tmp_path / "mine.yaml", tree()), ("seed=5", "lidars.top.rate_hz=20"))
+    assert (scenario.seed, scenario.lidars["top"].rate_hz, scenario.start_ns) == (5, 20.0, 1_700_000_000 * 10**9)
+
+
+def test_a_star_stands_for_every_name(tmp_path: Path) -> None:
+    lidars = {"top": LIDAR, "side": LIDAR | {"topic": "/side", "frame_id": "side"}}
+    path = written(tmp_path / "mine.yaml", tree(lidars=lidars))
+    scenario = load_scenario(path, ("lidars.*.rate_hz=20", "lidars.side.rate_hz=5"))
+    assert {name: lidar.rate_hz for name, lidar in scenario.lidars.items()} == {"top": 20.0, "side": 5.0}
+    with pytest.raises(ConfigError, match=r"--set routes\.\*\.closed=true: \* stands for nothing there"):
+        load_scenario(path, ("routes.*.closed=true",))
+    with pytest.raises(ConfigError, match="name the section"):
+        load_scenario(path, ("*.top.rate_hz=3",))
+
+
+def test_a_sensors_body_is_turned_about_the_axes_of_what_carries_it() -> None:
+    scenario = Scenario.model_validate(tree(lidars={"top": LIDAR | {"rpy_deg": [0, 90, 0]}}))
+    pose = scenario.lidars["top"].T_carrier_body("site")
+    np.testing.assert_allclose(pose.matrix[:3, 0], [0, 0, -1], atol=1e-12)  # it looks down
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"wolrd": "sandbox"}, "unknown key 'wolrd'"),
+        ({"world": "moon"}, "world"),
+        ({"lidars": {"top": LIDAR | {"mounted_on": "car"}}}, "top.mounted_on: expected the ego vehicle or nothing"),
+        ({"lidars": {"a": LIDAR, "b": LIDAR}}, "lidars.b: '/points' is a topic of lidars.a, too"),
+        ({"lidars": {"a": LIDAR, "b": LIDAR | {"topic": "/b"}}}, "lidars.b: 'lidar' is a frame of lidars.a, too"),
+        ({"cameras": {"a": CAMERA | {"topic": "/info", "output": "raw"}}}, "'/info' is a topic of cameras.a, too"),
+        ({"cameras": {"a": CAMERA | {"info_topic": "/tf"}}}, "cameras.a: '/tf' is a topic of the simulator, too"),
+        ({"cameras": {"a": CAMERA | {"frame_id": "site"}}}, "cameras.a: 'site' is a frame of the simulator, too"),
+        ({"cameras": {"a": CAMERA | {"topic": "not a topic!"}}}, "cameras.a.topic"),
+        ({"cameras": {"a": CAMERA | {"distortion": [0.1] * 6}}}, "plumb_bob has 5 coefficients, found 6"),
+        ({"lidars": {"a": LIDAR | {"beams": 8}}}, "lidars.a.beams: is for the model `linear`; a VLP-16 has its own"),
+        ({"lidars": {"a": LIDAR | {"elevation_deg": [3, -25]}}}, "expected the lower one first"),
+        ({"vehicles": {"my car": {}}}, "vehicles.my car"),
+        ({"start_unix_s": 5_000_000_000}, "start_unix_s"),
+        ({"routes": {"r": {"points_m": [[0, 0], [1e12, 0]]}}}, "routes.r.points_m"),
+        ({"lidars": {"a": LIDAR | {"output": "packets"}}}, "packets need a Velodyne model and a packets_topic"),
+        (
+            {"lidars": {"a": LIDAR | {"output": "both", "packets_topic": "/p", "firing_stride": 2}}},
+            "packets hold every firing",
+        ),
+        ({"vehicles": {"a": {"route": "r"}}}, "vehicles.a.route: expected one of none, found 'r'"),
+        ({"vehicles": {"a": {"ego": True}, "b": {"ego": True}}}, "expected one ego at most, found a, b"),
+        (
+            {"routes": {"r": {"points_m": [[0, 0], [1, 0]]}}, "vehicles": {"a": {"route": "r", "keys": "w"}}},
+            "expected a route or keys, found both",
+        ),
+        (
+            {"routes": {"r": {"points_m": [[0, 0], [1, 0]], "yields_to": ["q"]}}},
+            "routes.r.yields_to: expected one of r, found 'q'",
+        ),
+        ({"vehicles": {"a": {"shape": "pedestrian", "keys": "w"}}}, "expected a route for a pedestrian"),
+        ({"lidars": {"a": LIDAR | {"drop_rate": 1.5}}}, "lidars.a.drop_rate"),
+        ({"cameras": {"a": CAMERA | {"detector": {"topic": "/d", "misses": 1}}}}, "unknown key"),
+    ],
+)
+def test_what_is_wrong_is_named(tmp_path: Path, changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(ConfigError, match=r"mine\.yaml") as error:
+        load_scenario(written(tmp_path / "mine.yaml", tree(**changes)))
+    assert message in str(error.value)
+
+
+@pytest.mark.parametrize("name", ["nothing", "no.yaml"])
+def test_a_scenario_that_is_not_there(name: str) -> None:
+    with pytest.raises(
+        ConfigError, match=r"nothing: expected a YAML file or one of crossing, sandbox, vehicle|no\.yaml"
+    ):
+        load_scenario(name)

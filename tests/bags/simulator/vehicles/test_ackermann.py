@@ -1,0 +1,136 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+from bags.simulator.topics import command_topic, controller_topics
+from bags.simulator.vehicles.ackermann import Ackermann, AckermannCommand, ControllerCommands
+from bags.simulator.vehicles.habits import HABITS, chassis_of
+from bags.simulator.vehicles.trajectory import State
+from bags.simulator.world.bodies.dimensions import SHAPES
+
+CAR = Ackermann(
+    wheel_base_m=2.7,
+    track_m=1.5,
+    wheel_radius_m=0.3,
+    max_steering_rad=0.6,
+    steering_rate_rad_s=0.8,
+    acceleration_m_s2=2.0,
+    braking_m_s2=6.0,
+)
+REST = State(0.0, 0.0, 0.0)
+
+
+def driven(start: State, command: AckermannCommand, seconds: float, step_s: float = 0.01) -> list[State]:
+    states = [start]
+    for _ in range(round(seconds / step_s)):
+        states.append(CAR.step(states[-1], command, step_s))
+    return states
+
+
+def circle(states: list[State]) -> tuple[float, float, float]:
+    """Centre and radius of the circle that fits best (Kasa's method)."""
+    xy = np.array([(state.x_m, state.y_m) for state in states])
+    (a, b, c), *_ = np.linalg.lstsq(np.c_[2 * xy, np.ones(len(xy))], (xy**2).sum(1))
+    return float(a), float(b), math.sqrt(c + a * a + b * b)
+
+
+@pytest.mark.parametrize("steering", [0.05, 0.3, 0.6, -0.05, -0.3, -0.6])
+@pytest.mark.parametrize("speed", [4.0, -1.5])
+def test_the_rear_axle_goes_round_a_circle_of_wheel_base_by_tangent(steering: float, speed: float) -> None:
+    states = driven(State(1.0, 2.0, 0.5, speed, steering), AckermannCommand(speed, steering), 5)
+    x, y, radius = circle(states)
+    assert radius == pytest.approx(CAR.wheel_base_m / math.tan(abs(steering)), rel=1e-6)
+    left_m = CAR.wheel_base_m / math.tan(steering)
+    assert (x, y) == pytest.approx((1.0 - left_m * math.sin(0.5), 2.0 + left_m * math.cos(0.5)), abs=1e-5)
+
+
+@pytest.mark.parametrize("step_s", [0.001, 0.01, 0.1, 1.0])
+def test_an_arc_is_exact_whatever_the_step(step_s: float) -> None:
+    end = driven(State(0.0, 0.0, 0.0, 3.0, 0.4), AckermannCommand(3.0, 0.4), 10, step_s)[-1]
+    radius, angle = CAR.wheel_base_m / math.tan(0.4), 30 * math.tan(0.4) / CAR.wheel_base_m
+    assert (end.x_m, end.y_m, end.yaw_rad, end.walked_m) == pytest.approx(
+        (radius * math.sin(angle), radius * (1 - math.cos(angle)), angle, 30.0), abs=1e-9
+    )
+
+
+def test_while_the_steering_turns_the_way_is_that_of_the_equations_of_motion() -> None:
+    def motion(t: float, pose: np.ndarray[tuple[int], np.dtype[np.float64]]) -> list[float]:
+        steering = min(CAR.steering_rate_rad_s * t, 0.5)
+        return [5 * math.cos(pose[2]), 5 * math.sin(pose[2]), 5 * math.tan(steering) / CAR.wheel_base_m]
+
+    truth = solve_ivp(motion, (0, 3), [0.0, 0.0, 0.0], rtol=1e-9, atol=1e-9, max_step=0.01).y[:, -1]
+    end = driven(State(0.0, 0.0, 0.0, 5.0), AckermannCommand(5.0, 0.5), 3)[-1]
+    np.testing.assert_allclose([end.x_m, end.y_m, end.yaw_rad], truth, atol=2e-3)
+
+
+def test_commands_take_effect_as_fast_as_the_chassis_can() -> None:
+    states = driven(REST, AckermannCommand(1.0, 0.4), 1)
+    speeds, steerings = [s.speed_m_s for s in states], [s.steering_rad for s in states]
+    np.testing.assert_allclose(speeds[:51], np.arange(51) * 0.02, atol=1e-9)
+    np.testing.assert_allclose(steerings[:51], np.arange(51) * 0.008, atol=1e-9)
+    assert speeds[-1] == 1.0
+    assert steerings[-1] == 0.4
+
+
+def test_to_turn_back_it_brakes_first() -> None:
+    speeds = np.array([s.speed_m_s for s in driven(State(0, 0, 0, 1.0), AckermannCommand(-1.0, 0.0), 1)])
+    change = np.diff(speeds) / 0.01
+    assert change[speeds[:-1] > 0].min() == pytest.approx(-CAR.braking_m_s2)
+    assert change[speeds[:-1] <= 0].min() == pytest.approx(-CAR.acceleration_m_s2)
+    assert speeds[-1] == -1.0
+    assert 0.0 in speeds
+
+
+def test_steering_ends_at_its_limit() -> None:
+    assert driven(REST, AckermannCommand(0.0, 2.0), 3)[-1].steering_rad == CAR.max_steering_rad
+
+
+@pytest.mark.parametrize(("steering", "inner", "outer"), [(0.49, "left", "right"), (-0.49, "right", "left")])
+def test_the_inner_wheel_turns_further(steering: float, inner: str, outer: str) -> None:
+    chassis = chassis_of("model_car")
+    assert chassis is not None
+    commands = chassis.controllers(AckermannCommand(0.3, steering))
+    assert commands.values[:4] == pytest.approx((8.4,) * 4)  # speed x 28, as in the original
+    radius = chassis.wheel_base_m / math.tan(0.49)
+    angles = {"left": commands.left_hinge_rad, "right": commands.right_hinge_rad}
+    # Square to the centre of the turn, which lies on the line of the rear axle.
+    assert abs(angles[inner]) == pytest.approx(math.atan2(chassis.wheel_base_m, radius - chassis.track_m / 2))
+    assert abs(angles[outer]) == pytest.approx(math.atan2(chassis.wheel_base_m, radius + chassis.track_m / 2))
+    assert np.sign(angles["left"]) == np.sign(angles["right"]) == np.sign(steering)
+
+
+@given(st.floats(-20, 20), st.floats(-0.6, 0.6))
+def test_controllers_say_what_the_command_says(speed: float, steering: float) -> None:
+    command = CAR.command(CAR.controllers(AckermannCommand(speed, steering)))
+    assert (command.speed_m_s, command.steering_rad) == pytest.approx((speed, steering), abs=1e-12)
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.3, -0.3])
+def test_one_angle_for_both_hinges_as_the_original_sends_is_understood(angle: float) -> None:
+    command = CAR.command(ControllerCommands(10.0, 10.0, 10.0, 10.0, angle, angle))
+    assert (command.speed_m_s, command.steering_rad) == pytest.approx((3.0, angle))
+
+
+def test_hinges_that_point_apart_lead_straight_on() -> None:
+    assert CAR.command(ControllerCommands(0.0, 0.0, 0.0, 0.0, 0.3, -0.3)).steering_rad == 0.0
+
+
+def test_topics_are_the_originals() -> None:
+    assert command_topic("car1") == "/car1/ackermann_cmd_mux/output"
+    assert controller_topics("car2") == (
+        "/car2/left_rear_wheel_velocity_controller/command",
+        "/car2/right_rear_wheel_velocity_controller/command",
+        "/car2/left_front_wheel_velocity_controller/command",
+        "/car2/right_front_wheel_velocity_controller/command",
+        "/car2/left_steering_hinge_position_controller/command",
+        "/car2/right_steering_hinge_position_controller/command",
+    )
+
+
+def test_every_shape_has_a_driver_and_those_with_wheels_a_chassis() -> None:
+    assert HABITS.keys() == SHAPES.keys()
+    assert {shape for shape in SHAPES if chassis_of(shape) is None} == {"pedestrian"}

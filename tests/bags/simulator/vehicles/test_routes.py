@@ -1,0 +1,127 @@
+import math
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bags.simulator.scenario import RouteScenario
+from bags.simulator.vehicles.routes import Route, RoutePoint, pure_pursuit
+from pipeline.core.errors import ConfigError
+
+Corners = tuple[tuple[float, ...], ...]
+SQUARE: Corners = ((0, 0), (10, 0), (10, 10), (0, 10))
+BENT: Corners = ((0, 0), (10, 0), (10, -8), (-4, -9, 1.0))
+
+
+def route(corners: Corners, *, closed: bool = False, radius: float = 2.0) -> Route:
+    return Route.from_scenario(
+        RouteScenario.model_validate({"points_m": corners, "closed": closed, "corner_radius_m": radius})
+    )
+
+
+def dense(of: Route) -> npt.NDArray[np.float64]:
+    return of.points(np.linspace(0, of.length_m * (1 - 1e-12), 20_001))
+
+
+def test_lengths_are_those_of_straights_and_arcs() -> None:
+    assert route(SQUARE, closed=True).length_m == pytest.approx(4 * 6 + 2 * math.pi * 2)
+    assert route(((0, 0), (10, 0), (10, 10))).length_m == pytest.approx(16 + math.pi)
+    assert route(((0, 0), (3, 4))).length_m == 5
+
+
+@pytest.mark.parametrize("closed", [True, False])
+@pytest.mark.parametrize("corners", [SQUARE, BENT])
+def test_a_place_is_as_far_along_as_the_way_to_it_is_long(corners: Corners, closed: bool) -> None:
+    way = route(corners, closed=closed)
+    points = dense(way)
+    steps = np.hypot(*np.diff(points[:, :2], axis=0).T)
+    np.testing.assert_allclose(steps, way.length_m / 20_000, rtol=1e-6)
+    direction = np.unwrap(np.arctan2(*np.diff(points[:, :2], axis=0).T[::-1]))
+    np.testing.assert_allclose(np.unwrap(points[:-1, 2]) - direction, 0, atol=1e-3)  # no corner is left
+    turn = np.diff(points[:, 2]) / steps
+    assert np.mean(np.abs(turn - points[:-1, 3]) > 1e-3) < 1e-3  # but where straights and arcs meet
+
+
+@pytest.mark.parametrize(
+    ("corners", "radii"),
+    [
+        (((0, 0), (10, 0, 3.0), (10, 10), (20, 10)), [-2.0, 3.0]),
+        (((0, 0), (10, 0), (10, 3), (20, 3)), [-1.5, 1.5]),  # the side between two corners is shared
+        (((0, 0), (10, 0, 0.0), (10, 10)), []),
+    ],
+)
+def test_corners_of_their_own_radius_and_without_room(corners: Corners, radii: list[float]) -> None:
+    bends = np.unique(dense(route(corners))[:, 3].round(9))
+    assert sorted(1 / bends[bends != 0]) == pytest.approx(radii)
+
+
+@pytest.mark.parametrize("closed", [True, False])
+def test_one_place_is_as_many(closed: bool) -> None:
+    way = route(BENT, closed=closed)
+    along = np.linspace(-way.length_m, 2 * way.length_m, 997)
+    one_by_one = [(p.x_m, p.y_m, p.yaw_rad, p.curvature) for p in map(way.point, along)]
+    np.testing.assert_allclose(way.points(along), one_by_one, atol=1e-9)
+
+
+def test_round_by_round_the_yaw_counts_on() -> None:
+    way = route(SQUARE, closed=True)
+    first, third = way.point(1.0), way.point(1.0 + 2 * way.length_m)
+    assert (third.x_m, third.y_m) == pytest.approx((first.x_m, first.y_m))
+    assert third.yaw_rad - first.yaw_rad == pytest.approx(4 * math.pi)
+
+
+def test_an_open_way_goes_straight_on_at_its_ends() -> None:
+    way = route(((0, 0), (10, 0), (10, 10)))
+    assert way.point(-3.0).x_m == pytest.approx(-3.0)
+    beyond = way.point(way.length_m + 5)
+    assert (beyond.x_m, beyond.y_m, beyond.yaw_rad, beyond.curvature) == pytest.approx((10, 15, math.pi / 2, 0))
+
+
+@pytest.mark.parametrize("closed", [True, False])
+@pytest.mark.parametrize("corners", [SQUARE, BENT, tuple(reversed(SQUARE)), ((0, 0), (5, 5), (9, 1))])
+def test_nearest_is_the_nearest_of_all_places(corners: Corners, closed: bool) -> None:
+    way = route(corners, closed=closed)
+    points = np.random.default_rng(1).uniform(-12, 14, (60, 2))
+    found = np.hypot(*(way.points(way.nearest(points))[:, :2] - points).T)
+    places = dense(way)[:, :2]
+    best = [np.hypot(*(places - point).T).min() for point in points]
+    np.testing.assert_allclose(found, best, atol=1e-4)
+
+
+@given(st.floats(0.0, 40.0), st.floats(-0.8, 0.8), st.floats(-0.7, 0.7))
+def test_a_place_beside_the_way_is_followed_from_near_by(along: float, left: float, off: float) -> None:
+    way = route(SQUARE, closed=True)
+    place = way.point(along)
+    x, y = place.x_m - left * math.sin(place.yaw_rad), place.y_m + left * math.cos(place.yaw_rad)
+    assert way.followed(x, y, along + off) == pytest.approx(along, abs=0.02)
+
+
+def test_where_a_way_crosses_itself_one_keeps_to_ones_own() -> None:
+    way = route(((0, 0), (20, 0), (20, 10), (10, 10), (10, -10)), radius=1.0)
+    early, late = way.followed(10.0, 0.0, 9.7), way.followed(10.0, 0.0, way.length_m - 10.2)
+    assert (early, late) == pytest.approx((10.0, way.length_m - 10.0))
+
+
+@pytest.mark.parametrize(
+    ("corners", "closed", "message"),
+    [
+        ((), False, "2 corners at least, got 0"),
+        (((0, 0),), False, "2 corners at least, got 1"),
+        (((0, 0), (1, 0)), True, "3 corners at least, got 2"),
+        (((0, 0), (0, 0), (1, 0)), False, "apart from each other"),
+        (((0, 0), (5, 0), (1, 0)), False, "turns back"),
+    ],
+)
+def test_ways_that_nobody_can_follow(corners: Corners, closed: bool, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        route(corners, closed=closed)
+
+
+@pytest.mark.parametrize("radius", [8.0, -8.0])
+def test_pure_pursuit_finds_the_arc_through_its_goal(radius: float) -> None:
+    angle = 0.4
+    goal = RoutePoint(abs(radius) * math.sin(angle), radius * (1 - math.cos(angle)), 0.0, 0.0)
+    assert pure_pursuit(0.0, 0.0, 0.0, goal, 2.7) == pytest.approx(math.atan(2.7 / radius))
+    assert pure_pursuit(3.0, 4.0, 1.0, RoutePoint(3.0, 4.0, 0.0, 0.0), 2.7) == 0.0

@@ -1,0 +1,266 @@
+import itertools
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from bags.simulator.scenario import Scenario, load_scenario
+from bags.simulator.vehicles.ackermann import AckermannCommand
+from bags.simulator.vehicles.followers import following_acceleration
+from bags.simulator.vehicles.footprints import footprint, overlap
+from bags.simulator.vehicles.habits import HABITS
+from bags.simulator.vehicles.traffic import STEP_NS, Traffic
+from bags.simulator.vehicles.trajectory import State
+from bags.simulator.world.bodies.dimensions import SHAPES
+from bags.simulator.world.meshes.materials import METAL
+from bags.simulator.world.meshes.mesh import Mesh, box, merged
+from pipeline.core.errors import ConfigError
+
+SECOND = 10**9
+NOTHING = merged([box((500, 500, 0.5), (1, 1, 1), METAL)])
+FORWARD, BACK, STOP = AckermannCommand(0.3), AckermannCommand(-0.3), AckermannCommand()
+ALONG = {"points_m": [[0, 0], [200, 0]]}
+
+
+def traffic(
+    vehicles: dict[str, Any],
+    routes: dict[str, Any] | None = None,
+    *,
+    driven: tuple[str, ...] = (),
+    static: Mesh = NOTHING,
+) -> Traffic:
+    content = {"world": "crossing", "vehicles": vehicles, "routes": routes or {}}
+    return Traffic(Scenario.model_validate(content), driven=driven, static=static)
+
+
+def states(of: Traffic, name: str, seconds: float) -> npt.NDArray[np.float64]:
+    """(N, 6) at every step up to a time."""
+    of.advance(round(seconds * SECOND))
+    return of.trajectories[name].states(np.arange(0, round(seconds * SECOND) + 1, STEP_NS, dtype=np.int64))
+
+
+def route(start_m: float = 0.0, speed_m_s: float = 10.0, name: str = "along", shape: str = "car") -> dict[str, Any]:
+    return {"shape": shape, "route": name, "route_start_m": start_m, "speed_m_s": speed_m_s}
+
+
+# --- driven cars
+
+
+def test_keys_drive_as_scripted_and_the_last_one_holds() -> None:
+    car = {"shape": "model_car", "keys": "w.xs", "key_interval_s": 1.0}
+    ways = states(traffic({"car1": car}), "car1", 6)[:, 5]
+    assert ways[200] == pytest.approx(0.6, abs=0.05)
+    assert ways[300] == pytest.approx(ways[250], abs=0.01)
+    assert ways[600] - ways[500] == pytest.approx(-0.3, abs=1e-6)
+
+
+def test_commands_are_known_as_they_were_given() -> None:
+    cars = traffic({"car1": {"shape": "model_car"}}, driven=("car1",))
+    cars.advance(SECOND)
+    cars.command("car1", FORWARD)
+    cars.command("car1", FORWARD)  # nothing new
+    cars.advance(2 * SECOND)
+    cars.command("car1", STOP)
+    cars.advance(3 * SECOND)
+    assert cars.commands_between("car1", 0, 3 * SECOND) == [(0, STOP), (SECOND, FORWARD), (2 * SECOND, STOP)]
+    assert cars.commands_between("car1", 1, 2 * SECOND) == [(SECOND, FORWARD)]
+    assert [cars.command_at("car1", time) for time in (0, SECOND - 1, SECOND, 2 * SECOND)] == [
+        STOP,
+        STOP,
+        FORWARD,
+        STOP,
+    ]
+
+
+def test_whoever_is_driven_keeps_to_no_route_and_starts_where_it_is_set_down() -> None:
+    cars = traffic({"a": {**route(20), "start": [5, 9, 90]}, "b": route(20)}, {"along": ALONG}, driven=("a", "b"))
+    a, b = states(cars, "a", 2), states(cars, "b", 2)
+    np.testing.assert_allclose(a[[0, -1], :4], [[5, 9, np.pi / 2, 0]] * 2)
+    np.testing.assert_allclose(b[[0, -1], :4], [[20, 0, 0, 0]] * 2)
+
+
+@pytest.mark.parametrize("yaw_deg", [0.0, 30.0, 200.0])
+def test_a_wall_stops_a_car_and_it_can_back_out(yaw_deg: float) -> None:
+    yaw = np.deg2rad(yaw_deg)
+    wall = box((1.0 * np.cos(yaw), 1.0 * np.sin(yaw), 0.5), (0.1, 3, 1), METAL, yaw=float(yaw))
+    cars = traffic({"car1": {"shape": "model_car", "start": [0, 0, yaw_deg]}}, driven=("car1",), static=wall)
+    cars.command("car1", FORWARD)
+    way = states(cars, "car1", 5)
+    assert way[-1, 3] == 0.0
+    room = 0.95 - SHAPES["model_car"].front_m
+    assert room - 0.004 < way[-1, 5] < room + 1e-9
+    assert cars.blocked_steps("car1") > 100
+    cars.command("car1", BACK)
+    assert states(cars, "car1", 7)[-1, 5] == pytest.approx(way[-1, 5] - 0.55, abs=0.05)
+
+
+def test_two_cars_do_not_drive_through_each_other() -> None:
+    cars = traffic(
+        {"a": {"shape": "model_car"}, "b": {"shape": "model_car", "start": [2, 0.05, 180]}}, driven=("a", "b")
+    )
+    cars.command("a", FORWARD)
+    cars.command("b", FORWARD)
+    a, b = states(cars, "a", 6)[-1], states(cars, "b", 6)[-1]
+    gap = b[0] - a[0] - 2 * SHAPES["model_car"].front_m
+    assert 0 <= gap < 0.01
+
+
+# --- followers
+
+
+def test_the_time_of_asking_does_not_matter() -> None:
+    one, other = (Traffic(load_scenario("sandbox")) for _ in range(2))
+    one.advance(8 * SECOND)
+    for until in [*range(0, 8 * SECOND, 70_000_001), 8 * SECOND]:
+        other.advance(until)
+    assert one.now_ns == other.now_ns == 8 * SECOND
+    for name in one.trajectories:
+        assert states(one, name, 8).tobytes() == states(other, name, 8).tobytes()
+
+
+def test_what_was_forgotten_does_not_change_what_is_kept() -> None:
+    kept, short = (Traffic(load_scenario("sandbox")) for _ in range(2))
+    kept.advance(6 * SECOND)
+    for second in range(1, 7):
+        short.advance(second * SECOND)
+        short.forget((second - 1) * SECOND)
+    times = np.arange(5 * SECOND, 6 * SECOND, STEP_NS, dtype=np.int64)
+    for name in kept.trajectories:
+        np.testing.assert_array_equal(kept.trajectories[name].states(times), short.trajectories[name].states(times))
+        assert kept.command_at(name, 5 * SECOND) == short.command_at(name, 5 * SECOND)
+        assert len(short.commands_between(name, 0, 6 * SECOND)) < 30
+
+
+def test_at_the_end_of_a_way_one_stops() -> None:
+    way = states(traffic({"a": route(150)}, {"along": ALONG}), "a", 20)
+    assert way[-1, 3] < 0.05
+    assert way[-1, 0] + SHAPES["car"].front_m == pytest.approx(200, abs=0.5)
+
+
+def test_speed_is_that_of_the_scenario_but_in_curves() -> None:
+    bent = {"points_m": [[0, 0], [60, 0], [60, 60]], "corner_radius_m": 10}
+    way = states(traffic({"a": route(0, 12)}, {"along": bent}), "a", 11)
+    assert way[:100, 3].min() > 11
+    assert (way[:, 3] ** 2 * np.tan(np.abs(way[:, 4])) / SHAPES["car"].wheel_base_m).max() < 2.6  # sideways, m/s^2
+    assert way[-1, 3] > 7
+    assert np.abs(way[-1, 0] - 60) < 0.05
+
+
+def test_whoever_is_slower_is_followed_at_a_distance() -> None:
+    cars = traffic({"a": route(0, 12), "b": route(40, 5)}, {"along": ALONG})
+    a, b = states(cars, "a", 20), states(cars, "b", 20)
+    gaps = b[:, 0] - a[:, 0] + SHAPES["car"].rear_m - SHAPES["car"].front_m
+    assert gaps.min() > 2
+    assert gaps[-1] == pytest.approx(HABITS["car"].gap_m + 5 * HABITS["car"].headway_s, abs=3)
+    assert a[-1, 3] == pytest.approx(5, abs=0.2)
+
+
+@pytest.mark.parametrize("shape", ["car", "pedestrian", "bus"])
+def test_what_stands_in_the_way_is_waited_for(shape: str) -> None:
+    cars = traffic({"a": route(0, 12), "b": {"shape": shape, "start": [80, 0.5, 90]}}, {"along": ALONG})
+    way = states(cars, "a", 15)[-1]
+    assert way[3] < 0.1
+    assert 60 < way[0] + SHAPES["car"].front_m < 80
+    assert cars.blocked_steps("a") == 0
+
+
+ACROSS = {"points_m": [[60, -60], [60, 60]]}
+
+
+def entered_s(of: Traffic, name: str, seconds: float) -> float:
+    """When a front comes to the other's lane, 58 m along either route."""
+    way = states(of, name, seconds)
+    along = np.where(way[:, 2] == 0, way[:, 0], way[:, 1] + 60)
+    return float(np.argmax(along + SHAPES["car"].front_m > 58.0)) / 100
+
+
+@pytest.mark.parametrize("yields", ["along", "across"])
+def test_at_a_crossing_one_lets_pass_whom_its_route_yields_to(yields: str) -> None:
+    routes: dict[str, dict[str, Any]] = {"along": dict(ALONG), "across": dict(ACROSS)}
+    routes[yields] = routes[yields] | {"yields_to": ["across" if yields == "along" else "along"]}
+    # Whoever yields would even be there a little earlier.
+    ahead = {yields: 2.0}
+    cars = traffic({"a": route(ahead.get("along", 0.0)), "b": route(ahead.get("across", 0.0), name="across")}, routes)
+    times = {"along": entered_s(cars, "a", 15), "across": entered_s(cars, "b", 15)}
+    first = "across" if yields == "along" else "along"
+    assert times[first] == pytest.approx(5.6, abs=0.4)  # it did not brake
+    assert times[yields] > times[first] + 1
+    assert cars.blocked_steps("a") == cars.blocked_steps("b") == 0
+
+
+def test_where_neither_yields_the_earlier_one_goes_first() -> None:
+    cars = traffic({"a": route(0), "b": route(8, name="across")}, {"along": ALONG, "across": ACROSS})
+    assert entered_s(cars, "b", 15) < 5.2
+    assert entered_s(cars, "a", 15) > 6.5
+
+
+def test_cars_let_people_cross() -> None:
+    routes = {"along": {**ALONG, "yields_to": ["foot"]}, "foot": {"points_m": [[60, -8], [60, 40]]}}
+    cars = traffic({"a": route(0), "walker": route(0, 1.4, "foot", "pedestrian")}, routes)
+    car, walker = states(cars, "a", 20), states(cars, "walker", 20)
+    assert walker[-1, 1] == pytest.approx(-8 + 1.4 * 20, abs=0.1)  # they did not wait
+    on_road = np.abs(walker[:, 1]) < 1.5
+    assert (car[on_road, 0] + SHAPES["car"].front_m < 59.5).all()
+    assert car[-1, 0] > 70
+
+
+@pytest.mark.parametrize(
+    ("speed", "gap", "ahead", "low", "high"),
+    [
+        (0.0, np.inf, 0.0, 1.8, 1.8),
+        (10.0, np.inf, 0.0, -1e-9, 1e-9),
+        (12.0, np.inf, 0.0, -5.0, -0.5),
+        (5.0, 1.5 + 5 * 1.2, 5.0, -0.3, 0.0),
+        (10.0, 5.0, 0.0, -8.0, -8.0),
+        (0.0, 1.5, 0.0, -1e-9, 1e-9),
+    ],
+)
+def test_how_a_driver_minds_the_gap(speed: float, gap: float, ahead: float, low: float, high: float) -> None:
+    assert low <= following_acceleration(HABITS["car"], speed, 10.0, gap, ahead) <= high
+
+
+# --- what is refused
+
+
+@pytest.mark.parametrize(
+    ("vehicles", "message"),
+    [
+        ({"a": route(0), "b": route(2)}, "vehicles.b: expected free ground at its start, found a"),
+        ({"a": {"start": [500, 500, 0]}}, "vehicles.a: expected free ground at its start, found something"),
+        ({"a": route(201)}, "vehicles.a.route_start_m: expected at most the length of along, 200.0 m, found 201.0"),
+        ({"a": route(0, name="bad")}, "routes.bad: points_m: expected 2 corners"),
+    ],
+)
+def test_what_cannot_be_is_refused(vehicles: dict[str, Any], message: str) -> None:
+    routes = {"along": ALONG} | ({"bad": {"points_m": [[0, 0]]}} if "bad" in message else {})
+    with pytest.raises(ConfigError, match=message):
+        traffic(vehicles, routes)
+
+
+@pytest.mark.parametrize(
+    ("driven", "message"),
+    [("b", "among a, walker, found 'b'"), ("walker", "vehicles.walker: expected wheels")],
+)
+def test_who_cannot_be_driven(driven: str, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        traffic({"a": {}, "walker": route(20, 1.4, shape="pedestrian")}, {"along": ALONG}, driven=(driven,))
+
+
+# --- the scenarios that come with lidcam
+
+
+@pytest.mark.parametrize("name", ["sandbox", "crossing", "vehicle"])
+def test_traffic_flows_and_nobody_touches_anybody(name: str) -> None:
+    scenario = load_scenario(name)
+    moving = Traffic(scenario)
+    of = {name: states(moving, name, 20)[::5] for name in scenario.vehicles}
+    shape = {name: SHAPES[vehicle.shape] for name, vehicle in scenario.vehicles.items()}
+    for one, other in itertools.combinations(of, 2):
+        apart = np.hypot(*(of[one][:, :2] - of[other][:, :2]).T)
+        for row in np.flatnonzero(apart < shape[one].size_m[0] + shape[other].size_m[0]):
+            grounds = [footprint(shape[each], State(*of[each][row])) for each in (one, other)]
+            assert not overlap(*grounds), f"{one} and {other} at {row * 5 * STEP_NS} ns"
+    for each, way in of.items():
+        assert moving.blocked_steps(each) == 0
+        assert way[-1, 5] >= 0.25 * 20 * scenario.vehicles[each].speed_m_s or (way[-1, 5] > 5)

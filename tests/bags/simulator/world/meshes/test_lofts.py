@@ -1,0 +1,78 @@
+import numpy as np
+import pytest
+from meshes import open_edges, signed_volume
+from small_worlds import BLACK, GREY, WHITE
+
+from bags.simulator.world.bodies.hulls import Hull, both_sides
+from bags.simulator.world.meshes.lofts import ellipses, limb, loft, panel, torus, wheel
+from bags.simulator.world.meshes.mesh import Mesh, box
+
+SQUARE = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
+PLAIN_HULL = Hull(((0.0, 1.0, 2.0), (4.0, 1.0, 2.0)), ((0.5, 1.0), (1.0, 1.0), (2.0, 1.0)), 0.5)
+ARCHED_HULL = Hull(((0.0, 1.0, 2.0), (4.0, 1.0, 2.0)), ((0.5, 1.0), (1.0, 1.0), (2.0, 1.0)), 0.5, (1.0, 3.0), 0.4, 0.5)
+
+
+def rings(*heights: float) -> list[np.ndarray[tuple[int, int], np.dtype[np.float64]]]:
+    return [np.c_[SQUARE, np.full(4, height)] for height in heights]
+
+
+BODIES = {
+    "loft": (loft(rings(0, 1, 3), GREY), 12.0, 1e-9),
+    "loft, downwards": (loft(rings(3, 0), GREY), 12.0, 1e-9),
+    "ellipses": (ellipses([(0, 0, 0, 2, 1), (3, 0, 0, 2, 1)], GREY, sides=64), 6 * np.pi, 0.01),
+    "limb": (limb([(0, 0, 0), (0, 0, 2), (0, 2, 2)], (1, 1, 1), GREY, sides=64), 4 * np.pi, 0.01),
+    "torus": (torus((1, 2, 3), 3.0, 2.0, GREY, sides=64, around=64), 2 * np.pi**2 * 2, 0.01),
+    "panel": (panel([[0, 0, 0], [2, 0, 0], [2, 3, 0], [0, 3, 0]], GREY, thickness=0.5), 3.0, 1e-9),
+    "hull": (PLAIN_HULL.mesh(GREY, below=BLACK), 4 * 2 * 1.5, 1e-9),
+    "hull with arches": (ARCHED_HULL.mesh(GREY, below=BLACK), 12.0 - 2 * 2 * np.pi * 0.4**2 / 2, 0.01),
+    "both sides": (both_sides(box((0, 3, 0), (1, 1, 1), GREY)), 2.0, 1e-9),
+}
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_bodies_are_closed_and_face_outwards(name: str) -> None:
+    mesh, volume, tolerance = BODIES[name]
+    assert open_edges(mesh) == 0
+    assert signed_volume(mesh) == pytest.approx(volume, rel=tolerance)
+
+
+def test_a_loft_knows_the_material_of_each_face() -> None:
+    mesh = loft(
+        rings(0, 1, 2), GREY, where=lambda ring, side: WHITE if (ring, side) == (1, 0) else GREY, ends=(BLACK, BLACK)
+    )
+    white = mesh.materials == mesh.palette.index(WHITE)
+    corners = mesh.vertices[mesh.triangles[white]]
+    assert white.sum() == 2
+    assert corners[..., 2].min() == 1
+    np.testing.assert_array_equal(corners[..., 1], 1)
+    assert (mesh.materials == mesh.palette.index(BLACK)).sum() == 4
+
+
+def test_a_wheel_stands_on_one_of_its_corners() -> None:
+    mesh = wheel(0.3, 0.2, BLACK, WHITE, GREY)
+    low, high = mesh.bounds
+    assert open_edges(mesh) == 0
+    assert signed_volume(mesh) > 0
+    assert low[2] == pytest.approx(-0.3, abs=1e-12)
+    np.testing.assert_allclose([low[1], high[1]], [-0.1, 0.1])
+
+
+def test_a_panel_stands_out_of_its_face_by_half_of_its_thickness() -> None:
+    mesh = panel([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], GREY, thickness=0.02)
+    low, high = mesh.bounds
+    np.testing.assert_allclose([low[2], high[2]], [-0.01, 0.01])
+
+
+def test_a_panel_on_a_hull_lies_on_its_side() -> None:
+    for side in (-1, 1):
+        mesh: Mesh = PLAIN_HULL.side_panel([(1, 0.6), (2, 0.6), (2, 0.9), (1, 0.9)], side, WHITE, thickness=0.02)
+        low, high = mesh.bounds
+        np.testing.assert_allclose(sorted(abs(v) for v in (low[1], high[1])), [0.99, 1.01])
+        assert np.sign(low[1]) == side
+        assert signed_volume(mesh) > 0
+
+
+def test_a_hull_narrows_with_its_levels() -> None:
+    hull = Hull(((0.0, 2.0, 3.0), (1.0, 2.0, 3.0)), ((0.0, 1.0), (1.0, 1.0), (3.0, 0.5)), 0.0)
+    assert hull.half_width(0.5, 0.5) == pytest.approx(2.0)
+    assert hull.half_width(0.5, 2.0) == pytest.approx(1.5)

@@ -1,0 +1,59 @@
+import numpy as np
+import pytest
+from small_worlds import BLACK, GREY, WHITE
+
+from bags.simulator.world.meshes.mesh import Mesh, box, cylinder, merged, polygon, prism, profile, sphere
+
+SQUARE = [[1, 1], [-1, 1], [-1, -1], [1, -1]]
+
+BODIES = {
+    "box": (box((1, 2, 3), (4, 2, 1), GREY, yaw=0.7), 8.0, 1e-9),
+    "prism": (prism(SQUARE, 1.0, 3.0, GREY), 8.0, 1e-9),
+    "profile": (profile(SQUARE, 3.0, GREY), 12.0, 1e-9),
+    "profile, leaning in": (profile(SQUARE, 3.0, GREY, taper=0.5), 9.0, 1e-9),
+    "cylinder": (cylinder((0, 0, 0), (0, 3, 4), 1.0, GREY, sides=64), 5 * np.pi, 0.01),
+    "cone": (cylinder((1, 1, 0), (1, 1, 3), 1.0, GREY, sides=64, taper=1e-6), np.pi, 0.01),
+    "sphere": (sphere((5, 5, 5), 1.0, GREY, sides=64), 4 / 3 * np.pi, 0.01),
+}
+
+
+def signed_volume(mesh: Mesh) -> float:
+    """By the divergence theorem; positive where all triangles run counter-clockwise seen from outside."""
+    a, b, c = np.moveaxis(mesh.vertices[mesh.triangles], 1, 0)
+    return float((a * np.cross(b, c)).sum() / 6)
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_bodies_are_closed_and_face_outwards(name: str) -> None:
+    mesh, volume, tolerance = BODIES[name]
+    assert signed_volume(mesh) == pytest.approx(volume, rel=tolerance)
+    edges = np.concatenate([mesh.triangles[:, [0, 1]], mesh.triangles[:, [1, 2]], mesh.triangles[:, [2, 0]]])
+    there, back = {tuple(edge) for edge in edges.tolist()}, {tuple(edge) for edge in edges[:, ::-1].tolist()}
+    assert len(there) == len(edges)
+    assert there == back
+
+
+def test_a_box_is_as_large_as_asked_for() -> None:
+    low, high = box((1, 2, 3), (4, 2, 1), GREY).bounds
+    assert (low.tolist(), high.tolist()) == ([-1, 1, 2.5], [3, 3, 3.5])
+
+
+def test_moved() -> None:
+    mesh = box((1, 0, 0), (2, 2, 2), GREY).moved((0, 0, 5), yaw=np.pi / 2, scale=0.5)
+    low, high = mesh.bounds
+    np.testing.assert_allclose([low, high], [[-0.5, 0, 4.5], [0.5, 1, 5.5]], atol=1e-12)
+    assert signed_volume(mesh) == pytest.approx(1.0)
+
+
+def test_merged_meshes_keep_their_materials() -> None:
+    parts = [box((0, 0, 0), (1, 1, 1), WHITE), polygon([[0, 0, 0], [1, 0, 0], [0, 1, 0]], BLACK)]
+    mesh = merged([*parts, box((5, 0, 0), (1, 1, 1), WHITE)])
+    assert mesh.palette == (WHITE, BLACK)
+    assert np.bincount(mesh.materials).tolist() == [24, 1]
+    assert mesh.triangles.max() == len(mesh.vertices) - 1
+    assert len(merged([])) == 0
+
+
+def test_polygon_shows_to_the_side_that_sees_it_counter_clockwise() -> None:
+    a, b, c = polygon([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], WHITE).vertices[:3]
+    assert np.cross(b - a, c - a).tolist() == [0, 0, 1]

@@ -1,0 +1,125 @@
+from functools import cache
+from typing import get_args
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from bags.simulator.world.meshes.mesh import Material, Texture
+from bags.simulator.world.places.places import World, static_mesh
+from bags.simulator.world.surfaces.looks import linear
+from bags.simulator.world.surfaces.noise import cells, grain
+from bags.simulator.world.surfaces.textures import TEXTURES, surface_reflectivity, surface_rgb
+
+F32 = npt.NDArray[np.float32]
+UP = np.array([[0.0, 0.0, 1.0]])
+
+
+@cache
+def ground_of(world: World) -> Material:
+    return next(material for material in static_mesh(world).palette if material.texture == world)
+
+
+def ground(world: World, places: list[tuple[float, float]]) -> tuple[F32, F32]:
+    """Mean brightness over a few centimetres about each place, and reflectivity."""
+    spread = 0.002 if world == "sandbox" else 0.02
+    offsets = np.array([(a, b) for a in (-spread, 0, spread) for b in (-spread, 0, spread)])
+    xy = (np.array(places)[:, None] + offsets).reshape(-1, 2)
+    local = np.c_[xy, np.zeros(len(xy))]
+    rows, normal = np.zeros(len(xy), np.int64), np.tile(UP, (len(xy), 1))
+    rgb = surface_rgb([ground_of(world)], rows, local, normal)
+    reflectivity = surface_reflectivity([ground_of(world)], rows, local, normal)
+    return rgb.reshape(len(places), 9, 3).mean(1), np.median(reflectivity.reshape(len(places), 9), axis=1)
+
+
+@pytest.mark.parametrize(
+    ("world", "white", "dark", "green"),
+    [
+        (
+            "crossing",
+            [(30.0, 6.76), (20.0, 3.5), (12.2, 3.0), (10.0, 0.0), (-12.2, -3.0), (-3.0, 12.2), (3.0, -12.2)],
+            [(0.0, 0.0), (30.0, 1.75), (30.0, -5.25), (12.2, -3.0), (10.0, 0.5), (3.0, 12.2)],
+            [(40.0, 40.0), (-20.0, 30.0)],
+        ),
+        (
+            "street",
+            [(1.0, 0.0), (10.0, 0.0), (55.0, 0.0), (65.0, 1.0)],
+            [(5.0, 0.0), (0.0, -1.75), (0.0, 1.75), (55.0, 0.5), (60.0, 0.0), (61.5, 30.0)],
+            [(0.0, 30.0), (120.0, -20.0)],
+        ),
+        (
+            "sandbox",
+            [(0.431, 0.0), (0.225, 0.8975), (-0.225, 2.3025), (-0.6525, 1.35)],
+            [(0.225, 0.0), (0.0, 1.6), (0.95, -3.0), (-1.5, -3.0), (-0.225, 0.8975)],
+            [(1.5, 0.5), (-1.0, -0.8), (1.8, -4.5)],
+        ),
+    ],
+)
+def test_roads_are_dark_markings_white_and_lawns_green(
+    world: World, white: list[tuple[float, float]], dark: list[tuple[float, float]], green: list[tuple[float, float]]
+) -> None:
+    paint, paint_reflectivity = ground(world, white)
+    road, road_reflectivity = ground(world, dark)
+    lawn, _ = ground(world, green)
+    assert paint.min() > 0.5
+    assert road.max() < 0.2
+    assert (np.ptp(road, axis=1) < 0.03).all()  # grey
+    assert (lawn[:, [1]] > 1.3 * lawn[:, [0, 2]]).all()
+    assert paint_reflectivity.min() > 2.5 * road_reflectivity.max()
+
+
+@pytest.mark.parametrize("texture", get_args(Texture))
+def test_every_texture_is_drawn_near_the_colour_of_its_material(texture: Texture) -> None:
+    material = Material("m", (0.6, 0.5, 0.4), 0.5, texture=texture)
+    generator = np.random.default_rng(7)
+    local, side = generator.uniform(-50, 50, (5000, 3)), np.tile([[0.6, -0.8, 0.0]], (5000, 1))
+    rgb = surface_rgb([material], np.zeros(5000, np.int64), local, side)
+    assert (rgb.dtype.name, rgb.shape) == ("float32", (5000, 3))
+    assert ((rgb >= 0) & (rgb <= 1)).all()
+    reflectivity = surface_reflectivity([material], np.zeros(5000, np.int64), local, side)
+    assert (reflectivity.dtype.name, reflectivity.shape) == ("float32", (5000,))
+    assert (reflectivity >= 0).all()
+    if texture == "plain":
+        np.testing.assert_allclose(rgb, np.tile(linear(material.rgb), (5000, 1)), rtol=1e-6)
+        np.testing.assert_allclose(reflectivity, 0.5)
+    else:
+        assert rgb.std(0).min() > 0.002
+    assert texture == "plain" or texture in TEXTURES
+
+
+def test_a_palette_of_several_materials() -> None:
+    palette = [Material("a", (1.0, 0.0, 0.0), 0.1), Material("b", (0.5, 0.5, 0.5), 0.9, texture="concrete")]
+    rows = np.array([1, 0, 1, 0])
+    local, normal = np.random.default_rng(1).uniform(-5, 5, (4, 3)), np.tile(UP, (4, 1))
+    rgb = surface_rgb(palette, rows, local, normal)
+    np.testing.assert_allclose(rgb[[1, 3]], [[1, 0, 0], [1, 0, 0]])
+    # What a point looks like does not depend on which others are asked about.
+    alone = np.concatenate([surface_rgb(palette, rows[[i]], local[[i]], normal[[i]]) for i in range(4)])
+    np.testing.assert_array_equal(rgb, alone)
+
+
+def test_no_points() -> None:
+    nothing = np.empty((0, 3))
+    assert surface_rgb([ground_of("street")], np.empty(0, np.int64), nothing, nothing).shape == (0, 3)
+    assert surface_reflectivity([ground_of("street")], np.empty(0, np.int64), nothing, nothing).shape == (0,)
+
+
+def test_facades_have_windows() -> None:
+    """One bay of a wall that looks to -y: glass in the middle of the upper storey, plaster beside it."""
+    wall = Material("wall", (0.8, 0.7, 0.6), texture="facade")
+    local = np.array([[1.6, 0.0, 0.1 + 2.9 + 1.5], [0.2, 0.0, 0.1 + 2.9 + 1.5]])
+    glass, plaster = surface_rgb([wall], np.zeros(2, np.int64), local, np.tile([[0.0, -1.0, 0.0]], (2, 1)))
+    np.testing.assert_allclose(plaster, linear(wall.rgb), rtol=0.3)
+    assert glass[2] > glass[0]
+
+
+def test_noise_repeats_without_a_seam_and_has_unit_spread() -> None:
+    u = np.linspace(-1000, 1000, 20_000, dtype=np.float32)
+    v = np.float32(0.37) * u
+    rough = grain(u, v, 0.05)
+    assert abs(float(rough.mean())) < 0.1
+    assert float(rough.std()) == pytest.approx(1.0, abs=0.1)
+    whole = np.arange(-8, 8, dtype=np.float32)
+    np.testing.assert_array_equal(cells(whole, whole), cells(whole + 0.5, whole + 0.25))
+    np.testing.assert_array_equal(cells(whole, whole), cells(whole + 512, whole - 512))
+    assert len(np.unique(cells(whole, whole))) == 16

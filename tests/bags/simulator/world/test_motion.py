@@ -1,0 +1,59 @@
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from small_worlds import EvenPath, fixed_at
+
+from bags.simulator.world.motion import MountedPath, Poses, upright_poses
+from pipeline.core.geometry import Transform
+
+
+def some_poses(count: int, seed: int = 0) -> Poses:
+    random = np.random.default_rng(seed)
+    turns = Rotation.random(count, rng=random).as_matrix().reshape(-1, 3, 3)
+    return Poses(turns, random.uniform(-5, 5, (count, 3)))
+
+
+def matrices(poses: Poses) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+    result = np.tile(np.eye(4), (len(poses), 1, 1))
+    result[:, :3, :3], result[:, :3, 3] = poses.rotation, poses.translation
+    return result
+
+
+@pytest.mark.parametrize(("left", "right"), [(4, 4), (1, 4), (4, 1), (1, 1), (0, 0)])
+def test_chains_are_products_of_matrices(left: int, right: int) -> None:
+    one, other = some_poses(left, 1), some_poses(right, 2)
+    np.testing.assert_allclose(matrices(one @ other), matrices(one) @ matrices(other), atol=1e-12)
+
+
+@pytest.mark.parametrize("count", [0, 1, 5])
+def test_there_and_back(count: int) -> None:
+    poses = some_poses(count)
+    points = np.random.default_rng(3).uniform(-5, 5, (count, 3))
+    there = poses.apply(points)
+    np.testing.assert_allclose(there - poses.translation, poses.turn(points), atol=1e-12)
+    np.testing.assert_allclose(poses.inverse().apply(there), points, atol=1e-12)
+
+
+def test_one_pose_moves_many_points() -> None:
+    pose, points = some_poses(1), np.random.default_rng(3).uniform(-5, 5, (7, 3))
+    homogeneous = np.c_[points, np.ones(7)] @ matrices(pose)[0].T
+    np.testing.assert_allclose(pose.apply(points), homogeneous[:, :3], atol=1e-12)
+
+
+def test_upright() -> None:
+    poses = upright_poses(np.array([[1.0, 2.0, 3.0]]), np.array([np.pi / 2]))
+    np.testing.assert_allclose(poses.apply(np.array([[1.0, 0.0, 0.0]])), [[1, 3, 3]], atol=1e-12)
+
+
+def test_a_thing_on_a_carrier() -> None:
+    carrier = EvenPath((0, 0, 0), (10, 0, 0), 0.0, np.pi / 2)
+    mounted = MountedPath(carrier, Transform.from_quaternion("car", "mast", np.array([2.0, 0, 1]), np.eye(4)[3]))
+    poses = mounted.poses(np.array([0, 10**9], np.int64))
+    np.testing.assert_allclose(poses.translation, [[2, 0, 1], [10, 2, 1]], atol=1e-12)
+    np.testing.assert_allclose(poses.turn(np.tile([1.0, 0, 0], (2, 1))), [[1, 0, 0], [0, 1, 0]], atol=1e-12)
+    assert len(mounted.poses(np.empty(0, np.int64))) == 0
+
+
+def test_a_thing_that_stands_still() -> None:
+    poses = fixed_at((1, 2, 3), (0, 0, 90)).poses(np.array([0, 5], np.int64))
+    np.testing.assert_allclose(poses.apply(np.tile([1.0, 0, 0], (2, 1))), [[1, 3, 3]] * 2, atol=1e-12)

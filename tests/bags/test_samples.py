@@ -1,0 +1,61 @@
+"""The sample recordings are the ones that their README describes."""
+
+import hashlib
+import re
+import shlex
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+import yaml
+from mcap.reader import make_reader
+
+from bags.simulator.scenario import Scenario, load_scenario
+
+ROOT = Path(__file__).resolve().parents[2]
+README = (ROOT / "bags" / "README.md").read_text(encoding="utf-8")
+SAMPLES = ["sandbox.bag", "crossing.mcap"]
+
+
+def scenario_of(name: str) -> Scenario:
+    """What a recording says that it was recorded from."""
+    path = ROOT / "bags" / name
+    if path.suffix == ".bag":
+        text = path.with_name(f"{name}.scenario.yaml").read_text(encoding="utf-8")
+    else:
+        with path.open("rb") as stream:
+            attached = {one.name: one.data for one in make_reader(stream).iter_attachments()}
+        text = attached["scenario.yaml"].decode()
+    return Scenario.model_validate(yaml.safe_load(text))
+
+
+@pytest.mark.parametrize("name", SAMPLES)
+def test_readme_tells_size_and_hash(name: str) -> None:
+    data = (ROOT / "bags" / name).read_bytes()
+    [row] = [line for line in README.splitlines() if line.startswith(f"| `{name}` |")]
+    assert f"{len(data)} bytes" in row
+    assert hashlib.sha256(data).hexdigest() in row
+
+
+def test_they_are_small() -> None:
+    assert sum((ROOT / "bags" / name).stat().st_size for name in SAMPLES) <= 12 * 2**20
+
+
+@pytest.mark.parametrize("name", SAMPLES)
+def test_the_command_in_the_readme_is_the_one_that_recorded_it(name: str) -> None:
+    [command] = [line for line in README.splitlines() if line.startswith("lidcam simulate ") and f"bags/{name}" in line]
+    assert f"\t$(BIN)/{command}" in (ROOT / "Makefile").read_text(encoding="utf-8")
+    arguments = shlex.split(command)
+    overrides = [value for key, value in pairwise(arguments) if key == "--set"]
+    duration_s = float(arguments[arguments.index("--duration") + 1])
+    asked_for = load_scenario(arguments[2], tuple(overrides)).model_copy(update={"duration_s": duration_s})
+    assert asked_for == scenario_of(name)
+
+
+def test_every_topic_is_in_the_readme() -> None:
+    for name in SAMPLES:
+        scenario = scenario_of(name)
+        topics = [sensor.topic for sensor in [*scenario.lidars.values(), *scenario.cameras.values()]]
+        for topic in topics:
+            stem = re.split(r"_?\d|_(?=north|south)", topic)[0]
+            assert stem in README, topic

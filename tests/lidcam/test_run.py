@@ -1,0 +1,172 @@
+"""A run's bookkeeping: every message of a topic in use ends in a set or in the drop table."""
+
+from collections import Counter
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from builders import image, odometry, pointcloud2, raw
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lidcam.run import RunSummary, TimeWindow, process, synchronized_topics
+from pipeline.core.camera import CameraModel
+from pipeline.core.config import Config
+from pipeline.core.errors import ConfigError, RecordingError
+from pipeline.core.geometry import Transform
+from pipeline.core.types import CameraSensor, FrameResult, LidarSensor, RawMessage, Rig
+from readers.memory import MemoryRecording
+from readers.streams.motion import MotionSource
+from writers.memory import MemoryWriter
+
+STEP_NS = 100_000_000
+START_NS = 1_600_000_000_000_000_000
+FRONT, REAR, PICTURES, ODOMETRY = "/front/points", "/rear/points", "/cam/image_raw", "/odom"
+IN_USE = (FRONT, REAR, PICTURES)
+POLICIES = ("approximate_time", "approximate_time_python", "nearest")
+
+
+def config(**sync: object) -> Config:
+    return Config.model_validate({"sync": sync, "run": {"workers": 1}})
+
+
+def rig() -> Rig:
+    model = CameraModel("cam", 8, 6, np.array([[8.0, 0, 4], [0, 8, 3], [0, 0, 1]]), "plumb_bob", np.zeros(0))
+    lidars = tuple(
+        LidarSensor(name, f"/{name}/points", Transform.identity("base_link", name)) for name in ("front", "rear")
+    )
+    camera = CameraSensor("cam", PICTURES, "", model, Transform.identity("cam", "base_link"))
+    return Rig("base_link", lidars, (camera,), ())
+
+
+def message(topic: str, stamp_ns: int, log_time_ns: int) -> RawMessage:
+    if topic == PICTURES:
+        pixels = np.zeros((6, 8, 3), np.uint8)
+        return raw(topic, "sensor_msgs/msg/Image", image(pixels, stamp_ns=stamp_ns), stamp_ns, log_time_ns)
+    if topic == ODOMETRY:
+        pose = odometry(stamp_ns=stamp_ns, position=((stamp_ns - START_NS) / 1e9, 0, 0))
+        return raw(topic, "nav_msgs/msg/Odometry", pose, stamp_ns, log_time_ns)
+    cloud = pointcloud2(np.ones((3, 3), np.float32), stamp_ns=stamp_ns, frame_id=topic.split("/")[1])
+    return raw(topic, "sensor_msgs/msg/PointCloud2", cloud, stamp_ns, log_time_ns)
+
+
+def broken(whole: RawMessage) -> RawMessage:
+    return whole._replace(data=bytes(whole.data)[:-5])
+
+
+def periodic(topics: Sequence[str] = IN_USE, count: int = 6) -> list[RawMessage]:
+    return [message(topic, START_NS + k * STEP_NS, START_NS + k * STEP_NS) for k in range(count) for topic in topics]
+
+
+def run(messages: list[RawMessage], settings: Config, **options: object) -> tuple[RunSummary, list[FrameResult]]:
+    writer = MemoryWriter()
+    summary = process(MemoryRecording(messages), rig(), settings, [writer], **options)  # type: ignore[arg-type]  # by name
+    return summary, writer.results
+
+
+def assert_all_accounted_for(summary: RunSummary, messages: Sequence[RawMessage], topics: Sequence[str]) -> None:
+    recorded = Counter(m.topic for m in messages if m.topic in topics)
+    dropped: Counter[str] = Counter()
+    for (topic, _), count in summary.drops.counts.items():
+        dropped[topic] += count
+    assert {t: summary.messages_used.get(t, 0) + dropped[t] for t in recorded} == dict(recorded)
+
+
+@pytest.mark.parametrize("policy", POLICIES)
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from(IN_USE), st.integers(0, 60), st.integers(0, 20), st.sampled_from([False] * 5 + [True])
+        ),
+        min_size=5,
+        max_size=40,
+    ),
+    st.integers(1, 3),
+)
+@settings(max_examples=25, deadline=None)
+def test_every_message_is_used_or_dropped(
+    policy: str, recorded: list[tuple[str, int, int, bool]], queue_size: int
+) -> None:
+    messages = periodic(count=2)
+    for topic, at, late, is_bad in recorded:
+        stamp_ns = START_NS + at * 10_000_000
+        whole = message(topic, stamp_ns, stamp_ns + late * 10_000_000)
+        messages.append(broken(whole) if is_bad else whole)
+    try:
+        summary, frames = run(messages, config(policy=policy, queue_size=queue_size))
+    except RecordingError:
+        return  # not one set: told as such
+    assert summary.frames == len(frames)
+    assert_all_accounted_for(summary, messages, IN_USE)
+
+
+def test_messages_of_the_motion_are_no_part_of_the_sets_and_bad_ones_are_counted() -> None:
+    messages = periodic((ODOMETRY, *IN_USE))
+    bad = next(i for i, m in enumerate(messages) if m.topic == ODOMETRY and m.stamp_ns == START_NS + 2 * STEP_NS)
+    messages[bad] = broken(messages[bad])
+    source = MotionSource((ODOMETRY,), "base_link", "odom", ("base_link",))
+    summary, frames = run(messages, config(), motion_source=source)
+    assert_all_accounted_for(summary, messages, IN_USE)
+    assert dict(summary.drops.counts) == {(ODOMETRY, "cannot be decoded"): 1}
+    assert all(frame.bundle.motion is not None for frame in frames[1:])
+    assert all(ODOMETRY not in frame.bundle.messages for frame in frames)
+
+
+def test_a_window_counts_only_what_was_recorded_in_it() -> None:
+    messages = periodic()
+    window = TimeWindow(START_NS + STEP_NS, START_NS + 4 * STEP_NS)
+    summary, frames = run(messages, config(), window=window)
+    inside = [m for m in messages if START_NS + STEP_NS <= m.log_time_ns < START_NS + 4 * STEP_NS]
+    assert [frame.bundle.stamp_ns for frame in frames] == [START_NS + k * STEP_NS for k in (1, 2, 3)]
+    assert_all_accounted_for(summary, inside, IN_USE)
+
+
+def test_a_bad_cloud_leaves_the_rest_of_its_set() -> None:
+    messages = periodic()
+    messages[4] = broken(messages[4])  # the rear lidar's second cloud
+    assert messages[4].topic == REAR
+    summary, frames = run(messages, config())
+    assert summary.messages_used == {FRONT: 6, PICTURES: 6, REAR: 5}
+    assert summary.drops.counts == {(REAR, "cannot be decoded"): 1}
+    assert frames[1].combined.counts["input"] == 3
+    assert REAR in summary.drops.examples[REAR, "cannot be decoded"]
+
+
+@pytest.mark.parametrize("workers", [2, 5])
+def test_summary_does_not_depend_on_the_workers(workers: int) -> None:
+    messages = [m for i, m in enumerate(periodic()) if i not in {3, 8}]
+    summaries = []
+    for count in (1, workers):
+        settings = config().model_copy(update={"run": config().run.model_copy(update={"workers": count})})
+        summary, frames = run(messages, settings)
+        summaries.append((summary.messages_used, summary.drops.counts, summary.objects, summary.points, len(frames)))
+    assert summaries[0] == summaries[1]
+
+
+def test_no_set_at_all_names_the_messages_by_topic() -> None:
+    with pytest.raises(RecordingError, match=rf"{FRONT} 6, {REAR} 6, {PICTURES} 0"):
+        run(periodic((FRONT, REAR)), config())
+
+
+def test_reference_that_is_not_in_use() -> None:
+    with pytest.raises(ConfigError, match="/nothing"):
+        run(periodic(), config(reference="/nothing"))
+
+
+def test_the_reference_gives_stamp_and_log_time() -> None:
+    messages = [
+        message(topic, START_NS + k * STEP_NS + shift, START_NS + k * STEP_NS + 2 * shift)
+        for k in range(4)
+        for topic, shift in ((FRONT, 0), (REAR, 3_000_000), (PICTURES, 7_000_000))
+    ]
+    _, frames = run(messages, config(reference=PICTURES))
+    assert [frame.bundle.stamp_ns for frame in frames] == [START_NS + k * STEP_NS + 7_000_000 for k in range(4)]
+    assert [frame.bundle.log_time_ns for frame in frames] == [START_NS + k * STEP_NS + 14_000_000 for k in range(4)]
+    assert {frame.bundle.skew_ns for frame in frames} == {7_000_000}
+
+
+def test_pictures_take_part_only_where_they_are_copied_or_looked_at() -> None:
+    settings = config()
+    without = settings.model_copy(update={"output": settings.output.model_copy(update={"images": False})})
+    assert synchronized_topics(settings, rig()) == IN_USE
+    assert synchronized_topics(without, rig()) == (FRONT, REAR)

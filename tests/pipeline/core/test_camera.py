@@ -1,0 +1,234 @@
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy.spatial.transform import Rotation
+
+from pipeline.core.camera import CameraModel
+from pipeline.core.errors import CalibrationError
+from pipeline.core.geometry import box_corners
+
+F64 = npt.NDArray[np.float64]
+K = np.array([[520.0, 0.0, 333.0], [0.0, 510.0, 251.0], [0.0, 0.0, 1.0]])
+OPTICAL = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])  # site axes (x forward, z up) to optical ones
+MODELS: list[tuple[Any, list[float]]] = [
+    ("plumb_bob", []),
+    ("plumb_bob", [-0.1192, 0.162, 0.00073985, 0.0014]),
+    ("plumb_bob", [-0.102933, -0.040925, 0.00057951, -0.00419933, 0.429959]),
+    ("rational_polynomial", [0.3, -0.1, 0.001, -0.002, 0.02, 0.5, -0.05, 0.01]),
+    ("equidistant", [-0.01, 0.02, -0.005, 0.001]),
+]
+NAMES = ["none", "plumb_bob_4", "plumb_bob_5", "rational", "equidistant"]
+
+
+def camera(model: Any = "plumb_bob", distortion: Any = (), **changes: Any) -> CameraModel:
+    fields = {"frame_id": "cam", "width_px": 640, "height_px": 480, "K": K.copy(), "model": model}
+    return CameraModel(**{**fields, "distortion": np.array(distortion, np.float64), **changes})
+
+
+def opencv(points: F64, model: str, distortion: list[float]) -> F64:
+    """Pixels counted from the centre of the top left pixel."""
+    zero = np.zeros(3)
+    if model == "equidistant":
+        return np.asarray(cv2.fisheye.projectPoints(points[:, None], zero, zero, K, np.array(distortion))[0][:, 0])
+    return np.asarray(cv2.projectPoints(points, zero, zero, K, np.array(distortion))[0][:, 0])
+
+
+# --- points
+
+
+@pytest.mark.parametrize(("model", "distortion"), MODELS, ids=NAMES)
+@given(points=arrays(np.float64, (6, 3), elements=st.floats(-0.6, 0.6)))
+def test_projection_is_opencvs_plus_half_a_pixel(model: Any, distortion: list[float], points: F64) -> None:
+    points = points * [4, 3, 1] + [0, 0, 6]
+    pixels, valid = camera(model, distortion).project(points)
+    assert valid.all()
+    np.testing.assert_allclose(pixels - 0.5, opencv(points, model, distortion), atol=1e-6)
+
+
+def test_the_optical_axis_meets_the_principal_point_from_the_pixels_corner() -> None:
+    # cx = 333 is the centre of column 333, which reaches from 333 to 334
+    np.testing.assert_allclose(camera().project(np.array([0.0, 0, 3]))[0], [333.5, 251.5])
+
+
+@pytest.mark.parametrize("shape", [(0, 3), (3,), (5, 3), (2, 7, 3)])
+def test_shapes(shape: tuple[int, ...]) -> None:
+    pixels, valid = camera().project(np.ones(shape, np.float32))
+    assert (pixels.shape, valid.shape) == ((*shape[:-1], 2), shape[:-1])
+    assert pixels.dtype == np.float64
+
+
+@pytest.mark.parametrize(("model", "distortion"), MODELS, ids=NAMES)
+@pytest.mark.parametrize("point", [[0, 0, 0], [1, 1, 0], [0, 0, -3], [1, 1, 1e-300]])
+def test_points_behind_or_at_the_camera_are_not_in_view(
+    model: Any, distortion: list[float], point: list[float]
+) -> None:
+    pixels, valid = camera(model, distortion).project(np.array(point, np.float64))
+    assert not valid
+    assert np.isfinite(pixels).all()
+
+
+@pytest.mark.parametrize(
+    ("model", "distortion", "tangent_of_fold"),
+    [
+        ("plumb_bob", [-0.3], np.sqrt(1 / 0.9)),  # r (1 - 0.3 r^2) turns where 1 = 0.9 r^2
+        ("plumb_bob", [0.1, -0.05], np.sqrt((0.3 + np.sqrt(0.09 + 1)) / 0.5)),  # 1 + 0.3 s - 0.25 s^2 = 0
+        ("equidistant", [-0.2], np.tan(np.sqrt(1 / 0.6))),
+    ],
+)
+def test_where_the_lens_model_folds_back_points_are_not_in_view(
+    model: Any, distortion: list[float], tangent_of_fold: float
+) -> None:
+    lens = camera(model, distortion)
+    tangents = np.array([0.5, 0.98, 1.02, 1.5, 3.0]) * tangent_of_fold
+    _, valid = lens.project(np.stack([tangents, np.zeros(5), np.ones(5)], 1))
+    assert valid.tolist() == [True, True, False, False, False]
+
+
+def test_without_a_fold_there_is_no_limit() -> None:
+    for lens in (camera(), camera("plumb_bob", [0.1, 0.01])):
+        assert lens.project(np.array([15.0, 0, 1]))[1]
+
+
+def test_skew_is_part_of_k() -> None:
+    skewed = K.copy()
+    skewed[0, 1] = 7.0
+    np.testing.assert_allclose(camera(K=skewed).project(np.array([0, 1.0, 2]))[0], [333.5 + 3.5, 251.5 + 255])
+
+
+# --- boxes
+
+
+def dense_bounds(lens: CameraModel, corners: F64, *, steps: int = 90) -> F64 | None:
+    """Rectangle around what the picture shows of one box, from points all over its faces."""
+    share = np.linspace(0, 1, steps)
+    u, v = (grid.reshape(-1, 1) for grid in np.meshgrid(share, share))
+    origin, axes = corners[0], [corners[1] - corners[0], corners[3] - corners[0], corners[4] - corners[0]]
+    faces = [
+        origin + side * axes[k] + u * axes[(k + 1) % 3] + v * axes[(k + 2) % 3] for k in range(3) for side in (0.0, 1.0)
+    ]
+    pixels, valid = lens.project(np.concatenate(faces))
+    shown = pixels[valid & (pixels >= 0).all(1) & (pixels <= [lens.width_px, lens.height_px]).all(1)]
+    return np.array([*shown.min(0), *shown.max(0)]) if len(shown) else None
+
+
+def boxes(rng: np.random.Generator, n: int, *, nearest_m: float) -> F64:
+    centers = np.c_[rng.uniform(nearest_m, 25, n), rng.uniform(-14, 14, n), rng.uniform(-2, 1, n)]
+    sizes = np.c_[rng.uniform(0.5, 5, n), rng.uniform(0.5, 2.5, n), rng.uniform(0.5, 3, n)]
+    return np.asarray(box_corners(centers, sizes, rng.uniform(-3, 3, n)) @ OPTICAL.T)
+
+
+@pytest.mark.parametrize(("model", "distortion"), MODELS, ids=NAMES)
+def test_boxes_hold_all_that_the_picture_shows_and_no_more_where_all_is_shown(
+    model: Any, distortion: list[float]
+) -> None:
+    lens = camera(model, distortion)
+    corners = boxes(np.random.default_rng(3), 80, nearest_m=4.0)
+    found = lens.project_boxes(corners)
+    judged = [dense_bounds(lens, box) for box in corners]
+    assert sum(bounds is None for bounds in judged) > 2
+    whole = 0
+    for rectangle, bounds in zip(found, judged, strict=True):
+        if bounds is None:
+            continue
+        slack = (rectangle - bounds) * [1, 1, -1, -1]
+        assert (slack <= 1.0).all()
+        if (rectangle[:2] > 0).all() and (rectangle[2:] < [640, 480]).all():
+            np.testing.assert_allclose(rectangle, bounds, atol=1.0)
+            whole += 1
+    assert whole > 10
+
+
+def test_a_box_inside_the_picture_is_bounded_by_its_corners() -> None:
+    corners = box_corners(np.array([[12.0, 1, 0]]), np.array([[4.0, 2, 1.5]]), np.array([0.4])) @ OPTICAL.T
+    pixels = opencv(corners[0], "plumb_bob", []) + 0.5
+    np.testing.assert_allclose(camera().project_boxes(corners)[0], [*pixels.min(0), *pixels.max(0)], atol=1e-4)
+
+
+def test_a_box_that_leaves_the_picture_is_clipped_to_it() -> None:
+    corners = box_corners(np.array([[10.0, 5, 0]]), np.array([[2.0, 4, 2]]), np.zeros(1)) @ OPTICAL.T
+    expected = [0, 251.5 - 510 / 9, 333.5 - 520 * 3 / 11, 251.5 + 510 / 9]  # its left part is out of view
+    np.testing.assert_allclose(camera().project_boxes(corners)[0], expected, atol=1e-3)
+
+
+def test_a_box_around_the_camera_fills_the_picture() -> None:
+    corners = box_corners(np.zeros((1, 3)), np.array([[4.0, 4, 4]]), np.zeros(1)) @ OPTICAL.T
+    np.testing.assert_allclose(camera().project_boxes(corners)[0], [0, 0, 640, 480])
+
+
+def test_a_box_that_reaches_behind_the_camera_is_cut_at_its_plane() -> None:
+    # a lorry beside us, 2 m to the right, from 5 m behind to 10 m ahead: only its front edge is inside the picture
+    corners = box_corners(np.array([[2.5, -3.0, 0]]), np.array([[15.0, 2, 2]]), np.zeros(1)) @ OPTICAL.T
+    np.testing.assert_allclose(camera().project_boxes(corners)[0], [333.5 + 520 * 2 / 10, 0, 640, 480], atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    "center", [[-10.0, 0, 0], [10.0, 30, 0], [10.0, 0, 30], [10.0, 0, -30], [-0.5, 0, 0]], ids=["behind", *"luda"]
+)
+@pytest.mark.parametrize(("model", "distortion"), MODELS, ids=NAMES)
+def test_boxes_out_of_view_are_nan(center: list[float], model: Any, distortion: list[float]) -> None:
+    corners = box_corners(np.array([center]), np.array([[0.9, 0.9, 0.9]]), np.zeros(1)) @ OPTICAL.T
+    assert np.isnan(camera(model, distortion).project_boxes(corners)).all()
+
+
+def test_no_boxes() -> None:
+    found = camera().project_boxes(np.zeros((0, 8, 3)))
+    assert (found.shape, found.dtype) == ((0, 4), np.dtype(np.float32))
+
+
+@given(
+    arrays(np.float64, (3, 3), elements=st.floats(-20, 20)),
+    st.tuples(*[st.floats(0.1, 30)] * 3),
+    st.floats(-3.1, 3.1),
+    st.sampled_from(MODELS),
+)
+def test_rectangles_are_never_inverted_nor_outside(
+    centers: F64, size: tuple[float, ...], yaw: float, lens: tuple[Any, list[float]]
+) -> None:
+    turned = Rotation.from_euler("xyz", [0.2, 0.1, 0.0]).apply
+    corners = turned(box_corners(centers, np.tile(size, (3, 1)), np.full(3, yaw)).reshape(-1, 3)).reshape(3, 8, 3)
+    found = camera(*lens).project_boxes(corners @ OPTICAL.T)
+    seen = found[np.isfinite(found).all(1)]
+    assert np.isnan(found[~np.isfinite(found).all(1)]).all()
+    assert (seen >= 0).all()
+    assert (seen <= [640, 480, 640, 480]).all()
+    assert (seen[:, 2:] > seen[:, :2]).all()
+
+
+# --- faults
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ({"model": "fisheye62"}, "'fisheye62' is not one of plumb_bob"),
+        ({"K": np.eye(4)}, "nine finite numbers"),
+        ({"K": K * np.nan}, "nine finite numbers"),
+        ({"K": K.T.copy()}, "below the diagonal"),
+        ({"K": 2 * K}, "below the diagonal"),
+        ({"width_px": 0}, "picture size 0 x 480"),
+        ({"height_px": -1}, "picture size 640 x -1"),
+        ({"K": np.diag([0.0, 500, 1])}, "focal length 0, 500 px is impossible"),
+        ({"K": np.diag([500.0, 1e7, 1])}, "focal length"),
+        ({"distortion": np.array([np.inf])}, "finite"),
+        ({"distortion": np.ones(6)}, "plumb_bob has 5 coefficients, found 6"),
+        ({"model": "equidistant", "distortion": np.ones(5)}, "equidistant has 4 coefficients, found 5"),
+    ],
+)
+def test_impossible_intrinsics_are_refused(change: dict[str, Any], reason: str) -> None:
+    with pytest.raises(CalibrationError, match=reason):
+        camera(**change)
+
+
+def test_zeros_beyond_the_models_coefficients_do_no_harm() -> None:
+    assert camera("plumb_bob", np.zeros(12)).project(np.array([1.0, 0, 2]))[1]
+
+
+def test_a_model_is_read_only() -> None:
+    with pytest.raises(ValueError, match="read-only"):
+        camera().K[0, 0] = 1

@@ -1,0 +1,88 @@
+from pathlib import Path
+
+import pytest
+import yaml
+
+from pipeline.core.config import Config, dump_config, load_config
+from pipeline.core.errors import ConfigError
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+def test_default_yaml_is_a_printed_copy_of_the_defaults() -> None:
+    text = (ROOT / "config" / "default.yaml").read_text(encoding="utf-8")
+    comments, _, settings = text.partition("\n\n")
+    assert all(line.startswith("#") for line in comments.splitlines())
+    assert settings == dump_config(Config()), "print it anew with: make config/default.yaml"
+
+
+def test_settings_read_back_as_they_were_written(tmp_path: Path) -> None:
+    config = load_config(None, ("sync.queue_size=7", "detect2d.model=a/b.onnx"))
+    path = tmp_path / "c.yaml"
+    path.write_text(dump_config(config))
+    assert load_config(path) == config
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "config").glob("*.yaml")), ids=lambda path: path.name)
+def test_every_shipped_config_loads(path: Path) -> None:
+    load_config(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("sync: {polcy: nearest}", r"unknown key 'sync.polcy'; known here: policy, reference, queue_size"),
+        ("synk: {}", r"unknown key 'synk'; known here: topics, .*sync"),
+        ("combine: {ground: {hight: 1}}", r"unknown key 'combine.ground.hight'; known here: enabled, distance_m"),
+        ("sync: {policy: fastest}", r"sync.policy: .*approximate_time.*found 'fastest'"),
+        ("sync: {queue_size: 0}", r"sync.queue_size: .*greater than or equal to 1, found 0"),
+        ("- a\n- b", r"expected a mapping of sections, found list"),
+        ("a: [", r"not YAML"),
+        ("classes: []", r"classes: .*at least 1 item"),
+    ],
+)
+def test_wrong_file_gets_one_line_that_helps(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "c.yaml"
+    path.write_text(text)
+    with pytest.raises(ConfigError, match=message) as caught:
+        load_config(path)
+    assert "\n" not in str(caught.value)
+    assert str(path) in str(caught.value)
+
+
+def test_missing_file(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="cannot be read"):
+        load_config(tmp_path / "none.yaml")
+
+
+def test_empty_file_gives_the_defaults(tmp_path: Path) -> None:
+    path = tmp_path / "c.yaml"
+    path.write_text("")
+    assert load_config(path) == Config()
+
+
+def test_single_values_override_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "c.yaml"
+    path.write_text("sync: {queue_size: 3, slop_s: 0.2}")
+    config = load_config(path, ("sync.queue_size=7", "combine.outliers.enabled=false", "topics.lidars=[/a, /b]"))
+    assert (config.sync.queue_size, config.sync.slop_s) == (7, 0.2)
+    assert not config.combine.outliers.enabled
+    assert config.topics.lidars == ("/a", "/b")
+
+
+@pytest.mark.parametrize("override", ["sync", "=3", "sync.policy.x.y=1", "sync.polcy=nearest", "run.workers=0"])
+def test_wrong_override(override: str) -> None:
+    with pytest.raises(ConfigError):
+        load_config(None, (override,))
+
+
+def test_class_names_are_unique() -> None:
+    prior = {"name": "car", "size_m": [4, 2, 1.5], "size_max_m": [5, 2.2, 2]}
+    with pytest.raises(ConfigError, match="stands twice"):
+        load_config(None, (f"classes=[{yaml.safe_dump(prior, default_flow_style=True).strip()}, {prior}]",))
+
+
+def test_labels_lead_to_classes() -> None:
+    config = Config()
+    assert config.class_names[config.class_id_of_label["person"]] == "pedestrian"
+    assert config.class_id_of_label["car"] == 0

@@ -1,0 +1,57 @@
+"""YAML that stands for more than it says."""
+
+import time
+from pathlib import Path
+
+import pytest
+import yaml
+
+from pipeline.core.config import load_config, parse_yaml, read_yaml
+from pipeline.core.errors import ConfigError
+from readers.rig.load import load_rig
+
+LAUGHS = "a: &a [1, 1]\n" + "\n".join(
+    f"{chr(98 + i)}: &{chr(98 + i)} [{', '.join([f'*{chr(97 + i)}'] * 9)}]" for i in range(20)
+)
+MERGES = "a: &a {x: 1}\n" + "\n".join(
+    f"{chr(98 + i)}: &{chr(98 + i)}\n  <<: [{', '.join([f'*{chr(97 + i)}'] * 9)}]" for i in range(20)
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        (LAUGHS, "more than 100000 values"),
+        (MERGES, "more than 100000 values"),
+        ("a: &a [*a]", "contains itself"),
+        ("a: " + "[" * 10_000, "more than 30 brackets"),
+        ("- " * 2000 + "a", "nested too deeply"),
+        ("a: 2001-99-99", "a value that is none: month must be in 1..12"),
+        (f"a: {'9' * 5000}", "a value that is none"),
+        ("a: " + "b" * (1 << 20), "more than 1 MiB"),
+    ],
+)
+def test_one_line_in_a_short_time(tmp_path: Path, text: str, fault: str) -> None:
+    path = tmp_path / "a.yaml"
+    path.write_text(text)
+    started = time.monotonic()
+    with pytest.raises(ConfigError, match=rf"a\.yaml: not YAML: .*{fault}"):
+        read_yaml(path)
+    with pytest.raises(ConfigError, match=r"a\.yaml: not YAML"):
+        load_rig(path)
+    assert time.monotonic() - started < 10
+
+
+def test_aliases_and_merges_in_measure() -> None:
+    text = "base: &b {x: 1, y: [1, 2]}\nother:\n  <<: *b\n  x: 2\nagain: *b\n"
+    assert parse_yaml(text) == yaml.safe_load(text)
+    assert parse_yaml(text)["other"] == {"x": 2, "y": [1, 2]}
+    assert parse_yaml("") is None
+
+
+def test_a_long_value_is_cut_short_in_the_error(tmp_path: Path) -> None:
+    path = tmp_path / "c.yaml"
+    path.write_text(f"sync: {{queue_size: [{', '.join(['1'] * 5000)}]}}")
+    with pytest.raises(ConfigError, match=r"sync\.queue_size") as caught:
+        load_config(path)
+    assert len(str(caught.value)) < 500

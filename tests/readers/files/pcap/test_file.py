@@ -1,0 +1,264 @@
+import tracemalloc
+from decimal import Decimal
+from pathlib import Path
+
+import dpkt
+import numpy as np
+import pytest
+import velodyne_decoder as vd
+import zstandard
+from builders import pointcloud2, raw, write_rosbag1, write_rosbag2
+from captures import PCAP_FORMS, capture_of, ethernet, interface, ip_packet, ng_packet, pcap, section
+from helpers import shared
+from velodyne import JUDGES, START_NS, random_packets, recorded_scans
+
+from pipeline.core.config import VelodyneLidarConfig
+from pipeline.core.errors import RecordingError
+from pipeline.core.types import RawMessage
+from readers.messages.deserialize import deserialize
+from readers.open import open_recording
+from readers.streams.per_sensor import sensor_messages
+from readers.velodyne.decoder import VelodyneDecoder
+from readers.velodyne.packet import PACKET
+from readers.velodyne.scan import parse_velodyne_scan
+
+TOPIC = "/velodyne_192_168_1_201/packets"
+PAYLOAD, STAMPS_NS = random_packets("VLP-16", packets=40, start=0)
+CAPTURE = capture_of(PAYLOAD, STAMPS_NS)
+
+
+def written(folder: Path, content: bytes, name: str = "velodyne.pcap") -> Path:
+    path = folder / name
+    path.write_bytes(content)
+    return path
+
+
+def read(path: Path, *, start_ns: int | None = None, stop_ns: int | None = None) -> list[RawMessage]:
+    with open_recording([path]) as recording:
+        assert recording.losses == ()
+        return list(recording.messages(start_ns=start_ns, stop_ns=stop_ns))
+
+
+def payloads(messages: list[RawMessage]) -> list[bytes]:
+    return [deserialize(message).data.tobytes() for message in messages]
+
+
+# --- judged by velodyne-decoder
+
+
+@pytest.mark.parametrize("kind", ["vlp16", "vls128"])
+def test_recordings_as_velodyne_decoder_reads_their_captures(kind: str, tmp_path: Path) -> None:
+    """It cuts sweeps elsewhere: so all points of all sweeps are compared, in the order of the packets."""
+    name = {"vlp16": "VLP-16", "vls128": "VLS-128"}[kind]
+    [recorded] = shared(f"data/velodyne_packets/{kind}").glob("*/*.db3")
+    scans = [parse_velodyne_scan(message) for message in recorded_scans(recorded)]
+    path = tmp_path / "velodyne.pcap"
+    with path.open("wb") as stream:
+        writer = dpkt.pcap.Writer(stream, nano=True)
+        for scan in scans:
+            for at, frame in capture_of(scan.payload, scan.stamps_ns):
+                writer.writepkt(frame, Decimal(at) / 10**9)
+    config = vd.Config()
+    config.model, config.min_range, config.max_range = JUDGES[name], 0.0, 300.0
+    theirs = np.concatenate([points for _, points in vd.read_pcap(str(path), config, as_pcl_structs=True)])
+    decode = VelodyneDecoder(VelodyneLidarConfig())
+    with sensor_messages(open_recording([path])) as recording:
+        clouds = [decode(sweep) for sweep in recording.messages()]
+    assert len(clouds) in {4, 5}
+    xyz, ring = np.concatenate([cloud.xyz for cloud in clouds]), np.concatenate([cloud.ring for cloud in clouds])
+    assert len(xyz) == len(theirs)
+    # of a packet with two returns the judge gives all of one return first: order by what both agree on
+    order, their_order = (
+        np.lexsort((np.linalg.norm(points, axis=1).round(3), rings))
+        for points, rings in ((xyz, ring), (np.stack([theirs[axis] for axis in "xyz"], axis=1), theirs["ring"]))
+    )
+    np.testing.assert_array_equal(ring[order], theirs["ring"][their_order])
+    ranges_m = np.linalg.norm(xyz[order], axis=1)
+    their_ranges_m = np.linalg.norm(np.stack([theirs[axis] for axis in "xyz"], axis=1)[their_order], axis=1)
+    np.testing.assert_allclose(ranges_m, their_ranges_m, rtol=1e-5, atol=2e-3)
+    np.testing.assert_array_equal(
+        np.sort(np.concatenate([cloud.intensity for cloud in clouds])), np.sort(theirs["intensity"])
+    )
+
+
+# --- what is read
+
+
+@pytest.mark.parametrize("form", [*PCAP_FORMS, "ng"])
+def test_every_form(form: str, tmp_path: Path) -> None:
+    if form == "ng":
+        content = section() + interface() + b"".join(ng_packet(at, frame) for at, frame in CAPTURE)
+    else:
+        content = pcap(CAPTURE, form)
+    found = read(written(tmp_path, content))
+    assert payloads(found) == [data.tobytes() for data in PAYLOAD]
+    times_ns = STAMPS_NS if form == "ng" or "ns" in form else STAMPS_NS // 1000 * 1000
+    assert [message.stamp_ns for message in found] == times_ns.tolist()
+    assert [message.log_time_ns for message in found] == times_ns.tolist()
+    stamps = [deserialize(message).stamp for message in found]
+    assert [stamp.sec * 10**9 + stamp.nanosec for stamp in stamps] == times_ns.tolist()
+
+
+def test_what_it_is(tmp_path: Path) -> None:
+    with open_recording([written(tmp_path, pcap(CAPTURE))]) as recording:
+        assert [(info.topic, info.msgtype, info.message_count) for info in recording.topics] == [(TOPIC, PACKET, 40)]
+        assert (recording.start_ns, recording.end_ns) == (STAMPS_NS[0], STAMPS_NS[-1])
+        assert recording.message_count == 40
+
+
+def test_lidars_are_told_apart(tmp_path: Path) -> None:
+    senders = [("192.168.1.202", 2368), ("192.168.1.201", 2369), ("192.168.1.201", 2368), ("fe80::7", 2368)]
+    frames = [(START_NS + n, ethernet(ip_packet(PAYLOAD[n].tobytes(), *senders[n % 4]))) for n in range(len(PAYLOAD))]
+    path = written(tmp_path, pcap(frames))
+    with open_recording([path]) as recording:
+        topics = {info.topic: info.message_count for info in recording.topics}
+        assert topics == {
+            "/velodyne_192_168_1_201/packets": 10,
+            "/velodyne_192_168_1_201_2369/packets": 10,
+            "/velodyne_192_168_1_202/packets": 10,
+            "/velodyne_fe80__7/packets": 10,
+        }
+        for topic, first in zip(topics, (2, 1, 0, 3), strict=True):
+            assert payloads(list(recording.messages([topic]))) == [data.tobytes() for data in PAYLOAD[first::4]]
+
+
+def test_the_order_is_that_of_time(tmp_path: Path) -> None:
+    order = np.random.default_rng(0).permutation(len(CAPTURE))
+    found = read(written(tmp_path, pcap([CAPTURE[n] for n in order])))
+    assert payloads(found) == [data.tobytes() for data in PAYLOAD]
+    same = read(written(tmp_path, pcap([(START_NS, frame) for _, frame in CAPTURE]), "same.pcap"))
+    assert payloads(same) == [data.tobytes() for data in PAYLOAD]
+    assert [m.order for m in same] == sorted(m.order for m in same)
+
+
+def test_a_window(tmp_path: Path) -> None:
+    path = written(tmp_path, pcap(CAPTURE))
+    everything = read(path)
+    assert read(path, start_ns=int(STAMPS_NS[3]), stop_ns=int(STAMPS_NS[7])) == everything[3:7]
+    assert read(path, start_ns=int(STAMPS_NS[3]) + 1) == everything[4:]
+
+
+def test_other_traffic_is_counted(tmp_path: Path) -> None:
+    fragment = ip_packet(PAYLOAD[0].tobytes())
+    fragment.mf = 1
+    frames = [
+        ethernet(ip_packet(PAYLOAD[0].tobytes())),
+        ethernet(ip_packet(bytes(554), port=8308)),
+        ethernet(ip_packet(bytes(554), port=8308)),
+        ethernet(ip_packet(b"who is there", port=53)),
+        ethernet(fragment),
+        ethernet(b"who has", 0x0806),
+        ethernet(ip_packet(PAYLOAD[0].tobytes()))[:900],
+    ]
+    path = written(tmp_path, pcap((START_NS + n, frame) for n, frame in enumerate(frames)))
+    with open_recording([path]) as recording:
+        found = {info.topic: (info.message_count, bool(info.unreadable)) for info in recording.topics}
+        assert recording.message_count == 7
+        assert len(list(recording.messages())) == 1
+    assert found == {
+        TOPIC: (1, False),
+        "/other_traffic/cut_short": (1, True),
+        "/other_traffic/fragments": (1, True),
+        "/other_traffic/not_ip": (1, True),
+        "/other_traffic/other_size": (1, True),
+        "/other_traffic/position": (2, True),
+    }
+
+
+def test_packets_without_a_time_are_counted(tmp_path: Path) -> None:
+    content = section() + interface() + ng_packet(0, CAPTURE[0][1], kind=3) + ng_packet(START_NS, CAPTURE[1][1])
+    with open_recording([written(tmp_path, content)]) as recording:
+        assert {i.topic: i.message_count for i in recording.topics} == {TOPIC: 1, "/other_traffic/no_time": 1}
+        assert (recording.start_ns, recording.end_ns) == (START_NS, START_NS)
+
+
+def test_a_flood_of_senders_is_bounded(tmp_path: Path) -> None:
+    data = PAYLOAD[0].tobytes()
+    frames = [(START_NS, ethernet(ip_packet(data, f"10.0.{n // 256}.{n % 256}"))) for n in range(300)]
+    with open_recording([written(tmp_path, pcap(frames))]) as recording:
+        assert len(recording.topics) == 65
+        assert {i.topic: i.message_count for i in recording.topics}["/other_traffic/too_many_lidars"] == 236
+
+
+# --- files
+
+
+def test_compressed_as_a_whole(tmp_path: Path) -> None:
+    path = written(tmp_path, zstandard.compress(pcap(CAPTURE)), "velodyne.pcap.zst")
+    assert payloads(read(path)) == [data.tobytes() for data in PAYLOAD]
+
+
+@pytest.mark.parametrize("ros", [1, 2])
+def test_beside_a_bag(ros: int, tmp_path: Path) -> None:
+    """The capture has no cameras and no transforms: a bag of the same drive may have them."""
+    encoding, write = ("ros1", write_rosbag1) if ros == 1 else ("cdr", write_rosbag2)
+    at_ns = int(STAMPS_NS[20]) + 5
+    cloud = raw("/points", "sensor_msgs/msg/PointCloud2", pointcloud2([[1, 2, 3]], stamp_ns=5), at_ns, None, encoding)  # type: ignore[arg-type]  # one of the two
+    write(tmp_path / "drive", [cloud])
+    with open_recording([tmp_path / "drive", written(tmp_path, pcap(CAPTURE))]) as recording:
+        found = list(recording.messages())
+    assert [message.topic for message in found].index("/points") == 21
+    assert len(found) == 41
+
+
+def test_split_captures(tmp_path: Path) -> None:
+    paths = [written(tmp_path, pcap(CAPTURE[n : n + 15]), f"{n}.pcap") for n in (0, 15, 30)]
+    with sensor_messages(open_recording(paths)) as recording:
+        [sweep] = recording.messages()
+    np.testing.assert_array_equal(parse_velodyne_scan(sweep).payload, PAYLOAD)
+
+
+def test_truncated(tmp_path: Path) -> None:
+    path = written(tmp_path, pcap(CAPTURE)[:-100])
+    with open_recording([path]) as recording:
+        assert payloads(list(recording.messages())) == [data.tobytes() for data in PAYLOAD[:-1]]
+        [loss] = recording.losses
+        assert (loss.path, loss.messages) == (path, 1)
+        assert loss.position + (loss.size or 0) == path.stat().st_size
+        assert "a packet of 1248 bytes, of which the file has 1148" in loss.reason
+    with pytest.raises(RecordingError, match=r"velodyne\.pcap: .*at byte \d+: a packet of 1248 bytes"):
+        open_recording([path], rescue=False)
+
+
+def test_overwritten_in_the_middle(tmp_path: Path) -> None:
+    content = bytearray(pcap(CAPTURE))
+    at = 24 + 10 * (16 + 1248)
+    content[at : at + 500] = b"\xaa" * 500
+    with open_recording([written(tmp_path, bytes(content))]) as recording:
+        assert payloads(list(recording.messages())) == [data.tobytes() for data in np.delete(PAYLOAD, 10, axis=0)]
+        [loss] = recording.losses
+        assert (loss.position, loss.size) == (at, 16 + 1248)
+
+
+@pytest.mark.parametrize(
+    "content", [pcap([])[:10], pcap([]) + b"\xff" * 40, section()[:20], section() + b"\xff" * 40], ids=str
+)
+def test_nothing_to_save(content: bytes, tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match=r"velodyne\.pcap: the file is damaged.*nothing in it can be saved"):
+        open_recording([written(tmp_path, content)])
+
+
+def test_an_empty_capture_is_empty(tmp_path: Path) -> None:
+    with open_recording([written(tmp_path, pcap([]))]) as recording:
+        assert (recording.message_count, recording.topics, recording.losses) == (0, (), ())
+
+
+def test_a_closed_capture_says_so(tmp_path: Path) -> None:
+    with open_recording([written(tmp_path, pcap(CAPTURE))]) as recording:
+        messages = recording.messages()
+        next(messages)
+    with pytest.raises(RecordingError, match="expected an open recording"):
+        list(messages)
+    with pytest.raises(RecordingError, match="expected an open recording"):
+        list(recording.messages())
+
+
+def test_memory_does_not_hold_the_packets(tmp_path: Path) -> None:
+    path = written(tmp_path, pcap(CAPTURE * 200))
+    tracemalloc.start()
+    with open_recording([path]) as recording:
+        assert sum(1 for _ in recording.messages()) == 8_000
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert path.stat().st_size > 10_000_000
+    assert most < 4_000_000

@@ -1,0 +1,231 @@
+import io
+import struct
+import time
+from collections.abc import Callable
+from decimal import Decimal
+from typing import Any
+
+import dpkt
+import pytest
+from captures import PCAP_FORMS, block, interface, ng_packet, pcap, section
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from readers.files.pcap.packets import CapturedPacket, captured_packets, is_capture
+
+AT_NS = 1_600_000_000_123_456_000
+PACKETS = [(AT_NS + n * 1_000_000, bytes([n]) * (40 + n)) for n in range(6)]
+Losses = list[tuple[int, str, int | None, int | None]]
+
+
+def pcapng(order: str = "<") -> bytes:
+    body = [ng_packet(at, packet, order=order) for at, packet in PACKETS]
+    return section(order) + interface(order=order) + b"".join(body)
+
+
+FILES = {form: pcap(PACKETS, form) for form in PCAP_FORMS} | {"ng, little": pcapng("<"), "ng, big": pcapng(">")}
+
+
+def read(content: bytes) -> tuple[list[CapturedPacket], Losses]:
+    losses: Losses = []
+
+    def note(position: int, reason: str, *, size: int | None = None, messages: int | None = None) -> None:
+        losses.append((position, reason, size, messages))
+
+    return list(captured_packets(io.BytesIO(content), note)), losses
+
+
+def found(content: bytes) -> list[tuple[int, bytes]]:
+    packets, losses = read(content)
+    assert losses == []
+    assert all(content[p.position : p.position + p.size].startswith(p.head) for p in packets)
+    return [(packet.time_ns, content[packet.position : packet.position + packet.size]) for packet in packets]
+
+
+# --- sound files
+
+
+@pytest.mark.parametrize("form", FILES)
+def test_every_form(form: str) -> None:
+    assert is_capture(FILES[form][:64])
+    assert found(FILES[form]) == PACKETS
+    assert {packet.link_type for packet in read(FILES[form])[0]} == {1}
+
+
+@pytest.mark.parametrize("form", [form for form in FILES if "modified" not in form])
+def test_as_dpkt_reads_it(form: str) -> None:
+    theirs = list(dpkt.pcap.UniversalReader(io.BytesIO(FILES[form])))
+    assert [packet for _, packet in theirs] == [packet for _, packet in found(FILES[form])]
+    assert [float(at) for at, _ in theirs] == pytest.approx([at / 1e9 for at, _ in PACKETS], abs=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["us", "ns", "ng"])
+def test_what_dpkt_writes(kind: str) -> None:
+    stream = io.BytesIO()
+    writer: Any = dpkt.pcapng.Writer(stream) if kind == "ng" else dpkt.pcap.Writer(stream, nano=kind == "ns")
+    for at, packet in PACKETS:
+        writer.writepkt(packet, at / 1e9 if kind == "ng" else Decimal(at) / 10**9)
+    assert found(stream.getvalue()) == PACKETS
+
+
+def test_no_packets() -> None:
+    assert found(pcap([])) == []
+    assert found(section()) == []
+
+
+@pytest.mark.parametrize("magic", [b"", b"\xd4\xc3", b"\x0a\x0d\x0d\x0a" + bytes(20), b"#ROSBAG V2.0\n"])
+def test_other_files_are_no_captures(magic: bytes) -> None:
+    assert not is_capture(magic)
+
+
+@pytest.mark.parametrize(
+    ("options", "ticks", "time_ns"),
+    [
+        ([], 1_600_000_000_123_456, AT_NS),
+        ([(9, b"\x03")], 1_600_000_000_123, AT_NS - 456_000),
+        ([(9, b"\x8a")], 1_600_000_000 * 1024 + 512, 1_600_000_000_500_000_000),
+        ([(2, b"eth0"), (14, struct.pack("<q", 1_600_000_000))], 7, 1_600_000_000_000_007_000),
+        ([(14, struct.pack("<q", -5))], 4_000_000, -1),
+        ([(9, b"\x00")], 2**63, -1),
+        ([(9, b"\x7f")], 2**63, 0),
+    ],
+)
+def test_clocks_of_interfaces(options: list[tuple[int, bytes]], ticks: int, time_ns: int) -> None:
+    content = section() + interface(options=options) + ng_packet(ticks, b"data")
+    assert found(content) == [(time_ns, b"data")]
+
+
+def test_blocks_of_every_kind() -> None:
+    content = b"".join(
+        (
+            section(),
+            interface(1),
+            interface(113, ()),
+            ng_packet(AT_NS // 1000, b"one", number=1),
+            block(5, b"statistics"),
+            block(0x0BAD, b"of the future"),
+            ng_packet(AT_NS, b"two", kind=2),
+            ng_packet(0, b"three", kind=3),
+            ng_packet(AT_NS, b"four", number=7),
+            section(">"),
+            interface(101, order=">"),
+            ng_packet(AT_NS, b"five", order=">"),
+        )
+    )
+    packets, losses = read(content)
+    assert losses == []
+    assert [(packet.time_ns, packet.link_type, packet.head[: packet.size]) for packet in packets] == [
+        (AT_NS, 113, b"one"),
+        (AT_NS, 1, b"two"),
+        (-1, 1, b"three"),
+        (-1, -1, b"four"),
+        (AT_NS, 101, b"five"),
+    ]
+
+
+# --- damaged files
+
+
+@pytest.mark.parametrize("form", ["little, us", "big, modified", "ng, little", "ng, big"])
+def test_cut_anywhere(form: str) -> None:
+    content = FILES[form]
+    whole, _ = read(content)
+    ends = [packet.position + packet.size for packet in whole]
+    if form.startswith("ng"):
+        ends = [(end + 3) // 4 * 4 + 4 for end in ends]
+    for size in range(28 if form.startswith("ng") else 24, len(content)):
+        packets, losses = read(content[:size])
+        assert packets == whole[: sum(end <= size for end in ends)]
+        begins = {*ends, *([28, 28 + len(interface())] if form.startswith("ng") else [24])}
+        assert len(losses) == (size not in begins)
+        if losses:
+            [(position, _, lost, _)] = losses
+            assert position in begins
+            assert lost == size - position
+
+
+@pytest.mark.parametrize("size", range(4, 24))
+def test_cut_in_the_first_header(size: int) -> None:
+    with pytest.raises(EOFError, match=f"its header has {size} of 24 bytes"):
+        read(FILES["little, us"][:size])
+
+
+def damage_pcap(content: bytes) -> bytes:
+    """The header of the third packet overwritten."""
+    at = read(content)[0][2].position
+    return content[: at - 16] + b"\xff" * 16 + content[at:]
+
+
+@pytest.mark.parametrize("form", ["little, ns", "big, us", "ng, little", "ng, big"])
+@pytest.mark.parametrize(
+    "damage",
+    [
+        damage_pcap,
+        lambda content: content[: len(content) // 2] + content[len(content) // 2 + 21 :],
+        lambda content: content[: len(content) // 2] + b"\x55" * 1000 + content[len(content) // 2 :],
+    ],
+)
+def test_packets_behind_damage_are_found(form: str, damage: Callable[[bytes], bytes]) -> None:
+    packets, losses = read(damage(FILES[form]))
+    sound = [packet for at, packet in PACKETS]
+    kept = [packet.head for packet in packets if packet.head in sound]
+    assert len(kept) >= len(sound) - 2
+    assert kept[0] == sound[0]
+    assert kept[-1] == sound[-1]
+    assert 1 <= len(losses) <= 2
+    assert all(size for _, _, size, _ in losses)
+
+
+@pytest.mark.parametrize("form", ["little, us", "ng, little"])
+def test_absurd_lengths_cost_nothing(form: str) -> None:
+    content = bytearray(FILES[form])
+    at = content.index(PACKETS[1][1])
+    place = at - 8 if form.startswith("l") else at - 24
+    content[place : place + 4] = b"\xfc\xff\xff\xff"
+    packets, losses = read(bytes(content))
+    assert [packet.head for packet in packets] == [packet for _, packet in PACKETS if packet != PACKETS[1][1]]
+    assert len(losses) == 1
+
+
+@pytest.mark.parametrize("captured", [40_000, 1])
+def test_a_length_that_leads_astray_swallows_nothing(captured: int) -> None:
+    packets = [(AT_NS + n, bytes([n]) * 900) for n in range(100)]
+    content = bytearray(pcap(packets))
+    at = 24 + 10 * 916
+    content[at + 8 : at + 12] = struct.pack("<I", captured)
+    found, losses = read(bytes(content))
+    assert [packet.head for packet in found if packet.size == 900] == [
+        p[:160] for n, (_, p) in enumerate(packets) if n != 10
+    ]
+    assert len(losses) == 1
+
+
+def test_more_captured_than_there_was() -> None:
+    """Some programs write lengths on the wire that are too short."""
+    content = bytearray(pcap(PACKETS))
+    for packet in read(bytes(content))[0]:
+        content[packet.position - 4 : packet.position] = bytes(4)
+    assert found(bytes(content)) == PACKETS
+
+
+@pytest.mark.parametrize("length", [7, 200_007])
+def test_much_damage_takes_no_time(length: int) -> None:
+    """A megabyte of headers that all look likely, none followed by another one."""
+    header = struct.pack("<IIII", AT_NS // 10**9, 0, length, length)
+    began = time.perf_counter()
+    packets, losses = read(pcap(PACKETS) + b"\xff" * 16 + header * (1 << 16) + b"\xff" * (100 + length))
+    assert len(packets) == len(PACKETS)
+    assert len(losses) == 1
+    assert time.perf_counter() - began < 10
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.sampled_from([*FILES]), st.data())
+def test_any_bytes_are_packets_within_the_file_or_a_loss(form: str, data: st.DataObject) -> None:
+    content = bytearray(FILES[form])
+    for _ in range(data.draw(st.integers(1, 8))):
+        content[data.draw(st.integers(28, len(content) - 1))] = data.draw(st.integers(0, 255))
+    packets, losses = read(bytes(content[: data.draw(st.integers(28, len(content)))]))
+    assert all(0 <= packet.position <= packet.position + packet.size <= len(content) for packet in packets)
+    assert [packet.position for packet in packets] == sorted(packet.position for packet in packets)
+    assert [position for position, *_ in losses] == sorted(position for position, *_ in losses)

@@ -1,0 +1,44 @@
+import pytest
+
+from readers.files.chunk_cache import ChunkCache, detach
+
+
+def test_cache_keeps_the_chunks_used_last() -> None:
+    loaded = []
+    cache = ChunkCache(max_bytes=25)
+
+    def get(position: int) -> bytes:
+        def load() -> bytes:
+            loaded.append(position)
+            return bytes([position]) * 10
+
+        return cache.get(position, load)
+
+    assert [get(p)[0] for p in (1, 2, 1, 3, 1, 2)] == [1, 2, 1, 3, 1, 2]
+    assert loaded == [1, 2, 3, 2]  # 3 pushed 2 out, not 1, which was used after it
+    cache.drop(2)
+    cache.drop(99)
+    get(2)
+    assert loaded == [1, 2, 3, 2, 2]
+
+
+def test_a_chunk_larger_than_the_cache_is_kept_alone() -> None:
+    cache = ChunkCache(max_bytes=4)
+    assert cache.get(1, lambda: b"0123456789") == b"0123456789"
+    assert cache.get(1, lambda: b"") == b"0123456789"
+
+
+@pytest.mark.parametrize(
+    ("start", "size", "kind"), [(2, 8, memoryview), (5, 25, memoryview), (0, 24, bytes), (100, 0, bytes)]
+)
+def test_only_large_messages_keep_their_chunk_alive(start: int, size: int, kind: type) -> None:
+    chunk = bytes(range(100)) if size != 8 else bytes(range(30))
+    message = detach(chunk, start, size)
+    assert isinstance(message, kind)
+    assert bytes(message) == chunk[start : start + size]
+
+
+@pytest.mark.parametrize(("start", "size"), [(0, 101), (100, 1), (0, -1)])
+def test_messages_beyond_the_chunk(start: int, size: int) -> None:
+    with pytest.raises(ValueError, match="beyond its chunk"):
+        detach(bytes(100), start, size)

@@ -1,0 +1,73 @@
+import bz2
+from io import BytesIO
+from pathlib import Path
+from typing import Literal
+
+import lz4.frame
+import pytest
+from builders import odometry, raw, write_mcap, write_rosbag1
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pipeline.core.config import LimitsConfig
+from readers.files.decompress import compression_of, unpack, unpack_lz4
+from readers.open import open_recording
+
+
+def packed(data: bytes, compression: str) -> bytes:
+    frame: bytes = bz2.compress(data) if compression == "bz2" else lz4.frame.compress(data, content_checksum=True)
+    return frame
+
+
+@given(
+    data=st.binary(max_size=3000),
+    compression=st.sampled_from(["bz2", "lz4"]),
+    before=st.binary(max_size=5),
+    after=st.binary(max_size=5),
+)
+def test_a_frame_among_other_bytes(data: bytes, compression: str, before: bytes, after: bytes) -> None:
+    frame = packed(data, compression)
+    stream = BytesIO(before + frame + after)
+    assert unpack(stream, len(before), len(stream.getvalue()), compression, largest=10_000) == (data, len(frame), True)
+    assert compression_of(frame) == compression
+    if compression == "lz4":
+        for size in (0, len(data), 10**12):  # what the file says of it may be wrong
+            assert unpack_lz4(frame, size, largest=10_000) == data
+
+
+@pytest.mark.parametrize("compression", ["bz2", "lz4"])
+def test_a_frame_that_is_cut_off_or_altered(compression: str) -> None:
+    data = bytes(range(256)) * 5000
+    frame = packed(data, compression)
+    cut = unpack(BytesIO(frame), 0, len(frame) * 9 // 10, compression, largest=1 << 21)
+    assert data.startswith(cut.data)
+    assert not cut.complete
+    altered = bytearray(frame)
+    altered[len(frame) // 2] ^= 1
+    with pytest.raises((OSError, RuntimeError)):
+        unpack(BytesIO(altered), 0, len(frame), compression, largest=1 << 21)
+    if compression == "lz4":
+        with pytest.raises(EOFError):
+            unpack_lz4(frame[:-10], len(data), largest=1 << 21)
+
+
+@pytest.mark.parametrize("kind", ["bz2", "lz4", "mcap-lz4", "mcap-zstd"])
+def test_a_chunk_that_would_fill_the_memory_is_passed_over(tmp_path: Path, kind: Literal["bz2", "lz4"]) -> None:
+    """Of three chunks, the second unpacks to more than is allowed."""
+    form, _, how = kind.rpartition("-")
+    encoding: Literal["ros1", "cdr"] = "cdr" if form else "ros1"
+    state = "nav_msgs/msg/Odometry"
+    messages = [
+        raw("/odom", state, odometry(stamp_ns=i, frame_id="a" * (1_500_000 if i == 2 else 1)), i, i, encoding)
+        for i in (1, 2, 3)
+    ]
+    path = tmp_path / ("rec.mcap" if form else "rec.bag")
+    if form:
+        write_mcap(path, messages, how, chunk_bytes=1)  # type: ignore[arg-type]  # a part of `kind`
+    else:
+        write_rosbag1(path, messages, kind, chunk_bytes=1)
+    with open_recording([path], limits=LimitsConfig(largest_chunk_mib=1)) as recording:
+        assert [m.log_time_ns for m in recording.messages()] == [1, 3]
+        (loss,) = recording.losses
+    assert loss.messages == 1
+    assert f"more than {1 << 20} bytes, see limits.largest_chunk_mib" in loss.reason

@@ -1,0 +1,553 @@
+"""Files that ask for more than they are worth: one clear line, a bounded amount of memory and time."""
+
+import sqlite3
+import struct
+import time
+import tracemalloc
+from collections.abc import Iterator, Sequence
+from contextlib import closing, contextmanager
+from io import BytesIO
+from pathlib import Path
+from typing import Any, Literal
+
+import pytest
+import zstandard
+from builders import odometry, raw, serialize, tf_message, transform_stamped, write_mcap, write_rosbag1, write_rosbag2
+from mcap.data_stream import RecordBuilder
+from mcap.records import Channel as McapChannel
+from mcap.records import Chunk, ChunkIndex, DataEnd, Footer, Header, Message, Schema, Statistics
+
+from pipeline.core.config import LimitsConfig
+from pipeline.core.errors import FrameError, LidcamError, MessageError, RecordingError
+from pipeline.core.types import Channel, RawMessage
+from readers.files.chunk_cache import ChunkCache
+from readers.files.damage import Losses
+from readers.files.rosbag1.index import contents_of_walk
+from readers.memory import MemoryRecording
+from readers.messages.deserialize import definition_problem, deserialize
+from readers.messages.tf import read_transforms
+from readers.open import open_recording
+from readers.streams.survey import survey
+
+MIB = 1 << 20
+ODOMETRY = "nav_msgs/msg/Odometry"
+Encoding = Literal["ros1", "cdr"]
+
+
+@contextmanager
+def at_most(mib: float, seconds: float = 60.0) -> Iterator[None]:
+    """Hold what is done to an amount of memory, and to a time that no slow machine takes for it."""
+    tracemalloc.start()
+    started = time.monotonic()
+    try:
+        yield
+        took, peak = time.monotonic() - started, tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < mib * MIB, f"{peak / MIB:.1f} MiB"
+    assert took < seconds, f"{took:.1f} s"
+
+
+def states(count: int, encoding: Encoding = "cdr", *, frame_id: str = "odom") -> list[RawMessage]:
+    return [
+        raw("/odom", ODOMETRY, odometry(stamp_ns=i, frame_id=frame_id), i, i, encoding) for i in range(1, count + 1)
+    ]
+
+
+def read(path: Path, limits: LimitsConfig = LimitsConfig(), **options: bool) -> tuple[list[int], list[str]]:  # noqa: B008
+    """Log times that are read, and what was lost."""
+    with open_recording([path], limits=limits, **options) as recording:
+        times = [message.log_time_ns for message in recording.messages()]
+        return times, [loss.reason for loss in recording.losses]
+
+
+def packed_zeros(mib: int) -> bytes:
+    chunker: Any = zstandard.ZstdCompressor(write_content_size=False).chunker()
+    return b"".join([*(part for _ in range(mib) for part in chunker.compress(bytes(MIB))), *chunker.finish()])
+
+
+# --- compressed as a whole, or message by message
+
+
+@pytest.mark.parametrize("rescue", [True, False])
+def test_a_file_that_would_fill_the_disk(tmp_path: Path, rescue: bool) -> None:
+    path = tmp_path / "a.mcap.zstd"
+    path.write_bytes(packed_zeros(64))
+    with (
+        at_most(10),
+        pytest.raises(RecordingError, match=r"a\.mcap\.zstd: unpacks to more than .* raise limits.largest_un"),
+    ):
+        open_recording([path], rescue=rescue, limits=LimitsConfig(largest_unpacked_file_gib=0.01))
+
+
+@pytest.mark.parametrize("says_size", [True, False])
+@pytest.mark.parametrize("plugin", ["sqlite3", "mcap"])
+def test_a_message_that_unpacks_to_too_much(
+    tmp_path: Path, plugin: Literal["sqlite3", "mcap"], says_size: bool
+) -> None:
+    small, _, last = states(3)
+    bomb = small._replace(data=packed_zeros(64), log_time_ns=2)
+    if says_size:
+        bomb = bomb._replace(data=zstandard.compress(bytes(64 * MIB)))
+    write_rosbag2(tmp_path / "rec", [small, bomb, last], plugin)
+    with at_most(12):
+        times, losses = read(tmp_path / "rec", LimitsConfig(largest_message_mib=2))
+    assert times == [1, 3]
+    assert len(losses) == 1
+    assert ("limits.largest_message_mib" in losses[0]) == says_size
+
+
+@pytest.mark.parametrize("kind", ["bag", "loose", "sqlite"])
+def test_a_message_that_is_too_large(tmp_path: Path, kind: str) -> None:
+    messages = states(3, "ros1" if kind == "bag" else "cdr")
+    messages[1] = messages[1]._replace(data=bytes(2 * MIB))
+    path = tmp_path / "rec"
+    if kind == "bag":
+        write_rosbag1(path, messages)
+    elif kind == "loose":
+        write_mcap(path, messages, use_chunking=False)
+    else:
+        write_rosbag2(path, messages)
+    times, losses = read(path, LimitsConfig(largest_message_mib=1))
+    assert times == [1, 3]
+    assert "limits.largest_message_mib" in losses[-1]
+
+
+# --- chunks
+
+
+def test_chunks_of_a_damaged_bag_that_unpack_to_too_much(tmp_path: Path) -> None:
+    """Sound chunks of 1 MiB of one message each; no index."""
+    path = tmp_path / "a.bag"
+    write_rosbag1(path, [m._replace(data=bytes(m.data) + bytes(MIB)) for m in states(40, "ros1")], "bz2", chunk_bytes=1)
+    content = path.read_bytes()
+    path.write_bytes(content[:-1])
+    times, losses = read(path, LimitsConfig(largest_unpacked_file_gib=0.01))
+    assert times == [*range(1, len(times) + 1)]
+    assert 8 < len(times) < 13
+    assert "limits.largest_unpacked_file_gib" in losses[0]
+
+
+def test_chunks_that_are_needed_by_turns_again_and_again() -> None:
+    """Two chunks of which the cache holds one: the time does not grow with the number of messages without bound."""
+    loads = 0
+
+    def load() -> bytes:
+        nonlocal loads
+        loads += 1
+        return bytes(MIB)
+
+    cache = ChunkCache(MIB, most_loaded_bytes=20 * MIB)
+    for turn in range(21):
+        cache.get(turn % 2, load)
+    with pytest.raises(ValueError, match=r"limits\.largest_unpacked_file_gib"):
+        cache.get(1, load)
+    assert loads == 21
+    cache.begin()
+    cache.get(7, load)
+
+
+@pytest.mark.parametrize("how", ["none", "zstd"])
+def test_a_chunk_of_too_many_messages(tmp_path: Path, how: Literal["none", "zstd"]) -> None:
+    path = tmp_path / "a.mcap"
+    write_mcap(path, states(50), how, chunk_bytes=20_000)
+    limits = LimitsConfig(most_messages_per_chunk=20)
+    for thorough in (False, True):
+        times, losses = read(path, limits, thorough=thorough)
+        assert len(times) < 50
+        assert "limits.most_messages_per_chunk" in losses[0]
+
+
+def test_a_chunk_of_too_many_messages_in_a_damaged_bag(tmp_path: Path) -> None:
+    path = tmp_path / "a.bag"
+    write_rosbag1(path, states(50, "ros1"), "lz4", chunk_bytes=1 << 20)
+    path.write_bytes(path.read_bytes()[:-1])
+    times, losses = read(path, LimitsConfig(most_messages_per_chunk=20))
+    assert times == [*range(1, 21)]
+    assert "limits.most_messages_per_chunk" in losses[0]
+
+
+def test_more_messages_than_memory_holds(tmp_path: Path) -> None:
+    few = LimitsConfig(most_messages_in_memory=30)
+    write_mcap(tmp_path / "loose.mcap", states(50), use_chunking=False)
+    overlapping = [m._replace(log_time_ns=i % 5) for i, m in enumerate(states(50))]
+    write_mcap(tmp_path / "overlapping.mcap", overlapping, chunk_bytes=3000)
+    write_rosbag1(tmp_path / "cut.bag", states(50, "ros1"))
+    (tmp_path / "cut.bag").write_bytes((tmp_path / "cut.bag").read_bytes()[:-1])
+    for path in sorted(tmp_path.iterdir()):
+        with pytest.raises(RecordingError, match=r"more than 30 messages.* raise limits\.most_messages_in_memory"):
+            read(path, few)
+
+
+def test_too_many_topics(tmp_path: Path) -> None:
+    messages = [m._replace(channel=Channel(f"/{i}", *_type(m))) for i, m in enumerate(states(30))]
+    write_mcap(tmp_path / "a.mcap", messages)
+    with pytest.raises(RecordingError, match=r"a\.mcap: 30 topics, expected at most 20: raise limits\.most_topics"):
+        open_recording([tmp_path / "a.mcap"], limits=LimitsConfig(most_topics=20))
+
+
+def _type(message: RawMessage) -> tuple[str, Any, str, Any]:
+    channel = message.channel
+    return channel.msgtype, channel.encoding, channel.definition, channel.definition_format
+
+
+@pytest.mark.parametrize("thorough", [False, True])
+@pytest.mark.parametrize("kind", ["bag", "mcap"])
+def test_tiny_chunks_by_the_thousand(tmp_path: Path, kind: str, thorough: bool) -> None:
+    path = tmp_path / "a"
+    messages = states(3000, "ros1" if kind == "bag" else "cdr")
+    if kind == "bag":
+        write_rosbag1(path, messages, chunk_bytes=1)
+    else:
+        write_mcap(path, messages, chunk_bytes=1)
+    with at_most(20), open_recording([path], thorough=thorough) as recording:
+        assert sum(1 for _ in recording.messages()) == 3000
+
+
+def test_thousands_of_damaged_chunks(tmp_path: Path) -> None:
+    """The time is that of reading them once, and the list of losses stays short."""
+    path = tmp_path / "a.bag"
+    write_rosbag1(path, states(3000, "ros1"), "bz2", chunk_bytes=1)
+    path.write_bytes(path.read_bytes().replace(b"BZh9", b"BZh8\0"[:4]).replace(b"1AY&SY", b"1AY&SX"))
+    with at_most(20):
+        times, losses = read(path, LimitsConfig(most_losses_listed=10))
+    assert times == []
+    assert len(losses) == 11
+    assert losses[-1].startswith("2990 further places, see limits.most_losses_listed")
+
+
+def test_losses_are_added_up() -> None:
+    losses = Losses(Path("a"), 2)
+    for _ in range(2):
+        for position in range(5):
+            losses.note(position, "gone", size=10, messages=None if position == 4 else 1)
+    *listed, rest = losses.listed()
+    assert [loss.position for loss in listed] == [0, 1]
+    assert (rest.position, rest.size, rest.messages) == (2, 30, None)
+    assert rest.reason == "3 further places, see limits.most_losses_listed; the first of them: gone"
+
+
+def test_fields_of_a_header_without_end() -> None:
+    """Records that might begin everywhere, each with thousands of fields in its header."""
+    fields = b"\5\0\0\0op=\2a" + b"\2\0\0\0x=" * 600
+    starts = struct.pack("<I", 4000) + fields
+    content = b"#ROSBAG V2.0\n" + starts * 100
+    with at_most(10):
+        contents_of_walk(BytesIO(content), Losses(Path("a")), because="", limits=LimitsConfig())
+
+
+# --- MCAP files written by hand
+
+
+def mcap(data: Sequence[Any], summary: Sequence[Any]) -> bytes:
+    builder: Any = RecordBuilder()
+    magic = b"\x89MCAP0\r\n"
+    Header("ros2", "by hand").write(builder)
+    for record in [*data, DataEnd(0)]:
+        record.write(builder)
+    front = magic + bytes(builder.end())
+    for record in summary:
+        record.write(builder)
+    Footer(summary_start=len(front), summary_offset_start=0, summary_crc=0).write(builder)
+    return front + bytes(builder.end()) + magic
+
+
+SCHEMA = Schema(data=b"string data", encoding="ros2msg", id=1, name="std_msgs/msg/String")
+CHANNEL = McapChannel(id=1, message_encoding="cdr", metadata={}, schema_id=1, topic="/a")
+TEXT = serialize("std_msgs/msg/String", {"data": "a"})
+
+
+def statistics(messages: int, chunks: int, end: int = 9) -> Statistics:
+    return Statistics(0, 1, {1: messages}, chunks, messages, end, 0, 0, 1)
+
+
+def text_at(log_time_ns: int) -> Message:
+    return Message(channel_id=1, data=TEXT, log_time=log_time_ns, publish_time=0, sequence=0)
+
+
+def records(*times: int) -> bytes:
+    builder: Any = RecordBuilder()
+    for log_time in times:
+        text_at(log_time).write(builder)
+    return bytes(builder.end())
+
+
+def chunk(content: bytes, *, compression: str = "", packed: bytes | None = None, claimed: int | None = None) -> Chunk:
+    size = len(content) if claimed is None else claimed
+    return Chunk(compression, content if packed is None else packed, 9, 1, 0, size)
+
+
+def index(position: int, size: int) -> ChunkIndex:
+    return ChunkIndex(size, position, "", 0, 9, 1, {1: 0}, 0, 0)
+
+
+HEAD_BYTES = len(mcap([], [])) - 9 - 4 - 29 - 8
+"""Where the first record behind the header begins."""
+
+
+def size_of(record: Any) -> int:
+    builder: Any = RecordBuilder()
+    record.write(builder)
+    return len(builder.end())
+
+
+def test_a_chunk_where_the_summary_should_be(tmp_path: Path) -> None:
+    bomb = chunk(b"", compression="zstd", packed=packed_zeros(100), claimed=100 * MIB)
+    path = tmp_path / "a.mcap"
+    sound = [SCHEMA, CHANNEL, text_at(5)]
+    path.write_bytes(mcap(sound, [SCHEMA, CHANNEL, bomb, statistics(1, 0)]))
+    with at_most(20):
+        times, _ = read(path)
+    assert times == [5]
+
+
+def test_a_chunk_where_the_header_should_be(tmp_path: Path) -> None:
+    builder: Any = RecordBuilder()
+    chunk(b"", compression="zstd", packed=packed_zeros(100), claimed=100 * MIB).write(builder)
+    path = tmp_path / "a.mcap"
+    path.write_bytes(b"\x89MCAP0\r\n" + builder.end())
+    with at_most(20), pytest.raises(RecordingError):
+        read(path, LimitsConfig(largest_chunk_mib=8))
+
+
+@pytest.mark.parametrize("compression", ["zstd", "lz4"])
+def test_a_chunk_that_unpacks_to_more_than_it_says(tmp_path: Path, compression: str) -> None:
+    import lz4.frame
+
+    big = bytes(64 * MIB)
+    packed = zstandard.compress(big) if compression == "zstd" else lz4.frame.compress(big)
+    first, bomb = chunk(records(1)), chunk(b"", compression=compression, packed=packed, claimed=100)
+    at = HEAD_BYTES + size_of(SCHEMA) + size_of(CHANNEL)
+    places = [index(at, size_of(first)), index(at + size_of(first), size_of(bomb))]
+    path = tmp_path / "a.mcap"
+    path.write_bytes(mcap([SCHEMA, CHANNEL, first, bomb], [SCHEMA, CHANNEL, *places, statistics(2, 2)]))
+    for thorough in (False, True):
+        with at_most(30):
+            times, losses = read(path, LimitsConfig(largest_chunk_mib=8), thorough=thorough)
+        assert times == [1]
+        assert len(losses) == 1
+
+
+def test_an_index_that_names_a_chunk_again_and_again(tmp_path: Path) -> None:
+    only = chunk(records(*range(10)))
+    at = HEAD_BYTES + size_of(SCHEMA) + size_of(CHANNEL)
+    path = tmp_path / "a.mcap"
+    again = [index(at, size_of(only))] * 1000
+    path.write_bytes(mcap([SCHEMA, CHANNEL, only], [SCHEMA, CHANNEL, *again, statistics(10_000, 1000)]))
+    times, losses = read(path)
+    assert times == [*range(10)]
+    assert losses
+
+
+def test_chunks_inside_of_one_another(tmp_path: Path) -> None:
+    """A chunk that is no record of a chunk, but a whole chunk with the same messages at its end, and so on."""
+    at = HEAD_BYTES + size_of(SCHEMA) + size_of(CHANNEL)
+    nested, places = records(1), []
+    for _ in range(20):
+        builder: Any = RecordBuilder()
+        chunk(nested).write(builder)
+        nested = builder.end()
+    inner = nested
+    for depth in range(20):
+        places.append(index(at + len(nested) - len(inner), len(inner)))
+        inner = inner[9 + 8 + 8 + 8 + 4 + 4 + 8 :]
+        assert depth == 19 or inner[0] == 6
+    path = tmp_path / "a.mcap"
+    path.write_bytes(mcap([SCHEMA, CHANNEL], [SCHEMA, CHANNEL]).replace(b"", b"", 0))
+    front = mcap([SCHEMA, CHANNEL], [])[:at]
+    body = mcap([], [SCHEMA, CHANNEL, *places, statistics(20, 20)])[HEAD_BYTES:]
+    end = bytearray(front + nested + body)
+    struct.pack_into("<Q", end, len(end) - 8 - 20, len(front) + len(nested) + 13)
+    path.write_bytes(end)
+    times, losses = read(path)
+    assert times in ([], [1])
+    assert losses
+
+
+@pytest.mark.parametrize("in_chunk", [True, False])
+def test_times_that_are_none(tmp_path: Path, in_chunk: bool) -> None:
+    late = 2**63
+    path = tmp_path / "a.mcap"
+    data = [chunk(records(4, late))] if in_chunk else [text_at(4), text_at(late)]
+    path.write_bytes(mcap([SCHEMA, CHANNEL, *data], [SCHEMA, CHANNEL, statistics(2, int(in_chunk), late)]))
+    try:
+        with open_recording([path]) as recording:
+            assert all(message.log_time_ns < late for message in recording.messages())
+            survey(recording)
+            assert recording.losses
+    except RecordingError as err:
+        assert "time" in str(err)  # noqa: PT017  (either is right)
+
+
+def test_thousands_of_channels_of_one_long_schema(tmp_path: Path) -> None:
+    long = Schema(data=b"# " + b"x" * MIB + b"\nstring data", encoding="ros2msg", id=1, name="std_msgs/msg/String")
+    channels = [
+        McapChannel(id=i, message_encoding="cdr", metadata={}, schema_id=1, topic=f"/{i}") for i in range(1, 900)
+    ]
+    path = tmp_path / "a.mcap"
+    path.write_bytes(mcap([long, *channels], [long, *channels, Statistics(0, 899, {}, 0, 0, 0, 0, 0, 1)]))
+    with at_most(20), open_recording([path]) as recording:
+        assert len(recording.topics) == 899
+
+
+# --- SQLite
+
+
+def database(path: Path, *statements: str) -> Path:
+    with closing(sqlite3.connect(path)) as file:
+        file.execute("PRAGMA page_size = 512")
+        file.execute("CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT)")
+        file.execute("INSERT INTO topics VALUES(1, '/a', 'std_msgs/msg/String', 'cdr')")
+        for statement in statements:
+            file.execute(statement)
+        file.commit()
+    return path
+
+
+@pytest.mark.parametrize(
+    "messages",
+    [
+        "CREATE VIRTUAL TABLE messages USING fts5(id, topic_id, timestamp, data)",
+        "CREATE VIEW messages AS WITH RECURSIVE n(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM n) "
+        "SELECT x AS id, 1 AS topic_id, x AS timestamp, x'00' AS data FROM n",
+    ],
+)
+def test_messages_that_are_no_table(tmp_path: Path, messages: str) -> None:
+    with at_most(20), pytest.raises(RecordingError, match="expected a ROS 2 recording"):
+        read(database(tmp_path / "a.db3", messages))
+
+
+def test_pages_that_refer_to_one_another_in_a_net(tmp_path: Path) -> None:
+    """All children of an inner page are one page: seven levels of a hundred make more rows than can be read."""
+    create = "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB)"
+    rows = "WITH RECURSIVE n(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM n WHERE x < 15000) "
+    path = database(tmp_path / "a.db3", create, rows + "INSERT INTO messages SELECT x, 1, x, x'00010000' FROM n")
+    content = bytearray(path.read_bytes())
+    inner = [at for at in range(0, len(content), 512) if content[at] == 5]
+    by_level: dict[int, list[int]] = {}
+    for at in inner:
+        count = struct.unpack_from(">H", content, at + 3)[0]
+        places = struct.unpack_from(f">{count}H", content, at + 12)
+        child = struct.unpack_from(">I", content, at + places[0])[0]
+        by_level.setdefault(content[(child - 1) * 512], []).append(at)
+    low, high = by_level[13][0], by_level[5][0]
+    chain = by_level[13][1:6]
+    for at, following in zip([high, *chain], [*chain, low], strict=True):
+        content[at : at + 512] = content[high : high + 512]
+        count = struct.unpack_from(">H", content, at + 3)[0]
+        for place in struct.unpack_from(f">{count}H", content, at + 12):
+            struct.pack_into(">I", content, at + place, following // 512 + 1)
+        struct.pack_into(">I", content, at + 8, following // 512 + 1)
+    path.write_bytes(content)
+    with at_most(60):
+        times, losses = read(path)
+    assert len(times) == len(set(times)) > 1000
+    assert losses
+
+
+def test_rows_that_go_on_and_on(tmp_path: Path) -> None:
+    """Every page with overflow leads to itself, and every row claims to be a gigabyte long."""
+    create = "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB)"
+    rows = "WITH RECURSIVE n(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM n WHERE x < 500) "
+    path = database(tmp_path / "a.db3", create, rows + "INSERT INTO messages SELECT x, 1, x, zeroblob(3000) FROM n")
+    content = bytearray(path.read_bytes())
+    for at in range(512, len(content), 512):
+        if content[at] == 0:
+            struct.pack_into(">I", content, at, at // 512 + 1)
+    path.write_bytes(content)
+    with at_most(30):
+        try:
+            read(path, thorough=True)
+        except RecordingError as err:
+            assert "\n" not in str(err)  # noqa: PT017  (either is right)
+
+
+# --- definitions
+
+
+def described(text: str, data: bytes = bytes(1000), encoding: Encoding = "ros1") -> RawMessage:
+    form: Any = "ros1msg" if encoding == "ros1" else "ros2msg"
+    return RawMessage(0, 0, (0, 0), data, Channel("/a", "a/msg/A", encoding, text, form))
+
+
+def parts(*texts: tuple[str, str]) -> str:
+    return "".join(f"\n{'=' * 80}\nMSG: a/{name}\n{text}\n" for name, text in texts)
+
+
+LAUGHS = "\n".join(f"B b{i}" for i in range(10)) + parts(
+    *((chr(66 + i), "\n".join(f"{chr(67 + i)} x{j}" for j in range(10))) for i in range(8)), ("J", "uint8 x")
+)
+
+
+@pytest.mark.parametrize("encoding", ["ros1", "cdr"])
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        ("a/A a", "a/msg/A contains itself"),
+        ("a/A[] a", "a/msg/A contains itself"),
+        ("B b" + parts(("B", "C[3] c"), ("C", "A a")), "a/msg/A contains itself"),
+        ("B[] b" + parts(("B", "uint8 X=1")), "is a list of messages that hold nothing"),
+        ("B[100000000] b" + parts(("B", "uint8 x")), "more than 5000 values"),
+        ("string[100000000] b", "more than 5000 values"),
+        (LAUGHS, "more than 5000 values"),
+        ("\n".join(f"uint8 x{i}" for i in range(6000)), "more than 5000 values"),
+        ("\n".join(f"uint8 x{i}" for i in range(1_000_000)), "expected at most 262144"),
+        (
+            "B0 b" + parts(*((f"B{i}", f"B{i + 1} b") for i in range(100)), ("B100", "uint8 x")),
+            "more than 50 types are nested",
+        ),
+    ],
+)
+def test_definitions_that_ask_for_too_much(text: str, fault: str, encoding: Encoding) -> None:
+    message = described(text, encoding=encoding)
+    with at_most(60):
+        assert fault in definition_problem(message.channel)
+        with pytest.raises(MessageError, match=fault):
+            deserialize(message)
+
+
+def test_empty_lines_take_no_time() -> None:
+    with at_most(20):
+        assert definition_problem(described("\n" * 200_000 + "uint8 from\nuint8 class").channel) == ""
+
+
+def test_arrays_of_numbers_may_be_long() -> None:
+    message = described("uint8[100000] x\nfloat64[1000] y", bytes(108_000))
+    assert deserialize(message).x.shape == (100_000,)
+
+
+@pytest.mark.parametrize("encoding", ["ros1", "cdr"])
+def test_lists_that_are_longer_than_the_message(encoding: Encoding) -> None:
+    for text in ("string[] x", "uint8[] x", "float64[] x", "B[] x" + parts(("B", "uint8[] y"))):
+        data = (b"\0\1\0\0" if encoding == "cdr" else b"") + b"\xff\xff\xff\x7f" + bytes(8)
+        with at_most(5), pytest.raises(MessageError, match="bytes are no a/msg/A"):
+            deserialize(described(text, data, encoding))
+
+
+def test_one_definition_is_read_once_for_all_topics() -> None:
+    text = "\n".join(f"float64 value{i}" for i in range(500))
+    with at_most(60):
+        for i in range(300):
+            channel = Channel(f"/{i}", "a/msg/A", "ros1", text, "ros1msg")
+            assert definition_problem(channel) == ""
+
+
+# --- transforms
+
+
+def test_a_chain_of_transforms_without_end() -> None:
+    links = [transform_stamped(f"f{i + 1}", f"f{i}", stamp_ns=1) for i in range(3000)]
+    message = raw("/tf_static", "tf2_msgs/msg/TFMessage", tf_message(links), 1)
+    transforms = read_transforms(MemoryRecording([message]))
+    with at_most(30), pytest.raises(FrameError, match="more than 1000 transforms one after another"):
+        transforms.lookup("f3000", "f0")
+
+
+# --- what errors say
+
+
+def test_names_from_a_file_stay_on_one_line() -> None:
+    text = str(LidcamError("/a\nlidcam: done\x1b[2J\u202e" + "b" * 10_000))
+    assert text.startswith(r"/a\nlidcam: done\x1b[2J\u202ebbb")
+    assert len(text) < 4100
+    assert str(LidcamError("/grün: 点")) == "/grün: 点"

@@ -1,0 +1,115 @@
+"""Recordings that lack what others have: definitions, metadata.yaml, the serialization format."""
+
+import sqlite3
+from dataclasses import replace
+from pathlib import Path
+from typing import Literal
+
+import pytest
+from builders import detection2d_array, odometry, pointcloud2, raw, store_for, write_rosbag1, write_rosbag2
+
+from pipeline.core.config import Config
+from pipeline.core.errors import MessageError
+from pipeline.core.types import RawMessage
+from readers.memory import MemoryRecording
+from readers.messages.deserialize import deserialize
+from readers.open import open_recording
+from readers.rig.discovery import discover_rig
+from readers.streams.survey import survey
+
+T0 = 1_700_000_000 * 10**9
+ODOMETRY, BOXES = "nav_msgs/msg/Odometry", "vision_msgs/msg/Detection2DArray"
+CLOUD = "sensor_msgs/msg/PointCloud2"
+Storage = Literal["sqlite3", "mcap"]
+Compression = Literal["none", "file", "message", "storage"]
+
+
+def recorded() -> list[RawMessage]:
+    messages = []
+    for i in range(20):
+        stamp = T0 + i * 10**8
+        boxes = detection2d_array([[1, 2, 3, 4]] * i, class_names=["car"] * i, scores=[0.5] * i, stamp_ns=stamp)
+        messages.append(raw("/odom", ODOMETRY, odometry(stamp_ns=stamp), stamp, stamp + 1))
+        messages.append(raw("/boxes", BOXES, boxes, stamp, stamp + 2))
+    return messages
+
+
+@pytest.mark.parametrize("storage", ["sqlite3", "mcap"])
+@pytest.mark.parametrize("compression", ["none", "message", "file"])
+@pytest.mark.parametrize("definitions", [True, False])
+@pytest.mark.parametrize("metadata", [True, False])
+def test_the_same_messages(
+    tmp_path: Path, storage: Storage, compression: Compression, definitions: bool, metadata: bool
+) -> None:
+    folder = tmp_path / "rec"
+    write_rosbag2(folder, recorded(), storage, compression, definitions=definitions)
+    if not metadata:
+        (folder / "metadata.yaml").unlink()
+    with open_recording([folder]) as recording:
+        got = list(recording.messages())
+        assert {info.channel.definition != "" for info in recording.topics} == {definitions}
+    assert [(m.topic, m.stamp_ns, bytes(m.data)) for m in got] == [(m.topic, m.stamp_ns, m.data) for m in recorded()]
+    assert [repr(deserialize(m)) for m in got] == [repr(deserialize(m)) for m in recorded()]
+
+
+def test_an_empty_serialization_format(tmp_path: Path) -> None:
+    write_rosbag2(tmp_path / "rec", recorded())
+    connection = sqlite3.connect(tmp_path / "rec" / "rec.db3")
+    connection.execute("UPDATE topics SET serialization_format = ''")
+    connection.commit()
+    connection.close()
+    with open_recording([tmp_path / "rec"]) as recording:
+        assert [deserialize(m).header.stamp.sec for m in recording.messages()] == [
+            m.stamp_ns // 10**9 for m in recorded()
+        ]
+
+
+def test_a_hash_tells_that_the_known_type_is_another_one(tmp_path: Path) -> None:
+    write_rosbag2(tmp_path / "rec", recorded(), definitions=False)
+    path = tmp_path / "rec" / "rec.db3"
+    known = store_for("cdr").hash_rihs01(ODOMETRY)
+    path.write_bytes(path.read_bytes().replace(known.encode(), b"RIHS01_" + b"0" * 64))
+    with open_recording([path]) as recording:
+        messages = {m.topic: m for m in recording.messages()}
+    assert deserialize(messages["/boxes"]).header.frame_id == "camera"
+    with pytest.raises(MessageError, match=r"/odom: .*no definition of nav_msgs/msg/Odometry.*RIHS01_000"):
+        deserialize(messages["/odom"])
+
+
+@pytest.mark.parametrize("compression", ["none", "lz4"])
+def test_ros1_without_definitions(tmp_path: Path, compression: Literal["none", "lz4"]) -> None:
+    message = raw("/odom", ODOMETRY, odometry(stamp_ns=T0), T0, encoding="ros1")
+    bare = message._replace(channel=replace(message.channel, definition=""))
+    write_rosbag1(tmp_path / "bare.bag", [bare], compression)
+    other = tmp_path / "other.bag"
+    write_rosbag1(other, [bare])
+    other.write_bytes(other.read_bytes().replace(b"cd5e73d190d741a2f92e81eda573aca7", b"0" * 32))
+    with open_recording([tmp_path / "bare.bag"]) as recording:
+        assert [deserialize(m).child_frame_id for m in recording.messages()] == ["base_link"]
+    with open_recording([other]) as recording:
+        (found,) = recording.messages()
+    with pytest.raises(MessageError, match=r"/odom: .*no definition of nav_msgs/msg/Odometry.*cd5e73"):
+        deserialize(found)
+
+
+def test_a_sensor_of_another_type_of_the_same_name_is_left_out_and_named() -> None:
+    known, other = (
+        raw(topic, CLOUD, pointcloud2([[1, 2, 3]], stamp_ns=T0, frame_id="base"), T0, encoding="ros1")
+        for topic in ("/known", "/other")
+    )
+    other = other._replace(channel=replace(other.channel, definition="", digest="0" * 32))
+    recording = MemoryRecording([known, other])
+    problems = {topic.topic: topic.problem for topic in survey(recording)}
+    assert problems["/known"] == ""
+    assert "no definition of sensor_msgs/msg/PointCloud2" in problems["/other"]
+    found = discover_rig(recording, Config())
+    assert [lidar.topic for lidar in found.rig.lidars] == ["/known"]
+    assert ["no definition of sensor_msgs/msg/PointCloud2" in fault.reason for fault in found.faults] == [True]
+
+
+def test_a_doubtful_definition_is_believed_and_named() -> None:
+    message = raw("/odom", ODOMETRY, odometry(stamp_ns=T0), T0, encoding="ros1")
+    message = message._replace(channel=replace(message.channel, digest="0" * 32))
+    assert deserialize(message).child_frame_id == "base_link"
+    (topic,) = survey(MemoryRecording([message]))
+    assert topic.problem == f"the recorded definition is cd5e73d190d741a2f92e81eda573aca7, not the recorded {'0' * 32}"

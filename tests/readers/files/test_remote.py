@@ -1,0 +1,437 @@
+"""Recordings on a server: only what is needed is fetched, what goes wrong is said in one line without secrets."""
+
+import base64
+import gc
+import io
+import itertools
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import fsspec
+import numpy as np
+import pytest
+from builders import pointcloud2, raw, tf_message, transform_stamped, write_mcap, write_rosbag1
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from long_recording import LENGTH_S, MESSAGES, SECOND_NS, START_NS, write_long_recording
+from range_server import RangeServer, range_server
+
+import readers.files.remote as remote
+from pipeline.core.config import Config
+from pipeline.core.errors import RecordingError
+from readers.files.remote import PAGE_BYTES, ReadAhead, RemoteFile, open_remote
+from readers.location import RemotePath
+from readers.open import open_recording
+from readers.rig.discovery import discover_rig
+
+CLOUD = "sensor_msgs/msg/PointCloud2"
+TF = "tf2_msgs/msg/TFMessage"
+
+
+@pytest.fixture(scope="module")
+def minute(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("remote") / "minute.mcap"
+    write_long_recording(path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def content(minute: Path) -> bytes:
+    return minute.read_bytes()
+
+
+@pytest.fixture
+def server(content: bytes) -> Iterator[RangeServer]:
+    with range_server({"/minute.mcap": content}) as state:
+        yield state
+
+
+@pytest.fixture(autouse=True)
+def _impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(remote, "RETRY_DELAYS_S", (0.0, 0.0, 0.0))
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _nothing_left_open() -> Iterator[None]:
+    """A connection that is left to the garbage collector warns, and warnings are errors."""
+    yield
+    gc.collect()
+
+
+def at(server: RangeServer, path: str = "/minute.mcap") -> RemotePath:
+    return RemotePath(server.url + path)
+
+
+def error_of(path: RemotePath, *, rescue: bool = True) -> str:
+    with pytest.raises(RecordingError) as caught, open_recording([path], rescue=rescue) as recording:
+        list(recording.messages())
+    return str(caught.value)
+
+
+def taken(path: Path | RemotePath, start_s: float, stop_s: float, topics: list[str] | None = None) -> list[Any]:
+    with open_recording([path]) as recording:
+        start_ns, stop_ns = START_NS + round(start_s * SECOND_NS), START_NS + round(stop_s * SECOND_NS)
+        messages = recording.messages(topics, start_ns=start_ns, stop_ns=stop_ns)
+        return [(m.topic, m.stamp_ns, m.log_time_ns, m.order, bytes(m.data), m.channel) for m in messages]
+
+
+def test_window_of_a_long_recording_fetches_little(server: RangeServer, minute: Path, content: bytes) -> None:
+    got = taken(at(server), 30, 35)
+    assert got == taken(minute, 30, 35)
+    assert len(got) == 300
+    assert server.sent < 0.12 * len(content)
+    assert len(server.requests) < 15
+
+
+def test_finding_the_rig_of_a_window_fetches_the_beginning_and_the_window(server: RangeServer, content: bytes) -> None:
+    with open_recording([at(server)]) as recording:
+        found = discover_rig(recording, Config(), start_ns=START_NS + 30 * SECOND_NS, stop_ns=START_NS + 35 * SECOND_NS)
+        assert [lidar.topic for lidar in found.rig.lidars] == ["/points"]
+        assert found.transforms.moving == {"base_link": "odom"}
+        before = server.sent
+        list(recording.messages(["/points"], start_ns=START_NS + 30 * SECOND_NS, stop_ns=START_NS + 35 * SECOND_NS))
+        assert server.sent == before  # the same chunks: nothing is fetched twice
+    assert before < 0.2 * len(content)
+
+
+def test_all_of_it_in_few_requests_none_twice(server: RangeServer, minute: Path, content: bytes) -> None:
+    assert taken(at(server), 0, LENGTH_S) == taken(minute, 0, LENGTH_S)
+    assert server.sent <= len(content) + PAGE_BYTES
+    assert len(server.requests) < 30
+
+
+def test_first_message_fetches_one_chunk(server: RangeServer) -> None:
+    with open_recording([at(server)]) as recording:
+        opened = server.sent
+        next(recording.messages(["/points"]))
+    assert opened < 5 * PAGE_BYTES
+    assert server.sent - opened <= 4 * PAGE_BYTES
+
+
+def test_topics_in_chunks_of_their_own_are_left_out(tmp_path: Path) -> None:
+    rows = range(200)
+    clouds = [
+        raw("/points", CLOUD, pointcloud2(np.ones((9000, 3)), stamp_ns=START_NS + row), START_NS + row) for row in rows
+    ]
+    poses = [
+        raw("/tf", TF, tf_message([transform_stamped("a", "b", stamp_ns=START_NS)]), START_NS + 100_000 + row)
+        for row in rows
+    ]
+    write_mcap(tmp_path / "split.mcap", [*clouds, *poses], "none", chunk_bytes=1 << 18)
+    with range_server({"/split.mcap": (tmp_path / "split.mcap").read_bytes()}) as server:
+        with open_recording([at(server, "/split.mcap")]) as recording:
+            assert len(list(recording.messages(["/tf"]))) == 200
+        assert server.sent < 0.05 * len(server.files["/split.mcap"])
+
+
+def test_what_a_full_cache_lets_go_is_fetched_again(
+    server: RangeServer, minute: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(remote, "MOST_KEPT_BYTES", 20 * PAGE_BYTES)
+    monkeypatch.setattr(remote, "MOST_REQUEST_PAGES", 4)
+    monkeypatch.setattr(remote, "MOST_REQUEST_BYTES", 4 * PAGE_BYTES)
+    with open_recording([at(server)]) as recording, open_recording([minute]) as local:
+        for _ in range(2):
+            span = {"start_ns": START_NS + 10 * SECOND_NS, "stop_ns": START_NS + 14 * SECOND_NS}
+            mine, its = (opened.messages(None, **span) for opened in (recording, local))
+            assert [bytes(message.data) for message in mine] == [bytes(message.data) for message in its]
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    size=st.integers(0, 3 * PAGE_BYTES),
+    reads=st.lists(st.tuples(st.integers(0, 3 * PAGE_BYTES), st.integers(0, 2 * PAGE_BYTES)), max_size=8),
+    ahead=st.lists(st.tuples(st.integers(0, 3 * PAGE_BYTES), st.integers(0, PAGE_BYTES)), max_size=4),
+)
+def test_reads_like_the_file(size: int, reads: list[tuple[int, int]], ahead: list[tuple[int, int]]) -> None:
+    content = np.random.default_rng(size).bytes(size)
+    fsspec.filesystem("memory").pipe("/any", content)
+    _, stream = open_remote(RemotePath("memory://any"))
+    with stream, io.BytesIO(content) as expected:
+        parts = ReadAhead(stream, ahead)
+        for (position, count), _ in itertools.zip_longest(reads, ahead, fillvalue=(0, 0)):
+            parts.reach()
+            assert stream.seek(position) == expected.seek(position)
+            assert stream.read(count) == expected.read(count)
+            assert stream.tell() == expected.tell()
+        assert stream.seek(0, 2) == size
+        assert stream.read() == b""
+
+
+def test_its_facts_are_what_the_server_says(server: RangeServer, content: bytes) -> None:
+    with open_recording([at(server)]) as recording:
+        (path,) = recording.paths
+    assert isinstance(path, RemotePath)
+    facts = dict(path.facts)
+    assert facts.keys() == {"size", "etag", "last_modified"}
+    assert facts["size"] == str(len(content))
+    assert str(path) == f"{server.url}/minute.mcap"
+
+
+# --- servers
+
+
+def test_lost_connections_are_made_up_for(server: RangeServer, minute: Path) -> None:
+    server.drops, server.failures = 2, 1
+    assert taken(at(server), 10, 12) == taken(minute, 10, 12)
+    assert server.drops == server.failures == 0
+
+
+@pytest.mark.parametrize("fault", ["drops", "failures"])
+def test_a_server_that_keeps_failing_ends_the_reading(server: RangeServer, fault: str) -> None:
+    path = at(server)
+    with open_recording([path]) as recording:
+        setattr(server, fault, 10**6)
+        asked = len(server.requests)
+        with pytest.raises(RecordingError) as caught:
+            list(recording.messages())
+    assert str(caught.value).startswith(f"{path}: the connection was lost at byte ")
+    assert "4 attempts" in str(caught.value)
+    assert len(server.requests) - asked == 4
+
+
+def test_a_server_that_falls_silent(server: RangeServer, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(remote, "SILENCE_S", 1.0)
+    monkeypatch.setattr(remote, "RETRY_DELAYS_S", ())
+    with open_recording([at(server)]) as recording:
+        server.stall_s = 2.0
+        with pytest.raises(RecordingError, match=r"the connection was lost at byte \d+ \(\w*Timeout\w*, 1 attempts\)"):
+            list(recording.messages())
+
+
+def test_a_server_that_is_gone(server: RangeServer) -> None:
+    with open_recording([at(server)]) as recording:
+        server.statuses["/minute.mcap"] = 410
+        with pytest.raises(RecordingError, match=r"no such file \(HTTP 410\)"):
+            list(recording.messages())
+
+
+def test_colons_of_an_address_and_of_a_name(server: RangeServer, minute: Path, content: bytes) -> None:
+    server.files["/12::30::00.mcap"] = content
+    assert taken(at(server, "/12::30::00.mcap"), 10, 11) == taken(minute, 10, 11)
+    assert "its address cannot be used" not in error_of(RemotePath("http://ada:s3cret@[::1]:9/rec.mcap"))
+
+
+def test_nobody_listens() -> None:
+    with range_server() as server:
+        url = server.url
+    error = error_of(RemotePath(f"{url}/minute.mcap"))
+    assert error.startswith(f"{url}/minute.mcap: it cannot be opened (ConnectionRefusedError")
+    assert error.endswith("4 attempts); check the network, and try again")
+
+
+@pytest.mark.parametrize(
+    ("status", "expected"),
+    [
+        (401, "access was denied (HTTP 401); check the credentials, and whether a signed link is still valid"),
+        (403, "access was denied (HTTP 403); check the credentials, and whether a signed link is still valid"),
+        (404, "no such file (HTTP 404); check the address"),
+        (418, "HTTP 418; try again later, or download it, and read the copy"),
+        (500, "it cannot be opened (HTTP 500, 4 attempts); try again later, or download it, and read the copy"),
+    ],
+)
+def test_a_server_that_refuses(server: RangeServer, status: int, expected: str) -> None:
+    server.statuses["/minute.mcap"] = status
+    assert error_of(at(server)) == f"{server.url}/minute.mcap: {expected}"
+
+
+@pytest.mark.parametrize("says_so", [True, False])
+def test_a_server_without_ranges(server: RangeServer, says_so: bool) -> None:
+    server.gives_ranges, server.says_so = False, says_so
+    path = at(server)
+    assert error_of(path) == (
+        f"{path}: its server does not give parts of a file (range requests); download it, and read the copy"
+    )
+
+
+def test_a_link_that_is_signed_for_get_only(server: RangeServer, minute: Path) -> None:
+    server.answers_head = False
+    assert taken(at(server), 10, 11) == taken(minute, 10, 11)
+
+
+def test_redirects_are_followed(server: RangeServer, minute: Path) -> None:
+    server.redirects["/latest"] = "/minute.mcap"
+    assert taken(at(server, "/latest"), 10, 11) == taken(minute, 10, 11)
+
+
+@pytest.mark.parametrize("told_by", ["etag", "time", ""])
+def test_a_file_that_is_written_anew_while_it_is_read(server: RangeServer, told_by: str) -> None:
+    server.has_etag = told_by == "etag"
+    server.modified = server.modified if told_by else ""
+    path = at(server)
+    with open_recording([path]) as recording:
+        server.files["/minute.mcap"] = bytes(len(server.files["/minute.mcap"]))
+        server.modified = "Mon, 01 Jan 2024 00:00:00 GMT" if told_by == "time" else server.modified
+        if told_by:
+            with pytest.raises(RecordingError, match=r"it was changed while it was read \(HTTP 412\)"):
+                list(recording.messages())
+        else:  # nothing tells but the content itself
+            assert len(list(recording.messages())) < 100
+            assert recording.losses
+
+
+# --- credentials
+
+
+def test_user_and_password_are_sent_and_never_shown(server: RangeServer, minute: Path) -> None:
+    server.password = base64.b64encode(b"ada:s3cret").decode()
+    secret = RemotePath(server.url.replace("://", "://ada:s3cret@") + "/minute.mcap?X-Amz-Signature=abc%2Fdef#x")
+    assert taken(secret, 10, 11) == taken(minute, 10, 11)
+    assert all(request.target == "/minute.mcap?X-Amz-Signature=abc%2Fdef" for request in server.requests)
+    with open_recording([secret]) as recording:
+        assert "s3cret" not in f"{recording.paths!r} {recording.paths[0]}"
+        server.password = "changed"
+        with pytest.raises(RecordingError) as caught:
+            list(recording.messages())
+    error: BaseException | None = caught.value
+    assert error is not None
+    assert str(error).startswith(f"{server.url}/minute.mcap?...: access was denied (HTTP 401)")
+    assert error.__suppress_context__
+    assert error.__cause__ is None
+
+
+@pytest.mark.parametrize("status", [404, 500])
+def test_errors_do_not_show_signatures(server: RangeServer, status: int) -> None:
+    server.statuses["/minute.mcap"] = status
+    error = error_of(RemotePath(f"{server.url}/minute.mcap?sig=s3cret"))
+    assert error.startswith(f"{server.url}/minute.mcap?...: ")
+    assert "s3cret" not in error
+
+
+# --- files
+
+
+def test_a_truncated_file_is_read_as_a_whole_after_a_warning(
+    server: RangeServer, content: bytes, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    cut = content[: len(content) // 3]
+    server.files["/cut.mcap"] = cut
+    (tmp_path / "cut.mcap").write_bytes(cut)
+    assert taken(at(server, "/cut.mcap"), 5, 10) == taken(tmp_path / "cut.mcap", 5, 10)
+    (warning,) = caplog.messages
+    assert warning.startswith(f"{server.url}/cut.mcap: its summary cannot be used (")
+    assert warning.endswith(f"all of it is fetched, {len(cut) / 1e6:.1f} MB")
+    assert server.sent <= len(cut) + PAGE_BYTES
+    assert len(server.requests) < 20
+    with open_recording([at(server, "/cut.mcap")]) as recording, open_recording([tmp_path / "cut.mcap"]) as local:
+        assert [loss.reason for loss in recording.losses] == [loss.reason for loss in local.losses]
+    assert "without `--on-bad-message fail`" in error_of(at(server, "/cut.mcap"), rescue=False)
+
+
+def test_a_split_recording_of_which_one_part_is_lost(server: RangeServer) -> None:
+    server.files["/empty.mcap"] = b"\x89MCAP0\r\n"
+    with open_recording([at(server), at(server, "/empty.mcap")]) as recording:
+        assert recording.message_count == MESSAGES
+        (loss,) = recording.losses
+    assert str(loss.path) == f"{server.url}/empty.mcap"
+
+
+@pytest.mark.parametrize("kind", ["a ROS 1 bag", "an SQLite database", "a compressed file", "another kind of file"])
+def test_other_formats_are_to_be_downloaded(server: RangeServer, tmp_path: Path, kind: str) -> None:
+    write_rosbag1(tmp_path / "some.bag", [])
+    begins = {
+        "a ROS 1 bag": (tmp_path / "some.bag").read_bytes(),
+        "an SQLite database": b"SQLite format 3\0" + bytes(100),
+        "a compressed file": b"\x28\xb5\x2f\xfd" + bytes(100),
+        "another kind of file": b"<html>not here</html>",
+    }
+    server.files["/some"] = begins[kind]
+    assert error_of(at(server, "/some")) == (
+        f"{server.url}/some: of files on a server, lidcam reads .mcap, found {kind}; download it, and read the copy"
+    )
+
+
+def test_an_empty_file(server: RangeServer) -> None:
+    server.files["/none.mcap"] = b""
+    assert "found another kind of file" in error_of(at(server, "/none.mcap"))
+
+
+def test_given_twice(server: RangeServer) -> None:
+    with pytest.raises(RecordingError, match="given twice"):
+        open_recording([at(server), at(server)])
+
+
+def test_damage_is_read_around_as_in_a_local_file(server: RangeServer, content: bytes, tmp_path: Path) -> None:
+    hurt = bytearray(content)
+    hurt[len(hurt) // 2 : len(hurt) // 2 + 50] = bytes(50)
+    server.files["/hurt.mcap"] = bytes(hurt)
+    (tmp_path / "hurt.mcap").write_bytes(hurt)
+    assert taken(at(server, "/hurt.mcap"), 0, LENGTH_S) == taken(tmp_path / "hurt.mcap", 0, LENGTH_S)
+
+
+def test_a_chunk_index_that_lies_about_sizes_fetches_no_more_than_a_request(server: RangeServer) -> None:
+    _, stream = open_remote(at(server))
+    with stream:
+        before = server.sent
+        ahead = ReadAhead(stream, [(0, 1 << 60)])
+        ahead.reach()
+        assert server.sent - before <= remote.MOST_REQUEST_BYTES
+
+
+# --- protocols
+
+
+@pytest.mark.parametrize("url", ["http://", "http:///rec.mcap", "http://[bad/rec.mcap", "https://host:99999/rec.mcap"])
+def test_urls_that_are_none(url: str) -> None:
+    assert error_of(RemotePath(url)).endswith("its address cannot be used; check the address")
+
+
+def test_nothing_there() -> None:
+    assert error_of(RemotePath("memory://nothing")) == "memory://nothing: no such file; check the address"
+
+
+def test_unknown_protocols() -> None:
+    assert error_of(RemotePath("nosuch://host/rec.mcap")) == (
+        "nosuch://host/rec.mcap: lidcam reads https://, http:// and s3://, found nosuch://"
+    )
+
+
+@pytest.mark.parametrize(("protocol", "module", "extra"), [("https", "aiohttp", "http"), ("s3", "s3fs", "s3")])
+def test_what_is_not_installed_is_named(
+    monkeypatch: pytest.MonkeyPatch, protocol: str, module: str, extra: str
+) -> None:
+    monkeypatch.setitem(sys.modules, module, None)
+    monkeypatch.setattr(sys.modules["fsspec.registry"], "_registry", {})
+    assert error_of(RemotePath(f"{protocol}://host/rec.mcap")) == (
+        f"{protocol}://host/rec.mcap: reading {protocol}:// is not installed; install it with "
+        f"`pip install 'lidcam[{extra}]'`"
+    )
+
+
+@pytest.fixture
+def bucket(server: RangeServer, monkeypatch: pytest.MonkeyPatch, content: bytes) -> RangeServer:
+    """An S3 of this machine: for reading, it is a web server with paths of bucket and key."""
+    server.files["/bucket/minute.mcap"] = content
+    monkeypatch.setenv("AWS_ACCESS_KEY_ID", "ada")
+    monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "s3cret")
+    monkeypatch.setenv("AWS_DEFAULT_REGION", "eu-central-1")
+    monkeypatch.setenv("AWS_ENDPOINT_URL_S3", server.url)
+    return server
+
+
+def test_s3(bucket: RangeServer, minute: Path, content: bytes) -> None:
+    path = RemotePath("s3://bucket/minute.mcap")
+    assert taken(path, 30, 35) == taken(minute, 30, 35)
+    assert bucket.sent < 0.12 * len(content)
+    assert len(bucket.requests) < 15
+    with open_recording([path]) as recording:
+        (found,) = recording.paths
+    assert isinstance(found, RemotePath)
+    assert dict(found.facts).keys() == {"size", "etag", "last_modified"}
+
+
+def test_s3_refused(bucket: RangeServer) -> None:
+    bucket.statuses["/bucket/minute.mcap"] = 403
+    error = error_of(RemotePath("s3://bucket/minute.mcap"))
+    assert error.startswith("s3://bucket/minute.mcap: access was denied")
+    assert "no such file" in error_of(RemotePath("s3://bucket/other.mcap"))
+
+
+def test_closing_ends_the_connection(server: RangeServer) -> None:
+    file = RemoteFile(at(server))
+    file.close()
+    file.close()
+    with pytest.raises(ValueError, match="closed"):
+        file.read(1)

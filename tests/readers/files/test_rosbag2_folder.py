@@ -1,0 +1,81 @@
+import shutil
+from pathlib import Path
+
+import pytest
+from builders import odometry, raw, write_rosbag2
+
+from pipeline.core.errors import RecordingError
+from readers.files.rosbag2_folder import FolderMetadata, folder_metadata, recording_files
+from readers.open import open_recording
+
+T0 = 1_700_000_000 * 10**9
+
+
+def split_folder(tmp_path: Path, parts: int) -> Path:
+    """A folder without metadata.yaml; every part one message, all with the same log time."""
+    folder = tmp_path / "rec"
+    folder.mkdir()
+    for i in range(parts):
+        message = raw("/odom", "nav_msgs/msg/Odometry", odometry(stamp_ns=T0 + i), T0 + i, T0)
+        write_rosbag2(tmp_path / f"part{i}", [message])
+        shutil.move(tmp_path / f"part{i}" / f"part{i}.db3", folder / f"rec_{i}.db3")
+    return folder
+
+
+def test_folder_without_metadata_in_the_order_of_the_numbers(tmp_path: Path) -> None:
+    folder = split_folder(tmp_path, 12)
+    assert [file.name for file in recording_files(folder)] == [f"rec_{i}.db3" for i in range(12)]
+    with open_recording([folder]) as recording:
+        assert [m.stamp_ns - T0 for m in recording.messages()] == [*range(12)]
+
+
+@pytest.mark.parametrize("prefix", ["", "rec/"])  # rosbag2 before version 4 wrote the folder's name as well
+def test_metadata_gives_files_order_and_release(tmp_path: Path, prefix: str) -> None:
+    folder = split_folder(tmp_path, 3)
+    (folder / "metadata.yaml").write_text(
+        "rosbag2_bagfile_information:\n  ros_distro: humble\n  compression_mode: ''\n"
+        f"  relative_file_paths: [{prefix}rec_2.db3, {prefix}rec_0.db3]\n"
+    )
+    assert folder_metadata(folder) == FolderMetadata(("rec_2.db3", "rec_0.db3"), False, "humble")
+    with open_recording([folder]) as recording:
+        assert [m.stamp_ns - T0 for m in recording.messages()] == [2, 0]
+
+
+def test_missing_parts_are_named(tmp_path: Path) -> None:
+    folder = split_folder(tmp_path, 1)
+    (folder / "metadata.yaml").write_text("rosbag2_bagfile_information: {relative_file_paths: [rec_0.db3, rec_7.db3]}")
+    with pytest.raises(RecordingError, match=r"lists rec_7\.db3, which is not there"):
+        open_recording([folder])
+
+
+def test_several_kinds_without_metadata(tmp_path: Path) -> None:
+    folder = split_folder(tmp_path, 1)
+    (folder / "rec_0.mcap").touch()
+    with pytest.raises(RecordingError, match="found several kinds of files"):
+        open_recording([folder])
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "a: [",
+        "- 1",
+        "rosbag2_bagfile_information: {}",
+        "rosbag2_bagfile_information: {relative_file_paths: 3}",
+        "\0",
+    ],
+)
+def test_unreadable_metadata(tmp_path: Path, text: str) -> None:
+    (tmp_path / "metadata.yaml").write_text(text)
+    with pytest.raises(RecordingError, match=r"metadata\.yaml: expected rosbag2's metadata") as caught:
+        open_recording([tmp_path])
+    assert "\n" not in str(caught.value)
+
+
+def test_unknown_compression(tmp_path: Path) -> None:
+    (tmp_path / "metadata.yaml").write_text(
+        "rosbag2_bagfile_information: {relative_file_paths: [], compression_mode: FILE, compression_format: fake}"
+    )
+    with pytest.raises(RecordingError, match="expected compression zstd, found 'fake'"):
+        open_recording([tmp_path])

@@ -1,0 +1,110 @@
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from builders import Fields, camera_info, raw
+
+from pipeline.core.errors import CalibrationError
+from readers.messages.camera_info import camera_model, rectified_camera_model
+from readers.messages.deserialize import deserialize
+
+K = np.array([[520.0, 0.0, 333.0], [0.0, 510.0, 251.0], [0.0, 0.0, 1.0]])
+POINTS = np.array([[0.0, 0.0, 5.0], [1.0, 0.4, 4.0], [-1.5, -0.7, 6.0], [0.9, 0.9, 3.0]])
+
+
+def info(encoding: Any = "cdr", /, *, more: Fields | None = None, **options: Any) -> Any:
+    fields = {**camera_info(K, stamp_ns=1, width_px=640, height_px=480, **options), **(more or {})}
+    return deserialize(raw("/camera_info", "sensor_msgs/msg/CameraInfo", fields, 1, encoding=encoding))
+
+
+@pytest.mark.parametrize("encoding", ["ros1", "cdr"])
+def test_field_names_of_both_ros_versions(encoding: str) -> None:
+    model = camera_model(info(encoding, distortion=(-0.3, 0.1, 0.001, -0.002, 0.01), frame_id="/cam"))
+    np.testing.assert_array_equal(model.K, K)
+    assert (model.frame_id, model.width_px, model.height_px, model.model) == ("cam", 640, 480, "plumb_bob")
+    judge, _ = cv2.projectPoints(POINTS, np.zeros(3), np.zeros(3), K, model.distortion.copy())
+    np.testing.assert_allclose(model.project(POINTS)[0] - 0.5, judge[:, 0], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("name", "coefficients", "expected"),
+    [
+        ("plumb_bob", (-0.3, 0.1, 0.0, 0.0, 0.0), "plumb_bob"),
+        ("radtan", (-0.3, 0.1, 0.0, 0.0), "plumb_bob"),
+        ("rational_polynomial", (0.1, 0.2, 0.0, 0.0, 0.1, 0.2, 0.3, 0.4), "rational_polynomial"),
+        ("equidistant", (0.1, 0.01, 0.0, 0.0), "equidistant"),
+        ("kannala_brandt", (0.1, 0.01, 0.0, 0.0), "equidistant"),
+        ("fisheye", (0.0, 0.0, 0.0, 0.0), "equidistant"),
+        ("", (), "plumb_bob"),
+        ("", (0.0, 0.0, 0.0, 0.0, 0.0), "plumb_bob"),
+        ("brown_conrady", (0.0,) * 5, "plumb_bob"),
+    ],
+)
+def test_distortion_models(name: str, coefficients: tuple[float, ...], expected: str) -> None:
+    assert camera_model(info(distortion_model=name, distortion=coefficients)).model == expected
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ({"k": np.zeros(9)}, "uncalibrated"),
+        ({"width": 0}, "0 x 480 px"),
+        ({"k": np.diag([1e9, 1e9, 1]).reshape(9)}, "focal length"),
+        ({"k": np.diag([-500.0, 500, 1]).reshape(9)}, "focal length"),
+        ({"k": np.full(9, np.nan)}, "finite"),
+        ({"k": np.array([500.0, 0, 320, 0, 500, 240, 0, 0, 2])}, "below the diagonal"),
+        ({"distortion_model": "omnidirectional", "d": np.array([1.0, 0.0])}, "'omnidirectional' with 2 coefficients"),
+        ({"d": np.arange(8.0)}, "5 coefficients, found 8"),
+        ({"roi": {"x_offset": 600, "y_offset": 0, "width": 100, "height": 100}}, "does not lie in 640 x 480"),
+    ],
+)
+def test_faults_are_named(change: Fields, reason: str) -> None:
+    with pytest.raises(CalibrationError, match=reason):
+        camera_model(info(more=change))
+
+
+def test_region_of_interest_then_binning_as_image_geometry_does_it() -> None:
+    more = {"binning_x": 2, "binning_y": 4, "roi": {"x_offset": 100, "y_offset": 40, "width": 400, "height": 320}}
+    model = camera_model(info(more=more))
+    assert (model.width_px, model.height_px) == (200, 80)
+    # image_geometry::PinholeCameraModel::fromCameraInfo: the principal point moves by the offset, then all is scaled
+    expected = np.array([[260.0, 0, (333 - 100) / 2], [0, 510 / 4, (251 - 40) / 4], [0, 0, 1]])
+    np.testing.assert_allclose(model.K, expected)
+
+
+def test_rectified_pictures_use_p_and_r_without_distortion() -> None:
+    turn, _ = cv2.Rodrigues(np.array([0.02, -0.01, 0.03]))
+    new_k = np.array([[480.0, 0, 310.0], [0, 480.0, 240.0], [0, 0, 1]])
+    P = np.hstack([new_k, np.array([[-480.0 * 0.12], [0], [0]])])
+    coefficients = (-0.2, 0.05, 0.001, 0.0, 0.0)
+    message = info(distortion=coefficients, R=turn, P=P, frame_id="left")
+    model, T_rectified_camera = rectified_camera_model(message)
+    assert (T_rectified_camera.dst, T_rectified_camera.src, model.frame_id) == (
+        "left_rectified",
+        "left",
+        "left_rectified",
+    )
+    pixels, _ = model.project(T_rectified_camera.apply(POINTS))
+    distorted, _ = cv2.projectPoints(POINTS, np.zeros(3), np.zeros(3), K, np.array(coefficients))
+    judge = cv2.undistortPoints(distorted, K, np.array(coefficients), R=turn, P=new_k)
+    np.testing.assert_allclose(pixels - 0.5, judge[:, 0], atol=0.01)  # OpenCV inverts the distortion by iteration
+
+
+def test_rectified_without_a_turn_keeps_the_frame() -> None:
+    model, T_rectified_camera = rectified_camera_model(info(frame_id="left"))
+    assert model.frame_id == "left"
+    np.testing.assert_array_equal(T_rectified_camera.matrix, np.eye(4))
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        ({"P": np.zeros((3, 4))}, "P\\[0\\] is 0"),
+        ({"R": np.zeros((3, 3))}, "R is no rotation: it is singular"),
+        ({"R": np.diag([1.0, 1.0, -1.0])}, "reflection"),
+    ],
+)
+def test_faults_of_rectified_pictures(options: dict[str, Any], reason: str) -> None:
+    with pytest.raises(CalibrationError, match=reason):
+        rectified_camera_model(info(**options))

@@ -1,0 +1,142 @@
+import struct
+from typing import Any
+
+import builders
+import cv2
+import numpy as np
+import numpy.typing as npt
+import pytest
+from helpers import shared
+
+from pipeline.core.errors import MessageError
+from pipeline.core.types import Image
+from readers.messages.compressed_image import decode_compressed_image
+
+STAMP_NS = 1_700_000_000_123_456_789
+Array = npt.NDArray[Any]
+
+
+def decode(data: bytes, kind: str, encoding: builders.Encoding = "cdr") -> Image:
+    body = {"header": builders.header(STAMP_NS, "/camera"), "format": kind, "data": np.frombuffer(data, np.uint8)}
+    msgtype = "sensor_msgs/msg/CompressedImage"
+    return decode_compressed_image(builders.raw("/compressed", msgtype, body, STAMP_NS, encoding=encoding))
+
+
+def encoded(pixels: Array, suffix: str) -> bytes:
+    """A file of RGB, grey or RGBA pixels; OpenCV takes blue first."""
+    codes = {3: cv2.COLOR_RGB2BGR, 4: cv2.COLOR_RGBA2BGRA}
+    turned = pixels if pixels.ndim == 2 else cv2.cvtColor(pixels, codes[pixels.shape[2]])
+    return bytes(np.asarray(cv2.imencode(suffix, turned)[1]).tobytes())
+
+
+def noise(shape: tuple[int, ...], dtype: str = "u1") -> Array:
+    return np.random.default_rng(1).integers(0, np.iinfo(dtype).max + 1, shape, dtype)
+
+
+def smooth() -> Array:
+    rows, columns = np.mgrid[0:48, 0:64]
+    return np.stack([rows * 5, columns * 4, 255 - rows * 2 - columns], -1).astype(np.uint8)
+
+
+@pytest.mark.parametrize("encoding", ["ros1", "cdr"])
+@pytest.mark.parametrize("kind", ["png", "bgr8; png compressed ", "rgb8; png compressed bgr8", "", "jpeg"])
+def test_png_is_exact_whatever_the_format_says(kind: str, encoding: builders.Encoding) -> None:
+    pixels = noise((5, 7, 3))
+    image = decode(encoded(pixels, ".png"), kind, encoding)
+    np.testing.assert_array_equal(image.rgb, pixels)
+    assert (image.stamp_ns, image.frame_id) == (STAMP_NS, "camera")
+
+
+@pytest.mark.parametrize("kind", ["jpeg", "jpg", "rgb8; jpeg compressed bgr8", "bgr8; jpeg compressed bgr8"])
+def test_jpeg(kind: str) -> None:
+    found = decode(encoded(smooth(), ".jpg"), kind).rgb
+    assert np.abs(found.astype(int) - smooth()).mean() < 2
+
+
+def test_grey_becomes_three_channels() -> None:
+    pixels = noise((5, 7))
+    np.testing.assert_array_equal(
+        decode(encoded(pixels, ".png"), "mono8; png compressed ").rgb, np.dstack([pixels] * 3)
+    )
+
+
+def test_sixteen_bits_keep_the_upper_eight() -> None:
+    grey, colour = noise((5, 7), "u2"), noise((5, 7, 3), "u2")
+    np.testing.assert_array_equal(
+        decode(encoded(grey, ".png"), "mono16; png compressed ").rgb, np.dstack([grey >> 8] * 3)
+    )
+    np.testing.assert_array_equal(decode(encoded(colour, ".png"), "png").rgb, colour >> 8)
+
+
+def test_alpha_is_left_out() -> None:
+    pixels = noise((5, 7, 4))
+    np.testing.assert_array_equal(decode(encoded(pixels, ".png"), "png").rgb, pixels[..., :3])
+
+
+def test_mosaic_that_was_compressed_as_grey() -> None:
+    mosaic = np.tile(np.array([[200, 100], [100, 50]], np.uint8), (3, 4))
+    found = decode(encoded(mosaic, ".png"), "bayer_rggb8; png compressed ").rgb
+    np.testing.assert_array_equal(found, np.broadcast_to([200, 100, 50], (6, 8, 3)))
+
+
+def test_mosaic_that_was_taken_apart_before() -> None:
+    pixels = noise((5, 7, 3))
+    np.testing.assert_array_equal(decode(encoded(pixels, ".png"), "bayer_rggb8; png compressed bgr8").rgb, pixels)
+
+
+def test_exif_orientation_is_ignored() -> None:
+    jpeg = encoded(smooth(), ".jpg")
+    # TIFF, little endian: one entry, tag 0x0112 (orientation), type SHORT, value 6 (turn by 90 degrees).
+    tiff = b"II*\0" + struct.pack("<IHHHIHHI", 8, 1, 0x0112, 3, 1, 6, 0, 0)
+    segment = b"Exif\0\0" + tiff
+    turned = jpeg[:2] + b"\xff\xe1" + struct.pack(">H", len(segment) + 2) + segment + jpeg[2:]
+    as_shown = cv2.imdecode(np.frombuffer(turned, np.uint8), cv2.IMREAD_COLOR)
+    assert as_shown is not None
+    assert as_shown.shape[:2] == (64, 48)  # the flag is there: a viewer turns this picture
+    np.testing.assert_array_equal(decode(turned, "jpeg").rgb, decode(jpeg, "jpeg").rgb)
+
+
+@pytest.mark.parametrize("suffix", [".jpg", ".png"])
+@pytest.mark.parametrize("share", [0.0, 0.02, 0.5, 0.95])
+def test_cut_data(suffix: str, share: float) -> None:
+    whole = encoded(smooth(), suffix)
+    with pytest.raises(MessageError, match=r"/compressed: \d+ bytes of format 'jpeg' are no whole picture"):
+        decode(whole[: int(len(whole) * share)], "jpeg")
+
+
+def test_png_with_flipped_bytes() -> None:
+    broken = bytearray(encoded(smooth(), ".png"))
+    broken[len(broken) // 2] ^= 0xFF
+    with pytest.raises(MessageError, match="no whole picture"):
+        decode(bytes(broken), "png")
+
+
+def test_text() -> None:
+    with pytest.raises(MessageError, match=r"10 bytes of format 'h264' .* start with 6e 6f 20 70 69 63 74 75"):
+        decode(b"no picture", "h264")
+
+
+def test_size_that_the_header_claims() -> None:
+    """A PNG header of 2^31 - 1 pixels either way, as a decompression bomb has it."""
+    whole = bytearray(encoded(smooth(), ".png"))
+    whole[16:24] = struct.pack(">II", 2**31 - 1, 2**31 - 1)
+    with pytest.raises(MessageError, match="expected at most 100 million pixels: raise limits"):
+        decode(bytes(whole), "png")
+
+
+@pytest.mark.parametrize("kind", ["16UC1; compressedDepth", "32FC1; compressedDepth png"])
+def test_depth_is_no_picture(kind: str) -> None:
+    with pytest.raises(MessageError, match="holds distances, expected a picture"):
+        decode(encoded(noise((5, 7), "u2"), ".png"), kind)
+
+
+def test_mosaic_that_is_too_small() -> None:
+    with pytest.raises(MessageError, match="no whole picture"):
+        decode(encoded(noise((2, 2)), ".png"), "bayer_rggb8; png compressed ")
+
+
+def test_photo_of_a_recording() -> None:
+    path = shared("data/roadside/image2.jpg")
+    expected = cv2.imread(str(path), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+    assert expected is not None
+    np.testing.assert_array_equal(decode(path.read_bytes(), "jpeg").rgb, np.asarray(expected)[:, :, ::-1])

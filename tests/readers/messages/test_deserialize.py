@@ -1,0 +1,123 @@
+from dataclasses import replace
+from typing import Literal
+
+import pytest
+from builders import channel, detection2d_array, odometry, raw, store_for
+
+from pipeline.core.errors import MessageError
+from pipeline.core.types import Channel, RawMessage
+from readers.messages.deserialize import deserialize, typestore_for
+
+ODOMETRY = "nav_msgs/msg/Odometry"
+RULE = "=" * 80
+Encoding = Literal["ros1", "cdr"]
+
+
+def state() -> RawMessage:
+    return raw("/odom", ODOMETRY, odometry(stamp_ns=5, position=(1.0, 2.0, 3.0)), 5)
+
+
+def test_the_recorded_definition_decides_the_layout() -> None:
+    odd = Channel("/t", ODOMETRY, "cdr", "uint16 a\nuint16 b")
+    decoded = deserialize(RawMessage(0, 0, (0, 0), b"\0\1\0\0\1\0\2\0", odd))
+    assert (decoded.a, decoded.b) == (1, 2)
+
+
+@pytest.mark.parametrize("distro", ["", "humble", "jazzy", "rosbags"])
+def test_without_definitions_common_types_and_vision_msgs_are_known(distro: str) -> None:
+    boxes = detection2d_array([[10, 20, 30, 60]], class_names=["car"], scores=[0.5], stamp_ns=5)
+    for message in (state(), raw("/boxes", "vision_msgs/msg/Detection2DArray", boxes, 5)):
+        bare = message._replace(channel=replace(message.channel, definition="", distro=distro))
+        assert repr(deserialize(bare)) == repr(deserialize(message))
+
+
+def test_vision_msgs_of_early_releases_had_another_layout() -> None:
+    foxy = Channel("/boxes", "vision_msgs/msg/Detection2DArray", "cdr", "", "ros2msg", "foxy")
+    with pytest.raises(MessageError, match="no definition of vision_msgs/msg/Detection2DArray"):
+        typestore_for(foxy)
+
+
+def test_idl_texts_one_after_another() -> None:
+    point = "module a_msgs { module msg { struct Point { double x; double y; }; }; };\n"
+    path = "module a_msgs { module msg { struct Path { a_msgs::msg::Point first; long count; }; }; };\n"
+    text = f"{RULE}\nIDL: a_msgs/msg/Path\n{path}{RULE}\nIDL: a_msgs/msg/Point\n{point}"
+    recorded = Channel("/path", "a_msgs/msg/Path", "cdr", text, "ros2idl")
+    store = typestore_for(recorded)
+    Path, Point = store.types["a_msgs/msg/Path"], store.types["a_msgs/msg/Point"]
+    data = bytes(store.serialize_cdr(Path(Point(1.5, 2.5), 3), "a_msgs/msg/Path"))
+    decoded = deserialize(RawMessage(0, 0, (0, 0), data, recorded))
+    assert (decoded.first.x, decoded.first.y, decoded.count) == (1.5, 2.5, 3)
+
+
+@pytest.mark.parametrize(
+    ("definition", "says"),
+    [
+        ("int32 = [ 3", "is unusable"),
+        ("nowhere_msgs/Thing a", "no definition of nowhere_msgs/msg/Thing, which a_msgs/msg/A needs"),
+        ("", "no definition of a_msgs/msg/A"),
+    ],
+)
+def test_unusable_definitions(definition: str, says: str) -> None:
+    broken = Channel("/t", "a_msgs/msg/A", "cdr", definition)
+    for _ in range(2):  # the second time from the cache
+        with pytest.raises(MessageError, match=says) as caught:
+            deserialize(RawMessage(0, 0, (0, 0), bytes(8), broken))
+        assert str(caught.value).startswith("/t: ")
+        assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("size", [0, 3, 4, 11, 40])
+def test_bytes_that_do_not_fit(size: int) -> None:
+    message = state()
+    with pytest.raises(MessageError, match=f"{size} bytes are no nav_msgs/msg/Odometry"):
+        deserialize(message._replace(data=message.data[:size]))
+
+
+def test_definitions_of_both_ros_versions() -> None:
+    for encoding in ("ros1", "cdr"):
+        known = channel("/odom", ODOMETRY, "ros1" if encoding == "ros1" else "cdr")
+        store = store_for("ros1" if encoding == "ros1" else "cdr")
+        assert typestore_for(known).fielddefs[ODOMETRY] == store.fielddefs[ODOMETRY]
+
+
+KNOWN = [
+    ("ros1", "cd5e73d190d741a2f92e81eda573aca7"),  # of nav_msgs/Odometry, as rosmsg md5 gives it
+    ("cdr", store_for("cdr").hash_rihs01(ODOMETRY)),
+]
+OTHER = [("ros1", "0" * 32), ("cdr", "RIHS01_" + "0" * 64)]
+
+
+@pytest.mark.parametrize(("encoding", "digest"), [*KNOWN, ("ros1", "*"), ("cdr", "")])
+def test_without_a_definition_the_known_type_has_to_be_the_recorded_one(encoding: Encoding, digest: str) -> None:
+    message = raw("/odom", ODOMETRY, odometry(stamp_ns=5), 5, encoding=encoding)
+    bare = message._replace(channel=replace(message.channel, definition="", digest=digest))
+    assert deserialize(bare).child_frame_id == "base_link"
+
+
+@pytest.mark.parametrize(("encoding", "digest"), OTHER)
+def test_another_digest_and_no_definition(encoding: Encoding, digest: str) -> None:
+    message = raw("/odom", ODOMETRY, odometry(stamp_ns=5), 5, encoding=encoding)
+    bare = message._replace(channel=replace(message.channel, definition="", digest=digest))
+    with pytest.raises(MessageError, match=f"no definition of {ODOMETRY}, .* not the recorded {digest}"):
+        deserialize(bare)
+
+
+@pytest.mark.parametrize(("encoding", "digest"), OTHER)
+def test_a_definition_goes_before_a_digest_and_bytes_that_do_not_fit_name_both(encoding: Encoding, digest: str) -> None:
+    message = raw("/odom", ODOMETRY, odometry(stamp_ns=5), 5, encoding=encoding)
+    message = message._replace(channel=replace(message.channel, digest=digest))
+    assert deserialize(message).child_frame_id == "base_link"
+    with pytest.raises(MessageError, match=f"the recorded definition is .* not the recorded {digest}"):
+        deserialize(message._replace(data=message.data[:100]))
+
+
+@pytest.mark.parametrize("encoding", ["protobuf", "json"])
+def test_other_serialisations_are_no_ros_messages(encoding: Literal["protobuf", "json"]) -> None:
+    message = RawMessage(0, 0, (0, 0), b"{}", Channel("/t", "foxglove.Log", encoding, "", "jsonschema"))
+    with pytest.raises(MessageError, match=f"/t: foxglove.Log in {encoding} is no ROS message"):
+        deserialize(message)
+
+
+def test_a_message_that_could_not_be_read_says_why() -> None:
+    with pytest.raises(MessageError, match="/odom: its chunk is gone"):
+        deserialize(state()._replace(problem="its chunk is gone"))

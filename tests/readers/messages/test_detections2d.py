@@ -1,0 +1,190 @@
+import math
+from typing import Any
+
+import builders
+import numpy as np
+import pytest
+from builders import Fields
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from pipeline.core.config import Config
+from pipeline.core.errors import MessageError
+from pipeline.core.types import Channel, RawMessage
+from readers.messages.detections2d import Detections2D, decode_detections2d
+
+STAMP_NS = 1_700_000_000_123_456_789
+MSGTYPE = "vision_msgs/msg/Detection2DArray"
+CLASS_IDS = {"car": 0, "person": 1, "Pedestrian": 1}
+
+BOX = {"center": {"position": {"x": 30.0, "y": 40.0}}, "size_x": 20.0, "size_y": 10.0}
+
+
+def detection(*classes: tuple[str, float], bbox: Fields = BOX) -> Fields:
+    return {"results": [{"hypothesis": {"class_id": name, "score": score}} for name, score in classes], "bbox": bbox}
+
+
+def box(x: float, y: float, size_x: float, size_y: float, theta: float = 0.0) -> Fields:
+    return {"center": {"position": {"x": x, "y": y}, "theta": theta}, "size_x": size_x, "size_y": size_y}
+
+
+def decode(*detections: Fields, encoding: builders.Encoding = "cdr", **options: Any) -> Detections2D:
+    body = {"header": builders.header(STAMP_NS, "/camera"), "detections": list(detections)}
+    return decode_detections2d(builders.raw("/boxes", MSGTYPE, body, STAMP_NS, encoding=encoding), CLASS_IDS, **options)
+
+
+@pytest.mark.parametrize("encoding", ["ros1", "cdr"])
+def test_boxes_classes_and_scores(encoding: builders.Encoding) -> None:
+    xyxy = [[10.0, 20.0, 30.0, 50.0], [-5.5, 0.0, 600.25, 400.0]]
+    body = builders.detection2d_array(xyxy, class_names=["person", "CAR"], scores=[0.25, 0.75], stamp_ns=STAMP_NS)
+    found = decode_detections2d(builders.raw("/boxes", MSGTYPE, body, STAMP_NS, encoding=encoding), CLASS_IDS)
+    assert (found.boxes.stamp_ns, found.boxes.frame_id, dict(found.left_out)) == (STAMP_NS, "camera", {})
+    np.testing.assert_array_equal(found.boxes.xyxy, xyxy)
+    np.testing.assert_array_equal(found.boxes.scores, [0.25, 0.75])
+    np.testing.assert_array_equal(found.boxes.class_ids, [1, 0])
+
+
+def test_no_boxes() -> None:
+    found = decode()
+    assert (len(found.boxes), found.boxes.xyxy.shape, dict(found.left_out)) == (0, (0, 4), {})
+
+
+def test_best_hypothesis_counts() -> None:
+    found = decode(
+        detection(("car", 0.3), ("person", 0.9)),
+        detection(("car", 0.5), ("person", 0.5)),
+        detection(("car", math.nan), ("person", 0.1)),
+    )
+    np.testing.assert_array_equal(found.boxes.class_ids, [1, 0, 1])
+
+
+def test_labels_of_the_configuration() -> None:
+    body = {"detections": [detection(("Motorcycle", 0.5)), detection((" PERSON ", 0.5))]}
+    found = decode_detections2d(builders.raw("/boxes", MSGTYPE, body, STAMP_NS), Config().class_id_of_label)
+    assert [Config().class_names[class_id] for class_id in found.boxes.class_ids] == ["bicycle", "pedestrian"]
+
+
+def test_what_is_left_out_is_counted() -> None:
+    found = decode(
+        detection(("dog", 0.9)),
+        detection(("car", 0.9)),
+        detection(("dog", 0.8), ("car", 0.1)),
+        detection(),
+        detection(("car", math.nan)),
+        detection(("car", 0.9), bbox=box(math.nan, 1, 2, 3)),
+        detection(("car", 0.9), bbox=box(1, 1, math.inf, 3)),
+        detection(("car", 0.9), bbox=box(1e300, 1, 2, 3)),
+        detection(("car", 0.9), bbox=box(1, 1, 2, 3, math.inf)),
+        detection(("car", 0.9), bbox=box(1, 1, 0, 3)),
+        detection(("car", 0.9), bbox=box(1, 1, 2, -3)),
+        detection(("car", 0.9), bbox=box(1e9, 1, 2, 3)),  # in float32 both sides are the same
+    )
+    assert len(found.boxes) == 1
+    assert list(found.left_out.items()) == [
+        ("box without an area or not finite", 7),
+        ("class 'dog' is not configured", 2),
+        ("no class with a score", 2),
+    ]
+
+
+@pytest.mark.parametrize(("recorded", "score"), [(-0.5, 0.0), (0.0, 0.0), (1.0, 1.0), (97.0, 1.0)])
+def test_scores_are_brought_to_a_share(recorded: float, score: float) -> None:
+    np.testing.assert_array_equal(decode(detection(("car", recorded))).boxes.scores, [score])
+
+
+@pytest.mark.parametrize("degrees", [0, 30, 90, 135, -60, 180, 270])
+def test_turned_box_becomes_its_hull(degrees: int) -> None:
+    theta = math.radians(degrees)
+    turn = np.array([[math.cos(theta), -math.sin(theta)], [math.sin(theta), math.cos(theta)]])
+    corners = np.array([[10, 5], [-10, 5], [-10, -5], [10, -5]]) @ turn.T + [30, 40]
+    found = decode(detection(("car", 1.0), bbox=box(30, 40, 20, 10, theta)))
+    np.testing.assert_allclose(found.boxes.xyxy[0], [*corners.min(0), *corners.max(0)], atol=1e-5)
+
+
+def test_numbers_as_classes() -> None:
+    numbered = [detection(("2", 0.9)), detection(("0", 0.9)), detection(("7", 0.9)), detection(("-1", 0.9))]
+    unknown = decode(*numbered)
+    assert (len(unknown.boxes), sum(unknown.left_out.values())) == (0, 4)
+    known = decode(*numbered, class_names=("person", "bicycle", "Car"))
+    np.testing.assert_array_equal(known.boxes.class_ids, [0, 1])
+    assert list(known.left_out) == ["class '-1' is not configured", "class '7' is not configured"]
+
+
+def test_number_that_is_a_label() -> None:
+    body = {"detections": [detection(("2", 0.9))]}
+    raw = builders.raw("/boxes", MSGTYPE, body, STAMP_NS)
+    found = decode_detections2d(raw, {"2": 5, "car": 0}, class_names=("person", "bicycle", "car"))
+    np.testing.assert_array_equal(found.boxes.class_ids, [5])
+
+
+# --- older layouts, from the definitions of their time
+
+ROS1 = {
+    "vision_msgs/msg/ObjectHypothesisWithPose": "int64 id\nfloat64 score\ngeometry_msgs/PoseWithCovariance pose",
+    "vision_msgs/msg/BoundingBox2D": "geometry_msgs/Pose2D center\nfloat64 size_x\nfloat64 size_y",
+    "vision_msgs/msg/Detection2D": (
+        "Header header\nObjectHypothesisWithPose[] results\nBoundingBox2D bbox\nsensor_msgs/Image source_img"
+    ),
+    "vision_msgs/msg/Detection2DArray": "Header header\nDetection2D[] detections",
+}
+FOXY = {
+    "vision_msgs/msg/ObjectHypothesisWithPose": "string id\nfloat64 score\ngeometry_msgs/PoseWithCovariance pose",
+    "vision_msgs/msg/BoundingBox2D": ROS1["vision_msgs/msg/BoundingBox2D"],
+    "vision_msgs/msg/Detection2D": (
+        "std_msgs/Header header\nObjectHypothesisWithPose[] results\nBoundingBox2D bbox\n"
+        "bool is_tracking\nstring tracking_id"
+    ),
+    "vision_msgs/msg/Detection2DArray": "std_msgs/Header header\nDetection2D[] detections",
+}
+GALACTIC = {
+    **FOXY,
+    "vision_msgs/msg/ObjectHypothesis": "string class_id\nfloat64 score",
+    "vision_msgs/msg/ObjectHypothesisWithPose": ("ObjectHypothesis hypothesis\ngeometry_msgs/PoseWithCovariance pose"),
+}
+NO_BOX = {
+    **FOXY,
+    "vision_msgs/msg/Detection2D": "std_msgs/Header header\nObjectHypothesisWithPose[] results",
+}
+
+
+def old_message(definitions: dict[str, str], encoding: builders.Encoding, detections: list[Fields]) -> RawMessage:
+    store = get_typestore(Stores.ROS1_NOETIC if encoding == "ros1" else Stores.ROS2_FOXY)
+    types = {}
+    for name, text in definitions.items():
+        types.update(get_types_from_msg(text, name))
+    store.register({name: found for name, found in types.items() if name not in store.fielddefs})
+    version: Any = 1 if encoding == "ros1" else 2
+    text, _ = store.generate_msgdef(MSGTYPE, ros_version=version)
+    body = {"header": builders.header(STAMP_NS, "camera"), "detections": detections}
+    data = builders.serialize(MSGTYPE, body, encoding, store)
+    channel = Channel("/boxes", MSGTYPE, encoding, text, "ros1msg" if encoding == "ros1" else "ros2msg")
+    return RawMessage(STAMP_NS, STAMP_NS, (0, 0), data, channel)
+
+
+OLD_BOX = {"center": {"x": 30.0, "y": 40.0, "theta": math.pi / 2}, "size_x": 20.0, "size_y": 10.0}
+
+
+@pytest.mark.parametrize(
+    ("definitions", "encoding", "result"),
+    [
+        (ROS1, "ros1", {"id": 2, "score": 0.5}),
+        (FOXY, "cdr", {"id": "car", "score": 0.5}),
+        (GALACTIC, "cdr", {"hypothesis": {"class_id": "car", "score": 0.5}}),
+    ],
+)
+def test_older_layouts(definitions: dict[str, str], encoding: builders.Encoding, result: Fields) -> None:
+    raw = old_message(definitions, encoding, [{"results": [result], "bbox": OLD_BOX}])
+    found = decode_detections2d(raw, CLASS_IDS, class_names=("person", "bicycle", "car"))
+    np.testing.assert_allclose(found.boxes.xyxy, [[25, 30, 35, 50]], atol=1e-5)
+    np.testing.assert_array_equal(found.boxes.scores, [0.5])
+    np.testing.assert_array_equal(found.boxes.class_ids, [0])
+
+
+def test_unknown_layout() -> None:
+    raw = old_message(NO_BOX, "cdr", [{"results": [{"id": "car", "score": 0.5}]}])
+    with pytest.raises(MessageError, match=r"/boxes: .* of an unknown layout: .*bbox"):
+        decode_detections2d(raw, CLASS_IDS)
+
+
+def test_other_type() -> None:
+    with pytest.raises(MessageError, match="expected vision_msgs/msg/Detection2DArray"):
+        decode_detections2d(builders.raw("/image", "sensor_msgs/msg/Image", {}, STAMP_NS), CLASS_IDS)

@@ -1,0 +1,92 @@
+import struct
+from dataclasses import replace
+from typing import Any, Literal
+
+import pytest
+from builders import (
+    camera_info,
+    channel,
+    detection2d_array,
+    header,
+    image,
+    odometry,
+    pointcloud2,
+    raw,
+    store_for,
+    tf_message,
+    transform_stamped,
+)
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy import eye, zeros
+
+from pipeline.core.types import Channel
+from readers.messages.deserialize import deserialize
+from readers.messages.header_stamp import peek_stamp_ns, stamp_or_log_time
+
+STAMP = 1_316_000_000_123_456_789
+WITH_HEADER: dict[str, Any] = {
+    "sensor_msgs/msg/PointCloud2": pointcloud2(zeros((3, 3)), stamp_ns=STAMP),
+    "sensor_msgs/msg/Image": image(zeros((2, 2, 3), "u1"), stamp_ns=STAMP),
+    "sensor_msgs/msg/CameraInfo": camera_info(eye(3), stamp_ns=STAMP, width_px=2, height_px=2),
+    "nav_msgs/msg/Odometry": odometry(stamp_ns=STAMP),
+    "vision_msgs/msg/Detection2DArray": detection2d_array([], class_names=[], scores=[], stamp_ns=STAMP),
+    "geometry_msgs/msg/TransformStamped": transform_stamped("a", "b", stamp_ns=STAMP),
+    "std_msgs/msg/Header": header(STAMP, "lidar"),
+}
+WITHOUT_HEADER: dict[str, Any] = {
+    "tf2_msgs/msg/TFMessage": tf_message([transform_stamped("a", "b", stamp_ns=STAMP)]),
+    "std_msgs/msg/String": {"data": "a long enough text to hold a stamp"},
+    "geometry_msgs/msg/Point": {"x": 1.0},
+    "std_msgs/msg/Empty": {},
+}
+ENCODINGS: list[Literal["ros1", "cdr"]] = ["ros1", "cdr"]
+
+
+@pytest.mark.parametrize("encoding", ENCODINGS)
+@pytest.mark.parametrize("msgtype", WITH_HEADER)
+def test_types_with_a_header(msgtype: str, encoding: Literal["ros1", "cdr"]) -> None:
+    message = raw("/t", msgtype, WITH_HEADER[msgtype], STAMP, encoding=encoding)
+    assert peek_stamp_ns(message.channel, message.data) == STAMP
+    assert peek_stamp_ns(message.channel, memoryview(message.data)) == STAMP
+    for size in range(16 if encoding == "ros1" else 12):
+        if size < 12:
+            assert peek_stamp_ns(message.channel, message.data[:size]) is None
+            assert stamp_or_log_time(message.channel, message.data[:size], 7) == 7
+
+
+@pytest.mark.parametrize("encoding", ENCODINGS)
+@pytest.mark.parametrize("msgtype", WITHOUT_HEADER)
+def test_types_without_a_header(msgtype: str, encoding: Literal["ros1", "cdr"]) -> None:
+    message = raw("/t", msgtype, WITHOUT_HEADER[msgtype], STAMP, encoding=encoding)
+    assert peek_stamp_ns(message.channel, message.data) is None
+    assert stamp_or_log_time(message.channel, message.data, 7) == 7
+
+
+@given(sec=st.integers(-(2**31), 2**31 - 1), nanosec=st.integers(0, 2**32 - 1), big=st.booleans())
+def test_any_stamp_of_either_byte_order_is_that_of_the_full_decoder(sec: int, nanosec: int, big: bool) -> None:
+    store = store_for("cdr")
+    Header = store.types["std_msgs/msg/Header"]
+    Time = store.types["builtin_interfaces/msg/Time"]
+    data = bytes(store.serialize_cdr(Header(Time(sec, nanosec), "x"), "std_msgs/msg/Header", little_endian=not big))
+    assert peek_stamp_ns(channel("/t", "std_msgs/msg/Header"), data) == sec * 10**9 + nanosec
+
+
+@given(sec=st.integers(0, 2**32 - 1), nanosec=st.integers(0, 2**32 - 1), seq=st.integers(0, 2**32 - 1))
+def test_ros1_seconds_are_unsigned(sec: int, nanosec: int, seq: int) -> None:
+    data = struct.pack("<IIII", seq, sec, nanosec, 0)
+    assert peek_stamp_ns(channel("/t", "std_msgs/msg/Header", "ros1"), data) == sec * 10**9 + nanosec
+
+
+@pytest.mark.parametrize("definition", ["int32 = 3 = 4 [", "nowhere_msgs/Thing header", "\0"])
+def test_unusable_definitions_leave_the_log_time(definition: str) -> None:
+    broken = Channel("/t", "a_msgs/msg/A", "cdr", definition)
+    assert peek_stamp_ns(broken, bytes(100)) is None
+
+
+def test_a_definition_without_its_parts_still_has_the_common_ones() -> None:
+    message = raw("/t", "nav_msgs/msg/Odometry", odometry(stamp_ns=STAMP), STAMP)
+    bare = message.channel.definition.split("=" * 80)[0]
+    message = message._replace(channel=replace(message.channel, definition=bare))
+    assert peek_stamp_ns(message.channel, message.data) == STAMP
+    assert deserialize(message).child_frame_id == "base_link"

@@ -1,0 +1,263 @@
+from typing import Any
+
+import builders
+import cv2
+import numpy as np
+import numpy.typing as npt
+import pytest
+from helpers import shared
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pipeline.core.errors import MessageError
+from pipeline.core.types import Image, RawMessage
+from readers.messages.image import decode_image, decode_picture
+from readers.messages.image_encodings import PACKED, PLANAR
+
+STAMP_NS = 1_700_000_000_123_456_789
+MSGTYPE = "sensor_msgs/msg/Image"
+Array = npt.NDArray[Any]
+
+# Where red, green and blue (and alpha) lie in a pixel.
+COLOURS = {"rgb": [0, 1, 2], "rgba": [0, 1, 2, 3], "bgr": [2, 1, 0], "bgra": [2, 1, 0, 3]}
+MATRICES = {"8UC3": [2, 1, 0], "8UC4": [2, 1, 0, 3], "16UC3": [2, 1, 0], "16UC4": [2, 1, 0, 3]}
+ORDERS = {f"{name}{bits}": order for name, order in COLOURS.items() for bits in (8, 16)} | MATRICES
+GREYS = ["mono8", "mono16", "8UC1", "16UC1"]
+
+
+def message(pixels: Array, encoding: str, msg_encoding: builders.Encoding = "cdr", **options: Any) -> RawMessage:
+    body = builders.image(pixels, stamp_ns=STAMP_NS, encoding=encoding, **options)
+    return builders.raw("/image", MSGTYPE, body, STAMP_NS, encoding=msg_encoding)
+
+
+def decode(pixels: Array, encoding: str, **options: Any) -> Image:
+    return decode_image(message(pixels, encoding, **options))
+
+
+def changed(encoding: str = "rgb8", **changes: Any) -> RawMessage:
+    body = builders.image(np.zeros((4, 6, 3), np.uint8), stamp_ns=STAMP_NS, encoding=encoding)
+    return builders.raw("/image", MSGTYPE, {**body, **changes}, STAMP_NS)
+
+
+# --- colour and grey
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    st.sampled_from([*ORDERS, *GREYS]),
+    st.integers(1, 5),
+    st.integers(1, 5),
+    st.integers(0, 7),
+    st.booleans(),
+    st.integers(0, 99),
+)
+def test_values_as_numpy_reorders_them(
+    encoding: str, height: int, width: int, row_padding: int, is_bigendian: bool, seed: int
+) -> None:
+    wide = "16" in encoding
+    dtype = np.dtype((">" if is_bigendian else "<") + ("u2" if wide else "u1"))
+    order = ORDERS.get(encoding, [0])
+    values = np.random.default_rng(seed).integers(0, 65536 if wide else 256, (height, width, len(order)))
+    image = decode(values.astype(dtype), encoding, row_padding=row_padding, is_bigendian=is_bigendian)
+    eight = values >> 8 if wide else values
+    expected = eight[..., order[:3]] if len(order) > 1 else np.repeat(eight, 3, -1)
+    np.testing.assert_array_equal(image.rgb, expected)
+    assert (image.stamp_ns, image.frame_id) == (STAMP_NS, "camera")
+
+
+@pytest.mark.parametrize("encoding", ["ros1", "cdr"])
+def test_both_serialisations(encoding: builders.Encoding) -> None:
+    pixels = np.arange(24, dtype=np.uint8).reshape(2, 4, 3)
+    image = decode_image(message(pixels, "rgb8", encoding, frame_id="/camera"))
+    np.testing.assert_array_equal(image.rgb, pixels)
+    assert image.frame_id == "camera"
+
+
+@pytest.mark.parametrize("encoding", ["ros1", "cdr"])
+def test_rgb8_is_not_copied(encoding: builders.Encoding) -> None:
+    raw = message(np.arange(24, dtype=np.uint8).reshape(2, 4, 3), "rgb8", encoding)
+    assert np.shares_memory(decode_image(raw).rgb, np.frombuffer(raw.data, np.uint8))
+
+
+def test_padded_rgb8_is_contiguous() -> None:
+    assert decode(np.zeros((2, 4, 3), np.uint8), "rgb8", row_padding=5).rgb.flags.c_contiguous
+
+
+# --- Bayer
+
+RED, GREEN, BLUE = 200, 100, 50
+TILES = {
+    "rggb": [[RED, GREEN], [GREEN, BLUE]],
+    "bggr": [[BLUE, GREEN], [GREEN, RED]],
+    "gbrg": [[GREEN, BLUE], [RED, GREEN]],
+    "grbg": [[GREEN, RED], [BLUE, GREEN]],
+}
+
+
+@pytest.mark.parametrize("pattern", TILES)
+@pytest.mark.parametrize("shape", [(3, 3), (4, 6), (5, 7)])
+@pytest.mark.parametrize("bits", [8, 16])
+def test_mosaic_of_one_colour(pattern: str, shape: tuple[int, int], bits: int) -> None:
+    mosaic = np.tile(np.array(TILES[pattern], f"u{bits // 8}"), (3, 4))[: shape[0], : shape[1]]
+    if bits == 16:
+        mosaic = (mosaic << 8) + 7
+    image = decode(mosaic, f"bayer_{pattern}{bits}", row_padding=3)
+    np.testing.assert_array_equal(image.rgb, np.broadcast_to([RED, GREEN, BLUE], (*shape, 3)))
+
+
+@pytest.mark.parametrize("pattern", TILES)
+def test_mosaic_of_a_photo(pattern: str) -> None:
+    photo = cv2.imread(str(shared("data/kitti_object_8/000008.png")))
+    assert photo is not None
+    rgb = np.asarray(photo, np.uint8)[:, :, ::-1]
+    channel_of = {RED: 0, GREEN: 1, BLUE: 2}
+    mosaic = np.zeros(rgb.shape[:2], np.uint8)
+    for row in (0, 1):
+        for column in (0, 1):
+            mosaic[row::2, column::2] = rgb[row::2, column::2, channel_of[TILES[pattern][row][column]]]
+    error = {other: np.abs(decode(mosaic, f"bayer_{other}8").rgb.astype(int) - rgb).mean() for other in TILES}
+    assert error[pattern] < 6
+    assert all(error[other] > 1.5 * error[pattern] for other in TILES if other != pattern)
+
+
+@pytest.mark.parametrize("shape", [(2, 6), (6, 2), (1, 1)])
+def test_mosaic_that_is_too_small(shape: tuple[int, int]) -> None:
+    with pytest.raises(MessageError, match="expected 3 x 3 px or more"):
+        decode(np.zeros(shape, np.uint8), "bayer_rggb8")
+
+
+# --- YUV
+
+
+def yuv_of(rgb: Array) -> Array:
+    """ITU-R BT.601, limited range, from its definition: Kr 0.299, Kb 0.114; Y 16 to 235, U and V 16 to 240."""
+    red, green, blue = np.moveaxis(rgb / 255.0, -1, 0)
+    luma = 0.299 * red + 0.587 * green + 0.114 * blue
+    planes = [
+        16 + 219 * luma,
+        128 + 224 * (blue - luma) / (2 - 2 * 0.114),
+        128 + 224 * (red - luma) / (2 - 2 * 0.299),
+    ]
+    return np.asarray(np.rint(np.stack(planes, -1)), np.uint8)
+
+
+def colour_blocks() -> Array:
+    """(16, 24, 3): blocks of 4 x 4 pixels, so that pixels which share U and V have one colour."""
+    blocks = np.random.default_rng(3).integers(0, 256, (4, 6, 3), np.uint8)
+    return np.repeat(np.repeat(blocks, 4, 0), 4, 1)
+
+
+def packed_yuv(yuv: Array, order: str) -> Array:
+    """(H, W, 2) bytes of two pixels in the order given, for instance `uyvy`."""
+    first, second = yuv[:, 0::2], yuv[:, 1::2]
+    parts = {"u": first[..., 1], "v": first[..., 2]}
+    lumas = iter([first[..., 0], second[..., 0]])
+    groups = np.stack([next(lumas) if letter == "y" else parts[letter] for letter in order], -1)
+    return np.asarray(groups.reshape(yuv.shape[0], yuv.shape[1], 2))
+
+
+@pytest.mark.parametrize(
+    ("encoding", "order"), [("yuv422", "uyvy"), ("uyvy", "uyvy"), ("yuv422_yuy2", "yuyv"), ("yuyv", "yuyv")]
+)
+@pytest.mark.parametrize("row_padding", [0, 6])
+def test_packed_yuv(encoding: str, order: str, row_padding: int) -> None:
+    rgb = colour_blocks()
+    found = decode(packed_yuv(yuv_of(rgb), order), encoding, row_padding=row_padding).rgb
+    assert np.abs(found.astype(int) - rgb).max() <= 4
+
+
+@pytest.mark.parametrize("encoding", ["nv12", "nv21", "nv24"])
+@pytest.mark.parametrize("row_padding", [0, 5])
+def test_planar_yuv(encoding: str, row_padding: int) -> None:
+    rgb = colour_blocks()
+    yuv = yuv_of(rgb)
+    height, width = rgb.shape[:2]
+    step = width + row_padding
+    chroma = yuv[..., [2, 1]] if encoding == "nv21" else yuv[..., 1:]
+    if encoding == "nv24":
+        chroma_rows = np.pad(chroma.reshape(height, 2 * width), ((0, 0), (0, 2 * row_padding)))
+    else:
+        chroma_rows = np.pad(chroma[::2, ::2].reshape(height // 2, width), ((0, 0), (0, row_padding)))
+    luma_rows = np.pad(yuv[..., 0], ((0, 0), (0, row_padding)))
+    data = np.concatenate([luma_rows.reshape(-1), chroma_rows.reshape(-1)])
+    found = decode_image(changed(encoding, height=height, width=width, step=step, data=data)).rgb
+    assert np.abs(found.astype(int) - rgb).max() <= 4
+
+
+@pytest.mark.parametrize(
+    ("encoding", "shape"), [("uyvy", (4, 5)), ("yuyv", (4, 1)), ("nv12", (3, 4)), ("nv21", (4, 3))]
+)
+def test_yuv_of_odd_size(encoding: str, shape: tuple[int, int]) -> None:
+    height, width = shape
+    raw = changed(encoding, height=height, width=width, step=4 * width, data=np.zeros(200, np.uint8))
+    with pytest.raises(MessageError, match=r"needs an even width.*found"):
+        decode_image(raw)
+
+
+# --- what is no picture, and what contradicts itself
+
+
+@pytest.mark.parametrize(
+    ("changes", "match"),
+    [
+        ({"encoding": "32FC1"}, r"encoding '32FC1' is no picture; expected one of rgb8"),
+        ({"encoding": "16SC1"}, r"encoding '16SC1'"),
+        ({"encoding": "8UC2"}, r"encoding '8UC2'"),
+        ({"encoding": ""}, r"encoding ''"),
+        ({"encoding": "rgb9"}, r"encoding 'rgb9'"),
+        ({"height": 5}, r"rgb8 of 6 x 5 px has 5 rows of 18 bytes or more, found a step of 18 bytes and 72 bytes"),
+        ({"step": 17}, r"4 rows of 18 bytes or more, found a step of 17 bytes"),
+        ({"step": 0}, r"found a step of 0 bytes"),
+        ({"step": 19}, r"found a step of 19 bytes and 72 bytes"),
+        ({"width": 2**32 - 1, "height": 2**32 - 1, "step": 2**32 - 1}, r"4294967295 x 4294967295 px"),
+        ({"encoding": "rgb16"}, r"4 rows of 36 bytes"),
+        ({"encoding": "nv12", "step": 18}, r"6 rows of 6 bytes or more, found a step of 18 bytes and 72 bytes"),
+        ({"height": 0}, r"a picture of 6 x 0 px in rgb8; expected 1 x 1 px or more"),
+        ({"width": 0, "encoding": "nv24"}, r"a picture of 0 x 4 px"),
+        ({"data": np.zeros(0, np.uint8)}, r"0 bytes of data"),
+    ],
+)
+def test_contradictions_are_named(changes: dict[str, Any], match: str) -> None:
+    with pytest.raises(MessageError, match=match):
+        decode_image(changed(**changes))
+
+
+def test_missing_padding_of_the_last_row_is_no_fault() -> None:
+    data = np.arange(4 * 20 - 2, dtype=np.uint8)
+    rgb = decode_image(changed(step=20, data=data)).rgb
+    np.testing.assert_array_equal(rgb[3, 5], data[-3:])
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    st.sampled_from([*PACKED, *PLANAR]), st.integers(0, 9), st.integers(0, 9), st.integers(0, 80), st.integers(0, 400)
+)
+def test_any_sizes_give_a_picture_or_a_message_error(
+    encoding: str, height: int, width: int, step: int, size: int
+) -> None:
+    raw = changed(encoding, height=height, width=width, step=step, data=np.zeros(size, np.uint8))
+    try:
+        image = decode_image(raw)
+    except MessageError:
+        return
+    assert image.rgb.shape == (height, width, 3)
+
+
+# --- choice by type
+
+
+def test_picture_of_either_type() -> None:
+    pixels = np.full((4, 6, 3), 7, np.uint8)
+    png = cv2.imencode(".png", pixels)[1]
+    compressed = {"header": builders.header(STAMP_NS, "camera"), "format": "png", "data": np.asarray(png)}
+    for raw in (
+        message(pixels, "rgb8"),
+        builders.raw("/image/compressed", "sensor_msgs/msg/CompressedImage", compressed, STAMP_NS),
+    ):
+        np.testing.assert_array_equal(decode_picture(raw).rgb, pixels)
+
+
+def test_message_of_another_type() -> None:
+    raw = builders.raw("/points", "sensor_msgs/msg/PointCloud2", {}, STAMP_NS)
+    with pytest.raises(MessageError, match=r"expected sensor_msgs/msg/Image or .*, found sensor_msgs/msg/PointCloud2"):
+        decode_picture(raw)

@@ -1,0 +1,80 @@
+"""Strings and messages in lists are counted without making them."""
+
+from typing import Any
+
+import builders
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pipeline.core.errors import MessageError
+from pipeline.core.types import Channel, RawMessage
+from readers.messages.deserialize import deserialize, typestore_for
+from readers.messages.item_count import _Counting, count_items
+
+RULE = "=" * 80
+DEFINITION = (
+    "uint8 a\nstring[] names\nPart[] parts\nfloat64 b\nPart[2] pair\nint16[3] three\nfloat64[] numbers\nbool c\n"
+    f"{RULE}\nMSG: a/Part\nuint8 kind\nfloat64 weight\nstring name\nLeaf[] leaves\nint64[] longs\n"
+    f"{RULE}\nMSG: a/Leaf\nuint16 x\n"
+)
+
+
+def message_of(names: list[str], parts: list[tuple[str, int, int]], numbers: int, encoding: Any) -> RawMessage:
+    form: Any = "ros1msg" if encoding == "ros1" else "ros2msg"
+    channel = Channel("/a", "a/msg/A", encoding, DEFINITION, form)
+    store = typestore_for(channel)
+    leaf, part = store.types["a/msg/Leaf"], store.types["a/msg/Part"]
+    built = [
+        part(kind=1, weight=2.0, name=name, leaves=[leaf(x=3)] * leaves, longs=np.zeros(longs, np.int64))
+        for name, leaves, longs in parts
+    ]
+    empty = part(kind=0, weight=0.0, name="", leaves=[], longs=np.zeros(0, np.int64))
+    whole = store.types["a/msg/A"](
+        a=1,
+        names=names,
+        parts=built,
+        b=0.0,
+        pair=[empty, empty],
+        three=np.zeros(3, np.int16),
+        numbers=np.zeros(numbers),
+        c=True,
+    )
+    serialize = store.serialize_ros1 if encoding == "ros1" else store.serialize_cdr
+    return RawMessage(0, 0, (0, 0), bytes(serialize(whole, "a/msg/A")), channel)
+
+
+@settings(deadline=None)
+@given(
+    names=st.lists(st.text(max_size=5), max_size=4),
+    parts=st.lists(st.tuples(st.text("ab", max_size=5), st.integers(0, 3), st.integers(0, 3)), max_size=4),
+    numbers=st.integers(0, 3),
+    encoding=st.sampled_from(["ros1", "cdr"]),
+)
+def test_every_part_is_passed(names: list[str], parts: list[tuple[str, int, int]], numbers: int, encoding: str) -> None:
+    message = message_of(names, parts, numbers, encoding)
+    counting = _Counting(typestore_for(message.channel), encoding, memoryview(message.data), 1000)
+    counting.message("a/msg/A")
+    assert counting._at == len(message.data) - (4 if encoding == "cdr" else 0)
+    assert counting.items == len(names) + len(parts) + sum(leaves for _, leaves, _ in parts)
+    for end in range(0, len(message.data), 3):
+        assert count_items(typestore_for(message.channel), "a/msg/A", encoding, message.data[:end], 1000) < 100_000
+
+
+@pytest.mark.parametrize("encoding", ["ros1", "cdr"])
+def test_more_than_memory_holds(encoding: Any) -> None:
+    form: Any = "ros1msg" if encoding == "ros1" else "ros2msg"
+    text = f"Leaf[] leaves\n{RULE}\nMSG: a/Leaf\nuint8 x\n"
+    head = b"\0\1\0\0" if encoding == "cdr" else b""
+    data = head + (2_000_000).to_bytes(4, "little") + bytes(2_000_000)
+    message = RawMessage(0, 0, (0, 0), data, Channel("/a", "a/msg/A", encoding, text, form))
+    with pytest.raises(MessageError, match="/a: a a/msg/A with more than 1000000 strings or messages in its lists"):
+        deserialize(message)
+
+
+def test_a_large_cloud_has_few() -> None:
+    body = builders.pointcloud2(np.zeros((100_000, 3), np.float32), stamp_ns=0)
+    message = builders.raw("/points", "sensor_msgs/msg/PointCloud2", body, 0)
+    assert len(deserialize(message).data) == 1_200_000
+    assert count_items(typestore_for(message.channel), message.channel.msgtype, "cdr", message.data, 10) == 3

@@ -1,0 +1,104 @@
+import logging
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from readers.messages.point_time import MAX_OFFSET_NS, point_time_offsets
+
+STAMP_NS = 1_700_000_000_123_456_789
+SWEEP_NS = np.array([-100_000_000, -50_000_000, 0, 25_000_000, 100_000_000])
+
+
+def offsets(fields: dict[str, npt.NDArray[Any]], stamp_ns: int = STAMP_NS) -> npt.NDArray[np.int32] | None:
+    return point_time_offsets(fields, stamp_ns, topic="/points")
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "within_ns"),
+    [
+        ("time", (SWEEP_NS / 1e9).astype(np.float32), 5),  # velodyne_pointcloud
+        ("time", SWEEP_NS / 1e9, 0),
+        ("t", SWEEP_NS.astype(np.int32), 0),
+        ("offset_time", SWEEP_NS.astype(np.float32), 5),
+        ("offset_time", SWEEP_NS.astype(np.float64), 0),
+        ("timestamp", (STAMP_NS + SWEEP_NS) / 1e9, 240),  # Hesai, RoboSense: float64 of 2023 has steps of 238 ns
+        ("time_stamp", (STAMP_NS + SWEEP_NS) / 1e9, 240),  # Nebula, PointXYZIRADT
+        ("time", (STAMP_NS + SWEEP_NS) / 1e9, 240),
+        ("timestamp", (STAMP_NS + SWEEP_NS).astype(np.float64), 128),  # livox_ros_driver2
+        ("timestamp", STAMP_NS + SWEEP_NS, 0),
+        ("timestamp", (STAMP_NS + SWEEP_NS).astype(np.uint64), 0),
+        ("timestamp", SWEEP_NS / 1e9, 0),
+        ("time", (SWEEP_NS / 1e9).astype(">f4"), 5),
+        ("timestamp", (STAMP_NS + SWEEP_NS).astype(">u8"), 0),
+    ],
+)
+def test_spellings_of_drivers(name: str, values: npt.NDArray[Any], within_ns: int) -> None:
+    found = offsets({name: values})
+    assert found is not None
+    assert found.dtype == np.int32
+    assert np.abs(found - SWEEP_NS).max() <= within_ns
+
+
+@pytest.mark.parametrize("name", ["t", "time_stamp", "offset_time", "time_offset", "point_time_offset"])
+def test_unsigned_nanoseconds(name: str) -> None:
+    np.testing.assert_array_equal(offsets({name: np.array([0, 99_999_999], np.uint32)}), [0, 99_999_999])
+
+
+def test_clock_that_counts_from_power_on() -> None:
+    """A Hesai without a time source: header and points count seconds from its start."""
+    stamp_ns = 668_403_185_160
+    found = offsets({"timestamp": (stamp_ns + SWEEP_NS) / 1e9}, stamp_ns)
+    assert found is not None
+    assert np.abs(found - SWEEP_NS).max() <= 1
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {},
+        {"x": np.ones(3)},
+        {"time": np.zeros(3, np.float32)},
+        {"time": np.zeros(0, np.float32)},
+        {"time": np.array([0, np.nan], np.float32)},
+        {"time": np.array([0, 3600.0], np.float32)},  # seconds of the hour
+        {"t": np.array([0, 4_000_000_000], np.uint32)},
+        {"timestamp": (STAMP_NS + SWEEP_NS) / 1e9 - 3600},  # a clock of its own
+        {"timestamp": np.array([-(2**63), 1], np.int64)},  # whose absolute value does not exist
+        {"timestamp": np.array([1e300, np.inf])},
+    ],
+)
+def test_no_times(fields: dict[str, npt.NDArray[Any]]) -> None:
+    assert offsets(fields) is None
+
+
+def test_next_field_where_the_first_makes_no_sense() -> None:
+    found = offsets({"t": np.array([0, 4_000_000_000], np.uint32), "time": np.array([0, 0.5], np.float32)})
+    np.testing.assert_array_equal(found, [0, 500_000_000])
+
+
+def test_unusable_field_is_logged_once_for_a_topic(caplog: pytest.LogCaptureFixture) -> None:
+    with caplog.at_level(logging.WARNING):
+        for _ in range(3):
+            point_time_offsets({"time": np.array([99.0])}, STAMP_NS, topic="/logged_once")
+    assert [record.getMessage().split(":")[0] for record in caplog.records] == ["/logged_once"]
+
+
+@given(
+    st.lists(st.integers(-MAX_OFFSET_NS, MAX_OFFSET_NS), min_size=1, max_size=5).filter(any),
+    st.integers(10_000_000_000, 4_000_000_000_000_000_000),
+)
+def test_integers_and_clock_nanoseconds_are_exact(wanted: list[int], stamp_ns: int) -> None:
+    np.testing.assert_array_equal(offsets({"t": np.array(wanted, np.int32)}, stamp_ns), wanted)
+    np.testing.assert_array_equal(offsets({"timestamp": np.array(wanted, np.int64) + stamp_ns}, stamp_ns), wanted)
+
+
+@given(st.integers(-MAX_OFFSET_NS + 300, MAX_OFFSET_NS - 300), st.integers(10**18, 4 * 10**18))
+def test_clock_nanoseconds_in_float64_lose_no_more_than_their_own_rounding(wanted: int, stamp_ns: int) -> None:
+    value = float(stamp_ns + wanted)
+    found = offsets({"timestamp": np.array([value])}, stamp_ns)
+    assert found is not None
+    assert int(found[0]) == int(value) - stamp_ns

@@ -1,0 +1,296 @@
+from typing import Any
+
+import builders
+import numpy as np
+import numpy.typing as npt
+import pytest
+from builders import POINT_FIELD_DATATYPES, Fields
+from helpers import shared
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rosbags.typesys import Stores, get_typestore
+
+from pipeline.core.errors import MessageError
+from pipeline.core.types import Channel, PointCloud, RawMessage
+from readers.messages.pointcloud2 import decode_pointcloud2
+
+STAMP_NS = 1_700_000_000_123_456_789
+XYZ = np.array([[1, 2, 3], [-4, 5.5, 6], [7, 8, -9]], np.float32)
+MSGTYPE = "sensor_msgs/msg/PointCloud2"
+
+
+def message(fields: Fields, encoding: builders.Encoding = "cdr") -> RawMessage:
+    return builders.raw("/points", MSGTYPE, fields, STAMP_NS, encoding=encoding)
+
+
+def decode(xyz: npt.ArrayLike = XYZ, **options: Any) -> PointCloud:
+    return decode_pointcloud2(message(builders.pointcloud2(xyz, stamp_ns=STAMP_NS, **options)))
+
+
+def changed(**changes: Any) -> RawMessage:
+    return message({**builders.pointcloud2(XYZ, stamp_ns=STAMP_NS), **changes})
+
+
+# --- layouts
+
+
+@pytest.mark.parametrize("lead", range(8))
+def test_data_at_any_address(lead: int) -> None:
+    plain = message(builders.pointcloud2(XYZ, stamp_ns=STAMP_NS, point_padding=4))
+    moved = plain._replace(data=memoryview(bytes(lead) + bytes(plain.data))[lead:])
+    np.testing.assert_array_equal(decode_pointcloud2(moved).xyz, XYZ)
+
+
+@pytest.mark.parametrize("encoding", ["ros1", "cdr"])
+def test_plain_cloud(encoding: builders.Encoding) -> None:
+    cloud = decode_pointcloud2(
+        message(builders.pointcloud2(XYZ, stamp_ns=STAMP_NS, frame_id="/velodyne"), encoding=encoding)
+    )
+    np.testing.assert_array_equal(cloud.xyz, XYZ)
+    assert (cloud.stamp_ns, cloud.frame_id, cloud.nan_dropped, cloud.has_time) == (STAMP_NS, "velodyne", 0, False)
+    assert not cloud.intensity.any()
+    assert not cloud.ring.any()
+    assert not cloud.time_offset_ns.any()
+
+
+POINT_DTYPES = {**POINT_FIELD_DATATYPES, "i8": 9, "u8": 10}
+
+
+@st.composite
+def layouts(draw: st.DrawFn) -> tuple[Fields, npt.NDArray[Any]]:
+    """A message with fields in any order, datatype, gap and byte order, and the structured array it was made of."""
+    is_bigendian = draw(st.booleans())
+    height, width = draw(st.sampled_from([(1, 0), (1, 1), (1, 7), (3, 4), (5, 1), (0, 3)]))
+    names = draw(st.permutations(["x", "y", "z", "intensity", "ring", "rgb", "normal"]))
+    formats, offsets, fields, at = [], [], [], 0
+    for name in names:
+        code = draw(st.sampled_from(sorted(POINT_DTYPES)))
+        count = 3 if name == "normal" else draw(st.sampled_from([0, 1, 2]))
+        at += draw(st.integers(0, 5))
+        base = np.dtype((">" if is_bigendian else "<") + code)
+        formats.append((base, (max(count, 1),)))
+        offsets.append(at)
+        fields.append({"name": name, "offset": at, "datatype": POINT_DTYPES[code], "count": count})
+        at += base.itemsize * max(count, 1)
+    point_step = at + draw(st.integers(0, 7))
+    layout: Any = {"names": names, "formats": formats, "offsets": offsets, "itemsize": point_step}
+    rng = np.random.default_rng(draw(st.integers(0, 99)))
+    table = np.zeros((height, width), np.dtype(layout))
+    for name in names:
+        table[name] = rng.integers(0, 100, table[name].shape)
+    gap = draw(st.integers(0, 9))
+    rows = np.frombuffer(table.tobytes(), np.uint8).reshape(height, width * point_step)
+    data = np.pad(rows, ((0, 0), (0, gap)), constant_values=0xAB).reshape(-1)
+    body = {
+        "header": builders.header(STAMP_NS, "lidar"),
+        "height": height,
+        "width": width,
+        "fields": fields,
+        "is_bigendian": is_bigendian,
+        "point_step": point_step,
+        "row_step": width * point_step + gap,
+        "data": data[: len(data) - draw(st.integers(0, gap if height else 0))],
+    }
+    return body, table.reshape(-1)
+
+
+@settings(max_examples=150, deadline=None)
+@given(layouts())
+def test_any_layout_reads_as_numpy_reads_it(case: tuple[Fields, npt.NDArray[Any]]) -> None:
+    body, table = case
+    cloud = decode_pointcloud2(message(body))
+    expected = np.stack([table[axis][:, 0] for axis in "xyz"], -1).astype(np.float32)
+    np.testing.assert_array_equal(cloud.xyz, expected)
+    np.testing.assert_array_equal(cloud.intensity, table["intensity"][:, 0].astype(np.float32))
+    np.testing.assert_array_equal(cloud.ring, table["ring"][:, 0].astype(np.uint16))
+    assert cloud.nan_dropped == 0
+
+
+def test_single_row_needs_no_row_step() -> None:
+    np.testing.assert_array_equal(decode_pointcloud2(changed(row_step=0)).xyz, XYZ)
+
+
+def test_names_in_any_case() -> None:
+    body = builders.pointcloud2(XYZ, stamp_ns=STAMP_NS)
+    upper = [{**field, "name": field["name"].upper()} for field in body["fields"]]
+    np.testing.assert_array_equal(decode_pointcloud2(message({**body, "fields": upper})).xyz, XYZ)
+
+
+def test_first_of_two_fields_of_one_name() -> None:
+    body = builders.pointcloud2(XYZ, stamp_ns=STAMP_NS)
+    second = {"name": "x", "offset": 4, "datatype": 7, "count": 1}
+    np.testing.assert_array_equal(decode_pointcloud2(message({**body, "fields": [*body["fields"], second]})).xyz, XYZ)
+
+
+# --- points without a place
+
+
+def test_empty_cloud() -> None:
+    assert len(decode(np.zeros((0, 3), np.float32))) == 0
+
+
+def test_empty_message_without_fields() -> None:
+    cloud = decode_pointcloud2(message({"header": builders.header(STAMP_NS, "lidar")}))
+    assert (len(cloud), cloud.nan_dropped) == (0, 0)
+
+
+def test_one_point() -> None:
+    np.testing.assert_array_equal(decode([[1, 2, 3]]).xyz, [[1, 2, 3]])
+
+
+@pytest.mark.parametrize("hole", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_points_that_are_not_finite_are_dropped_with_all_their_fields(hole: float, axis: int) -> None:
+    xyz = XYZ.copy()
+    xyz[1, axis] = hole
+    cloud = decode(
+        xyz,
+        intensity=np.array([1, 2, 3], np.float32),
+        ring=np.array([4, 5, 6], np.uint8),
+        t=np.array([7, 4_000_000_000, 9], np.uint32),  # a time that makes no sense, on a point that has no place
+    )
+    np.testing.assert_array_equal(cloud.xyz, XYZ[[0, 2]])
+    np.testing.assert_array_equal(cloud.intensity, [1, 3])
+    np.testing.assert_array_equal(cloud.ring, [4, 6])
+    np.testing.assert_array_equal(cloud.time_offset_ns, [7, 9])
+    assert (cloud.nan_dropped, cloud.has_time) == (1, True)
+
+
+def test_all_nan() -> None:
+    cloud = decode(np.full((5, 3), np.nan, np.float32), time=np.ones(5, np.float32))
+    assert (len(cloud), cloud.nan_dropped, cloud.has_time) == (0, 5, False)
+
+
+def test_float64_keeps_what_float32_can_hold() -> None:
+    cloud = decode(np.array([[0.1, 5_000_000.3, 1e300], [0.1, 5_000_000.3, 1.0]]))
+    np.testing.assert_array_equal(cloud.xyz, np.array([[0.1, 5_000_000.3, 1.0]], np.float32))
+    assert cloud.nan_dropped == 1
+
+
+def test_arrays_belong_to_the_cloud() -> None:
+    cloud = decode()
+    assert cloud.xyz.flags.c_contiguous
+    assert not cloud.xyz.flags.writeable
+
+
+# --- other fields
+
+
+@pytest.mark.parametrize("name", ["intensity", "i", "reflectivity", "signal", "Intensity"])
+@pytest.mark.parametrize("code", ["f4", "f8", "u1", "u2"])
+def test_intensity(name: str, code: str) -> None:
+    np.testing.assert_array_equal(decode(**{name: np.array([0, 9, 200], code)}).intensity, [0, 9, 200])
+
+
+def test_intensity_goes_before_reflectivity() -> None:
+    cloud = decode(reflectivity=np.array([1, 2, 3], np.uint16), intensity=np.array([4, 5, 6], np.float32))
+    np.testing.assert_array_equal(cloud.intensity, [4, 5, 6])
+
+
+@pytest.mark.parametrize("name", ["ring", "channel", "laser_id", "line"])
+@pytest.mark.parametrize("code", ["u1", "i1", "u2", "i4", "f4"])
+def test_ring(name: str, code: str) -> None:
+    np.testing.assert_array_equal(decode(**{name: np.array([0, 3, 127], code)}).ring, [0, 3, 127])
+
+
+def test_ring_out_of_range_is_clipped() -> None:
+    np.testing.assert_array_equal(decode(ring=np.array([-1, 70_000, 5], np.int32)).ring, [0, 65535, 5])
+    np.testing.assert_array_equal(decode(ring=np.array([np.nan, 1e30, 5], np.float32)).ring, [0, 65535, 5])
+
+
+# --- what contradicts itself
+
+
+@pytest.mark.parametrize(
+    ("changes", "match"),
+    [
+        ({"width": 4}, r"1 x 4 points of 12 bytes in rows of 48 bytes do not fit 36 bytes"),
+        ({"width": 4_294_967_295, "height": 4_294_967_295}, r"4294967295 x 4294967295 points"),
+        ({"height": 2, "width": 1, "row_step": 30}, r"2 x 1 points of 12 bytes in rows of 30 bytes .* 36 bytes"),
+        ({"height": 3, "width": 1, "row_step": 11}, r"3 x 1 points of 12 bytes in rows of 11 bytes"),
+        ({"point_step": 11}, r"field z ends at byte 12 of a point of 11 bytes"),
+        ({"point_step": 0}, r"ends at byte \d+ of a point of 0 bytes"),
+        ({"data": np.zeros(0, np.uint8)}, r"do not fit 0 bytes of data"),
+        ({"fields": []}, r"expected the fields x, y and z, found none"),
+        ({"fields": [{"name": "x", "datatype": 7}, {"name": "range", "datatype": 7}]}, r"found x, range"),
+        ({"fields": [{"name": name, "datatype": 42} for name in "xyz"]}, r"datatype 42, expected 1 to 11"),
+        (
+            {"fields": [{"name": name, "datatype": 7, "offset": 2**32 - 1} for name in "xyz"]},
+            r"ends at byte 4294967299",
+        ),
+        ({"fields": [{"name": name, "datatype": 7, "count": 2**32 - 1} for name in "xyz"]}, r"of a point of 12 bytes"),
+    ],
+)
+def test_contradictions_are_named(changes: dict[str, Any], match: str) -> None:
+    with pytest.raises(MessageError, match=match):
+        decode_pointcloud2(changed(**changes))
+
+
+def test_cut_message() -> None:
+    whole = changed()
+    with pytest.raises(MessageError, match="/points"):
+        decode_pointcloud2(whole._replace(data=bytes(whole.data)[:60]))
+
+
+def test_other_type() -> None:
+    other = builders.raw("/image", "sensor_msgs/msg/Image", {}, STAMP_NS)
+    with pytest.raises(MessageError, match=r"expected sensor_msgs/msg/PointCloud2, found sensor_msgs/msg/Image"):
+        decode_pointcloud2(other)
+
+
+# --- real data
+
+
+@pytest.mark.parametrize("name", ["kitti_object/training/velodyne/000000.bin", "kitti_object_8/000008.bin"])
+def test_kitti_clouds_come_back_as_they_are(name: str) -> None:
+    points = np.fromfile(shared(f"data/{name}"), np.float32).reshape(-1, 4)
+    cloud = decode(points[:, :3], intensity=points[:, 3], point_padding=3)
+    np.testing.assert_array_equal(cloud.xyz, points[:, :3])
+    np.testing.assert_array_equal(cloud.intensity, points[:, 3])
+
+
+def test_cloud_of_a_vlp16_in_the_layout_of_nebula() -> None:
+    header, _, content = (
+        shared("data/velodyne_packets/vlp16/1673400472138016708.pcd").read_bytes().partition(b"DATA binary\n")
+    )
+    lines = dict(line.split(maxsplit=1) for line in header.decode().splitlines())
+    names, sizes, kinds = lines["FIELDS"].split(), lines["SIZE"].split(), lines["TYPE"].split()
+    formats = [f"<{kind.lower()}{size}" for kind, size in zip(kinds, sizes, strict=True)]
+    layout: Any = {"names": names, "formats": formats}
+    table = np.frombuffer(content, np.dtype(layout), int(lines["POINTS"]))
+    offsets = np.cumsum([0, *map(int, sizes)])[:-1].tolist()
+    body = {
+        "header": builders.header(STAMP_NS, "velodyne"),
+        "height": 1,
+        "width": len(table),
+        "fields": [
+            {"name": name, "offset": offset, "datatype": POINT_FIELD_DATATYPES[code[1:]], "count": 1}
+            for name, offset, code in zip(names, offsets, formats, strict=True)
+        ],
+        "point_step": table.dtype.itemsize,
+        "row_step": table.nbytes,
+        "data": np.frombuffer(table.tobytes(), np.uint8),
+    }
+    cloud = decode_pointcloud2(message(body))
+    np.testing.assert_array_equal(cloud.xyz, np.stack([table[axis] for axis in "xyz"], -1))
+    np.testing.assert_array_equal(cloud.intensity, table["intensity"])
+    np.testing.assert_array_equal(cloud.ring, table["channel"])
+    np.testing.assert_array_equal(cloud.time_offset_ns, table["time_stamp"])
+    assert cloud.has_time
+
+
+def test_64_bit_fields_by_the_definition_of_lyrical() -> None:
+    store = get_typestore(Stores.ROS2_LYRICAL)
+    text, _ = store.generate_msgdef(MSGTYPE, ros_version=2)
+    ticks = np.array([1, 2, 3], np.int64) + STAMP_NS
+    body = builders.pointcloud2(XYZ, stamp_ns=STAMP_NS, i=np.array([0, 1, 2], np.float32))
+    table = np.frombuffer(body["data"].tobytes(), np.dtype([("xyzi", "V16")]))
+    wide = np.zeros(3, np.dtype([("xyzi", "V16"), ("timestamp", "<i8")]))
+    wide["xyzi"], wide["timestamp"] = table["xyzi"], ticks
+    fields = [*body["fields"], {"name": "timestamp", "offset": 16, "datatype": 9, "count": 1}]
+    body = {**body, "fields": fields, "point_step": 24, "data": np.frombuffer(wide.tobytes(), np.uint8)}
+    data = builders.serialize(MSGTYPE, body, store=store)
+    raw = RawMessage(STAMP_NS, STAMP_NS, (0, 0), data, Channel("/points", MSGTYPE, "cdr", text))
+    cloud = decode_pointcloud2(raw)
+    np.testing.assert_array_equal(cloud.xyz, XYZ)
+    np.testing.assert_array_equal(cloud.time_offset_ns, [1, 2, 3])

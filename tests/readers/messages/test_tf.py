@@ -1,0 +1,103 @@
+import numpy as np
+import pytest
+from builders import Fields, raw, tf_message, transform_stamped
+
+from pipeline.core.errors import FrameError
+from pipeline.core.types import RawMessage
+from readers.memory import MemoryRecording
+from readers.messages.tf import read_transforms
+
+SECOND = 10**9
+TFM = "tf2_msgs/msg/TFMessage"
+
+
+def tf(topic: str, *transforms: Fields, at_s: float = 0, encoding: str = "cdr") -> RawMessage:
+    stamp_ns = round(at_s * SECOND)
+    return raw(topic, TFM, tf_message(transforms), stamp_ns, encoding=encoding)  # type: ignore[arg-type]  # two literals
+
+
+def edge(parent: str, child: str, x: float = 0.0, **options: object) -> Fields:
+    return transform_stamped(parent, child, stamp_ns=0, translation=(x, 0, 0), **options)  # type: ignore[arg-type]  # passed on
+
+
+def test_an_empty_recording_has_no_frames() -> None:
+    assert read_transforms(MemoryRecording([])).fixed.frames == frozenset()
+
+
+@pytest.mark.parametrize("encoding", ["ros1", "cdr"])
+def test_static_transforms_chain_and_slashes_go(encoding: str) -> None:
+    messages = [tf("/tf_static", edge("/base", "/mast", 1.0), edge("mast", "lidar", 2.0), encoding=encoding)]
+    found = read_transforms(MemoryRecording(messages))
+    np.testing.assert_allclose(found.lookup("base", "lidar").translation, [3, 0, 0])
+
+
+def test_a_later_static_transform_replaces_an_earlier_one() -> None:
+    messages = [tf("/tf_static", edge("base", "lidar", 1.0)), tf("/tf_static", edge("base", "lidar", 2.0), at_s=9)]
+    np.testing.assert_allclose(read_transforms(MemoryRecording(messages)).lookup("base", "lidar").translation[0], 2)
+
+
+def test_mountings_repeated_on_tf_are_fixed_and_moving_ones_are_not() -> None:
+    messages = [
+        tf("/tf", edge("base", "lidar", 1.0), edge("turret", "gun", 0.01 * i), edge("odom", "base", 5.0), at_s=i)
+        for i in range(5)
+    ]
+    found = read_transforms(MemoryRecording(messages))
+    assert dict(found.moving) == {"gun": "turret", "base": "odom"}  # odom never holds still for good
+    np.testing.assert_allclose(found.lookup("base", "lidar").translation[0], 1)
+    with pytest.raises(FrameError, match="base moves in odom"):
+        found.lookup("odom", "lidar")
+
+
+def test_only_the_beginning_of_tf_is_read_but_all_of_tf_static() -> None:
+    messages = [
+        tf("/tf", edge("base", "a")),
+        tf("/tf", edge("base", "b"), at_s=61),
+        tf("/tf_static", edge("base", "c"), at_s=99),
+    ]
+    assert read_transforms(MemoryRecording(messages)).fixed.frames == {"base", "a", "c"}
+
+
+@pytest.mark.parametrize(
+    ("start_s", "stop_s", "expected"),
+    [
+        (None, None, "abc"),
+        (None, 1.5, "ab"),  # never less than the first two seconds
+        (None, 50, "abc"),
+        (30, 35, "ab"),
+        (30, 70, "abde"),
+        (69, None, "abe"),
+        (1, 20, "abc"),
+    ],
+)
+def test_of_a_window_tf_is_read_where_it_begins_and_where_the_recording_does(
+    start_s: float | None, stop_s: float | None, expected: str
+) -> None:
+    times_s = {"a": 0, "b": 1.9, "c": 10, "d": 60, "e": 69.9, "f": 130}
+    messages = [tf("/tf", edge("base", name), at_s=at_s) for name, at_s in times_s.items()]
+    start_ns, stop_ns = (None if at_s is None else round(at_s * SECOND) for at_s in (start_s, stop_s))
+    found = read_transforms(MemoryRecording(messages), start_ns=start_ns, stop_ns=stop_ns)
+    assert found.fixed.frames == {"base", *expected}
+
+
+@pytest.mark.parametrize(
+    ("bad", "reason"),
+    [
+        (edge("base", "lidar", rotation_xyzw=(0, 0, 0, 0)), "no unit quaternion"),
+        (edge("base", "lidar", rotation_xyzw=(0, 0, 0, 2)), "no unit quaternion"),
+        (edge("base", "lidar", rotation_xyzw=(0, 0, 0, float("nan"))), "no unit quaternion"),
+        (edge("base", "lidar", float("inf")), "finite"),
+        (edge("lidar", "lidar"), "two different frames"),
+    ],
+)
+def test_an_unsound_transform_is_left_out_and_its_reason_told(bad: Fields, reason: str) -> None:
+    found = read_transforms(MemoryRecording([tf("/tf_static", bad, edge("base", "other"))]))
+    assert found.fixed.is_static("other")
+    with pytest.raises(FrameError, match=reason):
+        found.lookup("base", "lidar")
+
+
+def test_an_undecodable_message_is_counted() -> None:
+    good = tf("/tf_static", edge("base", "lidar"))
+    found = read_transforms(MemoryRecording([good._replace(data=bytes(good.data)[:-9]), good]))
+    assert [(drop.topic, drop.reason) for drop in found.drops] == [("/tf_static", "cannot be decoded")]
+    assert found.fixed.is_static("lidar")

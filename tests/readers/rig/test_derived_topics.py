@@ -1,0 +1,105 @@
+"""What was made of other topics is used only where these were not recorded."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from builders import image, pointcloud2, raw, tf_message, transform_stamped
+from combined_messages import CAMERAS, CLOUDS, combined
+
+from pipeline.core.config import Config
+from pipeline.core.errors import RecordingError
+from pipeline.core.types import RawMessage
+from readers.memory import MemoryRecording
+from readers.rig.discovery import Discovery, discover_rig, rig_from_file
+from readers.rig.first_messages import FirstMessages
+from readers.rig.load import load_rig
+from readers.rig.sensor_topics import find_camera_topics, find_lidar_topics
+from readers.streams.per_sensor import sensor_messages
+
+
+def cloud(topic: str, frame: str = "base") -> RawMessage:
+    fields = pointcloud2([[1, 2, 3]], stamp_ns=5, frame_id=frame)
+    return raw(topic, "sensor_msgs/msg/PointCloud2", fields, 5)
+
+
+def picture(topic: str, frame: str) -> RawMessage:
+    fields = image(np.zeros((4, 6, 3), np.uint8), stamp_ns=5, frame_id=frame)
+    return raw(topic, "sensor_msgs/msg/Image", fields, 5)
+
+
+FUSED = cloud("/point_cloud_combined")
+LIST = combined("/pointcloud_list", CLOUDS, [cloud("/x", "a"), cloud("/y", "b")], 9, "cdr")
+VIEWS = combined("/camera_msgs_combined", CAMERAS, [picture("/x", "c"), picture("/y", "d")], 9, "cdr")
+PARTS = ["/pointcloud_list/pointcloud_1", "/pointcloud_list/pointcloud_2"]
+
+
+@pytest.mark.parametrize(
+    ("messages", "used"),
+    [
+        ([FUSED], ["/point_cloud_combined"]),
+        ([FUSED, LIST], PARTS),
+        ([LIST], PARTS),
+        ([FUSED, LIST, cloud("/velodyne1_points")], ["/velodyne1_points"]),
+        ([FUSED, cloud("/velodyne1_points")], ["/velodyne1_points"]),
+        ([FUSED, cloud("/camera/depth/points")], ["/point_cloud_combined"]),
+        ([cloud("/camera/depth/points")], []),
+    ],
+)
+def test_lidars(messages: list[RawMessage], used: list[str]) -> None:
+    recording = sensor_messages(MemoryRecording(messages))
+    topics, faults, notes = find_lidar_topics(recording, Config().topics, FirstMessages(recording))
+    assert topics == used
+    assert not faults
+    passed_over = {info.topic for info in recording.topics} - {*used}
+    assert {note.split(":")[0] for note in notes} == passed_over
+
+
+@pytest.mark.parametrize(
+    ("messages", "used"),
+    [
+        ([VIEWS], ["/camera_msgs_combined/camera_1", "/camera_msgs_combined/camera_2"]),
+        ([VIEWS, picture("/image_raw_11", "c")], ["/image_raw_11"]),
+    ],
+)
+def test_cameras(messages: list[RawMessage], used: list[str]) -> None:
+    recording = sensor_messages(MemoryRecording(messages))
+    cameras, _, _ = find_camera_topics(recording, Config().topics, FirstMessages(recording))
+    assert [camera.picture for camera in cameras] == used
+
+
+def discover(messages: list[RawMessage], **topics: Any) -> Discovery:
+    return discover_rig(sensor_messages(MemoryRecording(messages)), Config.model_validate({"topics": topics}))
+
+
+def test_the_settings_have_the_last_word() -> None:
+    both = [FUSED, cloud("/lidar")]
+    for found in (discover(both, last_resort=[]), discover(both, lidars=["/lidar", "/point_cloud_combined"])):
+        assert {lidar.topic for lidar in found.rig.lidars} == {"/lidar", "/point_cloud_combined"}
+    with pytest.raises(RecordingError, match=r"topics\.exclude"):
+        discover([FUSED], exclude=["/point_cloud_combined"])
+
+
+def test_parts_are_named_by_their_place() -> None:
+    edges = [transform_stamped("base", frame, stamp_ns=5, translation=(1, 0, 0)) for frame in "ab"]
+    static = raw("/tf_static", "tf2_msgs/msg/TFMessage", tf_message(edges), 5)
+    found = discover([static, LIST, VIEWS])
+    assert [(lidar.name, lidar.T_site_lidar.src) for lidar in found.rig.lidars] == [("lidar1", "a"), ("lidar2", "b")]
+    assert [fault.sensor for fault in found.faults] == ["cam1", "cam2"]  # nothing says how they were calibrated
+
+
+def test_the_calibration_of_the_original_goes_to_the_parts_in_their_order(tmp_path: Path) -> None:
+    cameras = {
+        name: {"w2c": [0, -1, 0, x, 0, 0, -1, 0, 1, 0, 0, 0, 0, 0, 0, 1], "c2p": [5, 0, 3, 0, 0, 5, 2, 0, 0, 0, 1, 0]}
+        for name, x in (("camera_11", 0.25), ("camera_44", 0.5))
+    }
+    (tmp_path / "geometry.yaml").write_text(yaml.safe_dump({"cameras": cameras}))
+    recording = sensor_messages(MemoryRecording([FUSED, VIEWS]))
+    found = rig_from_file(load_rig(tmp_path / "geometry.yaml"), recording, Config())
+    assert [(c.name, c.topic, c.T_camera_site.matrix[0, 3]) for c in found.rig.cameras] == [
+        ("camera_11", "/camera_msgs_combined/camera_1", 0.25),
+        ("camera_44", "/camera_msgs_combined/camera_2", 0.5),
+    ]
+    assert sum("by order" in note for note in found.notes) == 2

@@ -1,0 +1,479 @@
+import json
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+import velodyne
+from builders import (
+    Fields,
+    camera_info,
+    detection2d_array,
+    header,
+    image,
+    pointcloud2,
+    raw,
+    tf_message,
+    transform_stamped,
+    write_rosbag1,
+)
+from helpers import shared
+from scipy.spatial.transform import Rotation
+
+from pipeline.core.config import Config
+from pipeline.core.errors import CalibrationError, RecordingError
+from pipeline.core.types import Channel, RawMessage
+from readers.memory import MemoryRecording
+from readers.open import open_recording
+from readers.rig.discovery import Discovery, discover_rig
+from readers.rig.rig_file import RigFile
+
+K = np.array([[500.0, 0, 32.0], [0, 500.0, 24.0], [0, 0, 1]])
+OPTICAL = (-0.5, 0.5, -0.5, 0.5)  # REP 103: optical axes in a body frame
+
+
+def cloud(topic: str, frame: str, **options: Any) -> RawMessage:
+    return raw(topic, "sensor_msgs/msg/PointCloud2", pointcloud2([[1, 2, 3]], stamp_ns=5, frame_id=frame), 5, **options)
+
+
+def picture(topic: str, frame: str, *, size: tuple[int, int] = (64, 48), encoding: str = "mono8") -> RawMessage:
+    dtype = np.uint16 if encoding == "16UC1" else np.uint8
+    pixels = np.zeros(size[::-1], dtype)
+    return raw(topic, "sensor_msgs/msg/Image", image(pixels, stamp_ns=5, frame_id=frame, encoding=encoding), 5)
+
+
+def compressed(topic: str, frame: str) -> RawMessage:
+    data = cv2.imencode(".png", np.zeros((48, 64), np.uint8))[1]
+    return raw(
+        topic,
+        "sensor_msgs/msg/CompressedImage",
+        {"header": header(5, frame), "format": "png", "data": data.reshape(-1)},
+        5,
+    )
+
+
+def info(topic: str, frame: str, **options: Any) -> RawMessage:
+    fields = camera_info(options.pop("K", K), stamp_ns=5, width_px=64, height_px=48, frame_id=frame, **options)
+    return raw(topic, "sensor_msgs/msg/CameraInfo", fields, 5)
+
+
+def boxes(topic: str, frame: str) -> RawMessage:
+    fields = detection2d_array([[1, 2, 3, 4]], class_names=["car"], scores=[0.9], stamp_ns=5, frame_id=frame)
+    return raw(topic, "vision_msgs/msg/Detection2DArray", fields, 5)
+
+
+def static(*edges: tuple[str, str, tuple[float, float, float]] | Fields) -> RawMessage:
+    transforms = [
+        edge if isinstance(edge, dict) else transform_stamped(edge[0], edge[1], stamp_ns=5, translation=edge[2])  # type: ignore[index]  # a tuple then
+        for edge in edges
+    ]
+    return raw("/tf_static", "tf2_msgs/msg/TFMessage", tf_message(transforms), 5)
+
+
+def camera_edge(parent: str, child: str) -> Fields:
+    return transform_stamped(parent, child, stamp_ns=5, translation=(0.5, 0, 1), rotation_xyzw=OPTICAL)
+
+
+def discover(messages: Iterable[RawMessage], **sections: Any) -> Discovery:
+    return discover_rig(MemoryRecording(messages), Config.model_validate(sections))
+
+
+def reasons(found: Discovery) -> dict[str, str]:
+    return {fault.sensor: fault.reason for fault in found.faults}
+
+
+# --- lidars and the site frame
+
+
+def test_one_lidar_without_tf_is_its_own_site() -> None:
+    rig = discover([cloud("/velodyne_points", "/velodyne")]).rig
+    assert rig.site_frame == "velodyne"
+    assert [(lidar.name, lidar.topic, lidar.T_site_lidar.src) for lidar in rig.lidars] == [
+        ("velodyne", "/velodyne_points", "velodyne")
+    ]
+    assert [zone.name for zone in rig.zones] == ["intersection", "circle"]
+    assert rig.cameras == ()
+
+
+def test_a_lidar_without_a_frame_is_named_by_itself() -> None:
+    assert discover([cloud("/points", "")]).rig.site_frame == "lidar"
+
+
+def test_several_lidars_hang_on_one_root() -> None:
+    found = discover(
+        [
+            static(("site", "a", (1, 0, 0)), ("site", "mast", (0, 2, 0)), ("mast", "b", (0, 0, 3))),
+            cloud("/b_points", "b"),
+            cloud("/a_points", "a"),
+        ]
+    )
+    assert found.rig.site_frame == "site"
+    assert [lidar.name for lidar in found.rig.lidars] == ["a", "b"]
+    np.testing.assert_allclose(found.rig.lidars[1].T_site_lidar.translation, [0, 2, 3])
+
+
+def test_base_link_comes_before_the_root() -> None:
+    found = discover([static(("map", "base_link", (9, 0, 0)), ("base_link", "a", (1, 0, 0))), cloud("/a_points", "a")])
+    assert found.rig.site_frame == "base_link"
+
+
+def test_base_link_of_something_else_does_not() -> None:
+    found = discover([static(("car", "base_link", (9, 0, 0)), ("site", "a", (1, 0, 0))), cloud("/a_points", "a")])
+    assert found.rig.site_frame == "site"
+
+
+def test_the_site_frame_can_be_configured() -> None:
+    messages = [static(("map", "base_link", (9, 0, 0)), ("base_link", "a", (1, 0, 0))), cloud("/a_points", "a")]
+    found = discover(messages, rig={"site_frame": "map"})
+    np.testing.assert_allclose(found.rig.lidars[0].T_site_lidar.translation, [10, 0, 0])
+
+
+def test_a_camera_frame_is_no_site() -> None:
+    edge = transform_stamped("cam_optical", "velo", stamp_ns=5, rotation_xyzw=OPTICAL)
+    assert discover([static(edge), cloud("/velo_points", "velo")]).rig.site_frame == "velo"
+
+
+def test_coordinates_of_the_whole_earth_are_no_site() -> None:
+    found = discover(
+        [static(("utm", "gantry", (691000, 5336000, 0)), ("gantry", "a", (1, 0, 0))), cloud("/a_points", "a")]
+    )
+    assert found.rig.site_frame == "gantry"
+
+
+def test_a_lidar_without_a_path_is_a_fault_and_the_run_goes_on() -> None:
+    found = discover(
+        [
+            static(("site", "b", (1, 0, 0)), ("site", "c", (0, 1, 0))),
+            *(cloud(f"/{name}_points", name) for name in "abc"),
+        ]
+    )
+    assert [lidar.name for lidar in found.rig.lidars] == ["b", "c"]
+    assert "no transform joins frame 'a' with 'site'" in reasons(found)["a"]
+
+
+def test_a_moving_sensor_is_a_fault_that_says_so() -> None:
+    moving = [
+        raw(
+            "/tf",
+            "tf2_msgs/msg/TFMessage",
+            tf_message([transform_stamped("site", "a", stamp_ns=i, translation=(i, 0, 0))]),
+            i,
+        )
+        for i in range(3)
+    ]
+    found = discover(
+        [
+            static(("site", "b", (1, 0, 0)), ("site", "c", (1, 0, 0))),
+            *moving,
+            *(cloud(f"/{n}_points", n) for n in "abc"),
+        ]
+    )
+    assert "a moves in site" in reasons(found)["a"]
+
+
+def test_no_usable_lidar_ends_the_run() -> None:
+    with pytest.raises(CalibrationError, match=r"no lidar is usable.*a \(/a_points\): no transform joins.*rig file"):
+        discover([cloud("/a_points", "a")], rig={"site_frame": "map"})
+
+
+def test_no_clouds_lists_the_topics() -> None:
+    with pytest.raises(RecordingError, match=r"expected a topic of lidar clouds.*/camera/image_raw \(sensor_msgs"):
+        discover([picture("/camera/image_raw", "camera")])
+    with pytest.raises(RecordingError, match="found topics: none"):
+        discover([])
+
+
+def test_raw_packets_are_named_with_a_remedy() -> None:
+    scan = Channel("/hesai/packets", "pandar_msgs/msg/PandarScan", "cdr", "", "ros2msg")
+    with pytest.raises(RecordingError, match=r"/hesai/packets.*PandarScan, 1\), which lidcam does not read yet.*play"):
+        discover([RawMessage(1, 1, (0, 0), b"", scan), picture("/camera/image_raw", "camera")])
+
+
+def packets(topic: str, frame: str, model: str = "VLP-16") -> RawMessage:
+    return velodyne.scan(*velodyne.random_packets(model, packets=3), topic=topic, frame_id=frame)
+
+
+def test_velodyne_packets_are_a_lidar() -> None:
+    found = discover([packets("/front/velodyne_packets", "front"), static(("site", "front", (1, 0, 0)))])
+    assert [(lidar.topic, lidar.T_site_lidar.src) for lidar in found.rig.lidars] == [
+        ("/front/velodyne_packets", "front")
+    ]
+    assert found.faults == ()
+
+
+@pytest.mark.parametrize(
+    ("topic", "frame"), [("/velodyne_packets", "velodyne"), ("/front/velodyne_packets", "velodyne"), ("/packets", "a")]
+)
+def test_packets_are_left_out_where_their_clouds_were_recorded(topic: str, frame: str) -> None:
+    points = "/points" if topic == "/packets" else "/velodyne_points"
+    found = discover([packets(topic, frame), cloud(points, "velodyne"), static(("velodyne", "a", (0, 0, 0)))])
+    assert [lidar.topic for lidar in found.rig.lidars] == [points]
+    assert f"{topic}: packets of the same lidar as {points}, not used" in found.notes
+
+
+def test_packets_beside_the_clouds_of_another_lidar_are_used() -> None:
+    found = discover(
+        [packets("/left/packets", "left"), cloud("/right/points", "right"), static(("left", "right", (0, 0, 0)))]
+    )
+    assert {lidar.topic for lidar in found.rig.lidars} == {"/left/packets", "/right/points"}
+
+
+def unnamed(topic: str) -> RawMessage:
+    """Packets without a frame, as those are that were gathered into a sweep."""
+    return packets(topic, "")
+
+
+@pytest.mark.parametrize(
+    ("topic", "in_tf", "frame"),
+    [
+        ("/velodyne_packets", "velodyne", "velodyne"),
+        ("/velodyne_packets", "top", "velodyne"),
+        ("/front/velodyne_packets", "front", "front"),
+        ("/front/velodyne_packets", "velodyne", "velodyne"),
+        ("/front/velodyne_packets", "front_velodyne", "front_velodyne"),
+        ("/velodyne_10_0_0_7/packets", "velodyne_10_0_0_7", "velodyne_10_0_0_7"),
+    ],
+)
+def test_packets_without_a_frame_have_the_one_that_tf_knows(topic: str, in_tf: str, frame: str) -> None:
+    found = discover([unnamed(topic), static(("site", in_tf, (1, 0, 0)))])
+    [lidar] = found.rig.lidars
+    assert lidar.T_site_lidar.src == frame
+    assert (found.rig.site_frame == "site") == (frame == in_tf)
+
+
+def test_two_lidars_never_share_a_frame_that_neither_names() -> None:
+    edges = [("base_link", frame, (1, 0, 0)) for frame in ("left", "right", "velodyne")]
+    found = discover([unnamed("/left/velodyne_packets"), unnamed("/right/velodyne_packets"), static(*edges)])
+    assert [lidar.T_site_lidar.src for lidar in found.rig.lidars] == ["left", "right"]
+    found = discover([packets("/a/packets", "velodyne"), unnamed("/b/velodyne_packets"), static(*edges)])
+    assert [lidar.topic for lidar in found.rig.lidars] == ["/a/packets"]
+    assert "no transform joins frame 'b_velodyne'" in found.faults[0].reason
+
+
+def test_several_lidars_without_any_pose_need_a_rig_file() -> None:
+    messages = [unnamed("/velodyne_10_0_0_1/packets"), unnamed("/velodyne_10_0_0_2/packets")]
+    with pytest.raises(CalibrationError, match=r"found 2 lidars \(.*_1/packets, .*_2/packets\).*a rig file \(--rig\)"):
+        discover(messages)
+    one = {"lidars": ["/velodyne_10_0_0_2/packets"]}
+    assert [lidar.topic for lidar in discover(messages, topics=one).rig.lidars] == one["lidars"]
+    lidars = {f"velodyne_10_0_0_{n}": {"translation_m": (n, 0, 0)} for n in (1, 2)}
+    rig_file = RigFile.model_validate({"site_frame": "site", "lidars": lidars})
+    found = discover_rig(MemoryRecording(messages), Config(), rig_file)
+    assert [lidar.T_site_lidar.translation.tolist() for lidar in found.rig.lidars] == [[1, 0, 0], [2, 0, 0]]
+
+
+def test_packets_of_an_unknown_model_are_a_fault_with_a_remedy() -> None:
+    with pytest.raises(CalibrationError, match=r"found VLP-32A or VLP-32B; set velodyne\.model"):
+        discover([packets("/velodyne_packets", "velodyne", "VLP-32A")])
+    config = Config.model_validate({"velodyne": {"model": "VLP-32A"}})
+    recording = MemoryRecording([packets("/velodyne_packets", "velodyne", "VLP-32A")])
+    assert len(discover_rig(recording, config).rig.lidars) == 1
+
+
+def test_no_clouds_among_many_topics_names_a_few() -> None:
+    with pytest.raises(RecordingError, match=r"and 5 more"):
+        discover([picture(f"/camera{i}/image_raw", "camera") for i in range(15)])
+
+
+def test_clouds_that_the_settings_leave_out_are_no_fault_of_the_driver() -> None:
+    with pytest.raises(RecordingError, match=r"apart from /points.*topics\.exclude and topics\.lidars"):
+        discover([cloud("/points", "a")], topics={"exclude": ["/points"]})
+
+
+def test_a_rig_file_without_lidars_says_so() -> None:
+    with pytest.raises(CalibrationError, match=r"`lidars: \{\}`"):
+        discover_rig(MemoryRecording([cloud("/points", "a")]), Config(), RigFile(lidars={}))
+
+
+def test_topics_are_left_out_by_pattern_or_chosen() -> None:
+    messages = [static(("s", "a", (0, 0, 0)), ("s", "b", (0, 0, 0))), cloud("/a_points", "a"), cloud("/b_points", "b")]
+    assert [lidar.name for lidar in discover(messages, topics={"exclude": ["/b*"]}).rig.lidars] == ["a"]
+    chosen = discover(messages, topics={"lidars": ["/b_points", "/c_points"]})
+    assert [lidar.name for lidar in chosen.rig.lidars] == ["b"]
+    assert "it has /a_points, /b_points" in reasons(chosen)["lidar"]
+
+
+def test_a_lidar_whose_messages_are_broken_is_a_fault() -> None:
+    bad = cloud("/a_points", "a")
+    bad = bad._replace(data=bytes(bad.data)[:30])
+    found = discover([static(("s", "a", (0, 0, 0)), ("s", "b", (0, 0, 0))), bad, cloud("/b_points", "b")])
+    assert "none of its first 1 messages can be decoded" in reasons(found)["a"]
+
+
+def test_a_broken_first_message_is_passed_over() -> None:
+    good = cloud("/a_points", "a")
+    assert discover([good._replace(data=bytes(good.data)[:30]), good]).rig.site_frame == "a"
+
+
+# --- cameras
+
+
+def rig_with(*messages: RawMessage, edges: Iterable[str] = ("cam",), **sections: Any) -> Discovery:
+    return discover(
+        [static(*(camera_edge("velo", e) for e in edges)), cloud("/velo_points", "velo"), *messages], **sections
+    )
+
+
+def test_a_camera_needs_camera_info_and_a_transform() -> None:
+    found = rig_with(picture("/camera/image_raw", "cam"), info("/camera/camera_info", "cam"))
+    camera = found.rig.cameras[0]
+    assert (camera.name, camera.topic, camera.boxes_topic) == ("camera", "/camera/image_raw", "")
+    assert (camera.T_camera_site.dst, camera.T_camera_site.src) == ("cam", "velo")
+    np.testing.assert_allclose(camera.T_camera_site.apply(np.array([10.5, 0, 1.0])), [0, 0, 10], atol=1e-12)
+    assert found.faults == ()
+    assert found.sources[1].intrinsics == "/camera/camera_info (no distortion)"
+
+
+@pytest.mark.parametrize(
+    ("messages", "edges", "reason"),
+    [
+        ([picture("/c/image_raw", "cam")], ["cam"], "no CameraInfo"),
+        (
+            [picture("/c/image_raw", "cam"), info("/c/camera_info", "cam")],
+            [],
+            "no transform joins frame 'velo' with 'cam'",
+        ),
+        ([picture("/c/image_raw", "cam"), info("/c/camera_info", "cam", K=np.zeros((3, 3)))], ["cam"], "uncalibrated"),
+        ([picture("/c/image_raw", "cam"), info("/c/camera_info", "cam", K=K * [[1e6], [1], [1]])], ["cam"], "focal"),
+        ([picture("/c/image_raw", "cam", size=(32, 24)), info("/c/camera_info", "cam")], ["cam"], "32 x 24 px, but"),
+    ],
+)
+def test_camera_faults_leave_a_rig_of_lidars(messages: list[RawMessage], edges: list[str], reason: str) -> None:
+    found = rig_with(*messages, edges=edges)
+    assert found.rig.cameras == ()
+    assert reason in reasons(found)["c"]
+
+
+def test_numbered_topics_pair_up() -> None:
+    found = rig_with(
+        *(picture(f"/image_raw_{n}", f"cam{n}") for n in (12, 11)),
+        *(info(f"/camera_info_{n}", f"cam{n}") for n in (11, 12)),
+        *(boxes(f"/detections_{n}", "") for n in (12, 11)),
+        edges=("cam11", "cam12"),
+    )
+    assert [(c.name, c.topic, c.boxes_topic, c.T_camera_site.dst) for c in found.rig.cameras] == [
+        ("cam11", "/image_raw_11", "/detections_11", "cam11"),
+        ("cam12", "/image_raw_12", "/detections_12", "cam12"),
+    ]
+
+
+def test_topics_of_other_places_pair_by_frame() -> None:
+    found = rig_with(
+        *(picture(f"/{side}/image", f"cam_{side}") for side in ("left", "right")),
+        *(info(f"/calibration/{n}", f"cam_{side}") for n, side in enumerate(("right", "left"))),
+        *(boxes(f"/yolo/{n}", f"cam_{side}") for n, side in enumerate(("right", "left"))),
+        edges=("cam_left", "cam_right"),
+    )
+    assert [(c.name, c.boxes_topic, c.model.frame_id) for c in found.rig.cameras] == [
+        ("left", "/yolo/1", "cam_left"),
+        ("right", "/yolo/0", "cam_right"),
+    ]
+
+
+def test_a_single_camera_info_belongs_to_a_single_camera() -> None:
+    found = rig_with(picture("/webcam", ""), info("/calibration", "cam"))
+    assert [camera.name for camera in found.rig.cameras] == ["webcam"]
+
+
+def test_one_camera_is_taken_once_and_raw() -> None:
+    found = rig_with(
+        compressed("/camera/image_raw/compressed", "cam"),
+        picture("/camera/image_raw", "cam"),
+        picture("/camera/image_rect", "cam"),
+        picture("/camera/depth/image_raw", "cam"),
+        picture("/camera/range/image_raw", "cam", encoding="16UC1"),
+        info("/camera/camera_info", "cam"),
+    )
+    assert [camera.topic for camera in found.rig.cameras] == ["/camera/image_raw"]
+    assert len(found.notes) == 4
+
+
+def test_compressed_pictures_tell_their_size() -> None:
+    found = rig_with(compressed("/cam11/image/compressed", "cam"), info("/cam11/camera_info", "cam"))
+    assert [(camera.name, camera.model.width_px) for camera in found.rig.cameras] == [("cam11", 64)]
+
+
+def test_boxes_alone_make_a_camera() -> None:
+    found = rig_with(
+        boxes("/cam11/detections", "cam"), info("/cam11/camera_info", "cam"), boxes("/other/detections", "")
+    )
+    assert [(c.name, c.topic, c.boxes_topic) for c in found.rig.cameras] == [("cam11", "", "/cam11/detections")]
+    assert any("/other/detections" in note for note in found.notes)
+
+
+def test_rectified_pictures_are_projected_in_the_rectified_frame() -> None:
+    turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    found = rig_with(
+        picture("/c/image_rect", "cam"), info("/c/camera_info", "cam", R=turn, distortion=(0.1, 0, 0, 0, 0))
+    )
+    camera = found.rig.cameras[0]
+    assert camera.T_camera_site.dst == camera.model.frame_id == "cam_rectified"
+    assert not camera.model.distortion.any()
+    ahead_and_left = np.array([10.5, 1.0, 1.0])  # (-1, 0, 10) in the camera
+    np.testing.assert_allclose(camera.T_camera_site.apply(ahead_and_left), [0, -1, 10], atol=1e-12)
+
+
+def test_a_camera_never_takes_a_lidars_name() -> None:
+    found = discover(
+        [
+            static(camera_edge("front", "cam")),
+            cloud("/front/points", "front"),
+            picture("/front/image_raw", "cam"),
+            info("/front/camera_info", "cam"),
+        ]
+    )
+    assert (found.rig.lidars[0].name, found.rig.cameras[0].name) == ("front", "front_camera")
+
+
+def test_circular_transforms_are_a_fault() -> None:
+    found = discover(
+        [
+            static(("a", "b", (0, 0, 0)), ("b", "a", (0, 0, 0)), ("site", "c", (0, 0, 0))),
+            cloud("/a_points", "a"),
+            cloud("/c_points", "c"),
+        ]
+    )
+    assert found.rig.site_frame == "site"
+    assert "circle" in reasons(found)["a"]
+
+
+# --- against KITTI's own numbers
+
+
+def test_kitti_through_a_bag(tmp_path: Path) -> None:
+    scene = json.loads(shared("data/kitti_object_8/info_from_pkl.json").read_text())["data_list"][0]["images"]["CAM2"]
+    P2 = np.array(scene["cam2img"])
+    matrix = np.array(scene["lidar2cam"])
+    matrix[:3, 3] += np.linalg.solve(P2[:3, :3], P2[:3, 3])
+    inverse = np.linalg.inv(matrix)
+    edge = transform_stamped(
+        "velodyne",
+        "camera",
+        stamp_ns=5,
+        translation=inverse[:3, 3].tolist(),
+        rotation_xyzw=Rotation.from_matrix(inverse[:3, :3]).as_quat().tolist(),
+    )
+    fields = camera_info(P2[:3, :3], stamp_ns=5, width_px=1242, height_px=375, frame_id="camera")
+    raws = [
+        raw("/tf_static", "tf2_msgs/msg/TFMessage", tf_message([edge]), 5, encoding="ros1"),
+        raw("/camera/camera_info", "sensor_msgs/msg/CameraInfo", fields, 5, encoding="ros1"),
+        cloud("/velodyne_points", "velodyne", encoding="ros1"),
+        raw(
+            "/camera/image_raw",
+            "sensor_msgs/msg/Image",
+            image(np.zeros((375, 1242, 3), np.uint8), stamp_ns=5),
+            5,
+            encoding="ros1",
+        ),
+    ]
+    write_rosbag1(tmp_path / "k.bag", raws)
+    with open_recording([tmp_path / "k.bag"]) as recording:
+        rig = discover_rig(recording, Config()).rig
+    points = np.fromfile(shared("data/kitti_object_8/000008.bin"), np.float32).reshape(-1, 4)[:, :3].astype(np.float64)
+    camera = rig.cameras[0]
+    pixels, valid = camera.model.project(camera.T_camera_site.apply(points))
+    judge = np.c_[points, np.ones(len(points))] @ np.array(scene["lidar2img"]).T
+    assert valid.all()
+    np.testing.assert_allclose(pixels - 0.5, judge[:, :2] / judge[:, 2:3], atol=0.01)

@@ -1,0 +1,192 @@
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from builders import image, pointcloud2, raw
+from helpers import shared
+
+from pipeline.core.config import Config
+from pipeline.core.errors import CalibrationError
+from pipeline.core.types import RawMessage
+from readers.memory import MemoryRecording
+from readers.rig.discovery import Discovery, rig_from_file
+from readers.rig.load import load_rig
+
+# The original's cameras (its published figures): all alike, no distortion.
+C2P = [[504.78216005824515, 0, 320.5, 0], [0, 504.78216005824515, 240.5, 0], [0, 0, 1, 0]]
+W2C_11 = [[1, 0, 0, 0.143], [0, 0, -1, 0.393], [0, 1, 0, -0.371], [0, 0, 0, 1]]  # at (-0.143, 0.371, 0.393), looks +y
+W2C_12 = [[1, 0, 0, 0.1], [0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 1]]  # two zero rows, as published
+POINTS = np.array([[-0.1, 1.4, 0.1], [0.3, 2.0, 0.0], [-0.6, 1.7, 0.2]])
+
+
+def picture(topic: str, size: tuple[int, int] = (640, 480)) -> RawMessage:
+    pixels = np.zeros(size[::-1], np.uint8)
+    return raw(topic, "sensor_msgs/msg/Image", image(pixels, stamp_ns=5, frame_id="", encoding="mono8"), 5)
+
+
+def cloud(frame: str) -> RawMessage:
+    return raw(
+        "/velodyne_points", "sensor_msgs/msg/PointCloud2", pointcloud2([[1, 2, 3]], stamp_ns=5, frame_id=frame), 5
+    )
+
+
+def pixels_of(found: Discovery, name: str, points: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    camera = next(camera for camera in found.rig.cameras if camera.name == name)
+    return camera.model.project(camera.T_camera_site.apply(points))[0] - 0.5
+
+
+def flat(matrix: Any) -> list[float]:
+    return np.array(matrix, float).reshape(-1).tolist()
+
+
+@pytest.mark.parametrize("nested", [True, False])
+@pytest.mark.parametrize("axes", [np.eye(4), np.array([[0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1.0]])])
+def test_geometry_yaml(tmp_path: Path, nested: bool, axes: np.ndarray[Any, Any]) -> None:
+    # `axes`: the camera frame may also be a body frame (x forward), which c2p then turns back
+    w2c, c2p = axes @ W2C_11, C2P @ axes.T
+    cameras = {
+        "camera_12": {"w2c": flat(W2C_12), "c2p": flat(C2P)},
+        "camera_11": {"w2c": w2c.tolist() if nested else flat(w2c), "c2p": c2p.tolist() if nested else flat(c2p)},
+    }
+    (tmp_path / "geometry.yaml").write_text(yaml.safe_dump({"cameras": cameras, "other": 1}))
+    recording = MemoryRecording([cloud("site"), picture("/image_raw_11"), picture("/image_raw_12")])
+    found = rig_from_file(load_rig(tmp_path / "geometry.yaml"), recording, Config())
+    assert [(c.name, c.topic, c.model.width_px) for c in found.rig.cameras] == [("camera_11", "/image_raw_11", 640)]
+    assert [(f.sensor, f.topic) for f in found.faults] == [("camera_12", "/image_raw_12")]
+    assert "singular" in found.faults[0].reason
+    homogeneous = np.c_[POINTS, np.ones(3)] @ (np.array(C2P) @ W2C_11).T
+    np.testing.assert_allclose(
+        pixels_of(found, "camera_11", POINTS), homogeneous[:, :2] / homogeneous[:, 2:], atol=1e-9
+    )
+
+
+def test_geometry_yaml_with_a_singular_projection(tmp_path: Path) -> None:
+    cameras = {"camera_11": {"w2c": W2C_11, "c2p": np.zeros((3, 4)).tolist()}}
+    (tmp_path / "geometry.yaml").write_text(yaml.safe_dump(cameras))
+    found = rig_from_file(
+        load_rig(tmp_path / "geometry.yaml"), MemoryRecording([cloud("s"), picture("/image_raw_11")]), Config()
+    )
+    assert "singular" in found.faults[0].reason
+
+
+@pytest.mark.parametrize(
+    ("camera", "reason"),
+    [
+        ({"w2c": [1, 2, 3], "c2p": C2P}, r"camera_11\.w2c: expected 4 x 4 numbers, found 3"),
+        ({"w2c": W2C_11}, r"camera_11\.c2p: expected 3 x 4 numbers"),
+        ({"w2c": "words", "c2p": C2P}, r"camera_11\.w2c"),
+    ],
+)
+def test_mistakes_in_a_geometry_yaml(tmp_path: Path, camera: dict[str, Any], reason: str) -> None:
+    (tmp_path / "geometry.yaml").write_text(yaml.safe_dump({"cameras": {"camera_11": camera}}))
+    with pytest.raises(CalibrationError, match=reason):
+        load_rig(tmp_path / "geometry.yaml")
+
+
+def test_cameras_of_a_geometry_yaml_that_are_numbers(tmp_path: Path) -> None:
+    (tmp_path / "geometry.yaml").write_text(yaml.safe_dump({"cameras": {11: {"w2c": W2C_11, "c2p": C2P}}}))
+    assert list(load_rig(tmp_path / "geometry.yaml").cameras or ()) == ["cam11"]
+    (tmp_path / "geometry.yaml").write_text(yaml.safe_dump({"cameras": {"left camera": {"w2c": W2C_11, "c2p": C2P}}}))
+    with pytest.raises(CalibrationError, match=r"geometry\.yaml: cameras\.left camera"):
+        load_rig(tmp_path / "geometry.yaml")
+
+
+def kitti_object_8(tmp_path: Path) -> tuple[Path, dict[str, Any]]:
+    """The calibration file of KITTI object frame 8, from the numbers of mmdetection3d's index, and that index."""
+    scene = json.loads(shared("data/kitti_object_8/info_from_pkl.json").read_text())["data_list"][0]
+    lines = {f"P{n}": np.array(scene["images"][f"CAM{n}"]["cam2img"])[:3] for n in range(4)}
+    lines["R0_rect"] = np.array(scene["images"]["R0_rect"])[:3, :3]
+    lines["Tr_velo_to_cam"] = np.array(scene["lidar_points"]["Tr_velo_to_cam"])[:3]
+    path = tmp_path / "000008.txt"
+    path.write_text("".join(f"{name}: {' '.join(map(repr, flat(m)))}\n" for name, m in lines.items()))
+    return path, scene
+
+
+def test_kitti_object(tmp_path: Path) -> None:
+    path, scene = kitti_object_8(tmp_path)
+    points = np.fromfile(shared("data/kitti_object_8/000008.bin"), np.float32).reshape(-1, 4)[:, :3].astype(np.float64)
+    one = rig_from_file(
+        load_rig(path), MemoryRecording([cloud("velodyne"), picture("/camera/image_raw", (1242, 375))]), Config()
+    )
+    assert [(c.name, c.topic) for c in one.rig.cameras] == [("cam2", "/camera/image_raw")]
+    assert "cam2: has no topic in the rig file; by order it is /camera/image_raw" in one.notes
+    four = [picture(f"/kitti/image_{n}", (1242, 375)) for n in range(4)]
+    found = rig_from_file(load_rig(path), MemoryRecording([cloud("velodyne"), *four]), Config())
+    assert {c.name: c.topic for c in found.rig.cameras} == {f"cam{n}": f"/kitti/image_{n}" for n in range(4)}
+    for number in range(4):
+        judge = np.c_[points, np.ones(len(points))] @ np.array(scene["images"][f"CAM{number}"]["lidar2img"]).T
+        np.testing.assert_allclose(pixels_of(found, f"cam{number}", points), judge[:, :2] / judge[:, 2:3], atol=0.01)
+
+
+@pytest.mark.parametrize("file", ["kitti_raw_sequence/calib_2011_09_26.txt", "kitti_object/training/calib/000001.txt"])
+def test_kitti_files_as_they_are(file: str) -> None:
+    path = shared(f"data/{file}")
+    found = rig_from_file(
+        load_rig(path), MemoryRecording([cloud("velodyne"), picture("/camera/image_raw", (1242, 375))]), Config()
+    )
+    rows = {
+        line.split(":")[0]: np.array(line.split()[1:], float)
+        for line in path.read_text().splitlines()
+        if line[:1] in "PRT" and line
+    }
+    rect, velo = np.eye(4), np.eye(4)
+    rect[:3, :3] = rows["R0_rect"].reshape(3, 3)
+    velo[:3] = rows["Tr_velo_to_cam"].reshape(3, 4)
+    points = np.array([[10.0, 2, -1], [30, -5, 0], [6, 0.5, -1.5]])
+    judge = np.c_[points, np.ones(3)] @ (rows["P2"].reshape(3, 4) @ rect @ velo).T
+    np.testing.assert_allclose(pixels_of(found, "cam2", points), judge[:, :2] / judge[:, 2:], atol=0.01)
+
+
+def test_kitti_raw_needs_both_files_and_takes_either(tmp_path: Path) -> None:
+    path, _ = kitti_object_8(tmp_path)
+    rows = {line.split(":")[0]: line.split(": ")[1] for line in path.read_text().splitlines()}
+    velo = np.array(rows["Tr_velo_to_cam"].split(), float).reshape(3, 4)
+    cam_to_cam = tmp_path / "calib_cam_to_cam.txt"
+    cam_to_cam.write_text(
+        "calib_time: 09-Jan-2012 13:57:47\ncorner_dist: 9.95e-02\nS_rect_02: 1242 375\n"
+        f"R_rect_00: {rows['R0_rect']}\nP_rect_02: {rows['P2']}\n"
+    )
+    velo_to_cam = tmp_path / "calib_velo_to_cam.txt"
+    with pytest.raises(CalibrationError, match="calib_velo_to_cam"):
+        load_rig(cam_to_cam)
+    R, T = (" ".join(map(repr, flat(part))) for part in (velo[:, :3], velo[:, 3]))
+    velo_to_cam.write_text(f"calib_time: 15-Mar-2012 11:37:16\nR: {R}\nT: {T}\n")
+    both = load_rig(cam_to_cam)
+    assert both == load_rig(velo_to_cam)
+    assert both.cameras is not None
+    expected = load_rig(path)
+    assert expected.cameras is not None
+    np.testing.assert_allclose(both.cameras["cam2"].T_camera_site, expected.cameras["cam2"].T_camera_site)  # type: ignore[arg-type]  # given
+    assert (both.cameras["cam2"].width_px, both.cameras["cam2"].height_px) == (1242, 375)
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        (
+            "P2: 1 2 3\nR0_rect: 1 0 0 0 1 0 0 0 1\nTr_velo_to_cam: 1 0 0 0 0 1 0 0 0 0 1 0\n",
+            "P2: expected 3 x 4 numbers, found 3",
+        ),
+        (
+            "P2: 1 0 0 0 0 1 0 0 0 0 1 0\nR0_rect: 1 0 0 0 1 0 0 0 1\n",
+            "Tr_velo_to_cam or Tr_velo_cam or Tr, found P2, R0_rect",
+        ),
+        ("R0_rect: 1 0 0 0 1 0 0 0 1\nTr_velo_to_cam: 1 0 0 0 0 1 0 0 0 0 1 0\n", "projections"),
+    ],
+)
+def test_mistakes_in_a_kitti_file(tmp_path: Path, text: str, reason: str) -> None:
+    (tmp_path / "calib.txt").write_text(text)
+    with pytest.raises(CalibrationError, match=reason):
+        load_rig(tmp_path / "calib.txt")
+
+
+def test_a_singular_projection_of_kitti_is_a_fault(tmp_path: Path) -> None:
+    text = "P2: 0 0 0 0 0 0 0 0 0 0 0 0\nR0_rect: 1 0 0 0 1 0 0 0 1\nTr: 1 0 0 0 0 1 0 0 0 0 1 0\n"
+    (tmp_path / "calib.txt").write_text(text)
+    found = rig_from_file(
+        load_rig(tmp_path / "calib.txt"), MemoryRecording([cloud("velodyne"), picture("/c/image")]), Config()
+    )
+    assert "singular" in found.faults[0].reason

@@ -1,0 +1,284 @@
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from builders import camera_info, header, image, pointcloud2, raw, tf_message, transform_stamped
+from scipy.spatial.transform import Rotation
+
+from pipeline.core.config import Config
+from pipeline.core.errors import CalibrationError, ConfigError, LidcamError, OutputError
+from pipeline.core.types import RawMessage, Rig
+from readers.memory import MemoryRecording
+from readers.rig.discovery import Discovery, discover_rig, rig_from_file
+from readers.rig.load import load_rig
+from readers.rig.rig_file import RigFile, parse_rig, write_rig
+
+EYE = np.eye(4).tolist()
+K = [[500.0, 0.0, 32.0], [0.0, 500.0, 24.0], [0.0, 0.0, 1.0]]
+# x forward to z forward: a camera at the site's origin that looks along +x
+LOOK_X = [[0.0, -1.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
+
+
+def cloud(topic: str, frame: str = "velo") -> RawMessage:
+    return raw(topic, "sensor_msgs/msg/PointCloud2", pointcloud2([[1, 2, 3]], stamp_ns=5, frame_id=frame), 5)
+
+
+def picture(topic: str, frame: str = "cam") -> RawMessage:
+    return raw(
+        topic,
+        "sensor_msgs/msg/Image",
+        image(np.zeros((48, 64), np.uint8), stamp_ns=5, frame_id=frame, encoding="mono8"),
+        5,
+    )
+
+
+def recorded(*extra: RawMessage) -> MemoryRecording:
+    return MemoryRecording([cloud("/a_points", "a"), cloud("/b_points", "b"), picture("/cam11/image"), *extra])
+
+
+def apply(tree: dict[str, Any], recording: MemoryRecording | None = None) -> Discovery:
+    return rig_from_file(parse_rig(tree, Path("rig.yaml")), recording or recorded(), Config())
+
+
+def reasons(found: Discovery) -> dict[str, str]:
+    return {fault.sensor: fault.reason for fault in found.faults}
+
+
+def assert_same(one: Rig, other: Rig) -> None:
+    assert (one.site_frame, one.ground_height_m) == (other.site_frame, other.ground_height_m)
+    assert [(s.name, s.topic, s.T_site_lidar.src) for s in one.lidars] == [
+        (s.name, s.topic, s.T_site_lidar.src) for s in other.lidars
+    ]
+    for a, b in zip(one.lidars, other.lidars, strict=True):
+        np.testing.assert_array_equal(a.T_site_lidar.matrix, b.T_site_lidar.matrix)
+    for c, d in zip(one.cameras, other.cameras, strict=True):
+        assert (c.name, c.topic, c.boxes_topic, c.T_camera_site.dst) == (
+            d.name,
+            d.topic,
+            d.boxes_topic,
+            d.T_camera_site.dst,
+        )
+        assert (c.model.width_px, c.model.height_px, c.model.model) == (
+            d.model.width_px,
+            d.model.height_px,
+            d.model.model,
+        )
+        np.testing.assert_array_equal(c.model.K, d.model.K)
+        np.testing.assert_array_equal(c.model.distortion, d.model.distortion)
+        np.testing.assert_array_equal(c.T_camera_site.matrix, d.T_camera_site.matrix)
+    for z, w in zip(one.zones, other.zones, strict=True):
+        assert z.name == w.name
+        np.testing.assert_array_equal(z.polygon_site, w.polygon_site)
+
+
+def test_a_written_rig_reads_back_to_the_same_numbers(tmp_path: Path) -> None:
+    turn = Rotation.from_rotvec([0.1, -0.2, 1.3]).as_quat().tolist()
+    fields = camera_info(
+        np.array(K) + 1 / 3,
+        stamp_ns=5,
+        width_px=64,
+        height_px=48,
+        frame_id="cam",
+        distortion=(-0.1, 1e-7, 1e-17, 1e16, 0),
+    )
+    fields = {**fields, "k": (np.array(K) * [[1 / 3, 1, 1], [1, 1 / 7, 1], [1, 1, 1]]).reshape(9)}
+    edges = [
+        transform_stamped("site", name, stamp_ns=5, translation=(1 / 3, -2e-9, 3), rotation_xyzw=turn)
+        for name in ("a", "b", "cam")
+    ]
+    recording = recorded(
+        raw("/tf_static", "tf2_msgs/msg/TFMessage", tf_message(edges), 5),
+        raw("/cam11/camera_info", "sensor_msgs/msg/CameraInfo", fields, 5),
+        raw("/cam11/detections", "vision_msgs/msg/Detection2DArray", {"header": header(5, "cam")}, 5),
+    )
+    found = discover_rig(recording, Config())
+    assert found.faults == ()
+    write_rig(found.rig, tmp_path / "rig.yaml")
+    assert [path.name for path in tmp_path.iterdir()] == ["rig.yaml"]
+    again = rig_from_file(load_rig(tmp_path / "rig.yaml"), recording, Config())
+    assert again.faults == ()
+    assert again.notes == ()
+    assert_same(found.rig, again.rig)
+    assert {source.extrinsics for source in again.sources} == {"rig file"}
+    write_rig(again.rig, tmp_path / "again.yaml")
+    assert (tmp_path / "again.yaml").read_bytes() == (tmp_path / "rig.yaml").read_bytes()
+
+
+def test_a_rig_that_cannot_be_written_leaves_nothing(tmp_path: Path) -> None:
+    found = apply({"site_frame": "s", "lidars": {"a": {"topic": "/a_points", "T_site_lidar": EYE}}, "cameras": {}})
+    (tmp_path / "rig.yaml").mkdir()
+    with pytest.raises(OutputError, match=r"rig\.yaml: cannot be written"):
+        write_rig(found.rig, tmp_path / "rig.yaml")
+    assert [path.name for path in tmp_path.iterdir()] == ["rig.yaml"]
+
+
+@pytest.mark.parametrize(
+    "pose",
+    [
+        {"T_site_lidar": [[0, -1, 0, 1], [1, 0, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1]]},
+        {"T_site_lidar": [0, -1, 0, 1, 1, 0, 0, 2, 0, 0, 1, 3, 0, 0, 0, 1]},
+        {"translation_m": [1, 2, 3], "rotation_xyzw": [0, 0, np.sqrt(0.5), np.sqrt(0.5)]},
+        {"translation_m": [1, 2, 3], "rpy_deg": [0, 0, 90]},
+    ],
+)
+def test_lidar_poses_in_every_form(pose: dict[str, Any]) -> None:
+    rig = apply({"site_frame": "s", "lidars": {"x": {"topic": "/a_points", **pose}}, "cameras": {}}).rig
+    np.testing.assert_allclose(rig.lidars[0].T_site_lidar.apply(np.array([1.0, 0, 0])), [1, 3, 3], atol=1e-12)
+    assert rig.lidars[0].T_site_lidar.src == "a"
+
+
+def test_roll_pitch_yaw_turn_about_fixed_axes() -> None:
+    rig = apply({"site_frame": "s", "lidars": {"x": {"topic": "/a_points", "rpy_deg": [90, 0, 90]}}, "cameras": {}}).rig
+    np.testing.assert_allclose(rig.lidars[0].T_site_lidar.apply(np.array([0, 1.0, 0])), [0, 0, 1], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "calibration",
+    [
+        {"K": K, "T_camera_site": LOOK_X},
+        {"K": np.array(K).reshape(9).tolist(), "T_site_camera": np.linalg.inv(LOOK_X).tolist()},
+        {"K": K, "rotation_xyzw": [-0.5, 0.5, -0.5, 0.5]},
+        {"P": (np.array(K) @ np.array(LOOK_X)[:3]).tolist()},
+        {"P": (7.5 * np.array(K) @ np.array(LOOK_X)[:3]).tolist()},
+    ],
+)
+def test_camera_calibration_in_every_form(calibration: dict[str, Any]) -> None:
+    tree = {
+        "site_frame": "s",
+        "ground_height_m": -1.7,
+        "lidars": {"x": {"topic": "/a_points", "T_site_lidar": EYE}},
+        "cameras": {"cam11": calibration},
+        "zones": {"lane": [[0, 0], [1, 0], [1, 1]]},
+    }
+    found = apply(tree)
+    assert found.faults == ()
+    camera = found.rig.cameras[0]
+    assert (camera.topic, camera.model.width_px, camera.model.frame_id) == ("/cam11/image", 64, "cam")
+    np.testing.assert_allclose(camera.model.K, K, atol=1e-9)
+    np.testing.assert_allclose(camera.T_camera_site.matrix, LOOK_X, atol=1e-12)
+    assert found.rig.ground_height_m == -1.7
+    assert [zone.name for zone in found.rig.zones] == ["lane"]
+
+
+SKEWED = [[1, 0.1, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
+
+
+@pytest.mark.parametrize(
+    ("camera", "reason"),
+    [
+        (
+            {"K": K, "T_camera_site": np.diag([0, 0, 1.0, 1]).tolist()},
+            "rotation of T_camera_site is none: it is singular",
+        ),
+        ({"K": K, "T_camera_site": SKEWED}, "not orthonormal"),
+        ({"K": K, "T_camera_site": np.diag([1.0, 1, -1, 1]).tolist()}, "reflection"),
+        ({"K": K, "T_camera_site": np.diag([1.0, 1, 1, 2]).tolist()}, "last row"),
+        ({"K": K, "T_camera_site": np.full((4, 4), np.nan).tolist()}, "not finite"),
+        ({"K": K, "rotation_xyzw": [0, 0, 0, 2]}, "length 1, found 2"),
+        ({"K": np.diag([1e9, 1e9, 1]).tolist(), "T_camera_site": LOOK_X}, "focal length"),
+        ({"K": K, "T_camera_site": LOOK_X, "width_px": 0, "height_px": 48}, "0 x 48 px"),
+        ({"K": K, "T_camera_site": LOOK_X, "width_px": 640, "height_px": 480}, "64 x 48 px, but"),
+        (
+            {"K": K, "T_camera_site": LOOK_X, "distortion_model": "odd", "distortion": [1.0]},
+            "'odd' with 1 coefficients",
+        ),
+        ({"P": np.zeros((3, 4)).tolist()}, "singular"),
+        ({"P": (np.diag([-1, 1, 1]) @ np.array(K) @ np.array(LOOK_X)[:3]).tolist()}, "mirrored"),
+        ({"K": K}, "no transform joins"),
+        ({"T_camera_site": LOOK_X}, "no CameraInfo"),
+        ({"topic": "/nowhere", "K": K, "T_camera_site": LOOK_X}, "no pictures or boxes on this topic"),
+    ],
+)
+def test_unsound_cameras_are_faults(camera: dict[str, Any], reason: str) -> None:
+    found = apply({"site_frame": "s", "lidars": {"a": {"T_site_lidar": EYE}}, "cameras": {"cam11": camera}})
+    assert found.rig.cameras == ()
+    assert reason in reasons(found)["cam11"]
+
+
+def test_unsound_lidars_are_faults_until_none_is_left() -> None:
+    good, bad = {"topic": "/a_points", "T_site_lidar": EYE}, {"topic": "/b_points", "T_site_lidar": SKEWED}
+    found = apply({"site_frame": "s", "lidars": {"good": good, "bad": bad}, "cameras": {}})
+    assert [lidar.name for lidar in found.rig.lidars] == ["good"]
+    assert "not orthonormal" in reasons(found)["bad"]
+    with pytest.raises(CalibrationError, match="no lidar is usable"):
+        apply({"site_frame": "s", "lidars": {"bad": bad}, "cameras": {}})
+    with pytest.raises(CalibrationError, match="against itself"):
+        apply({"site_frame": "a", "lidars": {"x": {"topic": "/a_points", "translation_m": [1, 0, 0]}}, "cameras": {}})
+
+
+def test_rounded_rotations_become_true_ones() -> None:
+    turn = np.round(Rotation.from_rotvec([0.3, 0.2, 0.1]).as_matrix(), 4)
+    matrix = np.vstack([np.c_[turn, [1, 2, 3]], [0, 0, 0, 1]])
+    rig = apply({"site_frame": "s", "lidars": {"a": {"T_site_lidar": matrix.tolist()}}, "cameras": {}}).rig
+    rotation = rig.lidars[0].T_site_lidar.matrix[:3, :3]
+    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-14)
+    np.testing.assert_allclose(rotation, turn, atol=1e-4)
+
+
+def test_what_is_left_out_is_found_in_the_recording() -> None:
+    edges = [transform_stamped("s", name, stamp_ns=5, translation=(1, 0, 0)) for name in ("a", "b", "cam")]
+    info = camera_info(K, stamp_ns=5, width_px=64, height_px=48, frame_id="cam")
+    recording = recorded(
+        raw("/tf_static", "tf2_msgs/msg/TFMessage", tf_message(edges), 5),
+        raw("/cam11/camera_info", "sensor_msgs/msg/CameraInfo", info, 5),
+    )
+    found = apply({"cameras": {"cam11": {"K": [[400, 0, 32], [0, 400, 24], [0, 0, 1]]}}}, recording)
+    assert found.faults == ()
+    assert [lidar.name for lidar in found.rig.lidars] == ["a", "b"]
+    assert found.rig.cameras[0].model.K[0, 0] == 400
+    assert found.rig.cameras[0].T_camera_site.src == "s"
+
+
+def test_sensors_without_topics_go_by_name_then_by_order() -> None:
+    tree = {
+        "site_frame": "s",
+        "lidars": {"b": {"T_site_lidar": EYE}, "roof": {"T_site_lidar": EYE}, "third": {}},
+        "cameras": {},
+    }
+    found = apply(tree)
+    assert [(lidar.name, lidar.topic) for lidar in found.rig.lidars] == [("b", "/b_points"), ("roof", "/a_points")]
+    assert found.notes == (
+        "roof: has no topic in the rig file; by order it is /a_points",
+        "third: the recording has no topic left for it",
+    )
+
+
+@pytest.mark.parametrize(
+    ("tree", "reason"),
+    [
+        ({"lidar": {}}, "unknown key 'lidar'; known here: site_frame"),
+        ({"cameras": {"c": {"focal": 3}}}, r"unknown key 'cameras\.c\.focal'; known here:.*boxes_topic"),
+        ({"site_frame": "s", "lidars": {"a": {"T_site_lidar": [[1, 2], [3, 4]]}}}, "expected 4 x 4 numbers, found 4"),
+        ({"site_frame": "s", "lidars": {"a": {"T_site_lidar": 3}}}, "expected 4 x 4 numbers"),
+        ({"site_frame": "s", "lidars": {"a": {"T_site_lidar": EYE, "rpy_deg": [0, 0, 0]}}}, "given twice"),
+        ({"site_frame": "s", "lidars": {"a": {"rpy_deg": [0, 0, 0], "rotation_xyzw": [0, 0, 0, 1]}}}, "given twice"),
+        ({"cameras": {"c": {"K": K, "P": np.eye(3, 4).tolist()}}}, "given twice"),
+        ({"cameras": {"c": {"distortion": [1.0]}}}, "distortion without K"),
+        ({"lidars": {"a": {"T_site_lidar": EYE}}}, "site_frame is missing"),
+        ({"lidars": {"x": {}}, "cameras": {"x": {}}}, "x names a lidar and a camera"),
+        ({"lidars": {"a b": {}}}, "pattern"),
+        ({"zones": {"z": [[0, 0], [1, 1]]}}, "at least 3"),
+    ],
+)
+def test_mistakes_in_a_rig_file_are_told_in_one_line(tmp_path: Path, tree: dict[str, Any], reason: str) -> None:
+    (tmp_path / "rig.yaml").write_text(yaml.safe_dump(tree))
+    with pytest.raises(CalibrationError, match=reason) as caught:
+        load_rig(tmp_path / "rig.yaml")
+    assert "\n" not in str(caught.value)
+    assert "rig.yaml" in str(caught.value)
+
+
+@pytest.mark.parametrize("content", [b"[1, 2]", b"a: [", b"\xff\xfe\x00", None])
+def test_files_that_are_no_rig(tmp_path: Path, content: bytes | None) -> None:
+    if content is not None:
+        (tmp_path / "rig.yaml").write_bytes(content)
+    with pytest.raises((CalibrationError, ConfigError), match=r"rig\.yaml") as caught:
+        load_rig(tmp_path / "rig.yaml")
+    assert isinstance(caught.value, LidcamError)
+
+
+def test_an_empty_rig_file_leaves_all_to_the_recording(tmp_path: Path) -> None:
+    (tmp_path / "rig.yaml").write_text("# nothing yet\n")
+    assert load_rig(tmp_path / "rig.yaml") == RigFile()

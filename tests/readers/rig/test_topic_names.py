@@ -1,0 +1,110 @@
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from readers.rig.topic_names import (
+    is_measured_image,
+    is_rectified,
+    natural_key,
+    pair_score,
+    place,
+    sensor_names,
+    transport_free,
+)
+
+TOPIC = st.from_regex(r"(/[a-z0-9_]{1,8}){1,4}", fullmatch=True)
+
+
+@pytest.mark.parametrize(
+    ("topic", "expected"),
+    [
+        ("/camera/image_raw", ("camera",)),
+        ("/camera/camera_info", ("camera",)),
+        ("/image_raw_11", ("cam11",)),
+        ("/image_raw_11/compressed", ("cam11",)),
+        ("/camera_info_11", ("cam11",)),
+        ("/detections_11", ("cam11",)),
+        ("/cam11/image/compressed", ("cam11",)),
+        ("/cam11/camera_info", ("cam11",)),
+        ("/camera_11/image_raw", ("cam11",)),
+        ("/camera/color/image_raw", ("camera", "color")),
+        ("/zed/left/image_rect_color", ("zed", "left")),
+        ("/front_image", ("front",)),
+        ("/image", ()),
+        ("", ()),
+    ],
+)
+def test_topics_of_one_camera_share_their_place(topic: str, expected: tuple[str, ...]) -> None:
+    assert place(topic) == expected
+
+
+@pytest.mark.parametrize(
+    ("topics", "kind", "names"),
+    [
+        ([], "lidar", []),
+        (["/velodyne_points"], "lidar", ["velodyne"]),
+        (["/velodyne1_points", "/velodyne2_points"], "lidar", ["velodyne1", "velodyne2"]),
+        (["/points_raw"], "lidar", ["lidar"]),
+        (["/sensing/lidar/left/points", "/sensing/lidar/right/points"], "lidar", ["left", "right"]),
+        (["/camera/image_raw"], "camera", ["camera"]),
+        (["/image_raw_11", "/image_raw_12/compressed"], "camera", ["cam11", "cam12"]),
+        (["/a/image_raw", "/a/image_color"], "camera", ["a_camera", "a"]),
+        (["/fused/image"], "camera", ["fused_camera"]),
+        (["/image.left"], "camera", ["image_left"]),
+    ],
+)
+def test_names(topics: list[str], kind: str, names: list[str]) -> None:
+    assert [*sensor_names(topics, kind, taken={"fused"}).values()] == [
+        dict(zip(topics, names, strict=True))[t] for t in sensor_names(topics, kind)
+    ]
+
+
+@given(st.lists(TOPIC, unique=True, max_size=8), st.sets(st.sampled_from(["camera", "cam1", "lidar"])))
+def test_names_are_unique_and_fit_for_topics(topics: list[str], taken: set[str]) -> None:
+    names = sensor_names(topics, "camera", taken=taken)
+    assert set(names) == set(topics)
+    assert len(set(names.values()) | taken) == len(topics) + len(taken)
+    assert all(name.isidentifier() for name in names.values())
+
+
+@given(st.lists(st.text(), unique=True))
+def test_natural_order_is_total(names: list[str]) -> None:
+    backwards = names[::-1]
+    assert sorted(names, key=natural_key) == sorted(backwards, key=natural_key)
+
+
+def test_natural_order_counts() -> None:
+    assert sorted(["/cam10", "/cam2", "/cam"], key=natural_key) == ["/cam", "/cam2", "/cam10"]
+
+
+def test_pairing_prefers_the_place_then_the_frame_then_the_beginning() -> None:
+    image = "/rig/left/image_raw"
+    order = [
+        pair_score(image, "/rig/left/camera_info", same_frame=True),
+        pair_score(image, "/rig/left/camera_info", same_frame=False),
+        pair_score(image, "/rig/right/camera_info", same_frame=True),
+        pair_score(image, "/other/camera_info", same_frame=True),
+        pair_score(image, "/rig/right/camera_info", same_frame=False),
+    ]
+    assert order == sorted(order, reverse=True)
+    assert order[-1][0] == 0
+
+
+@pytest.mark.parametrize(
+    ("topic", "expected"),
+    [
+        ("/camera/depth/image_raw", False),
+        ("/mask", False),
+        ("/cam/image_raw/compressedDepth", False),
+        ("/cam/image", True),
+    ],
+)
+def test_depth_and_masks_are_no_pictures(topic: str, expected: bool) -> None:
+    assert is_measured_image(topic) is expected
+
+
+def test_rectified_and_transport() -> None:
+    assert is_rectified("/cam/image_rect_color/compressed")
+    assert not is_rectified("/rect/image_raw")
+    assert transport_free("/cam/image/compressed") == "/cam/image"
+    assert transport_free("/compressed") == "/compressed"

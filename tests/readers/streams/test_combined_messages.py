@@ -1,0 +1,198 @@
+"""Combined messages of the original system come apart into their sensors."""
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any, Literal
+
+import cv2
+import numpy as np
+import pytest
+from builders import header, image, odometry, pointcloud2, raw
+from combined_messages import CAMERAS, CLOUDS, combined
+
+from pipeline.core.errors import MessageError
+from pipeline.core.types import RawMessage
+from readers.memory import MemoryRecording
+from readers.messages.deserialize import deserialize
+from readers.messages.image import decode_picture
+from readers.messages.pointcloud2 import decode_pointcloud2
+from readers.recording import Recording
+from readers.streams.per_sensor import sensor_messages
+from readers.streams.survey import survey
+
+T0 = 1_700_000_000 * 10**9
+LOGGED = T0 + 10**9
+Encoding = Literal["ros1", "cdr"]
+both = pytest.mark.parametrize("encoding", ["ros1", "cdr"])
+
+
+def pictures(encoding: Encoding, count: int, first_ns: int = T0) -> list[RawMessage]:
+    rng = np.random.default_rng(first_ns % 1000 + count)
+    sizes = rng.integers(3, 30, (count, 2))  # odd sizes shift what follows: CDR has to align it
+    return [
+        raw(
+            f"/cam{i}",
+            "sensor_msgs/msg/Image",
+            image(rng.integers(0, 256, (h, w, 3), np.uint8), stamp_ns=first_ns + i, frame_id="f" * (i + 1)),
+            first_ns + i,
+            encoding=encoding,
+        )
+        for i, (h, w) in enumerate(sizes.tolist())
+    ]
+
+
+def clouds(encoding: Encoding, count: int) -> list[RawMessage]:
+    rng = np.random.default_rng(9)
+    return [
+        raw(
+            f"/lidar{i}",
+            "sensor_msgs/msg/PointCloud2",
+            pointcloud2(rng.normal(size=(7 + i, 3)), stamp_ns=T0 + i, point_padding=i, frame_id=f"lidar{i}"),
+            T0 + i,
+            encoding=encoding,
+        )
+        for i in range(count)
+    ]
+
+
+def opened(*messages: RawMessage) -> Recording:
+    return sensor_messages(MemoryRecording(messages))
+
+
+@both
+@pytest.mark.parametrize("count", [1, 2, 8])
+def test_pictures(encoding: Encoding, count: int) -> None:
+    parts = pictures(encoding, count)
+    recording = opened(combined("/camera_msgs_combined", CAMERAS, parts, LOGGED, encoding))
+    names = [f"/camera_msgs_combined/camera_{i + 1}" for i in range(count)]
+    assert [(t.topic, t.msgtype, t.message_count) for t in recording.topics] == [
+        (name, "sensor_msgs/msg/Image", 1) for name in names
+    ]
+    got = list(recording.messages())
+    assert [m.topic for m in got] == names
+    assert [m.stamp_ns for m in got] == [part.stamp_ns for part in parts]
+    assert {m.log_time_ns for m in got} == {LOGGED}
+    assert [m.order for m in got] == sorted({m.order for m in got})
+    for message, part in zip(got, parts, strict=True):
+        found, expected = decode_picture(message), decode_picture(part)
+        assert (found.stamp_ns, found.frame_id) == (expected.stamp_ns, expected.frame_id)
+        assert np.array_equal(found.rgb, expected.rgb)
+        assert bytes(message.data) == part.data
+
+
+@both
+def test_clouds(encoding: Encoding) -> None:
+    parts = clouds(encoding, 3)
+    recording = opened(combined("/pointcloud_list", CLOUDS, parts, LOGGED, encoding))
+    for name, part in zip((f"/pointcloud_list/pointcloud_{i}" for i in (1, 2, 3)), parts, strict=True):
+        (message,) = recording.messages([name])
+        found, expected = decode_pointcloud2(message), decode_pointcloud2(part)
+        assert (found.stamp_ns, found.frame_id) == (expected.stamp_ns, expected.frame_id)
+        assert np.array_equal(found.xyz, expected.xyz)
+
+
+@both
+def test_the_definition_tells_not_the_name(encoding: Encoding) -> None:
+    jpeg = cv2.imencode(".jpg", np.zeros((8, 9, 3), np.uint8))[1].reshape(-1)
+    fields = {"header": header(T0, "a"), "format": "jpeg", "data": jpeg}
+    part = raw("/a", "sensor_msgs/msg/CompressedImage", fields, T0, encoding=encoding)
+    definition = "Header header\nsensor_msgs/CompressedImage[2] views"
+    whole = combined("/rig", "a_msgs/msg/Rig", [part] * 2, LOGGED, encoding, definition=definition, field="views")
+    assert [(m.topic, decode_picture(m).rgb.shape) for m in opened(whole).messages()] == [
+        ("/rig/views_1", (8, 9, 3)),
+        ("/rig/views_2", (8, 9, 3)),
+    ]
+
+
+@both
+@pytest.mark.parametrize(("msgtype", "make"), [(CAMERAS, pictures), (CLOUDS, clouds)])
+def test_without_its_definition_the_original_is_known(encoding: Encoding, msgtype: str, make: Any) -> None:
+    whole = combined("/whole", msgtype, make(encoding, 2), LOGGED, encoding)
+    bare = whole._replace(channel=replace(whole.channel, definition=""))
+    assert [bytes(m.data) for m in opened(bare).messages()] == [bytes(m.data) for m in opened(whole).messages()]
+
+
+@both
+def test_only_what_is_asked_for_is_read_and_taken_apart(encoding: Encoding) -> None:
+    asked: list[object] = []
+
+    class Watched(MemoryRecording):
+        def messages(self, topics: Any = None, **window: Any) -> Iterator[RawMessage]:
+            asked.append(topics)
+            return super().messages(topics, **window)
+
+    odom = raw("/odom", "nav_msgs/msg/Odometry", odometry(stamp_ns=T0), T0, T0, encoding)
+    whole = combined("/c", CAMERAS, pictures(encoding, 4), LOGGED, encoding)
+    recording = sensor_messages(Watched([odom, whole]))
+    asked.clear()
+    assert [m.topic for m in recording.messages(["/odom"])] == ["/odom"]
+    assert [m.topic for m in recording.messages(["/c/camera_3", "/c/camera_2"])] == ["/c/camera_2", "/c/camera_3"]
+    assert [m.topic for m in recording.messages(["/c"])] == []
+    assert [m.topic for m in recording.messages(start_ns=LOGGED)] == [f"/c/camera_{i}" for i in (1, 2, 3, 4)]
+    assert list(recording.messages(stop_ns=T0)) == []
+    assert asked[:3] == [{"/odom"}, {"/c"}, {"/c"}]
+
+
+@both
+def test_lists_of_changing_length(encoding: Encoding) -> None:
+    messages = [
+        combined("/c", CAMERAS, pictures(encoding, count, T0 + i), LOGGED + i, encoding)
+        for i, count in enumerate([0, 2, 1, 3])
+    ]
+    recording = opened(*messages)
+    counts = Counter(message.topic for message in recording.messages())
+    assert counts == {"/c/camera_1": 3, "/c/camera_2": 2, "/c/camera_3": 1}
+    assert [t.topic for t in recording.topics] == [*counts]
+
+
+@both
+def test_messages_without_parts_are_listed_as_they_are(encoding: Encoding) -> None:
+    recording = opened(combined("/c", CAMERAS, [], LOGGED, encoding))
+    assert [(t.topic, t.msgtype) for t in recording.topics] == [("/c", CAMERAS)]
+    assert [m.topic for m in recording.messages()] == ["/c"]
+
+
+@both
+def test_a_broken_message_is_a_problem_of_each_part(encoding: Encoding) -> None:
+    good = combined("/c", CAMERAS, pictures(encoding, 2), LOGGED, encoding)
+    broken = good._replace(data=good.data[:-20], log_time_ns=LOGGED - 1)
+    recording = opened(broken, good)
+    got = list(recording.messages())
+    assert [(m.topic, m.log_time_ns, bool(m.problem)) for m in got] == [
+        ("/c/camera_1", LOGGED - 1, True),
+        ("/c/camera_2", LOGGED - 1, True),
+        ("/c/camera_1", LOGGED, False),
+        ("/c/camera_2", LOGGED, False),
+    ]
+    with pytest.raises(MessageError, match=r"/c/camera_2: /c: \d+ bytes are no msgs/msg/MsgCamera"):
+        deserialize(got[1])
+
+
+def test_other_recordings_are_left_as_they_are() -> None:
+    plain = MemoryRecording([raw("/odom", "nav_msgs/msg/Odometry", odometry(stamp_ns=T0), T0)])
+    assert sensor_messages(plain) is plain
+
+
+@both
+def test_parts_have_rates_of_their_own(encoding: Encoding) -> None:
+    frames = [
+        combined("/c", CAMERAS, pictures(encoding, 2, T0 + i * 10**8), LOGGED + i * 10**8, encoding) for i in range(10)
+    ]
+    for topic in survey(opened(*frames)):
+        assert (topic.count, topic.gaps) == (10, 0)
+        assert topic.rate_hz == pytest.approx(10)
+
+
+@both
+def test_parts_that_the_recording_defines_without_a_header(encoding: Encoding) -> None:
+    good = combined("/c", CAMERAS, pictures(encoding, 2), LOGGED, encoding)
+    rule = "=" * 80
+    definition = f"sensor_msgs/Image[] camera\n{rule}\nMSG: sensor_msgs/Image\nuint32 height\n"
+    odd = good._replace(
+        data=bytes.fromhex("00010000" if encoding == "cdr" else "") + bytes([1, 0, 0, 0, 9, 0, 0, 0]),
+        channel=replace(good.channel, definition=definition),
+    )
+    (message,) = opened(odd).messages()
+    assert (message.topic, message.stamp_ns) == ("/c/camera_1", LOGGED)
+    assert deserialize(message).height == 9

@@ -1,0 +1,58 @@
+import pytest
+from builders import pointcloud2, raw
+from velodyne import random_packets, scan
+
+from pipeline.core.config import Config
+from pipeline.core.errors import MessageError
+from pipeline.core.geometry import Transform
+from pipeline.core.types import LidarSensor, RawMessage, Rig, SensorBundle
+from readers.streams.decoders import CloudDecoder
+
+TOPIC = "/velodyne_packets"
+
+
+def bundle(message: RawMessage) -> SensorBundle:
+    return SensorBundle(0, message.stamp_ns, message.log_time_ns, {message.topic: message})
+
+
+def decoder(topic: str, on_bad: str = "skip") -> CloudDecoder:
+    lidar = LidarSensor("top", topic, Transform.identity("site", "velo_link"))
+    return CloudDecoder(Rig("site", (lidar,), (), (), None), Config(), on_bad=on_bad)  # type: ignore[arg-type]  # one of two words
+
+
+def packets(frame_id: str) -> RawMessage:
+    return scan(*random_packets("VLP-16", packets=3), frame_id=frame_id)
+
+
+@pytest.mark.parametrize(("frame_id", "expected"), [("", "velo_link"), ("velodyne", "velodyne")])
+def test_a_cloud_without_a_frame_has_that_of_its_lidar(frame_id: str, expected: str) -> None:
+    cloud = raw("/points", "sensor_msgs/msg/PointCloud2", pointcloud2([[1, 2, 3]], stamp_ns=5, frame_id=frame_id), 5)
+    for message in (packets(frame_id), cloud):
+        decoded = decoder(message.topic)(bundle(message))
+        assert decoded.by_sensor["top"].frame_id == expected
+        assert decoded.drops == ()
+
+
+def test_parts_that_took_no_part_are_drops_of_their_own() -> None:
+    payload, stamps_ns = random_packets("VLP-16", packets=5)
+    payload[1] = 0
+    message = lacking(scan(payload, stamps_ns), "short")
+    decoded = decoder(TOPIC)(bundle(message))
+    assert len(decoded.by_sensor["top"])
+    assert [(drop.reason, drop.parts) for drop in decoded.drops] == [
+        ("packets that cannot be decoded", 1),
+        ("packets with blocks that a VLP-16 does not send", 1),
+    ]
+
+
+def test_a_message_that_cannot_be_decoded_is_one_drop() -> None:
+    message = lacking(packets("")._replace(data=b"short"), "short")
+    decoded = decoder(TOPIC)(bundle(message))
+    assert decoded.by_sensor == {}
+    assert [(drop.reason, drop.parts) for drop in decoded.drops] == [("cannot be decoded", 0)]
+    with pytest.raises(MessageError, match="header is cut off"):
+        decoder(TOPIC, "fail")(bundle(message))
+
+
+def lacking(message: RawMessage, *reasons: str) -> RawMessage:
+    return message._replace(left_out=reasons)

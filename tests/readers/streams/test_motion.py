@@ -1,0 +1,256 @@
+from typing import Any
+
+import numpy as np
+import pytest
+from builders import Fields, odometry, pointcloud2, raw, tf_message, transform_stamped
+from scipy.spatial.transform import Rotation, Slerp
+
+from pipeline.core.config import Config
+from pipeline.core.errors import ConfigError
+from pipeline.core.types import Drop, RawMessage
+from readers.memory import MemoryRecording
+from readers.rig.discovery import discover_rig
+from readers.streams.motion import MotionBuffer, MotionSource, find_motion_source
+
+MS = 1_000_000
+TFM = "tf2_msgs/msg/TFMessage"
+
+
+def odom(i: int, topic: str = "/odom", **options: Any) -> RawMessage:
+    """Odometry at i * 20 ms: 10 m/s forward, turning left."""
+    turn = Rotation.from_euler("z", 0.01 * i).as_quat().tolist()
+    stamp_ns = i * 20 * MS
+    fields = odometry(stamp_ns=stamp_ns, position=(0.2 * i, 0, 0), orientation_xyzw=turn, **options)
+    return raw(topic, "nav_msgs/msg/Odometry", fields, stamp_ns)
+
+
+def tf(*transforms: Fields, at_ns: int = 0, topic: str = "/tf") -> RawMessage:
+    return raw(topic, TFM, tf_message(transforms), at_ns)
+
+
+def cloud(i: int = 0) -> RawMessage:
+    fields = pointcloud2([[1, 2, 3]], stamp_ns=i * 100 * MS, frame_id="lidar")
+    return raw("/points", "sensor_msgs/msg/PointCloud2", fields, i * 100 * MS)
+
+
+MOUNT = tf(transform_stamped("base_link", "lidar", stamp_ns=0, translation=(1, 0, 2)), topic="/tf_static")
+
+
+def source_of(*messages: RawMessage, **motion: Any) -> MotionSource | None:
+    recording = MemoryRecording([MOUNT, cloud(), *messages])
+    config = Config.model_validate({"combine": {"motion": motion}})
+    found = discover_rig(recording, config)
+    assert found.rig.site_frame == "base_link"
+    return find_motion_source(recording, found.rig, found.transforms, config)
+
+
+def run(source: MotionSource, *messages: RawMessage) -> tuple[MotionBuffer, list[RawMessage], list[Drop]]:
+    drops: list[Drop] = []
+    buffer = MotionBuffer(source, on_drop=drops.append)
+    return buffer, list(buffer.tap(messages)), drops
+
+
+# --- which source
+
+
+def test_odometry_of_the_site_frame_is_taken() -> None:
+    source = source_of(odom(0), odom(1))
+    assert source is not None
+    assert (source.topics, source.frame_id, source.fixed_frame_id) == (("/odom",), "base_link", "odom")
+
+
+def test_odometry_of_a_fixed_neighbour_is_taken_with_the_offset_between() -> None:
+    source = source_of(odom(0, child_frame_id="lidar"), odom(10, child_frame_id="lidar"))
+    assert source is not None
+    buffer, _, _ = run(source, *(odom(i, child_frame_id="lidar") for i in range(10)))
+    poses = buffer.window(100 * MS)
+    assert poses is not None
+    np.testing.assert_allclose(poses.T_fixed_moving[0] @ [1, 0, 2, 1], [0, 0, 0, 1], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "messages",
+    [
+        [],
+        [odom(0, "/car1/base_pose_ground_truth", frame_id="map", child_frame_id="car1/base_link")],
+        [odom(0, frame_id="base_link", child_frame_id="car1")],  # where a car is in the scene
+        [odom(0, child_frame_id="")],
+        [odom(0)._replace(data=b"\0\1\0\0")],
+    ],
+)
+def test_other_odometry_is_no_motion_of_the_rig(messages: list[RawMessage]) -> None:
+    assert source_of(*messages) is None
+
+
+def test_motion_can_be_switched_off() -> None:
+    assert source_of(odom(0), enabled=False) is None
+
+
+def test_a_configured_topic_may_leave_its_frame_unnamed() -> None:
+    source = source_of(odom(0), odom(0, "/other", child_frame_id=""), topic="/other")
+    assert source is not None
+    assert source.topics == ("/other",)
+    buffer, _, drops = run(source, *(odom(i, "/other", child_frame_id="") for i in range(5)))
+    assert buffer.window(0) is not None
+    assert drops == []
+
+
+@pytest.mark.parametrize(
+    ("topic", "reason"),
+    [("/nowhere", "no recorded nav_msgs/msg/Odometry; there is /car, /odom"), ("/car", "odometry of 'car'")],
+)
+def test_a_wrong_configured_topic_is_an_error(topic: str, reason: str) -> None:
+    with pytest.raises(ConfigError, match=reason):
+        source_of(odom(0), odom(0, "/car", child_frame_id="car"), topic=topic)
+
+
+def test_the_densest_odometry_wins_then_the_first_by_name() -> None:
+    both = [odom(0, "/b"), odom(0, "/a")]
+    assert source_of(*both).topics == ("/a",)  # type: ignore[union-attr]  # None would fail, too
+    assert source_of(*both, odom(1, "/b")).topics == ("/b",)  # type: ignore[union-attr]  # None would fail, too
+
+
+def test_tf_is_the_last_resort_up_to_odom() -> None:
+    steps = [
+        tf(
+            transform_stamped("odom", "footprint", stamp_ns=i * 20 * MS, translation=(0.2 * i, 0, 0)),
+            transform_stamped("map", "odom", stamp_ns=i * 20 * MS, translation=(0, i, 0)),
+            at_ns=i * 20 * MS,
+        )
+        for i in range(50)
+    ]
+    between = tf(transform_stamped("footprint", "base_link", stamp_ns=0, translation=(0, 0, 0.5)), topic="/tf_static")
+    recording = MemoryRecording([MOUNT, between, cloud(), *steps])
+    found = discover_rig(recording, Config())
+    source = find_motion_source(recording, found.rig, found.transforms, Config())
+    assert source is not None
+    assert (source.topics, source.frame_id, source.fixed_frame_id) == (("/tf",), "base_link", "odom")
+    buffer, forwarded, drops = run(source, *steps)
+    assert (forwarded, drops) == ([], [])
+    poses = buffer.window(500 * MS)
+    assert poses is not None
+    at = int(np.searchsorted(poses.stamps_ns, 500 * MS))
+    np.testing.assert_allclose(poses.T_fixed_moving[at][:3, 3], [5, 0, 0.5])
+
+
+def test_two_moving_frames_are_joined_at_the_denser_ones_stamps() -> None:
+    links: tuple[Any, ...] = ("base_link", "footprint")
+    source = MotionSource(("/tf",), "base_link", "odom", links)
+    turns = [Rotation.from_euler("z", 0.1 * i) for i in range(6)]
+    coarse = [
+        tf(
+            transform_stamped("odom", "footprint", stamp_ns=i * 100 * MS, rotation_xyzw=turn.as_quat().tolist()),
+            at_ns=i * 100 * MS,
+        )
+        for i, turn in enumerate(turns)
+    ]
+    fine = [
+        tf(transform_stamped("footprint", "base_link", stamp_ns=i * 30 * MS, translation=(1, 0, 0)), at_ns=1)
+        for i in range(30)
+    ]
+    buffer, _, _ = run(source, *coarse, *fine)
+    poses = buffer.window(250 * MS)
+    assert poses is not None
+    assert poses.stamps_ns.tolist() == list(range(0, 500 * MS, 30 * MS))
+    judge = Slerp(np.arange(6) * 100.0 * MS, Rotation.concatenate(turns))(poses.stamps_ns.astype(float))
+    np.testing.assert_allclose(poses.T_fixed_moving[:, :3, 3], judge.apply([1, 0, 0]), atol=1e-12)
+
+
+# --- the buffer
+
+ODOM = MotionSource(("/odom",), "base_link", "odom", ("base_link",))
+
+
+def test_other_messages_pass_and_poses_lie_around_the_stamp() -> None:
+    messages = [odom(i) for i in range(200)] + [cloud(i) for i in range(3)]
+    buffer, forwarded, drops = run(ODOM, *messages)
+    assert [message.topic for message in forwarded] == ["/points"] * 3
+    assert drops == []
+    poses = buffer.window(2000 * MS)
+    assert poses is not None
+    assert (poses.frame_id, poses.fixed_frame_id) == ("base_link", "odom")
+    assert (poses.stamps_ns[0], poses.stamps_ns[-1]) == (1480 * MS, 2520 * MS)  # half a second, and one more each side
+    at = poses.stamps_ns.tolist().index(2000 * MS)
+    np.testing.assert_allclose(poses.T_fixed_moving[at][:3, 3], [20, 0, 0])
+    np.testing.assert_allclose(poses.T_fixed_moving[at][1, 0], np.sin(1.0))
+
+
+def test_slow_odometry_still_brackets_the_stamp() -> None:
+    buffer, _, _ = run(ODOM, *(odom(i) for i in range(0, 201, 100)))  # every 2 s
+    poses = buffer.window(3000 * MS)
+    assert poses is not None
+    assert poses.stamps_ns.tolist() == [2000 * MS, 4000 * MS]
+
+
+def test_the_buffer_is_bounded() -> None:
+    buffer, _, _ = run(ODOM, *(odom(i) for i in range(2000)))
+    assert buffer.window(10_000 * MS) is None
+    newest = buffer.window(39_980 * MS)
+    assert newest is not None
+    assert len(newest) <= 52
+
+
+def test_disorder_and_repeats_do_not_matter() -> None:
+    messages = [odom(i) for i in range(50)]
+    ordered, _, _ = run(ODOM, *messages)
+    shuffled, _, _ = run(ODOM, *messages[::-1], *messages[10:20])
+    one, two = ordered.window(500 * MS), shuffled.window(500 * MS)
+    assert one is not None
+    assert two is not None
+    np.testing.assert_array_equal(one.stamps_ns, two.stamps_ns)
+    np.testing.assert_array_equal(one.T_fixed_moving, two.T_fixed_moving)
+
+
+@pytest.mark.parametrize("count", [0, 1])
+def test_fewer_than_two_poses_are_none(count: int) -> None:
+    buffer, _, _ = run(ODOM, *(odom(i) for i in range(count)))
+    assert buffer.window(0) is None
+
+
+def test_a_snapshot_does_not_change_later() -> None:
+    buffer, _, _ = run(ODOM, *(odom(i) for i in range(5)))
+    poses = buffer.window(0)
+    assert poses is not None
+    before = poses.T_fixed_moving.copy()
+    list(buffer.tap([odom(1, frame_id="odom")._replace(data=odom(3).data), odom(2)]))
+    np.testing.assert_array_equal(poses.T_fixed_moving, before)
+
+
+@pytest.mark.parametrize(
+    ("bad", "reason"),
+    [
+        (odom(3)._replace(data=b"\0\1\0\0abc"), "cannot be decoded"),
+        (
+            cloud()._replace(channel=cloud().channel.__class__("/odom", cloud().channel.msgtype, "cdr")),
+            "cannot be decoded",
+        ),
+        (odom(3, frame_id="map"), "its pose is unusable"),
+        (
+            raw("/odom", "nav_msgs/msg/Odometry", odometry(stamp_ns=3, orientation_xyzw=(0, 0, 0, 0)), 3),
+            "cannot be decoded",
+        ),
+    ],
+)
+def test_bad_messages_are_counted_and_the_rest_is_used(bad: RawMessage, reason: str) -> None:
+    buffer, forwarded, drops = run(ODOM, odom(0), bad, odom(1))
+    assert [(drop.topic, drop.reason) for drop in drops] == [("/odom", reason)]
+    assert forwarded == []
+    assert len(buffer.window(0) or ()) == 2
+
+
+def test_a_new_parent_in_tf_is_counted_and_not_mixed_in() -> None:
+    source = MotionSource(("/tf",), "base_link", "odom", ("base_link",))
+    good = [tf(transform_stamped("odom", "base_link", stamp_ns=i), at_ns=i) for i in range(3)]
+    bad = tf(
+        transform_stamped("map", "base_link", stamp_ns=3),
+        transform_stamped("odom", "base_link", stamp_ns=4, rotation_xyzw=(0, 0, 0, 0)),
+        transform_stamped("odom", "base_link", stamp_ns=5),
+        at_ns=3,
+    )
+    buffer, _, drops = run(source, *good, bad)
+    assert [(drop.reason, drop.detail) for drop in drops] == [
+        ("its pose is unusable", "base_link in 'map', expected 'odom'")
+    ]
+    poses = buffer.window(0)
+    assert poses is not None
+    assert poses.stamps_ns.tolist() == [0, 1, 2, 5]

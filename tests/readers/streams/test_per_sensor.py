@@ -1,0 +1,87 @@
+"""A recording as one topic per sensor: what passes, what changes, and that it is closed."""
+
+from typing import Any
+
+import pytest
+from builders import image, odometry, raw
+from combined_messages import CAMERAS, combined
+from foxglove_messages import foxglove_raw
+from numpy import zeros
+
+from pipeline.core.errors import RecordingError
+from pipeline.core.types import RawMessage
+from readers.memory import MemoryRecording
+from readers.streams.per_sensor import sensor_messages
+
+T0 = 1_700_000_000 * 10**9
+ODOMETRY = raw("/odom", "nav_msgs/msg/Odometry", odometry(stamp_ns=T0), T0)
+PICTURE = raw("/x", "sensor_msgs/msg/Image", image(zeros((3, 4, 3), "u1"), stamp_ns=T0), T0)
+WHOLE = combined("/c", CAMERAS, [PICTURE, PICTURE], T0 + 1, "cdr")
+FOXGLOVE = foxglove_raw("/f", "foxglove.RawImage", {"timestamp": T0 + 7}, T0 + 2)
+
+
+class Closable(MemoryRecording):
+    """Knows whether it is open."""
+
+    is_open = True
+    fails = False
+
+    def close(self) -> None:
+        self.is_open = False
+
+    def messages(self, topics: Any = None, **window: Any) -> Any:
+        if self.fails:
+            raise RecordingError("no disk")
+        return super().messages(topics, **window)
+
+
+def test_it_describes_the_same_recording() -> None:
+    plain = Closable([ODOMETRY, WHOLE, FOXGLOVE])
+    with sensor_messages(plain) as recording:
+        assert [(t.topic, t.msgtype, t.message_count, t.part_of) for t in recording.topics] == [
+            ("/c/camera_1", "sensor_msgs/msg/Image", 1, "/c"),
+            ("/c/camera_2", "sensor_msgs/msg/Image", 1, "/c"),
+            ("/f", "sensor_msgs/msg/Image", 1, ""),
+            ("/odom", "nav_msgs/msg/Odometry", 1, ""),
+        ]
+        assert recording.paths == plain.paths
+        assert (recording.start_ns, recording.end_ns, recording.message_count) == (T0, T0 + 2, 3)
+        assert recording.losses == plain.losses
+        got = list(recording.messages())
+        assert got[0] == ODOMETRY._replace(order=(0, 0))
+        assert [(m.topic, m.stamp_ns, m.order) for m in got[1:]] == [
+            ("/c/camera_1", T0, (0, 1, 0)),
+            ("/c/camera_2", T0, (0, 1, 1)),
+            ("/f", T0 + 7, (0, 2)),
+        ]
+        assert {m.channel for m in got} == {channel for t in recording.topics for channel in t.channels}
+    assert not plain.is_open
+
+
+def test_two_readings_at_once_do_not_disturb_each_other() -> None:
+    recording = sensor_messages(MemoryRecording([WHOLE, FOXGLOVE]))
+    one, two = recording.messages(), recording.messages(["/c/camera_2", "/f"])
+    assert [next(one).topic, next(two).topic, next(one).topic, next(two).topic, next(one).topic] == [
+        "/c/camera_1",
+        "/c/camera_2",
+        "/c/camera_2",
+        "/f",
+        "/f",
+    ]
+
+
+def test_it_is_closed_where_it_cannot_be_read() -> None:
+    plain = Closable([WHOLE])
+    plain.fails = True
+    with pytest.raises(RecordingError, match="no disk"):
+        sensor_messages(plain)
+    assert not plain.is_open
+
+
+def test_a_topic_of_both_kinds() -> None:
+    """Combined messages and others on one topic: the others keep it."""
+    other: RawMessage = ODOMETRY._replace(channel=raw("/c", "nav_msgs/msg/Odometry", odometry(stamp_ns=T0), T0).channel)
+    recording = sensor_messages(MemoryRecording([other, WHOLE]))
+    assert [m.topic for m in recording.messages(["/c"])] == ["/c"]
+    assert [m.topic for m in recording.messages(["/c/camera_2"])] == ["/c/camera_2"]
+    assert [m.topic for m in recording.messages()] == ["/c", "/c/camera_1", "/c/camera_2"]

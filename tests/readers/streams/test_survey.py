@@ -1,0 +1,44 @@
+"""Rates and gaps of topics."""
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from builders import odometry, raw
+
+from pipeline.core.types import RawMessage
+from readers.memory import MemoryRecording
+from readers.streams.survey import survey
+
+SECOND_NS = 1_000_000_000
+EVERY_100_MS = np.arange(50) * SECOND_NS // 10
+
+
+def messages(stamps_ns: npt.NDArray[np.int64]) -> list[RawMessage]:
+    return [raw("/t", "nav_msgs/msg/Odometry", odometry(stamp_ns=int(t)), int(t)) for t in stamps_ns + SECOND_NS]
+
+
+@pytest.mark.parametrize(
+    ("stamps_ns", "rate_hz", "gaps"),
+    [
+        (EVERY_100_MS[:1], 0.0, 0),
+        (EVERY_100_MS, 10.0, 0),
+        (np.delete(EVERY_100_MS, [10, 30, 31]), 10.0, 1),  # one lost message is no gap, two are
+        (np.delete(EVERY_100_MS, np.arange(20, 40)), 10.0, 1),
+        # two senders, 1 ms after each other: 2 every 100 ms, and no gap
+        (np.sort(np.concatenate([EVERY_100_MS, EVERY_100_MS + 1_000_000])), 20.0, 0),
+    ],
+    ids=["one", "even", "losses", "pause", "two senders"],
+)
+def test_rate_and_gaps(stamps_ns: npt.NDArray[np.int64], rate_hz: float, gaps: int) -> None:
+    (topic,) = survey(MemoryRecording(messages(stamps_ns)))
+    assert topic.rate_hz == pytest.approx(rate_hz, rel=0.02)
+    assert topic.gaps == gaps
+    assert topic.count == len(stamps_ns)
+
+
+def test_of_a_part_only_the_count_is_of_all() -> None:
+    every_s = np.arange(50) * SECOND_NS
+    recording = MemoryRecording(messages(np.concatenate([EVERY_100_MS, EVERY_100_MS[-1] + every_s])))
+    (topic,) = survey(recording, stop_ns=recording.start_ns + 4 * SECOND_NS)
+    assert topic.count == 100
+    assert [topic.rate_hz, topic.longest_gap_s] == pytest.approx([10, 0.1])

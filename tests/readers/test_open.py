@@ -1,0 +1,331 @@
+from collections.abc import Sequence
+from contextlib import suppress
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import pytest
+from builders import header, image, odometry, raw, write_mcap, write_rosbag1, write_rosbag2
+from helpers import shared
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pipeline.core.errors import RecordingError
+from pipeline.core.types import RawMessage
+from readers.messages.deserialize import deserialize
+from readers.open import open_recording
+
+T0 = 1_700_000_000 * 10**9
+ODOMETRY = "nav_msgs/msg/Odometry"
+
+
+def drive(encoding: Literal["ros1", "cdr"], n: int = 12) -> list[RawMessage]:
+    """Odometry at 100 Hz and an image with every third, recorded 2 ms late; equal log times every third."""
+    messages = []
+    for i in range(n):
+        stamp = T0 + i * 10**7
+        messages.append(raw("/odom", ODOMETRY, odometry(stamp_ns=stamp), stamp, stamp + 2_000_000, encoding))
+        if i % 3 == 0:
+            pixels = np.full((4, 6, 3), i, np.uint8)
+            picture = image(pixels, stamp_ns=stamp - 5)
+            messages.append(raw("/image", "sensor_msgs/msg/Image", picture, stamp - 5, stamp + 2_000_000, encoding))
+    return messages
+
+
+def plain(messages: Sequence[RawMessage]) -> list[tuple[str, int, int, bytes]]:
+    return [(m.topic, m.stamp_ns, m.log_time_ns, bytes(m.data)) for m in messages]
+
+
+def read(
+    *paths: Path,
+    topics: Sequence[str] | None = None,
+    start_ns: int | None = None,
+    stop_ns: int | None = None,
+    rescue: bool = True,
+) -> list[RawMessage]:
+    with open_recording(paths, rescue=rescue) as recording:
+        return list(recording.messages(topics, start_ns=start_ns, stop_ns=stop_ns))
+
+
+def write(folder: Path, kind: str, messages: Sequence[RawMessage], name: str = "rec") -> Path:
+    form, _, how = kind.partition("-")
+    compression: Any = how
+    if form == "bag":
+        path = folder / f"{name}.bag"
+        write_rosbag1(path, messages, compression, chunk_bytes=2000)
+    elif form == "mcap":
+        path = folder / f"{name}.mcap"
+        write_mcap(path, messages, compression, chunk_bytes=2000)
+    elif form == "loose":
+        path = folder / f"{name}.mcap"
+        write_mcap(path, messages, use_chunking=False)
+    else:
+        path = folder / name
+        write_rosbag2(path, messages, "mcap" if form == "folder:mcap" else "sqlite3", compression)
+    return path
+
+
+ROS1_KINDS = ["bag-none", "bag-bz2", "bag-lz4", "mcap-lz4"]
+ROS2_KINDS = [
+    "mcap-none",
+    "mcap-lz4",
+    "mcap-zstd",
+    "loose",
+    "folder:sqlite3-none",
+    "folder:sqlite3-message",
+    "folder:sqlite3-file",
+    "folder:mcap-none",
+    "folder:mcap-storage",
+    "folder:mcap-message",
+    "folder:mcap-file",
+]
+KINDS = [*((kind, "ros1") for kind in ROS1_KINDS), *((kind, "cdr") for kind in ROS2_KINDS)]
+
+
+@pytest.mark.parametrize(("kind", "encoding"), KINDS)
+def test_every_container_gives_the_messages_back(tmp_path: Path, kind: str, encoding: Literal["ros1", "cdr"]) -> None:
+    messages = drive(encoding)
+    with open_recording([write(tmp_path, kind, messages)]) as recording:
+        got = list(recording.messages())
+        assert plain(got) == plain(messages)
+        assert [m.order for m in got] == sorted({m.order for m in got})
+        assert recording.message_count == len(messages)
+        assert (recording.start_ns, recording.end_ns) == (messages[0].log_time_ns, messages[-1].log_time_ns)
+        assert [(t.topic, t.msgtype, t.message_count, t.unreadable) for t in recording.topics] == [
+            ("/image", "sensor_msgs/msg/Image", 4, ""),
+            ("/odom", ODOMETRY, 12, ""),
+        ]
+        assert recording.topics[1].channel.encoding == encoding
+    assert [deserialize(m).header.frame_id for m in got[:2]] == ["odom", "camera"]
+
+
+@pytest.mark.parametrize(("kind", "encoding"), KINDS)
+def test_window_and_topics(tmp_path: Path, kind: str, encoding: Literal["ros1", "cdr"]) -> None:
+    messages = drive(encoding)
+    path = write(tmp_path, kind, messages)
+    first, last = messages[3].log_time_ns, messages[9].log_time_ns
+    inside = [m for m in messages if first <= m.log_time_ns < last]
+    assert plain(read(path, start_ns=first, stop_ns=last)) == plain(inside)
+    images = [m for m in inside if m.topic == "/image"]
+    assert plain(read(path, topics=["/image", "/nothing"], start_ns=first, stop_ns=last)) == plain(images)
+    assert read(path, topics=[]) == []
+    assert read(path, start_ns=last, stop_ns=first) == []
+    assert read(path, stop_ns=T0) == []
+
+
+@pytest.mark.parametrize(("kind", "encoding"), KINDS)
+def test_a_recording_without_messages_opens(tmp_path: Path, kind: str, encoding: str) -> None:
+    with open_recording([write(tmp_path, kind, [])]) as recording:
+        assert list(recording.messages()) == []
+        assert (recording.message_count, recording.start_ns, recording.end_ns, recording.topics) == (0, 0, 0, ())
+    assert encoding
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    offsets=st.lists(st.integers(0, 5), min_size=1, max_size=12),
+    cuts=st.sets(st.integers(0, 12), max_size=3),
+    kind=st.sampled_from(["bag-none", "bag-lz4", "mcap-zstd", "loose", "folder:sqlite3-none"]),
+)
+def test_splitting_a_recording_changes_nothing(
+    tmp_path_factory: pytest.TempPathFactory, offsets: list[int], cuts: set[int], kind: str
+) -> None:
+    folder = tmp_path_factory.mktemp("split")
+    encoding: Literal["ros1", "cdr"] = "ros1" if kind.startswith("bag") else "cdr"
+    messages = [  # log times in any order, many equal; stamps tell the messages apart
+        raw(f"/t{i % 3}", ODOMETRY, odometry(stamp_ns=T0 + i), T0 + i, T0 + offset, encoding)
+        for i, offset in enumerate(offsets)
+    ]
+    bounds = [0, *sorted(cut for cut in cuts if cut < len(messages)), len(messages)]
+    parts = [write(folder, kind, messages[first:last], f"part{i}") for i, (first, last) in enumerate(pairwise(bounds))]
+    expected = plain(sorted(messages, key=lambda m: m.log_time_ns))  # stable: equal times in writing order
+    assert plain(read(write(folder, kind, messages, "whole"))) == expected
+    assert plain(read(*parts)) == expected
+
+
+def test_order_names_the_file(tmp_path: Path) -> None:
+    messages = drive("cdr")
+    first = write(tmp_path, "mcap-none", messages[:8], "a")
+    second = write(tmp_path, "folder:sqlite3-none", messages[8:], "b")
+    with open_recording([first, second]) as recording:
+        assert [m.order[0] for m in recording.messages()] == [0] * 8 + [1] * 8
+        assert recording.paths == (first, second / "b.db3")
+        assert len(recording.topics) == 2
+
+
+def test_one_topic_with_two_definitions(tmp_path: Path) -> None:
+    old = raw("/state", "std_msgs/msg/Header", header(T0, "a"), T0)
+    path = tmp_path / "two.mcap"
+    write_mcap(path, [old, raw("/state", ODOMETRY, odometry(stamp_ns=T0 + 1), T0 + 1)])
+    with open_recording([path]) as recording:
+        assert [(t.topic, t.msgtype, t.message_count) for t in recording.topics] == [
+            ("/state", ODOMETRY, 1),
+            ("/state", "std_msgs/msg/Header", 1),
+        ]
+        assert [m.stamp_ns for m in recording.messages(["/state"])] == [T0, T0 + 1]
+
+
+def test_messages_stay_valid_after_closing_and_reading_then_fails(tmp_path: Path) -> None:
+    messages = drive("ros1")
+    with open_recording([write(tmp_path, "bag-lz4", messages)]) as recording:
+        kept = list(recording.messages())
+    assert plain(kept) == plain(messages)
+    with pytest.raises(RecordingError, match="was closed"):
+        next(recording.messages())
+
+
+def test_two_readings_at_once_do_not_disturb_each_other(tmp_path: Path) -> None:
+    for kind, encoding in (("bag-none", "ros1"), ("mcap-lz4", "cdr"), ("loose", "cdr"), ("folder:sqlite3-none", "cdr")):
+        messages = drive("ros1" if encoding == "ros1" else "cdr")
+        with open_recording([write(tmp_path, kind, messages, kind[-4:])]) as recording:
+            pairs = list(zip(recording.messages(), recording.messages(), strict=True))
+        assert plain([a for a, _ in pairs]) == plain([b for _, b in pairs]) == plain(messages)
+
+
+def test_the_name_of_a_file_does_not_matter(tmp_path: Path) -> None:
+    messages = drive("ros1")
+    path = write(tmp_path, "bag-none", messages).rename(tmp_path / "recording.mcap")
+    assert plain(read(path)) == plain(messages)
+
+
+# --- what is no recording
+
+
+def put(path: Path, content: bytes) -> Path:
+    path.write_bytes(content)
+    return path
+
+
+def open_files() -> int:
+    """Number of this process's open files; 0 where the system does not tell."""
+    folder = Path("/proc/self/fd")
+    return len([*folder.iterdir()]) if folder.exists() else 0
+
+
+def assert_refused(paths: Sequence[Path], *parts: str) -> None:
+    before = open_files()
+    with pytest.raises(RecordingError) as caught:
+        open_recording(paths)
+    message = str(caught.value)
+    assert "\n" not in message
+    assert all(part in message for part in parts), message
+    assert open_files() == before, "a file stayed open"
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "says"),
+    [
+        ("empty.bag", b"", "an empty file"),
+        ("notes.txt", b"lidar on the left pole\n", "a text file"),
+        ("picture.bin", b"\x00\x01\x02", "a file of another kind"),
+        ("text.bag", b"lidar on the left pole\n", "other bytes than a .bag file begins with"),
+        ("old.bag", b"#ROSBAG V1.2\n" + b"\0" * 50, "format 1.2; convert it"),
+        ("magic.bag", b"#ROSBAG V2.0\n", "damaged or was not closed"),
+        ("magic.mcap", b"\x89MCAP0\r\n", "damaged or was not closed"),
+        ("magic.db3", b"SQLite format 3\0", "damaged or was not closed"),
+        ("magic.db3.zstd", b"\x28\xb5\x2f\xfd", "a compressed file with nothing in it"),
+    ],
+)
+def test_files_that_are_no_recording(tmp_path: Path, name: str, content: bytes, says: str) -> None:
+    assert_refused([put(tmp_path / name, content)], name, says)
+
+
+def test_missing_paths(tmp_path: Path) -> None:
+    assert_refused([], "got no path")
+    assert_refused([tmp_path / "nope.bag"], "no such file or folder", ".mcap")
+
+
+def test_folders_without_recording(tmp_path: Path) -> None:
+    assert_refused([tmp_path], "expected a ROS 2 bag folder", "found none")
+    write(tmp_path, "bag-none", drive("ros1"))
+    assert_refused([tmp_path], "found 1 ROS 1 .bag file(s)", "one by one")
+
+
+def test_ros1_and_ros2_do_not_mix(tmp_path: Path) -> None:
+    bag = write(tmp_path, "bag-none", drive("ros1"))
+    folder = write(tmp_path, "folder:sqlite3-none", drive("cdr"))
+    assert_refused([bag, folder], "ROS 1", "ROS 2", "one by one")
+
+
+def test_the_same_file_twice(tmp_path: Path) -> None:
+    folder = write(tmp_path, "folder:mcap-none", drive("cdr"))
+    assert_refused([folder, folder / "rec.mcap"], "given twice")
+    link = tmp_path / "link.mcap"
+    link.symlink_to(folder / "rec.mcap")
+    assert_refused([folder / "rec.mcap", link], "given twice")
+    same = folder / "rec.mcap"
+    assert_refused([same, same], "given twice")
+
+
+@pytest.mark.parametrize("kind", ["bag-none", "bag-lz4", "mcap-none", "mcap-zstd", "loose", "folder:sqlite3-none"])
+def test_cut_off_recordings(tmp_path: Path, kind: str) -> None:
+    path = write(tmp_path, kind, drive("ros1" if kind.startswith("bag") else "cdr", 60))
+    path = next(path.glob("*.db3")) if path.is_dir() else path
+    content = path.read_bytes()
+    sizes = [17, len(content) // 3, len(content) - 5000] + ([len(content) - 1] if "db3" not in path.name else [])
+    for size in sizes:
+        cut = put(tmp_path / f"cut{path.suffix}", content[:size])
+        with pytest.raises(RecordingError, match="damaged or was not closed") as caught:
+            read(cut, rescue=False)
+        assert "\n" not in str(caught.value)
+        assert cut.name in str(caught.value)
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    kind=st.sampled_from(["bag-none", "bag-bz2", "mcap-none", "mcap-lz4", "loose", "folder:sqlite3-none"]),
+    place=st.integers(0, 10**6),
+    junk=st.binary(min_size=1, max_size=12),
+)
+def test_overwritten_bytes_never_crash(
+    tmp_path_factory: pytest.TempPathFactory, kind: str, place: int, junk: bytes
+) -> None:
+    folder = tmp_path_factory.mktemp("damage")
+    path = write(folder, kind, drive("ros1" if kind.startswith("bag") else "cdr"))
+    path = next(path.glob("*.db3")) if path.is_dir() else path
+    content = bytearray(path.read_bytes())
+    place %= len(content)
+    content[place : place + len(junk)] = junk
+    path.write_bytes(content)
+    for rescue in (True, False):
+        with suppress(RecordingError):
+            read(path, rescue=rescue)
+
+
+def test_damage_in_the_middle_says_how_far_it_got(tmp_path: Path) -> None:
+    messages = drive("cdr", 60)
+    path = write(tmp_path, "mcap-zstd", messages)
+    content = bytearray(path.read_bytes())
+    middle = len(content) // 3
+    content[middle : middle + 30] = bytes(30)
+    path.write_bytes(content)
+    got: list[RawMessage] = []
+    with open_recording([path], rescue=False) as recording, pytest.raises(RecordingError) as caught:
+        got.extend(recording.messages())
+    assert plain(got) == plain(messages[: len(got)])
+    assert got
+    assert f"after {len(got)} messages (log time {got[-1].log_time_ns} ns)" in str(caught.value)
+
+
+# --- real recordings
+
+
+def test_real_recording_in_three_compressions() -> None:
+    folder = shared("data/reader_fixtures/foxglove_rosbag")
+    contents = [plain(read(folder / name)) for name in ("example.bag", "example-bz2.bag", "example-lz4.bag")]
+    assert contents[0] == contents[1] == contents[2]
+    assert len(contents[0]) == 8647
+    with open_recording([folder / "no-messages.bag"]) as recording:
+        assert recording.message_count == 0
+    assert_refused([folder / "asci-file.txt"], "a text file")
+    assert_refused([folder / "empty-file.bag"], "an empty file")
+
+
+@pytest.mark.parametrize("name", ["vlp16/1673400471837873222", "vls128/1614315746471294674"])
+def test_real_rosbag2_folder_without_definitions(name: str) -> None:
+    with open_recording([shared(f"data/velodyne_packets/{name}")]) as recording:
+        messages = list(recording.messages())
+        assert [t.msgtype for t in recording.topics] == ["velodyne_msgs/msg/VelodyneScan"]
+    assert len(messages) == 4
+    assert all(m.channel.encoding == "cdr" and not m.channel.definition for m in messages)

@@ -1,0 +1,290 @@
+"""Packets to pictures: against the pictures that were encoded, and against OpenCV's decoder."""
+
+import struct
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from video import (
+    CODECS,
+    PERIOD_NS,
+    T0,
+    Packet,
+    compressed_video,
+    encode,
+    ffmpeg,
+    ffmpeg_packet,
+    foxglove,
+    moving,
+    pixels,
+    psnr_db,
+)
+
+from pipeline.core.config import LimitsConfig
+from pipeline.core.types import RawMessage
+from readers.video.decoder import MAX_HELD, VideoDecoder
+from readers.video.packets import AFTER_DAMAGE, BEFORE_KEY_FRAME
+
+COUNT, GOP = 9, 4
+NONSENSE = b"\0\0\0\1\x41" + b"nonsense" * 20
+"""A slice of H.264 by its first byte, and after that of a number that does not follow."""
+
+
+def decoded(messages: list[RawMessage]) -> list[RawMessage]:
+    decoder = VideoDecoder(messages[0].topic if messages else "/camera/video")
+    return [*(found for message in messages for found in decoder.add(message)), *decoder.flush()]
+
+
+def problems(messages: list[RawMessage]) -> list[str]:
+    return [message.problem for message in decoded(messages)]
+
+
+def assert_shows(found: list[RawMessage], pictures: list[Any], *, least_db: float = 33) -> None:
+    """Each message has the picture of its stamp, and no other picture would fit as well."""
+    for message in found:
+        own = (message.stamp_ns - T0) // PERIOD_NS
+        fits = [psnr_db(pixels(message), picture) for picture in pictures]
+        assert fits[own] > least_db, message.stamp_ns
+        assert np.argmax(fits) == own
+
+
+@pytest.mark.parametrize("kind", CODECS)
+def test_pictures_are_those_that_were_encoded(kind: str) -> None:
+    pictures = moving(COUNT)
+    messages = (ffmpeg if kind in {"vp8", "mpeg4", "mjpeg"} else foxglove)(encode(pictures, kind, gop=GOP), kind)
+    found = decoded(messages)
+    assert [(m.stamp_ns, m.log_time_ns, m.order, m.problem) for m in found] == [
+        (m.stamp_ns, m.log_time_ns, m.order, "") for m in messages
+    ]
+    assert {(m.topic, m.channel.msgtype) for m in found} == {(messages[0].topic, "sensor_msgs/msg/CompressedImage")}
+    assert_shows(found, pictures)
+
+
+@pytest.mark.parametrize("kind", ["h264", "h265", "vp9", "vp8"])  # OpenCV's wheel has no decoder of AV1
+def test_opencv_sees_the_same(kind: str, tmp_path: Path) -> None:
+    """An independent judge on files; what differs is our JPEG."""
+    packets = encode(moving(COUNT, 320, 240), kind, gop=GOP)
+    path = tmp_path / ("film.ivf" if kind in {"vp9", "vp8"} else f"film.{kind}")
+    data = [packet.data for packet in packets]
+    if path.suffix == ".ivf":
+        fourcc = {"vp9": b"VP90", "vp8": b"VP80"}[kind]
+        head = struct.pack("<4sHH4sHHIIII", b"DKIF", 0, 32, fourcc, 320, 240, 10, 1, len(data), 0)
+        data = [head, *(struct.pack("<IQ", len(d), number) + d for number, d in enumerate(data))]
+    path.write_bytes(b"".join(data))
+    film = cv2.VideoCapture(str(path))
+    judged = []
+    while (read := film.read())[0]:
+        judged.append(np.asarray(read[1][..., ::-1], np.uint8))
+    found = decoded((ffmpeg if kind == "vp8" else foxglove)(packets, kind))
+    assert len(judged) == len(found) == COUNT
+    for picture, message in zip(judged, found, strict=True):
+        assert psnr_db(pixels(message), picture) > 40
+
+
+@pytest.mark.parametrize("kind", ["h264", "h265"])
+def test_pictures_out_of_order(kind: str) -> None:
+    """B-frames: packets come in the order of decoding, each picture goes to the message of its packet."""
+    pictures = moving(COUNT)
+    own = {"h264": {"bf": "2", "b_adapt": "0", "tune": "psnr"}, "h265": {"x265_params": "bframes=2:log-level=none"}}
+    packets = encode(pictures, kind, gop=GOP, **own[kind])
+    assert [packet.picture for packet in packets] != sorted(packet.picture for packet in packets)
+    messages = ffmpeg(packets, kind)
+    found = decoded(messages)
+    assert [m.stamp_ns for m in found] == sorted(m.stamp_ns for m in messages)
+    assert {(m.stamp_ns, m.log_time_ns) for m in found} == {(m.stamp_ns, m.log_time_ns) for m in messages}
+    assert_shows(found, pictures)
+
+
+def test_nothing() -> None:
+    assert decoded([]) == []
+
+
+def test_without_a_key_frame() -> None:
+    messages = foxglove(encode(moving(GOP), gop=GOP)[1:])
+    assert problems(messages) == [BEFORE_KEY_FRAME] * (GOP - 1)
+
+
+@pytest.mark.parametrize("kind", ["h264", "h265", "vp9", "av1"])
+@pytest.mark.parametrize("first", [1, GOP - 1])
+def test_it_begins_with_a_key_frame(kind: str, first: int) -> None:
+    pictures = moving(COUNT)
+    packets = encode(pictures, kind, gop=GOP)
+    found = decoded(foxglove(packets[first:], kind))
+    key = next(place for place, packet in enumerate(packets) if packet.is_key and place >= first)
+    assert [m.problem for m in found] == [BEFORE_KEY_FRAME] * (key - first) + [""] * (COUNT - key)
+    assert all(not m.data for m in found if m.problem)
+    assert_shows(found[key - first :], pictures)
+
+
+@pytest.mark.parametrize(
+    ("kind", "fault"),
+    [
+        *((kind, fault) for kind in ("h264", "h265", "vp9", "av1") for fault in ("empty", "ones")),
+        *((kind, "nonsense") for kind in ("h264", "h265", "vp9")),  # the others cannot tell
+        *((kind, "half") for kind in ("h264", "av1")),
+    ],
+)
+def test_after_damage_it_begins_again(kind: str, fault: str) -> None:
+    pictures = moving(COUNT)
+    packets = encode(pictures, kind, gop=GOP)
+    half = packets[1].data[: len(packets[1].data) // 2]
+    data = {"empty": b"", "ones": b"\xff" * 40, "nonsense": NONSENSE, "half": half}[fault]
+    damaged = [packets[0], packets[1]._replace(data=data), *packets[2:]]
+    found = decoded(foxglove(damaged, kind))
+    assert [m.problem == "" for m in found] == [place == 0 or place >= GOP for place in range(COUNT)]
+    reason = "without data" if not data else f"{len(data)} bytes are no {CODECS[kind][0]}"
+    assert ("this one is broken" if (kind, fault) == ("h264", "nonsense") else reason) in found[1].problem
+    assert [m.problem for m in found[2:GOP]] == [AFTER_DAMAGE] * (GOP - 2)
+    assert_shows([m for m in found if not m.problem], pictures)
+
+
+@pytest.mark.parametrize("kind", ["h264", "h265"])
+@pytest.mark.parametrize("missing", range(1, GOP))
+def test_a_message_that_was_not_recorded_is_noticed(kind: str, missing: int) -> None:
+    packets = encode(moving(COUNT), kind, gop=GOP)
+    found = problems(foxglove([*packets[:missing], *packets[missing + 1 :]], kind))
+    assert found[:missing] == [""] * missing
+    if missing < GOP - 1:
+        assert ("are no hevc" if kind == "h265" else "a packet before it is missing") in found[missing]
+    assert found[missing + 1 : GOP - 1] == [AFTER_DAMAGE] * (GOP - 2 - missing)
+    assert found[GOP - 1 :] == [""] * (COUNT - GOP)
+
+
+def test_a_damaged_key_frame_is_waited_out() -> None:
+    packets = encode(moving(COUNT), gop=GOP)
+    broken = packets[GOP]._replace(data=packets[GOP].data[:-200])
+    found = problems(foxglove([*packets[:GOP], broken, *packets[GOP + 1 :]]))
+    assert found[:GOP] == [""] * GOP
+    assert "are no h264" in found[GOP]
+    assert found[GOP + 1 : 2 * GOP] == [AFTER_DAMAGE] * (GOP - 1)
+    assert found[2 * GOP :] == [""] * (COUNT - 2 * GOP)
+
+
+def test_a_message_that_cannot_be_read() -> None:
+    messages = foxglove(encode(moving(GOP + 1), gop=GOP))
+    messages[1] = messages[1]._replace(data=b"", problem="a chunk is damaged")
+    found = problems(messages)
+    assert found[0] == found[GOP] == ""
+    assert "a chunk is damaged" in found[1]
+    assert found[2] == AFTER_DAMAGE
+
+
+@pytest.mark.parametrize("kind", ["h264", "h265", "vp9", "av1"])
+def test_the_size_changes(kind: str) -> None:
+    small, large = moving(3, 64, 48), moving(6, 128, 96)
+    later = [packet._replace(picture=packet.picture) for packet in encode(large, kind)[3:]]
+    packets = [*encode(small, kind), *(p for p in encode(large[3:], kind))]
+    messages = foxglove([p._replace(picture=place) for place, p in enumerate(packets)], kind)
+    found = decoded(messages)
+    assert later
+    assert [m.problem for m in found] == [""] * 6
+    assert [pixels(m).shape[:2] for m in found] == [(48, 64)] * 3 + [(96, 128)] * 3
+    for message, picture in zip(found, [*small, *large[3:]], strict=True):
+        assert psnr_db(pixels(message), picture) > 33
+
+
+def test_the_codec_changes() -> None:
+    pictures = moving(6)
+    one, other = encode(pictures[:3], "h264"), encode(pictures[3:], "h265")
+    other = [packet._replace(picture=packet.picture + 3) for packet in other]
+    found = decoded([*foxglove(one, "h264"), *foxglove(other, "h265")])
+    assert [m.problem for m in found] == [""] * 6
+    assert_shows(found, pictures)
+
+
+def test_what_is_not_shown_helps_those_after_it() -> None:
+    pictures = moving(GOP)
+    messages = foxglove(encode(pictures, gop=GOP))
+    decoder = VideoDecoder(messages[0].topic)
+    assert [decoder.add(message, show=False) for message in messages[:-1]] == [[]] * (GOP - 1)
+    assert_shows(decoder.add(messages[-1]), pictures)
+    assert decoder.add(compressed_video(b"", T0), show=False) == []
+
+
+def test_equal_packets_give_equal_bytes() -> None:
+    messages = foxglove(encode(moving(COUNT), gop=GOP))
+    assert decoded(messages) == decoded(messages)
+
+
+def test_packets_that_give_no_picture_do_not_pile_up() -> None:
+    """Parameter sets over and over, in a stream of pictures out of order: nothing is held for ever."""
+    packets = encode(moving(COUNT), gop=GOP, bf="2", b_adapt="0", tune="psnr")
+    data = packets[0].data
+    sets = data[: data.index(b"\0\0\1\x65") - 1]
+    messages = [*ffmpeg(packets[:3]), *(ffmpeg_packet(sets, T0 + n) for n in range(200))]
+    decoder = VideoDecoder(messages[0].topic)
+    came = 0
+    for count, message in enumerate(messages, 1):
+        came += len(decoder.add(message))
+        assert count - came <= MAX_HELD + 1
+    assert came + len(decoder.flush()) == len(messages)
+
+
+def sequence_parameter_set(width_px: int, height_px: int) -> bytes:
+    """An H.264 SPS and PPS by hand, ITU-T H.264 7.3.2.1: baseline, picture order type 2, one reference picture."""
+
+    def code(value: int) -> str:
+        digits = f"{value + 1:b}"
+        return "0" * (len(digits) - 1) + digits
+
+    sps = code(0) + code(0) + code(2) + code(1) + "0" + code(width_px // 16 - 1) + code(height_px // 16 - 1) + "11000"
+    pps = code(0) + code(0) + "00" + code(0) + code(0) + code(0) + "000" + code(0) + code(0) + code(0) + "000"
+
+    def unit(bits: str) -> bytes:
+        bits += "1"
+        bits += "0" * (-len(bits) % 8)
+        return int(bits, 2).to_bytes(len(bits) // 8, "big")
+
+    return b"\0\0\0\1\x67" + bytes([66, 0, 62]) + unit(sps) + b"\0\0\0\1\x68" + unit(pps)
+
+
+@pytest.mark.parametrize("size", [(16, 16), (16384, 16384), (1 << 20, 16), (1 << 20, 1 << 20)])
+def test_absurd_sizes_take_no_memory(size: tuple[int, int]) -> None:
+    data = sequence_parameter_set(*size) + b"\0\0\0\1\x65\x88\x84" + bytes(range(1, 200))
+    messages = [compressed_video(data, T0 + n, log_time_ns=T0) for n in range(3)]
+    for message in decoded(messages):
+        assert "are no h264" in message.problem
+
+
+def test_the_settings_bound_the_size() -> None:
+    messages = foxglove(encode(moving(2, 160, 120)))
+    for mpx, is_shown in ((0.1, True), (0.01, False)):
+        decoder = VideoDecoder(messages[0].topic, limits=LimitsConfig(largest_picture_mpx=mpx))
+        assert [not found.problem for message in messages for found in decoder.add(message)] == [is_shown] * 2
+
+
+@pytest.mark.parametrize("name", ["h264", "hevc", "vp9", "av1", "vp8", "mpeg4", "mjpeg"])
+def test_large_garbage_takes_no_time(name: str) -> None:
+    rng = np.random.default_rng(3)
+    start = {"h264": b"\0\0\1\x65", "hevc": b"\0\0\1\x26\x01", "vp9": b"\x82", "av1": b"\x0a"}.get(name, b"\0")
+    data = start + rng.integers(0, 256, 8 << 20, np.uint8).tobytes()
+    [found] = decoded([ffmpeg_packet(data, T0, name=name, flags=1)])
+    assert found.problem
+
+
+@given(
+    kind=st.sampled_from(["h264", "h265", "vp9", "av1", "vp8", "mpeg4", "mjpeg"]),
+    place=st.integers(0, 3),
+    changes=st.lists(st.tuples(st.integers(0, 5000), st.integers(0, 255)), min_size=1, max_size=20),
+    cut=st.integers(0, 5000),
+)
+@settings(max_examples=150, deadline=None)
+def test_whatever_becomes_of_the_bytes_each_message_comes_out_once(
+    kind: str, place: int, changes: list[tuple[int, int]], cut: int
+) -> None:
+    packets = list(FILMS[kind])
+    data = bytearray(packets[place].data)
+    for at, value in changes:
+        data[at % len(data)] = value
+    packets[place] = packets[place]._replace(data=bytes(data[: cut or None]))
+    messages = ffmpeg(packets, kind)
+    found = decoded(messages)
+    assert sorted(m.stamp_ns for m in found) == [m.stamp_ns for m in messages]
+    assert all(bool(m.problem) != bool(m.data) for m in found)
+
+
+FILMS: dict[str, list[Packet]] = {kind: encode(moving(4), kind, gop=2) for kind in CODECS}

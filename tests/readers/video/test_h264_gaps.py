@@ -1,0 +1,73 @@
+"""Packets of H.264 that are missing: noticed with every kind of stream that x264 makes, and none where none is."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from video import T0, Packet, compressed_video, encode, moving
+
+from readers.video.h264_gaps import GapFinder
+from readers.video.packets import read_packet
+
+COUNT = 40
+STREAMS = {
+    "plain": {},
+    "baseline": {"profile": "baseline"},
+    "main": {"profile": "main"},
+    "slices": {"slices": "4"},
+    "sliced threads": {"x264_params": "slice-max-size=200"},
+    "B-frames": {"bf": "3", "b_adapt": "0", "tune": "psnr"},
+    "B-frames that others refer to": {"bf": "3", "b_adapt": "0", "tune": "psnr", "x264_params": "b-pyramid=normal"},
+    "refresh picture by picture": {"intra_refresh": "1"},
+    "open groups": {"x264_params": "open-gop=1:bframes=2", "tune": "psnr"},
+    "many references": {"refs": "8", "tune": "psnr", "bf": "0"},
+}
+
+
+def gaps(packets: list[Packet]) -> list[int]:
+    """Places of the packets before which one is missing."""
+    finder = GapFinder()
+    read = [read_packet(compressed_video(packet.data, T0)) for packet in packets]
+    found = [finder.gap_before(packet.data.data, is_key=packet.is_key) for packet in read]
+    assert all("is missing, or" in gap for gap in found if gap)
+    return [place for place, gap in enumerate(found) if gap]
+
+
+@pytest.mark.parametrize("name", STREAMS)
+def test_nothing_is_missing(name: str) -> None:
+    assert gaps(encode(moving(COUNT), gop=25, **STREAMS[name])) == []
+
+
+def test_the_count_starts_over() -> None:
+    """`frame_num` has four bits at the least: a group of 60 pictures passes its end several times."""
+    packets = encode(moving(60), gop=60, profile="baseline")
+    assert gaps(packets) == []
+    assert gaps([*packets[:33], *packets[34:]]) == [33]
+
+
+@pytest.mark.parametrize(
+    "name", ["plain", "baseline", "main", "slices", "many references", "refresh picture by picture"]
+)
+@pytest.mark.parametrize("missing", [1, 2, 16, 23])
+def test_one_is_missing(name: str, missing: int) -> None:
+    packets = encode(moving(COUNT), gop=25, **STREAMS[name])
+    assert gaps([*packets[:missing], *packets[missing + 1 :]]) == [missing]
+
+
+def test_one_that_nothing_refers_to_is_not_missed() -> None:
+    packets = encode(moving(COUNT), gop=25, **STREAMS["B-frames"])
+    unused = next(place for place, packet in enumerate(packets) if b"\0\0\1\x01" in packet.data)
+    assert gaps([*packets[:unused], *packets[unused + 1 :]]) == []
+
+
+@pytest.mark.parametrize("missing", [1, 10, 24])
+def test_a_key_frame_ends_the_count(missing: int) -> None:
+    packets = encode(moving(COUNT), gop=25)
+    assert gaps([*packets[:missing], *packets[25:]]) == []
+
+
+@given(data=st.lists(st.binary(max_size=40), max_size=8), is_key=st.booleans())
+def test_any_bytes(data: list[bytes], is_key: bool) -> None:
+    finder = GapFinder()
+    for piece in data:
+        for unit in (b"", b"\0\0\1\x67", b"\0\0\1\x41", b"\0\0\1\x65"):
+            finder.gap_before(memoryview(unit + piece), is_key=is_key)

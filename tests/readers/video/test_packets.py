@@ -1,0 +1,165 @@
+"""Which codec a message's packet is of, and whether decoding can begin with it."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from builders import channel, header, raw, serialize, store_for
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rosbags.typesys import get_types_from_msg
+from video import CODECS, T0, compressed_video, encode, ffmpeg, ffmpeg_packet, foxglove, moving
+
+from pipeline.core.errors import MessageError
+from pipeline.core.types import Channel, RawMessage
+from readers.messages.header_stamp import peek_stamp_ns
+from readers.video.packets import COMPRESSED_VIDEO, FFMPEG_PACKET, read_packet
+
+FOXGLOVE = ("h264", "h265", "vp9", "av1")
+
+
+@pytest.mark.parametrize("kind", CODECS)
+@pytest.mark.parametrize("encoding", ["ros1", "cdr"])
+def test_key_frames_are_those_of_the_encoder(kind: str, encoding: Any) -> None:
+    packets = encode(moving(7), kind, gop=3)
+    assert kind == "mjpeg" or 2 <= sum(packet.is_key for packet in packets) < 7
+    messages = (foxglove if kind in FOXGLOVE else ffmpeg)(packets, kind, encoding=encoding)
+    read = [read_packet(message) for message in messages]
+    assert [packet.is_key for packet in read] == [packet.is_key for packet in packets]
+    assert {packet.codec for packet in read} == {CODECS[kind][0]}
+    assert {packet.frame_id for packet in read} == {"camera"}
+    assert [packet.data.tobytes() for packet in read] == [packet.data for packet in packets]
+
+
+@pytest.mark.parametrize(
+    ("data", "codec", "is_key"),
+    [
+        (b"\0\0\0\1\x67\x42", "h264", True),  # parameter sets alone: some encoders send them as a packet of their own
+        (b"\0\0\1\x09\x10\0\0\1\x65\x88", "h264", True),  # behind an access unit delimiter
+        (b"\0\0\1\x06\x06\x01\xc4\x80\0\0\1\x41\x9a", "h264", True),  # recovery point
+        (b"\0\0\1\x06\x05\x01\xc4\x80\0\0\1\x41\x9a", "h264", False),  # other information
+        (b"\0\0\1\x41\x9a", "h264", False),
+        (b"\x65\0\0\1", "h264", False),
+        (b"\0\0\1\x26\x01", "hevc", True),
+        (b"\0\0\1\x2a\x01", "hevc", True),  # clean random access
+        (b"\0\0\1\x40\x01", "hevc", True),
+        (b"\0\0\1\x02\x01", "hevc", False),
+        (b"\x82", "vp9", True),
+        (b"\x86", "vp9", False),
+        (b"\x88", "vp9", False),  # shows a picture that was decoded before
+        (b"\xb0", "vp9", True),  # profile 3
+        (b"\xb2", "vp9", False),
+        (b"\x42", "vp9", False),
+        (b"\x12\0\x0a\x0a", "av1", True),
+        (b"\x0a\x0a", "av1", True),
+        (b"\x12\0\x32", "av1", False),
+        (b"\x12\0", "av1", False),
+        (b"\x10", "vp8", True),
+        (b"\x11", "vp8", False),
+        (b"\0", "mjpeg", True),
+        (b"\0", "mpeg4", False),
+    ],
+)
+def test_key_frames_by_hand(data: bytes, codec: str, is_key: bool) -> None:
+    assert read_packet(ffmpeg_packet(data, T0, name=codec)).is_key == is_key
+
+
+def test_codecs_without_a_sign_of_their_own_go_by_the_flag() -> None:
+    assert read_packet(ffmpeg_packet(b"\0", T0, name="mpeg4", flags=1)).is_key
+    assert not read_packet(ffmpeg_packet(b"\0\0\1\x41", T0, name="h264", flags=1)).is_key
+
+
+@pytest.mark.parametrize(
+    ("name", "codec"),
+    [
+        ("h264", "h264"),
+        ("H.264", "h264"),
+        ("libx264", "h264"),
+        ("libx264rgb", "h264"),
+        ("h264_nvenc", "h264"),
+        ("h264_v4l2m2m", "h264"),
+        ("avc1", "h264"),
+        ("h264;yuv420p;bgr8;bgr8", "h264"),
+        ("h265", "hevc"),
+        ("hevc", "hevc"),
+        ("libx265", "hevc"),
+        ("hevc_vaapi;nv12;rgb8;rgb8", "hevc"),
+        ("vp9", "vp9"),
+        ("libvpx-vp9", "vp9"),
+        ("libvpx", "vp8"),
+        ("av1", "av1"),
+        ("libsvtav1", "av1"),
+        ("av1_nvenc", "av1"),
+        ("mjpeg", "mjpeg"),
+        ("mpeg4", "mpeg4"),
+    ],
+)
+def test_names_of_codecs_and_encoders(name: str, codec: str) -> None:
+    assert read_packet(ffmpeg_packet(b"\1", T0, name=name)).codec == codec
+
+
+@pytest.mark.parametrize("name", ["", "h266", "ffv1", ";h264", "xh264", "theora", "h264 or so"])
+def test_unknown_names(name: str) -> None:
+    with pytest.raises(MessageError, match="expected one of h264, hevc, vp9, av1, vp8, mpeg4, mjpeg"):
+        read_packet(ffmpeg_packet(b"\1", T0, name=name))
+
+
+@pytest.mark.parametrize("message", [compressed_video(b"", T0), ffmpeg_packet(b"", T0)])
+def test_empty(message: RawMessage) -> None:
+    with pytest.raises(MessageError, match="h264 video without data"):
+        read_packet(message)
+
+
+@pytest.mark.parametrize("encoding", ["ros1", "cdr"])
+@pytest.mark.parametrize("with_definition", [True, False])
+def test_stamps_are_peeked(encoding: Any, with_definition: bool) -> None:
+    """Without the definition, too: sqlite3 recordings before ROS 2 Iron have none."""
+    for message in (
+        compressed_video(b"\1", T0 + 7, encoding=encoding),
+        ffmpeg_packet(b"\1", T0 + 7, encoding=encoding),
+    ):
+        known = (
+            message.channel
+            if with_definition
+            else message.channel.__class__(message.topic, message.channel.msgtype, message.channel.encoding)
+        )
+        assert peek_stamp_ns(known, message.data) == T0 + 7
+        assert read_packet(message._replace(channel=known)).codec == "h264"
+
+
+def test_the_first_ffmpeg_packets_had_other_names() -> None:
+    """ROS 1's package called the size img_width and img_height: the recorded definition decides."""
+    size = "int32 img_width\nint32 img_height"
+    text = f"std_msgs/Header header\n{size}\nstring encoding\nuint64 pts\nuint8 flags\nuint8[] data"
+    store = store_for("ros1").__class__()
+    store.register({**store_for("ros1").fielddefs, **get_types_from_msg(text, FFMPEG_PACKET)})
+    fields = {"header": header(T0, "cam"), "encoding": "libx264", "data": b"\0\0\1\x65"}
+    data = serialize(FFMPEG_PACKET, fields, "ros1", store)
+    definition, _ = store.generate_msgdef(FFMPEG_PACKET)
+    message = RawMessage(T0, T0, (0, 0), data, Channel("/v", FFMPEG_PACKET, "ros1", definition, "ros1msg"))
+    assert (read_packet(message).codec, read_packet(message).is_key) == ("h264", True)
+
+
+@pytest.mark.parametrize("msgtype", [COMPRESSED_VIDEO, FFMPEG_PACKET])
+@pytest.mark.parametrize("text", ["uint8 nothing", "string format\nstring encoding", "int32 format\nint32[] data"])
+def test_another_type_of_the_same_name(msgtype: str, text: str) -> None:
+    message = RawMessage(T0, T0, (0, 0), bytes(40), Channel("/v", msgtype, "cdr", text, "ros2msg"))
+    with pytest.raises(MessageError):
+        read_packet(message)
+
+
+@given(data=st.binary(max_size=200), name=st.sampled_from(["h264", "hevc", "vp9", "av1", "vp8", "mpeg4", "mjpeg"]))
+@settings(max_examples=200)
+def test_any_bytes_are_a_packet(data: bytes, name: str) -> None:
+    if data:
+        packet = read_packet(ffmpeg_packet(data, T0, name=name))
+        assert np.array_equal(packet.data, np.frombuffer(data, np.uint8))
+
+
+@given(data=st.binary(max_size=100))
+@settings(max_examples=200)
+def test_any_bytes_as_a_message(data: bytes) -> None:
+    for msgtype in (COMPRESSED_VIDEO, FFMPEG_PACKET):
+        message = raw("/v", msgtype, {}, T0)._replace(data=data, channel=channel("/v", msgtype))
+        with pytest.raises(MessageError):
+            read_packet(message)

@@ -1,0 +1,254 @@
+"""Video topics in the stream of messages: every message once, the right pictures, whatever synchronisation takes."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+from builders import camera_info, image, odometry, raw, tf_message, transform_stamped
+from builders import pointcloud2 as cloud
+from foxglove_messages import foxglove_raw, twin
+from video import PERIOD_NS, T0, compressed_video, encode, ffmpeg, foxglove, moving, pixels, psnr_db
+
+from pipeline.core.config import Config, SyncConfig, TopicsConfig
+from pipeline.core.types import Channel, Drop, RawMessage, SensorBundle
+from pipeline.stages.sync import synchronize
+from readers.memory import MemoryRecording
+from readers.rig.discovery import Discovery, discover_rig
+from readers.rig.first_messages import FirstMessages
+from readers.rig.sensor_topics import PICTURE, find_camera_topics
+from readers.streams.per_sensor import sensor_messages
+from readers.streams.survey import survey
+from readers.video.packets import AFTER_DAMAGE, BEFORE_KEY_FRAME, VIDEO
+from readers.video.streams import LOOK_BACK_NS, VideoStreams, first_picture_size, video_topics
+
+COUNT, GOP = 12, 4
+PICTURES = moving(COUNT)
+PACKETS = encode(PICTURES, gop=GOP)
+FILM = foxglove(PACKETS)
+TOPIC = FILM[0].topic
+K = np.array([[60.0, 0, 32], [0, 60, 24], [0, 0, 1]])
+
+
+def streamed(messages: Sequence[RawMessage], topics: Sequence[str] = (TOPIC,)) -> list[RawMessage]:
+    return list(VideoStreams(topics).decoded(messages))
+
+
+def window(first: int, messages: Sequence[RawMessage] = FILM) -> list[RawMessage]:
+    """What a window that begins with message `first` holds, after looking back."""
+    recording, start_ns = MemoryRecording(messages), messages[first].log_time_ns
+    streams = VideoStreams([TOPIC])
+    streams.look_back(recording, start_ns)
+    return list(streams.decoded(recording.messages([TOPIC], start_ns=start_ns)))
+
+
+def test_other_messages_pass() -> None:
+    other = raw("/odom", "nav_msgs/msg/Odometry", odometry(stamp_ns=T0), T0)
+    picture = raw(TOPIC, "sensor_msgs/msg/Image", image(PICTURES[0], stamp_ns=T0), T0)
+    unused = compressed_video(b"\1", T0, topic="/unused")
+    found = streamed([other, FILM[0], picture, unused, FILM[1]])
+    assert (found[0], found[2], found[3]) == (other, picture, unused)
+    assert [m.channel.msgtype for m in (found[1], found[4])] == ["sensor_msgs/msg/CompressedImage"] * 2
+
+
+def test_topics_side_by_side_do_not_disturb_each_other() -> None:
+    others = moving(COUNT, 80, 64)[::-1]
+    other = foxglove(encode(others, "h265", gop=GOP), "h265", topic="/other")
+    both = [message for pair in zip(FILM, other, strict=True) for message in pair]
+    found = streamed(both, [TOPIC, "/other"])
+    assert [m.topic for m in found] == [m.topic for m in both]
+    assert [m for m in found if m.topic == TOPIC] == streamed(FILM)
+    assert [m for m in found if m.topic == "/other"] == streamed(other, ["/other"])
+
+
+@pytest.mark.parametrize("first", range(1, COUNT))
+def test_a_window_shows_what_the_whole_shows(first: int) -> None:
+    assert window(first) == [m._replace(order=(0, n)) for n, m in enumerate(streamed(FILM))][first:]
+
+
+def test_looking_back_holds_little(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("readers.video.streams.MOST_HELD_BYTES", 1000)
+    for first in (GOP - 1, COUNT - 1):
+        assert [m.data for m in window(first)] == [m.data for m in streamed(FILM)][first:]
+
+
+def test_a_window_with_no_key_frame_near_waits_for_the_next() -> None:
+    late = LOOK_BACK_NS + PERIOD_NS
+    messages = [FILM[0], *(m._replace(log_time_ns=m.log_time_ns + late) for m in FILM[1:])]
+    found = window(2, messages)
+    assert [m.problem for m in found] == [BEFORE_KEY_FRAME] * (GOP - 2) + [""] * (COUNT - GOP)
+    whole = streamed(messages)
+    assert [m.data for m in found if not m.problem] == [m.data for m in whole[GOP:]]
+
+
+def test_damage_before_a_window() -> None:
+    messages = [*FILM[:1], FILM[1]._replace(data=FILM[1].data[:9]), *FILM[2:]]
+    assert [m.problem for m in window(2, messages)] == [AFTER_DAMAGE] * (GOP - 2) + [""] * (COUNT - GOP)
+
+
+def test_pictures_out_of_order_across_the_start_of_a_window() -> None:
+    messages = ffmpeg(encode(PICTURES, gop=6, bf="2", b_adapt="0", tune="psnr"), topic=TOPIC)
+    found = window(3, messages)
+    assert sorted(m.stamp_ns for m in found) == sorted(m.stamp_ns for m in messages[3:])
+    for message in found:
+        assert psnr_db(pixels(message), PICTURES[(message.stamp_ns - T0) // PERIOD_NS]) > 33
+
+
+def bundles_of(messages: Sequence[RawMessage]) -> tuple[list[SensorBundle], list[Drop], list[Drop]]:
+    """Frames of the video and of a lidar at half its rate; drops of sync and before the key frame; bad messages."""
+    clock = [
+        raw("/lidar", "nav_msgs/msg/Odometry", odometry(stamp_ns=T0 + n * PERIOD_NS), T0 + n * PERIOD_NS)
+        for n in range(0, COUNT, 2)
+    ]
+    streams = VideoStreams([TOPIC])
+    stream = streams.decoded(sorted([*clock, *messages], key=lambda m: m.log_time_ns))
+    drops: list[Drop] = []
+    bad: list[Drop] = []
+    bundles = synchronize(
+        stream, ["/lidar", TOPIC], SyncConfig(max_interval_s=0.01), reference="/lidar", on_drop=drops.append
+    )
+    return list(streams.without_blanks(bundles, on_drop=drops.append, on_bad=bad.append)), drops, bad
+
+
+def test_frames_that_synchronisation_leaves_out_are_decoded_all_the_same() -> None:
+    bundles, drops, bad = bundles_of(FILM)
+    assert [bundle.stamp_ns for bundle in bundles] == [T0 + n * PERIOD_NS for n in range(0, COUNT, 2)]
+    for number, bundle in enumerate(bundles):
+        assert psnr_db(pixels(bundle.messages[TOPIC]), PICTURES[2 * number]) > 33
+    assert (len(drops), bad) == (COUNT // 2, [])
+
+
+def test_messages_without_a_picture_leave_their_frame_and_are_counted() -> None:
+    broken = [*FILM[1:6], FILM[6]._replace(data=FILM[6].data[:40]), *FILM[7:]]
+    bundles, drops, bad = bundles_of(broken)
+    assert [bundle.stamp_ns for bundle in bundles] == [T0 + n * PERIOD_NS for n in range(2, COUNT, 2)]
+    assert [TOPIC in bundle.messages for bundle in bundles] == [False, True, False, True, True]
+    assert all("/lidar" in bundle.messages for bundle in bundles)
+    assert [(d.stamp_ns, d.detail) for d in drops if d.reason == BEFORE_KEY_FRAME] == [(T0 + 2 * PERIOD_NS, "")]
+    assert [(d.topic, d.stamp_ns, d.reason) for d in bad] == [(TOPIC, T0 + 6 * PERIOD_NS, "cannot be decoded")]
+    assert bundles[0].left_out[TOPIC, BEFORE_KEY_FRAME] == 1
+    assert bundles[2].left_out[TOPIC, "cannot be decoded"] == 1
+
+
+def test_the_reason_tells_of_the_window() -> None:
+    streams = VideoStreams([TOPIC])
+    streams.look_back(MemoryRecording([]), T0)
+    [blank] = streams.decoded(FILM[1:2])
+    drops: list[Drop] = []
+    bundle = SensorBundle(0, T0, T0, {TOPIC: blank})
+    [kept] = streams.without_blanks([bundle], on_drop=drops.append, on_bad=drops.append)
+    assert (kept.messages, [drop.detail for drop in drops]) == ({}, ["none in the 10 s before --start"])
+
+
+@pytest.mark.parametrize("kind", ["h264", "h265", "vp9"])
+def test_the_size_of_the_first_picture(kind: str) -> None:
+    messages = foxglove(encode(moving(6, 80, 64), kind, gop=4), kind)
+    assert first_picture_size(messages) == (80, 64)
+    assert first_picture_size(messages[1:]) == (80, 64)
+    assert first_picture_size(messages[1:3]) is None
+    assert first_picture_size([]) is None
+
+
+@pytest.mark.parametrize("encoding", ["protobuf", "json"])
+def test_foxglove_schemas_say_the_same(encoding: Any) -> None:
+    twins = [twin(message, encoding) for message in FILM]
+    assert {m.channel.msgtype for m in twins} == {"foxglove.CompressedVideo"}
+    recording = sensor_messages(MemoryRecording(twins))
+    assert [(t.topic, t.msgtype) for t in recording.topics] == [(TOPIC, "foxglove_msgs/msg/CompressedVideo")]
+    found = [(m.stamp_ns, m.log_time_ns, m.data) for m in streamed(list(recording.messages()))]
+    assert found == [(m.stamp_ns, m.log_time_ns, m.data) for m in streamed(FILM)]
+
+
+@pytest.mark.parametrize("fields", [{}, {"data": b"\1"}, {"format": "h264"}])
+def test_fields_that_a_foxglove_message_leaves_out(fields: dict[str, Any]) -> None:
+    message = foxglove_raw(TOPIC, "foxglove.CompressedVideo", fields, T0)
+    [found] = streamed(list(sensor_messages(MemoryRecording([message])).messages()))
+    assert (found.stamp_ns, bool(found.problem), found.data) == (T0, True, b"")
+
+
+def rig_of(film: Sequence[RawMessage], *, size: tuple[int, int] = (64, 48), **topics: Any) -> Discovery:
+    """The rig of a recording of a lidar and one camera with calibration."""
+    info = camera_info(K, stamp_ns=T0, width_px=size[0], height_px=size[1])
+    pose = transform_stamped("lidar", "camera", stamp_ns=T0, rotation_xyzw=(-0.5, 0.5, -0.5, 0.5))
+    messages = [
+        raw("/points", "sensor_msgs/msg/PointCloud2", cloud(np.ones((3, 3), "f4"), stamp_ns=T0), T0),
+        raw("/camera/camera_info", "sensor_msgs/msg/CameraInfo", info, T0),
+        raw("/tf_static", "tf2_msgs/msg/TFMessage", tf_message([pose]), T0),
+        *film,
+    ]
+    config = Config(topics=TopicsConfig.model_validate(topics))
+    return discover_rig(sensor_messages(MemoryRecording(messages)), config)
+
+
+TOPICS = [
+    "/camera/video",
+    "/camera/image_raw/ffmpeg",
+    "/camera/image_raw/foxglove",
+    "/camera/h264",
+    "/camera/image_h265",
+]
+
+
+@pytest.mark.parametrize("topic", [*TOPICS, "/camera/compressed_video"])
+def test_a_camera_is_found(topic: str) -> None:
+    for film in (foxglove(PACKETS, topic=topic), ffmpeg(PACKETS, topic=topic), foxglove(PACKETS, topic=topic)[2:]):
+        found = rig_of(film)
+        assert [(c.name, c.topic, c.model.frame_id) for c in found.rig.cameras] == [("camera", topic, "camera")]
+        assert not found.faults
+
+
+def test_another_type_of_the_same_name_is_no_camera() -> None:
+    other = FILM[0]._replace(channel=Channel(TOPIC, FILM[0].channel.msgtype, "cdr", "uint8 nothing", "ros2msg"))
+    recording = MemoryRecording([other])
+    first = FirstMessages(recording)
+    assert (first.frame(TOPIC, PICTURE), first.picture_size(TOPIC, PICTURE)) == ("", None)
+
+
+def test_a_calibration_for_another_size_is_told() -> None:
+    [fault] = rig_of(FILM, size=(128, 96)).faults
+    assert "its pictures are 64 x 48 px" in fault.reason
+
+
+def test_the_size_that_a_packet_names_is_not_believed() -> None:
+    assert rig_of(ffmpeg(PACKETS, width=7, height=-1)).rig.cameras
+
+
+@pytest.mark.parametrize("msgtype", ["sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"])
+def test_pictures_go_before_their_video(msgtype: str) -> None:
+    fields = image(PICTURES[0], stamp_ns=T0) if msgtype.endswith("/Image") else {"format": "jpeg"}
+    still = raw("/camera/image_raw", msgtype, fields, T0)
+    recording = MemoryRecording([still, *ffmpeg(PACKETS, topic="/camera/image_raw/ffmpeg")])
+    cameras, _, notes = find_camera_topics(recording, TopicsConfig(), FirstMessages(recording))
+    assert [camera.picture for camera in cameras] == ["/camera/image_raw"]
+    assert notes == ["/camera/image_raw/ffmpeg: pictures of the same camera as /camera/image_raw, not used"]
+
+
+def test_depth_as_video_is_no_picture() -> None:
+    recording = MemoryRecording(ffmpeg(PACKETS, "hevc;gray12le;mono16;16UC1", topic="/camera/aligned/ffmpeg"))
+    cameras, _, notes = find_camera_topics(recording, TopicsConfig(), FirstMessages(recording))
+    assert (cameras, notes) == ([], ["/camera/aligned/ffmpeg: depth or mask pictures, not used"])
+
+
+def test_without_the_decoder_the_topic_cannot_be_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("readers.video.packets.find_spec", lambda _: None)
+    remedy = "it is video, which needs PyAV: pip install 'lidcam[video]'"
+    for film in (FILM, [twin(message, "protobuf") for message in FILM]):
+        found = rig_of(film)
+        assert [(fault.topic, fault.reason) for fault in found.faults] == [(TOPIC, remedy)]
+        assert not found.rig.cameras
+        recording = sensor_messages(MemoryRecording(film))
+        [info] = recording.topics
+        assert (info.msgtype, info.message_count, info.unreadable) == (
+            "foxglove_msgs/msg/CompressedVideo",
+            COUNT,
+            remedy,
+        )
+        assert list(recording.messages()) == []
+        assert [topic.problem for topic in survey(recording)] == [remedy]
+        assert video_topics(recording, [TOPIC]) == ()
+
+
+def test_topics() -> None:
+    recording = MemoryRecording([*FILM, raw("/odom", "nav_msgs/msg/Odometry", odometry(stamp_ns=T0), T0)])
+    assert video_topics(recording, ["/odom", TOPIC, "/else"]) == (TOPIC,)
+    assert VIDEO < PICTURE

@@ -1,0 +1,148 @@
+"""Who imports whom, by folder, read from the sources: `python tests/support/import_graph.py [ROOT]` prints the figures.
+
+A folder is a room; a file that lies directly in one of the five packages (the front door of a floor) is a room of its
+own, so that `readers/open.py` may stand above the containers that it chooses from and `readers/recording.py` below.
+"""
+
+import ast
+import sys
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+__all__ = [
+    "FLOORS",
+    "ImportGraph",
+    "circles",
+    "module_name",
+    "our_imports",
+    "package_of",
+    "read_import_graph",
+    "room_of",
+    "sources",
+]
+
+FLOORS = {"lidcam": 4, "bags": 3, "readers": 2, "writers": 2, "pipeline": 1}
+"""An import points down, or stays in its package; readers and writers do not know each other."""
+
+
+@dataclass(frozen=True)
+class ImportGraph:
+    """The imports of a source tree.
+
+    Attributes:
+        modules: Module names imported, by the module that imports them.
+        files: Number of modules in each folder, packages' own `__init__.py` aside.
+        lines: Lines of source in all.
+    """
+
+    modules: Mapping[str, frozenset[str]]
+    files: Mapping[str, int]
+    lines: int
+
+    @property
+    def upward(self) -> list[tuple[str, str]]:
+        """Imports that point up, or sideways from one package of a floor to the other."""
+        return [
+            (module, imported)
+            for module, names in self.modules.items()
+            for imported in sorted(names)
+            if package_of(module) != package_of(imported) and FLOORS[package_of(module)] <= FLOORS[package_of(imported)]
+        ]
+
+    @property
+    def arrows(self) -> dict[str, frozenset[str]]:
+        """Rooms that each room imports from, itself aside."""
+        rooms: defaultdict[str, set[str]] = defaultdict(set)
+        for module, names in self.modules.items():
+            rooms[room_of(module)] |= {room_of(name) for name in names} - {room_of(module)}
+        return {room: frozenset(others) for room, others in sorted(rooms.items())}
+
+
+def sources(root: Path) -> list[Path]:
+    """Every source file of the five packages, in order."""
+    return sorted(path for package in FLOORS for path in (root / package).rglob("*.py"))
+
+
+def module_name(path: Path, root: Path) -> str:
+    """The name under which a file is imported."""
+    parts = path.relative_to(root).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def our_imports(path: Path) -> set[str]:
+    """Modules of the five packages that a file names in its import statements."""
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: imports are absolute"
+            names.add(node.module or "")
+    return {name for name in names if package_of(name) in FLOORS}
+
+
+def package_of(module: str) -> str:
+    """The package that a module belongs to."""
+    return module.split(".")[0]
+
+
+def room_of(module: str) -> str:
+    """The folder of a module; the module itself where it lies directly in its package."""
+    return module if module.count(".") < 2 else module.rpartition(".")[0]
+
+
+def read_import_graph(root: Path) -> ImportGraph:
+    """The import graph of the source tree at `root`."""
+    paths = [path for path in sources(root) if path.name != "__init__.py" or our_imports(path)]
+    return ImportGraph(
+        {module_name(path, root): frozenset(our_imports(path)) for path in paths},
+        Counter(str(path.parent.relative_to(root)) for path in sources(root) if path.name != "__init__.py"),
+        sum(len(path.read_text(encoding="utf-8").splitlines()) for path in sources(root)),
+    )
+
+
+def circles(arrows: Mapping[str, Iterable[str]]) -> list[list[str]]:
+    """Groups of two and more nodes that reach one another: the strongly connected components."""
+    reach = {node: frozenset(_reachable(node, arrows)) for node in arrows}
+    groups = {
+        tuple(sorted({node} | {other for other in reach[node] if node in reach.get(other, ())})) for node in arrows
+    }
+    return [list(group) for group in sorted(groups) if len(group) > 1]
+
+
+def _reachable(start: str, arrows: Mapping[str, Iterable[str]]) -> Iterator[str]:
+    seen, waiting = {start}, [start]
+    while waiting:
+        for name in arrows.get(waiting.pop(), ()):
+            if name not in seen:
+                seen.add(name)
+                waiting.append(name)
+                yield name
+
+
+def main() -> None:
+    """Print the figures of a source tree."""
+    root = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).resolve().parents[2]
+    graph = read_import_graph(root)
+    arrows = graph.arrows
+    print(f"modules                    {len(graph.modules)}")
+    print(f"imports between modules    {sum(map(len, graph.modules.values()))}")
+    print(f"folders                    {len(graph.files)}")
+    print(f"arrows between folders     {sum(map(len, arrows.values()))}")
+    print(f"imports that point up      {len(graph.upward)}")
+    print(f"circles of folders         {len(circles(arrows))}")
+    print(f"circles of modules         {len(circles(graph.modules))}")
+    print(f"lines of source            {graph.lines}")
+    print("files per folder")
+    for folder, count in sorted(graph.files.items(), key=lambda item: (-item[1], item[0])):
+        print(f"  {count:3} {folder}")
+    for group in circles(arrows):
+        print(f"circle: {', '.join(group)}")
+    for module, imported in graph.upward:
+        print(f"up: {module} -> {imported}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,274 @@
+import hashlib
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from frames import CONFIG, PERIOD_NS, PROVENANCE, RIG, START_NS, frame, picture
+from mcap.reader import make_reader
+from results import messages_of, topics_of
+from rosbags.highlevel import AnyReader
+from scipy.spatial.transform import Rotation
+
+from pipeline.core.config import Config
+from pipeline.core.errors import OutputError
+from pipeline.core.types import Drop, FrameResult, Rig
+from writers.base import ResultWriter
+from writers.mcap.writer import McapResultWriter
+
+PER_CAMERA = {
+    "camera_info": "sensor_msgs/msg/CameraInfo",
+    "annotations": "foxglove_msgs/msg/ImageAnnotations",
+    "detections": "vision_msgs/msg/Detection2DArray",
+}
+EACH_FRAME = {
+    "/lidar_camera_fused": "msgs/msg/MsgLidCam",
+    "/fused/detections": "vision_msgs/msg/Detection3DArray",
+    "/fused/scene": "foxglove_msgs/msg/SceneUpdate",
+    "/fused/markers": "visualization_msgs/msg/MarkerArray",
+    "/lidar/detections": "vision_msgs/msg/Detection3DArray",
+    "/point_cloud_combined": "sensor_msgs/msg/PointCloud2",
+    "/left/image": "sensor_msgs/msg/Image",
+    "/right/image/compressed": "sensor_msgs/msg/CompressedImage",
+    "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
+    **{f"/{camera}/{leaf}": msgtype for camera in ("left", "right") for leaf, msgtype in PER_CAMERA.items()},
+}
+
+
+def write(
+    path: Path, frames: Iterable[FrameResult], *, config: Config = CONFIG, rig: Rig = RIG
+) -> list[tuple[Drop, ...]]:
+    writer: ResultWriter = McapResultWriter(path, rig, config, PROVENANCE)
+    with writer:
+        return [writer.write(result) for result in frames]
+
+
+def stamp_of(message: Any) -> int:
+    stamp = message.timestamp if hasattr(message, "timestamp") else message.header.stamp
+    return int(stamp.sec * 10**9 + stamp.nanosec)
+
+
+@pytest.fixture(scope="module")
+def two_frames(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("mcap") / "out.mcap"
+    assert write(path, [frame(0, motion=True), frame(1, motion=True)]) == [(), ()]
+    return path
+
+
+def test_topics_and_types(two_frames: Path) -> None:
+    expected = {topic: (msgtype, 2) for topic, msgtype in EACH_FRAME.items()}
+    tf = "tf2_msgs/msg/TFMessage"
+    assert topics_of(two_frames) == {"/tf_static": (tf, 1), "/tf": (tf, 2), **expected}
+
+
+def test_rosbags_reads_every_message(two_frames: Path) -> None:
+    with AnyReader([two_frames]) as reader:
+        read = [
+            (connection.topic, reader.deserialize(data, connection.msgtype))
+            for connection, _, data in reader.messages()
+        ]
+    assert len(read) == 2 * len(EACH_FRAME) + 3
+
+
+def test_log_time_is_that_of_the_reference_message(two_frames: Path) -> None:
+    with two_frames.open("rb") as file:
+        times = [(m.log_time, m.publish_time) for _, _, m in make_reader(file).iter_messages(log_time_order=False)]
+    expected = [START_NS + 7] * (len(EACH_FRAME) + 2) + [START_NS + PERIOD_NS + 7] * (len(EACH_FRAME) + 1)
+    assert times == [(time, time) for time in expected]
+
+
+@pytest.mark.parametrize("topic", sorted(EACH_FRAME))
+def test_stamps_are_the_frame_s_or_the_picture_s(two_frames: Path, topic: str) -> None:
+    shift_ns = {"left": 1_000_001, "right": -2_000_003}.get(topic.split("/")[1], 0)
+    messages = [message for _, message in messages_of(two_frames, topic)]
+    if topic == "/fused/scene":
+        stamps = [stamp_of(message.entities[0]) for message in messages]
+    elif topic == "/fused/markers":
+        stamps = [stamp_of(message.markers[0]) for message in messages]
+    else:
+        stamps = [stamp_of(message) for message in messages]
+    assert stamps == [START_NS + shift_ns, START_NS + PERIOD_NS + shift_ns]
+
+
+def test_static_transforms_come_first_and_reach_every_sensor(two_frames: Path) -> None:
+    with two_frames.open("rb") as file:
+        _, first, _ = next(iter(make_reader(file).iter_messages()))
+    assert first.topic == "/tf_static"
+    assert yaml.safe_load(first.metadata["offered_qos_profiles"])[0]["durability"] == "transient_local"
+    ((_, message),) = messages_of(two_frames, "/tf_static")
+    assert {t.header.frame_id for t in message.transforms} == {"site"}
+    assert [t.child_frame_id for t in message.transforms] == ["lidar2", "left", "right"]  # lidar1 is the site frame
+    assert {stamp_of(t) for t in message.transforms} == {START_NS - 2_000_003}  # the oldest message of the set
+    expected = [RIG.lidars[1].T_site_lidar, *(camera.T_camera_site.inverse() for camera in RIG.cameras)]
+    for found, transform in zip(message.transforms, expected, strict=True):
+        q, t = found.transform.rotation, found.transform.translation
+        np.testing.assert_allclose(
+            Rotation.from_quat([q.x, q.y, q.z, q.w]).as_matrix(), transform.matrix[:3, :3], atol=1e-12
+        )
+        np.testing.assert_allclose([t.x, t.y, t.z], transform.translation)
+
+
+def test_ego_motion_is_tf_at_the_frame_s_stamp(two_frames: Path, tmp_path: Path) -> None:
+    for index, (_, message) in enumerate(messages_of(two_frames, "/tf")):
+        (found,) = message.transforms
+        assert (found.header.frame_id, found.child_frame_id) == ("odom", "site")
+        assert stamp_of(found) == START_NS + index * PERIOD_NS
+        assert found.transform.translation.x == pytest.approx(index + 1)  # half way between the samples
+    write(tmp_path / "still.mcap", [frame()])
+    assert "/tf" not in topics_of(tmp_path / "still.mcap")
+
+
+def test_calibration_is_the_one_used(two_frames: Path) -> None:
+    (_, left), _ = messages_of(two_frames, "/left/camera_info")
+    model = RIG.cameras[0].model
+    assert (left.width, left.height, left.distortion_model) == (640, 480, "plumb_bob")
+    np.testing.assert_array_equal(left.d, [0.1, -0.05, 0, 0, 0])
+    np.testing.assert_array_equal(left.k.reshape(3, 3), model.K)
+    np.testing.assert_array_equal(left.p.reshape(3, 4), np.c_[model.K, np.zeros(3)])
+
+
+def test_pictures_carry_the_frame_of_the_tf_tree(two_frames: Path) -> None:
+    for topic, frame_id in (("/left/image", "left"), ("/right/image/compressed", "right")):
+        for index, (_, message) in enumerate(messages_of(two_frames, topic)):
+            assert message.header.frame_id == frame_id
+            recorded = frame(index).bundle.messages["/" + frame_id + "/image"]
+            assert bytes(message.data) == bytes(recorded.data)[-len(message.data) :]
+
+
+def test_the_cloud_is_in_the_site_frame(two_frames: Path) -> None:
+    (_, message), _ = messages_of(two_frames, "/point_cloud_combined")
+    assert (message.header.frame_id, message.width, message.point_step) == ("site", 500, 22)
+    xyz = np.ndarray((500, 3), "<f4", message.data.tobytes(), 0, (22, 4))
+    np.testing.assert_array_equal(xyz, frame(0).combined.cloud.xyz)
+
+
+def test_provenance(two_frames: Path) -> None:
+    with two_frames.open("rb") as file:
+        reader = make_reader(file)
+        header = reader.get_header()
+        metadata = {record.name: record.metadata for record in reader.iter_metadata()}
+        attachments = {a.name: a for a in reader.iter_attachments()}
+    assert (header.profile, header.library) == ("ros2", "lidcam")
+    assert metadata["lidcam"] == {
+        "version": "1.2.3",
+        "input.0.name": "a.bag",
+        "input.0.sha256": "aa" * 32,
+        "input.1.name": "b.bag",
+        "input.1.sha256": "bb" * 32,
+        "config.sha256": hashlib.sha256(b"fuse: {}\n").hexdigest(),
+        "rig.sha256": hashlib.sha256(b"site_frame: site\n").hexdigest(),
+    }
+    assert {name: a.data for name, a in attachments.items()} == {
+        "lidcam.yaml": b"fuse: {}\n",
+        "rig.yaml": b"site_frame: site\n",
+    }
+    assert {(a.create_time, a.log_time) for a in attachments.values()} == {(START_NS, START_NS)}
+
+
+@pytest.mark.parametrize("compression", ["none", "lz4", "zstd"])
+def test_the_same_results_give_the_same_bytes(tmp_path: Path, compression: str) -> None:
+    config = Config.model_validate({"output": {"compression": compression}})
+    for name in ("one", "two"):
+        write(tmp_path / name, (frame(index, motion=True) for index in range(4)), config=config)
+    assert (tmp_path / "one").read_bytes() == (tmp_path / "two").read_bytes()
+    with (tmp_path / "one").open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    assert {chunk.compression for chunk in summary.chunk_indexes} == {compression.replace("none", "")}
+
+
+def test_images_and_clouds_can_be_left_out(tmp_path: Path) -> None:
+    config = Config.model_validate({"output": {"images": False, "clouds": False}})
+    write(tmp_path / "out.mcap", [frame()], config=config)
+    left_out = {"/left/image", "/right/image/compressed", "/point_cloud_combined"}
+    assert set(topics_of(tmp_path / "out.mcap")) == {"/tf_static", *EACH_FRAME} - left_out
+    ((_, info),) = messages_of(tmp_path / "out.mcap", "/left/camera_info")
+    assert stamp_of(info) == START_NS + 1_000_001
+
+
+def test_no_frames_is_a_readable_file(tmp_path: Path) -> None:
+    write(tmp_path / "out.mcap", [])
+    assert {count for _, count in topics_of(tmp_path / "out.mcap").values()} == {0}
+
+
+def with_messages(result: FrameResult, **messages: Any) -> FrameResult:
+    kept = {topic: m for topic, m in {**result.bundle.messages, **messages}.items() if m is not None}
+    return replace(result, bundle=replace(result.bundle, messages=kept))
+
+
+def test_a_camera_without_picture_or_boxes_is_left_out_of_the_frame(tmp_path: Path) -> None:
+    bare = with_messages(frame(), **{"/left/image": None})
+    write(tmp_path / "out.mcap", [replace(bare, camera_boxes={}, matches={})])
+    counts = {topic: count for topic, (_, count) in topics_of(tmp_path / "out.mcap").items()}
+    assert [counts[f"/left/{leaf}"] for leaf in PER_CAMERA] == [0, 0, 0]
+    assert [counts[f"/right/{leaf}"] for leaf in PER_CAMERA] == [1, 1, 0]
+    assert counts["/right/image/compressed"] == 1
+
+
+def test_recorded_boxes_without_a_picture_give_the_stamp(tmp_path: Path) -> None:
+    write(tmp_path / "out.mcap", [with_messages(frame(), **{"/left/image": None})])
+    for leaf in PER_CAMERA:
+        ((_, message),) = messages_of(tmp_path / "out.mcap", f"/left/{leaf}")
+        assert stamp_of(message) == START_NS + 1_000_001
+
+
+def test_a_picture_that_was_dropped_is_not_copied(tmp_path: Path) -> None:
+    dropped = Drop("/left/image", START_NS + 1_000_001, "cannot be decoded")
+    assert write(tmp_path / "out.mcap", [frame(drops=(dropped,))]) == [()]
+    assert "/left/image" not in topics_of(tmp_path / "out.mcap")
+
+
+def test_a_broken_picture_is_reported_and_the_rest_written(tmp_path: Path) -> None:
+    whole = picture("/left/image", START_NS, frame_id="left")
+    broken = whole._replace(data=whole.data[:100])
+    ((drop,),) = write(tmp_path / "out.mcap", [with_messages(frame(), **{"/left/image": broken})])
+    assert (drop.topic, drop.stamp_ns, drop.reason) == ("/left/image", START_NS, "the picture cannot be copied")
+    assert "100 bytes are no sensor_msgs/msg/Image" in drop.detail
+    topics = topics_of(tmp_path / "out.mcap")
+    assert "/left/image" not in topics
+    assert topics["/left/annotations"][1] == topics["/fused/detections"][1] == 1
+    ((_, diagnostics),) = messages_of(tmp_path / "out.mcap", "/diagnostics")
+    assert diagnostics.status[3].values[0].key == "/left/image"
+
+
+def names_in(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
+
+
+def test_a_failed_run_leaves_nothing(tmp_path: Path) -> None:
+    def failing() -> Iterable[FrameResult]:
+        yield frame(0)
+        assert names_in(tmp_path) == ["out.mcap.part"]
+        raise RuntimeError("in a stage")
+
+    with pytest.raises(RuntimeError, match="in a stage"):
+        write(tmp_path / "out.mcap", failing())
+    assert names_in(tmp_path) == []
+
+
+def test_a_full_disk_is_one_clear_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("writers.mcap.writer.Writer.finish", full)
+    with pytest.raises(OutputError, match=r"out\.mcap: cannot be written: No space left on device"):
+        write(tmp_path / "out.mcap", [frame()])
+    assert names_in(tmp_path) == []
+
+
+def test_a_camera_named_like_an_output_is_refused(tmp_path: Path) -> None:
+    rig = replace(RIG, cameras=(replace(RIG.cameras[0], name="lidar"),))
+    with pytest.raises(OutputError, match="two outputs are called /lidar/detections; rename the camera"):
+        write(tmp_path / "out.mcap", [frame()], rig=rig)
+    assert names_in(tmp_path) == []
+
+
+@pytest.mark.parametrize("stamp_ns", [-1, 2**31 * 10**9])
+def test_a_stamp_that_ros_cannot_hold_is_one_clear_line(tmp_path: Path, stamp_ns: int) -> None:
+    message = picture("/left/image", START_NS, frame_id="left")._replace(stamp_ns=stamp_ns)
+    with pytest.raises(OutputError, match=f"frame 0: stamp {stamp_ns} ns has no place"):
+        write(tmp_path / "out.mcap", [with_messages(frame(), **{"/left/image": message})])
+    assert names_in(tmp_path) == []

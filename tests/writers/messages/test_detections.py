@@ -1,0 +1,139 @@
+from typing import Any
+
+import numpy as np
+import pytest
+from detections import boxes2d, boxes3d
+from frames import CONFIG, RIG, START_NS
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pipeline.core.types import Boxes3D, Zone
+from writers.messages.definitions import output_types
+from writers.messages.detections import detections_2d, detections_3d, lidcam_objects
+
+NAMES = CONFIG.class_names
+
+
+def through_cdr(message: Any) -> Any:
+    """The message after a trip through its bytes."""
+    store, msgtype = output_types(), message.__msgtype__
+    return store.deserialize_cdr(bytes(store.serialize_cdr(message, msgtype)), msgtype)
+
+
+metres = st.floats(-1e4, 1e4)
+lengths = st.floats(0.01, 50)
+yaws = st.floats(-np.pi, np.pi, exclude_min=True)
+variances = st.floats(0, 10)
+
+
+@st.composite
+def many_boxes(draw: st.DrawFn) -> Boxes3D:
+    n = draw(st.integers(0, 4))
+    rows = draw(st.lists(st.tuples(metres, metres, metres, lengths, lengths, lengths, yaws), min_size=n, max_size=n))
+    upper = np.array(draw(st.lists(st.lists(variances, min_size=6, max_size=6), min_size=n, max_size=n)))
+    covariances = np.zeros((n, 3, 3))
+    if n:
+        rows_3, columns_3 = np.triu_indices(3)
+        covariances[:, rows_3, columns_3] = upper
+        covariances[:, columns_3, rows_3] = upper
+    found = boxes3d(
+        rows,
+        scores=draw(st.lists(st.floats(0, 1, width=32), min_size=n, max_size=n)),
+        class_ids=draw(st.lists(st.integers(0, len(NAMES) - 1), min_size=n, max_size=n)),
+    )
+    return Boxes3D(
+        START_NS,
+        "site",
+        found.centers,
+        found.sizes,
+        found.yaws,
+        found.scores,
+        found.class_ids,
+        found.point_counts,
+        covariances,
+    )
+
+
+def back(message: Any) -> Boxes3D:
+    """What a user would make of a Detection3DArray, by the definitions of vision_msgs and geometry_msgs."""
+    n = len(message.detections)
+    poses = [d.bbox.center for d in message.detections]
+    full = np.array([d.results[0].pose.covariance for d in message.detections]).reshape(n, 6, 6)
+    yaws = [
+        np.arctan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y**2 + q.z**2)) for q in (pose.orientation for pose in poses)
+    ]
+    return Boxes3D(
+        message.header.stamp.sec * 10**9 + message.header.stamp.nanosec,
+        message.header.frame_id,
+        np.array([[p.position.x, p.position.y, p.position.z] for p in poses]).reshape(n, 3),
+        np.array([[d.bbox.size.x, d.bbox.size.y, d.bbox.size.z] for d in message.detections]).reshape(n, 3),
+        np.where(np.array(yaws) <= -np.pi, np.pi, np.array(yaws)).reshape(n),
+        np.array([d.results[0].hypothesis.score for d in message.detections], np.float32),
+        np.array([NAMES.index(d.results[0].hypothesis.class_id) for d in message.detections], np.int32),
+        np.zeros(n, np.int32),
+        full[:, [[0], [1], [5]], [0, 1, 5]].reshape(n, 3, 3),
+    )
+
+
+@given(many_boxes())
+def test_boxes_come_back_from_a_detection_array(boxes: Boxes3D) -> None:
+    message = through_cdr(detections_3d(boxes, NAMES, stamp_ns=START_NS))
+    found = back(message)
+    assert (found.stamp_ns, found.frame_id) == (START_NS, "site")
+    for name in ("centers", "sizes", "scores", "class_ids", "covariances"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(boxes, name), err_msg=name)
+    np.testing.assert_allclose(np.exp(1j * found.yaws), np.exp(1j * boxes.yaws), atol=1e-12)
+    assert all(detection.id == "" for detection in message.detections)
+    assert all(detection.results[0].pose.pose == detection.bbox.center for detection in message.detections)
+
+
+def test_covariance_stands_at_x_y_and_yaw_only() -> None:
+    boxes = boxes3d([[0, 0, 0, 1, 1, 1, 0]])
+    (detection,) = through_cdr(detections_3d(boxes, NAMES, stamp_ns=1)).detections
+    full = detection.results[0].pose.covariance.reshape(6, 6)
+    assert {(int(i), int(j)): full[i, j] for i, j in np.argwhere(full)} == {(0, 0): 0.01, (1, 1): 0.02, (5, 5): 0.03}
+
+
+@pytest.mark.parametrize("rows", [[], [[1, 2, 4, 10, 0.5, 0]], [[1, 2, 4, 10, 0.5, 0], [0, 0, 640, 480, 1, 4]]])
+def test_boxes_2d(rows: list[list[float]]) -> None:
+    message = through_cdr(detections_2d(boxes2d(rows), NAMES, stamp_ns=START_NS, frame_id="cam"))
+    assert message.header.frame_id == "cam"
+    assert len(message.detections) == len(rows)
+    for found, (left, top, right, bottom, score, class_id) in zip(message.detections, rows, strict=True):
+        center = found.bbox.center
+        assert (center.position.x, center.position.y, center.theta) == ((left + right) / 2, (top + bottom) / 2, 0)
+        assert (found.bbox.size_x, found.bbox.size_y) == (right - left, bottom - top)
+        hypothesis = found.results[0].hypothesis
+        assert (hypothesis.class_id, hypothesis.score) == (NAMES[int(class_id)], score)
+        assert found.header == message.header
+
+
+SQUARE = np.array([[0.0, 0], [4, 0], [4, 4], [0, 4]])
+
+
+@pytest.mark.parametrize(
+    ("y", "zone"),
+    [
+        (3.0, "intersection"),
+        (0.0, "intersection"),
+        (-0.0, "intersection"),
+        (-1e-9, "circle"),
+        (-50.0, "circle"),
+        (51.0, ""),
+    ],
+)
+def test_zones(y: float, zone: str) -> None:
+    message = through_cdr(lidcam_objects(boxes3d([[1.5, y, 7, 4, 2, 1, 0.25]]), RIG.zones, stamp_ns=START_NS))
+    found = {"intersection": message.objects_intersection, "circle": message.objects_circle}
+    assert (message.num_intersection, message.num_circle) == (int(zone == "intersection"), int(zone == "circle"))
+    assert [len(objects) for objects in found.values()] == [message.num_intersection, message.num_circle]
+    if zone:
+        (one,) = found[zone]
+        assert (one.pos_x, one.pos_y, one.alpha) == (1.5, y, 0.25)
+
+
+def test_other_zones_have_no_field() -> None:
+    zones = (Zone("car park", SQUARE.copy()), *RIG.zones)
+    message = lidcam_objects(boxes3d([[1, 1, 0, 1, 1, 1, 0], [9, 1, 0, 1, 1, 1, 0]]), zones, stamp_ns=1)
+    assert (message.num_intersection, message.num_circle) == (1, 0)
+    assert message.objects_intersection[0].pos_x == 9

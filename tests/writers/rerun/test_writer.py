@@ -1,0 +1,157 @@
+import re
+import subprocess
+import sys
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from frames import CONFIG, PROVENANCE, RIG, START_NS, frame
+
+from pipeline.core.config import Config
+from pipeline.core.errors import MessageError, OutputError
+from pipeline.core.types import CombinedCloud, Drop, FrameResult, Image, PointCloud, RawMessage
+from writers.base import ResultWriter
+from writers.rerun.blueprint import SceneScale
+from writers.rerun.writer import MAX_POINTS, RerunResultWriter
+
+RERUN = Path(sys.executable).with_name("rerun")
+
+
+def grey(message: RawMessage) -> Image:
+    return Image(message.stamp_ns, "left", np.full((48, 64, 3), 128, np.uint8))
+
+
+def unreadable(message: RawMessage) -> Image:
+    raise MessageError(f"{message.topic}: no picture")
+
+
+def write(
+    path: Path,
+    frames: Iterable[FrameResult],
+    *,
+    config: Config = CONFIG,
+    decode_picture: Callable[[RawMessage], Image] = grey,
+) -> list[tuple[Drop, ...]]:
+    writer: ResultWriter = RerunResultWriter(path, RIG, config, PROVENANCE, decode_picture=decode_picture)
+    with writer:
+        return [writer.write(result) for result in frames]
+
+
+def rerun(home: Path, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    """Rerun's own command, with its settings in a folder of the test."""
+    environment = {"HOME": str(home), "XDG_CONFIG_HOME": str(home), "XDG_DATA_HOME": str(home), "PATH": "/usr/bin:/bin"}
+    command = [str(RERUN), *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, env=environment, check=False, timeout=60)
+
+
+def entities(text: str) -> set[str]:
+    found = set(re.findall(r"(/(?:world|metrics)[\w/.]*)", text))
+    return {path for path in found if "/visualizers" not in path}  # of the blueprint
+
+
+def test_rerun_reads_it(tmp_path: Path) -> None:
+    path = tmp_path / "out.rrd"
+    assert write(path, [frame(0), frame(1)]) == [(), ()]
+    assert [p.name for p in tmp_path.iterdir()] == ["out.rrd"]
+    checked = rerun(tmp_path, "rrd", "verify", path)
+    assert checked.returncode == 0, checked.stderr
+    printed = rerun(tmp_path, "rrd", "print", "-v", path).stdout
+    cameras = {
+        f"/world/cameras/{name}{leaf}" for name in ("left", "right") for leaf in ("", "/image", "/boxes", "/projected")
+    }
+    others = {"/world", "/world/cloud", "/world/ground", "/world/objects", "/world/objects/heading"}
+    lidars = {"/world/lidars/lidar1", "/world/lidars/lidar2"}
+    metrics = {"/metrics/objects", "/metrics/confirmed", "/metrics/skew_ms"}
+    assert entities(printed) == cameras | others | lidars | metrics
+    assert "log_time" not in printed
+    assert "log_tick" not in printed
+
+
+def test_equal_results_give_equal_data(tmp_path: Path) -> None:
+    write(tmp_path / "one.rrd", [frame(0)])
+    write(tmp_path / "two.rrd", [frame(0)])
+    write(tmp_path / "other.rrd", [frame(0, objects=2)])
+    assert rerun(tmp_path, "rrd", "compare", "--unordered", tmp_path / "one.rrd", tmp_path / "two.rrd").returncode == 0
+    different = rerun(tmp_path, "rrd", "compare", "--unordered", tmp_path / "one.rrd", tmp_path / "other.rrd")
+    assert different.returncode != 0
+
+
+def test_frames_without_anything_to_show(tmp_path: Path) -> None:
+    result = frame(objects=0)
+    nothing = PointCloud(
+        START_NS,
+        "site",
+        np.zeros((0, 3), np.float32),
+        np.zeros(0, np.float32),
+        np.zeros(0, np.uint16),
+        np.zeros(0, np.int32),
+    )
+    combined = CombinedCloud(nothing, np.zeros(0, np.uint8), nothing, None, {})
+    lidars = {topic: m for topic, m in result.bundle.messages.items() if "lidar" in topic}
+    empty = replace(
+        result, combined=combined, camera_boxes={}, matches={}, bundle=replace(result.bundle, messages=lidars)
+    )
+    write(tmp_path / "out.rrd", [empty])
+    assert rerun(tmp_path, "rrd", "verify", tmp_path / "out.rrd").returncode == 0
+
+
+def test_an_unreadable_picture_is_reported(tmp_path: Path) -> None:
+    ((drop,),) = write(tmp_path / "out.rrd", [frame()], decode_picture=unreadable)
+    assert drop == Drop("/left/image", START_NS + 1_000_001, "the picture cannot be shown", "/left/image: no picture")
+
+
+def test_images_and_clouds_can_be_left_out(tmp_path: Path) -> None:
+    config = Config.model_validate({"output": {"images": False, "clouds": False}})
+    assert write(tmp_path / "out.rrd", [frame()], config=config, decode_picture=unreadable) == [()]
+    assert "/world/cloud" not in entities(rerun(tmp_path, "rrd", "print", "-v", tmp_path / "out.rrd").stdout)
+
+
+def test_a_failed_run_leaves_nothing(tmp_path: Path) -> None:
+    def failing() -> Iterable[FrameResult]:
+        yield frame(0)
+        raise RuntimeError("in a stage")
+
+    with pytest.raises(RuntimeError, match="in a stage"):
+        write(tmp_path / "out.rrd", failing())
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_missing_folder_is_one_clear_line(tmp_path: Path) -> None:
+    with pytest.raises(OutputError, match="there is no folder"):
+        write(tmp_path / "no" / "out.rrd", [frame()])
+
+
+def test_large_clouds_are_thinned_the_same_way_every_time(tmp_path: Path) -> None:
+    n = MAX_POINTS + 50_000
+    xyz = np.random.default_rng(0).normal(0, 10, (n, 3)).astype(np.float32)
+    large = PointCloud(START_NS, "site", xyz, np.zeros(n, np.float32), np.zeros(n, np.uint16), np.zeros(n, np.int32))
+    result = frame()
+    combined = replace(result.combined, cloud=large, lidar_index=np.zeros(n, np.uint8))
+    write(tmp_path / "one.rrd", [replace(result, combined=combined)])
+    write(tmp_path / "two.rrd", [replace(result, combined=combined)])
+    assert rerun(tmp_path, "rrd", "compare", "--unordered", tmp_path / "one.rrd", tmp_path / "two.rrd").returncode == 0
+    assert (tmp_path / "one.rrd").stat().st_size < MAX_POINTS * 17
+
+
+@pytest.mark.parametrize("size_m", [1.0, 20.0])
+def test_the_scene_s_scale_follows_its_size(size_m: float) -> None:
+    result = frame()
+    angle = np.linspace(0, 2 * np.pi, 500, endpoint=False)
+    ring = np.stack([np.cos(angle), np.sin(angle), 0 * angle], -1) * size_m
+    cloud = replace(result.combined.cloud, xyz=(ring + np.array([0.5, -1, 7])).astype(np.float32))
+    scale = SceneScale.of(replace(result.combined, cloud=cloud, ground_cloud=cloud), RIG)
+    np.testing.assert_allclose(scale.center, [0.5, -1, 7], atol=1e-5)  # between lidars at (0, 0) and (1, -2)
+    assert scale.radius_m == pytest.approx(size_m + np.hypot(0.5, 1), rel=1e-3)
+
+
+def test_compressed_pictures_pass_through_undecoded(tmp_path: Path) -> None:
+    decoded: list[str] = []
+
+    def noting(message: RawMessage) -> Image:
+        decoded.append(message.topic)
+        return grey(message)
+
+    assert write(tmp_path / "out.rrd", [frame()], decode_picture=noting) == [()]
+    assert decoded == ["/left/image"]

@@ -1,0 +1,1 @@
+"""The MCAP that a run writes."""

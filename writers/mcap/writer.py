@@ -1,0 +1,231 @@
+"""FrameResults to one MCAP file that Foxglove, Lichtblick, rosbag2 and ROS tools read.
+
+Profile `ros2`: CDR messages, definitions as `ros2msg` text with all their dependencies (mcap.dev/spec/registry).
+Every message of a frame has the log time of the frame's reference message. Headers carry the frame's stamp; pictures
+and what belongs to them (camera_info, annotations, detections) carry the picture's own, equal to the nanosecond,
+because viewers pair them by equality. Equal results give equal bytes.
+"""
+
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from mcap.writer import CompressionType, Writer
+
+from pipeline.core.config import Config
+from pipeline.core.errors import MessageError, OutputError
+from pipeline.core.types import CameraSensor, Drop, FrameResult, RawMessage, Rig
+from writers.atomic import atomic_output, output_errors
+from writers.messages.annotations import image_annotations
+from writers.messages.cdr import point_cloud2
+from writers.messages.definitions import output_types, schema_text
+from writers.messages.detections import detections_2d, detections_3d, lidcam_objects
+from writers.messages.diagnostics import diagnostics
+from writers.messages.pictures import COMPRESSED, picture_cdr
+from writers.messages.ros_messages import camera_info, moving_transform, static_transforms
+from writers.messages.scene import marker_array, scene_update
+from writers.provenance import Provenance
+
+__all__ = ["McapResultWriter", "Provenance"]
+
+LIBRARY = "lidcam"
+"""Without a version: the same results have the same bytes whichever version of the MCAP library wrote them."""
+
+CHUNK_BYTES = 1 << 20
+"""A picture or cloud is about one chunk: a viewer that shows one topic unpacks little else."""
+
+POINT_CLOUD, TF = "sensor_msgs/msg/PointCloud2", "tf2_msgs/msg/TFMessage"
+DETECTIONS_2D, DETECTIONS_3D = "vision_msgs/msg/Detection2DArray", "vision_msgs/msg/Detection3DArray"
+SCENE, ANNOTATIONS = "foxglove_msgs/msg/SceneUpdate", "foxglove_msgs/msg/ImageAnnotations"
+MARKERS, DIAGNOSTICS = "visualization_msgs/msg/MarkerArray", "diagnostic_msgs/msg/DiagnosticArray"
+LIDCAM, CAMERA_INFO = "msgs/msg/MsgLidCam", "sensor_msgs/msg/CameraInfo"
+
+# The form of rosbag2 since Iron; other topics name no profile, which the MCAP registry allows.
+_LATCHED = """\
+- history: keep_last
+  depth: 1
+  reliability: reliable
+  durability: transient_local
+  deadline: {sec: 9223372036, nsec: 854775807}
+  lifespan: {sec: 9223372036, nsec: 854775807}
+  liveliness: automatic
+  liveliness_lease_duration: {sec: 9223372036, nsec: 854775807}
+  avoid_ros_namespace_conventions: false
+"""
+
+_STAMP_END_NS = 2**31 * 10**9
+"""builtin_interfaces/Time counts seconds in 31 bits."""
+
+_NOT_COPIED = "the picture cannot be copied"
+
+
+class McapResultWriter:
+    """Writes one run's frames to `path`, which appears when the block ends well.
+
+    Args:
+        path: The file to write; an older one is replaced.
+        rig: Sensors that the frames were made with.
+        config: Their settings; `output` says what is written and how chunks are compressed.
+        provenance: Goes into the metadata and the attachments.
+    """
+
+    name = "mcap"
+
+    def __init__(self, path: Path, rig: Rig, config: Config, provenance: Provenance) -> None:
+        self._path, self._rig, self._config, self._provenance = path, rig, config, provenance
+        self._resources = ExitStack()
+        self._schemas: dict[str, int] = {}
+        self._channels: dict[str, int] = {}
+        self._messages = 0
+        self._writer: Writer
+
+    def __enter__(self) -> Self:
+        with ExitStack() as resources, output_errors(self._path):
+            part = resources.enter_context(atomic_output(self._path))
+            stream = resources.enter_context(part.open("wb"))
+            compression = CompressionType[self._config.output.compression.upper()]
+            self._writer = Writer(stream, chunk_size=CHUNK_BYTES, compression=compression)
+            self._writer.start(profile="ros2", library=LIBRARY)
+            self._attach()
+            for topic, msgtype in self._topics():
+                self._register(topic, msgtype)
+            resources.push(self._finish)
+            self._resources = resources.pop_all()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        with output_errors(self._path):
+            self._resources.__exit__(kind, error, trace)
+
+    def write(self, result: FrameResult) -> tuple[Drop, ...]:
+        """Write one frame.
+
+        Returns:
+            Pictures whose bytes do not fit their type.
+
+        Raises:
+            OutputError: the file cannot be written, or a stamp does not fit a ROS 2 header.
+        """
+        log_time_ns, stamp_ns = result.bundle.log_time_ns, result.bundle.stamp_ns
+        not_copied: list[Drop] = []
+        stamps_ns = [stamp_ns, *(message.stamp_ns for message in result.bundle.messages.values())]
+        if not 0 <= min(stamps_ns) <= max(stamps_ns) < _STAMP_END_NS:
+            wrong_ns = next(stamp for stamp in stamps_ns if not 0 <= stamp < _STAMP_END_NS)
+            raise OutputError(
+                f"{self._path}: frame {result.bundle.index}: stamp {wrong_ns} ns has no place in a ROS 2 "
+                "header (1970 to 2038); cut that part off with --start and --duration"
+            )
+        with output_errors(self._path):
+            if self._messages == 0:
+                first_ns = min(stamps_ns)
+                self._put("/tf_static", TF, static_transforms(self._rig, first_ns), log_time_ns)
+            motion, limits = result.bundle.motion, self._config.combine.motion
+            if motion is not None and motion.covers(
+                stamp_ns, stamp_ns, max_extrapolation_s=limits.max_extrapolation_s, max_gap_s=limits.max_gap_s
+            ):
+                self._put("/tf", TF, moving_transform(motion, stamp_ns), log_time_ns)
+            for topic, msgtype, message in self._site_messages(result):
+                self._put(topic, msgtype, message, log_time_ns)
+            if self._config.output.clouds:
+                cloud = point_cloud2(result.combined.cloud, stamp_ns=stamp_ns, frame_id=self._rig.site_frame)
+                self._put_bytes("/point_cloud_combined", POINT_CLOUD, cloud, log_time_ns)
+            for camera in self._rig.cameras:
+                not_copied += self._put_camera(camera, result)
+            self._put("/diagnostics", DIAGNOSTICS, diagnostics(result, self._rig, not_copied), log_time_ns)
+        return tuple(not_copied)
+
+    def _topics(self) -> Iterator[tuple[str, str]]:
+        """Topics that every file lists; `/tf` and pictures join when the first one comes and their type is known."""
+        yield "/tf_static", TF
+        yield "/lidar_camera_fused", LIDCAM
+        yield "/fused/detections", DETECTIONS_3D
+        yield "/fused/scene", SCENE
+        yield "/fused/markers", MARKERS
+        yield "/lidar/detections", DETECTIONS_3D
+        if self._config.output.clouds:
+            yield "/point_cloud_combined", POINT_CLOUD
+        for camera in self._rig.cameras:
+            yield f"/{camera.name}/camera_info", CAMERA_INFO
+            yield f"/{camera.name}/annotations", ANNOTATIONS
+            yield f"/{camera.name}/detections", DETECTIONS_2D
+        yield "/diagnostics", DIAGNOSTICS
+
+    def _site_messages(self, result: FrameResult) -> Iterator[tuple[str, str, Any]]:
+        names, stamp_ns, objects = self._config.class_names, result.bundle.stamp_ns, result.objects
+        yield "/lidar_camera_fused", LIDCAM, lidcam_objects(objects, self._rig.zones, stamp_ns=stamp_ns)
+        yield "/fused/detections", DETECTIONS_3D, detections_3d(objects, names, stamp_ns=stamp_ns)
+        yield "/fused/scene", SCENE, scene_update(result, names)
+        yield "/fused/markers", MARKERS, marker_array(result, names)
+        yield "/lidar/detections", DETECTIONS_3D, detections_3d(result.lidar_boxes, names, stamp_ns=stamp_ns)
+
+    def _put_camera(self, camera: CameraSensor, result: FrameResult) -> tuple[Drop, ...]:
+        """Everything of one camera, under one stamp; nothing where the frame has neither a picture nor boxes of it."""
+        unusable = {(drop.topic, drop.stamp_ns) for drop in result.drops}
+        picture, boxes = result.bundle.messages.get(camera.topic), result.camera_boxes.get(camera.name)
+        if picture is not None and (picture.topic, picture.stamp_ns) in unusable:
+            picture = None
+        if picture is not None:
+            stamp_ns = picture.stamp_ns
+        elif boxes is not None:
+            stamp_ns = boxes.stamp_ns
+        else:
+            return ()
+        names, frame_id, prefix = self._config.class_names, camera.T_camera_site.dst, f"/{camera.name}"
+        log_time_ns = result.bundle.log_time_ns
+        drops: tuple[Drop, ...] = ()
+        if picture is not None and self._config.output.images:
+            drops = self._put_picture(prefix, picture, frame_id, log_time_ns)
+        self._put(f"{prefix}/camera_info", CAMERA_INFO, camera_info(camera, stamp_ns), log_time_ns)
+        drawn = image_annotations(boxes, result.matches.get(camera.name), names, stamp_ns=stamp_ns)
+        self._put(f"{prefix}/annotations", ANNOTATIONS, drawn, log_time_ns)
+        if boxes is not None:
+            detections = detections_2d(boxes, names, stamp_ns=stamp_ns, frame_id=frame_id)
+            self._put(f"{prefix}/detections", DETECTIONS_2D, detections, log_time_ns)
+        return drops
+
+    def _put_picture(self, prefix: str, picture: RawMessage, frame_id: str, log_time_ns: int) -> tuple[Drop, ...]:
+        msgtype = picture.channel.msgtype
+        topic = f"{prefix}/image/compressed" if msgtype == COMPRESSED else f"{prefix}/image"
+        try:
+            cdr = picture_cdr(picture, frame_id=frame_id)
+        except MessageError as err:
+            return (Drop(picture.topic, picture.stamp_ns, _NOT_COPIED, str(err)),)
+        self._put_bytes(topic, msgtype, cdr, log_time_ns)
+        return ()
+
+    def _put(self, topic: str, msgtype: str, message: Any, log_time_ns: int) -> None:
+        self._put_bytes(topic, msgtype, output_types().serialize_cdr(message, msgtype), log_time_ns)
+
+    def _put_bytes(self, topic: str, msgtype: str, cdr: bytes | bytearray | memoryview, log_time_ns: int) -> None:
+        channel = self._channels.get(topic) or self._register(topic, msgtype)
+        self._writer.add_message(channel, log_time_ns, cdr, log_time_ns, self._messages)  # type: ignore[arg-type]  # any buffer is written
+        self._messages += 1
+
+    def _register(self, topic: str, msgtype: str) -> int:
+        if topic in self._channels:
+            raise OutputError(
+                f"{self._path}: two outputs are called {topic}; rename the camera of that name in the rig"
+            )
+        if msgtype not in self._schemas:
+            self._schemas[msgtype] = self._writer.register_schema(msgtype, "ros2msg", schema_text(msgtype).encode())
+        metadata = {"offered_qos_profiles": _LATCHED if topic == "/tf_static" else ""}
+        self._channels[topic] = self._writer.register_channel(topic, "cdr", self._schemas[msgtype], metadata)
+        return self._channels[topic]
+
+    def _attach(self) -> None:
+        self._writer.add_metadata("lidcam", self._provenance.metadata())
+        texts = {"lidcam.yaml": self._provenance.config_yaml, "rig.yaml": self._provenance.rig_yaml}
+        for name, text in texts.items():
+            start_ns = self._provenance.start_ns
+            self._writer.add_attachment(start_ns, start_ns, name, "application/yaml", text.encode())
+
+    def _finish(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        del error, trace
+        if kind is None:
+            self._writer.finish()  # type: ignore[no-untyped-call]  # mcap annotates in part

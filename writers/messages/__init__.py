@@ -1,0 +1,1 @@
+"""Results as ROS and Foxglove messages."""

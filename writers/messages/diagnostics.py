@@ -1,0 +1,73 @@
+"""How each frame came about, in numbers: diagnostic_msgs/DiagnosticArray."""
+
+from collections.abc import Sequence
+
+from rosbags.typesys.stores.ros2_humble import diagnostic_msgs__msg__DiagnosticArray as DiagnosticArray
+from rosbags.typesys.stores.ros2_humble import diagnostic_msgs__msg__DiagnosticStatus as DiagnosticStatus
+from rosbags.typesys.stores.ros2_humble import diagnostic_msgs__msg__KeyValue as KeyValue
+
+from pipeline.core.types import Drop, FrameResult, Rig
+from writers.messages.ros_messages import header
+
+__all__ = ["diagnostics"]
+
+Values = Sequence[tuple[str, str]]
+
+
+def diagnostics(result: FrameResult, rig: Rig, not_copied: Sequence[Drop]) -> DiagnosticArray:
+    """Synchronisation, points by step, objects by source, and messages that no frame took or this one could not use.
+
+    Args:
+        result: The frame.
+        rig: Its sensors.
+        not_copied: Messages that the writer itself could not use.
+    """
+    drops = [*result.drops, *not_copied]
+    return DiagnosticArray(
+        header(result.bundle.stamp_ns, rig.site_frame),
+        [
+            _status("synchronisation", f"skew {result.bundle.skew_ns / 1e6:.3f} ms", _synchronisation(result)),
+            _status("cloud", f"{len(result.combined.cloud)} points", _cloud(result)),
+            _status("objects", f"{len(result.objects)} objects", _objects(result, rig)),
+            _status(
+                "dropped messages",
+                f"{len(drops)} dropped" if drops else "none",
+                [(drop.topic, ": ".join(filter(None, (drop.reason, drop.detail)))) for drop in drops],
+                DiagnosticStatus.WARN if drops else DiagnosticStatus.OK,
+            ),
+        ],
+    )
+
+
+def _synchronisation(result: FrameResult) -> Values:
+    bundle = result.bundle
+    offsets = [
+        (f"offset_ms {topic}", f"{(message.stamp_ns - bundle.stamp_ns) / 1e6:.3f}")
+        for topic, message in sorted(bundle.messages.items())
+    ]
+    left_out = [
+        (f"left out {topic}", f"{count}: {reason}") for (topic, reason), count in sorted(bundle.left_out.items())
+    ]
+    return [("frame", str(bundle.index)), ("skew_ms", f"{bundle.skew_ns / 1e6:.3f}"), *offsets, *left_out]
+
+
+def _cloud(result: FrameResult) -> Values:
+    steps = [(f"points {step}", str(count)) for step, count in result.combined.counts.items()]
+    return [*steps, ("motion compensated", ", ".join(result.combined.compensated) or "none")]
+
+
+def _objects(result: FrameResult, rig: Rig) -> Values:
+    detected = {camera.name: result.camera_boxes.get(camera.name, ()) for camera in rig.cameras}
+    matched = {camera.name: result.matches.get(camera.name, ()) for camera in rig.cameras}
+    return [
+        ("fused", str(len(result.objects))),
+        ("confirmed by cameras", str(int((result.matched > 0).sum()))),
+        ("detected lidar", str(len(result.lidar_boxes))),
+        *((f"detected {name}", str(len(boxes))) for name, boxes in detected.items()),
+        *((f"matched {name}", str(len(pairs))) for name, pairs in matched.items()),
+        *((f"recorded boxes left out, {reason}", str(count)) for reason, count in sorted(result.left_out.items())),
+    ]
+
+
+def _status(name: str, message: str, values: Values, level: int = DiagnosticStatus.OK) -> DiagnosticStatus:
+    return DiagnosticStatus(level, f"lidcam: {name}", message, "", [KeyValue(key, value) for key, value in values])

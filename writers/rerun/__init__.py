@@ -1,0 +1,1 @@
+"""The Rerun recording that a run writes."""

@@ -1,0 +1,116 @@
+"""How a Rerun recording opens: which views there are and from where the scene is seen."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import rerun as rr
+import rerun.blueprint as rrb
+
+from pipeline.core.types import CameraSensor, CombinedCloud, Rig
+
+__all__ = ["SceneScale", "blueprint", "camera_path"]
+
+BACKGROUND = (13, 16, 23)
+_WIDE = 1.9
+"""Pictures at least this wide for their height are stacked above the scene instead of beside it."""
+
+
+@dataclass(frozen=True, slots=True)
+class SceneScale:
+    """Sizes that fit a street as well as a table: taken from the points of the first frame.
+
+    Attributes:
+        center: (3,) metres in the site frame: between the lidars, at the height of most points.
+        radius_m: What is within this of the centre is shown: how far the lidars are apart, and where three quarters
+            of the points are.
+        low_m: Height where the colours of the cloud begin: 2nd percentile.
+        high_m: Height where they end: 98th percentile.
+    """
+
+    center: npt.NDArray[np.float64]
+    radius_m: float
+    low_m: float
+    high_m: float
+
+    @classmethod
+    def of(cls, combined: CombinedCloud, rig: Rig) -> "SceneScale":
+        """The scale of one frame; that of a room where the frame has no points."""
+        points = np.concatenate([combined.cloud.xyz, combined.ground_cloud.xyz]).astype(np.float64)
+        lidars = np.array([lidar.T_site_lidar.translation for lidar in rig.lidars]).reshape(-1, 3)
+        center = lidars.mean(0) if len(lidars) else np.zeros(3)
+        if not len(points):
+            return cls(center, 5.0, 0.0, 2.0)
+        center[2] = np.median(points[:, 2])
+        spread = float(np.linalg.norm(lidars[:, :2] - center[:2], axis=1).max(initial=0.0))
+        reach = float(np.percentile(np.linalg.norm(points[:, :2] - center[:2], axis=1), 75))
+        heights = combined.cloud.xyz[:, 2] if len(combined.cloud) else points[:, 2]
+        low, high = np.percentile(heights, [2, 98]).tolist()
+        return cls(center, max(spread + reach, 0.1), low, max(high, low + 0.01))
+
+
+def camera_path(camera: CameraSensor) -> str:
+    """Entity of a camera: its pinhole, with the picture and the boxes below it."""
+    return f"world/cameras/{camera.name}"
+
+
+def blueprint(rig: Rig, scale: SceneScale) -> rrb.Blueprint:
+    """The scene on the left and a grid of pictures on the right; wide pictures lie above the scene."""
+    pictured = [camera for camera in rig.cameras if camera.topic]
+    pictures = [_picture_view(camera) for camera in pictured]
+    scene = rrb.Tabs(_scene_view(scale, pictured), _plots(), active_tab=0)
+    if not pictures:
+        layout: Any = scene
+    elif len(pictures) <= 2 and all(c.model.width_px >= _WIDE * c.model.height_px for c in pictured):
+        layout = rrb.Vertical(rrb.Horizontal(*pictures), scene, row_shares=[2, 3])
+    else:
+        columns = 1 if len(pictures) <= 2 else 2
+        layout = rrb.Horizontal(scene, rrb.Grid(*pictures, grid_columns=columns), column_shares=[3, 2])
+    return rrb.Blueprint(
+        layout,
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.TimePanel(state="collapsed", timeline="stamp"),
+        auto_layout=False,
+        auto_views=False,
+    )
+
+
+def _scene_view(scale: SceneScale, pictured: Sequence[CameraSensor]) -> rrb.Spatial3DView:
+    # Seen from behind and above, looking along x: forward for a vehicle (REP 103).
+    eye = scale.center + scale.radius_m * np.array([-1.05, 0.0, 0.75])
+    target = scale.center + scale.radius_m * np.array([0.3, 0.0, -0.1])
+    flat = [f"- {camera_path(camera)}/{leaf}" for camera in pictured for leaf in ("boxes", "projected")]
+    return rrb.Spatial3DView(
+        name="Scene",
+        origin="world",
+        contents=["$origin/**", *flat],
+        background=BACKGROUND,
+        line_grid=False,
+        eye_controls=rrb.EyeControls3D(position=eye, look_target=target, eye_up=(0.0, 0.0, 1.0)),
+    )
+
+
+def _picture_view(camera: CameraSensor) -> rrb.Spatial2DView:
+    """The picture with its 2D boxes and the 3D objects.
+
+    Rerun projects without lens distortion: through a lens that has some, the projected rectangles are shown instead.
+    """
+    model = camera.model
+    straight = model.model != "equidistant" and not model.distortion.any()
+    objects = ["world/objects"] if straight else []
+    hidden = ["- $origin/projected"] if straight else []
+    return rrb.Spatial2DView(
+        name=camera.name,
+        origin=camera_path(camera),
+        contents=["$origin/**", *objects, *hidden],
+        background=BACKGROUND,
+        overrides={"world/objects": rr.Boxes3D.from_fields(show_labels=False, fill_mode="MajorWireframe")},
+        visual_bounds=rrb.VisualBounds2D(x_range=[0, model.width_px], y_range=[0, model.height_px]),
+    )
+
+
+def _plots() -> rrb.TimeSeriesView:
+    return rrb.TimeSeriesView(name="Objects and skew", origin="metrics", contents="$origin/**")
