@@ -50,6 +50,6 @@ bench: $(INSTALLED)
 	$(BIN)/python benchmarks/velodyne.py
 	$(BIN)/python benchmarks/simulator.py
 
-config/default.yaml: pipeline/core/config.py $(INSTALLED)
-	@printf '# The defaults of every setting: a printed copy of pipeline/core/config.py, which explains each one.\n# Copy the part that you want to change into a file of your own and pass it with --config.\n\n' > $@
-	@$(BIN)/python -c 'from pipeline.core.config import *; print(dump_config(Config()), end="")' >> $@
+config/default.yaml: $(wildcard pipeline/core/settings/*.py) $(INSTALLED)
+	@printf '# The defaults of every setting: a printed copy of pipeline/core/settings/, which explains each one.\n# Copy the part that you want to change into a file of your own and pass it with --config.\n\n' > $@
+	@$(BIN)/python -c 'from pipeline.core.settings.config import Config; from pipeline.core.settings.load import dump_config; print(dump_config(Config()), end="")' >> $@

@@ -18,18 +18,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from bags.simulator.world.open3d_runtime import load_libusb
-from pipeline.core.config import CombineConfig, GroundConfig, OutlierConfig
-from pipeline.core.geometry import Transform
-from pipeline.core.types import LidarSensor, PointCloud, PoseSamples, Rig, SensorBundle
+from pipeline.core.arrays import F32, F64
+from pipeline.core.clouds import PointCloud
+from pipeline.core.frame import SensorBundle
+from pipeline.core.geometry.pose_samples import PoseSamples
+from pipeline.core.geometry.transform import Transform
+from pipeline.core.rig import LidarSensor, Rig
+from pipeline.core.settings.combine import CombineConfig, GroundConfig, OutlierConfig
 from pipeline.filters.deskew import deskew
 from pipeline.filters.ground import find_ground, height_above
 from pipeline.filters.outliers import statistical_inliers
 from pipeline.stages.combine import Combine
 
-F32 = npt.NDArray[np.float32]
 SWEEP_NS = 100_000_000
 
 
@@ -51,9 +53,9 @@ class Timing:
         return f"{statistics.median(self.wall_ms):7.1f} ms wall {statistics.median(self.cpu_ms):7.1f} ms CPU"
 
 
-def load_clouds(shared: Path) -> dict[str, tuple[F32, npt.NDArray[np.float64]]]:
+def load_clouds(shared: Path) -> dict[str, tuple[F32, F64]]:
     """Points and lidar origins by name of cloud, in the site frame."""
-    clouds: dict[str, tuple[F32, npt.NDArray[np.float64]]] = {}
+    clouds: dict[str, tuple[F32, F64]] = {}
     for frame in (0, 5, 10):
         path = shared / f"data/kitti_raw_sequence/velodyne_points/{frame:010d}.bin"
         clouds[f"KITTI {frame}"] = np.fromfile(path, "<f4").reshape(-1, 4)[:, :3].copy(), np.zeros((1, 3))
@@ -73,7 +75,7 @@ def load_open3d() -> Any:
     return open3d
 
 
-def our_steps(xyz: F32, origins: npt.NDArray[np.float64]) -> dict[str, Callable[[], object]]:
+def our_steps(xyz: F32, origins: F64) -> dict[str, Callable[[], object]]:
     """Each step on the cloud that it would be given, and the whole stage."""
     outliers, ground = OutlierConfig(), GroundConfig()
     kept = xyz[statistical_inliers(xyz, neighbors=outliers.neighbors, std_ratio=outliers.std_ratio)]

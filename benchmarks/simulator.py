@@ -20,7 +20,9 @@ from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 from bags.simulator.recorder.movers import build_mover
-from bags.simulator.scenario import Scenario, SensorScenario, load_scenario
+from bags.simulator.scenario.load import load_scenario
+from bags.simulator.scenario.scenario import Scenario
+from bags.simulator.scenario.sensors import SensorScenario
 from bags.simulator.sensors.beams import pattern_of
 from bags.simulator.sensors.camera import Camera
 from bags.simulator.sensors.lidar import Lidar

@@ -22,8 +22,8 @@ import numpy as np
 import velodyne_decoder as vd
 
 from bags.simulator.sensors.velodyne_packets import VelodyneSensor
-from pipeline.core.config import VelodyneLidarConfig
-from pipeline.core.types import Channel, RawMessage
+from pipeline.core.messages import Channel, RawMessage
+from pipeline.core.settings.recording import VelodyneLidarConfig
 from readers.velodyne.decoder import VelodyneDecoder
 from readers.velodyne.scan import SCAN, parse_velodyne_scan
 

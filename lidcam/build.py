@@ -3,19 +3,13 @@
 from collections.abc import Mapping
 from typing import Literal
 
-from pipeline.core.config import Config
+from pipeline.core.clouds import CombinedCloud, PointCloud
+from pipeline.core.detections import Boxes2D, Boxes3D, Matches
 from pipeline.core.errors import ModelError
-from pipeline.core.types import (
-    Boxes2D,
-    Boxes3D,
-    CombinedCloud,
-    FrameResult,
-    Image,
-    Matches,
-    PointCloud,
-    Rig,
-    SensorBundle,
-)
+from pipeline.core.frame import FrameResult, SensorBundle
+from pipeline.core.images import Image
+from pipeline.core.rig import Rig
+from pipeline.core.settings.config import Config
 from pipeline.detectors.onnx2d import OnnxDetector2D
 from pipeline.graph import Graph, Node
 from pipeline.stages.associate import Associate

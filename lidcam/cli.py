@@ -18,8 +18,8 @@ from typing import Annotated, Literal
 
 import typer
 
-from pipeline.core.config import RunConfig
 from pipeline.core.errors import LidcamError
+from pipeline.core.settings.run import RunConfig
 from readers.location import RemotePath, location
 
 __all__ = ["app", "main", "main_process"]

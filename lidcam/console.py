@@ -20,8 +20,8 @@ from lidcam.tables import (
     stages_table,
     topics_table,
 )
-from pipeline.core.config import Config
-from pipeline.core.types import FrameResult
+from pipeline.core.frame import FrameResult
+from pipeline.core.settings.config import Config
 from readers.messages.tf import TF_TYPES
 from readers.recording import Loss, Recording, TopicInfo
 from readers.rig.discovery import Discovery

@@ -8,10 +8,12 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from lidcam.build import BoxSource, box_source, build_graph, wanted_boxes
-from pipeline.core.config import Config
 from pipeline.core.errors import ConfigError, MessageError, RecordingError
-from pipeline.core.geometry import first_polygon_with
-from pipeline.core.types import Drop, FrameResult, Rig, SensorBundle
+from pipeline.core.frame import FrameResult, SensorBundle
+from pipeline.core.geometry.polygons import first_polygon_with
+from pipeline.core.messages import Drop
+from pipeline.core.rig import Rig
+from pipeline.core.settings.config import Config
 from pipeline.graph import Graph, Node
 from pipeline.stages.sync import SyncStats, synchronize
 from readers.recording import Loss, Recording

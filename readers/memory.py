@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
 
-from pipeline.core.types import RawMessage
+from pipeline.core.messages import RawMessage
 from readers.recording import Closing, Loss, TopicInfo, merge_topics
 
 __all__ = ["MemoryRecording"]

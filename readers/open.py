@@ -10,9 +10,9 @@ from tempfile import TemporaryDirectory
 
 import zstandard
 
-from pipeline.core.config import DEFAULT_LIMITS, LimitsConfig
 from pipeline.core.errors import LidcamError, RecordingError
-from pipeline.core.types import RawMessage
+from pipeline.core.messages import RawMessage
+from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from readers.files.damage import LIBRARY_ERRORS, DamageError, Losses, damaged, describe, opening
 from readers.files.mcap.file import McapFile
 from readers.files.pcap.file import PcapFile

@@ -7,7 +7,7 @@ from types import TracebackType
 from typing import Literal, Protocol, Self
 
 from pipeline.core.errors import RecordingError
-from pipeline.core.types import Channel, RawMessage
+from pipeline.core.messages import Channel, RawMessage
 from readers.location import Location
 
 __all__ = ["Closing", "Loss", "Recording", "RecordingFile", "TopicInfo", "merge_topics"]

@@ -3,7 +3,8 @@
 from types import TracebackType
 from typing import Self
 
-from pipeline.core.types import Drop, FrameResult
+from pipeline.core.frame import FrameResult
+from pipeline.core.messages import Drop
 
 __all__ = ["MemoryWriter"]
 

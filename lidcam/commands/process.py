@@ -26,9 +26,11 @@ from lidcam.console import (
     unused_topics,
 )
 from lidcam.run import TimeWindow, process
-from pipeline.core.config import Config, RunConfig, dump_config, load_config
 from pipeline.core.errors import CalibrationError, ConfigError, OutputError, RecordingError
-from pipeline.core.types import FrameResult
+from pipeline.core.frame import FrameResult
+from pipeline.core.settings.config import Config
+from pipeline.core.settings.load import dump_config, load_config
+from pipeline.core.settings.run import RunConfig
 from readers.location import Location, RemotePath, location
 from readers.messages.image import decode_picture
 from readers.open import open_recording

@@ -17,7 +17,8 @@ from bags.simulator.drive.terminal import terminal_keys
 from bags.simulator.recorder.files import MessageWriter, RecordingFormat, format_of, recording_file, ros_version_of
 from bags.simulator.recorder.recorded import Recorded
 from bags.simulator.recorder.start import simulating
-from bags.simulator.scenario import Scenario, load_scenario
+from bags.simulator.scenario.load import load_scenario
+from bags.simulator.scenario.scenario import Scenario
 from bags.simulator.vehicles.keys import RemoteControl, script_keys
 from pipeline.core.errors import ConfigError
 from readers.rig.rig_file import rig_yaml

@@ -14,11 +14,11 @@ from typing import Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
+from pipeline.core.arrays import F32, F64, Bools
 from pipeline.core.errors import CalibrationError
 
 __all__ = ["CameraModel", "DistortionModel"]
 
-F64 = npt.NDArray[np.float64]
 DistortionModel = Literal["plumb_bob", "rational_polynomial", "equidistant"]
 
 NEAR_M = 0.01
@@ -98,7 +98,7 @@ class CameraModel:
         top = 1 + r2 * (k[0] + r2 * (k[1] + r2 * k[4]))
         return np.asarray(top / (1 + r2 * (k[5] + r2 * (k[6] + r2 * k[7]))))
 
-    def project(self, points_camera: npt.NDArray[np.floating]) -> tuple[F64, npt.NDArray[np.bool_]]:
+    def project(self, points_camera: npt.NDArray[np.floating]) -> tuple[F64, Bools]:
         """Where points appear.
 
         Args:
@@ -131,7 +131,7 @@ class CameraModel:
         v = self.K[1, 1] * y_lens + self.K[1, 2] + 0.5
         return np.stack([u, v], -1), front & inside
 
-    def project_boxes(self, corners_camera: F64) -> npt.NDArray[np.float32]:
+    def project_boxes(self, corners_camera: F64) -> F32:
         """Smallest upright rectangles around boxes, clipped to the picture.
 
         Args:

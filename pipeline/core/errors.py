@@ -24,7 +24,6 @@ __all__ = [
     "RecordingError",
 ]
 
-
 MOST_CHARACTERS = 4000
 
 

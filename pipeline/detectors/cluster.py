@@ -16,10 +16,10 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from pipeline.core.arrays import F64, I64
+
 __all__ = ["Cells", "cluster_points", "thin_points"]
 
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 RESOLUTION_PER_M = 8192.0
 """Coordinates are rounded to this fraction of a metre (0.12 mm): float64 adds up a million of them exactly."""

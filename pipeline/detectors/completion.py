@@ -9,15 +9,13 @@ keeps its near sides and grows away from the lidars.
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from pipeline.core.config import ClassPrior
+from pipeline.core.arrays import F64, I64
+from pipeline.core.settings.classes import ClassPrior
 from pipeline.detectors.lshape import Rectangles
 
 __all__ = ["CompletedBoxes", "complete_boxes"]
 
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 SHORT_SHARE = 0.2
 """Standard deviation of a measured extent below the prior, as a share of it; a side may also be hidden in part."""

@@ -3,8 +3,7 @@
 from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
-import numpy as np
-import numpy.typing as npt
+from pipeline.core.arrays import F32, I64, U8
 
 __all__ = ["Candidates2D", "Detector2D"]
 
@@ -18,9 +17,9 @@ class Candidates2D(NamedTuple):
         labels: (A,) int64, row of the detector's `labels`.
     """
 
-    xyxy: npt.NDArray[np.float32]
-    scores: npt.NDArray[np.float32]
-    labels: npt.NDArray[np.int64]
+    xyxy: F32
+    scores: F32
+    labels: I64
 
 
 class Detector2D(Protocol):
@@ -30,5 +29,5 @@ class Detector2D(Protocol):
     def labels(self) -> tuple[str, ...]:
         """Names of what it can find."""
 
-    def __call__(self, pictures: Sequence[npt.NDArray[np.uint8]]) -> list[Candidates2D]:
+    def __call__(self, pictures: Sequence[U8]) -> list[Candidates2D]:
         """Proposals for each picture, (H, W, 3) RGB of any size, in order."""

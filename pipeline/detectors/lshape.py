@@ -10,12 +10,11 @@ mirrors and stray points are no sides. All clusters are fitted at once.
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
+
+from pipeline.core.arrays import F64, I64
 
 __all__ = ["Rectangles", "fit_rectangles", "quantiles_by_cluster"]
 
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 COARSE_STEP_DEG = 3.0
 FINE_STEP_DEG = 0.5

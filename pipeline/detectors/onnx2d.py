@@ -14,18 +14,16 @@ from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 import onnxruntime as ort
 
-from pipeline.core.config import Config
+from pipeline.core.arrays import F32, U8
 from pipeline.core.errors import ModelError
+from pipeline.core.settings.config import Config
 from pipeline.detectors.coco import COCO_LABELS
 from pipeline.detectors.detector2d import Candidates2D
 
 __all__ = ["OnnxDetector2D"]
 
-F32 = npt.NDArray[np.float32]
-Picture = npt.NDArray[np.uint8]
 
 STRIDES_PX = (8, 16, 32)
 PADDING = 114.0
@@ -62,7 +60,7 @@ class OnnxDetector2D:
         """Names of what it can find."""
         return COCO_LABELS
 
-    def __call__(self, pictures: Sequence[Picture]) -> list[Candidates2D]:
+    def __call__(self, pictures: Sequence[U8]) -> list[Candidates2D]:
         """Proposals for each picture, in order.
 
         All pictures run in one batch where the network's batch dimension is free; a network that is fixed to batches
@@ -80,7 +78,7 @@ class OnnxDetector2D:
             found += self._detect(pictures[start : start + size], size)
         return found
 
-    def _detect(self, pictures: Sequence[Picture], size: int) -> list[Candidates2D]:
+    def _detect(self, pictures: Sequence[U8], size: int) -> list[Candidates2D]:
         batch = np.full((size, 3, self._height_px, self._width_px), PADDING, np.float32)
         scales = [_letterbox(picture, into) for picture, into in zip(pictures, batch, strict=False)]
         rows = self._run(batch)
@@ -146,7 +144,7 @@ def _anchors(height_px: int, width_px: int) -> tuple[F32, F32]:
     return np.concatenate(grids).astype(np.float32), np.concatenate(strides).astype(np.float32)
 
 
-def _letterbox(picture: Picture, into: F32) -> F32:
+def _letterbox(picture: U8, into: F32) -> F32:
     """Scale a picture into the top left of a network input (3, H, W), RGB to BGR; (2,) scale in x and y.
 
     The scaled size is cut to whole pixels, as YOLOX does; the scales returned are those of the size that it became.

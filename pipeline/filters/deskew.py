@@ -4,10 +4,10 @@ The scene is taken to stand still in the fixed frame; what moves by itself keeps
 """
 
 import numpy as np
-import numpy.typing as npt
 
-from pipeline.core.geometry import interpolate_poses
-from pipeline.core.types import PoseSamples
+from pipeline.core.arrays import F32, I64
+from pipeline.core.geometry.pose_samples import PoseSamples
+from pipeline.core.geometry.poses import interpolate_poses
 
 __all__ = ["deskew"]
 
@@ -16,11 +16,11 @@ KNOT_NS = 1_000_000
 
 
 def deskew(
-    xyz_moving: npt.NDArray[np.float32],
-    point_stamps_ns: npt.NDArray[np.int64],
+    xyz_moving: F32,
+    point_stamps_ns: I64,
     stamp_ns: int,
     motion: PoseSamples,
-) -> npt.NDArray[np.float32]:
+) -> F32:
     """Points (N, 3) of the moving frame, each where the frame at `stamp_ns` sees the place it was measured at.
 
     Args:
@@ -40,5 +40,5 @@ def deskew(
     knot, rest_ns = np.divmod(since_ns, KNOT_NS)
     share = (rest_ns / KNOT_NS).astype(np.float32)[:, None, None]
     T_target_point = T_target_knot[knot] + share * np.diff(T_target_knot, axis=0)[knot]
-    moved: npt.NDArray[np.float32] = np.einsum("nij,nj->ni", T_target_point[:, :, :3], xyz_moving)
+    moved: F32 = np.einsum("nij,nj->ni", T_target_point[:, :, :3], xyz_moving)
     return moved + T_target_point[:, :, 3]

@@ -5,18 +5,14 @@ flat, below every lidar, and at the rig's height where that is known; and what c
 than the layers just above and just below it, since a wall or a hedge fills all three alike.
 """
 
-from typing import Any
-
 import numpy as np
-import numpy.typing as npt
 
-from pipeline.core.config import GroundConfig
-from pipeline.core.types import Plane
+from pipeline.core.arrays import F32, F64, Array, Bools
+from pipeline.core.clouds import Plane
+from pipeline.core.settings.combine import GroundConfig
 
 __all__ = ["find_ground", "height_above"]
 
-F32 = npt.NDArray[np.float32]
-F64 = npt.NDArray[np.float64]
 
 SAMPLE_POINTS = 6000
 """Planes are drawn from, and scored on, at most this many points, every n-th of the cloud."""
@@ -100,7 +96,7 @@ def _within_reach(xyz: F32, config: GroundConfig, ground_height_m: float | None)
     if ground_height_m is None:
         return xyz
     rise = np.tan(np.radians(config.max_tilt_deg)) * np.hypot(xyz[:, 0], xyz[:, 1])
-    within: npt.NDArray[np.bool_] = np.abs(xyz[:, 2] - ground_height_m) <= config.height_tolerance_m + rise
+    within: Bools = np.abs(xyz[:, 2] - ground_height_m) <= config.height_tolerance_m + rise
     return xyz[within]
 
 
@@ -124,11 +120,9 @@ def _planes_through(triples: F64) -> F64:
     return np.column_stack([normals, -(normals * triples[spanned, 0]).sum(axis=1)])
 
 
-def _can_be_ground(
-    planes: F64, lidar_origins_site: F64, config: GroundConfig, ground_height_m: float | None
-) -> npt.NDArray[np.bool_]:
+def _can_be_ground(planes: F64, lidar_origins_site: F64, config: GroundConfig, ground_height_m: float | None) -> Bools:
     """Which planes (K, 4) are flat enough, below every lidar and at the expected height."""
-    fit: npt.NDArray[np.bool_] = planes[:, 2] >= np.cos(np.radians(config.max_tilt_deg))
+    fit: Bools = planes[:, 2] >= np.cos(np.radians(config.max_tilt_deg))
     fit &= (planes[:, :3] @ lidar_origins_site.T + planes[:, 3:] > 0).all(axis=1)
     if ground_height_m is not None:
         # Compared without dividing by the normal's z, which may be 0.
@@ -137,7 +131,7 @@ def _can_be_ground(
     return fit
 
 
-def _layers(points: F32, planes: F64, layer_m: float) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
+def _layers(points: F32, planes: F64, layer_m: float) -> tuple[Array, Array]:
     """Points that each of K planes holds, and points of the fuller of the layers above and below, equally thick."""
     heights = _heights(points, planes)
     edges = np.array([-3, -1, 1, 3], np.float32) * np.float32(layer_m)

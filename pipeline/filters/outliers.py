@@ -5,11 +5,10 @@ implemented in PCL 1.8 and later. Open3D's filter differs: it counts the point a
 exact duplicates away.
 """
 
-from typing import Any
-
 import numpy as np
-import numpy.typing as npt
 from pykdtree.kdtree import KDTree
+
+from pipeline.core.arrays import F32, Array, Bools
 
 __all__ = ["statistical_inliers"]
 
@@ -17,7 +16,7 @@ LEAF_SIZE = 16
 """Points per leaf of the search tree; fastest on clouds of 30 000 to 115 000 points. Has no influence on the result."""
 
 
-def statistical_inliers(xyz: npt.NDArray[np.float32], *, neighbors: int, std_ratio: float) -> npt.NDArray[np.bool_]:
+def statistical_inliers(xyz: F32, *, neighbors: int, std_ratio: float) -> Bools:
     """Which points lie as close to their neighbours as most points do to theirs.
 
     A point is kept where the mean distance to its `neighbors` nearest neighbours is at most the mean of that number
@@ -40,14 +39,12 @@ def statistical_inliers(xyz: npt.NDArray[np.float32], *, neighbors: int, std_rat
     total = float(mean_distance_m.sum(dtype=np.float64))
     total_of_squares = float((mean_distance_m * mean_distance_m).sum(dtype=np.float64))
     variance = max(total_of_squares - total * total / count, 0.0) / (count - 1)
-    keep: npt.NDArray[np.bool_] = mean_distance_m <= np.float64(total / count + std_ratio * variance**0.5)
+    keep: Bools = mean_distance_m <= np.float64(total / count + std_ratio * variance**0.5)
     return keep
 
 
-def _mean_neighbor_distance(xyz: npt.NDArray[np.float32], neighbors: int) -> npt.NDArray[np.float32]:
-    found: tuple[npt.NDArray[np.float32], npt.NDArray[Any]] = KDTree(xyz, leafsize=LEAF_SIZE).query(
-        xyz, k=neighbors + 1
-    )
+def _mean_neighbor_distance(xyz: F32, neighbors: int) -> F32:
+    found: tuple[F32, Array] = KDTree(xyz, leafsize=LEAF_SIZE).query(xyz, k=neighbors + 1)
     distances = found[0]
     total = np.zeros(len(xyz))
     for neighbor in range(1, neighbors + 1):  # 0 is the point itself, or a duplicate of it

@@ -11,17 +11,16 @@ A box hidden behind another one is not told apart by depth: the visible one has 
 from collections.abc import Mapping
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 
-from pipeline.core.config import Config
+from pipeline.core.arrays import F32, F64, Indices
+from pipeline.core.detections import Boxes2D, Boxes3D, Matches
 from pipeline.core.errors import FrameError
-from pipeline.core.geometry import box_corners, iou_xyxy
-from pipeline.core.types import Boxes2D, Boxes3D, CameraSensor, Matches, Rig
+from pipeline.core.geometry.boxes import box_corners, iou_xyxy
+from pipeline.core.rig import CameraSensor, Rig
+from pipeline.core.settings.config import Config
 
 __all__ = ["Associate"]
-
-Rows = npt.NDArray[np.intp]
 
 
 class Associate:
@@ -50,8 +49,8 @@ class Associate:
         self,
         camera: CameraSensor,
         boxes3d: Boxes3D,
-        rows3d: Rows,
-        projected: npt.NDArray[np.float32],
+        rows3d: Indices,
+        projected: F32,
         boxes2d: Boxes2D,
     ) -> Matches:
         # Detectors may draw boxes beyond the picture, projections end at its border: compare what both show.
@@ -70,7 +69,7 @@ class Associate:
         return Matches(pairs[order], iou[first, second][order].astype(np.float32), projected)
 
 
-def _project(camera: CameraSensor, corners: npt.NDArray[np.float64], frame_id: str) -> npt.NDArray[np.float32]:
+def _project(camera: CameraSensor, corners: F64, frame_id: str) -> F32:
     """(N, 4) upright rectangles in the camera's picture, clipped to it; NaN where a box (N, 8, 3) is not seen."""
     if frame_id != camera.T_camera_site.src:
         raise FrameError(
@@ -79,8 +78,8 @@ def _project(camera: CameraSensor, corners: npt.NDArray[np.float64], frame_id: s
     return camera.model.project_boxes(np.asarray(camera.T_camera_site.apply(corners), np.float64))
 
 
-def _rank3d(boxes: Boxes3D) -> Rows:
-    """Rows by falling score, then by everything else that tells boxes apart.
+def _rank3d(boxes: Boxes3D) -> Indices:
+    """Indices by falling score, then by everything else that tells boxes apart.
 
     Assignments of equal worth are decided by row order; this one does not depend on how the boxes were listed.
     """
@@ -88,6 +87,6 @@ def _rank3d(boxes: Boxes3D) -> Rows:
     return np.lexsort(columns)
 
 
-def _rank2d(boxes: Boxes2D) -> Rows:
-    """Rows by falling score, then by class and place."""
+def _rank2d(boxes: Boxes2D) -> Indices:
+    """Indices by falling score, then by class and place."""
     return np.lexsort([*boxes.xyxy.T, boxes.class_ids, -boxes.scores])

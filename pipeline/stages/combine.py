@@ -4,11 +4,14 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from pipeline.core.config import CombineConfig
+from pipeline.core.arrays import F32, U8, Bools
+from pipeline.core.clouds import CombinedCloud, Plane, PointCloud
 from pipeline.core.errors import FrameError
-from pipeline.core.types import CombinedCloud, LidarSensor, Plane, PointCloud, PoseSamples, Rig, SensorBundle
+from pipeline.core.frame import SensorBundle
+from pipeline.core.geometry.pose_samples import PoseSamples
+from pipeline.core.rig import LidarSensor, Rig
+from pipeline.core.settings.combine import CombineConfig
 from pipeline.filters.deskew import deskew
 from pipeline.filters.ground import find_ground, height_above
 from pipeline.filters.outliers import statistical_inliers
@@ -77,7 +80,7 @@ class Combine:
             )
         return bundle.motion
 
-    def _ground_of(self, xyz_site: npt.NDArray[np.float32]) -> tuple[Plane | None, npt.NDArray[np.bool_]]:
+    def _ground_of(self, xyz_site: F32) -> tuple[Plane | None, Bools]:
         """The ground's plane, and which points belong to it."""
         config = self._config.ground
         plane = find_ground(
@@ -148,7 +151,7 @@ def _to_site(
     return _Sweep(lidar.name, lidar_index, moved, compensated)
 
 
-def _joined(sweeps: list[_Sweep], stamp_ns: int, site_frame: str) -> tuple[PointCloud, npt.NDArray[np.uint8]]:
+def _joined(sweeps: list[_Sweep], stamp_ns: int, site_frame: str) -> tuple[PointCloud, U8]:
     """All sweeps as one cloud, and the row of the lidar by point."""
     clouds = [sweep.cloud for sweep in sweeps]
     joined = PointCloud(

@@ -3,12 +3,14 @@
 from collections.abc import Mapping
 
 import numpy as np
-import numpy.typing as npt
 
-from pipeline.core.config import Config
+from pipeline.core.arrays import Indices
+from pipeline.core.detections import Boxes2D
 from pipeline.core.errors import ConfigError
-from pipeline.core.geometry import iou_xyxy
-from pipeline.core.types import Boxes2D, Image, Rig
+from pipeline.core.geometry.boxes import iou_xyxy
+from pipeline.core.images import Image
+from pipeline.core.rig import Rig
+from pipeline.core.settings.config import Config
 from pipeline.detectors.detector2d import Candidates2D, Detector2D
 
 __all__ = ["Detect2D", "suppress_overlaps"]
@@ -56,7 +58,7 @@ class Detect2D:
         return boxes.select(suppress_overlaps(boxes, max_iou=self._config.nms_iou))
 
 
-def suppress_overlaps(boxes: Boxes2D, *, max_iou: float) -> npt.NDArray[np.intp]:
+def suppress_overlaps(boxes: Boxes2D, *, max_iou: float) -> Indices:
     """Greedy non-maximum suppression within each class.
 
     Boxes are taken in order of falling score, equal scores in the order given; each one removes the boxes of its class

@@ -3,18 +3,18 @@
 from dataclasses import dataclass, fields
 
 import numpy as np
-import numpy.typing as npt
 
-from pipeline.core.config import Config
-from pipeline.core.types import Boxes3D, CombinedCloud, Rig
+from pipeline.core.arrays import F64, I64
+from pipeline.core.clouds import CombinedCloud
+from pipeline.core.detections import Boxes3D
+from pipeline.core.rig import Rig
+from pipeline.core.settings.config import Config
 from pipeline.detectors.cluster import cluster_points, thin_points
 from pipeline.detectors.completion import CompletedBoxes, complete_boxes
 from pipeline.detectors.lshape import Rectangles, fit_rectangles, quantiles_by_cluster
 
 __all__ = ["Detect3D"]
 
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 CEILING_SHARE = 1.15
 """Points above this multiple of the tallest class are left out: what is cut off there is too tall for every class."""

@@ -9,10 +9,10 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from pipeline.core.config import Config
-from pipeline.core.types import Boxes2D, Boxes3D, Matches
+from pipeline.core.arrays import F64, I32
+from pipeline.core.detections import Boxes2D, Boxes3D, Matches
+from pipeline.core.settings.config import Config
 
 __all__ = ["Fuse", "Fused"]
 
@@ -26,7 +26,7 @@ class Fused(NamedTuple):
     """
 
     objects: Boxes3D
-    matched: npt.NDArray[np.int32]
+    matched: I32
 
 
 class Fuse:
@@ -67,7 +67,7 @@ class Fuse:
         return Fused(objects.select(kept), matched[kept])
 
 
-def _winners(votes: npt.NDArray[np.float64], own_ids: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
+def _winners(votes: F64, own_ids: I32) -> I32:
     """(N,) class id with the most votes (N, C); the box's own one where no other has more."""
     best = votes.argmax(1)
     rows = np.arange(len(votes))

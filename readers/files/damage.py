@@ -16,8 +16,8 @@ import zstandard
 from mcap.exceptions import McapError
 from rosbags.rosbag1 import ReaderError
 
-from pipeline.core.config import DEFAULT_LIMITS
 from pipeline.core.errors import LidcamError, RecordingError
+from pipeline.core.settings.recording import DEFAULT_LIMITS
 from readers.location import Location
 from readers.recording import Loss
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import yaml
 
-from pipeline.core.config import MOST_YAML_BYTES, parse_yaml
 from pipeline.core.errors import RecordingError
+from pipeline.core.settings.bounded_yaml import MOST_YAML_BYTES, parse_yaml
 
 __all__ = ["FolderMetadata", "folder_metadata", "recording_files"]
 

@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from pipeline.core.arrays import F64
 from pipeline.core.camera import CameraModel, DistortionModel
 from pipeline.core.errors import CalibrationError
-from pipeline.core.geometry import Transform, rotation_fault
+from pipeline.core.geometry.transform import Transform, rotation_fault
 
 __all__ = ["DISTORTION_MODELS", "camera_model", "distortion_model", "rectified_camera_model"]
 
@@ -28,7 +29,7 @@ DISTORTION_MODELS: dict[str, DistortionModel] = {
 """The names that recordings use, and what they mean here."""
 
 
-def distortion_model(name: str, coefficients: npt.ArrayLike) -> tuple[DistortionModel, npt.NDArray[np.float64]]:
+def distortion_model(name: str, coefficients: npt.ArrayLike) -> tuple[DistortionModel, F64]:
     """A distortion model by its ROS name, and its coefficients as float64.
 
     Without any coefficient that differs from zero a picture has no distortion, whatever the name, except that an
@@ -91,9 +92,7 @@ def rectified_camera_model(info: Any, *, frame_id: str = "") -> tuple[CameraMode
     return model, Transform(model.frame_id, frame, matrix)
 
 
-def _of_read_out(
-    info: Any, frame: str, K: npt.NDArray[np.float64], model: DistortionModel, coefficients: npt.NDArray[np.float64]
-) -> CameraModel:
+def _of_read_out(info: Any, frame: str, K: F64, model: DistortionModel, coefficients: F64) -> CameraModel:
     """K and size after region of interest, then binning: both are given for the full sensor."""
     width, height, roi = int(info.width), int(info.height), info.roi
     if width <= 0 or height <= 0:
@@ -110,7 +109,7 @@ def _of_read_out(
     return CameraModel(frame, part_width // bin_x, part_height // bin_y, scaled, model, coefficients)
 
 
-def _field(info: Any, name: str) -> npt.NDArray[np.float64]:
+def _field(info: Any, name: str) -> F64:
     value = getattr(info, name.upper(), None)
     return np.array(getattr(info, name) if value is None else value, np.float64)
 

@@ -3,11 +3,13 @@
 import cv2
 import numpy as np
 
-from pipeline.core.config import DEFAULT_LIMITS, LimitsConfig
+from pipeline.core.arrays import U8
 from pipeline.core.errors import MessageError
-from pipeline.core.types import Image, RawMessage
+from pipeline.core.images import Image
+from pipeline.core.messages import RawMessage
+from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from readers.messages.deserialize import deserialize_as
-from readers.messages.image_encodings import PACKED, U8, check_pixels, demosaic
+from readers.messages.image_encodings import PACKED, check_pixels, demosaic
 from readers.messages.image_header import KINDS, picture_size
 from readers.messages.tf import clean_frame
 

@@ -5,7 +5,7 @@ from functools import lru_cache
 from rosbags.interfaces.typing import Typesdict
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from pipeline.core.types import Channel
+from pipeline.core.messages import Channel
 
 __all__ = ["COMBINED_TYPES", "VELODYNE_MSGS", "VIDEO_TYPES", "release_types"]
 

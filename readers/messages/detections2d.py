@@ -18,8 +18,9 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.core.detections import Boxes2D
 from pipeline.core.errors import MessageError
-from pipeline.core.types import Boxes2D, RawMessage
+from pipeline.core.messages import RawMessage
 from readers.messages.deserialize import deserialize_as
 from readers.messages.tf import clean_frame
 

@@ -18,13 +18,13 @@ from functools import cache, lru_cache
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
+from pipeline.core.arrays import F64, U8
 from pipeline.core.errors import MessageError
-from pipeline.core.geometry import Transform
-from pipeline.core.types import Channel, RawMessage
+from pipeline.core.geometry.transform import Transform
+from pipeline.core.messages import Channel, RawMessage
 from readers.messages.definitions import VIDEO_TYPES
 from readers.messages.foxglove_wire import Fields, payload, read_fields, time_ns
 
@@ -120,9 +120,7 @@ def _point_cloud(fields: Fields, stamp_ns: int) -> Any:
     )
 
 
-def _moved(
-    data: npt.NDArray[np.uint8], width: int, step: int, elements: list[Fields], pose: Transform
-) -> npt.NDArray[np.uint8]:
+def _moved(data: U8, width: int, step: int, elements: list[Fields], pose: Transform) -> U8:
     """The points in the cloud's frame: the message gives them relative to `pose`."""
     places = {element.get("name", ""): element for element in reversed(elements)}  # the first of a name stays
     if not {"x", "y", "z"} <= places.keys():
@@ -195,7 +193,7 @@ def _camera_calibration(fields: Fields, stamp_ns: int) -> Any:
     )
 
 
-def _matrix(fields: Fields, name: str, unset: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def _matrix(fields: Fields, name: str, unset: F64) -> F64:
     values = np.array(fields.get(name, ()), np.float64)
     if values.shape not in {(0,), unset.shape}:
         raise MessageError(f"{name} has {values.size} numbers, expected {len(unset)}")

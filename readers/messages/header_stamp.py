@@ -6,7 +6,7 @@ from functools import lru_cache
 from rosbags.interfaces import Nodetype
 
 from pipeline.core.errors import MessageError
-from pipeline.core.types import Channel
+from pipeline.core.messages import Channel
 from readers.messages.deserialize import typestore_for
 
 __all__ = ["peek_stamp_ns", "stamp_or_log_time"]

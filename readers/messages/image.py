@@ -5,12 +5,14 @@ from typing import Any
 import cv2
 import numpy as np
 
-from pipeline.core.config import DEFAULT_LIMITS, LimitsConfig
+from pipeline.core.arrays import U8
 from pipeline.core.errors import MessageError
-from pipeline.core.types import Image, RawMessage
+from pipeline.core.images import Image
+from pipeline.core.messages import RawMessage
+from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from readers.messages.compressed_image import COMPRESSED_IMAGE, decode_compressed_image
 from readers.messages.deserialize import deserialize_as
-from readers.messages.image_encodings import PACKED, PLANAR, U8, check_pixels, packed_to_rgb, planar_rows, planar_to_rgb
+from readers.messages.image_encodings import PACKED, PLANAR, check_pixels, packed_to_rgb, planar_rows, planar_to_rgb
 from readers.messages.tf import clean_frame
 
 __all__ = ["COMPRESSED_IMAGE", "RAW_IMAGE", "decode_image", "decode_picture"]

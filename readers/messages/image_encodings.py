@@ -17,10 +17,10 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from pipeline.core.config import LimitsConfig
+from pipeline.core.arrays import U8
 from pipeline.core.errors import MessageError
+from pipeline.core.settings.recording import LimitsConfig
 
 __all__ = [
     "PACKED",
@@ -32,8 +32,6 @@ __all__ = [
     "planar_rows",
     "planar_to_rgb",
 ]
-
-U8 = npt.NDArray[np.uint8]
 
 
 @dataclass(frozen=True, slots=True)

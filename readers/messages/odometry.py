@@ -3,11 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from pipeline.core.arrays import F64, check_array
 from pipeline.core.errors import FrameError, MessageError
-from pipeline.core.geometry import Transform
-from pipeline.core.types import RawMessage, check_array
+from pipeline.core.geometry.transform import Transform
+from pipeline.core.messages import RawMessage
 from readers.messages.deserialize import deserialize_as
 from readers.messages.tf import clean_frame
 
@@ -33,8 +33,8 @@ class OdometrySample:
     frame_id: str
     child_frame_id: str
     T_parent_child: Transform
-    linear_velocity: npt.NDArray[np.float64]
-    angular_velocity: npt.NDArray[np.float64]
+    linear_velocity: F64
+    angular_velocity: F64
 
     def __post_init__(self) -> None:
         check_array("linear_velocity", self.linear_velocity, (3,), np.float64)

@@ -24,10 +24,10 @@ integer field cannot be told from nanoseconds; no driver in the table writes the
 import logging
 from collections.abc import Iterator, Mapping
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
+
+from pipeline.core.arrays import I32, Array
 
 __all__ = ["MAX_OFFSET_NS", "TIME_FIELDS", "point_time_offsets"]
 
@@ -51,14 +51,12 @@ MAX_OFFSET_NS = 2_000_000_000
 
 _NS_PER_S = 1_000_000_000
 
-Values = npt.NDArray[Any]
 
-
-def point_time_offsets(fields: Mapping[str, Values], stamp_ns: int, *, topic: str) -> npt.NDArray[np.int32] | None:
+def point_time_offsets(fields: Mapping[str, Array], stamp_ns: int, *, topic: str) -> I32 | None:
     """Time of each point minus `stamp_ns` in nanoseconds, (N,).
 
     Args:
-        fields: Values (N,) by field name in lower case; other fields than those of time are passed over.
+        fields: Array (N,) by field name in lower case; other fields than those of time are passed over.
         stamp_ns: The message's header stamp.
         topic: Named in the log, once, where a field is there and makes no sense.
 
@@ -77,7 +75,7 @@ def point_time_offsets(fields: Mapping[str, Values], stamp_ns: int, *, topic: st
     return None
 
 
-def _readings(name: str, values: Values, stamp_ns: int) -> Iterator[Values]:
+def _readings(name: str, values: Array, stamp_ns: int) -> Iterator[Array]:
     """What the values may mean as nanoseconds after `stamp_ns`, the likeliest first."""
     if values.dtype.kind in "iu":
         integers = values.astype(np.int64)

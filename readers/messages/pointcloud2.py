@@ -8,11 +8,12 @@ are passed over.
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from pipeline.core.config import DEFAULT_LIMITS, LimitsConfig
+from pipeline.core.arrays import F32, U16, Array, Bools
+from pipeline.core.clouds import PointCloud
 from pipeline.core.errors import MessageError
-from pipeline.core.types import PointCloud, RawMessage
+from pipeline.core.messages import RawMessage
+from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from readers.messages.deserialize import deserialize_as
 from readers.messages.point_time import TIME_FIELDS, point_time_offsets
 from readers.messages.tf import clean_frame
@@ -35,8 +36,6 @@ _USED_FIELDS = frozenset(("x", "y", "z", *INTENSITY_FIELDS, *RING_FIELDS, *TIME_
 
 # sensor_msgs/PointField; PCL wrote 9 to 11 before ROS named them (ros2/common_interfaces#301).
 _DTYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8", 9: "i8", 10: "u8", 11: "u1"}
-
-Values = npt.NDArray[Any]
 
 
 def decode_pointcloud2(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS) -> PointCloud:
@@ -79,7 +78,7 @@ def decode_pointcloud2(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LI
     )
 
 
-def _columns(cloud: Any, height: int, width: int, topic: str) -> dict[str, Values]:
+def _columns(cloud: Any, height: int, width: int, topic: str) -> dict[str, Array]:
     """Views (height, width) into the message's data of each field with a known meaning, by name in lower case.
 
     Raises:
@@ -119,7 +118,7 @@ def _columns(cloud: Any, height: int, width: int, topic: str) -> dict[str, Value
     return columns
 
 
-def _finite_points(axes: list[Values]) -> tuple[npt.NDArray[np.float32], slice | npt.NDArray[np.bool_]]:
+def _finite_points(axes: list[Array]) -> tuple[F32, slice | Bools]:
     """Finite points (N, 3) of three columns (height, width), and which rows of the flattened columns they are."""
     grid = np.empty((*axes[0].shape, 3), np.float32)
     with np.errstate(over="ignore", invalid="ignore"):  # float64 beyond float32 becomes infinite
@@ -133,12 +132,12 @@ def _finite_points(axes: list[Values]) -> tuple[npt.NDArray[np.float32], slice |
     return xyz[keep], keep
 
 
-def _as_float32(values: Values) -> npt.NDArray[np.float32]:
+def _as_float32(values: Array) -> F32:
     with np.errstate(over="ignore", invalid="ignore"):
         return np.array(values, np.float32)
 
 
-def _as_uint16(values: Values) -> npt.NDArray[np.uint16]:
+def _as_uint16(values: Array) -> U16:
     if values.dtype.kind == "u" and values.dtype.itemsize <= 2:
         return np.array(values, np.uint16)
     return np.asarray(np.clip(np.nan_to_num(values), 0, 65535), np.uint16)

@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 
 from pipeline.core.errors import CalibrationError, FrameError, MessageError
-from pipeline.core.geometry import Transform, TransformTree
-from pipeline.core.types import Drop, RawMessage
+from pipeline.core.geometry.transform import Transform
+from pipeline.core.geometry.transform_tree import TransformTree
+from pipeline.core.messages import Drop, RawMessage
 from readers.messages.deserialize import deserialize
 from readers.recording import Recording
 

@@ -3,11 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from pipeline.core.arrays import F64
 from pipeline.core.camera import CameraModel
 from pipeline.core.errors import CalibrationError
-from pipeline.core.geometry import Transform
+from pipeline.core.geometry.transform import Transform
 from readers.messages.camera_info import camera_model, distortion_model, rectified_camera_model
 from readers.messages.tf import RecordedTransforms, clean_frame
 from readers.rig.extrinsics import decompose_projection, rigid_transform
@@ -17,8 +17,6 @@ from readers.rig.sensor_topics import BOXES, CAMERA_INFO, PICTURE, CameraTopics
 from readers.rig.topic_names import is_rectified, transport_free
 
 __all__ = ["CameraCalibration", "calibrate_camera"]
-
-F64 = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pipeline.core.config import Config
 from pipeline.core.errors import CalibrationError, FrameError, LidcamError, RecordingError
-from pipeline.core.geometry import Transform
-from pipeline.core.types import CameraSensor, LidarSensor, Rig, Zone, default_zones
+from pipeline.core.geometry.transform import Transform
+from pipeline.core.rig import CameraSensor, LidarSensor, Rig, Zone, default_zones
+from pipeline.core.settings.config import Config
 from readers.messages.tf import RecordedTransforms, clean_frame, read_transforms
 from readers.recording import Recording, TopicInfo
 from readers.rig.assignment import AssignedLidar, assign_cameras, assign_lidars

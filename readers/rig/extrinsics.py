@@ -4,12 +4,12 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import rq
 
+from pipeline.core.arrays import F64
 from pipeline.core.errors import CalibrationError
-from pipeline.core.geometry import Transform, rotation_fault
+from pipeline.core.geometry.transform import Transform, rotation_fault
 
 __all__ = ["decompose_projection", "rigid_transform"]
 
-F64 = npt.NDArray[np.float64]
 
 ROUNDED = 1e-6
 """Rotations further from orthonormal than this were rounded in a file: the nearest true rotation replaces them."""

@@ -3,8 +3,8 @@
 from collections.abc import Collection
 from typing import Any
 
-from pipeline.core.config import VelodyneConfig
 from pipeline.core.errors import MessageError
+from pipeline.core.settings.recording import VelodyneConfig
 from readers.messages.deserialize import deserialize
 from readers.messages.image_header import picture_size
 from readers.messages.tf import clean_frame

@@ -11,16 +11,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from pipeline.core.config import read_yaml
+from pipeline.core.arrays import F64
 from pipeline.core.errors import CalibrationError
+from pipeline.core.settings.bounded_yaml import read_yaml
 from readers.rig.extrinsics import decompose_projection
 from readers.rig.rig_file import CameraEntry, LidarEntry, RigFile, parse_rig
 
 __all__ = ["import_geometry_yaml", "import_kitti_calib", "is_geometry_tree"]
 
-F64 = npt.NDArray[np.float64]
 
 KITTI_CAMERAS = (2, 3, 0, 1)
 """Colour cameras first: a recording with one camera has the left colour camera, `image_2`."""

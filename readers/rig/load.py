@@ -3,8 +3,8 @@
 import re
 from pathlib import Path
 
-from pipeline.core.config import read_yaml
 from pipeline.core.errors import CalibrationError
+from pipeline.core.settings.bounded_yaml import read_yaml
 from readers.rig.importers import import_geometry_yaml, import_kitti_calib, is_geometry_tree
 from readers.rig.rig_file import RigFile, parse_rig
 

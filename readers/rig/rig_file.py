@@ -10,18 +10,16 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-import numpy.typing as npt
 import yaml
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 from scipy.spatial.transform import Rotation
 
-from pipeline.core.config import describe_validation
+from pipeline.core.arrays import F64
 from pipeline.core.errors import CalibrationError, OutputError
-from pipeline.core.types import Rig
+from pipeline.core.rig import Rig
+from pipeline.core.settings.load import describe_validation
 
 __all__ = ["CameraEntry", "LidarEntry", "RigFile", "parse_rig", "rig_yaml", "write_rig"]
-
-F64 = npt.NDArray[np.float64]
 
 
 def _shaped(rows: int, columns: int) -> BeforeValidator:

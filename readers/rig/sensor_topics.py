@@ -12,7 +12,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
-from pipeline.core.config import TopicsConfig
+from pipeline.core.settings.recording import TopicsConfig
 from readers.recording import Recording, TopicInfo
 from readers.rig.first_messages import FirstMessages
 from readers.rig.topic_names import is_measured_image, natural_key, pair_score, place, transport_free

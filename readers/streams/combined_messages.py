@@ -13,7 +13,7 @@ from itertools import islice
 from rosbags.interfaces import Nodetype
 
 from pipeline.core.errors import MessageError
-from pipeline.core.types import Channel, RawMessage
+from pipeline.core.messages import Channel, RawMessage
 from readers.messages.definitions import COMBINED_TYPES
 from readers.messages.deserialize import deserialize, typestore_for
 from readers.messages.header_stamp import stamp_or_log_time

@@ -6,9 +6,14 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Generic, Literal, TypeVar
 
-from pipeline.core.config import Config
+from pipeline.core.clouds import PointCloud
+from pipeline.core.detections import Boxes2D
 from pipeline.core.errors import MessageError
-from pipeline.core.types import Boxes2D, Drop, Image, PointCloud, RawMessage, Rig, SensorBundle
+from pipeline.core.frame import SensorBundle
+from pipeline.core.images import Image
+from pipeline.core.messages import Drop, RawMessage
+from pipeline.core.rig import Rig
+from pipeline.core.settings.config import Config
 from readers.messages.detections2d import Detections2D, decode_detections2d
 from readers.messages.image import decode_picture
 from readers.messages.pointcloud2 import decode_pointcloud2

@@ -9,12 +9,15 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from pipeline.core.config import Config
+from pipeline.core.arrays import F64, I64
 from pipeline.core.errors import ConfigError, FrameError, MessageError
-from pipeline.core.geometry import Transform, interpolate_poses
-from pipeline.core.types import Drop, PoseSamples, RawMessage, Rig
+from pipeline.core.geometry.pose_samples import PoseSamples
+from pipeline.core.geometry.poses import interpolate_poses
+from pipeline.core.geometry.transform import Transform
+from pipeline.core.messages import Drop, RawMessage
+from pipeline.core.rig import Rig
+from pipeline.core.settings.config import Config
 from readers.messages.odometry import ODOMETRY, decode_odometry
 from readers.messages.tf import TF_TYPES, RecordedTransforms, clean_frame, decode_transforms, tf_topics
 from readers.recording import Recording
@@ -22,7 +25,6 @@ from readers.rig.first_messages import FirstMessages
 
 __all__ = ["MotionBuffer", "MotionSource", "find_motion_source"]
 
-F64 = npt.NDArray[np.float64]
 
 KEPT_NS = 5_000_000_000
 """How long poses are kept: sets of messages leave the synchroniser a few periods after they were recorded."""
@@ -144,7 +146,7 @@ class _Track:
         old = bisect_left(self.stamps_ns, self.stamps_ns[-1] - KEPT_NS)
         del self.stamps_ns[:old], self.poses[:old]
 
-    def around(self, stamp_ns: int) -> tuple[npt.NDArray[np.int64], F64]:
+    def around(self, stamp_ns: int) -> tuple[I64, F64]:
         """The poses within the window, and the next one on either side: (S,) and (S, 4, 4)."""
         low = max(bisect_left(self.stamps_ns, stamp_ns - WINDOW_NS) - 1, 0)
         high = bisect_left(self.stamps_ns, stamp_ns + WINDOW_NS + 1) + 1

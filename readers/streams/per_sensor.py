@@ -8,7 +8,7 @@ video is decoded later (see `video`), and without a decoder for it such topics c
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import replace
 
-from pipeline.core.types import Channel, RawMessage
+from pipeline.core.messages import Channel, RawMessage
 from readers.location import Location
 from readers.messages.foxglove import ROS_TYPES, ros_channel, to_ros
 from readers.recording import Closing, Loss, Recording, TopicInfo, merge_topics

@@ -4,8 +4,8 @@ from collections import defaultdict
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from pipeline.core.arrays import F64
 from readers.messages.deserialize import definition_problem
 from readers.recording import Recording, TopicInfo
 
@@ -92,7 +92,7 @@ def _describe(topic: str, msgtype: str, count: int, times: list[tuple[int, int]]
     )
 
 
-def _period(steps_s: npt.NDArray[np.float64]) -> tuple[float, bool]:
+def _period(steps_s: F64) -> tuple[float, bool]:
     """Usual time between two stamps, 0 without any, and whether they are evenly spaced."""
     if not len(steps_s):
         return 0.0, False

@@ -3,11 +3,12 @@
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from pipeline.core.config import describe_validation, read_yaml
+from pipeline.core.arrays import F64
 from pipeline.core.errors import CalibrationError
+from pipeline.core.settings.bounded_yaml import read_yaml
+from pipeline.core.settings.load import describe_validation
 from readers.velodyne.models import LaserTable, RangeCorrections, VelodyneModel
 
 __all__ = ["read_velodyne_calibration"]
@@ -58,7 +59,7 @@ def read_velodyne_calibration(path: Path, model: VelodyneModel) -> LaserTable:
             f"found {len(lasers)} lasers, {lasers[0].laser_id} to {lasers[-1].laser_id}"
         )
 
-    def column(name: str) -> npt.NDArray[np.float64]:
+    def column(name: str) -> F64:
         return np.array([getattr(laser, name) for laser in lasers], np.float64)
 
     corrections = RangeCorrections(

@@ -15,11 +15,12 @@ stamp, as ROS's driver has it.
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
-from pipeline.core.config import VelodyneConfig, VelodyneLidarConfig
+from pipeline.core.arrays import I64, Bools
+from pipeline.core.clouds import PointCloud
 from pipeline.core.errors import CalibrationError, ConfigError, MessageError
-from pipeline.core.types import Drop, PointCloud, RawMessage
+from pipeline.core.messages import Drop, RawMessage
+from pipeline.core.settings.recording import VelodyneConfig, VelodyneLidarConfig
 from readers.messages.point_time import MAX_OFFSET_NS
 from readers.velodyne.calibration import read_velodyne_calibration
 from readers.velodyne.layout import LAST, NOT_TOLD, STRONGEST, Beams, Layout, block_words
@@ -182,7 +183,7 @@ def _layout_of(packets: VelodynePackets, model: VelodyneModel) -> Layout:
     return Layout(model.columns, model.banks, (RETURN_MODES.get(mode, NOT_TOLD),))
 
 
-def _known_packets(packets: VelodynePackets, beams: Beams, topic: str) -> npt.NDArray[np.bool_] | None:
+def _known_packets(packets: VelodynePackets, beams: Beams, topic: str) -> Bools | None:
     """Which packets have blocks that are marked as this model marks them; None if all have."""
     layout = beams.layout
     words = block_words(packets.payload, layout.blocks, 0)
@@ -200,7 +201,7 @@ def _known_packets(packets: VelodynePackets, beams: Beams, topic: str) -> npt.ND
     return known
 
 
-def _begun_packets(packets: VelodynePackets) -> npt.NDArray[np.bool_] | None:
+def _begun_packets(packets: VelodynePackets) -> Bools | None:
     """Which packets begin as those of every model do; None if all or none do.
 
     The others may hold anything where the model and the sensor's time are looked for.
@@ -217,23 +218,21 @@ def _drop(message: RawMessage, reason: str, detail: str, parts: int) -> Drop:
 # --- times
 
 
-def _device_us(packets: VelodynePackets) -> npt.NDArray[np.int64]:
+def _device_us(packets: VelodynePackets) -> I64:
     """(P,) the sensor's time of each packet after the last one's; its clock starts anew every hour."""
     clock_us = packets.payload[:, 1200:1204].view("<u4")[:, 0].astype(np.int64)
     half = HOUR_US // 2
     return np.asarray((clock_us - clock_us[-1] + half) % HOUR_US - half)
 
 
-def _is_first_firmware(device_us: npt.NDArray[np.int64], layout: Layout) -> bool:
+def _is_first_firmware(device_us: I64, layout: Layout) -> bool:
     """Whether a VLS-128 sends three columns in 160 us, not in 173.3; lost packets do not move the median."""
     if len(device_us) < 2:
         return False
     return bool(np.median(np.diff(device_us)) * 3 / layout.columns < 167)
 
 
-def _packet_times(
-    packets: VelodynePackets, device_us: npt.NDArray[np.int64], message: RawMessage
-) -> npt.NDArray[np.int64]:
+def _packet_times(packets: VelodynePackets, device_us: I64, message: RawMessage) -> I64:
     """(P,) nanoseconds from the message's stamp; see the module."""
     stamps_ns = packets.stamps_ns - packets.stamps_ns[-1]
     times_ns = device_us * 1000

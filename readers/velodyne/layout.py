@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from numpy.lib.stride_tricks import as_strided
 
+from pipeline.core.arrays import U8, U16, Indices
 from readers.velodyne.models import BLOCK_FLAGS, LaserTable, VelodyneModel
 
 __all__ = ["BLOCK_BYTES", "BOTH", "LAST", "NOT_TOLD", "SLOTS", "STRONGEST", "Beams", "Layout", "block_words"]
@@ -44,7 +44,7 @@ class Layout:
         return self.columns * self.banks * len(self.returns)
 
     @property
-    def block_of_firing(self) -> npt.NDArray[np.intp]:
+    def block_of_firing(self) -> Indices:
         """(columns, banks): block that holds the first return."""
         column, bank = np.arange(self.columns)[:, None], np.arange(self.banks)
         between = len(self.returns) if self.apart == 1 else 1
@@ -78,7 +78,7 @@ class Beams:
         self.corrections = table.corrections
 
 
-def block_words(payload: npt.NDArray[np.uint8], blocks: int, offset: int) -> npt.NDArray[np.uint16]:
+def block_words(payload: U8, blocks: int, offset: int) -> U16:
     """(P, blocks): two bytes at `offset` of every block, a view."""
     first = payload[:, offset : offset + 2].view("<u2")
     return as_strided(first, (len(payload), blocks), (first.strides[0], BLOCK_BYTES), writeable=False)

@@ -12,9 +12,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 
-from pipeline.core.types import check_array
+from pipeline.core.arrays import F64, U16, check_array
 
 __all__ = [
     "BLOCK_FLAGS",
@@ -25,7 +24,6 @@ __all__ = [
     "built_in_table",
 ]
 
-F64 = npt.NDArray[np.float64]
 
 BLOCK_FLAGS = (0xEEFF, 0xDDFF, 0xCCFF, 0xBBFF)
 """First two bytes (little endian) of a block, by bank of lasers."""
@@ -94,7 +92,7 @@ class LaserTable:
         return len(self.elevation_rad)
 
     @property
-    def rings(self) -> npt.NDArray[np.uint16]:
+    def rings(self) -> U16:
         """(L,) rank of each laser from the lowest elevation up, as ROS's driver numbers them."""
         ranks = np.empty(len(self), np.uint16)
         ranks[np.argsort(self.elevation_rad, kind="stable")] = np.arange(len(self), dtype=np.uint16)

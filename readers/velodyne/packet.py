@@ -10,7 +10,7 @@ from functools import lru_cache
 from rosbags.interfaces import Nodetype
 
 from pipeline.core.errors import MessageError
-from pipeline.core.types import Channel, RawMessage
+from pipeline.core.messages import Channel, RawMessage
 from readers.messages.definitions import VELODYNE_MSGS
 from readers.messages.deserialize import typestore_for
 from readers.velodyne.scan import PACKET_BYTES, SCAN

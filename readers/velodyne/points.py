@@ -1,19 +1,16 @@
 """Ranges of Velodyne packets to points: azimuth by firing, calibration, times."""
 
 import numpy as np
-import numpy.typing as npt
 from numpy.lib.stride_tricks import as_strided
 
-from pipeline.core.types import PointCloud
+from pipeline.core.arrays import F32, F64, I64, U8, U16, Indices
+from pipeline.core.clouds import PointCloud
 from readers.velodyne.layout import BLOCK_BYTES, BOTH, LAST, SLOTS, STRONGEST, Beams, Layout, block_words
 from readers.velodyne.models import RangeCorrections, VelodyneModel
 from readers.velodyne.scan import VelodynePackets
 
 __all__ = ["cloud_of"]
 
-F32 = npt.NDArray[np.float32]
-F64 = npt.NDArray[np.float64]
-Rows = npt.NDArray[np.intp]
 
 # The HDL-64E's two calibration distances (manual, appendix E).
 FAR_M, NEAR_X_M, NEAR_Y_M = 25.04, 2.40, 1.93
@@ -22,8 +19,8 @@ FAR_M, NEAR_X_M, NEAR_Y_M = 25.04, 2.40, 1.93
 def cloud_of(
     packets: VelodynePackets,
     beams: Beams,
-    device_us: npt.NDArray[np.int64],
-    packet_ns: npt.NDArray[np.int64],
+    device_us: I64,
+    packet_ns: I64,
     stamp_ns: int,
 ) -> PointCloud:
     """The points of packets that all have the layout of `beams`.
@@ -64,15 +61,15 @@ def cloud_of(
     )
 
 
-def _echoes(payload: npt.NDArray[np.uint8], blocks: int) -> npt.NDArray[np.uint8]:
+def _echoes(payload: U8, blocks: int) -> U8:
     """(P * blocks * 32, 3): two bytes of range and one of reflectivity, copied so that they lie side by side."""
     first = payload[:, 4:]
     shape, strides = (len(payload), blocks, 3 * SLOTS), (payload.strides[0], BLOCK_BYTES, 1)
     return np.ascontiguousarray(as_strided(first, shape, strides, writeable=False)).reshape(-1, 3)
 
 
-def _measured(steps: npt.NDArray[np.uint16], packets: int, layout: Layout) -> tuple[Rows, npt.NDArray[np.uint8]]:
-    """Rows of the ranges that make a point, and the types of their returns."""
+def _measured(steps: U16, packets: int, layout: Layout) -> tuple[Indices, U8]:
+    """Indices of the ranges that make a point, and the types of their returns."""
     measured = steps != 0
     if len(layout.returns) == 1:
         kept = np.flatnonzero(measured)
@@ -89,7 +86,7 @@ def _measured(steps: npt.NDArray[np.uint16], packets: int, layout: Layout) -> tu
     return kept, types.reshape(-1).take(kept)
 
 
-def _firings(kept: Rows, layout: Layout) -> Rows:
+def _firings(kept: Indices, layout: Layout) -> Indices:
     """Where each range stands in (P, columns, banks, 32): both returns of a firing stand in the same place."""
     if len(layout.returns) == 1:
         return kept
@@ -97,7 +94,7 @@ def _firings(kept: Rows, layout: Layout) -> Rows:
     return ((kept & -2 * width) >> 1) | (kept & (width - 1))
 
 
-def _headings(payload: npt.NDArray[np.uint8], beams: Beams, device_us: npt.NDArray[np.int64]) -> tuple[F32, F32]:
+def _headings(payload: U8, beams: Beams, device_us: I64) -> tuple[F32, F32]:
     """Cosine and sine of the azimuth of every firing, (P, columns, banks, 32).
 
     The azimuth is that of the block plus a small angle that all blocks of a packet share: by the addition theorems
@@ -117,7 +114,7 @@ def _headings(payload: npt.NDArray[np.uint8], beams: Beams, device_us: npt.NDArr
     return cos, sin
 
 
-def _turn_rate(azimuth: npt.NDArray[np.int64], model: VelodyneModel, device_us: npt.NDArray[np.int64]) -> F64:
+def _turn_rate(azimuth: I64, model: VelodyneModel, device_us: I64) -> F64:
     """(P,) radians per microsecond, of the azimuths (P, columns) in hundredths of a degree."""
     columns = azimuth.shape[1]
     if model.banks < 4 or (len(azimuth) == 1 and columns > 1):
@@ -132,12 +129,12 @@ def _turn_rate(azimuth: npt.NDArray[np.int64], model: VelodyneModel, device_us: 
     return np.asarray(turned * (np.pi / 18000))
 
 
-def _turn(before: npt.NDArray[np.int64], after: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+def _turn(before: I64, after: I64) -> I64:
     """The smaller turn from one azimuth to another, hundredths of a degree."""
     return (after - before + 18000) % 36000 - 18000
 
 
-def _points(beams: Beams, place: Rows, range_m: F32, cos_azimuth: F32, sin_azimuth: F32) -> F32:
+def _points(beams: Beams, place: Indices, range_m: F32, cos_azimuth: F32, sin_azimuth: F32) -> F32:
     """(n, 3): x ahead at azimuth 0, y to the left, so against the sense of the azimuth, z up."""
     xyz = np.empty((len(place), 3), np.float32)
     horizontal_m = range_m * beams.cos_elevation.take(place)
@@ -152,7 +149,7 @@ def _points(beams: Beams, place: Rows, range_m: F32, cos_azimuth: F32, sin_azimu
 def _corrected_points(
     beams: Beams,
     corrections: RangeCorrections,
-    place: Rows,
+    place: Indices,
     range_m: F32,
     cos_azimuth: F32,
     sin_azimuth: F32,
@@ -185,9 +182,7 @@ def _corrected_points(
     return xyz
 
 
-def _corrected_intensity(
-    corrections: RangeCorrections, laser: Rows, steps: npt.NDArray[np.uint16], reflectivity: F32
-) -> F32:
+def _corrected_intensity(corrections: RangeCorrections, laser: Indices, steps: U16, reflectivity: F32) -> F32:
     focus = (1 - corrections.focal_distance[laser] / 131) ** 2
     added = 256 * corrections.focal_slope[laser] * np.abs(focus - (1 - steps / 65535) ** 2)
     lowest, highest = corrections.min_intensity[laser], corrections.max_intensity[laser]

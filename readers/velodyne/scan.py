@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 from rosbags.interfaces import Nodetype
 
+from pipeline.core.arrays import I64, U8, Bools, check_array
 from pipeline.core.errors import MessageError
-from pipeline.core.types import Channel, RawMessage, check_array
+from pipeline.core.messages import Channel, RawMessage
 from readers.messages.deserialize import typestore_for
 from readers.messages.tf import clean_frame
 
@@ -37,8 +37,8 @@ class VelodynePackets:
     """
 
     frame_id: str
-    stamps_ns: npt.NDArray[np.int64]
-    payload: npt.NDArray[np.uint8]
+    stamps_ns: I64
+    payload: U8
 
     def __post_init__(self) -> None:
         n = len(self.stamps_ns)
@@ -48,7 +48,7 @@ class VelodynePackets:
     def __len__(self) -> int:
         return len(self.stamps_ns)
 
-    def select(self, rows: npt.NDArray[np.bool_]) -> "VelodynePackets":
+    def select(self, rows: Bools) -> "VelodynePackets":
         """The packets of a mask."""
         return VelodynePackets(self.frame_id, self.stamps_ns[rows], self.payload[rows])
 

@@ -15,7 +15,7 @@ import struct
 from collections.abc import Container, Iterable, Iterator
 
 from pipeline.core.errors import MessageError
-from pipeline.core.types import Channel, RawMessage
+from pipeline.core.messages import Channel, RawMessage
 from readers.velodyne.packet import packet_data, scan_channel, scan_data
 
 __all__ = ["PAUSE_NS", "gather_sweeps"]

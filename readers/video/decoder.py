@@ -13,9 +13,9 @@ import numpy as np
 from av.codec.context import Flags
 from rosbags.typesys import Stores, get_typestore
 
-from pipeline.core.config import DEFAULT_LIMITS, LimitsConfig
 from pipeline.core.errors import MessageError
-from pipeline.core.types import Channel, RawMessage
+from pipeline.core.messages import Channel, RawMessage
+from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from readers.messages.compressed_image import COMPRESSED_IMAGE
 from readers.video.h264_gaps import GapFinder
 from readers.video.packets import AFTER_DAMAGE, BEFORE_KEY_FRAME, VideoPacket, read_packet

@@ -11,10 +11,10 @@ from importlib.util import find_spec
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from pipeline.core.arrays import U8
 from pipeline.core.errors import MessageError
-from pipeline.core.types import RawMessage
+from pipeline.core.messages import RawMessage
 from readers.messages.deserialize import deserialize
 from readers.messages.tf import clean_frame
 
@@ -70,7 +70,7 @@ class VideoPacket(NamedTuple):
     """
 
     codec: str
-    data: npt.NDArray[np.uint8]
+    data: U8
     is_key: bool
     frame_id: str
 
@@ -104,7 +104,7 @@ def read_packet(message: RawMessage) -> VideoPacket:
     return VideoPacket(codec, data, _is_key(codec, data, is_flagged), frame_id)
 
 
-def _is_key(codec: str, data: npt.NDArray[np.uint8], is_flagged: bool) -> bool:
+def _is_key(codec: str, data: U8, is_flagged: bool) -> bool:
     """Whether decoding can begin here: as the bitstream says, for codecs that hide it as the message says."""
     first = int(data[0])
     match codec:

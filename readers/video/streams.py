@@ -11,9 +11,10 @@ from dataclasses import replace
 from itertools import islice
 from typing import TYPE_CHECKING
 
-from pipeline.core.config import DEFAULT_LIMITS, LimitsConfig
 from pipeline.core.errors import MessageError
-from pipeline.core.types import Drop, RawMessage, SensorBundle
+from pipeline.core.frame import SensorBundle
+from pipeline.core.messages import Drop, RawMessage
+from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from readers.messages.image import decode_picture
 from readers.recording import Recording
 from readers.video.packets import AFTER_DAMAGE, BEFORE_KEY_FRAME, VIDEO, read_packet

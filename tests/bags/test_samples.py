@@ -10,7 +10,8 @@ import pytest
 import yaml
 from mcap.reader import make_reader
 
-from bags.simulator.scenario import Scenario, load_scenario
+from bags.simulator.scenario.load import load_scenario
+from bags.simulator.scenario.scenario import Scenario
 
 ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "bags" / "README.md").read_text(encoding="utf-8")

@@ -10,7 +10,7 @@ import pytest
 from builders import camera_info, image, odometry, pointcloud2, raw, tf_message, transform_stamped, write_rosbag1
 from command import Lidcam
 
-from pipeline.core.types import RawMessage
+from pipeline.core.messages import RawMessage
 
 STEP_NS, FRAMES = 100_000_000, 6
 CAMERA = np.array([[50.0, 0, 32], [0, 50, 24], [0, 0, 1]])

@@ -16,7 +16,7 @@ from command import Lidcam
 from foxglove_messages import twin
 from results import Found, fused_objects, messages_of, topics_of
 
-from pipeline.core.types import RawMessage
+from pipeline.core.messages import RawMessage
 from readers.messages.deserialize import deserialize
 from readers.open import open_recording
 

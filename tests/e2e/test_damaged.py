@@ -13,7 +13,7 @@ from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from pipeline.core.types import RawMessage
+from pipeline.core.messages import RawMessage
 
 STEP_NS = 100_000_000
 CLOUD = "sensor_msgs/msg/PointCloud2"

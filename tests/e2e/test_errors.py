@@ -9,7 +9,7 @@ from builders import camera_info, image, pointcloud2, raw, write_rosbag1
 from command import Lidcam
 from onnx_files import write_yolox
 
-from pipeline.core.types import RawMessage
+from pipeline.core.messages import RawMessage
 
 STEP_NS = 100_000_000
 

@@ -5,16 +5,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from builders import odometry, pointcloud2, raw, tf_message, transform_stamped, write_rosbag1
 from command import Lidcam
 from results import messages_of, topics_of
 from scipy.spatial.transform import Rotation
 
-from pipeline.core.types import RawMessage
-
-F64 = npt.NDArray[np.float64]
+from pipeline.core.arrays import F64, I64
+from pipeline.core.messages import RawMessage
 
 SPEED_M_S, TURN_RAD_S = 15.0, 0.4
 START_NS = 1_600_000_000_000_000_000
@@ -25,7 +23,7 @@ MOUNT_M, MOUNT = (1.2, -0.3, 1.8), Rotation.from_euler("xyz", (2.0, -4.0, 30.0),
 ALL_POINTS = ("--set", "combine.outliers.enabled=false", "--set", "combine.ground.enabled=false")
 
 
-def vehicle_at(stamps_ns: npt.NDArray[np.int64]) -> tuple[F64, Rotation]:
+def vehicle_at(stamps_ns: I64) -> tuple[F64, Rotation]:
     """Position (N, 3) and heading on a circle, in the frame `odom`: the closed form, no integration."""
     seconds = (stamps_ns - START_NS) / 1e9
     yaw, radius_m = TURN_RAD_S * seconds, SPEED_M_S / TURN_RAD_S

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from builders import (
     Encoding,
@@ -30,11 +29,10 @@ from velodyne import packet_stream, scan
 
 from bags.simulator.sensors.velodyne_packets import VelodyneSensor
 from lidcam.commands.process import ProcessOptions, run_process
-from pipeline.core.config import VelodyneLidarConfig
-from pipeline.core.types import RawMessage
+from pipeline.core.arrays import F64
+from pipeline.core.messages import RawMessage
+from pipeline.core.settings.recording import VelodyneLidarConfig
 from readers.velodyne.decoder import VelodyneDecoder
-
-F64 = npt.NDArray[np.float64]
 
 START_NS = 1_600_000_000_000_000_000
 HEIGHT_M = 1.9

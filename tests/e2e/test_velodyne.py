@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from builders import pointcloud2, raw, write_rosbag1, write_rosbag2
 from command import Lidcam
@@ -12,11 +11,10 @@ from slabs import distance_to_box
 from velodyne import scan
 
 from bags.simulator.sensors.velodyne_packets import VelodyneSensor
-from pipeline.core.types import RawMessage
+from pipeline.core.arrays import F64
+from pipeline.core.messages import RawMessage
 from readers.velodyne.models import MODELS
 from readers.velodyne.scan import parse_velodyne_scan
-
-F64 = npt.NDArray[np.float64]
 
 START_NS = 1_600_000_000_000_000_000
 HEIGHT_M = 1.9

@@ -18,7 +18,7 @@ from results import Found, fused_objects, messages_of, topics_of
 from video import compressed_video, encode, ffmpeg_packet, psnr_db
 
 from lidcam.commands.process import ProcessOptions, run_process
-from pipeline.core.types import RawMessage
+from pipeline.core.messages import RawMessage
 from readers.messages.deserialize import deserialize
 from readers.messages.image import decode_picture
 from readers.open import open_recording

@@ -42,9 +42,11 @@ from combined_messages import CAMERAS, combined
 from foxglove_messages import SCHEMA_OF, foxglove_raw, twin
 from video import CODECS, compressed_video, encode, ffmpeg_packet, moving
 
-from pipeline.core.config import Config, LimitsConfig, dump_config, load_config
 from pipeline.core.errors import LidcamError
-from pipeline.core.types import Channel, RawMessage
+from pipeline.core.messages import Channel, RawMessage
+from pipeline.core.settings.config import Config
+from pipeline.core.settings.load import dump_config, load_config
+from pipeline.core.settings.recording import LimitsConfig
 from readers.files.rosbag2_folder import recording_files
 from readers.memory import MemoryRecording
 from readers.messages.camera_info import camera_model, rectified_camera_model

@@ -11,10 +11,12 @@ from hypothesis import strategies as st
 
 from lidcam.run import RunSummary, TimeWindow, process, synchronized_topics
 from pipeline.core.camera import CameraModel
-from pipeline.core.config import Config
 from pipeline.core.errors import ConfigError, RecordingError
-from pipeline.core.geometry import Transform
-from pipeline.core.types import CameraSensor, FrameResult, LidarSensor, RawMessage, Rig
+from pipeline.core.frame import FrameResult
+from pipeline.core.geometry.transform import Transform
+from pipeline.core.messages import RawMessage
+from pipeline.core.rig import CameraSensor, LidarSensor, Rig
+from pipeline.core.settings.config import Config
 from readers.memory import MemoryRecording
 from readers.streams.motion import MotionSource
 from writers.memory import MemoryWriter

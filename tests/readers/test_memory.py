@@ -1,7 +1,7 @@
 import pytest
 from builders import odometry, raw
 
-from pipeline.core.types import RawMessage
+from pipeline.core.messages import RawMessage
 from readers.memory import MemoryRecording
 from readers.recording import Recording
 

@@ -22,7 +22,8 @@ from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from pipeline.core.types import Channel, RawMessage
+from pipeline.core.arrays import Array
+from pipeline.core.messages import Channel, RawMessage
 from readers.messages.deserialize import typestore_for
 
 __all__ = [
@@ -106,7 +107,7 @@ def pointcloud2(
     point_padding: int = 0,
     row_padding: int = 0,
     is_bigendian: bool = False,
-    **extra: npt.NDArray[Any],
+    **extra: Array,
 ) -> Fields:
     """sensor_msgs/PointCloud2 with x, y, z in the dtype of `xyz`, then the extra fields in theirs, tightly packed.
 
@@ -141,7 +142,7 @@ def pointcloud2(
 
 
 def image(
-    pixels: npt.NDArray[Any],
+    pixels: Array,
     *,
     stamp_ns: int,
     frame_id: str = "camera",

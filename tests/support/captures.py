@@ -6,8 +6,8 @@ from ipaddress import ip_address
 from typing import Any
 
 import dpkt
-import numpy as np
-import numpy.typing as npt
+
+from pipeline.core.arrays import I64, U8
 
 __all__ = [
     "PCAP_FORMS",
@@ -73,9 +73,7 @@ def pcap(packets: Iterable[tuple[int, bytes]], form: str = "little, ns", link_ty
     return b"".join(parts)
 
 
-def capture_of(
-    payload: npt.NDArray[np.uint8], stamps_ns: npt.NDArray[np.int64], source: str = "192.168.1.201", port: int = 2368
-) -> list[tuple[int, bytes]]:
+def capture_of(payload: U8, stamps_ns: I64, source: str = "192.168.1.201", port: int = 2368) -> list[tuple[int, bytes]]:
     """What a Velodyne sent, for `pcap`."""
     return [
         (at, ethernet(ip_packet(data.tobytes(), source, port)))

@@ -8,7 +8,7 @@ from builders import store_for
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from pipeline.core.types import Channel, RawMessage
+from pipeline.core.messages import Channel, RawMessage
 from readers.messages.deserialize import deserialize
 
 __all__ = ["CAMERAS", "CLOUDS", "combined"]

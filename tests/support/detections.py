@@ -6,8 +6,10 @@ import numpy as np
 import numpy.typing as npt
 
 from pipeline.core.camera import CameraModel
-from pipeline.core.geometry import Transform, wrap_angle
-from pipeline.core.types import Boxes2D, Boxes3D, CameraSensor, Rig
+from pipeline.core.detections import Boxes2D, Boxes3D
+from pipeline.core.geometry.boxes import wrap_angle
+from pipeline.core.geometry.transform import Transform
+from pipeline.core.rig import CameraSensor, Rig
 
 __all__ = ["boxes2d", "boxes3d", "camera_rig", "forward_camera"]
 

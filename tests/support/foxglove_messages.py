@@ -15,7 +15,7 @@ from google.protobuf import timestamp_pb2
 from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet
 from google.protobuf.message_factory import GetMessages
 
-from pipeline.core.types import Channel, RawMessage
+from pipeline.core.messages import Channel, RawMessage
 from readers.messages.deserialize import deserialize
 
 __all__ = ["SCHEMA_OF", "foxglove_raw", "twin"]

@@ -7,25 +7,15 @@ import numpy as np
 from builders import header, image, raw
 from detections import boxes3d, forward_camera
 
-from pipeline.core.config import Config
-from pipeline.core.geometry import Transform, box_corners
-from pipeline.core.types import (
-    Boxes2D,
-    Boxes3D,
-    Channel,
-    CombinedCloud,
-    Drop,
-    FrameResult,
-    LidarSensor,
-    Matches,
-    Plane,
-    PointCloud,
-    PoseSamples,
-    RawMessage,
-    Rig,
-    SensorBundle,
-    Zone,
-)
+from pipeline.core.clouds import CombinedCloud, Plane, PointCloud
+from pipeline.core.detections import Boxes2D, Boxes3D, Matches
+from pipeline.core.frame import FrameResult, SensorBundle
+from pipeline.core.geometry.boxes import box_corners
+from pipeline.core.geometry.pose_samples import PoseSamples
+from pipeline.core.geometry.transform import Transform
+from pipeline.core.messages import Channel, Drop, RawMessage
+from pipeline.core.rig import LidarSensor, Rig, Zone
+from pipeline.core.settings.config import Config
 from writers.provenance import Provenance
 
 __all__ = ["CONFIG", "PERIOD_NS", "PROVENANCE", "RIG", "START_NS", "frame", "picture"]

@@ -1,7 +1,7 @@
 """Who imports whom, by folder, read from the sources: `python tests/support/import_graph.py [ROOT]` prints the figures.
 
-A folder is a room; a file that lies directly in one of the five packages (the front door of a floor) is a room of its
-own, so that `readers/open.py` may stand above the containers that it chooses from and `readers/recording.py` below.
+A folder without folders in it is a room, and so is every file that lies beside folders: `readers/open.py` stands above
+the containers that it chooses from, `readers/recording.py` below them.
 """
 
 import ast
@@ -27,16 +27,21 @@ FLOORS = {"lidcam": 4, "bags": 3, "readers": 2, "writers": 2, "pipeline": 1}
 """An import points down, or stays in its package; readers and writers do not know each other."""
 
 
+ROOT = Path(__file__).resolve().parents[2]
+
+
 @dataclass(frozen=True)
 class ImportGraph:
     """The imports of a source tree.
 
     Attributes:
+        root: Where it lies.
         modules: Module names imported, by the module that imports them.
         files: Number of modules in each folder, packages' own `__init__.py` aside.
         lines: Lines of source in all.
     """
 
+    root: Path
     modules: Mapping[str, frozenset[str]]
     files: Mapping[str, int]
     lines: int
@@ -56,7 +61,8 @@ class ImportGraph:
         """Rooms that each room imports from, itself aside."""
         rooms: defaultdict[str, set[str]] = defaultdict(set)
         for module, names in self.modules.items():
-            rooms[room_of(module)] |= {room_of(name) for name in names} - {room_of(module)}
+            room = room_of(module, self.root)
+            rooms[room] |= {room_of(name, self.root) for name in names} - {room}
         return {room: frozenset(others) for room, others in sorted(rooms.items())}
 
 
@@ -88,15 +94,17 @@ def package_of(module: str) -> str:
     return module.split(".")[0]
 
 
-def room_of(module: str) -> str:
-    """The folder of a module; the module itself where it lies directly in its package."""
-    return module if module.count(".") < 2 else module.rpartition(".")[0]
+def room_of(module: str, root: Path = ROOT) -> str:
+    """The folder of a module; the module itself where folders lie beside it."""
+    folder = module.rpartition(".")[0]
+    return module if any((root / folder.replace(".", "/")).glob("*/__init__.py")) else folder
 
 
 def read_import_graph(root: Path) -> ImportGraph:
     """The import graph of the source tree at `root`."""
     paths = [path for path in sources(root) if path.name != "__init__.py" or our_imports(path)]
     return ImportGraph(
+        root,
         {module_name(path, root): frozenset(our_imports(path)) for path in paths},
         Counter(str(path.parent.relative_to(root)) for path in sources(root) if path.name != "__init__.py"),
         sum(len(path.read_text(encoding="utf-8").splitlines()) for path in sources(root)),
@@ -124,15 +132,15 @@ def _reachable(start: str, arrows: Mapping[str, Iterable[str]]) -> Iterator[str]
 
 def main() -> None:
     """Print the figures of a source tree."""
-    root = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).resolve().parents[2]
+    root = Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT
     graph = read_import_graph(root)
     arrows = graph.arrows
     print(f"modules                    {len(graph.modules)}")
     print(f"imports between modules    {sum(map(len, graph.modules.values()))}")
     print(f"folders                    {len(graph.files)}")
-    print(f"arrows between folders     {sum(map(len, arrows.values()))}")
+    print(f"arrows between rooms       {sum(map(len, arrows.values()))}")
     print(f"imports that point up      {len(graph.upward)}")
-    print(f"circles of folders         {len(circles(arrows))}")
+    print(f"circles of rooms           {len(circles(arrows))}")
     print(f"circles of modules         {len(circles(graph.modules))}")
     print(f"lines of source            {graph.lines}")
     print("files per folder")

@@ -1,14 +1,14 @@
 """A lidar over flat ground that sees boxes, in plain numpy: point clouds whose truth is known."""
 
 import numpy as np
-import numpy.typing as npt
 
-from pipeline.core.geometry import Transform
-from pipeline.core.types import CombinedCloud, LidarSensor, Plane, PointCloud, Rig
+from pipeline.core.arrays import F32, F64
+from pipeline.core.clouds import CombinedCloud, Plane, PointCloud
+from pipeline.core.geometry.transform import Transform
+from pipeline.core.rig import LidarSensor, Rig
 
 __all__ = ["Box", "combined", "rig", "scan", "turned"]
 
-F64 = npt.NDArray[np.float64]
 Box = tuple[float, float, float, float, float, float, float]
 """x, y, z of the centre, length, width, height, yaw."""
 
@@ -66,7 +66,7 @@ def combined(*clouds: F64, plane: Plane | None = None) -> CombinedCloud:
     return CombinedCloud(_cloud(xyz), lidar, _cloud(np.zeros((0, 3), np.float32)), plane, {})
 
 
-def _cloud(xyz: npt.NDArray[np.float32]) -> PointCloud:
+def _cloud(xyz: F32) -> PointCloud:
     n = len(xyz)
     return PointCloud(
         7, "site", xyz, np.zeros(n, np.float32), np.zeros(n, np.uint16), np.zeros(n, np.int32), has_time=False

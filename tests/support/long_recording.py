@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from builders import pointcloud2, raw, tf_message, transform_stamped, write_mcap
 
-from pipeline.core.types import RawMessage
+from pipeline.core.messages import RawMessage
 
 __all__ = ["LENGTH_S", "MESSAGES", "SECOND_NS", "START_NS", "write_long_recording"]
 

@@ -6,10 +6,10 @@ mean of the input's channels, so that what comes out depends on what goes in and
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
+
+from pipeline.core.arrays import Array
 
 __all__ = ["write_yolox"]
 
@@ -19,11 +19,11 @@ ATTRIBUTE_INT, ATTRIBUTE_INTS = 2, 7
 
 def write_yolox(
     path: Path,
-    bias: npt.NDArray[Any],
+    bias: Array,
     *,
     size_px: tuple[int, int],
     batch: int | str = 1,
-    weight: npt.NDArray[Any] | None = None,
+    weight: Array | None = None,
     channel_weights: Sequence[float] = (1 / 3, 1 / 3, 1 / 3),
     outputs: int = 1,
     dtype: int = FLOAT,
@@ -91,7 +91,7 @@ def _node(op: str, inputs: Sequence[str], output: str, *attributes: bytes) -> by
     )
 
 
-def _tensor(name: str, array: npt.NDArray[Any], dtype: int) -> bytes:
+def _tensor(name: str, array: Array, dtype: int) -> bytes:
     dims = b"".join(_varint_field(1, n) for n in array.shape)
     return dims + _varint_field(2, dtype) + _bytes(8, name.encode()) + _bytes(9, array.tobytes())
 

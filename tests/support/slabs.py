@@ -1,11 +1,10 @@
 """Rays against oriented boxes by the slab method (Kay and Kajiya 1986): apart from the simulator's ray caster."""
 
 import numpy as np
-import numpy.typing as npt
+
+from pipeline.core.arrays import F64
 
 __all__ = ["distance_to_box"]
-
-F64 = npt.NDArray[np.float64]
 
 
 def distance_to_box(origins: F64, directions: F64, center: F64, size: F64, yaw: float) -> F64:

@@ -4,13 +4,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from bags.simulator.world.meshes.mesh import Material, Mesh, box, merged, polygon
 from bags.simulator.world.motion import FixedPath, Path, Poses, upright_poses
 from bags.simulator.world.scene import Mover, Part, Rays, Scene
-from pipeline.core.geometry import Transform
+from pipeline.core.arrays import F64, I64
+from pipeline.core.geometry.transform import Transform
 
 __all__ = [
     "BLACK",
@@ -26,8 +26,6 @@ __all__ = [
     "wall",
 ]
 
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 WHITE = Material("white", (1.0, 1.0, 1.0), 1.0)
 GREY = Material("grey", (0.5, 0.5, 0.5), 0.25)

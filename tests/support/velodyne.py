@@ -10,7 +10,9 @@ import numpy as np
 import numpy.typing as npt
 import velodyne_decoder as vd
 
-from pipeline.core.types import Channel, PointCloud, RawMessage
+from pipeline.core.arrays import I64, U8
+from pipeline.core.clouds import PointCloud
+from pipeline.core.messages import Channel, RawMessage
 from readers.velodyne.models import MODELS, LaserTable, VelodyneModel, built_in_table
 
 __all__ = [
@@ -26,8 +28,6 @@ __all__ = [
     "scan",
 ]
 
-U8 = npt.NDArray[np.uint8]
-I64 = npt.NDArray[np.int64]
 
 SCAN = "velodyne_msgs/msg/VelodyneScan"
 TOPIC = "/velodyne_packets"

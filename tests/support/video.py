@@ -8,10 +8,10 @@ from typing import Any, Literal, NamedTuple
 import av
 import cv2
 import numpy as np
-import numpy.typing as npt
 from builders import header, raw, time
 
-from pipeline.core.types import RawMessage
+from pipeline.core.arrays import U8
+from pipeline.core.messages import RawMessage
 from readers.messages.image import decode_picture
 
 __all__ = [
@@ -31,7 +31,6 @@ __all__ = [
 
 os.environ.setdefault("SVT_LOG", "0")  # or the encoder of AV1 tells of itself on stderr
 
-U8 = npt.NDArray[np.uint8]
 
 T0 = 1_700_000_000_000_000_000
 PERIOD_NS = 100_000_000

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from frames import CONFIG, RIG, START_NS, frame
 
-from pipeline.core.types import Drop
+from pipeline.core.messages import Drop
 from writers.messages.annotations import image_annotations
 from writers.messages.definitions import output_types
 from writers.messages.diagnostics import diagnostics

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from mcap.writer import CompressionType, Writer
 
-from pipeline.core.types import Channel, RawMessage
+from pipeline.core.messages import Channel, RawMessage
 from writers.atomic import atomic_output, output_errors
 
 __all__ = ["write_repaired"]

@@ -14,9 +14,11 @@ from typing import Any, Self
 
 from mcap.writer import CompressionType, Writer
 
-from pipeline.core.config import Config
 from pipeline.core.errors import MessageError, OutputError
-from pipeline.core.types import CameraSensor, Drop, FrameResult, RawMessage, Rig
+from pipeline.core.frame import FrameResult
+from pipeline.core.messages import Drop, RawMessage
+from pipeline.core.rig import CameraSensor, Rig
+from pipeline.core.settings.config import Config
 from writers.atomic import atomic_output, output_errors
 from writers.messages.annotations import image_annotations
 from writers.messages.cdr import point_cloud2

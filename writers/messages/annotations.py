@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pipeline.core.types import Boxes2D, Matches
+from pipeline.core.detections import Boxes2D, Matches
 from writers.messages.definitions import message_type
 from writers.messages.ros_messages import time
 from writers.palette import CAMERA_ONLY, LIDAR_ONLY, MATCHED, Rgb

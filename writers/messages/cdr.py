@@ -9,7 +9,7 @@ from typing import Self
 
 import numpy as np
 
-from pipeline.core.types import PointCloud
+from pipeline.core.clouds import PointCloud
 
 __all__ = ["CdrEncoder", "point_cloud2"]
 

@@ -10,8 +10,9 @@ from rosbags.typesys.stores.ros2_humble import geometry_msgs__msg__Pose as Pose
 from rosbags.typesys.stores.ros2_humble import geometry_msgs__msg__PoseWithCovariance as PoseWithCovariance
 from rosbags.typesys.stores.ros2_humble import geometry_msgs__msg__Quaternion as Quaternion
 
-from pipeline.core.geometry import first_polygon_with
-from pipeline.core.types import Boxes2D, Boxes3D, Zone
+from pipeline.core.detections import Boxes2D, Boxes3D
+from pipeline.core.geometry.polygons import first_polygon_with
+from pipeline.core.rig import Zone
 from writers.messages.definitions import message_type
 from writers.messages.ros_messages import box_poses, header, vectors
 

@@ -6,7 +6,9 @@ from rosbags.typesys.stores.ros2_humble import diagnostic_msgs__msg__DiagnosticA
 from rosbags.typesys.stores.ros2_humble import diagnostic_msgs__msg__DiagnosticStatus as DiagnosticStatus
 from rosbags.typesys.stores.ros2_humble import diagnostic_msgs__msg__KeyValue as KeyValue
 
-from pipeline.core.types import Drop, FrameResult, Rig
+from pipeline.core.frame import FrameResult
+from pipeline.core.messages import Drop
+from pipeline.core.rig import Rig
 from writers.messages.ros_messages import header
 
 __all__ = ["diagnostics"]

@@ -4,7 +4,7 @@ import struct
 from typing import NamedTuple
 
 from pipeline.core.errors import MessageError
-from pipeline.core.types import RawMessage
+from pipeline.core.messages import RawMessage
 from writers.messages.cdr import CdrEncoder
 
 __all__ = ["COMPRESSED", "PICTURE_TYPES", "RAW", "Picture", "picture_cdr", "read_picture"]

@@ -16,8 +16,11 @@ from rosbags.typesys.stores.ros2_humble import sensor_msgs__msg__RegionOfInteres
 from rosbags.typesys.stores.ros2_humble import std_msgs__msg__Header as Header
 from rosbags.typesys.stores.ros2_humble import tf2_msgs__msg__TFMessage as TFMessage
 
-from pipeline.core.geometry import Transform, interpolate_poses
-from pipeline.core.types import Boxes3D, CameraSensor, PoseSamples, Rig
+from pipeline.core.detections import Boxes3D
+from pipeline.core.geometry.pose_samples import PoseSamples
+from pipeline.core.geometry.poses import interpolate_poses
+from pipeline.core.geometry.transform import Transform
+from pipeline.core.rig import CameraSensor, Rig
 
 __all__ = ["box_poses", "camera_info", "header", "moving_transform", "static_transforms", "time", "vectors"]
 

@@ -20,7 +20,7 @@ from rosbags.typesys.stores.ros2_humble import visualization_msgs__msg__Marker a
 from rosbags.typesys.stores.ros2_humble import visualization_msgs__msg__MarkerArray as MarkerArray
 from rosbags.typesys.stores.ros2_humble import visualization_msgs__msg__MeshFile as MeshFile
 
-from pipeline.core.types import FrameResult
+from pipeline.core.frame import FrameResult
 from writers.messages.definitions import message_type
 from writers.messages.ros_messages import box_poses, header, time, vectors
 from writers.palette import class_color

@@ -5,11 +5,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import rerun as rr
 import rerun.blueprint as rrb
 
-from pipeline.core.types import CameraSensor, CombinedCloud, Rig
+from pipeline.core.arrays import F64
+from pipeline.core.clouds import CombinedCloud
+from pipeline.core.rig import CameraSensor, Rig
 
 __all__ = ["SceneScale", "blueprint", "camera_path"]
 
@@ -30,7 +31,7 @@ class SceneScale:
         high_m: Height where they end: 98th percentile.
     """
 
-    center: npt.NDArray[np.float64]
+    center: F64
     radius_m: float
     low_m: float
     high_m: float

@@ -13,23 +13,17 @@ from typing import Any, Self
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 import rerun as rr
 
-from pipeline.core.config import Config
+from pipeline.core.arrays import F32, U8, Array
+from pipeline.core.clouds import CombinedCloud
+from pipeline.core.detections import Boxes2D, Boxes3D, Matches
 from pipeline.core.errors import MessageError
-from pipeline.core.types import (
-    Boxes2D,
-    Boxes3D,
-    CameraSensor,
-    CombinedCloud,
-    Drop,
-    FrameResult,
-    Image,
-    Matches,
-    RawMessage,
-    Rig,
-)
+from pipeline.core.frame import FrameResult
+from pipeline.core.images import Image
+from pipeline.core.messages import Drop, RawMessage
+from pipeline.core.rig import CameraSensor, Rig
+from pipeline.core.settings.config import Config
 from writers.atomic import atomic_output, output_errors
 from writers.messages.pictures import COMPRESSED, read_picture
 from writers.messages.scene import object_labels
@@ -236,13 +230,13 @@ class RerunResultWriter:
         return rr.EncodedImage(contents=jpeg.tobytes(), media_type="image/jpeg")
 
 
-def _height_colors(share: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
+def _height_colors(share: Array) -> U8:
     """(N, 3) colours of heights that are 0 at the low end of the scale and 1 at the high one."""
     stops = np.linspace(0, 1, len(_HEIGHT_STOPS))
     return np.stack([np.interp(share, stops, channel) for channel in _HEIGHT_STOPS.T], -1).astype(np.uint8)
 
 
-def _thinned(xyz: npt.NDArray[np.float32], share: float) -> npt.NDArray[np.float32]:
+def _thinned(xyz: F32, share: float) -> F32:
     """Every so-manyth point."""
     rows = np.linspace(0, len(xyz) - 1, int(len(xyz) * share)).astype(np.intp) if share < 1.0 else slice(None)
     return xyz[rows]

@@ -14,7 +14,7 @@ from bags.simulator.recorder.recorded import Recorded
 from bags.simulator.recorder.simulation import Simulation
 from bags.simulator.recorder.states import TRUTH_TOPIC
 from bags.simulator.recorder.true_rig import T_carrier_sensor
-from bags.simulator.scenario import SensorScenario
+from bags.simulator.scenario.sensors import SensorScenario
 from bags.simulator.sensors.lens import camera_model
 from pipeline.core.errors import OutputError
 

@@ -10,16 +10,15 @@ from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from bags.simulator.recorder.message_types import RosVersion, message_types
 from bags.simulator.recorder.recorded import Recorded
+from pipeline.core.arrays import F64, I64, U8, Array
 from pipeline.core.camera import CameraModel
-from pipeline.core.geometry import Transform
+from pipeline.core.geometry.transform import Transform
 
 __all__ = ["CLASS_NUMBERS", "MessageFactory", "TrueObject"]
 
-F64 = npt.NDArray[np.float64]
 
 CLASS_NUMBERS = {"car": 1, "pedestrian": 2, "cyclist": 3, "van": 4, "truck": 5, "bus": 6}
 COUNT_NUMBERS = {"lidar_points": -1, "image_pixels": -2, "instance": -3}
@@ -83,7 +82,7 @@ class MessageFactory:
 
     # --- sensors
 
-    def cloud(self, stamp_ns: int, frame_id: str, fields: dict[str, npt.NDArray[Any]]) -> Any:
+    def cloud(self, stamp_ns: int, frame_id: str, fields: dict[str, Array]) -> Any:
         """sensor_msgs/PointCloud2 of one row, as the ROS driver writes it: fields side by side, little endian.
 
         Args:
@@ -119,9 +118,7 @@ class MessageFactory:
             is_dense=True,
         )
 
-    def scan(
-        self, stamp_ns: int, frame_id: str, stamps_ns: npt.NDArray[np.int64], payload: npt.NDArray[np.uint8]
-    ) -> Any:
+    def scan(self, stamp_ns: int, frame_id: str, stamps_ns: I64, payload: U8) -> Any:
         """velodyne_msgs/VelodyneScan of packets (P, 1206), stamped by the driver (P,)."""
         packets = [
             self.new("velodyne_msgs/msg/VelodynePacket", stamp=self.time(int(stamp)), data=data)
@@ -129,7 +126,7 @@ class MessageFactory:
         ]
         return self.new("velodyne_msgs/msg/VelodyneScan", header=self.header(stamp_ns, frame_id), packets=packets)
 
-    def image(self, stamp_ns: int, frame_id: str, rgb: npt.NDArray[np.uint8]) -> Any:
+    def image(self, stamp_ns: int, frame_id: str, rgb: U8) -> Any:
         """sensor_msgs/Image, rgb8, of a picture (H, W, 3)."""
         height, width, _ = rgb.shape
         return self.new(
@@ -143,7 +140,7 @@ class MessageFactory:
             data=rgb.reshape(-1),
         )
 
-    def jpeg(self, stamp_ns: int, frame_id: str, rgb: npt.NDArray[np.uint8], quality: int) -> Any:
+    def jpeg(self, stamp_ns: int, frame_id: str, rgb: U8, quality: int) -> Any:
         """sensor_msgs/CompressedImage, JPEG, of a picture (H, W, 3)."""
         _, data = cv2.imencode(".jpg", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, quality])
         header = self.header(stamp_ns, frame_id)

@@ -2,10 +2,7 @@
 
 from collections.abc import Callable
 
-import numpy as np
-import numpy.typing as npt
-
-from bags.simulator.scenario import VehicleScenario
+from bags.simulator.scenario.traffic import VehicleScenario
 from bags.simulator.vehicles.trajectory import Trajectory
 from bags.simulator.world.bodies.chassis import front_wheel
 from bags.simulator.world.bodies.cyclist import cyclist_parts
@@ -14,10 +11,9 @@ from bags.simulator.world.bodies.joints import RaisedPath, steered_wheel
 from bags.simulator.world.bodies.motor_vehicles import BODIES
 from bags.simulator.world.bodies.pedestrian import pedestrian_parts
 from bags.simulator.world.scene import Mover, Part
+from pipeline.core.arrays import F64
 
 __all__ = ["SHAPES", "Shape", "build_mover"]
-
-F64 = npt.NDArray[np.float64]
 
 
 def build_mover(

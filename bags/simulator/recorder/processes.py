@@ -14,7 +14,8 @@ from typing import Self
 
 from bags.simulator.recorder.recorded import Measured
 from bags.simulator.recorder.task import SensingTask
-from bags.simulator.scenario import CameraScenario, LidarScenario, Scenario
+from bags.simulator.scenario.scenario import Scenario
+from bags.simulator.scenario.sensors import CameraScenario, LidarScenario
 from bags.simulator.vehicles.ackermann import AckermannCommand
 from pipeline.core.errors import LidcamError
 from readers.velodyne.models import MODELS

@@ -2,8 +2,7 @@
 
 from typing import NamedTuple
 
-import numpy as np
-import numpy.typing as npt
+from pipeline.core.arrays import I64
 
 __all__ = ["STEP_NS", "Measured", "Recorded"]
 
@@ -45,5 +44,5 @@ class Measured(NamedTuple):
     by_lidar: bool
     from_ns: int
     until_ns: int
-    hits: npt.NDArray[np.int64]
+    hits: I64
     recorded: tuple[Recorded, ...]

@@ -2,20 +2,19 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from bags.simulator.recorder.messages import MessageFactory
 from bags.simulator.recorder.recorded import Measured, Recorded
 from bags.simulator.recorder.stage import Stage
 from bags.simulator.recorder.task import SensingTask
-from bags.simulator.scenario import CameraScenario, LidarScenario
+from bags.simulator.scenario.sensors import CameraScenario, LidarScenario
 from bags.simulator.sensors.camera import Camera, Picture
 from bags.simulator.sensors.detector2d import detect
 from bags.simulator.sensors.lidar import Lidar, Sweep
 from bags.simulator.sensors.timing import Measurement, Timing
+from pipeline.core.arrays import Array
 
 __all__ = ["Sensing"]
 
@@ -129,9 +128,9 @@ def _measurement(timing: Timing, device: Lidar | Camera, number: int) -> Measure
     return timing.measurement(number, lasts_ns=device.after_ns)
 
 
-def _cloud_fields(sweep: Sweep) -> dict[str, npt.NDArray[Any]]:
+def _cloud_fields(sweep: Sweep) -> dict[str, Array]:
     """The fields of the ROS velodyne driver: x y z intensity ring time; the kind of return, where there are two."""
-    fields: dict[str, npt.NDArray[Any]] = {
+    fields: dict[str, Array] = {
         "x": sweep.xyz[:, 0],
         "y": sweep.xyz[:, 1],
         "z": sweep.xyz[:, 2],

@@ -18,7 +18,7 @@ from bags.simulator.recorder.true_rig import recorded_extrinsics, true_rig
 from bags.simulator.sensors.lens import camera_model
 from bags.simulator.vehicles.ackermann import AckermannCommand
 from bags.simulator.vehicles.trajectory import State
-from pipeline.core.types import Rig
+from pipeline.core.rig import Rig
 
 __all__ = ["Simulation"]
 

@@ -7,12 +7,13 @@ import numpy as np
 
 from bags.simulator.recorder.movers import SHAPES, build_mover
 from bags.simulator.recorder.true_rig import carrier_frame
-from bags.simulator.scenario import Scenario, SensorScenario
+from bags.simulator.scenario.scenario import Scenario
+from bags.simulator.scenario.sensors import SensorScenario
 from bags.simulator.vehicles.traffic import Traffic
 from bags.simulator.world.motion import FixedPath, MountedPath, Path
 from bags.simulator.world.places.places import ground_height, static_mesh
 from bags.simulator.world.scene import Scene
-from pipeline.core.geometry import Transform
+from pipeline.core.geometry.transform import Transform
 
 __all__ = ["Stage"]
 

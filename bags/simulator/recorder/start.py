@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from bags.simulator.recorder.message_types import RosVersion
 from bags.simulator.recorder.processes import SensingProcess, shared_out
 from bags.simulator.recorder.task import SensingTask
-from bags.simulator.scenario import Scenario
+from bags.simulator.scenario.scenario import Scenario
 
 if TYPE_CHECKING:
     from bags.simulator.recorder.simulation import Simulation

@@ -4,18 +4,16 @@ from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from bags.simulator.recorder.messages import MessageFactory, TrueObject
 from bags.simulator.recorder.recorded import Measured, Recorded
 from bags.simulator.recorder.stage import Stage
-from bags.simulator.scenario import EGO_FRAME
+from bags.simulator.scenario.scenario import EGO_FRAME
 from bags.simulator.topics import command_topic, controller_topics
 from bags.simulator.world.bodies.dimensions import SHAPES
 
 __all__ = ["TRUTH_TOPIC", "States", "moments"]
 
-I64 = npt.NDArray[np.int64]
 
 TRUTH_TOPIC = "/ground_truth/objects"
 

@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 from bags.simulator.recorder.message_types import RosVersion
-from bags.simulator.scenario import Scenario
+from bags.simulator.scenario.scenario import Scenario
 
 __all__ = ["SensingTask"]
 

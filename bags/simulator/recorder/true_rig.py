@@ -3,10 +3,11 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from bags.simulator.scenario import EGO_FRAME, CameraScenario, Scenario, SensorScenario
+from bags.simulator.scenario.scenario import EGO_FRAME, Scenario
+from bags.simulator.scenario.sensors import CameraScenario, SensorScenario
 from pipeline.core.camera import CameraModel
-from pipeline.core.geometry import Transform
-from pipeline.core.types import CameraSensor, LidarSensor, Rig, default_zones
+from pipeline.core.geometry.transform import Transform
+from pipeline.core.rig import CameraSensor, LidarSensor, Rig, default_zones
 
 __all__ = ["T_carrier_sensor", "carrier_frame", "recorded_extrinsics", "rig_frame", "true_rig"]
 

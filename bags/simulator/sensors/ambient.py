@@ -2,13 +2,12 @@
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from bags.simulator.world.scene import Scene
+from pipeline.core.arrays import F32
 
 __all__ = ["sky_light"]
 
-F32 = npt.NDArray[np.float32]
 
 GRID_PX = 4
 """The sky's light changes slowly over a surface: it is worked out for every fourth pixel of every fourth row."""

@@ -10,16 +10,14 @@ from math import ceil
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 
-from bags.simulator.scenario import LidarScenario
+from bags.simulator.scenario.sensors import LidarScenario
 from bags.simulator.sensors.velodyne_packets import EncodedPackets, VelodyneSensor
+from pipeline.core.arrays import F64, I64, U8
 from readers.velodyne.models import MODELS, built_in_table
 
 __all__ = ["LinearPattern", "Pattern", "SweepBeams", "VelodynePattern", "pattern_of"]
 
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 MS = 1_000_000
 LINEAR_RANGE_STEP_M = 0.002
@@ -71,7 +69,7 @@ class Pattern(Protocol):
         """The beams of a sweep."""
         ...
 
-    def encode(self, number: int, ranges_m: F64, reflectivity: npt.NDArray[np.uint8]) -> EncodedPackets | None:
+    def encode(self, number: int, ranges_m: F64, reflectivity: U8) -> EncodedPackets | None:
         """The packets of a sweep by a clock that began with the scenario, None where the model has none.
 
         Args:
@@ -115,7 +113,7 @@ class VelodynePattern:
         kept = slice(-packets.start * self._sensor.firings_per_packet % self._stride, None, self._stride)
         return SweepBeams(beams.directions[kept], beams.origins, beams.times_ns[kept], error[kept])
 
-    def encode(self, number: int, ranges_m: F64, reflectivity: npt.NDArray[np.uint8]) -> EncodedPackets | None:
+    def encode(self, number: int, ranges_m: F64, reflectivity: U8) -> EncodedPackets | None:
         """As `Pattern`; packets hold all firings, so it needs a stride of 1."""
         return self._sensor.encode(self.packets(number).start, ranges_m, reflectivity)
 
@@ -152,7 +150,7 @@ class LinearPattern:
         self,
         number: int,  # noqa: ARG002  (as `Pattern`)
         ranges_m: F64,  # noqa: ARG002
-        reflectivity: npt.NDArray[np.uint8],  # noqa: ARG002
+        reflectivity: U8,  # noqa: ARG002
     ) -> EncodedPackets | None:
         """As `Pattern`: none."""
         return None

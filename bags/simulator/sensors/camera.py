@@ -7,9 +7,9 @@ something moves or throws its shadow. A camera on a vehicle casts everything eac
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from bags.simulator.scenario import CameraScenario, SunScenario
+from bags.simulator.scenario.scenario import SunScenario
+from bags.simulator.scenario.sensors import CameraScenario
 from bags.simulator.sensors.film import Film
 from bags.simulator.sensors.lens import Lens, camera_model
 from bags.simulator.sensors.light import Light
@@ -17,14 +17,12 @@ from bags.simulator.sensors.moving import Moving, put_movers
 from bags.simulator.sensors.still import Still, take_still
 from bags.simulator.world.motion import FixedPath, MountedPath, Path, Poses
 from bags.simulator.world.scene import Scene
+from pipeline.core.arrays import F32, F64, I16, I64, U8, check_array
 from pipeline.core.camera import CameraModel
-from pipeline.core.geometry import Transform
-from pipeline.core.types import check_array
+from pipeline.core.geometry.transform import Transform
 
 __all__ = ["T_BODY_OPTICAL", "Camera", "Picture"]
 
-F32 = npt.NDArray[np.float32]
-F64 = npt.NDArray[np.float64]
 
 T_BODY_OPTICAL = Transform("body", "optical", np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]]))
 """REP 103: the body looks along x with z up, the optical frame along z with y down."""
@@ -44,9 +42,9 @@ class Picture:
         alone_xyxy: (M, 4) float64 left, top, right, bottom of these pixels; NaN for none.
     """
 
-    rgb: npt.NDArray[np.uint8]
-    movers: npt.NDArray[np.int16]
-    alone_px: npt.NDArray[np.int64]
+    rgb: U8
+    movers: I16
+    alone_px: I64
     alone_xyxy: F64
 
     def __post_init__(self) -> None:
@@ -57,7 +55,7 @@ class Picture:
         check_array("alone_xyxy", self.alone_xyxy, (len(self.alone_px), 4), np.float64)
 
     @property
-    def seen_px(self) -> npt.NDArray[np.int64]:
+    def seen_px(self) -> I64:
         """(M,) how many pixels show each mover."""
         rows = self.movers[self.movers >= 0].astype(np.int64)
         return np.bincount(rows, minlength=len(self.alone_px)).astype(np.int64)
@@ -97,7 +95,7 @@ class Camera:
             noise=scenario.noise,
             seed=seed,
         )
-        self._still: tuple[Still, npt.NDArray[np.int16]] | None = None
+        self._still: tuple[Still, I16] | None = None
 
     def optical_pose(self, time_ns: int) -> Poses:
         """The one pose of the optical frame (z forward, x right, y down) in the world."""
@@ -143,7 +141,7 @@ class Camera:
             developed.reshape(-1, 3)[pixels] = self._film.developed_pixels(linear, pixels)
         return self._read_out(developed, number, seen[len(seen) // 2])
 
-    def _read_out(self, developed: npt.NDArray[np.int16], number: int, truth: Moving) -> Picture:
+    def _read_out(self, developed: I16, number: int, truth: Moving) -> Picture:
         owner = truth.owner.reshape(self.model.height_px, self.model.width_px)
         return Picture(self._film.read_out(developed, number), owner, truth.alone_px, truth.alone_xyxy)
 
@@ -184,7 +182,7 @@ class Camera:
         return float(np.linalg.norm(pixels[1] - pixels[0], axis=-1)[inside].max(initial=0.0))
 
 
-def _mean_light(still: Still, seen: list[Moving]) -> tuple[npt.NDArray[np.int64], F32]:
+def _mean_light(still: Still, seen: list[Moving]) -> tuple[I64, F32]:
     """Pixels that anything changed at any of several moments, and their light on average."""
     changes = np.zeros_like(still.linear)
     changed = np.zeros(len(changes), np.bool_)

@@ -4,17 +4,14 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from bags.simulator.scenario import Detector2DScenario
+from bags.simulator.scenario.sensors import Detector2DScenario
 from bags.simulator.sensors.camera import Camera, Picture
 from bags.simulator.sensors.timing import random_numbers
-from pipeline.core.types import check_array
+from pipeline.core.arrays import F64, I64, check_array
 
 __all__ = ["NO_MOVER", "Detected", "detect", "detect_movers", "visible_boxes"]
 
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 NO_MOVER = -1
 """In place of a mover's row: there is nothing in the box."""

@@ -13,11 +13,10 @@ import numpy.typing as npt
 from bags.simulator.world.meshes.mesh import Material
 from bags.simulator.world.scene import STATIC, Hits
 from bags.simulator.world.surfaces.textures import surface_reflectivity
+from pipeline.core.arrays import F64, I64, Bools
 
 __all__ = ["NO_ECHO", "Echoes", "Light", "Optics", "distinct_echoes", "intensity", "returned_share"]
 
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 NO_ECHO = 0.0
 """Range where there is none."""
@@ -109,7 +108,7 @@ class Light:
     share: F64
     mover: I64
 
-    def select(self, rows: I64 | npt.NDArray[np.bool_]) -> "Light":
+    def select(self, rows: I64 | Bools) -> "Light":
         """Some of it."""
         return Light(self.beam[rows], self.range_m[rows], self.share[rows], self.mover[rows])
 

@@ -3,15 +3,12 @@
 from enum import IntEnum
 
 import numpy as np
-import numpy.typing as npt
 
 from bags.simulator.world.placed import dotted
+from pipeline.core.arrays import F64, I64, Bools
 
 __all__ = ["Side", "edge_beams"]
 
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
-Bools = npt.NDArray[np.bool_]
 
 SKY_M = 1e5
 """Stands for the range of a beam that meets nothing."""

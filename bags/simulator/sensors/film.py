@@ -3,16 +3,12 @@
 from functools import cache, cached_property
 
 import numpy as np
-import numpy.typing as npt
 
 from bags.simulator.sensors.timing import random_numbers
+from pipeline.core.arrays import F32, F64, I16, I64, U8
 
 __all__ = ["Film", "srgb_from_linear"]
 
-F32 = npt.NDArray[np.float32]
-F64 = npt.NDArray[np.float64]
-I16 = npt.NDArray[np.int16]
-U8 = npt.NDArray[np.uint8]
 
 FRACTION = 64
 """Parts of one step of a pixel's value that pictures are kept in until the noise is on them."""
@@ -65,7 +61,7 @@ class Film:
         """A picture (H, W, 3) of light as pixel values times `FRACTION`."""
         return _encoded(linear * self._scale)
 
-    def developed_pixels(self, linear: F32, pixels: npt.NDArray[np.int64]) -> I16:
+    def developed_pixels(self, linear: F32, pixels: I64) -> I16:
         """Some pixels (K, 3) of it, numbered row by row."""
         scale = self._scale.reshape(-1).take(pixels)
         scaled = np.empty_like(linear)

@@ -4,17 +4,13 @@ from functools import cached_property
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from bags.simulator.scenario import CameraScenario
+from bags.simulator.scenario.sensors import CameraScenario
+from pipeline.core.arrays import F32, F64, I64, Bools
 from pipeline.core.camera import NEAR_M, CameraModel
 
 __all__ = ["Lens", "camera_model"]
 
-F32 = npt.NDArray[np.float32]
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
-Bools = npt.NDArray[np.bool_]
 
 ROUND_TRIP_PX = 0.005
 """A pixel whose ray does not come back to it within this lies outside of what the lens covers."""

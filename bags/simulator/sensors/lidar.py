@@ -9,9 +9,8 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from bags.simulator.scenario import LidarScenario
+from bags.simulator.scenario.sensors import LidarScenario
 from bags.simulator.sensors.beams import SweepBeams, pattern_of
 from bags.simulator.sensors.echoes import NO_ECHO, Echoes, Light, Optics, distinct_echoes, intensity
 from bags.simulator.sensors.edges import Side, edge_beams
@@ -20,12 +19,10 @@ from bags.simulator.sensors.velodyne_packets import EncodedPackets
 from bags.simulator.world.motion import FixedPath, Path, turned
 from bags.simulator.world.placed import dotted
 from bags.simulator.world.scene import Hits, Rays, Scene, Span
+from pipeline.core.arrays import F32, F64, I64, U8, U16
 
 __all__ = ["Lidar", "Sweep"]
 
-F32 = npt.NDArray[np.float32]
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 # Columns of `Echoes`, and return types as in `PointCloud.return_type`
 STRONGEST, LAST = 0, 1
@@ -77,9 +74,9 @@ class Sweep:
     end_ns: int
     xyz: F32
     intensity: F32
-    ring: npt.NDArray[np.uint16]
+    ring: U16
     time_offset_ns: I64
-    return_type: npt.NDArray[np.uint8] | None
+    return_type: U8 | None
     hits_per_mover: I64
     packets: EncodedPackets | None
 

@@ -11,17 +11,14 @@ from functools import cache
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from bags.simulator.scenario import SunScenario
+from bags.simulator.scenario.scenario import SunScenario
 from bags.simulator.world.meshes.mesh import Material
 from bags.simulator.world.placed import dotted
+from pipeline.core.arrays import F32, F64, I64
 
 __all__ = ["Light", "Shading"]
 
-F32 = npt.NDArray[np.float32]
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 SUN_RGB = np.array([1.15, 1.08, 0.95], np.float32)  # irradiance of a surface that faces the sun
 SKY_IRRADIANCE_RGB = np.array([0.30, 0.36, 0.46], np.float32)  # of a surface that faces up

@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from bags.simulator.sensors.lens import Lens
 from bags.simulator.sensors.light import Light
@@ -15,13 +14,11 @@ from bags.simulator.sensors.still import BESIDE_PX, Still, Surfaces, contrasts, 
 from bags.simulator.world.motion import Poses
 from bags.simulator.world.placed import PartHits, PartSurfaces, PlacedPart, passing_rays
 from bags.simulator.world.scene import STATIC, Scene
-from pipeline.core.geometry import box_corners
+from pipeline.core.arrays import F32, F64, I16, I64, Bools
+from pipeline.core.geometry.boxes import box_corners
 
 __all__ = ["Moving", "put_movers"]
 
-F32 = npt.NDArray[np.float32]
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 Window = tuple[int, int, int, int]
 EMPTY: Window = (0, 0, 0, 0)
 
@@ -47,7 +44,7 @@ class Moving:
 
     pixels: I64
     linear: F32
-    owner: npt.NDArray[np.int16]
+    owner: I16
     alone_px: I64
     alone_xyxy: F64
 
@@ -74,7 +71,7 @@ class _Samples:
         """Some of the rays meet something before any mover."""
         self._serial[rows] = -1
 
-    def nearest(self) -> tuple[I64, npt.NDArray[np.int16], Surfaces]:
+    def nearest(self) -> tuple[I64, I16, Surfaces]:
         """The rays (K,) that meet a mover first, which one (K,), and what they meet there."""
         rows, movers, seen = [np.empty(0, np.int64)], [np.empty(0, np.int16)], [_NOTHING]
         for serial, (mover, part, found, hits, nearer) in enumerate(self._found):
@@ -156,7 +153,7 @@ class _View:
             return [EMPTY] * len(self.parts)
         return [self._lens.window(self._to_camera.apply(part.corners)) for part in self.parts]
 
-    def shades(self, points: F32, towards: F64) -> npt.NDArray[np.bool_]:
+    def shades(self, points: F32, towards: F64) -> Bools:
         """Whether it keeps the sun from points (N, 3)."""
         shaded = np.zeros(len(points), np.bool_)
         rows = passing_rays(points, towards, self._middle, self._radius)
@@ -231,7 +228,7 @@ class _Shadows:
         dark: (P,) float32 share of all other light.
     """
 
-    cast: npt.NDArray[np.bool_]
+    cast: Bools
     shade: F32
     dark: F32
 
@@ -290,7 +287,7 @@ def _light_of_movers(scene: Scene, light: Light, views: Sequence[_View], surface
     return np.asarray(shading.rest + shading.sun, np.float32)
 
 
-def _edges(lens: Lens, views: Sequence[_View], linear: F32, owner: npt.NDArray[np.int16]) -> I64:
+def _edges(lens: Lens, views: Sequence[_View], linear: F32, owner: I16) -> I64:
     """The pixels of movers, and right beside them, that differ from a neighbour."""
     found = np.zeros((lens.height, lens.width), np.bool_)
     picture, owned = linear.reshape(lens.height, lens.width, 3), owner.reshape(lens.height, lens.width) != STATIC

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from bags.simulator.sensors.ambient import sky_light
 from bags.simulator.sensors.lens import Lens
@@ -12,13 +11,10 @@ from bags.simulator.sensors.light import Light, Shading
 from bags.simulator.world.motion import Poses
 from bags.simulator.world.scene import Scene
 from bags.simulator.world.surfaces.textures import surface_rgb
+from pipeline.core.arrays import F32, F64, I64, Bools
 
 __all__ = ["BESIDE_PX", "Still", "Surfaces", "contrasts", "lit_surfaces", "static_surfaces", "take_still", "turned"]
 
-F32 = npt.NDArray[np.float32]
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
-Bools = npt.NDArray[np.bool_]
 
 BESIDE_PX = ((-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25))
 """The four points of a pixel that are looked through where neighbours differ (anti-aliasing)."""

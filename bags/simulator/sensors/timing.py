@@ -9,7 +9,7 @@ from zlib import crc32
 
 import numpy as np
 
-from bags.simulator.scenario import SensorScenario
+from bags.simulator.scenario.sensors import SensorScenario
 
 __all__ = ["Measurement", "Timing", "random_numbers"]
 

@@ -8,13 +8,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
+from pipeline.core.arrays import F64, I64, U8, U16
 from readers.velodyne.models import BLOCK_FLAGS, MODELS, LaserTable, VelodyneModel, built_in_table
 
 __all__ = ["Beams", "EncodedPackets", "VelodyneSensor"]
 
-F64 = npt.NDArray[np.float64]
 
 BLOCKS, SLOTS = 12, 32
 HOUR_US = 3_600_000_000
@@ -50,7 +49,7 @@ class Beams:
 
     directions: F64
     origins: F64
-    times_ns: npt.NDArray[np.int64]
+    times_ns: I64
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,8 +61,8 @@ class EncodedPackets:
         payload: (P, 1206) uint8.
     """
 
-    stamps_ns: npt.NDArray[np.int64]
-    payload: npt.NDArray[np.uint8]
+    stamps_ns: I64
+    payload: U8
 
     def later(self, by_ns: int) -> "EncodedPackets":
         """The same packets sent at another time, also by the clock inside of them (microseconds of the hour)."""
@@ -135,7 +134,7 @@ class VelodyneSensor:
         true_deg = np.rad2deg(self._azimuth_rad(begun_us))
         return np.repeat(np.deg2rad(np.rint(true_deg * 100) / 100 - true_deg), SLOTS // self._facts.lasers)
 
-    def encode(self, first_packet: int, ranges_m: F64, reflectivity: npt.NDArray[np.uint8]) -> EncodedPackets:
+    def encode(self, first_packet: int, ranges_m: F64, reflectivity: U8) -> EncodedPackets:
         """Packets of the ranges along `beams`.
 
         Args:
@@ -211,13 +210,11 @@ class VelodyneSensor:
         return np.asarray(np.deg2rad(self.start_azimuth_deg) + 2 * np.pi * self.turn_hz * 1e-6 * times_us)
 
 
-def _hour_us(stamps_ns: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+def _hour_us(stamps_ns: I64) -> I64:
     """Microseconds since the hour began, rounded."""
     return (stamps_ns + 500) // 1000 % HOUR_US
 
 
-def _by_return(
-    values: npt.NDArray[np.uint16] | npt.NDArray[np.uint8], packets: int, columns: int, returns: int
-) -> npt.NDArray[np.uint16] | npt.NDArray[np.uint8]:
+def _by_return(values: U16 | U8, packets: int, columns: int, returns: int) -> U16 | U8:
     """(F, L) or (F, L, 2) as the blocks hold them: (packets, columns, returns, 32)."""
     return np.moveaxis(values.reshape(packets, columns, SLOTS, returns), 3, 2)

@@ -5,7 +5,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from bags.simulator.vehicles.ackermann import Ackermann, AckermannCommand
 from bags.simulator.vehicles.footprints import Rectangle, discs_of
@@ -14,10 +13,10 @@ from bags.simulator.vehicles.right_of_way import Stretch, Traveller, distance_to
 from bags.simulator.vehicles.routes import Route, pure_pursuit
 from bags.simulator.vehicles.trajectory import State
 from bags.simulator.world.bodies.dimensions import Shape
+from pipeline.core.arrays import F64
 
 __all__ = ["Follower", "Seen", "following_acceleration"]
 
-F64 = npt.NDArray[np.float64]
 
 STANDING_M_S = 0.02
 NEAR_LINE = 0.4

@@ -5,10 +5,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from bags.simulator.vehicles.trajectory import State
 from bags.simulator.world.bodies.dimensions import Shape
+from pipeline.core.arrays import F64, I64
 
 __all__ = ["Rectangle", "discs_of", "footprint", "overlap"]
 
@@ -59,7 +59,7 @@ def overlap(one: Rectangle, other: Rectangle) -> bool:
     return True
 
 
-def discs_of(rectangles: Iterable[Rectangle]) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
+def discs_of(rectangles: Iterable[Rectangle]) -> tuple[F64, I64]:
     """Discs that together cover rectangles: (K, 3) x, y, radius, and (K,) the row of the rectangle of each."""
     discs, rows = [], []
     for row, rectangle in enumerate(rectangles):

@@ -4,16 +4,14 @@ from collections.abc import Iterator, Sequence
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from bags.simulator.vehicles.footprints import Rectangle
 from bags.simulator.world.meshes.mesh import Mesh
+from pipeline.core.arrays import F64
 
 __all__ = ["Obstacles", "obstacles_of"]
-
-F64 = npt.NDArray[np.float64]
 
 
 def obstacles_of(world: Mesh, *, step_m: float, headroom_m: float) -> tuple[Rectangle, ...]:

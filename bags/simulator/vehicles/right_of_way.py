@@ -10,11 +10,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.ndimage import label
 
 from bags.simulator.vehicles.routes import Route
 from bags.simulator.world.bodies.dimensions import Shape
+from pipeline.core.arrays import F64, I64, Bools
 
 __all__ = ["Stretch", "Traveller", "distance_to_stop", "shared_stretches"]
 
@@ -191,15 +191,15 @@ def _goes_first(other: Traveller, me: Traveller, stretch: Stretch, distance_m: f
     return its_m <= other.braking_m or stretch.yields or (its_s, other.order) < (mine_s, me.order)
 
 
-def _samples(route: Route, step_m: float) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+def _samples(route: Route, step_m: float) -> tuple[F64, F64]:
     count = math.ceil(route.length_m / step_m)
     along = np.arange(count, dtype=np.float64) * (route.length_m / count)
     return along, route.points(along)
 
 
 def _stretches(
-    mine: tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]],
-    its: tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]],
+    mine: tuple[F64, F64],
+    its: tuple[F64, F64],
     near_m: float,
     my_route: Route,
     its_route: Route,
@@ -223,11 +223,11 @@ def _stretches(
     return found
 
 
-def _free_row(taken: npt.NDArray[np.bool_], route: Route) -> int:
+def _free_row(taken: Bools, route: Route) -> int:
     return int(taken.argmin()) if route.closed else 0
 
 
-def _span(rows: npt.NDArray[np.int64], cut: int, along: npt.NDArray[np.float64], route: Route) -> tuple[float, float]:
+def _span(rows: I64, cut: int, along: F64, route: Route) -> tuple[float, float]:
     step_m = route.length_m / len(along)
     start_m = float(rows.min() + cut) * step_m - step_m / 2
     return (start_m % route.length_m if route.closed else start_m), float(np.ptp(rows) + 1) * step_m

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from bags.simulator.scenario import RouteScenario
+from bags.simulator.scenario.traffic import RouteScenario
+from pipeline.core.arrays import F64
 from pipeline.core.errors import ConfigError
 
 __all__ = ["Route", "RoutePoint", "pure_pursuit"]
 
-F64 = npt.NDArray[np.float64]
 
 SHORTEST_M = 1e-9
 """Pieces shorter than this are rounding errors of others."""

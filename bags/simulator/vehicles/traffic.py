@@ -6,7 +6,8 @@ from collections.abc import Collection, Mapping
 from dataclasses import replace
 from types import MappingProxyType
 
-from bags.simulator.scenario import Scenario, VehicleScenario
+from bags.simulator.scenario.scenario import Scenario
+from bags.simulator.scenario.traffic import VehicleScenario
 from bags.simulator.vehicles.ackermann import Ackermann, AckermannCommand
 from bags.simulator.vehicles.followers import Follower, Seen
 from bags.simulator.vehicles.footprints import Rectangle, footprint, overlap

@@ -3,14 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from bags.simulator.world.motion import Poses, upright_poses
+from pipeline.core.arrays import F64, I64
 
 __all__ = ["State", "Trajectory"]
 
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 FIRST_ROOM = 256
 

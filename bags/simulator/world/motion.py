@@ -4,15 +4,11 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 
-from pipeline.core.geometry import Transform
-from pipeline.core.types import check_array
+from pipeline.core.arrays import F64, I64, check_array
+from pipeline.core.geometry.transform import Transform
 
 __all__ = ["FixedPath", "MountedPath", "Path", "Poses", "turned", "upright_poses"]
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,14 +7,12 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from pipeline.core.arrays import F32, F64, I64, U32, Bools
+
 __all__ = ["FEW_RAYS", "PartHits", "PartSurfaces", "PlacedPart", "dotted", "packed", "passing_rays", "threads_for"]
 
-F32 = npt.NDArray[np.float32]
-F64 = npt.NDArray[np.float64]
-Floats = npt.NDArray[np.float32] | npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
+Floats = F32 | F64
 Real = TypeVar("Real", np.float32, np.float64)
-Bools = npt.NDArray[np.bool_]
 
 FEW_RAYS = 4096
 """Fewer rays are cast by one thread: to wake others costs more."""
@@ -36,7 +34,7 @@ class PartHits:
     rows: I64
     distance: F32
     face: F32
-    triangle: npt.NDArray[np.uint32]
+    triangle: U32
 
 
 class PartSurfaces(NamedTuple):

@@ -10,13 +10,12 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from bags.simulator.world.meshes.mesh import Material, Mesh
 from bags.simulator.world.motion import Path, Poses, turned
 from bags.simulator.world.open3d_runtime import load_libusb
 from bags.simulator.world.placed import FEW_RAYS, Floats, PlacedPart, dotted, packed, threads_for
-from pipeline.core.types import check_array
+from pipeline.core.arrays import F32, F64, I64, Bools, check_array
 
 load_libusb()
 import open3d as _open3d  # noqa: E402  (needs libusb first)
@@ -25,10 +24,6 @@ open3d: Any = _open3d  # its stubs know no arrays
 
 __all__ = ["STATIC", "Hits", "Mover", "Part", "Rays", "Scene", "Seen", "Span", "with_nearer"]
 
-F32 = npt.NDArray[np.float32]
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
-Bools = npt.NDArray[np.bool_]
 Columns = tuple[F64, F64, I64, I64, F64]
 
 STATIC = -1

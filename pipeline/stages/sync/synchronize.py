@@ -4,9 +4,10 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
-from pipeline.core.config import SyncConfig
 from pipeline.core.errors import ConfigError
-from pipeline.core.types import Drop, RawMessage, SensorBundle
+from pipeline.core.frame import SensorBundle
+from pipeline.core.messages import Drop, RawMessage
+from pipeline.core.settings.sync import SyncConfig
 from pipeline.stages.sync.approximate_time import ApproximateTime
 from pipeline.stages.sync.approximate_time_python import ApproximateTimePython
 from pipeline.stages.sync.nearest import Nearest

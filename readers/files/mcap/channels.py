@@ -11,7 +11,7 @@ from mcap.records import Channel as RecordedChannel
 from mcap.records import Schema
 from rosbags.typesys.msg import normalize_msgtype
 
-from pipeline.core.types import Channel
+from pipeline.core.messages import Channel
 from readers.messages.foxglove import ROS_TYPES
 
 __all__ = ["channel_of", "message_type"]

@@ -11,9 +11,9 @@ from typing import BinaryIO
 
 import numpy as np
 
-from pipeline.core.config import DEFAULT_LIMITS, LimitsConfig
 from pipeline.core.errors import RecordingError
-from pipeline.core.types import Channel, RawMessage
+from pipeline.core.messages import Channel, RawMessage
+from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from readers.files.chunk_cache import ChunkCache, detach
 from readers.files.damage import Losses, describe, is_damage
 from readers.files.mcap.channels import channel_of, message_type

@@ -14,8 +14,8 @@ from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
 
-from pipeline.core.config import LimitsConfig
 from pipeline.core.errors import RecordingError
+from pipeline.core.settings.recording import LimitsConfig
 from readers.files.decompress import check_chunk_size, unpack, unpack_lz4
 from readers.files.remote import tell_full_read
 

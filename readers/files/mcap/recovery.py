@@ -9,7 +9,7 @@ from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Statistics
 
-from pipeline.core.config import LimitsConfig
+from pipeline.core.settings.recording import LimitsConfig
 from readers.files.damage import Losses, describe, is_damage
 from readers.files.decompress import Allowance
 from readers.files.mcap.index import (

@@ -12,11 +12,11 @@ from collections.abc import Collection, Iterator
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
-from pipeline.core.config import DEFAULT_LIMITS, LimitsConfig
+from pipeline.core.arrays import Indices
 from pipeline.core.errors import RecordingError
-from pipeline.core.types import Channel, RawMessage
+from pipeline.core.messages import Channel, RawMessage
+from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from readers.files.damage import Losses
 from readers.files.pcap.packets import Window, captured_packets
 from readers.files.pcap.udp import CUT_SHORT, FRAGMENTS, NOT_IP, NOT_UDP, UNKNOWN_LINK, address_text, find_udp
@@ -150,7 +150,7 @@ class PcapFile:
             data = packet_message_data(time_ns, window.read(position, PACKET_BYTES))
             yield RawMessage(time_ns, time_ns, (self._file_index, position), data, self._channels[lidar])
 
-    def _entries(self, rows: npt.NDArray[np.intp]) -> Iterator[tuple[int, int, int]]:
+    def _entries(self, rows: Indices) -> Iterator[tuple[int, int, int]]:
         """Time, place and lidar of packets."""
         columns = self._times, self._positions, self._lidars
         for part in np.array_split(rows, len(rows) // 4096 + 1):

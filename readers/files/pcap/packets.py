@@ -11,7 +11,8 @@ from dataclasses import dataclass
 from typing import BinaryIO, NamedTuple, Protocol
 
 import numpy as np
-import numpy.typing as npt
+
+from pipeline.core.arrays import U32, Bools
 
 __all__ = ["CapturedPacket", "OnDamage", "Window", "captured_packets", "is_capture"]
 
@@ -42,8 +43,6 @@ PCAP_MAGICS = {
 _FILE_HEADER_BYTES = 24
 _SAME_DAY_S = 86_400
 _CHAINED = 3  # sound headers in a row behind damage before they are believed
-
-U32 = npt.NDArray[np.uint32]
 
 
 class CapturedPacket(NamedTuple):
@@ -204,7 +203,7 @@ def _next_pcap_packet(window: Window, position: int, layout: _Layout, near_s: in
                 return at == window.size or count > 1
         return True
 
-    def likely(words: U32) -> npt.NDArray[np.bool_]:
+    def likely(words: U32) -> Bools:
         seconds, fraction, captured, length = words.T
         found = (fraction < 10**9 // layout.unit_ns) & (captured > 0) & (captured <= length) & (length <= MOST_BYTES)
         if near_s is not None:
@@ -318,7 +317,7 @@ def _interface(body: bytes, order: str) -> _Interface:
 def _next_block(window: Window, position: int, order: str) -> int | None:
     """Where the first block from `position` on begins; None if there is none."""
 
-    def likely(words: U32) -> npt.NDArray[np.bool_]:
+    def likely(words: U32) -> Bools:
         kind, size = words.T
         return np.asarray(np.isin(kind, _KNOWN_BLOCKS) & (size >= 12) & (size % 4 == 0) & (size <= MOST_BLOCK_BYTES))
 
@@ -333,7 +332,7 @@ def _search(
     position: int,
     order: str,
     count: int,
-    likely: Callable[[U32], npt.NDArray[np.bool_]],
+    likely: Callable[[U32], Bools],
     begins: Callable[[int], bool],
 ) -> int | None:
     """The first place from `position` on that `begins` something; None if there is none.

@@ -14,9 +14,9 @@ from typing import BinaryIO
 import numpy as np
 from rosbags.rosbag1.reader import Header, RecordType, read_bytes, read_uint32
 
-from pipeline.core.config import DEFAULT_LIMITS, LimitsConfig
 from pipeline.core.errors import RecordingError
-from pipeline.core.types import RawMessage
+from pipeline.core.messages import RawMessage
+from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from readers.files.chunk_cache import ChunkCache, detach
 from readers.files.damage import Losses, describe, is_damage
 from readers.files.rosbag1.index import Contents, contents_of_index, contents_of_walk, load_chunk

@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from rosbags.rosbag1 import Reader, ReaderError
 from rosbags.rosbag1.reader import Header, decompressors, normalize, read_bytes
 from rosbags.typesys.msg import normalize_msgtype
 
-from pipeline.core.config import LimitsConfig
+from pipeline.core.arrays import I64
 from pipeline.core.errors import RecordingError
-from pipeline.core.types import Channel
+from pipeline.core.messages import Channel
+from pipeline.core.settings.recording import LimitsConfig
 from readers.files.damage import Losses, describe, is_damage
 from readers.files.decompress import Allowance, compression_of, unpack, unpack_lz4
 from readers.files.rosbag1.records import (
@@ -56,7 +56,7 @@ class Contents:
 
     channels: dict[int, Channel]
     chunks: dict[int, Chunk]
-    index: npt.NDArray[np.int64]
+    index: I64
 
 
 def load_chunk(stream: BinaryIO, position: int, chunk: Chunk, limits: LimitsConfig) -> bytes:
@@ -108,7 +108,7 @@ def contents_of_index(path: Path) -> Contents:
         return Contents(channels, chunks, _index_of(reader))
 
 
-def _index_of(reader: Reader) -> npt.NDArray[np.int64]:
+def _index_of(reader: Reader) -> I64:
     parts = [
         np.column_stack([np.array(entries, np.int64), np.full(len(entries), id_, np.int64)])
         for id_, entries in reader.indexes.items()
@@ -122,7 +122,7 @@ def _index_of(reader: Reader) -> npt.NDArray[np.int64]:
     return _sorted(np.concatenate(parts) if parts else np.zeros((0, 4), np.int64))
 
 
-def _sorted(index: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+def _sorted(index: I64) -> I64:
     return index[np.lexsort((index[:, 2], index[:, 1], index[:, 0]))]
 
 

@@ -13,9 +13,9 @@ import numpy as np
 import zstandard
 from rosbags.typesys.msg import normalize_msgtype
 
-from pipeline.core.config import DEFAULT_LIMITS, LimitsConfig
 from pipeline.core.errors import RecordingError
-from pipeline.core.types import Channel, RawMessage
+from pipeline.core.messages import Channel, RawMessage
+from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from readers.files.damage import Losses, describe, is_damage
 from readers.files.message_zstd import decompressed
 from readers.files.sqlite.recovery import Walked, check_size, read_message, walk_database

@@ -10,8 +10,8 @@ from array import array
 from typing import BinaryIO, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from pipeline.core.arrays import I64
 from readers.files.damage import Losses
 
 __all__ = ["Walked", "check_size", "read_message", "walk_database"]
@@ -34,7 +34,7 @@ class Walked(NamedTuple):
     of the first two. `topics` are (id, name, type, serialisation), `definitions` (encoding, text) by type.
     """
 
-    rows: npt.NDArray[np.int64]
+    rows: I64
     topics: list[tuple[int, str, str, str]]
     definitions: dict[str, tuple[str, str]]
     distro: str
@@ -171,7 +171,7 @@ def read_message(stream: BinaryIO, page: int, place: int) -> bytes:
     return data
 
 
-def _note(pages: _Pages, table: npt.NDArray[np.int64], broken: list[int], losses: Losses, because: str) -> None:
+def _note(pages: _Pages, table: I64, broken: list[int], losses: Losses, because: str) -> None:
     ids = table[:, 1]
     missing = int(ids.max() - ids.min() + 1 - len(ids)) if len(ids) else 0
     end = pages.count * pages.size

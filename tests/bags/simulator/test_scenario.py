@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 import yaml
 
-from bags.simulator.scenario import Scenario, load_scenario, scenario_names
+from bags.simulator.scenario.load import load_scenario, scenario_names
+from bags.simulator.scenario.scenario import Scenario
 from pipeline.core.errors import ConfigError
-from pipeline.core.geometry import rotation_fault
+from pipeline.core.geometry.transform import rotation_fault
 
 ROOT = Path(__file__).resolve().parents[3]
 LIDAR = {"topic": "/points", "frame_id": "lidar", "position_m": [0, 0, 1]}

@@ -2,18 +2,17 @@ from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
+from pipeline.core.arrays import F64
 from pipeline.core.camera import CameraModel
 from pipeline.core.errors import CalibrationError
-from pipeline.core.geometry import box_corners
+from pipeline.core.geometry.boxes import box_corners
 
-F64 = npt.NDArray[np.float64]
 K = np.array([[520.0, 0.0, 333.0], [0.0, 510.0, 251.0], [0.0, 0.0, 1.0]])
 OPTICAL = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])  # site axes (x forward, z up) to optical ones
 MODELS: list[tuple[Any, list[float]]] = [

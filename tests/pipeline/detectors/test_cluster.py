@@ -1,5 +1,4 @@
 import numpy as np
-import numpy.typing as npt
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -7,14 +6,15 @@ from hypothesis.extra.numpy import arrays
 from scipy.cluster.hierarchy import fcluster, linkage
 from scipy.spatial.distance import pdist
 
+from pipeline.core.arrays import F64, I64
 from pipeline.detectors.cluster import cluster_points, thin_points
 
 
-def line(*x: float) -> npt.NDArray[np.float64]:
+def line(*x: float) -> F64:
     return np.array([[value, 0.0, 0.0] for value in x])
 
 
-def groups(labels: npt.NDArray[np.int64]) -> set[frozenset[int]]:
+def groups(labels: I64) -> set[frozenset[int]]:
     return {frozenset(np.flatnonzero(labels == label).tolist()) for label in np.unique(labels)}
 
 
@@ -30,9 +30,7 @@ def groups(labels: npt.NDArray[np.int64]) -> set[frozenset[int]]:
         pytest.param(line(0.0, 1.9, 100.0, 101.9), [1.0, 1.0, 2.0, 2.0], None, id="distance grows"),
     ],
 )
-def test_clusters_of_a_few_points(
-    points: npt.NDArray[np.float64], distance_m: list[float], expected: set[frozenset[int]] | None
-) -> None:
+def test_clusters_of_a_few_points(points: F64, distance_m: list[float], expected: set[frozenset[int]] | None) -> None:
     count, labels = cluster_points(points, np.array(distance_m))
     expected = {frozenset({0}), frozenset({1}), frozenset({2, 3})} if expected is None else expected
     assert groups(labels) == expected
@@ -41,7 +39,7 @@ def test_clusters_of_a_few_points(
 
 @given(points=arrays(np.int64, st.tuples(st.integers(2, 40), st.just(3)), elements=st.integers(-6, 6)))
 @settings(max_examples=60, deadline=None, derandomize=True)
-def test_clusters_are_those_of_single_linkage(points: npt.NDArray[np.int64]) -> None:
+def test_clusters_are_those_of_single_linkage(points: I64) -> None:
     # Whole numbers and a distance of 1.2 keep every point in a cell of its own, so that scipy judges the same problem.
     exact = points.astype(np.float64)
     _, labels = cluster_points(exact, np.full(len(exact), 1.2))

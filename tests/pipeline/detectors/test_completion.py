@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from pipeline.core.config import Config
+from pipeline.core.settings.config import Config
 from pipeline.detectors.completion import CompletedBoxes, complete_boxes
 from pipeline.detectors.lshape import Rectangles
 

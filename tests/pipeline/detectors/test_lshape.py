@@ -1,12 +1,10 @@
 import numpy as np
-import numpy.typing as npt
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pipeline.core.arrays import F64
 from pipeline.detectors.lshape import fit_rectangles, quantiles_by_cluster
-
-F64 = npt.NDArray[np.float64]
 
 
 def corner(angle: float, *, length: float = 4.0, width: float = 1.7, noise_m: float = 0.01) -> F64:

@@ -1,23 +1,21 @@
 import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from helpers import shared
 from onnx_files import DOUBLE, write_yolox
 
-from pipeline.core.config import Config, Detect2DConfig
+from pipeline.core.arrays import U8, Array
 from pipeline.core.errors import ModelError
+from pipeline.core.settings.config import Config
+from pipeline.core.settings.detect import Detect2DConfig
 from pipeline.detectors.coco import COCO_LABELS
 from pipeline.detectors.onnx2d import OnnxDetector2D
 
 SIZE_PX = (64, 96)  # height, width of the networks that are made here
 ANCHORS = 8 * 12 + 4 * 6 + 2 * 3
-
-Array = npt.NDArray[Any]
 
 
 def raw_rows(seed: int = 0) -> Array:
@@ -60,7 +58,7 @@ def candidates_by_loop(rows: Array, picture_px: tuple[int, int]) -> tuple[Array,
     return np.array(xyxy), np.array(scores), np.array(labels)
 
 
-def picture(height: int, width: int, rgb: tuple[int, int, int] = (0, 0, 0)) -> npt.NDArray[np.uint8]:
+def picture(height: int, width: int, rgb: tuple[int, int, int] = (0, 0, 0)) -> U8:
     return np.full((height, width, 3), rgb, np.uint8)
 
 

@@ -1,14 +1,13 @@
 import numpy as np
-import numpy.typing as npt
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from pipeline.core.types import PoseSamples
+from pipeline.core.arrays import F64
+from pipeline.core.geometry.pose_samples import PoseSamples
 from pipeline.filters.deskew import deskew
 
-F64 = npt.NDArray[np.float64]
 MS = 1_000_000
 STAMP_NS = 1_317_617_735_000_000_000
 SPEED_M_S = 10.0

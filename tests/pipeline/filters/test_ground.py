@@ -9,12 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bags.simulator.world.open3d_runtime import load_libusb
-from pipeline.core.config import GroundConfig
-from pipeline.core.types import Plane
+from pipeline.core.arrays import F32, F64
+from pipeline.core.clouds import Plane
+from pipeline.core.settings.combine import GroundConfig
 from pipeline.filters.ground import find_ground, height_above
 
-F32 = npt.NDArray[np.float32]
-F64 = npt.NDArray[np.float64]
 ORIGIN = np.zeros((1, 3))
 FINITE_SCENES = ("odd_cloud2_small", "odd_dups", "odd_tiny", "s10k_0", "s10k_1", "s30k_0")
 KITTI_SEQUENCE = tuple(f"kitti_raw_sequence/velodyne_points/{frame:010d}.bin" for frame in range(15))

@@ -3,16 +3,15 @@ import subprocess
 import sys
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from helpers import shared
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from pipeline.core.arrays import F32, F64
 from pipeline.filters.outliers import statistical_inliers
 
-F32 = npt.NDArray[np.float32]
 SCENES = ("odd_cloud2_small", "odd_dups", "odd_nan", "odd_tiny", "s10k_0", "s10k_1", "s30k_0")
 
 
@@ -26,12 +25,12 @@ def oracle_cloud(scene: str) -> F32:
     return np.concatenate(shifted)
 
 
-def by_brute_force(xyz: F32, neighbors: int, std_ratio: float) -> npt.NDArray[np.float64]:
+def by_brute_force(xyz: F32, neighbors: int, std_ratio: float) -> F64:
     """The rule in float64, all pairs: 1 to keep, 0 to drop, NaN where rounding may decide."""
     points = xyz.astype(np.float64)
     distances = np.sort(np.linalg.norm(points[:, None] - points[None], axis=2), axis=1)[:, 1 : neighbors + 1]
     mean = distances.mean(axis=1)
-    margin: npt.NDArray[np.float64] = mean - (mean.mean() + std_ratio * mean.std(ddof=1))
+    margin: F64 = mean - (mean.mean() + std_ratio * mean.std(ddof=1))
     return np.where(np.abs(margin) < 1e-4 * (1 + mean), np.nan, (margin <= 0).astype(float))
 
 

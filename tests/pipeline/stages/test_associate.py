@@ -5,7 +5,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 import pytest
 from detections import boxes2d, boxes3d, camera_rig, forward_camera
 from helpers import shared
@@ -13,14 +12,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment
 
+from pipeline.core.arrays import Array
 from pipeline.core.camera import CameraModel
-from pipeline.core.config import AssociateConfig, Config
+from pipeline.core.detections import Boxes2D, Boxes3D, Matches
 from pipeline.core.errors import FrameError
-from pipeline.core.geometry import Transform, box_corners
-from pipeline.core.types import Boxes2D, Boxes3D, CameraSensor, Matches, Rig
+from pipeline.core.geometry.boxes import box_corners
+from pipeline.core.geometry.transform import Transform
+from pipeline.core.rig import CameraSensor, Rig
+from pipeline.core.settings.config import Config
+from pipeline.core.settings.fuse import AssociateConfig
 from pipeline.stages.associate import Associate
 
-Array = npt.NDArray[Any]
 Row = tuple[float, ...]
 
 CAR, PEDESTRIAN = 0, 1

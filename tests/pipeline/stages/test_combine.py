@@ -7,14 +7,16 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
-from pipeline.core.config import CombineConfig, GroundConfig, MotionConfig, OutlierConfig
+from pipeline.core.arrays import F32, F64
+from pipeline.core.clouds import CombinedCloud, PointCloud
 from pipeline.core.errors import FrameError
-from pipeline.core.geometry import Transform
-from pipeline.core.types import CombinedCloud, LidarSensor, PointCloud, PoseSamples, Rig, SensorBundle
+from pipeline.core.frame import SensorBundle
+from pipeline.core.geometry.pose_samples import PoseSamples
+from pipeline.core.geometry.transform import Transform
+from pipeline.core.rig import LidarSensor, Rig
+from pipeline.core.settings.combine import CombineConfig, GroundConfig, MotionConfig, OutlierConfig
 from pipeline.stages.combine import Combine
 
-F32 = npt.NDArray[np.float32]
-F64 = npt.NDArray[np.float64]
 Triple = tuple[float, float, float]
 MS = 1_000_000
 STAMP_NS = 1_600_000_000_000_000_000

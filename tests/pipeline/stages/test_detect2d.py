@@ -4,17 +4,19 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 import pytest
 from detections import boxes2d, camera_rig, forward_camera
 from helpers import shared
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.core.config import ClassPrior, Config, Detect2DConfig
+from pipeline.core.arrays import U8
 from pipeline.core.errors import ConfigError
-from pipeline.core.geometry import iou_xyxy
-from pipeline.core.types import Image
+from pipeline.core.geometry.boxes import iou_xyxy
+from pipeline.core.images import Image
+from pipeline.core.settings.classes import ClassPrior
+from pipeline.core.settings.config import Config
+from pipeline.core.settings.detect import Detect2DConfig
 from pipeline.detectors.detector2d import Candidates2D
 from pipeline.detectors.onnx2d import OnnxDetector2D
 from pipeline.stages.detect2d import Detect2D, suppress_overlaps
@@ -30,7 +32,7 @@ class Proposals:
     rows: Sequence[Row]
     labels: tuple[str, ...] = LABELS
 
-    def __call__(self, pictures: Sequence[npt.NDArray[np.uint8]]) -> list[Candidates2D]:
+    def __call__(self, pictures: Sequence[U8]) -> list[Candidates2D]:
         table = np.array([row[:5] for row in self.rows], np.float32).reshape(-1, 5)
         labels = np.array([self.labels.index(row[5]) for row in self.rows], np.int64)
         return [Candidates2D(table[:, :4], table[:, 4], labels) for _ in pictures]

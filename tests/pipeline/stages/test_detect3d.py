@@ -3,15 +3,18 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from helpers import shared
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from lidar_scene import Box, combined, rig, scan, turned
 
-from pipeline.core.config import Config, load_config
-from pipeline.core.types import Boxes3D, CombinedCloud, Plane, PointCloud, SensorBundle
+from pipeline.core.arrays import F64
+from pipeline.core.clouds import CombinedCloud, Plane, PointCloud
+from pipeline.core.detections import Boxes3D
+from pipeline.core.frame import SensorBundle
+from pipeline.core.settings.config import Config
+from pipeline.core.settings.load import load_config
 from pipeline.stages.combine import Combine
 from pipeline.stages.detect3d import Detect3D
 
@@ -24,7 +27,7 @@ def car(x: float, y: float, yaw: float = 0.0) -> Box:
     return (x, y, 0.8, 4.2, 1.75, 1.5, yaw)
 
 
-def detect(points: npt.NDArray[np.float64], config: Config | None = None) -> Boxes3D:
+def detect(points: F64, config: Config | None = None) -> Boxes3D:
     return Detect3D(rig(LIDAR), config or Config())(combined(points))
 
 
@@ -152,7 +155,7 @@ def test_ground_may_slope() -> None:
         pytest.param(scan(LIDAR, [(15.0, 0.0, 5.0, 5.0, 5.0, 10.0, 0.0)], rings=(-20, 25, 64)), id="house"),
     ],
 )
-def test_what_is_no_road_user_gives_no_box(points: npt.NDArray[np.float64]) -> None:
+def test_what_is_no_road_user_gives_no_box(points: F64) -> None:
     assert len(detect(points)) == 0
 
 

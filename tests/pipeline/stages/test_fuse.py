@@ -4,8 +4,9 @@ from detections import boxes2d, boxes3d
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.core.config import Config, FuseConfig
-from pipeline.core.types import Boxes2D, Matches
+from pipeline.core.detections import Boxes2D, Matches
+from pipeline.core.settings.config import Config
+from pipeline.core.settings.fuse import FuseConfig
 from pipeline.stages.fuse import Fuse
 
 CAR, PEDESTRIAN, BICYCLE = 0, 1, 2

@@ -12,9 +12,10 @@ from helpers import shared
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipeline.core.config import SyncConfig
 from pipeline.core.errors import ConfigError
-from pipeline.core.types import Channel, Drop, RawMessage, SensorBundle
+from pipeline.core.frame import SensorBundle
+from pipeline.core.messages import Channel, Drop, RawMessage
+from pipeline.core.settings.sync import SyncConfig
 from pipeline.stages.sync import ApproximateTime, ApproximateTimePython, DropReason, Nearest, Policy, SyncStats
 from pipeline.stages.sync import synchronize as synchronize_
 from pipeline.stages.sync.approximate_time_python import first_combination

@@ -9,7 +9,7 @@ from builders import odometry, raw, write_mcap, write_rosbag1
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.core.config import LimitsConfig
+from pipeline.core.settings.recording import LimitsConfig
 from readers.files.decompress import compression_of, unpack, unpack_lz4
 from readers.open import open_recording
 

@@ -17,9 +17,9 @@ from mcap.data_stream import RecordBuilder
 from mcap.records import Channel as McapChannel
 from mcap.records import Chunk, ChunkIndex, DataEnd, Footer, Header, Message, Schema, Statistics
 
-from pipeline.core.config import LimitsConfig
 from pipeline.core.errors import FrameError, LidcamError, MessageError, RecordingError
-from pipeline.core.types import Channel, RawMessage
+from pipeline.core.messages import Channel, RawMessage
+from pipeline.core.settings.recording import LimitsConfig
 from readers.files.chunk_cache import ChunkCache
 from readers.files.damage import Losses
 from readers.files.rosbag1.index import contents_of_walk

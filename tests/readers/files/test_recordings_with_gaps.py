@@ -8,9 +8,9 @@ from typing import Literal
 import pytest
 from builders import detection2d_array, odometry, pointcloud2, raw, store_for, write_rosbag1, write_rosbag2
 
-from pipeline.core.config import Config
 from pipeline.core.errors import MessageError
-from pipeline.core.types import RawMessage
+from pipeline.core.messages import RawMessage
+from pipeline.core.settings.config import Config
 from readers.memory import MemoryRecording
 from readers.messages.deserialize import deserialize
 from readers.open import open_recording

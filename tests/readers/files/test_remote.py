@@ -19,8 +19,8 @@ from long_recording import LENGTH_S, MESSAGES, SECOND_NS, START_NS, write_long_r
 from range_server import RangeServer, range_server
 
 import readers.files.remote as remote
-from pipeline.core.config import Config
 from pipeline.core.errors import RecordingError
+from pipeline.core.settings.config import Config
 from readers.files.remote import PAGE_BYTES, ReadAhead, RemoteFile, open_remote
 from readers.location import RemotePath
 from readers.open import open_recording

@@ -1,19 +1,17 @@
 import struct
-from typing import Any
 
 import builders
 import cv2
 import numpy as np
-import numpy.typing as npt
 import pytest
 from helpers import shared
 
+from pipeline.core.arrays import Array
 from pipeline.core.errors import MessageError
-from pipeline.core.types import Image
+from pipeline.core.images import Image
 from readers.messages.compressed_image import decode_compressed_image
 
 STAMP_NS = 1_700_000_000_123_456_789
-Array = npt.NDArray[Any]
 
 
 def decode(data: bytes, kind: str, encoding: builders.Encoding = "cdr") -> Image:

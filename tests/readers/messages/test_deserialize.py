@@ -5,7 +5,7 @@ import pytest
 from builders import channel, detection2d_array, odometry, raw, store_for
 
 from pipeline.core.errors import MessageError
-from pipeline.core.types import Channel, RawMessage
+from pipeline.core.messages import Channel, RawMessage
 from readers.messages.deserialize import deserialize, typestore_for
 
 ODOMETRY = "nav_msgs/msg/Odometry"

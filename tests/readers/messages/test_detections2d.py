@@ -7,9 +7,9 @@ import pytest
 from builders import Fields
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from pipeline.core.config import Config
 from pipeline.core.errors import MessageError
-from pipeline.core.types import Channel, RawMessage
+from pipeline.core.messages import Channel, RawMessage
+from pipeline.core.settings.config import Config
 from readers.messages.detections2d import Detections2D, decode_detections2d
 
 STAMP_NS = 1_700_000_000_123_456_789

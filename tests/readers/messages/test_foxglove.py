@@ -6,7 +6,6 @@ from typing import Any, Literal
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 import pytest
 from builders import camera_info, header, image, pointcloud2, raw, tf_message, transform_stamped
 from foxglove_messages import foxglove_raw, twin
@@ -16,8 +15,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from pipeline.core.arrays import F64
 from pipeline.core.errors import MessageError
-from pipeline.core.types import RawMessage
+from pipeline.core.messages import RawMessage
 from readers.messages.camera_info import camera_model
 from readers.messages.deserialize import deserialize
 from readers.messages.foxglove import to_ros
@@ -33,7 +33,7 @@ Encoding = Literal["protobuf", "json"]
 both = pytest.mark.parametrize("encoding", ["protobuf", "json"])
 
 
-def points(count: int) -> npt.NDArray[np.float64]:
+def points(count: int) -> F64:
     return np.random.default_rng(4).normal(scale=20, size=(count, 3))
 
 

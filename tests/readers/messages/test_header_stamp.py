@@ -20,7 +20,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy import eye, zeros
 
-from pipeline.core.types import Channel
+from pipeline.core.messages import Channel
 from readers.messages.deserialize import deserialize
 from readers.messages.header_stamp import peek_stamp_ns, stamp_or_log_time
 

@@ -3,20 +3,20 @@ from typing import Any
 import builders
 import cv2
 import numpy as np
-import numpy.typing as npt
 import pytest
 from helpers import shared
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pipeline.core.arrays import Array
 from pipeline.core.errors import MessageError
-from pipeline.core.types import Image, RawMessage
+from pipeline.core.images import Image
+from pipeline.core.messages import RawMessage
 from readers.messages.image import decode_image, decode_picture
 from readers.messages.image_encodings import PACKED, PLANAR
 
 STAMP_NS = 1_700_000_000_123_456_789
 MSGTYPE = "sensor_msgs/msg/Image"
-Array = npt.NDArray[Any]
 
 # Where red, green and blue (and alpha) lie in a pixel.
 COLOURS = {"rgb": [0, 1, 2], "rgba": [0, 1, 2, 3], "bgr": [2, 1, 0], "bgra": [2, 1, 0, 3]}

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipeline.core.config import LimitsConfig
 from pipeline.core.errors import MessageError
-from pipeline.core.types import RawMessage
+from pipeline.core.messages import RawMessage
+from pipeline.core.settings.recording import LimitsConfig
 from readers.messages.image import decode_picture
 from readers.messages.image_header import picture_size
 

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pipeline.core.errors import MessageError
-from pipeline.core.types import Channel, RawMessage
+from pipeline.core.messages import Channel, RawMessage
 from readers.messages.deserialize import deserialize, typestore_for
 from readers.messages.item_count import _Counting, count_items
 

@@ -1,19 +1,18 @@
 import logging
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pipeline.core.arrays import I32, Array
 from readers.messages.point_time import MAX_OFFSET_NS, point_time_offsets
 
 STAMP_NS = 1_700_000_000_123_456_789
 SWEEP_NS = np.array([-100_000_000, -50_000_000, 0, 25_000_000, 100_000_000])
 
 
-def offsets(fields: dict[str, npt.NDArray[Any]], stamp_ns: int = STAMP_NS) -> npt.NDArray[np.int32] | None:
+def offsets(fields: dict[str, Array], stamp_ns: int = STAMP_NS) -> I32 | None:
     return point_time_offsets(fields, stamp_ns, topic="/points")
 
 
@@ -36,7 +35,7 @@ def offsets(fields: dict[str, npt.NDArray[Any]], stamp_ns: int = STAMP_NS) -> np
         ("timestamp", (STAMP_NS + SWEEP_NS).astype(">u8"), 0),
     ],
 )
-def test_spellings_of_drivers(name: str, values: npt.NDArray[Any], within_ns: int) -> None:
+def test_spellings_of_drivers(name: str, values: Array, within_ns: int) -> None:
     found = offsets({name: values})
     assert found is not None
     assert found.dtype == np.int32
@@ -71,7 +70,7 @@ def test_clock_that_counts_from_power_on() -> None:
         {"timestamp": np.array([1e300, np.inf])},
     ],
 )
-def test_no_times(fields: dict[str, npt.NDArray[Any]]) -> None:
+def test_no_times(fields: dict[str, Array]) -> None:
     assert offsets(fields) is None
 
 

@@ -10,8 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
+from pipeline.core.arrays import Array
+from pipeline.core.clouds import PointCloud
 from pipeline.core.errors import MessageError
-from pipeline.core.types import Channel, PointCloud, RawMessage
+from pipeline.core.messages import Channel, RawMessage
 from readers.messages.pointcloud2 import decode_pointcloud2
 
 STAMP_NS = 1_700_000_000_123_456_789
@@ -57,7 +59,7 @@ POINT_DTYPES = {**POINT_FIELD_DATATYPES, "i8": 9, "u8": 10}
 
 
 @st.composite
-def layouts(draw: st.DrawFn) -> tuple[Fields, npt.NDArray[Any]]:
+def layouts(draw: st.DrawFn) -> tuple[Fields, Array]:
     """A message with fields in any order, datatype, gap and byte order, and the structured array it was made of."""
     is_bigendian = draw(st.booleans())
     height, width = draw(st.sampled_from([(1, 0), (1, 1), (1, 7), (3, 4), (5, 1), (0, 3)]))
@@ -96,7 +98,7 @@ def layouts(draw: st.DrawFn) -> tuple[Fields, npt.NDArray[Any]]:
 
 @settings(max_examples=150, deadline=None)
 @given(layouts())
-def test_any_layout_reads_as_numpy_reads_it(case: tuple[Fields, npt.NDArray[Any]]) -> None:
+def test_any_layout_reads_as_numpy_reads_it(case: tuple[Fields, Array]) -> None:
     body, table = case
     cloud = decode_pointcloud2(message(body))
     expected = np.stack([table[axis][:, 0] for axis in "xyz"], -1).astype(np.float32)

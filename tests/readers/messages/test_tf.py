@@ -3,7 +3,7 @@ import pytest
 from builders import Fields, raw, tf_message, transform_stamped
 
 from pipeline.core.errors import FrameError
-from pipeline.core.types import RawMessage
+from pipeline.core.messages import RawMessage
 from readers.memory import MemoryRecording
 from readers.messages.tf import read_transforms
 

@@ -9,9 +9,9 @@ import yaml
 from builders import image, pointcloud2, raw, tf_message, transform_stamped
 from combined_messages import CAMERAS, CLOUDS, combined
 
-from pipeline.core.config import Config
 from pipeline.core.errors import RecordingError
-from pipeline.core.types import RawMessage
+from pipeline.core.messages import RawMessage
+from pipeline.core.settings.config import Config
 from readers.memory import MemoryRecording
 from readers.rig.discovery import Discovery, discover_rig, rig_from_file
 from readers.rig.first_messages import FirstMessages

@@ -22,9 +22,9 @@ from builders import (
 from helpers import shared
 from scipy.spatial.transform import Rotation
 
-from pipeline.core.config import Config
 from pipeline.core.errors import CalibrationError, RecordingError
-from pipeline.core.types import Channel, RawMessage
+from pipeline.core.messages import Channel, RawMessage
+from pipeline.core.settings.config import Config
 from readers.memory import MemoryRecording
 from readers.open import open_recording
 from readers.rig.discovery import Discovery, discover_rig

@@ -8,9 +8,9 @@ import yaml
 from builders import image, pointcloud2, raw
 from helpers import shared
 
-from pipeline.core.config import Config
 from pipeline.core.errors import CalibrationError
-from pipeline.core.types import RawMessage
+from pipeline.core.messages import RawMessage
+from pipeline.core.settings.config import Config
 from readers.memory import MemoryRecording
 from readers.rig.discovery import Discovery, rig_from_file
 from readers.rig.load import load_rig

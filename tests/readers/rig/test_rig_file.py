@@ -7,9 +7,10 @@ import yaml
 from builders import camera_info, header, image, pointcloud2, raw, tf_message, transform_stamped
 from scipy.spatial.transform import Rotation
 
-from pipeline.core.config import Config
 from pipeline.core.errors import CalibrationError, ConfigError, LidcamError, OutputError
-from pipeline.core.types import RawMessage, Rig
+from pipeline.core.messages import RawMessage
+from pipeline.core.rig import Rig
+from pipeline.core.settings.config import Config
 from readers.memory import MemoryRecording
 from readers.rig.discovery import Discovery, discover_rig, rig_from_file
 from readers.rig.load import load_rig

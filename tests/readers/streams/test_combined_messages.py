@@ -12,7 +12,7 @@ from builders import header, image, odometry, pointcloud2, raw
 from combined_messages import CAMERAS, CLOUDS, combined
 
 from pipeline.core.errors import MessageError
-from pipeline.core.types import RawMessage
+from pipeline.core.messages import RawMessage
 from readers.memory import MemoryRecording
 from readers.messages.deserialize import deserialize
 from readers.messages.image import decode_picture

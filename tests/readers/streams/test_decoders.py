@@ -2,10 +2,12 @@ import pytest
 from builders import pointcloud2, raw
 from velodyne import random_packets, scan
 
-from pipeline.core.config import Config
 from pipeline.core.errors import MessageError
-from pipeline.core.geometry import Transform
-from pipeline.core.types import LidarSensor, RawMessage, Rig, SensorBundle
+from pipeline.core.frame import SensorBundle
+from pipeline.core.geometry.transform import Transform
+from pipeline.core.messages import RawMessage
+from pipeline.core.rig import LidarSensor, Rig
+from pipeline.core.settings.config import Config
 from readers.streams.decoders import CloudDecoder
 
 TOPIC = "/velodyne_packets"

@@ -5,9 +5,9 @@ import pytest
 from builders import Fields, odometry, pointcloud2, raw, tf_message, transform_stamped
 from scipy.spatial.transform import Rotation, Slerp
 
-from pipeline.core.config import Config
 from pipeline.core.errors import ConfigError
-from pipeline.core.types import Drop, RawMessage
+from pipeline.core.messages import Drop, RawMessage
+from pipeline.core.settings.config import Config
 from readers.memory import MemoryRecording
 from readers.rig.discovery import discover_rig
 from readers.streams.motion import MotionBuffer, MotionSource, find_motion_source

@@ -9,7 +9,7 @@ from foxglove_messages import foxglove_raw
 from numpy import zeros
 
 from pipeline.core.errors import RecordingError
-from pipeline.core.types import RawMessage
+from pipeline.core.messages import RawMessage
 from readers.memory import MemoryRecording
 from readers.streams.per_sensor import sensor_messages
 

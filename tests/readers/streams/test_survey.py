@@ -1,11 +1,11 @@
 """Rates and gaps of topics."""
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from builders import odometry, raw
 
-from pipeline.core.types import RawMessage
+from pipeline.core.arrays import I64
+from pipeline.core.messages import RawMessage
 from readers.memory import MemoryRecording
 from readers.streams.survey import survey
 
@@ -13,7 +13,7 @@ SECOND_NS = 1_000_000_000
 EVERY_100_MS = np.arange(50) * SECOND_NS // 10
 
 
-def messages(stamps_ns: npt.NDArray[np.int64]) -> list[RawMessage]:
+def messages(stamps_ns: I64) -> list[RawMessage]:
     return [raw("/t", "nav_msgs/msg/Odometry", odometry(stamp_ns=int(t)), int(t)) for t in stamps_ns + SECOND_NS]
 
 
@@ -29,7 +29,7 @@ def messages(stamps_ns: npt.NDArray[np.int64]) -> list[RawMessage]:
     ],
     ids=["one", "even", "losses", "pause", "two senders"],
 )
-def test_rate_and_gaps(stamps_ns: npt.NDArray[np.int64], rate_hz: float, gaps: int) -> None:
+def test_rate_and_gaps(stamps_ns: I64, rate_hz: float, gaps: int) -> None:
     (topic,) = survey(MemoryRecording(messages(stamps_ns)))
     assert topic.rate_hz == pytest.approx(rate_hz, rel=0.02)
     assert topic.gaps == gaps

@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 from velodyne import SCAN, START_NS, TOPIC, assert_as_judged, judged, random_packets, recorded_scans, scan
 
-from pipeline.core.config import VelodyneConfig, VelodyneLidarConfig
+from pipeline.core.clouds import PointCloud
 from pipeline.core.errors import CalibrationError, ConfigError, MessageError
-from pipeline.core.types import Drop, PointCloud
+from pipeline.core.messages import Drop
+from pipeline.core.settings.recording import VelodyneConfig, VelodyneLidarConfig
 from readers.velodyne.calibration import read_velodyne_calibration
 from readers.velodyne.decoder import VelodyneDecoder, VelodyneDecoders
 from readers.velodyne.models import MODELS

@@ -4,15 +4,15 @@ from typing import Any
 
 import builders
 import numpy as np
-import numpy.typing as npt
 import pytest
 from helpers import shared
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from velodyne import START_NS, packet_stream, random_packets, recorded_scans
 
+from pipeline.core.arrays import I64, U8
 from pipeline.core.errors import MessageError
-from pipeline.core.types import Channel, RawMessage
+from pipeline.core.messages import Channel, RawMessage
 from readers.memory import MemoryRecording
 from readers.messages.deserialize import deserialize
 from readers.streams.per_sensor import sensor_messages
@@ -22,7 +22,7 @@ from readers.velodyne.packet import PACKET, packet_channel, packet_message_data
 from readers.velodyne.scan import SCAN, parse_velodyne_scan
 from readers.velodyne.sweeps import PAUSE_NS
 
-U8, I64 = npt.NDArray[np.uint8], npt.NDArray[np.int64]
+U8, I64 = U8, I64
 TOPIC = "/velodyne_packets"
 MS = 1_000_000
 

@@ -24,8 +24,8 @@ from video import (
     psnr_db,
 )
 
-from pipeline.core.config import LimitsConfig
-from pipeline.core.types import RawMessage
+from pipeline.core.messages import RawMessage
+from pipeline.core.settings.recording import LimitsConfig
 from readers.video.decoder import MAX_HELD, VideoDecoder
 from readers.video.packets import AFTER_DAMAGE, BEFORE_KEY_FRAME
 

@@ -11,7 +11,7 @@ from rosbags.typesys import get_types_from_msg
 from video import CODECS, T0, compressed_video, encode, ffmpeg, ffmpeg_packet, foxglove, moving
 
 from pipeline.core.errors import MessageError
-from pipeline.core.types import Channel, RawMessage
+from pipeline.core.messages import Channel, RawMessage
 from readers.messages.header_stamp import peek_stamp_ns
 from readers.video.packets import COMPRESSED_VIDEO, FFMPEG_PACKET, read_packet
 

@@ -10,8 +10,11 @@ from builders import pointcloud2 as cloud
 from foxglove_messages import foxglove_raw, twin
 from video import PERIOD_NS, T0, compressed_video, encode, ffmpeg, foxglove, moving, pixels, psnr_db
 
-from pipeline.core.config import Config, SyncConfig, TopicsConfig
-from pipeline.core.types import Channel, Drop, RawMessage, SensorBundle
+from pipeline.core.frame import SensorBundle
+from pipeline.core.messages import Channel, Drop, RawMessage
+from pipeline.core.settings.config import Config
+from pipeline.core.settings.recording import TopicsConfig
+from pipeline.core.settings.sync import SyncConfig
 from pipeline.stages.sync import synchronize
 from readers.memory import MemoryRecording
 from readers.rig.discovery import Discovery, discover_rig

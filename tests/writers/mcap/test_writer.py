@@ -13,9 +13,11 @@ from results import messages_of, topics_of
 from rosbags.highlevel import AnyReader
 from scipy.spatial.transform import Rotation
 
-from pipeline.core.config import Config
 from pipeline.core.errors import OutputError
-from pipeline.core.types import Drop, FrameResult, Rig
+from pipeline.core.frame import FrameResult
+from pipeline.core.messages import Drop
+from pipeline.core.rig import Rig
+from pipeline.core.settings.config import Config
 from writers.base import ResultWriter
 from writers.mcap.writer import McapResultWriter
 

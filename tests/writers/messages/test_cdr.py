@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_typestore
 
-from pipeline.core.types import PointCloud
+from pipeline.core.clouds import PointCloud
 from writers.messages.cdr import point_cloud2
 
 STAMP_NS = 1_700_000_000_123_456_789

@@ -7,7 +7,8 @@ from frames import CONFIG, RIG, START_NS
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.core.types import Boxes3D, Zone
+from pipeline.core.detections import Boxes3D
+from pipeline.core.rig import Zone
 from writers.messages.definitions import output_types
 from writers.messages.detections import detections_2d, detections_3d, lidcam_objects
 

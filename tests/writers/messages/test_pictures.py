@@ -6,7 +6,7 @@ from frames import START_NS, picture
 from rosbags.typesys import Stores, get_typestore
 
 from pipeline.core.errors import MessageError
-from pipeline.core.types import RawMessage
+from pipeline.core.messages import RawMessage
 from writers.messages.pictures import picture_cdr, read_picture
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)

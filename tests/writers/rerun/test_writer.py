@@ -9,9 +9,12 @@ import numpy as np
 import pytest
 from frames import CONFIG, PROVENANCE, RIG, START_NS, frame
 
-from pipeline.core.config import Config
+from pipeline.core.clouds import CombinedCloud, PointCloud
 from pipeline.core.errors import MessageError, OutputError
-from pipeline.core.types import CombinedCloud, Drop, FrameResult, Image, PointCloud, RawMessage
+from pipeline.core.frame import FrameResult
+from pipeline.core.images import Image
+from pipeline.core.messages import Drop, RawMessage
+from pipeline.core.settings.config import Config
 from writers.base import ResultWriter
 from writers.rerun.blueprint import SceneScale
 from writers.rerun.writer import MAX_POINTS, RerunResultWriter

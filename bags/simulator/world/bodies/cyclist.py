@@ -6,7 +6,6 @@ The feet follow the pedals; thigh and shin bend as two bars of given lengths mus
 from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 
 from bags.simulator.world.bodies.dimensions import SHAPES
 from bags.simulator.world.bodies.figures import HIP_Y_M, Looks, head, looks_of, shin_mesh, thigh_mesh
@@ -16,10 +15,10 @@ from bags.simulator.world.meshes.materials import CHROME, DARK, HEADLAMP, METAL,
 from bags.simulator.world.meshes.mesh import Material, Mesh, box, cylinder, merged, sphere
 from bags.simulator.world.motion import Poses
 from bags.simulator.world.scene import Part
+from pipeline.core.arrays import F64
 
 __all__ = ["CRANK_CYCLE_M", "cyclist_parts"]
 
-F64 = npt.NDArray[np.float64]
 Rgb = tuple[float, float, float]
 
 CRANK = (0.44, 0.29)  # x and z of the pedals' axle

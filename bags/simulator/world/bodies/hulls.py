@@ -9,10 +9,10 @@ import numpy.typing as npt
 
 from bags.simulator.world.meshes.lofts import loft, panel
 from bags.simulator.world.meshes.mesh import Material, Mesh, merged
+from pipeline.core.arrays import F64
 
 __all__ = ["Hull", "both_sides"]
 
-F64 = npt.NDArray[np.float64]
 ARCH_STEPS = 8
 
 

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from bags.simulator.world.bodies.dimensions import Shape
 from bags.simulator.world.motion import Poses
+from pipeline.core.arrays import F64, I64
 
 __all__ = [
     "SPEED",
@@ -22,8 +22,6 @@ __all__ = [
     "steered_wheel",
 ]
 
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 SPEED = 3
 STEERING = 4

@@ -7,7 +7,6 @@ so that one foot is always on the ground.
 from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 
 from bags.simulator.world.bodies.figures import HIP_Y_M, Looks, head, looks_of, shin_mesh, thigh_mesh
 from bags.simulator.world.bodies.joints import SPEED, WALKED, ArticulatedPath, Carrier, pitched
@@ -15,10 +14,10 @@ from bags.simulator.world.meshes.lofts import ellipses, limb
 from bags.simulator.world.meshes.mesh import Mesh, merged, sphere
 from bags.simulator.world.motion import Poses
 from bags.simulator.world.scene import Part
+from pipeline.core.arrays import F64
 
 __all__ = ["CYCLE_M", "pedestrian_parts"]
 
-F64 = npt.NDArray[np.float64]
 Rgb = tuple[float, float, float]
 
 THIGH_M, SHIN_M = 0.43, 0.42

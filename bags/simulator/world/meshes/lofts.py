@@ -10,10 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from bags.simulator.world.meshes.mesh import Material, Mesh, cylinder, merged
+from pipeline.core.arrays import F64, I64
 
 __all__ = ["ellipses", "limb", "loft", "panel", "torus", "wheel"]
-
-F64 = npt.NDArray[np.float64]
 
 
 def loft(
@@ -125,7 +124,7 @@ def panel(corners: npt.ArrayLike, material: Material, *, thickness: float = 0.00
     return loft(np.stack([face - normal, face + normal]), material)
 
 
-def _outward(points: F64, faces: npt.NDArray[np.int64], looks: Sequence[Material]) -> Mesh:
+def _outward(points: F64, faces: I64, looks: Sequence[Material]) -> Mesh:
     """The mesh, turned inside out if its volume is negative."""
     a, b, c = points[faces[:, 0]], points[faces[:, 1]], points[faces[:, 2]]
     if float((a * np.cross(b, c)).sum()) < 0:

@@ -11,11 +11,10 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.core.types import check_array
+from pipeline.core.arrays import F64, I64, check_array
 
 __all__ = ["Material", "Mesh", "Texture", "box", "cylinder", "merged", "polygon", "prism", "profile", "sphere"]
 
-F64 = npt.NDArray[np.float64]
 Rgb = tuple[float, float, float]
 Texture = Literal[
     "plain",
@@ -71,8 +70,8 @@ class Mesh:
     """
 
     vertices: F64
-    triangles: npt.NDArray[np.int64]
-    materials: npt.NDArray[np.int64]
+    triangles: I64
+    materials: I64
     palette: tuple[Material, ...]
 
     def __post_init__(self) -> None:
@@ -202,7 +201,7 @@ def polygon(corners: npt.ArrayLike, material: Material) -> Mesh:
     return Mesh(vertices, triangles, np.zeros(k - 2, np.int64), (material,))
 
 
-def _hull_of_rings(k: int) -> npt.NDArray[np.int64]:
+def _hull_of_rings(k: int) -> I64:
     """Triangles of a body between two rings of K vertices: its end at the first ring, the other end, its sides."""
     here = np.arange(k)
     after = (here + 1) % k

@@ -6,7 +6,6 @@ The masts at (+-9.5, +-9.5) end at `MAST_TOP_M`, so that sensors stand above the
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from bags.simulator.world.meshes.materials import METAL
 from bags.simulator.world.meshes.mesh import Material, Mesh, Texture, box, cylinder, merged, polygon, prism
@@ -21,6 +20,7 @@ from bags.simulator.world.places.furniture import (
     traffic_light,
     tree,
 )
+from pipeline.core.arrays import F64
 
 __all__ = ["KERB_M", "MAST_TOP_M", "crossing", "crossing_height"]
 
@@ -36,7 +36,6 @@ PAVING = Material("paving", (0.56, 0.54, 0.51), 0.35, texture="paving")
 MAST = Material("mast", (0.50, 0.52, 0.54), 0.40, mirror=0.04)
 CABINET = Material("switch cabinet", (0.58, 0.60, 0.56), 0.45)
 
-F64 = npt.NDArray[np.float64]
 Rgb = tuple[float, float, float]
 House = tuple[tuple[int, int], tuple[int, int], float, Rgb, Texture, int | None, bool]
 

@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from zlib import crc32
 
 import numpy as np
-import numpy.typing as npt
 
 from bags.simulator.world.meshes.lofts import loft
 from bags.simulator.world.meshes.materials import DARK, METAL
 from bags.simulator.world.meshes.mesh import Material, Mesh, Texture, box, cylinder, merged, sphere
+from pipeline.core.arrays import F64
 
 __all__ = [
     "BAY_M",
@@ -91,9 +91,7 @@ def conifer(x: float, y: float, height: float, *, base: float = 0.0) -> Mesh:
     return merged(parts)
 
 
-def _crumpled(
-    mesh: Mesh, middle: npt.NDArray[np.float64], draw: np.random.Generator, *, strength: float = 0.13
-) -> Mesh:
+def _crumpled(mesh: Mesh, middle: F64, draw: np.random.Generator, *, strength: float = 0.13) -> Mesh:
     """Every corner shifted a little towards the middle or away from it."""
     share = 1 + draw.uniform(-strength, strength, len(mesh.vertices))[:, None]
     return Mesh(middle + (mesh.vertices - middle) * share, mesh.triangles, mesh.materials, mesh.palette)

@@ -4,16 +4,15 @@ from functools import cache
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from bags.simulator.world.meshes.mesh import Mesh
 from bags.simulator.world.places.crossing import crossing, crossing_height
 from bags.simulator.world.places.sandbox import sandbox
 from bags.simulator.world.places.street import street, street_height
+from pipeline.core.arrays import F64
 
 __all__ = ["World", "ground_height", "static_mesh"]
 
-F64 = npt.NDArray[np.float64]
 World = Literal["sandbox", "crossing", "street"]
 
 

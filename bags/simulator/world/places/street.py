@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from bags.simulator.world.meshes.mesh import Material, Mesh, Texture, box, merged, polygon, prism
 from bags.simulator.world.places.furniture import (
@@ -18,6 +17,7 @@ from bags.simulator.world.places.furniture import (
     tree,
     triangle_sign,
 )
+from pipeline.core.arrays import F64
 
 __all__ = ["KERB_M", "street", "street_height"]
 
@@ -32,7 +32,6 @@ KERB = Material("kerb", (0.62, 0.61, 0.59), 0.40, texture="concrete")
 PAVING = Material("paving", (0.55, 0.53, 0.51), 0.35, texture="paving")
 GARDEN_WALL = Material("garden wall", (0.56, 0.33, 0.26), 0.35, texture="brick")
 
-F64 = npt.NDArray[np.float64]
 Rgb = tuple[float, float, float]
 WALLS: Sequence[Rgb] = (
     (0.82, 0.77, 0.66), (0.66, 0.42, 0.34), (0.78, 0.78, 0.74), (0.74, 0.60, 0.44), (0.60, 0.64, 0.66),

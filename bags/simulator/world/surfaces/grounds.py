@@ -1,16 +1,13 @@
 """What is painted and grown on the ground of each world: roads and their markings as functions of x and y."""
 
 import numpy as np
-import numpy.typing as npt
 
 from bags.simulator.world.surfaces.looks import OWN, Look
 from bags.simulator.world.surfaces.noise import grain
+from pipeline.core.arrays import F32, U8, Bools
 
 __all__ = ["GROUND_LOOKS", "crossing_ground", "sandbox_ground", "street_ground"]
 
-F32 = npt.NDArray[np.float32]
-U8 = npt.NDArray[np.uint8]
-Bools = npt.NDArray[np.bool_]
 Drawn = tuple[U8, F32]
 
 ASPHALT, WHITE, GRASS, YELLOW, PATCH, DRAIN = range(6)

@@ -3,11 +3,11 @@
 from functools import cache
 
 import numpy as np
-import numpy.typing as npt
+
+from pipeline.core.arrays import F32
 
 __all__ = ["cells", "grain"]
 
-F32 = npt.NDArray[np.float32]
 SIZE = 512  # a power of two, so that a place is wrapped by masking bits
 
 

@@ -10,19 +10,16 @@ from dataclasses import dataclass
 from functools import lru_cache, partial
 
 import numpy as np
-import numpy.typing as npt
 
 from bags.simulator.world.meshes.mesh import Material, Texture
 from bags.simulator.world.surfaces.grounds import GROUND_LOOKS, crossing_ground, sandbox_ground, street_ground
 from bags.simulator.world.surfaces.looks import OWN, Look, linear
 from bags.simulator.world.surfaces.noise import cells, grain
+from pipeline.core.arrays import F32, F64, I64, U8
 
 __all__ = ["surface_reflectivity", "surface_rgb"]
 
-F32 = npt.NDArray[np.float32]
-Floats = npt.NDArray[np.float32] | npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
-U8 = npt.NDArray[np.uint8]
+Floats = F32 | F64
 Drawn = tuple[U8, F32]
 
 WINDOW = Look((0.21, 0.26, 0.32), 0.08)

@@ -10,7 +10,7 @@ from small_scenario import small_scenario
 from bags.simulator.drive.live_view import LiveView
 from bags.simulator.recorder.message_types import RosVersion
 from bags.simulator.recorder.start import simulating
-from bags.simulator.scenario import Scenario
+from bags.simulator.scenario.scenario import Scenario
 from pipeline.core.errors import OutputError
 
 RERUN = Path(sys.executable).with_name("rerun")

@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
@@ -19,10 +18,11 @@ from bags.simulator.recorder.files import (
     ros_version_of,
 )
 from bags.simulator.recorder.messages import MessageFactory, TrueObject
+from pipeline.core.arrays import Array
 from pipeline.core.camera import CameraModel
 from pipeline.core.errors import OutputError
-from pipeline.core.geometry import Transform
-from pipeline.core.types import RawMessage
+from pipeline.core.geometry.transform import Transform
+from pipeline.core.messages import RawMessage
 from readers.messages.camera_info import camera_model
 from readers.messages.deserialize import deserialize
 from readers.messages.detections2d import decode_detections2d
@@ -40,7 +40,7 @@ MODEL = CameraModel(
     "cam", 64, 48, np.array([[50.0, 0, 31.5], [0, 51.0, 23.5], [0, 0, 1]]), "plumb_bob", np.array([-0.1, 0.02, 0, 0, 0])
 )
 POSE = Transform.from_quaternion("site", "car", [1.0, -2.0, 0.5], [0, 0, np.sin(0.4), np.cos(0.4)])
-POINTS: dict[str, npt.NDArray[Any]] = {
+POINTS: dict[str, Array] = {
     "x": np.array([1.0, 2.0], np.float32),
     "y": np.array([3.0, 4.0], np.float32),
     "z": np.array([5.0, 6.0], np.float32),

@@ -11,7 +11,8 @@ from bags.simulator.recorder.processes import SensingProcess, shared_out
 from bags.simulator.recorder.sensing import Sensing
 from bags.simulator.recorder.stage import Stage
 from bags.simulator.recorder.task import SensingTask
-from bags.simulator.scenario import Scenario, load_scenario
+from bags.simulator.scenario.load import load_scenario
+from bags.simulator.scenario.scenario import Scenario
 from bags.simulator.vehicles.ackermann import AckermannCommand
 from pipeline.core.errors import ConfigError, LidcamError
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from bags.simulator.scenario import LidarScenario
+from bags.simulator.scenario.sensors import LidarScenario
 from bags.simulator.sensors.beams import SweepBeams, VelodynePattern, pattern_of
 from readers.velodyne.models import MODELS, built_in_table
 

@@ -2,10 +2,10 @@ from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 import pytest
 
-from bags.simulator.scenario import CameraScenario, Detector2DScenario, SunScenario
+from bags.simulator.scenario.scenario import SunScenario
+from bags.simulator.scenario.sensors import CameraScenario, Detector2DScenario
 from bags.simulator.sensors.ambient import sky_light
 from bags.simulator.sensors.camera import T_BODY_OPTICAL, Camera, Picture
 from bags.simulator.sensors.detector2d import detect
@@ -14,9 +14,9 @@ from bags.simulator.vehicles.trajectory import State, Trajectory
 from bags.simulator.world.meshes.mesh import Material, Mesh, box, merged, polygon
 from bags.simulator.world.motion import FixedPath, MountedPath, Path
 from bags.simulator.world.scene import Mover, Part, Scene
-from pipeline.core.geometry import Transform, box_corners
-
-F64 = npt.NDArray[np.float64]
+from pipeline.core.arrays import F64
+from pipeline.core.geometry.boxes import box_corners
+from pipeline.core.geometry.transform import Transform
 
 GROUND = Material("ground", (0.55, 0.55, 0.55))
 BLACK = Material("black", (0.05, 0.05, 0.05))

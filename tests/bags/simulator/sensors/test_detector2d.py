@@ -3,7 +3,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bags.simulator.scenario import Detector2DScenario
+from bags.simulator.scenario.sensors import Detector2DScenario
 from bags.simulator.sensors.camera import Picture
 from bags.simulator.sensors.detector2d import NO_MOVER, Detected, detect_movers, visible_boxes
 

@@ -1,12 +1,10 @@
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from bags.simulator.sensors.edges import Side, edge_beams
-
-F64 = npt.NDArray[np.float64]
+from pipeline.core.arrays import F64, Bools
 
 ELEVATION = np.deg2rad([2.0, -10.0, 10.0])
 ORDER = np.array([1, 0, 2])  # of laser ids from the lowest up
@@ -19,7 +17,7 @@ def beams(firings: int) -> F64:
     return np.stack(directions, -1)
 
 
-def sides(distance_m: F64, normal: F64 | None = None) -> npt.NDArray[np.bool_]:
+def sides(distance_m: F64, normal: F64 | None = None) -> Bools:
     """Of beams from the origin; where nothing else is said, all surfaces face the sensor."""
     directions = beams(len(distance_m))
     if normal is None:

@@ -1,8 +1,8 @@
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from bags.simulator.sensors.lens import Lens, undistorted
+from pipeline.core.arrays import F64
 from pipeline.core.camera import CameraModel, DistortionModel
 
 LENSES: dict[str, tuple[DistortionModel, tuple[float, ...], float]] = {
@@ -20,7 +20,7 @@ def lens_model(name: str) -> CameraModel:
     return CameraModel("optical", 640, 480, matrix, kind, np.array(distortion))
 
 
-def pixel_centers() -> npt.NDArray[np.float64]:
+def pixel_centers() -> F64:
     rows, columns = np.divmod(np.arange(640 * 480), 640)
     return np.stack([columns + 0.5, rows + 0.5], 1)
 

@@ -1,23 +1,21 @@
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from small_worlds import BLACK, GLASS, GREY, RETRO, WHITE, EvenPath, box_mover, fixed_at, scene, wall
 from velodyne import scan
 
-from bags.simulator.scenario import LidarScenario
+from bags.simulator.scenario.sensors import LidarScenario
 from bags.simulator.sensors.lidar import Lidar, Sweep
 from bags.simulator.world.meshes.mesh import Material, box, polygon
 from bags.simulator.world.motion import MountedPath, Path
 from bags.simulator.world.scene import Scene
-from pipeline.core.config import VelodyneLidarConfig
-from pipeline.core.geometry import Transform
-from pipeline.core.types import PointCloud
+from pipeline.core.arrays import F64, I64
+from pipeline.core.clouds import PointCloud
+from pipeline.core.geometry.transform import Transform
+from pipeline.core.settings.recording import VelodyneLidarConfig
 from readers.velodyne.decoder import VelodyneDecoder
 from readers.velodyne.models import MODELS
-
-F64 = npt.NDArray[np.float64]
 
 EXACT: dict[str, Any] = {"range_noise_m": 0.0, "dropout": 0.0}
 NARROW: dict[str, Any] = {**EXACT, "divergence_mrad": 0.0}
@@ -43,7 +41,7 @@ def azimuth_deg(sweep: Sweep) -> F64:
     return np.asarray(np.rad2deg(np.arctan2(sweep.xyz[:, 1], sweep.xyz[:, 0])))
 
 
-def times_ns(sweep: Sweep) -> npt.NDArray[np.int64]:
+def times_ns(sweep: Sweep) -> I64:
     return sweep.begin_ns + sweep.time_offset_ns
 
 

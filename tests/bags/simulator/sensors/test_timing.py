@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bags.simulator.scenario import SensorScenario
+from bags.simulator.scenario.sensors import SensorScenario
 from bags.simulator.sensors.timing import Measurement, Timing, random_numbers
 
 MS = 1_000_000

@@ -1,13 +1,13 @@
 import numpy as np
-import numpy.typing as npt
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from velodyne import assert_as_judged, judged, scan
 
 from bags.simulator.sensors.velodyne_packets import EncodedPackets, VelodyneSensor
-from pipeline.core.config import VelodyneLidarConfig
-from pipeline.core.types import PointCloud
+from pipeline.core.arrays import F64, U8
+from pipeline.core.clouds import PointCloud
+from pipeline.core.settings.recording import VelodyneLidarConfig
 from readers.velodyne.decoder import VelodyneDecoder
 from readers.velodyne.models import MODELS, built_in_table
 
@@ -23,9 +23,7 @@ def decode(packets: EncodedPackets) -> PointCloud:
     return VelodyneDecoder(VelodyneLidarConfig())(scan(packets.payload, packets.stamps_ns))
 
 
-def some_ranges(
-    of: VelodyneSensor, packets: int, seed: int = 0
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.uint8]]:
+def some_ranges(of: VelodyneSensor, packets: int, seed: int = 0) -> tuple[F64, U8]:
     rng = np.random.default_rng(seed)
     shape = (packets * of.firings_per_packet, MODELS[of.model].lasers, *([2] if of.return_mode == "dual" else []))
     ranges_m = rng.uniform(0.5, 120, shape)

@@ -1,7 +1,6 @@
 import math
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
@@ -13,12 +12,13 @@ from bags.simulator.vehicles.trajectory import State
 from bags.simulator.world.bodies.dimensions import SHAPES
 from bags.simulator.world.meshes.materials import METAL
 from bags.simulator.world.meshes.mesh import box, cylinder, merged, polygon
+from pipeline.core.arrays import F64
 
 PLACE, TURN, SIZE = st.floats(-4, 4), st.floats(-7, 7), st.floats(0.1, 5)
 RECTANGLE = st.builds(Rectangle, PLACE, PLACE, TURN, SIZE, SIZE)
 
 
-def corners(of: Rectangle) -> npt.NDArray[np.float64]:
+def corners(of: Rectangle) -> F64:
     signs = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) / 2 * (of.length_m, of.width_m)
     cos, sin = math.cos(of.yaw_rad), math.sin(of.yaw_rad)
     return np.asarray(signs @ np.array([[cos, sin], [-sin, cos]]) + (of.x_m, of.y_m))

@@ -1,13 +1,13 @@
 import math
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bags.simulator.scenario import RouteScenario
+from bags.simulator.scenario.traffic import RouteScenario
 from bags.simulator.vehicles.routes import Route, RoutePoint, pure_pursuit
+from pipeline.core.arrays import F64
 from pipeline.core.errors import ConfigError
 
 Corners = tuple[tuple[float, ...], ...]
@@ -21,7 +21,7 @@ def route(corners: Corners, *, closed: bool = False, radius: float = 2.0) -> Rou
     )
 
 
-def dense(of: Route) -> npt.NDArray[np.float64]:
+def dense(of: Route) -> F64:
     return of.points(np.linspace(0, of.length_m * (1 - 1e-12), 20_001))
 
 

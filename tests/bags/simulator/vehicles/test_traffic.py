@@ -2,10 +2,10 @@ import itertools
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
-from bags.simulator.scenario import Scenario, load_scenario
+from bags.simulator.scenario.load import load_scenario
+from bags.simulator.scenario.scenario import Scenario
 from bags.simulator.vehicles.ackermann import AckermannCommand
 from bags.simulator.vehicles.followers import following_acceleration
 from bags.simulator.vehicles.footprints import footprint, overlap
@@ -15,6 +15,7 @@ from bags.simulator.vehicles.trajectory import State
 from bags.simulator.world.bodies.dimensions import SHAPES
 from bags.simulator.world.meshes.materials import METAL
 from bags.simulator.world.meshes.mesh import Mesh, box, merged
+from pipeline.core.arrays import F64
 from pipeline.core.errors import ConfigError
 
 SECOND = 10**9
@@ -34,7 +35,7 @@ def traffic(
     return Traffic(Scenario.model_validate(content), driven=driven, static=static)
 
 
-def states(of: Traffic, name: str, seconds: float) -> npt.NDArray[np.float64]:
+def states(of: Traffic, name: str, seconds: float) -> F64:
     """(N, 6) at every step up to a time."""
     of.advance(round(seconds * SECOND))
     return of.trajectories[name].states(np.arange(0, round(seconds * SECOND) + 1, STEP_NS, dtype=np.int64))

@@ -4,7 +4,7 @@ from scipy.spatial.transform import Rotation
 from small_worlds import EvenPath, fixed_at
 
 from bags.simulator.world.motion import MountedPath, Poses, upright_poses
-from pipeline.core.geometry import Transform
+from pipeline.core.geometry.transform import Transform
 
 
 def some_poses(count: int, seed: int = 0) -> Poses:

@@ -1,5 +1,4 @@
 import numpy as np
-import numpy.typing as npt
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -8,10 +7,8 @@ from small_worlds import BLACK, GREY, WHITE, EvenPath, box_mover, fixed_at, rand
 from bags.simulator.world.meshes.mesh import box
 from bags.simulator.world.motion import MountedPath
 from bags.simulator.world.scene import STATIC, Hits, Rays, Scene, with_nearer
-from pipeline.core.geometry import Transform
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
+from pipeline.core.arrays import F64
+from pipeline.core.geometry.transform import Transform
 
 TURNING = EvenPath((0.5, -1.0, -0.4), (30.0, 8.0, 0.0), 0.3, 3.0)
 

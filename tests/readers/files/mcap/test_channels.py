@@ -10,7 +10,7 @@ from mcap.records import Channel as RecordedChannel
 from mcap.records import Schema
 
 from pipeline.core.errors import MessageError
-from pipeline.core.types import Channel
+from pipeline.core.messages import Channel
 from readers.files.mcap.channels import channel_of
 from readers.messages.deserialize import deserialize
 from readers.open import open_recording

@@ -10,7 +10,7 @@ from mcap.writer import Writer
 from numpy import zeros
 
 from pipeline.core.errors import RecordingError
-from pipeline.core.types import RawMessage
+from pipeline.core.messages import RawMessage
 from readers.open import open_recording
 
 T0 = 1_700_000_000 * 10**9

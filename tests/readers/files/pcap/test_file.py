@@ -12,9 +12,9 @@ from captures import PCAP_FORMS, capture_of, ethernet, interface, ip_packet, ng_
 from helpers import shared
 from velodyne import JUDGES, START_NS, random_packets, recorded_scans
 
-from pipeline.core.config import VelodyneLidarConfig
 from pipeline.core.errors import RecordingError
-from pipeline.core.types import RawMessage
+from pipeline.core.messages import RawMessage
+from pipeline.core.settings.recording import VelodyneLidarConfig
 from readers.messages.deserialize import deserialize
 from readers.open import open_recording
 from readers.streams.per_sensor import sensor_messages

@@ -5,7 +5,7 @@ import pytest
 from builders import odometry, raw, write_rosbag2
 
 from pipeline.core.errors import RecordingError
-from pipeline.core.types import RawMessage
+from pipeline.core.messages import RawMessage
 from readers.messages.deserialize import deserialize
 from readers.open import open_recording
 

@@ -2,7 +2,6 @@ from functools import cache
 from typing import get_args
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from bags.simulator.world.meshes.mesh import Material, Texture
@@ -10,8 +9,8 @@ from bags.simulator.world.places.places import World, static_mesh
 from bags.simulator.world.surfaces.looks import linear
 from bags.simulator.world.surfaces.noise import cells, grain
 from bags.simulator.world.surfaces.textures import TEXTURES, surface_reflectivity, surface_rgb
+from pipeline.core.arrays import F32
 
-F32 = npt.NDArray[np.float32]
 UP = np.array([[0.0, 0.0, 1.0]])
 
 

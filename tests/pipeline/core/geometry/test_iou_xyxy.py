@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.core.geometry import iou_xyxy
+from pipeline.core.geometry.boxes import iou_xyxy
 
 UNIT = (0, 0, 1, 1)
 NAN = float("nan")

@@ -6,8 +6,9 @@ from pathlib import Path
 import pytest
 import yaml
 
-from pipeline.core.config import load_config, parse_yaml, read_yaml
 from pipeline.core.errors import ConfigError
+from pipeline.core.settings.bounded_yaml import parse_yaml, read_yaml
+from pipeline.core.settings.load import load_config
 from readers.rig.load import load_rig
 
 LAUGHS = "a: &a [1, 1]\n" + "\n".join(

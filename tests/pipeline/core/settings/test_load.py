@@ -3,10 +3,11 @@ from pathlib import Path
 import pytest
 import yaml
 
-from pipeline.core.config import Config, dump_config, load_config
 from pipeline.core.errors import ConfigError
+from pipeline.core.settings.config import Config
+from pipeline.core.settings.load import dump_config, load_config
 
-ROOT = Path(__file__).resolve().parents[3]
+ROOT = Path(__file__).resolve().parents[4]
 
 
 def test_default_yaml_is_a_printed_copy_of_the_defaults() -> None:

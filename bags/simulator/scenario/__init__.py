@@ -1,0 +1,1 @@
+"""Scenarios: what a simulated recording is made of."""

@@ -1,0 +1,67 @@
+"""Scenarios from files: those that come with lidcam, and people's own."""
+
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from bags.simulator.scenario.scenario import Scenario, listed
+from pipeline.core.errors import ConfigError
+from pipeline.core.settings.bounded_yaml import read_yaml
+from pipeline.core.settings.load import describe_validation, set_values
+
+__all__ = ["load_scenario", "scenario_names"]
+
+
+def scenario_names() -> list[str]:
+    """The scenarios that come with lidcam."""
+    return sorted(path.stem for path in _folder().glob("*.yaml"))
+
+
+def load_scenario(name: str, overrides: tuple[str, ...] = ()) -> Scenario:
+    """A scenario by its name or by the path of a YAML file, then single values `a.b=value`.
+
+    `*` in place of a name stands for all of them: `cameras.*.rate_hz=5`.
+
+    Raises:
+        ConfigError: there is none of this name, the file cannot be read, a key is unknown, or a value does not fit.
+    """
+    path = Path(name)
+    if path.suffix not in {".yaml", ".yml"}:
+        path = _folder() / f"{name}.yaml"
+        if not path.is_file():
+            raise ConfigError(f"{name}: expected a YAML file or one of {listed(scenario_names())}")
+    tree = read_yaml(path)
+    set_values(tree, tuple(override for given in overrides for override in _for_each(tree, given)))
+    try:
+        return Scenario.model_validate(tree)
+    except ValidationError as err:
+        where = f"{path} with --set" if overrides else f"{path}"
+        raise ConfigError(f"{where}: {describe_validation(Scenario, err)}") from err
+
+
+def _for_each(tree: dict[str, Any], override: str) -> list[str]:
+    """An override for each of the names that a `*` in its key stands for."""
+    key, equals, value = override.partition("=")
+    if key.startswith("*"):
+        raise ConfigError(f"--set {override}: name the section, as in cameras.*.rate_hz")
+    keys = [""]
+    for part in key.split("."):
+        keys = [f"{before}{name}." for before in keys for name in (_names_at(tree, before) if part == "*" else [part])]
+    if not keys:
+        raise ConfigError(f"--set {override}: * stands for nothing there")
+    return [found.removesuffix(".") + equals + value for found in keys]
+
+
+def _names_at(tree: dict[str, Any], path: str) -> list[str]:
+    for part in path.split(".")[:-1]:
+        nested = tree.get(part)
+        tree = nested if isinstance(nested, dict) else {}
+    return list(tree)
+
+
+def _folder() -> Path:
+    """Of the scenarios: inside the package where it is installed, in `config/` where it is worked on."""
+    package = Path(__file__).parents[2]
+    installed = package / "scenarios"
+    return installed if installed.is_dir() else package.parent / "config" / "scenarios"

@@ -1,0 +1,159 @@
+"""Scenarios: what a simulated recording is made of, as YAML that people copy and change.
+
+Every model refuses unknown keys. Units stand in the names. Frames: the world's is the site's (x forward, y left, z up);
+a sensor that is mounted on a vehicle has its place in the vehicle's base frame (on the ground below the rear axle).
+"""
+
+from collections.abc import Iterable
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from bags.simulator.scenario.model import Name
+from bags.simulator.scenario.sensors import COEFFICIENTS, CameraScenario, LidarScenario
+from bags.simulator.scenario.traffic import RouteScenario, VehicleScenario
+from pipeline.core.settings.model import NotNegative, Positive, SettingsModel
+
+__all__ = ["EGO_FRAME", "RecordingScenario", "Scenario", "SunScenario", "listed"]
+
+EGO_FRAME = "base_link"
+"""Of the vehicle that carries sensors (REP 105)."""
+OWN_TOPICS = ("/tf", "/tf_static", "/odom", "/ground_truth/objects")
+
+
+class RecordingScenario(SettingsModel):
+    """What is recorded beside the sensors, and how.
+
+    Attributes:
+        truth_rate_hz: Of /ground_truth/objects; 0 records none.
+        odometry_rate_hz: Of the vehicles' odometry and tf.
+        command_rate_hz: Of the vehicles' commands.
+    """
+
+    truth_rate_hz: NotNegative = 10.0
+    odometry_rate_hz: Positive = 50.0
+    command_rate_hz: Positive = 20.0
+
+
+class SunScenario(SettingsModel):
+    """Where the light comes from.
+
+    Attributes:
+        azimuth_deg: Counter-clockwise from +x.
+        elevation_deg: Above the ground.
+        shadows: Whether it casts shadows.
+    """
+
+    azimuth_deg: float = -50.0
+    elevation_deg: Annotated[float, Field(gt=0, le=90)] = 50.0
+    shadows: bool = True
+
+
+class Scenario(SettingsModel):
+    """A whole scenario.
+
+    Attributes:
+        description: One line for people.
+        world: What stands still.
+        site_frame: Frame of the world in the messages.
+        start_unix_s: Time of the first moment, seconds since 1970; a header counts to 2038.
+        duration_s: Length of the recording, if nothing else is asked for.
+        seed: Of all random numbers.
+        sun: Light.
+        routes: Ways for traffic, by name.
+        vehicles: What moves, by name.
+        lidars: By name.
+        cameras: By name.
+        recording: What else is recorded.
+    """
+
+    description: str = ""
+    world: Literal["sandbox", "crossing", "street"]
+    site_frame: str = "site"
+    start_unix_s: Annotated[int, Field(ge=0, le=2_000_000_000)] = 1_700_000_000
+    duration_s: Positive = 10.0
+    seed: Annotated[int, Field(ge=0)] = 1
+    sun: SunScenario = SunScenario()
+    routes: dict[str, RouteScenario] = Field(default_factory=dict)
+    vehicles: dict[Name, VehicleScenario] = Field(default_factory=dict)
+    lidars: dict[Name, LidarScenario] = Field(default_factory=dict)
+    cameras: dict[Name, CameraScenario] = Field(default_factory=dict)
+    recording: RecordingScenario = RecordingScenario()
+
+    @model_validator(mode="after")
+    def _names_lead_somewhere(self) -> "Scenario":
+        for name, vehicle in self.vehicles.items():
+            if vehicle.route and vehicle.route not in self.routes:
+                raise ValueError(
+                    f"vehicles.{name}.route: expected one of {listed(self.routes)}, found {vehicle.route!r}"
+                )
+            if vehicle.route and vehicle.keys:
+                raise ValueError(f"vehicles.{name}: expected a route or keys, found both")
+            if vehicle.shape == "pedestrian" and (vehicle.commands or vehicle.keys or vehicle.ego):
+                raise ValueError(f"vehicles.{name}: expected a route for a pedestrian, whom nobody drives")
+        for name, route in self.routes.items():
+            for other in route.yields_to:
+                if other not in self.routes:
+                    raise ValueError(f"routes.{name}.yields_to: expected one of {listed(self.routes)}, found {other!r}")
+        egos = [name for name, vehicle in self.vehicles.items() if vehicle.ego]
+        if len(egos) > 1:
+            raise ValueError(f"vehicles: expected one ego at most, found {listed(egos)}")
+        return self
+
+    @model_validator(mode="after")
+    def _sensors_fit(self) -> "Scenario":
+        for name, sensor in self.sensors.items():
+            if sensor.mounted_on not in ("", self.ego):
+                raise ValueError(f"{name}.mounted_on: expected the ego vehicle or nothing, found {sensor.mounted_on!r}")
+        for name, lidar in ((f"lidars.{key}", value) for key, value in self.lidars.items()):
+            if lidar.output != "points" and (lidar.model == "linear" or not lidar.packets_topic):
+                raise ValueError(f"{name}: packets need a Velodyne model and a packets_topic")
+            if lidar.output != "points" and lidar.firing_stride != 1:
+                raise ValueError(f"{name}: packets hold every firing: expected firing_stride 1")
+            if lidar.elevation_deg[0] >= lidar.elevation_deg[1]:
+                raise ValueError(f"{name}.elevation_deg: expected the lower one first, found {lidar.elevation_deg}")
+            of_linear = {key: LidarScenario.model_fields[key].default for key in ("beams", "elevation_deg", "columns")}
+            for key, default in of_linear.items():
+                if lidar.model != "linear" and getattr(lidar, key) != default:
+                    raise ValueError(f"{name}.{key}: is for the model `linear`; a {lidar.model} has its own")
+        for name, camera in ((f"cameras.{key}", value) for key, value in self.cameras.items()):
+            if len(camera.distortion) > COEFFICIENTS[camera.distortion_model]:
+                most = f"{camera.distortion_model} has {COEFFICIENTS[camera.distortion_model]} coefficients"
+                raise ValueError(f"{name}.distortion: {most}, found {len(camera.distortion)}")
+        return self
+
+    @model_validator(mode="after")
+    def _names_are_unique(self) -> "Scenario":
+        topics = [("the simulator", topic) for topic in OWN_TOPICS]
+        topics += [(name, topic) for name, sensor in self.sensors.items() for topic in sensor.topics]
+        topics += [(name, topic) for name, vehicle in self.vehicles.items() for topic in vehicle.topics(name)]
+        frames = [("the simulator", frame) for frame in (self.site_frame, EGO_FRAME, *self.vehicles)]
+        frames += [(name, sensor.frame_id) for name, sensor in self.sensors.items()]
+        for kind, used in (("topic", topics), ("frame", frames)):
+            owner: dict[str, str] = {}
+            for name, word in used:
+                if word in owner and (kind == "topic" or owner[word] != name):
+                    raise ValueError(f"{name}: {word!r} is a {kind} of {owner[word]}, too")
+                owner[word] = name
+        return self
+
+    @property
+    def sensors(self) -> dict[str, LidarScenario | CameraScenario]:
+        """Lidars, then cameras, by the name that messages about them give: `lidars.top`."""
+        lidars = {f"lidars.{name}": lidar for name, lidar in self.lidars.items()}
+        return {**lidars, **{f"cameras.{name}": camera for name, camera in self.cameras.items()}}
+
+    @property
+    def ego(self) -> str:
+        """Name of the vehicle that carries the sensors; empty where these are fixed to the site."""
+        return next((name for name, vehicle in self.vehicles.items() if vehicle.ego), "")
+
+    @property
+    def start_ns(self) -> int:
+        """Time of the first moment."""
+        return self.start_unix_s * 10**9
+
+
+def listed(names: Iterable[str]) -> str:
+    """Names for a message."""
+    return ", ".join(names) or "none"

@@ -1,0 +1,63 @@
+"""Array types by element, and what records of parallel arrays have in common."""
+
+from dataclasses import fields
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+__all__ = [
+    "F32",
+    "F64",
+    "I16",
+    "I32",
+    "I64",
+    "U8",
+    "U16",
+    "U32",
+    "U64",
+    "Array",
+    "Bools",
+    "Indices",
+    "Rows",
+    "check_array",
+    "select_rows",
+]
+
+F32 = npt.NDArray[np.float32]
+F64 = npt.NDArray[np.float64]
+I16 = npt.NDArray[np.int16]
+I32 = npt.NDArray[np.int32]
+I64 = npt.NDArray[np.int64]
+U8 = npt.NDArray[np.uint8]
+U16 = npt.NDArray[np.uint16]
+U32 = npt.NDArray[np.uint32]
+U64 = npt.NDArray[np.uint64]
+Bools = npt.NDArray[np.bool_]
+Array = npt.NDArray[Any]
+Indices = npt.NDArray[np.intp]
+Rows = Bools | Indices
+"""A choice of rows: a mask or indices."""
+
+Record = TypeVar("Record", bound="DataclassInstance")
+
+
+def check_array(name: str, array: Array, shape: tuple[int, ...], dtype: npt.DTypeLike) -> None:
+    """Check one field of a record and make it read-only, so that a stage cannot change what its neighbour reads.
+
+    Raises:
+        ValueError: shape or dtype differ; the message says expected and found.
+    """
+    if array.shape != shape or array.dtype != np.dtype(dtype):
+        raise ValueError(f"{name}: expected {np.dtype(dtype)}{list(shape)}, got {array.dtype}{list(array.shape)}")
+    array.flags.writeable = False
+
+
+def select_rows(record: Record, rows: Rows) -> Record:
+    """A record of parallel arrays with the given rows of each; everything else is kept."""
+    values: dict[str, Any] = {f.name: getattr(record, f.name) for f in fields(record)}
+    chosen: dict[str, Any] = {name: v[rows] if isinstance(v, np.ndarray) else v for name, v in values.items()}
+    return type(record)(**chosen)

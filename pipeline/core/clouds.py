@@ -1,0 +1,100 @@
+"""Point clouds: one sweep, and what the lidars see together."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from pipeline.core.arrays import F32, F64, I32, U8, U16, Rows, check_array, select_rows
+
+__all__ = ["CombinedCloud", "Plane", "PointCloud"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PointCloud:
+    """Points of one sweep, or of several in one frame.
+
+    Attributes:
+        stamp_ns: Time that `time_offset_ns` counts from.
+        frame_id: Frame of `xyz`.
+        xyz: (N, 3) float32, metres; all finite.
+        intensity: (N,) float32 in the sensor's own scale; zeros where the sensor reports none.
+        ring: (N,) uint16 laser index; zeros where the sensor reports none.
+        time_offset_ns: (N,) int32, time of each point minus `stamp_ns`; zeros where the sensor reports none.
+        has_time: Whether `time_offset_ns` was measured.
+        nan_dropped: Number of points that were left out because a coordinate was not finite.
+        return_type: (N,) uint8, which echo of its beam each point is: 1 the strongest, 2 the last, 3 both, 0 not told;
+            None where the sensor's driver says nothing of it.
+    """
+
+    stamp_ns: int
+    frame_id: str
+    xyz: F32
+    intensity: F32
+    ring: U16
+    time_offset_ns: I32
+    has_time: bool = False
+    nan_dropped: int = 0
+    return_type: U8 | None = None
+
+    def __post_init__(self) -> None:
+        n = len(self.xyz)
+        check_array("xyz", self.xyz, (n, 3), np.float32)
+        check_array("intensity", self.intensity, (n,), np.float32)
+        check_array("ring", self.ring, (n,), np.uint16)
+        check_array("time_offset_ns", self.time_offset_ns, (n,), np.int32)
+        if self.return_type is not None:
+            check_array("return_type", self.return_type, (n,), np.uint8)
+
+    def __len__(self) -> int:
+        return len(self.xyz)
+
+    def select(self, rows: Rows) -> "PointCloud":
+        """The given rows (mask or indices), in that order."""
+        return select_rows(self, rows)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Plane:
+    """A plane in the site frame: the points with normal . p + offset_m = 0.
+
+    Attributes:
+        normal: (3,) float64 unit vector; points up (z > 0).
+        offset_m: Signed distance of the origin from the plane.
+    """
+
+    normal: F64
+    offset_m: float
+
+    def __post_init__(self) -> None:
+        check_array("normal", self.normal, (3,), np.float64)
+
+    def height_m(self, xy: npt.NDArray[np.floating[Any]]) -> F64:
+        """Z of the plane at points `xy` (..., 2)."""
+        return np.asarray(-(xy @ self.normal[:2] + self.offset_m) / self.normal[2], np.float64)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CombinedCloud:
+    """The points of all lidars in the site frame at the frame's time.
+
+    Attributes:
+        cloud: What is left to look for objects in: without outliers and ground, where these steps are on.
+        lidar_index: (N,) uint8, row of `Rig.lidars` that measured the point.
+        ground_cloud: The points of the ground.
+        plane: The ground; None where that step is off or found none.
+        counts: Number of points by step: `input`, `nan`, `range`, `outliers`, `ground`, `left`.
+        compensated: Names of the lidars whose points were moved to the frame's time.
+    """
+
+    cloud: PointCloud
+    lidar_index: U8
+    ground_cloud: PointCloud
+    plane: Plane | None
+    counts: Mapping[str, int]
+    compensated: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        check_array("lidar_index", self.lidar_index, (len(self.cloud),), np.uint8)

@@ -1,0 +1,75 @@
+"""Oriented boxes, upright rectangles and angles."""
+
+import numpy as np
+import numpy.typing as npt
+
+from pipeline.core.arrays import Array
+from pipeline.core.geometry.transform import F64
+
+__all__ = ["box_corners", "iou_xyxy", "wrap_angle"]
+
+
+def wrap_angle(angles_rad: npt.ArrayLike) -> F64:
+    """Angles brought to (-pi, pi]."""
+    angles = np.asarray(angles_rad, np.float64)
+    wrapped = angles - 2 * np.pi * np.ceil((angles - np.pi) / (2 * np.pi))
+    return np.where(wrapped <= -np.pi, np.pi, np.minimum(wrapped, np.pi))  # both ends: rounding may overshoot
+
+
+def box_corners(centers: F64, sizes: F64, yaws: F64) -> F64:
+    """The eight corners of N boxes, (N, 8, 3) metres in the boxes' frame.
+
+        4 ------ 5        corners 0-3 are the bottom, counter-clockwise from front left seen from above:
+       /|       /|        0 (+l, +w), 1 (-l, +w), 2 (-l, -w), 3 (+l, -w); 4-7 are above 0-3.
+      7 ------ 6 |
+      | 0 -----|-1
+      |/       |/
+      3 ------ 2
+
+    Args:
+        centers: (N, 3) box centres.
+        sizes: (N, 3) length, width, height.
+        yaws: (N,) about +z.
+    """
+    signs = (
+        np.array(
+            [
+                [1, 1, -1],
+                [-1, 1, -1],
+                [-1, -1, -1],
+                [1, -1, -1],
+                [1, 1, 1],
+                [-1, 1, 1],
+                [-1, -1, 1],
+                [1, -1, 1],
+            ]
+        )
+        / 2
+    )
+    local = signs * sizes[:, None]
+    cos, sin = np.cos(yaws)[:, None], np.sin(yaws)[:, None]
+    turned = np.stack(
+        [local[..., 0] * cos - local[..., 1] * sin, local[..., 0] * sin + local[..., 1] * cos, local[..., 2]],
+        -1,
+    )
+    return np.asarray(turned + centers[:, None], np.float64)
+
+
+def iou_xyxy(first: Array, second: Array) -> F64:
+    """Overlap (intersection over union) of upright rectangles, each of N with each of M.
+
+    Args:
+        first: (N, 4) left, top, right, bottom.
+        second: (M, 4) likewise.
+
+    Returns:
+        (N, M) in [0, 1]; 0 where a rectangle is empty, inverted or not finite.
+    """
+    a, b = np.asarray(first, np.float64)[:, None], np.asarray(second, np.float64)[None]
+    with np.errstate(invalid="ignore"):
+        extent_a, extent_b = a[..., 2:] - a[..., :2], b[..., 2:] - b[..., :2]
+        shared = np.minimum(a[..., 2:], b[..., 2:]) - np.maximum(a[..., :2], b[..., :2])
+    overlap = (shared > 0).all(-1) & (extent_a > 0).all(-1) & (extent_b > 0).all(-1)
+    intersection = np.where(overlap, shared.prod(-1), 0.0)
+    union = np.where(overlap, extent_a.prod(-1) + extent_b.prod(-1) - intersection, 1.0)
+    return np.asarray(intersection / union)

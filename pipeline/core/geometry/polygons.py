@@ -1,0 +1,36 @@
+"""Points in polygons."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pipeline.core.arrays import I64
+from pipeline.core.geometry.transform import F64
+
+__all__ = ["first_polygon_with"]
+
+
+def first_polygon_with(polygons: Sequence[F64], points: F64) -> I64:
+    """Which polygon holds each point; a point on an edge is inside, the first polygon wins.
+
+    Args:
+        polygons: Each (K, 2) corners in either direction; may be concave.
+        points: (N, 2) in the same plane.
+
+    Returns:
+        (N,) row in `polygons`, -1 where none holds the point.
+    """
+    rows = np.full(len(points), -1, np.int64)
+    for row, polygon in reversed(list(enumerate(polygons))):
+        start, end = polygon, np.roll(polygon, -1, axis=0)
+        x, y = points[:, :1], points[:, 1:]
+        along = end - start
+        # > 0: the point lies left of the edge
+        side = along[:, 0] * (y - start[:, 1]) - along[:, 1] * (x - start[:, 0])
+        crosses = (start[:, 1] <= y) != (end[:, 1] <= y)
+        inside = (crosses & ((side > 0) == (along[:, 1] > 0))).sum(1) % 2 == 1
+        low, high = np.minimum(start, end), np.maximum(start, end)
+        in_span = (x >= low[:, 0]) & (x <= high[:, 0]) & (y >= low[:, 1]) & (y <= high[:, 1])
+        on_edge = ((side == 0) & in_span).any(1)
+        rows[inside | on_edge] = row
+    return rows

@@ -1,0 +1,49 @@
+"""Where a moving frame was, at the times that are known."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.core.arrays import F64, I64, check_array
+
+__all__ = ["PoseSamples"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseSamples:
+    """Poses of a moving frame around one moment, for motion compensation.
+
+    Attributes:
+        frame_id: The frame that moves (the site or vehicle frame).
+        fixed_frame_id: The frame it moves in (`odom`, `map`).
+        stamps_ns: (S,) int64, strictly increasing.
+        T_fixed_moving: (S, 4, 4) float64, pose of the moving frame at each stamp.
+    """
+
+    frame_id: str
+    fixed_frame_id: str
+    stamps_ns: I64
+    T_fixed_moving: F64
+
+    def __post_init__(self) -> None:
+        n = len(self.stamps_ns)
+        check_array("stamps_ns", self.stamps_ns, (n,), np.int64)
+        check_array("T_fixed_moving", self.T_fixed_moving, (n, 4, 4), np.float64)
+
+    def __len__(self) -> int:
+        return len(self.stamps_ns)
+
+    def covers(self, earliest_ns: int, latest_ns: int, *, max_extrapolation_s: float, max_gap_s: float) -> bool:
+        """Whether the motion is known over a time span.
+
+        It is where the span reaches no further than `max_extrapolation_s` beyond the first and the last pose, and no
+        two poses that it lies between are further apart than `max_gap_s`. One pose tells no motion.
+        """
+        if len(self) < 2:
+            return False
+        reach_ns = round(max_extrapolation_s * 1e9)
+        first = max(int(np.searchsorted(self.stamps_ns, earliest_ns, side="right")) - 1, 0)
+        last = int(np.searchsorted(self.stamps_ns, latest_ns, side="left"))
+        around_ns = self.stamps_ns[first : last + 1]
+        ends_near = around_ns[0] - reach_ns <= earliest_ns and latest_ns <= around_ns[-1] + reach_ns
+        return bool(ends_near and (np.diff(around_ns) <= round(max_gap_s * 1e9)).all())

@@ -1,0 +1,34 @@
+"""Poses between those that are known."""
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from pipeline.core.arrays import I64
+from pipeline.core.geometry.transform import F64
+
+__all__ = ["interpolate_poses"]
+
+
+def interpolate_poses(stamps_ns: I64, poses: F64, wanted_ns: I64) -> F64:
+    """Poses at the wanted times: positions linear, rotations by slerp; beyond the ends the last motion goes on.
+
+    Args:
+        stamps_ns: (S,) strictly increasing, S >= 2.
+        poses: (S, 4, 4).
+        wanted_ns: (W,) in any order.
+
+    Returns:
+        (W, 4, 4).
+    """
+    # Times relative to the first stamp: float64 seconds of the Unix epoch would only resolve 240 ns.
+    start = int(stamps_ns[0])
+    known = (stamps_ns - start).astype(np.float64)
+    wanted = (wanted_ns - start).astype(np.float64)
+    row = np.clip(np.searchsorted(known, wanted, side="right") - 1, 0, len(known) - 2)
+    share = (wanted - known[row]) / (known[row + 1] - known[row])
+    rotations = Rotation.from_matrix(poses[:, :3, :3])
+    step = (rotations[row].inv() * rotations[row + 1]).as_rotvec()
+    out = np.tile(np.eye(4), (len(wanted), 1, 1))
+    out[:, :3, :3] = (rotations[row] * Rotation.from_rotvec(step * share[:, None])).as_matrix()
+    out[:, :3, 3] = poses[row, :3, 3] * (1 - share[:, None]) + poses[row + 1, :3, 3] * share[:, None]
+    return out

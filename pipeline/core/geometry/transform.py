@@ -1,0 +1,115 @@
+"""Rigid transforms between named frames.
+
+`T_dst_src` maps points of frame `src` to frame `dst`; chains read `T_site_base @ T_base_lidar`. Frames follow REP 103
+(x forward, y left, z up; camera optical frames z forward, x right, y down).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial.transform import Rotation
+
+from pipeline.core.arrays import F64, Array
+from pipeline.core.errors import FrameError
+
+__all__ = ["F64", "Transform", "rotation_fault"]
+
+ROTATION_TOLERANCE = 1e-3
+"""Largest entry of R R^T - I that still counts as rounding: calibration files often carry three or four digits."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Transform:
+    """A rigid motion from one named frame to another.
+
+    Attributes:
+        dst: Frame of the points that come out.
+        src: Frame of the points that go in.
+        matrix: (4, 4) float64, homogeneous; read-only.
+    """
+
+    dst: str
+    src: str
+    matrix: F64
+
+    def __post_init__(self) -> None:
+        if self.matrix.shape != (4, 4) or self.matrix.dtype != np.float64:
+            raise ValueError(f"matrix: expected float64[4, 4], got {self.matrix.dtype}{list(self.matrix.shape)}")
+        self.matrix.flags.writeable = False
+
+    def __matmul__(self, other: "Transform") -> "Transform":
+        """Chain two transforms.
+
+        Raises:
+            FrameError: the inner frames differ.
+        """
+        if self.src != other.dst:
+            raise FrameError(f"cannot chain {self.dst}<-{self.src} with {other.dst}<-{other.src}: inner frames differ")
+        return Transform(self.dst, other.src, self.matrix @ other.matrix)
+
+    def inverse(self) -> "Transform":
+        """The transform back."""
+        rotation = self.matrix[:3, :3].T
+        matrix = np.eye(4)
+        matrix[:3, :3] = rotation
+        matrix[:3, 3] = -rotation @ self.matrix[:3, 3]
+        return Transform(self.src, self.dst, matrix)
+
+    def apply(self, points: Array) -> Array:
+        """Points (..., 3) of `src` in `dst`; the dtype is kept."""
+        # Not BLAS: for products this thin its threads cost tens of milliseconds of waiting on a busy machine.
+        x, y, z = np.moveaxis(points, -1, 0)
+        moved = np.empty_like(points)
+        for axis, (a, b, c, shift) in enumerate(self.matrix[:3].astype(points.dtype)):
+            moved[..., axis] = a * x + b * y + c * z + shift
+        return moved
+
+    @property
+    def translation(self) -> F64:
+        """(3,) origin of `src` seen in `dst`, metres."""
+        return self.matrix[:3, 3]
+
+    @property
+    def quaternion_xyzw(self) -> F64:
+        """(4,) unit quaternion x, y, z, w with w >= 0."""
+        return Rotation.from_matrix(self.matrix[:3, :3]).as_quat(canonical=True)
+
+    @classmethod
+    def identity(cls, dst: str, src: str) -> "Transform":
+        """Two names for one place."""
+        return cls(dst, src, np.eye(4))
+
+    @classmethod
+    def from_quaternion(cls, dst: str, src: str, translation: npt.ArrayLike, xyzw: npt.ArrayLike) -> "Transform":
+        """From a translation (3,) in metres and a quaternion x, y, z, w of any positive length.
+
+        Raises:
+            FrameError: the quaternion has no length, or a number is not finite.
+        """
+        quaternion, shift = np.asarray(xyzw, np.float64), np.asarray(translation, np.float64)
+        norm = float(np.linalg.norm(quaternion))
+        if not (np.isfinite(norm) and norm > 1e-6 and np.isfinite(shift).all()):
+            raise FrameError(
+                f"transform {dst}<-{src}: expected a unit quaternion and finite metres, "
+                f"got {quaternion.tolist()} and {shift.tolist()}"
+            )
+        matrix = np.eye(4)
+        matrix[:3, :3] = Rotation.from_quat(quaternion).as_matrix()
+        matrix[:3, 3] = shift
+        return cls(dst, src, matrix)
+
+
+def rotation_fault(rotation: F64) -> str | None:
+    """What keeps a (3, 3) matrix from being a rotation, in words; None if it is one."""
+    if not np.isfinite(rotation).all():
+        return "it holds numbers that are not finite"
+    determinant = float(np.linalg.det(rotation))
+    if abs(determinant) < 1e-9:
+        return "it is singular (determinant 0)"
+    deviation = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
+    if deviation > ROTATION_TOLERANCE:
+        return f"its rows are not orthonormal (off by {deviation:.3g})"
+    if determinant < 0:
+        return "it is a reflection (determinant -1): one axis is flipped"
+    return None

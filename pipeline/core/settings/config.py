@@ -1,0 +1,59 @@
+"""All settings: one model per stage, defaults in code, units in names.
+
+A YAML file overrides single values; a key that no model knows is an error, never ignored. `config/default.yaml` is a
+printed copy of the defaults. Parameters only: how stages are wired is said in `lidcam/build.py`.
+"""
+
+from typing import Annotated
+
+from pydantic import Field, model_validator
+
+from pipeline.core.settings.classes import ROAD_CLASSES, ClassPrior
+from pipeline.core.settings.combine import CombineConfig
+from pipeline.core.settings.detect import Detect2DConfig, Detect3DConfig
+from pipeline.core.settings.fuse import AssociateConfig, FuseConfig
+from pipeline.core.settings.model import SettingsModel
+from pipeline.core.settings.recording import LimitsConfig, RigConfig, TopicsConfig, VelodyneConfig
+from pipeline.core.settings.run import OutputConfig, RunConfig
+from pipeline.core.settings.sync import SyncConfig
+
+__all__ = ["Config"]
+
+
+class Config(SettingsModel):
+    """All settings of one run.
+
+    Attributes:
+        classes: What is looked for; the row of a class is its class id.
+    """
+
+    topics: TopicsConfig = TopicsConfig()
+    rig: RigConfig = RigConfig()
+    velodyne: VelodyneConfig = VelodyneConfig()
+    sync: SyncConfig = SyncConfig()
+    combine: CombineConfig = CombineConfig()
+    detect3d: Detect3DConfig = Detect3DConfig()
+    detect2d: Detect2DConfig = Detect2DConfig()
+    associate: AssociateConfig = AssociateConfig()
+    fuse: FuseConfig = FuseConfig()
+    output: OutputConfig = OutputConfig()
+    run: RunConfig = RunConfig()
+    limits: LimitsConfig = LimitsConfig()
+    classes: Annotated[tuple[ClassPrior, ...], Field(min_length=1)] = ROAD_CLASSES
+
+    @model_validator(mode="after")
+    def _names_are_unique(self) -> "Config":
+        names = [prior.name for prior in self.classes]
+        if len(set(names)) < len(names):
+            raise ValueError(f"classes: a name stands twice in {', '.join(names)}")
+        return self
+
+    @property
+    def class_names(self) -> tuple[str, ...]:
+        """Names by class id."""
+        return tuple(prior.name for prior in self.classes)
+
+    @property
+    def class_id_of_label(self) -> dict[str, int]:
+        """Class id by each name that a 2D detector may use, the class's own name included."""
+        return {label: class_id for class_id, prior in enumerate(self.classes) for label in (prior.name, *prior.labels)}

@@ -1,0 +1,88 @@
+"""Settings from files and single values, and back to text."""
+
+from pathlib import Path
+from typing import Any, get_args
+
+import yaml
+from pydantic import BaseModel, ValidationError
+
+from pipeline.core.errors import ConfigError
+from pipeline.core.settings.bounded_yaml import parse_yaml, read_yaml
+from pipeline.core.settings.config import Config
+
+__all__ = ["describe_validation", "dump_config", "load_config", "set_values"]
+
+
+def load_config(path: Path | None = None, overrides: tuple[str, ...] = ()) -> Config:
+    """Defaults, then a YAML file, then single values `a.b=value` (the value is YAML).
+
+    Raises:
+        ConfigError: the file cannot be read, a key is unknown, or a value does not fit.
+    """
+    tree: dict[str, Any] = {}
+    if path is not None:
+        tree = read_yaml(path)
+    set_values(tree, overrides)
+    try:
+        return Config.model_validate(tree)
+    except ValidationError as err:
+        raise ConfigError(f"{path or 'settings'}: {describe_validation(Config, err)}") from err
+
+
+def set_values(tree: dict[str, Any], overrides: tuple[str, ...]) -> None:
+    """Put single values `a.b=value` (the value is YAML) into a tree of settings.
+
+    Raises:
+        ConfigError: one is not of this form, or leads through a value.
+    """
+    for override in overrides:
+        key, separator, text = override.partition("=")
+        if not separator or not key:
+            raise ConfigError(f"--set {override}: expected key.key=value")
+        try:
+            value = parse_yaml(text)
+        except yaml.YAMLError as err:
+            raise ConfigError(f"--set {override}: the value is not YAML") from err
+        *parents, leaf = key.split(".")
+        branch = tree
+        for parent in parents:
+            nested = branch.setdefault(parent, {})
+            if not isinstance(nested, dict):
+                raise ConfigError(f"--set {override}: {parent!r} is a value, not a section")
+            branch = nested
+        branch[leaf] = value
+
+
+def dump_config(config: Config) -> str:
+    """All settings as YAML that `load_config` reads back; `config/default.yaml` is `dump_config(Config())`."""
+    text: str = yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False, default_flow_style=None, width=100)
+    return text
+
+
+def describe_validation(model: type[BaseModel], err: ValidationError) -> str:
+    """The first fault of a validation in one line, with the keys that would have been right."""
+    fault = err.errors()[0]
+    key = ".".join(str(part) for part in fault["loc"])
+    more = f" (and {err.error_count() - 1} more)" if err.error_count() > 1 else ""
+    if fault["type"] == "extra_forbidden":
+        return f"unknown key {key!r}{more}; known here: {', '.join(_known_keys(model, fault['loc']))}"
+    if fault["type"] == "value_error" and not key:  # of several keys together: the message names them
+        return f"{fault['ctx']['error']}{more}"
+    found = repr(fault.get("input"))
+    return f"{key}: {fault['msg']}, found {found if len(found) <= 200 else found[:200] + '...'}{more}"
+
+
+def _known_keys(model: type[BaseModel], location: tuple[int | str, ...]) -> list[str]:
+    """Keys of the section that holds the last part of `location`."""
+    for part in location[:-1]:
+        if isinstance(part, str) and part in model.model_fields:
+            nested = _model_in(model.model_fields[part].annotation)
+            if nested is not None:
+                model = nested
+    return list(model.model_fields)
+
+
+def _model_in(annotation: Any) -> type[BaseModel] | None:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    return next((model for part in get_args(annotation) if (model := _model_in(part)) is not None), None)

@@ -1,0 +1,100 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pipeline.core.arrays import F64, Array
+from pipeline.core.errors import FrameError
+from pipeline.core.geometry.transform import Transform, rotation_fault
+
+SECOND = 10**9
+metres = st.floats(-1e3, 1e3)
+vectors = st.tuples(metres, metres, metres)
+quaternions = st.tuples(*[st.floats(-1, 1)] * 4).filter(lambda q: np.linalg.norm(q) > 1e-2)
+
+
+@st.composite
+def transforms(draw: st.DrawFn, dst: str = "b", src: str = "a") -> Transform:
+    return Transform.from_quaternion(dst, src, draw(vectors), draw(quaternions))
+
+
+def shift(dst: str, src: str, x: float) -> Transform:
+    return Transform.from_quaternion(dst, src, [x, 0, 0], [0, 0, 0, 1])
+
+
+@given(transforms())
+def test_a_transform_and_its_inverse_cancel(T_b_a: Transform) -> None:
+    both = T_b_a.inverse() @ T_b_a
+    assert (both.dst, both.src) == ("a", "a")
+    np.testing.assert_allclose(both.matrix, np.eye(4), atol=1e-9)
+    np.testing.assert_allclose(T_b_a.inverse().matrix, np.linalg.inv(T_b_a.matrix), atol=1e-9)
+
+
+@given(transforms("c", "b"), transforms("b", "a"), st.lists(vectors, min_size=1, max_size=5))
+def test_chaining_is_applying_one_after_the_other(
+    T_c_b: Transform, T_b_a: Transform, points: list[tuple[float, ...]]
+) -> None:
+    xyz = np.array(points)
+    chained = T_c_b @ T_b_a
+    assert (chained.dst, chained.src) == ("c", "a")
+    np.testing.assert_allclose(chained.apply(xyz), T_c_b.apply(T_b_a.apply(xyz)), atol=1e-8)
+
+
+@given(transforms(), vectors)
+def test_rotations_are_rotations_and_keep_distances(T_b_a: Transform, point: tuple[float, ...]) -> None:
+    assert rotation_fault(T_b_a.matrix[:3, :3]) is None
+    moved = T_b_a.apply(np.array(point)) - T_b_a.translation
+    np.testing.assert_allclose(np.linalg.norm(moved), np.linalg.norm(point), atol=1e-9)
+
+
+@given(transforms())
+def test_quaternions_round_trip(T_b_a: Transform) -> None:
+    again = Transform.from_quaternion("b", "a", T_b_a.translation, T_b_a.quaternion_xyzw)
+    np.testing.assert_allclose(again.matrix, T_b_a.matrix, atol=1e-12)
+    assert T_b_a.quaternion_xyzw[3] >= 0
+
+
+def test_chaining_unlike_frames_is_refused() -> None:
+    with pytest.raises(FrameError, match="cannot chain b<-a with c<-b"):
+        shift("b", "a", 1) @ shift("c", "b", 1)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("shape", [(3,), (0, 3), (4, 3), (2, 5, 3)])
+def test_apply_keeps_shape_and_dtype(dtype: type, shape: tuple[int, ...]) -> None:
+    moved = shift("b", "a", 1).apply(np.zeros(shape, dtype))
+    assert (moved.shape, moved.dtype) == (shape, np.dtype(dtype))
+
+
+@pytest.mark.parametrize("matrix", [np.eye(3), np.eye(4, dtype=np.float32), np.zeros((4, 4), int)])
+def test_a_transform_is_four_by_four_float64(matrix: Array) -> None:
+    with pytest.raises(ValueError, match=r"expected float64\[4, 4\]"):
+        Transform("b", "a", matrix)
+
+
+def test_a_transform_is_read_only() -> None:
+    with pytest.raises(ValueError, match="read-only"):
+        shift("b", "a", 1).matrix[0, 0] = 2
+
+
+@pytest.mark.parametrize("quaternion", [(0, 0, 0, 0), (0, 0, 0, np.nan), (0, 0, 0, np.inf)])
+def test_a_quaternion_without_length_is_refused(quaternion: tuple[float, ...]) -> None:
+    with pytest.raises(FrameError, match="unit quaternion"):
+        Transform.from_quaternion("b", "a", [0, 0, 0], quaternion)
+
+
+@pytest.mark.parametrize(
+    ("matrix", "fault"),
+    [
+        (np.eye(3), None),
+        (np.eye(3) + 4e-4, None),  # three digits
+        (np.diag([1.0, 1.0, 0.0]), "singular"),
+        (np.zeros((3, 3)), "singular"),
+        (np.diag([1.0, 1.0, -1.0]), "reflection"),
+        (np.diag([2.0, 0.5, 1.0]), "orthonormal"),
+        (np.full((3, 3), np.nan), "finite"),
+    ],
+)
+def test_rotation_fault(matrix: F64, fault: str | None) -> None:
+    found = rotation_fault(matrix)
+    assert found is None if fault is None else fault in (found or "")
