@@ -3,8 +3,8 @@
     python benchmarks/simulator.py [SCENARIO ...] [--rounds 20] [--seconds 10]
 
 Lidars: a sweep of each, with what moves, edges, glass, noise and all else, and the same beams cast once at what stands
-still. Cameras: the first picture of each (of one that is fixed to the site it takes what stands still) and the later
-ones, without JPEG. Milliseconds are medians of processor time, over all cores; means of the later pictures, as things
+still. Cameras: the first image of each (of one that is fixed to the site it takes what stands still) and the later
+ones, without JPEG. Milliseconds are medians of processor time, over all cores; means of the later images, as things
 come and go. The whole: `lidcam simulate` with its start, on all cores, by the clock.
 """
 
@@ -54,16 +54,16 @@ class CameraCost(NamedTuple):
     """Of one camera.
 
     Attributes:
-        first_ms: Processor time of its first picture.
-        picture_ms: Processor time of a later one.
-        pixels_moving: Pixels of a picture that show what moves.
-        pictures_per_s: Of the scenario.
+        first_ms: Processor time of its first image.
+        image_ms: Processor time of a later one.
+        pixels_moving: Pixels of an image that show what moves.
+        images_per_s: Of the scenario.
     """
 
     first_ms: float
-    picture_ms: float
+    image_ms: float
     pixels_moving: int
-    pictures_per_s: float
+    images_per_s: float
 
 
 def simulated(scenario: Scenario, rounds: int) -> tuple[Traffic, Scene]:
@@ -91,8 +91,8 @@ def camera_costs(scenario: Scenario, rounds: int) -> Iterator[tuple[str, CameraC
         camera = Camera(name, settings, path_of(settings, scenario, traffic), scene, scenario.sun, scenario.seed)
         first = round(WARM_UP_S * settings.rate_hz)
         times_ns = [round(number * 1e9 / settings.rate_hz) for number in range(first, first + rounds + 1)]
-        costs = [processor_ms(partial(camera.picture, number, time_ns)) for number, time_ns in enumerate(times_ns)]
-        moving = int(camera.picture(0, times_ns[len(times_ns) // 2]).seen_px.sum())
+        costs = [processor_ms(partial(camera.image, number, time_ns)) for number, time_ns in enumerate(times_ns)]
+        moving = int(camera.image(0, times_ns[len(times_ns) // 2]).seen_px.sum())
         yield name, CameraCost(costs[0], statistics.mean(costs[1:]), moving, settings.rate_hz)
 
 
@@ -148,10 +148,10 @@ def main() -> None:
         print(f"{scenario_name:10s} lidars: {total_ms:.0f} ms of processor time per simulated second")
         total_ms = 0.0
         for name, seen in camera_costs(scenario, arguments.rounds):
-            total_ms += seen.picture_ms * seen.pictures_per_s
+            total_ms += seen.image_ms * seen.images_per_s
             print(
-                f"{scenario_name:10s} {name:12s} first picture {seen.first_ms:6.0f} ms  "
-                f"later ones {seen.picture_ms:6.1f} ms  {seen.pixels_moving} pixels of what moves"
+                f"{scenario_name:10s} {name:12s} first image {seen.first_ms:6.0f} ms  "
+                f"later ones {seen.image_ms:6.1f} ms  {seen.pixels_moving} pixels of what moves"
             )
         print(f"{scenario_name:10s} cameras: {total_ms:.0f} ms of processor time per simulated second")
         pixels = sum(one.width_px * one.height_px * one.rate_hz for one in scenario.cameras.values())

@@ -1,13 +1,12 @@
 """The whole data flow on one screen."""
 
 from collections.abc import Mapping
-from typing import Literal
+from typing import Any, Literal
 
 from pipeline.core.clouds import CombinedCloud, PointCloud
-from pipeline.core.detections import Boxes2D, Boxes3D, Matches
+from pipeline.core.detections import Boxes2D, Boxes3D, Detections, Fused, Matches
 from pipeline.core.errors import ModelError
-from pipeline.core.frame import FrameResult, SensorBundle
-from pipeline.core.images import Image
+from pipeline.core.frame import Decoded, FrameResult, SensorBundle
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.detectors.onnx2d import OnnxDetector2D
@@ -16,8 +15,8 @@ from pipeline.stages.associate import Associate
 from pipeline.stages.combine import Combine
 from pipeline.stages.detect2d import Detect2D
 from pipeline.stages.detect3d import Detect3D
-from pipeline.stages.fuse import Fuse, Fused
-from readers.streams.decoders import CloudDecoder, Decoded, OnBadMessage, PictureDecoder, RecordedBoxes
+from pipeline.stages.fuse import Fuse
+from readers.streams.decoders import CloudDecoder, ImageDecoder, OnBadMessage, RecordedBoxes
 
 __all__ = ["BoxSource", "box_source", "build_graph", "wanted_boxes"]
 
@@ -30,22 +29,15 @@ def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Grap
     Raises:
         ModelError: the 2D network cannot be loaded.
     """
-    combine, detect3d, associate, fuse = (
-        Combine(rig, config.combine),
-        Detect3D(rig, config),
-        Associate(rig, config),
-        Fuse(config),
-    )
     graph = Graph(SensorBundle)
     clouds = graph.add("decode clouds", CloudDecoder(rig, config, on_bad=on_bad), graph.frame)
-    combined = graph.add(
-        "combine", lambda bundle, clouds: combine(bundle, clouds.by_sensor), graph.frame, clouds, workers=2
-    )
-    boxes3d = graph.add("detect 3D", detect3d, combined)
-    boxes2d = _add_boxes2d(graph, config, rig, on_bad=on_bad)
-    matches = graph.add("associate", lambda boxes3d, boxes2d: associate(boxes3d, boxes2d.by_sensor), boxes3d, boxes2d)
-    fused = graph.add("fuse", lambda b3, b2, matches: fuse(b3, b2.by_sensor, matches), boxes3d, boxes2d, matches)
-    return graph, graph.add("collect", _collect, graph.frame, clouds, combined, boxes3d, boxes2d, matches, fused)
+    combined = graph.add("combine", Combine(rig, config.combine), graph.frame, clouds, workers=2)
+    boxes3d = graph.add("detect 3D", Detect3D(rig, config), combined)
+    camera_data, boxes2d = _add_boxes2d(graph, config, rig, on_bad=on_bad)
+    matches = graph.add("associate", Associate(rig, config), boxes3d, boxes2d)
+    fused = graph.add("fuse", Fuse(config), boxes3d, boxes2d, matches)
+    inputs = graph.frame, clouds, combined, boxes3d, camera_data, boxes2d, matches, fused
+    return graph, graph.add("collect", _collect, *inputs)
 
 
 def box_source(config: Config, rig: Rig) -> BoxSource:
@@ -70,24 +62,23 @@ def wanted_boxes(config: Config, rig: Rig) -> BoxSource:
 
 def _add_boxes2d(
     graph: Graph[SensorBundle], config: Config, rig: Rig, *, on_bad: OnBadMessage
-) -> Node[Decoded[Boxes2D]]:
+) -> tuple[Node[Decoded[Any]], Node[Mapping[str, Boxes2D]]]:
+    """What the cameras' messages held, and the 2D boxes by camera name."""
     source = wanted_boxes(config, rig)
     if source == "none":
-        return graph.add("no 2D boxes", _no_boxes, graph.frame)
+        nothing = graph.add("no 2D boxes", _nothing, graph.frame)
+        return nothing, nothing
     if source == "recorded":
-        return graph.add("read 2D boxes", RecordedBoxes(rig, config, on_bad=on_bad), graph.frame)
+        recorded = graph.add("read 2D boxes", RecordedBoxes(rig, config, on_bad=on_bad), graph.frame)
+        return recorded, recorded
     if config.detect2d.model is None:
         raise ModelError("2D detection by onnx needs a model: give --model-2d FILE.onnx or set detect2d.model")
+    images = graph.add("decode images", ImageDecoder(rig, config, on_bad=on_bad), graph.frame)
     detect2d = Detect2D(rig, config, OnnxDetector2D(config.detect2d.model, config))
-    pictures = graph.add("decode images", PictureDecoder(rig, config, on_bad=on_bad), graph.frame)
-
-    def detect(pictures: Decoded[Image]) -> Decoded[Boxes2D]:
-        return Decoded(detect2d(pictures.by_sensor), pictures.drops)
-
-    return graph.add("detect 2D", detect, pictures)
+    return images, graph.add("detect 2D", detect2d, images)
 
 
-def _no_boxes(_: SensorBundle) -> Decoded[Boxes2D]:
+def _nothing(_: SensorBundle) -> Decoded[Boxes2D]:
     return Decoded({})
 
 
@@ -96,18 +87,17 @@ def _collect(
     clouds: Decoded[PointCloud],
     combined: CombinedCloud,
     lidar_boxes: Boxes3D,
-    camera_boxes: Decoded[Boxes2D],
+    camera_data: Decoded[Any],
+    camera_boxes: Mapping[str, Boxes2D],
     matches: Mapping[str, Matches],
     fused: Fused,
 ) -> FrameResult:
     return FrameResult(
-        bundle,
-        combined,
-        lidar_boxes,
-        camera_boxes.by_sensor,
-        matches,
-        fused.objects,
-        fused.matched,
-        clouds.drops + camera_boxes.drops,
-        camera_boxes.left_out,
+        bundle=bundle,
+        combined=combined,
+        detections=Detections(lidar=lidar_boxes, cameras=camera_boxes),
+        matches=matches,
+        fused=fused,
+        drops=clouds.drops + camera_data.drops,
+        unused_boxes=camera_data.unused_boxes,
     )

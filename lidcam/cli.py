@@ -24,7 +24,7 @@ from readers.location import RemotePath, location
 
 __all__ = ["app", "main", "main_process"]
 
-MOST_SECONDS = 1e9
+MAX_SECONDS = 1e9
 """Thirty years: longer than any recording, and well inside 64 bits of nanoseconds."""
 
 # \b keeps the lines of a paragraph as they are.
@@ -79,8 +79,8 @@ def _version(wanted: bool) -> None:
 
 
 def _seconds(value: float | None) -> float | None:
-    if value is not None and not value <= MOST_SECONDS:
-        raise typer.BadParameter(f"expected at most {MOST_SECONDS:.0f} seconds, found {value}")
+    if value is not None and not value <= MAX_SECONDS:
+        raise typer.BadParameter(f"expected at most {MAX_SECONDS:.0f} seconds, found {value}")
     return value
 
 

@@ -42,13 +42,13 @@ __all__ = [
     "unused_topics",
 ]
 
-WIDEST = 10_000
+MAX_COLUMNS = 10_000
 """Columns of a table's line at most: more than any table has."""
 
-MOST_LISTED = 10
+MAX_LISTED = 10
 """Names in one line at most."""
 
-MOST_LOSSES = 20
+MAX_LOSSES = 20
 """Damaged places in the table at most."""
 
 _BOX_SOURCES = {
@@ -66,7 +66,7 @@ def console(*, stderr: bool = False) -> Console:
 
 def print_detections(out: Console, frame: FrameResult, config: Config) -> None:
     """What the lidars saw in one frame."""
-    boxes = frame.lidar_boxes
+    boxes = frame.detections.lidar
     out.print(f"frame {frame.bundle.index}  stamp {boxes.stamp_ns} ns  {len(boxes)} lidar detections")
     for row in range(len(boxes)):
         (x, y, z), (length, width, height) = boxes.centers[row], boxes.sizes[row]
@@ -81,7 +81,7 @@ def print_matches(out: Console, frame: FrameResult, config: Config) -> None:
     """Which 2D box is which object in one frame, and what one sensor alone saw."""
     out.print(f"frame {frame.bundle.index}  stamp {frame.bundle.stamp_ns} ns  matches")
     matched: set[int] = set()
-    for camera, boxes2d in frame.camera_boxes.items():
+    for camera, boxes2d in frame.detections.cameras.items():
         matches = frame.matches[camera]
         for (row3d, row2d), iou in zip(matches.pairs.tolist(), matches.iou.tolist(), strict=True):
             name = config.class_names[boxes2d.class_ids[row2d]]
@@ -90,7 +90,7 @@ def print_matches(out: Console, frame: FrameResult, config: Config) -> None:
         alone = sorted(set(range(len(boxes2d))) - set(matches.pairs[:, 1].tolist()))
         if alone:
             out.print(f"  {camera}: seen by the camera alone: {', '.join(map(str, alone))}")
-    alone = sorted(set(range(len(frame.lidar_boxes))) - matched)
+    alone = sorted(set(range(len(frame.detections.lidar))) - matched)
     out.print(f"  seen by the lidars alone: {', '.join(map(str, alone)) or 'none'}")
 
 
@@ -134,7 +134,7 @@ def print_summary(
     _show(out, objects_table(summary.objects, zones))
     out.print()
     _show(out, drops_table(summary.messages_used, summary.drops.counts, summary.drops.examples))
-    for reason, count in summary.boxes_left_out.items():
+    for reason, count in summary.unused_boxes.items():
         out.print(f"  recorded 2D boxes left out: {count}, {reason}")
     _print_losses(out, summary.losses)
     out.print()
@@ -158,8 +158,8 @@ def print_summary(
             f"{info.topic} ({info.message_count}: {info.unreadable})" if info.unreadable else info.topic
             for info in unused
         ]
-        more = f" and {len(names) - MOST_LISTED} more" if len(names) > MOST_LISTED else ""
-        out.print(f"not used: {', '.join(names[:MOST_LISTED])}{more}")
+        more = f" and {len(names) - MAX_LISTED} more" if len(names) > MAX_LISTED else ""
+        out.print(f"not used: {', '.join(names[:MAX_LISTED])}{more}")
 
 
 def summary_tree(
@@ -184,7 +184,7 @@ def summary_tree(
         "drops": drops,
         "losses": loss_records(summary.losses),
         "unused_topics": {info.topic: info.message_count for info in unused},
-        "boxes_left_out": dict(summary.boxes_left_out),
+        "unused_boxes": dict(summary.unused_boxes),
         "sync_skew_ms": {"mean": summary.skew_mean_ms, "max": summary.skew_max_ms},
         "faults": [asdict(fault) for fault in found.faults],
         "notes": list(found.notes),
@@ -268,9 +268,9 @@ def _print_losses(out: Console, losses: Sequence[Loss]) -> None:
     if not losses:
         return
     out.print()
-    _show(out, losses_table(loss_records(losses[:MOST_LOSSES])))
-    if len(losses) > MOST_LOSSES:
-        out.print(f"  and {len(losses) - MOST_LOSSES} more places; --json lists all")
+    _show(out, losses_table(loss_records(losses[:MAX_LOSSES])))
+    if len(losses) > MAX_LOSSES:
+        out.print(f"  and {len(losses) - MAX_LOSSES} more places; --json lists all")
 
 
 def _print_remarks(out: Console, found: Discovery) -> None:
@@ -282,7 +282,7 @@ def _print_remarks(out: Console, found: Discovery) -> None:
 
 def _show(out: Console, table: RenderableType) -> None:
     """Print a table as wide as it needs to be, whatever the terminal: no value cut or broken, no trailing blanks."""
-    for line in out.render_lines(table, out.options.update(width=WIDEST), pad=False):
+    for line in out.render_lines(table, out.options.update(width=MAX_COLUMNS), pad=False):
         text = Text.assemble(*((segment.text, segment.style or "") for segment in line))
         text.rstrip()
         out.print(text)

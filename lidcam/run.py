@@ -17,7 +17,7 @@ from pipeline.core.settings.config import Config
 from pipeline.graph import Graph, Node
 from pipeline.stages.sync import SyncStats, synchronize
 from readers.recording import Loss, Recording
-from readers.rig.sensor_topics import BOXES, PICTURE
+from readers.rig.sensor_topics import BOXES, IMAGE
 from readers.streams.decoders import OnBadMessage
 from readers.streams.motion import MotionBuffer, MotionSource
 from readers.video.streams import VideoStreams, video_topics
@@ -70,7 +70,7 @@ class RunSummary:
         messages_used: Messages that took part, by topic.
         drops: Messages that did not.
         losses: What is damaged in the files that were read.
-        boxes_left_out: Recorded 2D boxes that could not be used, by reason.
+        unused_boxes: Recorded 2D boxes that could not be used, by reason.
         skew_mean_ms: Mean spread of the stamps in a set.
         skew_max_ms: Largest.
         stage_seconds: Time spent per stage, summed over the frames; stages overlap when the run is pipelined.
@@ -87,7 +87,7 @@ class RunSummary:
     messages_used: Mapping[str, int]
     drops: DropTable
     losses: tuple[Loss, ...]
-    boxes_left_out: Mapping[str, int]
+    unused_boxes: Mapping[str, int]
     skew_mean_ms: float
     skew_max_ms: float
     stage_seconds: Mapping[str, float]
@@ -185,7 +185,7 @@ def process(
         messages_used=dict(sorted(tally.messages.items())),
         drops=drops,
         losses=recording.losses,
-        boxes_left_out=dict(sorted(tally.left_out.items())),
+        unused_boxes=dict(sorted(tally.unused_boxes.items())),
         skew_mean_ms=stats.skew_mean_ns / 1e6,
         skew_max_ms=stats.skew_max_ns / 1e6,
         stage_seconds=dict(graph.seconds),
@@ -194,7 +194,7 @@ def process(
 
 
 def synchronized_topics(config: Config, rig: Rig) -> tuple[str, ...]:
-    """Topics that make up a set: lidars, then pictures where they are looked at or copied, then recorded boxes."""
+    """Topics that make up a set: lidars, then images where they are looked at or copied, then recorded boxes."""
     source = box_source(config, rig)
     topics = [lidar.topic for lidar in rig.lidars]
     if config.output.images or source == "onnx":
@@ -210,7 +210,7 @@ def _check_box_source(recording: Recording, config: Config, rig: Rig) -> None:
     if wanted == "none":
         return
     expected, needed, remedy = {
-        "onnx": ("pictures for the 2D network", PICTURE, "leave out --model-2d"),
+        "onnx": ("images for the 2D network", IMAGE, "leave out --model-2d"),
         "recorded": ("recorded 2D boxes", BOXES, "set detect2d.method to auto"),
     }[wanted]
     if not any(info.msgtype in needed and info.message_count for info in recording.topics):
@@ -284,17 +284,17 @@ class _Tally:
         self.objects: Counter[tuple[str, str]] = Counter()
         self.points: Counter[str] = Counter()
         self.messages: Counter[str] = Counter()
-        self.left_out: Counter[str] = Counter()
+        self.unused_boxes: Counter[str] = Counter()
 
     def add(self, frame: FrameResult) -> None:
         self.frames += 1
         self.compensated += bool(frame.combined.compensated)
-        self.confirmed += int((frame.matched > 0).sum())
-        rows = first_polygon_with([zone.polygon_site for zone in self._zones], frame.objects.centers[:, :2])
-        for class_id, row in zip(frame.objects.class_ids.tolist(), rows.tolist(), strict=True):
+        self.confirmed += int((frame.fused.matched > 0).sum())
+        rows = first_polygon_with([zone.polygon_site for zone in self._zones], frame.fused.objects.centers[:, :2])
+        for class_id, row in zip(frame.fused.objects.class_ids.tolist(), rows.tolist(), strict=True):
             zone = self._zones[row].name if row >= 0 else OUTSIDE_ZONES
             self.objects[self._class_names[class_id], zone] += 1
         self.points.update(dict(frame.combined.counts))
-        self.left_out.update(dict(frame.left_out))
+        self.unused_boxes.update(dict(frame.unused_boxes))
         unused = {(drop.topic, drop.stamp_ns) for drop in frame.drops if not drop.parts}
         self.messages.update(topic for topic, m in frame.bundle.messages.items() if (topic, m.stamp_ns) not in unused)

@@ -23,6 +23,7 @@ D = TypeVar("D")
 E = TypeVar("E")
 G = TypeVar("G")
 H = TypeVar("H")
+K = TypeVar("K")
 
 
 class Stamped(Protocol):
@@ -39,10 +40,11 @@ class Stamped(Protocol):
 
 F = TypeVar("F", bound=Stamped)
 R = TypeVar("R")
+R_co = TypeVar("R_co", covariant=True)
 
 
 @dataclass(frozen=True, eq=False)
-class Node(Generic[R]):
+class Node(Generic[R_co]):
     """Handle to one stage's output.
 
     Attributes:
@@ -53,7 +55,7 @@ class Node(Generic[R]):
     """
 
     name: str
-    fn: Callable[..., R]
+    fn: Callable[..., R_co]
     inputs: tuple["Node[Any]", ...] = ()
     workers: int = 1
 
@@ -84,6 +86,48 @@ class Graph(Generic[F]):
     def add(
         self,
         name: str,
+        fn: Callable[[A, B, C, D], R],
+        a: Node[A],
+        b: Node[B],
+        c: Node[C],
+        d: Node[D],
+        /,
+        *,
+        workers: int = 1,
+    ) -> Node[R]: ...
+    @overload
+    def add(
+        self,
+        name: str,
+        fn: Callable[[A, B, C, D, E], R],
+        a: Node[A],
+        b: Node[B],
+        c: Node[C],
+        d: Node[D],
+        e: Node[E],
+        /,
+        *,
+        workers: int = 1,
+    ) -> Node[R]: ...
+    @overload
+    def add(
+        self,
+        name: str,
+        fn: Callable[[A, B, C, D, E, G], R],
+        a: Node[A],
+        b: Node[B],
+        c: Node[C],
+        d: Node[D],
+        e: Node[E],
+        g: Node[G],
+        /,
+        *,
+        workers: int = 1,
+    ) -> Node[R]: ...
+    @overload
+    def add(
+        self,
+        name: str,
         fn: Callable[[A, B, C, D, E, G, H], R],
         a: Node[A],
         b: Node[B],
@@ -92,6 +136,23 @@ class Graph(Generic[F]):
         e: Node[E],
         g: Node[G],
         h: Node[H],
+        /,
+        *,
+        workers: int = 1,
+    ) -> Node[R]: ...
+    @overload
+    def add(
+        self,
+        name: str,
+        fn: Callable[[A, B, C, D, E, G, H, K], R],
+        a: Node[A],
+        b: Node[B],
+        c: Node[C],
+        d: Node[D],
+        e: Node[E],
+        g: Node[G],
+        h: Node[H],
+        k: Node[K],
         /,
         *,
         workers: int = 1,

@@ -83,11 +83,11 @@ def open_recording(
                     f"{file.ros_version} ({file.path}); process them one by one"
                 )
         recording = _FilesRecording(tuple(opened), stack.pop_all())
-    if len(recording.topics) > limits.most_topics:
+    if len(recording.topics) > limits.max_topics:
         recording.close()
         raise RecordingError(
             f"{', '.join(map(str, recording.paths))}: {len(recording.topics)} topics, expected at most "
-            f"{limits.most_topics}: raise limits.most_topics"
+            f"{limits.max_topics}: raise limits.max_topics"
         )
     return recording
 
@@ -203,7 +203,7 @@ def _open_file(
         return _open_remote(path, index, stack, rescue=rescue, thorough=thorough, limits=limits)
     with opening(path, rescued=rescue):
         location = path
-        losses = Losses(path, limits.most_losses_listed)
+        losses = Losses(path, limits.max_losses_listed)
         magic = _first_bytes(path)
         if magic.startswith(ZSTD_MAGIC):
             location = _unpacked(path, stack, losses if rescue else None, limits)
@@ -306,14 +306,12 @@ def _unpacked(path: Path, stack: ExitStack, losses: Losses | None, limits: Limit
     with path.open("rb") as packed, unpacked.open("wb") as stream:
         try:
             content = zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True)
-            left = min(
-                limits.largest_unpacked_bytes(path.stat().st_size), shutil.disk_usage(folder).free - DISK_RESERVE
-            )
+            left = min(limits.max_unpacked_bytes(path.stat().st_size), shutil.disk_usage(folder).free - DISK_RESERVE)
             while piece := content.read(PIECE):
                 left -= len(piece)
                 if left < 0:
                     raise RecordingError(
-                        f"{path}: unpacks to more than {stream.tell()} bytes: raise limits.largest_unpacked_file_gib, "
+                        f"{path}: unpacks to more than {stream.tell()} bytes: raise limits.max_unpacked_file_gib, "
                         f"or free space in {folder.parent}"
                     )
                 stream.write(piece)

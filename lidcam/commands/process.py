@@ -32,7 +32,7 @@ from pipeline.core.settings.config import Config
 from pipeline.core.settings.load import dump_config, load_config
 from pipeline.core.settings.run import RunConfig
 from readers.location import Location, RemotePath, location
-from readers.messages.image import decode_picture
+from readers.messages.image import decode_any_image
 from readers.open import open_recording
 from readers.recording import Recording
 from readers.rig.discovery import Discovery, discover_rig, rig_from_file
@@ -120,8 +120,8 @@ def run_process(options: ProcessOptions) -> None:
             if options.rerun is not None:
                 from writers.rerun.writer import RerunResultWriter  # loads a viewer's worth of code
 
-                decode = partial(decode_picture, limits=config.limits)
-                rerun = RerunResultWriter(options.rerun, found.rig, config, provenance, decode_picture=decode)
+                decode = partial(decode_any_image, limits=config.limits)
+                rerun = RerunResultWriter(options.rerun, found.rig, config, provenance, decode_any_image=decode)
                 writers.append(stack.enter_context(rerun))
             with _progress(err, recording, window) as advance:
 

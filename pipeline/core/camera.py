@@ -1,4 +1,4 @@
-"""Camera intrinsics: projection of points and boxes into a picture, with lens distortion.
+"""Camera intrinsics: projection of points and boxes into an image, with lens distortion.
 
 Distortion models as REP and OpenCV define them (docs.opencv.org, "Camera Calibration and 3D Reconstruction" and
 "Fisheye camera model"): `plumb_bob` k1 k2 p1 p2 k3; `rational_polynomial` k1 k2 p1 p2 k3 k4 k5 k6; `equidistant`
@@ -22,7 +22,7 @@ __all__ = ["CameraModel", "DistortionModel"]
 DistortionModel = Literal["plumb_bob", "rational_polynomial", "equidistant"]
 
 NEAR_M = 0.01
-"""Edges of boxes are cut at this depth: nearer points have no place in the picture."""
+"""Edges of boxes are cut at this depth: nearer points have no place in the image."""
 
 # Rows of `box_corners` that each edge of a box joins.
 _EDGES = np.array([[0, 1], [1, 2], [2, 3], [3, 0], [4, 5], [5, 6], [6, 7], [7, 4], [0, 4], [1, 5], [2, 6], [3, 7]])
@@ -35,8 +35,8 @@ class CameraModel:
 
     Attributes:
         frame_id: Optical frame (z forward, x right, y down).
-        width_px: Picture width.
-        height_px: Picture height.
+        width_px: Image width.
+        height_px: Image height.
         K: (3, 3) float64 camera matrix, pixels.
         model: Distortion model.
         distortion: (k,) float64 coefficients; fewer than the model has are taken as zero.
@@ -60,12 +60,12 @@ class CameraModel:
                 f"camera matrix K: expected zeros below the diagonal and 1 at its end, got {self.K.tolist()}"
             )
         if self.width_px <= 0 or self.height_px <= 0:
-            raise CalibrationError(f"picture size {self.width_px} x {self.height_px} px: expected positive numbers")
+            raise CalibrationError(f"image size {self.width_px} x {self.height_px} px: expected positive numbers")
         focal = (float(self.K[0, 0]), float(self.K[1, 1]))
         # A view of over 178 or under 0.3 degrees is no camera; zero means "not calibrated" (sensor_msgs/CameraInfo).
         if not all(0.01 < f / self.width_px < 200 for f in focal):
             raise CalibrationError(
-                f"focal length {focal[0]:g}, {focal[1]:g} px is impossible for a picture {self.width_px} px wide"
+                f"focal length {focal[0]:g}, {focal[1]:g} px is impossible for an image {self.width_px} px wide"
             )
         if not np.isfinite(self.distortion).all():
             raise CalibrationError("distortion coefficients: expected finite numbers")
@@ -84,7 +84,7 @@ class CameraModel:
     def _radius_limit(self) -> float:
         """Largest undistorted radius (tangent of the angle; equidistant: the angle) where the model is one-to-one.
 
-        Beyond it the polynomial folds back and points far outside of the view would land in the picture.
+        Beyond it the polynomial folds back and points far outside of the view would land in the image.
         """
         radius = np.linspace(0.0, np.pi if self.model == "equidistant" else 20.0, 4001)
         grown = radius * self._radial(radius**2)
@@ -106,7 +106,7 @@ class CameraModel:
 
         Returns:
             (..., 2) pixels, and whether each point is in front of the camera and inside what the lens model covers;
-            the pixels of the others mean nothing. Points outside of the picture are not cut off.
+            the pixels of the others mean nothing. Points outside of the image are not cut off.
         """
         points = np.asarray(points_camera, np.float64)
         x, y, z = points[..., 0], points[..., 1], points[..., 2]
@@ -132,13 +132,13 @@ class CameraModel:
         return np.stack([u, v], -1), front & inside
 
     def project_boxes(self, corners_camera: F64) -> F32:
-        """Smallest upright rectangles around boxes, clipped to the picture.
+        """Smallest upright rectangles around boxes, clipped to the image.
 
         Args:
             corners_camera: (N, 8, 3) corners in the order of `geometry.box_corners`, metres in the optical frame.
 
         Returns:
-            (N, 4) left, top, right, bottom in pixels; NaN where nothing of the box is in the picture. Boxes that reach
+            (N, 4) left, top, right, bottom in pixels; NaN where nothing of the box is in the image. Boxes that reach
             behind the camera are cut at its plane first.
         """
         found = np.full((len(corners_camera), 4), np.nan, np.float32)

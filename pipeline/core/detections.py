@@ -1,5 +1,6 @@
 """What detectors find, and which finding of one sensor is which of another."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Self
 
@@ -7,15 +8,15 @@ import numpy as np
 
 from pipeline.core.arrays import F32, F64, I32, I64, Rows, check_array, select_rows
 
-__all__ = ["Boxes2D", "Boxes3D", "Matches"]
+__all__ = ["Boxes2D", "Boxes3D", "Detections", "Fused", "Matches"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Boxes2D:
-    """Boxes that one camera's picture shows.
+    """Boxes that one camera's image shows.
 
     Attributes:
-        stamp_ns: Time of the picture.
+        stamp_ns: Time of the image.
         frame_id: Camera optical frame.
         xyxy: (N, 4) float32, left, top, right, bottom in pixels; (0, 0) is the top left corner of the top left pixel.
         scores: (N,) float32 in [0, 1].
@@ -115,7 +116,7 @@ class Matches:
     Attributes:
         pairs: (M, 2) int64: row of the 3D boxes, row of the camera's 2D boxes; in order of the 3D rows.
         iou: (M,) float32, overlap of the projected 3D box and the 2D box.
-        projected_xyxy: (N, 4) float32, every 3D box in this picture in pixels, clipped to it; NaN where it is not seen.
+        projected_xyxy: (N, 4) float32, every 3D box in this image in pixels, clipped to it; NaN where it is not seen.
     """
 
     pairs: I64
@@ -129,3 +130,32 @@ class Matches:
 
     def __len__(self) -> int:
         return len(self.iou)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Detections:
+    """What each sensor alone saw in one frame.
+
+    Attributes:
+        lidar: Boxes of the lidars, in the site frame.
+        cameras: Boxes of each camera, by its name.
+    """
+
+    lidar: Boxes3D
+    cameras: Mapping[str, Boxes2D]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fused:
+    """What became of the 3D boxes of a frame.
+
+    Attributes:
+        objects: The fused objects, in the order of the 3D boxes.
+        matched: (N,) int32, number of cameras that confirm each object.
+    """
+
+    objects: Boxes3D
+    matched: I32
+
+    def __post_init__(self) -> None:
+        check_array("matched", self.matched, (len(self.objects),), np.int32)

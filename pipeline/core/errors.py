@@ -24,7 +24,7 @@ __all__ = [
     "RecordingError",
 ]
 
-MOST_CHARACTERS = 4000
+MAX_CHARACTERS = 4000
 
 
 class LidcamError(Exception):
@@ -35,8 +35,8 @@ class LidcamError(Exception):
 
     def __str__(self) -> str:
         text = super().__str__()
-        if len(text) > MOST_CHARACTERS:
-            text = f"{text[:MOST_CHARACTERS]}..."
+        if len(text) > MAX_CHARACTERS:
+            text = f"{text[:MAX_CHARACTERS]}..."
         if text.isprintable():
             return text
         return "".join(letter if letter.isprintable() else repr(letter)[1:-1] for letter in text)

@@ -1,17 +1,17 @@
 """One moment on its way through the stages: the messages that go in, the result that comes out."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from typing import TypeVar
 
-import numpy as np
-
-from pipeline.core.arrays import I32, check_array
 from pipeline.core.clouds import CombinedCloud
-from pipeline.core.detections import Boxes2D, Boxes3D, Matches
+from pipeline.core.detections import Detections, Fused, Matches
 from pipeline.core.geometry.pose_samples import PoseSamples
 from pipeline.core.messages import Drop, RawMessage
 
-__all__ = ["FrameResult", "SensorBundle"]
+__all__ = ["Decoded", "FrameResult", "SensorBundle"]
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -24,7 +24,7 @@ class SensorBundle:
         log_time_ns: Log time of that message.
         messages: By topic.
         motion: Poses of the site frame around `stamp_ns`, if the recording has odometry of it.
-        left_out: How many messages were left out of every frame since the bundle before, by (topic, reason).
+        dropped_before: How many messages were dropped since the bundle before, by (topic, reason).
     """
 
     index: int
@@ -32,7 +32,7 @@ class SensorBundle:
     log_time_ns: int
     messages: Mapping[str, RawMessage]
     motion: PoseSamples | None = None
-    left_out: Mapping[tuple[str, str], int] = field(default_factory=dict)
+    dropped_before: Mapping[tuple[str, str], int] = field(default_factory=dict)
 
     @property
     def skew_ns(self) -> int:
@@ -42,30 +42,49 @@ class SensorBundle:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Decoded(Mapping[str, T]):
+    """What the messages of one frame held, by sensor name in rig order.
+
+    A sensor whose message is missing or bad has no entry.
+
+    Attributes:
+        by_sensor: The same as a mapping of its own.
+        drops: The bad messages.
+        unused_boxes: Recorded 2D boxes that could not be used, by reason.
+    """
+
+    by_sensor: Mapping[str, T]
+    drops: tuple[Drop, ...] = ()
+    unused_boxes: Mapping[str, int] = field(default_factory=dict)
+
+    def __getitem__(self, sensor: str) -> T:
+        return self.by_sensor[sensor]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.by_sensor)
+
+    def __len__(self) -> int:
+        return len(self.by_sensor)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class FrameResult:
     """Everything a writer needs of one frame.
 
     Attributes:
         bundle: The messages that the frame was made of; images are copied from here.
         combined: The combined cloud.
-        lidar_boxes: What the lidars alone saw, in the site frame.
-        camera_boxes: What each camera alone saw, by camera name.
-        matches: By camera name, for every camera of the rig; for the rows of `lidar_boxes`.
-        objects: The fused objects, in the site frame.
-        matched: (N,) int32 for the rows of `objects`: number of cameras that confirm it.
+        detections: What each sensor alone saw.
+        matches: By camera name, for every camera of the rig; for the rows of `detections.lidar`.
+        fused: The fused objects, in the site frame.
         drops: Messages of the bundle that could not be used.
-        left_out: Recorded 2D boxes that could not be used, by reason.
+        unused_boxes: Recorded 2D boxes that could not be used, by reason.
     """
 
     bundle: SensorBundle
     combined: CombinedCloud
-    lidar_boxes: Boxes3D
-    camera_boxes: Mapping[str, Boxes2D]
+    detections: Detections
     matches: Mapping[str, Matches]
-    objects: Boxes3D
-    matched: I32
+    fused: Fused
     drops: tuple[Drop, ...] = ()
-    left_out: Mapping[str, int] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        check_array("matched", self.matched, (len(self.objects),), np.int32)
+    unused_boxes: Mapping[str, int] = field(default_factory=dict)

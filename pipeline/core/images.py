@@ -11,7 +11,7 @@ __all__ = ["Image"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Image:
-    """One picture.
+    """One image.
 
     Attributes:
         stamp_ns: Time of exposure.

@@ -42,7 +42,7 @@ class RawMessage(NamedTuple):
         data: The serialised message.
         channel: Topic, type and definition.
         problem: Why there are no data, where what was recorded cannot be read; empty if it can.
-        left_out: Of a message that was made of several recorded ones: what was wrong with those that could not be used.
+        defects: Of a message made of several recorded ones: what was wrong with those that could not be used.
     """
 
     stamp_ns: int
@@ -51,7 +51,7 @@ class RawMessage(NamedTuple):
     data: bytes | memoryview
     channel: Channel
     problem: str = ""
-    left_out: tuple[str, ...] = ()
+    defects: tuple[str, ...] = ()
 
     @property
     def topic(self) -> str:

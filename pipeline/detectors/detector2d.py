@@ -9,10 +9,10 @@ __all__ = ["Candidates2D", "Detector2D"]
 
 
 class Candidates2D(NamedTuple):
-    """Proposals for one picture, in the network's own order.
+    """Proposals for one image, in the network's own order.
 
     Attributes:
-        xyxy: (A, 4) float32, left, top, right, bottom in pixels of the picture as it was given; may reach beyond it.
+        xyxy: (A, 4) float32, left, top, right, bottom in pixels of the image as it was given; may reach beyond it.
         scores: (A,) float32 in [0, 1].
         labels: (A,) int64, row of the detector's `labels`.
     """
@@ -23,11 +23,11 @@ class Candidates2D(NamedTuple):
 
 
 class Detector2D(Protocol):
-    """An engine that proposes boxes for pictures."""
+    """An engine that proposes boxes for images."""
 
     @property
     def labels(self) -> tuple[str, ...]:
         """Names of what it can find."""
 
-    def __call__(self, pictures: Sequence[U8]) -> list[Candidates2D]:
-        """Proposals for each picture, (H, W, 3) RGB of any size, in order."""
+    def __call__(self, images: Sequence[U8]) -> list[Candidates2D]:
+        """Proposals for each image, (H, W, 3) RGB of any size, in order."""

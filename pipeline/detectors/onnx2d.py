@@ -1,6 +1,6 @@
 """2D detection by a network in an ONNX file, in the layout of YOLOX (Ge et al., arXiv:2107.08430).
 
-The layout, as Megvii's export writes it: one input (N, 3, H, W) float32, BGR 0..255, the picture scaled to fit and
+The layout, as Megvii's export writes it: one input (N, 3, H, W) float32, BGR 0..255, the image scaled to fit and
 placed top left on a ground of 114; one output (N, A, 85) with one row per cell of the grids of stride 8, 16 and 32: box
 centre and size, objectness, 80 COCO class scores. Centre and size are either raw (cells from the own cell; logarithm
 of cells) or, after an export with `--decode_in_inference`, already pixels: a trial run at loading tells which.
@@ -52,7 +52,7 @@ class OnnxDetector2D:
         self._input, self._batch, self._height_px, self._width_px = _input_layout(path, self._session)
         self._grid, self._stride = _anchors(self._height_px, self._width_px)
         trial = self._run(np.full((self._batch or 2, 3, self._height_px, self._width_px), PADDING, np.float32))
-        # Raw centres are a few cells at most; centres in pixels span the whole picture, whatever it shows.
+        # Raw centres are a few cells at most; centres in pixels span the whole image, whatever it shows.
         self._decoded = float(trial[..., :2].max()) > min(self._height_px, self._width_px) / 2
 
     @property
@@ -60,27 +60,27 @@ class OnnxDetector2D:
         """Names of what it can find."""
         return COCO_LABELS
 
-    def __call__(self, pictures: Sequence[U8]) -> list[Candidates2D]:
-        """Proposals for each picture, in order.
+    def __call__(self, images: Sequence[U8]) -> list[Candidates2D]:
+        """Proposals for each image, in order.
 
-        All pictures run in one batch where the network's batch dimension is free; a network that is fixed to batches
-        of B runs once per B pictures, the last batch filled up with blank ones.
+        All images run in one batch where the network's batch dimension is free; a network that is fixed to batches
+        of B runs once per B images, the last batch filled up with blank ones.
 
         Args:
-            pictures: (H, W, 3) RGB, of any size each.
+            images: (H, W, 3) RGB, of any size each.
 
         Raises:
             ModelError: the network fails while it runs.
         """
-        size = self._batch or max(len(pictures), 1)
+        size = self._batch or max(len(images), 1)
         found: list[Candidates2D] = []
-        for start in range(0, len(pictures), size):
-            found += self._detect(pictures[start : start + size], size)
+        for start in range(0, len(images), size):
+            found += self._detect(images[start : start + size], size)
         return found
 
-    def _detect(self, pictures: Sequence[U8], size: int) -> list[Candidates2D]:
+    def _detect(self, images: Sequence[U8], size: int) -> list[Candidates2D]:
         batch = np.full((size, 3, self._height_px, self._width_px), PADDING, np.float32)
-        scales = [_letterbox(picture, into) for picture, into in zip(pictures, batch, strict=False)]
+        scales = [_letterbox(image, into) for image, into in zip(images, batch, strict=False)]
         rows = self._run(batch)
         return [self._decode(row, scale) for row, scale in zip(rows, scales, strict=False)]
 
@@ -95,7 +95,7 @@ class OnnxDetector2D:
         return np.asarray(rows)
 
     def _decode(self, rows: F32, scale: F32) -> Candidates2D:
-        """Proposals of one picture from the network's rows (A, 85); `scale` is network pixels per picture pixel."""
+        """Proposals of one image from the network's rows (A, 85); `scale` is network pixels per image pixel."""
         if self._decoded:
             center, size = rows[:, :2], rows[:, 2:4]
         else:
@@ -144,15 +144,15 @@ def _anchors(height_px: int, width_px: int) -> tuple[F32, F32]:
     return np.concatenate(grids).astype(np.float32), np.concatenate(strides).astype(np.float32)
 
 
-def _letterbox(picture: U8, into: F32) -> F32:
-    """Scale a picture into the top left of a network input (3, H, W), RGB to BGR; (2,) scale in x and y.
+def _letterbox(image: U8, into: F32) -> F32:
+    """Scale an image into the top left of a network input (3, H, W), RGB to BGR; (2,) scale in x and y.
 
     The scaled size is cut to whole pixels, as YOLOX does; the scales returned are those of the size that it became.
     """
-    height, width = picture.shape[:2]
+    height, width = image.shape[:2]
     ratio = min(into.shape[1] / height, into.shape[2] / width)
     size = np.maximum([int(width * ratio), int(height * ratio)], 1)
-    small = cv2.resize(picture, (int(size[0]), int(size[1])), interpolation=cv2.INTER_LINEAR)
+    small = cv2.resize(image, (int(size[0]), int(size[1])), interpolation=cv2.INTER_LINEAR)
     into[:, : size[1], : size[0]] = small[..., ::-1].transpose(2, 0, 1)
     return (size / [width, height]).astype(np.float32)
 

@@ -1,6 +1,6 @@
 """Which 3D box is which 2D box, for each camera on its own.
 
-Each 3D box is projected into the picture; its overlap with a 2D box (IoU), less a penalty where their classes differ,
+Each 3D box is projected into the image; its overlap with a 2D box (IoU), less a penalty where their classes differ,
 is what the pair is worth. The assignment with the largest sum is taken (Kuhn-Munkres, as in Crouse, "On implementing 2D
 rectangular assignment algorithms", IEEE TAES 52(4), 2016), so no pair takes a box away from a better one, and every
 camera that sees an object may confirm it. Pairs that overlap too little are never formed.
@@ -53,7 +53,7 @@ class Associate:
         projected: F32,
         boxes2d: Boxes2D,
     ) -> Matches:
-        # Detectors may draw boxes beyond the picture, projections end at its border: compare what both show.
+        # Detectors may draw boxes beyond the image, projections end at its border: compare what both show.
         size = np.array([camera.model.width_px, camera.model.height_px] * 2, np.float32)
         rows2d = _rank2d(boxes2d)
         iou = iou_xyxy(projected[rows3d], np.clip(boxes2d.xyxy, 0, size)[rows2d])
@@ -70,7 +70,7 @@ class Associate:
 
 
 def _project(camera: CameraSensor, corners: F64, frame_id: str) -> F32:
-    """(N, 4) upright rectangles in the camera's picture, clipped to it; NaN where a box (N, 8, 3) is not seen."""
+    """(N, 4) upright rectangles in the camera's image, clipped to it; NaN where a box (N, 8, 3) is not seen."""
     if frame_id != camera.T_camera_site.src:
         raise FrameError(
             f"camera {camera.name}: expected boxes in frame {camera.T_camera_site.src!r}, found {frame_id!r}"

@@ -1,4 +1,4 @@
-"""Detection in pictures: from a network's proposals to the boxes that each camera's picture shows."""
+"""Detection in images: from a network's proposals to the boxes that each camera's image shows."""
 
 from collections.abc import Mapping
 
@@ -17,7 +17,7 @@ __all__ = ["Detect2D", "suppress_overlaps"]
 
 
 class Detect2D:
-    """Boxes of the configured classes in the pictures of a frame."""
+    """Boxes of the configured classes in the images of a frame."""
 
     def __init__(self, rig: Rig, config: Config, detector: Detector2D) -> None:
         """Tie a detector's labels to the configured classes; labels that no class names are left out.
@@ -37,9 +37,9 @@ class Detect2D:
         self._detector = detector
 
     def __call__(self, images: Mapping[str, Image]) -> Mapping[str, Boxes2D]:
-        """Boxes by camera name, in the rig's order; a camera without a picture in this frame has no entry.
+        """Boxes by camera name, in the rig's order; a camera without an image in this frame has no entry.
 
-        Boxes are in pixels of the original picture, clipped to it, in order of falling score.
+        Boxes are in pixels of the original image, clipped to it, in order of falling score.
 
         Raises:
             ModelError: the network fails while it runs.

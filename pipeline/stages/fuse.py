@@ -6,27 +6,14 @@ size. Objects that no camera confirms keep the lidar's class and score.
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
 from pipeline.core.arrays import F64, I32
-from pipeline.core.detections import Boxes2D, Boxes3D, Matches
+from pipeline.core.detections import Boxes2D, Boxes3D, Fused, Matches
 from pipeline.core.settings.config import Config
 
-__all__ = ["Fuse", "Fused"]
-
-
-class Fused(NamedTuple):
-    """What became of the 3D boxes of a frame.
-
-    Attributes:
-        objects: The fused objects, in the order of the 3D boxes.
-        matched: (N,) int32, number of cameras that confirm each object.
-    """
-
-    objects: Boxes3D
-    matched: I32
+__all__ = ["Fuse"]
 
 
 class Fuse:

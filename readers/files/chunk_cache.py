@@ -18,12 +18,12 @@ class ChunkCache:
 
     Args:
         max_bytes: What is kept.
-        most_loaded_bytes: What may be unpacked in all since `begin`; None for no bound.
+        max_loaded_bytes: What may be unpacked in all since `begin`; None for no bound.
     """
 
-    def __init__(self, max_bytes: int = CACHE_BYTES, *, most_loaded_bytes: int | None = None) -> None:
+    def __init__(self, max_bytes: int = CACHE_BYTES, *, max_loaded_bytes: int | None = None) -> None:
         self._max_bytes = max_bytes
-        self._most_loaded = most_loaded_bytes
+        self._most_loaded = max_loaded_bytes
         self.begin()
         self._bytes = 0
         self._chunks: OrderedDict[int, bytes] = OrderedDict()

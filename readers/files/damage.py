@@ -42,7 +42,7 @@ LIBRARY_ERRORS: tuple[type[Exception], ...] = (
 )
 
 
-MOST_OTHERS = 1_000_000
+MAX_OTHERS = 1_000_000
 """Parts beyond those that are listed that are still told apart, so that each counts once."""
 
 
@@ -55,12 +55,12 @@ class Losses:
 
     Args:
         path: The file that is named.
-        most_listed: Parts that are kept one by one; the others are added up to one.
+        max_listed: Parts that are kept one by one; the others are added up to one.
     """
 
-    def __init__(self, path: Location, most_listed: int = DEFAULT_LIMITS.most_losses_listed) -> None:
+    def __init__(self, path: Location, max_listed: int = DEFAULT_LIMITS.max_losses_listed) -> None:
         self._path = path
-        self._most_listed = most_listed
+        self._most_listed = max_listed
         self._parts: dict[tuple[int, str], Loss] = {}
         self._others: set[int] = set()
         self._rest: Loss | None = None
@@ -73,7 +73,7 @@ class Losses:
         loss = Loss(self._path, position, reason, size, messages)
         if len(self._parts) < self._most_listed:
             self._parts[key] = loss
-        elif hash(key) not in self._others and len(self._others) < MOST_OTHERS:
+        elif hash(key) not in self._others and len(self._others) < MAX_OTHERS:
             self._others.add(hash(key))
             self._rest = _sum(self._rest, loss, len(self._others))
 
@@ -84,8 +84,8 @@ class Losses:
 
 
 def _sum(rest: Loss | None, loss: Loss, count: int) -> Loss:
-    at_least = "" if count < MOST_OTHERS else " or more"
-    reason = f"{count}{at_least} further places, see limits.most_losses_listed; the first of them: "
+    at_least = "" if count < MAX_OTHERS else " or more"
+    reason = f"{count}{at_least} further places, see limits.max_losses_listed; the first of them: "
     if rest is None:
         return replace(loss, reason=reason + loss.reason)
     first = rest.reason.partition("the first of them: ")[2]

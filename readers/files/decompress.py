@@ -8,7 +8,7 @@ from lz4.frame import LZ4FrameDecompressor
 __all__ = ["Allowance", "Unpacked", "check_chunk_size", "compression_of", "unpack", "unpack_lz4"]
 
 PIECE = 1 << 18
-MOST_AT_ONCE = 1 << 22
+MAX_AT_ONCE = 1 << 22
 """The libraries take this much memory before they know how much a piece unpacks to."""
 MAGICS = {b"\x04\x22\x4d\x18": "lz4", b"BZh": "bz2"}
 
@@ -38,7 +38,7 @@ class Allowance:
             ValueError: nothing is left.
         """
         if self._left < 0:
-            raise ValueError(f"chunks unpack to more than {self._size} bytes, see limits.largest_unpacked_file_gib")
+            raise ValueError(f"chunks unpack to more than {self._size} bytes, see limits.max_unpacked_file_gib")
         self._left -= size
 
 
@@ -64,7 +64,7 @@ def check_chunk_size(size: int, largest: int) -> None:
         ValueError: it is.
     """
     if size > largest:
-        raise ValueError(f"a chunk unpacks to more than {largest} bytes, see limits.largest_chunk_mib")
+        raise ValueError(f"a chunk unpacks to more than {largest} bytes, see limits.max_chunk_mib")
 
 
 def unpack_lz4(data: bytes, size: int, *, largest: int) -> bytes:
@@ -87,7 +87,7 @@ def unpack_lz4(data: bytes, size: int, *, largest: int) -> bytes:
         if decompressor.needs_input:
             raise EOFError("its lz4 data end early")
         check_chunk_size(total, largest)
-        parts.append(decompressor.decompress(b"", MOST_AT_ONCE))
+        parts.append(decompressor.decompress(b"", MAX_AT_ONCE))
         total += len(parts[-1])
     check_chunk_size(total, largest)
     return parts[0] if len(parts) == 1 else b"".join(parts)
@@ -115,7 +115,7 @@ def unpack(
                 break
         if allowance is not None:
             allowance.take(0 if not parts else len(parts[-1]))
-        parts.append(decompressor.decompress(piece, MOST_AT_ONCE))
+        parts.append(decompressor.decompress(piece, MAX_AT_ONCE))
         total += len(parts[-1])
         check_chunk_size(total, largest)
     used = stream.tell() - position - len(decompressor.unused_data or b"")

@@ -27,6 +27,6 @@ def decompressed(data: bytes | memoryview, encoding: str, *, announced: bool, la
     if announced or (encoding == "cdr" and data[:4] == ZSTD_MAGIC):
         size = zstandard.frame_content_size(data)  # negative where the frame does not say it
         if size > largest:
-            raise ValueError(f"a message unpacks to {size} bytes, see limits.largest_message_mib")
+            raise ValueError(f"a message unpacks to {size} bytes, see limits.max_message_mib")
         return zstandard.ZstdDecompressor().decompress(data, max_output_size=largest)
     return data

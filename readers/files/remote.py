@@ -24,16 +24,16 @@ logger = logging.getLogger(__name__)
 T = TypeVar("T")
 
 PAGE_BYTES = 1 << 16
-MOST_REQUEST_PAGES = 128
-MOST_REQUEST_BYTES = MOST_REQUEST_PAGES * PAGE_BYTES
-MOST_KEPT_BYTES = 512 << 20
+MAX_REQUEST_PAGES = 128
+MAX_REQUEST_BYTES = MAX_REQUEST_PAGES * PAGE_BYTES
+MAX_KEPT_BYTES = 512 << 20
 """Of the temporary file, on disk: several seconds of many cameras and lidars."""
 
 RETRY_DELAYS_S = (0.5, 1.0, 2.0)
 SILENCE_S = 30.0
 """A server that sends nothing for so long is as good as a lost connection."""
 
-MOST_FACT_CHARACTERS = 200
+MAX_FACT_CHARACTERS = 200
 
 EXTRAS = {"http": "http", "https": "http", "s3": "s3", "s3a": "s3"}
 """Extra of lidcam that brings what a protocol needs."""
@@ -156,14 +156,14 @@ class RemoteFile(io.BufferedIOBase):
         if missing is None:
             return
         more = self._run * 2 if missing == self._end_of_last else 1
-        more = MOST_REQUEST_PAGES if self._is_wanted_whole else more
-        self._run = min(max(more, len(pages)), MOST_REQUEST_PAGES)
+        more = MAX_REQUEST_PAGES if self._is_wanted_whole else more
+        self._run = min(max(more, len(pages)), MAX_REQUEST_PAGES)
         ahead = range(pages.start, max(pages.stop, min(missing + self._run, -(-self.size // PAGE_BYTES))))
         self._fetch_pages(ahead)
 
     def _fetch_pages(self, pages: Collection[int]) -> None:
         """Have these pages among those kept."""
-        if (len(self._pages) + sum(page not in self._pages for page in pages)) * PAGE_BYTES > MOST_KEPT_BYTES:
+        if (len(self._pages) + sum(page not in self._pages for page in pages)) * PAGE_BYTES > MAX_KEPT_BYTES:
             self._kept.truncate(0)
             self._pages.clear()
         for first, last in _runs(page for page in pages if page not in self._pages):
@@ -231,7 +231,7 @@ class ReadAhead:
 
     def __init__(self, stream: BinaryIO, parts: Iterable[tuple[int, int]]) -> None:
         self._remote = _remote(stream)
-        self._parts = [(start, min(size, MOST_REQUEST_BYTES)) for start, size in parts] if self._remote else []
+        self._parts = [(start, min(size, MAX_REQUEST_BYTES)) for start, size in parts] if self._remote else []
         self._next = 0
         self._bytes = 0
 
@@ -256,7 +256,7 @@ class ReadAhead:
         self._remote.fetch(self._parts[:count])
         self._parts = self._parts[count:]
         self._next = count - 1
-        self._bytes = min(max(2 * taken, 2 * self._bytes), MOST_REQUEST_BYTES)
+        self._bytes = min(max(2 * taken, 2 * self._bytes), MAX_REQUEST_BYTES)
 
 
 def open_remote(path: RemotePath) -> tuple[RemotePath, BinaryIO]:
@@ -284,7 +284,7 @@ def _runs(pages: Iterable[int]) -> Iterator[tuple[int, int]]:
     """First page and the one behind the last of each row of neighbours, each one request; in the order given."""
     first = last = -1
     for page in pages:
-        if page != last or last - first == MOST_REQUEST_PAGES:
+        if page != last or last - first == MAX_REQUEST_PAGES:
             if last > first:
                 yield first, last
             first = page
@@ -347,7 +347,7 @@ def _facts(info: dict[str, Any]) -> Iterator[tuple[str, str]]:
     for name, keys in {"etag": ("ETag", "etag"), "last_modified": ("Last-Modified", "LastModified")}.items():
         value = next((str(info[key]) for key in keys if info.get(key)), "")
         if value and value.isprintable():
-            yield name, value[:MOST_FACT_CHARACTERS]
+            yield name, value[:MAX_FACT_CHARACTERS]
 
 
 class _Fault(NamedTuple):

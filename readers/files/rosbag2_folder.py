@@ -8,13 +8,13 @@ from typing import Any
 import yaml
 
 from pipeline.core.errors import RecordingError
-from pipeline.core.settings.bounded_yaml import MOST_YAML_BYTES, parse_yaml
+from pipeline.core.settings.bounded_yaml import MAX_YAML_BYTES, parse_yaml
 
 __all__ = ["FolderMetadata", "folder_metadata", "recording_files"]
 
 METADATA = "metadata.yaml"
 STORAGE_SUFFIXES = (".db3", ".mcap")
-MOST_LISTED = 10
+MAX_LISTED = 10
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,9 +42,9 @@ def recording_files(folder: Path) -> tuple[Path, ...]:
     files = tuple(folder / name for name in listed)
     missing = [file.name for file in files if not file.is_file()]
     if missing:
-        more = f" and {len(missing) - MOST_LISTED} more" if len(missing) > MOST_LISTED else ""
+        more = f" and {len(missing) - MAX_LISTED} more" if len(missing) > MAX_LISTED else ""
         raise RecordingError(
-            f"{folder}: {METADATA} lists {', '.join(missing[:MOST_LISTED])}{more}, which "
+            f"{folder}: {METADATA} lists {', '.join(missing[:MAX_LISTED])}{more}, which "
             f"{'is' if len(missing) == 1 else 'are'} not there; complete the folder, or give the files to read"
         )
     if files:
@@ -75,7 +75,7 @@ def folder_metadata(folder: Path) -> FolderMetadata:
     remedy = "remove it to read all files of the folder"
     try:
         with path.open("rb") as stream:
-            document: Any = parse_yaml(stream.read(MOST_YAML_BYTES + 1))
+            document: Any = parse_yaml(stream.read(MAX_YAML_BYTES + 1))
         information: dict[str, Any] = document["rosbag2_bagfile_information"]
         names = tuple(PurePosixPath(name).name for name in information["relative_file_paths"])
         mode = str(information.get("compression_mode") or "").lower()

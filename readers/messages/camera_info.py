@@ -1,7 +1,7 @@
 """sensor_msgs/CameraInfo to `CameraModel`.
 
 Sources: the comments of sensor_msgs/CameraInfo.msg and REP 104; image_geometry's PinholeCameraModel for region of
-interest and binning. A raw picture is described by K and D. A rectified one (`image_rect`, `image_rect_color`) is
+interest and binning. A raw image is described by K and D. A rectified one (`image_rect`, `image_rect_color`) is
 described by P = K' [I | t] in a frame that is turned by R against the camera's own: x_rectified = R x_camera. P's last
 column only restates the baseline of a stereo pair, which the frame's own extrinsics already hold, so it is left out.
 """
@@ -32,7 +32,7 @@ DISTORTION_MODELS: dict[str, DistortionModel] = {
 def distortion_model(name: str, coefficients: npt.ArrayLike) -> tuple[DistortionModel, F64]:
     """A distortion model by its ROS name, and its coefficients as float64.
 
-    Without any coefficient that differs from zero a picture has no distortion, whatever the name, except that an
+    Without any coefficient that differs from zero an image has no distortion, whatever the name, except that an
     equidistant lens with zeros still bends (r = f theta).
 
     Raises:
@@ -50,7 +50,7 @@ def distortion_model(name: str, coefficients: npt.ArrayLike) -> tuple[Distortion
 
 
 def camera_model(info: Any, *, frame_id: str = "") -> CameraModel:
-    """Intrinsics of the raw picture: K and the lens distortion, for the part of the sensor that was read out.
+    """Intrinsics of the raw image: K and the lens distortion, for the part of the sensor that was read out.
 
     Args:
         info: Decoded CameraInfo of ROS 1 (D, K, R, P) or ROS 2 (d, k, r, p).
@@ -67,7 +67,7 @@ def camera_model(info: Any, *, frame_id: str = "") -> CameraModel:
 
 
 def rectified_camera_model(info: Any, *, frame_id: str = "") -> tuple[CameraModel, Transform]:
-    """Intrinsics of the rectified picture, and how its frame is turned against the camera's.
+    """Intrinsics of the rectified image, and how its frame is turned against the camera's.
 
     Returns:
         The model (K = P[:, :3], no distortion) and T_rectified_camera. Where R is the identity both frames are one and
@@ -78,9 +78,7 @@ def rectified_camera_model(info: Any, *, frame_id: str = "") -> tuple[CameraMode
     """
     K = _field(info, "p").reshape(3, 4)[:, :3].copy()
     if K[0, 0] == 0:
-        raise CalibrationError(
-            "CameraInfo.P[0] is 0, but its pictures are rectified; give its calibration in a rig file"
-        )
+        raise CalibrationError("CameraInfo.P[0] is 0, but its images are rectified; give its calibration in a rig file")
     rotation = _field(info, "r").reshape(3, 3)
     if fault := rotation_fault(rotation):
         raise CalibrationError(f"CameraInfo.R is no rotation: {fault}")
@@ -96,7 +94,7 @@ def _of_read_out(info: Any, frame: str, K: F64, model: DistortionModel, coeffici
     """K and size after region of interest, then binning: both are given for the full sensor."""
     width, height, roi = int(info.width), int(info.height), info.roi
     if width <= 0 or height <= 0:
-        raise CalibrationError(f"CameraInfo says a picture of {width} x {height} px: expected positive numbers")
+        raise CalibrationError(f"CameraInfo says an image of {width} x {height} px: expected positive numbers")
     x, y = int(roi.x_offset), int(roi.y_offset)
     part_width, part_height = int(roi.width) or width - x, int(roi.height) or height - y
     if x + part_width > width or y + part_height > height or part_width <= 0 or part_height <= 0:

@@ -10,7 +10,7 @@ from pipeline.core.messages import RawMessage
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from readers.messages.deserialize import deserialize_as
 from readers.messages.image_encodings import PACKED, check_pixels, demosaic
-from readers.messages.image_header import KINDS, picture_size
+from readers.messages.image_header import KINDS, image_size
 from readers.messages.tf import clean_frame
 
 __all__ = ["COMPRESSED_IMAGE", "decode_compressed_image"]
@@ -19,10 +19,10 @@ COMPRESSED_IMAGE = "sensor_msgs/msg/CompressedImage"
 
 
 def decode_compressed_image(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS) -> Image:
-    """The picture of a CompressedImage: JPEG, PNG, WebP, AVIF, TIFF or BMP; the data tell which.
+    """The image of a CompressedImage: JPEG, PNG, WebP, AVIF, TIFF or BMP; the data tell which.
 
     Of `format` (`jpeg`, or in image_transport's spelling `rgb8; jpeg compressed bgr8`) only the encoding before the
-    semicolon matters: image_transport compresses a Bayer mosaic as if it were a grey picture. Sixteen bits become
+    semicolon matters: image_transport compresses a Bayer mosaic as if it were a grey image. Sixteen bits become
     eight by `>> 8`. An EXIF orientation is ignored: the calibration belongs to the sensor's own rows and columns.
 
     Raises:
@@ -31,8 +31,8 @@ def decode_compressed_image(message: RawMessage, *, limits: LimitsConfig = DEFAU
     compressed = deserialize_as(message, COMPRESSED_IMAGE)
     kind = compressed.format.strip()
     if "compresseddepth" in kind.lower():
-        raise MessageError(f"{message.topic}: format {kind!r} holds distances, expected a picture: leave it out")
-    size = picture_size(compressed.data.tobytes())
+        raise MessageError(f"{message.topic}: format {kind!r} holds distances, expected an image: leave it out")
+    size = image_size(compressed.data.tobytes())
     if size is not None:
         check_pixels(*size, limits, message.topic)
     source = kind.split(";")[0].strip().lower()
@@ -44,7 +44,7 @@ def decode_compressed_image(message: RawMessage, *, limits: LimitsConfig = DEFAU
     if rgb is None:
         start = bytes(compressed.data[:8]).hex(" ") or "nothing"
         raise MessageError(
-            f"{message.topic}: {len(compressed.data)} bytes of format {kind!r} are no whole picture; "
+            f"{message.topic}: {len(compressed.data)} bytes of format {kind!r} are no whole image; "
             f"expected {KINDS} (they start with {start})"
         )
     return Image(message.stamp_ns, clean_frame(compressed.header.frame_id), rgb)
@@ -60,11 +60,11 @@ def _decode_mosaic(data: U8, encoding: str) -> U8 | None:
 
 
 def _imdecode(data: U8, colour: int) -> U8 | None:
-    """The picture in 8 bits, or None where there is none."""
+    """The image in 8 bits, or None where there is none."""
     if not len(data):
         return None
     try:
-        picture = cv2.imdecode(data, colour | cv2.IMREAD_IGNORE_ORIENTATION)
+        image = cv2.imdecode(data, colour | cv2.IMREAD_IGNORE_ORIENTATION)
     except cv2.error:  # more pixels than OpenCV allows
         return None
-    return None if picture is None else np.asarray(picture, np.uint8)
+    return None if image is None else np.asarray(image, np.uint8)

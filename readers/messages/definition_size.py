@@ -9,12 +9,12 @@ from typing import Any
 from rosbags.interfaces import Nodetype
 from rosbags.interfaces.typing import Typesdict
 
-__all__ = ["MOST_FIELDS", "MOST_NESTING", "size_fault"]
+__all__ = ["MAX_FIELDS", "MAX_NESTING", "size_fault"]
 
-MOST_FIELDS = 5000
+MAX_FIELDS = 5000
 """Values in a message, a list counted as one and the elements of an array of messages each."""
 
-MOST_NESTING = 50
+MAX_NESTING = 50
 
 _Size = tuple[int, int]
 """Values, and the fewest bytes that they take up."""
@@ -43,8 +43,8 @@ def _size(msgtype: str, types: Typesdict, known: dict[str, _Size], inside: tuple
         return known[msgtype]
     if msgtype in inside:
         raise _FaultError(f"{msgtype} contains itself")
-    if len(inside) == MOST_NESTING:
-        raise _FaultError(f"more than {MOST_NESTING} types are nested in one another")
+    if len(inside) == MAX_NESTING:
+        raise _FaultError(f"more than {MAX_NESTING} types are nested in one another")
     fields = least_bytes = 0
     for name, (node, detail) in types[msgtype][1]:
         part: Any = (node, detail)
@@ -59,8 +59,8 @@ def _size(msgtype: str, types: Typesdict, known: dict[str, _Size], inside: tuple
         in_one_piece = part[0] == Nodetype.BASE and part[1][0] not in {"string", "wstring"}
         fields += 1 if in_one_piece else max(values * count, 1)
         least_bytes += size * count
-        if fields > MOST_FIELDS:
-            raise _FaultError(f"a message of it holds more than {MOST_FIELDS} values")
+        if fields > MAX_FIELDS:
+            raise _FaultError(f"a message of it holds more than {MAX_FIELDS} values")
     known[msgtype] = fields, least_bytes
     return known[msgtype]
 

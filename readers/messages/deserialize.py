@@ -30,8 +30,8 @@ IDL_HEADING = re.compile(r"^={80}\nIDL: .*\n", re.MULTILINE)
 
 MD5SUM = re.compile(r"[0-9a-f]{32}")
 
-MOST_DEFINITION_CHARACTERS = 1 << 18
-MOST_ITEMS = 1_000_000
+MAX_DEFINITION_CHARACTERS = 1 << 18
+MAX_ITEMS = 1_000_000
 """Strings and messages in the lists of one message; each takes about a hundred bytes of memory and more."""
 
 EMPTY_LINES = re.compile(r"\n\s*\n")
@@ -49,11 +49,11 @@ def deserialize(message: RawMessage) -> Any:
     if message.problem:
         raise MessageError(f"{channel.topic}: {message.problem}")
     store = typestore_for(channel)
-    if len(message.data) > MOST_ITEMS and (
-        count_items(store, channel.msgtype, channel.encoding, message.data, MOST_ITEMS) > MOST_ITEMS
+    if len(message.data) > MAX_ITEMS and (
+        count_items(store, channel.msgtype, channel.encoding, message.data, MAX_ITEMS) > MAX_ITEMS
     ):
         raise MessageError(
-            f"{channel.topic}: a {channel.msgtype} with more than {MOST_ITEMS} strings or messages in its lists"
+            f"{channel.topic}: a {channel.msgtype} with more than {MAX_ITEMS} strings or messages in its lists"
         )
     try:
         if channel.encoding == "ros1":
@@ -158,8 +158,8 @@ def _doubt(channel: Channel) -> str:
 def _recorded_types(channel: Channel) -> Typesdict:
     if not channel.definition.strip():
         return {}
-    if len(channel.definition) > MOST_DEFINITION_CHARACTERS:
-        raise ValueError(f"{len(channel.definition)} characters, expected at most {MOST_DEFINITION_CHARACTERS}")
+    if len(channel.definition) > MAX_DEFINITION_CHARACTERS:
+        raise ValueError(f"{len(channel.definition)} characters, expected at most {MAX_DEFINITION_CHARACTERS}")
     if channel.definition_format != "ros2idl":
         return get_types_from_msg(EMPTY_LINES.sub("\n", channel.definition), channel.msgtype)
     types: Typesdict = {}

@@ -35,11 +35,11 @@ class Detections2D:
 
     Attributes:
         boxes: Boxes of known classes, in recorded order.
-        left_out: Number of the other detections by reason, in order of the reasons.
+        unused: Number of the other detections by reason, in order of the reasons.
     """
 
     boxes: Boxes2D
-    left_out: Mapping[str, int]
+    unused: Mapping[str, int]
 
 
 def decode_detections2d(
@@ -62,12 +62,12 @@ def decode_detections2d(
     array = deserialize_as(message, DETECTIONS_2D)
     class_ids = {label.strip().lower(): class_id for label, class_id in class_id_of_label.items()}
     rows: list[tuple[list[float], float, int]] = []
-    left_out: Counter[str] = Counter()
+    unused: Counter[str] = Counter()
     try:
         for detection in array.detections:
             found = _read(detection, class_ids, class_names)
             if isinstance(found, str):
-                left_out[found] += 1
+                unused[found] += 1
             else:
                 rows.append(found)
     except AttributeError as err:
@@ -79,7 +79,7 @@ def decode_detections2d(
         np.array([score for _, score, _ in rows], np.float32),
         np.array([class_id for _, _, class_id in rows], np.int32),
     )
-    return Detections2D(boxes, dict(sorted(left_out.items())))
+    return Detections2D(boxes, dict(sorted(unused.items())))
 
 
 def _read(

@@ -15,16 +15,16 @@ from readers.messages.deserialize import deserialize_as
 from readers.messages.image_encodings import PACKED, PLANAR, check_pixels, packed_to_rgb, planar_rows, planar_to_rgb
 from readers.messages.tf import clean_frame
 
-__all__ = ["COMPRESSED_IMAGE", "RAW_IMAGE", "decode_image", "decode_picture"]
+__all__ = ["COMPRESSED_IMAGE", "RAW_IMAGE", "decode_any_image", "decode_image"]
 
 RAW_IMAGE = "sensor_msgs/msg/Image"
 
 
-def decode_picture(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS) -> Image:
-    """The picture of a message of either type.
+def decode_any_image(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS) -> Image:
+    """The image of a message of either type.
 
     Raises:
-        MessageError: the message is of another type or holds no picture.
+        MessageError: the message is of another type or holds no image.
     """
     if message.channel.msgtype == COMPRESSED_IMAGE:
         return decode_compressed_image(message, limits=limits)
@@ -34,12 +34,12 @@ def decode_picture(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS
 
 
 def decode_image(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS) -> Image:
-    """The picture of a sensor_msgs/Image in one of the encodings that `image_encodings` lists.
+    """The image of a sensor_msgs/Image in one of the encodings that `image_encodings` lists.
 
-    Rows may be padded (`step`). A rgb8 picture without padding is a view of the message's bytes.
+    Rows may be padded (`step`). A rgb8 image without padding is a view of the message's bytes.
 
     Raises:
-        MessageError: not an Image, an encoding without a picture, sizes that do not fit the data, or more pixels than
+        MessageError: not an Image, an encoding without an image, sizes that do not fit the data, or more pixels than
             `limits` allow.
     """
     image = deserialize_as(message, RAW_IMAGE)
@@ -52,7 +52,7 @@ def decode_image(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS) 
             rgb = _planar(image, encoding, message.topic)
         else:
             known = ", ".join([*PACKED, *PLANAR])
-            raise MessageError(f"{message.topic}: encoding {image.encoding!r} is no picture; expected one of {known}")
+            raise MessageError(f"{message.topic}: encoding {image.encoding!r} is no image; expected one of {known}")
     except cv2.error as err:
         reason = " ".join(str(err).split())
         raise MessageError(f"{message.topic}: {image.encoding} {image.width} x {image.height}: {reason}") from err
@@ -86,7 +86,7 @@ def _planar(image: Any, encoding: str, topic: str) -> U8:
 def _check_size(image: Any, topic: str, *, least: int) -> None:
     if image.width < least or image.height < least:
         raise MessageError(
-            f"{topic}: a picture of {image.width} x {image.height} px in {image.encoding}; "
+            f"{topic}: an image of {image.width} x {image.height} px in {image.encoding}; "
             f"expected {least} x {least} px or more"
         )
 

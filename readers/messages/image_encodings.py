@@ -9,8 +9,8 @@
 | yuv422 = uyvy, yuv422_yuy2 = yuyv | two pixels in four bytes, ITU-R BT.601, limited range |
 | nv12 nv21 nv24 | plane of Y, then of U and V in turn (nv21: V and U), ITU-R BT.601, limited range |
 
-Of 16 bits the upper eight are kept (`value >> 8`): pictures of sensors with 12 bits that do not shift them up are dark.
-Signed, float and two-channel encodings hold measurements, not pictures.
+Of 16 bits the upper eight are kept (`value >> 8`): images of sensors with 12 bits that do not shift them up are dark.
+Signed, float and two-channel encodings hold measurements, not images.
 """
 
 from dataclasses import dataclass
@@ -112,20 +112,20 @@ def demosaic(pixels: U8, encoding: str) -> U8:
 
 
 def check_pixels(width: int, height: int, limits: LimitsConfig, topic: str) -> None:
-    """Refuse a picture that is too large.
+    """Refuse an image that is too large.
 
     Raises:
         MessageError: it is.
     """
-    if width * height > limits.largest_picture_mpx * 1e6:
+    if width * height > limits.max_image_mpx * 1e6:
         raise MessageError(
-            f"{topic}: a picture of {width} x {height} px, expected at most {limits.largest_picture_mpx:g} million "
-            "pixels: raise limits.largest_picture_mpx"
+            f"{topic}: an image of {width} x {height} px, expected at most {limits.max_image_mpx:g} million "
+            "pixels: raise limits.max_image_mpx"
         )
 
 
 def planar_rows(encoding: str, height: int) -> int:
-    """Rows of `step` bytes that a planar picture has in all."""
+    """Rows of `step` bytes that a planar image has in all."""
     return height * 3 if encoding == "nv24" else height * 3 // 2
 
 

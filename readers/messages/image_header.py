@@ -1,6 +1,6 @@
-"""Width and height of a compressed picture from its first bytes, before anything is unpacked.
+"""Width and height of a compressed image from its first bytes, before anything is unpacked.
 
-A file of a few kilobytes can name a picture of a billion pixels, and OpenCV takes the memory for it at once. Sources:
+A file of a few kilobytes can name an image of a billion pixels, and OpenCV takes the memory for it at once. Sources:
 ITU-T T.81 B.2 (JPEG), PNG 11.2.1 and 5.2, RFC 9649 (WebP), ISO/IEC 23008-12 6.5.3 (AVIF), TIFF 6.0
 section 2, Windows GDI (BMP).
 """
@@ -10,27 +10,27 @@ from collections.abc import Callable
 
 import numpy as np
 
-__all__ = ["KINDS", "picture_size"]
+__all__ = ["KINDS", "image_size"]
 
 KINDS = "JPEG, PNG, WebP, AVIF, TIFF or BMP"
 
-MOST_SEGMENTS = 2000
+MAX_SEGMENTS = 2000
 """Segments of a JPEG before its frame: thumbnails and colour profiles take a few dozen."""
 
-MOST_SCANS = 100
+MAX_SCANS = 100
 """Scans of a progressive JPEG: encoders make a dozen, and each goes over all pixels."""
 
-MOST_CHUNKS = 100_000
+MAX_CHUNKS = 100_000
 """Chunks of a PNG: encoders put kilobytes in each."""
 
 FRAME_MARKERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 STANDALONE_MARKERS = frozenset([0x01, *range(0xD0, 0xD9)])
 HEAD_BYTES = 1 << 16
 
-MOST_TIFF_FIELDS = 200
+MAX_TIFF_FIELDS = 200
 """Fields of a TIFF's first directory: some forty are defined."""
 
-MOST_TIFF_SAMPLES = 4
+MAX_TIFF_SAMPLES = 4
 TIFF_SIZES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 6: 1, 7: 1, 8: 2, 9: 4, 10: 8, 11: 4, 12: 8, 13: 4}
 """Bytes of one value by its type."""
 
@@ -40,8 +40,8 @@ STRIP_BYTES, TILE_BYTES = 279, 325
 Size = tuple[int, int]
 
 
-def picture_size(data: bytes) -> Size | None:
-    """Width and height in pixels; None where the data begin as no picture of `KINDS` does, or end too soon.
+def image_size(data: bytes) -> Size | None:
+    """Width and height in pixels; None where the data begin as no image of `KINDS` does, or end too soon.
 
     Where several sizes are named (the parts of an AVIF, the tiles of a TIFF), the largest of each.
     """
@@ -55,10 +55,10 @@ def picture_size(data: bytes) -> Size | None:
 
 
 def _jpeg(data: bytes) -> Size | None:
-    if data.count(b"\xff\xda") > MOST_SCANS:
+    if data.count(b"\xff\xda") > MAX_SCANS:
         return None
     at = 2
-    for _ in range(MOST_SEGMENTS):
+    for _ in range(MAX_SEGMENTS):
         if data[at] != 0xFF:
             return None
         marker = data[at + 1]
@@ -79,7 +79,7 @@ def _png(data: bytes) -> Size | None:
     if kind != b"IHDR":
         return None
     at = 8
-    for _ in range(MOST_CHUNKS):  # OpenCV takes as much memory as a chunk says before it looks for its data
+    for _ in range(MAX_CHUNKS):  # OpenCV takes as much memory as a chunk says before it looks for its data
         length, kind = struct.unpack_from(">I4s", data, at)
         at += 12 + length
         if kind == b"IEND":
@@ -124,7 +124,7 @@ def _tiff(data: bytes) -> Size | None:
     order = "<" if data[:2] == b"II" else ">"
     (directory,) = struct.unpack_from(f"{order}I", data, 4)
     (fields,) = struct.unpack_from(f"{order}H", data, directory)
-    if fields > MOST_TIFF_FIELDS:
+    if fields > MAX_TIFF_FIELDS:
         return None
     values: dict[int, int] = {}
     for at in range(directory + 2, directory + 2 + 12 * fields, 12):
@@ -139,7 +139,7 @@ def _tiff(data: bytes) -> Size | None:
             numbers = np.frombuffer(data, f"{order}u{TIFF_SIZES[kind]}", count, place)
             values[tag] = int(numbers.max(initial=0))
     packed = max(values.get(STRIP_BYTES, 0), values.get(TILE_BYTES, 0))
-    if packed > len(data) or values.get(SAMPLES, 1) > MOST_TIFF_SAMPLES:
+    if packed > len(data) or values.get(SAMPLES, 1) > MAX_TIFF_SAMPLES:
         return None
     return max(values[WIDTH], values.get(TILE_WIDTH, 0)), max(values[LENGTH], values.get(TILE_LENGTH, 0))
 

@@ -54,10 +54,9 @@ def decode_pointcloud2(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LI
     """
     cloud = deserialize_as(message, "sensor_msgs/msg/PointCloud2")
     height, width = int(cloud.height), int(cloud.width)
-    if height * width > limits.most_points:
+    if height * width > limits.max_points:
         raise MessageError(
-            f"{message.topic}: {height} x {width} points, expected at most {limits.most_points}: "
-            "raise limits.most_points"
+            f"{message.topic}: {height} x {width} points, expected at most {limits.max_points}: raise limits.max_points"
         )
     columns = _columns(cloud, height, width, message.topic)
     xyz, keep = _finite_points([columns.pop(axis) for axis in "xyz"])

@@ -11,7 +11,7 @@ from typing import TypeVar
 
 from readers.recording import Recording
 from readers.rig.rig_file import CameraEntry, LidarEntry
-from readers.rig.sensor_topics import BOXES, CLOUD, PICTURE, CameraTopics, SensorFault
+from readers.rig.sensor_topics import BOXES, CLOUD, IMAGE, CameraTopics, SensorFault
 from readers.rig.topic_names import place, sensor_names
 
 __all__ = ["AssignedCamera", "AssignedLidar", "Assignment", "assign_cameras", "assign_lidars"]
@@ -70,9 +70,9 @@ def assign_cameras(
         names = sensor_names([*by_topic], "camera", taken=taken)
         return [AssignedCamera(names[topic], topics, CameraEntry()) for topic, topics in by_topic.items()], Assignment()
     result = Assignment()
-    recorded = _topics_of(recording, PICTURE | BOXES)
+    recorded = _topics_of(recording, IMAGE | BOXES)
     chosen = _assign(
-        entries, [*by_topic], lambda entry: entry.topic or entry.boxes_topic, recorded, "pictures or boxes", result
+        entries, [*by_topic], lambda entry: entry.topic or entry.boxes_topic, recorded, "images or boxes", result
     )
     boxes = _topics_of(recording, BOXES)
     assigned = []

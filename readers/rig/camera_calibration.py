@@ -13,7 +13,7 @@ from readers.messages.tf import RecordedTransforms, clean_frame
 from readers.rig.extrinsics import decompose_projection, rigid_transform
 from readers.rig.first_messages import FirstMessages
 from readers.rig.rig_file import CameraEntry
-from readers.rig.sensor_topics import BOXES, CAMERA_INFO, PICTURE, CameraTopics
+from readers.rig.sensor_topics import BOXES, CAMERA_INFO, IMAGE, CameraTopics
 from readers.rig.topic_names import is_rectified, transport_free
 
 __all__ = ["CameraCalibration", "calibrate_camera"]
@@ -36,14 +36,14 @@ def calibrate_camera(
 
     Raises:
         CalibrationError: one of them is missing or unsound.
-        MessageError: no picture, or no CameraInfo, of the camera can be decoded.
+        MessageError: no image, or no CameraInfo, of the camera can be decoded.
     """
-    if topics.picture:
-        first.decoded(topics.picture, PICTURE)  # a camera none of whose pictures can be decoded is left out here
+    if topics.image:
+        first.decoded(topics.image, IMAGE)  # a camera none of whose images can be decoded is left out here
     frame = (
         clean_frame(entry.frame_id)
         or (topics.info and first.frame(topics.info, CAMERA_INFO))
-        or (topics.picture and first.frame(topics.picture, PICTURE))
+        or (topics.image and first.frame(topics.image, IMAGE))
         or (topics.boxes and first.frame(topics.boxes, BOXES))
     )
     if entry.P is not None or entry.K is not None:
@@ -54,10 +54,10 @@ def calibrate_camera(
         model, turn = _model_of_info(entry, topics, frame, first)
         from_projection = None
         intrinsics = f"{topics.info} ({model.model if model.distortion.any() else 'no distortion'})"
-    size = first.picture_size(topics.picture, PICTURE) if topics.picture else None
+    size = first.image_size(topics.image, IMAGE) if topics.image else None
     if size is not None and size != (model.width_px, model.height_px):
         raise CalibrationError(
-            f"its pictures are {size[0]} x {size[1]} px, but the calibration ({intrinsics}) is for "
+            f"its images are {size[0]} x {size[1]} px, but the calibration ({intrinsics}) is for "
             f"{model.width_px} x {model.height_px} px"
         )
     T_camera_site, extrinsics = _pose(entry, from_projection, turn.src, site, transforms)
@@ -70,12 +70,12 @@ def _model_of_entry(
     """The model, and T_camera_site (4, 4) where the entry gives P."""
     width, height = entry.width_px, entry.height_px
     if width is None or height is None:
-        size = first.picture_size(topics.picture, PICTURE) if topics.picture else None
+        size = first.image_size(topics.image, IMAGE) if topics.image else None
         if size is None and topics.info:
             info = first.decoded(topics.info, CAMERA_INFO)
             size = int(info.width), int(info.height)
         if size is None:
-            raise CalibrationError("the recording does not tell its picture size: give width_px and height_px")
+            raise CalibrationError("the recording does not tell its image size: give width_px and height_px")
         width, height = size
     if entry.P is not None:
         K, matrix = decompose_projection("P", entry.P)
@@ -92,13 +92,13 @@ def _model_of_info(
     if not topics.info:
         raise CalibrationError("the recording has no CameraInfo of it: give K and its pose in a rig file (--rig)")
     info = first.decoded(topics.info, CAMERA_INFO)
-    if is_rectified(topics.picture):
+    if is_rectified(topics.image):
         model, turn = rectified_camera_model(info, frame_id=frame)
     else:
         model, turn = camera_model(info, frame_id=frame), Transform.identity(frame, frame)
     if (entry.width_px or model.width_px, entry.height_px or model.height_px) != (model.width_px, model.height_px):
         raise CalibrationError(
-            f"the rig file says pictures of {entry.width_px} x {entry.height_px} px, {topics.info} says "
+            f"the rig file says images of {entry.width_px} x {entry.height_px} px, {topics.info} says "
             f"{model.width_px} x {model.height_px} px"
         )
     return model, turn

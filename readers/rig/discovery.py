@@ -45,7 +45,7 @@ RAW_LIDAR = frozenset(
 )
 """Types that drivers record before they make clouds of them."""
 
-MOST_LISTED = 10
+MAX_LISTED = 10
 """Topics that an error names."""
 
 
@@ -182,7 +182,7 @@ def discover_rig(
             camera_faults.append(SensorFault(camera.name, camera.topics.topic, str(err)))
             continue
         camera_sensors.append(
-            CameraSensor(camera.name, camera.topics.picture, camera.topics.boxes, found.model, found.T_camera_site)
+            CameraSensor(camera.name, camera.topics.image, camera.topics.boxes, found.model, found.T_camera_site)
         )
         sources.append(
             SensorSource(camera.name, camera.topics.topic, found.model.frame_id, found.intrinsics, found.extrinsics)
@@ -257,8 +257,8 @@ def _no_clouds(recording: Recording, config: Config) -> str:
 
 
 def _listed(topics: Sequence[TopicInfo]) -> str:
-    more = f" and {len(topics) - MOST_LISTED} more" if len(topics) > MOST_LISTED else ""
-    return ", ".join(f"{info.topic} ({info.msgtype}, {info.message_count})" for info in topics[:MOST_LISTED]) + more
+    more = f" and {len(topics) - MAX_LISTED} more" if len(topics) > MAX_LISTED else ""
+    return ", ".join(f"{info.topic} ({info.msgtype}, {info.message_count})" for info in topics[:MAX_LISTED]) + more
 
 
 def _no_poses(recording: Recording, topics: Sequence[str]) -> str:

@@ -1,4 +1,4 @@
-"""The first message of a topic that can be decoded: it tells the sensor's frame and the picture's size."""
+"""The first message of a topic that can be decoded: it tells the sensor's frame and the image's size."""
 
 from collections.abc import Collection
 from typing import Any
@@ -6,13 +6,13 @@ from typing import Any
 from pipeline.core.errors import MessageError
 from pipeline.core.settings.recording import VelodyneConfig
 from readers.messages.deserialize import deserialize
-from readers.messages.image_header import picture_size
+from readers.messages.image_header import image_size
 from readers.messages.tf import clean_frame
 from readers.recording import Recording
 from readers.velodyne.decoder import VelodyneDecoders
 from readers.velodyne.scan import SCAN
 from readers.video.packets import VIDEO, read_packet
-from readers.video.streams import first_picture_size
+from readers.video.streams import first_image_size
 
 __all__ = ["FirstMessages"]
 
@@ -64,21 +64,21 @@ class FirstMessages:
         except MessageError:
             return ""
 
-    def picture_size(self, topic: str, msgtypes: Collection[str]) -> tuple[int, int] | None:
-        """(width, height) in pixels of the topic's first picture; None where that cannot be told."""
+    def image_size(self, topic: str, msgtypes: Collection[str]) -> tuple[int, int] | None:
+        """(width, height) in pixels of the topic's first image; None where that cannot be told."""
         try:
             message = self.decoded(topic, msgtypes)
         except MessageError:
             return None
         if message.__msgtype__ in VIDEO:
             if topic not in self._video_sizes:
-                self._video_sizes[topic] = first_picture_size(self._recording.messages([topic]))
+                self._video_sizes[topic] = first_image_size(self._recording.messages([topic]))
             return self._video_sizes[topic]
         if hasattr(message, "width"):
             return int(message.width), int(message.height)
         if not len(message.data):
             return None
-        return picture_size(message.data.tobytes())
+        return image_size(message.data.tobytes())
 
     def _read(self, topic: str, msgtypes: Collection[str]) -> Any:
         fault: MessageError | None = None

@@ -117,11 +117,11 @@ class CameraEntry(_Posed):
     """One camera of a rig file.
 
     Attributes:
-        topic: Topic of its pictures; empty: the recording's topic of that name, else in order.
+        topic: Topic of its images; empty: the recording's topic of that name, else in order.
         boxes_topic: Topic of recorded boxes; empty: found by name.
         frame_id: Its optical frame; empty: as the recording says.
-        width_px: Picture width; left out: as recorded.
-        height_px: Picture height; left out: as recorded.
+        width_px: Image width; left out: as recorded.
+        height_px: Image height; left out: as recorded.
         K: Camera matrix, 3 x 3, pixels.
         distortion_model: `plumb_bob`, `rational_polynomial` or `equidistant`.
         distortion: Coefficients in the order of OpenCV.

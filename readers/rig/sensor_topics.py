@@ -2,7 +2,7 @@
 
 A topic takes part if it has messages, is not excluded by the settings, and its name does not say depth or mask. What
 was made of other topics (combined messages, combined clouds) counts only where they were not recorded.
-Pictures of one camera that were recorded several times (raw and compressed, raw and rectified) count once. CameraInfo
+Images of one camera that were recorded several times (raw and compressed, raw and rectified) count once. CameraInfo
 and recorded boxes go to the camera of the same place (see `topic_names`), else to the one whose messages name the same
 frame; among several by frame, then by the longest common beginning, then in order of name; a single one goes to a
 single camera.
@@ -23,7 +23,7 @@ __all__ = [
     "BOXES",
     "CAMERA_INFO",
     "CLOUD",
-    "PICTURE",
+    "IMAGE",
     "CameraTopics",
     "SensorFault",
     "find_camera_topics",
@@ -31,7 +31,7 @@ __all__ = [
 ]
 
 CLOUD = frozenset({"sensor_msgs/msg/PointCloud2", SCAN})
-PICTURE = frozenset({"sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"}) | VIDEO
+IMAGE = frozenset({"sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"}) | VIDEO
 CAMERA_INFO = frozenset({"sensor_msgs/msg/CameraInfo"})
 BOXES = frozenset({"vision_msgs/msg/Detection2DArray"})
 DEPTH_ENCODINGS = frozenset({"16UC1", "32FC1", "32SC1"})
@@ -56,14 +56,14 @@ class SensorFault:
 class CameraTopics:
     """The topics of one camera; empty where there is none."""
 
-    picture: str
+    image: str
     info: str = ""
     boxes: str = ""
 
     @property
     def topic(self) -> str:
         """The topic that the camera is known by."""
-        return self.picture or self.boxes
+        return self.image or self.boxes
 
 
 def find_lidar_topics(
@@ -93,43 +93,43 @@ def find_camera_topics(
     """Cameras, in natural order or as configured, those of which only boxes were recorded last; faults; notes."""
     notes: list[str] = []
     if config.cameras:
-        pictures, faults, _ = _configured(recording, config.cameras, PICTURE | BOXES, "camera")
-        boxes = [t for t in pictures if _types(recording, t) <= BOXES]
-        pictures = [t for t in pictures if t not in boxes]
+        images, faults, _ = _configured(recording, config.cameras, IMAGE | BOXES, "camera")
+        boxes = [t for t in images if _types(recording, t) <= BOXES]
+        images = [t for t in images if t not in boxes]
         boxes += [i.topic for i in _with_messages(recording, BOXES, config, "camera")[0] if i.topic not in boxes]
         only_boxes_allowed = set(config.cameras)
     else:
-        infos, faults = _with_messages(recording, PICTURE, config, "camera")
-        pictures = _one_per_camera(_first_hand(infos, config, notes), first, notes)
+        infos, faults = _with_messages(recording, IMAGE, config, "camera")
+        images = _one_per_camera(_first_hand(infos, config, notes), first, notes)
         boxes = [info.topic for info in _with_messages(recording, BOXES, config, "camera")[0]]
         only_boxes_allowed = set(boxes)
     calibrations = [
         info.topic for info in _with_messages(recording, CAMERA_INFO, TopicsConfig(exclude=()), "camera")[0]
     ]
 
-    frames = {topic: first.frame(topic, PICTURE) for topic in pictures}
+    frames = {topic: first.frame(topic, IMAGE) for topic in images}
     frames |= {topic: first.frame(topic, BOXES) for topic in boxes}
     frames |= {topic: first.frame(topic, CAMERA_INFO) for topic in calibrations}
     boxes_of: dict[str, str] = {}
     alone: list[str] = []
     for topic in boxes:
-        camera = _best(topic, pictures, frames, single=len(boxes) == 1)
+        camera = _best(topic, images, frames, single=len(boxes) == 1)
         if camera and camera not in boxes_of:
             boxes_of[camera] = topic
         elif camera:
             notes.append(f"{topic}: {boxes_of[camera]} already has the boxes of {camera}, not used")
         elif topic in only_boxes_allowed:
             alone.append(topic)
-    single = len(pictures) + len(alone) == 1
+    single = len(images) + len(alone) == 1
     cameras = [
         CameraTopics(topic, _best(topic, calibrations, frames, single=single), boxes_of.get(topic, ""))
-        for topic in pictures
+        for topic in images
     ]
     for topic in alone:
         if info := _best(topic, calibrations, frames, single=single):
             cameras.append(CameraTopics("", info, topic))
         else:
-            notes.append(f"{topic}: boxes of a camera without pictures and without CameraInfo, not used")
+            notes.append(f"{topic}: boxes of a camera without images and without CameraInfo, not used")
     return cameras, faults, notes
 
 
@@ -199,17 +199,17 @@ def _types(recording: Recording, topic: str) -> set[str]:
 
 
 def _one_per_camera(infos: Sequence[TopicInfo], first: FirstMessages, notes: list[str]) -> list[str]:
-    """Picture topics without depth pictures; of several of one camera the least processed one."""
+    """Image topics without depth images; of several of one camera the least processed one."""
     chosen: dict[tuple[object, ...], str] = {}
     for info in sorted(infos, key=lambda info: (_processing(info), natural_key(info.topic))):
-        frame = first.frame(info.topic, PICTURE)
+        frame = first.frame(info.topic, IMAGE)
         if not is_measured_image(info.topic) or _is_depth(info, first):
-            notes.append(f"{info.topic}: depth or mask pictures, not used")
+            notes.append(f"{info.topic}: depth or mask images, not used")
             continue
         by_topic, by_frame = (transport_free(info.topic),), (place(info.topic), frame)
         kept = chosen.get(by_topic) or (chosen.get(by_frame) if frame else None)
         if kept:
-            notes.append(f"{info.topic}: pictures of the same camera as {kept}, not used")
+            notes.append(f"{info.topic}: images of the same camera as {kept}, not used")
         else:
             chosen[by_topic] = chosen[by_frame] = info.topic
     return sorted(set(chosen.values()), key=natural_key)
@@ -224,9 +224,9 @@ def _processing(info: TopicInfo) -> tuple[bool, bool, int]:
 def _is_depth(info: TopicInfo, first: FirstMessages) -> bool:
     if info.msgtype.endswith("CompressedImage"):
         return False
-    if first.missing(info.topic, PICTURE):
+    if first.missing(info.topic, IMAGE):
         return False
-    encoding = getattr(first.decoded(info.topic, PICTURE), "encoding", "")  # FFMPEGPacket: of the video; of the picture
+    encoding = getattr(first.decoded(info.topic, IMAGE), "encoding", "")  # FFMPEGPacket: of the video; of the image
     return not DEPTH_ENCODINGS.isdisjoint(encoding.split(";"))
 
 

@@ -22,7 +22,7 @@ ROLE_WORDS = frozenset(
         *("points", "pointcloud", "pointcloud2", "cloud", "scan", "packets"),
     }
 )
-NOT_PICTURES = frozenset(
+NOT_IMAGES = frozenset(
     {
         "depth",
         "disparity",
@@ -46,13 +46,13 @@ def transport_free(topic: str) -> str:
 
 
 def is_measured_image(topic: str) -> bool:
-    """Whether a topic's name says that it shows what a person would see: no depth, mask or label picture."""
+    """Whether a topic's name says that it shows what a person would see: no depth, mask or label image."""
     words = re.split(r"[/_]", topic.lower())
-    return not NOT_PICTURES.intersection(words)
+    return not NOT_IMAGES.intersection(words)
 
 
 def is_rectified(topic: str) -> bool:
-    """Whether a topic's name says that its pictures are free of distortion (image_proc: `image_rect...`)."""
+    """Whether a topic's name says that its images are free of distortion (image_proc: `image_rect...`)."""
     words = re.split(r"[/_]", transport_free(topic).lower().rpartition("/")[2])
     return "rect" in words or "rectified" in words
 

@@ -1,7 +1,7 @@
-"""Messages that hold several pictures or clouds, taken apart: each part is a message of its own, with its own stamp.
+"""Messages that hold several images or clouds, taken apart: each part is a message of its own, with its own stamp.
 
 The original system records such: msgs/MsgCamera (`sensor_msgs/Image[] camera`) and msgs/ListPointCloud
-(`sensor_msgs/PointCloud2[] pointcloud`). The definition tells, not the name: any type that has a list of pictures or
+(`sensor_msgs/PointCloud2[] pointcloud`). The definition tells, not the name: any type that has a list of images or
 clouds among its fields is one. Part `n` (from 1) of field `camera` of `/camera_msgs_combined` has the topic
 `/camera_msgs_combined/camera_n`: the place in the list says which sensor it is, as the original had it.
 """
@@ -29,7 +29,7 @@ LISTS = re.compile(r"(?:Image|PointCloud2)\s*[\[,>]")
 PROBED = 5
 """Messages that are opened to see how many parts they have: a sensor may be missing from the first."""
 
-MOST_PARTS = 64
+MAX_PARTS = 64
 """Sensors of one list; a broken length could say any number."""
 
 Parts = Mapping[tuple[str, int], Channel]
@@ -72,7 +72,7 @@ def split(message: RawMessage, parts: Parts, wanted: Container[str]) -> Iterator
 
 
 def _lists(channel: Channel) -> dict[str, str]:
-    """Type of the parts by field, for fields that are lists of pictures or clouds."""
+    """Type of the parts by field, for fields that are lists of images or clouds."""
     if channel.encoding not in {"ros1", "cdr"}:
         return {}
     if not LISTS.search(channel.definition or COMBINED_TYPES.get(channel.msgtype, "")):
@@ -102,7 +102,7 @@ def _parts(channel: Channel, fields: dict[str, str], recording: Recording) -> Pa
     parts = {}
     for name, msgtype in fields.items():
         text, _ = store.generate_msgdef(msgtype, ros_version=1 if ros1 else 2)
-        for index in range(min(counts[name], MOST_PARTS)):
+        for index in range(min(counts[name], MAX_PARTS)):
             topic = f"{channel.topic}/{name}_{index + 1}"
             parts[name, index] = Channel(topic, msgtype, channel.encoding, text, "ros1msg" if ros1 else "ros2msg")
     return parts

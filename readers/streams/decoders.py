@@ -2,43 +2,28 @@
 
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
-from typing import Generic, Literal, TypeVar
+from typing import Literal, TypeVar
 
 from pipeline.core.clouds import PointCloud
 from pipeline.core.detections import Boxes2D
 from pipeline.core.errors import MessageError
-from pipeline.core.frame import SensorBundle
+from pipeline.core.frame import Decoded, SensorBundle
 from pipeline.core.images import Image
 from pipeline.core.messages import Drop, RawMessage
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from readers.messages.detections2d import Detections2D, decode_detections2d
-from readers.messages.image import decode_picture
+from readers.messages.image import decode_any_image
 from readers.messages.pointcloud2 import decode_pointcloud2
 from readers.velodyne.decoder import VelodyneDecoders
 from readers.velodyne.scan import SCAN
 
-__all__ = ["CloudDecoder", "Decoded", "PictureDecoder", "RecordedBoxes"]
+__all__ = ["CloudDecoder", "ImageDecoder", "RecordedBoxes"]
 
 T = TypeVar("T")
 OnBadMessage = Literal["skip", "fail"]
-
-
-@dataclass(frozen=True, slots=True)
-class Decoded(Generic[T]):
-    """What one frame's messages held.
-
-    Attributes:
-        by_sensor: By sensor name, in rig order; a sensor whose message is missing or bad has no entry.
-        drops: The bad messages.
-        left_out: Parts of the messages that could not be used, by reason.
-    """
-
-    by_sensor: Mapping[str, T]
-    drops: tuple[Drop, ...] = ()
-    left_out: Mapping[str, int] = field(default_factory=dict)
 
 
 class CloudDecoder:
@@ -54,8 +39,8 @@ class CloudDecoder:
     def __call__(self, bundle: SensorBundle) -> Decoded[PointCloud]:
         """Clouds by lidar name; one whose message names no frame has that of its lidar."""
         decoded = _decode(bundle, self._topics, self._decode_one, self._on_bad)
-        drops = decoded.drops + tuple(drop for _, parts in decoded.by_sensor.values() for drop in parts)
-        return Decoded({name: cloud for name, (cloud, _) in decoded.by_sensor.items()}, drops)
+        drops = decoded.drops + tuple(drop for _, parts in decoded.values() for drop in parts)
+        return Decoded({name: cloud for name, (cloud, _) in decoded.items()}, drops)
 
     def _decode_one(self, message: RawMessage) -> tuple[PointCloud, tuple[Drop, ...]]:
         drops: tuple[Drop, ...] = ()
@@ -66,16 +51,16 @@ class CloudDecoder:
         return cloud if cloud.frame_id else replace(cloud, frame_id=self._frames[message.topic]), drops
 
 
-class PictureDecoder:
-    """Pictures of all cameras."""
+class ImageDecoder:
+    """Images of all cameras."""
 
     def __init__(self, rig: Rig, config: Config, *, on_bad: OnBadMessage) -> None:
-        self._decode_one = partial(decode_picture, limits=config.limits)
+        self._decode_one = partial(decode_any_image, limits=config.limits)
         self._topics = {camera.name: camera.topic for camera in rig.cameras if camera.topic}
         self._on_bad = on_bad
 
     def __call__(self, bundle: SensorBundle) -> Decoded[Image]:
-        """Pictures by camera name."""
+        """Images by camera name."""
         return _decode(bundle, self._topics, self._decode_one, self._on_bad)
 
 
@@ -90,14 +75,14 @@ class RecordedBoxes:
     def __call__(self, bundle: SensorBundle) -> Decoded[Boxes2D]:
         """Boxes by camera name."""
         decoded = _decode(bundle, self._topics, self._decode_one, self._on_bad)
-        left_out: Counter[str] = Counter()
+        unused: Counter[str] = Counter()
         boxes: dict[str, Boxes2D] = {}
-        for name, found in decoded.by_sensor.items():
-            left_out.update(found.left_out)
+        for name, found in decoded.items():
+            unused.update(found.unused)
             sure = found.boxes.scores >= self._config.detect2d.min_score
-            left_out[f"score under detect2d.min_score ({self._config.detect2d.min_score:g})"] += int((~sure).sum())
+            unused[f"score under detect2d.min_score ({self._config.detect2d.min_score:g})"] += int((~sure).sum())
             boxes[name] = found.boxes.select(sure)
-        return Decoded(boxes, decoded.drops, dict(sorted((+left_out).items())))
+        return Decoded(boxes, decoded.drops, dict(sorted((+unused).items())))
 
     def _decode_one(self, message: RawMessage) -> Detections2D:
         return decode_detections2d(message, self._config.class_id_of_label)

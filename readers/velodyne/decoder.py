@@ -94,7 +94,7 @@ class VelodyneDecoder:
                 of several models or modes, or they span more than two seconds.
         """
         packets = parse_velodyne_scan(message)
-        drops = [_drop(message, "packets that cannot be decoded", fault, 1) for fault in message.left_out]
+        drops = [_drop(message, "packets that cannot be decoded", fault, 1) for fault in message.defects]
         if not len(packets):
             return _no_points(message.stamp_ns, packets.frame_id), tuple(drops)
         recorded = len(packets)

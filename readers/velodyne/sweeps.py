@@ -29,7 +29,7 @@ HIDDEN_TURN_US = 50_000
 OVERTAKEN = 2_000
 """Hundredths of a degree by which a packet may begin before the one that came in before it."""
 
-MOST_PACKETS = 4096
+MAX_PACKETS = 4096
 """Packets of a sweep at most: a VLS-128 at 300 turns a minute sends 2500 in dual return mode."""
 
 UPPER_BLOCK = 0xEEFF
@@ -45,7 +45,7 @@ def gather_sweeps(
 ) -> Iterator[RawMessage]:
     """Messages with those of the channels `packets` gathered into sweeps, in the order of (log time, order).
 
-    A packet that cannot be used is named in `RawMessage.left_out` of its sweep.
+    A packet that cannot be used is named in `RawMessage.defects` of its sweep.
 
     Args:
         messages: In the order of (log time, order), from `PAUSE_NS` before `start_ns` to `PAUSE_NS` behind `stop_ns`:
@@ -95,7 +95,7 @@ class _Sweep:
     def __init__(self, topic: str) -> None:
         self._channel = scan_channel(topic)
         self._packets: list[bytes | memoryview] = []
-        self._left_out: list[str] = []
+        self._defects: list[str] = []
         self._azimuth = 0  # where the last packet began
         self._turned = 0  # the same, with all turns since the azimuths tell them
         self._clock_us: int | None = None
@@ -105,7 +105,7 @@ class _Sweep:
     @property
     def is_open(self) -> bool:
         """Whether it has packets."""
-        return bool(self._packets or self._left_out)
+        return bool(self._packets or self._defects)
 
     def add(self, message: RawMessage) -> RawMessage | None:
         """Take in a packet; returns the sweep before it, if it begins another one."""
@@ -113,9 +113,9 @@ class _Sweep:
         try:
             packet = packet_data(message)
         except MessageError as err:
-            if len(self._left_out) >= MOST_PACKETS:
+            if len(self._defects) >= MAX_PACKETS:
                 done = self.close()
-            self._left_out.append(str(err))
+            self._defects.append(str(err))
         else:
             if self._begins_another(packet):
                 done = self.close()
@@ -127,13 +127,13 @@ class _Sweep:
         """The sweep, which is empty after that; None if it is."""
         if not self.is_open:
             return None
-        packets, left_out, (log_time_ns, order) = self._packets, tuple(self._left_out), self.end
-        self._packets, self._left_out = [], []
+        packets, defects, (log_time_ns, order) = self._packets, tuple(self._defects), self.end
+        self._packets, self._defects = [], []
         if not packets:
-            return RawMessage(log_time_ns, log_time_ns, order, b"", self._channel, left_out[0])
+            return RawMessage(log_time_ns, log_time_ns, order, b"", self._channel, defects[0])
         sec, nanosec = struct.unpack_from("<II", packets[0])
         data = scan_data(packets)
-        return RawMessage(sec * 10**9 + nanosec, log_time_ns, order, data, self._channel, left_out=left_out)
+        return RawMessage(sec * 10**9 + nanosec, log_time_ns, order, data, self._channel, defects=defects)
 
     def pause(self) -> RawMessage | None:
         """As `close`; the next packet begins anew, wherever the head is then."""
@@ -141,7 +141,7 @@ class _Sweep:
         return self.close()
 
     def _begins_another(self, packet: bytes | memoryview) -> bool:
-        full = len(self._packets) >= MOST_PACKETS
+        full = len(self._packets) >= MAX_PACKETS
         flag, azimuth, clock_us = _FIRST_BLOCK_AND_CLOCK.unpack_from(packet)
         if flag != UPPER_BLOCK or azimuth >= TURN:  # says nothing of the head
             return full

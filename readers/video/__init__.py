@@ -1,1 +1,1 @@
-"""Packets of video to pictures."""
+"""Packets of video to images."""

@@ -1,8 +1,8 @@
-"""The packets of one video topic to pictures, one after another. The only module that imports PyAV (extra `video`).
+"""The packets of one video topic to images, one after another. The only module that imports PyAV (extra `video`).
 
-A picture depends on those before it, so a decoder sees every packet of its topic in order. It begins with a packet that
+An image depends on those before it, so a decoder sees every packet of its topic in order. It begins with a packet that
 needs no other; after one that cannot be decoded it begins again, with the next such packet, instead of showing what a
-codec makes up where it lacks a picture. Decoding runs on one thread: the same packets give the same pictures.
+codec makes up where it lacks an image. Decoding runs on one thread: the same packets give the same images.
 """
 
 from typing import Any
@@ -23,10 +23,10 @@ from readers.video.packets import AFTER_DAMAGE, BEFORE_KEY_FRAME, VideoPacket, r
 __all__ = ["VideoDecoder"]
 
 MAX_PIXELS = 1 << 25
-"""Of a picture, a little over 8K: a decoder keeps up to 17 of them, of whatever size the first packet names."""
+"""Of an image, a little over 8K: a decoder keeps up to 17 of them, of whatever size the first packet names."""
 
 MAX_HELD = 32
-"""Packets that may wait for their pictures: H.264 and H.265 put at most 16 out of order."""
+"""Packets that may wait for their images: H.264 and H.265 put at most 16 out of order."""
 
 JPEG_QUALITY = 95
 
@@ -39,18 +39,18 @@ _DEFINITION, _ = _TYPES.generate_msgdef(COMPRESSED_IMAGE, ros_version=2)
 class VideoDecoder:
     """Turns the messages of one topic into sensor_msgs/CompressedImage, each with its own stamp, frame and log time.
 
-    The pictures are JPEG: what waits for the other sensors stays small. A message that gives no picture comes out
+    The images are JPEG: what waits for the other sensors stays small. A message that gives no image comes out
     without data and with the reason as its `problem`: `BEFORE_KEY_FRAME`, `AFTER_DAMAGE`, or what is wrong with it.
-    Where pictures were recorded out of order (B-frames), messages come out later, each with the picture of its packet.
+    Where images were recorded out of order (B-frames), messages come out later, each with the image of its packet.
 
     Args:
         topic: Their topic.
-        limits: `largest_picture_mpx`, where that is less than `MAX_PIXELS`.
+        limits: `max_image_mpx`, where that is less than `MAX_PIXELS`.
     """
 
     def __init__(self, topic: str, *, limits: LimitsConfig = DEFAULT_LIMITS) -> None:
         self._channel = Channel(topic, COMPRESSED_IMAGE, "cdr", _DEFINITION, "ros2msg")
-        self._max_pixels = min(MAX_PIXELS, round(limits.largest_picture_mpx * 1e6))
+        self._max_pixels = min(MAX_PIXELS, round(limits.max_image_mpx * 1e6))
         self._codec = ""
         self._context: Any = None
         self._gaps = GapFinder()
@@ -59,7 +59,7 @@ class VideoDecoder:
         self._held: dict[int, tuple[RawMessage, str] | None] = {}
 
     def add(self, message: RawMessage, *, show: bool = True) -> list[RawMessage]:
-        """Take the next message; the messages whose fate is known by then, in the order of their pictures.
+        """Take the next message; the messages whose fate is known by then, in the order of their images.
 
         Args:
             message: CompressedVideo or FFMPEGPacket.
@@ -98,19 +98,19 @@ class VideoDecoder:
     def _decode(self, packet: VideoPacket) -> list[RawMessage]:
         coded = av.Packet(packet.data.tobytes())
         coded.pts = coded.dts = self._count
-        return [picture for frame in self._context.decode(coded) for picture in self._taken(frame)]
+        return [image for frame in self._context.decode(coded) for image in self._taken(frame)]
 
     def _taken(self, frame: Any) -> list[RawMessage]:
-        """The message whose packet a frame was in, with its picture."""
+        """The message whose packet a frame was in, with its image."""
         held = self._held.pop(frame.pts, None)
         if held is None:
             return []
         message, frame_id = held
         try:
-            data = _picture(frame, message.stamp_ns, frame_id)
+            data = _image(frame, message.stamp_ns, frame_id)
         except (cv2.error, av.error.FFmpegError, ValueError) as err:
             reason = " ".join(str(err).split())
-            return self._blank(message, f"a {frame.width} x {frame.height} px picture cannot become a JPEG ({reason})")
+            return self._blank(message, f"a {frame.width} x {frame.height} px image cannot become a JPEG ({reason})")
         return [message._replace(data=data, channel=self._channel)]
 
     def _end_of_stream(self, *, damaged: bool = False) -> list[RawMessage]:
@@ -118,7 +118,7 @@ class VideoDecoder:
         if self._context is None:
             return []
         try:
-            done = [picture for frame in self._context.decode(None) for picture in self._taken(frame)]
+            done = [image for frame in self._context.decode(None) for image in self._taken(frame)]
         except av.error.FFmpegError:
             done = []
         self._context = None
@@ -126,9 +126,9 @@ class VideoDecoder:
         return done + self._give_up(len(self._held))
 
     def _give_up(self, count: int) -> list[RawMessage]:
-        """The messages that have waited longest, without their pictures."""
+        """The messages that have waited longest, without their images."""
         given_up = [self._held.pop(key) for key in list(self._held)[:count]]
-        return [blank for held in given_up if held for blank in self._blank(held[0], "no picture came of its packet")]
+        return [blank for held in given_up if held for blank in self._blank(held[0], "no image came of its packet")]
 
     def _blank(self, message: RawMessage, problem: str, show: bool = True) -> list[RawMessage]:
         return [message._replace(data=b"", channel=self._channel, problem=problem)] if show else []
@@ -142,7 +142,7 @@ def _open(codec: str, max_pixels: int) -> Any:
     return context
 
 
-def _picture(frame: Any, stamp_ns: int, frame_id: str) -> bytes:
+def _image(frame: Any, stamp_ns: int, frame_id: str) -> bytes:
     """A frame as sensor_msgs/CompressedImage.
 
     Raises:

@@ -1,7 +1,7 @@
 """Whether a packet of H.264 is missing before another: decoders go on without it and show what they make up.
 
 Source: ITU-T H.264, 7.3.2.1.1 (sequence parameter set), 7.3.3 (slice header), 7.4.3 (`frame_num`): it counts the
-pictures that others refer to, so a picture that nothing refers to may be missing unnoticed and harms nothing.
+images that others refer to, so an image that nothing refers to may be missing unnoticed and harms nothing.
 """
 
 import re

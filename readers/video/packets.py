@@ -1,7 +1,7 @@
 """Messages that hold one packet of a video: which codec it is, and whether decoding can begin with it.
 
 Sources: docs.foxglove.dev/docs/sdk/schemas/compressed-video (H.264 and H.265 in Annex B form, AV1 in low-overhead form,
-one picture per message); ffmpeg_image_transport_msgs/FFMPEGPacket, whose `encoding` is a codec or the FFmpeg encoder
+one image per message); ffmpeg_image_transport_msgs/FFMPEGPacket, whose `encoding` is a codec or the FFmpeg encoder
 that made it, in newer releases followed by pixel formats (`hevc;yuv420p;bgr8;bgr8`); ITU-T H.264 and H.265, table 7-1
 each; the bitstream specifications of VP9 (6.2), VP8 (RFC 6386, 9.1) and AV1 (5.3).
 """
@@ -49,8 +49,8 @@ _NAMES = {
     "mjpeg": re.compile(r"mjpeg(_\w+)?"),
 }
 
-# H.264: slice of an IDR picture (5), sequence parameter set (7), or recovery point (message 6 first in an SEI, 6): an
-# encoder that refreshes picture by picture never sends another IDR. H.265: pictures of random access (16 to 23),
+# H.264: slice of an IDR image (5), sequence parameter set (7), or recovery point (message 6 first in an SEI, 6): an
+# encoder that refreshes image by image never sends another IDR. H.265: images of random access (16 to 23),
 # parameter sets (32 to 34). Start codes occur nowhere else: the standards have them escaped.
 _KEY_UNITS = {
     "h264": re.compile(rb"\x00\x00\x01(?:[\x05\x25\x45\x65\x07\x27\x47\x67]|\x06\x06)"),

@@ -1,7 +1,7 @@
-"""Video topics between the recording and synchronisation: from here on their messages are pictures.
+"""Video topics between the recording and synchronisation: from here on their messages are images.
 
-All messages of a topic pass here in order, also those that no frame will take: later pictures depend on them. What
-comes out is a JPEG per message, so the queues of synchronisation hold no decoded pictures. A message without a picture
+All messages of a topic pass here in order, also those that no frame will take: later images depend on them. What
+comes out is a JPEG per message, so the queues of synchronisation hold no decoded images. A message without an image
 keeps its place in synchronisation, so that the other sensors' frames go on, and is taken out of its frame and counted.
 """
 
@@ -15,25 +15,25 @@ from pipeline.core.errors import MessageError
 from pipeline.core.frame import SensorBundle
 from pipeline.core.messages import Drop, RawMessage
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
-from readers.messages.image import decode_picture
+from readers.messages.image import decode_any_image
 from readers.recording import Recording
 from readers.video.packets import AFTER_DAMAGE, BEFORE_KEY_FRAME, VIDEO, read_packet
 
 if TYPE_CHECKING:
     from readers.video.decoder import VideoDecoder
 
-__all__ = ["LOOK_BACK_NS", "VideoStreams", "first_picture_size", "video_topics"]
+__all__ = ["LOOK_BACK_NS", "VideoStreams", "first_image_size", "video_topics"]
 
 LOOK_BACK_NS = 10_000_000_000
-"""Before a window, the last key frame is sought this far back: many encoders send one every 250 pictures or sooner."""
+"""Before a window, the last key frame is sought this far back: many encoders send one every 250 images or sooner."""
 
-MOST_HELD_BYTES = 64 << 20
+MAX_HELD_BYTES = 64 << 20
 """What is held of one topic in search of its last key frame."""
 
 MESSAGE_BYTES = 400  # that a message takes beside its data
 
-MOST_SOUGHT = 1000
-"""Messages that are looked at for the first picture."""
+MAX_SOUGHT = 1000
+"""Messages that are looked at for the first image."""
 
 
 def video_topics(recording: Recording, topics: Collection[str]) -> tuple[str, ...]:
@@ -42,14 +42,14 @@ def video_topics(recording: Recording, topics: Collection[str]) -> tuple[str, ..
     return tuple(topic for topic in topics if topic in video)
 
 
-def first_picture_size(messages: Iterable[RawMessage]) -> tuple[int, int] | None:
-    """(width, height) in pixels of the first picture of a video topic; None if the first messages give none."""
+def first_image_size(messages: Iterable[RawMessage]) -> tuple[int, int] | None:
+    """(width, height) in pixels of the first image of a video topic; None if the first messages give none."""
     decoder: VideoDecoder | None = None
-    for message in islice((m for m in messages if m.channel.msgtype in VIDEO), MOST_SOUGHT):
+    for message in islice((m for m in messages if m.channel.msgtype in VIDEO), MAX_SOUGHT):
         decoder = decoder or _decoder(message.topic, DEFAULT_LIMITS)
-        for picture in decoder.add(message):
-            if not picture.problem:
-                height, width = decode_picture(picture).rgb.shape[:2]
+        for image in decoder.add(message):
+            if not image.problem:
+                height, width = decode_any_image(image).rgb.shape[:2]
                 return width, height
     return None
 
@@ -59,7 +59,7 @@ class VideoStreams:
 
     Args:
         topics: Of `video_topics`.
-        limits: How large a picture may be.
+        limits: How large an image may be.
     """
 
     def __init__(self, topics: Iterable[str], *, limits: LimitsConfig = DEFAULT_LIMITS) -> None:
@@ -67,7 +67,7 @@ class VideoStreams:
         self._looked_back = False
 
     def look_back(self, recording: Recording, start_ns: int) -> None:
-        """Decode what was recorded from the last key frame before `start_ns` on, for the pictures after it."""
+        """Decode what was recorded from the last key frame before `start_ns` on, for the images after it."""
         self._looked_back = True
         if not self._decoders:
             return
@@ -82,7 +82,7 @@ class VideoStreams:
             if topic in held:
                 held[topic].append(message)
                 size[topic] += len(message.data) + MESSAGE_BYTES
-                if size[topic] > MOST_HELD_BYTES:
+                if size[topic] > MAX_HELD_BYTES:
                     self._take_in(held[topic])
                     held[topic], size[topic] = [], 0
         for messages in held.values():
@@ -93,7 +93,7 @@ class VideoStreams:
             self._decoders[message.topic].add(message, show=False)
 
     def decoded(self, messages: Iterable[RawMessage]) -> Iterator[RawMessage]:
-        """All messages, those of video topics as pictures."""
+        """All messages, those of video topics as images."""
         for message in messages:
             decoder = self._decoders.get(message.topic)
             if decoder is None or message.channel.msgtype not in VIDEO:
@@ -106,7 +106,7 @@ class VideoStreams:
     def without_blanks(
         self, bundles: Iterable[SensorBundle], *, on_drop: Callable[[Drop], None], on_bad: Callable[[Drop], None]
     ) -> Iterator[SensorBundle]:
-        """The bundles without the video messages that gave no picture.
+        """The bundles without the video messages that gave no image.
 
         Args:
             bundles: Of messages that `decoded` yielded.
@@ -118,14 +118,14 @@ class VideoStreams:
             if not blank:
                 yield bundle
                 continue
-            left_out = Counter(bundle.left_out)
+            dropped_before = Counter(bundle.dropped_before)
             for message in blank:
                 drop = self._drop(message)
-                left_out[drop.topic, drop.reason] += 1
+                dropped_before[drop.topic, drop.reason] += 1
                 (on_drop if drop.reason == BEFORE_KEY_FRAME else on_bad)(drop)
             topics = {message.topic for message in blank}
             kept = {topic: message for topic, message in bundle.messages.items() if topic not in topics}
-            yield replace(bundle, messages=kept, left_out=dict(left_out))
+            yield replace(bundle, messages=kept, dropped_before=dict(dropped_before))
 
     def _drop(self, message: RawMessage) -> Drop:
         if message.problem == BEFORE_KEY_FRAME:

@@ -30,10 +30,10 @@ def recording(path: Path, *, bad: str) -> Path:
 
     add("/tf_static", "tf2_msgs/msg/TFMessage", tf_message(edges), 1)
     for stamp_ns in range(10**9, 10**9 + FRAMES * STEP_NS, STEP_NS):
-        picture = image(np.zeros((48, 64, 3), np.uint8), stamp_ns=stamp_ns, frame_id="cam")
+        image_message = image(np.zeros((48, 64, 3), np.uint8), stamp_ns=stamp_ns, frame_id="cam")
         info = camera_info(CAMERA, stamp_ns=stamp_ns, width_px=64, height_px=48, frame_id="cam")
         add("/points", "sensor_msgs/msg/PointCloud2", pointcloud2(points, stamp_ns=stamp_ns), stamp_ns)
-        add("/cam/image_raw", "sensor_msgs/msg/Image", picture, stamp_ns)
+        add("/cam/image_raw", "sensor_msgs/msg/Image", image_message, stamp_ns)
         add("/cam/camera_info", "sensor_msgs/msg/CameraInfo", info, stamp_ns)
         add("/odom", "nav_msgs/msg/Odometry", odometry(stamp_ns=stamp_ns), stamp_ns)
     rows = [row for row, message in enumerate(messages) if message.topic == bad]

@@ -69,11 +69,11 @@ def in_order(messages: Iterable[RawMessage]) -> list[RawMessage]:
 
 def decompressed(message: RawMessage) -> RawMessage:
     """The Image that the original's combined messages hold."""
-    picture: Any = deserialize(message)
-    pixels = cv2.imdecode(picture.data, cv2.IMREAD_COLOR)
+    image_message: Any = deserialize(message)
+    pixels = cv2.imdecode(image_message.data, cv2.IMREAD_COLOR)
     assert pixels is not None
     fields = image(
-        np.asarray(pixels, np.uint8), stamp_ns=message.stamp_ns, frame_id=picture.header.frame_id, encoding="bgr8"
+        np.asarray(pixels, np.uint8), stamp_ns=message.stamp_ns, frame_id=image_message.header.frame_id, encoding="bgr8"
     )
     return raw(message.topic, "sensor_msgs/msg/Image", fields, message.stamp_ns, message.log_time_ns, "ros1")
 
@@ -84,9 +84,9 @@ def original(sensors: dict[str, list[RawMessage]]) -> list[RawMessage]:
     for clouds in zip(*(sensors[topic] for topic in CLOUD_TOPICS), strict=True):
         now_ns = max(m.log_time_ns for m in clouds) + 7_000_000
         messages.append(combined("/pointcloud_list", CLOUDS, clouds, now_ns, "ros1"))
-    for pictures in zip(*(sensors[topic] for topic in IMAGE_TOPICS), strict=True):
-        now_ns = max(m.log_time_ns for m in pictures) + 9_000_000
-        parts = [decompressed(m) for m in pictures]
+    for images in zip(*(sensors[topic] for topic in IMAGE_TOPICS), strict=True):
+        now_ns = max(m.log_time_ns for m in images) + 9_000_000
+        parts = [decompressed(m) for m in images]
         messages.append(combined("/camera_msgs_combined", CAMERAS, parts, now_ns, "ros1"))
     return in_order(messages)
 
@@ -99,11 +99,11 @@ def test_combined_messages_of_the_original(
     objects, out = process(path)
     assert objects == expected[0]
     assert topics_of(out)["/cam1/image"][0] == "sensor_msgs/msg/Image"
-    pictures = [message for _, message in messages_of(out, "/cam8/image")]
+    images = [message for _, message in messages_of(out, "/cam8/image")]
     recorded = [decompressed(m) for m in sensors[IMAGE_TOPICS[-1]]]
     stamps = {(s.stamp_ns // 10**9, s.stamp_ns % 10**9): deserialize(s).data for s in recorded}
-    assert len(pictures) == len(objects)
-    assert all(np.array_equal(p.data, stamps[p.header.stamp.sec, p.header.stamp.nanosec]) for p in pictures)
+    assert len(images) == len(objects)
+    assert all(np.array_equal(p.data, stamps[p.header.stamp.sec, p.header.stamp.nanosec]) for p in images)
 
 
 @pytest.mark.parametrize("encoding", ["protobuf", "json"])
@@ -114,7 +114,7 @@ def test_foxglove_schemas(
     tmp_path: Path,
     encoding: Any,
 ) -> None:
-    """Clouds, pictures, calibration and transforms in Foxglove's schemas beside recorded boxes of ROS 1."""
+    """Clouds, images, calibration and transforms in Foxglove's schemas beside recorded boxes of ROS 1."""
     path = tmp_path / f"{encoding}.mcap"
     twins = [twin(message, encoding) for topic in sensors.values() for message in topic]
     assert {m.channel.encoding for m in twins} == {encoding, "ros1"}
@@ -122,11 +122,11 @@ def test_foxglove_schemas(
     objects, out = process(path)
     assert objects == expected[0]
     for topic in ("/cam11/image/compressed", "/cam44/image/compressed"):
-        pictures, known = (
+        images, known = (
             [(log, m.header.stamp, m.header.frame_id, m.format, m.data.tobytes()) for log, m in messages_of(p, topic)]
             for p in (out, expected[1])
         )
-        assert repr(pictures) == repr(known)
+        assert repr(images) == repr(known)
 
 
 def test_ros1_messages_in_an_mcap(

@@ -25,7 +25,7 @@ def clouds(count: int, *, bad: tuple[int, ...] = ()) -> list[RawMessage]:
     return messages
 
 
-def pictures(count: int) -> list[RawMessage]:
+def images(count: int) -> list[RawMessage]:
     rgb = np.zeros((48, 64, 3), np.uint8)
     return [
         raw(
@@ -50,7 +50,7 @@ INPUTS: dict[str, tuple[Callable[[Path], Path], str]] = {
     "text file": (lambda d: _write(d / "a.bag", b"hello, this is text\n"), r""),
     "empty file": (lambda d: _write(d / "a.bag", b""), r"empty"),
     "no messages": (lambda d: bag(d / "a.bag", []), r"no messages"),
-    "no lidar": (lambda d: bag(d / "a.bag", pictures(3)), r"PointCloud2"),
+    "no lidar": (lambda d: bag(d / "a.bag", images(3)), r"PointCloud2"),
 }
 
 
@@ -88,9 +88,7 @@ def test_no_camera_is_lidar_only(lidcam: Lidcam, tmp_path: Path) -> None:
     assert out.exists()
 
 
-@pytest.mark.parametrize(
-    ("method", "words"), [("onnx", "expected pictures"), ("recorded", "expected recorded 2D boxes")]
-)
+@pytest.mark.parametrize(("method", "words"), [("onnx", "expected images"), ("recorded", "expected recorded 2D boxes")])
 def test_2d_detection_without_a_camera_is_an_error(lidcam: Lidcam, tmp_path: Path, method: str, words: str) -> None:
     model = write_yolox(tmp_path / "model.onnx", np.zeros((21, 85), np.float32), size_px=(32, 32))
     out = tmp_path / "out.mcap"
@@ -169,7 +167,7 @@ def test_bad_message_ends_the_run_on_demand(lidcam: Lidcam, tmp_path: Path, work
 
 
 def test_faults_of_all_cameras_leave_the_lidars_and_the_table_says_so(lidcam: Lidcam, tmp_path: Path) -> None:
-    messages = sorted([*clouds(4), *pictures(4)], key=lambda m: m.log_time_ns)  # no CameraInfo
+    messages = sorted([*clouds(4), *images(4)], key=lambda m: m.log_time_ns)  # no CameraInfo
     model = write_yolox(tmp_path / "model.onnx", np.zeros((21, 85), np.float32), size_px=(32, 32))
     run = lidcam("process", bag(tmp_path / "a.bag", messages), tmp_path / "out.mcap", "--model-2d", model)
     assert run.code == 0, run.err
@@ -180,7 +178,7 @@ def test_faults_of_all_cameras_leave_the_lidars_and_the_table_says_so(lidcam: Li
 def test_fault_of_one_camera_is_named_and_the_run_goes_on(lidcam: Lidcam, tmp_path: Path) -> None:
     info = camera_info(np.zeros((3, 3)), stamp_ns=1, width_px=64, height_px=48, frame_id="cam")
     broken = raw("/cam/camera_info", "sensor_msgs/msg/CameraInfo", info, 1, encoding="ros1")
-    messages = sorted([*clouds(4), *pictures(4), broken], key=lambda m: m.log_time_ns)
+    messages = sorted([*clouds(4), *images(4), broken], key=lambda m: m.log_time_ns)
     run = lidcam("process", bag(tmp_path / "a.bag", messages), tmp_path / "out.mcap")
     assert run.code == 0, run.err
     assert "cam" in run.err

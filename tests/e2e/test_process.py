@@ -174,7 +174,7 @@ def test_json_summary(lidcam: Lidcam, sandbox: Path, sandbox_config: Path, tmp_p
     assert not set(summary["unused_topics"]) & set(used)
 
 
-def test_without_pictures_and_boxes_it_is_lidar_only_and_says_so(
+def test_without_images_and_boxes_it_is_lidar_only_and_says_so(
     lidcam: Lidcam, sandbox: Path, sandbox_config: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "o.mcap"
@@ -186,7 +186,7 @@ def test_without_pictures_and_boxes_it_is_lidar_only_and_says_so(
     assert any(fused_objects(out).values())
 
 
-def test_lidar_only_draws_its_boxes_over_the_pictures(
+def test_lidar_only_draws_its_boxes_over_the_images(
     lidcam: Lidcam, sandbox: Path, sandbox_config: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "o.mcap"

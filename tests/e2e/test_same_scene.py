@@ -60,7 +60,7 @@ def ranges_of(origins: F64, directions: F64) -> F64:
 
 
 def boxes_px() -> list[list[float]]:
-    """The cars ahead in the picture of a camera at the lidar."""
+    """The cars ahead in the image of a camera at the lidar."""
     boxes = []
     for center, yaw in CARS[:2]:
         corners = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T * np.array(CAR_M) / 2

@@ -1,4 +1,4 @@
-"""The sample recording with its cameras as video: the same fused objects, and pictures to look at."""
+"""The sample recording with its cameras as video: the same fused objects, and images to look at."""
 
 import json
 import logging
@@ -20,7 +20,7 @@ from video import compressed_video, encode, ffmpeg_packet, psnr_db
 from lidcam.commands.process import ProcessOptions, run_process
 from pipeline.core.messages import RawMessage
 from readers.messages.deserialize import deserialize
-from readers.messages.image import decode_picture
+from readers.messages.image import decode_any_image
 from readers.open import open_recording
 
 FRAMES = 6
@@ -47,11 +47,11 @@ def sensors(sandbox: Path) -> Sensors:
 
 @pytest.fixture(scope="module")
 def filmed(sensors: Sensors) -> Sensors:
-    """The same with the cameras as CompressedVideo of ROS 1: stamps, frames and log times of the pictures."""
+    """The same with the cameras as CompressedVideo of ROS 1: stamps, frames and log times of the images."""
     films = {}
     for topic in IMAGE_TOPICS:
-        pictures = [decode_picture(message) for message in sensors[topic]]
-        packets = encode([picture.rgb for picture in pictures], gop=GOP, crf="12")
+        images = [decode_any_image(message) for message in sensors[topic]]
+        packets = encode([image.rgb for image in images], gop=GOP, crf="12")
         films[topic] = [
             compressed_video(
                 packet.data,
@@ -59,9 +59,9 @@ def filmed(sensors: Sensors) -> Sensors:
                 message.log_time_ns,
                 topic=topic,
                 encoding="ros1",
-                frame_id=picture.frame_id,
+                frame_id=image.frame_id,
             )
-            for packet, message, picture in zip(packets, sensors[topic], pictures, strict=True)
+            for packet, message, image in zip(packets, sensors[topic], images, strict=True)
         ]
     return sensors | films
 
@@ -70,7 +70,7 @@ def filmed(sensors: Sensors) -> Sensors:
 def expected(
     sensors: Sensors, lidcam: Lidcam, sandbox_config: Path, tmp_path_factory: pytest.TempPathFactory
 ) -> tuple[Objects, dict[int, Any]]:
-    path = tmp_path_factory.mktemp("pictures") / "pictures.bag"
+    path = tmp_path_factory.mktemp("images") / "images.bag"
     write_rosbag1(path, in_order(sensors))
     return run(lidcam, path, sandbox_config)
 
@@ -97,28 +97,28 @@ def in_order(sensors: Sensors) -> list[RawMessage]:
 
 
 def run(lidcam: Lidcam, path: Path, config: Path, *options: object) -> tuple[Objects, dict[int, Any]]:
-    """Objects, and pictures of the first camera, by stamp."""
+    """Objects, and images of the first camera, by stamp."""
     out = path.with_suffix(".out.mcap")
     done = lidcam("process", path, out, "--config", config, *options)
     assert done.code == 0, done.err
-    return fused_objects(out), pictures_of(out)
+    return fused_objects(out), images_of(out)
 
 
-def pictures_of(out: Path) -> dict[int, Any]:
+def images_of(out: Path) -> dict[int, Any]:
     found = {}
     for _, message in messages_of(out, OUTPUT_TOPIC):
         assert (message.format, message.header.frame_id) == ("jpeg", "camera_11_optical")
-        picture = cv2.imdecode(message.data, cv2.IMREAD_COLOR)
-        assert picture is not None
-        found[message.header.stamp.sec * 10**9 + message.header.stamp.nanosec] = picture
+        image = cv2.imdecode(message.data, cv2.IMREAD_COLOR)
+        assert image is not None
+        found[message.header.stamp.sec * 10**9 + message.header.stamp.nanosec] = image
     return found
 
 
 def assert_alike(found: dict[int, Any], expected: dict[int, Any], *, least_db: float = 32) -> None:
     assert found.keys() == expected.keys()
     assert found
-    for stamp_ns, picture in found.items():
-        assert psnr_db(picture, expected[stamp_ns]) > least_db
+    for stamp_ns, image in found.items():
+        assert psnr_db(image, expected[stamp_ns]) > least_db
 
 
 def test_the_same_objects_and_bytes(
@@ -138,7 +138,7 @@ def test_the_same_objects_and_bytes(
     assert fused_objects(whole) == expected[0]
     assert len(expected[0]) >= FRAMES - 1
     assert topics_of(whole)[OUTPUT_TOPIC][0] == "sensor_msgs/msg/CompressedImage"
-    assert_alike(pictures_of(whole), expected[1])
+    assert_alike(images_of(whole), expected[1])
 
 
 @pytest.mark.parametrize("kind", ["protobuf", "ffmpeg"])
@@ -170,7 +170,7 @@ def test_other_messages_of_the_same_packets(
 def test_a_window_begins_at_the_key_frame_before_it(
     lidcam: Lidcam, film: Path, whole: Path, filmed: Sensors, sandbox_config: Path, tmp_path: Path
 ) -> None:
-    """The window begins one picture behind the second key frame: the same pictures as from the beginning."""
+    """The window begins one image behind the second key frame: the same images as from the beginning."""
     start_ns = min(filmed[topic][GOP + 1].log_time_ns for topic in IMAGE_TOPICS)
     with open_recording([film]) as recording:
         start_s = (start_ns - recording.start_ns) / 1e9
@@ -178,15 +178,15 @@ def test_a_window_begins_at_the_key_frame_before_it(
     done = lidcam("process", film, out, "--config", sandbox_config, "--json", "--start", f"{start_s:.6f}")
     assert done.code == 0, done.err
     assert "key frame" not in done.out
-    known, found = pictures_of(whole), pictures_of(out)
+    known, found = images_of(whole), images_of(out)
     assert 0 < len(found) < len(known)
-    assert all(np.array_equal(picture, known[stamp_ns]) for stamp_ns, picture in found.items())
+    assert all(np.array_equal(image, known[stamp_ns]) for stamp_ns, image in found.items())
 
 
 def test_what_comes_before_the_first_key_frame(
     lidcam: Lidcam, filmed: Sensors, expected: tuple[Objects, dict[int, Any]], sandbox_config: Path, tmp_path: Path
 ) -> None:
-    """One camera was switched on between two key frames: its pictures are missing, the objects are not."""
+    """One camera was switched on between two key frames: its images are missing, the objects are not."""
     first, second = filmed[FIRST][:2]
     data = deserialize(second).data.tobytes()  # no key frame
     begun = compressed_video(data, first.stamp_ns, first.log_time_ns, topic=FIRST, encoding="ros1")
@@ -202,7 +202,7 @@ def test_what_comes_before_the_first_key_frame(
     assert ("before the first key frame of the video", missing) in [(drop["reason"], drop["count"]) for drop in drops]
     assert missing
     assert fused_objects(out).keys() == expected[0].keys()
-    assert_alike(pictures_of(out), {s: p for s, p in expected[1].items() if s >= key_ns})
+    assert_alike(images_of(out), {s: p for s, p in expected[1].items() if s >= key_ns})
 
 
 @pytest.mark.parametrize("on_bad", ["skip", "fail"])
@@ -231,7 +231,7 @@ def test_a_broken_packet(
     assert drops["after a packet that cannot be decoded, before the next key frame of the video"] == 1
     assert fused_objects(out).keys() == expected[0].keys()
     good = [broken[place].stamp_ns for place in (0, *range(GOP, FRAMES))]
-    assert_alike(pictures_of(out), {s: p for s, p in expected[1].items() if s in good})
+    assert_alike(images_of(out), {s: p for s, p in expected[1].items() if s in good})
 
 
 def test_inspect(lidcam: Lidcam, film: Path) -> None:

@@ -31,7 +31,7 @@ def test_wheel_runs_elsewhere(tmp_path: Path, sandbox: Path, sandbox_config: Pat
     owners = f"from importlib.metadata import packages_distributions as p; print([p()[n] for n in {names}])"
     assert run(python, "-c", owners, cwd=elsewhere).strip() == str([["lidcam"]] * 5)
     scenarios = (
-        "from bags.simulator.scenario import load_scenario, scenario_names; "
+        "from bags.simulator.scenario.load import load_scenario, scenario_names; "
         "print([load_scenario(name).world for name in scenario_names()])"
     )
     assert run(python, "-c", scenarios, cwd=elsewhere).strip() == str(["crossing", "sandbox", "street"])

@@ -20,9 +20,9 @@ FOUND = ROOT / "out" / "fuzz"
 MEMORY = Path("/dev/shm")
 sys.path[:0] = [str(ROOT), str(FUZZ.parent / "support"), str(FUZZ)]
 
-MOST_MEMORY_MIB = 2048
-MOST_SECONDS_PER_INPUT = 20
-MOST_BYTES = 1 << 16
+MAX_MEMORY_MIB = 2048
+MAX_SECONDS_PER_INPUT = 20
+MAX_BYTES = 1 << 16
 
 
 class Outcome(NamedTuple):
@@ -73,9 +73,9 @@ def fuzz(name: str, seeds: list[bytes], seconds: int) -> Outcome:
             str(FUZZ / "one.py"),
             name,
             f"-max_total_time={seconds}",
-            f"-rss_limit_mb={MOST_MEMORY_MIB}",
-            f"-timeout={MOST_SECONDS_PER_INPUT}",
-            f"-max_len={MOST_BYTES}",
+            f"-rss_limit_mb={MAX_MEMORY_MIB}",
+            f"-timeout={MAX_SECONDS_PER_INPUT}",
+            f"-max_len={MAX_BYTES}",
             "-print_final_stats=1",
             "-seed=1",
             f"-artifact_prefix={FOUND}/{name}-",

@@ -52,7 +52,7 @@ from readers.memory import MemoryRecording
 from readers.messages.camera_info import camera_model, rectified_camera_model
 from readers.messages.deserialize import definition_problem, deserialize, typestore_for
 from readers.messages.detections2d import decode_detections2d
-from readers.messages.image import decode_picture
+from readers.messages.image import decode_any_image
 from readers.messages.odometry import decode_odometry
 from readers.messages.pointcloud2 import decode_pointcloud2
 from readers.messages.tf import decode_transforms, read_transforms
@@ -75,20 +75,20 @@ Encoding = Literal["ros1", "cdr"]
 ENCODINGS: tuple[Encoding, ...] = ("ros1", "cdr")
 
 LIMITS = LimitsConfig(
-    largest_unpacked_file_gib=0.05,
-    largest_chunk_mib=4,
-    largest_message_mib=2,
-    most_messages_per_chunk=2000,
-    most_messages_in_memory=10_000,
-    most_topics=20,
-    most_points=100_000,
-    largest_picture_mpx=1.0,
-    most_losses_listed=50,
+    max_unpacked_file_gib=0.05,
+    max_chunk_mib=4,
+    max_message_mib=2,
+    max_messages_per_chunk=2000,
+    max_messages_in_memory=10_000,
+    max_topics=20,
+    max_points=100_000,
+    max_image_mpx=1.0,
+    max_losses_listed=50,
 )
 """Small, so that a few kilobytes are enough to come to them."""
 
-MOST_MESSAGES = 3000
-LONGEST_LINE = 5000
+MAX_MESSAGES = 3000
+MAX_LINE_CHARACTERS = 5000
 
 
 class Harness(NamedTuple):
@@ -109,7 +109,7 @@ def _hold(decode: Callable[..., Any], *arguments: Any) -> None:
         decode(*arguments)
     except LidcamError as err:
         text = str(err)
-        if not text or "\n" in text or len(text) > LONGEST_LINE:
+        if not text or "\n" in text or len(text) > MAX_LINE_CHARACTERS:
             raise AssertionError(f"an error in one short line was expected, found {text[:200]!r}") from err
 
 
@@ -130,7 +130,7 @@ def _file(name: str, data: bytes) -> Path:
 
 def _read_everything(recording: Recording) -> None:
     with sensor_messages(recording) as opened:
-        for message in islice(opened.messages(), MOST_MESSAGES):
+        for message in islice(opened.messages(), MAX_MESSAGES):
             with suppress(LidcamError):
                 deserialize(message)
         survey(opened)
@@ -262,7 +262,7 @@ def _message_seeds(msgtype: str, *messages: Fields) -> Callable[[], list[bytes]]
     ]
 
 
-CLOUD, PICTURE, COMPRESSED, INFO, TF, ODOMETRY, BOXES, SCAN = (
+CLOUD, IMAGE, COMPRESSED, INFO, TF, ODOMETRY, BOXES, SCAN = (
     "sensor_msgs/msg/PointCloud2",
     "sensor_msgs/msg/Image",
     "sensor_msgs/msg/CompressedImage",
@@ -283,19 +283,19 @@ def _clouds() -> list[Fields]:
     ]
 
 
-def _pictures() -> list[Fields]:
+def _images() -> list[Fields]:
     rng = np.random.default_rng(0)
     names = ("rgb8", "mono16", "bayer_rggb8", "uyvy", "nv12", "nv24")
     shapes = ((4, 4, 3), (4, 8), (4, 4), (4, 8), (6, 4), (12, 4))
-    pictures = [
+    images = [
         dict(image(rng.integers(0, 256, shape, np.uint8), stamp_ns=T0, encoding=name))
         for name, shape in zip(names, shapes, strict=True)
     ]
-    return [{**picture, "width": 4, "height": 4} for picture in pictures]
+    return [{**image, "width": 4, "height": 4} for image in images]
 
 
 def _compressed() -> list[Fields]:
-    picture = np.random.default_rng(0).integers(0, 256, (6, 8, 3), np.uint8)
+    pixels = np.random.default_rng(0).integers(0, 256, (6, 8, 3), np.uint8)
     kinds = [".jpg", ".png", ".webp", ".bmp", ".avif", ".tiff"]
     formats = [
         "jpeg",
@@ -306,7 +306,7 @@ def _compressed() -> list[Fields]:
         "bgr8; tiff compressed bgr8",
     ]
     return [
-        {"header": header(T0, "camera"), "format": kind, "data": cv2.imencode(suffix, picture)[1].reshape(-1)}
+        {"header": header(T0, "camera"), "format": kind, "data": cv2.imencode(suffix, pixels)[1].reshape(-1)}
         for suffix, kind in zip(kinds, formats, strict=True)
     ]
 
@@ -345,8 +345,8 @@ def _combined(data: bytes) -> None:
 
 @cache
 def _combined_message(encoding: Encoding) -> RawMessage:
-    pictures = [raw("/a", PICTURE, picture, T0, encoding=encoding) for picture in _pictures()[:2]]
-    return combined("/all", CAMERAS, pictures, T0, encoding)
+    images = [raw("/a", IMAGE, image, T0, encoding=encoding) for image in _images()[:2]]
+    return combined("/all", CAMERAS, images, T0, encoding)
 
 
 def _whole_scene(data: bytes) -> None:
@@ -561,10 +561,10 @@ HARNESSES: dict[str, Harness] = {
         _messages(CLOUD, lambda m: decode_pointcloud2(m, limits=LIMITS)), lambda: _message_seeds(CLOUD, *_clouds())()
     ),
     "image": Harness(
-        _messages(PICTURE, lambda m: decode_picture(m, limits=LIMITS)), lambda: _message_seeds(PICTURE, *_pictures())()
+        _messages(IMAGE, lambda m: decode_any_image(m, limits=LIMITS)), lambda: _message_seeds(IMAGE, *_images())()
     ),
     "compressed_image": Harness(
-        _messages(COMPRESSED, lambda m: decode_picture(m, limits=LIMITS)),
+        _messages(COMPRESSED, lambda m: decode_any_image(m, limits=LIMITS)),
         lambda: _message_seeds(COMPRESSED, *_compressed())(),
     ),
     "camera_info": Harness(

@@ -23,8 +23,8 @@ from writers.memory import MemoryWriter
 
 STEP_NS = 100_000_000
 START_NS = 1_600_000_000_000_000_000
-FRONT, REAR, PICTURES, ODOMETRY = "/front/points", "/rear/points", "/cam/image_raw", "/odom"
-IN_USE = (FRONT, REAR, PICTURES)
+FRONT, REAR, IMAGES, ODOMETRY = "/front/points", "/rear/points", "/cam/image_raw", "/odom"
+IN_USE = (FRONT, REAR, IMAGES)
 POLICIES = ("approximate_time", "approximate_time_python", "nearest")
 
 
@@ -37,12 +37,12 @@ def rig() -> Rig:
     lidars = tuple(
         LidarSensor(name, f"/{name}/points", Transform.identity("base_link", name)) for name in ("front", "rear")
     )
-    camera = CameraSensor("cam", PICTURES, "", model, Transform.identity("cam", "base_link"))
+    camera = CameraSensor("cam", IMAGES, "", model, Transform.identity("cam", "base_link"))
     return Rig("base_link", lidars, (camera,), ())
 
 
 def message(topic: str, stamp_ns: int, log_time_ns: int) -> RawMessage:
-    if topic == PICTURES:
+    if topic == IMAGES:
         pixels = np.zeros((6, 8, 3), np.uint8)
         return raw(topic, "sensor_msgs/msg/Image", image(pixels, stamp_ns=stamp_ns), stamp_ns, log_time_ns)
     if topic == ODOMETRY:
@@ -128,7 +128,7 @@ def test_a_bad_cloud_leaves_the_rest_of_its_set() -> None:
     messages[4] = broken(messages[4])  # the rear lidar's second cloud
     assert messages[4].topic == REAR
     summary, frames = run(messages, config())
-    assert summary.messages_used == {FRONT: 6, PICTURES: 6, REAR: 5}
+    assert summary.messages_used == {FRONT: 6, IMAGES: 6, REAR: 5}
     assert summary.drops.counts == {(REAR, "cannot be decoded"): 1}
     assert frames[1].combined.counts["input"] == 3
     assert REAR in summary.drops.examples[REAR, "cannot be decoded"]
@@ -146,7 +146,7 @@ def test_summary_does_not_depend_on_the_workers(workers: int) -> None:
 
 
 def test_no_set_at_all_names_the_messages_by_topic() -> None:
-    with pytest.raises(RecordingError, match=rf"{FRONT} 6, {REAR} 6, {PICTURES} 0"):
+    with pytest.raises(RecordingError, match=rf"{FRONT} 6, {REAR} 6, {IMAGES} 0"):
         run(periodic((FRONT, REAR)), config())
 
 
@@ -159,15 +159,15 @@ def test_the_reference_gives_stamp_and_log_time() -> None:
     messages = [
         message(topic, START_NS + k * STEP_NS + shift, START_NS + k * STEP_NS + 2 * shift)
         for k in range(4)
-        for topic, shift in ((FRONT, 0), (REAR, 3_000_000), (PICTURES, 7_000_000))
+        for topic, shift in ((FRONT, 0), (REAR, 3_000_000), (IMAGES, 7_000_000))
     ]
-    _, frames = run(messages, config(reference=PICTURES))
+    _, frames = run(messages, config(reference=IMAGES))
     assert [frame.bundle.stamp_ns for frame in frames] == [START_NS + k * STEP_NS + 7_000_000 for k in range(4)]
     assert [frame.bundle.log_time_ns for frame in frames] == [START_NS + k * STEP_NS + 14_000_000 for k in range(4)]
     assert {frame.bundle.skew_ns for frame in frames} == {7_000_000}
 
 
-def test_pictures_take_part_only_where_they_are_copied_or_looked_at() -> None:
+def test_images_take_part_only_where_they_are_copied_or_looked_at() -> None:
     settings = config()
     without = settings.model_copy(update={"output": settings.output.model_copy(update={"images": False})})
     assert synchronized_topics(settings, rig()) == IN_USE

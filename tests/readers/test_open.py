@@ -28,8 +28,8 @@ def drive(encoding: Literal["ros1", "cdr"], n: int = 12) -> list[RawMessage]:
         messages.append(raw("/odom", ODOMETRY, odometry(stamp_ns=stamp), stamp, stamp + 2_000_000, encoding))
         if i % 3 == 0:
             pixels = np.full((4, 6, 3), i, np.uint8)
-            picture = image(pixels, stamp_ns=stamp - 5)
-            messages.append(raw("/image", "sensor_msgs/msg/Image", picture, stamp - 5, stamp + 2_000_000, encoding))
+            message = image(pixels, stamp_ns=stamp - 5)
+            messages.append(raw("/image", "sensor_msgs/msg/Image", message, stamp - 5, stamp + 2_000_000, encoding))
     return messages
 
 
@@ -218,7 +218,7 @@ def assert_refused(paths: Sequence[Path], *parts: str) -> None:
     [
         ("empty.bag", b"", "an empty file"),
         ("notes.txt", b"lidar on the left pole\n", "a text file"),
-        ("picture.bin", b"\x00\x01\x02", "a file of another kind"),
+        ("image.bin", b"\x00\x01\x02", "a file of another kind"),
         ("text.bag", b"lidar on the left pole\n", "other bytes than a .bag file begins with"),
         ("old.bag", b"#ROSBAG V1.2\n" + b"\0" * 50, "format 1.2; convert it"),
         ("magic.bag", b"#ROSBAG V2.0\n", "damaged or was not closed"),

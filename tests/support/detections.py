@@ -55,7 +55,7 @@ def boxes2d(rows: npt.ArrayLike, *, frame_id: str = "cam") -> Boxes2D:
 def forward_camera(
     name: str = "cam", *, distortion: Sequence[float] = (), size_px: tuple[int, int] = (640, 480)
 ) -> CameraSensor:
-    """A camera at the site's origin that looks along x, f = 500 px, principal point in the middle of the picture."""
+    """A camera at the site's origin that looks along x, f = 500 px, principal point in the middle of the image."""
     width, height = size_px
     K = np.array([[500.0, 0, width / 2 - 0.5], [0, 500, height / 2 - 0.5], [0, 0, 1]])
     model = CameraModel(name, width, height, K, "plumb_bob", np.array(distortion, np.float64))

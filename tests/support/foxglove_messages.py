@@ -192,7 +192,7 @@ def _labelled(message: Any) -> dict[str, Any]:
     return {"timestamp": _time(message.header), "frame_id": message.header.frame_id}
 
 
-def _picture(message: Any, *names: str) -> dict[str, Any]:
+def _image(message: Any, *names: str) -> dict[str, Any]:
     return {**_labelled(message), **{name: getattr(message, name) for name in names}, "data": message.data.tobytes()}
 
 
@@ -208,8 +208,8 @@ _FIELDS: dict[str, Any] = {
         "fields": [{"name": f.name, "offset": f.offset, "type": NUMERIC_TYPES[f.datatype]} for f in m.fields],
         "data": m.data.tobytes(),
     },
-    "foxglove.RawImage": lambda m: _picture(m, "width", "height", "encoding", "step"),
-    "foxglove.CompressedImage": lambda m: _picture(m, "format"),
+    "foxglove.RawImage": lambda m: _image(m, "width", "height", "encoding", "step"),
+    "foxglove.CompressedImage": lambda m: _image(m, "format"),
     "foxglove.CompressedVideo": lambda m: {
         "timestamp": int(m.timestamp.sec * 10**9 + m.timestamp.nanosec),
         "frame_id": m.frame_id,

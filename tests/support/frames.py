@@ -8,7 +8,7 @@ from builders import header, image, raw
 from detections import boxes3d, forward_camera
 
 from pipeline.core.clouds import CombinedCloud, Plane, PointCloud
-from pipeline.core.detections import Boxes2D, Boxes3D, Matches
+from pipeline.core.detections import Boxes2D, Boxes3D, Detections, Fused, Matches
 from pipeline.core.frame import FrameResult, SensorBundle
 from pipeline.core.geometry.boxes import box_corners
 from pipeline.core.geometry.pose_samples import PoseSamples
@@ -18,7 +18,7 @@ from pipeline.core.rig import LidarSensor, Rig, Zone
 from pipeline.core.settings.config import Config
 from writers.provenance import Provenance
 
-__all__ = ["CONFIG", "PERIOD_NS", "PROVENANCE", "RIG", "START_NS", "frame", "picture"]
+__all__ = ["CONFIG", "PERIOD_NS", "PROVENANCE", "RIG", "START_NS", "frame", "image_message"]
 
 START_NS = 1_700_000_000_123_456_789
 PERIOD_NS = 100_000_000
@@ -50,7 +50,7 @@ def _rig() -> Rig:
 RIG = _rig()
 
 
-def picture(
+def image_message(
     topic: str,
     stamp_ns: int,
     *,
@@ -59,7 +59,7 @@ def picture(
     compressed: bool = False,
     seed: int = 0,
 ) -> RawMessage:
-    """A recorded picture of 64 x 48 px, or of bytes that only look like a PNG if compressed."""
+    """A recorded image of 64 x 48 px, or of bytes that only look like a PNG if compressed."""
     pixels = np.random.default_rng(seed).integers(0, 255, (48, 64, 3), np.uint8)
     if compressed:
         data = np.concatenate([np.frombuffer(b"\x89PNG\r\n\x1a\n", np.uint8), pixels.reshape(-1)[:1001]])
@@ -76,8 +76,8 @@ def frame(index: int = 0, *, drops: tuple[Drop, ...] = (), objects: int = 3, mot
         RawMessage(stamp_ns + skew, stamp_ns + 7, (0, index), b"", Channel(topic, "sensor_msgs/msg/PointCloud2", "cdr"))
         for topic, skew in (("/lidar1", 0), ("/lidar2", 3_000_000))
     ]
-    left = picture("/left/image", stamp_ns + 1_000_001, frame_id="recorded", encoding="ros1", seed=index)
-    right = picture("/right/image", stamp_ns - 2_000_003, frame_id="right", compressed=True, seed=index)
+    left = image_message("/left/image", stamp_ns + 1_000_001, frame_id="recorded", encoding="ros1", seed=index)
+    right = image_message("/right/image", stamp_ns - 2_000_003, frame_id="right", compressed=True, seed=index)
     messages = {message.topic: message for message in (*lidar, left, right)}
     samples = PoseSamples(
         "site",
@@ -93,11 +93,9 @@ def frame(index: int = 0, *, drops: tuple[Drop, ...] = (), objects: int = 3, mot
     return FrameResult(
         SensorBundle(index, stamp_ns, stamp_ns + 7, messages, samples if motion else None),
         _combined(stamp_ns, index),
-        found,
-        boxes,
+        Detections(found, boxes),
         {camera.name: _matches(row == 0 and objects > 0, found, row) for row, camera in enumerate(RIG.cameras)},
-        found,
-        np.arange(objects, dtype=np.int32)[::-1].copy(),
+        Fused(found, np.arange(objects, dtype=np.int32)[::-1].copy()),
         drops,
     )
 

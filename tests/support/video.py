@@ -1,4 +1,4 @@
-"""Videos for tests: pictures, PyAV's encoders, and the messages that recorders make of their packets."""
+"""Videos for tests: images, PyAV's encoders, and the messages that recorders make of their packets."""
 
 import os
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ from builders import header, raw, time
 
 from pipeline.core.arrays import U8
 from pipeline.core.messages import RawMessage
-from readers.messages.image import decode_picture
+from readers.messages.image import decode_any_image
 
 __all__ = [
     "CODECS",
@@ -35,7 +35,7 @@ os.environ.setdefault("SVT_LOG", "0")  # or the encoder of AV1 tells of itself o
 T0 = 1_700_000_000_000_000_000
 PERIOD_NS = 100_000_000
 
-# Codec, encoder and its options by Foxglove's name: one packet per picture, none out of order.
+# Codec, encoder and its options by Foxglove's name: one packet per image, none out of order.
 CODECS: dict[str, tuple[str, str, dict[str, str]]] = {
     "h264": ("h264", "libx264", {"preset": "veryfast", "tune": "zerolatency", "sc_threshold": "0"}),
     "h265": (
@@ -55,38 +55,38 @@ CODECS: dict[str, tuple[str, str, dict[str, str]]] = {
 
 
 class Packet(NamedTuple):
-    """One packet: its bytes, the number of its picture, and whether the encoder calls it a key frame."""
+    """One packet: its bytes, the number of its image, and whether the encoder calls it a key frame."""
 
     data: bytes
-    picture: int
+    image: int
     is_key: bool
 
 
 def moving(count: int, width_px: int = 64, height_px: int = 48) -> list[U8]:
-    """Smooth RGB pictures with something that moves: each differs clearly from the one before."""
+    """Smooth RGB images with something that moves: each differs clearly from the one before."""
     y, x = np.mgrid[:height_px, :width_px]
     found = []
     for number in range(count):
         grey = 128 + 60 * np.sin((x + 2 * y) / 25 + number / 2)
         tint = 20 * np.sin(np.stack([x, y, x + y], -1) / 40)  # codecs halve the resolution of colours
-        picture = np.ascontiguousarray((grey[..., None] + tint).astype(np.uint8))
+        image = np.ascontiguousarray((grey[..., None] + tint).astype(np.uint8))
         center = (8 + 3 * number % (width_px - 16), height_px // 2)
-        found.append(np.asarray(cv2.circle(picture, center, 8, (240, 240, 240), -1), np.uint8))
+        found.append(np.asarray(cv2.circle(image, center, 8, (240, 240, 240), -1), np.uint8))
     return found
 
 
-def encode(pictures: Sequence[U8], kind: str = "h264", *, gop: int = 5, **options: str) -> list[Packet]:
-    """The packets of RGB pictures in the order of decoding.
+def encode(images: Sequence[U8], kind: str = "h264", *, gop: int = 5, **options: str) -> list[Packet]:
+    """The packets of RGB images in the order of decoding.
 
     Args:
-        pictures: All of one size.
+        images: All of one size.
         kind: Of `CODECS`.
-        gop: Pictures from one key frame to the next.
+        gop: Images from one key frame to the next.
         options: Of the encoder, over those of `CODECS`; `_` for `-`.
     """
     _, encoder, defaults = CODECS[kind]
     context: Any = av.CodecContext.create(encoder, "w")
-    context.height, context.width = pictures[0].shape[:2]
+    context.height, context.width = images[0].shape[:2]
     context.pix_fmt = "yuvj420p" if kind == "mjpeg" else "yuv420p"
     context.time_base, context.framerate = Fraction(1, 10), Fraction(10)
     context.gop_size, context.thread_count = gop, 1
@@ -94,8 +94,8 @@ def encode(pictures: Sequence[U8], kind: str = "h264", *, gop: int = 5, **option
         context.bit_rate = 4_000_000
     context.options = defaults | {name.replace("_", "-"): value for name, value in options.items()}
     packets: list[Any] = []
-    for number, picture in enumerate(pictures):
-        frame = av.VideoFrame.from_ndarray(picture, format="rgb24")
+    for number, image in enumerate(images):
+        frame = av.VideoFrame.from_ndarray(image, format="rgb24")
         frame.pts = number
         packets += context.encode(frame)
     packets += context.encode(None)
@@ -133,7 +133,7 @@ def ffmpeg_packet(
 
 
 def foxglove(packets: Sequence[Packet], form: str = "h264", **options: Any) -> list[RawMessage]:
-    """CompressedVideo of packets, stamped by their pictures, recorded one after another."""
+    """CompressedVideo of packets, stamped by their images, recorded one after another."""
     return [
         compressed_video(packet.data, *_times(place, packet), form=form, **options)
         for place, packet in enumerate(packets)
@@ -141,13 +141,13 @@ def foxglove(packets: Sequence[Packet], form: str = "h264", **options: Any) -> l
 
 
 def ffmpeg(packets: Sequence[Packet], name: str = "h264", **options: Any) -> list[RawMessage]:
-    """FFMPEGPacket of packets, stamped by their pictures, recorded one after another."""
+    """FFMPEGPacket of packets, stamped by their images, recorded one after another."""
     return [
         ffmpeg_packet(
             packet.data,
             *_times(place, packet),
             name=name,
-            pts=1000 * packet.picture,
+            pts=1000 * packet.image,
             flags=int(packet.is_key),
             **options,
         )
@@ -157,15 +157,15 @@ def ffmpeg(packets: Sequence[Packet], name: str = "h264", **options: Any) -> lis
 
 def _times(place: int, packet: Packet) -> tuple[int, int]:
     """Stamp and log time."""
-    return T0 + packet.picture * PERIOD_NS, T0 + place * PERIOD_NS + 1_000_000
+    return T0 + packet.image * PERIOD_NS, T0 + place * PERIOD_NS + 1_000_000
 
 
 def pixels(message: RawMessage) -> U8:
-    """The RGB picture of a message that came out of a decoder."""
-    return decode_picture(message).rgb
+    """The RGB image of a message that came out of a decoder."""
+    return decode_any_image(message).rgb
 
 
 def psnr_db(one: U8, other: U8) -> float:
-    """Peak signal-to-noise ratio of two pictures of one size; infinite where they are equal."""
+    """Peak signal-to-noise ratio of two images of one size; infinite where they are equal."""
     error = float(((one.astype(np.float64) - other) ** 2).mean())
     return float(10 * np.log10(255**2 / error)) if error else float("inf")

@@ -30,11 +30,13 @@ def test_a_scene_starts_with_the_deletion_of_the_one_before(objects: int) -> Non
     assert len({entity.id for entity in scene.entities}) == objects
     for row, entity in enumerate(scene.entities):
         (cube,), (text,) = entity.cubes, entity.texts
-        np.testing.assert_allclose([cube.size.x, cube.size.y, cube.size.z], result.objects.sizes[row])
-        np.testing.assert_allclose([cube.pose.position.x, cube.pose.position.z], result.objects.centers[row, [0, 2]])
+        np.testing.assert_allclose([cube.size.x, cube.size.y, cube.size.z], result.fused.objects.sizes[row])
+        np.testing.assert_allclose(
+            [cube.pose.position.x, cube.pose.position.z], result.fused.objects.centers[row, [0, 2]]
+        )
         assert text.pose.position.z > cube.pose.position.z + cube.size.z / 2
         assert (entity.frame_id, entity.timestamp.nanosec) == ("site", START_NS % 10**9)
-        assert text.text.startswith(NAMES[result.objects.class_ids[row]])
+        assert text.text.startswith(NAMES[result.fused.objects.class_ids[row]])
 
 
 def test_confirmed_objects_are_denser_and_say_by_how_many_cameras() -> None:
@@ -59,7 +61,7 @@ def test_markers_delete_all_first(objects: int) -> None:
 
 def test_annotations_of_a_camera_with_a_match() -> None:
     result = frame()
-    boxes, matches = result.camera_boxes["left"], result.matches["left"]
+    boxes, matches = result.detections.cameras["left"], result.matches["left"]
     drawn = through_cdr(image_annotations(boxes, matches, NAMES, stamp_ns=boxes.stamp_ns))
     stamps = {(part.timestamp.sec, part.timestamp.nanosec) for part in (drawn, *drawn.points, *drawn.texts)}
     assert stamps == {divmod(boxes.stamp_ns, 10**9)}
@@ -79,7 +81,7 @@ def test_annotations_without_boxes() -> None:
 def test_diagnostics() -> None:
     drops = (Drop("/left/image", 1, "cannot be decoded", "12 bytes"), Drop("/left/image", 2, "too late"))
     result = frame(4, drops=drops[:1])
-    late = replace(result.bundle, left_out={("/right/image", "no partner"): 3})
+    late = replace(result.bundle, dropped_before={("/right/image", "no partner"): 3})
     message = through_cdr(diagnostics(replace(result, bundle=late), RIG, drops[1:]))
     found = {status.name: [(pair.key, pair.value) for pair in status.values] for status in message.status}
     assert ("skew_ms", "5.000") in found["lidcam: synchronisation"]

@@ -1,8 +1,8 @@
 """FrameResults to one MCAP file that Foxglove, Lichtblick, rosbag2 and ROS tools read.
 
 Profile `ros2`: CDR messages, definitions as `ros2msg` text with all their dependencies (mcap.dev/spec/registry).
-Every message of a frame has the log time of the frame's reference message. Headers carry the frame's stamp; pictures
-and what belongs to them (camera_info, annotations, detections) carry the picture's own, equal to the nanosecond,
+Every message of a frame has the log time of the frame's reference message. Headers carry the frame's stamp; images
+and what belongs to them (camera_info, annotations, detections) carry the image's own, equal to the nanosecond,
 because viewers pair them by equality. Equal results give equal bytes.
 """
 
@@ -25,7 +25,7 @@ from writers.messages.cdr import point_cloud2
 from writers.messages.definitions import output_types, schema_text
 from writers.messages.detections import detections_2d, detections_3d, lidcam_objects
 from writers.messages.diagnostics import diagnostics
-from writers.messages.pictures import COMPRESSED, picture_cdr
+from writers.messages.images import COMPRESSED, image_cdr
 from writers.messages.ros_messages import camera_info, moving_transform, static_transforms
 from writers.messages.scene import marker_array, scene_update
 from writers.provenance import Provenance
@@ -36,7 +36,7 @@ LIBRARY = "lidcam"
 """Without a version: the same results have the same bytes whichever version of the MCAP library wrote them."""
 
 CHUNK_BYTES = 1 << 20
-"""A picture or cloud is about one chunk: a viewer that shows one topic unpacks little else."""
+"""An image or cloud is about one chunk: a viewer that shows one topic unpacks little else."""
 
 POINT_CLOUD, TF = "sensor_msgs/msg/PointCloud2", "tf2_msgs/msg/TFMessage"
 DETECTIONS_2D, DETECTIONS_3D = "vision_msgs/msg/Detection2DArray", "vision_msgs/msg/Detection3DArray"
@@ -60,7 +60,7 @@ _LATCHED = """\
 _STAMP_END_NS = 2**31 * 10**9
 """builtin_interfaces/Time counts seconds in 31 bits."""
 
-_NOT_COPIED = "the picture cannot be copied"
+_NOT_COPIED = "the image cannot be copied"
 
 
 class McapResultWriter:
@@ -107,7 +107,7 @@ class McapResultWriter:
         """Write one frame.
 
         Returns:
-            Pictures whose bytes do not fit their type.
+            Images whose bytes do not fit their type.
 
         Raises:
             OutputError: the file cannot be written, or a stamp does not fit a ROS 2 header.
@@ -141,7 +141,7 @@ class McapResultWriter:
         return tuple(not_copied)
 
     def _topics(self) -> Iterator[tuple[str, str]]:
-        """Topics that every file lists; `/tf` and pictures join when the first one comes and their type is known."""
+        """Topics that every file lists; `/tf` and images join when the first one comes and their type is known."""
         yield "/tf_static", TF
         yield "/lidar_camera_fused", LIDCAM
         yield "/fused/detections", DETECTIONS_3D
@@ -157,21 +157,21 @@ class McapResultWriter:
         yield "/diagnostics", DIAGNOSTICS
 
     def _site_messages(self, result: FrameResult) -> Iterator[tuple[str, str, Any]]:
-        names, stamp_ns, objects = self._config.class_names, result.bundle.stamp_ns, result.objects
+        names, stamp_ns, objects = self._config.class_names, result.bundle.stamp_ns, result.fused.objects
         yield "/lidar_camera_fused", LIDCAM, lidcam_objects(objects, self._rig.zones, stamp_ns=stamp_ns)
         yield "/fused/detections", DETECTIONS_3D, detections_3d(objects, names, stamp_ns=stamp_ns)
         yield "/fused/scene", SCENE, scene_update(result, names)
         yield "/fused/markers", MARKERS, marker_array(result, names)
-        yield "/lidar/detections", DETECTIONS_3D, detections_3d(result.lidar_boxes, names, stamp_ns=stamp_ns)
+        yield "/lidar/detections", DETECTIONS_3D, detections_3d(result.detections.lidar, names, stamp_ns=stamp_ns)
 
     def _put_camera(self, camera: CameraSensor, result: FrameResult) -> tuple[Drop, ...]:
-        """Everything of one camera, under one stamp; nothing where the frame has neither a picture nor boxes of it."""
+        """Everything of one camera, under one stamp; nothing where the frame has neither an image nor boxes of it."""
         unusable = {(drop.topic, drop.stamp_ns) for drop in result.drops}
-        picture, boxes = result.bundle.messages.get(camera.topic), result.camera_boxes.get(camera.name)
-        if picture is not None and (picture.topic, picture.stamp_ns) in unusable:
-            picture = None
-        if picture is not None:
-            stamp_ns = picture.stamp_ns
+        image, boxes = result.bundle.messages.get(camera.topic), result.detections.cameras.get(camera.name)
+        if image is not None and (image.topic, image.stamp_ns) in unusable:
+            image = None
+        if image is not None:
+            stamp_ns = image.stamp_ns
         elif boxes is not None:
             stamp_ns = boxes.stamp_ns
         else:
@@ -179,8 +179,8 @@ class McapResultWriter:
         names, frame_id, prefix = self._config.class_names, camera.T_camera_site.dst, f"/{camera.name}"
         log_time_ns = result.bundle.log_time_ns
         drops: tuple[Drop, ...] = ()
-        if picture is not None and self._config.output.images:
-            drops = self._put_picture(prefix, picture, frame_id, log_time_ns)
+        if image is not None and self._config.output.images:
+            drops = self._put_image(prefix, image, frame_id, log_time_ns)
         self._put(f"{prefix}/camera_info", CAMERA_INFO, camera_info(camera, stamp_ns), log_time_ns)
         drawn = image_annotations(boxes, result.matches.get(camera.name), names, stamp_ns=stamp_ns)
         self._put(f"{prefix}/annotations", ANNOTATIONS, drawn, log_time_ns)
@@ -189,13 +189,13 @@ class McapResultWriter:
             self._put(f"{prefix}/detections", DETECTIONS_2D, detections, log_time_ns)
         return drops
 
-    def _put_picture(self, prefix: str, picture: RawMessage, frame_id: str, log_time_ns: int) -> tuple[Drop, ...]:
-        msgtype = picture.channel.msgtype
+    def _put_image(self, prefix: str, image: RawMessage, frame_id: str, log_time_ns: int) -> tuple[Drop, ...]:
+        msgtype = image.channel.msgtype
         topic = f"{prefix}/image/compressed" if msgtype == COMPRESSED else f"{prefix}/image"
         try:
-            cdr = picture_cdr(picture, frame_id=frame_id)
+            cdr = image_cdr(image, frame_id=frame_id)
         except MessageError as err:
-            return (Drop(picture.topic, picture.stamp_ns, _NOT_COPIED, str(err)),)
+            return (Drop(image.topic, image.stamp_ns, _NOT_COPIED, str(err)),)
         self._put_bytes(topic, msgtype, cdr, log_time_ns)
         return ()
 

@@ -1,4 +1,4 @@
-"""What is drawn over one camera's picture: foxglove_msgs/ImageAnnotations."""
+"""What is drawn over one camera's image: foxglove_msgs/ImageAnnotations."""
 
 from collections.abc import Sequence
 from functools import cache
@@ -37,7 +37,7 @@ def image_annotations(
     """2D boxes and projected 3D boxes; a pair that was matched is green, what one sensor alone saw has its colour.
 
     A 2D box is labelled at its top with class and score (and overlap if matched), an unmatched projection at its
-    bottom with `lidar`. Every stamp is the picture's: viewers pair by equality.
+    bottom with `lidar`. Every stamp is the image's: viewers pair by equality.
     """
     types, stamp = _types(), time(stamp_ns)
     outlines, texts = [], []

@@ -1,4 +1,4 @@
-"""CDR of the messages that make up nearly all bytes: clouds, and pictures as they were recorded.
+"""CDR of the messages that make up nearly all bytes: clouds, and images as they were recorded.
 
 Numbers are little endian and aligned to their size, counted from the end of the four bytes of encapsulation (OMG CDR;
 DDS-RTPS 10.2). Payloads are copied once.

@@ -30,7 +30,7 @@ def diagnostics(result: FrameResult, rig: Rig, not_copied: Sequence[Drop]) -> Di
         [
             _status("synchronisation", f"skew {result.bundle.skew_ns / 1e6:.3f} ms", _synchronisation(result)),
             _status("cloud", f"{len(result.combined.cloud)} points", _cloud(result)),
-            _status("objects", f"{len(result.objects)} objects", _objects(result, rig)),
+            _status("objects", f"{len(result.fused.objects)} objects", _objects(result, rig)),
             _status(
                 "dropped messages",
                 f"{len(drops)} dropped" if drops else "none",
@@ -47,10 +47,10 @@ def _synchronisation(result: FrameResult) -> Values:
         (f"offset_ms {topic}", f"{(message.stamp_ns - bundle.stamp_ns) / 1e6:.3f}")
         for topic, message in sorted(bundle.messages.items())
     ]
-    left_out = [
-        (f"left out {topic}", f"{count}: {reason}") for (topic, reason), count in sorted(bundle.left_out.items())
+    dropped = [
+        (f"left out {topic}", f"{count}: {reason}") for (topic, reason), count in sorted(bundle.dropped_before.items())
     ]
-    return [("frame", str(bundle.index)), ("skew_ms", f"{bundle.skew_ns / 1e6:.3f}"), *offsets, *left_out]
+    return [("frame", str(bundle.index)), ("skew_ms", f"{bundle.skew_ns / 1e6:.3f}"), *offsets, *dropped]
 
 
 def _cloud(result: FrameResult) -> Values:
@@ -59,15 +59,15 @@ def _cloud(result: FrameResult) -> Values:
 
 
 def _objects(result: FrameResult, rig: Rig) -> Values:
-    detected = {camera.name: result.camera_boxes.get(camera.name, ()) for camera in rig.cameras}
+    detected = {camera.name: result.detections.cameras.get(camera.name, ()) for camera in rig.cameras}
     matched = {camera.name: result.matches.get(camera.name, ()) for camera in rig.cameras}
     return [
-        ("fused", str(len(result.objects))),
-        ("confirmed by cameras", str(int((result.matched > 0).sum()))),
-        ("detected lidar", str(len(result.lidar_boxes))),
+        ("fused", str(len(result.fused.objects))),
+        ("confirmed by cameras", str(int((result.fused.matched > 0).sum()))),
+        ("detected lidar", str(len(result.detections.lidar))),
         *((f"detected {name}", str(len(boxes))) for name, boxes in detected.items()),
         *((f"matched {name}", str(len(pairs))) for name, pairs in matched.items()),
-        *((f"recorded boxes left out, {reason}", str(count)) for reason, count in sorted(result.left_out.items())),
+        *((f"recorded boxes left out, {reason}", str(count)) for reason, count in sorted(result.unused_boxes.items())),
     ]
 
 

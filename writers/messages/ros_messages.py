@@ -71,7 +71,7 @@ def moving_transform(motion: PoseSamples, stamp_ns: int) -> TFMessage:
 
 
 def camera_info(camera: CameraSensor, stamp_ns: int) -> CameraInfo:
-    """The intrinsics that were used; P is [K | 0]: the pictures are as recorded, not rectified."""
+    """The intrinsics that were used; P is [K | 0]: the images are as recorded, not rectified."""
     model = camera.model
     padding = max(0, _COEFFICIENTS[model.model] - len(model.distortion))
     return CameraInfo(

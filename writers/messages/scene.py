@@ -38,8 +38,8 @@ _UPRIGHT = Quaternion(0.0, 0.0, 0.0, 1.0)
 
 def object_labels(result: FrameResult, class_names: Sequence[str]) -> list[str]:
     """What is written beside each fused object: class, score, and how many cameras confirm it."""
-    objects = result.objects
-    columns = zip(objects.class_ids.tolist(), objects.scores.tolist(), result.matched.tolist(), strict=True)
+    objects = result.fused.objects
+    columns = zip(objects.class_ids.tolist(), objects.scores.tolist(), result.fused.matched.tolist(), strict=True)
     return [
         f"{class_names[class_id]} {score:.2f}" + (f" ({cameras} cam)" if cameras else "")
         for class_id, score, cameras in columns
@@ -64,7 +64,7 @@ def _types() -> _Types:
 
 def scene_update(result: FrameResult, class_names: Sequence[str]) -> Any:
     """foxglove_msgs/SceneUpdate: a cube and a label for each fused object; those that a camera confirms are denser."""
-    types, objects, stamp = _types(), result.objects, time(result.bundle.stamp_ns)
+    types, objects, stamp = _types(), result.fused.objects, time(result.bundle.stamp_ns)
     white = types.color(1.0, 1.0, 1.0, 1.0)
     columns = zip(
         box_poses(objects),
@@ -74,7 +74,7 @@ def scene_update(result: FrameResult, class_names: Sequence[str]) -> Any:
         objects.class_ids.tolist(),
         objects.scores.tolist(),
         objects.point_counts.tolist(),
-        result.matched.tolist(),
+        result.fused.matched.tolist(),
         strict=True,
     )
     entities = []
@@ -109,7 +109,7 @@ def scene_update(result: FrameResult, class_names: Sequence[str]) -> Any:
 
 def marker_array(result: FrameResult, class_names: Sequence[str]) -> MarkerArray:
     """visualization_msgs/MarkerArray: DELETEALL, then for each fused object a cube and a label facing the viewer."""
-    objects = result.objects
+    objects = result.fused.objects
     top = header(result.bundle.stamp_ns, objects.frame_id)
     white, nowhere, nothing = (
         ColorRGBA(1.0, 1.0, 1.0, 1.0),
@@ -123,7 +123,7 @@ def marker_array(result: FrameResult, class_names: Sequence[str]) -> MarkerArray
         _label_points(result),
         object_labels(result, class_names),
         objects.class_ids.tolist(),
-        result.matched.tolist(),
+        result.fused.matched.tolist(),
         strict=True,
     )
     markers = [clear]
@@ -138,12 +138,12 @@ def marker_array(result: FrameResult, class_names: Sequence[str]) -> MarkerArray
 
 def _label_points(result: FrameResult) -> list[Point]:
     """A place above each object, away from its roof by as much as a marker's letters need."""
-    at = result.objects.centers.copy()
-    at[:, 2] += result.objects.sizes[:, 2] * (0.5 + LABEL_SHARE)
+    at = result.fused.objects.centers.copy()
+    at[:, 2] += result.fused.objects.sizes[:, 2] * (0.5 + LABEL_SHARE)
     return [Point(x, y, z) for x, y, z in at.tolist()]
 
 
-_NO_PICTURE = CompressedImage(header(0, ""), "", np.zeros(0, np.uint8))
+_NO_IMAGE = CompressedImage(header(0, ""), "", np.zeros(0, np.uint8))
 _NO_MESH = MeshFile("", np.zeros(0, np.uint8))
 
 
@@ -173,7 +173,7 @@ def _marker(
         points=[],
         colors=[],
         texture_resource="",
-        texture=_NO_PICTURE,
+        texture=_NO_IMAGE,
         uv_coordinates=[],
         text=text,
         mesh_resource="",

@@ -16,7 +16,7 @@ __all__ = ["SceneScale", "blueprint", "camera_path"]
 
 BACKGROUND = (13, 16, 23)
 _WIDE = 1.9
-"""Pictures at least this wide for their height are stacked above the scene instead of beside it."""
+"""Images at least this wide for their height are stacked above the scene instead of beside it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,22 +53,22 @@ class SceneScale:
 
 
 def camera_path(camera: CameraSensor) -> str:
-    """Entity of a camera: its pinhole, with the picture and the boxes below it."""
+    """Entity of a camera: its pinhole, with the image and the boxes below it."""
     return f"world/cameras/{camera.name}"
 
 
 def blueprint(rig: Rig, scale: SceneScale) -> rrb.Blueprint:
-    """The scene on the left and a grid of pictures on the right; wide pictures lie above the scene."""
-    pictured = [camera for camera in rig.cameras if camera.topic]
-    pictures = [_picture_view(camera) for camera in pictured]
-    scene = rrb.Tabs(_scene_view(scale, pictured), _plots(), active_tab=0)
-    if not pictures:
+    """The scene on the left and a grid of images on the right; wide images lie above the scene."""
+    shown = [camera for camera in rig.cameras if camera.topic]
+    images = [_image_view(camera) for camera in shown]
+    scene = rrb.Tabs(_scene_view(scale, shown), _plots(), active_tab=0)
+    if not images:
         layout: Any = scene
-    elif len(pictures) <= 2 and all(c.model.width_px >= _WIDE * c.model.height_px for c in pictured):
-        layout = rrb.Vertical(rrb.Horizontal(*pictures), scene, row_shares=[2, 3])
+    elif len(images) <= 2 and all(c.model.width_px >= _WIDE * c.model.height_px for c in shown):
+        layout = rrb.Vertical(rrb.Horizontal(*images), scene, row_shares=[2, 3])
     else:
-        columns = 1 if len(pictures) <= 2 else 2
-        layout = rrb.Horizontal(scene, rrb.Grid(*pictures, grid_columns=columns), column_shares=[3, 2])
+        columns = 1 if len(images) <= 2 else 2
+        layout = rrb.Horizontal(scene, rrb.Grid(*images, grid_columns=columns), column_shares=[3, 2])
     return rrb.Blueprint(
         layout,
         rrb.BlueprintPanel(state="collapsed"),
@@ -79,11 +79,11 @@ def blueprint(rig: Rig, scale: SceneScale) -> rrb.Blueprint:
     )
 
 
-def _scene_view(scale: SceneScale, pictured: Sequence[CameraSensor]) -> rrb.Spatial3DView:
+def _scene_view(scale: SceneScale, shown: Sequence[CameraSensor]) -> rrb.Spatial3DView:
     # Seen from behind and above, looking along x: forward for a vehicle (REP 103).
     eye = scale.center + scale.radius_m * np.array([-1.05, 0.0, 0.75])
     target = scale.center + scale.radius_m * np.array([0.3, 0.0, -0.1])
-    flat = [f"- {camera_path(camera)}/{leaf}" for camera in pictured for leaf in ("boxes", "projected")]
+    flat = [f"- {camera_path(camera)}/{leaf}" for camera in shown for leaf in ("boxes", "projected")]
     return rrb.Spatial3DView(
         name="Scene",
         origin="world",
@@ -94,8 +94,8 @@ def _scene_view(scale: SceneScale, pictured: Sequence[CameraSensor]) -> rrb.Spat
     )
 
 
-def _picture_view(camera: CameraSensor) -> rrb.Spatial2DView:
-    """The picture with its 2D boxes and the 3D objects.
+def _image_view(camera: CameraSensor) -> rrb.Spatial2DView:
+    """The image with its 2D boxes and the 3D objects.
 
     Rerun projects without lens distortion: through a lens that has some, the projected rectangles are shown instead.
     """

@@ -1,4 +1,4 @@
-"""FrameResults to a Rerun recording: cloud, pictures, 2D and 3D boxes, transforms, and how they are laid out.
+"""FrameResults to a Rerun recording: cloud, images, 2D and 3D boxes, transforms, and how they are laid out.
 
 `world` is the site frame. Everything of a frame is logged at its stamp (timeline `stamp`) and number (`frame`). The
 recording is its own: nothing of Rerun's global state is used. Recordings of equal results hold equal data, but not
@@ -25,7 +25,7 @@ from pipeline.core.messages import Drop, RawMessage
 from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.settings.config import Config
 from writers.atomic import atomic_output, output_errors
-from writers.messages.pictures import COMPRESSED, read_picture
+from writers.messages.images import COMPRESSED, read_image
 from writers.messages.scene import object_labels
 from writers.palette import CAMERA_ONLY, LIDAR_ONLY, MATCHED, class_color
 from writers.provenance import Provenance
@@ -49,9 +49,9 @@ class RerunResultWriter:
     Args:
         path: The file to write; an older one is replaced.
         rig: Sensors that the frames were made with.
-        config: Their settings; `output` says whether pictures and clouds are logged.
+        config: Their settings; `output` says whether images and clouds are logged.
         provenance: Names the recording: equal inputs and settings give an equal recording id.
-        decode_picture: Turns a recorded raw picture into pixels; JPEG and PNG pass through undecoded.
+        decode_any_image: Turns a recorded raw image into pixels; JPEG and PNG pass through undecoded.
     """
 
     name = "rerun"
@@ -63,10 +63,10 @@ class RerunResultWriter:
         config: Config,
         provenance: Provenance,
         *,
-        decode_picture: Callable[[RawMessage], Image],
+        decode_any_image: Callable[[RawMessage], Image],
     ) -> None:
         self._path, self._rig, self._config = path, rig, config
-        self._provenance, self._decode = provenance, decode_picture
+        self._provenance, self._decode = provenance, decode_any_image
         self._resources = ExitStack()
         self._recording: rr.RecordingStream
         self._scale: SceneScale | None = None
@@ -95,7 +95,7 @@ class RerunResultWriter:
         """Log one frame.
 
         Returns:
-            Pictures that cannot be decoded.
+            Images that cannot be decoded.
         """
         if self._scale is None:
             self._scale = SceneScale.of(result.combined, self._rig)
@@ -105,17 +105,19 @@ class RerunResultWriter:
         self._recording.set_time("stamp", timestamp=np.datetime64(result.bundle.stamp_ns, "ns"))
         if self._config.output.clouds:
             self._log_cloud(result.combined, self._scale)
-        self._log_objects(result.objects, object_labels(result, self._config.class_names))
+        self._log_objects(result.fused.objects, object_labels(result, self._config.class_names))
         drops: list[Drop] = []
         for camera in self._rig.cameras:
-            drops += self._log_picture(camera, result)
+            drops += self._log_image(camera, result)
             matches = result.matches.get(camera.name)
             self._log(
-                "boxes", camera, _boxes_2d(result.camera_boxes.get(camera.name), matches, self._config.class_names)
+                "boxes",
+                camera,
+                _boxes_2d(result.detections.cameras.get(camera.name), matches, self._config.class_names),
             )
             self._log("projected", camera, _projected(matches))
-        self._recording.log("metrics/objects", rr.Scalars(float(len(result.objects))))
-        self._recording.log("metrics/confirmed", rr.Scalars(float((result.matched > 0).sum())))
+        self._recording.log("metrics/objects", rr.Scalars(float(len(result.fused.objects))))
+        self._recording.log("metrics/confirmed", rr.Scalars(float((result.fused.matched > 0).sum())))
         self._recording.log("metrics/skew_ms", rr.Scalars(result.bundle.skew_ns / 1e6))
         return tuple(drops)
 
@@ -197,7 +199,7 @@ class RerunResultWriter:
             ),
         )
 
-    def _log_picture(self, camera: CameraSensor, result: FrameResult) -> tuple[Drop, ...]:
+    def _log_image(self, camera: CameraSensor, result: FrameResult) -> tuple[Drop, ...]:
         message = result.bundle.messages.get(camera.topic)
         unusable = {(drop.topic, drop.stamp_ns) for drop in result.drops}
         drops: tuple[Drop, ...] = ()
@@ -205,20 +207,20 @@ class RerunResultWriter:
             try:
                 self._log("image", camera, self._encoded(message))
             except MessageError as err:
-                drops = (Drop(message.topic, message.stamp_ns, "the picture cannot be shown", str(err)),)
+                drops = (Drop(message.topic, message.stamp_ns, "the image cannot be shown", str(err)),)
             else:
                 return ()
-        self._log("image", camera, rr.Clear(recursive=False))  # else the picture of an earlier frame would stay
+        self._log("image", camera, rr.Clear(recursive=False))  # else the image of an earlier frame would stay
         return drops
 
     def _encoded(self, message: RawMessage) -> rr.EncodedImage:
-        """The picture as JPEG or PNG.
+        """The image as JPEG or PNG.
 
         Raises:
-            MessageError: the bytes are no picture.
+            MessageError: the bytes are no image.
         """
         if message.channel.msgtype == COMPRESSED:
-            data = bytes(read_picture(message).data)
+            data = bytes(read_image(message).data)
             if (media_type := _MAGIC.get(data[:3])) is not None:
                 return rr.EncodedImage(contents=data, media_type=media_type)
         rgb = self._decode(message).rgb
@@ -226,7 +228,7 @@ class RerunResultWriter:
             ".jpg", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
         )
         if not done:
-            raise MessageError(f"{message.topic}: a picture of {rgb.shape[1]} x {rgb.shape[0]} px cannot become a JPEG")
+            raise MessageError(f"{message.topic}: an image of {rgb.shape[1]} x {rgb.shape[0]} px cannot become a JPEG")
         return rr.EncodedImage(contents=jpeg.tobytes(), media_type="image/jpeg")
 
 
@@ -259,7 +261,7 @@ def _boxes_2d(boxes: Boxes2D | None, matches: Matches | None, class_names: Seque
 
 
 def _projected(matches: Matches | None) -> rr.Boxes2D:
-    """The 3D boxes as upright rectangles in this picture: green where a 2D box matches."""
+    """The 3D boxes as upright rectangles in this image: green where a 2D box matches."""
     if matches is None:
         return rr.Boxes2D(array=np.zeros((0, 4)), array_format=rr.Box2DFormat.XYXY)
     rows = np.flatnonzero(np.isfinite(matches.projected_xyxy).all(1))

@@ -35,21 +35,21 @@ class LiveView:
         self._stream = rr.RecordingStream("lidcam_drive") if stream is None else stream
         scenario = simulation.scenario
         self._sensors = {lidar.topic: f"{_parent(lidar)}/{name}" for name, lidar in scenario.lidars.items()}
-        self._sensors |= {cam.picture_topic: f"{_parent(cam)}/{name}" for name, cam in scenario.cameras.items()}
+        self._sensors |= {cam.image_topic: f"{_parent(cam)}/{name}" for name, cam in scenario.cameras.items()}
         self._types, self._ros_version = message_types(simulation.ros_version), simulation.ros_version
         self._stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         for name, sensor in [*scenario.lidars.items(), *scenario.cameras.items()]:
             pose = T_carrier_sensor(scenario, sensor)
             placed = rr.Transform3D(translation=pose.translation, mat3x3=pose.matrix[:3, :3])
             self._stream.log(f"{_parent(sensor)}/{name}", placed, static=True)
-        pictures = []
+        images = []
         for name, camera in scenario.cameras.items():
             model, entity = camera_model(camera), f"{_parent(camera)}/{name}"
             lens = rr.Pinhole(image_from_camera=model.K, resolution=[model.width_px, model.height_px])
             self._stream.log(entity, lens, static=True)
-            pictures.append(rrb.Spatial2DView(name=name, origin=entity))
+            images.append(rrb.Spatial2DView(name=name, origin=entity))
         scene = rrb.Spatial3DView(name="Scene", origin="world")
-        self._stream.send_blueprint(rrb.Blueprint(rrb.Horizontal(scene, rrb.Grid(*pictures)), collapse_panels=True))
+        self._stream.send_blueprint(rrb.Blueprint(rrb.Horizontal(scene, rrb.Grid(*images)), collapse_panels=True))
 
     def spawn(self) -> "LiveView":
         """Open the viewer.
@@ -93,7 +93,7 @@ def _parent(sensor: SensorScenario) -> str:
 
 
 def _drawn(kind: str, message: Any) -> Any:
-    """A cloud or a picture as the viewer takes it."""
+    """A cloud or an image as the viewer takes it."""
     if kind == "PointCloud2":
         floats = message.data.reshape(message.width, message.point_step)[:, :12].copy().view(np.float32)
         return rr.Points3D(floats, radii=rr.Radius.ui_points(1.5))

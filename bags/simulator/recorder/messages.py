@@ -37,7 +37,7 @@ class TrueObject:
         T_site_box: Pose of its box's centre.
         size_m: Length, width, height.
         lidar_points: Points that hit it, of all lidars, in the sweeps of that moment.
-        image_pixels: Pixels that show it, of all cameras, in the pictures of that moment.
+        image_pixels: Pixels that show it, of all cameras, in the images of that moment.
     """
 
     name: str
@@ -127,7 +127,7 @@ class MessageFactory:
         return self.new("velodyne_msgs/msg/VelodyneScan", header=self.header(stamp_ns, frame_id), packets=packets)
 
     def image(self, stamp_ns: int, frame_id: str, rgb: U8) -> Any:
-        """sensor_msgs/Image, rgb8, of a picture (H, W, 3)."""
+        """sensor_msgs/Image, rgb8, of an image (H, W, 3)."""
         height, width, _ = rgb.shape
         return self.new(
             "sensor_msgs/msg/Image",
@@ -141,7 +141,7 @@ class MessageFactory:
         )
 
     def jpeg(self, stamp_ns: int, frame_id: str, rgb: U8, quality: int) -> Any:
-        """sensor_msgs/CompressedImage, JPEG, of a picture (H, W, 3)."""
+        """sensor_msgs/CompressedImage, JPEG, of an image (H, W, 3)."""
         _, data = cv2.imencode(".jpg", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, quality])
         header = self.header(stamp_ns, frame_id)
         return self.new("sensor_msgs/msg/CompressedImage", header=header, format="jpeg", data=data.reshape(-1))

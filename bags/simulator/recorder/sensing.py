@@ -10,7 +10,7 @@ from bags.simulator.recorder.recorded import Measured, Recorded
 from bags.simulator.recorder.stage import Stage
 from bags.simulator.recorder.task import SensingTask
 from bags.simulator.scenario.sensors import CameraScenario, LidarScenario
-from bags.simulator.sensors.camera import Camera, Picture
+from bags.simulator.sensors.camera import Camera, CameraImage
 from bags.simulator.sensors.detector2d import detect
 from bags.simulator.sensors.lidar import Lidar, Sweep
 from bags.simulator.sensors.timing import Measurement, Timing
@@ -71,7 +71,7 @@ class Sensing:
         return _Camera(camera, timing, device, _measurement(timing, device, 0))
 
     def _measured(self, sensor: _Lidar | _Camera, measurement: Measurement) -> Measured:
-        # A picture stands for the time that is nearer to it than to the next one.
+        # An image stands for the time that is nearer to it than to the next one.
         around_ns = sensor.timing.period_ns // 2 if isinstance(sensor, _Camera) else 0
         times = (measurement.begin_ns - around_ns, measurement.end_ns + around_ns)
         by_lidar = isinstance(sensor, _Lidar)
@@ -80,8 +80,8 @@ class Sensing:
         if isinstance(sensor, _Lidar):
             sweep = sensor.device.sweep(measurement.number)
             return Measured(by_lidar, *times, sweep.hits_per_mover, tuple(self._of_sweep(sensor, measurement, sweep)))
-        picture = sensor.device.picture(measurement.number, measurement.begin_ns)
-        return Measured(by_lidar, *times, picture.seen_px, tuple(self._of_picture(sensor, measurement, picture)))
+        image = sensor.device.image(measurement.number, measurement.begin_ns)
+        return Measured(by_lidar, *times, image.seen_px, tuple(self._of_image(sensor, measurement, image)))
 
     def _of_sweep(self, lidar: _Lidar, measurement: Measurement, sweep: Sweep) -> Iterator[Recorded]:
         settings, stamp_ns, make = lidar.settings, measurement.stamp_ns, self._messages
@@ -95,17 +95,17 @@ class Sensing:
             scan = make.scan(stamp_ns, settings.frame_id, stamps_ns, packets.payload)
             yield make.recorded(measurement.log_ns, settings.packets_topic, stamp_ns, scan)
 
-    def _of_picture(self, camera: _Camera, measurement: Measurement, picture: Picture) -> Iterator[Recorded]:
+    def _of_image(self, camera: _Camera, measurement: Measurement, image: CameraImage) -> Iterator[Recorded]:
         settings, stamp_ns, log_ns, make = camera.settings, measurement.stamp_ns, measurement.log_ns, self._messages
         model = camera.device.model
         if settings.output == "jpeg":
-            message = make.jpeg(stamp_ns, model.frame_id, picture.rgb, settings.jpeg_quality)
+            message = make.jpeg(stamp_ns, model.frame_id, image.rgb, settings.jpeg_quality)
         else:
-            message = make.image(stamp_ns, model.frame_id, picture.rgb)
-        yield make.recorded(log_ns, settings.picture_topic, stamp_ns, message)
+            message = make.image(stamp_ns, model.frame_id, image.rgb)
+        yield make.recorded(log_ns, settings.image_topic, stamp_ns, message)
         yield make.recorded(log_ns, settings.info_topic, stamp_ns, make.camera_info(stamp_ns, model))
         if settings.detector is not None:
-            found = detect(camera.device, picture, settings.detector, measurement.number)
+            found = detect(camera.device, image, settings.detector, measurement.number)
             boxes = make.detections_2d(stamp_ns, model.frame_id, found.xyxy, found.scores, found.class_names)
             late_ns = log_ns + round(settings.detector.delay_ms * 1e6)
             yield make.recorded(late_ns, settings.detector.topic, stamp_ns, boxes)

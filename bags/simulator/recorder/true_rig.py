@@ -66,7 +66,7 @@ def true_rig(scenario: Scenario, models: dict[str, CameraModel]) -> Rig:
     cameras = [
         CameraSensor(
             name,
-            camera.picture_topic,
+            camera.image_topic,
             camera.detector.topic if camera.detector else "",
             models[name],
             T_carrier_sensor(scenario, camera).inverse(),

@@ -41,7 +41,7 @@ class SensorScenario(SettingsModel):
         jitter_ms: Standard deviation of the moment of measurement.
         clock_offset_ms: Its clock runs ahead of the true time by this: stamps are wrong by it.
         drop_rate: Share of its messages that are lost.
-        log_delay_ms: A message is recorded this long after its measurement ended; a picture, after its stamp.
+        log_delay_ms: A message is recorded this long after its measurement ended; an image, after its stamp.
         log_jitter_ms: Standard deviation of that delay (never negative); large ones let messages overtake each other.
         dies_at_s: No measurement begins at or after this time of the scenario.
         miscalibration: What is wrong with its recorded extrinsics.
@@ -142,7 +142,7 @@ class CameraScenario(SensorScenario):
         width_px: Columns.
         height_px: Rows.
         focal_px: fx and fy.
-        center_px: cx and cy; empty: the middle of the picture.
+        center_px: cx and cy; empty: the middle of the image.
         distortion_model: As in CameraInfo.
         distortion: Coefficients in its order; what is left out is 0.
         exposure_ms: Light is gathered this long; the stamp is the middle.
@@ -170,14 +170,14 @@ class CameraScenario(SensorScenario):
     detector: Detector2DScenario | None = None
 
     @property
-    def picture_topic(self) -> str:
-        """Where its pictures are."""
+    def image_topic(self) -> str:
+        """Where its images are."""
         return f"{self.topic}/compressed" if self.output == "jpeg" else self.topic
 
     @property
     def topics(self) -> list[str]:
         """Where its messages are."""
-        return [self.picture_topic, self.info_topic, *([self.detector.topic] if self.detector else [])]
+        return [self.image_topic, self.info_topic, *([self.detector.topic] if self.detector else [])]
 
     @property
     def coefficients(self) -> tuple[float, ...]:

@@ -1,6 +1,6 @@
-"""A simulated camera: pictures of a scene, and which mover each pixel shows.
+"""A simulated camera: images of a scene, and which mover each pixel shows.
 
-A camera that is fixed to the site casts what stands still once; each picture then takes only the windows in which
+A camera that is fixed to the site casts what stands still once; each image then takes only the windows in which
 something moves or throws its shadow. A camera on a vehicle casts everything each time.
 """
 
@@ -21,24 +21,24 @@ from pipeline.core.arrays import F32, F64, I16, I64, U8, check_array
 from pipeline.core.camera import CameraModel
 from pipeline.core.geometry.transform import Transform
 
-__all__ = ["T_BODY_OPTICAL", "Camera", "Picture"]
+__all__ = ["T_BODY_OPTICAL", "Camera", "CameraImage"]
 
 
 T_BODY_OPTICAL = Transform("body", "optical", np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]]))
 """REP 103: the body looks along x with z up, the optical frame along z with y down."""
-MOST_MOMENTS = 9
-"""Moments of an exposure that a blurred picture is the mean of, at most."""
+MAX_MOMENTS = 9
+"""Moments of an exposure that a blurred image is the mean of, at most."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Picture:
-    """One picture and the truth about it.
+class CameraImage:
+    """One image and the truth about it.
 
     Attributes:
         rgb: (H, W, 3) uint8 sRGB.
         movers: (H, W) int16 row of the mover (`Scene.movers`) at the middle of each pixel, in the middle of the
             exposure; -1 for what stands still.
-        alone_px: (M,) int64 how many pixels each mover would have in the picture if nothing stood before it.
+        alone_px: (M,) int64 how many pixels each mover would have in the image if nothing stood before it.
         alone_xyxy: (M, 4) float64 left, top, right, bottom of these pixels; NaN for none.
     """
 
@@ -103,16 +103,16 @@ class Camera:
 
     @property
     def after_ns(self) -> int:
-        """How long after the middle of a picture light is gathered for it: what moves must be known until then."""
+        """How long after the middle of an image light is gathered for it: what moves must be known until then."""
         return round(self.scenario.exposure_ms * 5e5) if self.scenario.motion_blur else 0
 
-    def picture(self, number: int, time_ns: int) -> Picture:
-        """Picture `number`, whose exposure has its middle at a time.
+    def image(self, number: int, time_ns: int) -> CameraImage:
+        """CameraImage `number`, whose exposure has its middle at a time.
 
         The same whatever was taken before.
         """
         if self._fixed:
-            return self._picture_of_fixed(number, time_ns)
+            return self._image_of_fixed(number, time_ns)
         moments = self._moments(time_ns)
         light, middle = np.zeros((self.model.height_px * self.model.width_px, 3), np.float32), None
         for moment in moments:
@@ -125,7 +125,7 @@ class Camera:
         developed = self._film.developed(light.reshape(self.model.height_px, self.model.width_px, 3))
         return self._read_out(developed, number, middle or moving)
 
-    def _picture_of_fixed(self, number: int, time_ns: int) -> Picture:
+    def _image_of_fixed(self, number: int, time_ns: int) -> CameraImage:
         """Only what moves is cast and developed again."""
         if self._still is None:
             still = take_still(self._scene, self._light, self._lens, self.optical_pose(0))
@@ -141,21 +141,21 @@ class Camera:
             developed.reshape(-1, 3)[pixels] = self._film.developed_pixels(linear, pixels)
         return self._read_out(developed, number, seen[len(seen) // 2])
 
-    def _read_out(self, developed: I16, number: int, truth: Moving) -> Picture:
+    def _read_out(self, developed: I16, number: int, truth: Moving) -> CameraImage:
         owner = truth.owner.reshape(self.model.height_px, self.model.width_px)
-        return Picture(self._film.read_out(developed, number), owner, truth.alone_px, truth.alone_xyxy)
+        return CameraImage(self._film.read_out(developed, number), owner, truth.alone_px, truth.alone_xyxy)
 
     def _moments(self, time_ns: int) -> list[int]:
         """Times of the exposure, evenly spread, the middle among them; one alone where nothing is blurred."""
         exposure_ns = self.scenario.exposure_ms * 1e6
         if not self.scenario.motion_blur or not exposure_ns:
             return [time_ns]
-        count = int(np.clip(np.ceil(self._blur_px(time_ns, exposure_ns)), 1, MOST_MOMENTS)) // 2 * 2 + 1
+        count = int(np.clip(np.ceil(self._blur_px(time_ns, exposure_ns)), 1, MAX_MOMENTS)) // 2 * 2 + 1
         steps = (np.arange(count) - (count - 1) / 2) / count
         return [max(time_ns + round(step * exposure_ns), 0) for step in steps]
 
     def _blur_px(self, time_ns: int, exposure_ns: float) -> float:
-        """How far anything moves in the picture during an exposure, at most and about."""
+        """How far anything moves in the image during an exposure, at most and about."""
         ends = np.array([max(time_ns - round(exposure_ns / 2), 0), time_ns + round(exposure_ns / 2)], np.int64)
         cameras = self._path.poses(ends)
         ways = [0.0]
@@ -173,7 +173,7 @@ class Camera:
         return max(ways)
 
     def _way_px(self, cameras: Poses, places: F64) -> float:
-        """Largest way in the picture of points (2, K, 3) of the world, from the first camera's view to the second's."""
+        """Largest way in the image of points (2, K, 3) of the world, from the first camera's view to the second's."""
         to_camera = cameras.inverse()
         seen = np.einsum("nij,nkj->nki", to_camera.rotation, places) + to_camera.translation[:, None]
         pixels, valid = self.model.project(seen)

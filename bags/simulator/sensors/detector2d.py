@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bags.simulator.scenario.sensors import Detector2DScenario
-from bags.simulator.sensors.camera import Camera, Picture
+from bags.simulator.sensors.camera import Camera, CameraImage
 from bags.simulator.sensors.timing import random_numbers
 from pipeline.core.arrays import F64, I64, check_array
 
@@ -19,15 +19,15 @@ SURE_HEIGHT_PX = 40.0
 """Of things that are lower than this, scores fall off."""
 FALSE_SCORES = (0.25, 0.55)
 FALSE_HEIGHT = (0.05, 0.30)
-"""Of the picture's height."""
+"""Of the image's height."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Detected:
-    """The detector's boxes in one picture, those of movers first, in the order of the movers.
+    """The detector's boxes in one image, those of movers first, in the order of the movers.
 
     Attributes:
-        xyxy: (N, 4) float64 left, top, right, bottom in pixels, counted from the picture's corner.
+        xyxy: (N, 4) float64 left, top, right, bottom in pixels, counted from the image's corner.
         scores: (N,) float64 in [0, 1].
         class_names: N classes.
         movers: (N,) int64 rows of the movers that they stand for; -1 for a false one.
@@ -48,27 +48,27 @@ class Detected:
         return len(self.class_names)
 
 
-def visible_boxes(picture: Picture) -> F64:
+def visible_boxes(image: CameraImage) -> F64:
     """(M, 4) left, top, right, bottom of the pixels that show each mover; NaN for none."""
-    boxes = np.full((len(picture.alone_px), 4), np.nan)
-    for row in np.flatnonzero(picture.seen_px):
-        left, top, right, bottom = picture.alone_xyxy[row].astype(int)
-        shown = picture.movers[top:bottom, left:right] == row
+    boxes = np.full((len(image.alone_px), 4), np.nan)
+    for row in np.flatnonzero(image.seen_px):
+        left, top, right, bottom = image.alone_xyxy[row].astype(int)
+        shown = image.movers[top:bottom, left:right] == row
         columns, rows = np.flatnonzero(shown.any(0)), np.flatnonzero(shown.any(1))
         boxes[row] = left + columns[0], top + rows[0], left + columns[-1] + 1, top + rows[-1] + 1
     return boxes
 
 
-def detect(camera: Camera, picture: Picture, scenario: Detector2DScenario, number: int) -> Detected:
-    """What the detector says about picture `number` of a camera; the vehicle that carries the camera is none of it."""
+def detect(camera: Camera, image: CameraImage, scenario: Detector2DScenario, number: int) -> Detected:
+    """What the detector says about image `number` of a camera; the vehicle that carries the camera is none of it."""
     carrier = [row for row, mover in enumerate(camera.movers) if mover.name == camera.scenario.mounted_on]
     classes = [mover.class_name for mover in camera.movers]
-    return detect_movers(scenario, picture, classes, name=camera.name, number=number, seed=camera.seed, without=carrier)
+    return detect_movers(scenario, image, classes, name=camera.name, number=number, seed=camera.seed, without=carrier)
 
 
 def detect_movers(
     scenario: Detector2DScenario,
-    picture: Picture,
+    image: CameraImage,
     class_names: Sequence[str],
     *,
     name: str,
@@ -76,33 +76,33 @@ def detect_movers(
     seed: int,
     without: Collection[int] = (),
 ) -> Detected:
-    """What the detector says about the movers in a picture.
+    """What the detector says about the movers in an image.
 
-    Each mover has its own random numbers, whatever else the picture shows: the same seed, camera and number give the
+    Each mover has its own random numbers, whatever else the image shows: the same seed, camera and number give the
     same boxes.
 
     Args:
         scenario: How it errs.
-        picture: What it looks at.
+        image: What it looks at.
         class_names: Class of each mover of the scene (M).
         name: Of the camera.
-        number: Of the picture.
+        number: Of the image.
         seed: Of the scenario.
         without: Rows of movers that it is not asked about (the vehicle that carries the camera).
     """
     count = len(class_names)
     random = random_numbers(seed, name, "detector", number)
     luck, edges, spread = random.random(count), random.standard_normal((count, 4)), random.standard_normal(count)
-    boxes = visible_boxes(picture)
-    visible = picture.seen_px / np.maximum(picture.alone_px, 1)
+    boxes = visible_boxes(image)
+    visible = image.seen_px / np.maximum(image.alone_px, 1)
     height = np.nan_to_num(boxes[:, 3] - boxes[:, 1])
-    found = (picture.seen_px > 0) & (visible >= scenario.min_visible) & (height >= scenario.min_height_px)
+    found = (image.seen_px > 0) & (visible >= scenario.min_visible) & (height >= scenario.min_height_px)
     found &= luck >= scenario.miss_rate
     found[list(without)] = False
     rows = np.flatnonzero(found).tolist()
     scores = 0.94 - 0.35 * np.exp(-height / SURE_HEIGHT_PX) - 0.35 * (1 - visible) + 0.04 * spread
-    false_boxes, false_scores, false_names = _false_boxes(scenario, picture, class_names, name, number, seed)
-    found_boxes = _inside(boxes[rows] + scenario.pixel_noise_px * edges[rows], picture)
+    false_boxes, false_scores, false_names = _false_boxes(scenario, image, class_names, name, number, seed)
+    found_boxes = _inside(boxes[rows] + scenario.pixel_noise_px * edges[rows], image)
     return Detected(
         np.concatenate([found_boxes, false_boxes]),
         np.clip(np.concatenate([scores[rows], false_scores]), 0.05, 0.99),
@@ -112,24 +112,24 @@ def detect_movers(
 
 
 def _false_boxes(
-    scenario: Detector2DScenario, picture: Picture, class_names: Sequence[str], name: str, number: int, seed: int
+    scenario: Detector2DScenario, image: CameraImage, class_names: Sequence[str], name: str, number: int, seed: int
 ) -> tuple[F64, F64, list[str]]:
-    """Boxes around nothing in the lower two thirds of the picture, their scores and classes."""
+    """Boxes around nothing in the lower two thirds of the image, their scores and classes."""
     random = random_numbers(seed, name, "false detections", number)
     known = sorted(set(class_names)) or ["car"]
     count = int(random.poisson(scenario.false_per_image))
-    rows, columns = picture.movers.shape
+    rows, columns = image.movers.shape
     height = rows * random.uniform(*FALSE_HEIGHT, count)
     width = height * random.uniform(0.5, 2.0, count)
     left, top = random.uniform(0, 0.9 * columns, count), random.uniform(rows / 3, 0.9 * rows, count)
     names = [known[int(choice)] for choice in random.integers(0, len(known), count)]
     boxes = np.stack([left, top, left + width, top + height], 1)
-    return _inside(boxes, picture), random.uniform(*FALSE_SCORES, count), names
+    return _inside(boxes, image), random.uniform(*FALSE_SCORES, count), names
 
 
-def _inside(boxes: F64, picture: Picture) -> F64:
-    """Boxes cut at the picture's border, each at least a pixel wide and high."""
-    rows, columns = picture.movers.shape
+def _inside(boxes: F64, image: CameraImage) -> F64:
+    """Boxes cut at the image's border, each at least a pixel wide and high."""
+    rows, columns = image.movers.shape
     limit = np.array([columns, rows], np.float64)
     low = np.clip(boxes[:, :2], 0, limit - 1)
     return np.concatenate([low, np.clip(np.maximum(boxes[:, 2:], low + 1), 1, limit)], 1)

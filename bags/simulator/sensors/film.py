@@ -11,7 +11,7 @@ __all__ = ["Film", "srgb_from_linear"]
 
 
 FRACTION = 64
-"""Parts of one step of a pixel's value that pictures are kept in until the noise is on them."""
+"""Parts of one step of a pixel's value that images are kept in until the noise is on them."""
 BRIGHTEST = 4.0
 """Light beyond this is clipped."""
 SHOULDER = 0.55
@@ -19,7 +19,7 @@ SHOULDER = 0.55
 VIGNETTE = 0.10
 """Share of the light that the corners lose."""
 NOISE_ROOM_PX = 96
-"""The noise field is larger than the picture by this, and begins anywhere in that room for each picture."""
+"""The noise field is larger than the image by this, and begins anywhere in that room for each image."""
 ROWS_AT_ONCE = 64
 """Rows that are read out together: they stay within the processor's caches."""
 SHARED_NOISE = 0.8  # red, green and blue noise are partly the same, as after demosaicing; 0.8^2 + 0.6^2 = 1
@@ -47,7 +47,7 @@ class Film:
 
     @cached_property
     def _field(self) -> I16:
-        """Noise of which each picture has a part."""
+        """Noise of which each image has a part."""
         shape = (self._height + NOISE_ROOM_PX, self._width + NOISE_ROOM_PX, 3)
         random = random_numbers(self._seed, self._name, "noise field", 0)
         field = 0.6 * random.standard_normal(shape, np.float32)
@@ -58,7 +58,7 @@ class Film:
         return np.clip(np.round(field, out=field), -32767, 32767, out=field).astype(np.int16)
 
     def developed(self, linear: F32) -> I16:
-        """A picture (H, W, 3) of light as pixel values times `FRACTION`."""
+        """An image (H, W, 3) of light as pixel values times `FRACTION`."""
         return _encoded(linear * self._scale)
 
     def developed_pixels(self, linear: F32, pixels: I64) -> I16:
@@ -70,7 +70,7 @@ class Film:
         return _encoded(scaled)
 
     def read_out(self, developed: I16, number: int) -> U8:
-        """The pixels (H, W, 3) of picture `number`, with its noise."""
+        """The pixels (H, W, 3) of image `number`, with its noise."""
         height, width, _ = developed.shape
         field: I16 | None = None
         added = True
@@ -79,7 +79,7 @@ class Film:
             top, left = random.integers(0, NOISE_ROOM_PX, 2)
             field = self._field[top : top + height, left : left + width]
             added = random.random() < 0.5
-        picture = np.empty(developed.shape, np.uint8)
+        image = np.empty(developed.shape, np.uint8)
         for first in range(0, height, ROWS_AT_ONCE):
             rows = slice(first, first + ROWS_AT_ONCE)
             values = developed[rows] + np.int16(FRACTION // 2)
@@ -88,8 +88,8 @@ class Film:
             elif field is not None:
                 values -= field[rows]
             values >>= 6  # FRACTION
-            picture[rows] = np.clip(values, 0, 255, out=values)
-        return picture
+            image[rows] = np.clip(values, 0, 255, out=values)
+        return image
 
 
 def _encoded(scaled: F32) -> I16:

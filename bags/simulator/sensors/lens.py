@@ -1,4 +1,4 @@
-"""Where the pixels of a camera look, and where things land in its picture."""
+"""Where the pixels of a camera look, and where things land in its image."""
 
 from functools import cached_property
 
@@ -123,7 +123,7 @@ class Lens:
         """Columns and rows that the convex hull of points (K, 3) of the optical frame can be seen in.
 
         Returns:
-            Left, top, right, bottom as for slices; with right <= left or bottom <= top nothing is in the picture.
+            Left, top, right, bottom as for slices; with right <= left or bottom <= top nothing is in the image.
         """
         ahead = points[:, 2] >= NEAR_M
         if not ahead.any():

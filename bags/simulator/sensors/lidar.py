@@ -27,7 +27,7 @@ __all__ = ["Lidar", "Sweep"]
 # Columns of `Echoes`, and return types as in `PointCloud.return_type`
 STRONGEST, LAST = 0, 1
 RETURN_STRONGEST, RETURN_LAST, RETURN_BOTH = 1, 2, 3
-MOST_STEPS = 0xFFFF
+MAX_STEPS = 0xFFFF
 
 SPECKLE = 0.06
 """Of the light that comes back about this share is lost, now more and now less: what is diffuse stays within 100."""
@@ -126,7 +126,7 @@ class Lidar:
         beams = self._pattern.beams(number)
         range_m, share, mover = self._received(beams, number)
         steps = np.rint(range_m / self._pattern.range_step_m)
-        steps[steps > MOST_STEPS] = NO_ECHO
+        steps[steps > MAX_STEPS] = NO_ECHO
         range_m, brightness = steps * self._pattern.range_step_m, intensity(share)
         packets = self._packets(number, beams, range_m, brightness) if self._scenario.output != "points" else None
 

@@ -134,7 +134,7 @@ class Light:
         """Share (N,) of the sky that is cloud."""
         height = np.maximum(directions[:, 2], 0.02) + np.float32(0.12)
         u, v = directions[:, 0] / height * 90 + 11, directions[:, 1] / height * 90 + 37
-        rows = -(-len(u) // 1024)  # OpenCV's pictures are less than 32768 pixels long
+        rows = -(-len(u) // 1024)  # OpenCV's images are less than 32768 pixels long
         grid = np.zeros((2, rows * 1024), np.float32)
         grid[0, : len(u)], grid[1, : len(u)] = u % CLOUD_CELLS, v % CLOUD_CELLS
         if not rows:

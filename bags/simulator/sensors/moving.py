@@ -114,7 +114,7 @@ _NOTHING = PartSurfaces(np.empty((0, 3), np.float32), np.empty(0, np.int64), np.
 
 
 class _View:
-    """One mover at one moment, and the windows of a picture in which it and what it shades can be seen."""
+    """One mover at one moment, and the windows of an image in which it and what it shades can be seen."""
 
     def __init__(
         self, scene: Scene, row: int, light: Light, lens: Lens, to_camera: Poses, lowest_m: float, time_ns: int
@@ -290,12 +290,12 @@ def _light_of_movers(scene: Scene, light: Light, views: Sequence[_View], surface
 def _edges(lens: Lens, views: Sequence[_View], linear: F32, owner: I16) -> I64:
     """The pixels of movers, and right beside them, that differ from a neighbour."""
     found = np.zeros((lens.height, lens.width), np.bool_)
-    picture, owned = linear.reshape(lens.height, lens.width, 3), owner.reshape(lens.height, lens.width) != STATIC
+    image, owned = linear.reshape(lens.height, lens.width, 3), owner.reshape(lens.height, lens.width) != STATIC
     for view in views:
         crop = _slices(view.window)
         if owned[crop].any():
             beside = cv2.dilate(owned[crop].astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
-            found[crop] |= beside & contrasts(picture[crop]).reshape(beside.shape)
+            found[crop] |= beside & contrasts(image[crop]).reshape(beside.shape)
     return np.flatnonzero(found.reshape(-1) & lens.covered)
 
 

@@ -114,8 +114,8 @@ def take_still(scene: Scene, light: Light, lens: Lens, pose: Poses) -> Still:
         shading = lit_surfaces(scene, light, static_surfaces(scene, pose, beside))
         rest[pixels] = shading.rest.reshape(4, -1, 3).mean(0)
         sun[pixels] = shading.sun.reshape(4, -1, 3).mean(0)
-    picture = (lens.height, lens.width, 3)
-    share = sky_light(scene, points.reshape(picture), normals.reshape(picture)).reshape(-1)
+    image = (lens.height, lens.width, 3)
+    share = sky_light(scene, points.reshape(image), normals.reshape(image)).reshape(-1)
     # The haze before a surface is not darkened, nor is the sky.
     left = 1 - (1 - share) * light.clearness(distance)
     for color in range(3):
@@ -167,7 +167,7 @@ def turned(pose: Poses, vectors: F32) -> F32:
 
 
 def contrasts(linear: F32) -> Bools:
-    """Which pixels of a picture (H, W, 3) of light differ from a neighbour, row by row (H * W,)."""
+    """Which pixels of an image (H, W, 3) of light differ from a neighbour, row by row (H * W,)."""
     brightness = np.sqrt(linear @ LUMINANCE)
     square = np.ones((3, 3), np.uint8)
     return np.asarray(cv2.dilate(brightness, square) - cv2.erode(brightness, square) > CONTRAST).reshape(-1)

@@ -88,8 +88,8 @@ class Timing:
         random = random_numbers(self.seed, self.name, "timing", number)
         jitter_ns, delay_ns, luck = random.standard_normal(), random.standard_normal(), random.random()
         # A sensor measures in its order: a moment cannot pass the ones beside it.
-        most_ns = 0.45 * self.period_ns
-        jitter_ns = round(np.clip(jitter_ns * self.sensor.jitter_ms * MS, -most_ns, most_ns))
+        max_jitter_ns = 0.45 * self.period_ns
+        jitter_ns = round(np.clip(jitter_ns * self.sensor.jitter_ms * MS, -max_jitter_ns, max_jitter_ns))
         begin = self.nominal_ns(number) if begin_ns is None else begin_ns
         stamp = begin + round(self.sensor.clock_offset_ms * MS)
         if self.trigger_jitter:

@@ -62,7 +62,7 @@ def chassis_of(shape: str) -> Ackermann | None:
         wheel_base_m=facts.wheel_base_m,
         track_m=facts.track_width_m,
         wheel_radius_m=facts.wheel_radius_m,
-        max_steering_rad=facts.largest_steering_rad,
+        max_steering_rad=facts.max_steering_rad,
         steering_rate_rad_s=habits.steering_rate_rad_s,
         acceleration_m_s2=2 * habits.acceleration_m_s2,
         braking_m_s2=habits.hard_braking_m_s2,

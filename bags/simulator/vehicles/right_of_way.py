@@ -24,7 +24,7 @@ SAME_WAY_RAD = math.radians(20)
 APART_S = 0.8
 """Time that one wants between the other's leaving and its own coming; twice that, once one waits."""
 
-MOST_FOLLOWED = 20
+MAX_FOLLOWED = 20
 """Of a queue, as seen from its end; a ring has no first."""
 
 
@@ -88,7 +88,7 @@ class Traveller:
     def is_behind(self, other: "Traveller") -> bool:
         """Whether it cannot come anywhere before another one does."""
         leader, seen = self.leader, 0
-        while leader is not None and seen < MOST_FOLLOWED:
+        while leader is not None and seen < MAX_FOLLOWED:
             if leader is other:
                 return True
             leader, seen = leader.leader, seen + 1

@@ -368,7 +368,7 @@ class Scene:
         return [body.placed(path, time_ns) for body, path in self._parts[row]]
 
     def static_seen(self, origin: F64, directions: F32) -> "Seen":
-        """What stands still in directions (N, 3) from one point (3,), in single precision, for pictures."""
+        """What stands still in directions (N, 3) from one point (3,), in single precision, for images."""
         return self._static.seen(origin, directions)
 
     def static_distance(self, origin: F64, directions: F32) -> F32:

@@ -11,7 +11,7 @@ from pipeline.core.geometry.transform import Transform
 
 __all__ = ["TransformTree"]
 
-MOST_LINKS = 1000
+MAX_LINKS = 1000
 """Transforms one after another: a robot has a dozen."""
 
 
@@ -97,8 +97,8 @@ class TransformTree:
         while (parent := self.parent(last)) is not None:
             if parent in chain:
                 raise FrameError(f"the transforms run in a circle: {' -> '.join([*chain, parent])}")
-            if len(chain) == MOST_LINKS:
-                raise FrameError(f"more than {MOST_LINKS} transforms one after another lead from frame {frame!r}")
+            if len(chain) == MAX_LINKS:
+                raise FrameError(f"more than {MAX_LINKS} transforms one after another lead from frame {frame!r}")
             chain[parent] = None
             last = parent
         return list(chain)

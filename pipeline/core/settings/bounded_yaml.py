@@ -7,19 +7,19 @@ import yaml
 
 from pipeline.core.errors import ConfigError
 
-__all__ = ["MOST_YAML_BYTES", "parse_yaml", "read_yaml"]
+__all__ = ["MAX_YAML_BYTES", "parse_yaml", "read_yaml"]
 
-MOST_YAML_BYTES = 1 << 20
-MOST_YAML_BRACKETS = 30
+MAX_YAML_BYTES = 1 << 20
+MAX_YAML_BRACKETS = 30
 """Brackets in one another; PyYAML looks at all of them again at every word."""
-MOST_YAML_VALUES = 100_000
+MAX_YAML_VALUES = 100_000
 """Values in a file, each alias counted as what it stands for: a few lines of them can stand for billions."""
 
 
 class _Loader(yaml.SafeLoader):
     def fetch_flow_collection_start(self, TokenClass: Any) -> None:
-        if self.flow_level == MOST_YAML_BRACKETS:
-            raise yaml.YAMLError(f"more than {MOST_YAML_BRACKETS} brackets in one another")
+        if self.flow_level == MAX_YAML_BRACKETS:
+            raise yaml.YAMLError(f"more than {MAX_YAML_BRACKETS} brackets in one another")
         super().fetch_flow_collection_start(TokenClass)
 
 
@@ -29,8 +29,8 @@ def parse_yaml(text: str | bytes) -> Any:
     Raises:
         yaml.YAMLError: it is no YAML, too large, or nested too deeply.
     """
-    if len(text) > MOST_YAML_BYTES:
-        raise yaml.YAMLError(f"more than {MOST_YAML_BYTES >> 20} MiB")
+    if len(text) > MAX_YAML_BYTES:
+        raise yaml.YAMLError(f"more than {MAX_YAML_BYTES >> 20} MiB")
     loader = _Loader(text)
     try:
         node = loader.get_single_node()
@@ -59,8 +59,8 @@ def _count_values(node: yaml.Node, counts: dict[int, int]) -> int:
     elif isinstance(node, yaml.MappingNode):
         parts = [part for pair in node.value for part in pair]
     counts[id(node)] = total = 1 + sum(_count_values(part, counts) for part in parts)
-    if total > MOST_YAML_VALUES:
-        raise yaml.YAMLError(f"more than {MOST_YAML_VALUES} values")
+    if total > MAX_YAML_VALUES:
+        raise yaml.YAMLError(f"more than {MAX_YAML_VALUES} values")
     return total
 
 
@@ -72,7 +72,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
     """
     try:
         with path.open(encoding="utf-8") as stream:
-            tree = parse_yaml(stream.read(MOST_YAML_BYTES + 1))
+            tree = parse_yaml(stream.read(MAX_YAML_BYTES + 1))
     except (OSError, UnicodeDecodeError) as err:
         raise ConfigError(f"{path}: cannot be read: {err}") from err
     except yaml.YAMLError as err:

@@ -1,4 +1,4 @@
-"""Settings of the detection in clouds and in pictures."""
+"""Settings of the detection in clouds and in images."""
 
 from pathlib import Path
 from typing import Annotated, Literal
@@ -43,7 +43,7 @@ class Detect3DConfig(SettingsModel):
 
 
 class Detect2DConfig(SettingsModel):
-    """Detection in pictures.
+    """Detection in images.
 
     Attributes:
         method: `auto`: the model if one is given, else boxes in the recording if there are any, else none.

@@ -76,42 +76,42 @@ class LimitsConfig(SettingsModel):
     What goes beyond a limit is treated as damage, and the message names the setting to raise.
 
     Attributes:
-        largest_unpacked_file_gib: What a compressed file, or all chunks of a damaged one, may unpack to; twenty times
+        max_unpacked_file_gib: What a compressed file, or all chunks of a damaged one, may unpack to; twenty times
             the size of the file where that is more.
-        largest_chunk_mib: What a compressed chunk may unpack to.
-        largest_message_mib: Largest message, unpacked.
-        most_messages_per_chunk: Records in one chunk.
-        most_messages_in_memory: Messages of one file whose place is held in memory at once: of chunks that overlap in
+        max_chunk_mib: What a compressed chunk may unpack to.
+        max_message_mib: Largest message, unpacked.
+        max_messages_per_chunk: Records in one chunk.
+        max_messages_in_memory: Messages of one file whose place is held in memory at once: of chunks that overlap in
             time, and of a damaged file.
-        most_topics: Topics of one recording.
-        most_points: Points in one cloud.
-        largest_picture_mpx: Millions of pixels in one picture.
-        most_losses_listed: Damaged places of one file that are listed one by one; the rest is added up.
+        max_topics: Topics of one recording.
+        max_points: Points in one cloud.
+        max_image_mpx: Millions of pixels in one image.
+        max_losses_listed: Damaged places of one file that are listed one by one; the rest is added up.
     """
 
-    largest_unpacked_file_gib: Positive = 16.0
-    largest_chunk_mib: Count = 256
-    largest_message_mib: Count = 256
-    most_messages_per_chunk: Count = 1_000_000
-    most_messages_in_memory: Count = 10_000_000
-    most_topics: Count = 1000
-    most_points: Count = 10_000_000
-    largest_picture_mpx: Positive = 100.0
-    most_losses_listed: Count = 1000
+    max_unpacked_file_gib: Positive = 16.0
+    max_chunk_mib: Count = 256
+    max_message_mib: Count = 256
+    max_messages_per_chunk: Count = 1_000_000
+    max_messages_in_memory: Count = 10_000_000
+    max_topics: Count = 1000
+    max_points: Count = 10_000_000
+    max_image_mpx: Positive = 100.0
+    max_losses_listed: Count = 1000
 
     @property
-    def largest_chunk_bytes(self) -> int:
-        """`largest_chunk_mib` in bytes."""
-        return self.largest_chunk_mib << 20
+    def max_chunk_bytes(self) -> int:
+        """`max_chunk_mib` in bytes."""
+        return self.max_chunk_mib << 20
 
     @property
-    def largest_message_bytes(self) -> int:
-        """`largest_message_mib` in bytes."""
-        return self.largest_message_mib << 20
+    def max_message_bytes(self) -> int:
+        """`max_message_mib` in bytes."""
+        return self.max_message_mib << 20
 
-    def largest_unpacked_bytes(self, file_bytes: int) -> int:
+    def max_unpacked_bytes(self, file_bytes: int) -> int:
         """What a file of `file_bytes` may unpack to, in bytes."""
-        return max(round(self.largest_unpacked_file_gib * 2**30), 20 * file_bytes)
+        return max(round(self.max_unpacked_file_gib * 2**30), 20 * file_bytes)
 
 
 DEFAULT_LIMITS = LimitsConfig()

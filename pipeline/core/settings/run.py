@@ -11,7 +11,7 @@ class OutputConfig(SettingsModel):
     """What is written.
 
     Attributes:
-        images: Whether pictures are copied to the output.
+        images: Whether images are copied to the output.
         clouds: Whether the combined cloud is written.
         compression: Of the MCAP's chunks.
     """

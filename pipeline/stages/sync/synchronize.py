@@ -76,31 +76,35 @@ def synchronize(
     if reference not in topics:
         raise ConfigError(f"sync.reference: {reference!r} is not synchronised; choose one of {', '.join(topics)}")
 
-    left_out: Counter[tuple[str, str]] = Counter()
+    dropped_before: Counter[tuple[str, str]] = Counter()
 
     def drop(message: RawMessage, reason: str) -> None:
-        left_out[message.topic, reason] += 1
+        dropped_before[message.topic, reason] += 1
         on_drop(Drop(message.topic, message.stamp_ns, reason))
 
     stats = SyncStats() if stats is None else stats
     policy = _policy(config, topics, topics.index(reference), drop)
     sets = _sets(messages, topics, policy, stats, flush)
-    return _bundles(sets, topics, reference, left_out, stats)
+    return _bundles(sets, topics, reference, dropped_before, stats)
 
 
 def _bundles(
     sets: Iterable[tuple[RawMessage, ...]],
     topics: Sequence[str],
     reference: str,
-    left_out: Counter[tuple[str, str]],
+    dropped_before: Counter[tuple[str, str]],
     stats: SyncStats,
 ) -> Iterator[SensorBundle]:
     for index, found in enumerate(sets):
         chosen = dict(zip(topics, found, strict=True))
         bundle = SensorBundle(
-            index, chosen[reference].stamp_ns, chosen[reference].log_time_ns, chosen, left_out=dict(left_out)
+            index,
+            chosen[reference].stamp_ns,
+            chosen[reference].log_time_ns,
+            chosen,
+            dropped_before=dict(dropped_before),
         )
-        left_out.clear()
+        dropped_before.clear()
         stats.count(bundle)
         yield bundle
 

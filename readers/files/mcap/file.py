@@ -61,12 +61,12 @@ class McapFile:
         self._file_index = file_index
         self._rescue = rescue
         self._limits = limits
-        self._losses = Losses(path, limits.most_losses_listed)
+        self._losses = Losses(path, limits.max_losses_listed)
         self._bad_chunks: set[int] = set()
         self._message_compression = message_compression
         self._stream = stream
         try:
-            self._chunk_cache = ChunkCache(most_loaded_bytes=limits.largest_unpacked_bytes(stream.seek(0, 2)))
+            self._chunk_cache = ChunkCache(max_loaded_bytes=limits.max_unpacked_bytes(stream.seek(0, 2)))
             stream.seek(0)
             self._describe(distro, thorough)
         except BaseException:
@@ -169,10 +169,10 @@ class McapFile:
 
     def _check_waiting(self, left: Counter[int]) -> None:
         """Refuse chunks that overlap in time so that all their messages wait for one another."""
-        if left.total() > self._limits.most_messages_in_memory:
+        if left.total() > self._limits.max_messages_in_memory:
             raise RecordingError(
-                f"{self.path}: more than {self._limits.most_messages_in_memory} messages of chunks that overlap in "
-                "time: write it anew in the order of time, or raise limits.most_messages_in_memory"
+                f"{self.path}: more than {self._limits.max_messages_in_memory} messages of chunks that overlap in "
+                "time: write it anew in the order of time, or raise limits.max_messages_in_memory"
             )
 
     def close(self) -> None:
@@ -211,15 +211,15 @@ class McapFile:
         if entry.chunk:
             data = detach(self._records_of(entry.chunk), entry.offset, entry.size)
         else:
-            if entry.size > self._limits.largest_message_bytes:
-                raise ValueError(f"a message of {entry.size} bytes, see limits.largest_message_mib")
+            if entry.size > self._limits.max_message_bytes:
+                raise ValueError(f"a message of {entry.size} bytes, see limits.max_message_mib")
             self._stream.seek(entry.offset)
             data = read_exactly(self._stream, entry.size)
         return decompressed(
             data,
             self._channels[entry.channel_id].encoding,
             announced=self._message_compression,
-            largest=self._limits.largest_message_bytes,
+            largest=self._limits.max_message_bytes,
         )
 
     def _records_of(self, position: int) -> bytes:

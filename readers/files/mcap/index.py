@@ -47,7 +47,7 @@ FOOTER = struct.Struct("<BQQQI")  # head, begin of the summary, begin of its off
 
 MAGIC_BYTES = 8
 BLOCK = 1 << 20
-MOST_NAME_BYTES = 32
+MAX_NAME_BYTES = 32
 END_OF_TIME_NS = 1 << 63
 """Times are 64 bits without sign in the file, and with one everywhere else."""
 
@@ -176,10 +176,10 @@ def add_loose(contents: Contents, entry: Entry, limits: LimitsConfig) -> None:
     Raises:
         RecordingError: there are more of them than may be held in memory.
     """
-    if len(contents.loose) >= limits.most_messages_in_memory:
+    if len(contents.loose) >= limits.max_messages_in_memory:
         raise RecordingError(
-            f"more than {limits.most_messages_in_memory} messages outside of chunks: write it anew with chunks, or "
-            "raise limits.most_messages_in_memory"
+            f"more than {limits.max_messages_in_memory} messages outside of chunks: write it anew with chunks, or "
+            "raise limits.max_messages_in_memory"
         )
     contents.loose.append(entry)
     count_entry(contents, entry)
@@ -283,7 +283,7 @@ def load_chunk(
     head = read_chunk_head(stream)
     if head.position + head.size != position + RECORD_HEAD.size + length:
         raise ValueError(f"chunk at byte {position}: {head.size} bytes of records do not fill its {length}")
-    largest = limits.largest_chunk_bytes
+    largest = limits.max_chunk_bytes
     if head.compression:
         check_chunk_size(head.uncompressed_size, largest)
     if is_cut:
@@ -317,7 +317,7 @@ def read_chunk_head(stream: BinaryIO) -> ChunkHead:
         ValueError: the name of the compression is not one.
     """
     _, _, uncompressed_size, crc, length = CHUNK_HEAD.unpack(read_exactly(stream, CHUNK_HEAD.size))
-    if length > MOST_NAME_BYTES:
+    if length > MAX_NAME_BYTES:
         raise ValueError(f"the name of a compression of {length} bytes")
     compression = read_exactly(stream, length).decode()
     (size,) = UINT64.unpack(read_exactly(stream, UINT64.size))
@@ -369,9 +369,9 @@ def records_in(chunk: bytes, limits: LimitsConfig) -> Iterator[tuple[int, int, i
     at = count = 0
     while at < len(chunk):
         count += 1
-        if count > limits.most_messages_per_chunk:
+        if count > limits.max_messages_per_chunk:
             raise ValueError(
-                f"a chunk of more than {limits.most_messages_per_chunk} messages, see limits.most_messages_per_chunk"
+                f"a chunk of more than {limits.max_messages_per_chunk} messages, see limits.max_messages_per_chunk"
             )
         opcode, size = RECORD_HEAD.unpack_from(chunk, at)
         at += RECORD_HEAD.size

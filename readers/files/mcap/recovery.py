@@ -46,7 +46,7 @@ LEAST_BYTES = {
     Opcode.STATISTICS: 46,
     Opcode.DATA_END: 4,
 }
-MOST_BYTES = {Opcode.FOOTER: 20, Opcode.DATA_END: 4}
+MAX_BYTES = {Opcode.FOOTER: 20, Opcode.DATA_END: 4}
 
 OPCODES = range(Opcode.HEADER, Opcode.DATA_END + 1)
 
@@ -127,7 +127,7 @@ def _record_at(stream: BinaryIO, position: int, end: int) -> Record | None:
     record = Record(opcode, position, position + RECORD_HEAD.size, size)
     if opcode not in OPCODES or record.end > end:
         return None
-    if not LEAST_BYTES.get(opcode, 0) <= size <= MOST_BYTES.get(opcode, size):
+    if not LEAST_BYTES.get(opcode, 0) <= size <= MAX_BYTES.get(opcode, size):
         return None
     if opcode == Opcode.MESSAGE_INDEX:
         _, listed = INDEX_HEAD.unpack(stream.read(INDEX_HEAD.size))
@@ -181,7 +181,7 @@ class _Walk:
         self._end = end
         self._losses = losses
         self._limits = limits
-        self._allowance = Allowance(limits.largest_unpacked_bytes(end))
+        self._allowance = Allowance(limits.max_unpacked_bytes(end))
         self._listed: Counter[int] = Counter()  # messages by chunk, by the indexes behind each
         self._bad: dict[int, tuple[str, int]] = {}  # reason and size by position
         self._part: int | None = None  # the chunk before

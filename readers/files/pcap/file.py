@@ -29,7 +29,7 @@ __all__ = ["PcapFile"]
 DATA_PORT = 2368
 POSITION_BYTES = 554
 
-MOST_LIDARS = 64
+MAX_LIDARS = 64
 """Senders that are told apart."""
 
 NO_TIME, OTHER_SIZE, POSITION, TOO_MANY = "no_time", "other_size", "position", "too_many_lidars"
@@ -41,7 +41,7 @@ OTHERS = {
     NO_TIME: "packets without a time of capture",
     OTHER_SIZE: f"UDP packets of other sizes than a Velodyne's {PACKET_BYTES} bytes",
     POSITION: "position packets (GPS), which are not used",
-    TOO_MANY: f"packets of more than {MOST_LIDARS} lidars",
+    TOO_MANY: f"packets of more than {MAX_LIDARS} lidars",
     UNKNOWN_LINK: "packets of another link type than Ethernet, Linux cooked, loopback and raw IP",
 }
 """What is not read, by the name of its topic below /other_traffic."""
@@ -74,7 +74,7 @@ class PcapFile:
         self.path = path
         self._file_index = file_index
         self._rescue = rescue
-        self._losses = Losses(path, limits.most_losses_listed)
+        self._losses = Losses(path, limits.max_losses_listed)
         self._channels: list[Channel] = []
         self._stream = (path if location is None else location).open("rb")
         try:
@@ -101,7 +101,7 @@ class PcapFile:
                 others[NO_TIME] += 1
             else:
                 key = found.source, found.port
-                if key not in numbers and len(numbers) == MOST_LIDARS:
+                if key not in numbers and len(numbers) == MAX_LIDARS:
                     others[TOO_MANY] += 1
                     continue
                 lidars.append(numbers.setdefault(key, len(numbers)))

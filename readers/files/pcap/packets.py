@@ -19,10 +19,10 @@ __all__ = ["CapturedPacket", "OnDamage", "Window", "captured_packets", "is_captu
 HEAD_BYTES = 160
 """Bytes of a packet that are looked at: more than all headers before a Velodyne's data."""
 
-MOST_BYTES = 262_144
+MAX_BYTES = 262_144
 """Bytes of a packet at most: libpcap's bound on what it captures."""
 
-MOST_BLOCK_BYTES = 16 << 20
+MAX_BLOCK_BYTES = 16 << 20
 """Bytes of a block of pcapng at most: Wireshark's bound."""
 
 LAST_NS = 2**32 * 10**9
@@ -139,7 +139,7 @@ class _Layout:
     def sound(self, fields: tuple[int, int, int, int]) -> bool:
         """Whether a header can be one."""
         _, fraction, captured, _ = fields
-        return fraction * self.unit_ns < 10**9 and captured <= MOST_BYTES
+        return fraction * self.unit_ns < 10**9 and captured <= MAX_BYTES
 
     def fits(self, window: Window, position: int, fields: tuple[int, int, int, int]) -> bool:
         """Whether a sound header can stand at a place.
@@ -196,7 +196,7 @@ def _next_pcap_packet(window: Window, position: int, layout: _Layout, near_s: in
     def begins(at: int) -> bool:
         for count in range(1, _CHAINED + 1):
             fields = layout.header.unpack(window.glance(at, layout.header.size))
-            if not layout.sound(fields) or not 0 < fields[2] <= fields[3] <= MOST_BYTES:
+            if not layout.sound(fields) or not 0 < fields[2] <= fields[3] <= MAX_BYTES:
                 return False
             at += layout.header_bytes + fields[2]
             if at + layout.header_bytes > window.size:
@@ -205,7 +205,7 @@ def _next_pcap_packet(window: Window, position: int, layout: _Layout, near_s: in
 
     def likely(words: U32) -> Bools:
         seconds, fraction, captured, length = words.T
-        found = (fraction < 10**9 // layout.unit_ns) & (captured > 0) & (captured <= length) & (length <= MOST_BYTES)
+        found = (fraction < 10**9 // layout.unit_ns) & (captured > 0) & (captured <= length) & (length <= MAX_BYTES)
         if near_s is not None:
             found &= np.abs(seconds.astype(np.int64) - near_s) <= _SAME_DAY_S
         return np.asarray(found)
@@ -281,7 +281,7 @@ def _block_size(window: Window, position: int, order: str) -> int | None:
     if len(begin) < 8:
         return None
     (size,) = struct.unpack_from(f"{order}I", begin, 4)
-    if size < 12 or size % 4 or size > MOST_BLOCK_BYTES or position + size > window.size:
+    if size < 12 or size % 4 or size > MAX_BLOCK_BYTES or position + size > window.size:
         return None
     return size if window.glance(position + size - 4, 4) == begin[4:] else None
 
@@ -319,7 +319,7 @@ def _next_block(window: Window, position: int, order: str) -> int | None:
 
     def likely(words: U32) -> Bools:
         kind, size = words.T
-        return np.asarray(np.isin(kind, _KNOWN_BLOCKS) & (size >= 12) & (size % 4 == 0) & (size <= MOST_BLOCK_BYTES))
+        return np.asarray(np.isin(kind, _KNOWN_BLOCKS) & (size >= 12) & (size % 4 == 0) & (size <= MAX_BLOCK_BYTES))
 
     return _search(window, position, order, 2, likely, lambda at: _block_size(window, at, order) is not None)
 

@@ -56,10 +56,10 @@ class Rosbag1File:
         self._file_index = file_index
         self._limits = limits
         self._rescue = rescue
-        self._losses = Losses(path, limits.most_losses_listed)
+        self._losses = Losses(path, limits.max_losses_listed)
         self._bad_chunks: set[int] = set()
         location = path if location is None else location
-        self._chunk_cache = ChunkCache(most_loaded_bytes=limits.largest_unpacked_bytes(location.stat().st_size))
+        self._chunk_cache = ChunkCache(max_loaded_bytes=limits.max_unpacked_bytes(location.stat().st_size))
         contents: Contents | None = None
         fault: Exception | None = None
         try:
@@ -183,8 +183,8 @@ class Rosbag1File:
         if chunk.compression == "none":
             _seek_message(self._stream, chunk.data_position + offset, connection_id, log_time_ns)
             size = read_uint32(self._stream)
-            if size > self._limits.largest_message_bytes:
-                raise ValueError(f"a message of {size} bytes, see limits.largest_message_mib")
+            if size > self._limits.max_message_bytes:
+                raise ValueError(f"a message of {size} bytes, see limits.max_message_mib")
             if chunk.data_size and self._stream.tell() + size > chunk.data_position + chunk.data_size:
                 raise ValueError(f"a message of {size} bytes reaches beyond its chunk of {chunk.data_size}")
             return read_bytes(self._stream, size)

@@ -69,9 +69,9 @@ def load_chunk(stream: BinaryIO, position: int, chunk: Chunk, limits: LimitsConf
         record = read_record(stream, position, chunk.data_position + chunk.data_size)
         size = record.number(b"size") if record is not None and record.kind == CHUNK else chunk.data_size
         stream.seek(chunk.data_position)
-        return unpack_lz4(read_bytes(stream, chunk.data_size), size, largest=limits.largest_chunk_bytes)
+        return unpack_lz4(read_bytes(stream, chunk.data_size), size, largest=limits.max_chunk_bytes)
     end = chunk.data_position + chunk.data_size
-    unpacked = unpack(stream, chunk.data_position, end, chunk.compression, largest=limits.largest_chunk_bytes)
+    unpacked = unpack(stream, chunk.data_position, end, chunk.compression, largest=limits.max_chunk_bytes)
     _check_complete(chunk.compression, is_complete=unpacked.complete or chunk.is_cut)
     return unpacked.data
 
@@ -153,7 +153,7 @@ class _Walk:
     def __init__(self, stream: BinaryIO, end: int, limits: LimitsConfig) -> None:
         self._stream = stream
         self._limits = limits
-        self._allowance = Allowance(limits.largest_unpacked_bytes(end))
+        self._allowance = Allowance(limits.max_unpacked_bytes(end))
         self._end = end
         self._channels: dict[int, Channel] = {}
         self._chunks: dict[int, Chunk] = {}
@@ -262,7 +262,7 @@ class _Walk:
                 record.data,
                 limit,
                 compression,
-                largest=self._limits.largest_chunk_bytes,
+                largest=self._limits.max_chunk_bytes,
                 allowance=self._allowance,
             )
             _check_complete(compression, is_complete=complete or reaches_end)
@@ -284,11 +284,11 @@ class _Walk:
 
     def _take_unpacked(self, data: bytes, chunk: int) -> int:
         """The records of an unpacked chunk; how many bytes they take up."""
-        stream, position, most = BytesIO(data), 0, self._limits.most_messages_per_chunk
+        stream, position, most = BytesIO(data), 0, self._limits.max_messages_per_chunk
         while (record := read_record(stream, position, len(data))) is not None and record.kind in (MESSAGE, CONNECTION):
             if record.kind == MESSAGE:
                 if self._found[chunk] >= most:
-                    reason = f"a chunk of more than {most} messages, see limits.most_messages_per_chunk"
+                    reason = f"a chunk of more than {most} messages, see limits.max_messages_per_chunk"
                     self._gaps[chunk].append((chunk, 0, reason))
                     break
                 self._add(record, chunk, record.start)
@@ -307,10 +307,10 @@ class _Walk:
         self._add(record, self._base, record.start - self._chunks[self._base].data_position)
 
     def _add(self, record: Record, chunk: int, offset: int) -> None:
-        if len(self._rows) >= 4 * self._limits.most_messages_in_memory:
+        if len(self._rows) >= 4 * self._limits.max_messages_in_memory:
             raise RecordingError(
-                f"its index is lost, and it has more than {self._limits.most_messages_in_memory} messages: raise "
-                "limits.most_messages_in_memory"
+                f"its index is lost, and it has more than {self._limits.max_messages_in_memory} messages: raise "
+                "limits.max_messages_in_memory"
             )
         self._rows.extend((record.time_ns, chunk, offset, record.number(b"conn")))
         self._found[self._part] += 1

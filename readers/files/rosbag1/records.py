@@ -41,7 +41,7 @@ UINT32 = struct.Struct("<I")
 HEADER_LIMIT = 1 << 12
 """Longest header of a record in bytes: it holds at most the name of a topic."""
 
-MOST_FIELDS = 32
+MAX_FIELDS = 32
 
 SEARCH_BLOCK = 1 << 20
 
@@ -50,7 +50,7 @@ RECORD_START = re.compile(
     rb"(?s)..\x00\x00..\x00\x00"
     rb"(?=(?:op|conn|conn_count|compression|chunk_pos|chunk_count|count|index_pos|topic|size|time|start_time|end_time|ver)=)"
 )
-LONGEST_START = 8 + len(b"chunk_count=")
+MAX_START_BYTES = 8 + len(b"chunk_count=")
 
 
 class Record(NamedTuple):
@@ -119,9 +119,9 @@ def find_record(stream: BinaryIO, position: int, end: int) -> int:
             if read_record(stream, start, end) is not None:
                 return start
             at = match.start() + 1
-        if position + len(block) >= end or len(block) <= LONGEST_START:
+        if position + len(block) >= end or len(block) <= MAX_START_BYTES:
             return end
-        position += len(block) - LONGEST_START
+        position += len(block) - MAX_START_BYTES
     return end
 
 
@@ -137,7 +137,7 @@ def _fields(header: bytes) -> dict[bytes, bytes] | None:
     at = count = 0
     while at < len(header):
         count += 1
-        if at + 4 > len(header) or count > MOST_FIELDS:
+        if at + 4 > len(header) or count > MAX_FIELDS:
             return None
         (length,) = UINT32.unpack_from(header, at)
         name, separator, value = header[at + 4 : at + 4 + length].partition(b"=")

@@ -70,7 +70,7 @@ class SqliteFile:
         self._file_index = file_index
         self._rescue = rescue
         self._limits = limits
-        self._losses = Losses(path, limits.most_losses_listed)
+        self._losses = Losses(path, limits.max_losses_listed)
         self._walked: Walked | None = None
         self._message_compression = message_compression
         self._type_hashes: dict[int, str] = {}
@@ -84,7 +84,7 @@ class SqliteFile:
         # immutable: no lock, no journal, so that recordings on read-only media open too
         uri = f"{location.resolve().as_uri()}?mode=ro&immutable=1"
         self._database = sqlite3.connect(uri, uri=True, check_same_thread=False)
-        self._database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, limits.largest_message_bytes)
+        self._database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, limits.max_message_bytes)
         self._most_steps = LEAST_STEPS + STEPS_PER_BYTE * location.stat().st_size
         self._steps = 0
         self._database.set_progress_handler(self._count_steps, STEPS_AT_ONCE)
@@ -252,10 +252,10 @@ class SqliteFile:
         try:
             if not isinstance(data, bytes):
                 raise TypeError(f"message {row_id} has no bytes")  # noqa: TRY301  (one place that notes or raises)
-            if len(data) > self._limits.largest_message_bytes:
-                raise ValueError(f"{len(data)} bytes, see limits.largest_message_mib")  # noqa: TRY301  (the same)
+            if len(data) > self._limits.max_message_bytes:
+                raise ValueError(f"{len(data)} bytes, see limits.max_message_mib")  # noqa: TRY301  (the same)
             return decompressed(
-                data, "cdr", announced=self._message_compression, largest=self._limits.largest_message_bytes
+                data, "cdr", announced=self._message_compression, largest=self._limits.max_message_bytes
             )
         except (TypeError, ValueError, zstandard.ZstdError) as err:
             if not self._rescue:

@@ -18,7 +18,7 @@ __all__ = ["Walked", "check_size", "read_message", "walk_database"]
 
 LEAF = 0x0D
 HEADER_BYTES = 100
-MOST_PAYLOAD = 1 << 30
+MAX_PAYLOAD = 1 << 30
 STEPS_PER_PAGE = 4
 """How often a page on which rows go on is met: once, and again by what is left of rows that were deleted."""
 INTEGER_BYTES = (0, 1, 2, 3, 4, 6, 8)
@@ -201,7 +201,7 @@ def _places(page: bytes, offset: int) -> list[int]:
 def _cell(page: bytes, place: int, usable: int) -> _Cell:
     size, at = _varint(page, place)
     row_id, at = _varint(page, at)
-    if size > MOST_PAYLOAD:
+    if size > MAX_PAYLOAD:
         raise ValueError(f"a row of {size} bytes")
     most = usable - 35
     local = size

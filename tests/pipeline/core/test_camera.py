@@ -104,7 +104,7 @@ def test_skew_is_part_of_k() -> None:
 
 
 def dense_bounds(lens: CameraModel, corners: F64, *, steps: int = 90) -> F64 | None:
-    """Rectangle around what the picture shows of one box, from points all over its faces."""
+    """Rectangle around what the image shows of one box, from points all over its faces."""
     share = np.linspace(0, 1, steps)
     u, v = (grid.reshape(-1, 1) for grid in np.meshgrid(share, share))
     origin, axes = corners[0], [corners[1] - corners[0], corners[3] - corners[0], corners[4] - corners[0]]
@@ -123,7 +123,7 @@ def boxes(rng: np.random.Generator, n: int, *, nearest_m: float) -> F64:
 
 
 @pytest.mark.parametrize(("model", "distortion"), MODELS, ids=NAMES)
-def test_boxes_hold_all_that_the_picture_shows_and_no_more_where_all_is_shown(
+def test_boxes_hold_all_that_the_image_shows_and_no_more_where_all_is_shown(
     model: Any, distortion: list[float]
 ) -> None:
     lens = camera(model, distortion)
@@ -143,25 +143,25 @@ def test_boxes_hold_all_that_the_picture_shows_and_no_more_where_all_is_shown(
     assert whole > 10
 
 
-def test_a_box_inside_the_picture_is_bounded_by_its_corners() -> None:
+def test_a_box_inside_the_image_is_bounded_by_its_corners() -> None:
     corners = box_corners(np.array([[12.0, 1, 0]]), np.array([[4.0, 2, 1.5]]), np.array([0.4])) @ OPTICAL.T
     pixels = opencv(corners[0], "plumb_bob", []) + 0.5
     np.testing.assert_allclose(camera().project_boxes(corners)[0], [*pixels.min(0), *pixels.max(0)], atol=1e-4)
 
 
-def test_a_box_that_leaves_the_picture_is_clipped_to_it() -> None:
+def test_a_box_that_leaves_the_image_is_clipped_to_it() -> None:
     corners = box_corners(np.array([[10.0, 5, 0]]), np.array([[2.0, 4, 2]]), np.zeros(1)) @ OPTICAL.T
     expected = [0, 251.5 - 510 / 9, 333.5 - 520 * 3 / 11, 251.5 + 510 / 9]  # its left part is out of view
     np.testing.assert_allclose(camera().project_boxes(corners)[0], expected, atol=1e-3)
 
 
-def test_a_box_around_the_camera_fills_the_picture() -> None:
+def test_a_box_around_the_camera_fills_the_image() -> None:
     corners = box_corners(np.zeros((1, 3)), np.array([[4.0, 4, 4]]), np.zeros(1)) @ OPTICAL.T
     np.testing.assert_allclose(camera().project_boxes(corners)[0], [0, 0, 640, 480])
 
 
 def test_a_box_that_reaches_behind_the_camera_is_cut_at_its_plane() -> None:
-    # a lorry beside us, 2 m to the right, from 5 m behind to 10 m ahead: only its front edge is inside the picture
+    # a lorry beside us, 2 m to the right, from 5 m behind to 10 m ahead: only its front edge is inside the image
     corners = box_corners(np.array([[2.5, -3.0, 0]]), np.array([[15.0, 2, 2]]), np.zeros(1)) @ OPTICAL.T
     np.testing.assert_allclose(camera().project_boxes(corners)[0], [333.5 + 520 * 2 / 10, 0, 640, 480], atol=1e-3)
 
@@ -210,8 +210,8 @@ def test_rectangles_are_never_inverted_nor_outside(
         ({"K": K * np.nan}, "nine finite numbers"),
         ({"K": K.T.copy()}, "below the diagonal"),
         ({"K": 2 * K}, "below the diagonal"),
-        ({"width_px": 0}, "picture size 0 x 480"),
-        ({"height_px": -1}, "picture size 640 x -1"),
+        ({"width_px": 0}, "image size 0 x 480"),
+        ({"height_px": -1}, "image size 640 x -1"),
         ({"K": np.diag([0.0, 500, 1])}, "focal length 0, 500 px is impossible"),
         ({"K": np.diag([500.0, 1e7, 1])}, "focal length"),
         ({"distortion": np.array([np.inf])}, "finite"),

@@ -44,9 +44,9 @@ def decoded_by_loop(rows: Array) -> Array:
     return out
 
 
-def candidates_by_loop(rows: Array, picture_px: tuple[int, int]) -> tuple[Array, Array, Array]:
-    """xyxy, scores, labels of a picture (height, width) by the plain definition."""
-    height, width = picture_px
+def candidates_by_loop(rows: Array, image_px: tuple[int, int]) -> tuple[Array, Array, Array]:
+    """xyxy, scores, labels of an image (height, width) by the plain definition."""
+    height, width = image_px
     ratio = min(SIZE_PX[0] / height, SIZE_PX[1] / width)
     scale_x, scale_y = max(int(width * ratio), 1) / width, max(int(height * ratio), 1) / height
     xyxy, scores, labels = [], [], []
@@ -58,7 +58,7 @@ def candidates_by_loop(rows: Array, picture_px: tuple[int, int]) -> tuple[Array,
     return np.array(xyxy), np.array(scores), np.array(labels)
 
 
-def picture(height: int, width: int, rgb: tuple[int, int, int] = (0, 0, 0)) -> U8:
+def image(height: int, width: int, rgb: tuple[int, int, int] = (0, 0, 0)) -> U8:
     return np.full((height, width, 3), rgb, np.uint8)
 
 
@@ -66,14 +66,14 @@ def detector(path: Path, threads: int = 1) -> OnnxDetector2D:
     return OnnxDetector2D(path, Config(detect2d=Detect2DConfig(threads=threads)))
 
 
-@pytest.mark.parametrize("picture_px", [(64, 96), (375, 1242), (480, 640), (600, 100), (10, 12), (1, 900)])
+@pytest.mark.parametrize("image_px", [(64, 96), (375, 1242), (480, 640), (600, 100), (10, 12), (1, 900)])
 @pytest.mark.parametrize("in_pixels", [False, True], ids=["raw", "decoded in the network"])
-def test_decodes_as_the_plain_definition_does(tmp_path: Path, picture_px: tuple[int, int], in_pixels: bool) -> None:
+def test_decodes_as_the_plain_definition_does(tmp_path: Path, image_px: tuple[int, int], in_pixels: bool) -> None:
     rows = raw_rows()
-    expected = candidates_by_loop(rows, picture_px)
+    expected = candidates_by_loop(rows, image_px)
     bias = decoded_by_loop(rows).astype(np.float32) if in_pixels else rows
     model = detector(write_yolox(tmp_path / "m.onnx", bias, size_px=SIZE_PX))
-    (found,) = model([picture(*picture_px)])
+    (found,) = model([image(*image_px)])
     assert found.xyxy.dtype == found.scores.dtype == np.float32
     np.testing.assert_allclose(found.xyxy, expected[0], rtol=1e-4, atol=1e-2)
     np.testing.assert_allclose(found.scores, expected[1], rtol=1e-5)
@@ -87,15 +87,15 @@ def test_network_sees_blue_green_red_from_0_to_255(tmp_path: Path, channel: int)
     rows[:, 6:] = 0
     one_channel = [float(c == channel) for c in range(3)]
     path = write_yolox(tmp_path / "m.onnx", rows, size_px=SIZE_PX, weight=weight, channel_weights=one_channel)
-    (found,) = detector(path)([picture(128, 192, rgb=(30, 20, 10))])
+    (found,) = detector(path)([image(128, 192, rgb=(30, 20, 10))])
     np.testing.assert_allclose(found.scores, (10, 20, 30)[channel], rtol=1e-5)
 
 
-def test_picture_lies_top_left_on_a_ground_of_114(tmp_path: Path) -> None:
+def test_image_lies_top_left_on_a_ground_of_114(tmp_path: Path) -> None:
     rows, weight = np.zeros((ANCHORS, 85), np.float32), np.zeros((ANCHORS, 85))
     rows[:, 5], weight[:, 4] = 1, 1
     model = detector(write_yolox(tmp_path / "m.onnx", rows, size_px=SIZE_PX, weight=weight))
-    (found,) = model([picture(48, 288)])  # scaled to 16 x 96: a quarter of the input is black
+    (found,) = model([image(48, 288)])  # scaled to 16 x 96: a quarter of the input is black
     np.testing.assert_allclose(found.scores, 114 * 0.75, rtol=1e-5)
 
 
@@ -103,10 +103,10 @@ def test_picture_lies_top_left_on_a_ground_of_114(tmp_path: Path) -> None:
 def test_batches_change_nothing(tmp_path: Path, count: int) -> None:
     rows, weight = raw_rows(), np.zeros((ANCHORS, 85))
     weight[:, 4] = 1 / 255
-    pictures = [picture(40 + 7 * i, 60 + 5 * i, rgb=(50 * i, 20, 5 * i)) for i in range(count)]
+    images = [image(40 + 7 * i, 60 + 5 * i, rgb=(50 * i, 20, 5 * i)) for i in range(count)]
     found = {
         batch: detector(write_yolox(tmp_path / f"{batch}.onnx", rows, size_px=SIZE_PX, batch=batch, weight=weight))(
-            pictures
+            images
         )
         for batch in (1, 2, 4, "batch")
     }
@@ -116,7 +116,7 @@ def test_batches_change_nothing(tmp_path: Path, count: int) -> None:
             for expected, got in zip(single, batched, strict=True):
                 np.testing.assert_array_equal(got, expected)
     brightness = [c.scores.sum() for c in found["batch"]]
-    assert brightness == sorted(set(brightness)), "each picture has its own result"
+    assert brightness == sorted(set(brightness)), "each image has its own result"
 
 
 def test_a_free_batch_runs_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -130,8 +130,8 @@ def test_a_free_batch_runs_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
         return run(model, batch)
 
     monkeypatch.setattr(OnnxDetector2D, "_run", counted)
-    free([picture(20, 30)] * 3)
-    fixed([picture(20, 30)] * 3)
+    free([image(20, 30)] * 3)
+    fixed([image(20, 30)] * 3)
     assert sizes == [3, 1, 1, 1]
 
 

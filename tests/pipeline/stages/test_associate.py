@@ -41,7 +41,7 @@ def match(boxes: Boxes3D, rows: Sequence[Row], **settings: float) -> list[tuple[
 
 
 def projection(boxes: Boxes3D, camera: CameraSensor | None = None) -> Array:
-    """Where each 3D box appears, clipped to the picture."""
+    """Where each 3D box appears, clipped to the image."""
     camera = camera or forward_camera()
     return associate(boxes, {camera.name: boxes2d([])}, rig=camera_rig(camera))[camera.name].projected_xyxy
 
@@ -130,7 +130,7 @@ def test_off_screen_boxes_have_no_area() -> None:
     assert match(beside, [(0, 0, 640, 480, 0.9, CAR), (-500, -500, -10, -10, 0.9, CAR)], min_iou=0) == []
 
 
-def test_boxes_beyond_the_border_are_compared_inside_the_picture() -> None:
+def test_boxes_beyond_the_border_are_compared_inside_the_image() -> None:
     near = boxes3d([(4.0, 2.6, 0.0, 3.0, 1.8, 1.5, 0.0)])
     left, top, right, bottom = (float(v) for v in projection(near)[0])
     assert left == 0
@@ -252,7 +252,7 @@ def test_order_of_boxes_does_not_matter(rows3: list[Any], rows2: list[Any], rand
 
 
 def scene_rig(calibration: Mapping[str, Any]) -> Rig:
-    """Cameras from 3 x 4 matrices K [R | t]; these count pixels from the corner of the picture as lidcam's boxes do."""
+    """Cameras from 3 x 4 matrices K [R | t]; these count pixels from the corner of the image as lidcam's boxes do."""
     width, height, f = calibration["W"], calibration["H"], calibration["f"]
     corner_K = np.array([[f, 0, width / 2], [0, f, height / 2], [0, 0, 1]])
     center_K = corner_K - np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
@@ -266,7 +266,7 @@ def scene_rig(calibration: Mapping[str, Any]) -> Rig:
 
 
 def true_rows(P: Array, size: tuple[int, int], truth: Boxes3D, seen: Boxes2D) -> dict[int, int]:
-    """Which object each 2D box shows, by the place of the truth in the picture; boxes that show none have no entry."""
+    """Which object each 2D box shows, by the place of the truth in the image; boxes that show none have no entry."""
     corners = box_corners(truth.centers, truth.sizes, truth.yaws)
     homogeneous = corners @ P[:, :3].T + P[:, 3]
     overlaps = np.zeros((len(truth), len(seen)))

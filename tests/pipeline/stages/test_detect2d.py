@@ -27,15 +27,15 @@ Row = tuple[float, float, float, float, float, str]
 
 @dataclass
 class Proposals:
-    """A detector that proposes the same rows for every picture."""
+    """A detector that proposes the same rows for every image."""
 
     rows: Sequence[Row]
     labels: tuple[str, ...] = LABELS
 
-    def __call__(self, pictures: Sequence[U8]) -> list[Candidates2D]:
+    def __call__(self, images: Sequence[U8]) -> list[Candidates2D]:
         table = np.array([row[:5] for row in self.rows], np.float32).reshape(-1, 5)
         labels = np.array([self.labels.index(row[5]) for row in self.rows], np.int64)
-        return [Candidates2D(table[:, :4], table[:, 4], labels) for _ in pictures]
+        return [Candidates2D(table[:, :4], table[:, 4], labels) for _ in images]
 
 
 def image(name: str = "cam", *, height: int = 100, width: int = 200) -> Image:
@@ -80,8 +80,8 @@ CAR: Row = (10, 10, 50, 40, 0.9, "car")
         "another score",
         "a label of no class",
         "a second label of a class",
-        "beyond the picture: clipped",
-        "outside of the picture: gone",
+        "beyond the image: clipped",
+        "outside of the image: gone",
         "empty or inverted: gone",
         "two on one car: the better one",
         "two classes on one place: both",
@@ -102,14 +102,14 @@ def test_min_score_itself_is_enough() -> None:
     assert len(detect([(10, 10, 50, 40, 0.5, "car")], min_score=0.5)) == 1
 
 
-def test_cameras_in_the_order_of_the_rig_and_none_without_a_picture() -> None:
+def test_cameras_in_the_order_of_the_rig_and_none_without_an_image() -> None:
     rig = camera_rig(*(forward_camera(name) for name in ("a", "b", "c")))
     stage = Detect2D(rig, Config(), Proposals([CAR]))
     assert stage({}) == {}
     found = stage({"c": image("c"), "a": image("a", width=30)})
     assert [*found] == ["a", "c"]
     assert (found["c"].stamp_ns, found["c"].frame_id) == (7, "c_optical")
-    assert found["a"].xyxy.tolist() == [[10, 10, 30, 40]], "clipped to its own picture"
+    assert found["a"].xyxy.tolist() == [[10, 10, 30, 40]], "clipped to its own image"
 
 
 def test_classes_that_the_detector_cannot_find_are_an_error() -> None:
@@ -154,13 +154,13 @@ def test_suppression_agrees_with_opencv() -> None:
     assert suppress_overlaps(boxes, max_iou=0.45).tolist() == list(expected)
 
 
-def test_cars_of_a_real_picture() -> None:
+def test_cars_of_a_real_image() -> None:
     config, weights = Config(), shared("weights/yolox_nano.onnx")
     bgr = cv2.imread(str(shared("data/kitti_object_8/000008.png")))
     assert bgr is not None
-    picture = Image(0, "cam", np.ascontiguousarray(bgr[..., ::-1]))
+    image = Image(0, "cam", np.ascontiguousarray(bgr[..., ::-1]))
     stage = Detect2D(camera_rig(forward_camera()), config, OnnxDetector2D(weights, config))
-    found = stage({"cam": picture})["cam"]
+    found = stage({"cam": image})["cam"]
     cars = found.select(found.class_ids == config.class_names.index("car"))
     label_file = json.loads(shared("data/kitti_object_8/info_from_pkl.json").read_text())
     labelled = [i["bbox"] for i in label_file["data_list"][0]["instances"] if i["bbox_label"] == 2]

@@ -539,7 +539,7 @@ def test_bundles_count_what_was_left_out_before_them(arrivals: list[tuple[int, i
     config = SyncConfig(policy=name, queue_size=3, slop_s=0.005)
     told: Counter[tuple[str, str]] = Counter()
     for bundle in synchronize_(messages, ["/t0", "/t1"], config, reference="/t0", on_drop=drops.append):
-        told.update(bundle.left_out)
+        told.update(bundle.dropped_before)
         assert told == Counter((drop.topic, drop.reason) for drop in drops)
 
 

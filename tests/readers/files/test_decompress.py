@@ -66,8 +66,8 @@ def test_a_chunk_that_would_fill_the_memory_is_passed_over(tmp_path: Path, kind:
         write_mcap(path, messages, how, chunk_bytes=1)  # type: ignore[arg-type]  # a part of `kind`
     else:
         write_rosbag1(path, messages, kind, chunk_bytes=1)
-    with open_recording([path], limits=LimitsConfig(largest_chunk_mib=1)) as recording:
+    with open_recording([path], limits=LimitsConfig(max_chunk_mib=1)) as recording:
         assert [m.log_time_ns for m in recording.messages()] == [1, 3]
         (loss,) = recording.losses
     assert loss.messages == 1
-    assert f"more than {1 << 20} bytes, see limits.largest_chunk_mib" in loss.reason
+    assert f"more than {1 << 20} bytes, see limits.max_chunk_mib" in loss.reason

@@ -75,9 +75,9 @@ def test_a_file_that_would_fill_the_disk(tmp_path: Path, rescue: bool) -> None:
     path.write_bytes(packed_zeros(64))
     with (
         at_most(10),
-        pytest.raises(RecordingError, match=r"a\.mcap\.zstd: unpacks to more than .* raise limits.largest_un"),
+        pytest.raises(RecordingError, match=r"a\.mcap\.zstd: unpacks to more than .* raise limits.max_un"),
     ):
-        open_recording([path], rescue=rescue, limits=LimitsConfig(largest_unpacked_file_gib=0.01))
+        open_recording([path], rescue=rescue, limits=LimitsConfig(max_unpacked_file_gib=0.01))
 
 
 @pytest.mark.parametrize("says_size", [True, False])
@@ -91,10 +91,10 @@ def test_a_message_that_unpacks_to_too_much(
         bomb = bomb._replace(data=zstandard.compress(bytes(64 * MIB)))
     write_rosbag2(tmp_path / "rec", [small, bomb, last], plugin)
     with at_most(12):
-        times, losses = read(tmp_path / "rec", LimitsConfig(largest_message_mib=2))
+        times, losses = read(tmp_path / "rec", LimitsConfig(max_message_mib=2))
     assert times == [1, 3]
     assert len(losses) == 1
-    assert ("limits.largest_message_mib" in losses[0]) == says_size
+    assert ("limits.max_message_mib" in losses[0]) == says_size
 
 
 @pytest.mark.parametrize("kind", ["bag", "loose", "sqlite"])
@@ -108,9 +108,9 @@ def test_a_message_that_is_too_large(tmp_path: Path, kind: str) -> None:
         write_mcap(path, messages, use_chunking=False)
     else:
         write_rosbag2(path, messages)
-    times, losses = read(path, LimitsConfig(largest_message_mib=1))
+    times, losses = read(path, LimitsConfig(max_message_mib=1))
     assert times == [1, 3]
-    assert "limits.largest_message_mib" in losses[-1]
+    assert "limits.max_message_mib" in losses[-1]
 
 
 # --- chunks
@@ -122,10 +122,10 @@ def test_chunks_of_a_damaged_bag_that_unpack_to_too_much(tmp_path: Path) -> None
     write_rosbag1(path, [m._replace(data=bytes(m.data) + bytes(MIB)) for m in states(40, "ros1")], "bz2", chunk_bytes=1)
     content = path.read_bytes()
     path.write_bytes(content[:-1])
-    times, losses = read(path, LimitsConfig(largest_unpacked_file_gib=0.01))
+    times, losses = read(path, LimitsConfig(max_unpacked_file_gib=0.01))
     assert times == [*range(1, len(times) + 1)]
     assert 8 < len(times) < 13
-    assert "limits.largest_unpacked_file_gib" in losses[0]
+    assert "limits.max_unpacked_file_gib" in losses[0]
 
 
 def test_chunks_that_are_needed_by_turns_again_and_again() -> None:
@@ -137,10 +137,10 @@ def test_chunks_that_are_needed_by_turns_again_and_again() -> None:
         loads += 1
         return bytes(MIB)
 
-    cache = ChunkCache(MIB, most_loaded_bytes=20 * MIB)
+    cache = ChunkCache(MIB, max_loaded_bytes=20 * MIB)
     for turn in range(21):
         cache.get(turn % 2, load)
-    with pytest.raises(ValueError, match=r"limits\.largest_unpacked_file_gib"):
+    with pytest.raises(ValueError, match=r"limits\.max_unpacked_file_gib"):
         cache.get(1, load)
     assert loads == 21
     cache.begin()
@@ -151,39 +151,39 @@ def test_chunks_that_are_needed_by_turns_again_and_again() -> None:
 def test_a_chunk_of_too_many_messages(tmp_path: Path, how: Literal["none", "zstd"]) -> None:
     path = tmp_path / "a.mcap"
     write_mcap(path, states(50), how, chunk_bytes=20_000)
-    limits = LimitsConfig(most_messages_per_chunk=20)
+    limits = LimitsConfig(max_messages_per_chunk=20)
     for thorough in (False, True):
         times, losses = read(path, limits, thorough=thorough)
         assert len(times) < 50
-        assert "limits.most_messages_per_chunk" in losses[0]
+        assert "limits.max_messages_per_chunk" in losses[0]
 
 
 def test_a_chunk_of_too_many_messages_in_a_damaged_bag(tmp_path: Path) -> None:
     path = tmp_path / "a.bag"
     write_rosbag1(path, states(50, "ros1"), "lz4", chunk_bytes=1 << 20)
     path.write_bytes(path.read_bytes()[:-1])
-    times, losses = read(path, LimitsConfig(most_messages_per_chunk=20))
+    times, losses = read(path, LimitsConfig(max_messages_per_chunk=20))
     assert times == [*range(1, 21)]
-    assert "limits.most_messages_per_chunk" in losses[0]
+    assert "limits.max_messages_per_chunk" in losses[0]
 
 
 def test_more_messages_than_memory_holds(tmp_path: Path) -> None:
-    few = LimitsConfig(most_messages_in_memory=30)
+    few = LimitsConfig(max_messages_in_memory=30)
     write_mcap(tmp_path / "loose.mcap", states(50), use_chunking=False)
     overlapping = [m._replace(log_time_ns=i % 5) for i, m in enumerate(states(50))]
     write_mcap(tmp_path / "overlapping.mcap", overlapping, chunk_bytes=3000)
     write_rosbag1(tmp_path / "cut.bag", states(50, "ros1"))
     (tmp_path / "cut.bag").write_bytes((tmp_path / "cut.bag").read_bytes()[:-1])
     for path in sorted(tmp_path.iterdir()):
-        with pytest.raises(RecordingError, match=r"more than 30 messages.* raise limits\.most_messages_in_memory"):
+        with pytest.raises(RecordingError, match=r"more than 30 messages.* raise limits\.max_messages_in_memory"):
             read(path, few)
 
 
 def test_too_many_topics(tmp_path: Path) -> None:
     messages = [m._replace(channel=Channel(f"/{i}", *_type(m))) for i, m in enumerate(states(30))]
     write_mcap(tmp_path / "a.mcap", messages)
-    with pytest.raises(RecordingError, match=r"a\.mcap: 30 topics, expected at most 20: raise limits\.most_topics"):
-        open_recording([tmp_path / "a.mcap"], limits=LimitsConfig(most_topics=20))
+    with pytest.raises(RecordingError, match=r"a\.mcap: 30 topics, expected at most 20: raise limits\.max_topics"):
+        open_recording([tmp_path / "a.mcap"], limits=LimitsConfig(max_topics=20))
 
 
 def _type(message: RawMessage) -> tuple[str, Any, str, Any]:
@@ -210,10 +210,10 @@ def test_thousands_of_damaged_chunks(tmp_path: Path) -> None:
     write_rosbag1(path, states(3000, "ros1"), "bz2", chunk_bytes=1)
     path.write_bytes(path.read_bytes().replace(b"BZh9", b"BZh8\0"[:4]).replace(b"1AY&SY", b"1AY&SX"))
     with at_most(20):
-        times, losses = read(path, LimitsConfig(most_losses_listed=10))
+        times, losses = read(path, LimitsConfig(max_losses_listed=10))
     assert times == []
     assert len(losses) == 11
-    assert losses[-1].startswith("2990 further places, see limits.most_losses_listed")
+    assert losses[-1].startswith("2990 further places, see limits.max_losses_listed")
 
 
 def test_losses_are_added_up() -> None:
@@ -224,7 +224,7 @@ def test_losses_are_added_up() -> None:
     *listed, rest = losses.listed()
     assert [loss.position for loss in listed] == [0, 1]
     assert (rest.position, rest.size, rest.messages) == (2, 30, None)
-    assert rest.reason == "3 further places, see limits.most_losses_listed; the first of them: gone"
+    assert rest.reason == "3 further places, see limits.max_losses_listed; the first of them: gone"
 
 
 def test_fields_of_a_header_without_end() -> None:
@@ -307,7 +307,7 @@ def test_a_chunk_where_the_header_should_be(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     path.write_bytes(b"\x89MCAP0\r\n" + builder.end())
     with at_most(20), pytest.raises(RecordingError):
-        read(path, LimitsConfig(largest_chunk_mib=8))
+        read(path, LimitsConfig(max_chunk_mib=8))
 
 
 @pytest.mark.parametrize("compression", ["zstd", "lz4"])
@@ -323,7 +323,7 @@ def test_a_chunk_that_unpacks_to_more_than_it_says(tmp_path: Path, compression: 
     path.write_bytes(mcap([SCHEMA, CHANNEL, first, bomb], [SCHEMA, CHANNEL, *places, statistics(2, 2)]))
     for thorough in (False, True):
         with at_most(30):
-            times, losses = read(path, LimitsConfig(largest_chunk_mib=8), thorough=thorough)
+            times, losses = read(path, LimitsConfig(max_chunk_mib=8), thorough=thorough)
         assert times == [1]
         assert len(losses) == 1
 

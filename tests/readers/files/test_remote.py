@@ -129,9 +129,9 @@ def test_topics_in_chunks_of_their_own_are_left_out(tmp_path: Path) -> None:
 def test_what_a_full_cache_lets_go_is_fetched_again(
     server: RangeServer, minute: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(remote, "MOST_KEPT_BYTES", 20 * PAGE_BYTES)
-    monkeypatch.setattr(remote, "MOST_REQUEST_PAGES", 4)
-    monkeypatch.setattr(remote, "MOST_REQUEST_BYTES", 4 * PAGE_BYTES)
+    monkeypatch.setattr(remote, "MAX_KEPT_BYTES", 20 * PAGE_BYTES)
+    monkeypatch.setattr(remote, "MAX_REQUEST_PAGES", 4)
+    monkeypatch.setattr(remote, "MAX_REQUEST_BYTES", 4 * PAGE_BYTES)
     with open_recording([at(server)]) as recording, open_recording([minute]) as local:
         for _ in range(2):
             span = {"start_ns": START_NS + 10 * SECOND_NS, "stop_ns": START_NS + 14 * SECOND_NS}
@@ -367,7 +367,7 @@ def test_a_chunk_index_that_lies_about_sizes_fetches_no_more_than_a_request(serv
         before = server.sent
         ahead = ReadAhead(stream, [(0, 1 << 60)])
         ahead.reach()
-        assert server.sent - before <= remote.MOST_REQUEST_BYTES
+        assert server.sent - before <= remote.MAX_REQUEST_BYTES
 
 
 # --- protocols

@@ -32,15 +32,15 @@ CHECKED = ["bag-bz2", "mcap-none", "mcap-lz4", "mcap-zstd"]
 
 
 def drive(encoding: Literal["ros1", "cdr"], count: int = 40) -> list[RawMessage]:
-    """States at 100 Hz, with every fourth a picture whose bytes no compressor makes smaller."""
+    """States at 100 Hz, with every fourth an image whose bytes no compressor makes smaller."""
     noise = np.random.default_rng(5)
     messages = []
     for i in range(count):
         stamp = T0 + i * 10**7
         messages.append(raw("/odom", ODOMETRY, odometry(stamp_ns=stamp, position=(i, 0, 0)), stamp, stamp, encoding))
         if i % 4 == 0:
-            picture = image(noise.integers(0, 255, (20, 30, 3), np.uint8), stamp_ns=stamp)
-            messages.append(raw("/image", IMAGE, picture, stamp, stamp + 1, encoding))
+            image_message = image(noise.integers(0, 255, (20, 30, 3), np.uint8), stamp_ns=stamp)
+            messages.append(raw("/image", IMAGE, image_message, stamp, stamp + 1, encoding))
     return messages
 
 

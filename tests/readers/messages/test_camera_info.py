@@ -73,7 +73,7 @@ def test_region_of_interest_then_binning_as_image_geometry_does_it() -> None:
     np.testing.assert_allclose(model.K, expected)
 
 
-def test_rectified_pictures_use_p_and_r_without_distortion() -> None:
+def test_rectified_images_use_p_and_r_without_distortion() -> None:
     turn, _ = cv2.Rodrigues(np.array([0.02, -0.01, 0.03]))
     new_k = np.array([[480.0, 0, 310.0], [0, 480.0, 240.0], [0, 0, 1]])
     P = np.hstack([new_k, np.array([[-480.0 * 0.12], [0], [0]])])
@@ -105,6 +105,6 @@ def test_rectified_without_a_turn_keeps_the_frame() -> None:
         ({"R": np.diag([1.0, 1.0, -1.0])}, "reflection"),
     ],
 )
-def test_faults_of_rectified_pictures(options: dict[str, Any], reason: str) -> None:
+def test_faults_of_rectified_images(options: dict[str, Any], reason: str) -> None:
     with pytest.raises(CalibrationError, match=reason):
         rectified_camera_model(info(**options))

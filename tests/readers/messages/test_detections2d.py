@@ -37,7 +37,7 @@ def test_boxes_classes_and_scores(encoding: builders.Encoding) -> None:
     xyxy = [[10.0, 20.0, 30.0, 50.0], [-5.5, 0.0, 600.25, 400.0]]
     body = builders.detection2d_array(xyxy, class_names=["person", "CAR"], scores=[0.25, 0.75], stamp_ns=STAMP_NS)
     found = decode_detections2d(builders.raw("/boxes", MSGTYPE, body, STAMP_NS, encoding=encoding), CLASS_IDS)
-    assert (found.boxes.stamp_ns, found.boxes.frame_id, dict(found.left_out)) == (STAMP_NS, "camera", {})
+    assert (found.boxes.stamp_ns, found.boxes.frame_id, dict(found.unused)) == (STAMP_NS, "camera", {})
     np.testing.assert_array_equal(found.boxes.xyxy, xyxy)
     np.testing.assert_array_equal(found.boxes.scores, [0.25, 0.75])
     np.testing.assert_array_equal(found.boxes.class_ids, [1, 0])
@@ -45,7 +45,7 @@ def test_boxes_classes_and_scores(encoding: builders.Encoding) -> None:
 
 def test_no_boxes() -> None:
     found = decode()
-    assert (len(found.boxes), found.boxes.xyxy.shape, dict(found.left_out)) == (0, (0, 4), {})
+    assert (len(found.boxes), found.boxes.xyxy.shape, dict(found.unused)) == (0, (0, 4), {})
 
 
 def test_best_hypothesis_counts() -> None:
@@ -79,7 +79,7 @@ def test_what_is_left_out_is_counted() -> None:
         detection(("car", 0.9), bbox=box(1e9, 1, 2, 3)),  # in float32 both sides are the same
     )
     assert len(found.boxes) == 1
-    assert list(found.left_out.items()) == [
+    assert list(found.unused.items()) == [
         ("box without an area or not finite", 7),
         ("class 'dog' is not configured", 2),
         ("no class with a score", 2),
@@ -103,10 +103,10 @@ def test_turned_box_becomes_its_hull(degrees: int) -> None:
 def test_numbers_as_classes() -> None:
     numbered = [detection(("2", 0.9)), detection(("0", 0.9)), detection(("7", 0.9)), detection(("-1", 0.9))]
     unknown = decode(*numbered)
-    assert (len(unknown.boxes), sum(unknown.left_out.values())) == (0, 4)
+    assert (len(unknown.boxes), sum(unknown.unused.values())) == (0, 4)
     known = decode(*numbered, class_names=("person", "bicycle", "Car"))
     np.testing.assert_array_equal(known.boxes.class_ids, [0, 1])
-    assert list(known.left_out) == ["class '-1' is not configured", "class '7' is not configured"]
+    assert list(known.unused) == ["class '-1' is not configured", "class '7' is not configured"]
 
 
 def test_number_that_is_a_label() -> None:

@@ -21,7 +21,7 @@ from pipeline.core.messages import RawMessage
 from readers.messages.camera_info import camera_model
 from readers.messages.deserialize import deserialize
 from readers.messages.foxglove import to_ros
-from readers.messages.image import decode_picture
+from readers.messages.image import decode_any_image
 from readers.messages.pointcloud2 import decode_pointcloud2
 from readers.messages.tf import decode_transforms
 
@@ -50,7 +50,7 @@ def cloud(count: int = 100, dtype: type[Any] = np.float32) -> RawMessage:
     return raw("/points", "sensor_msgs/msg/PointCloud2", fields, STAMP, LOGGED)
 
 
-def picture(encoding: str = "rgb8") -> RawMessage:
+def image_message(encoding: str = "rgb8") -> RawMessage:
     pixels = np.random.default_rng(6).integers(0, 256, (48, 64, 3), np.uint8)
     pixels = pixels if encoding == "rgb8" else pixels[..., 0]
     return raw(
@@ -97,11 +97,11 @@ def test_points_are_given_relative_to_the_pose(encoding: Encoding, dtype: type[A
 
 @both
 @pytest.mark.parametrize(
-    "message", [picture(), picture("mono8"), picture("bayer_rggb8"), *map(compressed, ("png", "jpg"))]
+    "message", [image_message(), image_message("mono8"), image_message("bayer_rggb8"), *map(compressed, ("png", "jpg"))]
 )
-def test_pictures(encoding: Encoding, message: RawMessage) -> None:
-    found = decode_picture(to_ros(twin(message, encoding)))
-    expected = decode_picture(message)
+def test_images(encoding: Encoding, message: RawMessage) -> None:
+    found = decode_any_image(to_ros(twin(message, encoding)))
+    expected = decode_any_image(message)
     assert (found.stamp_ns, found.frame_id) == (STAMP, "camera")
     assert np.array_equal(found.rgb, expected.rgb)
 

@@ -12,7 +12,7 @@ from pipeline.core.arrays import Array
 from pipeline.core.errors import MessageError
 from pipeline.core.images import Image
 from pipeline.core.messages import RawMessage
-from readers.messages.image import decode_image, decode_picture
+from readers.messages.image import decode_any_image, decode_image
 from readers.messages.image_encodings import PACKED, PLANAR
 
 STAMP_NS = 1_700_000_000_123_456_789
@@ -194,13 +194,13 @@ def test_yuv_of_odd_size(encoding: str, shape: tuple[int, int]) -> None:
         decode_image(raw)
 
 
-# --- what is no picture, and what contradicts itself
+# --- what is no image, and what contradicts itself
 
 
 @pytest.mark.parametrize(
     ("changes", "match"),
     [
-        ({"encoding": "32FC1"}, r"encoding '32FC1' is no picture; expected one of rgb8"),
+        ({"encoding": "32FC1"}, r"encoding '32FC1' is no image; expected one of rgb8"),
         ({"encoding": "16SC1"}, r"encoding '16SC1'"),
         ({"encoding": "8UC2"}, r"encoding '8UC2'"),
         ({"encoding": ""}, r"encoding ''"),
@@ -212,8 +212,8 @@ def test_yuv_of_odd_size(encoding: str, shape: tuple[int, int]) -> None:
         ({"width": 2**32 - 1, "height": 2**32 - 1, "step": 2**32 - 1}, r"4294967295 x 4294967295 px"),
         ({"encoding": "rgb16"}, r"4 rows of 36 bytes"),
         ({"encoding": "nv12", "step": 18}, r"6 rows of 6 bytes or more, found a step of 18 bytes and 72 bytes"),
-        ({"height": 0}, r"a picture of 6 x 0 px in rgb8; expected 1 x 1 px or more"),
-        ({"width": 0, "encoding": "nv24"}, r"a picture of 0 x 4 px"),
+        ({"height": 0}, r"an image of 6 x 0 px in rgb8; expected 1 x 1 px or more"),
+        ({"width": 0, "encoding": "nv24"}, r"an image of 0 x 4 px"),
         ({"data": np.zeros(0, np.uint8)}, r"0 bytes of data"),
     ],
 )
@@ -232,7 +232,7 @@ def test_missing_padding_of_the_last_row_is_no_fault() -> None:
 @given(
     st.sampled_from([*PACKED, *PLANAR]), st.integers(0, 9), st.integers(0, 9), st.integers(0, 80), st.integers(0, 400)
 )
-def test_any_sizes_give_a_picture_or_a_message_error(
+def test_any_sizes_give_an_image_or_a_message_error(
     encoding: str, height: int, width: int, step: int, size: int
 ) -> None:
     raw = changed(encoding, height=height, width=width, step=step, data=np.zeros(size, np.uint8))
@@ -246,7 +246,7 @@ def test_any_sizes_give_a_picture_or_a_message_error(
 # --- choice by type
 
 
-def test_picture_of_either_type() -> None:
+def test_image_of_either_type() -> None:
     pixels = np.full((4, 6, 3), 7, np.uint8)
     png = cv2.imencode(".png", pixels)[1]
     compressed = {"header": builders.header(STAMP_NS, "camera"), "format": "png", "data": np.asarray(png)}
@@ -254,10 +254,10 @@ def test_picture_of_either_type() -> None:
         message(pixels, "rgb8"),
         builders.raw("/image/compressed", "sensor_msgs/msg/CompressedImage", compressed, STAMP_NS),
     ):
-        np.testing.assert_array_equal(decode_picture(raw).rgb, pixels)
+        np.testing.assert_array_equal(decode_any_image(raw).rgb, pixels)
 
 
 def test_message_of_another_type() -> None:
     raw = builders.raw("/points", "sensor_msgs/msg/PointCloud2", {}, STAMP_NS)
     with pytest.raises(MessageError, match=r"expected sensor_msgs/msg/Image or .*, found sensor_msgs/msg/PointCloud2"):
-        decode_picture(raw)
+        decode_any_image(raw)

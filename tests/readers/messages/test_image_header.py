@@ -1,4 +1,4 @@
-"""What a picture says of its size, against OpenCV."""
+"""What an image says of its size, against OpenCV."""
 
 import struct
 from typing import Any
@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from pipeline.core.errors import MessageError
 from pipeline.core.messages import RawMessage
 from pipeline.core.settings.recording import LimitsConfig
-from readers.messages.image import decode_picture
-from readers.messages.image_header import picture_size
+from readers.messages.image import decode_any_image
+from readers.messages.image_header import image_size
 
 SUFFIXES = [".jpg", ".png", ".webp", ".bmp", ".tiff", ".avif"]
 
@@ -26,14 +26,14 @@ def encoded(width: int, height: int, suffix: str, *options: int, channels: int =
 
 def compressed(data: bytes) -> RawMessage:
     body: dict[str, Any] = {"header": builders.header(0, "camera"), "format": "", "data": np.frombuffer(data, np.uint8)}
-    return builders.raw("/picture", "sensor_msgs/msg/CompressedImage", body, 0)
+    return builders.raw("/image", "sensor_msgs/msg/CompressedImage", body, 0)
 
 
 @settings(deadline=None)
 @given(width=st.integers(1, 300), height=st.integers(1, 300), suffix=st.sampled_from(SUFFIXES[:5]))
-def test_the_size_is_that_of_the_decoded_picture(width: int, height: int, suffix: str) -> None:
+def test_the_size_is_that_of_the_decoded_image(width: int, height: int, suffix: str) -> None:
     data = encoded(width, height, suffix)
-    assert picture_size(data) == (width, height) == decode_picture(compressed(data)).rgb.shape[1::-1]
+    assert image_size(data) == (width, height) == decode_any_image(compressed(data)).rgb.shape[1::-1]
 
 
 @pytest.mark.parametrize(
@@ -53,43 +53,43 @@ def test_the_size_is_that_of_the_decoded_picture(width: int, height: int, suffix
 )
 def test_forms_of_one_kind(suffix: str, options: tuple[int, ...], channels: int) -> None:
     data = encoded(70, 50, suffix, *options, channels=channels)
-    assert picture_size(data) == (70, 50) == decode_picture(compressed(data)).rgb.shape[1::-1]
+    assert image_size(data) == (70, 50) == decode_any_image(compressed(data)).rgb.shape[1::-1]
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_a_picture_that_is_too_large_is_not_unpacked(suffix: str) -> None:
+def test_an_image_that_is_too_large_is_not_unpacked(suffix: str) -> None:
     data = encoded(1100, 1000, suffix)
-    with pytest.raises(MessageError, match=r"/picture: a picture of 1100 x 1000 px, .* limits\.largest_picture_mpx"):
-        decode_picture(compressed(data), limits=LimitsConfig(largest_picture_mpx=1))
-    assert decode_picture(compressed(data)).rgb.shape == (1000, 1100, 3)
+    with pytest.raises(MessageError, match=r"/image: an image of 1100 x 1000 px, .* limits\.max_image_mpx"):
+        decode_any_image(compressed(data), limits=LimitsConfig(max_image_mpx=1))
+    assert decode_any_image(compressed(data)).rgb.shape == (1000, 1100, 3)
 
 
-def test_a_raw_picture_that_is_too_large() -> None:
+def test_a_raw_image_that_is_too_large() -> None:
     message = builders.raw(
-        "/picture", "sensor_msgs/msg/Image", builders.image(np.zeros((1000, 1100, 3), np.uint8), stamp_ns=0), 0
+        "/image", "sensor_msgs/msg/Image", builders.image(np.zeros((1000, 1100, 3), np.uint8), stamp_ns=0), 0
     )
-    with pytest.raises(MessageError, match=r"limits\.largest_picture_mpx"):
-        decode_picture(message, limits=LimitsConfig(largest_picture_mpx=1))
+    with pytest.raises(MessageError, match=r"limits\.max_image_mpx"):
+        decode_any_image(message, limits=LimitsConfig(max_image_mpx=1))
 
 
 def test_a_jpeg_of_scans_without_end() -> None:
     whole = encoded(70, 50, ".jpg", cv2.IMWRITE_JPEG_PROGRESSIVE, 1)
     last = whole.rindex(b"\xff\xda")
     scan = whole[last:-2]
-    assert picture_size(whole[:-2] + scan * 200 + b"\xff\xd9") is None
+    assert image_size(whole[:-2] + scan * 200 + b"\xff\xd9") is None
 
 
 @pytest.mark.parametrize("suffix", [".jp2", ".pbm", ".hdr", ".gif"])
 def test_other_kinds_are_not_read(suffix: str) -> None:
     data = encoded(8, 8, suffix)
     with pytest.raises(MessageError, match="expected JPEG, PNG, WebP, AVIF, TIFF or BMP"):
-        decode_picture(compressed(data))
+        decode_any_image(compressed(data))
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_data_that_end_too_soon(suffix: str) -> None:
     data = encoded(70, 50, suffix)
-    sizes = {picture_size(data[:end]) for end in range(len(data))}
+    sizes = {image_size(data[:end]) for end in range(len(data))}
     assert sizes == ({None} if suffix in {".png", ".tiff"} else {None, (70, 50)})
 
 
@@ -97,20 +97,20 @@ def test_a_png_whose_chunk_is_longer_than_the_file() -> None:
     """OpenCV takes four gigabytes for it."""
     data = bytearray(encoded(8, 6, ".png"))
     struct.pack_into(">I", data, data.index(b"IDAT") - 4, 2**32 - 162)
-    with pytest.raises(MessageError, match="no whole picture"):
-        decode_picture(compressed(bytes(data)))
+    with pytest.raises(MessageError, match="no whole image"):
+        decode_any_image(compressed(bytes(data)))
 
 
 @given(st.binary(max_size=60), st.sampled_from([b"\xff\xd8\xff", b"BM", b"RIFF\0\0\0\0WEBP", b"\0\0\0\0ftypavif"]))
 def test_any_bytes(rest: bytes, begin: bytes) -> None:
-    size = picture_size(begin + rest)
+    size = image_size(begin + rest)
     assert size is None or (size[0] >= 0 <= size[1])
 
 
 def test_a_bmp_upside_down() -> None:
     data = bytearray(encoded(8, 6, ".bmp"))
     struct.pack_into("<i", data, 22, -6)
-    assert picture_size(bytes(data)) == (8, 6)
+    assert image_size(bytes(data)) == (8, 6)
 
 
 TIFF_TAGS = {"width": 256, "length": 257, "bits": 258, "samples": 277, "strip bytes": 279}
@@ -136,13 +136,13 @@ def tiff(**changes: int) -> bytes:
 
 
 def test_a_tiff_says_its_size() -> None:
-    assert picture_size(tiff(width=40_000, length=30_000)) == (40_000, 30_000)
+    assert image_size(tiff(width=40_000, length=30_000)) == (40_000, 30_000)
 
 
 @pytest.mark.parametrize(
     "changes", [{"strip_bytes": 1 << 31}, {"samples": 60_000}, {"bits_count": 1 << 30}, {"strip_bytes_count": 1 << 31}]
 )
 def test_a_tiff_whose_numbers_do_not_fit_the_file(changes: dict[str, int]) -> None:
-    assert picture_size(tiff(**changes)) is None
+    assert image_size(tiff(**changes)) is None
     with pytest.raises(MessageError):
-        decode_picture(compressed(tiff(**changes)))
+        decode_any_image(compressed(tiff(**changes)))

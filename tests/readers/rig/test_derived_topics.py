@@ -25,14 +25,14 @@ def cloud(topic: str, frame: str = "base") -> RawMessage:
     return raw(topic, "sensor_msgs/msg/PointCloud2", fields, 5)
 
 
-def picture(topic: str, frame: str) -> RawMessage:
+def image_message(topic: str, frame: str) -> RawMessage:
     fields = image(np.zeros((4, 6, 3), np.uint8), stamp_ns=5, frame_id=frame)
     return raw(topic, "sensor_msgs/msg/Image", fields, 5)
 
 
 FUSED = cloud("/point_cloud_combined")
 LIST = combined("/pointcloud_list", CLOUDS, [cloud("/x", "a"), cloud("/y", "b")], 9, "cdr")
-VIEWS = combined("/camera_msgs_combined", CAMERAS, [picture("/x", "c"), picture("/y", "d")], 9, "cdr")
+VIEWS = combined("/camera_msgs_combined", CAMERAS, [image_message("/x", "c"), image_message("/y", "d")], 9, "cdr")
 PARTS = ["/pointcloud_list/pointcloud_1", "/pointcloud_list/pointcloud_2"]
 
 
@@ -61,13 +61,13 @@ def test_lidars(messages: list[RawMessage], used: list[str]) -> None:
     ("messages", "used"),
     [
         ([VIEWS], ["/camera_msgs_combined/camera_1", "/camera_msgs_combined/camera_2"]),
-        ([VIEWS, picture("/image_raw_11", "c")], ["/image_raw_11"]),
+        ([VIEWS, image_message("/image_raw_11", "c")], ["/image_raw_11"]),
     ],
 )
 def test_cameras(messages: list[RawMessage], used: list[str]) -> None:
     recording = sensor_messages(MemoryRecording(messages))
     cameras, _, _ = find_camera_topics(recording, Config().topics, FirstMessages(recording))
-    assert [camera.picture for camera in cameras] == used
+    assert [camera.image for camera in cameras] == used
 
 
 def discover(messages: list[RawMessage], **topics: Any) -> Discovery:

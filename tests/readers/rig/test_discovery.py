@@ -38,7 +38,7 @@ def cloud(topic: str, frame: str, **options: Any) -> RawMessage:
     return raw(topic, "sensor_msgs/msg/PointCloud2", pointcloud2([[1, 2, 3]], stamp_ns=5, frame_id=frame), 5, **options)
 
 
-def picture(topic: str, frame: str, *, size: tuple[int, int] = (64, 48), encoding: str = "mono8") -> RawMessage:
+def an_image(topic: str, frame: str, *, size: tuple[int, int] = (64, 48), encoding: str = "mono8") -> RawMessage:
     dtype = np.uint16 if encoding == "16UC1" else np.uint8
     pixels = np.zeros(size[::-1], dtype)
     return raw(topic, "sensor_msgs/msg/Image", image(pixels, stamp_ns=5, frame_id=frame, encoding=encoding), 5)
@@ -180,7 +180,7 @@ def test_no_usable_lidar_ends_the_run() -> None:
 
 def test_no_clouds_lists_the_topics() -> None:
     with pytest.raises(RecordingError, match=r"expected a topic of lidar clouds.*/camera/image_raw \(sensor_msgs"):
-        discover([picture("/camera/image_raw", "camera")])
+        discover([an_image("/camera/image_raw", "camera")])
     with pytest.raises(RecordingError, match="found topics: none"):
         discover([])
 
@@ -188,7 +188,7 @@ def test_no_clouds_lists_the_topics() -> None:
 def test_raw_packets_are_named_with_a_remedy() -> None:
     scan = Channel("/hesai/packets", "pandar_msgs/msg/PandarScan", "cdr", "", "ros2msg")
     with pytest.raises(RecordingError, match=r"/hesai/packets.*PandarScan, 1\), which lidcam does not read yet.*play"):
-        discover([RawMessage(1, 1, (0, 0), b"", scan), picture("/camera/image_raw", "camera")])
+        discover([RawMessage(1, 1, (0, 0), b"", scan), an_image("/camera/image_raw", "camera")])
 
 
 def packets(topic: str, frame: str, model: str = "VLP-16") -> RawMessage:
@@ -274,7 +274,7 @@ def test_packets_of_an_unknown_model_are_a_fault_with_a_remedy() -> None:
 
 def test_no_clouds_among_many_topics_names_a_few() -> None:
     with pytest.raises(RecordingError, match=r"and 5 more"):
-        discover([picture(f"/camera{i}/image_raw", "camera") for i in range(15)])
+        discover([an_image(f"/camera{i}/image_raw", "camera") for i in range(15)])
 
 
 def test_clouds_that_the_settings_leave_out_are_no_fault_of_the_driver() -> None:
@@ -317,7 +317,7 @@ def rig_with(*messages: RawMessage, edges: Iterable[str] = ("cam",), **sections:
 
 
 def test_a_camera_needs_camera_info_and_a_transform() -> None:
-    found = rig_with(picture("/camera/image_raw", "cam"), info("/camera/camera_info", "cam"))
+    found = rig_with(an_image("/camera/image_raw", "cam"), info("/camera/camera_info", "cam"))
     camera = found.rig.cameras[0]
     assert (camera.name, camera.topic, camera.boxes_topic) == ("camera", "/camera/image_raw", "")
     assert (camera.T_camera_site.dst, camera.T_camera_site.src) == ("cam", "velo")
@@ -329,15 +329,27 @@ def test_a_camera_needs_camera_info_and_a_transform() -> None:
 @pytest.mark.parametrize(
     ("messages", "edges", "reason"),
     [
-        ([picture("/c/image_raw", "cam")], ["cam"], "no CameraInfo"),
+        ([an_image("/c/image_raw", "cam")], ["cam"], "no CameraInfo"),
         (
-            [picture("/c/image_raw", "cam"), info("/c/camera_info", "cam")],
+            [an_image("/c/image_raw", "cam"), info("/c/camera_info", "cam")],
             [],
             "no transform joins frame 'velo' with 'cam'",
         ),
-        ([picture("/c/image_raw", "cam"), info("/c/camera_info", "cam", K=np.zeros((3, 3)))], ["cam"], "uncalibrated"),
-        ([picture("/c/image_raw", "cam"), info("/c/camera_info", "cam", K=K * [[1e6], [1], [1]])], ["cam"], "focal"),
-        ([picture("/c/image_raw", "cam", size=(32, 24)), info("/c/camera_info", "cam")], ["cam"], "32 x 24 px, but"),
+        (
+            [an_image("/c/image_raw", "cam"), info("/c/camera_info", "cam", K=np.zeros((3, 3)))],
+            ["cam"],
+            "uncalibrated",
+        ),
+        (
+            [an_image("/c/image_raw", "cam"), info("/c/camera_info", "cam", K=K * [[1e6], [1], [1]])],
+            ["cam"],
+            "focal",
+        ),
+        (
+            [an_image("/c/image_raw", "cam", size=(32, 24)), info("/c/camera_info", "cam")],
+            ["cam"],
+            "32 x 24 px, but",
+        ),
     ],
 )
 def test_camera_faults_leave_a_rig_of_lidars(messages: list[RawMessage], edges: list[str], reason: str) -> None:
@@ -348,7 +360,7 @@ def test_camera_faults_leave_a_rig_of_lidars(messages: list[RawMessage], edges: 
 
 def test_numbered_topics_pair_up() -> None:
     found = rig_with(
-        *(picture(f"/image_raw_{n}", f"cam{n}") for n in (12, 11)),
+        *(an_image(f"/image_raw_{n}", f"cam{n}") for n in (12, 11)),
         *(info(f"/camera_info_{n}", f"cam{n}") for n in (11, 12)),
         *(boxes(f"/detections_{n}", "") for n in (12, 11)),
         edges=("cam11", "cam12"),
@@ -361,7 +373,7 @@ def test_numbered_topics_pair_up() -> None:
 
 def test_topics_of_other_places_pair_by_frame() -> None:
     found = rig_with(
-        *(picture(f"/{side}/image", f"cam_{side}") for side in ("left", "right")),
+        *(an_image(f"/{side}/image", f"cam_{side}") for side in ("left", "right")),
         *(info(f"/calibration/{n}", f"cam_{side}") for n, side in enumerate(("right", "left"))),
         *(boxes(f"/yolo/{n}", f"cam_{side}") for n, side in enumerate(("right", "left"))),
         edges=("cam_left", "cam_right"),
@@ -373,24 +385,24 @@ def test_topics_of_other_places_pair_by_frame() -> None:
 
 
 def test_a_single_camera_info_belongs_to_a_single_camera() -> None:
-    found = rig_with(picture("/webcam", ""), info("/calibration", "cam"))
+    found = rig_with(an_image("/webcam", ""), info("/calibration", "cam"))
     assert [camera.name for camera in found.rig.cameras] == ["webcam"]
 
 
 def test_one_camera_is_taken_once_and_raw() -> None:
     found = rig_with(
         compressed("/camera/image_raw/compressed", "cam"),
-        picture("/camera/image_raw", "cam"),
-        picture("/camera/image_rect", "cam"),
-        picture("/camera/depth/image_raw", "cam"),
-        picture("/camera/range/image_raw", "cam", encoding="16UC1"),
+        an_image("/camera/image_raw", "cam"),
+        an_image("/camera/image_rect", "cam"),
+        an_image("/camera/depth/image_raw", "cam"),
+        an_image("/camera/range/image_raw", "cam", encoding="16UC1"),
         info("/camera/camera_info", "cam"),
     )
     assert [camera.topic for camera in found.rig.cameras] == ["/camera/image_raw"]
     assert len(found.notes) == 4
 
 
-def test_compressed_pictures_tell_their_size() -> None:
+def test_compressed_images_tell_their_size() -> None:
     found = rig_with(compressed("/cam11/image/compressed", "cam"), info("/cam11/camera_info", "cam"))
     assert [(camera.name, camera.model.width_px) for camera in found.rig.cameras] == [("cam11", 64)]
 
@@ -403,10 +415,10 @@ def test_boxes_alone_make_a_camera() -> None:
     assert any("/other/detections" in note for note in found.notes)
 
 
-def test_rectified_pictures_are_projected_in_the_rectified_frame() -> None:
+def test_rectified_images_are_projected_in_the_rectified_frame() -> None:
     turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
     found = rig_with(
-        picture("/c/image_rect", "cam"), info("/c/camera_info", "cam", R=turn, distortion=(0.1, 0, 0, 0, 0))
+        an_image("/c/image_rect", "cam"), info("/c/camera_info", "cam", R=turn, distortion=(0.1, 0, 0, 0, 0))
     )
     camera = found.rig.cameras[0]
     assert camera.T_camera_site.dst == camera.model.frame_id == "cam_rectified"
@@ -420,7 +432,7 @@ def test_a_camera_never_takes_a_lidars_name() -> None:
         [
             static(camera_edge("front", "cam")),
             cloud("/front/points", "front"),
-            picture("/front/image_raw", "cam"),
+            an_image("/front/image_raw", "cam"),
             info("/front/camera_info", "cam"),
         ]
     )

@@ -22,7 +22,7 @@ W2C_12 = [[1, 0, 0, 0.1], [0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 1]]  # two zero 
 POINTS = np.array([[-0.1, 1.4, 0.1], [0.3, 2.0, 0.0], [-0.6, 1.7, 0.2]])
 
 
-def picture(topic: str, size: tuple[int, int] = (640, 480)) -> RawMessage:
+def image_message(topic: str, size: tuple[int, int] = (640, 480)) -> RawMessage:
     pixels = np.zeros(size[::-1], np.uint8)
     return raw(topic, "sensor_msgs/msg/Image", image(pixels, stamp_ns=5, frame_id="", encoding="mono8"), 5)
 
@@ -52,7 +52,7 @@ def test_geometry_yaml(tmp_path: Path, nested: bool, axes: np.ndarray[Any, Any])
         "camera_11": {"w2c": w2c.tolist() if nested else flat(w2c), "c2p": c2p.tolist() if nested else flat(c2p)},
     }
     (tmp_path / "geometry.yaml").write_text(yaml.safe_dump({"cameras": cameras, "other": 1}))
-    recording = MemoryRecording([cloud("site"), picture("/image_raw_11"), picture("/image_raw_12")])
+    recording = MemoryRecording([cloud("site"), image_message("/image_raw_11"), image_message("/image_raw_12")])
     found = rig_from_file(load_rig(tmp_path / "geometry.yaml"), recording, Config())
     assert [(c.name, c.topic, c.model.width_px) for c in found.rig.cameras] == [("camera_11", "/image_raw_11", 640)]
     assert [(f.sensor, f.topic) for f in found.faults] == [("camera_12", "/image_raw_12")]
@@ -67,7 +67,7 @@ def test_geometry_yaml_with_a_singular_projection(tmp_path: Path) -> None:
     cameras = {"camera_11": {"w2c": W2C_11, "c2p": np.zeros((3, 4)).tolist()}}
     (tmp_path / "geometry.yaml").write_text(yaml.safe_dump(cameras))
     found = rig_from_file(
-        load_rig(tmp_path / "geometry.yaml"), MemoryRecording([cloud("s"), picture("/image_raw_11")]), Config()
+        load_rig(tmp_path / "geometry.yaml"), MemoryRecording([cloud("s"), image_message("/image_raw_11")]), Config()
     )
     assert "singular" in found.faults[0].reason
 
@@ -109,11 +109,11 @@ def test_kitti_object(tmp_path: Path) -> None:
     path, scene = kitti_object_8(tmp_path)
     points = np.fromfile(shared("data/kitti_object_8/000008.bin"), np.float32).reshape(-1, 4)[:, :3].astype(np.float64)
     one = rig_from_file(
-        load_rig(path), MemoryRecording([cloud("velodyne"), picture("/camera/image_raw", (1242, 375))]), Config()
+        load_rig(path), MemoryRecording([cloud("velodyne"), image_message("/camera/image_raw", (1242, 375))]), Config()
     )
     assert [(c.name, c.topic) for c in one.rig.cameras] == [("cam2", "/camera/image_raw")]
     assert "cam2: has no topic in the rig file; by order it is /camera/image_raw" in one.notes
-    four = [picture(f"/kitti/image_{n}", (1242, 375)) for n in range(4)]
+    four = [image_message(f"/kitti/image_{n}", (1242, 375)) for n in range(4)]
     found = rig_from_file(load_rig(path), MemoryRecording([cloud("velodyne"), *four]), Config())
     assert {c.name: c.topic for c in found.rig.cameras} == {f"cam{n}": f"/kitti/image_{n}" for n in range(4)}
     for number in range(4):
@@ -125,7 +125,7 @@ def test_kitti_object(tmp_path: Path) -> None:
 def test_kitti_files_as_they_are(file: str) -> None:
     path = shared(f"data/{file}")
     found = rig_from_file(
-        load_rig(path), MemoryRecording([cloud("velodyne"), picture("/camera/image_raw", (1242, 375))]), Config()
+        load_rig(path), MemoryRecording([cloud("velodyne"), image_message("/camera/image_raw", (1242, 375))]), Config()
     )
     rows = {
         line.split(":")[0]: np.array(line.split()[1:], float)
@@ -187,6 +187,6 @@ def test_a_singular_projection_of_kitti_is_a_fault(tmp_path: Path) -> None:
     text = "P2: 0 0 0 0 0 0 0 0 0 0 0 0\nR0_rect: 1 0 0 0 1 0 0 0 1\nTr: 1 0 0 0 0 1 0 0 0 0 1 0\n"
     (tmp_path / "calib.txt").write_text(text)
     found = rig_from_file(
-        load_rig(tmp_path / "calib.txt"), MemoryRecording([cloud("velodyne"), picture("/c/image")]), Config()
+        load_rig(tmp_path / "calib.txt"), MemoryRecording([cloud("velodyne"), image_message("/c/image")]), Config()
     )
     assert "singular" in found.faults[0].reason

@@ -26,7 +26,7 @@ def cloud(topic: str, frame: str = "velo") -> RawMessage:
     return raw(topic, "sensor_msgs/msg/PointCloud2", pointcloud2([[1, 2, 3]], stamp_ns=5, frame_id=frame), 5)
 
 
-def picture(topic: str, frame: str = "cam") -> RawMessage:
+def image_message(topic: str, frame: str = "cam") -> RawMessage:
     return raw(
         topic,
         "sensor_msgs/msg/Image",
@@ -36,7 +36,7 @@ def picture(topic: str, frame: str = "cam") -> RawMessage:
 
 
 def recorded(*extra: RawMessage) -> MemoryRecording:
-    return MemoryRecording([cloud("/a_points", "a"), cloud("/b_points", "b"), picture("/cam11/image"), *extra])
+    return MemoryRecording([cloud("/a_points", "a"), cloud("/b_points", "b"), image_message("/cam11/image"), *extra])
 
 
 def apply(tree: dict[str, Any], recording: MemoryRecording | None = None) -> Discovery:
@@ -189,7 +189,7 @@ SKEWED = [[1, 0.1, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
         ({"P": (np.diag([-1, 1, 1]) @ np.array(K) @ np.array(LOOK_X)[:3]).tolist()}, "mirrored"),
         ({"K": K}, "no transform joins"),
         ({"T_camera_site": LOOK_X}, "no CameraInfo"),
-        ({"topic": "/nowhere", "K": K, "T_camera_site": LOOK_X}, "no pictures or boxes on this topic"),
+        ({"topic": "/nowhere", "K": K, "T_camera_site": LOOK_X}, "no images or boxes on this topic"),
     ],
 )
 def test_unsound_cameras_are_faults(camera: dict[str, Any], reason: str) -> None:

@@ -99,7 +99,7 @@ def test_pairing_prefers_the_place_then_the_frame_then_the_beginning() -> None:
         ("/cam/image", True),
     ],
 )
-def test_depth_and_masks_are_no_pictures(topic: str, expected: bool) -> None:
+def test_depth_and_masks_are_no_images(topic: str, expected: bool) -> None:
     assert is_measured_image(topic) is expected
 
 

@@ -15,7 +15,7 @@ from pipeline.core.errors import MessageError
 from pipeline.core.messages import RawMessage
 from readers.memory import MemoryRecording
 from readers.messages.deserialize import deserialize
-from readers.messages.image import decode_picture
+from readers.messages.image import decode_any_image
 from readers.messages.pointcloud2 import decode_pointcloud2
 from readers.recording import Recording
 from readers.streams.per_sensor import sensor_messages
@@ -27,7 +27,7 @@ Encoding = Literal["ros1", "cdr"]
 both = pytest.mark.parametrize("encoding", ["ros1", "cdr"])
 
 
-def pictures(encoding: Encoding, count: int, first_ns: int = T0) -> list[RawMessage]:
+def images(encoding: Encoding, count: int, first_ns: int = T0) -> list[RawMessage]:
     rng = np.random.default_rng(first_ns % 1000 + count)
     sizes = rng.integers(3, 30, (count, 2))  # odd sizes shift what follows: CDR has to align it
     return [
@@ -62,8 +62,8 @@ def opened(*messages: RawMessage) -> Recording:
 
 @both
 @pytest.mark.parametrize("count", [1, 2, 8])
-def test_pictures(encoding: Encoding, count: int) -> None:
-    parts = pictures(encoding, count)
+def test_images(encoding: Encoding, count: int) -> None:
+    parts = images(encoding, count)
     recording = opened(combined("/camera_msgs_combined", CAMERAS, parts, LOGGED, encoding))
     names = [f"/camera_msgs_combined/camera_{i + 1}" for i in range(count)]
     assert [(t.topic, t.msgtype, t.message_count) for t in recording.topics] == [
@@ -75,7 +75,7 @@ def test_pictures(encoding: Encoding, count: int) -> None:
     assert {m.log_time_ns for m in got} == {LOGGED}
     assert [m.order for m in got] == sorted({m.order for m in got})
     for message, part in zip(got, parts, strict=True):
-        found, expected = decode_picture(message), decode_picture(part)
+        found, expected = decode_any_image(message), decode_any_image(part)
         assert (found.stamp_ns, found.frame_id) == (expected.stamp_ns, expected.frame_id)
         assert np.array_equal(found.rgb, expected.rgb)
         assert bytes(message.data) == part.data
@@ -99,14 +99,14 @@ def test_the_definition_tells_not_the_name(encoding: Encoding) -> None:
     part = raw("/a", "sensor_msgs/msg/CompressedImage", fields, T0, encoding=encoding)
     definition = "Header header\nsensor_msgs/CompressedImage[2] views"
     whole = combined("/rig", "a_msgs/msg/Rig", [part] * 2, LOGGED, encoding, definition=definition, field="views")
-    assert [(m.topic, decode_picture(m).rgb.shape) for m in opened(whole).messages()] == [
+    assert [(m.topic, decode_any_image(m).rgb.shape) for m in opened(whole).messages()] == [
         ("/rig/views_1", (8, 9, 3)),
         ("/rig/views_2", (8, 9, 3)),
     ]
 
 
 @both
-@pytest.mark.parametrize(("msgtype", "make"), [(CAMERAS, pictures), (CLOUDS, clouds)])
+@pytest.mark.parametrize(("msgtype", "make"), [(CAMERAS, images), (CLOUDS, clouds)])
 def test_without_its_definition_the_original_is_known(encoding: Encoding, msgtype: str, make: Any) -> None:
     whole = combined("/whole", msgtype, make(encoding, 2), LOGGED, encoding)
     bare = whole._replace(channel=replace(whole.channel, definition=""))
@@ -123,7 +123,7 @@ def test_only_what_is_asked_for_is_read_and_taken_apart(encoding: Encoding) -> N
             return super().messages(topics, **window)
 
     odom = raw("/odom", "nav_msgs/msg/Odometry", odometry(stamp_ns=T0), T0, T0, encoding)
-    whole = combined("/c", CAMERAS, pictures(encoding, 4), LOGGED, encoding)
+    whole = combined("/c", CAMERAS, images(encoding, 4), LOGGED, encoding)
     recording = sensor_messages(Watched([odom, whole]))
     asked.clear()
     assert [m.topic for m in recording.messages(["/odom"])] == ["/odom"]
@@ -137,7 +137,7 @@ def test_only_what_is_asked_for_is_read_and_taken_apart(encoding: Encoding) -> N
 @both
 def test_lists_of_changing_length(encoding: Encoding) -> None:
     messages = [
-        combined("/c", CAMERAS, pictures(encoding, count, T0 + i), LOGGED + i, encoding)
+        combined("/c", CAMERAS, images(encoding, count, T0 + i), LOGGED + i, encoding)
         for i, count in enumerate([0, 2, 1, 3])
     ]
     recording = opened(*messages)
@@ -155,7 +155,7 @@ def test_messages_without_parts_are_listed_as_they_are(encoding: Encoding) -> No
 
 @both
 def test_a_broken_message_is_a_problem_of_each_part(encoding: Encoding) -> None:
-    good = combined("/c", CAMERAS, pictures(encoding, 2), LOGGED, encoding)
+    good = combined("/c", CAMERAS, images(encoding, 2), LOGGED, encoding)
     broken = good._replace(data=good.data[:-20], log_time_ns=LOGGED - 1)
     recording = opened(broken, good)
     got = list(recording.messages())
@@ -177,7 +177,7 @@ def test_other_recordings_are_left_as_they_are() -> None:
 @both
 def test_parts_have_rates_of_their_own(encoding: Encoding) -> None:
     frames = [
-        combined("/c", CAMERAS, pictures(encoding, 2, T0 + i * 10**8), LOGGED + i * 10**8, encoding) for i in range(10)
+        combined("/c", CAMERAS, images(encoding, 2, T0 + i * 10**8), LOGGED + i * 10**8, encoding) for i in range(10)
     ]
     for topic in survey(opened(*frames)):
         assert (topic.count, topic.gaps) == (10, 0)
@@ -186,7 +186,7 @@ def test_parts_have_rates_of_their_own(encoding: Encoding) -> None:
 
 @both
 def test_parts_that_the_recording_defines_without_a_header(encoding: Encoding) -> None:
-    good = combined("/c", CAMERAS, pictures(encoding, 2), LOGGED, encoding)
+    good = combined("/c", CAMERAS, images(encoding, 2), LOGGED, encoding)
     rule = "=" * 80
     definition = f"sensor_msgs/Image[] camera\n{rule}\nMSG: sensor_msgs/Image\nuint32 height\n"
     odd = good._replace(

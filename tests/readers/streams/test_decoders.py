@@ -31,7 +31,7 @@ def test_a_cloud_without_a_frame_has_that_of_its_lidar(frame_id: str, expected: 
     cloud = raw("/points", "sensor_msgs/msg/PointCloud2", pointcloud2([[1, 2, 3]], stamp_ns=5, frame_id=frame_id), 5)
     for message in (packets(frame_id), cloud):
         decoded = decoder(message.topic)(bundle(message))
-        assert decoded.by_sensor["top"].frame_id == expected
+        assert decoded["top"].frame_id == expected
         assert decoded.drops == ()
 
 
@@ -40,7 +40,7 @@ def test_parts_that_took_no_part_are_drops_of_their_own() -> None:
     payload[1] = 0
     message = lacking(scan(payload, stamps_ns), "short")
     decoded = decoder(TOPIC)(bundle(message))
-    assert len(decoded.by_sensor["top"])
+    assert len(decoded["top"])
     assert [(drop.reason, drop.parts) for drop in decoded.drops] == [
         ("packets that cannot be decoded", 1),
         ("packets with blocks that a VLP-16 does not send", 1),
@@ -50,11 +50,11 @@ def test_parts_that_took_no_part_are_drops_of_their_own() -> None:
 def test_a_message_that_cannot_be_decoded_is_one_drop() -> None:
     message = lacking(packets("")._replace(data=b"short"), "short")
     decoded = decoder(TOPIC)(bundle(message))
-    assert decoded.by_sensor == {}
+    assert dict(decoded) == {}
     assert [(drop.reason, drop.parts) for drop in decoded.drops] == [("cannot be decoded", 0)]
     with pytest.raises(MessageError, match="header is cut off"):
         decoder(TOPIC, "fail")(bundle(message))
 
 
 def lacking(message: RawMessage, *reasons: str) -> RawMessage:
-    return message._replace(left_out=reasons)
+    return message._replace(defects=reasons)

@@ -15,8 +15,8 @@ from readers.streams.per_sensor import sensor_messages
 
 T0 = 1_700_000_000 * 10**9
 ODOMETRY = raw("/odom", "nav_msgs/msg/Odometry", odometry(stamp_ns=T0), T0)
-PICTURE = raw("/x", "sensor_msgs/msg/Image", image(zeros((3, 4, 3), "u1"), stamp_ns=T0), T0)
-WHOLE = combined("/c", CAMERAS, [PICTURE, PICTURE], T0 + 1, "cdr")
+IMAGE = raw("/x", "sensor_msgs/msg/Image", image(zeros((3, 4, 3), "u1"), stamp_ns=T0), T0)
+WHOLE = combined("/c", CAMERAS, [IMAGE, IMAGE], T0 + 1, "cdr")
 FOXGLOVE = foxglove_raw("/f", "foxglove.RawImage", {"timestamp": T0 + 7}, T0 + 2)
 
 

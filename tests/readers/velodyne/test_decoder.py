@@ -316,7 +316,7 @@ def test_packets_of_another_kind_are_left_out_and_counted() -> None:
 
 def test_packets_that_were_lost_before_are_counted() -> None:
     payload, stamps_ns = random_packets("VLP-16", packets=3)
-    message = scan(payload, stamps_ns)._replace(left_out=(f"{TOPIC}: one", f"{TOPIC}: two"))
+    message = scan(payload, stamps_ns)._replace(defects=(f"{TOPIC}: one", f"{TOPIC}: two"))
     cloud, drops = decoder().decode(message)
     assert len(cloud) == len(decoder()(scan(payload, stamps_ns)))
     assert [(drop.reason, drop.detail, drop.parts) for drop in drops] == [

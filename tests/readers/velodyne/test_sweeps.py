@@ -90,7 +90,7 @@ def test_cut_where_nothing_was_recorded() -> None:
 
 
 def test_a_sweep_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(velodyne_sweeps, "MOST_PACKETS", 3)
+    monkeypatch.setattr(velodyne_sweeps, "MAX_PACKETS", 3)
     assert numbers(gathered(stream([7] * 7))) == [[0, 1, 2], [3, 4, 5], [6]]
 
 
@@ -177,9 +177,9 @@ def test_packets_that_cannot_be_used_are_told_of() -> None:
     messages[4] = messages[4]._replace(data=b"", problem="lost")
     sweeps = gathered(messages)
     assert numbers(sweeps) == [[0, 2, 3], [5]]
-    assert [len(sweep.left_out) for sweep in sweeps] == [2, 0]
-    assert "expected a velodyne_msgs/msg/VelodynePacket of 1218 bytes, found 900 bytes" in sweeps[0].left_out[0]
-    assert sweeps[0].left_out[1] == f"{TOPIC}: lost"
+    assert [len(sweep.defects) for sweep in sweeps] == [2, 0]
+    assert "expected a velodyne_msgs/msg/VelodynePacket of 1218 bytes, found 900 bytes" in sweeps[0].defects[0]
+    assert sweeps[0].defects[1] == f"{TOPIC}: lost"
 
 
 def test_no_packet_that_can_be_used() -> None:

@@ -1,4 +1,4 @@
-"""Packets to pictures: against the pictures that were encoded, and against OpenCV's decoder."""
+"""Packets to images: against the images that were encoded, and against OpenCV's decoder."""
 
 import struct
 from pathlib import Path
@@ -43,25 +43,25 @@ def problems(messages: list[RawMessage]) -> list[str]:
     return [message.problem for message in decoded(messages)]
 
 
-def assert_shows(found: list[RawMessage], pictures: list[Any], *, least_db: float = 33) -> None:
-    """Each message has the picture of its stamp, and no other picture would fit as well."""
+def assert_shows(found: list[RawMessage], images: list[Any], *, least_db: float = 33) -> None:
+    """Each message has the image of its stamp, and no other image would fit as well."""
     for message in found:
         own = (message.stamp_ns - T0) // PERIOD_NS
-        fits = [psnr_db(pixels(message), picture) for picture in pictures]
+        fits = [psnr_db(pixels(message), image) for image in images]
         assert fits[own] > least_db, message.stamp_ns
         assert np.argmax(fits) == own
 
 
 @pytest.mark.parametrize("kind", CODECS)
-def test_pictures_are_those_that_were_encoded(kind: str) -> None:
-    pictures = moving(COUNT)
-    messages = (ffmpeg if kind in {"vp8", "mpeg4", "mjpeg"} else foxglove)(encode(pictures, kind, gop=GOP), kind)
+def test_images_are_those_that_were_encoded(kind: str) -> None:
+    images = moving(COUNT)
+    messages = (ffmpeg if kind in {"vp8", "mpeg4", "mjpeg"} else foxglove)(encode(images, kind, gop=GOP), kind)
     found = decoded(messages)
     assert [(m.stamp_ns, m.log_time_ns, m.order, m.problem) for m in found] == [
         (m.stamp_ns, m.log_time_ns, m.order, "") for m in messages
     ]
     assert {(m.topic, m.channel.msgtype) for m in found} == {(messages[0].topic, "sensor_msgs/msg/CompressedImage")}
-    assert_shows(found, pictures)
+    assert_shows(found, images)
 
 
 @pytest.mark.parametrize("kind", ["h264", "h265", "vp9", "vp8"])  # OpenCV's wheel has no decoder of AV1
@@ -81,22 +81,22 @@ def test_opencv_sees_the_same(kind: str, tmp_path: Path) -> None:
         judged.append(np.asarray(read[1][..., ::-1], np.uint8))
     found = decoded((ffmpeg if kind == "vp8" else foxglove)(packets, kind))
     assert len(judged) == len(found) == COUNT
-    for picture, message in zip(judged, found, strict=True):
-        assert psnr_db(pixels(message), picture) > 40
+    for image, message in zip(judged, found, strict=True):
+        assert psnr_db(pixels(message), image) > 40
 
 
 @pytest.mark.parametrize("kind", ["h264", "h265"])
-def test_pictures_out_of_order(kind: str) -> None:
-    """B-frames: packets come in the order of decoding, each picture goes to the message of its packet."""
-    pictures = moving(COUNT)
+def test_images_out_of_order(kind: str) -> None:
+    """B-frames: packets come in the order of decoding, each image goes to the message of its packet."""
+    images = moving(COUNT)
     own = {"h264": {"bf": "2", "b_adapt": "0", "tune": "psnr"}, "h265": {"x265_params": "bframes=2:log-level=none"}}
-    packets = encode(pictures, kind, gop=GOP, **own[kind])
-    assert [packet.picture for packet in packets] != sorted(packet.picture for packet in packets)
+    packets = encode(images, kind, gop=GOP, **own[kind])
+    assert [packet.image for packet in packets] != sorted(packet.image for packet in packets)
     messages = ffmpeg(packets, kind)
     found = decoded(messages)
     assert [m.stamp_ns for m in found] == sorted(m.stamp_ns for m in messages)
     assert {(m.stamp_ns, m.log_time_ns) for m in found} == {(m.stamp_ns, m.log_time_ns) for m in messages}
-    assert_shows(found, pictures)
+    assert_shows(found, images)
 
 
 def test_nothing() -> None:
@@ -111,13 +111,13 @@ def test_without_a_key_frame() -> None:
 @pytest.mark.parametrize("kind", ["h264", "h265", "vp9", "av1"])
 @pytest.mark.parametrize("first", [1, GOP - 1])
 def test_it_begins_with_a_key_frame(kind: str, first: int) -> None:
-    pictures = moving(COUNT)
-    packets = encode(pictures, kind, gop=GOP)
+    images = moving(COUNT)
+    packets = encode(images, kind, gop=GOP)
     found = decoded(foxglove(packets[first:], kind))
     key = next(place for place, packet in enumerate(packets) if packet.is_key and place >= first)
     assert [m.problem for m in found] == [BEFORE_KEY_FRAME] * (key - first) + [""] * (COUNT - key)
     assert all(not m.data for m in found if m.problem)
-    assert_shows(found[key - first :], pictures)
+    assert_shows(found[key - first :], images)
 
 
 @pytest.mark.parametrize(
@@ -129,8 +129,8 @@ def test_it_begins_with_a_key_frame(kind: str, first: int) -> None:
     ],
 )
 def test_after_damage_it_begins_again(kind: str, fault: str) -> None:
-    pictures = moving(COUNT)
-    packets = encode(pictures, kind, gop=GOP)
+    images = moving(COUNT)
+    packets = encode(images, kind, gop=GOP)
     half = packets[1].data[: len(packets[1].data) // 2]
     data = {"empty": b"", "ones": b"\xff" * 40, "nonsense": NONSENSE, "half": half}[fault]
     damaged = [packets[0], packets[1]._replace(data=data), *packets[2:]]
@@ -139,7 +139,7 @@ def test_after_damage_it_begins_again(kind: str, fault: str) -> None:
     reason = "without data" if not data else f"{len(data)} bytes are no {CODECS[kind][0]}"
     assert ("this one is broken" if (kind, fault) == ("h264", "nonsense") else reason) in found[1].problem
     assert [m.problem for m in found[2:GOP]] == [AFTER_DAMAGE] * (GOP - 2)
-    assert_shows([m for m in found if not m.problem], pictures)
+    assert_shows([m for m in found if not m.problem], images)
 
 
 @pytest.mark.parametrize("kind", ["h264", "h265"])
@@ -176,32 +176,32 @@ def test_a_message_that_cannot_be_read() -> None:
 @pytest.mark.parametrize("kind", ["h264", "h265", "vp9", "av1"])
 def test_the_size_changes(kind: str) -> None:
     small, large = moving(3, 64, 48), moving(6, 128, 96)
-    later = [packet._replace(picture=packet.picture) for packet in encode(large, kind)[3:]]
+    later = [packet._replace(image=packet.image) for packet in encode(large, kind)[3:]]
     packets = [*encode(small, kind), *(p for p in encode(large[3:], kind))]
-    messages = foxglove([p._replace(picture=place) for place, p in enumerate(packets)], kind)
+    messages = foxglove([p._replace(image=place) for place, p in enumerate(packets)], kind)
     found = decoded(messages)
     assert later
     assert [m.problem for m in found] == [""] * 6
     assert [pixels(m).shape[:2] for m in found] == [(48, 64)] * 3 + [(96, 128)] * 3
-    for message, picture in zip(found, [*small, *large[3:]], strict=True):
-        assert psnr_db(pixels(message), picture) > 33
+    for message, image in zip(found, [*small, *large[3:]], strict=True):
+        assert psnr_db(pixels(message), image) > 33
 
 
 def test_the_codec_changes() -> None:
-    pictures = moving(6)
-    one, other = encode(pictures[:3], "h264"), encode(pictures[3:], "h265")
-    other = [packet._replace(picture=packet.picture + 3) for packet in other]
+    images = moving(6)
+    one, other = encode(images[:3], "h264"), encode(images[3:], "h265")
+    other = [packet._replace(image=packet.image + 3) for packet in other]
     found = decoded([*foxglove(one, "h264"), *foxglove(other, "h265")])
     assert [m.problem for m in found] == [""] * 6
-    assert_shows(found, pictures)
+    assert_shows(found, images)
 
 
 def test_what_is_not_shown_helps_those_after_it() -> None:
-    pictures = moving(GOP)
-    messages = foxglove(encode(pictures, gop=GOP))
+    images = moving(GOP)
+    messages = foxglove(encode(images, gop=GOP))
     decoder = VideoDecoder(messages[0].topic)
     assert [decoder.add(message, show=False) for message in messages[:-1]] == [[]] * (GOP - 1)
-    assert_shows(decoder.add(messages[-1]), pictures)
+    assert_shows(decoder.add(messages[-1]), images)
     assert decoder.add(compressed_video(b"", T0), show=False) == []
 
 
@@ -210,8 +210,8 @@ def test_equal_packets_give_equal_bytes() -> None:
     assert decoded(messages) == decoded(messages)
 
 
-def test_packets_that_give_no_picture_do_not_pile_up() -> None:
-    """Parameter sets over and over, in a stream of pictures out of order: nothing is held for ever."""
+def test_packets_that_give_no_image_do_not_pile_up() -> None:
+    """Parameter sets over and over, in a stream of images out of order: nothing is held for ever."""
     packets = encode(moving(COUNT), gop=GOP, bf="2", b_adapt="0", tune="psnr")
     data = packets[0].data
     sets = data[: data.index(b"\0\0\1\x65") - 1]
@@ -225,7 +225,7 @@ def test_packets_that_give_no_picture_do_not_pile_up() -> None:
 
 
 def sequence_parameter_set(width_px: int, height_px: int) -> bytes:
-    """An H.264 SPS and PPS by hand, ITU-T H.264 7.3.2.1: baseline, picture order type 2, one reference picture."""
+    """An H.264 SPS and PPS by hand, ITU-T H.264 7.3.2.1: baseline, image order type 2, one reference image."""
 
     def code(value: int) -> str:
         digits = f"{value + 1:b}"
@@ -253,7 +253,7 @@ def test_absurd_sizes_take_no_memory(size: tuple[int, int]) -> None:
 def test_the_settings_bound_the_size() -> None:
     messages = foxglove(encode(moving(2, 160, 120)))
     for mpx, is_shown in ((0.1, True), (0.01, False)):
-        decoder = VideoDecoder(messages[0].topic, limits=LimitsConfig(largest_picture_mpx=mpx))
+        decoder = VideoDecoder(messages[0].topic, limits=LimitsConfig(max_image_mpx=mpx))
         assert [not found.problem for message in messages for found in decoder.add(message)] == [is_shown] * 2
 
 

@@ -17,7 +17,7 @@ STREAMS = {
     "sliced threads": {"x264_params": "slice-max-size=200"},
     "B-frames": {"bf": "3", "b_adapt": "0", "tune": "psnr"},
     "B-frames that others refer to": {"bf": "3", "b_adapt": "0", "tune": "psnr", "x264_params": "b-pyramid=normal"},
-    "refresh picture by picture": {"intra_refresh": "1"},
+    "refresh image by image": {"intra_refresh": "1"},
     "open groups": {"x264_params": "open-gop=1:bframes=2", "tune": "psnr"},
     "many references": {"refs": "8", "tune": "psnr", "bf": "0"},
 }
@@ -38,15 +38,13 @@ def test_nothing_is_missing(name: str) -> None:
 
 
 def test_the_count_starts_over() -> None:
-    """`frame_num` has four bits at the least: a group of 60 pictures passes its end several times."""
+    """`frame_num` has four bits at the least: a group of 60 images passes its end several times."""
     packets = encode(moving(60), gop=60, profile="baseline")
     assert gaps(packets) == []
     assert gaps([*packets[:33], *packets[34:]]) == [33]
 
 
-@pytest.mark.parametrize(
-    "name", ["plain", "baseline", "main", "slices", "many references", "refresh picture by picture"]
-)
+@pytest.mark.parametrize("name", ["plain", "baseline", "main", "slices", "many references", "refresh image by image"])
 @pytest.mark.parametrize("missing", [1, 2, 16, 23])
 def test_one_is_missing(name: str, missing: int) -> None:
     packets = encode(moving(COUNT), gop=25, **STREAMS[name])

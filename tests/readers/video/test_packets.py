@@ -46,7 +46,7 @@ def test_key_frames_are_those_of_the_encoder(kind: str, encoding: Any) -> None:
         (b"\0\0\1\x02\x01", "hevc", False),
         (b"\x82", "vp9", True),
         (b"\x86", "vp9", False),
-        (b"\x88", "vp9", False),  # shows a picture that was decoded before
+        (b"\x88", "vp9", False),  # shows an image that was decoded before
         (b"\xb0", "vp9", True),  # profile 3
         (b"\xb2", "vp9", False),
         (b"\x42", "vp9", False),

@@ -1,4 +1,4 @@
-"""Video topics in the stream of messages: every message once, the right pictures, whatever synchronisation takes."""
+"""Video topics in the stream of messages: every message once, the right images, whatever synchronisation takes."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -19,15 +19,15 @@ from pipeline.stages.sync import synchronize
 from readers.memory import MemoryRecording
 from readers.rig.discovery import Discovery, discover_rig
 from readers.rig.first_messages import FirstMessages
-from readers.rig.sensor_topics import PICTURE, find_camera_topics
+from readers.rig.sensor_topics import IMAGE, find_camera_topics
 from readers.streams.per_sensor import sensor_messages
 from readers.streams.survey import survey
 from readers.video.packets import AFTER_DAMAGE, BEFORE_KEY_FRAME, VIDEO
-from readers.video.streams import LOOK_BACK_NS, VideoStreams, first_picture_size, video_topics
+from readers.video.streams import LOOK_BACK_NS, VideoStreams, first_image_size, video_topics
 
 COUNT, GOP = 12, 4
-PICTURES = moving(COUNT)
-PACKETS = encode(PICTURES, gop=GOP)
+IMAGES = moving(COUNT)
+PACKETS = encode(IMAGES, gop=GOP)
 FILM = foxglove(PACKETS)
 TOPIC = FILM[0].topic
 K = np.array([[60.0, 0, 32], [0, 60, 24], [0, 0, 1]])
@@ -47,10 +47,10 @@ def window(first: int, messages: Sequence[RawMessage] = FILM) -> list[RawMessage
 
 def test_other_messages_pass() -> None:
     other = raw("/odom", "nav_msgs/msg/Odometry", odometry(stamp_ns=T0), T0)
-    picture = raw(TOPIC, "sensor_msgs/msg/Image", image(PICTURES[0], stamp_ns=T0), T0)
+    image_message = raw(TOPIC, "sensor_msgs/msg/Image", image(IMAGES[0], stamp_ns=T0), T0)
     unused = compressed_video(b"\1", T0, topic="/unused")
-    found = streamed([other, FILM[0], picture, unused, FILM[1]])
-    assert (found[0], found[2], found[3]) == (other, picture, unused)
+    found = streamed([other, FILM[0], image_message, unused, FILM[1]])
+    assert (found[0], found[2], found[3]) == (other, image_message, unused)
     assert [m.channel.msgtype for m in (found[1], found[4])] == ["sensor_msgs/msg/CompressedImage"] * 2
 
 
@@ -70,7 +70,7 @@ def test_a_window_shows_what_the_whole_shows(first: int) -> None:
 
 
 def test_looking_back_holds_little(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("readers.video.streams.MOST_HELD_BYTES", 1000)
+    monkeypatch.setattr("readers.video.streams.MAX_HELD_BYTES", 1000)
     for first in (GOP - 1, COUNT - 1):
         assert [m.data for m in window(first)] == [m.data for m in streamed(FILM)][first:]
 
@@ -89,12 +89,12 @@ def test_damage_before_a_window() -> None:
     assert [m.problem for m in window(2, messages)] == [AFTER_DAMAGE] * (GOP - 2) + [""] * (COUNT - GOP)
 
 
-def test_pictures_out_of_order_across_the_start_of_a_window() -> None:
-    messages = ffmpeg(encode(PICTURES, gop=6, bf="2", b_adapt="0", tune="psnr"), topic=TOPIC)
+def test_images_out_of_order_across_the_start_of_a_window() -> None:
+    messages = ffmpeg(encode(IMAGES, gop=6, bf="2", b_adapt="0", tune="psnr"), topic=TOPIC)
     found = window(3, messages)
     assert sorted(m.stamp_ns for m in found) == sorted(m.stamp_ns for m in messages[3:])
     for message in found:
-        assert psnr_db(pixels(message), PICTURES[(message.stamp_ns - T0) // PERIOD_NS]) > 33
+        assert psnr_db(pixels(message), IMAGES[(message.stamp_ns - T0) // PERIOD_NS]) > 33
 
 
 def bundles_of(messages: Sequence[RawMessage]) -> tuple[list[SensorBundle], list[Drop], list[Drop]]:
@@ -117,11 +117,11 @@ def test_frames_that_synchronisation_leaves_out_are_decoded_all_the_same() -> No
     bundles, drops, bad = bundles_of(FILM)
     assert [bundle.stamp_ns for bundle in bundles] == [T0 + n * PERIOD_NS for n in range(0, COUNT, 2)]
     for number, bundle in enumerate(bundles):
-        assert psnr_db(pixels(bundle.messages[TOPIC]), PICTURES[2 * number]) > 33
+        assert psnr_db(pixels(bundle.messages[TOPIC]), IMAGES[2 * number]) > 33
     assert (len(drops), bad) == (COUNT // 2, [])
 
 
-def test_messages_without_a_picture_leave_their_frame_and_are_counted() -> None:
+def test_messages_without_an_image_leave_their_frame_and_are_counted() -> None:
     broken = [*FILM[1:6], FILM[6]._replace(data=FILM[6].data[:40]), *FILM[7:]]
     bundles, drops, bad = bundles_of(broken)
     assert [bundle.stamp_ns for bundle in bundles] == [T0 + n * PERIOD_NS for n in range(2, COUNT, 2)]
@@ -129,8 +129,8 @@ def test_messages_without_a_picture_leave_their_frame_and_are_counted() -> None:
     assert all("/lidar" in bundle.messages for bundle in bundles)
     assert [(d.stamp_ns, d.detail) for d in drops if d.reason == BEFORE_KEY_FRAME] == [(T0 + 2 * PERIOD_NS, "")]
     assert [(d.topic, d.stamp_ns, d.reason) for d in bad] == [(TOPIC, T0 + 6 * PERIOD_NS, "cannot be decoded")]
-    assert bundles[0].left_out[TOPIC, BEFORE_KEY_FRAME] == 1
-    assert bundles[2].left_out[TOPIC, "cannot be decoded"] == 1
+    assert bundles[0].dropped_before[TOPIC, BEFORE_KEY_FRAME] == 1
+    assert bundles[2].dropped_before[TOPIC, "cannot be decoded"] == 1
 
 
 def test_the_reason_tells_of_the_window() -> None:
@@ -144,12 +144,12 @@ def test_the_reason_tells_of_the_window() -> None:
 
 
 @pytest.mark.parametrize("kind", ["h264", "h265", "vp9"])
-def test_the_size_of_the_first_picture(kind: str) -> None:
+def test_the_size_of_the_first_image(kind: str) -> None:
     messages = foxglove(encode(moving(6, 80, 64), kind, gop=4), kind)
-    assert first_picture_size(messages) == (80, 64)
-    assert first_picture_size(messages[1:]) == (80, 64)
-    assert first_picture_size(messages[1:3]) is None
-    assert first_picture_size([]) is None
+    assert first_image_size(messages) == (80, 64)
+    assert first_image_size(messages[1:]) == (80, 64)
+    assert first_image_size(messages[1:3]) is None
+    assert first_image_size([]) is None
 
 
 @pytest.mark.parametrize("encoding", ["protobuf", "json"])
@@ -204,12 +204,12 @@ def test_another_type_of_the_same_name_is_no_camera() -> None:
     other = FILM[0]._replace(channel=Channel(TOPIC, FILM[0].channel.msgtype, "cdr", "uint8 nothing", "ros2msg"))
     recording = MemoryRecording([other])
     first = FirstMessages(recording)
-    assert (first.frame(TOPIC, PICTURE), first.picture_size(TOPIC, PICTURE)) == ("", None)
+    assert (first.frame(TOPIC, IMAGE), first.image_size(TOPIC, IMAGE)) == ("", None)
 
 
 def test_a_calibration_for_another_size_is_told() -> None:
     [fault] = rig_of(FILM, size=(128, 96)).faults
-    assert "its pictures are 64 x 48 px" in fault.reason
+    assert "its images are 64 x 48 px" in fault.reason
 
 
 def test_the_size_that_a_packet_names_is_not_believed() -> None:
@@ -217,19 +217,19 @@ def test_the_size_that_a_packet_names_is_not_believed() -> None:
 
 
 @pytest.mark.parametrize("msgtype", ["sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"])
-def test_pictures_go_before_their_video(msgtype: str) -> None:
-    fields = image(PICTURES[0], stamp_ns=T0) if msgtype.endswith("/Image") else {"format": "jpeg"}
+def test_images_go_before_their_video(msgtype: str) -> None:
+    fields = image(IMAGES[0], stamp_ns=T0) if msgtype.endswith("/Image") else {"format": "jpeg"}
     still = raw("/camera/image_raw", msgtype, fields, T0)
     recording = MemoryRecording([still, *ffmpeg(PACKETS, topic="/camera/image_raw/ffmpeg")])
     cameras, _, notes = find_camera_topics(recording, TopicsConfig(), FirstMessages(recording))
-    assert [camera.picture for camera in cameras] == ["/camera/image_raw"]
-    assert notes == ["/camera/image_raw/ffmpeg: pictures of the same camera as /camera/image_raw, not used"]
+    assert [camera.image for camera in cameras] == ["/camera/image_raw"]
+    assert notes == ["/camera/image_raw/ffmpeg: images of the same camera as /camera/image_raw, not used"]
 
 
-def test_depth_as_video_is_no_picture() -> None:
+def test_depth_as_video_is_no_image() -> None:
     recording = MemoryRecording(ffmpeg(PACKETS, "hevc;gray12le;mono16;16UC1", topic="/camera/aligned/ffmpeg"))
     cameras, _, notes = find_camera_topics(recording, TopicsConfig(), FirstMessages(recording))
-    assert (cameras, notes) == ([], ["/camera/aligned/ffmpeg: depth or mask pictures, not used"])
+    assert (cameras, notes) == ([], ["/camera/aligned/ffmpeg: depth or mask images, not used"])
 
 
 def test_without_the_decoder_the_topic_cannot_be_read(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -254,4 +254,4 @@ def test_without_the_decoder_the_topic_cannot_be_read(monkeypatch: pytest.Monkey
 def test_topics() -> None:
     recording = MemoryRecording([*FILM, raw("/odom", "nav_msgs/msg/Odometry", odometry(stamp_ns=T0), T0)])
     assert video_topics(recording, ["/odom", TOPIC, "/else"]) == (TOPIC,)
-    assert VIDEO < PICTURE
+    assert VIDEO < IMAGE

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from frames import CONFIG, PERIOD_NS, PROVENANCE, RIG, START_NS, frame, picture
+from frames import CONFIG, PERIOD_NS, PROVENANCE, RIG, START_NS, frame, image_message
 from mcap.reader import make_reader
 from results import messages_of, topics_of
 from rosbags.highlevel import AnyReader
@@ -83,7 +83,7 @@ def test_log_time_is_that_of_the_reference_message(two_frames: Path) -> None:
 
 
 @pytest.mark.parametrize("topic", sorted(EACH_FRAME))
-def test_stamps_are_the_frame_s_or_the_picture_s(two_frames: Path, topic: str) -> None:
+def test_stamps_are_the_frame_s_or_the_image_s(two_frames: Path, topic: str) -> None:
     shift_ns = {"left": 1_000_001, "right": -2_000_003}.get(topic.split("/")[1], 0)
     messages = [message for _, message in messages_of(two_frames, topic)]
     if topic == "/fused/scene":
@@ -132,7 +132,7 @@ def test_calibration_is_the_one_used(two_frames: Path) -> None:
     np.testing.assert_array_equal(left.p.reshape(3, 4), np.c_[model.K, np.zeros(3)])
 
 
-def test_pictures_carry_the_frame_of_the_tf_tree(two_frames: Path) -> None:
+def test_images_carry_the_frame_of_the_tf_tree(two_frames: Path) -> None:
     for topic, frame_id in (("/left/image", "left"), ("/right/image/compressed", "right")):
         for index, (_, message) in enumerate(messages_of(two_frames, topic)):
             assert message.header.frame_id == frame_id
@@ -201,33 +201,33 @@ def with_messages(result: FrameResult, **messages: Any) -> FrameResult:
     return replace(result, bundle=replace(result.bundle, messages=kept))
 
 
-def test_a_camera_without_picture_or_boxes_is_left_out_of_the_frame(tmp_path: Path) -> None:
+def test_a_camera_without_image_or_boxes_is_left_out_of_the_frame(tmp_path: Path) -> None:
     bare = with_messages(frame(), **{"/left/image": None})
-    write(tmp_path / "out.mcap", [replace(bare, camera_boxes={}, matches={})])
+    write(tmp_path / "out.mcap", [replace(bare, detections=replace(bare.detections, cameras={}), matches={})])
     counts = {topic: count for topic, (_, count) in topics_of(tmp_path / "out.mcap").items()}
     assert [counts[f"/left/{leaf}"] for leaf in PER_CAMERA] == [0, 0, 0]
     assert [counts[f"/right/{leaf}"] for leaf in PER_CAMERA] == [1, 1, 0]
     assert counts["/right/image/compressed"] == 1
 
 
-def test_recorded_boxes_without_a_picture_give_the_stamp(tmp_path: Path) -> None:
+def test_recorded_boxes_without_an_image_give_the_stamp(tmp_path: Path) -> None:
     write(tmp_path / "out.mcap", [with_messages(frame(), **{"/left/image": None})])
     for leaf in PER_CAMERA:
         ((_, message),) = messages_of(tmp_path / "out.mcap", f"/left/{leaf}")
         assert stamp_of(message) == START_NS + 1_000_001
 
 
-def test_a_picture_that_was_dropped_is_not_copied(tmp_path: Path) -> None:
+def test_an_image_that_was_dropped_is_not_copied(tmp_path: Path) -> None:
     dropped = Drop("/left/image", START_NS + 1_000_001, "cannot be decoded")
     assert write(tmp_path / "out.mcap", [frame(drops=(dropped,))]) == [()]
     assert "/left/image" not in topics_of(tmp_path / "out.mcap")
 
 
-def test_a_broken_picture_is_reported_and_the_rest_written(tmp_path: Path) -> None:
-    whole = picture("/left/image", START_NS, frame_id="left")
+def test_a_broken_image_is_reported_and_the_rest_written(tmp_path: Path) -> None:
+    whole = image_message("/left/image", START_NS, frame_id="left")
     broken = whole._replace(data=whole.data[:100])
     ((drop,),) = write(tmp_path / "out.mcap", [with_messages(frame(), **{"/left/image": broken})])
-    assert (drop.topic, drop.stamp_ns, drop.reason) == ("/left/image", START_NS, "the picture cannot be copied")
+    assert (drop.topic, drop.stamp_ns, drop.reason) == ("/left/image", START_NS, "the image cannot be copied")
     assert "100 bytes are no sensor_msgs/msg/Image" in drop.detail
     topics = topics_of(tmp_path / "out.mcap")
     assert "/left/image" not in topics
@@ -270,7 +270,7 @@ def test_a_camera_named_like_an_output_is_refused(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("stamp_ns", [-1, 2**31 * 10**9])
 def test_a_stamp_that_ros_cannot_hold_is_one_clear_line(tmp_path: Path, stamp_ns: int) -> None:
-    message = picture("/left/image", START_NS, frame_id="left")._replace(stamp_ns=stamp_ns)
+    message = image_message("/left/image", START_NS, frame_id="left")._replace(stamp_ns=stamp_ns)
     with pytest.raises(OutputError, match=f"frame 0: stamp {stamp_ns} ns has no place"):
         write(tmp_path / "out.mcap", [with_messages(frame(), **{"/left/image": message})])
     assert names_in(tmp_path) == []

@@ -27,7 +27,7 @@ def grey(message: RawMessage) -> Image:
 
 
 def unreadable(message: RawMessage) -> Image:
-    raise MessageError(f"{message.topic}: no picture")
+    raise MessageError(f"{message.topic}: no image")
 
 
 def write(
@@ -35,9 +35,9 @@ def write(
     frames: Iterable[FrameResult],
     *,
     config: Config = CONFIG,
-    decode_picture: Callable[[RawMessage], Image] = grey,
+    decode_any_image: Callable[[RawMessage], Image] = grey,
 ) -> list[tuple[Drop, ...]]:
-    writer: ResultWriter = RerunResultWriter(path, RIG, config, PROVENANCE, decode_picture=decode_picture)
+    writer: ResultWriter = RerunResultWriter(path, RIG, config, PROVENANCE, decode_any_image=decode_any_image)
     with writer:
         return [writer.write(result) for result in frames]
 
@@ -94,20 +94,24 @@ def test_frames_without_anything_to_show(tmp_path: Path) -> None:
     combined = CombinedCloud(nothing, np.zeros(0, np.uint8), nothing, None, {})
     lidars = {topic: m for topic, m in result.bundle.messages.items() if "lidar" in topic}
     empty = replace(
-        result, combined=combined, camera_boxes={}, matches={}, bundle=replace(result.bundle, messages=lidars)
+        result,
+        combined=combined,
+        detections=replace(result.detections, cameras={}),
+        matches={},
+        bundle=replace(result.bundle, messages=lidars),
     )
     write(tmp_path / "out.rrd", [empty])
     assert rerun(tmp_path, "rrd", "verify", tmp_path / "out.rrd").returncode == 0
 
 
-def test_an_unreadable_picture_is_reported(tmp_path: Path) -> None:
-    ((drop,),) = write(tmp_path / "out.rrd", [frame()], decode_picture=unreadable)
-    assert drop == Drop("/left/image", START_NS + 1_000_001, "the picture cannot be shown", "/left/image: no picture")
+def test_an_unreadable_image_is_reported(tmp_path: Path) -> None:
+    ((drop,),) = write(tmp_path / "out.rrd", [frame()], decode_any_image=unreadable)
+    assert drop == Drop("/left/image", START_NS + 1_000_001, "the image cannot be shown", "/left/image: no image")
 
 
 def test_images_and_clouds_can_be_left_out(tmp_path: Path) -> None:
     config = Config.model_validate({"output": {"images": False, "clouds": False}})
-    assert write(tmp_path / "out.rrd", [frame()], config=config, decode_picture=unreadable) == [()]
+    assert write(tmp_path / "out.rrd", [frame()], config=config, decode_any_image=unreadable) == [()]
     assert "/world/cloud" not in entities(rerun(tmp_path, "rrd", "print", "-v", tmp_path / "out.rrd").stdout)
 
 
@@ -149,12 +153,12 @@ def test_the_scene_s_scale_follows_its_size(size_m: float) -> None:
     assert scale.radius_m == pytest.approx(size_m + np.hypot(0.5, 1), rel=1e-3)
 
 
-def test_compressed_pictures_pass_through_undecoded(tmp_path: Path) -> None:
+def test_compressed_images_pass_through_undecoded(tmp_path: Path) -> None:
     decoded: list[str] = []
 
     def noting(message: RawMessage) -> Image:
         decoded.append(message.topic)
         return grey(message)
 
-    assert write(tmp_path / "out.rrd", [frame()], decode_picture=noting) == [()]
+    assert write(tmp_path / "out.rrd", [frame()], decode_any_image=noting) == [()]
     assert decoded == ["/left/image"]

@@ -23,7 +23,7 @@ class Shape:
         wheel_base_m: From axle to axle; 0 for a pedestrian.
         track_width_m: Between the middles of the front wheels; 0 for what has not two of them.
         wheel_radius_m: Of all wheels; 0 for a pedestrian.
-        largest_steering_rad: Of the middle of the front axle; the inner wheel turns further.
+        max_steering_rad: Of the middle of the front axle; the inner wheel turns further.
     """
 
     class_name: str
@@ -32,7 +32,7 @@ class Shape:
     wheel_base_m: float = 0.0
     track_width_m: float = 0.0
     wheel_radius_m: float = 0.0
-    largest_steering_rad: float = 0.0
+    max_steering_rad: float = 0.0
 
     @property
     def rear_m(self) -> float:

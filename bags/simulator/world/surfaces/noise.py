@@ -1,4 +1,4 @@
-"""Pictures of noise that repeat without a seam: looked up by place, instead of computed at every point."""
+"""Images of noise that repeat without a seam: looked up by place, instead of computed at every point."""
 
 from functools import cache
 
@@ -21,11 +21,11 @@ def cells(u: F32, v: F32) -> F32:
     return _look_up(_white(), u, v)
 
 
-def _look_up(picture: F32, u: F32, v: F32) -> F32:
+def _look_up(image: F32, u: F32, v: F32) -> F32:
     # Adding a whole number of repeats makes the cast round down for negative places, too; far out it only repeats.
     column = (u + np.float32(1 << 20)).astype(np.int32)
     row = (v + np.float32(1 << 20)).astype(np.int32)
-    return np.asarray(picture.take(((row & (SIZE - 1)) << 9) | (column & (SIZE - 1))))
+    return np.asarray(image.take(((row & (SIZE - 1)) << 9) | (column & (SIZE - 1))))
 
 
 @cache

@@ -61,8 +61,8 @@ class _Table:
     Attributes:
         textures: Names of the textures that it has.
         texture: (P,) rows of `textures`.
-        rgb: (P * MOST_LOOKS, 3) linear light.
-        reflectivity: (P * MOST_LOOKS,).
+        rgb: (P * MAX_LOOKS, 3) linear light.
+        reflectivity: (P * MAX_LOOKS,).
     """
 
     textures: tuple[Texture, ...]
@@ -92,7 +92,7 @@ class _Drawn:
 
 
 def _drawn(table: _Table, material: I64, local: Floats, normal: Floats) -> _Drawn:
-    rows = material * MOST_LOOKS
+    rows = material * MAX_LOOKS
     shade = np.ones(len(material), np.float32)
     textures = table.texture.take(material)
     for index in np.flatnonzero(np.bincount(textures, minlength=len(table.textures))):
@@ -113,7 +113,7 @@ def _drawn(table: _Table, material: I64, local: Floats, normal: Floats) -> _Draw
 def _looks(material: Material) -> tuple[Look, ...]:
     """The looks of a material's texture, filled up to the width of the table."""
     looks = TEXTURES[material.texture].looks if material.texture != "plain" else (OWN,)
-    return looks + (OWN,) * (MOST_LOOKS - len(looks))
+    return looks + (OWN,) * (MAX_LOOKS - len(looks))
 
 
 def _reflectivity(look: Look, material: Material) -> float:
@@ -255,4 +255,4 @@ TEXTURES: Mapping[Texture, _Drawing] = {
     "street": _Drawing(street_ground, GROUND_LOOKS),
     "wood": _Drawing(_wood),
 }
-MOST_LOOKS = max(len(drawing.looks) for drawing in TEXTURES.values())
+MAX_LOOKS = max(len(drawing.looks) for drawing in TEXTURES.values())

@@ -26,7 +26,7 @@ from pipeline.core.messages import RawMessage
 from readers.messages.camera_info import camera_model
 from readers.messages.deserialize import deserialize
 from readers.messages.detections2d import decode_detections2d
-from readers.messages.image import decode_picture
+from readers.messages.image import decode_any_image
 from readers.messages.odometry import decode_odometry
 from readers.messages.pointcloud2 import decode_pointcloud2
 from readers.messages.tf import decode_transforms
@@ -107,8 +107,8 @@ def test_sensor_messages_come_back(recording: Path) -> None:
     np.testing.assert_array_equal(packets.payload, PAYLOAD)
     assert packets.stamps_ns.tolist() == [START_NS + STAMP_NS, START_NS + STAMP_NS + 1_327_000]
 
-    np.testing.assert_array_equal(decode_picture(found["/image"]).rgb, RGB)
-    jpeg = decode_picture(found["/image/compressed"]).rgb.astype(int)
+    np.testing.assert_array_equal(decode_any_image(found["/image"]).rgb, RGB)
+    jpeg = decode_any_image(found["/image/compressed"]).rgb.astype(int)
     assert np.abs(jpeg - (200, 100, 50)).max() <= 3
 
     model = camera_model(deserialize(found["/info"]))

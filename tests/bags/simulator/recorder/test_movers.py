@@ -53,7 +53,7 @@ def test_shapes_fill_their_boxes_and_do_not_reach_out(name: str) -> None:
 @pytest.mark.parametrize("name", [name for name, shape in SHAPES.items() if shape.wheel_base_m])
 def test_steered_wheels_stay_in_the_box(name: str, end: int) -> None:
     shape = SHAPES[name]
-    low, high = extent(mover_of(name, steering=end * shape.largest_steering_rad))
+    low, high = extent(mover_of(name, steering=end * shape.max_steering_rad))
     middle, half = np.array(shape.box_center_m), np.array(shape.size_m) / 2
     assert (low >= middle - half - CENTIMETRE).all()
     assert (high <= middle + half + CENTIMETRE).all()

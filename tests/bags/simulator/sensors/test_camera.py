@@ -7,7 +7,7 @@ import pytest
 from bags.simulator.scenario.scenario import SunScenario
 from bags.simulator.scenario.sensors import CameraScenario, Detector2DScenario
 from bags.simulator.sensors.ambient import sky_light
-from bags.simulator.sensors.camera import T_BODY_OPTICAL, Camera, Picture
+from bags.simulator.sensors.camera import T_BODY_OPTICAL, Camera, CameraImage
 from bags.simulator.sensors.detector2d import detect
 from bags.simulator.sensors.film import Film, srgb_from_linear
 from bags.simulator.vehicles.trajectory import State, Trajectory
@@ -67,8 +67,8 @@ def box_mover(
     return Mover(name, "car", path, center, size, (Part(box(center, size, material), path),))
 
 
-def brightness(picture: Picture) -> F64:
-    return np.asarray(picture.rgb.astype(np.float64).mean(2))
+def brightness(image: CameraImage) -> F64:
+    return np.asarray(image.rgb.astype(np.float64).mean(2))
 
 
 def where(camera: Camera, point: tuple[float, float, float]) -> tuple[int, int]:
@@ -90,7 +90,7 @@ def test_edges_of_a_box_are_where_they_are_projected(lens: dict[str, Any], moves
     else:
         scene = Scene(merged([ground(), box((*place, size[2] / 2), size, BLACK, yaw=yaw)]), [])
     camera = camera_at(scene, sun=SunScenario(shadows=False), **lens)
-    values = (brightness(camera.picture(0, 0)) / 255) ** 2.2
+    values = (brightness(camera.image(0, 0)) / 255) ** 2.2
     cos, sin = np.cos(yaw), np.sin(yaw)
     outer = [(place[0] + x * cos - y * sin, place[1] + x * sin + y * cos) for x in (-0.5, 0.5) for y in (-0.7, 0.7)]
     bearings = [y / x for x, y in outer]
@@ -115,39 +115,39 @@ def _edge_column(values: F64, u: float, v: float) -> float:
     return float(first + ((profile - right) / (left - right)).sum())
 
 
-def test_a_picture_says_which_mover_each_pixel_shows() -> None:
+def test_an_image_says_which_mover_each_pixel_shows() -> None:
     near, far = box_mover(start=(4.0, 0.0, 0.0), name="near"), box_mover(start=(7.0, 0.5, 0.0), name="far")
     camera = camera_at(Scene(ground(), [far, near]))
-    picture = camera.picture(0, 0)
-    assert picture.movers[where(camera, (4.0 - 0.6, 0.0, 0.4))] == 1
-    assert picture.movers[where(camera, (7.0 - 0.6, 0.85, 0.6))] == 0
-    assert picture.movers[where(camera, (3.0, 1.5, 0.0))] == -1
-    np.testing.assert_array_equal(picture.seen_px, [(picture.movers == row).sum() for row in (0, 1)])
-    assert picture.alone_px[1] == picture.seen_px[1]
-    assert 0 < picture.seen_px[0] < picture.alone_px[0]
-    alone = camera_at(Scene(ground(), [far])).picture(0, 0)
-    assert picture.alone_px[0] == alone.seen_px[0]
+    image = camera.image(0, 0)
+    assert image.movers[where(camera, (4.0 - 0.6, 0.0, 0.4))] == 1
+    assert image.movers[where(camera, (7.0 - 0.6, 0.85, 0.6))] == 0
+    assert image.movers[where(camera, (3.0, 1.5, 0.0))] == -1
+    np.testing.assert_array_equal(image.seen_px, [(image.movers == row).sum() for row in (0, 1)])
+    assert image.alone_px[1] == image.seen_px[1]
+    assert 0 < image.seen_px[0] < image.alone_px[0]
+    alone = camera_at(Scene(ground(), [far])).image(0, 0)
+    assert image.alone_px[0] == alone.seen_px[0]
     rows, columns = np.nonzero(alone.movers == 0)
     expected = [columns.min(), rows.min(), columns.max() + 1, rows.max() + 1]
-    np.testing.assert_array_equal(picture.alone_xyxy[0], expected)
+    np.testing.assert_array_equal(image.alone_xyxy[0], expected)
 
 
 def test_what_stands_still_hides_movers() -> None:
     wall = box((3.0, 0.0, 1.0), (0.1, 6.0, 2.0), GROUND)
-    picture = camera_at(Scene(merged([ground(), wall]), [box_mover()])).picture(0, 0)
-    assert picture.seen_px[0] == 0
-    assert picture.alone_px[0] > 100
-    assert (picture.movers == -1).all()
+    image = camera_at(Scene(merged([ground(), wall]), [box_mover()])).image(0, 0)
+    assert image.seen_px[0] == 0
+    assert image.alone_px[0] > 100
+    assert (image.movers == -1).all()
 
 
 def test_movers_out_of_view_leave_no_trace() -> None:
-    picture = camera_at(Scene(ground(), [box_mover(start=(-6.0, 0.0, 0.0))])).picture(0, 0)
-    empty = camera_at(Scene(ground(), [])).picture(0, 0)
-    assert picture.alone_px[0] == 0
-    assert np.isnan(picture.alone_xyxy).all()
+    image = camera_at(Scene(ground(), [box_mover(start=(-6.0, 0.0, 0.0))])).image(0, 0)
+    empty = camera_at(Scene(ground(), [])).image(0, 0)
+    assert image.alone_px[0] == 0
+    assert np.isnan(image.alone_xyxy).all()
     assert empty.alone_px.shape == (0,)
     assert empty.alone_xyxy.shape == (0, 4)
-    assert np.abs(picture.rgb.astype(int) - empty.rgb).max() <= 1
+    assert np.abs(image.rgb.astype(int) - empty.rgb).max() <= 1
 
 
 # --- light
@@ -157,7 +157,7 @@ def test_sun_casts_shadows_away_from_itself() -> None:
     post = box((6.0, 0.0, 1.0), (0.4, 0.4, 2.0), GROUND)
     scene = Scene(merged([ground(), post]), [])
     camera = camera_at(scene, place=(0.0, 0.0, 4.0), rpy_deg=(0, 32, 0), sun=SunScenario(azimuth_deg=90))
-    values = brightness(camera.picture(0, 0))
+    values = brightness(camera.image(0, 0))
     # The sun is in the left (y > 0), 50 degrees high: the shadow ends 2 / tan(50 deg) = 1.68 m to the right.
     assert values[where(camera, (6.0, -1.5, 0.0))] < 0.75 * values[where(camera, (6.0, 1.5, 0.0))]
     assert values[where(camera, (6.0, -2.2, 0.0))] == pytest.approx(values[where(camera, (6.0, 1.5, 0.0))], rel=0.05)
@@ -169,9 +169,9 @@ def test_shadow_of_a_mover_is_that_of_the_same_thing_standing_still(azimuth_deg:
     wall = box((8.0, 0.0, 1.0), (0.2, 9.0, 2.0), GROUND)
     stands = Scene(merged([ground(), wall, box((5.0, 0.4, 0.4), size, PALE, yaw=0.3)]), [])
     moves = Scene(merged([ground(), wall]), [box_mover(size=size)])
-    first = brightness(camera_at(stands, sun=sun).picture(0, 0))
-    second = brightness(camera_at(moves, sun=sun).picture(0, 0))
-    away = cv2.dilate((camera_at(moves, sun=sun).picture(0, 0).movers >= 0).astype(np.uint8), np.ones((5, 5))) == 0
+    first = brightness(camera_at(stands, sun=sun).image(0, 0))
+    second = brightness(camera_at(moves, sun=sun).image(0, 0))
+    away = cv2.dilate((camera_at(moves, sun=sun).image(0, 0).movers >= 0).astype(np.uint8), np.ones((5, 5))) == 0
     dark, also_dark = (values < 0.72 * np.median(values[200:, :100]) for values in (first, second))
     dark, also_dark = dark & away, also_dark & away
     assert dark.sum() > 150
@@ -182,13 +182,13 @@ def test_shadow_of_a_mover_is_that_of_the_same_thing_standing_still(azimuth_deg:
 def test_without_shadows_the_ground_is_lit_everywhere() -> None:
     scene = Scene(merged([ground(), box((6.0, 0.0, 1.0), (0.4, 0.4, 2.0), GROUND)]), [box_mover(start=(4, 2, 0))])
     camera = camera_at(scene, sun=SunScenario(azimuth_deg=90, shadows=False), place=(0, 0, 4.0), rpy_deg=(0, 32, 0))
-    values = brightness(camera.picture(0, 0))
+    values = brightness(camera.image(0, 0))
     assert values[where(camera, (6.0, -1.2, 0.0))] == pytest.approx(values[where(camera, (6.0, 1.2, 0.0))], rel=0.03)
 
 
 def test_ground_below_a_mover_is_darker_without_sun_as_well() -> None:
     camera = camera_at(Scene(ground(), [box_mover(start=(5.0, 0.2, 0.0))]), sun=SunScenario(shadows=False))
-    values = brightness(camera.picture(0, 0))
+    values = brightness(camera.image(0, 0))
     assert values[where(camera, (4.36, 0.2, 0.0))] < 0.97 * values[where(camera, (3.3, 0.2, 0.0))]
 
 
@@ -199,7 +199,7 @@ def test_ground_at_the_foot_of_a_wall_gets_less_of_the_sky() -> None:
         camera_at(Scene(static, []), sun=SunScenario(shadows=False), **settings)
         for static in (merged([ground(), wall]), ground())
     ]
-    beside, open_ground = (brightness(camera.picture(0, 0))[where(camera, (5.6, 0, 0))] for camera in cameras)
+    beside, open_ground = (brightness(camera.image(0, 0))[where(camera, (5.6, 0, 0))] for camera in cameras)
     assert beside < 0.97 * open_ground
 
 
@@ -219,7 +219,7 @@ def test_sky_light_of_open_ground_of_a_corner_and_of_the_sky() -> None:
 def test_side_that_faces_the_sun_is_brighter() -> None:
     scene = Scene(merged([ground(), box((5.0, 0.0, 0.5), (1, 1, 1), PALE, yaw=np.pi / 4)]), [])
     camera = camera_at(scene, sun=SunScenario(azimuth_deg=130, elevation_deg=30))
-    values = brightness(camera.picture(0, 0))
+    values = brightness(camera.image(0, 0))
     assert values[where(camera, (4.65, 0.35, 0.5))] > 1.3 * values[where(camera, (4.65, -0.35, 0.5))]
 
 
@@ -228,13 +228,13 @@ def test_glass_mirrors_the_sky() -> None:
     glass = Material("glass", (0.05, 0.05, 0.05), mirror=0.1)
     sides = [box((5.0, y, 1.0), (0.1, 1.8, 2.0), material) for y, material in ((1.0, dark), (-1.0, glass))]
     camera = camera_at(Scene(merged([ground(), *sides]), []), sun=SunScenario(azimuth_deg=0))
-    values = brightness(camera.picture(0, 0))
+    values = brightness(camera.image(0, 0))
     assert values[where(camera, (4.95, -1.0, 1.7))] > 1.5 * values[where(camera, (4.95, 1.0, 1.7))]
 
 
 def test_sky_is_blue_above_and_pale_at_the_horizon() -> None:
     camera = camera_at(Scene(ground(), []), rpy_deg=(0, -35, 0), sun=SunScenario(azimuth_deg=180))
-    above, horizon = np.median(camera.picture(0, 0).rgb[:30], (0, 1)), camera.picture(0, 0).rgb[-8:].mean((0, 1))
+    above, horizon = np.median(camera.image(0, 0).rgb[:30], (0, 1)), camera.image(0, 0).rgb[-8:].mean((0, 1))
     assert above[2] > above[0] + 30
     assert horizon.mean() > above.mean()
 
@@ -244,44 +244,44 @@ def test_sky_is_blue_above_and_pale_at_the_horizon() -> None:
 
 def test_gain_makes_it_brighter() -> None:
     scene = Scene(ground(), [box_mover()])
-    dim, usual = (brightness(camera_at(scene, gain=gain).picture(0, 0)) for gain in (0.5, 1.0))
+    dim, usual = (brightness(camera_at(scene, gain=gain).image(0, 0)) for gain in (0.5, 1.0))
     lit = (usual > 20) & (usual < 180)  # below the shoulder of the tone curve
     linear = [((value[lit] / 255 + 0.055) / 1.055) ** 2.4 for value in (dim, usual)]
     assert np.median(linear[0] / linear[1]) == pytest.approx(0.5, rel=0.03)
 
 
-def test_noise_is_as_strong_as_asked_for_and_another_one_in_each_picture() -> None:
+def test_noise_is_as_strong_as_asked_for_and_another_one_in_each_image() -> None:
     scene = Scene(ground(), [])
-    clean = camera_at(scene).picture(0, 0).rgb.astype(int)
+    clean = camera_at(scene).image(0, 0).rgb.astype(int)
     camera = camera_at(scene, noise=2.5)
-    first, second = (camera.picture(number, 0).rgb.astype(int) for number in (0, 1))
+    first, second = (camera.image(number, 0).rgb.astype(int) for number in (0, 1))
     middle = (clean > 15) & (clean < 240)
     assert (first - clean)[middle].std() == pytest.approx(2.5, rel=0.05)
     assert abs((first - clean)[middle].mean()) < 0.1
     assert abs(np.corrcoef((first - clean)[middle], (second - clean)[middle])[0, 1]) < 0.05
 
 
-def test_pictures_do_not_depend_on_what_was_taken_before() -> None:
+def test_images_do_not_depend_on_what_was_taken_before() -> None:
     def scene() -> Scene:
         return Scene(ground(), [box_mover(speed_m_s=2.0)])
 
     forward, backward = camera_at(scene(), noise=1.5), camera_at(scene(), noise=1.5)
     numbers = (0, 1, 2, 3)
-    there = {number: forward.picture(number, number * 100 * MS) for number in numbers}
-    back = {number: backward.picture(number, number * 100 * MS) for number in reversed(numbers)}
+    there = {number: forward.image(number, number * 100 * MS) for number in numbers}
+    back = {number: backward.image(number, number * 100 * MS) for number in reversed(numbers)}
     for number in numbers:
         np.testing.assert_array_equal(there[number].rgb, back[number].rgb)
         np.testing.assert_array_equal(there[number].movers, back[number].movers)
-    other = camera_at(scene(), noise=1.5, seed=4).picture(0, 0)
+    other = camera_at(scene(), noise=1.5, seed=4).image(0, 0)
     assert (other.rgb != there[0].rgb).any()
 
 
 def test_motion_blur_spreads_what_moves_over_its_way() -> None:
     scene = Scene(ground(), [box_mover(start=(6.0, -1.0, np.pi / 2), speed_m_s=8.0, size=(1, 1, 1), material=BLACK)])
     settings: dict[str, Any] = {"exposure_ms": 40.0, "sun": SunScenario(shadows=False)}
-    sharp = brightness(camera_at(scene, **settings).picture(1, 100 * MS))
+    sharp = brightness(camera_at(scene, **settings).image(1, 100 * MS))
     camera = camera_at(scene, motion_blur=True, **settings)
-    blurred = brightness(camera.picture(1, 100 * MS))
+    blurred = brightness(camera.image(1, 100 * MS))
     row = where(camera, (5.5, 0.0, 0.8))[0]
     widths = [int((np.abs(np.diff(values[row])) > 2).sum()) for values in (sharp, blurred)]
     # 8 m/s for 40 ms are 0.32 m: at 5.5 m, and 260 px of focal length, 15 px at both sides.
@@ -303,9 +303,9 @@ def test_camera_on_a_vehicle_sees_what_a_fixed_one_sees_from_there() -> None:
     turn = np.eye(4)
     turn[:2, :2], turn[:2, 3] = [[np.cos(0.2), -np.sin(0.2)], [np.sin(0.2), np.cos(0.2)]], (2.0, 0.0)
     fixed = camera_at(scene, carrier=FixedPath(Transform(place.dst, place.src, turn)), **BARREL)
-    np.testing.assert_array_equal(mounted.picture(0, 10**9).rgb, fixed.picture(0, 10**9).rgb)
-    assert (mounted.picture(0, 0).rgb != mounted.picture(0, 10**9).rgb).mean() > 0.2
-    blurred = camera_at(scene, carrier=carrier, motion_blur=True, exposure_ms=50.0).picture(0, 500 * MS)
+    np.testing.assert_array_equal(mounted.image(0, 10**9).rgb, fixed.image(0, 10**9).rgb)
+    assert (mounted.image(0, 0).rgb != mounted.image(0, 10**9).rgb).mean() > 0.2
+    blurred = camera_at(scene, carrier=carrier, motion_blur=True, exposure_ms=50.0).image(0, 500 * MS)
     assert blurred.rgb.shape == (240, 320, 3)
 
 
@@ -317,10 +317,10 @@ def test_optical_frame_looks_along_the_body() -> None:
 def test_pixels_that_the_lens_does_not_cover_stay_black() -> None:
     scene = Scene(ground(), [box_mover()])
     camera = camera_at(scene, focal_px=(75.0, 75.0), distortion_model="equidistant", distortion=(0.0,) * 4)
-    picture = camera.picture(0, 0)
-    assert (picture.rgb[0, 0] == 0).all()
-    assert (picture.movers[0, 0] == -1).all()
-    assert picture.rgb[120, 160].min() > 0
+    image = camera.image(0, 0)
+    assert (image.rgb[0, 0] == 0).all()
+    assert (image.movers[0, 0] == -1).all()
+    assert image.rgb[120, 160].min() > 0
 
 
 # --- film
@@ -332,7 +332,7 @@ def test_srgb_of_known_values() -> None:
     )
 
 
-def test_film_without_noise_says_the_same_of_one_pixel_and_of_a_picture() -> None:
+def test_film_without_noise_says_the_same_of_one_pixel_and_of_an_image() -> None:
     film = Film("front", 6, 4, exposure=0.8, noise=0.0, seed=1)
     light = np.random.default_rng(1).uniform(0, 2, (4, 6, 3)).astype(np.float32)
     developed = film.developed(light)
@@ -346,16 +346,16 @@ def test_film_without_noise_says_the_same_of_one_pixel_and_of_a_picture() -> Non
     ).all()
 
 
-# --- a detector that looks at its pictures
+# --- a detector that looks at its images
 
 
 def test_a_detector_finds_what_the_camera_sees_but_not_what_carries_it() -> None:
     movers = [box_mover(name="ego", start=(0.0, 0.0, 0.0), size=(4.0, 0.5, 0.5)), box_mover(start=(6.0, 0.5, 0.2))]
     camera = camera_at(Scene(ground(), movers), carrier=movers[0].path, mounted_on="ego")
-    picture = camera.picture(4, 400 * MS)
-    assert picture.seen_px.min() > 300
+    image = camera.image(4, 400 * MS)
+    assert image.seen_px.min() > 300
     scenario = Detector2DScenario(topic="/detections", pixel_noise_px=0.0, miss_rate=0.0, false_per_image=0.0)
-    found = detect(camera, picture, scenario, 4)
+    found = detect(camera, image, scenario, 4)
     np.testing.assert_array_equal(found.movers, [1])
     assert found.class_names == ("car",)
     corners = box_corners(np.array([[6.0, 0.5, 0.4]]), np.array([[1.2, 0.9, 0.8]]), np.array([0.2]))

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from bags.simulator.scenario.sensors import Detector2DScenario
-from bags.simulator.sensors.camera import Picture
+from bags.simulator.sensors.camera import CameraImage
 from bags.simulator.sensors.detector2d import NO_MOVER, Detected, detect_movers, visible_boxes
 
 CLASSES = ("car", "pedestrian", "truck")
 
 
-def picture(*, hidden: float = 0.0, height: int = 60) -> Picture:
+def image(*, hidden: float = 0.0, height: int = 60) -> CameraImage:
     """A car of 80 x `height`, its left part hidden by a pedestrian, and a truck that is not seen."""
     movers = np.full((240, 320), -1, np.int16)
     movers[100 : 100 + height, 50:130] = 0
@@ -19,11 +19,11 @@ def picture(*, hidden: float = 0.0, height: int = 60) -> Picture:
     movers[90:170, 20:50] = 1
     boxes = np.array([[50.0, 100, 130, 100 + height], [20, 90, 50, 170], [np.nan] * 4])
     rgb = np.zeros((240, 320, 3), np.uint8)
-    return Picture(rgb, movers, np.array([80 * height, 30 * 80, 0], np.int64), boxes)
+    return CameraImage(rgb, movers, np.array([80 * height, 30 * 80, 0], np.int64), boxes)
 
 
 def detected(
-    shown: Picture, *, number: int = 0, seed: int = 1, without: tuple[int, ...] = (), **how: float
+    shown: CameraImage, *, number: int = 0, seed: int = 1, without: tuple[int, ...] = (), **how: float
 ) -> Detected:
     settings = {"pixel_noise_px": 0.0, "miss_rate": 0.0, "false_per_image": 0.0} | how
     scenario = Detector2DScenario.model_validate({"topic": "/detections"} | settings)
@@ -31,7 +31,7 @@ def detected(
 
 
 def test_boxes_of_what_is_visible() -> None:
-    shown = picture(hidden=0.25)
+    shown = image(hidden=0.25)
     np.testing.assert_array_equal(visible_boxes(shown)[:2], [[70, 100, 130, 160], [20, 90, 50, 170]])
     assert np.isnan(visible_boxes(shown)[2]).all()
     found = detected(shown)
@@ -43,15 +43,15 @@ def test_boxes_of_what_is_visible() -> None:
 @pytest.mark.parametrize(
     ("shown", "how", "movers"),
     [
-        (picture(hidden=0.6), {"min_visible": 0.3}, [0, 1]),
-        (picture(hidden=0.8), {"min_visible": 0.3}, [1]),
-        (picture(height=11), {"min_height_px": 12.0}, [1]),
-        (picture(), {"miss_rate": 1.0}, []),
-        (picture(), {"min_height_px": 300.0}, []),
+        (image(hidden=0.6), {"min_visible": 0.3}, [0, 1]),
+        (image(hidden=0.8), {"min_visible": 0.3}, [1]),
+        (image(height=11), {"min_height_px": 12.0}, [1]),
+        (image(), {"miss_rate": 1.0}, []),
+        (image(), {"min_height_px": 300.0}, []),
     ],
     ids=["half hidden", "hidden", "small", "all missed", "all small"],
 )
-def test_what_is_not_found(shown: Picture, how: dict[str, Any], movers: list[int]) -> None:
+def test_what_is_not_found(shown: CameraImage, how: dict[str, Any], movers: list[int]) -> None:
     found = detected(shown, **how)
     np.testing.assert_array_equal(found.movers, movers)
     assert found.xyxy.shape == (len(movers), 4)
@@ -59,11 +59,11 @@ def test_what_is_not_found(shown: Picture, how: dict[str, Any], movers: list[int
 
 
 def test_it_is_not_asked_about_the_vehicle_that_carries_it() -> None:
-    np.testing.assert_array_equal(detected(picture(), without=(0,)).movers, [1])
+    np.testing.assert_array_equal(detected(image(), without=(0,)).movers, [1])
 
 
 def test_no_movers_at_all() -> None:
-    empty = Picture(
+    empty = CameraImage(
         np.zeros((4, 6, 3), np.uint8), np.full((4, 6), -1, np.int16), np.zeros(0, np.int64), np.zeros((0, 4))
     )
     scenario = Detector2DScenario(topic="/detections", false_per_image=3.0)
@@ -73,14 +73,14 @@ def test_no_movers_at_all() -> None:
 
 
 def test_hidden_things_have_lower_scores() -> None:
-    clear, hidden = detected(picture()), detected(picture(hidden=0.6))
+    clear, hidden = detected(image()), detected(image(hidden=0.6))
     assert hidden.scores[0] < clear.scores[0] - 0.1
     assert hidden.scores[1] == clear.scores[1]
     assert 0.5 < clear.scores[0] < 1
 
 
 def test_rates_and_noise_are_those_asked_for() -> None:
-    found = [detected(picture(), number=n, miss_rate=0.2, pixel_noise_px=1.5, false_per_image=0.5) for n in range(600)]
+    found = [detected(image(), number=n, miss_rate=0.2, pixel_noise_px=1.5, false_per_image=0.5) for n in range(600)]
     true = [one.movers >= 0 for one in found]
     assert sum(rows.sum() for rows in true) / 1200 == pytest.approx(0.8, abs=0.04)
     assert sum((~rows).sum() for rows in true) / 600 == pytest.approx(0.5, abs=0.1)
@@ -89,8 +89,8 @@ def test_rates_and_noise_are_those_asked_for() -> None:
     assert abs(edges.mean()) < 0.1
 
 
-def test_false_boxes_lie_in_the_picture() -> None:
-    found = [detected(picture(), number=n, false_per_image=4.0, pixel_noise_px=40.0) for n in range(50)]
+def test_false_boxes_lie_in_the_image() -> None:
+    found = [detected(image(), number=n, false_per_image=4.0, pixel_noise_px=40.0) for n in range(50)]
     boxes = np.concatenate([one.xyxy for one in found])
     assert (boxes[:, 2:] - boxes[:, :2] >= 0.999).all()
     assert (boxes >= 0).all()
@@ -99,15 +99,15 @@ def test_false_boxes_lie_in_the_picture() -> None:
     assert scores.max() < 0.6
 
 
-def test_the_same_picture_gives_the_same_boxes() -> None:
+def test_the_same_image_gives_the_same_boxes() -> None:
     how: dict[str, Any] = {"miss_rate": 0.3, "pixel_noise_px": 2.0, "false_per_image": 1.0}
-    first, again = (detected(picture(), number=7, **how) for _ in range(2))
+    first, again = (detected(image(), number=7, **how) for _ in range(2))
     np.testing.assert_array_equal(first.xyxy, again.xyxy)
     np.testing.assert_array_equal(first.scores, again.scores)
-    other = detected(picture(), number=8, **how)
+    other = detected(image(), number=8, **how)
     assert other.xyxy.shape != first.xyxy.shape or (other.xyxy != first.xyxy).any()
 
 
 def test_noise_of_one_thing_does_not_depend_on_another() -> None:
-    alone, both = detected(picture(), without=(0,), pixel_noise_px=3.0), detected(picture(), pixel_noise_px=3.0)
+    alone, both = detected(image(), without=(0,), pixel_noise_px=3.0), detected(image(), pixel_noise_px=3.0)
     np.testing.assert_array_equal(alone.xyxy[0], both.xyxy[1])

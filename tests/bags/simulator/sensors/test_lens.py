@@ -91,7 +91,7 @@ def test_hull_of_a_long_thing_is_less_than_its_window() -> None:
 
 
 @pytest.mark.parametrize("name", LENSES)
-def test_what_may_not_be_seen_is_not_in_the_picture(name: str) -> None:
+def test_what_may_not_be_seen_is_not_in_the_image(name: str) -> None:
     lens = Lens(lens_model(name))
     random = np.random.default_rng(7)
     hidden = 0

@@ -87,7 +87,7 @@ def test_of_two_surfaces_at_one_distance_the_one_that_stands_still() -> None:
     assert (hits.distance_m.tolist(), hits.mover.tolist()) == ([pytest.approx(4.5)], [STATIC])
 
 
-def test_what_pictures_see_of_what_stands_still_is_what_rays_meet() -> None:
+def test_what_images_see_of_what_stands_still_is_what_rays_meet() -> None:
     world = scene([box((4, 2, 1), (9, 0, 0.5), BLACK), wall(20.0, WHITE, half_m=6)], [])
     directions = np.random.default_rng(3).uniform([0.5, -1, -0.6], [1, 1, 0.6], (5000, 3))
     directions = (directions / np.linalg.norm(directions, axis=1, keepdims=True)).astype(np.float32)

@@ -19,12 +19,12 @@ from readers.streams.per_sensor import sensor_messages
 T0 = 1_700_000_000 * 10**9
 ODOMETRY = "nav_msgs/msg/Odometry"
 STATE1, STATE2 = (raw(f"/{e}", ODOMETRY, odometry(stamp_ns=T0 + 5), T0 + 5, T0, e) for e in ("ros1", "cdr"))
-PICTURE = {"timestamp": T0 + 5, "frame_id": "camera", "format": "png", "data": b"abc"}
+IMAGE = {"timestamp": T0 + 5, "frame_id": "camera", "format": "png", "data": b"abc"}
 MIXED = [
     STATE1,
     STATE2,
-    foxglove_raw("/protobuf", "foxglove.CompressedImage", PICTURE, T0, "protobuf"),
-    foxglove_raw("/json", "foxglove.CompressedImage", PICTURE, T0, "json"),
+    foxglove_raw("/protobuf", "foxglove.CompressedImage", IMAGE, T0, "protobuf"),
+    foxglove_raw("/json", "foxglove.CompressedImage", IMAGE, T0, "json"),
 ]
 
 

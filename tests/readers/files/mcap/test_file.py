@@ -104,8 +104,8 @@ def test_topics_that_cannot_be_read_are_listed_with_the_reason(tmp_path: Path) -
 
 def test_large_messages_are_views_and_small_ones_are_copies(tmp_path: Path) -> None:
     path = tmp_path / "large.mcap"
-    picture = image(zeros((100, 100, 3), "u1"), stamp_ns=T0)
-    messages = [raw("/image", "sensor_msgs/msg/Image", picture, T0, T0), *states([T0 + 1])]
+    image_message = image(zeros((100, 100, 3), "u1"), stamp_ns=T0)
+    messages = [raw("/image", "sensor_msgs/msg/Image", image_message, T0, T0), *states([T0 + 1])]
     write_mcap(path, messages, "lz4")
     with open_recording([path]) as recording:
         got = list(recording.messages())

@@ -1,4 +1,4 @@
-"""Recorded pictures as ROS 2 messages: the payload is never decoded, only the fields around it are laid out anew."""
+"""Recorded images as ROS 2 messages: the payload is never decoded, only the fields around it are laid out anew."""
 
 import struct
 from typing import NamedTuple
@@ -7,14 +7,14 @@ from pipeline.core.errors import MessageError
 from pipeline.core.messages import RawMessage
 from writers.messages.cdr import CdrEncoder
 
-__all__ = ["COMPRESSED", "PICTURE_TYPES", "RAW", "Picture", "picture_cdr", "read_picture"]
+__all__ = ["COMPRESSED", "IMAGE_TYPES", "RAW", "Image", "image_cdr", "read_image"]
 
 RAW = "sensor_msgs/msg/Image"
 COMPRESSED = "sensor_msgs/msg/CompressedImage"
-PICTURE_TYPES = (RAW, COMPRESSED)
+IMAGE_TYPES = (RAW, COMPRESSED)
 
 
-class Picture(NamedTuple):
+class Image(NamedTuple):
     """The fields of sensor_msgs/Image or sensor_msgs/CompressedImage.
 
     Attributes:
@@ -73,15 +73,15 @@ class _Fields:
         return (encoded.removesuffix(b"\0") if self._cdr else encoded).decode()
 
 
-def read_picture(message: RawMessage) -> Picture:
-    """The fields of a recorded picture, ROS 1 or CDR of either byte order; the payload is not copied.
+def read_image(message: RawMessage) -> Image:
+    """The fields of a recorded image, ROS 1 or CDR of either byte order; the payload is not copied.
 
     Raises:
         MessageError: the type is another one, the bytes do not fit it, or the message could not be read.
     """
     msgtype = message.channel.msgtype
-    if msgtype not in PICTURE_TYPES:
-        raise MessageError(f"{message.topic}: expected {' or '.join(PICTURE_TYPES)}, found {msgtype}")
+    if msgtype not in IMAGE_TYPES:
+        raise MessageError(f"{message.topic}: expected {' or '.join(IMAGE_TYPES)}, found {msgtype}")
     if message.problem:
         raise MessageError(f"{message.topic}: {message.problem}")
     try:
@@ -91,29 +91,29 @@ def read_picture(message: RawMessage) -> Picture:
         stamp_ns = fields.u32() * 10**9 + fields.u32()
         frame_id = fields.string()
         if msgtype == COMPRESSED:
-            return Picture(stamp_ns, frame_id, 0, 0, fields.string(), 0, 0, fields.byte_sequence())
+            return Image(stamp_ns, frame_id, 0, 0, fields.string(), 0, 0, fields.byte_sequence())
         height, width, encoding = fields.u32(), fields.u32(), fields.string()
-        return Picture(stamp_ns, frame_id, height, width, encoding, fields.u8(), fields.u32(), fields.byte_sequence())
+        return Image(stamp_ns, frame_id, height, width, encoding, fields.u8(), fields.u32(), fields.byte_sequence())
     except (struct.error, IndexError, ValueError) as err:
         raise MessageError(f"{message.topic}: {len(message.data)} bytes are no {msgtype} ({err})") from err
 
 
-def picture_cdr(message: RawMessage, *, frame_id: str) -> bytes | bytearray | memoryview:
-    """The picture as little-endian CDR with the message's stamp and the given frame in its header.
+def image_cdr(message: RawMessage, *, frame_id: str) -> bytes | bytearray | memoryview:
+    """The image as little-endian CDR with the message's stamp and the given frame in its header.
 
     A message that has that form already is handed through as it is.
 
     Raises:
-        MessageError: it is no picture, or the bytes do not fit its type.
+        MessageError: it is no image, or the bytes do not fit its type.
     """
-    picture = read_picture(message)
+    image = read_image(message)
     cdr = message.channel.encoding == "cdr"
-    if cdr and message.data[1] == 1 and (picture.stamp_ns, picture.frame_id) == (message.stamp_ns, frame_id):
+    if cdr and message.data[1] == 1 and (image.stamp_ns, image.frame_id) == (message.stamp_ns, frame_id):
         return message.data
     encoder = CdrEncoder().header(message.stamp_ns, frame_id)
     if message.channel.msgtype == COMPRESSED:
-        encoder.string(picture.encoding)
+        encoder.string(image.encoding)
     else:
-        encoder.u32(picture.height_px, picture.width_px).string(picture.encoding)
-        encoder.u8(picture.is_bigendian).u32(picture.step_bytes)
-    return encoder.byte_sequence(picture.data).buffer
+        encoder.u32(image.height_px, image.width_px).string(image.encoding)
+        encoder.u8(image.is_bigendian).u32(image.step_bytes)
+    return encoder.byte_sequence(image.data).buffer

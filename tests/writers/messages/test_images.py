@@ -2,12 +2,12 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
-from frames import START_NS, picture
+from frames import START_NS, image_message
 from rosbags.typesys import Stores, get_typestore
 
 from pipeline.core.errors import MessageError
 from pipeline.core.messages import RawMessage
-from writers.messages.pictures import picture_cdr, read_picture
+from writers.messages.images import image_cdr, read_image
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 ROS1 = get_typestore(Stores.ROS1_NOETIC)
@@ -20,7 +20,7 @@ def decoded(message: RawMessage) -> Any:
     return STORE.deserialize_cdr(message.data, message.channel.msgtype)
 
 
-def assert_same_picture(found: Any, recorded: Any) -> None:
+def assert_same_image(found: Any, recorded: Any) -> None:
     for name in set(recorded.__dataclass_fields__) - {"__msgtype__", "header"}:
         np.testing.assert_array_equal(getattr(found, name), getattr(recorded, name))
 
@@ -29,50 +29,50 @@ def assert_same_picture(found: Any, recorded: Any) -> None:
 @pytest.mark.parametrize("compressed", [False, True])
 @pytest.mark.parametrize("encoding", ENCODINGS)
 def test_fields_and_payload_are_as_recorded(encoding: Literal["ros1", "cdr"], compressed: bool, frame_id: str) -> None:
-    message = picture("/c", START_NS, frame_id="recorded", encoding=encoding, compressed=compressed)
-    data = bytes(picture_cdr(message, frame_id=frame_id))
+    message = image_message("/c", START_NS, frame_id="recorded", encoding=encoding, compressed=compressed)
+    data = bytes(image_cdr(message, frame_id=frame_id))
     found: Any = STORE.deserialize_cdr(data, message.channel.msgtype)
     assert found.header.frame_id == frame_id
     assert (found.header.stamp.sec, found.header.stamp.nanosec) == divmod(START_NS, 10**9)
-    assert_same_picture(found, decoded(message))
+    assert_same_image(found, decoded(message))
     assert bytes(STORE.serialize_cdr(found, message.channel.msgtype)) == data
 
 
 def test_a_message_of_the_wanted_form_is_handed_through() -> None:
-    message = picture("/c", START_NS, frame_id="cam")
-    assert picture_cdr(message, frame_id="cam") is message.data
+    message = image_message("/c", START_NS, frame_id="cam")
+    assert image_cdr(message, frame_id="cam") is message.data
 
 
 def test_the_stamp_is_the_one_that_the_message_is_known_by() -> None:
-    message = picture("/c", START_NS, frame_id="cam")._replace(stamp_ns=START_NS + 1)
-    found: Any = STORE.deserialize_cdr(bytes(picture_cdr(message, frame_id="cam")), message.channel.msgtype)
+    message = image_message("/c", START_NS, frame_id="cam")._replace(stamp_ns=START_NS + 1)
+    found: Any = STORE.deserialize_cdr(bytes(image_cdr(message, frame_id="cam")), message.channel.msgtype)
     assert found.header.stamp.nanosec == (START_NS + 1) % 10**9
 
 
 def test_big_endian_becomes_little() -> None:
-    little = picture("/c", START_NS, frame_id="cam")
+    little = image_message("/c", START_NS, frame_id="cam")
     big = little._replace(data=bytes(STORE.serialize_cdr(decoded(little), little.channel.msgtype, little_endian=False)))
     assert big.data != little.data
-    assert bytes(picture_cdr(big, frame_id="cam")) == little.data
+    assert bytes(image_cdr(big, frame_id="cam")) == little.data
 
 
 @pytest.mark.parametrize("compressed", [False, True])
 @pytest.mark.parametrize("encoding", ENCODINGS)
 def test_every_cut_is_found(encoding: Literal["ros1", "cdr"], compressed: bool) -> None:
-    message = picture("/c", START_NS, frame_id="cam", encoding=encoding, compressed=compressed)
+    message = image_message("/c", START_NS, frame_id="cam", encoding=encoding, compressed=compressed)
     for length in (*range(60), len(message.data) // 2, len(message.data) - 1):
         with pytest.raises(MessageError, match="/c: "):
-            read_picture(message._replace(data=message.data[:length]))
+            read_image(message._replace(data=message.data[:length]))
 
 
 def test_another_type_is_refused() -> None:
-    message = picture("/c", START_NS, frame_id="cam")
+    message = image_message("/c", START_NS, frame_id="cam")
     other = message._replace(channel=message.channel.__class__("/c", "std_msgs/msg/String", "cdr"))
     with pytest.raises(MessageError, match=r"expected sensor_msgs/msg/Image or .*, found std_msgs/msg/String"):
-        read_picture(other)
+        read_image(other)
 
 
-def test_a_picture_that_could_not_be_read_says_why() -> None:
-    message = picture("/c", START_NS, frame_id="cam")._replace(data=b"", problem="its part is gone")
+def test_an_image_that_could_not_be_read_says_why() -> None:
+    message = image_message("/c", START_NS, frame_id="cam")._replace(data=b"", problem="its part is gone")
     with pytest.raises(MessageError, match="/c: its part is gone"):
-        picture_cdr(message, frame_id="cam")
+        image_cdr(message, frame_id="cam")
