@@ -22,7 +22,7 @@ from pipeline.core.errors import LidcamError
 from pipeline.core.settings.run import RunConfig
 from readers.location import RemotePath, location
 
-__all__ = ["app", "main", "main_process"]
+__all__ = ["app", "process_app", "run_program"]
 
 MAX_SECONDS = 1e9
 """Thirty years: longer than any recording, and well inside 64 bits of nanoseconds."""
@@ -162,31 +162,27 @@ def process(
             "prints one JSON document and nothing else: leave out --print-detections and --print-matches",
             param_hint="--json",
         )
-    overrides = list(settings or ())
-    if workers is not None:
-        overrides.append(f"run.workers={workers}")
     if workers != 1:
         # Stages of several frames already fill the cores; OpenMP threads inside of one would only wait for each other.
         # Read once, when the libraries are loaded.
         os.environ.setdefault("OMP_NUM_THREADS", "1")
-    from lidcam.commands.process import ProcessOptions, run_process  # heavy: after the arguments are known to be right
+    from lidcam.commands.process import Printed, run_process  # heavy: after the arguments are known to be right
+    from lidcam.job import make_job
 
-    options = ProcessOptions(
-        inputs=tuple(inputs),
-        output=output,
+    job = make_job(
+        inputs,
+        output,
         rerun=rerun,
-        config_file=config_file,
-        overrides=tuple(overrides),
-        rig_file=rig_file,
+        config=config_file,
+        settings=settings or (),
+        rig=rig_file,
         model_2d=model_2d,
+        workers=workers,
         start_s=start,
         duration_s=duration,
         on_bad_message=on_bad_message,
-        print_detections=print_detections,
-        print_matches=print_matches,
-        as_json=as_json,
     )
-    run_process(options)
+    run_process(job, Printed(detections=print_detections, matches=print_matches, as_json=as_json))
 
 
 @app.command(epilog=INSPECT_EXAMPLES)
@@ -208,14 +204,15 @@ def inspect(
     """
     if repair is not None and repair.suffix != ".mcap":
         raise typer.BadParameter(f"expected a name that ends in .mcap, found {repair}", param_hint="--repair")
-    from lidcam.commands.process import InspectOptions, run_inspect
+    from lidcam.commands.inspect import InspectOptions, run_inspect
+    from lidcam.job import read_config
+    from readers.rig.load import load_rig
 
     run_inspect(
         InspectOptions(
             inputs=tuple(map(location, paths)),
-            config_file=config_file,
-            overrides=tuple(settings or ()),
-            rig_file=rig_file,
+            config=read_config(config_file, settings or ()),
+            rig=None if rig_file is None else load_rig(rig_file),
             write_rig=write_rig,
             repair=repair,
             as_json=as_json,
@@ -289,7 +286,7 @@ def drive(
     if duration == 0:
         raise typer.BadParameter("expected more than 0 seconds", param_hint="--duration")
     _check_simulator()
-    from lidcam.commands.simulate import DriveOptions, run_drive
+    from lidcam.commands.drive import DriveOptions, run_drive
 
     options = DriveOptions(
         scenario=scenario,
@@ -321,17 +318,8 @@ def _common(_: Version = False) -> None:
     pass
 
 
-def main() -> None:
-    """The program `lidcam`."""
-    _run(app, "lidcam")
-
-
-def main_process() -> None:
-    """The program `lidcam-process`: `lidcam process`."""
-    _run(process_app, "lidcam-process")
-
-
-def _run(program: Callable[..., object], name: str) -> None:
+def run_program(program: Callable[..., object], name: str) -> None:
+    """Run a program with the arguments of the command line; known errors become one line and exit code 1."""
     logging.basicConfig(level=logging.WARNING, format="lidcam: %(message)s", stream=sys.stderr)
     signal.signal(signal.SIGTERM, _terminate)
     try:

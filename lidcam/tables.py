@@ -1,4 +1,4 @@
-"""The tables that a run ends with, for people (rich) and for machines (plain values)."""
+"""The tables that are printed, one function each."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
@@ -6,6 +6,10 @@ from typing import Any
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
+
+from lidcam.summary import DropCount
+from readers.rig.discovery import SensorSource
+from readers.streams.survey import TopicSurvey
 
 __all__ = [
     "drops_table",
@@ -32,17 +36,15 @@ def objects_table(objects: Mapping[tuple[str, str], int], zones: Iterable[str]) 
     return table
 
 
-def drops_table(
-    used: Mapping[str, int], dropped: Mapping[tuple[str, str], int], examples: Mapping[tuple[str, str], str]
-) -> RenderableType:
-    """Messages by topic: how many took part, how many did not and why, with an example of each problem."""
+def drops_table(used: Mapping[str, int], drops: Sequence[DropCount]) -> RenderableType:
+    """Messages by topic: how many were used, how many were dropped and why, with an example of each problem."""
     table = _table("messages", "topic", "used", "dropped", "reason", text_columns=("topic", "reason"))
-    for topic in sorted({*used, *(topic for topic, _ in dropped)}):
-        reasons = sorted((reason, count) for (name, reason), count in dropped.items() if name == topic)
+    for topic in sorted({*used, *(drop.topic for drop in drops)}):
+        reasons = [(drop.reason, drop.count) for drop in drops if drop.topic == topic]
         total = str(used.get(topic, 0))
         for row, (reason, count) in enumerate(reasons or [("", 0)]):
             table.add_row(topic if row == 0 else "", total if row == 0 else "", str(count or ""), reason)
-    notes = [Text(f"  {reason}: {example}", style="dim") for (_, reason), example in sorted(examples.items())]
+    notes = [Text(f"  {drop.reason}: {drop.example}", style="dim") for drop in drops if drop.example]
     return Group(table, *notes)
 
 
@@ -79,8 +81,8 @@ def pairs_table(title: str, pairs: Mapping[str, Any]) -> Table:
     return table
 
 
-def topics_table(topics: Sequence[Any]) -> Table:
-    """What `readers.streams.survey` found, a row a topic."""
+def topics_table(topics: Sequence[TopicSurvey]) -> Table:
+    """The topics of a recording, one per row."""
     columns = ("type", "count", "Hz", "gaps", "longest", "delay", "")
     table = _table("topics", "topic", *columns, text_columns=("type", ""))
     for topic in topics:
@@ -100,12 +102,12 @@ def topics_table(topics: Sequence[Any]) -> Table:
     return table
 
 
-def sensors_table(sensors: Sequence[Mapping[str, str]]) -> Table:
+def sensors_table(sensors: Sequence[SensorSource]) -> Table:
     """The sensors that would be used, and where their calibration comes from."""
     columns = ("sensor", "topic", "frame_id", "intrinsics", "extrinsics")
     table = _table("sensors", *columns, text_columns=columns)
     for sensor in sensors:
-        table.add_row(*(sensor[column] for column in columns))
+        table.add_row(*(getattr(sensor, column) for column in columns))
     return table
 
 

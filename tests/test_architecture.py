@@ -98,8 +98,8 @@ def test_exports_exist(path: Path) -> None:
             node.targets if isinstance(node, ast.Assign) else [node.target] if isinstance(node, ast.AnnAssign) else []
         )
         defined |= {target.id for target in targets if isinstance(target, ast.Name)}
-        if isinstance(node, ast.ImportFrom):
-            defined |= {alias.asname or alias.name for alias in node.names}
+    imported = (node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom))  # also those for type checkers
+    defined |= {alias.asname or alias.name for node in imported for alias in node.names}
     assert set(exported) <= defined
     if name_of(path).count(".") and not path.name.startswith("_") and path.name != "__init__.py":
         assert exported, "every module says in __all__ what it offers"

@@ -5,6 +5,7 @@ taken only if its child frame is the site frame or fixed to it.
 """
 
 from bisect import bisect_left
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
@@ -28,6 +29,9 @@ __all__ = ["MotionBuffer", "MotionSource", "find_motion_source"]
 
 KEPT_NS = 5_000_000_000
 """How long poses are kept: sets of messages leave the synchroniser a few periods after they were recorded."""
+
+READ_AHEAD_NS = 2_000_000_000
+"""Poses recorded this long before a window are read, too."""
 
 WINDOW_NS = 500_000_000
 """Half of the span that a frame gets: a sweep takes 0.1 s, and sensors of one frame are less than that apart."""
@@ -161,18 +165,26 @@ class MotionBuffer:
     has to be carried on.
     """
 
-    def __init__(self, source: MotionSource, *, on_drop: Callable[[Drop], None] = lambda _: None) -> None:
-        self._source = source
+    def __init__(self, source: MotionSource | None, *, on_drop: Callable[[Drop], None] = lambda _: None) -> None:
+        """Without a source the site stands still: no topics, no poses."""
+        self._source = source or MotionSource((), "", "", ())
         self._on_drop = on_drop
-        self._tracks = {link: _Track() for link in source.links if isinstance(link, str)}
-        ends = [link.src if isinstance(link, Transform) else link for link in source.links[1:]]
-        parents = zip(source.links, [*ends, source.fixed_frame_id], strict=True)
+        self._tracks = {link: _Track() for link in self._source.links if isinstance(link, str)}
+        links = self._source.links
+        ends = [link.src if isinstance(link, Transform) else link for link in links[1:]]
+        parents = zip(links, [*ends, self._source.fixed_frame_id][: len(links)], strict=True)
         self._parents = {link: parent for link, parent in parents if isinstance(link, str)}
 
     @property
     def topics(self) -> tuple[str, ...]:
         """Topics that the stream has to contain."""
         return self._source.topics
+
+    def read_ahead(self, recording: Recording, start_ns: int) -> None:
+        """Take in the poses that were recorded just before a window: its first sweeps began there."""
+        if self.topics:
+            before = recording.messages(self.topics, start_ns=start_ns - READ_AHEAD_NS, stop_ns=start_ns)
+            deque(self.tap(before), maxlen=0)
 
     def tap(self, messages: Iterable[RawMessage]) -> Iterator[RawMessage]:
         """The messages of all other topics; those of the source are taken in. Bad ones are dropped and reported."""

@@ -28,7 +28,8 @@ from slabs import distance_to_box
 from velodyne import packet_stream, scan
 
 from bags.simulator.sensors.velodyne_packets import VelodyneSensor
-from lidcam.commands.process import ProcessOptions, run_process
+from lidcam.job import make_job
+from lidcam.run import process_recording
 from pipeline.core.arrays import F64
 from pipeline.core.messages import RawMessage
 from pipeline.core.settings.recording import VelodyneLidarConfig
@@ -146,7 +147,7 @@ def in_order(*messages: Iterable[RawMessage]) -> list[RawMessage]:
 def objects(*inputs: Path, rig: Path | None = None) -> dict[int, list[Found]]:
     """What `lidcam process` finds: called here, because to start a program takes longer than the scene."""
     out = inputs[0].parent / "out.mcap"
-    run_process(ProcessOptions(inputs, out, rig_file=rig, on_bad_message="fail"))
+    process_recording(make_job(inputs, out, rig=rig, on_bad_message="fail"))
     return fused_objects(out)
 
 

@@ -9,15 +9,20 @@ from builders import image, odometry, pointcloud2, raw
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lidcam.run import RunSummary, TimeWindow, process, synchronized_topics
+from lidcam.frames import Source, TimeWindow, synchronized_topics
+from lidcam.run import Run
+from lidcam.summary import DropTable, RunReport
 from pipeline.core.camera import CameraModel
 from pipeline.core.errors import ConfigError, RecordingError
 from pipeline.core.frame import FrameResult
 from pipeline.core.geometry.transform import Transform
+from pipeline.core.geometry.transform_tree import TransformTree
 from pipeline.core.messages import RawMessage
 from pipeline.core.rig import CameraSensor, LidarSensor, Rig
 from pipeline.core.settings.config import Config
 from readers.memory import MemoryRecording
+from readers.messages.tf import RecordedTransforms
+from readers.rig.discovery import Discovery
 from readers.streams.motion import MotionSource
 from writers.memory import MemoryWriter
 
@@ -60,17 +65,30 @@ def periodic(topics: Sequence[str] = IN_USE, count: int = 6) -> list[RawMessage]
     return [message(topic, START_NS + k * STEP_NS, START_NS + k * STEP_NS) for k in range(count) for topic in topics]
 
 
-def run(messages: list[RawMessage], settings: Config, **options: object) -> tuple[RunSummary, list[FrameResult]]:
+def run(
+    messages: list[RawMessage],
+    settings: Config,
+    *,
+    motion: MotionSource | None = None,
+    window: TimeWindow | None = None,
+) -> tuple[RunReport, list[FrameResult]]:
     writer = MemoryWriter()
-    summary = process(MemoryRecording(messages), rig(), settings, [writer], **options)  # type: ignore[arg-type]  # by name
-    return summary, writer.results
+    source = Source(MemoryRecording(messages), rig(), settings, motion, window or TimeWindow())
+    pass_over = Run(source, Discovery(rig(), (), (), (), RecordedTransforms(TransformTree())), DropTable())
+    frames = list(pass_over.frames([writer]))
+    assert frames == writer.results
+    return pass_over.report(), frames
 
 
-def assert_all_accounted_for(summary: RunSummary, messages: Sequence[RawMessage], topics: Sequence[str]) -> None:
+def drop_counts(report: RunReport) -> dict[tuple[str, str], int]:
+    return {(drop.topic, drop.reason): drop.count for drop in report.drops}
+
+
+def assert_all_accounted_for(summary: RunReport, messages: Sequence[RawMessage], topics: Sequence[str]) -> None:
     recorded = Counter(m.topic for m in messages if m.topic in topics)
     dropped: Counter[str] = Counter()
-    for (topic, _), count in summary.drops.counts.items():
-        dropped[topic] += count
+    for drop in summary.drops:
+        dropped[drop.topic] += drop.count
     assert {t: summary.messages_used.get(t, 0) + dropped[t] for t in recorded} == dict(recorded)
 
 
@@ -107,9 +125,9 @@ def test_messages_of_the_motion_are_no_part_of_the_sets_and_bad_ones_are_counted
     bad = next(i for i, m in enumerate(messages) if m.topic == ODOMETRY and m.stamp_ns == START_NS + 2 * STEP_NS)
     messages[bad] = broken(messages[bad])
     source = MotionSource((ODOMETRY,), "base_link", "odom", ("base_link",))
-    summary, frames = run(messages, config(), motion_source=source)
+    summary, frames = run(messages, config(), motion=source)
     assert_all_accounted_for(summary, messages, IN_USE)
-    assert dict(summary.drops.counts) == {(ODOMETRY, "cannot be decoded"): 1}
+    assert drop_counts(summary) == {(ODOMETRY, "cannot be decoded"): 1}
     assert all(frame.bundle.motion is not None for frame in frames[1:])
     assert all(ODOMETRY not in frame.bundle.messages for frame in frames)
 
@@ -129,9 +147,9 @@ def test_a_bad_cloud_leaves_the_rest_of_its_set() -> None:
     assert messages[4].topic == REAR
     summary, frames = run(messages, config())
     assert summary.messages_used == {FRONT: 6, IMAGES: 6, REAR: 5}
-    assert summary.drops.counts == {(REAR, "cannot be decoded"): 1}
+    assert drop_counts(summary) == {(REAR, "cannot be decoded"): 1}
     assert frames[1].combined.counts["input"] == 3
-    assert REAR in summary.drops.examples[REAR, "cannot be decoded"]
+    assert REAR in summary.drops[0].example
 
 
 @pytest.mark.parametrize("workers", [2, 5])
@@ -141,7 +159,7 @@ def test_summary_does_not_depend_on_the_workers(workers: int) -> None:
     for count in (1, workers):
         settings = config().model_copy(update={"run": config().run.model_copy(update={"workers": count})})
         summary, frames = run(messages, settings)
-        summaries.append((summary.messages_used, summary.drops.counts, summary.objects, summary.points, len(frames)))
+        summaries.append((summary.messages_used, summary.drops, summary.objects, summary.points, len(frames)))
     assert summaries[0] == summaries[1]
 
 

@@ -1,0 +1,97 @@
+"""What `lidcam inspect` does."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from lidcam.console import print_inspection
+from lidcam.frames import TimeWindow
+from lidcam.inspection import Inspection, inspect_open, inspect_recording, inspection_tree
+from lidcam.outputs import check_not_overwritten, check_writable
+from lidcam.summary import loss_records
+from lidcam.terminal import console
+from pipeline.core.errors import OutputError
+from pipeline.core.settings.config import Config
+from readers.location import Location, location
+from readers.open import open_recording
+from readers.recording import Recording
+from readers.rig.rig_file import RigFile, write_rig
+from readers.streams.per_sensor import sensor_messages
+from writers.mcap.repair import write_repaired
+
+__all__ = ["InspectOptions", "run_inspect"]
+
+
+@dataclass(frozen=True, slots=True)
+class InspectOptions:
+    """What to look at and what to write.
+
+    Attributes:
+        inputs: The recording.
+        config: Settings.
+        rig: Rig file, if there is one.
+        write_rig: Rig file to write.
+        repair: MCAP to write, with every message that can be read.
+        as_json: Print JSON.
+    """
+
+    inputs: tuple[Location, ...]
+    config: Config
+    rig: RigFile | None = None
+    write_rig: Path | None = None
+    repair: Path | None = None
+    as_json: bool = False
+
+
+def run_inspect(options: InspectOptions) -> None:
+    """Print what is in a recording; write its rig, or what can be read of it, where that is asked for.
+
+    Raises:
+        LidcamError: the recording or the settings are at fault, or an output cannot be written.
+    """
+    for output in (options.write_rig, options.repair):
+        if output is not None:
+            check_writable(output)
+    if options.repair is None:
+        inspection = inspect_recording(options.inputs, options.config, options.rig)
+        check_not_overwritten(inspection.files, options.write_rig)
+        _tell(inspection, options)
+        return
+    with (
+        open_recording(options.inputs, thorough=True, limits=options.config.limits) as recorded,
+        sensor_messages(recorded) as recording,
+    ):
+        check_not_overwritten(recording.paths, options.write_rig, options.repair)
+        _tell(inspect_open(recording, options.config, options.rig, TimeWindow()), options)
+        _repair(recorded, options.repair)
+
+
+def _tell(inspection: Inspection, options: InspectOptions) -> None:
+    out = console()
+    if options.as_json:
+        out.print_json(json.dumps(inspection_tree(inspection)))
+    else:
+        print_inspection(out, inspection)
+    if options.write_rig is not None:
+        if inspection.rig is None:
+            raise OutputError(f"{options.write_rig}: no rig to write: {inspection.problem}")
+        write_rig(inspection.rig, options.write_rig)
+        console(stderr=True).print(f"wrote {options.write_rig}")
+
+
+def _repair(recording: Recording, output: Path) -> None:
+    """Write what can be read of a recording; name the topics that cannot be read."""
+
+    def lost() -> Iterator[dict[str, str]]:
+        for record in loss_records(recording.losses):
+            values = record | {"file": location(record["file"]).name}
+            yield {key: "unknown" if value is None else str(value) for key, value in values.items()}
+
+    channels = [channel for info in recording.topics for channel in info.channels]
+    count = write_repaired(output, channels, recording.messages(), lost=lost())
+    err = console(stderr=True)
+    err.print(f"wrote {output}: {count} messages")
+    for info in recording.topics:
+        if info.unreadable and info.message_count:
+            err.print(f"not copied: {info.topic}, {info.message_count} messages: {info.unreadable}")

@@ -1,0 +1,101 @@
+"""What `lidcam simulate` and `lidcam drive` have in common: a scenario that is recorded to a file."""
+
+import contextlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import yaml
+
+from bags.simulator.recorder.files import MessageWriter, RecordingFormat, format_of, recording_file, ros_version_of
+from bags.simulator.recorder.recorded import Recorded
+from bags.simulator.recorder.start import simulating
+from bags.simulator.scenario.load import load_scenario
+from bags.simulator.scenario.scenario import Scenario
+from lidcam.terminal import console
+from readers.rig.rig_file import rig_yaml
+
+if TYPE_CHECKING:
+    from bags.simulator.recorder.simulation import Simulation
+
+__all__ = ["Recorder", "ScenarioOptions", "recording_to", "scenario_of"]
+
+
+@dataclass(frozen=True, slots=True)
+class ScenarioOptions:
+    """What is simulated, and where it is recorded.
+
+    Attributes:
+        scenario: Name of a scenario, or a YAML file.
+        output: The recording.
+        format: Its format; None: what its name ends in says it.
+        duration_s: Seconds to record; None: the scenario's.
+        seed: Seed of all noise; None: the scenario's.
+        overrides: Single values of the scenario.
+    """
+
+    scenario: str
+    output: Path
+    format: RecordingFormat | None = None
+    duration_s: float | None = None
+    seed: int | None = None
+    overrides: tuple[str, ...] = ()
+
+
+def scenario_of(options: ScenarioOptions) -> Scenario:
+    """The scenario with the seed and the duration that were asked for.
+
+    Raises:
+        ConfigError: there is no such scenario, or a value does not fit.
+    """
+    scenario = load_scenario(options.scenario, options.overrides)
+    asked = {"seed": options.seed, "duration_s": options.duration_s}
+    return scenario.model_copy(update={key: value for key, value in asked.items() if value is not None})
+
+
+class Recorder:
+    """Writes messages to a file and counts them."""
+
+    def __init__(self, writer: MessageWriter, start_ns: int) -> None:
+        self._writer, self._start_ns = writer, start_ns
+        self.messages = 0
+
+    def add(self, recorded: list[Recorded]) -> None:
+        """Write the messages of one step."""
+        for one in recorded:
+            self._writer.write(one, self._start_ns)
+        self.messages += len(recorded)
+
+    def tell(self, output: Path, now_ns: int) -> None:
+        """Say what was written."""
+        files = [output] if output.is_file() else sorted(output.iterdir())
+        size_mib = sum(file.stat().st_size for file in files) / 2**20
+        with contextlib.suppress(OSError):  # a terminal that is gone hears nothing; the recording is whole
+            console(stderr=True).print(
+                f"wrote {output}: {self.messages} messages, {now_ns * 1e-9:.1f} s, {size_mib:.1f} MiB"
+            )
+
+
+@contextlib.contextmanager
+def recording_to(
+    options: ScenarioOptions, scenario: Scenario, *, workers: int | None = None, driven: tuple[str, ...] = ()
+) -> Iterator[tuple["Simulation", Recorder]]:
+    """A simulation and the file that it is recorded to.
+
+    Args:
+        options: Where it is recorded.
+        scenario: What is simulated.
+        workers: Sensors simulated at once; None: one per core.
+        driven: Vehicles that wait at their start until they are driven.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    format = format_of(options.output, options.format)
+    version = ros_version_of(format)
+    text = yaml.safe_dump(scenario.model_dump(mode="json"), sort_keys=False, default_flow_style=None, width=100)
+    with simulating(scenario, ros_version=version, workers=workers, driven=driven) as simulation:
+        rig = rig_yaml(simulation.true_rig)
+        with recording_file(options.output, format, rig_yaml=rig, scenario_yaml=text) as writer:
+            yield simulation, Recorder(writer, scenario.start_ns)

@@ -1,0 +1,120 @@
+"""How a recording becomes bundles, from top to bottom; `lidcam.build` says how a bundle becomes a result."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+from lidcam.build import box_source
+from lidcam.summary import DropTable
+from pipeline.core.errors import ConfigError
+from pipeline.core.frame import SensorBundle
+from pipeline.core.rig import Rig
+from pipeline.core.settings.config import Config
+from pipeline.stages.sync import SyncStats, synchronize
+from readers.recording import Recording
+from readers.streams.motion import MotionBuffer, MotionSource
+from readers.video.streams import VideoStreams, video_topics
+
+__all__ = ["Source", "TimeWindow", "bundles", "reference_topic", "synchronized_topics"]
+
+
+@dataclass(frozen=True, slots=True)
+class TimeWindow:
+    """Part of a recording, by log time: `start_ns` included, `stop_ns` not; None is open."""
+
+    start_ns: int | None = None
+    stop_ns: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """What bundles are made from.
+
+    Attributes:
+        recording: The open recording, one topic per sensor.
+        rig: Its sensors.
+        config: Settings.
+        motion: Where the motion of the site frame comes from; None if it stands still.
+        window: Part of the recording.
+    """
+
+    recording: Recording
+    rig: Rig
+    config: Config
+    motion: MotionSource | None = None
+    window: TimeWindow = TimeWindow()
+
+
+def bundles(source: Source, drops: DropTable, stats: SyncStats) -> Iterator[SensorBundle]:
+    """The bundles of a recording, in order, with the motion of the site frame around each.
+
+    Args:
+        source: The recording and its sensors.
+        drops: Gets every message that no bundle takes.
+        stats: Gets the spread of the stamps in each bundle.
+
+    Raises:
+        RecordingError: reading fails.
+        MessageError: a message cannot be decoded, and `drops` does not skip bad ones.
+    """
+    recording, config, window = source.recording, source.config, source.window
+    topics = synchronized_topics(config, source.rig)
+    motion = MotionBuffer(source.motion, on_drop=drops.add_bad)
+    video = VideoStreams(video_topics(recording, topics), limits=config.limits)
+    if window.start_ns is not None:
+        motion.read_ahead(recording, window.start_ns)
+        video.look_back(recording, window.start_ns)
+
+    messages = recording.messages({*topics, *motion.topics}, start_ns=window.start_ns, stop_ns=window.stop_ns)
+    messages = video.decoded(messages)
+    messages = motion.tap(messages)
+    found = synchronize(
+        messages, topics, config.sync, reference=reference_topic(config, source.rig), on_drop=drops.add, stats=stats
+    )
+    found = video.without_blanks(found, on_drop=drops.add, on_bad=drops.add_bad)
+    return found if source.motion is None else _with_motion(found, motion)
+
+
+def synchronized_topics(config: Config, rig: Rig) -> tuple[str, ...]:
+    """Topics that make up a bundle: lidars, then images where they are used or copied, then recorded boxes."""
+    source = box_source(config, rig)
+    topics = [lidar.topic for lidar in rig.lidars]
+    if config.output.images or source == "onnx":
+        topics += [camera.topic for camera in rig.cameras if camera.topic]
+    if source == "recorded":
+        topics += [camera.boxes_topic for camera in rig.cameras if camera.boxes_topic]
+    return tuple(topics)
+
+
+def reference_topic(config: Config, rig: Rig) -> str:
+    """The topic whose message gives a frame its stamp.
+
+    Raises:
+        ConfigError: the configured one is not among the synchronised topics.
+    """
+    topics = synchronized_topics(config, rig)
+    reference = config.sync.reference or rig.lidars[0].topic
+    if reference not in topics:
+        raise ConfigError(f"sync.reference: {reference!r} is not among the topics in use: {', '.join(topics)}")
+    return reference
+
+
+def _with_motion(found: Iterator[SensorBundle], motion: MotionBuffer) -> Iterator[SensorBundle]:
+    """Bundles with the poses around their stamps.
+
+    A bundle is complete when its last message is read, which may be before the poses of its sweep are: it waits for the
+    next bundle and takes the poses known by then.
+    """
+    waiting: SensorBundle | None = None
+    for bundle in found:
+        if waiting is not None:
+            yield _with_later_poses(waiting, motion)
+        waiting = replace(bundle, motion=motion.window(bundle.stamp_ns))
+    if waiting is not None:
+        yield _with_later_poses(waiting, motion)
+
+
+def _with_later_poses(bundle: SensorBundle, motion: MotionBuffer) -> SensorBundle:
+    later = motion.window(bundle.stamp_ns)
+    if later is None or (bundle.motion is not None and later.stamps_ns[0] > bundle.motion.stamps_ns[0]):
+        return bundle  # a pause so long that the buffer no longer holds this bundle's time
+    return replace(bundle, motion=later)

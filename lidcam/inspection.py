@@ -1,0 +1,138 @@
+"""What is in a recording, and what lidcam would use of it."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from lidcam.build import BoxSource, box_source
+from lidcam.frames import TimeWindow
+from lidcam.run import check_not_empty, find_rig
+from lidcam.summary import loss_records
+from pipeline.core.errors import CalibrationError, RecordingError
+from pipeline.core.rig import Rig
+from pipeline.core.settings.config import Config
+from readers.location import Location, RemotePath
+from readers.open import open_recording
+from readers.recording import Loss, Recording
+from readers.rig.discovery import Discovery, SensorFault, SensorSource
+from readers.rig.rig_file import RigFile
+from readers.streams.motion import find_motion_source
+from readers.streams.per_sensor import sensor_messages
+from readers.streams.survey import TopicSurvey, survey
+
+__all__ = ["Inspection", "inspect_open", "inspect_recording", "inspection_tree"]
+
+INSPECTED_NS = 5_000_000_000
+"""How much of a recording on a server is looked at: enough for the rate of a topic of 1 Hz."""
+
+
+@dataclass(frozen=True, slots=True)
+class Inspection:
+    """What is in a recording. Holds no open file.
+
+    Attributes:
+        files: Its files.
+        start_ns: Log time of the first message.
+        end_ns: Log time of the last message.
+        messages: Number of messages.
+        topics: Topics with rates, gaps and delays.
+        losses: Damaged parts of the files.
+        stop_ns: Log time before which it was looked at; None where all of it was.
+        problem: Why lidcam could not process it; empty if it can.
+        rig: The sensors that lidcam would use; None if it could not process the recording.
+        sensors: Where the calibration of each sensor was found.
+        faults: Sensors that would be left out, and why.
+        notes: Remarks on topics and sensors.
+        motion_topics: Where the motion of the site frame would come from; empty where it stands still.
+        box_source: Where 2D boxes would come from.
+    """
+
+    files: tuple[Location, ...]
+    start_ns: int
+    end_ns: int
+    messages: int
+    topics: tuple[TopicSurvey, ...]
+    losses: tuple[Loss, ...]
+    stop_ns: int | None = None
+    problem: str = ""
+    rig: Rig | None = None
+    sensors: tuple[SensorSource, ...] = ()
+    faults: tuple[SensorFault, ...] = ()
+    notes: tuple[str, ...] = ()
+    motion_topics: tuple[str, ...] = ()
+    box_source: BoxSource = "none"
+
+
+def inspect_recording(inputs: Sequence[Location], config: Config, rig: RigFile | None = None) -> Inspection:
+    """What is in a recording, and what lidcam would use of it.
+
+    Of a recording on a server only the beginning is looked at, so as not to fetch all of it.
+
+    Raises:
+        RecordingError: it cannot be opened or is empty.
+    """
+    with sensor_messages(open_recording(inputs, limits=config.limits)) as recording:
+        return inspect_open(recording, config, rig, _window(recording))
+
+
+def inspect_open(recording: Recording, config: Config, rig: RigFile | None, window: TimeWindow) -> Inspection:
+    """As `inspect_recording`, of an open recording with one topic per sensor.
+
+    Raises:
+        RecordingError: it is empty, or cannot be read to its end.
+    """
+    check_not_empty(recording)
+    topics = survey(recording, stop_ns=window.stop_ns)
+    found: Discovery | None = None
+    problem = ""
+    try:
+        found = find_rig(recording, config, rig, window)
+    except (CalibrationError, RecordingError) as err:
+        problem = str(err)
+    motion = find_motion_source(recording, found.rig, found.transforms, config) if found else None
+    return Inspection(
+        files=recording.paths,
+        start_ns=recording.start_ns,
+        end_ns=recording.end_ns,
+        messages=recording.message_count,
+        topics=topics,
+        losses=recording.losses,
+        stop_ns=window.stop_ns,
+        problem=problem,
+        rig=found.rig if found else None,
+        sensors=found.sources if found else (),
+        faults=found.faults if found else (),
+        notes=found.notes if found else (),
+        motion_topics=motion.topics if motion else (),
+        box_source=box_source(config, found.rig) if found else "none",
+    )
+
+
+def inspection_tree(inspection: Inspection) -> dict[str, Any]:
+    """What is in a recording as plain values, for JSON."""
+    tree: dict[str, Any] = {
+        "files": [str(path) for path in inspection.files],
+        "start_ns": inspection.start_ns,
+        "end_ns": inspection.end_ns,
+        "messages": inspection.messages,
+        "topics": [asdict(topic) for topic in inspection.topics],
+        "losses": loss_records(inspection.losses),
+        "problem": inspection.problem,
+        "looked_at_until_ns": inspection.stop_ns,
+    }
+    if inspection.rig is not None:
+        tree |= {
+            "site_frame": inspection.rig.site_frame,
+            "sensors": [asdict(source) for source in inspection.sensors],
+            "faults": [asdict(fault) for fault in inspection.faults],
+            "notes": list(inspection.notes),
+            "motion": list(inspection.motion_topics),
+            "box_source": inspection.box_source,
+        }
+    return tree
+
+
+def _window(recording: Recording) -> TimeWindow:
+    stop_ns = recording.start_ns + INSPECTED_NS
+    is_remote = any(isinstance(path, RemotePath) for path in recording.paths)
+    return TimeWindow(None, stop_ns if is_remote and stop_ns <= recording.end_ns else None)

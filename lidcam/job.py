@@ -1,0 +1,134 @@
+"""A run as a value: everything it needs to know, nothing open. It can be pickled, and run in another process."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from os import PathLike, fspath
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from pipeline.core.errors import ConfigError
+from pipeline.core.settings.config import Config
+from pipeline.core.settings.load import describe_validation, load_config, set_values
+from readers.location import Location, RemotePath, location
+from readers.rig.load import load_rig
+from readers.rig.rig_file import RigFile
+from readers.streams.decoders import OnBadMessage
+
+__all__ = ["Job", "PathOrUrl", "locations", "make_job", "read_config", "settings_of"]
+
+DEFAULT_CONFIG = Config()
+PathOrUrl = str | PathLike[str] | RemotePath
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """One recording to process.
+
+    Attributes:
+        inputs: A recording, or all parts of a split one in order.
+        output: MCAP to write; None writes none.
+        rerun: Rerun recording to write; None writes none.
+        config: Settings.
+        rig: Sensors and calibration; what it leaves out, and all of it without one, is found in the recording.
+        start_s: Seconds of the recording to skip.
+        duration_s: Seconds to process; None: to the end.
+        on_bad_message: Whether a message that cannot be decoded, or damage of a file, is skipped or ends the run.
+    """
+
+    inputs: tuple[Location, ...]
+    output: Path | None = None
+    rerun: Path | None = None
+    config: Config = DEFAULT_CONFIG
+    rig: RigFile | None = None
+    start_s: float = 0.0
+    duration_s: float | None = None
+    on_bad_message: OnBadMessage = "skip"
+
+    @property
+    def outputs(self) -> tuple[Path, ...]:
+        """Files to write."""
+        return tuple(path for path in (self.output, self.rerun) if path is not None)
+
+
+def make_job(
+    recording: PathOrUrl | Sequence[PathOrUrl],
+    output: str | PathLike[str] | None = None,
+    *,
+    rerun: str | PathLike[str] | None = None,
+    config: Config | str | PathLike[str] | None = None,
+    settings: Mapping[str, object] | Sequence[str] = (),
+    rig: RigFile | str | PathLike[str] | None = None,
+    model_2d: str | PathLike[str] | None = None,
+    workers: int | None = None,
+    start_s: float = 0.0,
+    duration_s: float | None = None,
+    on_bad_message: OnBadMessage = "skip",
+) -> Job:
+    """A job, with its settings and its rig file read.
+
+    Args:
+        recording: Path or URL; several for a recording that was split, in their order.
+        output: MCAP to write.
+        rerun: Rerun recording to write.
+        config: Settings, or a YAML file of them.
+        settings: Single values on top: `{"sync.slop_s": 0.05}` or `["sync.slop_s=0.05"]`.
+        rig: Rig file, loaded or by its path.
+        model_2d: 2D network (ONNX, YOLOX layout).
+        workers: 1 runs stage after stage; more overlap stages of several frames. The result is the same.
+        start_s: Seconds to skip.
+        duration_s: Seconds to process.
+        on_bad_message: `skip` or `fail`.
+
+    Raises:
+        ConfigError: the settings cannot be read or do not fit.
+        CalibrationError: the rig file cannot be read or does not fit.
+    """
+    overrides = list(settings_of(settings))
+    if model_2d is not None:
+        overrides.append(f"detect2d.model={json.dumps(fspath(model_2d))}")
+    if workers is not None:
+        overrides.append(f"run.workers={workers}")
+    return Job(
+        inputs=locations(recording),
+        output=None if output is None else Path(output),
+        rerun=None if rerun is None else Path(rerun),
+        config=read_config(config, overrides),
+        rig=rig if rig is None or isinstance(rig, RigFile) else load_rig(Path(rig)),
+        start_s=start_s,
+        duration_s=duration_s,
+        on_bad_message=on_bad_message,
+    )
+
+
+def locations(recording: PathOrUrl | Sequence[PathOrUrl]) -> tuple[Location, ...]:
+    """Where the files of a recording lie."""
+    given = [recording] if isinstance(recording, str | PathLike | RemotePath) else recording
+    return tuple(one if isinstance(one, RemotePath) else location(fspath(one)) for one in given)
+
+
+def read_config(
+    config: Config | str | PathLike[str] | None, settings: Mapping[str, object] | Sequence[str] = ()
+) -> Config:
+    """Settings, given or from a YAML file, with single values on top.
+
+    Raises:
+        ConfigError: the file cannot be read, a key is unknown, or a value does not fit.
+    """
+    overrides = settings_of(settings)
+    if not isinstance(config, Config):
+        return load_config(None if config is None else Path(config), overrides)
+    tree = config.model_dump(mode="json")
+    set_values(tree, overrides)
+    try:
+        return Config.model_validate(tree)
+    except ValidationError as err:
+        raise ConfigError(f"settings: {describe_validation(Config, err)}") from err
+
+
+def settings_of(settings: Mapping[str, object] | Sequence[str]) -> tuple[str, ...]:
+    """Single settings in the form `a.b=value`."""
+    if isinstance(settings, Mapping):
+        return tuple(f"{key}={json.dumps(value)}" for key, value in settings.items())
+    return tuple(settings)

@@ -1,0 +1,42 @@
+"""lidcam's other packages have common names: another folder called `pipeline` on the path would be imported instead."""
+
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+from types import TracebackType
+
+__all__ = ["ForeignPackageError", "check_own_packages"]
+
+HOME = Path(__file__).resolve().parents[1]
+PACKAGES = ("pipeline", "readers", "writers", "bags")
+
+
+class ForeignPackageError(ImportError):
+    """A package of another project hides one of lidcam's."""
+
+
+def check_own_packages() -> None:
+    """Look where the packages would be imported from.
+
+    A script that ends with the error prints its one line, without a traceback.
+
+    Raises:
+        ForeignPackageError: one would come from elsewhere.
+    """
+    for name in PACKAGES:
+        spec = find_spec(name)
+        found = [] if spec is None else [Path(place).resolve() for place in spec.submodule_search_locations or ()]
+        if found != [HOME / name]:
+            place = ", ".join(map(str, found)) or (spec.origin if spec and spec.origin else "nothing")
+            sys.excepthook = _one_line
+            raise ForeignPackageError(
+                f"lidcam: error: expected its package {name!r} in {HOME / name}, found {place}: "
+                "rename that folder, take it off PYTHONPATH, or start from another folder"
+            )
+
+
+def _one_line(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
+    if isinstance(error, ForeignPackageError):
+        sys.stderr.write(f"{error}\n")
+    else:
+        sys.__excepthook__(kind, error, trace)

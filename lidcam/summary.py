@@ -1,0 +1,227 @@
+"""What a run did: messages used and dropped, objects, points, times. All counting happens here."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from lidcam.build import BoxSource
+from pipeline.core.errors import MessageError
+from pipeline.core.frame import FrameResult
+from pipeline.core.geometry.polygons import first_polygon_with
+from pipeline.core.messages import Drop
+from pipeline.core.rig import Rig
+from pipeline.core.settings.config import Config
+from readers.recording import Loss
+from readers.rig.discovery import SensorFault, SensorSource
+from readers.streams.decoders import OnBadMessage
+
+__all__ = [
+    "OUTSIDE_ZONES",
+    "DropCount",
+    "DropTable",
+    "RunReport",
+    "Tally",
+    "UnusedTopic",
+    "loss_records",
+    "report_tree",
+]
+
+OUTSIDE_ZONES = "outside"
+"""Name for the place of objects that no zone holds."""
+
+
+@dataclass(frozen=True, slots=True)
+class DropCount:
+    """How many messages of one topic, or parts of them, were dropped for one reason.
+
+    Attributes:
+        topic: Their topic.
+        reason: Why.
+        count: How many.
+        example: What was found in the first of them; may be empty.
+    """
+
+    topic: str
+    reason: str
+    count: int
+    example: str
+
+
+@dataclass(frozen=True, slots=True)
+class UnusedTopic:
+    """A topic with messages that a run did not use: neither as data, nor as motion, nor as calibration.
+
+    Attributes:
+        topic: Its name.
+        message_count: Number of its messages.
+        problem: Why it cannot be read; empty if it can.
+    """
+
+    topic: str
+    message_count: int
+    problem: str
+
+
+class DropTable:
+    """Dropped messages by topic and reason; memory does not grow with their number."""
+
+    def __init__(self, on_bad: OnBadMessage = "skip") -> None:
+        """Count drops; with `on_bad="fail"`, the first bad message ends the run."""
+        self.on_bad: OnBadMessage = on_bad
+        self._counts: Counter[tuple[str, str]] = Counter()
+        self._examples: dict[tuple[str, str], str] = {}
+
+    def add(self, drop: Drop) -> None:
+        """Count a message, or parts of one; the first detail of its kind is kept as the example."""
+        key = (drop.topic, drop.reason)
+        self._counts[key] += drop.parts or 1
+        if drop.detail:
+            self._examples.setdefault(key, drop.detail)
+
+    def add_bad(self, drop: Drop) -> None:
+        """Count a message that cannot be decoded.
+
+        Raises:
+            MessageError: bad messages end the run.
+        """
+        if self.on_bad == "fail":
+            raise MessageError(drop.detail or f"{drop.topic}: {drop.reason}")
+        self.add(drop)
+
+    @property
+    def rows(self) -> tuple[DropCount, ...]:
+        """The counts, by topic and reason."""
+        return tuple(
+            DropCount(topic, reason, count, self._examples.get((topic, reason), ""))
+            for (topic, reason), count in sorted(self._counts.items())
+        )
+
+    def count(self, topic: str) -> int:
+        """Number of dropped messages of one topic."""
+        return sum(count for (name, _), count in self._counts.items() if name == topic)
+
+
+@dataclass(frozen=True, slots=True)
+class RunReport:
+    """What a run did. Holds no open file: it can be pickled and sent between processes.
+
+    Attributes:
+        frames: Number of frames.
+        objects: Number of fused objects by (class name, zone name).
+        confirmed: Number of fused objects that at least one camera confirms.
+        points: Lidar points by step of the combination, summed over the frames.
+        messages_used: Number of messages used, by topic.
+        drops: Messages that were not used, by topic and reason.
+        unused_boxes: Recorded 2D boxes that could not be used, by reason.
+        unused_topics: Topics with messages that the run did not look at.
+        losses: Damaged parts of the files.
+        box_source: Where 2D boxes came from.
+        motion_topics: Where the motion of the site frame came from; empty where it stands still.
+        compensated: Frames with a cloud that was moved to the frame's time.
+        skew_mean_ms: Mean spread of the stamps in a bundle.
+        skew_max_ms: Largest spread.
+        rig: The sensors, with their calibration and the zones.
+        sensors: Where the calibration of each sensor was found.
+        faults: Sensors that were left out, and why.
+        notes: Remarks on topics and sensors.
+        outputs: Files that were written.
+        stage_seconds: Time spent per stage, summed over the frames; stages overlap when the run is pipelined.
+        wall_seconds: From the first message to the last result.
+    """
+
+    frames: int
+    objects: Mapping[tuple[str, str], int]
+    confirmed: int
+    points: Mapping[str, int]
+    messages_used: Mapping[str, int]
+    drops: tuple[DropCount, ...]
+    unused_boxes: Mapping[str, int]
+    unused_topics: tuple[UnusedTopic, ...]
+    losses: tuple[Loss, ...]
+    box_source: BoxSource
+    motion_topics: tuple[str, ...]
+    compensated: int
+    skew_mean_ms: float
+    skew_max_ms: float
+    rig: Rig
+    sensors: tuple[SensorSource, ...]
+    faults: tuple[SensorFault, ...]
+    notes: tuple[str, ...]
+    outputs: tuple[Path, ...]
+    stage_seconds: Mapping[str, float]
+    wall_seconds: float
+
+    @property
+    def frames_per_second(self) -> float:
+        """Frames by wall time."""
+        return self.frames / self.wall_seconds if self.wall_seconds else 0.0
+
+
+class Tally:
+    """Running totals over the frames of a run."""
+
+    def __init__(self, config: Config, rig: Rig) -> None:
+        self._class_names = config.class_names
+        self._zones = rig.zones
+        self.frames = 0
+        self.confirmed = 0
+        self.compensated = 0
+        self.objects: Counter[tuple[str, str]] = Counter()
+        self.points: Counter[str] = Counter()
+        self.messages: Counter[str] = Counter()
+        self.unused_boxes: Counter[str] = Counter()
+
+    def add(self, frame: FrameResult) -> None:
+        """Count one frame."""
+        objects = frame.fused.objects
+        self.frames += 1
+        self.compensated += bool(frame.combined.compensated)
+        self.confirmed += int((frame.fused.matched > 0).sum())
+        rows = first_polygon_with([zone.polygon_site for zone in self._zones], objects.centers[:, :2])
+        for class_id, row in zip(objects.class_ids.tolist(), rows.tolist(), strict=True):
+            zone = self._zones[row].name if row >= 0 else OUTSIDE_ZONES
+            self.objects[self._class_names[class_id], zone] += 1
+        self.points.update(dict(frame.combined.counts))
+        self.unused_boxes.update(dict(frame.unused_boxes))
+        unused = {(drop.topic, drop.stamp_ns) for drop in frame.drops if not drop.parts}
+        self.messages.update(topic for topic, m in frame.bundle.messages.items() if (topic, m.stamp_ns) not in unused)
+
+
+def loss_records(losses: Sequence[Loss]) -> list[dict[str, Any]]:
+    """Damaged parts for machines: `file`, `position` and `size` in bytes, `messages`, `reason`; None is unknown."""
+    return [
+        {
+            "file": str(loss.path),
+            "position": loss.position,
+            "size": loss.size,
+            "messages": loss.messages,
+            "reason": loss.reason,
+        }
+        for loss in losses
+    ]
+
+
+def report_tree(report: RunReport) -> dict[str, Any]:
+    """The report of a run as plain values, for JSON."""
+    return {
+        "frames": report.frames,
+        "frames_per_second": report.frames_per_second,
+        "wall_seconds": report.wall_seconds,
+        "stage_ms": {name: 1e3 * spent / report.frames for name, spent in report.stage_seconds.items()},
+        "box_source": report.box_source,
+        "motion": {"topics": list(report.motion_topics), "compensated_frames": report.compensated},
+        "objects": [{"class": c, "zone": z, "count": count} for (c, z), count in report.objects.items()],
+        "confirmed": report.confirmed,
+        "points": dict(report.points),
+        "messages_used": dict(report.messages_used),
+        "drops": [asdict(drop) for drop in report.drops],
+        "losses": loss_records(report.losses),
+        "unused_topics": {topic.topic: topic.message_count for topic in report.unused_topics},
+        "unused_boxes": dict(report.unused_boxes),
+        "sync_skew_ms": {"mean": report.skew_mean_ms, "max": report.skew_max_ms},
+        "faults": [asdict(fault) for fault in report.faults],
+        "notes": list(report.notes),
+        "outputs": [str(path) for path in report.outputs],
+    }

@@ -1,0 +1,148 @@
+"""`import lidcam`: the names it offers, and runs whose results are at hand."""
+
+import pickle
+import re
+import subprocess
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from importlib import import_module
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+import pytest
+from results import fused_objects
+
+import lidcam
+
+ROOT = Path(__file__).resolve().parents[2]
+SANDBOX, CONFIG = ROOT / "bags" / "sandbox.bag", ROOT / "config" / "sandbox.yaml"
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> lidcam.RunResult:
+    return lidcam.process(SANDBOX, tmp_path_factory.mktemp("run") / "out.mcap", config=CONFIG, duration_s=0.5)
+
+
+def test_every_name_is_there_and_no_other() -> None:
+    for name in lidcam.__all__:
+        assert getattr(lidcam, name) is not None
+    assert set(lidcam.__all__) == {*lidcam._HOME_OF, "__version__"}
+    assert set(lidcam.__all__) <= set(dir(lidcam))
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        lidcam.nothing  # type: ignore[attr-defined]  # noqa: B018
+
+
+def test_importing_it_loads_nothing_heavy() -> None:
+    code = "import sys, lidcam; print(sorted({'numpy', 'cv2', 'rosbags', 'pydantic'} & set(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"
+
+
+def test_objects_are_those_of_the_file(run: lidcam.RunResult) -> None:
+    (output,) = run.report.outputs
+    recorded = fused_objects(output)
+    assert run.frames == len(recorded)
+    expected = [(stamp_ns, one) for stamp_ns, found in recorded.items() for one in found]
+    objects = run.objects
+    assert len(objects) == len(expected) > 0
+    assert objects.stamps_ns.tolist() == [stamp_ns for stamp_ns, _ in expected]
+    assert [objects.class_names[i] for i in objects.class_ids] == [one.label for _, one in expected]
+    np.testing.assert_allclose(objects.centers, [(one.x, one.y, one.z) for _, one in expected])
+    np.testing.assert_allclose(objects.sizes, [(one.length, one.width, one.height) for _, one in expected])
+    np.testing.assert_allclose(objects.yaws, [one.yaw for _, one in expected], atol=1e-12)
+
+
+def test_nothing_is_written_without_an_output(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    seen: list[int] = []
+    run = lidcam.process(
+        str(SANDBOX), config=str(CONFIG), duration_s=0.3, on_frame=lambda frame: seen.append(frame.bundle.index)
+    )
+    assert run.report.outputs == ()
+    assert seen == list(range(run.frames))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_frames_one_after_another(run: lidcam.RunResult) -> None:
+    frames = lidcam.iter_frames(SANDBOX, config=lidcam.load_config(CONFIG), duration_s=0.5, workers=1)
+    first = next(frames)
+    assert first.bundle.index == 0
+    frames.close()
+    counts = [len(frame.fused.objects) for frame in lidcam.iter_frames(SANDBOX, config=CONFIG, duration_s=0.5)]
+    assert len(counts) == run.frames
+    assert sum(counts) == len(run.objects)
+
+
+def test_settings_on_top_of_a_config() -> None:
+    config = lidcam.load_config(CONFIG, {"sync.slop_s": 0.05, "topics.exclude": ["/a"]})
+    assert (config.sync.slop_s, config.topics.exclude) == (0.05, ("/a",))
+    job = lidcam.make_job(SANDBOX, config=config, settings=["sync.queue_size=3"], workers=1, model_2d="x.onnx")
+    assert (job.config.sync.slop_s, job.config.sync.queue_size, job.config.run.workers) == (0.05, 3, 1)
+    assert job.config.detect2d.model == Path("x.onnx")
+    assert job.config.combine == config.combine
+    with pytest.raises(lidcam.ConfigError, match="nothing"):
+        lidcam.make_job(SANDBOX, config=config, settings={"sync.nothing": 1})
+
+
+def test_inspection(run: lidcam.RunResult) -> None:
+    found = lidcam.inspect(SANDBOX)
+    assert not found.problem
+    assert found.rig is not None
+    assert [lidar.name for lidar in found.rig.lidars] == [lidar.name for lidar in run.report.rig.lidars]
+    assert {topic.topic for topic in found.topics} >= set(run.report.messages_used)
+    assert pickle.loads(pickle.dumps(found)).files == found.files
+
+
+def test_open_recording() -> None:
+    with lidcam.open_recording([SANDBOX]) as recording:
+        assert [message.topic for message in recording.messages(["/tf_static"])] == ["/tf_static"]
+
+
+def test_a_job_runs_in_another_process(run: lidcam.RunResult) -> None:
+    job = lidcam.make_job(SANDBOX, config=CONFIG, duration_s=0.5, workers=1)
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        report = pool.submit(lidcam.process_recording, job).result()
+    assert report.frames == run.frames
+    assert report.objects == run.report.objects
+    assert report.drops == run.drops
+    np.testing.assert_array_equal(
+        report.rig.lidars[0].T_site_lidar.matrix, run.report.rig.lidars[0].T_site_lidar.matrix
+    )
+
+
+@pytest.mark.parametrize("library", ["pandas", "polars", "pyarrow"])
+def test_tables(run: lidcam.RunResult, library: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    objects = run.objects
+    convert = {"pandas": objects.to_pandas, "polars": objects.to_polars, "pyarrow": objects.to_arrow}[library]
+    import_module(library)
+    table = convert()
+    assert list(table.columns if library != "pyarrow" else table.column_names) == list(objects.columns)
+    assert np.array_equal(np.asarray(table["x_m"]), objects.centers[:, 0])
+    assert [str(name) for name in table["class"]] == ["car"] * len(objects)
+    monkeypatch.setitem(sys.modules, library, None)
+    with pytest.raises(ImportError, match=f"pip install {library}"):
+        convert()
+
+
+def test_the_text_form_is_a_short_table(run: lidcam.RunResult) -> None:
+    head, names, *rows = repr(run.objects).splitlines()
+    assert head == f"{len(run.objects)} objects, site frame 'site'"
+    assert names.split() == list(run.objects.columns)
+    assert len(rows) == min(len(run.objects), 10) + (len(run.objects) > 10)
+    none = run.objects.select(np.zeros(len(run.objects), np.bool_))
+    assert repr(none) == "0 objects, site frame 'site'"
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/python.md"])
+def test_examples_of_the_documents_run(page: str, tmp_path: Path) -> None:
+    """All blocks of a page as one script, beside a recording of the name that they use."""
+    blocks = re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(encoding="utf-8"), re.DOTALL)
+    assert blocks
+    (tmp_path / "drive.bag").symlink_to(SANDBOX)
+    body = "\n".join(blocks).replace("\n", "\n    ")
+    script = tmp_path / "example.py"
+    script.write_text(f"if __name__ == '__main__':\n    {body}\n", encoding="utf-8")
+    done = subprocess.run([sys.executable, script], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout
