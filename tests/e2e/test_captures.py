@@ -93,7 +93,7 @@ def test_several_lidars_need_their_poses(captures: Path, capsys: pytest.CaptureF
         f"site_frame: site\nlidars:\n  left: {{topic: {LEFT}, translation_m: [0, 1, 2]}}\n"
         f"  right: {{topic: {RIGHT}, translation_m: [0, -1, 2]}}\n"
     )
-    assert processed(capsys, captures / "two.pcap", out=out, rig_file=rig)["messages_used"] == {LEFT: 3, RIGHT: 3}
+    assert processed(capsys, captures / "two.pcap", out=out, rig=rig)["messages_used"] == {LEFT: 3, RIGHT: 3}
 
 
 @pytest.mark.parametrize("kind", ["scan", "packets"])
