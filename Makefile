@@ -35,7 +35,7 @@ check: $(INSTALLED)
 	$(BIN)/mypy lidcam pipeline readers writers bags tests benchmarks
 
 test: check
-	$(BIN)/pytest
+	$(BIN)/pytest -n auto --dist loadfile --cov --cov-report=term:skip-covered
 
 fuzz: $(INSTALLED)
 	$(BIN)/python tests/fuzz/fuzz.py --minutes $(MINUTES)

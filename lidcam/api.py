@@ -2,11 +2,10 @@
 
 from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass
-from os import PathLike
 from pathlib import Path
 
 from lidcam.inspection import Inspection, inspect_recording
-from lidcam.job import PathOrUrl, locations, make_job, read_config
+from lidcam.job import FilePath, PathOrUrl, locations, make_job, read_config
 from lidcam.objects import ObjectCollector, Objects
 from lidcam.run import iter_frames as frames_of
 from lidcam.run import process_recording
@@ -20,8 +19,6 @@ from readers.rig.rig_file import RigFile
 from readers.streams.decoders import OnBadMessage
 
 __all__ = ["RunResult", "inspect", "iter_frames", "load_config", "load_rig", "open_recording", "process"]
-
-FilePath = str | PathLike[str]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,9 +57,8 @@ class _Watcher(ObjectCollector):
 
 def process(
     recording: PathOrUrl | Sequence[PathOrUrl],
-    output: FilePath | None = None,
+    output: FilePath | Sequence[FilePath] | None = None,
     *,
-    rerun: FilePath | None = None,
     config: Config | FilePath | None = None,
     settings: Mapping[str, object] | Sequence[str] = (),
     rig: RigFile | FilePath | None = None,
@@ -77,8 +73,7 @@ def process(
 
     Args:
         recording: Path or URL; several for a recording that was split, in their order.
-        output: MCAP to write; None writes none.
-        rerun: Rerun recording to write; None writes none.
+        output: File to write, or several: .mcap, .rrd (Rerun); None writes none.
         config: Settings, or a YAML file of them.
         settings: Single settings on top: `{"sync.slop_s": 0.05}` or `["sync.slop_s=0.05"]`.
         rig: Rig file, loaded or by its path; without it sensors and calibration are found in the recording.
@@ -95,7 +90,6 @@ def process(
     job = make_job(
         recording,
         output,
-        rerun=rerun,
         config=config,
         settings=settings,
         rig=rig,

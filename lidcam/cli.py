@@ -171,8 +171,7 @@ def process(
 
     job = make_job(
         inputs,
-        output,
-        rerun=rerun,
+        [output] if rerun is None else [output, rerun],
         config=config_file,
         settings=settings or (),
         rig=rig_file,

@@ -16,10 +16,11 @@ from readers.rig.load import load_rig
 from readers.rig.rig_file import RigFile
 from readers.streams.decoders import OnBadMessage
 
-__all__ = ["Job", "PathOrUrl", "locations", "make_job", "read_config", "settings_of"]
+__all__ = ["FilePath", "Job", "PathOrUrl", "locations", "make_job", "read_config", "settings_of"]
 
 DEFAULT_CONFIG = Config()
-PathOrUrl = str | PathLike[str] | RemotePath
+FilePath = str | PathLike[str]
+PathOrUrl = FilePath | RemotePath
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,8 +29,7 @@ class Job:
 
     Attributes:
         inputs: A recording, or all parts of a split one in order.
-        output: MCAP to write; None writes none.
-        rerun: Rerun recording to write; None writes none.
+        outputs: Files to write; what each is, its name says (`lidcam.outputs.WRITERS`).
         config: Settings.
         rig: Sensors and calibration; what it leaves out, and all of it without one, is found in the recording.
         start_s: Seconds of the recording to skip.
@@ -38,29 +38,22 @@ class Job:
     """
 
     inputs: tuple[Location, ...]
-    output: Path | None = None
-    rerun: Path | None = None
+    outputs: tuple[Path, ...] = ()
     config: Config = DEFAULT_CONFIG
     rig: RigFile | None = None
     start_s: float = 0.0
     duration_s: float | None = None
     on_bad_message: OnBadMessage = "skip"
 
-    @property
-    def outputs(self) -> tuple[Path, ...]:
-        """Files to write."""
-        return tuple(path for path in (self.output, self.rerun) if path is not None)
-
 
 def make_job(
     recording: PathOrUrl | Sequence[PathOrUrl],
-    output: str | PathLike[str] | None = None,
+    output: FilePath | Sequence[FilePath] | None = None,
     *,
-    rerun: str | PathLike[str] | None = None,
-    config: Config | str | PathLike[str] | None = None,
+    config: Config | FilePath | None = None,
     settings: Mapping[str, object] | Sequence[str] = (),
-    rig: RigFile | str | PathLike[str] | None = None,
-    model_2d: str | PathLike[str] | None = None,
+    rig: RigFile | FilePath | None = None,
+    model_2d: FilePath | None = None,
     workers: int | None = None,
     start_s: float = 0.0,
     duration_s: float | None = None,
@@ -70,8 +63,7 @@ def make_job(
 
     Args:
         recording: Path or URL; several for a recording that was split, in their order.
-        output: MCAP to write.
-        rerun: Rerun recording to write.
+        output: File to write, or several: .mcap, .rrd (Rerun).
         config: Settings, or a YAML file of them.
         settings: Single values on top: `{"sync.slop_s": 0.05}` or `["sync.slop_s=0.05"]`.
         rig: Rig file, loaded or by its path.
@@ -85,6 +77,7 @@ def make_job(
         ConfigError: the settings cannot be read or do not fit.
         CalibrationError: the rig file cannot be read or does not fit.
     """
+    outputs = [] if output is None else [output] if isinstance(output, str | PathLike) else output
     overrides = list(settings_of(settings))
     if model_2d is not None:
         overrides.append(f"detect2d.model={json.dumps(fspath(model_2d))}")
@@ -92,8 +85,7 @@ def make_job(
         overrides.append(f"run.workers={workers}")
     return Job(
         inputs=locations(recording),
-        output=None if output is None else Path(output),
-        rerun=None if rerun is None else Path(rerun),
+        outputs=tuple(map(Path, outputs)),
         config=read_config(config, overrides),
         rig=rig if rig is None or isinstance(rig, RigFile) else load_rig(Path(rig)),
         start_s=start_s,
@@ -108,9 +100,7 @@ def locations(recording: PathOrUrl | Sequence[PathOrUrl]) -> tuple[Location, ...
     return tuple(one if isinstance(one, RemotePath) else location(fspath(one)) for one in given)
 
 
-def read_config(
-    config: Config | str | PathLike[str] | None, settings: Mapping[str, object] | Sequence[str] = ()
-) -> Config:
+def read_config(config: Config | FilePath | None, settings: Mapping[str, object] | Sequence[str] = ()) -> Config:
     """Settings, given or from a YAML file, with single values on top.
 
     Raises:

@@ -1,6 +1,6 @@
 """The files that a run writes: refused before it begins where they cannot be, opened together when it does."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from functools import partial
 from hashlib import file_digest
@@ -19,20 +19,23 @@ from writers.base import ResultWriter
 from writers.mcap.writer import McapResultWriter
 from writers.provenance import Provenance
 
-__all__ = ["check_not_overwritten", "check_outputs", "check_writable", "open_writers"]
+__all__ = ["WRITERS", "check_not_overwritten", "check_outputs", "check_writable", "open_writers"]
 
 
 def check_outputs(job: Job) -> None:
     """Look at the outputs before the recording is opened.
 
     Raises:
-        OutputError: one cannot be written, is the recording itself, or both are one file.
+        OutputError: one cannot be written, is of no known kind, is the recording itself, or is there twice.
     """
+    known: dict[Path, Path] = {}
     for output in job.outputs:
+        if output.suffix not in WRITERS:
+            raise OutputError(f"{output}: expected a name that ends in {' or '.join(WRITERS)}")
         check_writable(output)
         check_not_overwritten(job.inputs, output)
-    if len({output.resolve() for output in job.outputs}) < len(job.outputs):
-        raise OutputError(f"{job.rerun}: is the same file as {job.output}; choose another name")
+        if (other := known.setdefault(output.resolve(), output)) is not output:
+            raise OutputError(f"{output}: is the same file as {other}; choose another name")
 
 
 def check_writable(output: Path) -> None:
@@ -68,16 +71,22 @@ def open_writers(job: Job, source: Source, stack: ExitStack) -> list[ResultWrite
     if not job.outputs:
         return []
     provenance = _provenance(source)
-    writers: list[ResultWriter] = []
-    if job.output is not None:
-        writers.append(stack.enter_context(McapResultWriter(job.output, source.rig, source.config, provenance)))
-    if job.rerun is not None:
-        from writers.rerun.writer import RerunResultWriter  # loads a viewer's worth of code
+    return [stack.enter_context(WRITERS[path.suffix](path, source, provenance)) for path in job.outputs]
 
-        decode = partial(decode_any_image, limits=source.config.limits)
-        rerun = RerunResultWriter(job.rerun, source.rig, source.config, provenance, decode_any_image=decode)
-        writers.append(stack.enter_context(rerun))
-    return writers
+
+def _mcap(path: Path, source: Source, provenance: Provenance) -> ResultWriter:
+    return McapResultWriter(path, source.rig, source.config, provenance)
+
+
+def _rerun(path: Path, source: Source, provenance: Provenance) -> ResultWriter:
+    from writers.rerun.writer import RerunResultWriter  # loads a viewer's worth of code
+
+    decode = partial(decode_any_image, limits=source.config.limits)
+    return RerunResultWriter(path, source.rig, source.config, provenance, decode_any_image=decode)
+
+
+WRITERS: Mapping[str, Callable[[Path, Source, Provenance], ResultWriter]] = {".mcap": _mcap, ".rrd": _rerun}
+"""What writes a file, by the ending of its name."""
 
 
 def _provenance(source: Source) -> Provenance:

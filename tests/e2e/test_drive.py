@@ -3,6 +3,7 @@
 import os
 import pty
 import re
+import select
 import signal
 import subprocess
 import sys
@@ -46,6 +47,8 @@ class Driver:
 
     def press(self, key: str) -> None:
         """Press a key, and look on until the simulation has gone on with it."""
+        while select.select([self.hand], [], [], 0)[0]:  # what was shown before the key, which may be a while ago
+            self.shown += os.read(self.hand, 4096)
         os.write(self.hand, key.encode())
         end, begin_s = time.monotonic() + STARTED_S, self.now_s()
         while self.now_s() < begin_s + 0.3:

@@ -146,3 +146,24 @@ def test_examples_of_the_documents_run(page: str, tmp_path: Path) -> None:
     done = subprocess.run([sys.executable, script], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert done.stdout
+
+
+def test_several_outputs_by_their_endings(tmp_path: Path) -> None:
+    outputs = [tmp_path / "out.mcap", tmp_path / "out.rrd"]
+    run = lidcam.process(SANDBOX, outputs, config=CONFIG, duration_s=0.2)
+    assert run.report.outputs == tuple(outputs)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["out.mcap", "out.rrd"]
+
+
+@pytest.mark.parametrize(
+    ("names", "fault"),
+    [
+        (["out.txt"], "expected a name that ends in .mcap or .rrd"),
+        (["a.mcap", "./a.mcap"], "is the same file as"),
+        (["missing/a.mcap"], "the folder .* does not exist"),
+    ],
+)
+def test_outputs_that_cannot_be(names: list[str], fault: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(lidcam.OutputError, match=fault):
+        lidcam.process(SANDBOX, names, config=CONFIG)
