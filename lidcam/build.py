@@ -1,4 +1,4 @@
-"""The whole data flow on one screen."""
+"""How a bundle becomes a result: the stages of a frame; `lidcam.frames` says where bundles come from."""
 
 from collections.abc import Mapping
 from typing import Any, Literal
@@ -41,7 +41,7 @@ def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Grap
 
 
 def box_source(config: Config, rig: Rig) -> BoxSource:
-    """Where 2D boxes come from; none where no camera of the rig has what is wanted."""
+    """Where 2D boxes come from; `none` where no camera of the rig has them."""
     wanted = wanted_boxes(config, rig)
     found = {
         "onnx": any(camera.topic for camera in rig.cameras),

@@ -25,7 +25,7 @@ from readers.location import RemotePath, location
 __all__ = ["app", "process_app", "run_program"]
 
 MAX_SECONDS = 1e9
-"""Thirty years: longer than any recording, and well inside 64 bits of nanoseconds."""
+"""Thirty years: longer than any recording, and well within 64 bits of nanoseconds."""
 
 # \b keeps the lines of a paragraph as they are.
 PROCESS_EXAMPLES = """\b
@@ -92,7 +92,7 @@ RigFile = Annotated[
     typer.Option(
         "--rig",
         metavar="FILE",
-        help="Sensors, calibration and zones (rig YAML, the original's geometry.yaml, or a KITTI calib file); "
+        help="Sensors, calibration and zones (rig YAML, a geometry.yaml with w2c and c2p, or a KITTI calib file); "
         "without it they are found in the recording.",
     ),
 ]
@@ -197,7 +197,7 @@ def inspect(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Tell what is in a recording and what lidcam would use.
+    """Show what is in a recording and what lidcam would use.
 
     Topics, types, rates, gaps, sensors, where their calibration comes from, and what is damaged.
     """
@@ -223,9 +223,9 @@ Scenario = Annotated[str, typer.Argument(metavar="SCENARIO", help="Name of a sce
 RecordingOut = Annotated[Path, typer.Argument(metavar="OUT", help="OUT.bag, OUT.mcap, or a folder (sqlite3).")]
 Format = Annotated[
     Literal["ros1", "sqlite3", "mcap"] | None,
-    typer.Option("--format", help="Of the recording; without it, what its name ends in says it."),
+    typer.Option("--format", help="Format of the recording; without it, the ending of its name decides."),
 ]
-Seed = Annotated[int | None, typer.Option(min=0, metavar="N", help="Instead of the scenario's: other noise.")]
+Seed = Annotated[int | None, typer.Option(min=0, metavar="N", help="Seed of the noise, instead of the scenario's.")]
 
 
 @app.command(epilog=SIMULATE_EXAMPLES)
@@ -269,7 +269,9 @@ def drive(
     format_: Format = None,
     keys: Annotated[
         str | None,
-        typer.Option(metavar="KEYS", help="Press these one after the other, as fast as it can be simulated, and end."),
+        typer.Option(
+            metavar="KEYS", help="Press these keys one after another, as fast as the simulation runs, and end."
+        ),
     ] = None,
     key_interval: Annotated[
         float, typer.Option(min=0.01, max=60, metavar="S", help="Simulated seconds from one of --keys to the next.")
@@ -302,10 +304,10 @@ def drive(
 
 
 def _check_simulator() -> None:
-    """The simulator is an extra.
+    """Whether the extra `sim` is installed.
 
     Raises:
-        LidcamError: it is not installed.
+        LidcamError: a package of it is missing.
     """
     for package in ("open3d", "libusb_package"):
         if find_spec(package) is None:
@@ -336,5 +338,5 @@ def run_program(program: Callable[..., object], name: str) -> None:
 
 
 def _terminate(number: int, _: FrameType | None) -> None:
-    """End in order, so that unfinished outputs are removed; the exit code is the one that shells give."""
+    """Exit through the `finally` blocks, which remove unfinished outputs, with the exit code that shells use."""
     sys.exit(128 + number)

@@ -1,4 +1,4 @@
-"""What the commands print: what was found in a recording, what became of it, frame by frame and in total."""
+"""What the commands print: inspections, frames, and the final tables of a run."""
 
 from collections.abc import Sequence
 
@@ -25,13 +25,13 @@ from readers.rig.discovery import SensorFault
 __all__ = ["print_detections", "print_inspection", "print_matches", "print_report"]
 
 MAX_COLUMNS = 10_000
-"""Columns of a table's line at most: more than any table has."""
+"""Width of a table, in columns: more than any table needs."""
 
 MAX_LISTED = 10
-"""Names in one line at most."""
+"""Names in one line."""
 
 MAX_LOSSES = 20
-"""Damaged places in the table at most."""
+"""Damaged parts in the table."""
 
 _BOX_SOURCES = {
     "onnx": "from the 2D network",
@@ -55,7 +55,7 @@ def print_detections(out: Console, frame: FrameResult, config: Config) -> None:
 
 
 def print_matches(out: Console, frame: FrameResult, config: Config) -> None:
-    """Which 2D box is which object in one frame, and what one sensor alone saw."""
+    """Which 2D box is which object in one frame, and what only one sensor saw."""
     out.print(f"frame {frame.bundle.index}  stamp {frame.bundle.stamp_ns} ns  matches")
     matched: set[int] = set()
     for camera, boxes2d in frame.detections.cameras.items():
@@ -128,13 +128,13 @@ def print_inspection(out: Console, inspection: Inspection) -> None:
 
 
 def _print_losses(out: Console, losses: Sequence[Loss]) -> None:
-    """The table of damage; nothing of sound files."""
+    """The table of damaged parts, if there are any."""
     if not losses:
         return
     out.print()
     _show(out, losses_table(loss_records(losses[:MAX_LOSSES])))
     if len(losses) > MAX_LOSSES:
-        out.print(f"  and {len(losses) - MAX_LOSSES} more places; --json lists all")
+        out.print(f"  and {len(losses) - MAX_LOSSES} more parts; --json lists all")
 
 
 def _print_remarks(out: Console, faults: Sequence[SensorFault], notes: Sequence[str]) -> None:

@@ -59,19 +59,7 @@ def make_job(
     duration_s: float | None = None,
     on_bad_message: OnBadMessage = "skip",
 ) -> Job:
-    """A job, with its settings and its rig file read.
-
-    Args:
-        recording: Path or URL; several for a recording that was split, in their order.
-        output: File to write, or several: .mcap, .rrd (Rerun).
-        config: Settings, or a YAML file of them.
-        settings: Single values on top: `{"sync.slop_s": 0.05}` or `["sync.slop_s=0.05"]`.
-        rig: Rig file, loaded or by its path.
-        model_2d: 2D network (ONNX, YOLOX layout).
-        workers: 1 runs stage after stage; more overlap stages of several frames. The result is the same.
-        start_s: Seconds to skip.
-        duration_s: Seconds to process.
-        on_bad_message: `skip` or `fail`.
+    """A job, with its settings and its rig file read; arguments as of `lidcam.process`.
 
     Raises:
         ConfigError: the settings cannot be read or do not fit.

@@ -49,7 +49,7 @@ def drops_table(used: Mapping[str, int], drops: Sequence[DropCount]) -> Renderab
 
 
 def losses_table(losses: Sequence[Mapping[str, Any]]) -> Table:
-    """What is damaged in the files that were read: where, how much of it, how many messages, and why."""
+    """Damaged parts of the files: where, how much, how many messages, and why."""
     table = _table("damage", "file", "from byte", "bytes", "messages lost", "reason", text_columns=("reason",))
     for loss in losses:
         size, messages = ("unknown" if loss[key] is None else str(loss[key]) for key in ("size", "messages"))
@@ -74,7 +74,7 @@ def points_table(points: Mapping[str, int], frames: int) -> Table:
 
 
 def pairs_table(title: str, pairs: Mapping[str, Any]) -> Table:
-    """Two columns without a head."""
+    """Names and values, without a header."""
     table = Table(title=title, title_justify="left", title_style="bold", show_header=False, box=None, pad_edge=False)
     for name, value in pairs.items():
         table.add_row(name, str(value))
@@ -103,7 +103,7 @@ def topics_table(topics: Sequence[TopicSurvey]) -> Table:
 
 
 def sensors_table(sensors: Sequence[SensorSource]) -> Table:
-    """The sensors that would be used, and where their calibration comes from."""
+    """The sensors that are used, and where their calibration comes from."""
     columns = ("sensor", "topic", "frame_id", "intrinsics", "extrinsics")
     table = _table("sensors", *columns, text_columns=columns)
     for sensor in sensors:

@@ -10,7 +10,7 @@ __all__ = ["console", "progress_bar"]
 
 
 def console(*, stderr: bool = False) -> Console:
-    """A console that prints text as it is: names of topics and files may look like markup. Lines are never broken."""
+    """A console that prints text as it is: names of topics and files may look like markup. Lines are not wrapped."""
     return Console(stderr=stderr, soft_wrap=True, markup=False, emoji=False)
 
 

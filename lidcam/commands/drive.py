@@ -36,7 +36,7 @@ class DriveOptions(ScenarioOptions):
 
 
 def run_drive(options: DriveOptions) -> None:
-    """Let somebody drive the cars of a scenario, and record it; then tell what was written.
+    """Let the user drive the cars of a scenario, record it, and say what was written.
 
     Raises:
         LidcamError: the scenario, the terminal or the output is at fault; no output is left behind.
@@ -71,10 +71,10 @@ def run_drive(options: DriveOptions) -> None:
 
 
 def _checked(keys: str, drivable: tuple[str, ...]) -> str:
-    """Keys of a script, all of which mean something.
+    """The keys of a script.
 
     Raises:
-        ConfigError: one does not.
+        ConfigError: a key has no meaning.
     """
     known = script_keys(drivable)
     if wrong := next((key for key in keys if key not in known), ""):
@@ -83,14 +83,14 @@ def _checked(keys: str, drivable: tuple[str, ...]) -> str:
 
 
 class _StatusLine:
-    """One line that says who is driven and how, on a terminal only."""
+    """One line with the car that is driven and its state, on a terminal only."""
 
     def __init__(self) -> None:
         self._console = console(stderr=True)
         self._shown = False
 
     def show(self, simulation: "Simulation", control: RemoteControl) -> None:
-        """Write the line anew."""
+        """Rewrite the line."""
         if not self._console.is_terminal:
             return
         state = simulation.state(control.chosen)
@@ -102,12 +102,12 @@ class _StatusLine:
         self._shown = True
 
     def close(self) -> None:
-        """Leave the line."""
+        """End the line."""
         if self._shown:
             self._write("\n")
 
     def _write(self, text: str) -> None:
-        with contextlib.suppress(OSError):  # the terminal is gone; the drive ends with its input
+        with contextlib.suppress(OSError):  # the terminal has closed; the drive ends with its input
             self._console.file.write(text)
             self._console.file.flush()
 

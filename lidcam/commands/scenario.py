@@ -29,7 +29,7 @@ class ScenarioOptions:
     Attributes:
         scenario: Name of a scenario, or a YAML file.
         output: The recording.
-        format: Its format; None: what its name ends in says it.
+        format: Its format; None: the ending of its name decides.
         duration_s: Seconds to record; None: the scenario's.
         seed: Seed of all noise; None: the scenario's.
         overrides: Single values of the scenario.
@@ -71,7 +71,7 @@ class Recorder:
         """Say what was written."""
         files = [output] if output.is_file() else sorted(output.iterdir())
         size_mib = sum(file.stat().st_size for file in files) / 2**20
-        with contextlib.suppress(OSError):  # a terminal that is gone hears nothing; the recording is whole
+        with contextlib.suppress(OSError):  # the terminal may have closed; the recording is complete
             console(stderr=True).print(
                 f"wrote {output}: {self.messages} messages, {now_ns * 1e-9:.1f} s, {size_mib:.1f} MiB"
             )

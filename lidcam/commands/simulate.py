@@ -20,7 +20,7 @@ class SimulateOptions(ScenarioOptions):
 
 
 def run_simulate(options: SimulateOptions) -> None:
-    """Record a scenario and tell what was written.
+    """Record a scenario and say what was written.
 
     Raises:
         LidcamError: the scenario or the output is at fault; no output is left behind.

@@ -39,6 +39,13 @@ def test_wheel_runs_elsewhere(tmp_path: Path, sandbox: Path, sandbox_config: Pat
     failed = subprocess.run(simulate, cwd=elsewhere, capture_output=True, text=True, check=False)
     assert failed.returncode == 1
     assert "which is not installed: pip install 'lidcam[sim]'" in failed.stderr
+    code = f"import lidcam; run = lidcam.process({str(sandbox)!r}, config={str(sandbox_config)!r}); print(run.objects)"
+    assert "objects, site frame 'site'" in run(python, "-c", code, cwd=elsewhere)
+    (elsewhere / "pipeline").mkdir()
+    (elsewhere / "pipeline" / "__init__.py").touch()
+    foreign = subprocess.run([str(python), "-c", code], cwd=elsewhere, capture_output=True, text=True, check=False)
+    assert foreign.returncode == 1
+    assert len(foreign.stderr.splitlines()) == 1
     program = python.with_name("lidcam-process")
     arguments = (sandbox, "out.mcap", "--config", sandbox_config, "--duration", "1", "--rerun", "out.rrd")
     assert "frames" in run(program, *arguments, cwd=elsewhere)
