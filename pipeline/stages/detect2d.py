@@ -11,7 +11,7 @@ from pipeline.core.geometry.boxes import iou_xyxy
 from pipeline.core.images import Image
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
-from pipeline.detectors.detector2d import Candidates2D, Detector2D
+from pipeline.detectors.protocols import Candidates2D, Detector2D
 
 __all__ = ["Detect2D", "suppress_overlaps"]
 

@@ -3,10 +3,9 @@
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.core.arrays import Array
-from pipeline.core.geometry.transform import F64
+from pipeline.core.arrays import F64, Array
 
-__all__ = ["box_corners", "iou_xyxy", "wrap_angle"]
+__all__ = ["box_corners", "iou_xyxy", "rotations_2d", "wrap_angle"]
 
 
 def wrap_angle(angles_rad: npt.ArrayLike) -> F64:
@@ -14,6 +13,12 @@ def wrap_angle(angles_rad: npt.ArrayLike) -> F64:
     angles = np.asarray(angles_rad, np.float64)
     wrapped = angles - 2 * np.pi * np.ceil((angles - np.pi) / (2 * np.pi))
     return np.where(wrapped <= -np.pi, np.pi, np.minimum(wrapped, np.pi))  # both ends: rounding may overshoot
+
+
+def rotations_2d(yaws: F64) -> F64:
+    """(N, 2, 2) rotation matrices of the angles `yaws` (N,)."""
+    cos, sin = np.cos(yaws), np.sin(yaws)
+    return np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], 1)
 
 
 def box_corners(centers: F64, sizes: F64, yaws: F64) -> F64:

@@ -7,31 +7,28 @@ from pydantic import Field
 
 from pipeline.core.settings.model import Count, NotNegative, Positive, SettingsModel, Share
 
-__all__ = ["Detect2DConfig", "Detect3DConfig"]
+__all__ = ["ClusterConfig", "Detect2DConfig", "Detect3DConfig"]
 
 
-class Detect3DConfig(SettingsModel):
-    """Detection in the cloud.
+class ClusterConfig(SettingsModel):
+    """Detection by clustering of points.
 
     Attributes:
-        method: `cluster` needs no weights; `none` finds nothing.
-        cluster_distance_m: Points this near belong together, close to a lidar.
-        cluster_distance_per_m: Growth of that distance per metre of range (points thin out).
-        height_weight: What a metre of height counts against a metre along the ground, when distances are taken.
+        distance_m: Points nearer to each other than this belong together, close to a lidar.
+        distance_per_m: Growth of that distance per metre of range, because points thin out.
+        height_weight: Weight of a vertical metre in these distances; a horizontal metre counts 1.
         split_shares: Clusters that fit no class well are clustered again with these shares of the distance.
-        clearance_m: Points lower than this above the ground are not looked at: kerbs and remains of the ground would
-            join objects.
+        clearance_m: Points lower than this above the ground are ignored: kerbs and remains of the ground would join
+            objects.
         min_points: A cluster of fewer points is noise.
-        min_height_m: A cluster lower than this above the ground is a kerb or noise.
-        max_bottom_m: A cluster that hovers higher than this above the ground hangs there.
-        points_per_sr: Beams of one lidar per steradian: 1 / (vertical x horizontal resolution in radians); what an
-            object in full view returns is judged by it.
-        min_score: Boxes with a lower score go.
+        min_height_m: A cluster whose top is lower than this above the ground is a kerb or noise.
+        max_bottom_m: A cluster whose lowest point is higher than this above the ground hangs there.
+        points_per_sr: Beams of one lidar per steradian: 1 / (vertical x horizontal resolution in radians). Gives the
+            number of points to expect from an object in full view, which its score depends on.
     """
 
-    method: Literal["cluster", "none"] = "cluster"
-    cluster_distance_m: Positive = 0.4
-    cluster_distance_per_m: NotNegative = 0.01
+    distance_m: Positive = 0.4
+    distance_per_m: NotNegative = 0.01
     height_weight: Positive = 0.5
     split_shares: tuple[Annotated[float, Field(gt=0, lt=1)], ...] = (0.7,)
     clearance_m: NotNegative = 0.3
@@ -39,7 +36,20 @@ class Detect3DConfig(SettingsModel):
     min_height_m: NotNegative = 0.5
     max_bottom_m: Positive = 1.0
     points_per_sr: Positive = 45_000.0
+
+
+class Detect3DConfig(SettingsModel):
+    """Detection in the combined cloud.
+
+    Attributes:
+        method: `cluster` needs no weights; `none` finds nothing.
+        min_score: Boxes with a lower score are removed.
+        cluster: Settings of the method `cluster`.
+    """
+
+    method: Literal["cluster", "none"] = "cluster"
     min_score: Share = 0.07
+    cluster: ClusterConfig = ClusterConfig()
 
 
 class Detect2DConfig(SettingsModel):

@@ -17,8 +17,8 @@ from pipeline.core.images import Image
 from pipeline.core.settings.classes import ClassPrior
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.detect import Detect2DConfig
-from pipeline.detectors.detector2d import Candidates2D
-from pipeline.detectors.onnx2d import OnnxDetector2D
+from pipeline.detectors.onnx.detector import OnnxDetector2D
+from pipeline.detectors.protocols import Candidates2D
 from pipeline.stages.detect2d import Detect2D, suppress_overlaps
 
 LABELS = ("person", "kite", "car", "bicycle", "motorcycle")

@@ -19,8 +19,8 @@ import onnxruntime as ort
 from pipeline.core.arrays import F32, U8
 from pipeline.core.errors import ModelError
 from pipeline.core.settings.config import Config
-from pipeline.detectors.coco import COCO_LABELS
-from pipeline.detectors.detector2d import Candidates2D
+from pipeline.detectors.onnx.coco import COCO_LABELS
+from pipeline.detectors.protocols import Candidates2D
 
 __all__ = ["OnnxDetector2D"]
 

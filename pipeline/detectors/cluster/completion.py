@@ -12,7 +12,7 @@ import numpy as np
 
 from pipeline.core.arrays import F64, I64
 from pipeline.core.settings.classes import ClassPrior
-from pipeline.detectors.lshape import Rectangles
+from pipeline.detectors.cluster.lshape import Rectangles
 
 __all__ = ["CompletedBoxes", "complete_boxes"]
 
