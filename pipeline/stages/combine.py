@@ -1,6 +1,7 @@
 """The clouds of all lidars as one, in the site frame at the frame's time, parted into ground and the rest."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -138,15 +139,12 @@ def _to_site(
     if motion is not None and compensated:
         xyz_site = deskew(xyz_site, stamp_ns + offset_ns, stamp_ns, motion)
     int32 = np.iinfo(np.int32)
-    moved = PointCloud(
+    moved = replace(
+        cloud,
         stamp_ns=stamp_ns,
         frame_id=lidar.T_site_lidar.dst,
         xyz=xyz_site,
-        intensity=cloud.intensity,
-        ring=cloud.ring,
         time_offset_ns=np.clip(offset_ns, int32.min, int32.max).astype(np.int32),  # saturates 2.1 s away
-        has_time=cloud.has_time,
-        nan_dropped=cloud.nan_dropped,
     )
     return _Sweep(lidar.name, lidar_index, moved, compensated)
 
@@ -163,6 +161,14 @@ def _joined(sweeps: list[_Sweep], stamp_ns: int, site_frame: str) -> tuple[Point
         time_offset_ns=np.concatenate([np.zeros(0, np.int32), *(cloud.time_offset_ns for cloud in clouds)]),
         has_time=bool(clouds) and all(cloud.has_time for cloud in clouds),
         nan_dropped=sum(cloud.nan_dropped for cloud in clouds),
+        return_type=_return_types(clouds),
     )
     indices = [np.full(len(sweep.cloud), sweep.lidar_index, np.uint8) for sweep in sweeps]
     return joined, np.concatenate([np.zeros(0, np.uint8), *indices])
+
+
+def _return_types(clouds: list[PointCloud]) -> U8 | None:
+    """Return types by point, 0 where a lidar does not report them; None if no lidar does."""
+    if all(cloud.return_type is None for cloud in clouds):
+        return None
+    return np.concatenate([np.zeros(len(c), np.uint8) if c.return_type is None else c.return_type for c in clouds])
