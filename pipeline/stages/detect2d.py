@@ -2,12 +2,12 @@
 
 from collections.abc import Mapping
 
+import cv2
 import numpy as np
 
 from pipeline.core.arrays import Indices
 from pipeline.core.detections import Boxes2D
 from pipeline.core.errors import ConfigError
-from pipeline.core.geometry.boxes import iou_xyxy
 from pipeline.core.images import Image
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
@@ -62,16 +62,12 @@ def suppress_overlaps(boxes: Boxes2D, *, max_iou: float) -> Indices:
     """Greedy non-maximum suppression within each class.
 
     Boxes are taken in order of falling score, equal scores in the order given; each one removes the boxes of its class
-    that overlap it by more than `max_iou`.
+    that overlap it by more than `max_iou`. A score of 0 is no detection.
 
     Returns:
         Rows that are left, in order of falling score.
     """
-    order = np.argsort(-boxes.scores, kind="stable")
-    kept: list[np.intp] = []
-    while len(order):
-        first, order = order[0], order[1:]
-        kept.append(first)
-        overlap = iou_xyxy(boxes.xyxy[first : first + 1], boxes.xyxy[order])[0]
-        order = order[(boxes.class_ids[order] != boxes.class_ids[first]) | (overlap <= max_iou)]
-    return np.array(kept, np.intp)
+    xywh = boxes.xyxy.astype(np.float64)
+    xywh[:, 2:] -= xywh[:, :2]
+    rows = cv2.dnn.NMSBoxesBatched(xywh.tolist(), boxes.scores.tolist(), boxes.class_ids.tolist(), 0.0, max_iou)
+    return np.array(rows, np.intp)

@@ -143,17 +143,6 @@ def plain_iou(a: Sequence[float], b: Sequence[float]) -> float:
     return shared_area / ((a[2] - a[0]) * (a[3] - a[1]) + (b[2] - b[0]) * (b[3] - b[1]) - shared_area)
 
 
-def test_suppression_agrees_with_opencv() -> None:
-    rng = np.random.default_rng(3)
-    corner, size = rng.uniform(0, 300, (400, 2)), rng.uniform(20, 80, (400, 2))
-    boxes = boxes2d(
-        np.concatenate([corner, corner + size, rng.permutation(400)[:, None] / 400 + 0.001, np.zeros((400, 1))], 1)
-    )
-    xywh = np.concatenate([corner, size], 1)
-    expected = cv2.dnn.NMSBoxes(xywh.tolist(), boxes.scores.tolist(), 0.0, 0.45)
-    assert suppress_overlaps(boxes, max_iou=0.45).tolist() == list(expected)
-
-
 def test_cars_of_a_real_image() -> None:
     config, weights = Config(), shared("weights/yolox_nano.onnx")
     bgr = cv2.imread(str(shared("data/kitti_object_8/000008.png")))
