@@ -42,7 +42,7 @@ class Candidates3D(NamedTuple):
     Attributes:
         centers: (N, 3) centre of the box, metres, site frame.
         sizes: (N, 3) length, width, height, metres.
-        yaws: (N,) about +z, in (-pi, pi].
+        yaws: (N,) radians about +z, of any turn.
         scores: (N,) in [0, 1].
         class_ids: (N,) row of the configured classes, -1 for none of them; a network maps its own labels by
             `Config.class_id_of_label`.

@@ -5,7 +5,7 @@ import numpy as np
 from pipeline.core.arrays import F64, Indices
 from pipeline.core.clouds import CombinedCloud
 from pipeline.core.detections import Boxes3D
-from pipeline.core.geometry.boxes import rotations_2d
+from pipeline.core.geometry.boxes import rotations_2d, wrap_angle
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.detectors.cluster.detector import ClusterDetector
@@ -38,7 +38,7 @@ class Detect3D:
             self._site_frame,
             found.centers[order],
             found.sizes[order],
-            found.yaws[order],
+            wrap_angle(found.yaws[order]),
             found.scores[order].astype(np.float32),
             found.class_ids[order].astype(np.int32),
             found.point_counts[order].astype(np.int32),

@@ -4,8 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pipeline.core.arrays import I64
-from pipeline.core.geometry.transform import F64
+from pipeline.core.arrays import F64, I64
 
 __all__ = ["first_polygon_with"]
 

@@ -3,8 +3,7 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pipeline.core.arrays import I64
-from pipeline.core.geometry.transform import F64
+from pipeline.core.arrays import F64, I64
 
 __all__ = ["interpolate_poses"]
 

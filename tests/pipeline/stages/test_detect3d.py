@@ -173,7 +173,7 @@ def test_another_engine_needs_no_change_of_the_stage(monkeypatch: pytest.MonkeyP
     proposals = Candidates3D(
         centers,
         np.tile([4.0, 1.8, 1.5], (6, 1)),
-        np.array([0.1, np.pi, 0.0, -3.0, 0.0, 0.0]),
+        np.array([0.1, -np.pi, 0.0, -3.0 - 2 * np.pi, 0.0, 0.0]),
         np.array([0.5, 0.9, 0.8, 0.5, 0.06, 0.7], np.float32).astype(np.float64),
         np.array([CAR, BICYCLE, CAR, CAR, CAR, -1]),
         np.zeros(6, np.int64),
@@ -183,7 +183,7 @@ def test_another_engine_needs_no_change_of_the_stage(monkeypatch: pytest.MonkeyP
     boxes = detect(np.zeros((0, 3)))
     assert boxes.centers[:, 0].tolist() == [10, 20, 30], "falling score, then x"
     assert boxes.class_ids.tolist() == [BICYCLE, CAR, CAR], "of two on one place the better one, whatever their classes"
-    assert boxes.yaws.tolist() == [np.pi, -3.0, 0.1]
+    assert boxes.yaws == pytest.approx([np.pi, -3.0, 0.1])
     assert not boxes.point_counts.any()
     assert not boxes.covariances.any()
 
