@@ -15,7 +15,7 @@ from pipeline.core.messages import Drop
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.graph import Graph, Node
-from pipeline.stages.sync import SyncStats, synchronize
+from pipeline.stages.sync.synchronize import SyncStats, synchronize
 from readers.recording import Loss, Recording
 from readers.rig.sensor_topics import BOXES, IMAGE
 from readers.streams.decoders import OnBadMessage

@@ -1,4 +1,4 @@
-"""Settings of the detection in clouds and in images."""
+"""Settings of detection in clouds and in images."""
 
 from pathlib import Path
 from typing import Annotated, Literal
@@ -56,12 +56,13 @@ class Detect2DConfig(SettingsModel):
     """Detection in images.
 
     Attributes:
-        method: `auto`: the model if one is given, else boxes in the recording if there are any, else none.
-        model: ONNX file (YOLOX layout); a path relative to the working folder.
-        min_score: Boxes with a lower score go.
-        nms_iou: Of two boxes of one class that overlap more than this the lower score goes.
-        threads: Threads inside the network; fixed, so that results do not depend on the machine. One is cheapest: the
-            other cores have the other stages to run.
+        method: `onnx` runs a network, `recorded` takes 2D boxes from the recording, `none` finds nothing. `auto` is
+            `onnx` if a model is given, else `recorded` if there are boxes, else `none`.
+        model: ONNX file (YOLOX layout), relative to the working folder.
+        min_score: Boxes with a lower score are removed.
+        nms_iou: Of two boxes of one class whose IoU exceeds this, the one with the lower score is removed.
+        threads: Threads that run the network; fixed, so that results do not depend on the machine. One is most
+            efficient, because the other stages use the other cores.
     """
 
     method: Literal["auto", "onnx", "recorded", "none"] = "auto"
