@@ -1,4 +1,4 @@
-"""What the detection stages ask of an engine: every box that it proposes, before scores and overlaps are judged."""
+"""Protocols of detection engines, which propose boxes; the stages judge scores and overlaps."""
 
 from collections.abc import Sequence
 from typing import NamedTuple, Protocol, Self

@@ -22,7 +22,7 @@ class Detect3D:
     """Boxes of the configured classes in the combined cloud."""
 
     def __init__(self, rig: Rig, config: Config) -> None:
-        """Open the engine that `detect3d.method` names."""
+        """Load the engine named by `detect3d.method`."""
         self._site_frame = rig.site_frame
         self._min_score = config.detect3d.min_score
         self._detector = _detector(rig, config)

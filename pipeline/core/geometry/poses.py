@@ -1,4 +1,4 @@
-"""Poses between those that are known."""
+"""Interpolation of poses."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -9,7 +9,7 @@ __all__ = ["interpolate_poses"]
 
 
 def interpolate_poses(stamps_ns: I64, poses: F64, wanted_ns: I64) -> F64:
-    """Poses at the wanted times: positions linear, rotations by slerp; beyond the ends the last motion goes on.
+    """Poses at the wanted times: positions linear, rotations by slerp, extrapolated at constant velocity.
 
     Args:
         stamps_ns: (S,) strictly increasing, S >= 2.

@@ -8,6 +8,10 @@ from pipeline.core.settings.model import Count, Positive, SettingsModel
 
 __all__ = ["DEFAULT_LIMITS", "LimitsConfig", "RigConfig", "TopicsConfig", "VelodyneConfig", "VelodyneLidarConfig"]
 
+VelodyneModelName = Literal[
+    "auto", "VLP-16", "Puck Hi-Res", "HDL-32E", "HDL-64E S2", "HDL-64E S3", "VLP-32A", "VLP-32B", "VLP-32C", "VLS-128"
+]
+
 
 class TopicsConfig(SettingsModel):
     """Topics to use; empty means all of a suitable type.
@@ -45,18 +49,7 @@ class VelodyneLidarConfig(SettingsModel):
         calibration: YAML file of ROS's velodyne driver; if empty, the table in the manual. Required for an HDL-64E.
     """
 
-    model: Literal[
-        "auto",
-        "VLP-16",
-        "Puck Hi-Res",
-        "HDL-32E",
-        "HDL-64E S2",
-        "HDL-64E S3",
-        "VLP-32A",
-        "VLP-32B",
-        "VLP-32C",
-        "VLS-128",
-    ] = "auto"
+    model: VelodyneModelName = "auto"
     calibration: str = ""
 
 
