@@ -152,7 +152,7 @@ def _joined(clouds: list[PointCloud], stamp_ns: int, site_frame: str) -> PointCl
 
 
 def _return_types(clouds: list[PointCloud]) -> U8 | None:
-    """Return types by point, 0 where a lidar does not report them; None if no lidar does."""
+    """Return types by point, 0 if its lidar does not report them; None if no lidar does."""
     if all(cloud.return_type is None for cloud in clouds):
         return None
     return np.concatenate([np.zeros(len(c), np.uint8) if c.return_type is None else c.return_type for c in clouds])

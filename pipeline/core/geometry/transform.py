@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from pipeline.core.arrays import F64, Array
+from pipeline.core.arrays import F64, Array, check_array
 from pipeline.core.errors import FrameError
 
 __all__ = ["Transform", "rotation_fault"]
@@ -34,9 +34,7 @@ class Transform:
     matrix: F64
 
     def __post_init__(self) -> None:
-        if self.matrix.shape != (4, 4) or self.matrix.dtype != np.float64:
-            raise ValueError(f"matrix: expected float64[4, 4], got {self.matrix.dtype}{list(self.matrix.shape)}")
-        self.matrix.flags.writeable = False
+        check_array("matrix", self.matrix, (4, 4), np.float64)
 
     def __matmul__(self, other: "Transform") -> "Transform":
         """T_dst_other_src, the composition of two transforms.

@@ -71,7 +71,7 @@ def describe_validation(model: type[BaseModel], err: ValidationError) -> str:
 
 
 def _known_keys(model: type[BaseModel], location: tuple[int | str, ...]) -> list[str]:
-    """Keys of the section that holds the last part of `location`."""
+    """Keys of the section that contains the last part of `location`."""
     for part in location[:-1]:
         if field := model.model_fields.get(str(part)):
             model = _model_in(field.annotation) or model

@@ -1,4 +1,4 @@
-"""From the points above the ground to proposed boxes."""
+"""The engine: from the points above the ground to proposed boxes."""
 
 from dataclasses import dataclass
 
@@ -55,7 +55,6 @@ class ClusterDetector:
     """
 
     def __init__(self, rig: Rig, config: Config) -> None:
-        """Take the lidars' positions from the rig, and sizes and distances from the settings."""
         self._lidar_xyz = np.stack([lidar.T_site_lidar.translation for lidar in rig.lidars])
         self._ground_height_m = rig.ground_height_m or 0.0
         self._config = config.detect3d.cluster

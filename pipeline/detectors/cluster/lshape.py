@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.core.arrays import F64, I64
+from pipeline.core.geometry.boxes import rotations_2d
 
 __all__ = ["Rectangles", "fit_rectangles", "quantiles_by_cluster"]
 
@@ -54,8 +55,7 @@ class Rectangles:
     @property
     def axes(self) -> F64:
         """(C, 2, 2): unit vector of each axis, x and y."""
-        cos, sin = np.cos(self.angle_rad), np.sin(self.angle_rad)
-        return np.stack([np.stack([cos, sin], -1), np.stack([-sin, cos], -1)], 1)
+        return rotations_2d(-self.angle_rad)
 
 
 def fit_rectangles(xy: F64, starts: I64) -> Rectangles:

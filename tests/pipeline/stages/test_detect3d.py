@@ -167,7 +167,7 @@ def test_method_none_finds_nothing() -> None:
 
 
 def test_another_engine_needs_no_change_of_the_stage(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A network: float32 scores, labels of no class, boxes on top of each other, nothing known of points and errors."""
+    """As from a network: an unknown class, overlapping boxes, any turn of yaw, no point counts or covariances."""
     x = np.array([30.0, 10.0, 10.5, 20.0, 0.0, 5.0])
     centers = np.stack([x, np.zeros(6), np.ones(6)], 1)
     proposals = Candidates3D(
@@ -182,7 +182,7 @@ def test_another_engine_needs_no_change_of_the_stage(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(detect3d, "ClusterDetector", lambda *_: lambda _: proposals)
     boxes = detect(np.zeros((0, 3)))
     assert boxes.centers[:, 0].tolist() == [10, 20, 30], "falling score, then x"
-    assert boxes.class_ids.tolist() == [BICYCLE, CAR, CAR], "of two on one place the better one, whatever their classes"
+    assert boxes.class_ids.tolist() == [BICYCLE, CAR, CAR], "the better of two overlapping boxes, of any classes"
     assert boxes.yaws == pytest.approx([np.pi, -3.0, 0.1])
     assert not boxes.point_counts.any()
     assert not boxes.covariances.any()
