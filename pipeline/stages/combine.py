@@ -54,7 +54,8 @@ class Combine:
                 near = _in_range(clouds[lidar.name], config.min_range_m, config.max_range_m)
                 known = _motion_over(near, bundle.stamp_ns, motion, config.motion)
                 sweeps[index] = _to_site(near, lidar, bundle.stamp_ns, known)
-                compensated += [lidar.name] if known is not None else []
+                if known is not None:
+                    compensated.append(lidar.name)
         cloud = _joined([*sweeps.values()], bundle.stamp_ns, self._rig.site_frame)
         lidar_index = np.repeat(np.array([*sweeps], np.uint8), np.array([len(c) for c in sweeps.values()], np.int64))
         counts = {"input": sum(len(c) + c.nan_dropped for c in clouds.values()), "nan": cloud.nan_dropped}
