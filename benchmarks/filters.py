@@ -1,19 +1,17 @@
-"""The combining steps beside Open3D's, on the same clouds, alternating in one run.
+"""The steps of combining, compared with Open3D's on the same clouds, alternating in one run.
 
     python benchmarks/filters.py [--rounds 10] [--shared ../shared]
 
 Clouds: every fifth frame of the KITTI sequence (112 000 points) and the oracle scene s30k_0 (three lidars, 86 000
-points). Open3D does the same job as far as it can: its outlier filter counts the point among its neighbours (11 for our
-10), its plane is unconstrained. The conversion to its float64 points is not counted. Wall and CPU milliseconds are
-medians; both libraries use as many threads as they like.
+points). Open3D's steps are similar: its outlier filter counts the point among its neighbours (11 for our 10), its plane
+is unconstrained. The conversion to its float64 points is not counted. Wall and CPU milliseconds are medians; both
+libraries choose their number of threads.
 """
 
 import argparse
 import json
-import statistics
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -35,22 +33,11 @@ from pipeline.stages.combine import Combine
 SWEEP_NS = 100_000_000
 
 
-@dataclass
-class Timing:
-    """Samples of one step, milliseconds."""
-
-    wall_ms: list[float] = field(default_factory=list)
-    cpu_ms: list[float] = field(default_factory=list)
-
-    def measure(self, step: Callable[[], object]) -> None:
-        """Run the step once."""
-        wall, cpu = time.perf_counter(), time.process_time()
-        step()
-        self.wall_ms.append((time.perf_counter() - wall) * 1e3)
-        self.cpu_ms.append((time.process_time() - cpu) * 1e3)
-
-    def __str__(self) -> str:
-        return f"{statistics.median(self.wall_ms):7.1f} ms wall {statistics.median(self.cpu_ms):7.1f} ms CPU"
+def measure(step: Callable[[], object]) -> tuple[float, float]:
+    """Wall and CPU milliseconds of one run of a step."""
+    wall, cpu = time.perf_counter(), time.process_time()
+    step()
+    return (time.perf_counter() - wall) * 1e3, (time.process_time() - cpu) * 1e3
 
 
 def load_clouds(shared: Path) -> dict[str, tuple[F32, F64]]:
@@ -68,7 +55,7 @@ def load_clouds(shared: Path) -> dict[str, tuple[F32, F64]]:
 
 
 def load_open3d() -> Any:
-    """Open3D; imported late, because it reads the number of threads when it is loaded."""
+    """Open3D, imported late because it reads the number of threads on import."""
     load_libusb()
     import open3d
 
@@ -76,7 +63,7 @@ def load_open3d() -> Any:
 
 
 def our_steps(xyz: F32, origins: F64) -> dict[str, Callable[[], object]]:
-    """Each step on the cloud that it would be given, and the whole stage."""
+    """Each step on its own input, and the whole stage."""
     outliers, ground = OutlierConfig(), GroundConfig()
     kept = xyz[statistical_inliers(xyz, neighbors=outliers.neighbors, std_ratio=outliers.std_ratio)]
     offsets_ns = np.linspace(0, SWEEP_NS - 1, len(xyz)).astype(np.int32)
@@ -105,7 +92,7 @@ def our_steps(xyz: F32, origins: F64) -> dict[str, Callable[[], object]]:
 
 
 def open3d_steps(o3d: Any, xyz: F32) -> dict[str, Callable[[], object]]:
-    """The same jobs in Open3D."""
+    """The same steps in Open3D."""
     outliers, ground = OutlierConfig(), GroundConfig()
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(xyz.astype(np.float64)))
     kept, _ = cloud.remove_statistical_outlier(outliers.neighbors + 1, outliers.std_ratio)
@@ -121,7 +108,7 @@ def open3d_steps(o3d: Any, xyz: F32) -> dict[str, Callable[[], object]]:
 
 
 def main() -> None:
-    """Measure and print."""
+    """Measure and print all steps."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rounds", type=int, default=10)
     parser.add_argument("--shared", type=Path, default=Path(__file__).resolve().parents[2] / "shared")
@@ -132,22 +119,12 @@ def main() -> None:
     o3d = load_open3d()
 
     for name, (xyz, origins) in load_clouds(options.shared).items():
-        ours = our_steps(xyz, origins)
-        theirs = open3d_steps(o3d, xyz)
-        timings = {(who, step): Timing() for who, steps in (("ours", ours), ("theirs", theirs)) for step in steps}
-        for _ in range(options.rounds):
-            for step in ours:
-                timings["ours", step].measure(ours[step])
-                if step in theirs:
-                    timings["theirs", step].measure(theirs[step])
+        libraries = {"lidcam": our_steps(xyz, origins), "Open3D": open3d_steps(o3d, xyz)}
+        steps = [(step, library) for step in libraries["lidcam"] for library in libraries if step in libraries[library]]
+        rounds = [[measure(libraries[library][step]) for step, library in steps] for _ in range(options.rounds)]
         print(f"{name}: {len(xyz)} points")
-        for step in ours:
-            ratio = ""
-            if step in theirs:
-                peer, own = timings["theirs", step], timings["ours", step]
-                share = statistics.median(own.cpu_ms) / statistics.median(peer.cpu_ms)
-                ratio = f"   Open3D {peer}   {share:.2f} of its CPU"
-            print(f"  {step:20s} lidcam {timings['ours', step]}{ratio}")
+        for (step, library), (wall_ms, cpu_ms) in zip(steps, np.median(rounds, axis=0), strict=True):
+            print(f"  {step:20s} {library} {wall_ms:7.1f} ms wall {cpu_ms:7.1f} ms CPU")
 
 
 if __name__ == "__main__":

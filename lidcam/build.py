@@ -9,7 +9,7 @@ from pipeline.core.errors import ModelError
 from pipeline.core.frame import Decoded, FrameResult, SensorBundle
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
-from pipeline.detectors.onnx2d import OnnxDetector2D
+from pipeline.detectors.onnx.detector import OnnxDetector2D
 from pipeline.graph import Graph, Node
 from pipeline.stages.associate import Associate
 from pipeline.stages.combine import Combine

@@ -9,7 +9,7 @@ from pipeline.core.errors import ConfigError
 from pipeline.core.frame import SensorBundle
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
-from pipeline.stages.sync import SyncStats, synchronize
+from pipeline.stages.sync.synchronize import SyncStats, synchronize
 from readers.recording import Recording
 from readers.streams.motion import MotionBuffer, MotionSource
 from readers.video.streams import VideoStreams, video_topics

@@ -21,7 +21,7 @@ from pipeline.core.errors import ConfigError, RecordingError
 from pipeline.core.frame import FrameResult, SensorBundle
 from pipeline.core.settings.config import Config
 from pipeline.graph import Graph, Node
-from pipeline.stages.sync import SyncStats
+from pipeline.stages.sync.synchronize import SyncStats
 from readers.messages.tf import TF_TYPES
 from readers.open import open_recording
 from readers.recording import Recording

@@ -1,1 +1,1 @@
-"""What every stage speaks, and the stages: nothing here opens a file of a recording or prints."""
+"""The stages, their engines and the types that they exchange. Nothing here opens recordings or prints."""

@@ -1,8 +1,8 @@
-"""A typed stage graph: declared top to bottom, run serially or pipelined with equal results.
+"""A typed stage graph, declared top to bottom; run serially or pipelined with equal results.
 
-A stage is any callable. `Graph.add` returns a handle that carries the stage's output type, so that the type checker
-sees a wrong wiring; a stage can only read handles that exist already, so the graph has no cycles and declaration order
-is the order of execution. This module knows no stage.
+A stage is any callable. `Graph.add` returns a handle that carries the stage's output type, so the type checker finds
+wrong wiring. A stage can only read existing handles, so the graph has no cycles, and declaration order is execution
+order.
 """
 
 import threading
@@ -27,11 +27,11 @@ K = TypeVar("K")
 
 
 class Stamped(Protocol):
-    """What a frame must tell about itself, for error messages."""
+    """A frame that can be named in error messages."""
 
     @property
     def index(self) -> int:
-        """Running number."""
+        """Number of the frame."""
 
     @property
     def stamp_ns(self) -> int:
@@ -50,8 +50,8 @@ class Node(Generic[R_co]):
     Attributes:
         name: Stage name, for timing and errors.
         fn: The stage.
-        inputs: Handles whose values it takes, in order.
-        workers: 1 keeps frames in order (for stages with state); more only for pure stages.
+        inputs: Handles of its arguments, in order.
+        workers: Threads. 1 keeps frames in order, for stages with state; more only for pure stages.
     """
 
     name: str
@@ -65,7 +65,7 @@ class Graph(Generic[F]):
 
     Attributes:
         frame: Handle to the incoming frame.
-        seconds: Time spent in each stage so far, by name, summed over its threads.
+        seconds: Time spent in each stage so far by name, summed over its threads.
     """
 
     def __init__(self, frame_type: type[F]) -> None:
@@ -158,7 +158,7 @@ class Graph(Generic[F]):
         workers: int = 1,
     ) -> Node[R]: ...
     def add(self, name: str, fn: Callable[..., Any], /, *inputs: Node[Any], workers: int = 1) -> Node[Any]:
-        """Append a stage that reads `inputs`; the handle of its output.
+        """Append a stage that reads `inputs`, and return the handle of its output.
 
         Raises:
             ValueError: an input belongs to another graph, or the name is taken.
@@ -182,15 +182,15 @@ class Graph(Generic[F]):
             yield values[sink]
 
     def run_pipelined(self, sink: Node[R], frames: Iterable[F], *, window: int) -> Generator[R, None, None]:
-        """Same values in the same order as `run`, each stage on threads of its own.
+        """The same values in the same order as `run`, with each stage on its own threads.
 
-        Every stage has a pool that serves first come, first served; all tasks of a frame are submitted in frame order,
-        and each waits for its inputs. So a stage with one worker sees the frames in order, and nothing blocks for ever.
+        Each stage has a first-in, first-out pool. Tasks are submitted in frame order, and each waits for its inputs.
+        So a stage with one worker sees the frames in order, and there is no deadlock.
 
         Args:
-            sink: Whose values to yield.
-            frames: Read on the calling thread. If reading fails, the frames read before come out first, as in `run`.
-            window: At most this many frames are in work at once.
+            sink: Handle of the values to yield.
+            frames: Read on the calling thread. If reading fails, the results of earlier frames come first, as in `run`.
+            window: Largest number of frames in work at once.
         """
         if window < 1:
             raise ValueError(f"window: expected at least 1 frame, got {window}")

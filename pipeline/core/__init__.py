@@ -1,1 +1,1 @@
-"""Records, geometry, cameras, settings and errors: what everything else is built on."""
+"""Records, geometry, cameras, settings and errors, shared by all packages."""

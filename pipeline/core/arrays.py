@@ -1,4 +1,4 @@
-"""Array types by element, and what records of parallel arrays have in common."""
+"""Array types by element, and the checks and selection shared by records of parallel arrays."""
 
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -40,16 +40,16 @@ Bools = npt.NDArray[np.bool_]
 Array = npt.NDArray[Any]
 Indices = npt.NDArray[np.intp]
 Rows = Bools | Indices
-"""A choice of rows: a mask or indices."""
+"""Rows of an array, as a mask or as indices."""
 
 Record = TypeVar("Record", bound="DataclassInstance")
 
 
 def check_array(name: str, array: Array, shape: tuple[int, ...], dtype: npt.DTypeLike) -> None:
-    """Check one field of a record and make it read-only, so that a stage cannot change what its neighbour reads.
+    """Check one field of a record and make it read-only, so that no stage can change the input of another.
 
     Raises:
-        ValueError: shape or dtype differ; the message says expected and found.
+        ValueError: shape or dtype differ.
     """
     if array.shape != shape or array.dtype != np.dtype(dtype):
         raise ValueError(f"{name}: expected {np.dtype(dtype)}{list(shape)}, got {array.dtype}{list(array.shape)}")
@@ -57,7 +57,7 @@ def check_array(name: str, array: Array, shape: tuple[int, ...], dtype: npt.DTyp
 
 
 def select_rows(record: Record, rows: Rows) -> Record:
-    """A record of parallel arrays with the given rows of each; everything else is kept."""
+    """A record of parallel arrays with the given rows of each array, other fields unchanged."""
     values: dict[str, Any] = {f.name: getattr(record, f.name) for f in fields(record)}
     chosen: dict[str, Any] = {name: v[rows] if isinstance(v, np.ndarray) else v for name, v in values.items()}
     return type(record)(**chosen)

@@ -1,10 +1,10 @@
 """Camera intrinsics: projection of points and boxes into an image, with lens distortion.
 
-Distortion models as REP and OpenCV define them (docs.opencv.org, "Camera Calibration and 3D Reconstruction" and
+Distortion models as defined by ROS and OpenCV (docs.opencv.org, "Camera Calibration and 3D Reconstruction" and
 "Fisheye camera model"): `plumb_bob` k1 k2 p1 p2 k3; `rational_polynomial` k1 k2 p1 p2 k3 k4 k5 k6; `equidistant`
-(also `kannala_brandt`, `fisheye`) k1 k2 k3 k4. Pixel (0, 0) is the top left corner of the top left pixel in lidcam's
-boxes; the calibration's principal point is counted from pixel centres, as OpenCV and ROS do, so half a pixel is added
-on projection.
+(also `kannala_brandt`, `fisheye`) k1 k2 k3 k4. In lidcam's boxes, pixel (0, 0) is the top left corner of the top left
+pixel; the principal point of a calibration counts from pixel centres, as in OpenCV and ROS. So half a pixel is added on
+projection.
 """
 
 from dataclasses import dataclass
@@ -22,11 +22,11 @@ __all__ = ["CameraModel", "DistortionModel"]
 DistortionModel = Literal["plumb_bob", "rational_polynomial", "equidistant"]
 
 NEAR_M = 0.01
-"""Edges of boxes are cut at this depth: nearer points have no place in the image."""
+"""Edges of boxes are cut at this depth: nearer points cannot be projected."""
 
-# Rows of `box_corners` that each edge of a box joins.
+# The two corners of each edge of a box, in the order of `box_corners`.
 _EDGES = np.array([[0, 1], [1, 2], [2, 3], [3, 0], [4, 5], [5, 6], [6, 7], [7, 4], [0, 4], [1, 5], [2, 6], [3, 7]])
-_EDGE_SHARES = np.linspace(0.0, 1.0, 5)[:, None]  # lens distortion bends edges: corners alone would miss the bulge
+_EDGE_SHARES = np.linspace(0.0, 1.0, 5)[:, None]  # lens distortion bends edges beyond their corners
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +39,7 @@ class CameraModel:
         height_px: Image height.
         K: (3, 3) float64 camera matrix, pixels.
         model: Distortion model.
-        distortion: (k,) float64 coefficients; fewer than the model has are taken as zero.
+        distortion: (k,) float64 coefficients; missing ones are zero.
     """
 
     frame_id: str
@@ -62,7 +62,7 @@ class CameraModel:
         if self.width_px <= 0 or self.height_px <= 0:
             raise CalibrationError(f"image size {self.width_px} x {self.height_px} px: expected positive numbers")
         focal = (float(self.K[0, 0]), float(self.K[1, 1]))
-        # A view of over 178 or under 0.3 degrees is no camera; zero means "not calibrated" (sensor_msgs/CameraInfo).
+        # No camera has a view of over 178 or under 0.3 degrees; zero means "not calibrated" (sensor_msgs/CameraInfo).
         if not all(0.01 < f / self.width_px < 200 for f in focal):
             raise CalibrationError(
                 f"focal length {focal[0]:g}, {focal[1]:g} px is impossible for an image {self.width_px} px wide"
@@ -82,9 +82,9 @@ class CameraModel:
 
     @cached_property
     def _radius_limit(self) -> float:
-        """Largest undistorted radius (tangent of the angle; equidistant: the angle) where the model is one-to-one.
+        """Largest undistorted radius (tangent of the angle; equidistant: the angle) at which the model is one-to-one.
 
-        Beyond it the polynomial folds back and points far outside of the view would land in the image.
+        Beyond it the polynomial folds back, and points far outside the view would land in the image.
         """
         radius = np.linspace(0.0, np.pi if self.model == "equidistant" else 20.0, 4001)
         grown = radius * self._radial(radius**2)
@@ -99,14 +99,14 @@ class CameraModel:
         return np.asarray(top / (1 + r2 * (k[5] + r2 * (k[6] + r2 * k[7]))))
 
     def project(self, points_camera: npt.NDArray[np.floating]) -> tuple[F64, Bools]:
-        """Where points appear.
+        """Pixels of points, and whether they are valid.
 
         Args:
             points_camera: (..., 3) metres in the optical frame.
 
         Returns:
-            (..., 2) pixels, and whether each point is in front of the camera and inside what the lens model covers;
-            the pixels of the others mean nothing. Points outside of the image are not cut off.
+            (..., 2) pixels, and (...) whether each point is in front of the camera and within the range of the lens
+            model; the other pixels are meaningless. Points outside the image are kept.
         """
         points = np.asarray(points_camera, np.float64)
         x, y, z = points[..., 0], points[..., 1], points[..., 2]
@@ -132,14 +132,14 @@ class CameraModel:
         return np.stack([u, v], -1), front & inside
 
     def project_boxes(self, corners_camera: F64) -> F32:
-        """Smallest upright rectangles around boxes, clipped to the image.
+        """Smallest upright rectangles around projected boxes, clipped to the image.
 
         Args:
             corners_camera: (N, 8, 3) corners in the order of `geometry.box_corners`, metres in the optical frame.
 
         Returns:
-            (N, 4) left, top, right, bottom in pixels; NaN where nothing of the box is in the image. Boxes that reach
-            behind the camera are cut at its plane first.
+            (N, 4) left, top, right, bottom in pixels; NaN if no part of the box is in the image. Boxes that reach
+            behind the camera are cut at `NEAR_M` first.
         """
         found = np.full((len(corners_camera), 4), np.nan, np.float32)
         ahead = (corners_camera[..., 2] >= NEAR_M).any(1)

@@ -1,4 +1,4 @@
-"""Point clouds: one sweep, and what the lidars see together."""
+"""Point clouds of one lidar, and of all lidars combined."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,19 +14,19 @@ __all__ = ["CombinedCloud", "Plane", "PointCloud"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PointCloud:
-    """Points of one sweep, or of several in one frame.
+    """Points of one sweep, or of several sweeps in one frame.
 
     Attributes:
-        stamp_ns: Time that `time_offset_ns` counts from.
+        stamp_ns: Origin of `time_offset_ns`.
         frame_id: Frame of `xyz`.
         xyz: (N, 3) float32, metres; all finite.
         intensity: (N,) float32 in the sensor's own scale; zeros where the sensor reports none.
         ring: (N,) uint16 laser index; zeros where the sensor reports none.
         time_offset_ns: (N,) int32, time of each point minus `stamp_ns`; zeros where the sensor reports none.
         has_time: Whether `time_offset_ns` was measured.
-        nan_dropped: Number of points that were left out because a coordinate was not finite.
-        return_type: (N,) uint8, which echo of its beam each point is: 1 the strongest, 2 the last, 3 both, 0 not told;
-            None where the sensor's driver says nothing of it.
+        nan_dropped: Number of points removed because a coordinate was not finite.
+        return_type: (N,) uint8, echo of its beam that each point is: 1 strongest, 2 last, 3 both, 0 unknown; None if
+            the driver does not report it.
     """
 
     stamp_ns: int
@@ -58,7 +58,7 @@ class PointCloud:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plane:
-    """A plane in the site frame: the points with normal . p + offset_m = 0.
+    """A plane in the site frame, normal . p + offset_m = 0.
 
     Attributes:
         normal: (3,) float64 unit vector; points up (z > 0).
@@ -81,12 +81,12 @@ class CombinedCloud:
     """The points of all lidars in the site frame at the frame's time.
 
     Attributes:
-        cloud: What is left to look for objects in: without outliers and ground, where these steps are on.
+        cloud: Points to detect objects in: without outliers and ground, if these steps are on.
         lidar_index: (N,) uint8, row of `Rig.lidars` that measured the point.
         ground_cloud: The points of the ground.
-        plane: The ground; None where that step is off or found none.
-        counts: Number of points by step: `input`, `nan`, `range`, `outliers`, `ground`, `left`.
-        compensated: Names of the lidars whose points were moved to the frame's time.
+        plane: The ground; None if that step is off or found none.
+        counts: Number of points: `input`, removed as `nan`, by `range`, as `outliers`, as `ground`, and `left`.
+        compensated: Names of the lidars whose points were motion-compensated to the frame's time.
     """
 
     cloud: PointCloud

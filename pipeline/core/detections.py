@@ -1,4 +1,4 @@
-"""What detectors find, and which finding of one sensor is which of another."""
+"""Detections of single sensors, matches between them, and fused objects."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ __all__ = ["Boxes2D", "Boxes3D", "Detections", "Fused", "Matches"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Boxes2D:
-    """Boxes that one camera's image shows.
+    """2D boxes in one image.
 
     Attributes:
         stamp_ns: Time of the image.
@@ -60,7 +60,7 @@ class Boxes3D:
         yaws: (N,) float64, counter-clockwise about +z, in (-pi, pi].
         scores: (N,) float32 in [0, 1].
         class_ids: (N,) int32, row of the configured classes.
-        point_counts: (N,) int32, lidar points that the box was found from.
+        point_counts: (N,) int32, lidar points that the box was found from; zeros where unknown.
         covariances: (N, 3, 3) float64 over x, y (m^2) and yaw (rad^2); zeros where unknown.
     """
 
@@ -93,30 +93,15 @@ class Boxes3D:
         """The given rows (mask or indices), in that order."""
         return select_rows(self, rows)
 
-    @classmethod
-    def empty(cls, stamp_ns: int, frame_id: str) -> Self:
-        """No boxes."""
-        return cls(
-            stamp_ns,
-            frame_id,
-            np.zeros((0, 3)),
-            np.zeros((0, 3)),
-            np.zeros(0),
-            np.zeros(0, np.float32),
-            np.zeros(0, np.int32),
-            np.zeros(0, np.int32),
-            np.zeros((0, 3, 3)),
-        )
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Matches:
-    """Which 3D box is which 2D box of one camera; each row at most once.
+    """Pairs of a 3D box and a 2D box of one camera; each row at most once.
 
     Attributes:
-        pairs: (M, 2) int64: row of the 3D boxes, row of the camera's 2D boxes; in order of the 3D rows.
+        pairs: (M, 2) int64: row of the 3D boxes, row of the camera's 2D boxes; ordered by the former.
         iou: (M,) float32, overlap of the projected 3D box and the 2D box.
-        projected_xyxy: (N, 4) float32, every 3D box in this image in pixels, clipped to it; NaN where it is not seen.
+        projected_xyxy: (N, 4) float32, every 3D box in this image in pixels, clipped to it; NaN if not visible.
     """
 
     pairs: I64
@@ -134,11 +119,11 @@ class Matches:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Detections:
-    """What each sensor alone saw in one frame.
+    """Detections of one frame, before fusion.
 
     Attributes:
-        lidar: Boxes of the lidars, in the site frame.
-        cameras: Boxes of each camera, by its name.
+        lidar: 3D boxes from the combined cloud, in the site frame.
+        cameras: 2D boxes by camera name.
     """
 
     lidar: Boxes3D
@@ -147,11 +132,11 @@ class Detections:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fused:
-    """What became of the 3D boxes of a frame.
+    """The fused objects of a frame.
 
     Attributes:
         objects: The fused objects, in the order of the 3D boxes.
-        matched: (N,) int32, number of cameras that confirm each object.
+        matched: (N,) int32, number of cameras that matched each object.
     """
 
     objects: Boxes3D

@@ -1,16 +1,16 @@
-"""The errors that lidcam raises on purpose.
+"""The errors that lidcam raises for faulty input, calibration or settings.
 
     LidcamError
     ├── RecordingError     a recording cannot be opened or read
     │   └── MessageError   one message cannot be decoded
     ├── CalibrationError   intrinsics, extrinsics or a rig file are unusable
-    │   └── FrameError     transforms of unlike frames were composed, or no path joins two frames
+    │   └── FrameError     transforms of different frames were composed, or no path joins two frames
     ├── ConfigError        the settings are wrong
     ├── ModelError         a network cannot be loaded or does not have the expected layout
     └── OutputError        a result cannot be written
 
-Each message is one line that says what was expected, what was found and what to do. The command line turns them into
-that line and exit code 1; everything else is a bug and keeps its traceback.
+Each message is one line: what was expected, what was found, what to do. The command line prints it and exits with 1;
+any other exception is a bug and keeps its traceback.
 """
 
 __all__ = [
@@ -28,9 +28,9 @@ MAX_CHARACTERS = 4000
 
 
 class LidcamError(Exception):
-    """Base of every error that the input, the calibration or the settings can cause.
+    """Base of all errors caused by the input, the calibration or the settings.
 
-    Its text is one line of bounded length, whatever names and values a file has in it.
+    Its text is one line of bounded length, whatever names and values from a file it contains.
     """
 
     def __str__(self) -> str:
@@ -47,7 +47,7 @@ class RecordingError(LidcamError):
 
 
 class MessageError(RecordingError):
-    """One message cannot be decoded; the others may well be."""
+    """One message cannot be decoded; others may be."""
 
 
 class CalibrationError(LidcamError):
@@ -55,7 +55,7 @@ class CalibrationError(LidcamError):
 
 
 class FrameError(CalibrationError):
-    """Transforms of unlike frames were composed, or no path joins two frames."""
+    """Transforms of different frames were composed, or no path joins two frames."""
 
 
 class ConfigError(LidcamError):

@@ -1,4 +1,4 @@
-"""One moment on its way through the stages: the messages that go in, the result that comes out."""
+"""One frame on its way through the stages: the bundle of messages in, the result out."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -16,15 +16,15 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SensorBundle:
-    """Messages that belong to one moment, one per synchronised topic, still undecoded.
+    """Messages of one moment, one per synchronised topic, undecoded.
 
     Attributes:
-        index: Running number of the frame, from 0.
-        stamp_ns: Stamp of the reference topic's message: the frame's time.
+        index: Number of the frame, from 0.
+        stamp_ns: Stamp of the reference topic's message, the frame's time.
         log_time_ns: Log time of that message.
         messages: By topic.
-        motion: Poses of the site frame around `stamp_ns`, if the recording has odometry of it.
-        dropped_before: How many messages were dropped since the bundle before, by (topic, reason).
+        motion: Poses of the site frame around `stamp_ns`; None without odometry.
+        dropped_before: Number of messages dropped since the previous bundle, by (topic, reason).
     """
 
     index: int
@@ -43,12 +43,12 @@ class SensorBundle:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Decoded(Mapping[str, T]):
-    """What the messages of one frame held, by sensor name in rig order.
+    """Decoded messages of one frame by sensor name, in rig order.
 
     A sensor whose message is missing or bad has no entry.
 
     Attributes:
-        by_sensor: The same as a mapping of its own.
+        by_sensor: The decoded values.
         drops: The bad messages.
         unused_boxes: Recorded 2D boxes that could not be used, by reason.
     """
@@ -69,13 +69,13 @@ class Decoded(Mapping[str, T]):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameResult:
-    """Everything a writer needs of one frame.
+    """All results of one frame, for the writers.
 
     Attributes:
-        bundle: The messages that the frame was made of; images are copied from here.
+        bundle: The messages of the frame; images are copied from here.
         combined: The combined cloud.
-        detections: What each sensor alone saw.
-        matches: By camera name, for every camera of the rig; for the rows of `detections.lidar`.
+        detections: The detections before fusion.
+        matches: By camera name, for every camera of the rig; rows refer to `detections.lidar`.
         fused: The fused objects, in the site frame.
         drops: Messages of the bundle that could not be used.
         unused_boxes: Recorded 2D boxes that could not be used, by reason.

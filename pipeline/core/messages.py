@@ -1,4 +1,4 @@
-"""Recorded messages, before anything is decoded."""
+"""Recorded messages, undecoded."""
 
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
@@ -8,18 +8,16 @@ __all__ = ["Channel", "Drop", "RawMessage"]
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """One topic of one recording file: what is needed to decode its messages.
+    """One topic of one file of a recording, with what is needed to decode its messages.
 
     Attributes:
         topic: Topic name.
         msgtype: Type name in the ROS 2 spelling, for instance `sensor_msgs/msg/PointCloud2`.
         encoding: Serialisation of the bytes.
-        definition: Message definition text as recorded, a protobuf FileDescriptorSet in base64; empty where the
-            recording has none.
-        definition_format: Says how to read `definition`.
-        distro: Name of the ROS 2 release that the recording names, or empty.
-        digest: What the recorder knew the type by: ROS 1's md5sum or a ROS 2 type hash (REP 2011); empty where the
-            recording does not say.
+        definition: Recorded message definition: text, or a protobuf FileDescriptorSet in base64; empty if none.
+        definition_format: Format of `definition`.
+        distro: ROS 2 release named by the recording, or empty.
+        digest: Recorded identity of the type: ROS 1's md5sum or a ROS 2 type hash (REP 2011); empty if there is none.
     """
 
     topic: str
@@ -32,17 +30,17 @@ class Channel:
 
 
 class RawMessage(NamedTuple):
-    """One recorded message, not decoded yet.
+    """One recorded message, undecoded.
 
     Attributes:
-        stamp_ns: Header stamp; `log_time_ns` where the type has no header.
+        stamp_ns: Header stamp; `log_time_ns` if the type has no header.
         log_time_ns: Time of recording.
-        order: (file index, position in the file), then the place within what was recorded as one message: makes the
-            order of equal times total.
+        order: (file index, position in the file), then the position within a combined message; orders messages of equal
+            times.
         data: The serialised message.
         channel: Topic, type and definition.
-        problem: Why there are no data, where what was recorded cannot be read; empty if it can.
-        defects: Of a message made of several recorded ones: what was wrong with those that could not be used.
+        problem: Why the message cannot be read and `data` is empty; empty if it can.
+        defects: For a message put together from several recorded ones, errors of those that were not used.
     """
 
     stamp_ns: int
@@ -60,14 +58,14 @@ class RawMessage(NamedTuple):
 
 
 class Drop(NamedTuple):
-    """One message that took no part, or parts of one of which the rest did, and why.
+    """A message, or with `parts` some parts of one, that was not used.
 
     Attributes:
         topic: Its topic.
         stamp_ns: Its stamp.
-        reason: Why, in words that are the same for all messages with this fate.
-        detail: What was found in this very message; may be empty.
-        parts: How many of its parts took none, where the rest of it did; 0: the whole message.
+        reason: Why; the same text for all messages dropped for this reason.
+        detail: Details of this message; may be empty.
+        parts: Number of parts not used, if the rest of the message was; 0 for the whole message.
     """
 
     topic: str

@@ -32,8 +32,8 @@ class CameraSensor:
 
     Attributes:
         name: Short name, unique in the rig.
-        topic: Topic of its images; empty where only its boxes were recorded.
-        boxes_topic: Topic of recorded 2D boxes (vision_msgs/Detection2DArray); empty where there are none.
+        topic: Topic of its images; empty if only its boxes were recorded.
+        boxes_topic: Topic of its recorded 2D boxes (vision_msgs/Detection2DArray); empty if there is none.
         model: Intrinsics.
         T_camera_site: Extrinsics; its `dst` is the camera's optical frame.
     """
@@ -47,10 +47,10 @@ class CameraSensor:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Zone:
-    """A part of the site that objects are counted in.
+    """A part of the site in which objects are counted.
 
     Attributes:
-        name: `intersection` and `circle` fill the fields of that name in MsgLidCam.
+        name: Zones `intersection` and `circle` fill the fields of these names in MsgLidCam.
         polygon_site: (K, 2) float64, corners x, y in the site frame, metres.
     """
 
@@ -62,8 +62,8 @@ class Zone:
 
 
 def default_zones() -> tuple[Zone, ...]:
-    """The original's: `intersection` y >= 0 and `circle` y < 0; the edge between them belongs to the first."""
-    far_m = 1e4  # further than any lidar sees, and finite
+    """The zones of the predecessor system: `intersection` is y >= 0, `circle` is y < 0."""
+    far_m = 1e4  # beyond the range of any lidar, and finite
     return (
         Zone("intersection", np.array([[-far_m, 0.0], [far_m, 0.0], [far_m, far_m], [-far_m, far_m]])),
         Zone("circle", np.array([[-far_m, -far_m], [far_m, -far_m], [far_m, 0.0], [-far_m, 0.0]])),
@@ -72,14 +72,14 @@ def default_zones() -> tuple[Zone, ...]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rig:
-    """All sensors with sound calibration, in the order in which they are processed.
+    """All sensors with valid calibration, in the order of processing.
 
     Attributes:
         site_frame: The frame in which clouds are combined and objects are reported (x forward, y left, z up; REP 103).
         lidars: At least one.
-        cameras: May be empty: the run is then lidar-only.
-        zones: In order; an object belongs to the first zone that holds its centre.
-        ground_height_m: Expected z of the ground plane below the site origin; None where unknown.
+        cameras: Empty for a lidar-only run.
+        zones: An object belongs to the first zone that contains its centre.
+        ground_height_m: Expected z of the ground at the site origin; None if unknown.
     """
 
     site_frame: str

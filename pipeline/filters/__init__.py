@@ -1,1 +1,1 @@
-"""What is done to a cloud's points: pure functions on arrays that the combining stage strings together."""
+"""Point filters of the combining stage: pure functions on arrays."""

@@ -1,8 +1,8 @@
-"""The ground as a plane: RANSAC among planes that can be ground, then least squares.
+"""The ground plane, by RANSAC among planes that can be ground, refined by least squares.
 
-RANSAC after Fischler and Bolles (1981). The largest plane of a traffic scene is often a wall, so a plane has to lie
-flat, below every lidar, and at the rig's height where that is known; and what counts is how many more points it holds
-than the layers just above and just below it, since a wall or a hedge fills all three alike.
+RANSAC after Fischler and Bolles (1981). The largest plane of a traffic scene is often a wall, so a plane must be nearly
+level, below every lidar, and at the rig's ground height if that is known. Its score is the number of its points beyond
+those in the layers just above and below it, because a wall or a hedge fills all three.
 """
 
 import numpy as np
@@ -15,41 +15,41 @@ __all__ = ["find_ground", "height_above"]
 
 
 SAMPLE_POINTS = 6000
-"""Planes are drawn from, and scored on, at most this many points, every n-th of the cloud."""
+"""Planes are sampled from, and scored on, at most this many points, every n-th of the cloud."""
 
 THINNING, FINALISTS = 4, 16
-"""All planes are scored on every fourth point of the sample, the best of them on all of it."""
+"""All planes are scored on every fourth point of the sample, the best of them on the whole sample."""
 
 CELL_PER_DISTANCE = 5.0
-"""Planes are drawn through the lowest points of cells this many `distance_m` wide: a wall stands on few cells."""
+"""Planes go through the lowest points of cells this many `distance_m` wide: a wall stands on few cells."""
 
 LAYER_PER_DISTANCE = 0.5
-"""Planes are fitted to a layer thinner than what is removed: a thick one tilts to take in pavements beside the road."""
+"""Planes are fitted to a layer thinner than the one removed: a thick one tilts towards pavements beside the road."""
 
 STANDS_OUT = 1.5
-"""Least ratio of the points in the ground's layer to those in the layers beside it, where fog or a wall has 1."""
+"""Smallest ratio of points in the ground's layer to those in the fuller layer beside it; 1 for fog or a wall."""
 
 REFINEMENTS = 6
-"""Rounds of least squares on the sample, each on the points near the plane of the last; one on all points follows."""
+"""Rounds of least squares on the sample, each on the points near the last plane, before one on all points."""
 
 
 def find_ground(
     xyz_site: F32, lidar_origins_site: F64, *, config: GroundConfig, ground_height_m: float | None = None
 ) -> Plane | None:
-    """The plane of the ground, or None where nothing can be ground.
+    """The ground plane; None if there is none.
 
     Args:
         xyz_site: (N, 3) points in the site frame, metres, finite.
-        lidar_origins_site: (L, 3) origins of the lidars in the site frame, metres: the ground is below each.
-        config: Limits, number of planes tried and seed. The same input always gives the same plane.
+        lidar_origins_site: (L, 3) origins of the lidars in the site frame, metres; the ground is below each.
+        config: Limits, number of planes and seed. Equal input gives equal planes.
         ground_height_m: Expected z of the ground at the site's origin; None if unknown.
 
     Returns:
-        None if no plane within the limits stands out from the layers above and below it, or if its points form a
-        mere line on the map (the foot of a wall).
+        None if no plane within the limits stands out from the layers above and below it, or if its points form only
+        a line seen from above (the foot of a wall).
     """
     layer_m = LAYER_PER_DISTANCE * config.distance_m
-    points = np.ascontiguousarray(xyz_site.T)  # a row per coordinate: three times faster to measure heights on
+    points = np.ascontiguousarray(xyz_site.T)  # a row per coordinate makes heights three times faster
     sample = np.ascontiguousarray(points[:, :: max(1, -(-len(xyz_site) // SAMPLE_POINTS))])
     reachable = _within_reach(sample.T, config, ground_height_m)
     candidates = _lowest_of_cells(reachable, CELL_PER_DISTANCE * config.distance_m)
@@ -76,14 +76,14 @@ def find_ground(
 
 
 def height_above(plane: Plane, xyz_site: F32) -> F32:
-    """Signed distances (N,) of points (N, 3) from a plane, metres; positive above it."""
+    """(N,) signed distances of points (N, 3) from a plane, metres; positive above it."""
     heights: F32 = _heights(xyz_site.T, np.append(plane.normal, plane.offset_m)[None])[0]
     return heights
 
 
 def _heights(points: F32, planes: F64) -> F32:
-    """Signed distances (K, N) of points (3, N) from planes (K, 4)."""
-    # Not BLAS, which may round differently with another number of threads.
+    """(K, N) signed distances of points (3, N) from planes (K, 4)."""
+    # Not BLAS, whose rounding may depend on the number of threads.
     a, b, c, d = planes.astype(np.float32).T[..., None]
     heights: F32 = points[0] * a + points[1] * b
     heights += points[2] * c
@@ -92,7 +92,7 @@ def _heights(points: F32, planes: F64) -> F32:
 
 
 def _within_reach(xyz: F32, config: GroundConfig, ground_height_m: float | None) -> F32:
-    """The points that some plane within the limits of height and tilt goes through."""
+    """The points through which a plane within the limits of height and tilt can go."""
     if ground_height_m is None:
         return xyz
     rise = np.tan(np.radians(config.max_tilt_deg)) * np.hypot(xyz[:, 0], xyz[:, 1])
@@ -111,28 +111,28 @@ def _lowest_of_cells(xyz: F32, cell_m: float) -> F32:
 
 
 def _planes_through(triples: F64) -> F64:
-    """Planes (K, 4), unit normal and offset, normal upwards, through K triples of points (K, 3, 3)."""
+    """Planes through triples of points (K, 3, 3): (up to K, 4) unit normal, upwards, and offset."""
     normals = np.cross(triples[:, 1] - triples[:, 0], triples[:, 2] - triples[:, 0])
     lengths = np.linalg.norm(normals, axis=1)
-    spanned = lengths > 1e-9  # not where a point was drawn twice or three lie on a line
+    spanned = lengths > 1e-9  # not if a point was drawn twice or all three lie on a line
     normals = normals[spanned] / lengths[spanned, None]
     normals *= np.where(normals[:, 2:] < 0, -1.0, 1.0)
     return np.column_stack([normals, -(normals * triples[spanned, 0]).sum(axis=1)])
 
 
 def _can_be_ground(planes: F64, lidar_origins_site: F64, config: GroundConfig, ground_height_m: float | None) -> Bools:
-    """Which planes (K, 4) are flat enough, below every lidar and at the expected height."""
+    """(K,) whether planes (K, 4) are level enough, below every lidar and at the expected height."""
     fit: Bools = planes[:, 2] >= np.cos(np.radians(config.max_tilt_deg))
     fit &= (planes[:, :3] @ lidar_origins_site.T + planes[:, 3:] > 0).all(axis=1)
     if ground_height_m is not None:
-        # Compared without dividing by the normal's z, which may be 0.
+        # Not divided by the normal's z, which may be 0.
         off = np.abs(planes[:, 3] + ground_height_m * planes[:, 2])
         fit &= off <= config.height_tolerance_m * planes[:, 2]
     return fit
 
 
 def _layers(points: F32, planes: F64, layer_m: float) -> tuple[Array, Array]:
-    """Points that each of K planes holds, and points of the fuller of the layers above and below, equally thick."""
+    """Number of points in the layer of each of K planes, and in the fuller of the equal layers above and below."""
     heights = _heights(points, planes)
     edges = np.array([-3, -1, 1, 3], np.float32) * np.float32(layer_m)
     below, held, above = np.diff([np.count_nonzero(heights <= edge, axis=1) for edge in edges], axis=0)
@@ -140,10 +140,10 @@ def _layers(points: F32, planes: F64, layer_m: float) -> tuple[Array, Array]:
 
 
 def _least_squares(points: F32, plane: F64, layer_m: float) -> F64 | None:
-    """The plane (4,) of least squared distances to the points near `plane`; None if they are fewer than 3.
+    """The plane (4,) fitted to the points near `plane`; None if there are fewer than 3.
 
-    Near means within `layer_m`, and within three times the robust deviation of those: the feet of cars and kerbs
-    lie on one side and would lift the plane.
+    Near means within `layer_m`, and within three times the robust deviation of those points: wheels and kerbs lie on
+    one side and would lift the plane.
     """
     heights = np.abs(_heights(points, plane[None])[0])
     within = heights[heights <= layer_m]
@@ -157,7 +157,7 @@ def _least_squares(points: F32, plane: F64, layer_m: float) -> F64 | None:
 
 
 def _is_a_floor(points: F32, plane: F64, layer_m: float) -> bool:
-    """Whether a plane stands out from the layers beside it, and what it holds has width on the map."""
+    """Whether a plane stands out from the layers beside it, and its points form more than a line seen from above."""
     held, beside = _layers(points, plane[None], layer_m)
     if held[0] < max(3, STANDS_OUT * beside[0]):
         return False

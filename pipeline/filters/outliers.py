@@ -1,8 +1,8 @@
-"""Statistical outlier removal, by the rule and in the arithmetic of PCL's StatisticalOutlierRemoval.
+"""Statistical outlier removal, with the rule and arithmetic of PCL's StatisticalOutlierRemoval.
 
 Source: Rusu et al., Towards 3D Point Cloud Based Object Maps for Household Environments (2008), section 5.1, as
-implemented in PCL 1.8 and later. Open3D's filter differs: it counts the point among its own neighbours and throws
-exact duplicates away.
+implemented in PCL 1.8 and later. Open3D's filter differs: it counts the point among its own neighbours and removes
+exact duplicates.
 """
 
 import numpy as np
@@ -13,23 +13,20 @@ from pipeline.core.arrays import F32, Array, Bools
 __all__ = ["statistical_inliers"]
 
 LEAF_SIZE = 16
-"""Points per leaf of the search tree; fastest on clouds of 30 000 to 115 000 points. Has no influence on the result."""
+"""Points per leaf of the search tree; fastest on clouds of 30 000 to 115 000 points. Does not change the result."""
 
 
 def statistical_inliers(xyz: F32, *, neighbors: int, std_ratio: float) -> Bools:
-    """Which points lie as close to their neighbours as most points do to theirs.
+    """(N,) true for the points to keep.
 
-    A point is kept where the mean distance to its `neighbors` nearest neighbours is at most the mean of that number
-    over the cloud plus `std_ratio` times its sample deviation. Exact duplicates are neighbours at distance 0. A cloud
-    of `neighbors` points or fewer has no such statistics: all are kept (PCL reads past its results there).
+    A point is kept if the mean distance to its `neighbors` nearest neighbours is at most the mean of that distance over
+    the cloud plus `std_ratio` times its sample standard deviation. Exact duplicates are neighbours at distance 0. A
+    cloud of `neighbors` points or fewer is kept whole (PCL reads past its results there).
 
     Args:
-        xyz: (N, 3) metres, finite. PCL keeps points that are not finite; here they never get this far.
+        xyz: (N, 3) metres, finite.
         neighbors: At least 1; the point itself does not count.
-        std_ratio: Negative values keep only points that are closer than the mean.
-
-    Returns:
-        (N,) true for points to keep. Each point's distances are found alone: the number of threads changes nothing.
+        std_ratio: May be negative.
     """
     if len(xyz) <= neighbors:
         return np.ones(len(xyz), np.bool_)

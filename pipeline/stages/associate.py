@@ -1,11 +1,10 @@
-"""Which 3D box is which 2D box, for each camera on its own.
+"""Association of 3D boxes with 2D boxes, for each camera on its own.
 
-Each 3D box is projected into the image; its overlap with a 2D box (IoU), less a penalty where their classes differ,
-is what the pair is worth. The assignment with the largest sum is taken (Kuhn-Munkres, as in Crouse, "On implementing 2D
-rectangular assignment algorithms", IEEE TAES 52(4), 2016), so no pair takes a box away from a better one, and every
-camera that sees an object may confirm it. Pairs that overlap too little are never formed.
+Each 3D box is projected into the image. The value of a pair is its IoU with a 2D box, less a penalty if their classes
+differ. The assignment with the largest sum of values is taken (Crouse, "On implementing 2D rectangular assignment
+algorithms", IEEE TAES 52(4), 2016). Pairs with too little overlap are excluded.
 
-A box hidden behind another one is not told apart by depth: the visible one has the larger overlap with the 2D box.
+Depth is not used to find hidden boxes: the visible box has the larger overlap with the 2D box.
 """
 
 from collections.abc import Mapping
@@ -31,10 +30,10 @@ class Associate:
         self._config = config.associate
 
     def __call__(self, boxes3d: Boxes3D, boxes2d: Mapping[str, Boxes2D]) -> Mapping[str, Matches]:
-        """Matches by camera name, in the rig's order; without pairs for a camera that has no entry in `boxes2d`.
+        """Matches by camera name, in the rig's order; a camera without an entry in `boxes2d` has no pairs.
 
         Raises:
-            FrameError: the 3D boxes are not in the frame that the cameras are calibrated to.
+            FrameError: the 3D boxes are not in the site frame of the cameras.
         """
         corners = box_corners(boxes3d.centers, boxes3d.sizes, boxes3d.yaws)
         rows3d = _rank3d(boxes3d)
@@ -46,20 +45,15 @@ class Associate:
         return matches
 
     def _match(
-        self,
-        camera: CameraSensor,
-        boxes3d: Boxes3D,
-        rows3d: Indices,
-        projected: F32,
-        boxes2d: Boxes2D,
+        self, camera: CameraSensor, boxes3d: Boxes3D, rows3d: Indices, projected: F32, boxes2d: Boxes2D
     ) -> Matches:
-        # Detectors may draw boxes beyond the image, projections end at its border: compare what both show.
+        # Detected boxes may reach beyond the image, projections are clipped to it: clip both before comparing.
         size = np.array([camera.model.width_px, camera.model.height_px] * 2, np.float32)
         rows2d = _rank2d(boxes2d)
         iou = iou_xyxy(projected[rows3d], np.clip(boxes2d.xyxy, 0, size)[rows2d])
         differs = boxes3d.class_ids[rows3d][:, None] != boxes2d.class_ids[rows2d]
         worth = iou - self._config.class_penalty * differs
-        # A pair that may not be is worth nothing, like no pair at all, and is taken out of the assignment afterwards.
+        # Pairs that are not allowed have value 0, like no pair, and are removed from the assignment afterwards.
         allowed = (iou >= self._config.min_iou) & (worth > 0)
         first, second = linear_sum_assignment(np.where(allowed, worth, 0.0), maximize=True)
         taken = allowed[first, second]
@@ -70,7 +64,7 @@ class Associate:
 
 
 def _project(camera: CameraSensor, corners: F64, frame_id: str) -> F32:
-    """(N, 4) upright rectangles in the camera's image, clipped to it; NaN where a box (N, 8, 3) is not seen."""
+    """(N, 4) upright rectangles in the camera's image, clipped to it; NaN if a box (N, 8, 3) is not visible."""
     if frame_id != camera.T_camera_site.src:
         raise FrameError(
             f"camera {camera.name}: expected boxes in frame {camera.T_camera_site.src!r}, found {frame_id!r}"
@@ -79,14 +73,14 @@ def _project(camera: CameraSensor, corners: F64, frame_id: str) -> F32:
 
 
 def _rank3d(boxes: Boxes3D) -> Indices:
-    """Indices by falling score, then by everything else that tells boxes apart.
+    """Indices by falling score, then by all other fields.
 
-    Assignments of equal worth are decided by row order; this one does not depend on how the boxes were listed.
+    Row order decides between assignments of equal value; this one does not depend on the order of the input.
     """
     columns = [boxes.class_ids, boxes.yaws, *boxes.sizes.T, *boxes.centers.T, -boxes.scores]
     return np.lexsort(columns)
 
 
 def _rank2d(boxes: Boxes2D) -> Indices:
-    """Indices by falling score, then by class and place."""
+    """Indices by falling score, then by class and position."""
     return np.lexsort([*boxes.xyxy.T, boxes.class_ids, -boxes.scores])

@@ -1,7 +1,7 @@
-"""The clouds of all lidars as one, in the site frame at the frame's time, parted into ground and the rest."""
+"""Combining the clouds of all lidars in the site frame at the frame's time, and separating the ground."""
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from pipeline.core.errors import FrameError
 from pipeline.core.frame import SensorBundle
 from pipeline.core.geometry.pose_samples import PoseSamples
 from pipeline.core.rig import LidarSensor, Rig
-from pipeline.core.settings.combine import CombineConfig
+from pipeline.core.settings.combine import CombineConfig, MotionConfig
 from pipeline.filters.deskew import deskew
 from pipeline.filters.ground import find_ground, height_above
 from pipeline.filters.outliers import statistical_inliers
@@ -20,10 +20,10 @@ __all__ = ["Combine"]
 
 
 class Combine:
-    """Stage: range gate, motion compensation, extrinsics, outlier removal, ground removal.
+    """Range limits, motion compensation, extrinsics, outlier removal, ground removal.
 
-    Every step but the extrinsics can be switched off in the settings. All fields of the points are kept. Points come
-    in the order of `Rig.lidars`, and within a lidar in that of its message. Keeps nothing between frames.
+    Every step but the extrinsics can be switched off in the settings. All fields of the points are kept. Points are in
+    the order of `Rig.lidars`, and within a lidar in that of its message.
     """
 
     def __init__(self, rig: Rig, config: CombineConfig) -> None:
@@ -35,24 +35,29 @@ class Combine:
         """The combined cloud of one frame.
 
         Args:
-            bundle: Gives the frame's time and the motion of the site frame, if any is known.
-            clouds: By lidar name, in the lidars' own frames; a lidar may be missing.
+            bundle: Source of the frame's time and of the motion of the site frame, if known.
+            clouds: By lidar name, in the frame of each lidar; lidars may be missing.
 
         Raises:
-            ValueError: a cloud is of no lidar of the rig.
-            FrameError: the motion is that of another frame than the site's.
+            ValueError: a cloud's lidar is not in the rig.
+            FrameError: the motion is that of a frame other than the site frame.
         """
         config, motion = self._config, self._motion_of(bundle)
         unknown = set(clouds) - {lidar.name for lidar in self._rig.lidars}
         if unknown:
             raise ValueError(f"clouds: no lidar of the rig is named {', '.join(sorted(unknown))}")
 
-        sweeps: list[_Sweep] = []
+        sweeps: dict[int, PointCloud] = {}
+        compensated: list[str] = []
         for index, lidar in enumerate(self._rig.lidars):
             if lidar.name in clouds:
                 near = _in_range(clouds[lidar.name], config.min_range_m, config.max_range_m)
-                sweeps.append(_to_site(near, index, lidar, bundle.stamp_ns, motion, config))
-        cloud, lidar_index = _joined(sweeps, bundle.stamp_ns, self._rig.site_frame)
+                known = _motion_over(near, bundle.stamp_ns, motion, config.motion)
+                sweeps[index] = _to_site(near, lidar, bundle.stamp_ns, known)
+                if known is not None:
+                    compensated.append(lidar.name)
+        cloud = _joined([*sweeps.values()], bundle.stamp_ns, self._rig.site_frame)
+        lidar_index = np.repeat(np.array([*sweeps], np.uint8), np.array([len(c) for c in sweeps.values()], np.int64))
         counts = {"input": sum(len(c) + c.nan_dropped for c in clouds.values()), "nan": cloud.nan_dropped}
         counts["range"] = counts["input"] - counts["nan"] - len(cloud)
 
@@ -68,8 +73,7 @@ class Combine:
         ground_cloud, left = cloud.select(kept[on_ground]), kept[~on_ground]
         counts |= {"ground": len(ground_cloud), "left": len(left)}
 
-        compensated = tuple(sweep.lidar_name for sweep in sweeps if sweep.compensated)
-        return CombinedCloud(cloud.select(left), lidar_index[left], ground_cloud, plane, counts, compensated)
+        return CombinedCloud(cloud.select(left), lidar_index[left], ground_cloud, plane, counts, tuple(compensated))
 
     def _motion_of(self, bundle: SensorBundle) -> PoseSamples | None:
         if bundle.motion is None or not self._config.motion.enabled:
@@ -81,7 +85,7 @@ class Combine:
         return bundle.motion
 
     def _ground_of(self, xyz_site: F32) -> tuple[Plane | None, Bools]:
-        """The ground's plane, and which points belong to it."""
+        """The ground plane, and which points belong to it."""
         config = self._config.ground
         plane = find_ground(
             xyz_site, self._lidar_origins_site, config=config, ground_height_m=self._rig.ground_height_m
@@ -91,70 +95,51 @@ class Combine:
         return plane, np.abs(height_above(plane, xyz_site)) <= config.distance_m
 
 
-class _Sweep(NamedTuple):
-    """One lidar's points in the site frame; `time_offset_ns` counts from the frame's time."""
-
-    lidar_name: str
-    lidar_index: int
-    cloud: PointCloud
-    compensated: bool
-
-
 def _in_range(cloud: PointCloud, min_range_m: float, max_range_m: float) -> PointCloud:
-    """Points within the limits, both inclusive, seen from the lidar.
+    """Points whose distance from the lidar is within the limits, both inclusive.
 
-    A point at the lidar itself is never kept: some drivers write rays without a return as (0, 0, 0).
+    Points at the lidar itself are removed: some drivers write beams without a return as (0, 0, 0).
     """
     range_m = np.sqrt(np.einsum("nj,nj->n", cloud.xyz, cloud.xyz))
     keep = (range_m > 0) & (range_m >= min_range_m) & (range_m <= max_range_m)
     return cloud if keep.all() else cloud.select(keep)
 
 
-def _to_site(
-    cloud: PointCloud,
-    lidar_index: int,
-    lidar: LidarSensor,
-    stamp_ns: int,
-    motion: PoseSamples | None,
-    config: CombineConfig,
-) -> _Sweep:
-    """The cloud in the site frame, at the frame's time if the motion is known over its points' times."""
-    lead_ns = cloud.stamp_ns - stamp_ns
-    offset_ns = cloud.time_offset_ns.astype(np.int64) + lead_ns
-    xyz_site = lidar.T_site_lidar.apply(cloud.xyz)
-    # Without times of points, a cloud of the frame's own stamp has nothing to be moved by.
-    timed = cloud.has_time or lead_ns != 0
-    compensated = bool(
-        motion is not None
-        and timed
-        and len(cloud)
-        and motion.covers(
-            stamp_ns + min(0, int(offset_ns.min())),
-            stamp_ns + max(0, int(offset_ns.max())),
-            max_extrapolation_s=config.motion.max_extrapolation_s,
-            max_gap_s=config.motion.max_gap_s,
-        )
+def _motion_over(
+    cloud: PointCloud, stamp_ns: int, motion: PoseSamples | None, config: MotionConfig
+) -> PoseSamples | None:
+    """The motion, if points have to be moved to the frame's time and it is known for all of them."""
+    # Without point times, a cloud with the stamp of the frame needs no compensation.
+    if motion is None or not len(cloud) or not (cloud.has_time or cloud.stamp_ns != stamp_ns):
+        return None
+    covered = motion.covers(
+        min(stamp_ns, cloud.stamp_ns + int(cloud.time_offset_ns.min())),
+        max(stamp_ns, cloud.stamp_ns + int(cloud.time_offset_ns.max())),
+        max_extrapolation_s=config.max_extrapolation_s,
+        max_gap_s=config.max_gap_s,
     )
-    if motion is not None and compensated:
+    return motion if covered else None
+
+
+def _to_site(cloud: PointCloud, lidar: LidarSensor, stamp_ns: int, motion: PoseSamples | None) -> PointCloud:
+    """The cloud in the site frame, moved to the frame's time if the motion is given."""
+    offset_ns = cloud.time_offset_ns.astype(np.int64) + (cloud.stamp_ns - stamp_ns)
+    xyz_site = lidar.T_site_lidar.apply(cloud.xyz)
+    if motion is not None:
         xyz_site = deskew(xyz_site, stamp_ns + offset_ns, stamp_ns, motion)
     int32 = np.iinfo(np.int32)
-    moved = PointCloud(
+    return replace(
+        cloud,
         stamp_ns=stamp_ns,
         frame_id=lidar.T_site_lidar.dst,
         xyz=xyz_site,
-        intensity=cloud.intensity,
-        ring=cloud.ring,
         time_offset_ns=np.clip(offset_ns, int32.min, int32.max).astype(np.int32),  # saturates 2.1 s away
-        has_time=cloud.has_time,
-        nan_dropped=cloud.nan_dropped,
     )
-    return _Sweep(lidar.name, lidar_index, moved, compensated)
 
 
-def _joined(sweeps: list[_Sweep], stamp_ns: int, site_frame: str) -> tuple[PointCloud, U8]:
-    """All sweeps as one cloud, and the row of the lidar by point."""
-    clouds = [sweep.cloud for sweep in sweeps]
-    joined = PointCloud(
+def _joined(clouds: list[PointCloud], stamp_ns: int, site_frame: str) -> PointCloud:
+    """All clouds as one."""
+    return PointCloud(
         stamp_ns=stamp_ns,
         frame_id=site_frame,
         xyz=np.concatenate([np.zeros((0, 3), np.float32), *(cloud.xyz for cloud in clouds)]),
@@ -163,6 +148,12 @@ def _joined(sweeps: list[_Sweep], stamp_ns: int, site_frame: str) -> tuple[Point
         time_offset_ns=np.concatenate([np.zeros(0, np.int32), *(cloud.time_offset_ns for cloud in clouds)]),
         has_time=bool(clouds) and all(cloud.has_time for cloud in clouds),
         nan_dropped=sum(cloud.nan_dropped for cloud in clouds),
+        return_type=_return_types(clouds),
     )
-    indices = [np.full(len(sweep.cloud), sweep.lidar_index, np.uint8) for sweep in sweeps]
-    return joined, np.concatenate([np.zeros(0, np.uint8), *indices])
+
+
+def _return_types(clouds: list[PointCloud]) -> U8 | None:
+    """Return types by point, 0 if its lidar does not report them; None if no lidar does."""
+    if all(cloud.return_type is None for cloud in clouds):
+        return None
+    return np.concatenate([np.zeros(len(c), np.uint8) if c.return_type is None else c.return_type for c in clouds])

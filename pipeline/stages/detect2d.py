@@ -1,17 +1,17 @@
-"""Detection in images: from a network's proposals to the boxes that each camera's image shows."""
+"""Detection in images: from an engine's proposals to the boxes of each image."""
 
 from collections.abc import Mapping
 
+import cv2
 import numpy as np
 
 from pipeline.core.arrays import Indices
 from pipeline.core.detections import Boxes2D
 from pipeline.core.errors import ConfigError
-from pipeline.core.geometry.boxes import iou_xyxy
 from pipeline.core.images import Image
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
-from pipeline.detectors.detector2d import Candidates2D, Detector2D
+from pipeline.detectors.protocols import Candidates2D, Detector2D
 
 __all__ = ["Detect2D", "suppress_overlaps"]
 
@@ -20,10 +20,10 @@ class Detect2D:
     """Boxes of the configured classes in the images of a frame."""
 
     def __init__(self, rig: Rig, config: Config, detector: Detector2D) -> None:
-        """Tie a detector's labels to the configured classes; labels that no class names are left out.
+        """Map the detector's labels to the configured classes; labels of no class are ignored.
 
         Raises:
-            ConfigError: not one of the detector's labels belongs to a class.
+            ConfigError: none of the detector's labels belongs to a class.
         """
         class_ids = config.class_id_of_label
         self._class_ids = np.array([class_ids.get(label, -1) for label in detector.labels], np.int32)
@@ -39,10 +39,10 @@ class Detect2D:
     def __call__(self, images: Mapping[str, Image]) -> Mapping[str, Boxes2D]:
         """Boxes by camera name, in the rig's order; a camera without an image in this frame has no entry.
 
-        Boxes are in pixels of the original image, clipped to it, in order of falling score.
+        Boxes are in pixels of the image, clipped to it, in order of falling score.
 
         Raises:
-            ModelError: the network fails while it runs.
+            ModelError: the network fails.
         """
         names = [name for name in self._cameras if name in images]
         found = self._detector([images[name].rgb for name in names])
@@ -61,17 +61,13 @@ class Detect2D:
 def suppress_overlaps(boxes: Boxes2D, *, max_iou: float) -> Indices:
     """Greedy non-maximum suppression within each class.
 
-    Boxes are taken in order of falling score, equal scores in the order given; each one removes the boxes of its class
-    that overlap it by more than `max_iou`.
+    Boxes are taken in order of falling score, equal scores in the given order; each removes the boxes of its class
+    whose IoU with it exceeds `max_iou`. Boxes of score 0 are removed.
 
     Returns:
-        Rows that are left, in order of falling score.
+        Rows kept, in order of falling score.
     """
-    order = np.argsort(-boxes.scores, kind="stable")
-    kept: list[np.intp] = []
-    while len(order):
-        first, order = order[0], order[1:]
-        kept.append(first)
-        overlap = iou_xyxy(boxes.xyxy[first : first + 1], boxes.xyxy[order])[0]
-        order = order[(boxes.class_ids[order] != boxes.class_ids[first]) | (overlap <= max_iou)]
-    return np.array(kept, np.intp)
+    xywh = boxes.xyxy.astype(np.float64)
+    xywh[:, 2:] -= xywh[:, :2]
+    rows = cv2.dnn.NMSBoxesBatched(xywh.tolist(), boxes.scores.tolist(), boxes.class_ids.tolist(), 0.0, max_iou)
+    return np.array(rows, np.intp)

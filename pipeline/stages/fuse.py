@@ -1,7 +1,7 @@
-"""Fused objects: geometry from the lidar, class from the cameras, one score from both.
+"""Fusion: geometry from the lidars, class from the cameras, score from both.
 
-Position, size, yaw and covariance stay as the lidar found them, also where a camera's class does not go with the
-size. Objects that no camera confirms keep the lidar's class and score.
+Position, size, yaw and covariance of the 3D box are kept, even if the class from a camera does not suit the size. An
+object without a match keeps class and score of its 3D box.
 """
 
 from collections.abc import Mapping
@@ -17,7 +17,7 @@ __all__ = ["Fuse"]
 
 
 class Fuse:
-    """Fusion of the 3D boxes of a frame with the 2D boxes that they were matched with."""
+    """Fusion of the 3D boxes of a frame with the matched 2D boxes."""
 
     def __init__(self, config: Config) -> None:
         self._class_count = len(config.classes)
@@ -28,21 +28,20 @@ class Fuse:
     ) -> Fused:
         """The objects of a frame.
 
-        Class: each matched camera votes with its score; of classes with equal votes the lidar's goes first, then the
-        one with the lowest class id. Score: 1 - (1 - lidar) x product of (1 - camera) over the matched cameras
-        (noisy-or), the probability that at least one of the sensors is right about there being an object, if they err
-        independently.
+        Class: each matched camera votes with its score; of classes with equal votes the 3D box's own wins, then the
+        lowest class id. Score: 1 - (1 - lidar) x product of (1 - camera) over the matched cameras (noisy-or), the
+        probability that at least one sensor is right if their errors are independent.
 
         Args:
             lidar_boxes: N boxes in the site frame.
             camera_boxes: By camera name.
-            matches: By camera name, of these cameras at least; for the rows of `lidar_boxes` and of the camera's boxes.
+            matches: By camera name, for at least these cameras; rows of `lidar_boxes` and of the camera's boxes.
         """
         n = len(lidar_boxes)
         votes, missed = np.zeros((n, self._class_count)), 1.0 - lidar_boxes.scores.astype(np.float64)
         matched = np.zeros(n, np.int32)
         for name, boxes in camera_boxes.items():
-            rows, rows2d = matches[name].pairs.T  # each row at most once: plain indexing adds right
+            rows, rows2d = matches[name].pairs.T  # each row at most once, so indexed += adds correctly
             scores = boxes.scores[rows2d].astype(np.float64)
             votes[rows, boxes.class_ids[rows2d]] += scores
             missed[rows] *= 1.0 - scores
@@ -55,7 +54,7 @@ class Fuse:
 
 
 def _winners(votes: F64, own_ids: I32) -> I32:
-    """(N,) class id with the most votes (N, C); the box's own one where no other has more."""
+    """(N,) class id with the most votes (N, C); the box's own unless another has more."""
     best = votes.argmax(1)
     rows = np.arange(len(votes))
     return np.where(votes[rows, own_ids] >= votes[rows, best], own_ids, best).astype(np.int32)

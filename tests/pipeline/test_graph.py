@@ -1,9 +1,12 @@
+import os
 import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
+import mypy.api
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -180,3 +183,37 @@ def test_time_is_counted_per_stage() -> None:
     sink = graph.add("sleep", lambda _: time.sleep(0.005), graph.frame)
     list(graph.run(sink, frames(3)))
     assert graph.seconds["sleep"] >= 0.015
+
+
+WIRING = """
+from pipeline.graph import Graph, Node
+
+class Frame:
+    index = 0
+    stamp_ns = 0
+
+graph = Graph(Frame)
+number: Node[int] = graph.add("number", lambda frame: frame.index, graph.frame)
+text: Node[str] = graph.add("text", lambda frame: "", graph.frame)
+
+def four(a: int, b: int, c: int, d: int) -> str: return ""
+def five(a: int, b: int, c: int, d: int, e: int) -> str: return ""
+def six(a: int, b: int, c: int, d: int, e: int, f: int) -> str: return ""
+"""
+
+
+def test_type_checker_sees_a_wrong_wiring(tmp_path: Path) -> None:
+    lines, faulty = WIRING.splitlines(), set()
+    for count, stage in ((4, "four"), (5, "five"), (6, "six")):
+        inputs = ["number"] * count
+        lines.append(f"right_{stage}: Node[str] = graph.add('{stage}', {stage}, {', '.join(inputs)})")
+        for wrong in (inputs[1:], [*inputs, "number"], [*inputs[1:], "text"]):
+            lines.append(f"graph.add('{stage}', {stage}, {', '.join(wrong)})")
+            faulty.add(len(lines))
+        lines.append(f"wrong_{stage}: Node[int] = graph.add('{stage}', {stage}, {', '.join(inputs)})")
+        faulty.add(len(lines))
+    snippet = tmp_path / "wiring.py"
+    snippet.write_text("\n".join(lines), encoding="utf-8")
+    config = Path(__file__).parents[2] / "pyproject.toml"
+    report, _, _ = mypy.api.run([f"--config-file={config}", f"--cache-dir={os.devnull}", str(snippet)])
+    assert {int(line.split(":")[1]) for line in report.splitlines() if ": error:" in line} == faulty, report

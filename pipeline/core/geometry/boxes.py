@@ -3,21 +3,30 @@
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.core.arrays import Array
-from pipeline.core.geometry.transform import F64
+from pipeline.core.arrays import F64, Array
 
-__all__ = ["box_corners", "iou_xyxy", "wrap_angle"]
+__all__ = ["box_corners", "iou_xyxy", "rotations_2d", "wrap_angle"]
+
+_CORNERS = np.array(
+    [[1, 1, -1], [-1, 1, -1], [-1, -1, -1], [1, -1, -1], [1, 1, 1], [-1, 1, 1], [-1, -1, 1], [1, -1, 1]]
+)
 
 
 def wrap_angle(angles_rad: npt.ArrayLike) -> F64:
-    """Angles brought to (-pi, pi]."""
+    """Angles wrapped to (-pi, pi]."""
     angles = np.asarray(angles_rad, np.float64)
     wrapped = angles - 2 * np.pi * np.ceil((angles - np.pi) / (2 * np.pi))
-    return np.where(wrapped <= -np.pi, np.pi, np.minimum(wrapped, np.pi))  # both ends: rounding may overshoot
+    return np.where(wrapped <= -np.pi, np.pi, np.minimum(wrapped, np.pi))  # rounding may overshoot at both ends
+
+
+def rotations_2d(yaws: F64) -> F64:
+    """(N, 2, 2) rotation matrices of the angles `yaws` (N,)."""
+    cos, sin = np.cos(yaws), np.sin(yaws)
+    return np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], 1)
 
 
 def box_corners(centers: F64, sizes: F64, yaws: F64) -> F64:
-    """The eight corners of N boxes, (N, 8, 3) metres in the boxes' frame.
+    """The corners of N boxes, (N, 8, 3) metres in the frame of the boxes.
 
         4 ------ 5        corners 0-3 are the bottom, counter-clockwise from front left seen from above:
        /|       /|        0 (+l, +w), 1 (-l, +w), 2 (-l, -w), 3 (+l, -w); 4-7 are above 0-3.
@@ -31,39 +40,21 @@ def box_corners(centers: F64, sizes: F64, yaws: F64) -> F64:
         sizes: (N, 3) length, width, height.
         yaws: (N,) about +z.
     """
-    signs = (
-        np.array(
-            [
-                [1, 1, -1],
-                [-1, 1, -1],
-                [-1, -1, -1],
-                [1, -1, -1],
-                [1, 1, 1],
-                [-1, 1, 1],
-                [-1, -1, 1],
-                [1, -1, 1],
-            ]
-        )
-        / 2
-    )
-    local = signs * sizes[:, None]
+    local = _CORNERS / 2 * sizes[:, None]
     cos, sin = np.cos(yaws)[:, None], np.sin(yaws)[:, None]
-    turned = np.stack(
-        [local[..., 0] * cos - local[..., 1] * sin, local[..., 0] * sin + local[..., 1] * cos, local[..., 2]],
-        -1,
-    )
-    return np.asarray(turned + centers[:, None], np.float64)
+    x, y, z = np.moveaxis(local, -1, 0)
+    return np.stack([x * cos - y * sin, x * sin + y * cos, z], -1) + centers[:, None]
 
 
 def iou_xyxy(first: Array, second: Array) -> F64:
-    """Overlap (intersection over union) of upright rectangles, each of N with each of M.
+    """Intersection over union of upright rectangles, each of N with each of M.
 
     Args:
         first: (N, 4) left, top, right, bottom.
-        second: (M, 4) likewise.
+        second: (M, 4), in the same form.
 
     Returns:
-        (N, M) in [0, 1]; 0 where a rectangle is empty, inverted or not finite.
+        (N, M) in [0, 1]; 0 if a rectangle is empty, inverted or not finite.
     """
     a, b = np.asarray(first, np.float64)[:, None], np.asarray(second, np.float64)[None]
     with np.errstate(invalid="ignore"):

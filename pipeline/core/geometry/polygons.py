@@ -4,21 +4,20 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pipeline.core.arrays import I64
-from pipeline.core.geometry.transform import F64
+from pipeline.core.arrays import F64, I64
 
 __all__ = ["first_polygon_with"]
 
 
 def first_polygon_with(polygons: Sequence[F64], points: F64) -> I64:
-    """Which polygon holds each point; a point on an edge is inside, the first polygon wins.
+    """The first polygon that contains each point; points on an edge are inside.
 
     Args:
         polygons: Each (K, 2) corners in either direction; may be concave.
         points: (N, 2) in the same plane.
 
     Returns:
-        (N,) row in `polygons`, -1 where none holds the point.
+        (N,) row in `polygons`, -1 if none contains the point.
     """
     rows = np.full(len(points), -1, np.int64)
     for row, polygon in reversed(list(enumerate(polygons))):

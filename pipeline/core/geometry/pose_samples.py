@@ -1,4 +1,4 @@
-"""Where a moving frame was, at the times that are known."""
+"""Sampled poses of a moving frame."""
 
 from dataclasses import dataclass
 
@@ -15,7 +15,7 @@ class PoseSamples:
 
     Attributes:
         frame_id: The frame that moves (the site or vehicle frame).
-        fixed_frame_id: The frame it moves in (`odom`, `map`).
+        fixed_frame_id: The frame in which it moves (`odom`, `map`).
         stamps_ns: (S,) int64, strictly increasing.
         T_fixed_moving: (S, 4, 4) float64, pose of the moving frame at each stamp.
     """
@@ -36,8 +36,8 @@ class PoseSamples:
     def covers(self, earliest_ns: int, latest_ns: int, *, max_extrapolation_s: float, max_gap_s: float) -> bool:
         """Whether the motion is known over a time span.
 
-        It is where the span reaches no further than `max_extrapolation_s` beyond the first and the last pose, and no
-        two poses that it lies between are further apart than `max_gap_s`. One pose tells no motion.
+        It is if the span reaches at most `max_extrapolation_s` beyond the first and the last pose, and the poses around
+        and within it are at most `max_gap_s` apart. A single pose gives no motion.
         """
         if len(self) < 2:
             return False

@@ -1,16 +1,15 @@
-"""Poses between those that are known."""
+"""Interpolation of poses."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pipeline.core.arrays import I64
-from pipeline.core.geometry.transform import F64
+from pipeline.core.arrays import F64, I64
 
 __all__ = ["interpolate_poses"]
 
 
 def interpolate_poses(stamps_ns: I64, poses: F64, wanted_ns: I64) -> F64:
-    """Poses at the wanted times: positions linear, rotations by slerp; beyond the ends the last motion goes on.
+    """Poses at the wanted times: positions linear, rotations by slerp, extrapolated at constant velocity.
 
     Args:
         stamps_ns: (S,) strictly increasing, S >= 2.

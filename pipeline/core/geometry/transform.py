@@ -10,13 +10,13 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from pipeline.core.arrays import F64, Array
+from pipeline.core.arrays import F64, Array, check_array
 from pipeline.core.errors import FrameError
 
-__all__ = ["F64", "Transform", "rotation_fault"]
+__all__ = ["Transform", "rotation_fault"]
 
 ROTATION_TOLERANCE = 1e-3
-"""Largest entry of R R^T - I that still counts as rounding: calibration files often carry three or four digits."""
+"""Largest entry of R R^T - I accepted as rounding: calibration files often carry three or four digits."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -24,8 +24,8 @@ class Transform:
     """A rigid motion from one named frame to another.
 
     Attributes:
-        dst: Frame of the points that come out.
-        src: Frame of the points that go in.
+        dst: Frame of the output points.
+        src: Frame of the input points.
         matrix: (4, 4) float64, homogeneous; read-only.
     """
 
@@ -34,12 +34,10 @@ class Transform:
     matrix: F64
 
     def __post_init__(self) -> None:
-        if self.matrix.shape != (4, 4) or self.matrix.dtype != np.float64:
-            raise ValueError(f"matrix: expected float64[4, 4], got {self.matrix.dtype}{list(self.matrix.shape)}")
-        self.matrix.flags.writeable = False
+        check_array("matrix", self.matrix, (4, 4), np.float64)
 
     def __matmul__(self, other: "Transform") -> "Transform":
-        """Chain two transforms.
+        """T_dst_other_src, the composition of two transforms.
 
         Raises:
             FrameError: the inner frames differ.
@@ -49,7 +47,7 @@ class Transform:
         return Transform(self.dst, other.src, self.matrix @ other.matrix)
 
     def inverse(self) -> "Transform":
-        """The transform back."""
+        """T_src_dst."""
         rotation = self.matrix[:3, :3].T
         matrix = np.eye(4)
         matrix[:3, :3] = rotation
@@ -77,7 +75,7 @@ class Transform:
 
     @classmethod
     def identity(cls, dst: str, src: str) -> "Transform":
-        """Two names for one place."""
+        """The transform between two names of one frame."""
         return cls(dst, src, np.eye(4))
 
     @classmethod
@@ -85,7 +83,7 @@ class Transform:
         """From a translation (3,) in metres and a quaternion x, y, z, w of any positive length.
 
         Raises:
-            FrameError: the quaternion has no length, or a number is not finite.
+            FrameError: the quaternion has zero length, or a number is not finite.
         """
         quaternion, shift = np.asarray(xyzw, np.float64), np.asarray(translation, np.float64)
         norm = float(np.linalg.norm(quaternion))
@@ -101,9 +99,9 @@ class Transform:
 
 
 def rotation_fault(rotation: F64) -> str | None:
-    """What keeps a (3, 3) matrix from being a rotation, in words; None if it is one."""
+    """Why a (3, 3) matrix is not a rotation, for an error message; None if it is one."""
     if not np.isfinite(rotation).all():
-        return "it holds numbers that are not finite"
+        return "it contains numbers that are not finite"
     determinant = float(np.linalg.det(rotation))
     if abs(determinant) < 1e-9:
         return "it is singular (determinant 0)"

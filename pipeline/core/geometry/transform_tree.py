@@ -1,4 +1,4 @@
-"""The tree of transforms over time."""
+"""Static and time-stamped transforms between named frames."""
 
 from bisect import bisect_left, bisect_right
 from collections import deque
@@ -12,13 +12,13 @@ from pipeline.core.geometry.transform import Transform
 __all__ = ["TransformTree"]
 
 MAX_LINKS = 1000
-"""Transforms one after another: a robot has a dozen."""
+"""Longest chain of transforms; a robot has a dozen."""
 
 
 class TransformTree:
-    """Static and time-stamped transforms by frame, as tf keeps them (REP 105: each frame has one parent).
+    """A tf buffer: each frame has one parent (REP 105), by a static or a time-stamped transform.
 
-    Time-stamped edges are kept for `window_ns` only, so that a long recording needs no more memory than a short one.
+    Time-stamped transforms are kept for `window_ns` only, which bounds the memory for a long recording.
     """
 
     def __init__(self, window_ns: int = 30_000_000_000) -> None:
@@ -27,16 +27,16 @@ class TransformTree:
         self._stamped: dict[str, tuple[deque[int], deque[Transform]]] = {}
 
     def add_static(self, transform: Transform) -> None:
-        """Add T_parent_child that holds for all time; a later one replaces an earlier one."""
+        """Add a T_parent_child valid at all times; it replaces an earlier one of the same child."""
         self._static[transform.src] = transform
 
     def add(self, stamp_ns: int, transform: Transform) -> None:
-        """Add T_parent_child at one time. An equal stamp replaces; one older than the window is not kept."""
+        """Add T_parent_child at one time; an equal stamp replaces, one older than the window is dropped."""
         stamps, transforms = self._stamped.setdefault(transform.src, (deque(), deque()))
         if transforms and transforms[-1].dst != transform.dst:
-            if stamp_ns < stamps[-1]:  # a late word of the former parent
+            if stamp_ns < stamps[-1]:  # late, from the former parent
                 return
-            stamps.clear()  # the frame has a new parent: the old motion says nothing now
+            stamps.clear()  # the frame has a new parent: its former motion is void
             transforms.clear()
         at = bisect_left(stamps, stamp_ns)
         if at < len(stamps) and stamps[at] == stamp_ns:
@@ -50,14 +50,9 @@ class TransformTree:
 
     @property
     def frames(self) -> frozenset[str]:
-        """Every frame that is named."""
+        """All known frames."""
         edges = list(self._static.values()) + [transforms[-1] for _, transforms in self._stamped.values()]
         return frozenset(name for edge in edges for name in (edge.dst, edge.src))
-
-    @property
-    def static_edges(self) -> tuple[Transform, ...]:
-        """Static transforms T_parent_child, by child name."""
-        return tuple(self._static[child] for child in sorted(self._static))
 
     def parent(self, frame: str) -> str | None:
         """Parent of a frame; None for a root or an unknown frame."""
@@ -66,18 +61,18 @@ class TransformTree:
         return self._stamped[frame][1][-1].dst if frame in self._stamped else None
 
     def is_static(self, frame: str) -> bool:
-        """Whether the edge from this frame to its parent holds for all time."""
+        """Whether the transform from this frame to its parent is static."""
         return frame in self._static
 
     def root(self, frame: str) -> str:
-        """The end of the chain of parents that starts at `frame`."""
+        """The last ancestor of `frame`; the frame itself if it has no parent."""
         return self.chain(frame)[-1]
 
     def lookup(self, dst: str, src: str, stamp_ns: int | None = None) -> Transform:
-        """T_dst_src at a time, interpolated between recorded transforms; None asks for the newest.
+        """T_dst_src at a time, interpolated between recorded transforms; the newest if `stamp_ns` is None.
 
         Raises:
-            FrameError: no path joins the frames, or a moving edge on it is not known at that time.
+            FrameError: no path joins the frames, or a transform on it is unknown at that time.
         """
         up_src, up_dst = self.chain(src), self.chain(dst)
         common = next((frame for frame in up_src if frame in up_dst), None)

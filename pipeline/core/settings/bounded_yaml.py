@@ -1,4 +1,4 @@
-"""YAML of a bounded size: a few lines of aliases can stand for billions of values."""
+"""YAML files with bounds on size and depth, because a few lines of aliases can stand for billions of values."""
 
 from pathlib import Path
 from typing import Any
@@ -11,23 +11,23 @@ __all__ = ["MAX_YAML_BYTES", "parse_yaml", "read_yaml"]
 
 MAX_YAML_BYTES = 1 << 20
 MAX_YAML_BRACKETS = 30
-"""Brackets in one another; PyYAML looks at all of them again at every word."""
+"""Depth of nested brackets; PyYAML goes through all open ones at every token."""
 MAX_YAML_VALUES = 100_000
-"""Values in a file, each alias counted as what it stands for: a few lines of them can stand for billions."""
+"""Values in a file, each alias counted as what it stands for."""
 
 
 class _Loader(yaml.SafeLoader):
     def fetch_flow_collection_start(self, TokenClass: Any) -> None:
         if self.flow_level == MAX_YAML_BRACKETS:
-            raise yaml.YAMLError(f"more than {MAX_YAML_BRACKETS} brackets in one another")
+            raise yaml.YAMLError(f"more than {MAX_YAML_BRACKETS} nested brackets")
         super().fetch_flow_collection_start(TokenClass)
 
 
 def parse_yaml(text: str | bytes) -> Any:
-    """What `yaml.safe_load` gives, of a file that holds a bounded number of values.
+    """The value that `yaml.safe_load` returns, of a text within the bounds.
 
     Raises:
-        yaml.YAMLError: it is no YAML, too large, or nested too deeply.
+        yaml.YAMLError: the text is not YAML, too large, or nested too deeply.
     """
     if len(text) > MAX_YAML_BYTES:
         raise yaml.YAMLError(f"more than {MAX_YAML_BYTES >> 20} MiB")
@@ -40,14 +40,14 @@ def parse_yaml(text: str | bytes) -> Any:
         return loader.construct_document(node)
     except RecursionError as err:
         raise yaml.YAMLError("nested too deeply") from err
-    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as err:  # of dates and long numbers
-        raise yaml.YAMLError(f"a value that is none: {err}") from err
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as err:  # from dates and long numbers
+        raise yaml.YAMLError(f"not a valid value: {err}") from err
     finally:
         loader.dispose()
 
 
 def _count_values(node: yaml.Node, counts: dict[int, int]) -> int:
-    """Values that a node stands for; those of aliases are counted once and added each time."""
+    """Number of values in a node; an aliased node is counted once and added at each alias."""
     if id(node) in counts:
         if not counts[id(node)]:
             raise yaml.YAMLError("a value that contains itself")
@@ -65,10 +65,10 @@ def _count_values(node: yaml.Node, counts: dict[int, int]) -> int:
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
-    """A YAML file that holds a mapping.
+    """The mapping in a YAML file; empty for an empty file.
 
     Raises:
-        ConfigError: the file cannot be read, is not YAML, or holds something else.
+        ConfigError: the file cannot be read, is not YAML, or is not a mapping.
     """
     try:
         with path.open(encoding="utf-8") as stream:

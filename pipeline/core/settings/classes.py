@@ -1,4 +1,4 @@
-"""What is known of the road users that are looked for."""
+"""Classes of road users, with their sizes."""
 
 from pipeline.core.settings.model import Positive, SettingsModel
 
@@ -6,14 +6,14 @@ __all__ = ["ROAD_CLASSES", "ClassPrior"]
 
 
 class ClassPrior(SettingsModel):
-    """What is known of a class of road users before anything is measured.
+    """A class of road users, and what is known of its size.
 
     Attributes:
         name: Class name in the results.
-        size_m: Typical length, width, height.
-        size_max_m: A measured box larger than this is not of this class.
-        frequency: How common the class is, against the others; decides between classes that fit equally well.
-        labels: Names that 2D detectors use for it (COCO names for instance).
+        size_m: Typical length, width, height, metres.
+        size_max_m: Largest length, width, height; a larger box is not of this class.
+        frequency: How common the class is, relative to the others; decides between classes that fit equally well.
+        labels: Names that 2D detectors use for it, such as COCO names.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""Settings of the combination of clouds."""
+"""Settings for combining clouds."""
 
 from typing import Annotated
 
@@ -13,11 +13,12 @@ class MotionConfig(SettingsModel):
     """Motion compensation of clouds.
 
     Attributes:
-        enabled: Off leaves points where they were measured.
-        topic: nav_msgs/Odometry of the site or vehicle frame; empty: found by its child frame, else by tf.
-        max_extrapolation_s: Points measured longer than this before the first or after the last known pose leave their
-            cloud uncompensated.
-        max_gap_s: Poses further apart than this say nothing of the motion between them.
+        enabled: If off, points stay where they were measured.
+        topic: nav_msgs/Odometry topic of the site or vehicle frame. If empty, it is found by its child frame; without
+            one, tf is used.
+        max_extrapolation_s: A cloud with points measured longer than this before the first or after the last known pose
+            is not compensated.
+        max_gap_s: Between poses further apart than this the motion is unknown, and clouds are not compensated.
     """
 
     enabled: bool = True
@@ -27,12 +28,12 @@ class MotionConfig(SettingsModel):
 
 
 class OutlierConfig(SettingsModel):
-    """Statistical outlier removal by PCL's rule.
+    """Statistical outlier removal, as in PCL.
 
     Attributes:
-        enabled: Off keeps all points.
-        neighbors: Nearest neighbours that the mean distance is taken over, without the point itself.
-        std_ratio: Points further than mean + std_ratio x standard deviation go.
+        enabled: If off, all points are kept.
+        neighbors: Number of nearest neighbours to which the distance is averaged, without the point itself.
+        std_ratio: Points whose average distance exceeds mean + std_ratio x standard deviation of the cloud are removed.
     """
 
     enabled: bool = True
@@ -41,15 +42,15 @@ class OutlierConfig(SettingsModel):
 
 
 class GroundConfig(SettingsModel):
-    """Ground removal by a RANSAC plane that is held to be ground.
+    """Ground removal by a plane found with RANSAC.
 
     Attributes:
-        enabled: Off keeps the ground.
-        distance_m: Points nearer to the plane than this belong to it.
+        enabled: If off, ground points are kept.
+        distance_m: Points at most this far from the plane are ground.
         max_tilt_deg: Largest angle between the plane's normal and the site's z axis.
-        height_tolerance_m: Largest distance, at the site's origin, from the rig's ground height where that is known.
-        iterations: Planes that are tried.
-        seed: Of the random choice.
+        height_tolerance_m: Largest distance, at the site's origin, from the rig's ground height if that is known.
+        iterations: Number of planes tried.
+        seed: Seed of the random choice of planes.
     """
 
     enabled: bool = True
@@ -61,11 +62,11 @@ class GroundConfig(SettingsModel):
 
 
 class CombineConfig(SettingsModel):
-    """How clouds become one.
+    """Combining the clouds of all lidars.
 
     Attributes:
-        min_range_m: Points nearer to their lidar go (the rig itself).
-        max_range_m: Points further from their lidar go.
+        min_range_m: Points nearer to their lidar are removed; excludes the rig itself.
+        max_range_m: Points further from their lidar are removed.
         motion: Motion compensation.
         outliers: Outlier removal.
         ground: Ground removal.

@@ -1,7 +1,7 @@
-"""All settings: one model per stage, defaults in code, units in names.
+"""All settings, one model per stage, with defaults.
 
-A YAML file overrides single values; a key that no model knows is an error, never ignored. `config/default.yaml` is a
-printed copy of the defaults. Parameters only: how stages are wired is said in `lidcam/build.py`.
+A YAML file overrides single values; an unknown key is an error. `config/default.yaml` is a printed copy of the
+defaults. The wiring of the stages is not a setting: see `lidcam/build.py`.
 """
 
 from typing import Annotated
@@ -24,7 +24,7 @@ class Config(SettingsModel):
     """All settings of one run.
 
     Attributes:
-        classes: What is looked for; the row of a class is its class id.
+        classes: Classes to detect; the position of a class is its class id.
     """
 
     topics: TopicsConfig = TopicsConfig()
@@ -55,5 +55,5 @@ class Config(SettingsModel):
 
     @property
     def class_id_of_label(self) -> dict[str, int]:
-        """Class id by each name that a 2D detector may use, the class's own name included."""
+        """Class id by label of a 2D detector, which may also be the class's own name."""
         return {label: class_id for class_id, prior in enumerate(self.classes) for label in (prior.name, *prior.labels)}

@@ -1,4 +1,4 @@
-"""Settings of the detection in clouds and in images."""
+"""Settings of detection in clouds and in images."""
 
 from pathlib import Path
 from typing import Annotated, Literal
@@ -7,31 +7,28 @@ from pydantic import Field
 
 from pipeline.core.settings.model import Count, NotNegative, Positive, SettingsModel, Share
 
-__all__ = ["Detect2DConfig", "Detect3DConfig"]
+__all__ = ["ClusterConfig", "Detect2DConfig", "Detect3DConfig"]
 
 
-class Detect3DConfig(SettingsModel):
-    """Detection in the cloud.
+class ClusterConfig(SettingsModel):
+    """Detection by clustering of points.
 
     Attributes:
-        method: `cluster` needs no weights; `none` finds nothing.
-        cluster_distance_m: Points this near belong together, close to a lidar.
-        cluster_distance_per_m: Growth of that distance per metre of range (points thin out).
-        height_weight: What a metre of height counts against a metre along the ground, when distances are taken.
+        distance_m: Points nearer to each other than this belong together, close to a lidar.
+        distance_per_m: Growth of that distance per metre of range, because points thin out.
+        height_weight: Weight of a vertical metre in these distances; a horizontal metre counts 1.
         split_shares: Clusters that fit no class well are clustered again with these shares of the distance.
-        clearance_m: Points lower than this above the ground are not looked at: kerbs and remains of the ground would
-            join objects.
+        clearance_m: Points lower than this above the ground are ignored: kerbs and remains of the ground would join
+            objects.
         min_points: A cluster of fewer points is noise.
-        min_height_m: A cluster lower than this above the ground is a kerb or noise.
-        max_bottom_m: A cluster that hovers higher than this above the ground hangs there.
-        points_per_sr: Beams of one lidar per steradian: 1 / (vertical x horizontal resolution in radians); what an
-            object in full view returns is judged by it.
-        min_score: Boxes with a lower score go.
+        min_height_m: A cluster whose top is lower than this above the ground is a kerb or noise.
+        max_bottom_m: A cluster whose lowest point is higher than this above the ground hangs there.
+        points_per_sr: Beams of one lidar per steradian: 1 / (vertical x horizontal resolution in radians). Gives the
+            number of points to expect from an object in full view, which its score depends on.
     """
 
-    method: Literal["cluster", "none"] = "cluster"
-    cluster_distance_m: Positive = 0.4
-    cluster_distance_per_m: NotNegative = 0.01
+    distance_m: Positive = 0.4
+    distance_per_m: NotNegative = 0.01
     height_weight: Positive = 0.5
     split_shares: tuple[Annotated[float, Field(gt=0, lt=1)], ...] = (0.7,)
     clearance_m: NotNegative = 0.3
@@ -39,19 +36,33 @@ class Detect3DConfig(SettingsModel):
     min_height_m: NotNegative = 0.5
     max_bottom_m: Positive = 1.0
     points_per_sr: Positive = 45_000.0
+
+
+class Detect3DConfig(SettingsModel):
+    """Detection in the combined cloud.
+
+    Attributes:
+        method: `cluster` needs no weights; `none` finds nothing.
+        min_score: Boxes with a lower score are removed.
+        cluster: Settings of the method `cluster`.
+    """
+
+    method: Literal["cluster", "none"] = "cluster"
     min_score: Share = 0.07
+    cluster: ClusterConfig = ClusterConfig()
 
 
 class Detect2DConfig(SettingsModel):
     """Detection in images.
 
     Attributes:
-        method: `auto`: the model if one is given, else boxes in the recording if there are any, else none.
-        model: ONNX file (YOLOX layout); a path relative to the working folder.
-        min_score: Boxes with a lower score go.
-        nms_iou: Of two boxes of one class that overlap more than this the lower score goes.
-        threads: Threads inside the network; fixed, so that results do not depend on the machine. One is cheapest: the
-            other cores have the other stages to run.
+        method: `onnx` runs a network, `recorded` takes 2D boxes from the recording, `none` finds nothing. `auto` is
+            `onnx` if a model is given, else `recorded` if there are boxes, else `none`.
+        model: ONNX file (YOLOX layout), relative to the working folder.
+        min_score: Boxes with a lower score are removed.
+        nms_iou: Of two boxes of one class whose IoU exceeds this, the one with the lower score is removed.
+        threads: Threads that run the network; fixed, so that results do not depend on the machine. One is most
+            efficient, because the other stages use the other cores.
     """
 
     method: Literal["auto", "onnx", "recorded", "none"] = "auto"

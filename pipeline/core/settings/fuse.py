@@ -6,12 +6,12 @@ __all__ = ["AssociateConfig", "FuseConfig"]
 
 
 class AssociateConfig(SettingsModel):
-    """Which 3D box is which 2D box.
+    """Matching of 3D boxes with 2D boxes.
 
     Attributes:
-        min_iou: Least overlap of the projected 3D box with the 2D box.
-        class_penalty: Taken from the overlap where the classes differ, before the best assignment is sought; a pair
-            that is worth nothing then is never formed, so with 1 classes must agree.
+        min_iou: Smallest IoU of a projected 3D box and a 2D box that may match.
+        class_penalty: Subtracted from the IoU if the classes differ, before the best assignment is computed. Pairs at
+            or below 0 never match, so at 1 the classes must agree.
     """
 
     min_iou: Share = 0.3
@@ -19,10 +19,10 @@ class AssociateConfig(SettingsModel):
 
 
 class FuseConfig(SettingsModel):
-    """What becomes of matched and unmatched objects.
+    """Fusion of matched boxes.
 
     Attributes:
-        min_score: Objects with a lower score are not reported.
+        min_score: Objects with a lower fused score are not reported.
     """
 
     min_score: Share = 0.0

@@ -1,4 +1,4 @@
-"""Settings from files and single values, and back to text."""
+"""Settings read from YAML and from single values, and written back to YAML."""
 
 from pathlib import Path
 from typing import Any, get_args
@@ -14,14 +14,12 @@ __all__ = ["describe_validation", "dump_config", "load_config", "set_values"]
 
 
 def load_config(path: Path | None = None, overrides: tuple[str, ...] = ()) -> Config:
-    """Defaults, then a YAML file, then single values `a.b=value` (the value is YAML).
+    """The defaults, overridden by a YAML file, then by single values `a.b=value` (the value is YAML).
 
     Raises:
-        ConfigError: the file cannot be read, a key is unknown, or a value does not fit.
+        ConfigError: the file cannot be read, a key is unknown, or a value is invalid.
     """
-    tree: dict[str, Any] = {}
-    if path is not None:
-        tree = read_yaml(path)
+    tree = {} if path is None else read_yaml(path)
     set_values(tree, overrides)
     try:
         return Config.model_validate(tree)
@@ -30,10 +28,10 @@ def load_config(path: Path | None = None, overrides: tuple[str, ...] = ()) -> Co
 
 
 def set_values(tree: dict[str, Any], overrides: tuple[str, ...]) -> None:
-    """Put single values `a.b=value` (the value is YAML) into a tree of settings.
+    """Write single values `a.b=value` (the value is YAML) into a tree of settings.
 
     Raises:
-        ConfigError: one is not of this form, or leads through a value.
+        ConfigError: one is not of this form, or its key goes through a value that is not a section.
     """
     for override in overrides:
         key, separator, text = override.partition("=")
@@ -54,31 +52,29 @@ def set_values(tree: dict[str, Any], overrides: tuple[str, ...]) -> None:
 
 
 def dump_config(config: Config) -> str:
-    """All settings as YAML that `load_config` reads back; `config/default.yaml` is `dump_config(Config())`."""
+    """All settings as YAML, for `load_config`; `config/default.yaml` is `dump_config(Config())`."""
     text: str = yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False, default_flow_style=None, width=100)
     return text
 
 
 def describe_validation(model: type[BaseModel], err: ValidationError) -> str:
-    """The first fault of a validation in one line, with the keys that would have been right."""
+    """The first error of a validation in one line; for an unknown key, with the known ones."""
     fault = err.errors()[0]
     key = ".".join(str(part) for part in fault["loc"])
     more = f" (and {err.error_count() - 1} more)" if err.error_count() > 1 else ""
     if fault["type"] == "extra_forbidden":
         return f"unknown key {key!r}{more}; known here: {', '.join(_known_keys(model, fault['loc']))}"
-    if fault["type"] == "value_error" and not key:  # of several keys together: the message names them
+    if fault["type"] == "value_error" and not key:  # a check across keys: its message names them
         return f"{fault['ctx']['error']}{more}"
     found = repr(fault.get("input"))
     return f"{key}: {fault['msg']}, found {found if len(found) <= 200 else found[:200] + '...'}{more}"
 
 
 def _known_keys(model: type[BaseModel], location: tuple[int | str, ...]) -> list[str]:
-    """Keys of the section that holds the last part of `location`."""
+    """Keys of the section that contains the last part of `location`."""
     for part in location[:-1]:
-        if isinstance(part, str) and part in model.model_fields:
-            nested = _model_in(model.model_fields[part].annotation)
-            if nested is not None:
-                model = nested
+        if field := model.model_fields.get(str(part)):
+            model = _model_in(field.annotation) or model
     return list(model.model_fields)
 
 

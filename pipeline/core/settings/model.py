@@ -1,4 +1,4 @@
-"""What every section of the settings is built from."""
+"""Base class and number types of the settings."""
 
 from typing import Annotated
 
@@ -13,6 +13,6 @@ Count = Annotated[int, Field(ge=1)]
 
 
 class SettingsModel(BaseModel):
-    """A section: immutable, without unknown keys, every number finite."""
+    """A section of the settings: immutable, rejects unknown keys and numbers that are not finite."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)

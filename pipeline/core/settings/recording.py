@@ -1,4 +1,4 @@
-"""Settings of what is read: topics, rig, packets of Velodynes, and how much a recording may ask for."""
+"""Settings of reading: topics, rig, Velodyne packets, and limits against hostile recordings."""
 
 from typing import Literal
 
@@ -8,16 +8,20 @@ from pipeline.core.settings.model import Count, Positive, SettingsModel
 
 __all__ = ["DEFAULT_LIMITS", "LimitsConfig", "RigConfig", "TopicsConfig", "VelodyneConfig", "VelodyneLidarConfig"]
 
+VelodyneModelName = Literal[
+    "auto", "VLP-16", "Puck Hi-Res", "HDL-32E", "HDL-64E S2", "HDL-64E S3", "VLP-32A", "VLP-32B", "VLP-32C", "VLS-128"
+]
+
 
 class TopicsConfig(SettingsModel):
-    """Which topics take part; empty means all that fit.
+    """Topics to use; empty means all of a suitable type.
 
     Attributes:
-        lidars: Topics of clouds.
-        cameras: Topics of images.
-        exclude: Topics that are not used, by name or shell pattern.
-        last_resort: Topics, by name or shell pattern, that were made of others: used only where nothing else of their
-            kind was recorded. Parts of combined messages go before them, and after all that was recorded by itself.
+        lidars: Topics with clouds.
+        cameras: Topics with images.
+        exclude: Topics to ignore, by name or shell pattern.
+        last_resort: Topics, by name or shell pattern, derived from other topics: used only if no other topic of their
+            kind was recorded. Parts of combined messages come before them, and after topics recorded on their own.
     """
 
     lidars: tuple[str, ...] = ()
@@ -27,66 +31,55 @@ class TopicsConfig(SettingsModel):
 
 
 class RigConfig(SettingsModel):
-    """What is assumed of the rig.
+    """Assumptions about the rig.
 
     Attributes:
-        site_frame: Frame that clouds are combined and objects reported in; empty: the rig file's, else `base_link` if
-            the lidars are fixed to it, else the frame that they are all fixed to.
+        site_frame: Frame in which clouds are combined and objects reported. If empty: the one in the rig file, else
+            `base_link` if the lidars are fixed to it, else the frame that all lidars are fixed to.
     """
 
     site_frame: str = ""
 
 
 class VelodyneLidarConfig(SettingsModel):
-    """What the packets of a Velodyne do not say of themselves.
+    """Properties of a Velodyne lidar that its packets do not contain.
 
     Attributes:
-        model: `auto` takes what the packets say; VLP-32A and B are alike there, and an HDL-64E says nothing.
-        calibration: YAML file of ROS's velodyne driver; empty: the manual's table. An HDL-64E needs one.
+        model: `auto` reads it from the packets, which do not tell a VLP-32A from a VLP-32B, nor name an HDL-64E.
+        calibration: YAML file of ROS's velodyne driver; if empty, the table in the manual. Required for an HDL-64E.
     """
 
-    model: Literal[
-        "auto",
-        "VLP-16",
-        "Puck Hi-Res",
-        "HDL-32E",
-        "HDL-64E S2",
-        "HDL-64E S3",
-        "VLP-32A",
-        "VLP-32B",
-        "VLP-32C",
-        "VLS-128",
-    ] = "auto"
+    model: VelodyneModelName = "auto"
     calibration: str = ""
 
 
 class VelodyneConfig(VelodyneLidarConfig):
-    """Raw packets of Velodyne lidars (velodyne_msgs): the settings for all, and for single ones.
+    """Raw packets of Velodyne lidars (velodyne_msgs).
 
     Attributes:
-        topics: The same two settings by topic, instead of those above.
+        topics: Model and calibration by topic, instead of the ones for all lidars.
     """
 
     topics: dict[str, VelodyneLidarConfig] = Field(default_factory=dict)
 
 
 class LimitsConfig(SettingsModel):
-    """How much a recording may ask for: no sound one comes near, and a hostile one cannot fill the memory or the disk.
+    """Limits that keep a hostile recording from filling memory or disk; valid recordings stay far below them.
 
-    What goes beyond a limit is treated as damage, and the message names the setting to raise.
+    Anything beyond a limit is treated as damage, and the message names the setting to raise.
 
     Attributes:
-        max_unpacked_file_gib: What a compressed file, or all chunks of a damaged one, may unpack to; twenty times
-            the size of the file where that is more.
-        max_chunk_mib: What a compressed chunk may unpack to.
-        max_message_mib: Largest message, unpacked.
+        max_unpacked_file_gib: Unpacked size of a compressed file, or of all chunks of a damaged one; at least twenty
+            times the size of the file is allowed.
+        max_chunk_mib: Unpacked size of a compressed chunk.
+        max_message_mib: Unpacked size of a message.
         max_messages_per_chunk: Records in one chunk.
-        max_messages_in_memory: Messages of one file whose place is held in memory at once: of chunks that overlap in
-            time, and of a damaged file.
+        max_messages_in_memory: Messages of one file whose positions are in memory at once, for chunks that overlap in
+            time and for a damaged file.
         max_topics: Topics of one recording.
         max_points: Points in one cloud.
         max_image_mpx: Millions of pixels in one image.
-        max_losses_listed: Damaged places of one file that are listed one by one; the rest is added up.
+        max_losses_listed: Damaged places of one file that are listed singly; the rest are summed up.
     """
 
     max_unpacked_file_gib: Positive = 16.0
@@ -110,7 +103,7 @@ class LimitsConfig(SettingsModel):
         return self.max_message_mib << 20
 
     def max_unpacked_bytes(self, file_bytes: int) -> int:
-        """What a file of `file_bytes` may unpack to, in bytes."""
+        """Largest unpacked size of a file of `file_bytes`, in bytes."""
         return max(round(self.max_unpacked_file_gib * 2**30), 20 * file_bytes)
 
 

@@ -1,4 +1,4 @@
-"""Settings of what is written, and of how the work is done."""
+"""Settings of the output and of the run."""
 
 from typing import Literal
 
@@ -8,12 +8,12 @@ __all__ = ["OutputConfig", "RunConfig"]
 
 
 class OutputConfig(SettingsModel):
-    """What is written.
+    """The output file.
 
     Attributes:
-        images: Whether images are copied to the output.
-        clouds: Whether the combined cloud is written.
-        compression: Of the MCAP's chunks.
+        images: Whether to copy the images to the output.
+        clouds: Whether to write the combined cloud.
+        compression: Compression of the MCAP chunks.
     """
 
     images: bool = True
@@ -22,11 +22,11 @@ class OutputConfig(SettingsModel):
 
 
 class RunConfig(SettingsModel):
-    """How the work is done; none of it changes the result.
+    """Use of the machine; does not change the result.
 
     Attributes:
-        workers: 1 runs stage after stage; with more, stages run on threads of their own, and more frames overlap.
-        window: Frames in work at once; None: two more than workers.
+        workers: With 1, stages run one after another. With more, each stage has its own threads and frames overlap.
+        window: Largest number of frames in work at once; null is two more than `workers`.
     """
 
     workers: Count = 2

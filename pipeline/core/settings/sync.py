@@ -1,4 +1,4 @@
-"""Settings of the synchronisation."""
+"""Settings of synchronisation."""
 
 from typing import Literal
 
@@ -8,15 +8,17 @@ __all__ = ["SyncConfig"]
 
 
 class SyncConfig(SettingsModel):
-    """How messages of one moment are found.
+    """Finding the messages of one moment.
 
     Attributes:
-        policy: `approximate_time` (message_filters in C++), `approximate_time_python` (the original's) or `nearest`.
-        reference: Topic whose stamp a frame takes; empty: the first lidar's.
+        policy: `approximate_time` (message_filters in C++), `approximate_time_python` (message_filters in Python, as in
+            the predecessor system) or `nearest` (nearest to each message of the reference topic).
+        reference: Topic whose stamps the frames take; if empty, the first lidar's.
         queue_size: Messages kept per topic.
-        slop_s: Largest spread of the stamps of a set (python policy: exclusive; nearest: distance to the reference).
-        max_interval_s: Largest spread under `approximate_time`; None for no bound, as in ROS.
-        age_penalty: How much better a newer set must be under `approximate_time`.
+        slop_s: Under `approximate_time_python`, the stamps of a frame spread by less than this; under `nearest`, they
+            are at most this far from the reference. `approximate_time` does not use it.
+        max_interval_s: Largest spread of the stamps of a frame under `approximate_time`; null for no limit, as in ROS.
+        age_penalty: Under `approximate_time`, a later set must be better by this share of its delay.
     """
 
     policy: Literal["approximate_time", "approximate_time_python", "nearest"] = "approximate_time"

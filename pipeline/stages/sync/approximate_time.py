@@ -2,7 +2,7 @@
 
 Source: http://wiki.ros.org/message_filters/ApproximateTime and ros_comm,
 message_filters/sync_policies/approximate_time.h. Each message is used at most once and sets never cross. Given the
-order within each topic the sets do not depend on how the topics interleave, unless a queue overflows.
+order within each topic, the sets do not depend on the interleaving of topics unless a queue overflows.
 """
 
 import math
@@ -20,12 +20,12 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class _Candidate:
-    """The best set found so far. Its messages are the first of each queue.
+    """The best set found so far; its messages are the first of each queue.
 
     Attributes:
         start_ns: Smallest stamp of the set.
         end_ns: Largest stamp of the set.
-        pivot: Topic whose first message is in every set of this search: the latest when the search began.
+        pivot: Topic whose first message is in every set of this search; it was the latest when the search began.
         pivot_ns: Stamp of that message.
     """
 
@@ -36,17 +36,17 @@ class _Candidate:
 
 
 class ApproximateTime(Generic[T]):
-    """Sets of smallest spread, emitted as soon as no later message can make a better one.
+    """Sets of smallest spread, emitted as soon as no later message can form a better one.
 
-    Queues hold the messages that are still free. During a search, a cursor in each queue separates the messages that
-    were looked at from those ahead; moving the earliest cursor one on gives the next set to compare.
+    Queues hold unused messages. During a search, a cursor in each queue separates the messages already compared from
+    those ahead; advancing the cursor at the earliest message gives the next set to compare.
 
     Args:
         topic_count: Number of topics, at least one.
-        queue_size: Messages held per topic; the oldest goes when one more arrives.
+        queue_size: Messages held per topic; if exceeded, the oldest is dropped.
         age_penalty: A later set must be better than the candidate by this share of its delay (ROS: 0.1).
         max_interval_ns: Largest spread of a set, inclusive; None for no bound.
-        on_drop: Told of each message that is in no set.
+        on_drop: Called for each message that is in no set.
     """
 
     def __init__(
@@ -68,7 +68,7 @@ class ApproximateTime(Generic[T]):
         self._on_drop = on_drop
 
     def add(self, topic: int, stamp_ns: int, item: T) -> Sequence[tuple[T, ...]]:
-        """Take the next message of a topic; the sets that are certain now."""
+        """Add the next message of a topic, and return the sets now certain."""
         queue = self._queues[topic]
         search_waited_for_it = self._cursors[topic] == len(queue)
         queue.append((stamp_ns, item))
@@ -78,10 +78,10 @@ class ApproximateTime(Generic[T]):
         return sets
 
     def flush(self) -> Sequence[tuple[T, ...]]:
-        """The sets that become certain because nothing follows.
+        """The sets that become certain because no more messages follow.
 
-        A search pauses where one topic has no message ahead. If none will come, its candidate is the best set. The
-        live program in ROS never learns that and does not emit them.
+        A search pauses when a topic has no message ahead. If none will come, its candidate is the best set. The live
+        program in ROS cannot know that and does not emit these sets.
         """
         sets = []
         while self._candidate is not None:
@@ -90,20 +90,20 @@ class ApproximateTime(Generic[T]):
         return sets
 
     def close(self) -> None:
-        """Report everything still held as dropped."""
+        """Report all messages still held as dropped."""
         self._candidate = None
         for topic, queue in enumerate(self._queues):
             self._drop_first(topic, len(queue), DropReason.END)
 
     def _search(self) -> list[tuple[T, ...]]:
-        """Compare sets until a topic has no message ahead; the sets found to be best on the way."""
+        """Compare sets until a topic has no message ahead, and return those found to be best."""
         sets: list[tuple[T, ...]] = []
         while not self._some_topic_has_none_ahead():
             heads_ns = [queue[cursor][0] for queue, cursor in zip(self._queues, self._cursors, strict=True)]
             start_ns, end_ns = min(heads_ns), max(heads_ns)
             first = heads_ns.index(start_ns)
             last = len(heads_ns) - 1 - heads_ns[::-1].index(end_ns)
-            # No message lost earlier could stand nearer to `last` than the heads that are here.
+            # No message lost earlier could be nearer to `last` than the present heads.
             self._overflowed = [lost and topic == last for topic, lost in enumerate(self._overflowed)]
 
             if self._candidate is None:
@@ -130,7 +130,7 @@ class ApproximateTime(Generic[T]):
         return self._some_topic_has_none_ahead() and self._is_best_whatever_follows(candidate)
 
     def _is_best_whatever_follows(self, candidate: _Candidate) -> bool:
-        """Go on searching as if each topic that has none ahead got a message at once, the best that can come."""
+        """Search on as if each topic with none ahead received the best possible message at once."""
         cursors = list(self._cursors)
         while True:
             heads_ns = [
@@ -147,19 +147,19 @@ class ApproximateTime(Generic[T]):
             cursors[heads_ns.index(start_ns)] += 1
 
     def _weighted_delay_ns(self, candidate: _Candidate, end_ns: int) -> int:
-        """How much later than the candidate a set ends, with the age penalty, in whole nanoseconds as ROS counts."""
+        """How much later than the candidate a set ends, with the age penalty, in whole nanoseconds as in ROS."""
         return math.floor((end_ns - candidate.end_ns) * self._delay_weight + 0.5)
 
     def _some_topic_has_none_ahead(self) -> bool:
         return any(len(queue) == cursor for queue, cursor in zip(self._queues, self._cursors, strict=True))
 
     def _take_candidate(self) -> tuple[T, ...]:
-        """Remove the candidate's messages; those looked at after them are free for the next search."""
+        """Remove the candidate's messages; those compared after them are free for the next search."""
         self._abandon_search()
         return tuple(queue.popleft()[1] for queue in self._queues)
 
     def _make_room(self, topic: int) -> list[tuple[T, ...]]:
-        """Drop the oldest message of a topic; it may have been the candidate's, so a running search starts again."""
+        """Drop the oldest message of a topic, and restart a running search, as it may have been the candidate's."""
         search_was_running = self._candidate is not None
         self._abandon_search()
         self._drop_first(topic, 1, DropReason.QUEUE_FULL)
@@ -171,7 +171,7 @@ class ApproximateTime(Generic[T]):
         self._cursors = [0] * len(self._queues)
 
     def _forget_passed(self) -> None:
-        """Drop what lies before the cursors: the set at the cursors is better than any with these messages."""
+        """Drop the messages before the cursors: the set at the cursors is better than any with them."""
         for topic, cursor in enumerate(self._cursors):
             self._drop_first(topic, cursor, DropReason.LEFT_OUT)
         self._cursors = [0] * len(self._queues)

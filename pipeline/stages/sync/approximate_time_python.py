@@ -1,8 +1,8 @@
-"""The rules of message_filters' Python ApproximateTimeSynchronizer, with a search that cannot explode.
+"""The rules of message_filters' Python ApproximateTimeSynchronizer, with a search in polynomial time.
 
 Source: ros_comm, message_filters/__init__.py. Greedy and dependent on the order of arrival: the first set that fits the
-newest message is emitted at once, so sets may come out of time order. The genuine program tries combinations one by
-one, exponentially many in the number of topics; here the same combination is found without trying the hopeless ones.
+newest message is emitted at once, so sets may come out of time order. ROS tries combinations one by one, exponentially
+many in the number of topics; here the same combination is found without trying those that cannot fit.
 """
 
 from collections.abc import Sequence
@@ -16,13 +16,13 @@ T = TypeVar("T")
 
 
 class ApproximateTimePython(Generic[T]):
-    """At most one set per arrival: the first in product order, nearest messages first, with a spread below slop.
+    """At most one set per message: the first in product order, nearest messages first, with a spread below slop.
 
     Args:
         topic_count: Number of topics, at least one.
-        queue_size: Messages held per topic; the one with the smallest stamp goes, even if it is the newest arrival.
-        slop_ns: Spread that a set must stay below; 0 lets no set form.
-        on_drop: Told of each message that is in no set.
+        queue_size: Messages held per topic; if exceeded, the one with the smallest stamp is dropped, even the newest.
+        slop_ns: Exclusive limit of the spread of a set; with 0 there are no sets.
+        on_drop: Called for each message that is in no set.
     """
 
     def __init__(self, topic_count: int, *, queue_size: int, slop_ns: int, on_drop: OnItemDrop[T]) -> None:
@@ -32,7 +32,7 @@ class ApproximateTimePython(Generic[T]):
         self._on_drop = on_drop
 
     def add(self, topic: int, stamp_ns: int, item: T) -> Sequence[tuple[T, ...]]:
-        """Take a message; the set that it completes, if any.
+        """Add a message, and return the set that it completes, if any.
 
         An equal stamp replaces the queued message and keeps its place among ties.
         """
@@ -58,16 +58,16 @@ class ApproximateTimePython(Generic[T]):
         return []
 
     def close(self) -> None:
-        """Report everything still held as dropped."""
+        """Report all messages still held as dropped."""
         for queue in self._queues:
             for item in queue.values():
                 self._on_drop(item, DropReason.END)
             queue.clear()
 
     def _candidates(self, topic: int, stamp_ns: int) -> list[list[int]]:
-        """Stamps of each other topic within slop of the newcomer, nearest first, ties in order of insertion.
+        """Stamps of each other topic within slop of the newest message, nearest first, ties in order of insertion.
 
-        Stops at the first topic that has none: its list is empty then, and the last.
+        Stops at the first topic that has none; its empty list is then the last.
         """
         candidates = []
         for other, queue in enumerate(self._queues):
@@ -84,15 +84,15 @@ class ApproximateTimePython(Generic[T]):
 def first_combination(newcomer_ns: int, candidates: Sequence[Sequence[int]], slop_ns: int) -> list[int] | None:
     """The first of `itertools.product(*candidates)` that spreads less than slop together with the newcomer.
 
-    A combination fits if a window [start, start + slop) holds all its stamps, so a stamp s allows the starts in
-    (s - slop, s]. For each topic and all after it, the starts that leave each of them at least one stamp are known
-    before the choice begins. Then the first stamp whose starts meet those of the later topics is the right one, and
-    no choice is ever taken back: O(topics x (topics + queue size)) steps.
+    A combination fits if a window [start, start + slop) contains all its stamps, so a stamp s allows the starts in
+    (s - slop, s]. First, the starts that leave at least one stamp to each of the topics from here on are computed, for
+    each topic. Then the first stamp whose starts overlap those of the later topics is the right one, and no choice is
+    ever revised: O(topics x (topics + queue size)) steps.
 
     Args:
-        newcomer_ns: Stamp that every combination includes.
+        newcomer_ns: Stamp of the newest message, part of every combination.
         candidates: Stamps of each other topic, all within slop of the newcomer, in order of preference.
-        slop_ns: Exclusive bound of the spread.
+        slop_ns: Exclusive limit of the spread.
     """
     if not all(candidates):
         return None
@@ -122,10 +122,10 @@ def first_combination(newcomer_ns: int, candidates: Sequence[Sequence[int]], slo
 def _starts_that_reach(
     stamps_ns: Sequence[int], newcomer_ns: int, slop_ns: int, starts: list[tuple[int, int]]
 ) -> list[tuple[int, int]]:
-    """The part of `starts` (closed intervals) whose windows hold at least one of the stamps.
+    """The part of `starts` (closed intervals) whose windows contain at least one of the stamps.
 
-    Every window holds the newcomer, so it misses the topic only if it starts after the last stamp before the newcomer
-    and ends before the first one after it.
+    Every window contains the newcomer, so it misses the topic only if it starts after the last stamp before the
+    newcomer and ends before the first one after it.
     """
     before_ns = max((s for s in stamps_ns if s <= newcomer_ns), default=newcomer_ns - slop_ns)
     after_ns = min((s for s in stamps_ns if s >= newcomer_ns), default=newcomer_ns + slop_ns)

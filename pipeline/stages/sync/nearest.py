@@ -1,7 +1,7 @@
 """The nearest message of every topic to each message of a reference topic, one to one.
 
-A message is never used twice, sets never cross, and the result does not depend on how the topics interleave, unless a
-queue overflows. Who gets a message that two reference messages want is decided by distance, not by arrival.
+A message is never used twice, sets never cross, and the result does not depend on the interleaving of topics unless a
+queue overflows. A message nearest to two reference messages goes to the nearer one, whichever arrived first.
 """
 
 from bisect import insort
@@ -19,16 +19,16 @@ class Nearest(Generic[T]):
     """One set per reference message that has a message of every other topic within slop.
 
     Reference messages are settled in order of their stamps, each once the following one is known and every other topic
-    has reached it, or a queue is full. Each takes, per topic, the nearest message after those taken before; ties go to
-    the earlier stamp, then to the earlier arrival. A message that is the following reference message's nearest, and
-    nearer to that one, is left to it.
+    has reached that one, or a queue is full. Each takes, per topic, the nearest message after those already taken;
+    ties go to the earlier stamp, then to the earlier arrival. A message that is nearest to the following reference
+    message, and nearer to that one, is left to it.
 
     Args:
-        topics: Topic names, for the reasons.
+        topics: Topic names, for the drop reasons.
         reference: Index of the reference topic.
         queue_size: Messages held per topic.
         slop_ns: Largest distance to the reference message, inclusive.
-        on_drop: Told of each message that is in no set.
+        on_drop: Called for each message that is in no set.
     """
 
     def __init__(
@@ -45,7 +45,7 @@ class Nearest(Generic[T]):
         self._on_drop = on_drop
 
     def add(self, topic: int, stamp_ns: int, item: T) -> Sequence[tuple[T, ...]]:
-        """Take a message; the sets that are certain now."""
+        """Add a message, and return the sets now certain."""
         settled_ns = self._settled_ns[topic]
         if settled_ns is not None and stamp_ns < settled_ns:
             self._on_drop(item, DropReason.TOO_LATE)
@@ -61,19 +61,19 @@ class Nearest(Generic[T]):
         return sets
 
     def flush(self) -> Sequence[tuple[T, ...]]:
-        """The sets of the reference messages that were waiting for others to come."""
+        """The sets of the reference messages that were still waiting."""
         sets: list[tuple[T, ...]] = []
         while self._queues[self._reference]:
             sets += self._settle_next()
         return sets
 
     def close(self) -> None:
-        """Report everything still held as dropped."""
+        """Report all messages still held as dropped."""
         for topic, queue in enumerate(self._queues):
             self._drop_first(topic, len(queue), DropReason.END)
 
     def _next_is_certain(self) -> bool:
-        """Whether the first two reference messages are known with all that could be near the first."""
+        """Whether the first two reference messages and all messages that could be near the first are known."""
         references = self._queues[self._reference]
         if len(references) < 2:
             return False
@@ -82,7 +82,7 @@ class Nearest(Generic[T]):
         return all(stamp_ns is not None and stamp_ns >= following_ns for stamp_ns in newest_ns)
 
     def _settle_next(self) -> list[tuple[T, ...]]:
-        """Take the first reference message out, with its partners if it has all of them."""
+        """Remove the first reference message; its set, if it has a partner on every other topic."""
         stamp_ns, item = self._queues[self._reference].pop(0)
         self._settled_ns[self._reference] = stamp_ns
         partners: dict[int, int] = {}
@@ -101,7 +101,7 @@ class Nearest(Generic[T]):
         return [tuple(items[topic] for topic in range(len(self._topics)))]
 
     def _partner(self, topic: int, stamp_ns: int) -> int | None:
-        """Row in the topic's queue that the reference message at `stamp_ns` takes; None if it finds nothing."""
+        """Row in the topic's queue that the reference message at `stamp_ns` takes; None if there is none."""
         queue = self._queues[topic]
         rows = range(len(queue))
         references = self._queues[self._reference]
@@ -117,7 +117,7 @@ class Nearest(Generic[T]):
         return nearest
 
     def _make_room(self, topic: int) -> list[tuple[T, ...]]:
-        """Settle a reference message on what is known so far; without one, drop the topic's oldest message."""
+        """Settle a reference message with the messages known so far; without one, drop the topic's oldest message."""
         references = self._queues[self._reference]
         if not references:
             self._drop_first(topic, 1, DropReason.QUEUE_FULL)
@@ -128,7 +128,7 @@ class Nearest(Generic[T]):
         return self._settle_next()
 
     def _drop_unreachable(self) -> None:
-        """Drop messages too old for the next reference message, hence for all after it."""
+        """Drop messages too old for the next reference message and thus for all later ones."""
         references = self._queues[self._reference]
         if not references:
             return

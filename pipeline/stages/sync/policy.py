@@ -1,4 +1,4 @@
-"""What every policy has in common: the way it is fed, and the reasons for which it lets a message go."""
+"""The protocol of synchronisation policies, and the reasons for which they drop messages."""
 
 from collections.abc import Sequence
 from enum import StrEnum
@@ -11,7 +11,7 @@ T_contra = TypeVar("T_contra", contravariant=True)
 
 
 class DropReason(StrEnum):
-    """Why a message is in no set. `Nearest` also names the topic that a reference message found nothing on."""
+    """Why a message is in no set. For a reference message, `Nearest` names the topic without a partner instead."""
 
     QUEUE_FULL = "the queue was full before a set was complete"
     TOO_FAR = "no partner within the allowed interval"
@@ -24,23 +24,23 @@ class DropReason(StrEnum):
 
 
 class OnItemDrop(Protocol[T_contra]):
-    """Told of each item that takes no part."""
+    """Callback for each dropped item."""
 
     def __call__(self, item: T_contra, reason: str, /) -> None:
-        """Count `item` as dropped for `reason`."""
+        """Take note that `item` was dropped for `reason`."""
 
 
 class Policy(Protocol[T]):
-    """Finds sets of items, one of each topic; every item ends in one set or is reported as dropped.
+    """Finds sets of items, one of each topic; every item ends up in one set or is reported as dropped.
 
     At most `queue_size` items of each topic are held between calls.
     """
 
     def add(self, topic: int, stamp_ns: int, item: T) -> Sequence[tuple[T, ...]]:
-        """Take the next item of a topic (by index); the sets that are certain now, items in order of topics."""
+        """Add the next item of a topic (by index), and return the sets now certain, items in order of topics."""
 
     def flush(self) -> Sequence[tuple[T, ...]]:
-        """The sets that become certain because nothing follows."""
+        """The sets that become certain because no more items follow."""
 
     def close(self) -> None:
-        """Report everything still held as dropped."""
+        """Report all items still held as dropped."""

@@ -1,4 +1,4 @@
-"""From a stream of undecoded messages to frames: what belongs to one moment, by the configured policy."""
+"""From a stream of undecoded messages to bundles of one moment, by the configured policy."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -18,12 +18,12 @@ __all__ = ["SyncStats", "synchronize"]
 
 @dataclass(slots=True)
 class SyncStats:
-    """What `synchronize` has seen so far; filled while its frames are taken.
+    """Counts of `synchronize` so far, updated as its bundles are consumed.
 
     Attributes:
-        received: Number of messages by topic; a topic that never spoke is there with 0.
-        sets: Number of frames.
-        skew_max_ns: Largest spread of the stamps of a frame.
+        received: Number of messages by topic; 0 for a topic without messages.
+        sets: Number of bundles.
+        skew_max_ns: Largest spread of the stamps of a bundle.
         skew_total_ns: Sum of the spreads.
     """
 
@@ -34,11 +34,11 @@ class SyncStats:
 
     @property
     def skew_mean_ns(self) -> float:
-        """Mean spread of the stamps of a frame; 0 without frames."""
+        """Mean spread of the stamps of a bundle; 0 without bundles."""
         return self.skew_total_ns / self.sets if self.sets else 0.0
 
     def count(self, bundle: SensorBundle) -> None:
-        """Add one frame."""
+        """Add one bundle."""
         self.sets += 1
         self.skew_max_ns = max(self.skew_max_ns, bundle.skew_ns)
         self.skew_total_ns += bundle.skew_ns
@@ -54,19 +54,19 @@ def synchronize(
     flush: bool = True,
     stats: SyncStats | None = None,
 ) -> Iterator[SensorBundle]:
-    """Frames of one message per topic, lazily, in the order in which the policy finds them.
+    """Bundles of one message per topic, lazily, in the order in which the policy finds them.
 
-    Every message of `topics` ends in one frame or is reported to `on_drop`. Messages of other topics pass by uncounted.
+    Every message of `topics` ends up in one bundle or is reported to `on_drop`. Messages of other topics are ignored.
 
     Args:
-        messages: In order of recording; equal times in order of (file, position).
-        topics: What each frame consists of, in this order.
+        messages: In order of log time; equal times in order of (file, position).
+        topics: Topics of each bundle, in this order.
         config: Policy and its parameters.
-        reference: One of `topics`: a frame has the stamp and log time of its message.
-        on_drop: Told of each message that is in no frame, in a fixed order.
-        flush: Whether frames that only the end of the recording makes certain are emitted; ROS's live program does
-            not, since it never learns of the end.
-        stats: Filled while frames are taken.
+        reference: One of `topics`, whose message gives a bundle its stamp and log time.
+        on_drop: Called for each message that is in no bundle, in a fixed order.
+        flush: Whether to emit bundles that only the end of the recording makes certain; the live program in ROS does
+            not.
+        stats: Updated as bundles are consumed.
 
     Raises:
         ConfigError: `topics` is empty or names a topic twice, or the reference is not among them.

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -109,6 +111,23 @@ def test_points_come_in_the_order_of_the_rig_with_all_fields() -> None:
     assert combined.plane is None
     assert combined.compensated == ()
     assert_consistent(combined)
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "expected"),
+    [
+        pytest.param(None, None, None, id="none has them"),
+        pytest.param([1, 3], [2], [1, 3, 2], id="both have them"),
+        pytest.param(None, [2], [0, 0, 2], id="one has them"),
+    ],
+)
+def test_return_types_are_kept(first: list[int] | None, second: list[int] | None, expected: list[int] | None) -> None:
+    clouds = {
+        name: replace(sweep(xyz), return_type=None if types is None else np.array(types, np.uint8))
+        for name, xyz, types in (("a", [[1, 2, 3], [4, 5, 6]], first), ("b", [[7, 8, 9]], second))
+    }
+    return_type = Combine(rig(a=pose(), b=pose()), RAW)(frame(), clouds).cloud.return_type
+    assert (None if return_type is None else return_type.tolist()) == expected
 
 
 def test_a_full_rotation_by_hand() -> None:

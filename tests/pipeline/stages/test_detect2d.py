@@ -17,8 +17,8 @@ from pipeline.core.images import Image
 from pipeline.core.settings.classes import ClassPrior
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.detect import Detect2DConfig
-from pipeline.detectors.detector2d import Candidates2D
-from pipeline.detectors.onnx2d import OnnxDetector2D
+from pipeline.detectors.onnx.detector import OnnxDetector2D
+from pipeline.detectors.protocols import Candidates2D
 from pipeline.stages.detect2d import Detect2D, suppress_overlaps
 
 LABELS = ("person", "kite", "car", "bicycle", "motorcycle")
@@ -141,17 +141,6 @@ def test_suppression_equals_the_plain_loop(rows: list[tuple[float, ...]], max_io
 def plain_iou(a: Sequence[float], b: Sequence[float]) -> float:
     shared_area = max(0.0, min(a[2], b[2]) - max(a[0], b[0])) * max(0.0, min(a[3], b[3]) - max(a[1], b[1]))
     return shared_area / ((a[2] - a[0]) * (a[3] - a[1]) + (b[2] - b[0]) * (b[3] - b[1]) - shared_area)
-
-
-def test_suppression_agrees_with_opencv() -> None:
-    rng = np.random.default_rng(3)
-    corner, size = rng.uniform(0, 300, (400, 2)), rng.uniform(20, 80, (400, 2))
-    boxes = boxes2d(
-        np.concatenate([corner, corner + size, rng.permutation(400)[:, None] / 400 + 0.001, np.zeros((400, 1))], 1)
-    )
-    xywh = np.concatenate([corner, size], 1)
-    expected = cv2.dnn.NMSBoxes(xywh.tolist(), boxes.scores.tolist(), 0.0, 0.45)
-    assert suppress_overlaps(boxes, max_iou=0.45).tolist() == list(expected)
 
 
 def test_cars_of_a_real_image() -> None:

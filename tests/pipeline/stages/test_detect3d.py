@@ -15,6 +15,8 @@ from pipeline.core.detections import Boxes3D
 from pipeline.core.frame import SensorBundle
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.load import load_config
+from pipeline.detectors.protocols import Candidates3D
+from pipeline.stages import detect3d
 from pipeline.stages.combine import Combine
 from pipeline.stages.detect3d import Detect3D
 
@@ -89,7 +91,7 @@ def test_covariances_are_positive_definite_and_counts_are_those_of_the_cloud() -
     boxes = detect(points)
     assert len(boxes) == 2
     assert (np.linalg.eigvalsh(boxes.covariances) > 0).all()
-    usable = int((points[:, 2] > Config().detect3d.clearance_m).sum())
+    usable = int((points[:, 2] > Config().detect3d.cluster.clearance_m).sum())
     assert 0.95 * usable <= boxes.point_counts.sum() <= usable  # single beams over the far edge of a roof stand alone
     assert (boxes.stamp_ns, boxes.frame_id) == (7, "site")
 
@@ -162,6 +164,28 @@ def test_what_is_no_road_user_gives_no_box(points: F64) -> None:
 def test_method_none_finds_nothing() -> None:
     settings_none = load_config(overrides=("detect3d.method=none",))
     assert len(detect(scan(LIDAR, [car(12, 0)]), settings_none)) == 0
+
+
+def test_another_engine_needs_no_change_of_the_stage(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As from a network: an unknown class, overlapping boxes, any turn of yaw, no point counts or covariances."""
+    x = np.array([30.0, 10.0, 10.5, 20.0, 0.0, 5.0])
+    centers = np.stack([x, np.zeros(6), np.ones(6)], 1)
+    proposals = Candidates3D(
+        centers,
+        np.tile([4.0, 1.8, 1.5], (6, 1)),
+        np.array([0.1, -np.pi, 0.0, -3.0 - 2 * np.pi, 0.0, 0.0]),
+        np.array([0.5, 0.9, 0.8, 0.5, 0.06, 0.7], np.float32).astype(np.float64),
+        np.array([CAR, BICYCLE, CAR, CAR, CAR, -1]),
+        np.zeros(6, np.int64),
+        np.zeros((6, 3, 3)),
+    )
+    monkeypatch.setattr(detect3d, "ClusterDetector", lambda *_: lambda _: proposals)
+    boxes = detect(np.zeros((0, 3)))
+    assert boxes.centers[:, 0].tolist() == [10, 20, 30], "falling score, then x"
+    assert boxes.class_ids.tolist() == [BICYCLE, CAR, CAR], "the better of two overlapping boxes, of any classes"
+    assert boxes.yaws == pytest.approx([np.pi, -3.0, 0.1])
+    assert not boxes.point_counts.any()
+    assert not boxes.covariances.any()
 
 
 def test_order_of_the_points_does_not_matter() -> None:

@@ -16,9 +16,12 @@ from pipeline.core.errors import ConfigError
 from pipeline.core.frame import SensorBundle
 from pipeline.core.messages import Channel, Drop, RawMessage
 from pipeline.core.settings.sync import SyncConfig
-from pipeline.stages.sync import ApproximateTime, ApproximateTimePython, DropReason, Nearest, Policy, SyncStats
-from pipeline.stages.sync import synchronize as synchronize_
-from pipeline.stages.sync.approximate_time_python import first_combination
+from pipeline.stages.sync.approximate_time import ApproximateTime
+from pipeline.stages.sync.approximate_time_python import ApproximateTimePython, first_combination
+from pipeline.stages.sync.nearest import Nearest
+from pipeline.stages.sync.policy import DropReason, Policy
+from pipeline.stages.sync.synchronize import SyncStats
+from pipeline.stages.sync.synchronize import synchronize as synchronize_
 
 MS = 1_000_000
 PolicyName = Literal["approximate_time", "approximate_time_python", "nearest"]

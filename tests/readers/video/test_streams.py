@@ -15,7 +15,7 @@ from pipeline.core.messages import Channel, Drop, RawMessage
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.recording import TopicsConfig
 from pipeline.core.settings.sync import SyncConfig
-from pipeline.stages.sync import synchronize
+from pipeline.stages.sync.synchronize import synchronize
 from readers.memory import MemoryRecording
 from readers.rig.discovery import Discovery, discover_rig
 from readers.rig.first_messages import FirstMessages

@@ -25,10 +25,10 @@ MERGES = "a: &a {x: 1}\n" + "\n".join(
         (LAUGHS, "more than 100000 values"),
         (MERGES, "more than 100000 values"),
         ("a: &a [*a]", "contains itself"),
-        ("a: " + "[" * 10_000, "more than 30 brackets"),
+        ("a: " + "[" * 10_000, "more than 30 nested brackets"),
         ("- " * 2000 + "a", "nested too deeply"),
-        ("a: 2001-99-99", "a value that is none: month must be in 1..12"),
-        (f"a: {'9' * 5000}", "a value that is none"),
+        ("a: 2001-99-99", "not a valid value: month must be in 1..12"),
+        (f"a: {'9' * 5000}", "not a valid value"),
         ("a: " + "b" * (1 << 20), "more than 1 MiB"),
     ],
 )

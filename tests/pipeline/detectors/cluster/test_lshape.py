@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pipeline.core.arrays import F64
-from pipeline.detectors.lshape import fit_rectangles, quantiles_by_cluster
+from pipeline.detectors.cluster.lshape import fit_rectangles, quantiles_by_cluster
 
 
 def corner(angle: float, *, length: float = 4.0, width: float = 1.7, noise_m: float = 0.01) -> F64:

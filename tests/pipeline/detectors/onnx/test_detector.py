@@ -11,8 +11,8 @@ from pipeline.core.arrays import U8, Array
 from pipeline.core.errors import ModelError
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.detect import Detect2DConfig
-from pipeline.detectors.coco import COCO_LABELS
-from pipeline.detectors.onnx2d import OnnxDetector2D
+from pipeline.detectors.onnx.coco import COCO_LABELS
+from pipeline.detectors.onnx.detector import OnnxDetector2D
 
 SIZE_PX = (64, 96)  # height, width of the networks that are made here
 ANCHORS = 8 * 12 + 4 * 6 + 2 * 3

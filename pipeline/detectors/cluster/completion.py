@@ -1,9 +1,9 @@
-"""What class of road user a cluster can be, and the box that it then has.
+"""The class of each cluster, and its box completed by the size prior of that class.
 
-A lidar sees an object's near sides only. A side that faces a lidar shows its whole length; how far the object goes on
-behind it is known from the size prior of its class. So a cluster is compared with each class, once with its length
-along either axis of the rectangle, where missing length counts only as far as it should have been seen; then the box
-keeps its near sides and grows away from the lidars.
+A lidar sees only the near sides of an object. A side that faces a lidar shows its whole length; the extent behind it is
+taken from the size prior of the class. So a cluster is compared with each class, with the length along either axis of
+the rectangle; missing length counts only as far as it should have been visible. The box then keeps its near sides and
+grows away from the lidars.
 """
 
 from dataclasses import dataclass
@@ -12,25 +12,25 @@ import numpy as np
 
 from pipeline.core.arrays import F64, I64
 from pipeline.core.settings.classes import ClassPrior
-from pipeline.detectors.lshape import Rectangles
+from pipeline.detectors.cluster.lshape import Rectangles
 
 __all__ = ["CompletedBoxes", "complete_boxes"]
 
 
 SHORT_SHARE = 0.2
-"""Standard deviation of a measured extent below the prior, as a share of it; a side may also be hidden in part."""
+"""Standard deviation of a measured extent below the prior, as a share of the prior; a side may be partly hidden."""
 
 SHORT_LIMIT = 3.0
-"""Missing length counts no more than this many standard deviations: another object may stand in front."""
+"""Missing length counts at most this many standard deviations: another object may stand in front."""
 
 WHOLE_SHARE = 0.8
-"""A side that faces a lidar and measures this share of the prior was seen whole."""
+"""A side that faces a lidar is complete from this share of the prior on."""
 
 BOTH_ENDS_SHARE = 0.1
-"""Share of the points that lidars beyond either end must have measured, for both ends to have been seen."""
+"""Share of the points that lidars beyond each of two ends must have measured for both to count as seen."""
 
 BOTH_ENDS_WHOLE_SHARE = 0.5
-"""An extent whose both ends were seen is whole from this share of the prior on; less is a part."""
+"""An extent with both ends seen is complete from this share of the prior on."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,13 +38,13 @@ class CompletedBoxes:
     """Boxes of C clusters, above flat ground.
 
     Attributes:
-        class_ids: (C,) int64, row of the priors; -1 where the cluster is larger than every class.
+        class_ids: (C,) int64, row of the priors; -1 if the cluster is larger than every class.
         center_xy: (C, 2) float64, metres.
         sizes: (C, 3) float64 length, width, height, metres; the box stands on the ground.
-        yaw_rad: (C,) float64 of the length, in (-pi/2, pi/2]: which end is the front is not known.
+        yaw_rad: (C,) float64 direction of the length, in (-pi/2, pi/2]: the front is not known.
         misfit: (C,) float64 squared deviation from the size prior in standard deviations, halved.
         center_std_m: (C, 2) float64 standard deviation of the centre along length and width.
-        faces_m2: (C,) float64 area of the box that faces the lidars, seen from their mean direction.
+        faces_m2: (C,) float64 area of the box visible to the lidars, from their mean direction.
     """
 
     class_ids: I64
@@ -64,7 +64,7 @@ def complete_boxes(
     Args:
         rectangles: Measured extents of C clusters.
         top_m: (C,) height of each cluster above the ground, metres.
-        lidar_share: (C, L) share of each cluster's points that each lidar measured.
+        lidar_share: (C, L) share of each cluster's points measured by each lidar.
         lidar_xy: (L, 2) positions of the lidars, metres, in the frame of the clusters.
         priors: Sizes of the classes.
     """
@@ -72,7 +72,7 @@ def complete_boxes(
     middle = (rectangles.high + rectangles.low) / 2
     towards = np.einsum("cax,lx->cla", axes, lidar_xy) - middle[:, None]  # (C, L, axis)
     distance = np.maximum(np.linalg.norm(towards, axis=2, keepdims=True), 1e-9)
-    # The extent along one axis shows on the side that looks along the other.
+    # The extent along one axis is visible on the side whose normal is the other axis.
     seen = np.einsum("cl,cla->ca", lidar_share, np.abs(towards / distance))[:, ::-1]
 
     size, size_max = np.array([p.size_m for p in priors]), np.array([p.size_max_m for p in priors])
@@ -110,7 +110,7 @@ def _grow(
     extent: F64, middle: F64, prior: F64, limit: F64, seen: F64, towards: F64, lidar_share: F64
 ) -> tuple[F64, F64, F64]:
     """Centre, extent and standard deviation of the centre along each axis (C, 2), grown away from the lidars."""
-    # -1: the lidar looks at the low end, 1: at the high end, between: at both, along the side.
+    # -1: the lidar is beyond the low end, 1: beyond the high end, between: beside the object.
     end = np.clip(towards / (np.maximum(extent, prior / 2) / 2)[:, None], -1, 1)
     both = np.minimum(np.einsum("cl,cla->ca", lidar_share, end > 0.5), np.einsum("cl,cla->ca", lidar_share, end < -0.5))
     whole = (both >= BOTH_ENDS_SHARE) & (extent >= BOTH_ENDS_WHOLE_SHARE * prior)
@@ -118,6 +118,6 @@ def _grow(
     missing = np.where(whole, 0.0, np.maximum(prior - extent, 0))
     anchor = np.einsum("cl,cla->ca", lidar_share, end)
     full = extent + missing
-    # A grown box may be as wrong as the class is varied; half of that moves the centre.
+    # A grown side errs by the spread of the class; half of that moves the centre.
     std = np.where(missing > 0, np.minimum((limit - prior) / 4, missing), 0.0)
     return middle - anchor * missing / 2, full, std

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from pipeline.core.settings.config import Config
-from pipeline.detectors.completion import CompletedBoxes, complete_boxes
-from pipeline.detectors.lshape import Rectangles
+from pipeline.detectors.cluster.completion import CompletedBoxes, complete_boxes
+from pipeline.detectors.cluster.lshape import Rectangles
 
 PRIORS = Config().classes
 CAR, PEDESTRIAN = 0, 1

@@ -1,11 +1,11 @@
 """Thinning and range-aware single-linkage clustering of a lidar cloud.
 
-Two points belong together when they are nearer than a distance that grows with their range, because points thin out
-with range. Heights may count less than ground distances, so that a roof joins its bonnet and the rings of a sparse
-lidar join each other, while a tree over a car joins neither.
+Two points are linked if they are nearer than a distance that grows with their range, because points thin out with
+range. The caller may scale down heights, so that a roof is linked to its bonnet and the rings of a sparse lidar to each
+other, but a tree not to the car below.
 
 The result does not depend on the order of the points: coordinates are rounded to a binary fraction of a metre, which
-makes their sums exact, and everything that follows is ordered by grid cell.
+makes their sums exact, and all further steps are ordered by grid cell.
 """
 
 from dataclasses import dataclass
@@ -22,13 +22,13 @@ __all__ = ["Cells", "cluster_points", "thin_points"]
 
 
 RESOLUTION_PER_M = 8192.0
-"""Coordinates are rounded to this fraction of a metre (0.12 mm): float64 adds up a million of them exactly."""
+"""Coordinates are rounded to this fraction of a metre (0.12 mm), so float64 adds up a million of them exactly."""
 
 LINK_CELL_SHARE = 0.6
-"""Edge of the cells that are linked, as a share of the link distance; finer cells cost more and change little."""
+"""Edge of the linked cells, as a share of the link distance; finer cells cost more and change little."""
 
 LEVEL_GROWTH = 1.5
-"""Ratio of the distances of neighbouring levels of the grid and of the search."""
+"""Ratio of the distances of neighbouring levels, in the grid and in the search."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,9 +37,9 @@ class Cells:
 
     Attributes:
         means: (M, 3) float64 mean of each cell's points, metres.
-        counts: (M,) int64 points in each cell.
+        counts: (M,) int64 number of points in each cell.
         members: (N,) int64 rows of the points, cell after cell.
-        starts: (M,) int64 where each cell starts in `members`.
+        starts: (M,) int64 start of each cell in `members`.
     """
 
     means: F64
@@ -56,14 +56,14 @@ class Cells:
 
 
 def thin_points(points: F64, cell_m: F64, group: npt.NDArray[np.integer] | None = None) -> Cells:
-    """Group points by a grid whose cells are the smaller, the nearer the points; at least one point.
+    """Group at least one point by the cells of a grid of varying size.
 
     Args:
         points: (N, 3) metres.
-        cell_m: (N,) wished edge of the cell at each point; taken down to the next of a series of sizes.
-        group: (N,) number from 0; points of different groups share no cell.
+        cell_m: (N,) edge of the cell at each point, rounded down to the next of a series of sizes.
+        group: (N,) group of each point, from 0; different groups share no cell.
     """
-    # A row per coordinate: steps along long rows are several times faster than along rows of three.
+    # A row per coordinate: several times faster than rows of three.
     exact = np.rint(np.ascontiguousarray(points.T) * RESOLUTION_PER_M) / RESOLUTION_PER_M
     level = _levels(cell_m)
     edge_m = cell_m.min() * LEVEL_GROWTH ** np.arange(level.max() + 1)
@@ -81,17 +81,17 @@ def thin_points(points: F64, cell_m: F64, group: npt.NDArray[np.integer] | None 
 
 
 def cluster_points(points: F64, link_distance_m: F64) -> tuple[int, I64]:
-    """Split points into clusters that are further apart than the link distance.
+    """Split points into clusters further apart than the link distance.
 
-    The points are grouped by cells of about half the link distance. Two cells are linked when the distance of their
-    means is at most the smaller of their link distances.
+    Points are grouped by cells of about half the link distance. Two cells are linked if the distance of their means is
+    at most the smaller of their link distances.
 
     Args:
         points: (N, 3) metres.
         link_distance_m: (N,) link distance at each point, positive.
 
     Returns:
-        The number of clusters, and (N,) the cluster of each point; clusters are numbered in order of their first cell.
+        The number of clusters, and the cluster of each point (N,), numbered in order of their first cell.
     """
     if not len(points):
         return 0, np.zeros(0, np.int64)
@@ -105,10 +105,10 @@ def cluster_points(points: F64, link_distance_m: F64) -> tuple[int, I64]:
 
 
 def _near_pairs(means: F64, distance_m: F64) -> I64:
-    """(2, E) pairs that are at most the smaller of their link distances apart.
+    """(2, E) pairs at most the smaller of their link distances apart.
 
-    Level by level, so that the wide search of far cells does not have to go through the near ones: every pair is found
-    at the level of its smaller distance, where both partners take part.
+    Searched level by level, so that the wide search of far cells leaves out the near ones: each pair is found at the
+    level of its smaller distance, which includes both.
     """
     level = _levels(distance_m)
     columns = np.ascontiguousarray(means.T)
@@ -125,6 +125,6 @@ def _near_pairs(means: F64, distance_m: F64) -> I64:
 
 
 def _levels(distance_m: F64) -> I64:
-    """Step of each distance in a geometric series that starts at the smallest."""
+    """(N,) step of each distance in a geometric series that starts at the smallest one."""
     steps = np.log(distance_m / distance_m.min()) / np.log(LEVEL_GROWTH)
     return np.asarray(np.floor(steps), np.int64)

@@ -1,11 +1,11 @@
-"""2D detection by a network in an ONNX file, in the layout of YOLOX (Ge et al., arXiv:2107.08430).
+"""2D detection by a YOLOX network (Ge et al., arXiv:2107.08430) in an ONNX file.
 
-The layout, as Megvii's export writes it: one input (N, 3, H, W) float32, BGR 0..255, the image scaled to fit and
-placed top left on a ground of 114; one output (N, A, 85) with one row per cell of the grids of stride 8, 16 and 32: box
-centre and size, objectness, 80 COCO class scores. Centre and size are either raw (cells from the own cell; logarithm
-of cells) or, after an export with `--decode_in_inference`, already pixels: a trial run at loading tells which.
+The layout is that of Megvii's export: one input (N, 3, H, W) float32, BGR 0..255, the image scaled to fit, top left on
+a background of 114; one output (N, A, 85) with one row per cell of the grids of stride 8, 16 and 32: box centre and
+size, objectness, 80 COCO class scores. Centre and size are either raw (offset from the cell and logarithm, in cells)
+or, after an export with `--decode_in_inference`, in pixels. A trial run when loading finds out which.
 
-The network runs on the CPU whatever else the machine has: results must not depend on the machine's accelerators.
+The network always runs on the CPU, so that results do not depend on the machine's accelerators.
 """
 
 from collections.abc import Sequence
@@ -19,8 +19,8 @@ import onnxruntime as ort
 from pipeline.core.arrays import F32, U8
 from pipeline.core.errors import ModelError
 from pipeline.core.settings.config import Config
-from pipeline.detectors.coco import COCO_LABELS
-from pipeline.detectors.detector2d import Candidates2D
+from pipeline.detectors.onnx.coco import COCO_LABELS
+from pipeline.detectors.protocols import Candidates2D
 
 __all__ = ["OnnxDetector2D"]
 
@@ -38,39 +38,39 @@ class OnnxDetector2D:
     """A loaded network; may be called from several threads at once."""
 
     def __init__(self, path: Path, config: Config) -> None:
-        """Load and try out a network.
+        """Load a network and run it once.
 
         Args:
             path: ONNX file.
-            config: `detect2d.threads` is used.
+            config: Settings; only `detect2d.threads` is used.
 
         Raises:
-            ModelError: there is no such file, it is not an ONNX file, or the layout is not YOLOX's.
+            ModelError: the file does not exist, is not an ONNX file, or does not have the YOLOX layout.
         """
         self._path = path
         self._session = _open(path, config.detect2d.threads)
         self._input, self._batch, self._height_px, self._width_px = _input_layout(path, self._session)
         self._grid, self._stride = _anchors(self._height_px, self._width_px)
         trial = self._run(np.full((self._batch or 2, 3, self._height_px, self._width_px), PADDING, np.float32))
-        # Raw centres are a few cells at most; centres in pixels span the whole image, whatever it shows.
+        # Raw centres are a few cells at most; centres in pixels span the whole image, whatever its content.
         self._decoded = float(trial[..., :2].max()) > min(self._height_px, self._width_px) / 2
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """Names of what it can find."""
+        """COCO names."""
         return COCO_LABELS
 
     def __call__(self, images: Sequence[U8]) -> list[Candidates2D]:
         """Proposals for each image, in order.
 
-        All images run in one batch where the network's batch dimension is free; a network that is fixed to batches
-        of B runs once per B images, the last batch filled up with blank ones.
+        All images run in one batch if the batch dimension is free. A network with a fixed batch size B runs once per
+        B images, with the last batch filled up with blank ones.
 
         Args:
             images: (H, W, 3) RGB, of any size each.
 
         Raises:
-            ModelError: the network fails while it runs.
+            ModelError: the network fails.
         """
         size = self._batch or max(len(images), 1)
         found: list[Candidates2D] = []
@@ -95,7 +95,7 @@ class OnnxDetector2D:
         return np.asarray(rows)
 
     def _decode(self, rows: F32, scale: F32) -> Candidates2D:
-        """Proposals of one image from the network's rows (A, 85); `scale` is network pixels per image pixel."""
+        """Proposals for one image from the network's rows (A, 85); `scale` is network pixels per image pixel."""
         if self._decoded:
             center, size = rows[:, :2], rows[:, 2:4]
         else:
@@ -113,8 +113,8 @@ def _open(path: Path, threads: int) -> Any:
     options.intra_op_num_threads = threads
     options.inter_op_num_threads = 1
     options.use_deterministic_compute = True
-    options.log_severity_level = 4  # errors are raised; onnxruntime would print them as well
-    # Idle threads would otherwise spin for a while after each run and take the cores from the other stages.
+    options.log_severity_level = 4  # errors are raised; onnxruntime would also print them
+    # Idle threads would otherwise spin after each run and take cores from the other stages.
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")
     try:
         return ort.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
@@ -123,7 +123,7 @@ def _open(path: Path, threads: int) -> Any:
 
 
 def _input_layout(path: Path, session: Any) -> tuple[str, int | None, int, int]:
-    """Name of the input, batch size (None where it is free), height and width in pixels."""
+    """Name of the input, batch size (None if free), height and width in pixels."""
     inputs, outputs = session.get_inputs(), session.get_outputs()
     match [(value.shape, value.type) for value in inputs]:
         case [([batch, 3, int(height), int(width)], "tensor(float)")] if (
@@ -135,7 +135,7 @@ def _input_layout(path: Path, session: Any) -> tuple[str, int | None, int, int]:
 
 
 def _anchors(height_px: int, width_px: int) -> tuple[F32, F32]:
-    """Cell (A, 2) column and row, and stride (A, 1) in pixels, of each row of the output."""
+    """Column and row of the cell (A, 2) and stride in pixels (A, 1) of each row of the output."""
     grids, strides = [], []
     for stride in STRIDES_PX:
         row, column = np.indices((height_px // stride, width_px // stride))
@@ -145,9 +145,9 @@ def _anchors(height_px: int, width_px: int) -> tuple[F32, F32]:
 
 
 def _letterbox(image: U8, into: F32) -> F32:
-    """Scale an image into the top left of a network input (3, H, W), RGB to BGR; (2,) scale in x and y.
+    """Scale an image into the top left of a network input (3, H, W), RGB to BGR, and return the scales in x and y (2,).
 
-    The scaled size is cut to whole pixels, as YOLOX does; the scales returned are those of the size that it became.
+    The scaled size is truncated to whole pixels, as in YOLOX; the scales are those of the truncated size.
     """
     height, width = image.shape[:2]
     ratio = min(into.shape[1] / height, into.shape[2] / width)

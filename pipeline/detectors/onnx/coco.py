@@ -1,4 +1,4 @@
-"""The 80 object names of COCO 2017 (cocodataset.org), in the order in which networks number them."""
+"""The 80 object names of COCO 2017 (cocodataset.org), in the order of network outputs."""
 
 __all__ = ["COCO_LABELS"]
 

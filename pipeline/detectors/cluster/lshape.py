@@ -1,10 +1,10 @@
 """Oriented rectangles around clusters seen from above, by search over the heading.
 
-A lidar sees the near sides of a car: an L, or one line. The heading is the one under which the points lie closest to
-the sides of the rectangle that bounds them (X. Zhang, W. Xu, C. Dong, J. M. Dolan: Efficient L-shape fitting for
-vehicle detection using laser scanners, IEEE Intelligent Vehicles Symposium 2017; closeness criterion). Unlike there,
-all four sides count, because several lidars may see them all, and a small share of the points may lie outside, because
-mirrors and stray points are no sides. All clusters are fitted at once.
+A lidar sees the near sides of a car: an L, or one line. The heading chosen is the one at which the points lie closest
+to the sides of their bounding rectangle (X. Zhang, W. Xu, C. Dong, J. M. Dolan: Efficient L-shape fitting for vehicle
+detection using laser scanners, IEEE Intelligent Vehicles Symposium 2017; closeness criterion). Unlike there, all four
+sides count, because several lidars may see them all, and a small share of the points may lie outside, such as mirrors
+and stray points. All clusters are fitted at once.
 """
 
 from dataclasses import dataclass
@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.core.arrays import F64, I64
+from pipeline.core.geometry.boxes import rotations_2d
 
 __all__ = ["Rectangles", "fit_rectangles", "quantiles_by_cluster"]
 
@@ -20,7 +21,7 @@ COARSE_STEP_DEG = 3.0
 FINE_STEP_DEG = 0.5
 
 SOFT_SHARE = 0.08
-"""Up to this share of a cluster's diagonal from a side, points are about as close as can be: sides are rounded."""
+"""Distance from a side, as a share of the cluster's diagonal, that hardly lowers closeness: sides are rounded."""
 
 CELLS_ACROSS = 24
 """A cluster is thinned to this many cells along its diagonal before the search."""
@@ -32,7 +33,7 @@ TRIM_SHARE = 0.04
 """Share of the points that may lie outside at each side during the search."""
 
 OUTSIDE_SHARE = 0.01
-"""Share of the points that lie outside at each side of the final rectangle."""
+"""Share of the points outside at each side of the final rectangle."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,10 +41,10 @@ class Rectangles:
     """Bounding rectangles of C clusters, seen from above.
 
     Attributes:
-        angle_rad: (C,) float64 direction of the first axis about +z, in [0, pi/2).
+        angle_rad: (C,) float64 angle of the first axis about +z, in [0, pi/2).
         low: (C, 2) float64 lower ends along the first and second axis (rotated coordinates), metres.
         high: (C, 2) float64 upper ends, metres.
-        residual_m: (C,) float64 root mean square distance of the points from the sides they lie nearest to.
+        residual_m: (C,) float64 root mean square distance of the points from their nearest sides.
     """
 
     angle_rad: F64
@@ -54,8 +55,7 @@ class Rectangles:
     @property
     def axes(self) -> F64:
         """(C, 2, 2): unit vector of each axis, x and y."""
-        cos, sin = np.cos(self.angle_rad), np.sin(self.angle_rad)
-        return np.stack([np.stack([cos, sin], -1), np.stack([-sin, cos], -1)], 1)
+        return rotations_2d(-self.angle_rad)
 
 
 def fit_rectangles(xy: F64, starts: I64) -> Rectangles:
@@ -84,9 +84,9 @@ def fit_rectangles(xy: F64, starts: I64) -> Rectangles:
 
 
 def quantiles_by_cluster(values: F64, starts: I64, shares: tuple[float, ...]) -> F64:
-    """(S, C) the values that each of the `shares` of each cluster's values lies below.
+    """(S, C) quantiles of each cluster's values.
 
-    The order statistic next to it on the outside is taken, so that a cluster of few points loses none of its extent.
+    Rounded outwards to the next value, so that a cluster of few points loses none of its extent.
 
     Args:
         values: (N,) sorted by cluster, in any order within.
@@ -108,10 +108,10 @@ class _Thinned:
 
     Attributes:
         xy: (M, 2) metres, sorted by cluster.
-        weights: (M,) points that each one stands for.
+        weights: (M,) number of points that each one stands for.
         cluster: (M,).
         starts: (C,) first row of each cluster.
-        soft_m: (C,) distance up to which points are about as close as can be.
+        soft_m: (C,) distance from a side that hardly lowers closeness.
     """
 
     xy: F64
@@ -138,7 +138,7 @@ class _Thinned:
         return cls(means, weights, thin_cluster, thin_starts, SOFT_SHARE * diagonal_m)
 
     def closeness(self, angles: F64) -> F64:
-        """(C, A) how close the points of each cluster lie to the bounding rectangle under each of its angles (C, A)."""
+        """(C, A) closeness of the points of each cluster to the bounding rectangle at each of its angles (C, A)."""
         cos, sin = np.cos(angles)[self.cluster], np.sin(angles)[self.cluster]
         x, y = self.xy[:, :1], self.xy[:, 1:]
         to_side = np.minimum(self._side_distance(x * cos + y * sin), self._side_distance(y * cos - x * sin))

@@ -7,7 +7,7 @@ from scipy.cluster.hierarchy import fcluster, linkage
 from scipy.spatial.distance import pdist
 
 from pipeline.core.arrays import F64, I64
-from pipeline.detectors.cluster import cluster_points, thin_points
+from pipeline.detectors.cluster.clusters import cluster_points, thin_points
 
 
 def line(*x: float) -> F64:

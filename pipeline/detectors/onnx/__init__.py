@@ -1,0 +1,1 @@
+"""2D detection by networks in ONNX files."""

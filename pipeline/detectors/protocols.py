@@ -1,0 +1,72 @@
+"""Protocols of detection engines, which propose boxes; the stages judge scores and overlaps."""
+
+from collections.abc import Sequence
+from typing import NamedTuple, Protocol, Self
+
+import numpy as np
+
+from pipeline.core.arrays import F32, F64, I64, U8
+from pipeline.core.clouds import CombinedCloud
+
+__all__ = ["Candidates2D", "Candidates3D", "Detector2D", "Detector3D"]
+
+
+class Candidates2D(NamedTuple):
+    """Proposals for one image, in the engine's own order.
+
+    Attributes:
+        xyxy: (N, 4) float32, left, top, right, bottom in pixels of the image as given; may reach beyond it.
+        scores: (N,) float32 in [0, 1].
+        labels: (N,) int64, row of the detector's `labels`.
+    """
+
+    xyxy: F32
+    scores: F32
+    labels: I64
+
+
+class Detector2D(Protocol):
+    """An engine that proposes boxes in images."""
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Names of the objects that it can find."""
+
+    def __call__(self, images: Sequence[U8]) -> list[Candidates2D]:
+        """Proposals for each image, (H, W, 3) RGB of any size, in order."""
+
+
+class Candidates3D(NamedTuple):
+    """Proposals for one cloud, in the engine's own order.
+
+    Attributes:
+        centers: (N, 3) centre of the box, metres, site frame.
+        sizes: (N, 3) length, width, height, metres.
+        yaws: (N,) radians about +z, of any turn.
+        scores: (N,) in [0, 1].
+        class_ids: (N,) row of the configured classes, -1 for none of them; a network maps its own labels by
+            `Config.class_id_of_label`.
+        point_counts: (N,) lidar points that the box was found from; zeros where unknown.
+        covariances: (N, 3, 3) over x, y (m^2) and yaw (rad^2); zeros where unknown.
+    """
+
+    centers: F64
+    sizes: F64
+    yaws: F64
+    scores: F64
+    class_ids: I64
+    point_counts: I64
+    covariances: F64
+
+    @classmethod
+    def empty(cls) -> Self:
+        """No proposals."""
+        none = np.zeros(0, np.int64)
+        return cls(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0), none, none, np.zeros((0, 3, 3)))
+
+
+class Detector3D(Protocol):
+    """An engine that proposes boxes in the combined cloud."""
+
+    def __call__(self, combined: CombinedCloud, /) -> Candidates3D:
+        """Proposals for one frame; the order of the points must not matter."""
