@@ -1,4 +1,5 @@
 import struct
+import zlib
 
 import builders
 import cv2
@@ -118,6 +119,7 @@ def test_size_that_the_header_claims() -> None:
     """A PNG header of 2^31 - 1 pixels either way, as a decompression bomb has it."""
     whole = bytearray(encoded(smooth(), ".png"))
     whole[16:24] = struct.pack(">II", 2**31 - 1, 2**31 - 1)
+    whole[29:33] = struct.pack(">I", zlib.crc32(whole[12:29]))
     with pytest.raises(MessageError, match="expected at most 100 million pixels: raise limits"):
         decode(bytes(whole), "png")
 
