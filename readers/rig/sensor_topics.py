@@ -13,9 +13,10 @@ from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
 from pipeline.core.settings.recording import TopicsConfig
+from readers.natural_order import natural_key
 from readers.recording import Recording, TopicInfo
 from readers.rig.first_messages import FirstMessages
-from readers.rig.topic_names import is_measured_image, natural_key, pair_score, place, transport_free
+from readers.rig.topic_names import is_measured_image, pair_score, place, transport_free
 from readers.velodyne.scan import SCAN
 from readers.video.packets import VIDEO
 

@@ -11,7 +11,9 @@ A topic splits into a place (namespace and what is left of the last part) and a 
 import re
 from collections.abc import Iterable, Mapping, Sequence
 
-__all__ = ["is_measured_image", "is_rectified", "natural_key", "pair_score", "place", "sensor_names", "transport_free"]
+from readers.natural_order import natural_key
+
+__all__ = ["is_measured_image", "is_rectified", "pair_score", "place", "sensor_names", "transport_free"]
 
 TRANSPORTS = frozenset({"compressed", "compressedDepth", "theora", "ffmpeg", "foxglove", "zstd"})
 ROLE_WORDS = frozenset(
@@ -80,12 +82,6 @@ def pair_score(topic: str, other: str, *, same_frame: bool) -> tuple[int, int, i
             break
         shared += 1
     return (2 if same_place else 1 if same_frame else 0, int(same_frame), shared)
-
-
-def natural_key(name: str) -> tuple[tuple[int, int, str], ...]:
-    """Sorts `cam2` before `cam10`; total over all strings."""
-    parts = re.split(r"(\d+)", name)
-    return (*((1, int(part), part) if part.isdecimal() else (0, 0, part) for part in parts), (0, 0, name))
 
 
 def sensor_names(topics: Sequence[str], kind: str, *, taken: Iterable[str] = ()) -> Mapping[str, str]:
