@@ -35,9 +35,8 @@ from readers.location import Location, RemotePath, location
 from readers.messages.image import decode_any_image
 from readers.open import open_recording
 from readers.recording import Recording
-from readers.rig.discovery import Discovery, discover_rig, rig_from_file
-from readers.rig.load import load_rig
-from readers.rig.rig_file import rig_yaml, write_rig
+from readers.rig.discovery import Discovery, discover_rig
+from readers.rig.rig_file import load_rig, rig_yaml, write_rig
 from readers.streams.decoders import OnBadMessage
 from readers.streams.motion import find_motion_source
 from readers.streams.per_sensor import sensor_messages
@@ -247,10 +246,8 @@ def _check_not_empty(recording: Recording) -> None:
 
 
 def _find_rig(recording: Recording, config: Config, rig_file: Path | None, window: TimeWindow) -> Discovery:
-    start_ns, stop_ns = window.start_ns, window.stop_ns
-    if rig_file is None:
-        return discover_rig(recording, config, start_ns=start_ns, stop_ns=stop_ns)
-    return rig_from_file(load_rig(rig_file), recording, config, start_ns=start_ns, stop_ns=stop_ns)
+    known = None if rig_file is None else load_rig(rig_file)
+    return discover_rig(recording, config, known, start_ns=window.start_ns, stop_ns=window.stop_ns)
 
 
 def _window(recording: Recording, options: ProcessOptions) -> TimeWindow:

@@ -28,7 +28,7 @@ def rigid_transform(name: str, dst: str, src: str, values: npt.ArrayLike) -> Tra
     if not np.isfinite(matrix).all():
         raise CalibrationError(f"{name} holds numbers that are not finite")
     if fault := rotation_fault(matrix[:3, :3]):
-        raise CalibrationError(f"the rotation of {name} is none: {fault}")
+        raise CalibrationError(f"the rotation of {name} is not valid: {fault}")
     if np.abs(matrix[3] - [0, 0, 0, 1]).max() > ROUNDED:
         raise CalibrationError(f"the last row of {name} is {matrix[3].tolist()}: expected 0 0 0 1")
     if dst == src and np.abs(matrix - np.eye(4)).max() > ROUNDED:
