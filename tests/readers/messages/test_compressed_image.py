@@ -99,14 +99,14 @@ def test_exif_orientation_is_ignored() -> None:
 @pytest.mark.parametrize("share", [0.0, 0.02, 0.5, 0.95])
 def test_cut_data(suffix: str, share: float) -> None:
     whole = encoded(smooth(), suffix)
-    with pytest.raises(MessageError, match=r"/compressed: \d+ bytes of format 'jpeg' are no whole image"):
+    with pytest.raises(MessageError, match=r"/compressed: \d+ bytes of format 'jpeg' are not a whole image"):
         decode(whole[: int(len(whole) * share)], "jpeg")
 
 
 def test_png_with_flipped_bytes() -> None:
     broken = bytearray(encoded(smooth(), ".png"))
     broken[len(broken) // 2] ^= 0xFF
-    with pytest.raises(MessageError, match="no whole image"):
+    with pytest.raises(MessageError, match="not a whole image"):
         decode(bytes(broken), "png")
 
 
@@ -131,7 +131,7 @@ def test_depth_is_no_image(kind: str) -> None:
 
 
 def test_mosaic_that_is_too_small() -> None:
-    with pytest.raises(MessageError, match="no whole image"):
+    with pytest.raises(MessageError, match="not a whole image"):
         decode(encoded(noise((2, 2)), ".png"), "bayer_rggb8; png compressed ")
 
 
