@@ -1,8 +1,9 @@
 """Video messages, one packet each: the codec, and whether decoding can begin with the packet.
 
 Sources: docs.foxglove.dev/docs/sdk/schemas/compressed-video (H.264 and H.265 in Annex B form, AV1 in low-overhead form,
-one image per message); ffmpeg_image_transport_msgs/FFMPEGPacket, whose `encoding` is a codec or FFmpeg encoder, followed
-by pixel formats in newer releases (`hevc;yuv420p;bgr8;bgr8`); ITU-T H.264 and H.265, table 7-1 each; the bitstream specifications of VP9 (6.2), VP8 (RFC 6386, 9.1) and AV1 (5.3).
+one image per message); ffmpeg_image_transport_msgs/FFMPEGPacket, whose `encoding` is a codec or FFmpeg encoder, in
+newer releases followed by pixel formats (`hevc;yuv420p;bgr8;bgr8`); ITU-T H.264 and H.265, table 7-1 each; the
+bitstream specifications of VP9 (6.2), VP8 (RFC 6386, 9.1) and AV1 (5.3).
 """
 
 import re
