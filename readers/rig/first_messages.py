@@ -55,18 +55,16 @@ class FirstMessages:
 
     def frame(self, topic: str, msgtypes: Collection[str]) -> str:
         """Frame that the topic's messages name; empty if they name none or cannot be decoded."""
-        try:
-            message = self.decoded(topic, msgtypes)
-            return clean_frame(getattr(message, "header", message).frame_id)
-        except MessageError:
+        if self.missing(topic, msgtypes):
             return ""
+        message = self.decoded(topic, msgtypes)
+        return clean_frame(getattr(message, "header", message).frame_id)
 
     def image_size(self, topic: str, msgtypes: Collection[str]) -> tuple[int, int] | None:
         """(width, height) in pixels of the topic's first image; None if unknown."""
-        try:
-            message = self.decoded(topic, msgtypes)
-        except MessageError:
+        if self.missing(topic, msgtypes):
             return None
+        message = self.decoded(topic, msgtypes)
         if message.__msgtype__ in VIDEO:
             if topic not in self._video_sizes:
                 self._video_sizes[topic] = first_image_size(self._recording.messages([topic]))

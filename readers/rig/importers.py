@@ -18,7 +18,7 @@ from pipeline.core.errors import CalibrationError
 from readers.rig.extrinsics import decompose_projection
 from readers.rig.schema import CameraEntry, LidarEntry, RigFile, parse_rig
 
-__all__ = ["import_geometry", "import_kitti", "is_geometry", "is_kitti"]
+__all__ = ["import_geometry", "import_kitti"]
 
 
 KITTI_CAMERAS = (2, 3, 0, 1)
@@ -32,32 +32,23 @@ _KITTI_LINE = re.compile(
 # --- geometry.yaml
 
 
-def is_geometry(tree: Mapping[str, Any]) -> bool:
-    """Whether the content of a YAML file is a geometry.yaml."""
-    return bool(_geometry_cameras(tree))
+def import_geometry(tree: Mapping[str, Any], path: Path) -> RigFile | None:
+    """The cameras of a geometry.yaml, read from `path`; None if the content has another form.
 
-
-def _geometry_cameras(tree: Mapping[str, Any]) -> Mapping[str, Mapping[str, Any]]:
-    cameras = tree.get("cameras", tree)
-    if not isinstance(cameras, Mapping):
-        return {}
-    return {str(name): c for name, c in cameras.items() if isinstance(c, Mapping) and {"w2c", "c2p"} & set(c)}
-
-
-def import_geometry(tree: Mapping[str, Any], path: Path) -> RigFile:
-    """The cameras of a geometry.yaml, read from `path`; unsound matrices are kept and become faults of the rig.
-
-    A camera named by a number, 11, is called cam11.
+    A camera named by a number, 11, is called cam11. Unsound matrices are kept and become faults of the rig.
 
     Raises:
         CalibrationError: a matrix is missing or has the wrong number of values, or a name is not an identifier.
     """
     entries = {}
-    for name, camera in _geometry_cameras(tree).items():
-        w2c = _matrix(path, f"{name}.w2c", camera.get("w2c"), (4, 4))
-        c2p = _matrix(path, f"{name}.c2p", camera.get("c2p"), (3, 4))
-        entries[f"cam{name}" if name.isdecimal() else name] = _camera(w2c, c2p)
-    return parse_rig({"cameras": entries}, path)
+    cameras = tree.get("cameras", tree)
+    for key, camera in cameras.items() if isinstance(cameras, Mapping) else ():
+        if isinstance(camera, Mapping) and {"w2c", "c2p"} & set(camera):
+            name = str(key)
+            w2c = _matrix(path, f"{name}.w2c", camera.get("w2c"), (4, 4))
+            c2p = _matrix(path, f"{name}.c2p", camera.get("c2p"), (3, 4))
+            entries[f"cam{name}" if name.isdecimal() else name] = _camera(w2c, c2p)
+    return parse_rig({"cameras": entries}, path) if entries else None
 
 
 def _camera(T_camera_site: F64, projection: F64) -> CameraEntry:
@@ -82,21 +73,19 @@ def _matrix(path: Path, name: str, value: Any, shape: tuple[int, int]) -> F64:
 # --- KITTI
 
 
-def is_kitti(text: str) -> bool:
-    """Whether a text is a calibration file of KITTI."""
-    return _KITTI_LINE.search(text) is not None
-
-
-def import_kitti(text: str, path: Path) -> RigFile:
-    """The rectified cameras and the Velodyne of KITTI's object, odometry or raw calibration; the site is the Velodyne.
+def import_kitti(text: str, path: Path) -> RigFile | None:
+    """The rectified cameras and the Velodyne, which is the site, of a KITTI file; None if the text has another form.
 
     Args:
-        text: Content of `000008.txt` or `calib.txt`; of raw data `calib_cam_to_cam.txt` or `calib_velo_to_cam.txt`.
-        path: Its file; the other file of raw data is beside it.
+        text: Content of `000008.txt` (object), `calib.txt` (odometry), `calib_cam_to_cam.txt` or
+            `calib_velo_to_cam.txt` (raw).
+        path: Its file; the other raw file must be beside it.
 
     Raises:
         CalibrationError: an entry is missing or has the wrong number of values.
     """
+    if not _KITTI_LINE.search(text):
+        return None
     values = _kitti_values(text)
     if "R" in values and "T" in values:
         values |= _kitti_file(path.with_name("calib_cam_to_cam.txt"))

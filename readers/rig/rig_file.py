@@ -9,7 +9,7 @@ from pipeline.core.arrays import F64
 from pipeline.core.errors import CalibrationError, OutputError
 from pipeline.core.rig import Rig
 from pipeline.core.settings.bounded_yaml import read_yaml
-from readers.rig.importers import import_geometry, import_kitti, is_geometry, is_kitti
+from readers.rig.importers import import_geometry, import_kitti
 from readers.rig.schema import RigFile, parse_rig
 
 __all__ = ["load_rig", "rig_yaml", "write_rig"]
@@ -27,10 +27,10 @@ def load_rig(path: str | Path) -> RigFile:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as err:
         raise CalibrationError(f"{path}: cannot be read as a rig file: {err}") from err
-    if is_kitti(text):
-        return import_kitti(text, path)
+    if rig := import_kitti(text, path):
+        return rig
     tree = read_yaml(path)
-    return import_geometry(tree, path) if is_geometry(tree) else parse_rig(tree, path)
+    return import_geometry(tree, path) or parse_rig(tree, path)
 
 
 class _Row(list[float]):

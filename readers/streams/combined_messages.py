@@ -80,11 +80,8 @@ def _lists(channel: Channel) -> dict[str, str]:
         fields = typestore_for(channel).fielddefs[channel.msgtype][1]
     except MessageError:  # reported where the topic is used
         return {}
-    found = {}
-    for name, (node, detail) in fields:
-        if node in {Nodetype.ARRAY, Nodetype.SEQUENCE} and detail[0][0] == Nodetype.NAME:
-            found[name] = str(detail[0][1])
-    return {name: msgtype for name, msgtype in found.items() if msgtype in PART_TYPES}
+    lists = {name: detail[0] for name, (node, detail) in fields if node in {Nodetype.ARRAY, Nodetype.SEQUENCE}}
+    return {name: str(item[1]) for name, item in lists.items() if item[0] == Nodetype.NAME and item[1] in PART_TYPES}
 
 
 def _parts(channel: Channel, fields: dict[str, str], recording: Recording) -> Parts:

@@ -32,13 +32,8 @@ def sensor_messages(recording: Recording) -> Recording:
     except BaseException:
         recording.close()
         raise
-    channels = {channel for info in recording.topics for channel in info.channels}
-    foreign = {channel for channel in channels if channel.encoding in {"protobuf", "json"}}
-    closed = {channel: problem for channel in channels if (problem := _problem(channel))}
-    packets = {channel for channel in channels if channel.msgtype == PACKET}
-    if not (combined or foreign or closed or packets):
-        return recording
-    return _SensorMessages(recording, combined, foreign, closed, packets)
+    adapted = _SensorMessages(recording, combined)
+    return adapted if adapted.changes_anything else recording
 
 
 def _problem(channel: Channel) -> str:
@@ -51,21 +46,17 @@ def _problem(channel: Channel) -> str:
 class _SensorMessages(Closing):
     """See `Recording`; `message_count` counts a combined message once."""
 
-    def __init__(
-        self,
-        recording: Recording,
-        combined: Mapping[Channel, Parts],
-        foreign: Collection[Channel],
-        closed: Mapping[Channel, str],
-        packets: Collection[Channel],
-    ) -> None:
+    def __init__(self, recording: Recording, combined: Mapping[Channel, Parts]) -> None:
+        channels = {channel for info in recording.topics for channel in info.channels}
+        packets = {channel for channel in channels if channel.msgtype == PACKET}
         self._recording = recording
+        self._combined = combined
+        self._foreign = {channel for channel in channels if channel.encoding in {"protobuf", "json"}}
+        self._closed = {channel: problem for channel in channels if (problem := _problem(channel))}
+        self._packets = packets - self._closed.keys()
+        self.changes_anything = bool(combined or self._foreign or self._closed or packets)
         self.paths: tuple[Location, ...] = recording.paths
         self.start_ns, self.end_ns, self.message_count = recording.start_ns, recording.end_ns, recording.message_count
-        self._combined = combined
-        self._foreign = foreign
-        self._closed = closed
-        self._packets = frozenset(packets) - closed.keys()
         self.topics = merge_topics(self._infos(recording.topics))
         self._whole = {info.topic: info.part_of for info in self.topics if info.part_of}
 

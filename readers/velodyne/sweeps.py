@@ -3,7 +3,7 @@
 A sweep ends before the first packet that begins beyond azimuth zero, so the packet in which the head passes zero
 belongs to the sweep before. The packets before the first cut and after the last one are sweeps too, only shorter. A
 sweep also ends where the sensor's own clock shows a gap in which the head may have turned once, after a pause in the
-recording, and at a number of packets that no turn has. A packet that arrives late stays in the sweep that it arrived in.
+recording, and at a number of packets that no turn has. A late packet stays in the sweep that it arrived in.
 
 A sweep has the stamp of its first packet, and the log time and order of its last one. Messages of other topics
 therefore wait until it is known whether an open sweep ends before them.
