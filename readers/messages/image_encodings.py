@@ -22,15 +22,7 @@ from pipeline.core.arrays import U8
 from pipeline.core.errors import MessageError
 from pipeline.core.settings.recording import LimitsConfig
 
-__all__ = [
-    "PACKED",
-    "PLANAR",
-    "PackedEncoding",
-    "check_pixels",
-    "packed_to_rgb",
-    "planar_rows",
-    "planar_to_rgb",
-]
+__all__ = ["PACKED", "PLANAR", "PackedEncoding", "check_pixels", "packed_to_rgb", "planar_rows", "planar_to_rgb"]
 
 
 @dataclass(frozen=True, slots=True)

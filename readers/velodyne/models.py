@@ -15,14 +15,7 @@ import numpy as np
 
 from pipeline.core.arrays import F64, U16, check_array
 
-__all__ = [
-    "BLOCK_FLAGS",
-    "MODELS",
-    "LaserTable",
-    "RangeCorrections",
-    "VelodyneModel",
-    "built_in_table",
-]
+__all__ = ["BLOCK_FLAGS", "MODELS", "LaserTable", "RangeCorrections", "VelodyneModel", "built_in_table"]
 
 
 BLOCK_FLAGS = (0xEEFF, 0xDDFF, 0xCCFF, 0xBBFF)

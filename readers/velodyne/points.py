@@ -16,13 +16,7 @@ __all__ = ["cloud_of"]
 FAR_M, NEAR_X_M, NEAR_Y_M = 25.04, 2.40, 1.93
 
 
-def cloud_of(
-    packets: VelodynePackets,
-    beams: Beams,
-    device_us: I64,
-    packet_ns: I64,
-    stamp_ns: int,
-) -> PointCloud:
+def cloud_of(packets: VelodynePackets, beams: Beams, device_us: I64, packet_ns: I64, stamp_ns: int) -> PointCloud:
     """The points of packets that all have the layout of `beams`.
 
     Args:
@@ -147,12 +141,7 @@ def _points(beams: Beams, place: Indices, range_m: F32, cos_azimuth: F32, sin_az
 
 
 def _corrected_points(
-    beams: Beams,
-    corrections: RangeCorrections,
-    place: Indices,
-    range_m: F32,
-    cos_azimuth: F32,
-    sin_azimuth: F32,
+    beams: Beams, corrections: RangeCorrections, place: Indices, range_m: F32, cos_azimuth: F32, sin_azimuth: F32
 ) -> F32:
     """As `_points`, with the two-point calibration of the HDL-64E (manual, appendix E).
 
