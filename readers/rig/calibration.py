@@ -49,7 +49,7 @@ def calibrate_lidar(
     """A lidar with the pose of the rig file, else of tf.
 
     Raises:
-        CalibrationError: the pose is missing or unsound.
+        CalibrationError: the pose is missing or not valid.
         FrameError: tf does not join the frames.
         MessageError: no cloud of the lidar can be decoded.
     """
@@ -72,7 +72,7 @@ def calibrate_camera(
     """A camera with intrinsics of the rig file, else of CameraInfo, and extrinsics of the rig file, else of tf.
 
     Raises:
-        CalibrationError: one of them is missing or unsound.
+        CalibrationError: one of them is missing or not valid.
         FrameError: tf does not join the frames.
         MessageError: no image, or no CameraInfo, of the camera can be decoded.
     """

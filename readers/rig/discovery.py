@@ -1,4 +1,4 @@
-"""The rig of a recording: the sensors whose calibration is sound, and why the others are left out."""
+"""The rig of a recording: the sensors whose calibration is valid, and why the others are left out."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -45,7 +45,7 @@ class Discovery:
     """A rig and where it was found.
 
     Attributes:
-        rig: Sensors with sound calibration.
+        rig: Sensors with a valid calibration.
         faults: Sensors that are left out.
         sources: One per sensor of the rig, lidars first.
         notes: Topics that are not used, and topics that were assigned by order.

@@ -35,7 +35,7 @@ _KITTI_LINE = re.compile(
 def import_geometry(tree: Mapping[str, Any], path: Path) -> RigFile | None:
     """The cameras of a geometry.yaml, read from `path`; None if the content has another form.
 
-    A camera named by a number, 11, is called cam11. Unsound matrices are kept and become faults of the rig.
+    A camera named by a number, 11, is called cam11. Matrices that are not valid are kept, and become faults of the rig.
 
     Raises:
         CalibrationError: a matrix is missing or has the wrong number of values, or a name is not an identifier.

@@ -22,7 +22,7 @@ __all__ = ["sensor_messages"]
 
 
 def sensor_messages(recording: Recording) -> Recording:
-    """The recording with one topic and a ROS type for every sensor; closing it closes the original.
+    """The recording with one topic and a ROS type for every sensor; closing it closes `recording`.
 
     Raises:
         RecordingError: the recording cannot be read; it is then closed.

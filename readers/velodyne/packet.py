@@ -58,7 +58,7 @@ def packet_message_data(stamp_ns: int, payload: bytes | memoryview) -> bytes:
 
 
 def packet_data(message: RawMessage) -> bytes | memoryview:
-    """Stamp and payload of a VelodynePacket as `scan_data` takes them; `packet_problem` has found its channel sound.
+    """Stamp and payload of a VelodynePacket as `scan_data` takes them; `packet_problem` must be empty.
 
     Raises:
         MessageError: its bytes are not there, or end too soon.

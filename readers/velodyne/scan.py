@@ -54,7 +54,7 @@ class VelodynePackets:
 
 
 def parse_velodyne_scan(message: RawMessage) -> VelodynePackets:
-    """The packets of a message; bytes behind the last one are passed over.
+    """The packets of a message; bytes after the last one are ignored.
 
     Raises:
         MessageError: not a VelodyneScan, its recorded definition is not the usual one, or its bytes end too soon.
