@@ -14,8 +14,8 @@ from pipeline.core.frame import FrameResult
 from pipeline.core.settings.config import Config
 from readers import open as containers
 from readers.recording import Recording
-from readers.rig.load import load_rig as rig_of
-from readers.rig.rig_file import RigFile
+from readers.rig.rig_file import load_rig as rig_of
+from readers.rig.schema import RigFile
 from readers.streams.decoders import OnBadMessage
 
 __all__ = ["RunResult", "inspect", "iter_frames", "load_config", "load_rig", "open_recording", "process"]

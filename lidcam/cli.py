@@ -205,7 +205,7 @@ def inspect(
         raise typer.BadParameter(f"expected a name that ends in .mcap, found {repair}", param_hint="--repair")
     from lidcam.commands.inspect import InspectOptions, run_inspect
     from lidcam.job import read_config
-    from readers.rig.load import load_rig
+    from readers.rig.rig_file import load_rig
 
     run_inspect(
         InspectOptions(

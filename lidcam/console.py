@@ -20,7 +20,7 @@ from lidcam.tables import (
 from pipeline.core.frame import FrameResult
 from pipeline.core.settings.config import Config
 from readers.recording import Loss
-from readers.rig.discovery import SensorFault
+from readers.rig.sensor_topics import SensorFault
 
 __all__ = ["print_detections", "print_inspection", "print_matches", "print_report"]
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from lidcam.build import BoxSource, box_source
 from lidcam.frames import TimeWindow
-from lidcam.run import check_not_empty, find_rig
+from lidcam.run import check_not_empty
 from lidcam.summary import loss_records
 from pipeline.core.errors import CalibrationError, RecordingError
 from pipeline.core.rig import Rig
@@ -14,8 +14,10 @@ from pipeline.core.settings.config import Config
 from readers.location import Location, RemotePath
 from readers.open import open_recording
 from readers.recording import Loss, Recording
-from readers.rig.discovery import Discovery, SensorFault, SensorSource
-from readers.rig.rig_file import RigFile
+from readers.rig.calibration import SensorSource
+from readers.rig.discovery import Discovery, discover_rig
+from readers.rig.schema import RigFile
+from readers.rig.sensor_topics import SensorFault
 from readers.streams.motion import find_motion_source
 from readers.streams.per_sensor import sensor_messages
 from readers.streams.survey import TopicSurvey, survey
@@ -86,7 +88,7 @@ def inspect_open(recording: Recording, config: Config, rig: RigFile | None, wind
     found: Discovery | None = None
     problem = ""
     try:
-        found = find_rig(recording, config, rig, window)
+        found = discover_rig(recording, config, rig, start_ns=window.start_ns, stop_ns=window.stop_ns)
     except (CalibrationError, RecordingError) as err:
         problem = str(err)
     motion = find_motion_source(recording, found.rig, found.transforms, config) if found else None

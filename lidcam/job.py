@@ -12,8 +12,8 @@ from pipeline.core.errors import ConfigError
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.load import describe_validation, load_config, set_values
 from readers.location import Location, RemotePath, location
-from readers.rig.load import load_rig
-from readers.rig.rig_file import RigFile
+from readers.rig.rig_file import load_rig
+from readers.rig.schema import RigFile
 from readers.streams.decoders import OnBadMessage
 
 __all__ = ["FilePath", "Job", "PathOrUrl", "locations", "make_job", "read_config", "settings_of"]

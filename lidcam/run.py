@@ -25,14 +25,13 @@ from pipeline.stages.sync.synchronize import SyncStats
 from readers.messages.tf import TF_TYPES
 from readers.open import open_recording
 from readers.recording import Recording
-from readers.rig.discovery import Discovery, discover_rig, rig_from_file
-from readers.rig.rig_file import RigFile
+from readers.rig.discovery import Discovery, discover_rig
 from readers.rig.sensor_topics import BOXES, CAMERA_INFO, IMAGE
 from readers.streams.motion import find_motion_source
 from readers.streams.per_sensor import sensor_messages
 from writers.base import ResultWriter
 
-__all__ = ["Run", "RunObserver", "check_not_empty", "find_rig", "iter_frames", "process_recording"]
+__all__ = ["Run", "RunObserver", "check_not_empty", "iter_frames", "process_recording"]
 
 logger = logging.getLogger(__name__)
 
@@ -91,7 +90,7 @@ def opened(job: Job) -> Iterator["Run"]:
         check_not_empty(recording)
         check_not_overwritten(recording.paths, *job.outputs)
         window = _window(recording, job)
-        found = find_rig(recording, config, job.rig, window)
+        found = discover_rig(recording, config, job.rig, start_ns=window.start_ns, stop_ns=window.stop_ns)
         for fault in found.faults:
             logger.warning("%s is left out: %s", fault.sensor, fault.reason)
         motion = find_motion_source(recording, found.rig, found.transforms, config)
@@ -182,19 +181,6 @@ class Run:
         for drop in self.found.transforms.drops:
             if drop.topic not in motion_topics:
                 self._drops.add_bad(drop)
-
-
-def find_rig(recording: Recording, config: Config, rig: RigFile | None, window: TimeWindow) -> Discovery:
-    """The sensors of a recording: as a rig file says, and found in the recording where it says nothing.
-
-    Raises:
-        CalibrationError: no lidar is usable.
-        RecordingError: the recording has no clouds, or cannot be read.
-    """
-    start_ns, stop_ns = window.start_ns, window.stop_ns
-    if rig is None:
-        return discover_rig(recording, config, start_ns=start_ns, stop_ns=stop_ns)
-    return rig_from_file(rig, recording, config, start_ns=start_ns, stop_ns=stop_ns)
 
 
 def check_not_empty(recording: Recording) -> None:

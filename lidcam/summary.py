@@ -14,7 +14,8 @@ from pipeline.core.messages import Drop
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from readers.recording import Loss
-from readers.rig.discovery import SensorFault, SensorSource
+from readers.rig.calibration import SensorSource
+from readers.rig.sensor_topics import SensorFault
 from readers.streams.decoders import OnBadMessage
 
 __all__ = [

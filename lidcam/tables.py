@@ -8,7 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 from lidcam.summary import DropCount
-from readers.rig.discovery import SensorSource
+from readers.rig.calibration import SensorSource
 from readers.streams.survey import TopicSurvey
 
 __all__ = [

@@ -16,7 +16,8 @@ from pipeline.core.settings.config import Config
 from readers.location import Location, location
 from readers.open import open_recording
 from readers.recording import Recording
-from readers.rig.rig_file import RigFile, write_rig
+from readers.rig.rig_file import write_rig
+from readers.rig.schema import RigFile
 from readers.streams.per_sensor import sensor_messages
 from writers.mcap.repair import write_repaired
 

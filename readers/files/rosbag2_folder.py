@@ -1,6 +1,5 @@
 """ROS 2 bag folders: which files they hold, and what metadata.yaml says about all of them."""
 
-import re
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -9,6 +8,7 @@ import yaml
 
 from pipeline.core.errors import RecordingError
 from pipeline.core.settings.bounded_yaml import MAX_YAML_BYTES, parse_yaml
+from readers.natural_order import natural_key
 
 __all__ = ["FolderMetadata", "folder_metadata", "recording_files"]
 
@@ -49,7 +49,7 @@ def recording_files(folder: Path) -> tuple[Path, ...]:
         )
     if files:
         return files
-    found = sorted((file for file in folder.iterdir() if _is_storage(file)), key=_natural_order)
+    found = sorted((file for file in folder.iterdir() if _is_storage(file)), key=lambda file: natural_key(file.name))
     if len({_storage_suffix(file) for file in found}) > 1:
         names = ", ".join(file.name for file in found)
         raise RecordingError(
@@ -97,9 +97,3 @@ def _storage_suffix(file: Path) -> str:
 
 def _is_storage(file: Path) -> bool:
     return file.is_file() and _storage_suffix(file) in STORAGE_SUFFIXES
-
-
-def _natural_order(file: Path) -> list[tuple[int, str]]:
-    """rec_2 before rec_10."""
-    parts = re.split(r"(\d+)", file.name)
-    return [(int(part), "") if part.isdigit() else (0, part) for part in parts]

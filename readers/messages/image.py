@@ -1,4 +1,4 @@
-"""sensor_msgs/Image, raw or compressed, to `Image`."""
+"""Decodes sensor_msgs/Image; `decode_any_image` also CompressedImage."""
 
 from typing import Any
 
@@ -21,7 +21,7 @@ RAW_IMAGE = "sensor_msgs/msg/Image"
 
 
 def decode_any_image(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS) -> Image:
-    """The image of a message of either type.
+    """The image of an Image or CompressedImage.
 
     Raises:
         MessageError: the message is of another type or holds no image.
@@ -36,10 +36,10 @@ def decode_any_image(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMI
 def decode_image(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS) -> Image:
     """The image of a sensor_msgs/Image in one of the encodings that `image_encodings` lists.
 
-    Rows may be padded (`step`). A rgb8 image without padding is a view of the message's bytes.
+    Rows may be padded (`step`). An rgb8 image without padding is a view of the message's bytes.
 
     Raises:
-        MessageError: not an Image, an encoding without an image, sizes that do not fit the data, or more pixels than
+        MessageError: not an Image, an encoding of something else, sizes that do not fit the data, or more pixels than
             `limits` allow.
     """
     image = deserialize_as(message, RAW_IMAGE)
@@ -52,7 +52,7 @@ def decode_image(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS) 
             rgb = _planar(image, encoding, message.topic)
         else:
             known = ", ".join([*PACKED, *PLANAR])
-            raise MessageError(f"{message.topic}: encoding {image.encoding!r} is no image; expected one of {known}")
+            raise MessageError(f"{message.topic}: encoding {image.encoding!r} is not an image; expected one of {known}")
     except cv2.error as err:
         reason = " ".join(str(err).split())
         raise MessageError(f"{message.topic}: {image.encoding} {image.width} x {image.height}: {reason}") from err

@@ -1,16 +1,16 @@
-"""Pixels in the encodings of sensor_msgs/image_encodings.hpp (ROS 1 Noetic to ROS 2 Lyrical) to RGB of 8 bits.
+"""Converts pixels from the encodings of sensor_msgs/image_encodings.hpp (ROS 1 Noetic to ROS 2 Lyrical) to 8-bit RGB.
 
 | encoding | taken as |
 | --- | --- |
-| rgb8 rgba8 bgr8 bgra8, and the same with 16 | colour; alpha is left out |
+| rgb8 rgba8 bgr8 bgra8, and the same with 16 | colour; alpha is ignored |
 | mono8 mono16 8UC1 16UC1 | grey |
 | 8UC3 8UC4 16UC3 16UC4 | BGR and BGRA, OpenCV's order |
 | bayer_rggb8 ... bayer_grbg16 | mosaic, named by the first row's two pixels and the second row's; bilinear |
 | yuv422 = uyvy, yuv422_yuy2 = yuyv | two pixels in four bytes, ITU-R BT.601, limited range |
 | nv12 nv21 nv24 | plane of Y, then of U and V in turn (nv21: V and U), ITU-R BT.601, limited range |
 
-Of 16 bits the upper eight are kept (`value >> 8`): images of sensors with 12 bits that do not shift them up are dark.
-Signed, float and two-channel encodings hold measurements, not images.
+Of 16 bits the upper eight are kept (`value >> 8`), so images of 12-bit sensors that do not shift their values up are
+dark. Signed, float and two-channel encodings hold measurements, not images.
 """
 
 from dataclasses import dataclass
@@ -22,28 +22,19 @@ from pipeline.core.arrays import U8
 from pipeline.core.errors import MessageError
 from pipeline.core.settings.recording import LimitsConfig
 
-__all__ = [
-    "PACKED",
-    "PLANAR",
-    "PackedEncoding",
-    "check_pixels",
-    "demosaic",
-    "packed_to_rgb",
-    "planar_rows",
-    "planar_to_rgb",
-]
+__all__ = ["PACKED", "PLANAR", "PackedEncoding", "check_pixels", "packed_to_rgb", "planar_rows", "planar_to_rgb"]
 
 
 @dataclass(frozen=True, slots=True)
 class PackedEncoding:
-    """Pixels that follow one another.
+    """An encoding with all values of a pixel side by side.
 
     Attributes:
         channels: Values per pixel.
         depth_bytes: Bytes per value, 1 or 2.
-        conversion: OpenCV's code for the way to RGB; None: it is RGB.
-        mosaic: Whether each pixel has one colour only.
-        pixels_per_group: Pixels that share values; the width is a multiple.
+        conversion: OpenCV's code for the conversion to RGB; None for RGB itself.
+        mosaic: Whether each pixel has only one colour.
+        pixels_per_group: Pixels that share values; the width is a multiple of it.
     """
 
     channels: int
@@ -62,7 +53,7 @@ def _packed_encodings() -> dict[str, PackedEncoding]:
         "mono": (1, cv2.COLOR_GRAY2RGB),
     }
     matrices = {1: cv2.COLOR_GRAY2RGB, 3: cv2.COLOR_BGR2RGB, 4: cv2.COLOR_BGRA2RGB}
-    # OpenCV's older names (BayerBG for RGGB) count from the second pixel of the second row; these do as ROS does.
+    # These names follow ROS; OpenCV's older ones (BayerBG for RGGB) count from the second pixel of the second row.
     mosaics = {
         "rggb": cv2.COLOR_BayerRGGB2RGB,
         "bggr": cv2.COLOR_BayerBGGR2RGB,
@@ -86,7 +77,7 @@ def _packed_encodings() -> dict[str, PackedEncoding]:
 
 
 PACKED = _packed_encodings()
-"""By name in lower case."""
+"""Encodings by name in lower case."""
 
 PLANAR = {"nv12": cv2.COLOR_YUV2RGB_NV12, "nv21": cv2.COLOR_YUV2RGB_NV21, "nv24": None}
 """OpenCV's code by name in lower case; it has none for nv24."""
@@ -97,25 +88,17 @@ _RGB_FROM_YUV_SHIFTED = np.hstack([_RGB_FROM_YUV, -_RGB_FROM_YUV @ [[16.0], [128
 
 
 def packed_to_rgb(pixels: U8, encoding: PackedEncoding) -> U8:
-    """Pixels (H, W, channels), the upper byte of each value, to (H, W, 3); RGB without gaps is not copied."""
+    """Pixels (H, W, channels), the upper byte of each value, as RGB (H, W, 3); contiguous RGB is not copied."""
     if encoding.conversion is None:
         return np.ascontiguousarray(pixels)
     return _convert(pixels[..., 0] if encoding.channels == 1 else pixels, encoding.conversion)
 
 
-def demosaic(pixels: U8, encoding: str) -> U8:
-    """A Bayer mosaic (H, W), at least 3 x 3, to (H, W, 3); `encoding` as in `bayer_rggb8`."""
-    code = PACKED[encoding].conversion
-    if code is None or not PACKED[encoding].mosaic:
-        raise ValueError(f"{encoding} is no Bayer mosaic")
-    return _convert(pixels, code)
-
-
 def check_pixels(width: int, height: int, limits: LimitsConfig, topic: str) -> None:
-    """Refuse an image that is too large.
+    """Check the size of an image.
 
     Raises:
-        MessageError: it is.
+        MessageError: the image has more pixels than `limits` allow.
     """
     if width * height > limits.max_image_mpx * 1e6:
         raise MessageError(
@@ -125,12 +108,12 @@ def check_pixels(width: int, height: int, limits: LimitsConfig, topic: str) -> N
 
 
 def planar_rows(encoding: str, height: int) -> int:
-    """Rows of `step` bytes that a planar image has in all."""
+    """Rows of `step` bytes in all planes of an image."""
     return height * 3 if encoding == "nv24" else height * 3 // 2
 
 
 def planar_to_rgb(data: U8, encoding: str, *, height: int, width: int, step: int) -> U8:
-    """Planes in rows of `step` bytes to (H, W, 3); nv12 and nv21 have even width and height."""
+    """Planes in rows of `step` bytes as RGB (H, W, 3); nv12 and nv21 have even width and height."""
     code = PLANAR[encoding]
     if code is not None:
         return _convert(np.ndarray((planar_rows(encoding, height), width), np.uint8, data, 0, (step, 1)), code)

@@ -1,1 +1,1 @@
-"""Calibration: found in a recording, read from a file, written to one."""
+"""The rig: found in a recording, read from a file, written to one."""

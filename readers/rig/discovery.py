@@ -1,7 +1,4 @@
-"""The rig of a recording: the sensors whose calibration is sound, and what ails the others.
-
-What a rig file gives is taken; what it leaves out comes from CameraInfo and tf.
-"""
+"""The rig of a recording: the sensors whose calibration is valid, and why the others are left out."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -9,24 +6,18 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from pipeline.core.errors import CalibrationError, FrameError, LidcamError, RecordingError
-from pipeline.core.geometry.transform import Transform
 from pipeline.core.rig import CameraSensor, LidarSensor, Rig, Zone, default_zones
 from pipeline.core.settings.config import Config
 from readers.messages.tf import RecordedTransforms, clean_frame, read_transforms
 from readers.recording import Recording, TopicInfo
 from readers.rig.assignment import AssignedLidar, assign_cameras, assign_lidars
-from readers.rig.camera_calibration import calibrate_camera
-from readers.rig.extrinsics import rigid_transform
+from readers.rig.calibration import OWN_SITE, SensorSource, calibrate_camera, calibrate_lidar
 from readers.rig.first_messages import FirstMessages
-from readers.rig.rig_file import LidarEntry, RigFile
-from readers.rig.sensor_topics import CAMERA_INFO, CLOUD, SensorFault, find_camera_topics, find_lidar_topics
+from readers.rig.schema import RigFile
+from readers.rig.sensor_topics import CAMERA_INFO, CLOUD, Findings, SensorFault, find_camera_topics, find_lidar_topics
 from readers.rig.topic_names import place
 
-__all__ = ["Discovery", "SensorFault", "SensorSource", "discover_rig", "rig_from_file"]
-
-
-OWN_SITE = "its frame is the site frame"
-"""Source of the pose of a lidar that has the site frame."""
+__all__ = ["Discovery", "discover_rig"]
 
 BEYOND_SITE = frozenset({"earth", "utm"})
 """Frames with coordinates of millions of metres, in which float32 points would lose their centimetres."""
@@ -43,41 +34,22 @@ RAW_LIDAR = frozenset(
         "rslidar_msg/msg/RslidarPacket",
     }
 )
-"""Types that drivers record before they make clouds of them."""
+"""Types of what a lidar sends, which only its driver can turn into clouds."""
 
 MAX_LISTED = 10
-"""Topics that an error names."""
-
-
-@dataclass(frozen=True, slots=True)
-class SensorSource:
-    """Where a sensor's calibration was found.
-
-    Attributes:
-        sensor: Its name in the rig.
-        topic: Its topic.
-        frame_id: Its frame.
-        intrinsics: Source of a camera's intrinsics; empty for a lidar.
-        extrinsics: Source of its pose.
-    """
-
-    sensor: str
-    topic: str
-    frame_id: str
-    intrinsics: str
-    extrinsics: str
+"""Topics that an error lists at most."""
 
 
 @dataclass(frozen=True, slots=True)
 class Discovery:
-    """The rig, and how it was found.
+    """A rig and where it was found.
 
     Attributes:
-        rig: Sensors with sound calibration.
-        faults: Sensors without: the run goes on without them.
+        rig: Sensors with a valid calibration.
+        faults: Sensors that are left out.
         sources: One per sensor of the rig, lidars first.
-        notes: Topics that were passed over, and sensors that were assigned to topics by order, in words.
-        transforms: The recording's transforms.
+        notes: Topics that are not used, and topics that were assigned by order.
+        transforms: Transforms of the recording.
     """
 
     rig: Rig
@@ -85,23 +57,6 @@ class Discovery:
     sources: tuple[SensorSource, ...]
     notes: tuple[str, ...]
     transforms: RecordedTransforms = field(repr=False)
-
-
-def rig_from_file(
-    rig_file: RigFile,
-    recording: Recording,
-    config: Config,
-    *,
-    start_ns: int | None = None,
-    stop_ns: int | None = None,
-) -> Discovery:
-    """The rig that a rig file describes, for the topics of a recording; arguments as of `discover_rig`.
-
-    Raises:
-        CalibrationError: no lidar is usable.
-        RecordingError: the recording has no clouds, or cannot be read.
-    """
-    return discover_rig(recording, config, rig_file, start_ns=start_ns, stop_ns=stop_ns)
 
 
 def discover_rig(
@@ -115,37 +70,34 @@ def discover_rig(
     """The rig of a recording.
 
     The site frame is the configured one, else the rig file's, else `base_link` if lidars are fixed to it, else the end
-    of the chain of fixed transforms that most lidars (the first of equals) hang on; a camera's optical frame is no
-    site frame (z is not up): then it is the lidar's own. A lidar whose messages name no frame has the one that tf knows
-    by its name or a part of its topic, else one of its own; several such need poses from somewhere.
+    of the chain of fixed transforms that most lidars (the first of equals) hang on. A camera's optical frame cannot be
+    the site frame (z is not up); then it is the lidar's own. A lidar whose messages name no frame has the one that tf
+    knows by its name or a part of its topic, else one of its own; several such lidars need poses.
 
     Args:
         recording: Open recording; tf_static and the beginning of the other topics are read.
-        config: Settings: which topics take part, and the site frame.
-        rig_file: What is known already.
-        start_ns: Begin of the part that is of interest, by log time: there tf is read, too. None is the recording's.
+        config: Settings: which topics are used, and the site frame.
+        rig_file: What is known; the rest is taken from CameraInfo and tf.
+        start_ns: Begin of the part that is processed, by log time: tf is read there, too. None is the recording's.
         stop_ns: Its end (exclusive).
 
     Raises:
-        CalibrationError: no lidar is usable, says why for each; or nothing says where any of several lidars stands.
+        CalibrationError: no lidar is usable, with the reason for each; or nothing tells the poses of several lidars.
         RecordingError: the recording has no clouds, or cannot be read.
     """
     rig_file = rig_file or RigFile()
     first = FirstMessages(recording, config.velodyne)
     transforms = read_transforms(recording, start_ns=start_ns, stop_ns=stop_ns)
-    lidar_topics, faults, notes = find_lidar_topics(recording, config.topics, first)
-    lidars, lidar_assignment = assign_lidars(rig_file.lidars, lidar_topics, recording)
-    faults += lidar_assignment.faults
+    of_lidars, of_cameras = Findings(), Findings()
+    lidar_topics = find_lidar_topics(recording, config.topics, first, of_lidars)
+    lidars = assign_lidars(rig_file.lidars, lidar_topics, recording, of_lidars)
     if not lidars and rig_file.lidars == {}:
-        raise CalibrationError("the rig file says `lidars: {}`, no lidar: name one, or leave `lidars` out to take all")
-    if not lidars and not faults:
+        raise CalibrationError("the rig file says `lidars: {}`, no lidar: name one, or leave `lidars` out to use all")
+    if not lidars and not of_lidars.faults:
         raise RecordingError(_no_clouds(recording, config))
-    camera_topics, camera_faults, camera_notes = find_camera_topics(recording, config.topics, first)
-    cameras, camera_assignment = assign_cameras(
-        rig_file.cameras, camera_topics, recording, taken={lidar.name for lidar in lidars} | {"lidar", "fused"}
-    )
-    camera_faults += camera_assignment.faults
-    notes += lidar_assignment.notes + camera_notes + camera_assignment.notes
+    camera_topics = find_camera_topics(recording, config.topics, first, of_cameras)
+    taken = {lidar.name for lidar in lidars} | {"lidar", "fused"}
+    cameras = assign_cameras(rig_file.cameras, camera_topics, recording, of_cameras, taken=taken)
 
     named = {
         lidar.name: clean_frame(lidar.entry.frame_id) or first.frame(lidar.topic, CLOUD)
@@ -156,39 +108,36 @@ def discover_rig(
     camera_frames = {first.frame(camera.topics.info, CAMERA_INFO) for camera in cameras if camera.topics.info}
     wanted = clean_frame(config.rig.site_frame or rig_file.site_frame)
     site = wanted or _site_frame(list(frames.values()), camera_frames, transforms)
+
     sources: list[SensorSource] = []
     lidar_sensors: list[LidarSensor] = []
     for lidar in lidars:
-        frame = frames[lidar.name]
         try:
-            first.decoded(lidar.topic, CLOUD)
-            T_site_lidar, source = _lidar_pose(lidar.entry, site, frame, transforms)
+            sensor, source = calibrate_lidar(lidar, frames[lidar.name], site, first, transforms)
         except LidcamError as err:
-            faults.append(SensorFault(lidar.name, lidar.topic, str(err)))
-            continue
-        lidar_sensors.append(LidarSensor(lidar.name, lidar.topic, T_site_lidar))
-        sources.append(SensorSource(lidar.name, lidar.topic, frame, "", source))
+            of_lidars.leave_out(lidar.name, lidar.topic, err)
+        else:
+            lidar_sensors.append(sensor)
+            sources.append(source)
     if not lidar_sensors:
-        raise CalibrationError(_no_lidar(faults, site))
-    apart = [lidar for lidar in lidars if named.get(lidar.name) == "" and lidar.topic not in {s.topic for s in sources}]
+        raise CalibrationError(_no_lidar(of_lidars.faults, site))
+    used = [source.topic for source in sources]
+    apart = [lidar.topic for lidar in lidars if named.get(lidar.name) == "" and lidar.topic not in used]
     if apart and all(source.extrinsics == OWN_SITE for source in sources):
-        raise CalibrationError(_no_poses(recording, [source.topic for source in sources] + [x.topic for x in apart]))
+        raise CalibrationError(_no_poses(recording, used + apart))
 
     camera_sensors: list[CameraSensor] = []
     for camera in cameras:
         try:
-            found = calibrate_camera(camera.entry, camera.topics, site, first, transforms)
+            camera_sensor, source = calibrate_camera(camera, site, first, transforms)
         except LidcamError as err:
-            camera_faults.append(SensorFault(camera.name, camera.topics.topic, str(err)))
-            continue
-        camera_sensors.append(
-            CameraSensor(camera.name, camera.topics.image, camera.topics.boxes, found.model, found.T_camera_site)
-        )
-        sources.append(
-            SensorSource(camera.name, camera.topics.topic, found.model.frame_id, found.intrinsics, found.extrinsics)
-        )
+            of_cameras.leave_out(camera.name, camera.topics.topic, err)
+        else:
+            camera_sensors.append(camera_sensor)
+            sources.append(source)
     rig = Rig(site, tuple(lidar_sensors), tuple(camera_sensors), _zones(rig_file), rig_file.ground_height_m)
-    return Discovery(rig, (*faults, *camera_faults), tuple(sources), tuple(notes), transforms)
+    faults, notes = of_lidars.faults + of_cameras.faults, of_lidars.notes + of_cameras.notes
+    return Discovery(rig, tuple(faults), tuple(sources), tuple(notes), transforms)
 
 
 def _zones(rig_file: RigFile) -> tuple[Zone, ...]:
@@ -197,21 +146,10 @@ def _zones(rig_file: RigFile) -> tuple[Zone, ...]:
     return tuple(Zone(name, np.array(corners, np.float64)) for name, corners in rig_file.zones.items())
 
 
-def _lidar_pose(entry: LidarEntry, site: str, frame: str, transforms: RecordedTransforms) -> tuple[Transform, str]:
-    """T_site_lidar and where it was found."""
-    if entry.T_site_lidar is not None:
-        return rigid_transform("T_site_lidar", site, frame, entry.T_site_lidar), "rig file"
-    if (pose := entry.pose_in_site()) is not None:
-        return rigid_transform("its pose", site, frame, pose), "rig file"
-    if site == frame:
-        return Transform.identity(site, frame), OWN_SITE
-    return transforms.lookup(site, frame), f"tf: {site} <- {frame}"
-
-
 def _lidar_frames(
     lidars: Sequence[AssignedLidar], named: Mapping[str, str], transforms: RecordedTransforms
 ) -> dict[str, str]:
-    """Frame by lidar: the named one, else what tf has of the lidar's name and the parts of its topic, else its name."""
+    """Frame by lidar: as named, else one that tf knows by the lidar's name or a part of its topic, else its name."""
     frames = {lidar.name: named.get(lidar.name, "") for lidar in lidars}
     known = transforms.fixed.frames - set(frames.values())
     for lidar in lidars:

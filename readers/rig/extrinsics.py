@@ -1,4 +1,4 @@
-"""Matrices that people or calibration tools wrote, to sound transforms, or the reason why not."""
+"""Checks matrices that people or calibration tools wrote, and turns them into transforms."""
 
 import numpy as np
 import numpy.typing as npt
@@ -12,23 +12,23 @@ __all__ = ["decompose_projection", "rigid_transform"]
 
 
 ROUNDED = 1e-6
-"""Rotations further from orthonormal than this were rounded in a file: the nearest true rotation replaces them."""
+"""A rotation further from orthonormal was rounded in its file: the nearest rotation replaces it."""
 
 
 def rigid_transform(name: str, dst: str, src: str, values: npt.ArrayLike) -> Transform:
     """T_dst_src from sixteen numbers.
 
-    Rotations that were rounded to a few digits become the nearest rotation (polar decomposition), since the inverse of
-    a transform is taken by transposing.
+    A rotation that was rounded to a few digits becomes the nearest rotation (polar decomposition), because `inverse`
+    transposes it.
 
     Raises:
-        CalibrationError: not rigid; says what of `name` is wrong.
+        CalibrationError: the matrix is not rigid; says what is wrong with `name`.
     """
     matrix = np.array(values, np.float64).reshape(4, 4)
     if not np.isfinite(matrix).all():
         raise CalibrationError(f"{name} holds numbers that are not finite")
     if fault := rotation_fault(matrix[:3, :3]):
-        raise CalibrationError(f"the rotation of {name} is none: {fault}")
+        raise CalibrationError(f"the rotation of {name} is not valid: {fault}")
     if np.abs(matrix[3] - [0, 0, 0, 1]).max() > ROUNDED:
         raise CalibrationError(f"the last row of {name} is {matrix[3].tolist()}: expected 0 0 0 1")
     if dst == src and np.abs(matrix - np.eye(4)).max() > ROUNDED:

@@ -1,4 +1,4 @@
-"""The first message of a topic that can be decoded: it tells the sensor's frame and the image's size."""
+"""The first message of each topic that can be decoded, which has the sensor's frame and the size of its images."""
 
 from collections.abc import Collection
 from typing import Any
@@ -17,13 +17,13 @@ from readers.video.streams import first_image_size
 __all__ = ["FirstMessages"]
 
 TRIES = 20
-"""Messages that are tried per topic: a recording may begin with a broken one, not with this many."""
+"""Messages that are tried per topic: a recording may begin with a few damaged ones."""
 
 
 class FirstMessages:
-    """Looks at the start of topics; what was found is kept, and read only once.
+    """Reads the start of topics, each only once.
 
-    Methods raise ConfigError or CalibrationError where the settings for a Velodyne's packets cannot be used.
+    Methods raise ConfigError or CalibrationError if the settings for a Velodyne's packets cannot be used.
     """
 
     def __init__(self, recording: Recording, velodyne: VelodyneConfig | None = None) -> None:
@@ -36,14 +36,11 @@ class FirstMessages:
         """The first message of `topic` with one of `msgtypes`, decoded.
 
         Raises:
-            MessageError: none of the first messages can be decoded; quotes the first fault.
+            MessageError: none of the first messages can be decoded; quotes the first error.
         """
         key = (topic, min(msgtypes))
         if key not in self._found:
-            try:
-                self._found[key] = self._read(topic, msgtypes)
-            except MessageError as err:
-                self._found[key] = err
+            self._found[key] = self._read(topic, msgtypes)
         if isinstance(found := self._found[key], MessageError):
             raise found
         return found
@@ -57,30 +54,27 @@ class FirstMessages:
         return False
 
     def frame(self, topic: str, msgtypes: Collection[str]) -> str:
-        """Frame that the topic's messages name; empty where they name none or cannot be decoded."""
-        try:
-            message = self.decoded(topic, msgtypes)
-            return clean_frame(getattr(message, "header", message).frame_id)
-        except MessageError:
+        """Frame that the topic's messages name; empty if they name none or cannot be decoded."""
+        if self.missing(topic, msgtypes):
             return ""
+        message = self.decoded(topic, msgtypes)
+        return clean_frame(getattr(message, "header", message).frame_id)
 
     def image_size(self, topic: str, msgtypes: Collection[str]) -> tuple[int, int] | None:
-        """(width, height) in pixels of the topic's first image; None where that cannot be told."""
-        try:
-            message = self.decoded(topic, msgtypes)
-        except MessageError:
+        """(width, height) in pixels of the topic's first image; None if unknown."""
+        if self.missing(topic, msgtypes):
             return None
+        message = self.decoded(topic, msgtypes)
         if message.__msgtype__ in VIDEO:
             if topic not in self._video_sizes:
                 self._video_sizes[topic] = first_image_size(self._recording.messages([topic]))
             return self._video_sizes[topic]
         if hasattr(message, "width"):
             return int(message.width), int(message.height)
-        if not len(message.data):
-            return None
         return image_size(message.data.tobytes())
 
     def _read(self, topic: str, msgtypes: Collection[str]) -> Any:
+        """The message, or the MessageError to raise."""
         fault: MessageError | None = None
         tried = 0
         for message in self._recording.messages([topic]):
@@ -88,7 +82,7 @@ class FirstMessages:
                 continue
             tried += 1
             try:
-                if message.channel.msgtype == SCAN:  # whose model may be unknown
+                if message.channel.msgtype == SCAN:  # the model may be unknown
                     self._velodyne[topic](message)
                 if message.channel.msgtype in VIDEO:
                     read_packet(message)
@@ -97,4 +91,4 @@ class FirstMessages:
                 fault = fault or err
             if tried == TRIES:
                 break
-        raise MessageError(f"{topic}: none of its first {tried} messages can be decoded: {fault or 'it has none'}")
+        return MessageError(f"{topic}: none of its first {tried} messages can be decoded: {fault or 'it has none'}")

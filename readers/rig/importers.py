@@ -1,11 +1,12 @@
-"""Calibration files of other systems to rig files.
+"""Calibration files of other systems as rig files.
 
-The original's geometry.yaml holds, per camera, `w2c` (4 x 4, world to camera) and `c2p` (3 x 4, camera to pixel);
-lidars are not in it. KITTI's holds P0..P3 (3 x 4, rectified camera 0 to pixel), R0_rect and Tr_velo_to_cam (A. Geiger
-et al., "Vision meets Robotics: The KITTI Dataset", IJRR 2013, equation 8: x = P_i R0_rect Tr_velo_to_cam X). Neither
-says topics: see `assignment` for how the recording's topics are found.
+The predecessor system's geometry.yaml has, per camera, `w2c` (4 x 4, world to camera) and `c2p` (3 x 4, camera to
+pixel), but no lidars. KITTI's files have P0..P3 (3 x 4, rectified camera 0 to pixel), R0_rect and Tr_velo_to_cam
+(A. Geiger et al., "Vision meets Robotics: The KITTI Dataset", IJRR 2013, equation 8: x = P_i R0_rect Tr_velo_to_cam X).
+Neither names topics: see `assignment`.
 """
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -14,58 +15,48 @@ import numpy as np
 
 from pipeline.core.arrays import F64
 from pipeline.core.errors import CalibrationError
-from pipeline.core.settings.bounded_yaml import read_yaml
 from readers.rig.extrinsics import decompose_projection
-from readers.rig.rig_file import CameraEntry, LidarEntry, RigFile, parse_rig
+from readers.rig.schema import CameraEntry, LidarEntry, RigFile, parse_rig
 
-__all__ = ["import_geometry_yaml", "import_kitti_calib", "is_geometry_tree"]
+__all__ = ["import_geometry", "import_kitti"]
 
 
 KITTI_CAMERAS = (2, 3, 0, 1)
 """Colour cameras first: a recording with one camera has the left colour camera, `image_2`."""
 
 
-# --- the original's geometry.yaml
+_KITTI_LINE = re.compile(
+    r"^(P\d|P_rect_\d\d|K_\d\d|Tr|Tr_velo_(to_)?cam|R0_rect|R_rect(_\d\d)?|calib_time):", re.MULTILINE
+)
+
+# --- geometry.yaml
 
 
-def is_geometry_tree(tree: Mapping[str, Any]) -> bool:
-    """Whether a YAML file's content has the form of the original's geometry.yaml."""
-    return bool(_geometry_cameras(tree))
+def import_geometry(tree: Mapping[str, Any], path: Path) -> RigFile | None:
+    """The cameras of a geometry.yaml, read from `path`; None if the content has another form.
 
-
-def _geometry_cameras(tree: Mapping[str, Any]) -> Mapping[str, Mapping[str, Any]]:
-    cameras = tree.get("cameras", tree)
-    if not isinstance(cameras, Mapping):
-        return {}
-    return {str(name): c for name, c in cameras.items() if isinstance(c, Mapping) and {"w2c", "c2p"} & set(c)}
-
-
-def import_geometry_yaml(path: Path) -> RigFile:
-    """The cameras of a geometry.yaml; a camera whose matrices are unsound stays in, and becomes a fault of the rig.
-
-    A camera that has a number for a name, 11, is called cam11.
+    A camera named by a number, 11, is called cam11. Matrices that are not valid are kept, and become faults of the rig.
 
     Raises:
-        CalibrationError: a matrix is missing or has the wrong number of values, or a name cannot be that of a topic.
-        ConfigError: the file is no YAML mapping.
+        CalibrationError: a matrix is missing or has the wrong number of values, or a name is not an identifier.
     """
-    cameras = _geometry_cameras(read_yaml(path))
-    if not cameras:
-        raise CalibrationError(f"{path}: expected cameras with w2c (4 x 4) and c2p (3 x 4), found none")
     entries = {}
-    for name, camera in cameras.items():
-        w2c = _matrix(path, f"{name}.w2c", camera.get("w2c"), (4, 4))
-        c2p = _matrix(path, f"{name}.c2p", camera.get("c2p"), (3, 4))
-        entries[f"cam{name}" if name.isdecimal() else name] = _camera(w2c, c2p)
-    return parse_rig({"cameras": entries}, path)
+    cameras = tree.get("cameras", tree)
+    for key, camera in cameras.items() if isinstance(cameras, Mapping) else ():
+        if isinstance(camera, Mapping) and {"w2c", "c2p"} & set(camera):
+            name = str(key)
+            w2c = _matrix(path, f"{name}.w2c", camera.get("w2c"), (4, 4))
+            c2p = _matrix(path, f"{name}.c2p", camera.get("c2p"), (3, 4))
+            entries[f"cam{name}" if name.isdecimal() else name] = _camera(w2c, c2p)
+    return parse_rig({"cameras": entries}, path) if entries else None
 
 
 def _camera(T_camera_site: F64, projection: F64) -> CameraEntry:
-    """A camera by its pose and its projection from the camera's frame, which need not be an optical one."""
+    """A camera from its pose and the projection (3, 4) of its frame, which need not be an optical one."""
     try:
         K, T_optical_camera = decompose_projection("projection", projection)
     except CalibrationError:
-        return CameraEntry(P=_flat(projection @ T_camera_site))  # becomes a fault of the rig that says why
+        return CameraEntry(P=_flat(projection @ T_camera_site))  # a fault of the rig, which says why
     return CameraEntry(K=_flat(K), T_camera_site=_flat(T_optical_camera @ T_camera_site))
 
 
@@ -82,21 +73,24 @@ def _matrix(path: Path, name: str, value: Any, shape: tuple[int, int]) -> F64:
 # --- KITTI
 
 
-def import_kitti_calib(path: Path) -> RigFile:
-    """The rectified cameras and the Velodyne of KITTI's object, odometry or raw calibration; the site is the Velodyne.
+def import_kitti(text: str, path: Path) -> RigFile | None:
+    """The rectified cameras and the Velodyne, which is the site, of a KITTI file; None if the text has another form.
 
     Args:
-        path: `000008.txt` or `calib.txt`; of raw data `calib_cam_to_cam.txt` or `calib_velo_to_cam.txt`, the other one
-            beside it.
+        text: Content of `000008.txt` (object), `calib.txt` (odometry), `calib_cam_to_cam.txt` or
+            `calib_velo_to_cam.txt` (raw).
+        path: Its file; the other raw file must be beside it.
 
     Raises:
         CalibrationError: an entry is missing or has the wrong number of values.
     """
-    values = _kitti_values(path)
+    if not _KITTI_LINE.search(text):
+        return None
+    values = _kitti_values(text)
     if "R" in values and "T" in values:
-        values |= _kitti_values(path.with_name("calib_cam_to_cam.txt"))
+        values |= _kitti_file(path.with_name("calib_cam_to_cam.txt"))
     elif "P_rect_00" in values or "P_rect_02" in values:
-        values |= _kitti_values(path.with_name("calib_velo_to_cam.txt"))
+        values |= _kitti_file(path.with_name("calib_velo_to_cam.txt"))
     if "R" in values:
         T_cam0_velo = np.eye(4)
         T_cam0_velo[:3, :3] = _kitti_matrix(path, values, ("R",), (3, 3))
@@ -106,7 +100,7 @@ def import_kitti_calib(path: Path) -> RigFile:
             [_kitti_matrix(path, values, ("Tr_velo_to_cam", "Tr_velo_cam", "Tr"), (3, 4)), [0, 0, 0, 1]]
         )
     T_rect_cam0 = np.eye(4)
-    if not ("Tr" in values and "R0_rect" not in values):  # odometry: Tr leads to the rectified camera already
+    if "Tr" not in values or "R0_rect" in values:  # Tr of odometry leads to the rectified camera
         T_rect_cam0[:3, :3] = _kitti_matrix(path, values, ("R0_rect", "R_rect", "R_rect_00"), (3, 3))
     cameras = {}
     for number in KITTI_CAMERAS:
@@ -120,24 +114,26 @@ def import_kitti_calib(path: Path) -> RigFile:
         cameras[f"cam{number}"] = entry
     if not cameras:
         raise CalibrationError(f"{path}: expected projections P0 to P3 or P_rect_00 to P_rect_03, found none")
-    return RigFile(
-        site_frame="velodyne", lidars={"velodyne": LidarEntry(T_site_lidar=_flat(np.eye(4)))}, cameras=cameras
-    )
+    velodyne = LidarEntry(T_site_lidar=_flat(np.eye(4)))
+    return RigFile(site_frame="velodyne", lidars={"velodyne": velodyne}, cameras=cameras)
 
 
-def _kitti_values(path: Path) -> dict[str, list[float]]:
-    """Numbers by name; lines of words (a date, a comment) are passed over."""
+def _kitti_file(path: Path) -> dict[str, list[float]]:
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
+        return _kitti_values(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError) as err:
         raise CalibrationError(f"{path}: cannot be read as KITTI calibration: {err}") from err
+
+
+def _kitti_values(text: str) -> dict[str, list[float]]:
+    """Numbers by name; lines of words (a date, a comment) are skipped."""
     values = {}
-    for line in lines:
-        name, separator, text = line.partition(":")
+    for line in text.splitlines():
+        name, separator, words = line.partition(":")
         if not separator or line.startswith("#"):
             continue
         try:
-            values[name.strip()] = [float(word) for word in text.split()]
+            values[name.strip()] = [float(word) for word in words.split()]
         except ValueError:
             continue
     return values

@@ -1,7 +1,7 @@
 """Which topics of a recording are lidars and cameras, and which calibration and boxes belong to which camera.
 
-A topic takes part if it has messages, is not excluded by the settings, and its name does not say depth or mask. What
-was made of other topics (combined messages, combined clouds) counts only where they were not recorded.
+A topic is used if it has messages, the settings do not exclude it, and its name does not say depth or mask. Topics made
+of other topics (combined messages, combined clouds) are used only where those were not recorded.
 Images of one camera that were recorded several times (raw and compressed, raw and rectified) count once. CameraInfo
 and recorded boxes go to the camera of the same place (see `topic_names`), else to the one whose messages name the same
 frame; among several by frame, then by the longest common beginning, then in order of name; a single one goes to a
@@ -9,13 +9,14 @@ single camera.
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 
 from pipeline.core.settings.recording import TopicsConfig
+from readers.natural_order import natural_key
 from readers.recording import Recording, TopicInfo
 from readers.rig.first_messages import FirstMessages
-from readers.rig.topic_names import is_measured_image, natural_key, pair_score, place, transport_free
+from readers.rig.topic_names import is_measured_image, pair_score, place, transport_free
 from readers.velodyne.scan import SCAN
 from readers.video.packets import VIDEO
 
@@ -25,9 +26,11 @@ __all__ = [
     "CLOUD",
     "IMAGE",
     "CameraTopics",
+    "Findings",
     "SensorFault",
     "find_camera_topics",
     "find_lidar_topics",
+    "readable_topics",
 ]
 
 CLOUD = frozenset({"sensor_msgs/msg/PointCloud2", SCAN})
@@ -39,11 +42,11 @@ DEPTH_ENCODINGS = frozenset({"16UC1", "32FC1", "32SC1"})
 
 @dataclass(frozen=True, slots=True)
 class SensorFault:
-    """A sensor that the run goes on without.
+    """A sensor that is left out.
 
     Attributes:
         sensor: Its name.
-        topic: Its topic; empty where none is known.
+        topic: Its topic; empty if unknown.
         reason: Why, in one line.
     """
 
@@ -53,8 +56,25 @@ class SensorFault:
 
 
 @dataclass(frozen=True, slots=True)
+class Findings:
+    """What the search for sensors has to report so far.
+
+    Attributes:
+        faults: Sensors that are left out.
+        notes: Topics that are not used, and topics that were assigned by order.
+    """
+
+    faults: list[SensorFault] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+    def leave_out(self, sensor: str, topic: str, reason: object) -> None:
+        """Add a fault."""
+        self.faults.append(SensorFault(sensor, topic, str(reason)))
+
+
+@dataclass(frozen=True, slots=True)
 class CameraTopics:
-    """The topics of one camera; empty where there is none."""
+    """The topics of one camera; empty if it has none."""
 
     image: str
     info: str = ""
@@ -62,50 +82,54 @@ class CameraTopics:
 
     @property
     def topic(self) -> str:
-        """The topic that the camera is known by."""
+        """The topic of its images, else of its boxes."""
         return self.image or self.boxes
 
 
-def find_lidar_topics(
-    recording: Recording, config: TopicsConfig, first: FirstMessages
-) -> tuple[list[str], list[SensorFault], list[str]]:
-    """Topics of clouds, in natural order or as configured; faults; and what was passed over, in words.
+def readable_topics(recording: Recording, msgtypes: frozenset[str]) -> set[str]:
+    """Topics of these types that have messages and can be read."""
+    return {i.topic for i in recording.topics if i.msgtype in msgtypes and i.message_count and not i.unreadable}
 
-    Packets of a lidar whose driver's clouds were recorded, too, are not used.
+
+def find_lidar_topics(
+    recording: Recording, config: TopicsConfig, first: FirstMessages, findings: Findings
+) -> list[str]:
+    """Topics of clouds, in natural order or as configured.
+
+    Packets are not used where the clouds that the driver made of them were recorded.
     """
     if config.lidars:
-        return _configured(recording, config.lidars, CLOUD, "lidar")
-    infos, faults = _with_messages(recording, CLOUD, config, "lidar")
+        return _configured(recording, config.lidars, CLOUD, "lidar", findings)
+    infos = _readable(_with_messages(recording, CLOUD, config), "lidar", findings)
     measured = [info for info in infos if is_measured_image(info.topic)]
-    notes = [f"{info.topic}: a depth camera's cloud, not used" for info in infos if info not in measured]
+    notes = findings.notes
+    notes += [f"{info.topic}: a depth camera's cloud, not used" for info in infos if info not in measured]
     notes += [
         f"{info.topic}: {info.message_count} {info.gathered_from} gathered into sweeps"
         for info in infos
         if info.gathered_from
     ]
     chosen = _first_hand(measured, config, notes)
-    return [info.topic for info in _clouds_before_packets(chosen, first, notes)], faults, notes
+    return [info.topic for info in _clouds_before_packets(chosen, first, notes)]
 
 
 def find_camera_topics(
-    recording: Recording, config: TopicsConfig, first: FirstMessages
-) -> tuple[list[CameraTopics], list[SensorFault], list[str]]:
-    """Cameras, in natural order or as configured, those of which only boxes were recorded last; faults; notes."""
-    notes: list[str] = []
+    recording: Recording, config: TopicsConfig, first: FirstMessages, findings: Findings
+) -> list[CameraTopics]:
+    """Cameras, in natural order or as configured; those with boxes but no images come last."""
+    notes = findings.notes
+    boxes = [info.topic for info in _with_messages(recording, BOXES, config) if not info.unreadable]
     if config.cameras:
-        images, faults, _ = _configured(recording, config.cameras, IMAGE | BOXES, "camera")
-        boxes = [t for t in images if _types(recording, t) <= BOXES]
-        images = [t for t in images if t not in boxes]
-        boxes += [i.topic for i in _with_messages(recording, BOXES, config, "camera")[0] if i.topic not in boxes]
+        images = _configured(recording, config.cameras, IMAGE | BOXES, "camera", findings)
+        named = [t for t in images if _types(recording, t) <= BOXES]
+        images = [t for t in images if t not in named]
+        boxes = [*dict.fromkeys([*named, *boxes])]
         only_boxes_allowed = set(config.cameras)
     else:
-        infos, faults = _with_messages(recording, IMAGE, config, "camera")
+        infos = _readable(_with_messages(recording, IMAGE, config), "camera", findings)
         images = _one_per_camera(_first_hand(infos, config, notes), first, notes)
-        boxes = [info.topic for info in _with_messages(recording, BOXES, config, "camera")[0]]
         only_boxes_allowed = set(boxes)
-    calibrations = [
-        info.topic for info in _with_messages(recording, CAMERA_INFO, TopicsConfig(exclude=()), "camera")[0]
-    ]
+    calibrations = sorted(readable_topics(recording, CAMERA_INFO), key=natural_key)
 
     frames = {topic: first.frame(topic, IMAGE) for topic in images}
     frames |= {topic: first.frame(topic, BOXES) for topic in boxes}
@@ -130,13 +154,11 @@ def find_camera_topics(
             cameras.append(CameraTopics("", info, topic))
         else:
             notes.append(f"{topic}: boxes of a camera without images and without CameraInfo, not used")
-    return cameras, faults, notes
+    return cameras
 
 
-def _with_messages(
-    recording: Recording, msgtypes: frozenset[str], config: TopicsConfig, kind: str
-) -> tuple[list[TopicInfo], list[SensorFault]]:
-    """Topics of the given types that can be read, in natural order, and those that cannot."""
+def _with_messages(recording: Recording, msgtypes: frozenset[str], config: TopicsConfig) -> list[TopicInfo]:
+    """Topics of these types that have messages and are not excluded, in natural order."""
     infos = [
         info
         for info in recording.topics
@@ -144,29 +166,37 @@ def _with_messages(
         and info.message_count > 0
         and not any(fnmatchcase(info.topic, pattern) for pattern in config.exclude)
     ]
-    infos.sort(key=lambda info: natural_key(info.topic))
-    faults = [SensorFault(kind, info.topic, info.unreadable) for info in infos if info.unreadable]
-    return [info for info in infos if not info.unreadable], faults
+    return sorted(infos, key=lambda info: natural_key(info.topic))
+
+
+def _readable(infos: Iterable[TopicInfo], kind: str, findings: Findings) -> list[TopicInfo]:
+    """Those that can be read; the others become faults."""
+    readable = []
+    for info in infos:
+        if info.unreadable:
+            findings.leave_out(kind, info.topic, info.unreadable)
+        else:
+            readable.append(info)
+    return readable
 
 
 def _configured(
-    recording: Recording, topics: Iterable[str], msgtypes: frozenset[str], kind: str
-) -> tuple[list[str], list[SensorFault], list[str]]:
-    there = {i.topic for i in recording.topics if i.msgtype in msgtypes and i.message_count and not i.unreadable}
+    recording: Recording, topics: Iterable[str], msgtypes: frozenset[str], kind: str, findings: Findings
+) -> list[str]:
+    there = readable_topics(recording, msgtypes)
     names = ", ".join(sorted(there, key=natural_key)) or "none"
     wanted = " or ".join(sorted(msgtypes))
-    faults = [
-        SensorFault(kind, topic, f"the settings name it, but the recording has no such {wanted}; it has {names}")
-        for topic in topics
-        if topic not in there
-    ]
-    return [topic for topic in dict.fromkeys(topics) if topic in there], faults, []
+    for topic in topics:
+        if topic not in there:
+            reason = f"the settings name it, but the recording has no such {wanted}; it has {names}"
+            findings.leave_out(kind, topic, reason)
+    return [topic for topic in dict.fromkeys(topics) if topic in there]
 
 
 def _first_hand(infos: Sequence[TopicInfo], config: TopicsConfig, notes: list[str]) -> list[TopicInfo]:
-    """Of topics that tell of the same: those recorded by themselves, else parts of combined messages, else the rest.
+    """Topics that were recorded by themselves, else parts of combined messages, else `topics.last_resort`.
 
-    A recording of a whole system holds what its nodes made of the sensors' messages beside these messages.
+    A recording of a whole system has the sensors' messages and also what its nodes made of them.
     """
 
     def hand(info: TopicInfo) -> int:
@@ -180,7 +210,7 @@ def _first_hand(infos: Sequence[TopicInfo], config: TopicsConfig, notes: list[st
 
 
 def _clouds_before_packets(infos: Sequence[TopicInfo], first: FirstMessages, notes: list[str]) -> list[TopicInfo]:
-    """Without packets of a place or frame that has a cloud: the driver's own calibration made that."""
+    """Without packets of a place or frame that has clouds: the driver made those with its own calibration."""
     clouds = [info.topic for info in infos if info.msgtype != SCAN]
     chosen: list[TopicInfo] = []
     for info in infos:
@@ -199,7 +229,7 @@ def _types(recording: Recording, topic: str) -> set[str]:
 
 
 def _one_per_camera(infos: Sequence[TopicInfo], first: FirstMessages, notes: list[str]) -> list[str]:
-    """Image topics without depth images; of several of one camera the least processed one."""
+    """Image topics, depth images excepted; of several of one camera the least processed one."""
     chosen: dict[tuple[object, ...], str] = {}
     for info in sorted(infos, key=lambda info: (_processing(info), natural_key(info.topic))):
         frame = first.frame(info.topic, IMAGE)
@@ -222,9 +252,7 @@ def _processing(info: TopicInfo) -> tuple[bool, bool, int]:
 
 
 def _is_depth(info: TopicInfo, first: FirstMessages) -> bool:
-    if info.msgtype.endswith("CompressedImage"):
-        return False
-    if first.missing(info.topic, IMAGE):
+    if info.msgtype.endswith("CompressedImage") or first.missing(info.topic, IMAGE):
         return False
     encoding = getattr(first.decoded(info.topic, IMAGE), "encoding", "")  # FFMPEGPacket: of the video; of the image
     return not DEPTH_ENCODINGS.isdisjoint(encoding.split(";"))

@@ -1,6 +1,6 @@
-"""What topic names tell: which topics belong to one camera, and what a sensor is called.
+"""Which topics belong to one camera, and what a sensor is called, by the names of topics.
 
-A topic splits into a place (namespace and what is left of the last part) and a role (words such as `image`, `raw`,
+A topic splits into a place (namespace and the rest of the last part) and a role (words such as `image`, `raw`,
 `camera_info`, `points`). Topics of one sensor share the place:
 
     /camera/image_raw      /camera/camera_info                        place: camera
@@ -10,8 +10,11 @@ A topic splits into a place (namespace and what is left of the last part) and a 
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import chain, count, takewhile
 
-__all__ = ["is_measured_image", "is_rectified", "natural_key", "pair_score", "place", "sensor_names", "transport_free"]
+from readers.natural_order import natural_key
+
+__all__ = ["is_measured_image", "is_rectified", "pair_score", "place", "sensor_names", "transport_free"]
 
 TRANSPORTS = frozenset({"compressed", "compressedDepth", "theora", "ffmpeg", "foxglove", "zstd"})
 ROLE_WORDS = frozenset(
@@ -23,18 +26,8 @@ ROLE_WORDS = frozenset(
     }
 )
 NOT_IMAGES = frozenset(
-    {
-        "depth",
-        "disparity",
-        "mask",
-        "masks",
-        "label",
-        "labels",
-        "segmentation",
-        "semantic",
-        "confidence",
-        "compresseddepth",
-    }
+    {"depth", "disparity", "mask", "masks", "label", "labels", "segmentation", "semantic", "confidence"}
+    | {"compresseddepth"}
 )
 _NUMBERED = re.compile(r"^(?:camera|cam|image|img)?_?(\d+)$")
 
@@ -46,19 +39,18 @@ def transport_free(topic: str) -> str:
 
 
 def is_measured_image(topic: str) -> bool:
-    """Whether a topic's name says that it shows what a person would see: no depth, mask or label image."""
-    words = re.split(r"[/_]", topic.lower())
-    return not NOT_IMAGES.intersection(words)
+    """Whether a topic's name does not say depth, mask or label image."""
+    return NOT_IMAGES.isdisjoint(re.split(r"[/_]", topic.lower()))
 
 
 def is_rectified(topic: str) -> bool:
-    """Whether a topic's name says that its images are free of distortion (image_proc: `image_rect...`)."""
+    """Whether a topic's name says that its images are rectified (image_proc: `image_rect...`)."""
     words = re.split(r"[/_]", transport_free(topic).lower().rpartition("/")[2])
     return "rect" in words or "rectified" in words
 
 
 def place(topic: str) -> tuple[str, ...]:
-    """The parts of a topic that name its sensor; numbers alone, and `camera_11`, become `cam11`."""
+    """The parts of a topic that name its sensor; `11` and `camera_11` become `cam11`."""
     return tuple(_NUMBERED.sub(r"cam\1", part) for part in _parts(topic))
 
 
@@ -69,30 +61,20 @@ def _parts(topic: str) -> tuple[str, ...]:
 
 
 def pair_score(topic: str, other: str, *, same_frame: bool) -> tuple[int, int, int]:
-    """How well two topics fit one camera: by place, then by frame, then by shared leading parts; 0 first: not at all.
+    """How well two topics fit one camera: by place, then by frame, then by shared leading parts.
 
-    Topics of different places fit only if their messages name the same frame.
+    The first number is 0 if they do not fit: topics of different places need the same frame.
     """
     same_place = place(topic) == place(other)
-    shared = 0
-    for one, two in zip(topic.split("/"), other.split("/"), strict=False):
-        if one != two:
-            break
-        shared += 1
-    return (2 if same_place else 1 if same_frame else 0, int(same_frame), shared)
-
-
-def natural_key(name: str) -> tuple[tuple[int, int, str], ...]:
-    """Sorts `cam2` before `cam10`; total over all strings."""
-    parts = re.split(r"(\d+)", name)
-    return (*((1, int(part), part) if part.isdecimal() else (0, 0, part) for part in parts), (0, 0, name))
+    shared = [*takewhile(lambda pair: pair[0] == pair[1], zip(topic.split("/"), other.split("/"), strict=False))]
+    return (2 if same_place else 1 if same_frame else 0, int(same_frame), len(shared))
 
 
 def sensor_names(topics: Sequence[str], kind: str, *, taken: Iterable[str] = ()) -> Mapping[str, str]:
-    """Short names by topic: the place, without what all share; unique, and none of `taken`.
+    """Short names by topic: the place, without the parts that all share; unique, and unlike `taken`.
 
     `/velodyne1_points` is `velodyne1`, `/image_raw_11` is `cam11`, `/camera/image_raw` is `camera`,
-    `/sensing/lidar/left/points` beside `.../right/points` is `left`; a topic that is all role is named by `kind`.
+    `/sensing/lidar/left/points` beside `.../right/points` is `left`; a topic without a place is named by `kind`.
     """
     parts = {topic: [_word(part) for part in _parts(topic)] or [kind] for topic in topics}
     while len(parts) > 1 and all(len(p) > 1 for p in parts.values()) and len({p[0] for p in parts.values()}) == 1:
@@ -102,14 +84,10 @@ def sensor_names(topics: Sequence[str], kind: str, *, taken: Iterable[str] = ())
     names = {topic: f"{short}{name}" if name[:1].isdigit() else name for topic, name in names.items()}
     used, unique = set(taken), {}
     for topic in sorted(names, key=natural_key):
-        name, number = names[topic], 2
-        if name in used:
-            name = f"{name}_{kind}"
-        base = name
-        while name in used:
-            name, number = f"{base}_{number}", number + 1
-        used.add(name)
-        unique[topic] = name
+        name = names[topic]
+        candidates = chain([name, f"{name}_{kind}"], (f"{name}_{kind}_{number}" for number in count(2)))
+        unique[topic] = next(candidate for candidate in candidates if candidate not in used)
+        used.add(unique[topic])
     return unique
 
 

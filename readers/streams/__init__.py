@@ -1,1 +1,1 @@
-"""Streams of each sensor: combined messages taken apart, packets gathered, motion, decoders."""
+"""One stream per sensor: combined messages split, packets gathered, motion, decoders."""

@@ -1,9 +1,9 @@
-"""Messages that hold several images or clouds, taken apart: each part is a message of its own, with its own stamp.
+"""Splits messages that hold several images or clouds: each part becomes a message with its own stamp.
 
-The original system records such: msgs/MsgCamera (`sensor_msgs/Image[] camera`) and msgs/ListPointCloud
-(`sensor_msgs/PointCloud2[] pointcloud`). The definition tells, not the name: any type that has a list of images or
-clouds among its fields is one. Part `n` (from 1) of field `camera` of `/camera_msgs_combined` has the topic
-`/camera_msgs_combined/camera_n`: the place in the list says which sensor it is, as the original had it.
+Any type with a list of images or clouds among its fields is split, whatever its name. The predecessor system recorded
+msgs/MsgCamera (`sensor_msgs/Image[] camera`) and msgs/ListPointCloud (`sensor_msgs/PointCloud2[] pointcloud`). Part `n`
+(from 1) of field `camera` of `/camera_msgs_combined` has the topic `/camera_msgs_combined/camera_n`: the index in the
+list identifies the sensor.
 """
 
 import re
@@ -24,20 +24,20 @@ __all__ = ["Parts", "find_combined", "split"]
 PART_TYPES = frozenset({"sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/PointCloud2"})
 
 LISTS = re.compile(r"(?:Image|PointCloud2)\s*[\[,>]")
-"""Lists in .msg (`Image[]`) and in IDL (`sequence<Image>`): most definitions need no closer look."""
+"""Lists in .msg (`Image[]`) and in IDL (`sequence<Image>`); saves parsing most definitions."""
 
 PROBED = 5
-"""Messages that are opened to see how many parts they have: a sensor may be missing from the first."""
+"""Messages that are read to count their parts: a sensor may be missing from the first."""
 
 MAX_PARTS = 64
-"""Sensors of one list; a broken length could say any number."""
+"""Sensors in one list: the length of a damaged list can be any number."""
 
 Parts = Mapping[tuple[str, int], Channel]
-"""Topic, type and definition of each part, by (field, place in its list from 0)."""
+"""Channel of each part, by (field, index from 0)."""
 
 
 def find_combined(recording: Recording) -> dict[Channel, Parts]:
-    """The channels of combined messages, with the parts that their first messages have; none without any.
+    """Channels of combined messages, with the parts found in their first messages.
 
     Raises:
         RecordingError: the recording cannot be read.
@@ -49,10 +49,10 @@ def find_combined(recording: Recording) -> dict[Channel, Parts]:
 
 
 def split(message: RawMessage, parts: Parts, wanted: Container[str]) -> Iterator[RawMessage]:
-    """The parts of a message on the topics `wanted`, in the order of its fields and lists.
+    """The parts of a message on the topics `wanted`, in the order of its fields and lists, with its log time.
 
-    All have its log time. A message that cannot be decoded becomes one message with that problem on each topic. A part
-    that none of the first messages had is passed over: its topic is not listed.
+    A message that cannot be decoded becomes one message with that problem on each topic. A part that none of the first
+    messages had is skipped: it has no topic.
     """
     try:
         whole = deserialize(message)
@@ -73,19 +73,15 @@ def split(message: RawMessage, parts: Parts, wanted: Container[str]) -> Iterator
 
 def _lists(channel: Channel) -> dict[str, str]:
     """Type of the parts by field, for fields that are lists of images or clouds."""
-    if channel.encoding not in {"ros1", "cdr"}:
-        return {}
-    if not LISTS.search(channel.definition or COMBINED_TYPES.get(channel.msgtype, "")):
+    definition = channel.definition or COMBINED_TYPES.get(channel.msgtype, "")
+    if channel.encoding not in {"ros1", "cdr"} or not LISTS.search(definition):
         return {}
     try:
         fields = typestore_for(channel).fielddefs[channel.msgtype][1]
-    except MessageError:  # said where the topic is used
+    except MessageError:  # reported where the topic is used
         return {}
-    found = {}
-    for name, (node, detail) in fields:
-        if node in {Nodetype.ARRAY, Nodetype.SEQUENCE} and detail[0][0] == Nodetype.NAME:
-            found[name] = str(detail[0][1])
-    return {name: msgtype for name, msgtype in found.items() if msgtype in PART_TYPES}
+    lists = {name: detail[0] for name, (node, detail) in fields if node in {Nodetype.ARRAY, Nodetype.SEQUENCE}}
+    return {name: str(item[1]) for name, item in lists.items() if item[0] == Nodetype.NAME and item[1] in PART_TYPES}
 
 
 def _parts(channel: Channel, fields: dict[str, str], recording: Recording) -> Parts:

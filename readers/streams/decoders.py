@@ -1,4 +1,4 @@
-"""The messages of one frame to the data of its sensors; what cannot be decoded becomes a drop or ends the run."""
+"""Decoders for the messages of one frame; a message that cannot be decoded is dropped or ends the run."""
 
 from collections import Counter
 from collections.abc import Callable, Mapping
@@ -27,7 +27,7 @@ OnBadMessage = Literal["skip", "fail"]
 
 
 class CloudDecoder:
-    """Clouds of all lidars, each in its own frame."""
+    """Decodes the clouds of all lidars, each in its own frame."""
 
     def __init__(self, rig: Rig, config: Config, *, on_bad: OnBadMessage) -> None:
         self._topics = {lidar.name: lidar.topic for lidar in rig.lidars}
@@ -37,7 +37,7 @@ class CloudDecoder:
         self._on_bad = on_bad
 
     def __call__(self, bundle: SensorBundle) -> Decoded[PointCloud]:
-        """Clouds by lidar name; one whose message names no frame has that of its lidar."""
+        """Clouds by lidar name; a cloud without a frame gets that of its lidar."""
         decoded = _decode(bundle, self._topics, self._decode_one, self._on_bad)
         drops = decoded.drops + tuple(drop for _, parts in decoded.values() for drop in parts)
         return Decoded({name: cloud for name, (cloud, _) in decoded.items()}, drops)
@@ -52,7 +52,7 @@ class CloudDecoder:
 
 
 class ImageDecoder:
-    """Images of all cameras."""
+    """Decodes the images of all cameras."""
 
     def __init__(self, rig: Rig, config: Config, *, on_bad: OnBadMessage) -> None:
         self._decode_one = partial(decode_any_image, limits=config.limits)
@@ -65,7 +65,7 @@ class ImageDecoder:
 
 
 class RecordedBoxes:
-    """2D boxes that a detector wrote into the recording."""
+    """Decodes the 2D boxes of the recording, for all cameras that have any."""
 
     def __init__(self, rig: Rig, config: Config, *, on_bad: OnBadMessage) -> None:
         self._topics = {camera.name: camera.boxes_topic for camera in rig.cameras if camera.boxes_topic}

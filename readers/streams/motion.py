@@ -1,7 +1,7 @@
-"""The motion of the site frame itself, for the compensation of clouds: from odometry, or from tf.
+"""The motion of the site frame, which clouds are compensated for: from odometry, or from tf.
 
-Odometry of other things (the ground truth of a car that drives through the scene) is no motion of the rig: a source is
-taken only if its child frame is the site frame or fixed to it.
+A recording may have odometry of other objects (the ground truth of a car that drives through the scene): a source is
+used only if its child frame is the site frame or fixed to it.
 """
 
 from bisect import bisect_left
@@ -28,13 +28,13 @@ __all__ = ["MotionBuffer", "MotionSource", "find_motion_source"]
 
 
 KEPT_NS = 5_000_000_000
-"""How long poses are kept: sets of messages leave the synchroniser a few periods after they were recorded."""
+"""How long poses are kept: messages leave the synchroniser a few periods after they were recorded."""
 
 READ_AHEAD_NS = 2_000_000_000
 """Poses recorded this long before a window are read, too."""
 
 WINDOW_NS = 500_000_000
-"""Half of the span that a frame gets: a sweep takes 0.1 s, and sensors of one frame are less than that apart."""
+"""Half of a frame's window: a sweep takes 0.1 s, and the sensors of one frame are less than that apart."""
 
 FIXED_FRAMES = ("odom", "map", "world", "earth")
 """REP 105; `odom` first, since it moves without jumps."""
@@ -42,14 +42,14 @@ FIXED_FRAMES = ("odom", "map", "world", "earth")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionSource:
-    """Where the poses of the site frame come from.
+    """The source of the site frame's poses.
 
     Attributes:
         topics: Topics of odometry or of transforms.
         frame_id: The site frame.
         fixed_frame_id: The frame that it moves in.
-        links: The way from the site frame to the fixed frame: transforms that hold for all time, and for the others the
-            frame that moves in its parent. The site frame's own comes first.
+        links: The chain from the site frame to the fixed frame, the site frame's own link first: a transform where it
+            is static, else the name of the frame that moves in its parent.
     """
 
     topics: tuple[str, ...]
@@ -61,12 +61,12 @@ class MotionSource:
 def find_motion_source(
     recording: Recording, rig: Rig, transforms: RecordedTransforms, config: Config
 ) -> MotionSource | None:
-    """The configured odometry, else odometry of the site frame, else tf of it; None where the site does not move.
+    """The configured odometry, else odometry of the site frame, else its tf; None if the site does not move.
 
-    Of several odometry topics the one with the most messages is taken, then the first by name.
+    Of several odometry topics the one with the most messages is used, then the first by name.
 
     Raises:
-        ConfigError: the configured topic has no odometry, or that of a frame that is not fixed to the site frame.
+        ConfigError: the configured topic has no odometry, or odometry of a frame that is not fixed to the site frame.
     """
     if not config.combine.motion.enabled:
         return None
@@ -78,9 +78,7 @@ def find_motion_source(
     if wanted:
         if wanted not in {info.topic for info in infos}:
             names = ", ".join(info.topic for info in infos) or "none"
-            raise ConfigError(
-                f"combine.motion.topic: {wanted!r} is no recorded nav_msgs/msg/Odometry; there is {names}"
-            )
+            raise ConfigError(f"combine.motion.topic: expected a recorded {ODOMETRY} topic ({names}), found {wanted!r}")
         return _of_odometry(wanted, first, rig, transforms, is_wanted=True)
     for info in sorted(infos, key=lambda info: (-info.message_count, info.topic)):
         try:
@@ -95,10 +93,12 @@ def _of_odometry(
 ) -> MotionSource:
     message = first.decoded(topic, {ODOMETRY})
     child, fixed = clean_frame(message.child_frame_id), clean_frame(message.header.frame_id)
-    if not child and is_wanted:  # many drivers leave it empty; the settings say what it is
+    if not child and is_wanted:  # many drivers leave it empty
         child = rig.site_frame
     if not child or not fixed or transforms.are_joined(rig.site_frame, fixed):
-        raise ConfigError(f"{topic}: pose of {child!r} in {fixed!r} is no motion of the site frame {rig.site_frame!r}")
+        raise ConfigError(
+            f"{topic}: pose of {child!r} in {fixed!r} is not the motion of the site frame {rig.site_frame!r}"
+        )
     if child == rig.site_frame:
         return MotionSource((topic,), rig.site_frame, fixed, (child,))
     try:
@@ -133,14 +133,14 @@ def _of_tf(recording: Recording, rig: Rig, transforms: RecordedTransforms) -> Mo
 
 
 class _Track:
-    """Poses of one frame in its parent by time."""
+    """Poses of one frame in its parent, ordered by time."""
 
     def __init__(self) -> None:
         self.stamps_ns: list[int] = []
         self.poses: list[F64] = []
 
     def add(self, stamp_ns: int, pose: F64) -> None:
-        """Keep a pose for a while; an equal stamp replaces."""
+        """Insert a pose, or replace that of the same stamp; forget those older than `KEPT_NS`."""
         at = bisect_left(self.stamps_ns, stamp_ns)
         if at < len(self.stamps_ns) and self.stamps_ns[at] == stamp_ns:
             self.poses[at] = pose
@@ -151,7 +151,7 @@ class _Track:
         del self.stamps_ns[:old], self.poses[:old]
 
     def around(self, stamp_ns: int) -> tuple[I64, F64]:
-        """The poses within the window, and the next one on either side: (S,) and (S, 4, 4)."""
+        """Stamps (S,) and poses (S, 4, 4) within the window, and the next one on either side."""
         low = max(bisect_left(self.stamps_ns, stamp_ns - WINDOW_NS) - 1, 0)
         high = bisect_left(self.stamps_ns, stamp_ns + WINDOW_NS + 1) + 1
         poses = self.poses[low:high]
@@ -159,10 +159,10 @@ class _Track:
 
 
 class MotionBuffer:
-    """The last few seconds of the site frame's motion, filled by the messages that stream past.
+    """The last few seconds of the site frame's motion, filled from the stream of messages.
 
-    Poses recorded after the message that the stream stands at are not known yet: at the newest frame the last motion
-    has to be carried on.
+    Poses recorded after the stream's current message are not known yet: for the newest frame the motion has to be
+    extrapolated.
     """
 
     def __init__(self, source: MotionSource | None, *, on_drop: Callable[[Drop], None] = lambda _: None) -> None:
@@ -177,7 +177,7 @@ class MotionBuffer:
 
     @property
     def topics(self) -> tuple[str, ...]:
-        """Topics that the stream has to contain."""
+        """Topics that the stream must contain."""
         return self._source.topics
 
     def read_ahead(self, recording: Recording, start_ns: int) -> None:
@@ -187,7 +187,7 @@ class MotionBuffer:
             deque(self.tap(before), maxlen=0)
 
     def tap(self, messages: Iterable[RawMessage]) -> Iterator[RawMessage]:
-        """The messages of all other topics; those of the source are taken in. Bad ones are dropped and reported."""
+        """Take the source's messages out of the stream; those that cannot be used are dropped."""
         for message in messages:
             if message.topic not in self._source.topics:
                 yield message
@@ -200,7 +200,7 @@ class MotionBuffer:
                 self._on_drop(Drop(message.topic, message.stamp_ns, "its pose is unusable", str(err)))
 
     def window(self, stamp_ns: int) -> PoseSamples | None:
-        """Poses of the site frame around a time; None with fewer than two."""
+        """Poses of the site frame around a time; None if there are fewer than two."""
         tracks = {name: track.around(stamp_ns) for name, track in self._tracks.items()}
         if any(len(stamps) < 2 for stamps, _ in tracks.values()):
             return None

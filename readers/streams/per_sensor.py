@@ -1,8 +1,8 @@
-"""A recording as the rest of lidcam reads it: one topic per sensor, with one ROS message per measurement.
+"""A recording with one topic per sensor and one ROS message per measurement.
 
-Combined messages are taken apart (see `unpack`), Foxglove's schemas become ROS types (see `foxglove`), and packets of
-Velodynes become sweeps (see `velodyne_sweeps`), on the topics that are asked for. All other messages pass as they are;
-video is decoded later (see `video`), and without a decoder for it such topics cannot be read.
+Combined messages are split (see `combined_messages`), Foxglove's schemas become ROS types (see `foxglove`), and packets
+of Velodynes become sweeps (see `sweeps`). All other messages pass unchanged. Video is decoded later (see `video`);
+without PyAV its topics cannot be read.
 """
 
 from collections.abc import Collection, Iterable, Iterator, Mapping
@@ -22,70 +22,43 @@ __all__ = ["sensor_messages"]
 
 
 def sensor_messages(recording: Recording) -> Recording:
-    """The recording with a topic of its own, and a ROS type, for every sensor; closed together with it.
+    """The recording with one topic and a ROS type for every sensor; closing it closes `recording`.
 
     Raises:
-        RecordingError: the recording cannot be read; it is closed then.
+        RecordingError: the recording cannot be read; it is then closed.
     """
     try:
         combined = find_combined(recording)
     except BaseException:
         recording.close()
         raise
-    channels = {channel for info in recording.topics for channel in info.channels}
-    foreign = {channel for channel in channels if channel.encoding in {"protobuf", "json"}}
-    closed = {channel: problem for channel in channels if (problem := _problem(channel))}
-    packets = {channel for channel in channels if channel.msgtype == PACKET}
-    if not (combined or foreign or closed or packets):
-        return recording
-    return _SensorMessages(recording, combined, foreign, closed, packets)
+    adapted = _SensorMessages(recording, combined)
+    return adapted if adapted.changes_anything else recording
 
 
 def _problem(channel: Channel) -> str:
-    """Why the messages of a channel cannot become those of a sensor."""
+    """Why the messages of a channel cannot be used; empty if they can."""
     if channel.msgtype == PACKET:
         return packet_problem(channel)
     return missing_decoder() if ROS_TYPES.get(channel.msgtype, channel.msgtype) in VIDEO else ""
 
 
 class _SensorMessages(Closing):
-    """See `Recording`."""
+    """See `Recording`; `message_count` counts a combined message once."""
 
-    def __init__(
-        self,
-        recording: Recording,
-        combined: Mapping[Channel, Parts],
-        foreign: Collection[Channel],
-        closed: Mapping[Channel, str],
-        packets: Collection[Channel],
-    ) -> None:
+    def __init__(self, recording: Recording, combined: Mapping[Channel, Parts]) -> None:
+        channels = {channel for info in recording.topics for channel in info.channels}
+        packets = {channel for channel in channels if channel.msgtype == PACKET}
         self._recording = recording
         self._combined = combined
-        self._foreign = foreign
-        self._closed = closed
-        self._packets = frozenset(packets) - closed.keys()
+        self._foreign = {channel for channel in channels if channel.encoding in {"protobuf", "json"}}
+        self._closed = {channel: problem for channel in channels if (problem := _problem(channel))}
+        self._packets = packets - self._closed.keys()
+        self.changes_anything = bool(combined or self._foreign or self._closed or packets)
+        self.paths: tuple[Location, ...] = recording.paths
+        self.start_ns, self.end_ns, self.message_count = recording.start_ns, recording.end_ns, recording.message_count
         self.topics = merge_topics(self._infos(recording.topics))
         self._whole = {info.topic: info.part_of for info in self.topics if info.part_of}
-
-    @property
-    def paths(self) -> tuple[Location, ...]:
-        """See `Recording`."""
-        return self._recording.paths
-
-    @property
-    def start_ns(self) -> int:
-        """See `Recording`."""
-        return self._recording.start_ns
-
-    @property
-    def end_ns(self) -> int:
-        """See `Recording`."""
-        return self._recording.end_ns
-
-    @property
-    def message_count(self) -> int:
-        """See `Recording`; a combined message counts once."""
-        return self._recording.message_count
 
     @property
     def losses(self) -> tuple[Loss, ...]:
@@ -110,14 +83,12 @@ class _SensorMessages(Closing):
     def _sensor_messages(
         self, topics: Collection[str] | None, wanted: Collection[str], start_ns: int | None, stop_ns: int | None
     ) -> Iterator[RawMessage]:
-        """The messages, with packets as they were recorded."""
+        """The messages, with packets as recorded."""
         recorded = None if topics is None else {self._whole.get(topic, topic) for topic in topics}
         for message in self._recording.messages(recorded, start_ns=start_ns, stop_ns=stop_ns):
             if message.channel in self._combined:
                 yield from split(message, self._combined[message.channel], wanted)
-            elif message.channel in self._closed or message.topic not in wanted:  # part of a combined message's topic
-                continue
-            else:
+            elif message.channel not in self._closed and message.topic in wanted:  # a topic may be read for its parts
                 yield to_ros(message) if message.channel in self._foreign else message
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""What is in a recording, topic by topic: counts, rates, gaps. Reads headers only; nothing is decoded."""
+"""The contents of a recording by topic: counts, rates, gaps. Reads headers only."""
 
 from collections import defaultdict
 from dataclasses import dataclass
@@ -12,28 +12,27 @@ from readers.recording import Recording, TopicInfo
 __all__ = ["TopicSurvey", "survey"]
 
 GAP_PERIODS = 2.5
-"""A pause of more than this many usual periods is a gap: one lost message makes two periods."""
+"""A pause of more than this many periods is a gap: one lost message makes two periods."""
 
 EVEN_SHARE = 0.5
-"""Stamps are evenly spaced if the middle half of their periods is within this share of the median: sensors are, even
-with losses; events and transforms of several senders are not, and have no period to miss."""
+"""Stamps are evenly spaced if the middle half of their periods is within this share of the median. Those of sensors
+are, even with losses; events and transforms of several senders have no period."""
 
 
 @dataclass(frozen=True, slots=True)
 class TopicSurvey:
-    """One topic of a recording.
+    """Statistics of one topic.
 
     Attributes:
         topic: Topic name.
         msgtype: Type name.
         count: Number of messages.
-        rate_hz: 1 / median period of the stamps if they are evenly spaced, else periods by time; 0 with fewer than two
-            stamps.
+        rate_hz: 1 / median period of evenly spaced stamps, else 1 / mean period; 0 with fewer than two stamps.
         gaps: Number of pauses longer than 2.5 periods; 0 if the stamps are not evenly spaced.
         longest_gap_s: Longest pause between two stamps.
         delay_s: Median of log time minus stamp: how late the messages were recorded.
         backwards: Number of messages whose stamp lies before that of the one recorded before.
-        problem: Why its messages cannot be read, or what speaks against its definition; empty if nothing does.
+        problem: Why its messages cannot be read, or what is wrong with its definition; else empty.
     """
 
     topic: str
@@ -48,7 +47,7 @@ class TopicSurvey:
 
 
 def survey(recording: Recording, *, stop_ns: int | None = None) -> tuple[TopicSurvey, ...]:
-    """All topics by name; with `stop_ns`, all but the counts are of the messages recorded before that time.
+    """All topics by name; with `stop_ns`, everything but the counts covers only messages recorded before that time.
 
     Raises:
         RecordingError: the recording cannot be read to its end.
@@ -57,14 +56,7 @@ def survey(recording: Recording, *, stop_ns: int | None = None) -> tuple[TopicSu
     for message in recording.messages(stop_ns=stop_ns):
         times[message.topic].append((message.stamp_ns, message.log_time_ns))
     return tuple(
-        _describe(
-            info.topic,
-            info.msgtype,
-            len(times[info.topic]) if info.gathered_from else info.message_count,
-            times[info.topic],
-            _problem(info),
-        )
-        for info in sorted(recording.topics, key=lambda info: info.topic)
+        _topic_survey(info, times[info.topic]) for info in sorted(recording.topics, key=lambda info: info.topic)
     )
 
 
@@ -74,26 +66,26 @@ def _problem(info: TopicInfo) -> str:
     return next((problem for channel in info.channels if (problem := definition_problem(channel))), "")
 
 
-def _describe(topic: str, msgtype: str, count: int, times: list[tuple[int, int]], problem: str) -> TopicSurvey:
+def _topic_survey(info: TopicInfo, times: list[tuple[int, int]]) -> TopicSurvey:
     stamps_ns, log_ns = np.array(times, np.int64).reshape(-1, 2).T
     steps_s = np.diff(stamps_ns) / 1e9
     forward_s = steps_s[steps_s > 0]
     period_s, is_even = _period(forward_s)
     return TopicSurvey(
-        topic=topic,
-        msgtype=msgtype,
-        count=count,
+        topic=info.topic,
+        msgtype=info.msgtype,
+        count=len(times) if info.gathered_from else info.message_count,
         rate_hz=1 / period_s if period_s else 0.0,
         gaps=int((forward_s > GAP_PERIODS * period_s).sum()) if is_even else 0,
         longest_gap_s=float(forward_s.max()) if len(forward_s) else 0.0,
         delay_s=float(np.median(log_ns - stamps_ns)) / 1e9 if len(times) else 0.0,
         backwards=int((steps_s < 0).sum()),
-        problem=problem,
+        problem=_problem(info),
     )
 
 
 def _period(steps_s: F64) -> tuple[float, bool]:
-    """Usual time between two stamps, 0 without any, and whether they are evenly spaced."""
+    """Typical time between two stamps, 0 without steps, and whether they are evenly spaced."""
     if not len(steps_s):
         return 0.0, False
     low_s, median_s, high_s = np.quantile(steps_s, [0.25, 0.5, 0.75]).tolist()

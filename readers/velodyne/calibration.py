@@ -1,4 +1,4 @@
-"""Calibration files of ROS's velodyne driver (`VLP16db.yaml` and its siblings) to a table of lasers."""
+"""Reads calibration files of ROS's velodyne driver (`VLP16db.yaml` and its siblings)."""
 
 from pathlib import Path
 
@@ -38,13 +38,13 @@ class _File(BaseModel):
 
 
 def read_velodyne_calibration(path: Path, model: VelodyneModel) -> LaserTable:
-    """The table of one unit, angles in radians and lengths in metres as in the file.
+    """The laser table of one unit; the file has radians and metres.
 
-    `distance_resolution` is passed over: the model decides it, and files exist that say otherwise.
+    `distance_resolution` is ignored: it is fixed by the model, and some files are wrong about it.
 
     Raises:
         CalibrationError: the file does not fit, or its lasers are not those of the model.
-        ConfigError: the file cannot be read, or is no YAML mapping.
+        ConfigError: the file cannot be read, or is not a YAML mapping.
     """
     try:
         lasers = _File.model_validate(read_yaml(path)).lasers

@@ -1,15 +1,14 @@
-"""velodyne_msgs/VelodyneScan to `PointCloud`: what a Velodyne sends, before any driver made a cloud of it.
+"""Decodes velodyne_msgs/VelodyneScan, the packets as a Velodyne sends them.
 
-Each block of a packet carries one azimuth. The head turns on while the block's lasers fire: the rate is taken over the
+Each block of a packet has one azimuth. The head turns on while the block's lasers fire: the rate is measured over the
 packet (VLS-128: from packet to packet, as one packet may be one column), and every laser gets the azimuth and the time
 of its own firing. Drivers round these azimuths to 0.01 degrees; here they are not rounded.
 
-**Times.** Drivers do not agree on what a scan's header says: the first packet's stamp or the last one's, by the host's
-clock or by the sensor's (ros-drivers/velodyne#191, #218). So a cloud keeps the header stamp, by which its scan was
-synchronised, as the time that `time_offset_ns` counts from, and the offsets come from the packets: the spacing from the
-sensor's own microseconds, which do not jitter, laid upon the packets' stamps by the median of the differences. Only
-where these lie more than two seconds from the header (two clocks), the last packet is taken to have the header's
-stamp, as ROS's driver has it.
+**Times.** Drivers disagree on the stamp in a scan's header: it is the first packet's or the last one's, by the host's
+clock or by the sensor's (ros-drivers/velodyne#191, #218). A cloud keeps the header stamp, by which its scan was
+synchronised, and `time_offset_ns` counts from it. The offsets come from the packets: their spacing from the sensor's
+own microseconds, which do not jitter, aligned with the packets' stamps by the median of the differences. If the result
+is more than two seconds from the header (two clocks), the last packet gets the header's stamp, as in ROS's driver.
 """
 
 from pathlib import Path
@@ -43,7 +42,7 @@ HOUR_US = 3_600_000_000
 
 
 class VelodyneDecoders:
-    """One decoder per topic, made when the topic is first asked for."""
+    """One decoder per topic, made on first use."""
 
     def __init__(self, config: VelodyneConfig) -> None:
         self._config = config
@@ -62,7 +61,7 @@ class VelodyneDecoders:
 
 
 class VelodyneDecoder:
-    """Scans of one lidar to clouds, by the settings and what the packets say of the sensor.
+    """Decodes the scans of one lidar, by the settings and by what the packets say about the sensor.
 
     Raises:
         ConfigError: the configured model needs a calibration file, or the file cannot be read.
@@ -82,15 +81,15 @@ class VelodyneDecoder:
         return self.decode(message)[0]
 
     def decode(self, message: RawMessage) -> tuple[PointCloud, tuple[Drop, ...]]:
-        """The points of a scan in the order of the packets' bytes, and the packets that took no part in it.
+        """The points of a scan in the order of the packets' bytes, and the packets that were not used.
 
         Returns:
-            The cloud at the message's stamp, with ring, time and return type of every point. A scan of any length and
-            cut is fine. Of two returns at equal distance one point is left, of type "both". Packets with blocks that
-            are not marked as this model marks them are left out.
+            The cloud at the message's stamp, with ring, time and return type of every point. The scan may have any
+            length and begin anywhere. Two returns at equal distance become one point of type "both". Packets with
+            blocks that are not marked as this model marks them are dropped.
 
         Raises:
-            MessageError: the message is cut short, the model is not known or contradicts the settings, the packets are
+            MessageError: the message is cut off, the model is unknown or contradicts the settings, the packets are
                 of several models or modes, or they span more than two seconds.
         """
         packets = parse_velodyne_scan(message)
@@ -167,7 +166,7 @@ def _names(models: list[VelodyneModel]) -> str:
     return " or ".join(model.name for model in models)
 
 
-# --- what a packet holds
+# --- contents of packets
 
 
 def _layout_of(packets: VelodynePackets, model: VelodyneModel) -> Layout:
@@ -184,7 +183,7 @@ def _layout_of(packets: VelodynePackets, model: VelodyneModel) -> Layout:
 
 
 def _known_packets(packets: VelodynePackets, beams: Beams, topic: str) -> Bools | None:
-    """Which packets have blocks that are marked as this model marks them; None if all have."""
+    """Mask of the packets with blocks that are marked as this model marks them; None if all are."""
     layout = beams.layout
     words = block_words(packets.payload, layout.blocks, 0)
     flags = np.stack([words[:, beams.blocks + layout.apart * echo] for echo in range(len(layout.returns))])
@@ -202,9 +201,9 @@ def _known_packets(packets: VelodynePackets, beams: Beams, topic: str) -> Bools 
 
 
 def _begun_packets(packets: VelodynePackets) -> Bools | None:
-    """Which packets begin as those of every model do; None if all or none do.
+    """Mask of the packets that begin with a block's flag; None if all or none do.
 
-    The others may hold anything where the model and the sensor's time are looked for.
+    The others may hold anything in place of the model and the sensor's time.
     """
     begun = block_words(packets.payload, 1, 0)[:, 0] == BLOCK_FLAGS[0]
     return None if begun.all() or not begun.any() else np.asarray(begun)
@@ -219,21 +218,21 @@ def _drop(message: RawMessage, reason: str, detail: str, parts: int) -> Drop:
 
 
 def _device_us(packets: VelodynePackets) -> I64:
-    """(P,) the sensor's time of each packet after the last one's; its clock starts anew every hour."""
+    """(P,) microseconds from the last packet by the sensor's clock, which starts anew every hour."""
     clock_us = packets.payload[:, 1200:1204].view("<u4")[:, 0].astype(np.int64)
     half = HOUR_US // 2
     return np.asarray((clock_us - clock_us[-1] + half) % HOUR_US - half)
 
 
 def _is_first_firmware(device_us: I64, layout: Layout) -> bool:
-    """Whether a VLS-128 sends three columns in 160 us, not in 173.3; lost packets do not move the median."""
+    """Whether a VLS-128 sends three columns in 160 us, not in 173.3; lost packets do not affect the median."""
     if len(device_us) < 2:
         return False
     return bool(np.median(np.diff(device_us)) * 3 / layout.columns < 167)
 
 
 def _packet_times(packets: VelodynePackets, device_us: I64, message: RawMessage) -> I64:
-    """(P,) nanoseconds from the message's stamp; see the module."""
+    """(P,) nanoseconds from the message's stamp; see the module docstring."""
     stamps_ns = packets.stamps_ns - packets.stamps_ns[-1]
     times_ns = device_us * 1000
     span_ns = int(times_ns.max() - times_ns.min())

@@ -1,4 +1,4 @@
-"""How a Velodyne's packet is laid out: which block holds which lasers, columns and returns."""
+"""The layout of a Velodyne's packet: which block holds which lasers, columns and returns."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ from readers.velodyne.models import BLOCK_FLAGS, LaserTable, VelodyneModel
 __all__ = ["BLOCK_BYTES", "BOTH", "LAST", "NOT_TOLD", "SLOTS", "STRONGEST", "Beams", "Layout", "block_words"]
 
 SLOTS = 32
-"""Ranges of a block."""
+"""Ranges per block."""
 
 BLOCK_BYTES = 100
 
@@ -24,12 +24,12 @@ BOTH = 3
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """How the blocks of a packet follow one another.
+    """The order of the blocks in a packet.
 
     Attributes:
         columns: Number of columns.
         banks: Number of banks.
-        returns: Types of the returns in the order of their blocks; one where there is one per firing.
+        returns: Types of the returns of a firing, in the order of their blocks.
         apart: Blocks from a return to the next one of the same firing.
     """
 
@@ -40,22 +40,21 @@ class Layout:
 
     @property
     def blocks(self) -> int:
-        """Blocks in use, from the first on."""
+        """Number of blocks in use."""
         return self.columns * self.banks * len(self.returns)
 
     @property
     def block_of_firing(self) -> Indices:
-        """(columns, banks): block that holds the first return."""
+        """(columns, banks): block of the first return."""
         column, bank = np.arange(self.columns)[:, None], np.arange(self.banks)
         between = len(self.returns) if self.apart == 1 else 1
         return np.asarray(column * self.banks * len(self.returns) + bank * between)
 
 
 class Beams:
-    """Tables of one model, calibration and layout.
+    """Lookup tables of one model, calibration and layout.
 
-    Those by place in the column, (banks * 32,), repeat with every column: their length is a power of two, so that a
-    place is found without a division.
+    Tables by place in the column have the shape (banks * 32,), a power of two: a place is found without a division.
     """
 
     def __init__(self, model: VelodyneModel, table: LaserTable, layout: Layout) -> None:
@@ -79,6 +78,6 @@ class Beams:
 
 
 def block_words(payload: U8, blocks: int, offset: int) -> U16:
-    """(P, blocks): two bytes at `offset` of every block, a view."""
+    """(P, blocks): the two bytes at `offset` in every block, a view."""
     first = payload[:, offset : offset + 2].view("<u2")
     return as_strided(first, (len(payload), blocks), (first.strides[0], BLOCK_BYTES), writeable=False)

@@ -1,11 +1,11 @@
-"""Velodyne's spinning lidars: where each laser points, when it fires, and how a packet holds its ranges.
+"""Velodyne's spinning lidars: where each laser points, when it fires, and how packets encode its ranges.
 
 A data packet has 12 blocks of 32 ranges under one azimuth each (Velodyne's VLP-16 User Manual 63-9243 Rev. E, section
-9, and its siblings). A column is one turn of the firing order: one block, or one per bank of 32 lasers. Angles are in
-the manuals' sense: azimuth clockwise from the front as seen from above, elevation up.
+9, and its siblings). A column is one cycle of the firing order: one block, or one per bank of 32 lasers. Angles follow
+the manuals: azimuth clockwise from the front as seen from above, elevation up.
 
 The elevations and azimuth offsets are those of velodyne_decoder's tables (BSD-3-Clause: velodyne_models.LICENSE.txt).
-The table of an HDL-64E belongs to the single unit and is never built in.
+An HDL-64E has a table of its own per unit, so none is built in.
 """
 
 from dataclasses import dataclass
@@ -15,14 +15,7 @@ import numpy as np
 
 from pipeline.core.arrays import F64, U16, check_array
 
-__all__ = [
-    "BLOCK_FLAGS",
-    "MODELS",
-    "LaserTable",
-    "RangeCorrections",
-    "VelodyneModel",
-    "built_in_table",
-]
+__all__ = ["BLOCK_FLAGS", "MODELS", "LaserTable", "RangeCorrections", "VelodyneModel", "built_in_table"]
 
 
 BLOCK_FLAGS = (0xEEFF, 0xDDFF, 0xCCFF, 0xBBFF)
@@ -31,12 +24,12 @@ BLOCK_FLAGS = (0xEEFF, 0xDDFF, 0xCCFF, 0xBBFF)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RangeCorrections:
-    """What an HDL-64E adds to its ranges and reflectivities, by laser id (HDL-64E S3 manual 63-HDL64ES3, appendix E).
+    """Corrections to an HDL-64E's ranges and reflectivities, by laser id (manual 63-HDL64ES3, appendix E).
 
     Attributes:
         far_m: (L,) added to ranges, measured at 25.04 m (`dist_correction`).
-        near_x_m: (L,) the same at 2.40 m to the side; zero where it was not measured.
-        near_y_m: (L,) the same at 1.93 m ahead; zero where it was not measured.
+        near_x_m: (L,) the same at 2.40 m to the side; zero if not measured.
+        near_y_m: (L,) the same at 1.93 m ahead; zero if not measured.
         horizontal_offset_m: (L,) of the beam from the axis.
         focal_distance: (L,) in units of the reflectivity formula.
         focal_slope: (L,) in units of the reflectivity formula.
@@ -59,7 +52,7 @@ class RangeCorrections:
 
     @property
     def any_set(self) -> bool:
-        """Whether anything differs from what an uncorrected sensor reports."""
+        """Whether any value corrects anything."""
         zero = (self.far_m, self.near_x_m, self.near_y_m, self.horizontal_offset_m, self.focal_distance)
         return bool(
             any(values.any() for values in (*zero, self.focal_slope, self.min_intensity))
@@ -75,7 +68,7 @@ class LaserTable:
         elevation_rad: (L,) above the horizon.
         azimuth_offset_rad: (L,) subtracted from the azimuth of the firing.
         vertical_offset_m: (L,) added to z: the beams cross in front of the axis, not on it.
-        corrections: What is added to ranges; None for all but the HDL-64E.
+        corrections: Corrections of ranges; None for all but the HDL-64E.
     """
 
     elevation_rad: F64
@@ -93,7 +86,7 @@ class LaserTable:
 
     @property
     def rings(self) -> U16:
-        """(L,) rank of each laser from the lowest elevation up, as ROS's driver numbers them."""
+        """(L,) rank of each laser by elevation from the lowest up, as in ROS's driver."""
         ranks = np.empty(len(self), np.uint16)
         ranks[np.argsort(self.elevation_rad, kind="stable")] = np.arange(len(self), dtype=np.uint16)
         return ranks
@@ -101,13 +94,13 @@ class LaserTable:
 
 @dataclass(frozen=True, slots=True)
 class VelodyneModel:
-    """Facts of one model.
+    """Constants of one model.
 
     Attributes:
-        name: As the settings spell it.
-        product: Factory byte 1205 of its packets; None where they hold something else there.
+        name: Name in the settings.
+        product: Factory byte 1205 of its packets; None if that byte is something else.
         banks: Blocks of one column: one per 32 lasers.
-        range_step_m: One unit of range; a fact of the packet format, whatever a calibration file says.
+        range_step_m: One unit of range, by the packet format.
         column_us: Time from one column to the next.
         slot_us: Time of each of the 32 ranges of a block since its column began, by bank.
         first_us: Time of the first firing since the packet's own time.
@@ -152,7 +145,7 @@ _VLP16_SLOTS = tuple(55.296 * (slot // 16) + 2.304 * (slot % 16) for slot in ran
 _VLP32_SLOTS = tuple(2.304 * (slot // 2) for slot in range(32))
 
 VLS128_FIRST_FIRMWARE = _vls128(8 / 3)
-"""A VLS-128 with firmware before 5.2.3.0: a packet lasts 160 us, later 173.3 us."""
+"""A VLS-128 with firmware before 5.2.3.0: a packet takes 160 us, later 173.3 us."""
 
 MODELS = {
     model.name: model
@@ -173,10 +166,10 @@ MODELS = {
 
 @lru_cache
 def built_in_table(model: str) -> LaserTable:
-    """The table that the manual of a model gives.
+    """The table from a model's manual.
 
     Raises:
-        KeyError: HDL-64E, or no model of `MODELS`.
+        KeyError: the model is an HDL-64E or not one of `MODELS`.
     """
     elevation_deg, azimuth_offset_deg, focal_m = _TABLES[model]
     elevation_rad = np.deg2rad(np.array(elevation_deg, np.float64))

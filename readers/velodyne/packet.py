@@ -48,7 +48,7 @@ def packet_channel(topic: str) -> Channel:
 
 
 def scan_channel(topic: str) -> Channel:
-    """The channel of the scans that the packets of a topic make."""
+    """The channel of the scans made of a topic's packets."""
     return Channel(topic, SCAN, "cdr", _SCAN_DEFINITION)
 
 
@@ -58,7 +58,7 @@ def packet_message_data(stamp_ns: int, payload: bytes | memoryview) -> bytes:
 
 
 def packet_data(message: RawMessage) -> bytes | memoryview:
-    """Stamp and payload of a VelodynePacket as `scan_data` takes them; `packet_problem` has found its channel sound.
+    """Stamp and payload of a VelodynePacket as `scan_data` takes them; `packet_problem` must be empty.
 
     Raises:
         MessageError: its bytes are not there, or end too soon.
@@ -89,7 +89,7 @@ def scan_data(packets: Sequence[bytes | memoryview]) -> bytes:
 
 @lru_cache(maxsize=256)
 def packet_problem(channel: Channel) -> str:
-    """Why the VelodynePackets of a channel cannot be used; empty where its definition is the usual one."""
+    """Why the VelodynePackets of a channel cannot be used; empty if they can."""
     try:
         fields = typestore_for(channel).fielddefs[PACKET][1]
     except MessageError as err:

@@ -1,4 +1,4 @@
-"""Ranges of Velodyne packets to points: azimuth by firing, calibration, times."""
+"""Points from the ranges of Velodyne packets: azimuths, calibration, times."""
 
 import numpy as np
 from numpy.lib.stride_tricks import as_strided
@@ -16,13 +16,7 @@ __all__ = ["cloud_of"]
 FAR_M, NEAR_X_M, NEAR_Y_M = 25.04, 2.40, 1.93
 
 
-def cloud_of(
-    packets: VelodynePackets,
-    beams: Beams,
-    device_us: I64,
-    packet_ns: I64,
-    stamp_ns: int,
-) -> PointCloud:
+def cloud_of(packets: VelodynePackets, beams: Beams, device_us: I64, packet_ns: I64, stamp_ns: int) -> PointCloud:
     """The points of packets that all have the layout of `beams`.
 
     Args:
@@ -30,7 +24,7 @@ def cloud_of(
         beams: Tables of the model and calibration.
         device_us: (P,) time of each packet by the sensor's clock, from any origin.
         packet_ns: (P,) time of each packet after `stamp_ns`.
-        stamp_ns: The cloud's.
+        stamp_ns: Stamp of the cloud.
     """
     layout = beams.layout
     echoes = _echoes(packets.payload, layout.blocks)
@@ -62,14 +56,14 @@ def cloud_of(
 
 
 def _echoes(payload: U8, blocks: int) -> U8:
-    """(P * blocks * 32, 3): two bytes of range and one of reflectivity, copied so that they lie side by side."""
+    """(P * blocks * 32, 3): two bytes of range and one of reflectivity, as a contiguous copy."""
     first = payload[:, 4:]
     shape, strides = (len(payload), blocks, 3 * SLOTS), (payload.strides[0], BLOCK_BYTES, 1)
     return np.ascontiguousarray(as_strided(first, shape, strides, writeable=False)).reshape(-1, 3)
 
 
 def _measured(steps: U16, packets: int, layout: Layout) -> tuple[Indices, U8]:
-    """Indices of the ranges that make a point, and the types of their returns."""
+    """Indices of the ranges that become points, and the types of their returns."""
     measured = steps != 0
     if len(layout.returns) == 1:
         kept = np.flatnonzero(measured)
@@ -87,7 +81,7 @@ def _measured(steps: U16, packets: int, layout: Layout) -> tuple[Indices, U8]:
 
 
 def _firings(kept: Indices, layout: Layout) -> Indices:
-    """Where each range stands in (P, columns, banks, 32): both returns of a firing stand in the same place."""
+    """Index of each range in (P, columns, banks, 32); both returns of a firing have the same."""
     if len(layout.returns) == 1:
         return kept
     width = layout.apart * SLOTS  # a power of two
@@ -97,8 +91,8 @@ def _firings(kept: Indices, layout: Layout) -> Indices:
 def _headings(payload: U8, beams: Beams, device_us: I64) -> tuple[F32, F32]:
     """Cosine and sine of the azimuth of every firing, (P, columns, banks, 32).
 
-    The azimuth is that of the block plus a small angle that all blocks of a packet share: by the addition theorems
-    only the two parts need cosine and sine.
+    The azimuth is that of the block plus a small angle that all blocks of a packet share: by the angle addition
+    formulas only the two parts need cosine and sine.
     """
     layout = beams.layout
     azimuth = block_words(payload, layout.blocks, 2)[:, beams.blocks]
@@ -115,12 +109,12 @@ def _headings(payload: U8, beams: Beams, device_us: I64) -> tuple[F32, F32]:
 
 
 def _turn_rate(azimuth: I64, model: VelodyneModel, device_us: I64) -> F64:
-    """(P,) radians per microsecond, of the azimuths (P, columns) in hundredths of a degree."""
+    """(P,) radians per microsecond, from azimuths (P, columns) in hundredths of a degree."""
     columns = azimuth.shape[1]
     if model.banks < 4 or (len(azimuth) == 1 and columns > 1):
         turned = _turn(azimuth[:, 0], azimuth[:, -1]) / ((columns - 1) * model.column_us)
     elif len(azimuth) == 1:
-        turned = np.zeros(1)  # a single column says nothing of the motion
+        turned = np.zeros(1)  # unknown from a single column
     else:
         period_us = columns * model.column_us
         between = np.maximum(np.rint(np.diff(device_us) / period_us), 1.0)
@@ -135,7 +129,7 @@ def _turn(before: I64, after: I64) -> I64:
 
 
 def _points(beams: Beams, place: Indices, range_m: F32, cos_azimuth: F32, sin_azimuth: F32) -> F32:
-    """(n, 3): x ahead at azimuth 0, y to the left, so against the sense of the azimuth, z up."""
+    """(n, 3): x ahead at azimuth 0, y to the left, against the sense of the azimuth, z up."""
     xyz = np.empty((len(place), 3), np.float32)
     horizontal_m = range_m * beams.cos_elevation.take(place)
     np.multiply(horizontal_m, cos_azimuth, out=xyz[:, 0])
@@ -147,39 +141,26 @@ def _points(beams: Beams, place: Indices, range_m: F32, cos_azimuth: F32, sin_az
 
 
 def _corrected_points(
-    beams: Beams,
-    corrections: RangeCorrections,
-    place: Indices,
-    range_m: F32,
-    cos_azimuth: F32,
-    sin_azimuth: F32,
+    beams: Beams, corrections: RangeCorrections, place: Indices, range_m: F32, cos_azimuth: F32, sin_azimuth: F32
 ) -> F32:
     """As `_points`, with the two-point calibration of the HDL-64E (manual, appendix E).
 
-    z takes the mean of the corrections of x and y, as velodyne_decoder does; the manual takes that of y.
+    z uses the mean of the corrections of x and y, as in velodyne_decoder; the manual uses that of y.
     """
     laser = beams.laser[place]
     cos_elevation, sin_elevation = beams.cos_elevation.take(place), beams.sin_elevation.take(place)
-    far_m, near_x_m, near_y_m, beside_m = (
-        values.astype(np.float32).take(laser)
-        for values in (
-            corrections.far_m,
-            corrections.near_x_m,
-            corrections.near_y_m,
-            corrections.horizontal_offset_m,
-        )
-    )
+    used = corrections.far_m, corrections.near_x_m, corrections.near_y_m, corrections.horizontal_offset_m
+    far_m, near_x_m, near_y_m, beside_m = (values.astype(np.float32).take(laser) for values in used)
     across_m = (range_m + far_m) * cos_elevation
     two_points = (near_x_m != 0) & (near_y_m != 0) & (range_m < FAR_M)
     weight_x = np.where(two_points, (np.abs(across_m * sin_azimuth) - NEAR_X_M) / (FAR_M - NEAR_X_M), np.float32(1))
     weight_y = np.where(two_points, (np.abs(across_m * cos_azimuth) - NEAR_Y_M) / (FAR_M - NEAR_Y_M), np.float32(1))
     add_x = weight_x * far_m + (1 - weight_x) * near_x_m
     add_y = weight_y * far_m + (1 - weight_y) * near_y_m
-    xyz = np.empty((len(place), 3), np.float32)
-    xyz[:, 0] = (range_m + add_y) * cos_elevation * cos_azimuth + beside_m * sin_azimuth
-    xyz[:, 1] = beside_m * cos_azimuth - (range_m + add_x) * cos_elevation * sin_azimuth
-    xyz[:, 2] = (range_m + (add_x + add_y) / 2) * sin_elevation + beams.vertical_offset_m.take(place)
-    return xyz
+    x = (range_m + add_y) * cos_elevation * cos_azimuth + beside_m * sin_azimuth
+    y = beside_m * cos_azimuth - (range_m + add_x) * cos_elevation * sin_azimuth
+    z = (range_m + (add_x + add_y) / 2) * sin_elevation + beams.vertical_offset_m.take(place)
+    return np.stack([x, y, z], axis=1)
 
 
 def _corrected_intensity(corrections: RangeCorrections, laser: Indices, steps: U16, reflectivity: F32) -> F32:

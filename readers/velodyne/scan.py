@@ -32,8 +32,8 @@ class VelodynePackets:
 
     Attributes:
         frame_id: Frame that the scan names.
-        stamps_ns: (P,) int64, when the driver says that each packet was measured, or came in.
-        payload: (P, 1206) uint8, what the sensor sent; a view, packets need not lie side by side.
+        stamps_ns: (P,) int64, the driver's time of each packet, of measurement or of arrival.
+        payload: (P, 1206) uint8, the bytes from the sensor; a view that need not be contiguous.
     """
 
     frame_id: str
@@ -49,12 +49,12 @@ class VelodynePackets:
         return len(self.stamps_ns)
 
     def select(self, rows: Bools) -> "VelodynePackets":
-        """The packets of a mask."""
+        """The packets where the mask is true."""
         return VelodynePackets(self.frame_id, self.stamps_ns[rows], self.payload[rows])
 
 
 def parse_velodyne_scan(message: RawMessage) -> VelodynePackets:
-    """The packets of a message; bytes behind the last one are passed over.
+    """The packets of a message; bytes after the last one are ignored.
 
     Raises:
         MessageError: not a VelodyneScan, its recorded definition is not the usual one, or its bytes end too soon.

@@ -1,13 +1,12 @@
-"""VelodynePackets to sweeps: each turn of the head becomes one VelodyneScan, for which all the rest of lidcam is made.
+"""Gathers VelodynePackets into sweeps: one VelodyneScan per turn of the head.
 
-A sweep is cut before the first packet that begins beyond azimuth zero, so the packet in which the head passes zero ends
-the sweep that it began in. What was recorded before the first cut and after the last one are sweeps, too, only shorter.
-A sweep also ends where the sensor's own clock shows that packets are missing for a time in which the head may have
-turned once, where nothing was recorded for a while, and at a number of packets that no turn has. A packet that was
-overtaken by others on its way stays in the sweep that it arrived in.
+A sweep ends before the first packet that begins beyond azimuth zero, so the packet in which the head passes zero
+belongs to the sweep before. The packets before the first cut and after the last one are sweeps too, only shorter. A
+sweep also ends where the sensor's own clock shows a gap in which the head may have turned once, after a pause in the
+recording, and at a number of packets that no turn has. A late packet stays in the sweep that it arrived in.
 
-A sweep has the stamp of its first packet, and the log time and order of its last one, with which it was complete. So
-messages of other topics wait until it is known whether a sweep that is open ends before them.
+A sweep has the stamp of its first packet, and the log time and order of its last one. Messages of other topics
+therefore wait until it is known whether an open sweep ends before them.
 """
 
 import heapq
@@ -24,20 +23,20 @@ PAUSE_NS = 500_000_000
 """Log time without a packet after which a sweep is complete; no sweep takes as long (300 turns a minute: 0.2 s)."""
 
 HIDDEN_TURN_US = 50_000
-"""A turn at 1200 a minute, the most that a Velodyne makes: azimuths do not tell how often the head turned meanwhile."""
+"""A turn at 1200 a minute, a Velodyne's maximum: azimuths do not show how often the head turned in a gap."""
 
 OVERTAKEN = 2_000
-"""Hundredths of a degree by which a packet may begin before the one that came in before it."""
+"""Hundredths of a degree by which a late packet may lie behind the one that arrived before it."""
 
 MAX_PACKETS = 4096
-"""Packets of a sweep at most: a VLS-128 at 300 turns a minute sends 2500 in dual return mode."""
+"""Packets per sweep: a VLS-128 at 300 turns a minute sends 2500 in dual return mode."""
 
 UPPER_BLOCK = 0xEEFF
 TURN = 36_000
 HOUR_US = 3_600_000_000
 
 _FIRST_BLOCK_AND_CLOCK = struct.Struct("<8x HH 1196x I")
-"""Of a stamped packet: flag and azimuth of the first block, the sensor's microseconds in the hour."""
+"""Of a stamped packet: flag and azimuth of the first block, and the sensor's microseconds in the hour."""
 
 
 def gather_sweeps(
@@ -45,11 +44,11 @@ def gather_sweeps(
 ) -> Iterator[RawMessage]:
     """Messages with those of the channels `packets` gathered into sweeps, in the order of (log time, order).
 
-    A packet that cannot be used is named in `RawMessage.defects` of its sweep.
+    A packet that cannot be used is reported in `RawMessage.defects` of its sweep.
 
     Args:
-        messages: In the order of (log time, order), from `PAUSE_NS` before `start_ns` to `PAUSE_NS` behind `stop_ns`:
-            the first and the last sweep are then the same as if all was read.
+        messages: In the order of (log time, order), from `PAUSE_NS` before `start_ns` to `PAUSE_NS` after `stop_ns`, so
+            that the first and the last sweep are the same as if everything were read.
         packets: Channels of VelodynePackets.
         start_ns: Only sweeps and messages of this log time or later.
         stop_ns: Only sweeps and messages before this log time.
@@ -96,8 +95,8 @@ class _Sweep:
         self._channel = scan_channel(topic)
         self._packets: list[bytes | memoryview] = []
         self._defects: list[str] = []
-        self._azimuth = 0  # where the last packet began
-        self._turned = 0  # the same, with all turns since the azimuths tell them
+        self._azimuth = 0  # of the last packet
+        self._turned = 0  # the same, counting full turns
         self._clock_us: int | None = None
         self._cut_at = 0
         self.end: tuple[int, tuple[int, ...]] = (0, ())
@@ -108,7 +107,7 @@ class _Sweep:
         return bool(self._packets or self._defects)
 
     def add(self, message: RawMessage) -> RawMessage | None:
-        """Take in a packet; returns the sweep before it, if it begins another one."""
+        """Add a packet; returns the sweep before it if the packet begins a new one."""
         done = None
         try:
             packet = packet_data(message)
@@ -124,7 +123,7 @@ class _Sweep:
         return done
 
     def close(self) -> RawMessage | None:
-        """The sweep, which is empty after that; None if it is."""
+        """End the sweep and return it; None if it is empty."""
         if not self.is_open:
             return None
         packets, defects, (log_time_ns, order) = self._packets, tuple(self._defects), self.end
@@ -136,19 +135,17 @@ class _Sweep:
         return RawMessage(sec * 10**9 + nanosec, log_time_ns, order, data, self._channel, defects=defects)
 
     def pause(self) -> RawMessage | None:
-        """As `close`; the next packet begins anew, wherever the head is then."""
+        """As `close`; the next packet begins a new sweep at any azimuth."""
         self._clock_us = None
         return self.close()
 
     def _begins_another(self, packet: bytes | memoryview) -> bool:
         full = len(self._packets) >= MAX_PACKETS
         flag, azimuth, clock_us = _FIRST_BLOCK_AND_CLOCK.unpack_from(packet)
-        if flag != UPPER_BLOCK or azimuth >= TURN:  # says nothing of the head
+        if flag != UPPER_BLOCK or azimuth >= TURN:  # not a valid azimuth
             return full
-        if self._clock_us is None:
-            missing = False
-        else:
-            missing = abs((clock_us - self._clock_us + HOUR_US // 2) % HOUR_US - HOUR_US // 2) >= HIDDEN_TURN_US
+        since_us = 0 if self._clock_us is None else (clock_us - self._clock_us + HOUR_US // 2) % HOUR_US - HOUR_US // 2
+        missing = abs(since_us) >= HIDDEN_TURN_US
         if missing or self._clock_us is None:
             self._turned, self._cut_at = azimuth, TURN
         else:

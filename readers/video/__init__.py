@@ -1,1 +1,1 @@
-"""Packets of video to images."""
+"""Video packets decoded to images."""

@@ -1,8 +1,8 @@
-"""The packets of one video topic to images, one after another. The only module that imports PyAV (extra `video`).
+"""Decodes the packets of one video topic. The only module that imports PyAV (extra `video`).
 
-An image depends on those before it, so a decoder sees every packet of its topic in order. It begins with a packet that
-needs no other; after one that cannot be decoded it begins again, with the next such packet, instead of showing what a
-codec makes up where it lacks an image. Decoding runs on one thread: the same packets give the same images.
+An image depends on those before it, so a decoder must get every packet of its topic in order. It begins with a key
+frame; after a packet that cannot be decoded it waits for the next key frame, because codecs make up missing images.
+Decoding runs on one thread: the same packets give the same images.
 """
 
 from typing import Any
@@ -23,10 +23,10 @@ from readers.video.packets import AFTER_DAMAGE, BEFORE_KEY_FRAME, VideoPacket, r
 __all__ = ["VideoDecoder"]
 
 MAX_PIXELS = 1 << 25
-"""Of an image, a little over 8K: a decoder keeps up to 17 of them, of whatever size the first packet names."""
+"""Size of an image, a little over 8K: a decoder keeps up to 17 of them, as large as the first packet claims."""
 
 MAX_HELD = 32
-"""Packets that may wait for their images: H.264 and H.265 put at most 16 out of order."""
+"""Packets that may wait for their images: H.264 and H.265 reorder at most 16."""
 
 JPEG_QUALITY = 95
 
@@ -39,13 +39,13 @@ _DEFINITION, _ = _TYPES.generate_msgdef(COMPRESSED_IMAGE, ros_version=2)
 class VideoDecoder:
     """Turns the messages of one topic into sensor_msgs/CompressedImage, each with its own stamp, frame and log time.
 
-    The images are JPEG: what waits for the other sensors stays small. A message that gives no image comes out
+    The images are JPEG, to stay small while they wait for the other sensors. A message that gives no image is returned
     without data and with the reason as its `problem`: `BEFORE_KEY_FRAME`, `AFTER_DAMAGE`, or what is wrong with it.
-    Where images were recorded out of order (B-frames), messages come out later, each with the image of its packet.
+    With B-frames messages are returned later, each with the image of its packet.
 
     Args:
         topic: Their topic.
-        limits: `max_image_mpx`, where that is less than `MAX_PIXELS`.
+        limits: `max_image_mpx` counts up to `MAX_PIXELS`.
     """
 
     def __init__(self, topic: str, *, limits: LimitsConfig = DEFAULT_LIMITS) -> None:
@@ -59,11 +59,11 @@ class VideoDecoder:
         self._held: dict[int, tuple[RawMessage, str] | None] = {}
 
     def add(self, message: RawMessage, *, show: bool = True) -> list[RawMessage]:
-        """Take the next message; the messages whose fate is known by then, in the order of their images.
+        """Take the next message; returns the messages that are done, in the order of their images.
 
         Args:
             message: CompressedVideo or FFMPEGPacket.
-            show: Whether this message comes out; if not, it only helps to decode those after it.
+            show: Whether this message is returned; if not, it only serves to decode those after it.
         """
         try:
             packet = read_packet(message)
@@ -92,7 +92,7 @@ class VideoDecoder:
         return done + self._give_up(max(len(self._held) - limit, 0))
 
     def flush(self) -> list[RawMessage]:
-        """What the decoder still holds, at the end of the recording."""
+        """The remaining messages, at the end of the recording."""
         return self._end_of_stream()
 
     def _decode(self, packet: VideoPacket) -> list[RawMessage]:
@@ -101,7 +101,7 @@ class VideoDecoder:
         return [image for frame in self._context.decode(coded) for image in self._taken(frame)]
 
     def _taken(self, frame: Any) -> list[RawMessage]:
-        """The message whose packet a frame was in, with its image."""
+        """The message of a decoded frame, with its image."""
         held = self._held.pop(frame.pts, None)
         if held is None:
             return []
@@ -114,7 +114,7 @@ class VideoDecoder:
         return [message._replace(data=data, channel=self._channel)]
 
     def _end_of_stream(self, *, damaged: bool = False) -> list[RawMessage]:
-        """Let the decoder go with what it still holds; the next one begins with a key frame."""
+        """Close the decoder and return what it still holds; the next one begins with a key frame."""
         if self._context is None:
             return []
         try:
@@ -126,7 +126,7 @@ class VideoDecoder:
         return done + self._give_up(len(self._held))
 
     def _give_up(self, count: int) -> list[RawMessage]:
-        """The messages that have waited longest, without their images."""
+        """The messages that have waited longest, without images."""
         given_up = [self._held.pop(key) for key in list(self._held)[:count]]
         return [blank for held in given_up if held for blank in self._blank(held[0], "no image came of its packet")]
 
@@ -146,7 +146,7 @@ def _image(frame: Any, stamp_ns: int, frame_id: str) -> bytes:
     """A frame as sensor_msgs/CompressedImage.
 
     Raises:
-        ValueError: it has more rows or columns than a JPEG can have.
+        ValueError: the frame has more rows or columns than a JPEG can have.
     """
     bgr = frame.to_ndarray(format="bgr24")
     done, jpeg = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])

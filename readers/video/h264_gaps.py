@@ -1,7 +1,7 @@
-"""Whether a packet of H.264 is missing before another: decoders go on without it and show what they make up.
+"""Detects missing packets of H.264: decoders do not report them and show made-up images.
 
-Source: ITU-T H.264, 7.3.2.1.1 (sequence parameter set), 7.3.3 (slice header), 7.4.3 (`frame_num`): it counts the
-images that others refer to, so an image that nothing refers to may be missing unnoticed and harms nothing.
+Source: ITU-T H.264, 7.3.2.1.1 (sequence parameter set), 7.3.3 (slice header), 7.4.3 (`frame_num`). `frame_num` counts
+reference images only; a missing image that no other refers to goes unnoticed and does no harm.
 """
 
 import re
@@ -13,19 +13,19 @@ _SLICE = re.compile(rb"\x00\x00\x01[\x01\x05\x21\x25\x41\x45\x61\x65]")
 _IDR = 5
 _ESCAPED = re.compile(rb"\x00\x00\x03")
 _WITH_CHROMA_FORMAT = frozenset({100, 110, 122, 244, 44, 83, 86, 118, 128, 138, 139, 134, 135})
-_LOOKED_AT = 64
-"""Bytes of a unit that are read: what is sought lies in the first few."""
+_HEAD_BYTES = 64
+"""Bytes of a unit that are read; the fields are in the first few."""
 
 
 class GapFinder:
-    """Follows the packets of one decoder, from one that it can begin with."""
+    """Follows the packets of one decoder, starting with a key frame."""
 
     def __init__(self) -> None:
         self._digits: int | None = None
         self._reference = -1
 
     def gap_before(self, data: memoryview, *, is_key: bool) -> str:
-        """Take the next packet; what is missing before it in words, empty where nothing is known to be."""
+        """Take the next packet; says what is missing before it, or is empty."""
         if (parameters := _PARAMETERS.search(data)) is not None:
             self._digits = _frame_num_digits(_Bits(data, parameters.end()))
         piece = _SLICE.search(data)
@@ -43,10 +43,10 @@ class GapFinder:
 
 
 class _Bits:
-    """Bits of a unit behind its first byte, without the bytes that only keep start codes apart; zeros at its end."""
+    """Bits of a unit from `start` on, without emulation prevention bytes; zeros after its end."""
 
     def __init__(self, data: memoryview, start: int) -> None:
-        content = _ESCAPED.sub(b"\0\0", bytes(data[start : start + _LOOKED_AT]))
+        content = _ESCAPED.sub(b"\0\0", bytes(data[start : start + _HEAD_BYTES]))
         self._value, self._left = int.from_bytes(content, "big"), 8 * len(content)
 
     def read(self, count: int) -> int:
@@ -55,7 +55,7 @@ class _Bits:
         return value & ((1 << count) - 1)
 
     def code(self) -> int:
-        """An unsigned Exp-Golomb code, 9.1."""
+        """Read an unsigned Exp-Golomb code, 9.1."""
         zeros = 0
         while zeros < 32 and not self.read(1):
             zeros += 1
@@ -67,12 +67,12 @@ class _Bits:
 
 
 def _frame_num_digits(bits: _Bits) -> int | None:
-    """Bits of `frame_num`; None where the set allows gaps, or says what is not followed here."""
+    """Length of `frame_num` in bits; None if the parameter set allows gaps or uses features not parsed here."""
     profile = bits.read(8)
     bits.read(16)
     bits.skip_codes(1)  # seq_parameter_set_id
     if profile in _WITH_CHROMA_FORMAT:
-        if bits.code() == 3:  # 4:4:4: may code the colours apart
+        if bits.code() == 3:  # 4:4:4: may code the colours separately
             return None
         bits.skip_codes(2)  # bit depths
         if bits.read(2) & 1:  # scaling matrices

@@ -1,9 +1,9 @@
-"""Messages that hold one packet of a video: which codec it is, and whether decoding can begin with it.
+"""Video messages, one packet each: the codec, and whether decoding can begin with the packet.
 
 Sources: docs.foxglove.dev/docs/sdk/schemas/compressed-video (H.264 and H.265 in Annex B form, AV1 in low-overhead form,
-one image per message); ffmpeg_image_transport_msgs/FFMPEGPacket, whose `encoding` is a codec or the FFmpeg encoder
-that made it, in newer releases followed by pixel formats (`hevc;yuv420p;bgr8;bgr8`); ITU-T H.264 and H.265, table 7-1
-each; the bitstream specifications of VP9 (6.2), VP8 (RFC 6386, 9.1) and AV1 (5.3).
+one image per message); ffmpeg_image_transport_msgs/FFMPEGPacket, whose `encoding` is a codec or FFmpeg encoder, in
+newer releases followed by pixel formats (`hevc;yuv420p;bgr8;bgr8`); ITU-T H.264 and H.265, table 7-1 each; the
+bitstream specifications of VP9 (6.2), VP8 (RFC 6386, 9.1) and AV1 (5.3).
 """
 
 import re
@@ -49,9 +49,9 @@ _NAMES = {
     "mjpeg": re.compile(r"mjpeg(_\w+)?"),
 }
 
-# H.264: slice of an IDR image (5), sequence parameter set (7), or recovery point (message 6 first in an SEI, 6): an
-# encoder that refreshes image by image never sends another IDR. H.265: images of random access (16 to 23),
-# parameter sets (32 to 34). Start codes occur nowhere else: the standards have them escaped.
+# H.264: slice of an IDR image (5), sequence parameter set (7), or recovery point (message 6 first in an SEI, 6), as an
+# encoder with gradual refresh never sends another IDR. H.265: random access images (16 to 23), parameter sets (32 to
+# 34). Start codes occur nowhere else: the standards escape them.
 _KEY_UNITS = {
     "h264": re.compile(rb"\x00\x00\x01(?:[\x05\x25\x45\x65\x07\x27\x47\x67]|\x06\x06)"),
     "hevc": re.compile(rb"\x00\x00\x01[\x20\x22\x24\x26\x28\x2a\x2c\x2e\x40\x42\x44]"),
@@ -60,7 +60,7 @@ _TEMPORAL_DELIMITER, _SEQUENCE_HEADER = b"\x12\x00", 1
 
 
 class VideoPacket(NamedTuple):
-    """One packet.
+    """One packet of a video.
 
     Attributes:
         codec: `h264`, `hevc`, `vp9`, `av1`, `vp8`, `mpeg4` or `mjpeg`.
@@ -76,7 +76,7 @@ class VideoPacket(NamedTuple):
 
 
 def missing_decoder() -> str:
-    """Why video cannot be decoded here, and what to do; empty where it can."""
+    """Why video cannot be decoded on this machine and what to do; empty if it can."""
     if find_spec("av") is not None:
         return ""
     return "it is video, which needs PyAV: pip install 'lidcam[video]'"
@@ -86,7 +86,7 @@ def read_packet(message: RawMessage) -> VideoPacket:
     """The packet of a CompressedVideo or FFMPEGPacket, undecoded.
 
     Raises:
-        MessageError: the message cannot be read or is empty, or the codec is none that is known.
+        MessageError: the message cannot be read or is empty, or the codec is unknown.
     """
     fields, is_ffmpeg = deserialize(message), message.channel.msgtype == FFMPEG_PACKET
     try:
@@ -105,7 +105,7 @@ def read_packet(message: RawMessage) -> VideoPacket:
 
 
 def _is_key(codec: str, data: U8, is_flagged: bool) -> bool:
-    """Whether decoding can begin here: as the bitstream says, for codecs that hide it as the message says."""
+    """Whether decoding can begin here, by the bitstream; for MPEG-4 by the flag of the message."""
     first = int(data[0])
     match codec:
         case "h264" | "hevc":

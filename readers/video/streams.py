@@ -1,8 +1,8 @@
-"""Video topics between the recording and synchronisation: from here on their messages are images.
+"""Decodes video topics before synchronisation, so that their messages are images from here on.
 
-All messages of a topic pass here in order, also those that no frame will take: later images depend on them. What
-comes out is a JPEG per message, so the queues of synchronisation hold no decoded images. A message without an image
-keeps its place in synchronisation, so that the other sensors' frames go on, and is taken out of its frame and counted.
+Every message of a topic is decoded in order, even if no frame uses it, because later images depend on it. The output is
+one JPEG per message, so the queues of synchronisation hold no decoded images. A message that gave no image still takes
+part in synchronisation, so that the other sensors' frames go on; it is then removed from its frame and counted.
 """
 
 from collections import Counter
@@ -25,25 +25,26 @@ if TYPE_CHECKING:
 __all__ = ["LOOK_BACK_NS", "VideoStreams", "first_image_size", "video_topics"]
 
 LOOK_BACK_NS = 10_000_000_000
-"""Before a window, the last key frame is sought this far back: many encoders send one every 250 images or sooner."""
+"""How far back of a window the last key frame is sought: many encoders send one every 250 images or sooner."""
 
 MAX_HELD_BYTES = 64 << 20
-"""What is held of one topic in search of its last key frame."""
+"""Memory for one topic while its last key frame is sought."""
 
-MESSAGE_BYTES = 400  # that a message takes beside its data
+MESSAGE_BYTES = 400
+"""Memory of a message besides its data."""
 
 MAX_SOUGHT = 1000
-"""Messages that are looked at for the first image."""
+"""Messages that are decoded in search of the first image."""
 
 
 def video_topics(recording: Recording, topics: Collection[str]) -> tuple[str, ...]:
-    """Those of `topics` that hold video and can be read."""
+    """The `topics` that hold video and can be read."""
     video = {info.topic for info in recording.topics if info.msgtype in VIDEO and not info.unreadable}
     return tuple(topic for topic in topics if topic in video)
 
 
 def first_image_size(messages: Iterable[RawMessage]) -> tuple[int, int] | None:
-    """(width, height) in pixels of the first image of a video topic; None if the first messages give none."""
+    """(width, height) in pixels of a video topic's first image; None if the first messages give none."""
     decoder: VideoDecoder | None = None
     for message in islice((m for m in messages if m.channel.msgtype in VIDEO), MAX_SOUGHT):
         decoder = decoder or _decoder(message.topic, DEFAULT_LIMITS)
@@ -67,7 +68,7 @@ class VideoStreams:
         self._looked_back = False
 
     def look_back(self, recording: Recording, start_ns: int) -> None:
-        """Decode what was recorded from the last key frame before `start_ns` on, for the images after it."""
+        """Decode from the last key frame before `start_ns` on, which the images after it depend on."""
         self._looked_back = True
         if not self._decoders:
             return
@@ -109,9 +110,9 @@ class VideoStreams:
         """The bundles without the video messages that gave no image.
 
         Args:
-            bundles: Of messages that `decoded` yielded.
-            on_drop: Told of those before the first key frame: most recordings begin between two.
-            on_bad: Told of all others.
+            bundles: Of messages from `decoded`.
+            on_drop: Called for messages before the first key frame: most recordings begin between two.
+            on_bad: Called for all others.
         """
         for bundle in bundles:
             blank = [m for topic in self._decoders if (m := bundle.messages.get(topic)) is not None and m.problem]

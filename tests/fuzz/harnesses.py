@@ -58,8 +58,8 @@ from readers.messages.pointcloud2 import decode_pointcloud2
 from readers.messages.tf import decode_transforms, read_transforms
 from readers.open import open_recording
 from readers.recording import Recording
-from readers.rig.discovery import discover_rig, rig_from_file
-from readers.rig.load import load_rig
+from readers.rig.discovery import discover_rig
+from readers.rig.rig_file import load_rig
 from readers.streams.motion import find_motion_source
 from readers.streams.per_sensor import sensor_messages
 from readers.streams.survey import survey
@@ -482,7 +482,7 @@ def _text(name: str, read: Callable[[Path], Any]) -> Callable[[bytes], None]:
 
 
 def _use_rig(path: Path) -> None:
-    rig_from_file(load_rig(path), MemoryRecording(_scene("cdr")), Config(limits=LIMITS))
+    discover_rig(MemoryRecording(_scene("cdr")), Config(limits=LIMITS), load_rig(path))
 
 
 def _use_folder(path: Path) -> None:

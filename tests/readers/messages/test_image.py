@@ -200,7 +200,7 @@ def test_yuv_of_odd_size(encoding: str, shape: tuple[int, int]) -> None:
 @pytest.mark.parametrize(
     ("changes", "match"),
     [
-        ({"encoding": "32FC1"}, r"encoding '32FC1' is no image; expected one of rgb8"),
+        ({"encoding": "32FC1"}, r"encoding '32FC1' is not an image; expected one of rgb8"),
         ({"encoding": "16SC1"}, r"encoding '16SC1'"),
         ({"encoding": "8UC2"}, r"encoding '8UC2'"),
         ({"encoding": ""}, r"encoding ''"),

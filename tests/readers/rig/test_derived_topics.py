@@ -13,10 +13,10 @@ from pipeline.core.errors import RecordingError
 from pipeline.core.messages import RawMessage
 from pipeline.core.settings.config import Config
 from readers.memory import MemoryRecording
-from readers.rig.discovery import Discovery, discover_rig, rig_from_file
+from readers.rig.discovery import Discovery, discover_rig
 from readers.rig.first_messages import FirstMessages
-from readers.rig.load import load_rig
-from readers.rig.sensor_topics import find_camera_topics, find_lidar_topics
+from readers.rig.rig_file import load_rig
+from readers.rig.sensor_topics import Findings, find_camera_topics, find_lidar_topics
 from readers.streams.per_sensor import sensor_messages
 
 
@@ -50,11 +50,12 @@ PARTS = ["/pointcloud_list/pointcloud_1", "/pointcloud_list/pointcloud_2"]
 )
 def test_lidars(messages: list[RawMessage], used: list[str]) -> None:
     recording = sensor_messages(MemoryRecording(messages))
-    topics, faults, notes = find_lidar_topics(recording, Config().topics, FirstMessages(recording))
+    findings = Findings()
+    topics = find_lidar_topics(recording, Config().topics, FirstMessages(recording), findings)
     assert topics == used
-    assert not faults
+    assert not findings.faults
     passed_over = {info.topic for info in recording.topics} - {*used}
-    assert {note.split(":")[0] for note in notes} == passed_over
+    assert {note.split(":")[0] for note in findings.notes} == passed_over
 
 
 @pytest.mark.parametrize(
@@ -66,7 +67,7 @@ def test_lidars(messages: list[RawMessage], used: list[str]) -> None:
 )
 def test_cameras(messages: list[RawMessage], used: list[str]) -> None:
     recording = sensor_messages(MemoryRecording(messages))
-    cameras, _, _ = find_camera_topics(recording, Config().topics, FirstMessages(recording))
+    cameras = find_camera_topics(recording, Config().topics, FirstMessages(recording), Findings())
     assert [camera.image for camera in cameras] == used
 
 
@@ -97,7 +98,7 @@ def test_the_calibration_of_the_original_goes_to_the_parts_in_their_order(tmp_pa
     }
     (tmp_path / "geometry.yaml").write_text(yaml.safe_dump({"cameras": cameras}))
     recording = sensor_messages(MemoryRecording([FUSED, VIEWS]))
-    found = rig_from_file(load_rig(tmp_path / "geometry.yaml"), recording, Config())
+    found = discover_rig(recording, Config(), load_rig(tmp_path / "geometry.yaml"))
     assert [(c.name, c.topic, c.T_camera_site.matrix[0, 3]) for c in found.rig.cameras] == [
         ("camera_11", "/camera_msgs_combined/camera_1", 0.25),
         ("camera_44", "/camera_msgs_combined/camera_2", 0.5),

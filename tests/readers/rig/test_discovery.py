@@ -28,7 +28,7 @@ from pipeline.core.settings.config import Config
 from readers.memory import MemoryRecording
 from readers.open import open_recording
 from readers.rig.discovery import Discovery, discover_rig
-from readers.rig.rig_file import RigFile
+from readers.rig.schema import RigFile
 
 K = np.array([[500.0, 0, 32.0], [0, 500.0, 24.0], [0, 0, 1]])
 OPTICAL = (-0.5, 0.5, -0.5, 0.5)  # REP 103: optical axes in a body frame

@@ -12,8 +12,8 @@ from pipeline.core.errors import CalibrationError
 from pipeline.core.messages import RawMessage
 from pipeline.core.settings.config import Config
 from readers.memory import MemoryRecording
-from readers.rig.discovery import Discovery, rig_from_file
-from readers.rig.load import load_rig
+from readers.rig.discovery import Discovery, discover_rig
+from readers.rig.rig_file import load_rig
 
 # The original's cameras (its published figures): all alike, no distortion.
 C2P = [[504.78216005824515, 0, 320.5, 0], [0, 504.78216005824515, 240.5, 0], [0, 0, 1, 0]]
@@ -53,7 +53,7 @@ def test_geometry_yaml(tmp_path: Path, nested: bool, axes: np.ndarray[Any, Any])
     }
     (tmp_path / "geometry.yaml").write_text(yaml.safe_dump({"cameras": cameras, "other": 1}))
     recording = MemoryRecording([cloud("site"), image_message("/image_raw_11"), image_message("/image_raw_12")])
-    found = rig_from_file(load_rig(tmp_path / "geometry.yaml"), recording, Config())
+    found = discover_rig(recording, Config(), load_rig(tmp_path / "geometry.yaml"))
     assert [(c.name, c.topic, c.model.width_px) for c in found.rig.cameras] == [("camera_11", "/image_raw_11", 640)]
     assert [(f.sensor, f.topic) for f in found.faults] == [("camera_12", "/image_raw_12")]
     assert "singular" in found.faults[0].reason
@@ -66,8 +66,8 @@ def test_geometry_yaml(tmp_path: Path, nested: bool, axes: np.ndarray[Any, Any])
 def test_geometry_yaml_with_a_singular_projection(tmp_path: Path) -> None:
     cameras = {"camera_11": {"w2c": W2C_11, "c2p": np.zeros((3, 4)).tolist()}}
     (tmp_path / "geometry.yaml").write_text(yaml.safe_dump(cameras))
-    found = rig_from_file(
-        load_rig(tmp_path / "geometry.yaml"), MemoryRecording([cloud("s"), image_message("/image_raw_11")]), Config()
+    found = discover_rig(
+        MemoryRecording([cloud("s"), image_message("/image_raw_11")]), Config(), load_rig(tmp_path / "geometry.yaml")
     )
     assert "singular" in found.faults[0].reason
 
@@ -108,13 +108,13 @@ def kitti_object_8(tmp_path: Path) -> tuple[Path, dict[str, Any]]:
 def test_kitti_object(tmp_path: Path) -> None:
     path, scene = kitti_object_8(tmp_path)
     points = np.fromfile(shared("data/kitti_object_8/000008.bin"), np.float32).reshape(-1, 4)[:, :3].astype(np.float64)
-    one = rig_from_file(
-        load_rig(path), MemoryRecording([cloud("velodyne"), image_message("/camera/image_raw", (1242, 375))]), Config()
+    one = discover_rig(
+        MemoryRecording([cloud("velodyne"), image_message("/camera/image_raw", (1242, 375))]), Config(), load_rig(path)
     )
     assert [(c.name, c.topic) for c in one.rig.cameras] == [("cam2", "/camera/image_raw")]
     assert "cam2: has no topic in the rig file; by order it is /camera/image_raw" in one.notes
     four = [image_message(f"/kitti/image_{n}", (1242, 375)) for n in range(4)]
-    found = rig_from_file(load_rig(path), MemoryRecording([cloud("velodyne"), *four]), Config())
+    found = discover_rig(MemoryRecording([cloud("velodyne"), *four]), Config(), load_rig(path))
     assert {c.name: c.topic for c in found.rig.cameras} == {f"cam{n}": f"/kitti/image_{n}" for n in range(4)}
     for number in range(4):
         judge = np.c_[points, np.ones(len(points))] @ np.array(scene["images"][f"CAM{number}"]["lidar2img"]).T
@@ -124,8 +124,8 @@ def test_kitti_object(tmp_path: Path) -> None:
 @pytest.mark.parametrize("file", ["kitti_raw_sequence/calib_2011_09_26.txt", "kitti_object/training/calib/000001.txt"])
 def test_kitti_files_as_they_are(file: str) -> None:
     path = shared(f"data/{file}")
-    found = rig_from_file(
-        load_rig(path), MemoryRecording([cloud("velodyne"), image_message("/camera/image_raw", (1242, 375))]), Config()
+    found = discover_rig(
+        MemoryRecording([cloud("velodyne"), image_message("/camera/image_raw", (1242, 375))]), Config(), load_rig(path)
     )
     rows = {
         line.split(":")[0]: np.array(line.split()[1:], float)
@@ -186,7 +186,7 @@ def test_mistakes_in_a_kitti_file(tmp_path: Path, text: str, reason: str) -> Non
 def test_a_singular_projection_of_kitti_is_a_fault(tmp_path: Path) -> None:
     text = "P2: 0 0 0 0 0 0 0 0 0 0 0 0\nR0_rect: 1 0 0 0 1 0 0 0 1\nTr: 1 0 0 0 0 1 0 0 0 0 1 0\n"
     (tmp_path / "calib.txt").write_text(text)
-    found = rig_from_file(
-        load_rig(tmp_path / "calib.txt"), MemoryRecording([cloud("velodyne"), image_message("/c/image")]), Config()
+    found = discover_rig(
+        MemoryRecording([cloud("velodyne"), image_message("/c/image")]), Config(), load_rig(tmp_path / "calib.txt")
     )
     assert "singular" in found.faults[0].reason

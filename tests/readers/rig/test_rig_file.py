@@ -12,9 +12,9 @@ from pipeline.core.messages import RawMessage
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from readers.memory import MemoryRecording
-from readers.rig.discovery import Discovery, discover_rig, rig_from_file
-from readers.rig.load import load_rig
-from readers.rig.rig_file import RigFile, parse_rig, write_rig
+from readers.rig.discovery import Discovery, discover_rig
+from readers.rig.rig_file import load_rig, write_rig
+from readers.rig.schema import RigFile, parse_rig
 
 EYE = np.eye(4).tolist()
 K = [[500.0, 0.0, 32.0], [0.0, 500.0, 24.0], [0.0, 0.0, 1.0]]
@@ -40,7 +40,7 @@ def recorded(*extra: RawMessage) -> MemoryRecording:
 
 
 def apply(tree: dict[str, Any], recording: MemoryRecording | None = None) -> Discovery:
-    return rig_from_file(parse_rig(tree, Path("rig.yaml")), recording or recorded(), Config())
+    return discover_rig(recording or recorded(), Config(), parse_rig(tree, Path("rig.yaml")))
 
 
 def reasons(found: Discovery) -> dict[str, str]:
@@ -98,7 +98,7 @@ def test_a_written_rig_reads_back_to_the_same_numbers(tmp_path: Path) -> None:
     assert found.faults == ()
     write_rig(found.rig, tmp_path / "rig.yaml")
     assert [path.name for path in tmp_path.iterdir()] == ["rig.yaml"]
-    again = rig_from_file(load_rig(tmp_path / "rig.yaml"), recording, Config())
+    again = discover_rig(recording, Config(), load_rig(tmp_path / "rig.yaml"))
     assert again.faults == ()
     assert again.notes == ()
     assert_same(found.rig, again.rig)
@@ -171,7 +171,7 @@ SKEWED = [[1, 0.1, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
     [
         (
             {"K": K, "T_camera_site": np.diag([0, 0, 1.0, 1]).tolist()},
-            "rotation of T_camera_site is none: it is singular",
+            "rotation of T_camera_site is not valid: it is singular",
         ),
         ({"K": K, "T_camera_site": SKEWED}, "not orthonormal"),
         ({"K": K, "T_camera_site": np.diag([1.0, 1, -1, 1]).tolist()}, "reflection"),

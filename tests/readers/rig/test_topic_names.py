@@ -5,7 +5,6 @@ from hypothesis import strategies as st
 from readers.rig.topic_names import (
     is_measured_image,
     is_rectified,
-    natural_key,
     pair_score,
     place,
     sensor_names,
@@ -65,16 +64,6 @@ def test_names_are_unique_and_fit_for_topics(topics: list[str], taken: set[str])
     assert set(names) == set(topics)
     assert len(set(names.values()) | taken) == len(topics) + len(taken)
     assert all(name.isidentifier() for name in names.values())
-
-
-@given(st.lists(st.text(), unique=True))
-def test_natural_order_is_total(names: list[str]) -> None:
-    backwards = names[::-1]
-    assert sorted(names, key=natural_key) == sorted(backwards, key=natural_key)
-
-
-def test_natural_order_counts() -> None:
-    assert sorted(["/cam10", "/cam2", "/cam"], key=natural_key) == ["/cam", "/cam2", "/cam10"]
 
 
 def test_pairing_prefers_the_place_then_the_frame_then_the_beginning() -> None:

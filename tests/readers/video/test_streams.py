@@ -19,7 +19,7 @@ from pipeline.stages.sync.synchronize import synchronize
 from readers.memory import MemoryRecording
 from readers.rig.discovery import Discovery, discover_rig
 from readers.rig.first_messages import FirstMessages
-from readers.rig.sensor_topics import IMAGE, find_camera_topics
+from readers.rig.sensor_topics import IMAGE, Findings, find_camera_topics
 from readers.streams.per_sensor import sensor_messages
 from readers.streams.survey import survey
 from readers.video.packets import AFTER_DAMAGE, BEFORE_KEY_FRAME, VIDEO
@@ -221,15 +221,17 @@ def test_images_go_before_their_video(msgtype: str) -> None:
     fields = image(IMAGES[0], stamp_ns=T0) if msgtype.endswith("/Image") else {"format": "jpeg"}
     still = raw("/camera/image_raw", msgtype, fields, T0)
     recording = MemoryRecording([still, *ffmpeg(PACKETS, topic="/camera/image_raw/ffmpeg")])
-    cameras, _, notes = find_camera_topics(recording, TopicsConfig(), FirstMessages(recording))
+    findings = Findings()
+    cameras = find_camera_topics(recording, TopicsConfig(), FirstMessages(recording), findings)
     assert [camera.image for camera in cameras] == ["/camera/image_raw"]
-    assert notes == ["/camera/image_raw/ffmpeg: images of the same camera as /camera/image_raw, not used"]
+    assert findings.notes == ["/camera/image_raw/ffmpeg: images of the same camera as /camera/image_raw, not used"]
 
 
 def test_depth_as_video_is_no_image() -> None:
     recording = MemoryRecording(ffmpeg(PACKETS, "hevc;gray12le;mono16;16UC1", topic="/camera/aligned/ffmpeg"))
-    cameras, _, notes = find_camera_topics(recording, TopicsConfig(), FirstMessages(recording))
-    assert (cameras, notes) == ([], ["/camera/aligned/ffmpeg: depth or mask images, not used"])
+    findings = Findings()
+    cameras = find_camera_topics(recording, TopicsConfig(), FirstMessages(recording), findings)
+    assert (cameras, findings.notes) == ([], ["/camera/aligned/ffmpeg: depth or mask images, not used"])
 
 
 def test_without_the_decoder_the_topic_cannot_be_read(monkeypatch: pytest.MonkeyPatch) -> None:

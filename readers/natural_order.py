@@ -1,0 +1,11 @@
+"""The order of names with numbers in them."""
+
+import re
+
+__all__ = ["natural_key"]
+
+
+def natural_key(name: str) -> tuple[tuple[int, int, str], ...]:
+    """Sorts `cam2` before `cam10`; total over all strings."""
+    parts = re.split(r"(\d+)", name)
+    return (*((1, int(part), part) if part.isdecimal() else (0, 0, part) for part in parts), (0, 0, name))
