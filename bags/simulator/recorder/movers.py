@@ -10,7 +10,7 @@ from bags.simulator.world.bodies.dimensions import SHAPES, Shape
 from bags.simulator.world.bodies.joints import RaisedPath, steered_wheel
 from bags.simulator.world.bodies.motor_vehicles import BODIES
 from bags.simulator.world.bodies.pedestrian import pedestrian_parts
-from bags.simulator.world.scene import Mover, Part
+from bags.simulator.world.mover import Mover, Part
 from pipeline.core.arrays import F64
 
 __all__ = ["SHAPES", "Shape", "build_mover"]

@@ -41,7 +41,7 @@ def sky_light(scene: Scene, points: F32, normals: F32) -> F32:
         x, y, z = radius * np.cos(turn), radius * np.sin(turn), np.sqrt(1 - radius * radius)
         directions = x * across + y * along + z * up
         asking = np.flatnonzero(directions[:, 2] > 0.02)  # the ground's light does not come from the sky
-        blocked = scene.static_between(starts.take(asking, 0), directions.take(asking, 0))
+        blocked = scene.static_occludes(starts.take(asking, 0), directions.take(asking, 0))
         asked[asking] += 1
         free[asking] += ~blocked
     share = np.where(asked > 0, free / np.maximum(asked, 1), 1.0).astype(np.float32).reshape(len(rows), len(columns))

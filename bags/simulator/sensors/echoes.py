@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bags.simulator.world.meshes.mesh import Material
-from bags.simulator.world.scene import STATIC, Hits
+from bags.simulator.world.rays import STATIC, Hits
 from bags.simulator.world.surfaces.textures import surface_reflectivity
 from pipeline.core.arrays import F64, I64, Bools
 

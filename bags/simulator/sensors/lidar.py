@@ -18,7 +18,9 @@ from bags.simulator.sensors.timing import random_numbers
 from bags.simulator.sensors.velodyne_packets import EncodedPackets
 from bags.simulator.world.motion import FixedPath, Path, turned
 from bags.simulator.world.placed import dotted
-from bags.simulator.world.scene import Hits, Rays, Scene, Span
+from bags.simulator.world.rays import Hits, Rays
+from bags.simulator.world.scene import Scene
+from bags.simulator.world.span import Span
 from pipeline.core.arrays import F32, F64, I64, U8, U16
 
 __all__ = ["Lidar", "Sweep"]

@@ -154,7 +154,7 @@ def lit_surfaces(scene: Scene, light: Light, surfaces: Surfaces) -> Shading:
     if light.shadows:
         facing = np.flatnonzero(shading.sun[:, 1] > 0)
         points = surfaces.take(facing).points
-        shading.sun[facing.compress(scene.shaded_by_static(points, light.towards))] = 0.0
+        shading.sun[facing.compress(scene.static_occludes(points, light.towards))] = 0.0
     return shading
 
 

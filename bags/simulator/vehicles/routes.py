@@ -116,23 +116,6 @@ class Route:
             [x, y, end_yaw + rounds * self._turned, np.where(np.abs(beyond) > SHORTEST_M, 0.0, curvature)], -1
         )
 
-    def nearest(self, xy: npt.ArrayLike) -> F64:
-        """Lengths (N,) of the places on the route that are nearest to points (N, 2); the first of equally near ones."""
-        points = np.asarray(xy, np.float64)[:, None]
-        start, length, x, y, yaw, curvature = self._table.T
-        ahead, aside = np.cos(yaw), np.sin(yaw)
-        offset_x, offset_y = points[..., 0] - x, points[..., 1] - y
-        forward, left = offset_x * ahead + offset_y * aside, offset_y * ahead - offset_x * aside
-        bend = np.where(curvature == 0.0, 1.0, curvature)
-        # Angle about the arc's centre, from its first point on in the way's direction.
-        angle = np.mod(np.arctan2(forward, 1 / np.abs(bend) - left * np.sign(bend)), 2 * np.pi)
-        whole = np.abs(bend) * length
-        beyond = np.where(angle > (whole + 2 * np.pi) / 2, 0.0, np.minimum(angle, whole))
-        along = np.where(curvature == 0.0, np.clip(forward, 0.0, length), beyond / np.abs(bend))
-        places = self.points((start + np.minimum(along, length * (1 - 1e-12))).ravel())[:, :2].reshape(*along.shape, 2)
-        best = ((places - points) ** 2).sum(-1).argmin(1)
-        return np.asarray((start + along)[np.arange(len(points)), best])
-
     def followed(self, x_m: float, y_m: float, near_m: float) -> float:
         """The length of the place nearest to a point, near a known one; keeps to its own round and crossing."""
         along = near_m

@@ -1,7 +1,7 @@
 """All that moves in a scenario, step by step: route followers, cars driven by keys, cars driven from outside."""
 
 import math
-from bisect import bisect_left, bisect_right
+from bisect import bisect_right
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 from types import MappingProxyType
@@ -136,12 +136,6 @@ class Traffic:
         """The command that was in force at a time."""
         vehicle = self._vehicles[name]
         return vehicle.commands[max(bisect_right(vehicle.times, time_ns) - 1, 0)]
-
-    def commands_between(self, name: str, from_ns: int, to_ns: int) -> list[tuple[int, AckermannCommand]]:
-        """Times and commands given in [from, to); each held until the next."""
-        vehicle = self._vehicles[name]
-        rows = slice(bisect_left(vehicle.times, from_ns), bisect_left(vehicle.times, to_ns))
-        return list(zip(vehicle.times[rows], vehicle.commands[rows], strict=True))
 
     def blocked_steps(self, name: str) -> int:
         """In how many steps so far something stood in a vehicle's way."""

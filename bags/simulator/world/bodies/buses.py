@@ -19,11 +19,9 @@ from bags.simulator.world.meshes.materials import (
     TAIL_LAMP,
     paint,
 )
-from bags.simulator.world.meshes.mesh import Material, Mesh, box, merged
+from bags.simulator.world.meshes.mesh import Material, Mesh, Rgb, box, merged
 
 __all__ = ["bus"]
-
-Rgb = tuple[float, float, float]
 
 
 def bus(color: Rgb) -> Mesh:
@@ -97,4 +95,4 @@ def bus(color: Rgb) -> Mesh:
         for low, high in ((near + 0.06, middle - 0.04), (middle + 0.04, far - 0.06)):
             leaf = [(low, 0.50), (high, 0.50), (high, 2.42), (low, 2.42)]
             parts.append(hull.side_panel(leaf, -1, GLASS, thickness=0.045))
-    return merged(parts)
+    return merged(*parts)

@@ -18,11 +18,9 @@ from bags.simulator.world.meshes.materials import (
     TAIL_LAMP,
     paint,
 )
-from bags.simulator.world.meshes.mesh import Material, Mesh, box, merged
+from bags.simulator.world.meshes.mesh import Material, Mesh, Rgb, box, merged
 
 __all__ = ["car", "model_car"]
-
-Rgb = tuple[float, float, float]
 
 
 def _passenger_car(name: str, color: Rgb, *, arch: float, mirror_half: float, inset: float, width: float) -> Mesh:
@@ -120,7 +118,7 @@ def _passenger_car(name: str, color: Rgb, *, arch: float, mirror_half: float, in
             (x(share), z(0.572)),
         ]
         parts += [hull.side_panel(handle, side, CHROME, thickness=0.018 * width) for side in (-1, 1)]
-    return merged(parts)
+    return merged(*parts)
 
 
 def _car_cabin(x: Callable[[float], float], z: Callable[[float], float], half: float, body: Material) -> Mesh:
@@ -180,7 +178,7 @@ def _mirror(x: float, z: float, y: float, reach: float, height: float, body: Mat
     inner = 0.94 * y
     shell = box((x, (inner + reach) / 2, z), (0.9 * size, reach - inner, size), body)
     glass = box((x - 0.46 * size, (y + reach) / 2, z), (0.06 * size, 0.8 * (reach - y), 0.8 * size), CHROME)
-    return merged([shell, glass])
+    return merged(shell, glass)
 
 
 def model_car(color: Rgb) -> Mesh:

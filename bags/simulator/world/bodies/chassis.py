@@ -29,7 +29,7 @@ def rear_wheels(name: str, *, twin: bool = False) -> Mesh:
     tyre, y = TYRE_WIDTH_M[name], shape.track_width_m / 2
     places = [y, y - 1.15 * tyre] if twin else [y]
     return merged(
-        front_wheel(name).moved((0.0, side * place, shape.wheel_radius_m)) for side in (-1, 1) for place in places
+        *(front_wheel(name).moved((0.0, side * place, shape.wheel_radius_m)) for side in (-1, 1) for place in places)
     )
 
 
@@ -42,4 +42,4 @@ def underbody(shape: Shape, clearance: float, half: float, top: float) -> Mesh:
         for x, r in ((0.0, shape.wheel_radius_m), (shape.wheel_base_m, shape.wheel_radius_m))
     ]
     floor = box((middle, 0.0, (clearance + top) / 2), (0.94 * length, 2 * half, top - clearance), DARK)
-    return merged([floor, *axles])
+    return merged(floor, *axles)

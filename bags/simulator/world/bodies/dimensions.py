@@ -49,11 +49,6 @@ class Shape:
         """The z of the bottom of the box."""
         return self.box_center_m[2] - self.size_m[2] / 2
 
-    @property
-    def top_m(self) -> float:
-        """The z of the top of the box."""
-        return self.box_center_m[2] + self.size_m[2] / 2
-
 
 SHAPES: Mapping[str, Shape] = MappingProxyType(
     {

@@ -6,11 +6,9 @@ from zlib import crc32
 import numpy as np
 
 from bags.simulator.world.meshes.lofts import ellipses, limb
-from bags.simulator.world.meshes.mesh import Material, Mesh, merged, sphere
+from bags.simulator.world.meshes.mesh import Material, Mesh, Rgb, merged, sphere
 
 __all__ = ["HIP_Y_M", "Looks", "head", "looks_of", "shin_mesh", "thigh_mesh"]
-
-Rgb = tuple[float, float, float]
 
 HIP_Y_M = 0.095
 """From the middle to the hip joint."""
@@ -73,27 +71,23 @@ def head(skin: Material, hair: Material, x: float, z: float) -> list[Mesh]:
 def thigh_mesh(length: float, trousers: Material) -> Mesh:
     """Hangs down from the hip, its origin."""
     return merged(
-        [
-            limb([(0, 0, 0.02), (0, 0, -length)], (0.085, 0.060), trousers, sides=10),
-            sphere((0, 0, -length), 0.060, trousers, sides=8),
-        ]
+        limb([(0, 0, 0.02), (0, 0, -length)], (0.085, 0.060), trousers, sides=10),
+        sphere((0, 0, -length), 0.060, trousers, sides=8),
     )
 
 
 def shin_mesh(length: float, trousers: Material) -> Mesh:
     """Hangs down from the knee, its origin; with a shoe."""
     return merged(
-        [
-            limb([(0, 0, 0), (-0.012, 0, -0.35 * length), (0, 0, -length)], (0.060, 0.062, 0.046), trousers, sides=10),
-            ellipses(
-                [
-                    (-length - 0.08, 0.055, 0, 0.120, 0.040),
-                    (-length - 0.055, 0.055, 0, 0.125, 0.046),
-                    (-length - 0.02, 0.035, 0, 0.095, 0.044),
-                    (-length + 0.03, 0.0, 0, 0.055, 0.050),
-                ],
-                SHOES,
-                sides=12,
-            ),
-        ]
+        limb([(0, 0, 0), (-0.012, 0, -0.35 * length), (0, 0, -length)], (0.060, 0.062, 0.046), trousers, sides=10),
+        ellipses(
+            [
+                (-length - 0.08, 0.055, 0, 0.120, 0.040),
+                (-length - 0.055, 0.055, 0, 0.125, 0.046),
+                (-length - 0.02, 0.035, 0, 0.095, 0.044),
+                (-length + 0.03, 0.0, 0, 0.055, 0.050),
+            ],
+            SHOES,
+            sides=12,
+        ),
     )

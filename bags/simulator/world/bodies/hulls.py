@@ -42,11 +42,6 @@ class Hull:
         section = self._section(x, self.bottom_m)
         return float(np.interp(z, section[:, 1], section[:, 0]))
 
-    def top(self, x: float) -> float:
-        """The z of the top."""
-        xs, _, tops = np.array(self.stations).T
-        return float(np.interp(x, xs, tops))
-
     def mesh(self, material: Material, *, below: Material) -> Mesh:
         """The closed body; `below` is seen in the arches and from underneath."""
         rings = []
@@ -66,7 +61,7 @@ class Hull:
         """An upright joint on one side (1 left, -1 right) that follows the cross section."""
         heights = [low, *(z for z, _ in self.levels if low < z < high), high]
         rows = [[(x, a), (x + width, a), (x + width, b), (x, b)] for a, b in pairwise(heights)]
-        return merged(self.side_panel(row, side, material, thickness=0.5 * width) for row in rows)
+        return merged(*(self.side_panel(row, side, material, thickness=0.5 * width) for row in rows))
 
     def _section(self, x: float, bottom: float) -> F64:
         """(L, 2) y and z of the left half of a cross section, from below."""
@@ -104,4 +99,4 @@ def both_sides(mesh: Mesh) -> Mesh:
     mirrored = Mesh(
         mesh.vertices * [1.0, -1.0, 1.0], np.ascontiguousarray(mesh.triangles[:, ::-1]), mesh.materials, mesh.palette
     )
-    return merged([mesh, mirrored])
+    return merged(mesh, mirrored)

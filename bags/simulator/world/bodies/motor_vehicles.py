@@ -6,11 +6,9 @@ from bags.simulator.world.bodies.buses import bus
 from bags.simulator.world.bodies.cars import car, model_car
 from bags.simulator.world.bodies.trucks import truck
 from bags.simulator.world.bodies.vans import van
-from bags.simulator.world.meshes.mesh import Mesh
+from bags.simulator.world.meshes.mesh import Mesh, Rgb
 
 __all__ = ["BODIES"]
-
-Rgb = tuple[float, float, float]
 
 BODIES: Mapping[str, Callable[[Rgb], Mesh]] = {
     "model_car": model_car,

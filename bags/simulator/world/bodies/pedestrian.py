@@ -11,14 +11,12 @@ import numpy as np
 from bags.simulator.world.bodies.figures import HIP_Y_M, Looks, head, looks_of, shin_mesh, thigh_mesh
 from bags.simulator.world.bodies.joints import SPEED, WALKED, ArticulatedPath, Carrier, pitched
 from bags.simulator.world.meshes.lofts import ellipses, limb
-from bags.simulator.world.meshes.mesh import Mesh, merged, sphere
+from bags.simulator.world.meshes.mesh import Mesh, Rgb, merged, sphere
 from bags.simulator.world.motion import Poses
-from bags.simulator.world.scene import Part
+from bags.simulator.world.mover import Part
 from pipeline.core.arrays import F64
 
 __all__ = ["CYCLE_M", "pedestrian_parts"]
-
-Rgb = tuple[float, float, float]
 
 THIGH_M, SHIN_M = 0.43, 0.42
 HEEL, TOE = (-0.061, -0.08), (0.171, -0.08)  # x and z from the ankle
@@ -95,25 +93,21 @@ def _arm_place(side: int) -> Callable[[F64], Poses]:
 def _torso(looks: Looks) -> Mesh:
     """From the hips up; the hips are the origin."""
     return merged(
-        [
-            ellipses(
-                [(-0.11, 0, 0, 0.08, 0.11), (-0.04, 0, 0, 0.105, 0.160), (0.05, 0, 0, 0.10, 0.15)], looks.trousers
-            ),
-            ellipses(
-                [
-                    (-0.06, 0, 0, 0.132, 0.192),
-                    (0.10, 0, 0, 0.128, 0.175),
-                    (0.24, 0.005, 0, 0.122, 0.168),
-                    (0.40, 0.005, 0, 0.125, 0.185),
-                    (0.50, -0.005, 0, 0.105, 0.195),
-                    (0.555, -0.01, 0, 0.07, 0.12),
-                    (0.58, -0.01, 0, 0.055, 0.065),
-                ],
-                looks.jacket,
-                sides=14,
-            ),
-            *head(looks.skin, looks.hair, 0.0, 0.715),
-        ]
+        ellipses([(-0.11, 0, 0, 0.08, 0.11), (-0.04, 0, 0, 0.105, 0.160), (0.05, 0, 0, 0.10, 0.15)], looks.trousers),
+        ellipses(
+            [
+                (-0.06, 0, 0, 0.132, 0.192),
+                (0.10, 0, 0, 0.128, 0.175),
+                (0.24, 0.005, 0, 0.122, 0.168),
+                (0.40, 0.005, 0, 0.125, 0.185),
+                (0.50, -0.005, 0, 0.105, 0.195),
+                (0.555, -0.01, 0, 0.07, 0.12),
+                (0.58, -0.01, 0, 0.055, 0.065),
+            ],
+            looks.jacket,
+            sides=14,
+        ),
+        *head(looks.skin, looks.hair, 0.0, 0.715),
     )
 
 
@@ -121,18 +115,16 @@ def _arm(side: int, looks: Looks) -> Mesh:
     """Hangs down from the shoulder, its origin, a little bent."""
     elbow, wrist = (-0.01, side * 0.030, -0.28), (0.075, side * 0.025, -0.51)
     return merged(
-        [
-            sphere((0, 0, -0.01), 0.056, looks.jacket, sides=8),
-            limb([(0, 0, 0), elbow, wrist], (0.055, 0.044, 0.034), looks.jacket),
-            sphere(elbow, 0.044, looks.jacket, sides=8),
-            ellipses(
-                [
-                    (-0.61, wrist[0] + 0.025, wrist[1], 0.022, 0.012),
-                    (-0.56, wrist[0] + 0.02, wrist[1], 0.042, 0.022),
-                    (-0.50, wrist[0], wrist[1], 0.028, 0.024),
-                ],
-                looks.skin,
-                sides=8,
-            ),
-        ]
+        sphere((0, 0, -0.01), 0.056, looks.jacket, sides=8),
+        limb([(0, 0, 0), elbow, wrist], (0.055, 0.044, 0.034), looks.jacket),
+        sphere(elbow, 0.044, looks.jacket, sides=8),
+        ellipses(
+            [
+                (-0.61, wrist[0] + 0.025, wrist[1], 0.022, 0.012),
+                (-0.56, wrist[0] + 0.02, wrist[1], 0.042, 0.022),
+                (-0.50, wrist[0], wrist[1], 0.028, 0.024),
+            ],
+            looks.skin,
+            sides=8,
+        ),
     )

@@ -16,11 +16,9 @@ from bags.simulator.world.meshes.materials import (
     TAIL_LAMP,
     paint,
 )
-from bags.simulator.world.meshes.mesh import Material, Mesh, box, cylinder, merged
+from bags.simulator.world.meshes.mesh import Material, Mesh, Rgb, box, cylinder, merged
 
 __all__ = ["truck"]
-
-Rgb = tuple[float, float, float]
 
 
 def truck(color: Rgb) -> Mesh:
@@ -89,4 +87,4 @@ def truck(color: Rgb) -> Mesh:
         parts += [cab.seam(x, low, 2.55, 0.02, side, SEAM) for x, low in ((5.15, 1.12), (6.24, 0.55))]
         handle = [(5.28, 1.46), (5.46, 1.46), (5.46, 1.51), (5.28, 1.51)]
         parts.append(cab.side_panel(handle, side, DARK, thickness=0.04))
-    return merged(parts)
+    return merged(*parts)

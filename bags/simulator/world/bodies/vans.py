@@ -15,11 +15,9 @@ from bags.simulator.world.meshes.materials import (
     TAIL_LAMP,
     paint,
 )
-from bags.simulator.world.meshes.mesh import Mesh, box, merged
+from bags.simulator.world.meshes.mesh import Mesh, Rgb, box, merged
 
 __all__ = ["van"]
-
-Rgb = tuple[float, float, float]
 
 
 def van(color: Rgb) -> Mesh:
@@ -77,4 +75,4 @@ def van(color: Rgb) -> Mesh:
         for x in (2.36, 2.0):
             handle = [(x, 1.26), (x + 0.16, 1.26), (x + 0.16, 1.30), (x, 1.30)]
             parts.append(hull.side_panel(handle, side, DARK, thickness=0.05))
-    return merged(parts)
+    return merged(*parts)

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from bags.simulator.world.meshes.mesh import Material, Mesh, cylinder, merged
+from bags.simulator.world.meshes.mesh import Material, Mesh, cylinder, merged, ring_faces
 from pipeline.core.arrays import F64, I64
 
 __all__ = ["ellipses", "limb", "loft", "panel", "torus", "wheel"]
@@ -32,19 +32,11 @@ def loft(
     """
     points = np.asarray(rings, np.float64)
     r, k = points.shape[:2]
-    here = np.arange(k)
-    after = (here + 1) % k
-    fan = np.stack([np.zeros(k - 2, np.int64), np.arange(1, k - 1), np.arange(2, k)], 1)
-    faces, looks = [fan[:, ::-1], fan + (r - 1) * k], [ends[0] if ends else material] * (k - 2)
-    looks += [ends[1] if ends else material] * (k - 2)
+    first, last = ends or (material, material)
+    looks = [first] * (k - 2) + [last] * (k - 2)
     for ring in range(r - 1):
-        low, high = ring * k, (ring + 1) * k
-        faces += [
-            np.stack([here + low, after + low, after + high], 1),
-            np.stack([here + low, after + high, here + high], 1),
-        ]
         looks += 2 * [where(ring, side) if where else material for side in range(k)]
-    return _outward(points.reshape(-1, 3), np.concatenate(faces).astype(np.int64), looks)
+    return _outward(points.reshape(-1, 3), ring_faces(r, k), looks)
 
 
 def ellipses(rows: Sequence[tuple[float, float, float, float, float]], material: Material, *, sides: int = 10) -> Mesh:
@@ -61,7 +53,7 @@ def limb(points: npt.ArrayLike, radii: Sequence[float], material: Material, *, s
         cylinder(path[i], path[i + 1], radii[i], material, sides=sides, taper=radii[i + 1] / radii[i])
         for i in range(len(path) - 1)
     ]
-    return merged(bars)
+    return merged(*bars)
 
 
 def torus(

@@ -4,7 +4,7 @@ Bodies are made where they stand: lengths in metres, in the frame of the thing t
 z up; REP 103). Triangles run counter-clockwise seen from outside.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -13,7 +13,19 @@ import numpy.typing as npt
 
 from pipeline.core.arrays import F64, I64, check_array
 
-__all__ = ["Material", "Mesh", "Texture", "box", "cylinder", "merged", "polygon", "prism", "profile", "sphere"]
+__all__ = [
+    "Material",
+    "Mesh",
+    "Rgb",
+    "Texture",
+    "box",
+    "cylinder",
+    "merged",
+    "polygon",
+    "prism",
+    "ring_faces",
+    "sphere",
+]
 
 Rgb = tuple[float, float, float]
 Texture = Literal[
@@ -96,9 +108,8 @@ class Mesh:
         return self.vertices.min(0), self.vertices.max(0)
 
 
-def merged(meshes: Iterable[Mesh]) -> Mesh:
-    """All of them as one; each material stands once in its palette."""
-    parts = list(meshes)
+def merged(*parts: Mesh) -> Mesh:
+    """All parts as one mesh; each material is in its palette once."""
     palette = tuple(dict.fromkeys(material for part in parts for material in part.palette))
     row = {material: index for index, material in enumerate(palette)}
     starts = np.cumsum([0, *(len(part.vertices) for part in parts)])
@@ -124,24 +135,7 @@ def prism(outline: npt.ArrayLike, bottom: float, top: float, material: Material)
     xy = np.asarray(outline, np.float64)
     k = len(xy)
     vertices = np.concatenate([np.c_[xy, np.full(k, bottom)], np.c_[xy, np.full(k, top)]])
-    return Mesh(vertices, _hull_of_rings(k), np.zeros(4 * k - 4, np.int64), (material,))
-
-
-def profile(outline: npt.ArrayLike, width: float, material: Material, *, taper: float = 1.0) -> Mesh:
-    """A body with a convex side view (K, 2) of x and z, counter-clockwise seen from the right (-y), of a width in y.
-
-    Args:
-        outline: Side view; x forward, z up.
-        width: In y, at the outline's lowest point.
-        material: Of all sides.
-        taper: Share of the width that is left at its highest point (a car's cabin leans inwards).
-    """
-    xz = np.asarray(outline, np.float64)
-    k, z = len(xz), xz[:, 1]
-    share = (z - z.min()) / max(float(np.ptp(z)), 1e-9)
-    half = width / 2 * (1 + (taper - 1) * share)
-    right, left = np.c_[xz[:, 0], -half, z], np.c_[xz[:, 0], half, z]
-    return Mesh(np.concatenate([left, right]), _hull_of_rings(k), np.zeros(4 * k - 4, np.int64), (material,))
+    return Mesh(vertices, ring_faces(2, k), np.zeros(4 * k - 4, np.int64), (material,))
 
 
 def cylinder(
@@ -161,7 +155,7 @@ def cylinder(
     angle = 2 * np.pi * np.arange(sides) / sides
     ring = radius * (np.cos(angle)[:, None] * side + np.sin(angle)[:, None] * np.cross(axis, side))
     vertices = np.concatenate([first + ring, last + taper * ring])
-    return Mesh(vertices, _hull_of_rings(sides), np.zeros(4 * sides - 4, np.int64), (material,))
+    return Mesh(vertices, ring_faces(2, sides), np.zeros(4 * sides - 4, np.int64), (material,))
 
 
 def sphere(center: npt.ArrayLike, radius: float, material: Material, *, sides: int = 12) -> Mesh:
@@ -201,10 +195,13 @@ def polygon(corners: npt.ArrayLike, material: Material) -> Mesh:
     return Mesh(vertices, triangles, np.zeros(k - 2, np.int64), (material,))
 
 
-def _hull_of_rings(k: int) -> I64:
-    """Triangles of a body between two rings of K vertices: its end at the first ring, the other end, its sides."""
+def ring_faces(rings: int, k: int) -> I64:
+    """Triangles of a closed body over rings of K vertices each: first end, last end, then the sides ring by ring."""
     here = np.arange(k)
     after = (here + 1) % k
     fan = np.stack([np.zeros(k - 2, np.int64), np.arange(1, k - 1), np.arange(2, k)], 1)
-    sides = np.concatenate([np.stack([here, after, after + k], 1), np.stack([here, after + k, here + k], 1)])
-    return np.concatenate([fan[:, ::-1], fan + k, sides]).astype(np.int64)
+    faces = [fan[:, ::-1], fan + (rings - 1) * k]
+    for low in range(0, (rings - 1) * k, k):
+        sides = [here + low, after + low, after + low + k], [here + low, after + low + k, here + low + k]
+        faces += [np.stack(side, 1) for side in sides]
+    return np.concatenate(faces).astype(np.int64)

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from bags.simulator.world.meshes.materials import METAL
-from bags.simulator.world.meshes.mesh import Material, Mesh, Texture, box, cylinder, merged, polygon, prism
+from bags.simulator.world.meshes.mesh import Material, Mesh, Rgb, Texture, box, cylinder, merged, polygon, prism
 from bags.simulator.world.places.furniture import (
     BAY_M,
     bench,
@@ -36,7 +36,6 @@ PAVING = Material("paving", (0.56, 0.54, 0.51), 0.35, texture="paving")
 MAST = Material("mast", (0.50, 0.52, 0.54), 0.40, mirror=0.04)
 CABINET = Material("switch cabinet", (0.58, 0.60, 0.56), 0.45)
 
-Rgb = tuple[float, float, float]
 House = tuple[tuple[int, int], tuple[int, int], float, Rgb, Texture, int | None, bool]
 
 # One quarter each, in bays of a facade from the middle: corners, height, wall, texture, roof, ridge along x.
@@ -82,7 +81,7 @@ def crossing() -> Mesh:
             xs, ys = sorted((sx * x0 * BAY_M, sx * x1 * BAY_M)), sorted((sy * y0 * BAY_M, sy * y1 * BAY_M))
             corners = (xs[0], ys[0]), (xs[1], ys[1])
             parts.append(house(*corners, height, wall, texture=texture, roof=roof, ridge_along_x=along))
-    return merged(parts)
+    return merged(*parts)
 
 
 def crossing_height(xy: F64) -> F64:

@@ -58,7 +58,7 @@ def sandbox() -> Mesh:
         box((0.0, -4.98, 0.06), (4.0, 0.04, 0.12), WALL),
         box((0.0, 2.88, 0.06), (4.0, 0.04, 0.12), WALL),
     ]
-    return merged([top, board, *legs, *walls, _floor(), *_buildings(), *_island(), *_trees(), *_masts()])
+    return merged(top, board, *legs, *walls, _floor(), *_buildings(), *_island(), *_trees(), *_masts())
 
 
 def _floor() -> Mesh:

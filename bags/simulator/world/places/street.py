@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bags.simulator.world.meshes.mesh import Material, Mesh, Texture, box, merged, polygon, prism
+from bags.simulator.world.meshes.mesh import Material, Mesh, Rgb, Texture, box, merged, polygon, prism
 from bags.simulator.world.places.furniture import (
     BAY_M,
     bench,
@@ -32,7 +32,6 @@ KERB = Material("kerb", (0.62, 0.61, 0.59), 0.40, texture="concrete")
 PAVING = Material("paving", (0.55, 0.53, 0.51), 0.35, texture="paving")
 GARDEN_WALL = Material("garden wall", (0.56, 0.33, 0.26), 0.35, texture="brick")
 
-Rgb = tuple[float, float, float]
 WALLS: Sequence[Rgb] = (
     (0.82, 0.77, 0.66), (0.66, 0.42, 0.34), (0.78, 0.78, 0.74), (0.74, 0.60, 0.44), (0.60, 0.64, 0.66),
     (0.86, 0.82, 0.72), (0.58, 0.36, 0.30), (0.76, 0.68, 0.60),
@@ -45,7 +44,7 @@ def street() -> Mesh:
     parts = [ground]
     for side in (1, -1):
         parts += [*_pavements(side), *_houses(side), *_beside_pavement(side)]
-    return merged(parts)
+    return merged(*parts)
 
 
 def street_height(xy: F64) -> F64:

@@ -10,16 +10,15 @@ __all__ = ["GROUND_LOOKS", "crossing_ground", "sandbox_ground", "street_ground"]
 
 Drawn = tuple[U8, F32]
 
-ASPHALT, WHITE, GRASS, YELLOW, PATCH, DRAIN = range(6)
+ASPHALT, WHITE, GRASS, PATCH, DRAIN = range(5)
 GROUND_LOOKS = (
     OWN,
     Look((0.90, 0.90, 0.87), 0.75),
     Look((0.36, 0.46, 0.24), 0.45),
-    Look((0.88, 0.72, 0.22), 0.70),
     Look((0.29, 0.29, 0.30), 0.14),
     Look((0.20, 0.20, 0.20), 0.20),
 )
-ROUGHNESS = np.array([0.06, 0.04, 0.15, 0.05, 0.05, 0.1], np.float32)
+ROUGHNESS = np.array([0.06, 0.04, 0.15, 0.05, 0.1], np.float32)
 
 
 def _dashes(along: F32, period: float, share: float) -> Bools:

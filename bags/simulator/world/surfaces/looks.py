@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass
 
-__all__ = ["OWN", "Look", "linear"]
+from bags.simulator.world.meshes.mesh import Rgb
 
-Rgb = tuple[float, float, float]
+__all__ = ["OWN", "Look", "linear"]
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ from bags.simulator.world.bodies.cyclist import CRANK_CYCLE_M
 from bags.simulator.world.bodies.joints import steered_wheel
 from bags.simulator.world.bodies.pedestrian import CYCLE_M
 from bags.simulator.world.meshes.materials import PLATE, PLATE_YELLOW
-from bags.simulator.world.scene import Mover
+from bags.simulator.world.mover import Mover
 from pipeline.core.arrays import F64
 
 SECOND_NS = 10**9

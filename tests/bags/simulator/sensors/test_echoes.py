@@ -4,7 +4,7 @@ from small_worlds import BLACK, GLASS, GREY, RETRO, WHITE
 
 from bags.simulator.sensors.echoes import NO_ECHO, Echoes, Light, Optics, distinct_echoes, intensity, returned_share
 from bags.simulator.world.meshes.mesh import Material
-from bags.simulator.world.scene import Hits
+from bags.simulator.world.rays import Hits
 from bags.simulator.world.surfaces.textures import surface_reflectivity
 
 MIRROR = Material("mirror", (1, 1, 1), 1.0, mirror=0.5)
