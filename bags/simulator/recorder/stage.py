@@ -5,11 +5,12 @@ from functools import partial
 
 import numpy as np
 
-from bags.simulator.recorder.movers import SHAPES, build_mover
+from bags.simulator.recorder.movers import build_mover
 from bags.simulator.recorder.true_rig import carrier_frame
 from bags.simulator.scenario.scenario import Scenario
 from bags.simulator.scenario.sensors import SensorScenario
 from bags.simulator.vehicles.traffic import Traffic
+from bags.simulator.world.bodies.dimensions import SHAPES
 from bags.simulator.world.motion import FixedPath, MountedPath, Path
 from bags.simulator.world.places.places import ground_height, static_mesh
 from bags.simulator.world.scene import Scene

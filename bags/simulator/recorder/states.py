@@ -103,7 +103,7 @@ class States:
         speed, steering = command.speed_m_s, command.steering_rad
         drive = self._messages.drive(time_ns, name, speed_m_s=speed, steering_rad=steering)
         yield self._told(command_topic(name), time_ns, drive)
-        values = self._stage.traffic.chassis[name].controllers(command).values
+        values = self._stage.traffic.chassis[name].controllers(command)
         for topic, value in zip(controller_topics(name), values, strict=True):
             yield self._told(topic, time_ns, self._messages.number(value), after=2)
 

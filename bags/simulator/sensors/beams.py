@@ -7,7 +7,6 @@ from above, evenly, with `rate_hz`.
 
 from dataclasses import dataclass
 from math import ceil
-from typing import Protocol
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from bags.simulator.sensors.velodyne_packets import EncodedPackets, VelodyneSens
 from pipeline.core.arrays import F64, I64, U8
 from readers.velodyne.models import MODELS, built_in_table
 
-__all__ = ["LinearPattern", "Pattern", "SweepBeams", "VelodynePattern", "pattern_of"]
+__all__ = ["LinearPattern", "SweepBeams", "VelodynePattern", "pattern_of"]
 
 
 MS = 1_000_000
@@ -46,38 +45,6 @@ class SweepBeams:
         measured[:, :, 0] += error * self.directions[:, :, 1]
         measured[:, :, 1] -= error * self.directions[:, :, 0]
         return measured
-
-
-class Pattern(Protocol):
-    """How a lidar fires."""
-
-    @property
-    def elevation_rad(self) -> F64:
-        """(L,) of the lasers, in the order in which `SweepBeams` has them."""
-        ...
-
-    @property
-    def range_step_m(self) -> float:
-        """Ranges are multiples of this."""
-        ...
-
-    def begin_ns(self, number: int) -> int:
-        """True time at which a sweep begins, and the one before it ends."""
-        ...
-
-    def beams(self, number: int) -> SweepBeams:
-        """The beams of a sweep."""
-        ...
-
-    def encode(self, number: int, ranges_m: F64, reflectivity: U8) -> EncodedPackets | None:
-        """The packets of a sweep by a clock that began with the scenario, None where the model has none.
-
-        Args:
-            number: Of the sweep.
-            ranges_m: (F, L), or (F, L, 2) of the last return and the strongest; 0 is no return.
-            reflectivity: Like `ranges_m`.
-        """
-        ...
 
 
 class VelodynePattern:
@@ -113,7 +80,7 @@ class VelodynePattern:
         kept = slice(-packets.start * self._sensor.firings_per_packet % self._stride, None, self._stride)
         return SweepBeams(beams.directions[kept], beams.origins, beams.times_ns[kept], error[kept])
 
-    def encode(self, number: int, ranges_m: F64, reflectivity: U8) -> EncodedPackets | None:
+    def encode(self, number: int, ranges_m: F64, reflectivity: U8) -> EncodedPackets:
         """As `Pattern`; packets hold all firings, so it needs a stride of 1."""
         return self._sensor.encode(self.packets(number).start, ranges_m, reflectivity)
 
@@ -146,16 +113,7 @@ class LinearPattern:
         times_ns = np.broadcast_to(times_ns[:, None], (len(column), lasers))
         return SweepBeams(directions, np.zeros((lasers, 3)), times_ns, np.zeros(len(column)))
 
-    def encode(
-        self,
-        number: int,  # noqa: ARG002  (as `Pattern`)
-        ranges_m: F64,  # noqa: ARG002
-        reflectivity: U8,  # noqa: ARG002
-    ) -> EncodedPackets | None:
-        """As `Pattern`: none."""
-        return None
 
-
-def pattern_of(scenario: LidarScenario) -> Pattern:
+def pattern_of(scenario: LidarScenario) -> LinearPattern | VelodynePattern:
     """How a lidar of a scenario fires."""
     return LinearPattern(scenario) if scenario.model == "linear" else VelodynePattern(scenario)

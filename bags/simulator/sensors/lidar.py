@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from bags.simulator.scenario.sensors import LidarScenario
-from bags.simulator.sensors.beams import SweepBeams, pattern_of
+from bags.simulator.sensors.beams import SweepBeams, VelodynePattern, pattern_of
 from bags.simulator.sensors.echoes import NO_ECHO, Echoes, Light, Optics, distinct_echoes, intensity
 from bags.simulator.sensors.edges import Side, edge_beams
 from bags.simulator.sensors.timing import random_numbers
@@ -130,7 +130,11 @@ class Lidar:
         steps = np.rint(range_m / self._pattern.range_step_m)
         steps[steps > MAX_STEPS] = NO_ECHO
         range_m, brightness = steps * self._pattern.range_step_m, intensity(share)
-        packets = self._packets(number, beams, range_m, brightness) if self._scenario.output != "points" else None
+        packets = None
+        if self._scenario.output != "points" and isinstance(self._pattern, VelodynePattern):
+            shape = (*beams.times_ns.shape, *([2] if self._dual else []))
+            reflectivity = brightness.reshape(shape).astype(np.uint8)
+            packets = self._pattern.encode(number, range_m.reshape(shape), reflectivity)
 
         return_type = None
         if self._dual:
@@ -299,11 +303,6 @@ class Lidar:
         together = Hits.together(seen)
         share = np.concatenate(weights) * self._optics.share(together, np.concatenate(cosines))
         return Light(np.concatenate(beams), np.concatenate(ranges_m), share, together.mover)
-
-    def _packets(self, number: int, beams: SweepBeams, range_m: F64, brightness: F64) -> EncodedPackets | None:
-        shape = (*beams.times_ns.shape, *([2] if self._dual else []))
-        reflectivity = brightness.reshape(shape).astype(np.uint8)
-        return self._pattern.encode(number, range_m.reshape(shape), reflectivity)
 
 
 def _cos_incidence(hits: Hits, rays: Rays) -> F64:

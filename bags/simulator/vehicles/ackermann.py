@@ -5,7 +5,8 @@ rear axle goes round a circle of radius wheel base / tan(steering) (Rajamani, Ve
 """
 
 import math
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
+from typing import NamedTuple
 
 from bags.simulator.vehicles.trajectory import State
 
@@ -25,8 +26,7 @@ class AckermannCommand:
     steering_rad: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class ControllerCommands:
+class ControllerCommands(NamedTuple):
     """What the six controllers of a car are told.
 
     Attributes:
@@ -44,11 +44,6 @@ class ControllerCommands:
     right_front_rad_s: float
     left_hinge_rad: float
     right_hinge_rad: float
-
-    @property
-    def values(self) -> tuple[float, ...]:
-        """In the order of `CONTROLLERS`."""
-        return astuple(self)
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,7 +3,6 @@
 import math
 from bisect import bisect_right
 from collections.abc import Collection, Mapping
-from dataclasses import replace
 from types import MappingProxyType
 
 from bags.simulator.scenario.scenario import Scenario
@@ -166,7 +165,7 @@ class Traffic:
             return
         ground = footprint(vehicle.shape, state)
         if any(overlap(ground, other.ground if isinstance(other, _Vehicle) else other) for other in vehicle.near):
-            vehicle.state = replace(vehicle.state, speed_m_s=0.0)
+            vehicle.state = vehicle.state._replace(speed_m_s=0.0)
             vehicle.blocked_steps += 1
             return
         if vehicle.follower is not None and vehicle.chassis is None:
@@ -266,7 +265,7 @@ def _vehicle(order: int, name: str, vehicle: VehicleScenario, routes: dict[str, 
         if not driven:
             state = follower.first
         elif "start" not in vehicle.model_fields_set:
-            state = replace(follower.first, speed_m_s=0.0)
+            state = follower.first._replace(speed_m_s=0.0)
     if driven:
         vehicle, follower = vehicle.model_copy(update={"keys": ""}), None
     return _Vehicle(name, vehicle, follower, chassis, state)

@@ -1,6 +1,6 @@
 """Where something was: states at rising times, grown step by step and asked at any time between them."""
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,8 +13,7 @@ __all__ = ["State", "Trajectory"]
 FIRST_ROOM = 256
 
 
-@dataclass(frozen=True, slots=True)
-class State:
+class State(NamedTuple):
     """One moment of something that moves upright over the ground.
 
     Attributes:
@@ -59,14 +58,7 @@ class Trajectory:
             self._times = np.concatenate([self._times, np.empty_like(self._times)])
             self._states = np.concatenate([self._states, np.empty_like(self._states)])
         self._times[self._count] = time_ns
-        self._states[self._count] = (
-            state.x_m,
-            state.y_m,
-            state.yaw_rad,
-            state.speed_m_s,
-            state.steering_rad,
-            state.walked_m,
-        )
+        self._states[self._count] = state
         self._count += 1
 
     def forget(self, before_ns: int) -> None:
@@ -85,7 +77,7 @@ class Trajectory:
     @property
     def last(self) -> State:
         """The last state."""
-        return State(*(float(value) for value in self._states[self._count - 1]))
+        return State(*self._states[self._count - 1].tolist())
 
     def states(self, times_ns: I64) -> F64:
         """(N, 6) columns as the fields of `State`, at times (N,).
@@ -110,7 +102,7 @@ class Trajectory:
         Raises:
             ValueError: it is later than the last state.
         """
-        return State(*(float(value) for value in self.states(np.array([time_ns], np.int64))[0]))
+        return State(*self.states(np.array([time_ns], np.int64))[0].tolist())
 
     def poses(self, times_ns: I64) -> Poses:
         """Poses (N) of the base frame, on the ground (z = 0), at times (N,).

@@ -80,19 +80,14 @@ def bus(color: Rgb) -> Mesh:
     ]
     doors = ((6.85, 8.15), (2.35, 3.65))
     for side in (-1, 1):
-        spans = np.linspace(-3.20, 8.25, 9)
-        for low, high in pairwise(spans):
+        for low, high in pairwise(np.linspace(-3.20, 8.25, 9)):
             if side < 0 and any(low < far - 0.15 and high > near + 0.15 for near, far in doors):
                 continue
-            window = [(low + 0.04, 1.32), (high - 0.04, 1.32), (high - 0.04, 2.46), (low + 0.04, 2.46)]
-            parts.append(hull.side_panel(window, side, GLASS, thickness=0.02))
-        band = [(-3.28, 1.26), (8.40, 1.26), (8.40, 2.52), (-3.28, 2.52)]
-        parts.append(hull.side_panel(band, side, DARK, thickness=0.012))
+            parts.append(hull.plate((low + 0.04, high - 0.04), (1.32, 2.46), side, GLASS, thickness=0.02))
+        parts.append(hull.plate((-3.28, 8.40), (1.26, 2.52), side, DARK, thickness=0.012))
     for near, far in doors:
         middle = (near + far) / 2
-        frame = [(near, 0.36), (far, 0.36), (far, 2.50), (near, 2.50)]
-        parts.append(hull.side_panel(frame, -1, DARK, thickness=0.03))
+        parts.append(hull.plate((near, far), (0.36, 2.50), -1, DARK, thickness=0.03))
         for low, high in ((near + 0.06, middle - 0.04), (middle + 0.04, far - 0.06)):
-            leaf = [(low, 0.50), (high, 0.50), (high, 2.42), (low, 2.42)]
-            parts.append(hull.side_panel(leaf, -1, GLASS, thickness=0.045))
+            parts.append(hull.plate((low, high), (0.50, 2.42), -1, GLASS, thickness=0.045))
     return merged(*parts)

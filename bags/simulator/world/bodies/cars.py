@@ -97,70 +97,49 @@ def _passenger_car(name: str, color: Rgb, *, arch: float, mirror_half: float, in
     for side in (-1, 1):
         lamp = [(x(0.952), z(0.365)), (x(0.993), z(0.328)), (x(0.993), z(0.402)), (x(0.952), z(0.43))]
         tail = [(x(0.006), z(0.42)), (x(0.04), z(0.44)), (x(0.04), z(0.55)), (x(0.006), z(0.55))]
-        sill = [(x(0.31), z(0.135)), (x(0.71), z(0.135)), (x(0.71), z(0.185)), (x(0.31), z(0.185))]
         parts += [
             hull.side_panel(lamp, side, HEADLAMP, thickness=0.03 * width),
             hull.side_panel(tail, side, TAIL_LAMP, thickness=0.02 * width),
-            hull.side_panel(sill, side, DARK, thickness=0.02 * width),
+            hull.plate((x(0.31), x(0.71)), (z(0.135), z(0.185)), side, DARK, thickness=0.02 * width),
         ]
-    parts += [
-        both_sides(_mirror(x(0.655), z(0.625), hull.half_width(x(0.655), z(0.60)), mirror_half, height, body)),
-    ]
+    parts.append(both_sides(_mirror(x(0.655), z(0.625), hull.half_width(x(0.655), z(0.60)), mirror_half, height, body)))
     seam = 0.003 * length
     for side in (-1, 1):
         parts += [hull.seam(x(share), z(0.19), z(0.62), seam, side, SEAM) for share in (0.655, 0.43)]
         parts.append(hull.seam(x(0.245), z(0.42), z(0.62), seam, side, SEAM))
     for share in (0.455, 0.275):
-        handle = [
-            (x(share), z(0.555)),
-            (x(share + 0.035), z(0.555)),
-            (x(share + 0.035), z(0.572)),
-            (x(share), z(0.572)),
-        ]
-        parts += [hull.side_panel(handle, side, CHROME, thickness=0.018 * width) for side in (-1, 1)]
+        ends = x(share), x(share + 0.035)
+        heights = z(0.555), z(0.572)
+        parts += [hull.plate(ends, heights, side, CHROME, thickness=0.018 * width) for side in (-1, 1)]
     return merged(*parts)
 
 
 def _car_cabin(x: Callable[[float], float], z: Callable[[float], float], half: float, body: Material) -> Mesh:
     """Glass all round, pillars and a roof."""
-    # From the rear right corner round the front: place along the car and across it, at the belt and at the roof.
-    belt = [
-        (0.030, 0.70),
-        (0.055, 0.84),
-        (0.135, 0.86),
-        (0.245, 0.87),
-        (0.43, 0.88),
-        (0.455, 0.88),
-        (0.63, 0.87),
-        (0.665, 0.86),
-        (0.725, 0.52),
-    ]
-    roof = [
-        (0.110, 0.54),
-        (0.125, 0.62),
-        (0.165, 0.66),
-        (0.265, 0.67),
-        (0.43, 0.67),
-        (0.45, 0.67),
-        (0.535, 0.66),
-        (0.55, 0.64),
-        (0.575, 0.40),
-    ]
-    glass = (False, False, True, True, False, True, False, True)  # strips of one side
+    # From the rear right corner to the front: along the car and across it, at the belt and at the roof; and whether the
+    # strip from there on is glass.
+    outline = (
+        (0.030, 0.70, 0.110, 0.54, False),
+        (0.055, 0.84, 0.125, 0.62, False),
+        (0.135, 0.86, 0.165, 0.66, True),
+        (0.245, 0.87, 0.265, 0.67, True),
+        (0.43, 0.88, 0.43, 0.67, False),
+        (0.455, 0.88, 0.45, 0.67, True),
+        (0.63, 0.87, 0.535, 0.66, False),
+        (0.665, 0.86, 0.55, 0.64, True),
+        (0.725, 0.52, 0.575, 0.40, True),  # the windscreen
+    )
+    belt, roof = [row[:2] for row in outline], [row[2:4] for row in outline]
+    glass = [row[4] for row in outline]
+    strips = [*glass, *glass[-2::-1], True]  # the last one is the rear window
 
     def ring(points: list[tuple[float, float]], level: float, shrink: float) -> list[tuple[float, float, float]]:
         middle = x(0.33)
         right = [(middle + (x(a) - middle) * shrink, -half * b * shrink, z(level)) for a, b in points]
         return right + [(a, -b, c) for a, b, c in right[::-1]]
 
-    n = len(belt)
-
-    def look(level: int, side: int) -> Material:
-        if level != 1:
-            return body
-        if side in {n - 1, 2 * n - 1}:  # windscreen and rear window
-            return GLASS
-        return GLASS if glass[side if side < n else 2 * n - 2 - side] else body
+    def look(level: int, strip: int) -> Material:
+        return GLASS if level == 1 and strips[strip] else body
 
     rings = [
         ring(belt, 0.60, 1.0),

@@ -57,11 +57,18 @@ class Hull:
         corners = np.array([(x, side * self.half_width(x, z), z) for x, z in np.asarray(outline, np.float64)])
         return panel(corners if side < 0 else corners[::-1], material, thickness=thickness)
 
+    def plate(
+        self, x: tuple[float, float], z: tuple[float, float], side: int, material: Material, *, thickness: float
+    ) -> Mesh:
+        """A `side_panel` that is a rectangle in the side view, between two x and two z."""
+        (x0, x1), (z0, z1) = x, z
+        return self.side_panel([(x0, z0), (x1, z0), (x1, z1), (x0, z1)], side, material, thickness=thickness)
+
     def seam(self, x: float, low: float, high: float, width: float, side: int, material: Material) -> Mesh:
         """An upright joint on one side (1 left, -1 right) that follows the cross section."""
         heights = [low, *(z for z, _ in self.levels if low < z < high), high]
-        rows = [[(x, a), (x + width, a), (x + width, b), (x, b)] for a, b in pairwise(heights)]
-        return merged(*(self.side_panel(row, side, material, thickness=0.5 * width) for row in rows))
+        spans = pairwise(heights)
+        return merged(*(self.plate((x, x + width), span, side, material, thickness=0.5 * width) for span in spans))
 
     def _section(self, x: float, bottom: float) -> F64:
         """(L, 2) y and z of the left half of a cross section, from below."""

@@ -5,6 +5,7 @@ so that one foot is always on the ground.
 """
 
 from collections.abc import Callable
+from typing import Literal
 
 import numpy as np
 
@@ -17,6 +18,8 @@ from bags.simulator.world.mover import Part
 from pipeline.core.arrays import F64
 
 __all__ = ["CYCLE_M", "pedestrian_parts"]
+
+Limb = Literal["thigh", "shin", "arm"]
 
 THIGH_M, SHIN_M = 0.43, 0.42
 HEEL, TOE = (-0.061, -0.08), (0.171, -0.08)  # x and z from the ankle
@@ -41,9 +44,9 @@ def pedestrian_parts(name: str, color: Rgb, trajectory: Carrier) -> tuple[Part, 
     thigh, shin = thigh_mesh(THIGH_M, looks.trousers), shin_mesh(SHIN_M, looks.trousers)
     for side in (1, -1):
         parts += [
-            Part(thigh, ArticulatedPath(trajectory, _thigh_place(side))),
-            Part(shin, ArticulatedPath(trajectory, _shin_place(side))),
-            Part(_arm(side, looks), ArticulatedPath(trajectory, _arm_place(side))),
+            Part(thigh, ArticulatedPath(trajectory, _limb_place(side, "thigh"))),
+            Part(shin, ArticulatedPath(trajectory, _limb_place(side, "shin"))),
+            Part(_arm(side, looks), ArticulatedPath(trajectory, _limb_place(side, "arm"))),
         ]
     return tuple(parts)
 
@@ -64,28 +67,18 @@ def _gait(states: F64) -> tuple[dict[int, tuple[F64, F64]], F64]:
     return legs, np.maximum.reduce(reaches)
 
 
-def _thigh_place(side: int) -> Callable[[F64], Poses]:
-    def place(states: F64) -> Poses:
-        legs, hip_z = _gait(states)
-        return pitched(legs[side][0], 0.0, side * HIP_Y_M, hip_z)
-
-    return place
-
-
-def _shin_place(side: int) -> Callable[[F64], Poses]:
+def _limb_place(side: int, limb: Limb) -> Callable[[F64], Poses]:
     def place(states: F64) -> Poses:
         legs, hip_z = _gait(states)
         thigh, shin = legs[side]
-        return pitched(shin, THIGH_M * np.sin(thigh), side * HIP_Y_M, hip_z - THIGH_M * np.cos(thigh))
-
-    return place
-
-
-def _arm_place(side: int) -> Callable[[F64], Poses]:
-    def place(states: F64) -> Poses:
-        legs, hip_z = _gait(states)
-        swing = -legs[side][0] * (ARM_RAD / STRIDE_RAD)
-        return pitched(swing, 0.0, side * SHOULDER_Y_M, hip_z + SHOULDER_ABOVE_HIP_M)
+        match limb:
+            case "thigh":
+                return pitched(thigh, 0.0, side * HIP_Y_M, hip_z)
+            case "shin":
+                return pitched(shin, THIGH_M * np.sin(thigh), side * HIP_Y_M, hip_z - THIGH_M * np.cos(thigh))
+            case "arm":
+                swing = -thigh * (ARM_RAD / STRIDE_RAD)
+                return pitched(swing, 0.0, side * SHOULDER_Y_M, hip_z + SHOULDER_ABOVE_HIP_M)
 
     return place
 

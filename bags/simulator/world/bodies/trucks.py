@@ -85,6 +85,5 @@ def truck(color: Rgb) -> Mesh:
         window = [(5.25, 1.66), (6.20, 1.66), (6.12, 2.48), (5.25, 2.48)]
         parts.append(cab.side_panel(window, side, GLASS, thickness=0.02))
         parts += [cab.seam(x, low, 2.55, 0.02, side, SEAM) for x, low in ((5.15, 1.12), (6.24, 0.55))]
-        handle = [(5.28, 1.46), (5.46, 1.46), (5.46, 1.51), (5.28, 1.51)]
-        parts.append(cab.side_panel(handle, side, DARK, thickness=0.04))
+        parts.append(cab.plate((5.28, 5.46), (1.46, 1.51), side, DARK, thickness=0.04))
     return merged(*parts)

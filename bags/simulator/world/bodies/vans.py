@@ -70,9 +70,6 @@ def van(color: Rgb) -> Mesh:
         window = [(2.32, 1.46), (3.70, 1.46), (3.06, 2.20), (2.32, 2.20)]
         parts += [hull.side_panel(window, side, GLASS, thickness=0.03)]
         parts += [hull.seam(x, 0.42, top, 0.016, side, SEAM) for x, top in ((0.62, 2.3), (2.22, 2.3), (3.12, 1.44))]
-        strip = [(0.50, 0.58), (3.08, 0.58), (3.08, 0.72), (0.50, 0.72)]
-        parts.append(hull.side_panel(strip, side, DARK, thickness=0.04))
-        for x in (2.36, 2.0):
-            handle = [(x, 1.26), (x + 0.16, 1.26), (x + 0.16, 1.30), (x, 1.30)]
-            parts.append(hull.side_panel(handle, side, DARK, thickness=0.05))
+        parts.append(hull.plate((0.50, 3.08), (0.58, 0.72), side, DARK, thickness=0.04))
+        parts += [hull.plate((x, x + 0.16), (1.26, 1.30), side, DARK, thickness=0.05) for x in (2.36, 2.0)]
     return merged(*parts)
