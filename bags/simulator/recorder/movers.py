@@ -1,4 +1,4 @@
-"""What moves: from a scenario's word for it to its parts and the box that is the truth about it."""
+"""Movers from the vehicles of a scenario."""
 
 from collections.abc import Callable
 
@@ -25,13 +25,13 @@ BODIES = {"model_car": model_car, "car": car, "van": van, "truck": truck, "bus":
 def build_mover(
     name: str, vehicle: VehicleScenario, trajectory: Trajectory, *, height: Callable[[F64], F64] | None = None
 ) -> Mover:
-    """What a scenario calls `name`, with its truth.
+    """The mover of a vehicle, cyclist or pedestrian.
 
     Args:
-        name: Unique in the scenario; it decides about the looks of people, too.
-        vehicle: Shape and colour.
-        trajectory: Of its base frame; it may grow later.
-        height: Heights (N,) of the ground at places (N, 2), for pedestrians, who step on kerbs; none: it is flat.
+        name: Unique in the scenario; it also determines the looks of people.
+        vehicle: Settings with shape and colour.
+        trajectory: Path of its base frame; it may grow later.
+        height: Heights (N,) of the ground at positions (N, 2), for pedestrians, who step on kerbs; None if flat.
     """
     shape = SHAPES[vehicle.shape]
     path: Trajectory | RaisedPath = trajectory

@@ -1,4 +1,4 @@
-"""A town bus in the base frame (below the rear axle); its front wheels are apart."""
+"""A town bus in the base frame (below the rear axle), without its front wheels."""
 
 from itertools import pairwise
 
@@ -25,7 +25,7 @@ __all__ = ["bus"]
 
 
 def bus(color: Rgb) -> Mesh:
-    """A town bus in a paint, with doors on its right side; with its rear wheels."""
+    """A town bus with doors on its right side, rear wheels included."""
     shape, body = SHAPES["bus"], paint(color)
     hull = Hull(
         stations=(

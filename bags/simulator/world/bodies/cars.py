@@ -1,4 +1,4 @@
-"""Passenger cars, full-size and as a model, in the base frame (below the rear axle); front wheels are apart."""
+"""Passenger cars, full-size and model, in the base frame (below the rear axle), without their front wheels."""
 
 from collections.abc import Callable
 
@@ -24,15 +24,15 @@ __all__ = ["car", "model_car"]
 
 
 def _passenger_car(name: str, color: Rgb, *, arch: float, mirror_half: float, inset: float, width: float) -> Mesh:
-    """A hatchback that fills the box of its shape.
+    """A hatchback that fills the box of its shape, rear wheels included.
 
     Args:
-        name: Of the shape.
-        color: Paint.
+        name: Name of the shape.
+        color: Colour of the paint.
         arch: Radius of the wheel arches.
-        mirror_half: How far the mirrors stand out from the middle.
-        inset: Half the width between the wheels, for the floor.
-        width: Of the body.
+        mirror_half: Distance of the mirrors' outer ends from the middle plane.
+        inset: Half the width of the floor between the wheels.
+        width: Width of the body.
     """
     shape = SHAPES[name]
     body, half = paint(color), width / 2
@@ -115,9 +115,9 @@ def _passenger_car(name: str, color: Rgb, *, arch: float, mirror_half: float, in
 
 
 def _car_cabin(x: Callable[[float], float], z: Callable[[float], float], half: float, body: Material) -> Mesh:
-    """Glass all round, pillars and a roof."""
-    # From the rear right corner to the front: along the car and across it, at the belt and at the roof; and whether the
-    # strip from there on is glass.
+    """Windows all round, pillars and a roof."""
+    # From the rear right corner forward: shares of length and half width at the belt line, the same at the roof, and
+    # whether the strip up to the next row is glass.
     outline = (
         (0.030, 0.70, 0.110, 0.54, False),
         (0.055, 0.84, 0.125, 0.62, False),
@@ -152,7 +152,7 @@ def _car_cabin(x: Callable[[float], float], z: Callable[[float], float], half: f
 
 
 def _mirror(x: float, z: float, y: float, reach: float, height: float, body: Material) -> Mesh:
-    """The left outside mirror, from the body's side `y` out to `reach`."""
+    """The left outside mirror, from the side of the body at `y` out to `reach`."""
     size = 0.085 * height
     inner = 0.94 * y
     shell = box((x, (inner + reach) / 2, z), (0.9 * size, reach - inner, size), body)
@@ -161,10 +161,10 @@ def _mirror(x: float, z: float, y: float, reach: float, height: float, body: Mat
 
 
 def model_car(color: Rgb) -> Mesh:
-    """A model at about 1:14, in a paint: the body with its rear wheels."""
+    """A model car at about 1:14, rear wheels included."""
     return _passenger_car("model_car", color, arch=0.0405, mirror_half=0.110, inset=0.060, width=0.206)
 
 
 def car(color: Rgb) -> Mesh:
-    """A hatchback in a paint: the body with its rear wheels."""
+    """A full-size hatchback, rear wheels included."""
     return _passenger_car("car", color, arch=0.355, mirror_half=0.96, inset=0.55, width=1.80)

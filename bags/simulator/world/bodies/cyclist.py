@@ -1,6 +1,6 @@
-"""Cyclists who pedal, in rigid parts: bicycle and rider, fork, crank, thighs, shins with feet.
+"""A pedalling cyclist in rigid parts: bicycle and rider, fork, crank, thighs, shins with feet.
 
-The feet follow the pedals; thigh and shin bend as two bars of given lengths must.
+The feet follow the pedals; hip and knee angles follow from the lengths of thigh and shin (two-link inverse kinematics).
 """
 
 from collections.abc import Callable
@@ -19,18 +19,18 @@ from pipeline.core.arrays import F64
 
 __all__ = ["CRANK_CYCLE_M", "cyclist_parts"]
 
-CRANK = (0.44, 0.29)  # x and z of the pedals' axle
+CRANK = (0.44, 0.29)  # x and z of the crank axle
 CRANK_M, PEDAL_Y_M = 0.17, 0.13
 SEAT_HIP = (0.235, 0.98)
 RIDER_THIGH_M, RIDER_SHIN_M = 0.42, 0.46
 CRANK_CYCLE_M = 4.2
-"""Way ridden in one turn of the crank."""
+"""Distance per turn of the crank."""
 FORK_HINGE = (1.05, 0.0, 0.34)
 RAKE_RAD = 0.31
 
 
 def cyclist_parts(name: str, color: Rgb, trajectory: Carrier) -> tuple[Part, ...]:
-    """Someone who rides along a trajectory; the jacket has the colour."""
+    """A cyclist on a trajectory, with a jacket of this colour."""
     looks = looks_of(name, color)
     parts = [
         Part(merged(_frame(), _rider(looks)), trajectory),
@@ -47,7 +47,7 @@ def cyclist_parts(name: str, color: Rgb, trajectory: Carrier) -> tuple[Part, ...
 
 
 def _crank_angle(states: F64) -> F64:
-    """Of the left crank, clockwise seen from the right, from straight forward."""
+    """Angle (N,) of the left crank from straight ahead, clockwise seen from the right."""
     return np.asarray(2 * np.pi * states[:, WALKED] / CRANK_CYCLE_M)
 
 
@@ -58,7 +58,7 @@ def _crank_place(states: F64) -> Poses:
 def _pedalling_place(side: int, bone: str) -> Callable[[F64], Poses]:
     def place(states: F64) -> Poses:
         turn = _crank_angle(states) + (0.0 if side > 0 else np.pi)
-        # The ankle stands above and behind the pedal.
+        # The ankle is above and behind the pedal.
         ankle_x = CRANK[0] + CRANK_M * np.cos(turn) - 0.09 - SEAT_HIP[0]
         ankle_z = CRANK[1] - CRANK_M * np.sin(turn) + 0.10 - SEAT_HIP[1]
         reach = np.minimum(np.hypot(ankle_x, ankle_z), RIDER_THIGH_M + RIDER_SHIN_M - 1e-6)
@@ -75,7 +75,7 @@ def _pedalling_place(side: int, bone: str) -> Callable[[F64], Poses]:
 
 
 def _bicycle_wheel() -> Mesh:
-    """About its hub, which is the origin."""
+    """A wheel with its hub at the origin."""
     radius = SHAPES["cyclist"].wheel_radius_m
     angles = np.pi * np.arange(8) / 8
     spokes = [
@@ -97,7 +97,7 @@ def _bicycle_wheel() -> Mesh:
 
 
 def _frame() -> Mesh:
-    """The bicycle without what turns."""
+    """The bicycle without fork and crank."""
     radius = SHAPES["cyclist"].wheel_radius_m
     lacquer = Material("bicycle frame", (0.12, 0.28, 0.42), 0.3, mirror=0.06)
     bottom, seat, head_low, head_high = (0.44, 0, 0.29), (0.265, 0, 0.78), (0.925, 0, 0.66), (0.885, 0, 0.80)
@@ -116,7 +116,7 @@ def _frame() -> Mesh:
 
 
 def _fork() -> Mesh:
-    """Front wheel, fork and handlebar; the hub is the origin."""
+    """Front wheel, fork and handlebar, with the hub at the origin."""
     crown = (-0.115, 0, 0.36)
     stem = (-0.185, 0, 0.60)
     grip = [(-0.185, 0, 0.66), (-0.17, 0.13, 0.69), (-0.27, 0.255, 0.69), (-0.35, 0.273, 0.68)]
@@ -134,7 +134,7 @@ def _fork() -> Mesh:
 
 
 def _crank() -> Mesh:
-    """Cranks and pedals about their axle, which is the origin; the left one points forward."""
+    """Cranks and pedals with their axle at the origin; the left crank points forward."""
     parts = [cylinder((0, -0.03, 0), (0, -0.045, 0), 0.09, METAL, sides=16)]
     for side in (1, -1):
         parts += [
@@ -145,7 +145,7 @@ def _crank() -> Mesh:
 
 
 def _rider(looks: Looks) -> Mesh:
-    """Body, head with a helmet, and arms to the grips."""
+    """Torso, head with a helmet, and arms that reach the grips."""
     helmet = Material("helmet", (0.85, 0.85, 0.82), 0.6, mirror=0.03)
     head_x, head_z = 0.56, 1.585
     arms = [

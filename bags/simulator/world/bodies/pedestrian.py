@@ -1,7 +1,7 @@
-"""Pedestrians who walk, in rigid parts: body, thighs, shins with feet, arms.
+"""A walking pedestrian in rigid parts: torso, thighs, shins with feet, arms.
 
-The legs swing by the way walked; the hips are as high as the leg holds them that reaches further down at the moment,
-so that one foot is always on the ground.
+The legs swing with the distance walked; the leg that reaches further down sets the height of the hips, so one foot is
+always on the ground.
 """
 
 from collections.abc import Callable
@@ -27,13 +27,13 @@ SHOULDER_Y_M = 0.20
 SHOULDER_ABOVE_HIP_M = 0.50
 STRIDE_RAD, KNEE_RAD, ARM_RAD = 0.36, 0.95, 0.34
 CYCLE_M = 1.28
-"""Way walked in one cycle of both legs."""
+"""Distance per cycle of both legs."""
 FULL_STRIDE_M_S = 0.7
-"""Faster than this, the steps are as long as they get."""
+"""From this speed on, steps have their full length."""
 
 
 def pedestrian_parts(name: str, color: Rgb, trajectory: Carrier) -> tuple[Part, ...]:
-    """Someone who walks along a trajectory."""
+    """A pedestrian on a trajectory, with a jacket of this colour."""
     looks = looks_of(name, color)
 
     def body(states: F64) -> Poses:
@@ -52,14 +52,14 @@ def pedestrian_parts(name: str, color: Rgb, trajectory: Carrier) -> tuple[Part, 
 
 
 def _gait(states: F64) -> tuple[dict[int, tuple[F64, F64]], F64]:
-    """Angles (N) of thigh and shin forward from the upright, by side, and the height (N) of the hips."""
+    """Forward angles (N) of thigh and shin by side, and the height (N) of the hips."""
     phase = 2 * np.pi * states[:, WALKED] / CYCLE_M
     effort = np.clip(np.abs(states[:, SPEED]) / FULL_STRIDE_M_S, 0.0, 1.0)
     legs, reaches = {}, []
     for side in (1, -1):
         turn = phase + (0.0 if side > 0 else np.pi)
         thigh = STRIDE_RAD * effort * np.sin(turn)
-        # The knee bends most while the leg comes forward.
+        # The knee bends most while the leg swings forward.
         shin = thigh - effort * (0.06 + KNEE_RAD * np.maximum(np.cos(turn - 0.1), 0.0) ** 1.5)
         legs[side] = (thigh, shin)
         down = THIGH_M * np.cos(thigh) + SHIN_M * np.cos(shin)
@@ -84,7 +84,7 @@ def _limb_place(side: int, limb: Limb) -> Callable[[F64], Poses]:
 
 
 def _torso(looks: Looks) -> Mesh:
-    """From the hips up; the hips are the origin."""
+    """Torso and head, with the hips at the origin."""
     return merged(
         ellipses([(-0.11, 0, 0, 0.08, 0.11), (-0.04, 0, 0, 0.105, 0.160), (0.05, 0, 0, 0.10, 0.15)], looks.trousers),
         ellipses(
@@ -105,7 +105,7 @@ def _torso(looks: Looks) -> Mesh:
 
 
 def _arm(side: int, looks: Looks) -> Mesh:
-    """Hangs down from the shoulder, its origin, a little bent."""
+    """A slightly bent arm that hangs down from the shoulder at the origin."""
     elbow, wrist = (-0.01, side * 0.030, -0.28), (0.075, side * 0.025, -0.51)
     return merged(
         sphere((0, 0, -0.01), 0.056, looks.jacket, sides=8),

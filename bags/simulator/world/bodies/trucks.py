@@ -1,4 +1,4 @@
-"""A truck in the base frame (below the rear axle); its front wheels are apart."""
+"""A truck in the base frame (below the rear axle), without its front wheels."""
 
 from bags.simulator.world.bodies.chassis import rear_wheels
 from bags.simulator.world.bodies.dimensions import SHAPES
@@ -22,7 +22,7 @@ __all__ = ["truck"]
 
 
 def truck(color: Rgb) -> Mesh:
-    """A truck with a white box behind a painted cab; with its rear wheels."""
+    """A truck with a white box body behind a painted cab, rear wheels included."""
     shape, body = SHAPES["truck"], paint(color)
     white = Material("box body", (0.86, 0.87, 0.88), 0.62, mirror=0.02)
     cab = Hull(

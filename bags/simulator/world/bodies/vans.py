@@ -1,4 +1,4 @@
-"""A panel van in the base frame (below the rear axle); its front wheels are apart."""
+"""A panel van in the base frame (below the rear axle), without its front wheels."""
 
 from bags.simulator.world.bodies.chassis import rear_wheels, underbody
 from bags.simulator.world.bodies.dimensions import SHAPES
@@ -21,7 +21,7 @@ __all__ = ["van"]
 
 
 def van(color: Rgb) -> Mesh:
-    """A panel van in a paint: the body with its rear wheels."""
+    """A panel van, rear wheels included."""
     shape, body = SHAPES["van"], paint(color)
     hull = Hull(
         stations=(

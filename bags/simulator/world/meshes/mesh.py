@@ -1,7 +1,7 @@
-"""Triangles with a material each, and the simple bodies that everything is built of.
+"""Triangle meshes with materials, and the simple bodies that everything is built of.
 
-Bodies are made where they stand: lengths in metres, in the frame of the thing that they belong to (x forward, y left,
-z up; REP 103). Triangles run counter-clockwise seen from outside.
+Lengths are metres in the frame of the thing that a body belongs to (x forward, y left, z up; REP 103). Triangles run
+counter-clockwise seen from outside.
 """
 
 from collections.abc import Sequence
@@ -53,13 +53,13 @@ class Material:
     """How a surface looks to a camera and to a lidar.
 
     Attributes:
-        name: For people.
-        rgb: Diffuse colour as displayed (sRGB), each in [0, 1].
-        reflectivity: Share of a 905 nm beam that comes back from a white surface's point of view, in [0, 1]; a
-            retroreflector (number plate, sign, tail lamp) has more than 1.
-        mirror: Share of light reflected like a mirror at normal incidence (Schlick's F0); 0 is matt.
+        name: A label for people.
+        rgb: Diffuse sRGB colour, each in [0, 1].
+        reflectivity: Share of a 905 nm beam that is reflected, 1 for a white surface; above 1 for a retroreflector
+            (number plate, sign, tail lamp).
+        mirror: Share of light reflected specularly at normal incidence (Schlick's F0); 0 is matt.
         transmission: Share of a lidar beam that passes through (glass).
-        texture: What varies the colour over the surface.
+        texture: Pattern that varies the colour over the surface.
     """
 
     name: str
@@ -72,13 +72,13 @@ class Material:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mesh:
-    """Triangles.
+    """A triangle mesh.
 
     Attributes:
         vertices: (V, 3) float64 metres.
         triangles: (T, 3) int64 rows of `vertices`.
         materials: (T,) int64 rows of `palette`.
-        palette: The materials that it uses.
+        palette: Materials in use.
     """
 
     vertices: F64
@@ -96,7 +96,7 @@ class Mesh:
         return len(self.triangles)
 
     def moved(self, translation: npt.ArrayLike = (0.0, 0.0, 0.0), *, yaw: float = 0.0, scale: float = 1.0) -> "Mesh":
-        """The mesh scaled about the origin, then turned about +z, then shifted."""
+        """The mesh scaled about the origin, rotated about +z, then translated."""
         cos, sin = np.cos(yaw), np.sin(yaw)
         turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
         vertices = scale * self.vertices @ turn.T + np.asarray(translation, np.float64)
@@ -131,7 +131,7 @@ def box(center: npt.ArrayLike, size: Sequence[float], material: Material, *, yaw
 
 
 def prism(outline: npt.ArrayLike, bottom: float, top: float, material: Material) -> Mesh:
-    """An upright body with a convex outline (K, 2), counter-clockwise from above, between two heights."""
+    """An upright prism over a convex outline (K, 2), counter-clockwise from above, between two heights."""
     xy = np.asarray(outline, np.float64)
     k = len(xy)
     vertices = np.concatenate([np.c_[xy, np.full(k, bottom)], np.c_[xy, np.full(k, top)]])
@@ -147,7 +147,7 @@ def cylinder(
     sides: int = 16,
     taper: float = 1.0,
 ) -> Mesh:
-    """A round bar from one point to another; `taper` is the share of the radius at its end."""
+    """A round bar from `start` to `end`, where its radius is `taper` times that at the start."""
     first, last = np.asarray(start, np.float64), np.asarray(end, np.float64)
     axis = (last - first) / np.linalg.norm(last - first)
     side = np.cross(axis, [0.0, 0.0, 1.0] if abs(axis[2]) < 0.9 else [1.0, 0.0, 0.0])
@@ -159,7 +159,7 @@ def cylinder(
 
 
 def sphere(center: npt.ArrayLike, radius: float, material: Material, *, sides: int = 12) -> Mesh:
-    """A ball of rings and sides."""
+    """A sphere of `sides` meridians and half as many rings."""
     rings = sides // 2
     tilt = np.pi * np.arange(1, rings) / rings
     turn = 2 * np.pi * np.arange(sides) / sides
@@ -188,7 +188,7 @@ def sphere(center: npt.ArrayLike, radius: float, material: Material, *, sides: i
 
 
 def polygon(corners: npt.ArrayLike, material: Material) -> Mesh:
-    """One flat convex face (K, 3), counter-clockwise seen from the side that it shows."""
+    """A flat convex face (K, 3), counter-clockwise seen from its visible side."""
     vertices = np.asarray(corners, np.float64)
     k = len(vertices)
     triangles = np.stack([np.zeros(k - 2, np.int64), np.arange(1, k - 1), np.arange(2, k)], 1)

@@ -1,4 +1,4 @@
-"""What stands beside roads: houses, trees, lamps, signs, traffic lights, hedges, benches."""
+"""Houses and street furniture: trees, lamps, signs, traffic lights, hedges, benches, bins."""
 
 from collections.abc import Sequence
 from zlib import crc32
@@ -25,7 +25,7 @@ __all__ = [
 ]
 
 BAY_M = 2.6
-"""Width of one window's part of a facade: a house whose walls stand on multiples of it cuts no window."""
+"""Width of a facade bay with one window: walls on multiples of it cut no window."""
 
 BARK = Material("bark", (0.34, 0.27, 0.21), 0.35, texture="bark")
 LEAVES = tuple(
@@ -54,18 +54,18 @@ ROOFS = tuple(
 
 
 def _generator(*place: float) -> np.random.Generator:
-    """Numbers that belong to a place: the same whatever else is built."""
+    """Random numbers seeded by position: independent of what else is built."""
     return np.random.Generator(np.random.PCG64(crc32(np.array(place, np.float64).tobytes())))
 
 
 def tree(x: float, y: float, height: float) -> Mesh:
-    """A deciduous tree: a trunk with boughs, and a crown of several irregular balls."""
+    """A deciduous tree: trunk, boughs, and a crown of irregular spheres."""
     draw = _generator(x, y, height)
     leaves = LEAVES[int(draw.integers(len(LEAVES)))]
     fork = 0.36 * height
     parts = [cylinder((x, y, 0.0), (x, y, fork), 0.022 * height, BARK, sides=8, taper=0.75)]
     turn = draw.uniform(0, 2 * np.pi)
-    # Balls by distance from the trunk, height, size, and how many stand around it; shares of the tree's height.
+    # Spheres: distance from the trunk, height and radius as shares of the tree's height; count.
     for spread, level, size, count in ((0.19, 0.54, 0.155, 5), (0.12, 0.72, 0.15, 3), (0.0, 0.84, 0.145, 1)):
         for number in range(count):
             angle = turn + 2 * np.pi * (number + level) / count
@@ -90,7 +90,7 @@ def conifer(x: float, y: float, height: float, *, base: float = 0.0) -> Mesh:
 
 
 def _crumpled(mesh: Mesh, middle: F64, draw: np.random.Generator, *, strength: float = 0.13) -> Mesh:
-    """Every corner shifted a little towards the middle or away from it."""
+    """The mesh with every vertex moved a little towards `middle` or away from it."""
     share = 1 + draw.uniform(-strength, strength, len(mesh.vertices))[:, None]
     return Mesh(middle + (mesh.vertices - middle) * share, mesh.triangles, mesh.materials, mesh.palette)
 
@@ -110,11 +110,11 @@ def house(
     Args:
         low: Least x and y.
         high: Greatest x and y.
-        height: Of the walls.
-        wall: Colour.
-        texture: Of the walls.
-        roof: Number of a kind of tiles; none: flat, with a parapet.
-        ridge_along_x: Direction of a pitched roof's ridge; otherwise along y.
+        height: Height of the walls.
+        wall: Colour of the walls.
+        texture: Texture of the walls.
+        roof: Row of `ROOFS`; None for a flat roof with a parapet.
+        ridge_along_x: Whether the ridge of a pitched roof runs along x; otherwise along y.
     """
     size = np.subtract(high, low)
     middle = np.add(high, low) / 2
@@ -150,13 +150,13 @@ def house(
 
 
 def _roof_slab(side: int, half: float, rise: float, length: float, tiles: Material) -> Mesh:
-    """One side of a pitched roof whose ridge is the y axis, 12 cm thick."""
+    """One side of a pitched roof with its ridge along y, 12 cm thick."""
     section = [(0.0, rise), (side * half, 0.0), (side * half, 0.12), (0.0, rise + 0.12)]
     return loft([[(x, y, z) for x, z in section] for y in (-length / 2, length / 2)], tiles)
 
 
 def lamp_post(x: float, y: float, height: float, *, yaw: float, reach: float = 1.4) -> Mesh:
-    """A street lamp whose arm reaches out to `yaw`."""
+    """A street lamp with its arm towards `yaw`."""
     out = np.array([np.cos(yaw), np.sin(yaw)]) * reach
     return merged(
         cylinder((x, y, 0.0), (x, y, 1.0), 0.09 * height / 7, POLE, sides=10),
@@ -168,7 +168,7 @@ def lamp_post(x: float, y: float, height: float, *, yaw: float, reach: float = 1
 
 
 def round_sign(x: float, y: float, *, yaw: float, blue: bool = False) -> Mesh:
-    """A round traffic sign that looks to `yaw`."""
+    """A round traffic sign facing `yaw`."""
     look = np.array([np.cos(yaw), np.sin(yaw), 0.0])
     middle = np.array([x, y, 2.35]) + 0.05 * look
     outer = SIGN_BLUE if blue else SIGN_RED
@@ -180,7 +180,7 @@ def round_sign(x: float, y: float, *, yaw: float, blue: bool = False) -> Mesh:
 
 
 def triangle_sign(x: float, y: float, *, yaw: float) -> Mesh:
-    """Give way: a triangle on its point that looks to `yaw`."""
+    """A give-way sign facing `yaw`."""
 
     def plate(size: float, front: float, material: Material) -> Mesh:
         corners = np.array([(0.0, -0.5 * size), (0.5 * size, 0.36 * size), (-0.5 * size, 0.36 * size)])
@@ -192,7 +192,7 @@ def triangle_sign(x: float, y: float, *, yaw: float) -> Mesh:
 
 
 def traffic_light(x: float, y: float, *, yaw: float) -> Mesh:
-    """Three lamps that look to `yaw`."""
+    """A traffic light facing `yaw`."""
     look = np.array([np.cos(yaw), np.sin(yaw), 0.0])
     head = np.array([x, y, 2.95]) + 0.20 * look
     parts = [
@@ -215,7 +215,7 @@ def hedge(low: Sequence[float], high: Sequence[float], height: float) -> Mesh:
 
 
 def bench(x: float, y: float, *, yaw: float) -> Mesh:
-    """A bench whose sitter looks to `yaw`."""
+    """A bench facing `yaw`."""
     slats = [box((0.0 + 0.13 * k, 0, 0.45), (0.11, 1.7, 0.04), BENCH_WOOD) for k in range(4)]
     back = [box((-0.10 - 0.03 * k, 0, 0.60 + 0.14 * k), (0.04, 1.7, 0.11), BENCH_WOOD) for k in range(3)]
     legs = [box((0.15, side * 0.7, 0.22), (0.5, 0.06, 0.44), METAL) for side in (-1, 1)]
