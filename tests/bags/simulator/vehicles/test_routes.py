@@ -96,10 +96,10 @@ def test_where_a_way_crosses_itself_one_keeps_to_ones_own() -> None:
 @pytest.mark.parametrize(
     ("corners", "closed", "message"),
     [
-        ((), False, "2 corners at least, got 0"),
-        (((0, 0),), False, "2 corners at least, got 1"),
-        (((0, 0), (1, 0)), True, "3 corners at least, got 2"),
-        (((0, 0), (0, 0), (1, 0)), False, "apart from each other"),
+        ((), False, "at least 2 corners, found 0"),
+        (((0, 0),), False, "at least 2 corners, found 1"),
+        (((0, 0), (1, 0)), True, "at least 3 corners, found 2"),
+        (((0, 0), (0, 0), (1, 0)), False, "distinct neighbouring corners"),
         (((0, 0), (5, 0), (1, 0)), False, "turns back"),
     ],
 )

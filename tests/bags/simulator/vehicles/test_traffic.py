@@ -225,9 +225,9 @@ def test_how_a_driver_minds_the_gap(speed: float, gap: float, ahead: float, low:
     ("vehicles", "message"),
     [
         ({"a": route(0), "b": route(2)}, "vehicles.b: expected free ground at its start, found a"),
-        ({"a": {"start": [500, 500, 0]}}, "vehicles.a: expected free ground at its start, found something"),
+        ({"a": {"start": [500, 500, 0]}}, "vehicles.a: expected free ground at its start, found an obstacle"),
         ({"a": route(201)}, "vehicles.a.route_start_m: expected at most the length of along, 200.0 m, found 201.0"),
-        ({"a": route(0, name="bad")}, "routes.bad: points_m: expected 2 corners"),
+        ({"a": route(0, name="bad")}, "routes.bad: points_m: expected at least 2 corners"),
     ],
 )
 def test_what_cannot_be_is_refused(vehicles: dict[str, Any], message: str) -> None:
@@ -238,7 +238,10 @@ def test_what_cannot_be_is_refused(vehicles: dict[str, Any], message: str) -> No
 
 @pytest.mark.parametrize(
     ("driven", "message"),
-    [("b", "among a, walker, found 'b'"), ("walker", "vehicles.walker: expected wheels")],
+    [
+        ("b", "among a, walker, found 'b'"),
+        ("walker", "vehicles.walker: expected a vehicle to drive, found a pedestrian"),
+    ],
 )
 def test_who_cannot_be_driven(driven: str, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
