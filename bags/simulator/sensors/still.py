@@ -1,4 +1,4 @@
-"""What a camera sees of what stands still, kept so that moving things and their shadows can be put on it."""
+"""A camera's view of the static world, kept so that movers and shadows can be drawn on it."""
 
 from dataclasses import dataclass
 
@@ -17,25 +17,25 @@ __all__ = ["BESIDE_PX", "Still", "Surfaces", "contrasts", "lit_surfaces", "stati
 
 
 BESIDE_PX = ((-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25))
-"""The four points of a pixel that are looked through where neighbours differ (anti-aliasing)."""
+"""The four sample points of a pixel that differs from its neighbours (anti-aliasing)."""
 CONTRAST = 0.06
-"""Difference of the square root of brightness, of white's, from which neighbours differ."""
+"""Contrast from which neighbours differ, in square roots of brightness."""
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
 ROWS_AT_ONCE = 1 << 17
-"""Rays that are worked on together: their arrays stay within the processor's caches, more or less."""
+"""Rays per batch: their arrays roughly fit into the processor's caches."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Surfaces:
-    """What N rays from one point meet.
+    """The surfaces that N rays from one point hit.
 
     Attributes:
-        origin: (3,) float64 where the rays begin, in the world.
+        origin: (3,) float64 origin of the rays in the world.
         directions: (N, 3) float32 unit vectors in the world.
-        distance: (N,) float32 metres; infinite for nothing.
-        normal: (N, 3) float32 unit vectors in the world, on the side that the ray comes from; 0 for nothing.
+        distance: (N,) float32 metres; infinite for a miss.
+        normal: (N, 3) float32 unit vectors in the world, towards the side the ray comes from; 0 for a miss.
         material: (N,) int64 rows of the scene's palette.
-        local: (N, 3) metres, in the frame of the part, or of the world for what stands still.
+        local: (N, 3) metres, in the frame of the part (the world frame for the static world).
     """
 
     origin: F64
@@ -46,7 +46,7 @@ class Surfaces:
     local: F32 | F64
 
     def take(self, rows: I64) -> "Surfaces":
-        """Some of them."""
+        """The surfaces of these rows."""
         return Surfaces(
             self.origin,
             self.directions.take(rows, 0),
@@ -58,7 +58,7 @@ class Surfaces:
 
     @property
     def points(self) -> F32:
-        """(N, 3) metres in the world, so far above the surface that rays from there do not meet it by rounding."""
+        """(N, 3) metres in the world, lifted off the surface so that rays from there do not hit it by rounding."""
         distance = np.where(np.isfinite(self.distance), self.distance, np.float32(0))
         lift = np.float32(5e-4) + np.float32(2e-5) * distance
         points = np.empty_like(self.directions)
@@ -71,17 +71,17 @@ class Surfaces:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Still:
-    """A view without anything that moves; P pixels, numbered row by row.
+    """A view of the static world; P pixels, numbered row by row.
 
     Attributes:
-        pose: Of the optical frame in the world; a single one.
+        pose: Single pose of the optical frame in the world.
         directions: (P, 3) float32 unit vectors in the world.
-        distance: (P,) float32 metres; infinite for the sky, 0 where the lens covers nothing.
-        points: (P, 3) float32 the surface, a little above it.
-        shading: Its light (P); what a thing that stands still shades has no sun.
-        linear: (P, 3) float32 all of its light together.
-        nearest: (P,) float32 metres: the least distance of each pixel and its neighbours.
-        lowest_m: Height of the lowest point that is seen.
+        distance: (P,) float32 metres; infinite for the sky, 0 outside the lens.
+        points: (P, 3) float32 points slightly above the surface.
+        shading: Light (P); without sun in the shadow of the static world.
+        linear: (P, 3) float32 sum of all light.
+        nearest: (P,) float32 metres: least distance of each pixel and its neighbours.
+        lowest_m: Height of the lowest visible point.
     """
 
     pose: Poses
@@ -95,7 +95,7 @@ class Still:
 
 
 def take_still(scene: Scene, light: Light, lens: Lens, pose: Poses) -> Still:
-    """Cast every pixel of a view, and four points of those that differ from their neighbours."""
+    """Render every pixel of a view, those that differ from their neighbours with four samples."""
     directions = turned(pose, lens.directions)
     n = len(directions)
     distance, points = np.empty(n, np.float32), np.empty((n, 3), np.float32)
@@ -116,7 +116,7 @@ def take_still(scene: Scene, light: Light, lens: Lens, pose: Poses) -> Still:
         sun[pixels] = shading.sun.reshape(4, -1, 3).mean(0)
     image = (lens.height, lens.width, 3)
     share = sky_light(scene, points.reshape(image), normals.reshape(image)).reshape(-1)
-    # The haze before a surface is not darkened, nor is the sky.
+    # Neither haze in front of a surface nor the sky is darkened.
     left = 1 - (1 - share) * light.clearness(distance)
     for color in range(3):
         rest[:, color] *= left
@@ -131,14 +131,14 @@ def take_still(scene: Scene, light: Light, lens: Lens, pose: Poses) -> Still:
 
 
 def static_surfaces(scene: Scene, pose: Poses, directions: F32) -> Surfaces:
-    """What stands still along rays (N, 3) from the camera."""
+    """Surfaces of the static world along rays (N, 3) from the camera."""
     origin = pose.translation[0]
     seen = scene.static_seen(origin, directions)
     return Surfaces(origin, directions, seen.distance, seen.normal, seen.material, seen.local)
 
 
 def lit_surfaces(scene: Scene, light: Light, surfaces: Surfaces) -> Shading:
-    """Light from what rays meet, and from the sky where they meet nothing; shaded by what stands still."""
+    """Light from surfaces, or from the sky for a miss, with the shadows of the static world."""
     hit = np.isfinite(surfaces.distance)
     if not hit.all():
         n = len(hit)
@@ -159,7 +159,7 @@ def lit_surfaces(scene: Scene, light: Light, surfaces: Surfaces) -> Shading:
 
 
 def turned(pose: Poses, vectors: F32) -> F32:
-    """Vectors (N, 3) of the optical frame in the world."""
+    """Vectors (N, 3) of the optical frame, rotated to the world."""
     if not len(vectors):
         return np.empty((0, 3), np.float32)
     rotation = pose.rotation[0].astype(np.float32)
@@ -167,13 +167,13 @@ def turned(pose: Poses, vectors: F32) -> F32:
 
 
 def contrasts(linear: F32) -> Bools:
-    """Which pixels of an image (H, W, 3) of light differ from a neighbour, row by row (H * W,)."""
+    """Whether pixels of an image (H, W, 3) of light differ from a neighbour: (H * W,)."""
     brightness = np.sqrt(linear @ LUMINANCE)
     square = np.ones((3, 3), np.uint8)
     return np.asarray(cv2.dilate(brightness, square) - cv2.erode(brightness, square) > CONTRAST).reshape(-1)
 
 
 def _inner(lens: Lens) -> Bools:
-    """Pixels that the lens covers together with all their neighbours."""
+    """Whether the lens covers a pixel and all its neighbours."""
     covered = lens.covered.reshape(lens.height, lens.width).astype(np.uint8)
     return cv2.erode(covered, np.ones((3, 3), np.uint8)).reshape(-1) > 0

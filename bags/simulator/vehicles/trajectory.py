@@ -69,11 +69,6 @@ class Trajectory:
         self._count = kept
 
     @property
-    def end_ns(self) -> int:
-        """Time of the last state."""
-        return int(self._times[self._count - 1])
-
-    @property
     def last(self) -> State:
         """The last state."""
         return State(*self._states[self._count - 1].tolist())
