@@ -13,11 +13,10 @@ import statistics
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import NamedTuple
 
 from bags.simulator.recorder.stage import Stage
 from bags.simulator.scenario.load import load_scenario
@@ -29,38 +28,6 @@ from bags.simulator.sensors.lidar import Lidar
 WARM_UP_S = 2.0
 
 
-class LidarCost(NamedTuple):
-    """Cost of one lidar.
-
-    Attributes:
-        rays: Beams of a sweep.
-        sweep_ms: Processor time of a sweep.
-        plain_ms: Processor time of casting its beams once at the static world.
-        sweeps_per_s: Rate in the scenario.
-    """
-
-    rays: int
-    sweep_ms: float
-    plain_ms: float
-    sweeps_per_s: float
-
-
-class CameraCost(NamedTuple):
-    """Cost of one camera.
-
-    Attributes:
-        first_ms: Processor time of its first image.
-        image_ms: Processor time of a later one.
-        pixels_moving: Pixels of an image that show movers.
-        images_per_s: Rate in the scenario.
-    """
-
-    first_ms: float
-    image_ms: float
-    pixels_moving: int
-    images_per_s: float
-
-
 def warm_stage(scenario: Scenario, rounds: int) -> Stage:
     """A stage that has advanced for as long as the slowest sensor needs."""
     stage = Stage(scenario)
@@ -69,21 +36,27 @@ def warm_stage(scenario: Scenario, rounds: int) -> Stage:
     return stage
 
 
-def camera_costs(scenario: Scenario, rounds: int) -> Iterator[tuple[str, CameraCost]]:
-    """Cost of each camera of a scenario, some seconds after its start."""
-    stage = warm_stage(scenario, rounds)
+def measure_cameras(label: str, scenario: Scenario, rounds: int) -> None:
+    """Print the cost of each camera of a scenario, some seconds after its start."""
+    stage, total_ms = warm_stage(scenario, rounds), 0.0
     for name, settings in scenario.cameras.items():
         camera = Camera(name, settings, stage.sensor_path(settings), stage.scene, scenario.sun, scenario.seed)
         first = round(WARM_UP_S * settings.rate_hz)
         times_ns = [round(number * 1e9 / settings.rate_hz) for number in range(first, first + rounds + 1)]
-        costs = [processor_ms(partial(camera.image, number, time_ns)) for number, time_ns in enumerate(times_ns)]
+        first_ms, *later_ms = (processor_ms(partial(camera.image, *numbered)) for numbered in enumerate(times_ns))
+        image_ms = statistics.mean(later_ms)
         moving = int(camera.image(0, times_ns[len(times_ns) // 2]).seen_px.sum())
-        yield name, CameraCost(costs[0], statistics.mean(costs[1:]), moving, settings.rate_hz)
+        total_ms += image_ms * settings.rate_hz
+        print(
+            f"{label:10s} {name:12s} first image {first_ms:6.0f} ms  later ones {image_ms:6.1f} ms  "
+            f"{moving} pixels of movers"
+        )
+    print(f"{label:10s} cameras: {total_ms:.0f} ms of processor time per simulated second")
 
 
-def lidar_costs(scenario: Scenario, rounds: int) -> Iterator[tuple[str, LidarCost]]:
-    """Cost of each lidar of a scenario, some seconds after its start."""
-    stage = warm_stage(scenario, rounds)
+def measure_lidars(label: str, scenario: Scenario, rounds: int) -> float:
+    """Print the cost of each lidar of a scenario, some seconds after its start; returns all beams per second."""
+    stage, total_ms, beams = warm_stage(scenario, rounds), 0.0, 0.0
     for name, settings in scenario.lidars.items():
         lidar = Lidar(name, settings, stage.sensor_path(settings), stage.scene, scenario.seed)
         first = round(WARM_UP_S * settings.rate_hz)
@@ -92,7 +65,15 @@ def lidar_costs(scenario: Scenario, rounds: int) -> Iterator[tuple[str, LidarCos
         for number in range(rounds):
             plain.append(processor_ms(partial(stage.scene.cast_static, rays)))
             sweeps.append(processor_ms(partial(lidar.sweep, first + number)))
-        yield name, LidarCost(len(rays), statistics.median(sweeps), statistics.median(plain), settings.rate_hz)
+        sweep_ms, plain_ms = statistics.median(sweeps), statistics.median(plain)
+        total_ms += sweep_ms * settings.rate_hz
+        beams += len(rays) * settings.rate_hz
+        print(
+            f"{label:10s} {name:12s} {len(rays):7d} beams  sweep {sweep_ms:6.1f} ms  cast alone {plain_ms:6.1f} ms  "
+            f"ratio {sweep_ms / plain_ms:5.1f}  {len(rays) / sweep_ms / 1e3:5.2f} M beams/s"
+        )
+    print(f"{label:10s} lidars: {total_ms:.0f} ms of processor time per simulated second")
+    return beams
 
 
 def processor_ms(step: Callable[[], object]) -> float:
@@ -120,25 +101,9 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=10.0, help="length of the recording that is timed as a whole")
     arguments = parser.parse_args()
     for scenario_name in arguments.scenarios:
-        scenario, beams = load_scenario(scenario_name), 0.0
-        total_ms = 0.0
-        for name, cost in lidar_costs(scenario, arguments.rounds):
-            total_ms += cost.sweep_ms * cost.sweeps_per_s
-            beams += cost.rays * cost.sweeps_per_s
-            print(
-                f"{scenario_name:10s} {name:12s} {cost.rays:7d} beams  sweep {cost.sweep_ms:6.1f} ms  "
-                f"cast alone {cost.plain_ms:6.1f} ms  ratio {cost.sweep_ms / cost.plain_ms:5.1f}  "
-                f"{cost.rays / cost.sweep_ms / 1e3:5.2f} M beams/s"
-            )
-        print(f"{scenario_name:10s} lidars: {total_ms:.0f} ms of processor time per simulated second")
-        total_ms = 0.0
-        for name, seen in camera_costs(scenario, arguments.rounds):
-            total_ms += seen.image_ms * seen.images_per_s
-            print(
-                f"{scenario_name:10s} {name:12s} first image {seen.first_ms:6.0f} ms  "
-                f"later ones {seen.image_ms:6.1f} ms  {seen.pixels_moving} pixels of movers"
-            )
-        print(f"{scenario_name:10s} cameras: {total_ms:.0f} ms of processor time per simulated second")
+        scenario = load_scenario(scenario_name)
+        beams = measure_lidars(scenario_name, scenario, arguments.rounds)
+        measure_cameras(scenario_name, scenario, arguments.rounds)
         pixels = sum(one.width_px * one.height_px * one.rate_hz for one in scenario.cameras.values())
         seconds = arguments.seconds
         took_s = whole_s(scenario_name, seconds) / seconds

@@ -105,7 +105,9 @@ class Sensing:
         yield make.recorded(log_ns, settings.image_topic, stamp_ns, message)
         yield make.recorded(log_ns, settings.info_topic, stamp_ns, make.camera_info(stamp_ns, model))
         if settings.detector is not None:
-            found = detect(camera.device, image, settings.detector, measurement.number)
+            classes = [mover.class_name for mover in self._stage.scene.movers]
+            name, number = camera.device.name, measurement.number
+            found = detect(settings.detector, image, classes, name=name, number=number, seed=self._seed)
             boxes = make.detections_2d(stamp_ns, model.frame_id, found.xyxy, found.scores, found.class_names)
             late_ns = log_ns + round(settings.detector.delay_ms * 1e6)
             yield make.recorded(late_ns, settings.detector.topic, stamp_ns, boxes)

@@ -1,16 +1,16 @@
 """A simulated 2D detector with the errors of a network, to try fusion without weights."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from bags.simulator.scenario.sensors import Detector2DScenario
-from bags.simulator.sensors.camera import Camera, CameraImage
+from bags.simulator.sensors.camera import CameraImage
 from bags.simulator.sensors.timing import random_numbers
 from pipeline.core.arrays import F64, I64, check_array
 
-__all__ = ["NO_MOVER", "Detected", "detect", "detect_movers", "visible_boxes"]
+__all__ = ["NO_MOVER", "Detected", "detect", "visible_boxes"]
 
 
 NO_MOVER = -1
@@ -59,14 +59,7 @@ def visible_boxes(image: CameraImage) -> F64:
     return boxes
 
 
-def detect(camera: Camera, image: CameraImage, scenario: Detector2DScenario, number: int) -> Detected:
-    """The detections in image `number` of a camera; the vehicle that carries the camera is not detected."""
-    carrier = [row for row, mover in enumerate(camera.movers) if mover.name == camera.scenario.mounted_on]
-    classes = [mover.class_name for mover in camera.movers]
-    return detect_movers(scenario, image, classes, name=camera.name, number=number, seed=camera.seed, without=carrier)
-
-
-def detect_movers(
+def detect(
     scenario: Detector2DScenario,
     image: CameraImage,
     class_names: Sequence[str],
@@ -74,7 +67,6 @@ def detect_movers(
     name: str,
     number: int,
     seed: int,
-    without: Collection[int] = (),
 ) -> Detected:
     """The detections in an image.
 
@@ -88,7 +80,6 @@ def detect_movers(
         name: Name of the camera.
         number: Number of the image.
         seed: Seed of the scenario.
-        without: Rows of movers to ignore (the vehicle that carries the camera).
     """
     count = len(class_names)
     random = random_numbers(seed, name, "detector", number)
@@ -98,7 +89,6 @@ def detect_movers(
     height = np.nan_to_num(boxes[:, 3] - boxes[:, 1])
     found = (image.seen_px > 0) & (visible >= scenario.min_visible) & (height >= scenario.min_height_px)
     found &= luck >= scenario.miss_rate
-    found[list(without)] = False
     rows = np.flatnonzero(found).tolist()
     scores = 0.94 - 0.35 * np.exp(-height / SURE_HEIGHT_PX) - 0.35 * (1 - visible) + 0.04 * spread
     false_boxes, false_scores, false_names = _false_boxes(scenario, image, class_names, name, number, seed)

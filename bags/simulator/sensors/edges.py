@@ -7,7 +7,7 @@ import numpy as np
 from bags.simulator.world.placed import dotted
 from pipeline.core.arrays import F64, I64, Bools
 
-__all__ = ["Side", "edge_beams"]
+__all__ = ["SKY_M", "Side", "edge_beams"]
 
 
 SKY_M = 1e5

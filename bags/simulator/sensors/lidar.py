@@ -13,7 +13,7 @@ import numpy as np
 from bags.simulator.scenario.sensors import LidarScenario
 from bags.simulator.sensors.beams import SweepBeams, VelodynePattern, pattern_of
 from bags.simulator.sensors.echoes import NO_ECHO, Echoes, Optics, Reflected, distinct_echoes, intensity
-from bags.simulator.sensors.edges import Side, edge_beams
+from bags.simulator.sensors.edges import SKY_M, Side, edge_beams
 from bags.simulator.sensors.timing import random_numbers
 from bags.simulator.sensors.velodyne_packets import EncodedPackets
 from bags.simulator.world.motion import FixedPath, Path, turned
@@ -46,9 +46,6 @@ FAINT = 0.05
 BEHIND_M = 1e-4
 """Offset behind a glass surface where a beam continues."""
 
-SKY_M = 1e5
-"""Range of a beam that hits nothing."""
-
 SIGN_OF_SIDE = (-1, 1, -1, 1)
 """Sign of each `Side` towards the right or up; the lidar spins clockwise."""
 
@@ -58,7 +55,6 @@ class Sweep:
     """One turn of a lidar.
 
     Attributes:
-        number: Counted from 0.
         begin_ns: True time of its first firing since the start of the scenario.
         end_ns: True time when it is complete.
         xyz: (N, 3) metres in the sensor frame at the time of each point.
@@ -70,7 +66,6 @@ class Sweep:
         packets: The sweep as data packets, by a clock that started with the scenario; None without packet output.
     """
 
-    number: int
     begin_ns: int
     end_ns: int
     xyz: F32
@@ -149,7 +144,6 @@ class Lidar:
         xyz += beams.origins.take(laser, 0)
         hit = mover.reshape(-1)[kept]
         return Sweep(
-            number,
             self.begin_ns(number),
             self.end_ns(number),
             xyz.astype(np.float32),

@@ -10,10 +10,10 @@ import numpy as np
 
 from bags.simulator.sensors.lens import Lens
 from bags.simulator.sensors.light import Light
-from bags.simulator.sensors.still import BESIDE_PX, Still, Surfaces, contrasts, lit_surfaces, turned
+from bags.simulator.sensors.still import BESIDE_PX, Still, contrasts, lit_surfaces, turned
 from bags.simulator.world.motion import Poses
 from bags.simulator.world.placed import PartHits, PartSurfaces, PlacedPart, passing_rays
-from bags.simulator.world.rays import STATIC
+from bags.simulator.world.rays import STATIC, Surfaces
 from bags.simulator.world.scene import Scene
 from pipeline.core.arrays import F32, F64, I16, I64, Bools
 from pipeline.core.geometry.boxes import box_corners

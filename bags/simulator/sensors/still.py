@@ -9,11 +9,12 @@ from bags.simulator.sensors.ambient import sky_light
 from bags.simulator.sensors.lens import Lens
 from bags.simulator.sensors.light import Light, Shading
 from bags.simulator.world.motion import Poses
+from bags.simulator.world.rays import Surfaces
 from bags.simulator.world.scene import Scene
 from bags.simulator.world.surfaces.textures import surface_rgb
-from pipeline.core.arrays import F32, F64, I64, Bools
+from pipeline.core.arrays import F32, Bools
 
-__all__ = ["BESIDE_PX", "Still", "Surfaces", "contrasts", "lit_surfaces", "static_surfaces", "take_still", "turned"]
+__all__ = ["BESIDE_PX", "Still", "contrasts", "lit_surfaces", "take_still", "turned"]
 
 
 BESIDE_PX = ((-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25))
@@ -23,50 +24,6 @@ CONTRAST = 0.06
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
 ROWS_AT_ONCE = 1 << 17
 """Rays per batch: their arrays roughly fit into the processor's caches."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Surfaces:
-    """The surfaces that N rays from one point hit.
-
-    Attributes:
-        origin: (3,) float64 origin of the rays in the world.
-        directions: (N, 3) float32 unit vectors in the world.
-        distance: (N,) float32 metres; infinite for a miss.
-        normal: (N, 3) float32 unit vectors in the world, towards the side the ray comes from; 0 for a miss.
-        material: (N,) int64 rows of the scene's palette.
-        local: (N, 3) metres, in the frame of the part (the world frame for the static world).
-    """
-
-    origin: F64
-    directions: F32
-    distance: F32
-    normal: F32
-    material: I64
-    local: F32 | F64
-
-    def take(self, rows: I64) -> "Surfaces":
-        """The surfaces of these rows."""
-        return Surfaces(
-            self.origin,
-            self.directions.take(rows, 0),
-            self.distance.take(rows),
-            self.normal.take(rows, 0),
-            self.material.take(rows),
-            self.local.take(rows, 0),
-        )
-
-    @property
-    def points(self) -> F32:
-        """(N, 3) metres in the world, lifted off the surface so that rays from there do not hit it by rounding."""
-        distance = np.where(np.isfinite(self.distance), self.distance, np.float32(0))
-        lift = np.float32(5e-4) + np.float32(2e-5) * distance
-        points = np.empty_like(self.directions)
-        for axis, begin in enumerate(self.origin.astype(np.float32)):
-            along = self.directions[:, axis] * distance
-            along += lift * self.normal[:, axis]
-            np.add(along, begin, out=points[:, axis])
-        return points
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,7 +60,7 @@ def take_still(scene: Scene, light: Light, lens: Lens, pose: Poses) -> Still:
     normals = np.empty((n, 3), np.float32)
     for first in range(0, n, ROWS_AT_ONCE):
         rows = slice(first, first + ROWS_AT_ONCE)
-        surfaces = static_surfaces(scene, pose, directions[rows])
+        surfaces = scene.static_surfaces(pose.translation[0], directions[rows])
         shading = lit_surfaces(scene, light, surfaces)
         points[rows], distance[rows] = surfaces.points, surfaces.distance
         rest[rows], sun[rows], normals[rows] = shading.rest, shading.sun, surfaces.normal
@@ -111,7 +68,7 @@ def take_still(scene: Scene, light: Light, lens: Lens, pose: Poses) -> Still:
     for first in range(0, len(mixed), ROWS_AT_ONCE // 4):
         pixels = mixed[first : first + ROWS_AT_ONCE // 4]
         beside = turned(pose, np.concatenate([lens.directions_beside(pixels, offset) for offset in BESIDE_PX]))
-        shading = lit_surfaces(scene, light, static_surfaces(scene, pose, beside))
+        shading = lit_surfaces(scene, light, scene.static_surfaces(pose.translation[0], beside))
         rest[pixels] = shading.rest.reshape(4, -1, 3).mean(0)
         sun[pixels] = shading.sun.reshape(4, -1, 3).mean(0)
     image = (lens.height, lens.width, 3)
@@ -128,13 +85,6 @@ def take_still(scene: Scene, light: Light, lens: Lens, pose: Poses) -> Still:
     around = cv2.erode(distance.reshape(lens.height, lens.width), np.ones((3, 3), np.uint8))
     nearest = np.asarray(around, np.float32).reshape(-1)
     return Still(pose, directions, distance, points, Shading(rest, sun), rest + sun, nearest, lowest_m)
-
-
-def static_surfaces(scene: Scene, pose: Poses, directions: F32) -> Surfaces:
-    """Surfaces of the static world along rays (N, 3) from the camera."""
-    origin = pose.translation[0]
-    seen = scene.static_seen(origin, directions)
-    return Surfaces(origin, directions, seen.distance, seen.normal, seen.material, seen.local)
 
 
 def lit_surfaces(scene: Scene, light: Light, surfaces: Surfaces) -> Shading:

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64, Bools, check_array
+from pipeline.core.arrays import F32, F64, I64, Bools, check_array
 
-__all__ = ["NO_MATERIAL", "STATIC", "Hits", "Rays"]
+__all__ = ["NO_MATERIAL", "STATIC", "Hits", "Rays", "Surfaces"]
 
 STATIC = -1
 """Mover row of the static world."""
@@ -87,6 +87,50 @@ class Hits:
     def together(parts: Sequence["Hits"]) -> "Hits":
         """All parts, concatenated."""
         return Hits(*(np.concatenate([getattr(part, name) for part in parts]) for name in Hits.__slots__))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Surfaces:
+    """The surfaces that N rays from one point hit.
+
+    Attributes:
+        origin: (3,) float64 origin of the rays in the world.
+        directions: (N, 3) float32 unit vectors in the world.
+        distance: (N,) float32 metres; infinite for a miss.
+        normal: (N, 3) float32 unit vectors in the world, towards the side the ray comes from; 0 for a miss.
+        material: (N,) int64 rows of the scene's palette, -1 for a miss.
+        local: (N, 3) metres, in the frame of the part (the world frame for the static world).
+    """
+
+    origin: F64
+    directions: F32
+    distance: F32
+    normal: F32
+    material: I64
+    local: F32 | F64
+
+    def take(self, rows: I64) -> "Surfaces":
+        """The surfaces of these rows."""
+        return Surfaces(
+            self.origin,
+            self.directions.take(rows, 0),
+            self.distance.take(rows),
+            self.normal.take(rows, 0),
+            self.material.take(rows),
+            self.local.take(rows, 0),
+        )
+
+    @property
+    def points(self) -> F32:
+        """(N, 3) metres in the world, lifted off the surface so that rays from there do not hit it by rounding."""
+        distance = np.where(np.isfinite(self.distance), self.distance, np.float32(0))
+        lift = np.float32(5e-4) + np.float32(2e-5) * distance
+        points = np.empty_like(self.directions)
+        for axis, begin in enumerate(self.origin.astype(np.float32)):
+            along = self.directions[:, axis] * distance
+            along += lift * self.normal[:, axis]
+            np.add(along, begin, out=points[:, axis])
+        return points
 
 
 def _indices(rows: Bools | I64) -> I64:

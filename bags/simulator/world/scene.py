@@ -6,7 +6,7 @@ reality. Rays that miss a thing's bounding sphere are not cast at it.
 """
 
 from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from bags.simulator.world.motion import Path, Poses, turned
 from bags.simulator.world.mover import Mover
 from bags.simulator.world.open3d_runtime import load_libusb
 from bags.simulator.world.placed import FEW_RAYS, Floats, PlacedPart, dotted, packed, threads_for
-from bags.simulator.world.rays import NO_MATERIAL, STATIC, Hits, Rays
+from bags.simulator.world.rays import NO_MATERIAL, STATIC, Hits, Rays, Surfaces
 from bags.simulator.world.span import Span
 from pipeline.core.arrays import F32, F64, I64, Bools
 
@@ -24,7 +24,7 @@ import open3d as _open3d  # noqa: E402  (needs libusb first)
 
 open3d: Any = _open3d  # its stubs lack arrays
 
-__all__ = ["Scene", "Seen"]
+__all__ = ["Scene"]
 
 Columns = tuple[F64, F64, I64, I64, F64]
 
@@ -35,22 +35,6 @@ BOX_MARGIN = 1.2
 def _tensor(origins: Floats, directions: Floats) -> Any:
     """Rays as an Open3D tensor."""
     return open3d.core.Tensor.from_numpy(packed(origins, directions))
-
-
-class Seen(NamedTuple):
-    """What N rays from one point hit of the static world.
-
-    Attributes:
-        distance: (N,) float32 metres; infinite for a miss.
-        normal: (N, 3) float32 unit vectors towards the side the ray comes from; 0 for a miss.
-        material: (N,) int64 rows of the palette, -1 for a miss.
-        local: (N, 3) float32 metres, in the world.
-    """
-
-    distance: F32
-    normal: F32
-    material: I64
-    local: F32
 
 
 class _Body:
@@ -79,15 +63,15 @@ class _Body:
         normal[missed], material[missed] = 0.0, NO_MATERIAL
         return distance, normal, material
 
-    def seen(self, origin: F64, directions: F32) -> Seen:
-        """What rays from one point hit."""
+    def surfaces(self, origin: F64, directions: F32) -> Surfaces:
+        """The surfaces that rays from one point hit."""
         rays = packed(origin, directions)
         answer = self._caster.cast_rays(open3d.core.Tensor.from_numpy(rays), nthreads=threads_for(len(rays)))
         distance, normal = answer["t_hit"].numpy(), answer["primitive_normals"].numpy()
         met = np.isfinite(distance)
         if not len(self.rows):
             nothing, no_material = np.zeros_like(directions), np.full(len(rays), NO_MATERIAL, np.int64)
-            return Seen(distance, nothing, no_material, nothing + origin.astype(np.float32))
+            return Surfaces(origin, directions, distance, nothing, no_material, nothing + origin.astype(np.float32))
         triangle = answer["primitive_ids"].numpy()
         triangle *= met  # a miss has no valid id
         material = self.rows.take(triangle)
@@ -99,7 +83,7 @@ class _Body:
             np.add(directions[:, axis] * reach, begin, out=local[:, axis])
         if not met.all():
             material[~met] = NO_MATERIAL
-        return Seen(distance, normal, material, local)
+        return Surfaces(origin, directions, distance, normal, material, local)
 
     def distance(self, origin: F64, directions: F32) -> F32:
         """Distance (N,) along rays from one point; infinite for a miss."""
@@ -176,9 +160,9 @@ class Scene:
         """The parts of a mover at one time, for a camera to cast at."""
         return [body.placed(path, time_ns) for body, path in self._parts[row]]
 
-    def static_seen(self, origin: F64, directions: F32) -> Seen:
+    def static_surfaces(self, origin: F64, directions: F32) -> Surfaces:
         """The static world in directions (N, 3) from one point (3,), in single precision, for images."""
-        return self._static.seen(origin, directions)
+        return self._static.surfaces(origin, directions)
 
     def static_distance(self, origin: F64, directions: F32) -> F32:
         """Distance (N,) of the static world in directions (N, 3) from one point (3,); infinite for a miss."""

@@ -6,8 +6,7 @@ import numpy as np
 
 from bags.simulator.world.bodies.chassis import rear_wheels, underbody
 from bags.simulator.world.bodies.dimensions import SHAPES
-from bags.simulator.world.bodies.hulls import Hull, both_sides
-from bags.simulator.world.meshes.lofts import panel
+from bags.simulator.world.bodies.hulls import Hull, both_sides, screen
 from bags.simulator.world.meshes.materials import (
     DARK,
     GLASS,
@@ -50,24 +49,10 @@ def bus(color: Rgb) -> Mesh:
         rear_wheels("bus", twin=True),
         box((2.2, 0.0, 3.0), (3.0, 1.7, 0.20), METAL),
         box((-1.6, 0.0, 2.99), (1.6, 1.5, 0.16), METAL),
-        panel(
-            [(8.545, -1.12, 1.10), (8.545, 1.12, 1.10), (8.485, 1.08, 2.42), (8.485, -1.08, 2.42)],
-            GLASS,
-            thickness=0.07,
-        ),
-        panel(
-            [(8.475, -0.95, 2.50), (8.475, 0.95, 2.50), (8.462, 0.92, 2.80), (8.462, -0.92, 2.80)], DARK, thickness=0.05
-        ),
-        panel(
-            [(8.497, -0.75, 2.57), (8.497, 0.75, 2.57), (8.488, 0.75, 2.74), (8.488, -0.75, 2.74)],
-            display,
-            thickness=0.012,
-        ),
-        panel(
-            [(-3.385, 0.95, 1.60), (-3.385, -0.95, 1.60), (-3.385, -0.90, 2.50), (-3.385, 0.90, 2.50)],
-            GLASS,
-            thickness=0.016,
-        ),
+        screen((8.545, 1.12, 1.10), (8.485, 1.08, 2.42), GLASS, thickness=0.07),
+        screen((8.475, 0.95, 2.50), (8.462, 0.92, 2.80), DARK, thickness=0.05),
+        screen((8.497, 0.75, 2.57), (8.488, 0.75, 2.74), display, thickness=0.012),
+        screen((-3.385, -0.95, 1.60), (-3.385, -0.90, 2.50), GLASS, thickness=0.016),
         box((-3.38, 0.0, 0.95), (0.03, 1.5, 0.50), DARK),
         box((-3.385, 0.0, 0.56), (0.03, 0.52, 0.11), PLATE_YELLOW),
         box((8.585, 0.0, 0.50), (0.03, 0.52, 0.11), PLATE),

@@ -36,10 +36,10 @@ def _passenger_car(name: str, color: Rgb, *, arch: float, mirror_half: float, in
     """
     shape = SHAPES[name]
     body, half = paint(color), width / 2
-    low, rear, length, height = shape.bottom_m, shape.rear_m, shape.size_m[0], shape.size_m[2]
+    low, length, height = shape.bottom_m, shape.size_m[0], shape.size_m[2]
 
     def x(share: float) -> float:
-        return rear + share * length
+        return shape.rear_m + share * length
 
     def z(share: float) -> float:
         return low + share * height
@@ -78,21 +78,17 @@ def _passenger_car(name: str, color: Rgb, *, arch: float, mirror_half: float, in
         rear_wheels(name),
     ]
     thin, wide = 0.006 * length, 0.29 * width
+    deep = 0.8 * thin
+    front, rear = x(1.0) - deep, x(0.0) + deep
     parts += [
-        box((x(1.0) - 0.8 * thin, 0.0, z(0.215)), (0.8 * thin, 1.05 * half, 0.13 * height), DARK),
-        box((x(1.0) - 0.8 * thin, 0.0, z(0.375)), (0.8 * thin, 0.90 * half, 0.045 * height), DARK),
+        box((front, 0.0, z(0.215)), (deep, 1.05 * half, 0.13 * height), DARK),
+        box((front, 0.0, z(0.375)), (deep, 0.90 * half, 0.045 * height), DARK),
         box((x(1.0) - 0.5 * thin, 0.0, z(0.275)), (thin, wide, 0.075 * height), PLATE),
         box((x(0.0) + 0.5 * thin, 0.0, z(0.40)), (thin, wide, 0.075 * height), PLATE_YELLOW),
-        box((x(0.0) + 0.8 * thin, 0.0, z(0.20)), (0.8 * thin, 1.3 * half, 0.11 * height), DARK),
-        both_sides(
-            box((x(1.0) - 0.8 * thin, 0.60 * half, z(0.365)), (0.8 * thin, 0.24 * half, 0.075 * height), HEADLAMP)
-        ),
-        both_sides(
-            box((x(1.0) - 0.8 * thin, 0.62 * half, z(0.21)), (0.8 * thin, 0.12 * half, 0.06 * height), HEADLAMP)
-        ),
-        both_sides(
-            box((x(0.0) + 0.8 * thin, 0.72 * half, z(0.485)), (0.8 * thin, 0.24 * half, 0.13 * height), TAIL_LAMP)
-        ),
+        box((rear, 0.0, z(0.20)), (deep, 1.3 * half, 0.11 * height), DARK),
+        both_sides(box((front, 0.60 * half, z(0.365)), (deep, 0.24 * half, 0.075 * height), HEADLAMP)),
+        both_sides(box((front, 0.62 * half, z(0.21)), (deep, 0.12 * half, 0.06 * height), HEADLAMP)),
+        both_sides(box((rear, 0.72 * half, z(0.485)), (deep, 0.24 * half, 0.13 * height), TAIL_LAMP)),
     ]
     for side in (-1, 1):
         lamp = [(x(0.952), z(0.365)), (x(0.993), z(0.328)), (x(0.993), z(0.402)), (x(0.952), z(0.43))]

@@ -11,7 +11,9 @@ from bags.simulator.world.meshes.lofts import loft, panel
 from bags.simulator.world.meshes.mesh import Material, Mesh, merged
 from pipeline.core.arrays import F64
 
-__all__ = ["Hull", "both_sides"]
+__all__ = ["Hull", "both_sides", "screen"]
+
+Edge = tuple[float, float, float]
 
 ARCH_STEPS = 8
 
@@ -99,6 +101,13 @@ class Hull:
             places += [(low, self.bottom_m), *vault, (high, self.bottom_m)]
             last = high
         return places + [(x, self.bottom_m) for x, _, _ in self.stations if x > last]
+
+
+def screen(low: Edge, high: Edge, material: Material, *, thickness: float) -> Mesh:
+    """A panel across the body between two edges, each given by x, half width and z; negative half widths face back."""
+    (x0, half0, z0), (x1, half1, z1) = low, high
+    corners = [(x0, -half0, z0), (x0, half0, z0), (x1, half1, z1), (x1, -half1, z1)]
+    return panel(corners, material, thickness=thickness)
 
 
 def both_sides(mesh: Mesh) -> Mesh:

@@ -2,8 +2,8 @@
 
 from bags.simulator.world.bodies.chassis import rear_wheels
 from bags.simulator.world.bodies.dimensions import SHAPES
-from bags.simulator.world.bodies.hulls import Hull, both_sides
-from bags.simulator.world.meshes.lofts import loft, panel
+from bags.simulator.world.bodies.hulls import Hull, both_sides, screen
+from bags.simulator.world.meshes.lofts import loft
 from bags.simulator.world.meshes.materials import (
     DARK,
     GLASS,
@@ -66,9 +66,7 @@ def truck(color: Rgb) -> Mesh:
             ],
             body,
         ),
-        panel(
-            [(6.325, -1.06, 1.66), (6.325, 1.06, 1.66), (6.235, 1.0, 2.60), (6.235, -1.0, 2.60)], GLASS, thickness=0.035
-        ),
+        screen((6.325, 1.06, 1.66), (6.235, 1.0, 2.60), GLASS, thickness=0.035),
         box((6.375, 0.0, 1.12), (0.03, 1.7, 0.36), DARK),
         box((6.375, 0.0, 0.62), (0.03, 2.2, 0.34), DARK),
         box((6.39, 0.0, 0.55), (0.02, 0.52, 0.11), PLATE),

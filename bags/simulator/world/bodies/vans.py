@@ -2,7 +2,7 @@
 
 from bags.simulator.world.bodies.chassis import rear_wheels, underbody
 from bags.simulator.world.bodies.dimensions import SHAPES
-from bags.simulator.world.bodies.hulls import Hull, both_sides
+from bags.simulator.world.bodies.hulls import Hull, both_sides, screen
 from bags.simulator.world.meshes.lofts import panel
 from bags.simulator.world.meshes.materials import (
     DARK,
@@ -41,12 +41,11 @@ def van(color: Rgb) -> Mesh:
         arch_m=0.40,
         axle_height_m=shape.wheel_radius_m,
     )
-    screen = [(3.92, -0.88, 1.46), (3.92, 0.88, 1.46), (3.05, 0.80, 2.40), (3.05, -0.80, 2.40)]
     parts = [
         hull.mesh(body, below=DARK),
         underbody(shape, 0.28, 0.60, 0.80),
         rear_wheels("van"),
-        panel(screen, GLASS, thickness=0.03),
+        screen((3.92, 0.88, 1.46), (3.05, 0.80, 2.40), GLASS, thickness=0.03),
         box((4.782, 0.0, 0.63), (0.024, 1.20, 0.20), DARK),
         box((4.782, 0.0, 0.39), (0.024, 1.40, 0.15), DARK),
         box((4.79, 0.0, 0.45), (0.02, 0.52, 0.11), PLATE),

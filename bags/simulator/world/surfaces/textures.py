@@ -40,18 +40,18 @@ def surface_rgb(palette: Sequence[Material], material: I64, local: Floats, norma
         normal: (N, 3) unit vectors.
     """
     table = _table(tuple(palette))
-    drawn = _drawn(table, material, local, normal)
-    rgb = table.rgb.take(drawn.rows, axis=0)
+    rows, shade = _drawn(table, material, local, normal)
+    rgb = table.rgb.take(rows, axis=0)
     for color in range(3):
-        rgb[:, color] *= drawn.shade
+        rgb[:, color] *= shade
     return np.clip(rgb, 0.0, 1.0, out=rgb)
 
 
 def surface_reflectivity(palette: Sequence[Material], material: I64, local: Floats, normal: Floats) -> F32:
     """Reflectivity (N,) at 905 nm of surface points, see `Material`; arguments as for `surface_rgb`."""
     table = _table(tuple(palette))
-    drawn = _drawn(table, material, local, normal)
-    return np.asarray(table.reflectivity.take(drawn.rows) * (0.5 + 0.5 * drawn.shade), np.float32)
+    rows, shade = _drawn(table, material, local, normal)
+    return np.asarray(table.reflectivity.take(rows) * (0.5 + 0.5 * shade), np.float32)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,15 +83,8 @@ def _table(palette: tuple[Material, ...]) -> _Table:
     )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Drawn:
-    """The textured look of N points: rows of the table (palette x looks), and brightness factors."""
-
-    rows: I64
-    shade: F32
-
-
-def _drawn(table: _Table, material: I64, local: Floats, normal: Floats) -> _Drawn:
+def _drawn(table: _Table, material: I64, local: Floats, normal: Floats) -> tuple[I64, F32]:
+    """Rows (N,) of the table (palette x looks), and brightness factors (N,)."""
     rows = material * MAX_LOOKS
     shade = np.ones(len(material), np.float32)
     textures = table.texture.take(material)
@@ -106,7 +99,7 @@ def _drawn(table: _Table, material: I64, local: Floats, normal: Floats) -> _Draw
         look, light = TEXTURES[texture].draw(point, face)
         rows[here] += look
         shade[here] = light
-    return _Drawn(rows, shade)
+    return rows, shade
 
 
 def _looks(material: Material) -> tuple[Look, ...]:
