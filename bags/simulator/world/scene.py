@@ -181,11 +181,6 @@ def _put_nearer(columns: Columns, rows: I64, others: Hits) -> None:
         column[changed] = getattr(others, name).take(closer, 0)
 
 
-def _no_hits(n: int) -> Columns:
-    nothing = np.full(n, NO_MATERIAL, np.int64)
-    return np.full(n, np.inf), np.zeros((n, 3)), nothing, np.full(n, STATIC, np.int64), np.zeros((n, 3))
-
-
 def _cast_part(row: int, body: _Body, poses: Poses, rays: Rays) -> tuple[I64, Hits]:
     """Rows (K,) of the rays that hit a part of the mover `row`, rising, and the hits (K)."""
     back = poses.rotation.transpose(0, 2, 1)
