@@ -1,1 +1,1 @@
-"""Sample recordings and what records them."""
+"""Sample recordings and the simulator that records them."""

@@ -1,1 +1,1 @@
-"""Scenes of lidars, cameras and traffic, simulated and recorded."""
+"""A simulator of recordings: lidars, cameras and traffic."""

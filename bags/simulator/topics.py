@@ -1,4 +1,4 @@
-"""Topics through which a car is driven, as the original names them."""
+"""Topics through which a car is driven, named as in the predecessor system."""
 
 __all__ = ["CONTROLLERS", "command_topic", "controller_topics"]
 
@@ -14,10 +14,10 @@ CONTROLLERS = (
 
 
 def command_topic(vehicle: str) -> str:
-    """Where the commands of a vehicle are published (ackermann_msgs/AckermannDriveStamped)."""
+    """Topic of a vehicle's commands (ackermann_msgs/AckermannDriveStamped)."""
     return f"/{vehicle}/ackermann_cmd_mux/output"
 
 
 def controller_topics(vehicle: str) -> tuple[str, ...]:
-    """Where those of its controllers are (std_msgs/Float64), in the order of `CONTROLLERS`."""
+    """Topics of its controllers' commands (std_msgs/Float64), in the order of `CONTROLLERS`."""
     return tuple(f"/{vehicle}/{controller}/command" for controller in CONTROLLERS)

@@ -8,7 +8,9 @@ from scipy.spatial.transform import Rotation
 
 from bags.simulator.world.meshes.mesh import Material, Mesh, box, merged, polygon
 from bags.simulator.world.motion import FixedPath, Path, Poses, upright_poses
-from bags.simulator.world.scene import Mover, Part, Rays, Scene
+from bags.simulator.world.mover import Mover, Part
+from bags.simulator.world.rays import Rays
+from bags.simulator.world.scene import Scene
 from pipeline.core.arrays import F64, I64
 from pipeline.core.geometry.transform import Transform
 
@@ -87,7 +89,7 @@ def box_mover(
 
 def scene(meshes: Sequence[Mesh] = (), movers: Sequence[Mover] = ()) -> Scene:
     """What stands still and what moves."""
-    return Scene(merged(meshes), movers)
+    return Scene(merged(*meshes), movers)
 
 
 def random_rays(count: int, *, seed: int = 0, reach_m: float = 8.0, span_ns: int = 100_000_000) -> Rays:

@@ -1,1 +1,1 @@
-"""Driving the cars of a scenario by keys."""
+"""Driving the cars of a scenario with the keyboard."""

@@ -1,4 +1,4 @@
-"""Driving the cars of a scenario: keys in, simulated steps out."""
+"""Driving the cars of a scenario with keys, step by step."""
 
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
@@ -16,10 +16,10 @@ __all__ = ["drive"]
 def drive(
     simulation: "Simulation", keyboard: Keyboard, drivable: tuple[str, ...], *, end_ns: int | None = None
 ) -> Iterator[tuple[list[Recorded], RemoteControl]]:
-    """Simulate step by step under the keys, until the key to quit, the end of the input, or `end_ns`.
+    """Simulate step by step under keyboard control until the quit key, the end of input, or `end_ns`.
 
     Yields:
-        What was recorded in a step, and what is pressed; at last what had begun to be measured by then.
+        The messages of a step, and the state of the remote control; at the end the measurements still under way.
     """
     control = RemoteControl.of(drivable)
     now_ns = 0

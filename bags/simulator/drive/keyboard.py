@@ -1,4 +1,4 @@
-"""Where the keys come from that drive cars: a script here, a terminal in `bags.simulator.drive.terminal`."""
+"""Sources of keys: the protocol, and a script; `bags.simulator.drive.terminal` has the terminal."""
 
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
@@ -7,11 +7,11 @@ __all__ = ["Keyboard", "Pressed", "ScriptedKeys"]
 
 
 class Pressed(NamedTuple):
-    """What was pressed.
+    """Keys that were pressed.
 
     Attributes:
-        keys: In their order.
-        ended: Whether no more will come.
+        keys: The keys in order.
+        ended: Whether the input has ended.
     """
 
     keys: str
@@ -19,28 +19,28 @@ class Pressed(NamedTuple):
 
 
 class Keyboard(Protocol):
-    """Where keys come from. Times are the simulation's, in nanoseconds."""
+    """A source of keys. Times are simulated, in nanoseconds."""
 
     def pressed(self, now_ns: int) -> Pressed:
-        """The keys to be applied now, each told once."""
+        """The keys to apply now; each is returned once."""
         ...
 
     def next_ns(self, now_ns: int) -> int:
-        """When to ask again, later than now."""
+        """When to ask again; later than now."""
         ...
 
     def wait(self, until_ns: int) -> None:
-        """Let real time catch up with the simulation, if keys come in real time."""
+        """Let real time catch up with the simulation if keys come in real time."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class ScriptedKeys:
-    """Keys that are pressed one after the other at a fixed pace, from the start; then the input ends.
+    """Keys pressed at a fixed pace from the start; then the input ends.
 
     Attributes:
         script: The keys.
-        interval_ns: From one to the next.
+        interval_ns: Time between keys.
     """
 
     script: str
@@ -57,4 +57,4 @@ class ScriptedKeys:
         return (now_ns // self.interval_ns + 1) * self.interval_ns
 
     def wait(self, until_ns: int) -> None:
-        """Nobody waits."""
+        """Do nothing: a script runs in simulated time."""

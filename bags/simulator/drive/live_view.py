@@ -1,4 +1,4 @@
-"""A simulation as it happens, in the Rerun viewer: what lidars and cameras see, and what is really there."""
+"""A running simulation in the Rerun viewer: clouds, images and ground truth."""
 
 import os
 import sys
@@ -24,11 +24,11 @@ BOX_COLOR = (255, 170, 40)
 
 
 class LiveView:
-    """Shows recorded messages; lidars that record nothing but packets are not shown.
+    """Shows recorded messages; lidars that record packets only are not shown.
 
     Args:
-        simulation: Where they come from.
-        stream: Where to show them; left out: a new one of its own.
+        simulation: Source of the messages.
+        stream: Stream to log to; None for a new one.
     """
 
     def __init__(self, simulation: Simulation, stream: rr.RecordingStream | None = None) -> None:
@@ -55,7 +55,7 @@ class LiveView:
         """Open the viewer.
 
         Raises:
-            OutputError: it cannot be started.
+            OutputError: the viewer cannot be started.
         """
         if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
             raise OutputError("--view: expected a display for the Rerun viewer, found none (DISPLAY is not set)")
@@ -66,7 +66,7 @@ class LiveView:
         return self
 
     def show(self, recorded: Sequence[Recorded]) -> None:
-        """Show what was recorded in one step."""
+        """Show the messages recorded in one step."""
         for one in recorded:
             if one.topic not in self._sensors and one.topic not in (TRUTH_TOPIC, "/tf"):
                 continue
@@ -93,7 +93,7 @@ def _parent(sensor: SensorScenario) -> str:
 
 
 def _drawn(kind: str, message: Any) -> Any:
-    """A cloud or an image as the viewer takes it."""
+    """A cloud or an image as a Rerun archetype."""
     if kind == "PointCloud2":
         floats = message.data.reshape(message.width, message.point_step)[:, :12].copy().view(np.float32)
         return rr.Points3D(floats, radii=rr.Radius.ui_points(1.5))

@@ -1,4 +1,4 @@
-"""Keys from a terminal as they are pressed, without Enter and echo; the terminal is restored whatever happens."""
+"""Keys from a terminal as they are pressed, without Enter or echo; the terminal is always restored."""
 
 import contextlib
 import os
@@ -16,10 +16,10 @@ from bags.simulator.drive.keyboard import Pressed
 __all__ = ["TerminalKeys", "terminal_keys"]
 
 ASK_NS = 50_000_000
-"""Keys are asked for this often in simulated time, at least."""
+"""Keys are read at least this often in simulated time."""
 
 ENDINGS = (signal.SIGINT, signal.SIGHUP)
-"""Ctrl-C, and a terminal that was closed: both end the drive and keep its recording."""
+"""Ctrl-C and a closed terminal: both end the drive and keep the recording."""
 
 
 class TerminalKeys:
@@ -35,7 +35,7 @@ class TerminalKeys:
         self._ended = False
 
     def end(self) -> None:
-        """No more keys will be read."""
+        """End the input."""
         self._ended = True
 
     def pressed(self, now_ns: int) -> Pressed:
@@ -50,12 +50,12 @@ class TerminalKeys:
         return now_ns + ASK_NS
 
     def wait(self, until_ns: int) -> None:
-        """See `bags.simulator.drive.keyboard.Keyboard`; a key does not end it, the end of the input does."""
+        """See `bags.simulator.drive.keyboard.Keyboard`; returns early at the end of input, not at a key."""
         while not self._ended and (left_s := self._begin + until_ns * 1e-9 - time.monotonic()) > 0:
             self._read(left_s)
 
     def _read(self, seconds: float) -> None:
-        """Read what is there, or what comes within a time."""
+        """Read the keys that are pending, or that come within a time."""
         try:
             ready, _, _ = select.select([self._descriptor], [], [], seconds)
             if not ready:
@@ -64,12 +64,12 @@ class TerminalKeys:
         except OSError:  # the terminal is gone
             data = b""
         self._keys += data.decode("ascii", errors="ignore")
-        self._ended = self._ended or not data or b"\x04" in data  # Ctrl-D is a byte here: lines are not put together
+        self._ended = self._ended or not data or b"\x04" in data  # in this mode Ctrl-D is a byte
 
 
 @contextlib.contextmanager
 def terminal_keys(descriptor: int) -> Iterator[TerminalKeys]:
-    """Keys of a terminal; Ctrl-C and a closed terminal are the end of its input, however often they are told."""
+    """The keys of a terminal; Ctrl-C and a closed terminal end its input, even when signalled repeatedly."""
     keys = TerminalKeys(descriptor)
     before = termios.tcgetattr(descriptor)
     handlers: dict[int, Any] = {number: signal.getsignal(number) for number in ENDINGS}
@@ -83,7 +83,7 @@ def terminal_keys(descriptor: int) -> Iterator[TerminalKeys]:
         tty.setcbreak(descriptor)
         yield keys
     finally:
-        with contextlib.suppress(OSError, termios.error):  # a terminal that is gone needs no restoring
+        with contextlib.suppress(OSError, termios.error):  # the terminal may be gone
             termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
         for ending, handler in handlers.items():
             signal.signal(ending, handler)

@@ -1,1 +1,1 @@
-"""What is written: messages, truth, and the files that hold them."""
+"""Running a scenario, and writing its messages and ground truth to files."""

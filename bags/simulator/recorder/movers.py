@@ -1,31 +1,37 @@
-"""What moves: from a scenario's word for it to its parts and the box that is the truth about it."""
+"""Movers from the vehicles of a scenario."""
 
 from collections.abc import Callable
 
 from bags.simulator.scenario.traffic import VehicleScenario
 from bags.simulator.vehicles.trajectory import Trajectory
+from bags.simulator.world.bodies.buses import bus
+from bags.simulator.world.bodies.cars import car, model_car
 from bags.simulator.world.bodies.chassis import front_wheel
 from bags.simulator.world.bodies.cyclist import cyclist_parts
-from bags.simulator.world.bodies.dimensions import SHAPES, Shape
+from bags.simulator.world.bodies.dimensions import SHAPES
 from bags.simulator.world.bodies.joints import RaisedPath, steered_wheel
-from bags.simulator.world.bodies.motor_vehicles import BODIES
 from bags.simulator.world.bodies.pedestrian import pedestrian_parts
-from bags.simulator.world.scene import Mover, Part
+from bags.simulator.world.bodies.trucks import truck
+from bags.simulator.world.bodies.vans import van
+from bags.simulator.world.mover import Mover, Part
 from pipeline.core.arrays import F64
 
-__all__ = ["SHAPES", "Shape", "build_mover"]
+__all__ = ["build_mover"]
+
+BODIES = {"model_car": model_car, "car": car, "van": van, "truck": truck, "bus": bus}
+"""Body of each motor vehicle, made from its colour, in the base frame; the front wheels are separate parts."""
 
 
 def build_mover(
     name: str, vehicle: VehicleScenario, trajectory: Trajectory, *, height: Callable[[F64], F64] | None = None
 ) -> Mover:
-    """What a scenario calls `name`, with its truth.
+    """The mover of a vehicle, cyclist or pedestrian.
 
     Args:
-        name: Unique in the scenario; it decides about the looks of people, too.
-        vehicle: Shape and colour.
-        trajectory: Of its base frame; it may grow later.
-        height: Heights (N,) of the ground at places (N, 2), for pedestrians, who step on kerbs; none: it is flat.
+        name: Unique in the scenario; it also determines the looks of people.
+        vehicle: Settings with shape and colour.
+        trajectory: Path of its base frame; it may grow later.
+        height: Heights (N,) of the ground at positions (N, 2), for pedestrians, who step on kerbs; None if flat.
     """
     shape = SHAPES[vehicle.shape]
     path: Trajectory | RaisedPath = trajectory

@@ -1,7 +1,7 @@
-"""Sensors that measure in processes of their own, since those of one process wait for its interpreter lock.
+"""Sensors spread over worker processes, to get around the interpreter lock.
 
-Each process has the whole world and moves it by itself, which costs little: the same steps and commands make the same
-traffic. Only commands go in, only finished messages come out.
+Each process simulates the traffic itself, which is cheap: equal steps and commands give equal traffic. Only commands go
+in, and only finished messages come out.
 """
 
 import contextlib
@@ -24,13 +24,13 @@ __all__ = ["SensingProcess", "shared_out"]
 
 LIDAR_COST = 0.8
 CAMERA_COST, MOVING_CAMERA_COST = 0.05, 1.1
-"""Microseconds a beam and a pixel, about; a camera that moves cannot keep what it saw."""
+"""Microseconds per beam and pixel, roughly; a moving camera must render everything anew."""
 SLOTS = 32
-"""Beams of a Velodyne's column."""
+"""Beams per column of a Velodyne."""
 
 
 def shared_out(scenario: Scenario, workers: int) -> list[tuple[str, ...]]:
-    """The sensors of each worker: the costliest first, each to whoever has the least to do."""
+    """The sensors of each worker: costliest first, each to the worker with the least load."""
     sensors: dict[str, LidarScenario | CameraScenario] = {**scenario.lidars, **scenario.cameras}
     costs = {name: sensor.rate_hz * _cost_us(sensor) for name, sensor in sensors.items()}
     shares: list[list[str]] = [[] for _ in range(max(min(workers, len(costs)), 1))]
@@ -40,13 +40,13 @@ def shared_out(scenario: Scenario, workers: int) -> list[tuple[str, ...]]:
 
 
 class SensingProcess:
-    """A process with some of the sensors; a context manager."""
+    """A worker process with some of the sensors; a context manager."""
 
     def __init__(self, task: SensingTask) -> None:
-        context = multiprocessing.get_context("spawn")  # the libraries' threads do not survive a fork
+        context = multiprocessing.get_context("spawn")  # threads of the libraries do not survive a fork
         self._pipe, theirs = context.Pipe()
         self._process = context.Process(target=_serve, args=(theirs, task), daemon=True)
-        # A terminal tells all processes of Ctrl-C; the one that asks decides, from the first moment on.
+        # A terminal sends Ctrl-C to all processes; only the parent may act on it.
         handlers = {number: signal.signal(number, signal.SIG_IGN) for number in (signal.SIGINT, signal.SIGHUP)}
         try:
             self._process.start()
@@ -61,7 +61,7 @@ class SensingProcess:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._pipe.close()  # it ends when nobody asks any more
+        self._pipe.close()  # the worker ends at end of file
         self._process.join(1.0)
         if self._process.is_alive():
             self._process.kill()
@@ -69,21 +69,21 @@ class SensingProcess:
 
     @property
     def pid(self) -> int:
-        """Of the process."""
+        """Process id."""
         return self._process.pid or 0
 
     def ask(self, until_ns: int, commands: Mapping[str, AckermannCommand], *, begun_ns: int) -> None:
-        """Have it move its world on to a time, after commands to vehicles, and measure; see `Sensing.measure`."""
+        """Start a step: apply commands, advance to a time and measure; see `Sensing.measure`."""
         try:
             self._pipe.send((until_ns, dict(commands), begun_ns))
         except OSError as err:
             raise self._gone() from err
 
     def answer(self) -> Sequence[Measured]:
-        """What was measured by the last `ask`.
+        """The measurements of the last `ask`.
 
         Raises:
-            LidcamError: the process is gone, or an error of its own.
+            LidcamError: the process has died, or failed with an error of its own.
         """
         try:
             found = self._pipe.recv()
@@ -98,13 +98,13 @@ class SensingProcess:
         self._process.join(1.0)
         code = self._process.exitcode
         return LidcamError(
-            f"a process of the simulation ended with {code}: perhaps there was too little memory; try --workers 1"
+            f"a simulation process died with exit code {code}, perhaps for lack of memory; try --workers 1"
         )
 
 
 def _serve(pipe: Connection, task: SensingTask) -> None:
-    """Measure whatever is asked, until nobody is there to ask."""
-    from bags.simulator.recorder.sensing import Sensing  # not before: who starts processes waits for nothing heavy
+    """Answer requests until the pipe closes."""
+    from bags.simulator.recorder.sensing import Sensing  # heavy, so not in the parent
     from bags.simulator.recorder.stage import Stage
 
     try:
@@ -120,12 +120,12 @@ def _serve(pipe: Connection, task: SensingTask) -> None:
     except (EOFError, OSError):
         return
     except Exception as err:
-        with contextlib.suppress(OSError):  # who asked may have found the same fault
+        with contextlib.suppress(OSError):  # the parent may have failed in the same way
             pipe.send(err)
 
 
 def _cost_us(sensor: LidarScenario | CameraScenario) -> float:
-    """Of one measurement, about."""
+    """Rough cost of one measurement."""
     if isinstance(sensor, CameraScenario):
         pixels = sensor.width_px * sensor.height_px
         return pixels * (MOVING_CAMERA_COST if sensor.mounted_on else CAMERA_COST)

@@ -1,4 +1,4 @@
-"""Sensors at work: which of them has measured what up to a time, as messages."""
+"""Running sensors: their measurements up to a time, as messages."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ __all__ = ["Sensing"]
 
 @dataclass(slots=True)
 class _Lidar:
-    """A lidar at work: its clock, what measures, and its next measurement."""
+    """A running lidar: settings, timing, simulated device, next measurement."""
 
     settings: LidarScenario
     timing: Timing
@@ -31,7 +31,7 @@ class _Lidar:
 
 @dataclass(slots=True)
 class _Camera:
-    """A camera at work; see `_Lidar`."""
+    """A running camera; see `_Lidar`."""
 
     settings: CameraScenario
     timing: Timing
@@ -43,8 +43,8 @@ class Sensing:
     """Some of a scenario's sensors.
 
     Args:
-        stage: What they see; it has to be moved on before they measure.
-        task: Which sensors, and whose messages.
+        stage: The world; its traffic must be advanced before they measure.
+        task: Names of the sensors, and the ROS version.
     """
 
     def __init__(self, stage: Stage, task: SensingTask) -> None:
@@ -56,7 +56,7 @@ class Sensing:
         ]
 
     def measure(self, until_ns: int, *, begun_ns: int) -> list[Measured]:
-        """What has been measured since the last call and up to a time, of what had begun before another time."""
+        """Measurements that ended since the last call and by `until_ns`, and began before `begun_ns`."""
         return [self._measured(sensor, one) for sensor in self._sensors for one in _due(sensor, until_ns, begun_ns)]
 
     def _lidar(self, name: str, lidar: LidarScenario) -> _Lidar:
@@ -71,7 +71,7 @@ class Sensing:
         return _Camera(camera, timing, device, _measurement(timing, device, 0))
 
     def _measured(self, sensor: _Lidar | _Camera, measurement: Measurement) -> Measured:
-        # An image stands for the time that is nearer to it than to the next one.
+        # An image stands for the time that is nearer to it than to its neighbours.
         around_ns = sensor.timing.period_ns // 2 if isinstance(sensor, _Camera) else 0
         times = (measurement.begin_ns - around_ns, measurement.end_ns + around_ns)
         by_lidar = isinstance(sensor, _Lidar)
@@ -89,7 +89,7 @@ class Sensing:
             cloud = make.cloud(stamp_ns, settings.frame_id, _cloud_fields(sweep))
             yield make.recorded(measurement.log_ns, settings.topic, stamp_ns, cloud)
         if sweep.packets is not None:
-            # What is in a packet is told by the sensor's clock, too.
+            # Times inside packets follow the sensor's clock, too.
             packets = sweep.packets.later(make.start_ns + stamp_ns - measurement.begin_ns)
             stamps_ns = packets.stamps_ns - make.start_ns
             scan = make.scan(stamp_ns, settings.frame_id, stamps_ns, packets.payload)
@@ -105,14 +105,16 @@ class Sensing:
         yield make.recorded(log_ns, settings.image_topic, stamp_ns, message)
         yield make.recorded(log_ns, settings.info_topic, stamp_ns, make.camera_info(stamp_ns, model))
         if settings.detector is not None:
-            found = detect(camera.device, image, settings.detector, measurement.number)
+            classes = [mover.class_name for mover in self._stage.scene.movers]
+            name, number = camera.device.name, measurement.number
+            found = detect(settings.detector, image, classes, name=name, number=number, seed=self._seed)
             boxes = make.detections_2d(stamp_ns, model.frame_id, found.xyxy, found.scores, found.class_names)
             late_ns = log_ns + round(settings.detector.delay_ms * 1e6)
             yield make.recorded(late_ns, settings.detector.topic, stamp_ns, boxes)
 
 
 def _due(sensor: _Lidar | _Camera, until_ns: int, begun_ns: int) -> Iterator[Measurement]:
-    """The measurements of a sensor that have ended by the first time, and begun before the second."""
+    """The next measurements of a sensor that end by `until_ns` and begin before `begun_ns`."""
     while (
         sensor.next.end_ns <= until_ns
         and sensor.next.begin_ns < begun_ns
@@ -129,7 +131,7 @@ def _measurement(timing: Timing, device: Lidar | Camera, number: int) -> Measure
 
 
 def _cloud_fields(sweep: Sweep) -> dict[str, Array]:
-    """The fields of the ROS velodyne driver: x y z intensity ring time; the kind of return, where there are two."""
+    """The fields of the ROS velodyne driver (x y z intensity ring time), and the return type in dual mode."""
     fields: dict[str, Array] = {
         "x": sweep.xyz[:, 0],
         "y": sweep.xyz[:, 1],

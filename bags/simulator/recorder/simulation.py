@@ -1,7 +1,7 @@
-"""A scenario as a stream of messages: everything moves, every sensor measures in its time, step by step.
+"""A scenario as a stream of messages, simulated step by step.
 
-The messages are the same whatever the steps and the number of workers: each measurement depends on the scenario, the
-seed and its own number alone.
+The messages do not depend on the steps or the number of workers: each measurement depends only on the scenario, the
+seed and its own number.
 """
 
 from collections import deque
@@ -24,11 +24,11 @@ __all__ = ["Simulation"]
 
 
 class Simulation:
-    """A scenario in motion; `bags.simulator.recorder.start.simulating` begins one.
+    """A running scenario; `bags.simulator.recorder.start.simulating` starts one.
 
     Args:
-        task: What is simulated, and which sensors measure in this process.
-        others: Where the other sensors measure.
+        task: The scenario, and the sensors of this process.
+        others: Processes with the other sensors.
     """
 
     def __init__(self, task: SensingTask, others: Sequence[SensingProcess] = ()) -> None:
@@ -46,36 +46,36 @@ class Simulation:
 
     @property
     def now_ns(self) -> int:
-        """How far it has gone."""
+        """Simulated time."""
         return max(self._now_ns, 0)
 
     @property
     def true_rig(self) -> Rig:
-        """The calibration as it really is."""
+        """The true calibration."""
         return true_rig(self.scenario, {name: camera_model(camera) for name, camera in self.scenario.cameras.items()})
 
     def state(self, vehicle: str) -> State:
-        """Where a vehicle is now."""
+        """The current state of a vehicle."""
         return self._stage.traffic.trajectories[vehicle].last
 
     def command(self, vehicle: str, command: AckermannCommand) -> None:
-        """Drive a vehicle from now on; the command holds until the next one."""
+        """Command a vehicle; it holds until the next command."""
         self._commands[vehicle] = command
 
     def run(self, duration_s: float) -> Iterator[list[Recorded]]:
-        """The messages of a whole recording, a step at a time, in the order in which they are recorded."""
+        """The messages of a whole recording, step by step, in the order of recording."""
         end_ns = round(duration_s * 1e9)
         while self._now_ns < end_ns:
             yield self.step(min(self.now_ns + STEP_NS, end_ns))
         yield self.finish()
 
     def step(self, until_ns: int) -> list[Recorded]:
-        """Go on to a moment; what was recorded until then."""
+        """Advance to a time; the messages recorded until then."""
         begin_ns, self._now_ns = self._now_ns, until_ns
         self._measure(until_ns, begun_ns=until_ns)
         self._waiting += self._states.between(begin_ns, until_ns)
         self._truths += moments(self.scenario.recording.truth_rate_hz, begin_ns, until_ns)
-        self._tell_truths(until_ns)
+        self._record_truths(until_ns)
         self._stage.forget(until_ns)
         self._measured = [one for one in self._measured if one.until_ns > until_ns - 2 * self._stage.longest_ns]
         self._waiting.sort(key=lambda recorded: recorded[:3])
@@ -84,17 +84,17 @@ class Simulation:
         return done
 
     def finish(self) -> list[Recorded]:
-        """The end: what was measured before it, or had begun then, and was not recorded yet."""
+        """End the simulation; the messages of all measurements begun by now that are not recorded yet."""
         end_ns = self._now_ns + self._stage.longest_ns
         self._measure(end_ns, begun_ns=self._now_ns)
-        while self._truths and self._truths[-1] >= self._now_ns:  # nothing measures at the end itself
+        while self._truths and self._truths[-1] >= self._now_ns:  # no sensor measures at the end itself
             self._truths.pop()
-        self._tell_truths(end_ns)
+        self._record_truths(end_ns)
         done, self._waiting = sorted(self._waiting, key=lambda recorded: recorded[:3]), []
         return done
 
     def _measure(self, until_ns: int, *, begun_ns: int) -> None:
-        """Have everything move on to a time, and measure."""
+        """Advance traffic and sensors to a time."""
         commands, self._commands = self._commands, {}
         for process in self._others:
             process.ask(until_ns, commands, begun_ns=begun_ns)
@@ -107,8 +107,8 @@ class Simulation:
         self._measured += measured
         self._waiting += [recorded for one in measured for recorded in one.recorded]
 
-    def _tell_truths(self, until_ns: int) -> None:
-        """The truth about moments of which all has been measured."""
+    def _record_truths(self, until_ns: int) -> None:
+        """Record the ground truth of times for which all measurements are complete."""
         while self._truths and self._truths[0] + self._stage.longest_ns <= until_ns:
             self._waiting.append(self._states.truth(self._truths.popleft(), self._measured))
 

@@ -1,15 +1,16 @@
-"""What a scenario puts into the world: what stands still, what moves, and where all of it is."""
+"""The world of a scenario, with all poses over time."""
 
 from collections.abc import Collection
 from functools import partial
 
 import numpy as np
 
-from bags.simulator.recorder.movers import SHAPES, build_mover
+from bags.simulator.recorder.movers import build_mover
 from bags.simulator.recorder.true_rig import carrier_frame
 from bags.simulator.scenario.scenario import Scenario
 from bags.simulator.scenario.sensors import SensorScenario
 from bags.simulator.vehicles.traffic import Traffic
+from bags.simulator.world.bodies.dimensions import SHAPES
 from bags.simulator.world.motion import FixedPath, MountedPath, Path
 from bags.simulator.world.places.places import ground_height, static_mesh
 from bags.simulator.world.scene import Scene
@@ -18,22 +19,22 @@ from pipeline.core.geometry.transform import Transform
 __all__ = ["Stage"]
 
 KEPT_NS = 1_000_000_000
-"""How long the past is kept beyond what measurements under way need."""
+"""The past is kept for this long beyond what measurements under way need."""
 
 
 class Stage:
-    """A scenario's world in motion.
+    """The world of a scenario in motion.
 
     Args:
-        scenario: What is there.
-        driven: Vehicles that stand at their start until `traffic.command` moves them.
+        scenario: The scenario.
+        driven: Vehicles that wait at their start for `traffic.command`.
 
     Attributes:
-        scenario: What is there.
-        traffic: Moves it; `traffic.advance` before anything is asked about a later time.
-        vehicles: All that moves but the ego vehicle, in the order of `scene.movers`.
-        scene: To cast rays at.
-        longest_ns: No measurement stands for what is there for longer than this.
+        scenario: The scenario.
+        traffic: The traffic; call `traffic.advance` before asking for a later time.
+        vehicles: All vehicles but the ego one, in the order of `scene.movers`.
+        scene: The scene to cast rays into.
+        longest_ns: No measurement spans more time than this.
     """
 
     def __init__(self, scenario: Scenario, *, driven: Collection[str] = ()) -> None:
@@ -48,31 +49,31 @@ class Stage:
         ]
         self._paths: dict[str, Path] = dict(trajectories) | {mover.name: mover.path for mover in movers}
         self.scene = Scene(world, movers)
-        periods_s = [1 / sensor.rate_hz for sensor in [*scenario.lidars.values(), *scenario.cameras.values()]]
-        # A tenth more: jitter, and sweeps that hold whole packets.
+        periods_s = [1 / sensor.rate_hz for sensor in scenario.sensors.values()]
+        # A tenth more, for jitter and sweeps of whole packets.
         self.longest_ns = round(1.1e9 * max(periods_s, default=0.0))
 
     def sensor_path(self, sensor: SensorScenario) -> Path:
-        """Where a sensor's body (x forward) is."""
+        """Path of a sensor's body (x forward)."""
         place = sensor.T_carrier_body(carrier_frame(self.scenario, sensor))
         if not sensor.mounted_on:
             return FixedPath(place)
         return MountedPath(self.traffic.trajectories[sensor.mounted_on], place)
 
     def T_site_base(self, vehicle: str, frame: str, time_ns: int) -> Transform:
-        """Where a vehicle's base frame is, under a name."""
+        """Pose of a vehicle's base frame, which the transform names `frame`."""
         pose = self._paths[vehicle].poses(np.array([time_ns], np.int64))
         matrix = np.eye(4)
         matrix[:3, :3], matrix[:3, 3] = pose.rotation[0], pose.translation[0]
         return Transform(self.scenario.site_frame, frame, matrix)
 
     def T_site_box(self, vehicle: str, frame: str, time_ns: int) -> Transform:
-        """Where the middle of a vehicle's box is, under a name."""
+        """Pose of the centre of a vehicle's box, which the transform names `frame`."""
         center = np.eye(4)
         center[:3, 3] = SHAPES[self.scenario.vehicles[vehicle].shape].box_center_m
         base = self.T_site_base(vehicle, frame, time_ns)
         return Transform(base.dst, frame, base.matrix @ center)
 
     def forget(self, before_ns: int) -> None:
-        """Let go of what nothing that is measured or told after a time will ask for."""
+        """Drop the past that no measurement or message after `before_ns` needs."""
         self.traffic.forget(before_ns - 2 * self.longest_ns - KEPT_NS)

@@ -1,4 +1,4 @@
-"""Begin a simulation: its other processes first, then what this one needs itself: libraries load side by side."""
+"""Starting a simulation: worker processes first, so that all processes load their libraries in parallel."""
 
 import os
 from collections.abc import Collection, Iterator
@@ -24,13 +24,13 @@ def simulating(
     workers: int | None = None,
     driven: Collection[str] = (),
 ) -> Iterator["Simulation"]:
-    """A scenario in motion.
+    """A running simulation.
 
     Args:
-        scenario: What is simulated.
-        ros_version: Whose messages.
-        workers: Processes that share the sensors, this one among them; None: as many as there are cores.
-        driven: Vehicles that stand at their start until `Simulation.command` moves them.
+        scenario: The scenario.
+        ros_version: ROS version of the messages.
+        workers: Number of processes that share the sensors, including this one; None for one per core.
+        driven: Vehicles that wait at their start for `Simulation.command`.
     """
     mine, *others = shared_out(scenario, os.cpu_count() or 1 if workers is None else workers)
     with ExitStack() as stack:

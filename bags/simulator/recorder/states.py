@@ -1,4 +1,4 @@
-"""What is known without sensors: the vehicles' motion, their commands, and the truth about what is there."""
+"""Messages that come from no sensor: odometry, tf, commands and ground truth."""
 
 from collections.abc import Iterable, Iterator
 from typing import Any
@@ -18,42 +18,42 @@ __all__ = ["TRUTH_TOPIC", "States", "moments"]
 TRUTH_TOPIC = "/ground_truth/objects"
 
 LATENCY_NS = 1_000_000
-"""From a vehicle's state to its message in the recording."""
+"""From a vehicle's state to the recording of its message."""
 
 TURN_NS = 10_000_000
-"""Over which the rate of turn is taken."""
+"""Interval over which the yaw rate is measured."""
 
 
 class States:
-    """Tells how a stage is.
+    """Makes the messages about the state of a stage.
 
     Args:
-        stage: What is there.
-        messages: Makes the messages.
+        stage: The stage.
+        messages: Factory of the messages.
     """
 
     def __init__(self, stage: Stage, messages: MessageFactory) -> None:
         self._stage, self._messages = stage, messages
 
     def between(self, begin_ns: int, until_ns: int) -> Iterator[Recorded]:
-        """Odometry, tf and commands of the vehicles at the moments after `begin_ns` up to `until_ns`."""
+        """Odometry, tf and commands of all vehicles, at times after `begin_ns` up to `until_ns`."""
         settings = self._stage.scenario.recording
         for name, vehicle in self._stage.scenario.vehicles.items():
             for time_ns in moments(settings.odometry_rate_hz, begin_ns, until_ns):
                 if vehicle.ego:
                     yield from self._ego_motion(name, time_ns, odometry=vehicle.odometry)
                 elif vehicle.odometry:
-                    yield self._told(f"/{name}/base_pose_ground_truth", time_ns, self._odometry(name, time_ns))
+                    yield self._message(f"/{name}/base_pose_ground_truth", time_ns, self._odometry(name, time_ns))
             if vehicle.commands:
                 for time_ns in moments(settings.command_rate_hz, begin_ns, until_ns):
                     yield from self._commands(name, time_ns)
 
     def truth(self, time_ns: int, measured: Iterable[Measured]) -> Recorded:
-        """What is there at a moment, recorded when every sensor that was measuring then has finished.
+        """The ground truth at one time, recorded once all measurements of that time are complete.
 
         Args:
-            time_ns: The moment.
-            measured: Among them the measurements of that moment.
+            time_ns: The time.
+            measured: Measurements, those that span the time among them.
         """
         stage = self._stage
         points, pixels = (np.zeros(len(stage.vehicles), np.int64) for _ in range(2))
@@ -74,42 +74,42 @@ class States:
         message = self._messages.truth(time_ns, stage.scenario.site_frame, objects)
         return self._messages.recorded(time_ns + stage.longest_ns, TRUTH_TOPIC, time_ns, message)
 
-    def _told(self, topic: str, time_ns: int, message: Any, *, after: int = 1) -> Recorded:
+    def _message(self, topic: str, time_ns: int, message: Any, *, after: int = 1) -> Recorded:
         return self._messages.recorded(time_ns + after * LATENCY_NS, topic, time_ns, message)
 
     def _ego_motion(self, name: str, time_ns: int, *, odometry: bool) -> Iterator[Recorded]:
         pose = self._stage.T_site_base(name, EGO_FRAME, time_ns)
-        yield self._told("/tf", time_ns, self._messages.transforms(time_ns, [pose]))
+        yield self._message("/tf", time_ns, self._messages.transforms(time_ns, [pose]))
         if odometry:
             speed, turn = self._speeds(name, time_ns)
-            yield self._told("/odom", time_ns, self._messages.odometry(time_ns, pose, (speed, 0.0, turn)))
+            yield self._message("/odom", time_ns, self._messages.odometry(time_ns, pose, (speed, 0.0, turn)))
 
     def _odometry(self, name: str, time_ns: int) -> Any:
-        """The pose of the middle of a vehicle's box, as the original's ground truth has it."""
+        """Odometry of the centre of a vehicle's box, as in the predecessor system."""
         ahead_m = SHAPES[self._stage.scenario.vehicles[name].shape].box_center_m[0]
         speed, turn = self._speeds(name, time_ns)
         pose = self._stage.T_site_box(name, name, time_ns)
         return self._messages.odometry(time_ns, pose, (speed, turn * ahead_m, turn))
 
     def _speeds(self, name: str, time_ns: int) -> tuple[float, float]:
-        """Along the heading (m/s), and of turning (rad/s)."""
+        """Speed along the heading (m/s), and yaw rate (rad/s)."""
         path = self._stage.traffic.trajectories[name]
         before, now = path.state(max(time_ns - TURN_NS, 0)), path.state(time_ns)
         return now.speed_m_s, (now.yaw_rad - before.yaw_rad) / (TURN_NS * 1e-9)
 
     def _commands(self, name: str, time_ns: int) -> Iterator[Recorded]:
-        """What the driver asks for, and what that makes of the six controllers."""
+        """The driver's command, and the six controller commands that follow from it."""
         command = self._stage.traffic.command_at(name, time_ns)
         speed, steering = command.speed_m_s, command.steering_rad
         drive = self._messages.drive(time_ns, name, speed_m_s=speed, steering_rad=steering)
-        yield self._told(command_topic(name), time_ns, drive)
-        values = self._stage.traffic.chassis[name].controllers(command).values
+        yield self._message(command_topic(name), time_ns, drive)
+        values = self._stage.traffic.chassis[name].controllers(command)
         for topic, value in zip(controller_topics(name), values, strict=True):
-            yield self._told(topic, time_ns, self._messages.number(value), after=2)
+            yield self._message(topic, time_ns, self._messages.number(value), after=2)
 
 
 def moments(rate_hz: float, begin_ns: int, until_ns: int) -> Iterator[int]:
-    """Times of a steady rate after `begin_ns` up to `until_ns`; 0 is the first of all."""
+    """Times at a fixed rate after `begin_ns` up to `until_ns`; the first of all is 0."""
     if rate_hz <= 0:
         return
     number = 0 if begin_ns < 0 else int(begin_ns * rate_hz / 1e9)

@@ -1,4 +1,4 @@
-"""What a process of a simulation is told to do."""
+"""The work of one simulation process."""
 
 from typing import NamedTuple
 
@@ -9,13 +9,13 @@ __all__ = ["SensingTask"]
 
 
 class SensingTask(NamedTuple):
-    """What a process of a simulation has to do.
+    """The work of one simulation process.
 
     Attributes:
-        scenario: What is simulated.
-        driven: Vehicles that stand at their start until they are driven.
-        ros_version: Whose messages.
-        names: Its sensors.
+        scenario: The scenario.
+        driven: Vehicles that wait at their start for commands.
+        ros_version: ROS version of the messages.
+        names: Names of the sensors to simulate.
     """
 
     scenario: Scenario

@@ -1,1 +1,1 @@
-"""Scenarios: what a simulated recording is made of."""
+"""Scenarios: the settings of a simulated recording."""

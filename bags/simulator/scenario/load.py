@@ -1,4 +1,4 @@
-"""Scenarios from files: those that come with lidcam, and people's own."""
+"""Loading scenarios, bundled ones or YAML files."""
 
 from pathlib import Path
 from typing import Any
@@ -14,17 +14,17 @@ __all__ = ["load_scenario", "scenario_names"]
 
 
 def scenario_names() -> list[str]:
-    """The scenarios that come with lidcam."""
+    """Names of the bundled scenarios."""
     return sorted(path.stem for path in _folder().glob("*.yaml"))
 
 
 def load_scenario(name: str, overrides: tuple[str, ...] = ()) -> Scenario:
-    """A scenario by its name or by the path of a YAML file, then single values `a.b=value`.
+    """The scenario of this name or YAML file, with overrides of single values, `a.b=value`.
 
-    `*` in place of a name stands for all of them: `cameras.*.rate_hz=5`.
+    In an override `*` matches every name: `cameras.*.rate_hz=5`.
 
     Raises:
-        ConfigError: there is none of this name, the file cannot be read, a key is unknown, or a value does not fit.
+        ConfigError: the name is unknown, the file cannot be read, or a key or value is not valid.
     """
     path = Path(name)
     if path.suffix not in {".yaml", ".yml"}:
@@ -41,15 +41,15 @@ def load_scenario(name: str, overrides: tuple[str, ...] = ()) -> Scenario:
 
 
 def _for_each(tree: dict[str, Any], override: str) -> list[str]:
-    """An override for each of the names that a `*` in its key stands for."""
+    """The override with each `*` in its key expanded to every name."""
     key, equals, value = override.partition("=")
     if key.startswith("*"):
-        raise ConfigError(f"--set {override}: name the section, as in cameras.*.rate_hz")
+        raise ConfigError(f"--set {override}: expected a section before the first *, as in cameras.*.rate_hz")
     keys = [""]
     for part in key.split("."):
         keys = [f"{before}{name}." for before in keys for name in (_names_at(tree, before) if part == "*" else [part])]
     if not keys:
-        raise ConfigError(f"--set {override}: * stands for nothing there")
+        raise ConfigError(f"--set {override}: expected names for * to match, found none")
     return [found.removesuffix(".") + equals + value for found in keys]
 
 
@@ -61,7 +61,7 @@ def _names_at(tree: dict[str, Any], path: str) -> list[str]:
 
 
 def _folder() -> Path:
-    """Of the scenarios: inside the package where it is installed, in `config/` where it is worked on."""
+    """The folder of bundled scenarios: in the installed package, or `config/` in a checkout."""
     package = Path(__file__).parents[2]
     installed = package / "scenarios"
     return installed if installed.is_dir() else package.parent / "config" / "scenarios"

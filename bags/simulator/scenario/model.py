@@ -1,4 +1,4 @@
-"""What every part of a scenario is built from."""
+"""Value types of scenario settings."""
 
 from typing import Annotated
 
@@ -7,7 +7,7 @@ from pydantic import Field
 __all__ = ["Metres", "Name", "Topic", "Vector"]
 
 Metres = Annotated[float, Field(ge=-1e5, le=1e5)]
-"""Of places: further out, single precision knows no millimetres."""
+"""A coordinate: further out, single precision cannot hold millimetres."""
 Vector = tuple[float, float, float]
 Topic = Annotated[str, Field(pattern=r"^/[A-Za-z_]\w*(/\w+)*$")]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z_]\w*$")]

@@ -1,7 +1,7 @@
-"""Scenarios: what a simulated recording is made of, as YAML that people copy and change.
+"""Scenarios: the settings of a simulated recording, as YAML that people copy and change.
 
-Every model refuses unknown keys. Units stand in the names. Frames: the world's is the site's (x forward, y left, z up);
-a sensor that is mounted on a vehicle has its place in the vehicle's base frame (on the ground below the rear axle).
+Unknown keys are refused; names carry units. The world frame is the site frame (x forward, y left, z up). A sensor
+mounted on a vehicle is placed in the vehicle's base frame (on the ground below the rear axle).
 """
 
 from collections.abc import Iterable
@@ -17,17 +17,17 @@ from pipeline.core.settings.model import NotNegative, Positive, SettingsModel
 __all__ = ["EGO_FRAME", "RecordingScenario", "Scenario", "SunScenario", "listed"]
 
 EGO_FRAME = "base_link"
-"""Of the vehicle that carries sensors (REP 105)."""
+"""Base frame of the vehicle that carries sensors (REP 105)."""
 OWN_TOPICS = ("/tf", "/tf_static", "/odom", "/ground_truth/objects")
 
 
 class RecordingScenario(SettingsModel):
-    """What is recorded beside the sensors, and how.
+    """Rates of the messages that come from no sensor.
 
     Attributes:
-        truth_rate_hz: Of /ground_truth/objects; 0 records none.
-        odometry_rate_hz: Of the vehicles' odometry and tf.
-        command_rate_hz: Of the vehicles' commands.
+        truth_rate_hz: Rate of /ground_truth/objects; 0 records none.
+        odometry_rate_hz: Rate of the vehicles' odometry and tf.
+        command_rate_hz: Rate of the vehicles' commands.
     """
 
     truth_rate_hz: NotNegative = 10.0
@@ -36,11 +36,11 @@ class RecordingScenario(SettingsModel):
 
 
 class SunScenario(SettingsModel):
-    """Where the light comes from.
+    """The direction of sunlight.
 
     Attributes:
         azimuth_deg: Counter-clockwise from +x.
-        elevation_deg: Above the ground.
+        elevation_deg: Above the horizon.
         shadows: Whether it casts shadows.
     """
 
@@ -54,17 +54,17 @@ class Scenario(SettingsModel):
 
     Attributes:
         description: One line for people.
-        world: What stands still.
-        site_frame: Frame of the world in the messages.
-        start_unix_s: Time of the first moment, seconds since 1970; a header counts to 2038.
-        duration_s: Length of the recording, if nothing else is asked for.
-        seed: Of all random numbers.
-        sun: Light.
-        routes: Ways for traffic, by name.
-        vehicles: What moves, by name.
-        lidars: By name.
-        cameras: By name.
-        recording: What else is recorded.
+        world: The static world.
+        site_frame: Name of the world frame in messages.
+        start_unix_s: Start time, seconds since 1970; headers end in 2038.
+        duration_s: Default length of the recording.
+        seed: Seed of all random numbers.
+        sun: The sun.
+        routes: Routes for traffic, by name.
+        vehicles: Vehicles, cyclists and pedestrians, by name.
+        lidars: Lidars by name.
+        cameras: Cameras by name.
+        recording: Rates of all other messages.
     """
 
     description: str = ""
@@ -90,14 +90,14 @@ class Scenario(SettingsModel):
             if vehicle.route and vehicle.keys:
                 raise ValueError(f"vehicles.{name}: expected a route or keys, found both")
             if vehicle.shape == "pedestrian" and (vehicle.commands or vehicle.keys or vehicle.ego):
-                raise ValueError(f"vehicles.{name}: expected a route for a pedestrian, whom nobody drives")
+                raise ValueError(f"vehicles.{name}: expected a route for a pedestrian, found keys, commands or ego")
         for name, route in self.routes.items():
             for other in route.yields_to:
                 if other not in self.routes:
                     raise ValueError(f"routes.{name}.yields_to: expected one of {listed(self.routes)}, found {other!r}")
         egos = [name for name, vehicle in self.vehicles.items() if vehicle.ego]
         if len(egos) > 1:
-            raise ValueError(f"vehicles: expected one ego at most, found {listed(egos)}")
+            raise ValueError(f"vehicles: expected at most one ego, found {listed(egos)}")
         return self
 
     @model_validator(mode="after")
@@ -107,19 +107,26 @@ class Scenario(SettingsModel):
                 raise ValueError(f"{name}.mounted_on: expected the ego vehicle or nothing, found {sensor.mounted_on!r}")
         for name, lidar in ((f"lidars.{key}", value) for key, value in self.lidars.items()):
             if lidar.output != "points" and (lidar.model == "linear" or not lidar.packets_topic):
-                raise ValueError(f"{name}: packets need a Velodyne model and a packets_topic")
+                raise ValueError(
+                    f"{name}: expected a Velodyne model and a packets_topic for packets, found {lidar.model}"
+                )
             if lidar.output != "points" and lidar.firing_stride != 1:
-                raise ValueError(f"{name}: packets hold every firing: expected firing_stride 1")
+                expected = "expected 1 for packets, which hold every firing"
+                raise ValueError(f"{name}.firing_stride: {expected}, found {lidar.firing_stride}")
             if lidar.elevation_deg[0] >= lidar.elevation_deg[1]:
                 raise ValueError(f"{name}.elevation_deg: expected the lower one first, found {lidar.elevation_deg}")
             of_linear = {key: LidarScenario.model_fields[key].default for key in ("beams", "elevation_deg", "columns")}
             for key, default in of_linear.items():
-                if lidar.model != "linear" and getattr(lidar, key) != default:
-                    raise ValueError(f"{name}.{key}: is for the model `linear`; a {lidar.model} has its own")
+                found = getattr(lidar, key)
+                if lidar.model != "linear" and found != default:
+                    raise ValueError(
+                        f"{name}.{key}: expected no value for a {lidar.model}, found {found}; use `linear`"
+                    )
         for name, camera in ((f"cameras.{key}", value) for key, value in self.cameras.items()):
-            if len(camera.distortion) > COEFFICIENTS[camera.distortion_model]:
-                most = f"{camera.distortion_model} has {COEFFICIENTS[camera.distortion_model]} coefficients"
-                raise ValueError(f"{name}.distortion: {most}, found {len(camera.distortion)}")
+            limit = COEFFICIENTS[camera.distortion_model]
+            if len(camera.distortion) > limit:
+                expected = f"expected at most {limit} coefficients for {camera.distortion_model}"
+                raise ValueError(f"{name}.distortion: {expected}, found {len(camera.distortion)}")
         return self
 
     @model_validator(mode="after")
@@ -133,27 +140,27 @@ class Scenario(SettingsModel):
             owner: dict[str, str] = {}
             for name, word in used:
                 if word in owner and (kind == "topic" or owner[word] != name):
-                    raise ValueError(f"{name}: {word!r} is a {kind} of {owner[word]}, too")
+                    raise ValueError(f"{name}: {word!r} is also a {kind} of {owner[word]}")
                 owner[word] = name
         return self
 
     @property
     def sensors(self) -> dict[str, LidarScenario | CameraScenario]:
-        """Lidars, then cameras, by the name that messages about them give: `lidars.top`."""
+        """Lidars, then cameras, by their full names, as in `lidars.top`."""
         lidars = {f"lidars.{name}": lidar for name, lidar in self.lidars.items()}
         return {**lidars, **{f"cameras.{name}": camera for name, camera in self.cameras.items()}}
 
     @property
     def ego(self) -> str:
-        """Name of the vehicle that carries the sensors; empty where these are fixed to the site."""
+        """Name of the vehicle that carries the sensors; empty if they are fixed to the site."""
         return next((name for name, vehicle in self.vehicles.items() if vehicle.ego), "")
 
     @property
     def start_ns(self) -> int:
-        """Time of the first moment."""
+        """Start time."""
         return self.start_unix_s * 10**9
 
 
 def listed(names: Iterable[str]) -> str:
-    """Names for a message."""
+    """Names in an error message."""
     return ", ".join(names) or "none"

@@ -1,4 +1,4 @@
-"""Lidars and cameras of a scenario, and their faults."""
+"""Settings of lidars and cameras, faults included."""
 
 from typing import Annotated, Literal
 
@@ -12,15 +12,15 @@ from pipeline.core.settings.model import Count, NotNegative, Positive, SettingsM
 __all__ = ["COEFFICIENTS", "CameraScenario", "Detector2DScenario", "LidarScenario", "Miscalibration", "SensorScenario"]
 
 COEFFICIENTS = {"plumb_bob": 5, "rational_polynomial": 8, "equidistant": 4}
-"""Of the distortion models, as CameraInfo has them."""
+"""Number of coefficients of each distortion model in CameraInfo."""
 
 
 class Miscalibration(SettingsModel):
-    """By how much the recorded extrinsics of a sensor are wrong.
+    """The error of a sensor's recorded extrinsics.
 
     Attributes:
-        rpy_deg: Roll, pitch, yaw in the frame of the sensor's body (x forward, y left, z up).
-        xyz_cm: Shift in that frame.
+        rpy_deg: Roll, pitch, yaw in the sensor's body frame (x forward, y left, z up).
+        xyz_cm: Offset in that frame.
     """
 
     rpy_deg: Vector = (0.0, 0.0, 0.0)
@@ -28,23 +28,23 @@ class Miscalibration(SettingsModel):
 
 
 class SensorScenario(SettingsModel):
-    """What every sensor has: a place, a clock, and faults.
+    """Pose, timing and faults of a sensor.
 
     Attributes:
-        topic: Of its measurements.
-        frame_id: In its messages and in tf.
-        mounted_on: Name of a vehicle; empty: fixed to the site.
-        position_m: Its place.
+        topic: Topic of its measurements.
+        frame_id: Its frame in messages and tf.
+        mounted_on: Name of the ego vehicle; empty if fixed to the site.
+        position_m: Position.
         rpy_deg: Roll, pitch, yaw (about fixed x, y, z) of its body: x forward, y left, z up. A camera looks along x.
         rate_hz: Measurements per second.
-        phase_ms: The first measurement begins this long after the scenario.
-        jitter_ms: Standard deviation of the moment of measurement.
-        clock_offset_ms: Its clock runs ahead of the true time by this: stamps are wrong by it.
-        drop_rate: Share of its messages that are lost.
-        log_delay_ms: A message is recorded this long after its measurement ended; an image, after its stamp.
-        log_jitter_ms: Standard deviation of that delay (never negative); large ones let messages overtake each other.
-        dies_at_s: No measurement begins at or after this time of the scenario.
-        miscalibration: What is wrong with its recorded extrinsics.
+        phase_ms: Start of the first measurement, after the start of the scenario.
+        jitter_ms: Standard deviation of the measurement time.
+        clock_offset_ms: Its clock is ahead of true time by this, and so are its stamps.
+        drop_rate: Share of lost messages.
+        log_delay_ms: Time from the end of a measurement (for an image, from its stamp) to its recording.
+        log_jitter_ms: Standard deviation of that delay, which is never negative; messages may overtake each other.
+        dies_at_s: No measurement starts at or after this time of the scenario.
+        miscalibration: Error of its recorded extrinsics.
     """
 
     topic: Topic
@@ -63,30 +63,30 @@ class SensorScenario(SettingsModel):
     miscalibration: Miscalibration = Miscalibration()
 
     def T_carrier_body(self, carrier_frame: str) -> Transform:
-        """The true place of the sensor's body (x forward) on what carries it."""
+        """The true pose of the sensor's body (x forward) on its carrier."""
         turn = Rotation.from_euler("xyz", self.rpy_deg, degrees=True)
         return Transform.from_quaternion(carrier_frame, self.frame_id, self.position_m, turn.as_quat())
 
 
 class LidarScenario(SensorScenario):
-    """A lidar that turns.
+    """A spinning lidar.
 
     Attributes:
         model: A Velodyne model of `readers.velodyne.models`, or `linear`: evenly spread beams.
         beams: Number of beams of a `linear` lidar.
         elevation_deg: Lowest and highest beam of a `linear` lidar.
-        columns: Firings per turn of a `linear` lidar; the other models fire at their own pace.
-        firing_stride: Only every n-th firing is recorded, for small files (points only).
-        start_azimuth_deg: Where a sweep begins, clockwise from the front.
+        columns: Firings per turn of a `linear` lidar; other models have a fixed firing rate.
+        firing_stride: Record only every n-th firing, for small files (points only).
+        start_azimuth_deg: Azimuth where a sweep starts, clockwise from the front.
         output: `points` (PointCloud2 on `topic`), `packets` (velodyne_msgs/VelodyneScan on `packets_topic`) or `both`.
         packets_topic: Topic of the packets.
-        return_mode: Which echoes are recorded where a beam meets an edge.
+        return_mode: Which echoes of a beam are recorded.
         divergence_mrad: Full angle of a beam.
-        echo_separation_m: Two surfaces in one beam make two echoes if they are further apart than this.
-        min_range_m: Nothing nearer is measured.
-        max_range_m: A white surface is seen this far; darker ones less far.
-        range_noise_m: Standard deviation.
-        dropout: Share of the echoes that are lost for no reason.
+        echo_separation_m: Surfaces in one beam that are further apart than this give separate echoes.
+        min_range_m: Shortest range.
+        max_range_m: Longest range of a white surface; darker ones have a shorter one.
+        range_noise_m: Standard deviation of ranges.
+        dropout: Share of echoes lost at random.
     """
 
     model: Literal["VLP-16", "Puck Hi-Res", "HDL-32E", "VLP-32A", "VLP-32B", "VLP-32C", "linear"] = "VLP-16"
@@ -107,22 +107,22 @@ class LidarScenario(SensorScenario):
 
     @property
     def topics(self) -> list[str]:
-        """Where its messages are."""
+        """Topics of its messages."""
         both = {"points": [self.topic], "packets": [self.packets_topic], "both": [self.topic, self.packets_topic]}
         return both[self.output]
 
 
 class Detector2DScenario(SettingsModel):
-    """A 2D detector that errs, instead of a network.
+    """A simulated 2D detector with errors.
 
     Attributes:
-        topic: Of its vision_msgs/Detection2DArray.
-        delay_ms: Recorded this long after the image.
-        pixel_noise_px: Standard deviation of each edge.
-        miss_rate: Share of the visible things that it misses.
-        false_per_image: False boxes per image on average.
-        min_visible: A thing of which less than this share is visible is not found.
-        min_height_px: Neither is one whose box is lower than this.
+        topic: Topic of its vision_msgs/Detection2DArray.
+        delay_ms: Time from the recording of the image to that of its detections.
+        pixel_noise_px: Standard deviation of each box edge.
+        miss_rate: Share of visible objects that it misses.
+        false_per_image: Mean number of false boxes per image.
+        min_visible: Objects with a smaller visible share are not detected.
+        min_height_px: Objects with a lower box are not detected.
     """
 
     topic: Topic
@@ -135,23 +135,23 @@ class Detector2DScenario(SettingsModel):
 
 
 class CameraScenario(SensorScenario):
-    """A camera; the frame of its messages is the optical one (z forward, x right, y down).
+    """A camera; its `frame_id` is the optical frame (z forward, x right, y down).
 
     Attributes:
-        info_topic: Of its sensor_msgs/CameraInfo.
-        width_px: Columns.
-        height_px: Rows.
+        info_topic: Topic of its sensor_msgs/CameraInfo.
+        width_px: Image width.
+        height_px: Image height.
         focal_px: fx and fy.
-        center_px: cx and cy; empty: the middle of the image.
+        center_px: cx and cy; None for the middle of the image.
         distortion_model: As in CameraInfo.
-        distortion: Coefficients in its order; what is left out is 0.
-        exposure_ms: Light is gathered this long; the stamp is the middle.
-        motion_blur: Whether what moves is blurred by the exposure.
-        gain: Brightness.
-        noise: Standard deviation of a pixel's value, of 255.
+        distortion: Coefficients in the order of CameraInfo; missing ones are 0.
+        exposure_ms: Exposure time; the stamp is its middle.
+        motion_blur: Whether motion during the exposure is blurred.
+        gain: Brightness factor.
+        noise: Standard deviation of pixel values (0 to 255).
         output: `jpeg` (CompressedImage on `topic`/compressed) or `raw` (Image on `topic`, rgb8).
         jpeg_quality: 1 to 100.
-        detector: A simulated detector that looks at it.
+        detector: A simulated detector on its images.
     """
 
     info_topic: Topic
@@ -171,15 +171,15 @@ class CameraScenario(SensorScenario):
 
     @property
     def image_topic(self) -> str:
-        """Where its images are."""
+        """Topic of its images."""
         return f"{self.topic}/compressed" if self.output == "jpeg" else self.topic
 
     @property
     def topics(self) -> list[str]:
-        """Where its messages are."""
+        """Topics of its messages."""
         return [self.image_topic, self.info_topic, *([self.detector.topic] if self.detector else [])]
 
     @property
     def coefficients(self) -> tuple[float, ...]:
-        """All of the distortion model's."""
+        """All coefficients of the distortion model."""
         return (*self.distortion, *[0.0] * (COEFFICIENTS[self.distortion_model] - len(self.distortion)))

@@ -1,4 +1,4 @@
-"""Vehicles and people of a scenario, and their ways."""
+"""Settings of vehicles, cyclists, pedestrians and their routes."""
 
 from typing import Literal
 
@@ -10,13 +10,13 @@ __all__ = ["RouteScenario", "VehicleScenario"]
 
 
 class RouteScenario(SettingsModel):
-    """A way over the ground that traffic follows.
+    """A route that traffic follows.
 
     Attributes:
-        points_m: Corners x, y; they are rounded off. A third number is the radius of that corner alone.
-        closed: Whether the last point leads to the first.
-        corner_radius_m: How much corners are rounded off.
-        yields_to: Routes whose traffic goes first where the two cross.
+        points_m: Corners x, y, which are rounded. A third number is the radius of that corner.
+        closed: Whether the last point leads back to the first.
+        corner_radius_m: Radius of all other corners.
+        yields_to: Routes whose traffic has right of way where the two cross.
     """
 
     points_m: tuple[tuple[Metres, Metres] | tuple[Metres, Metres, NotNegative], ...]
@@ -26,22 +26,22 @@ class RouteScenario(SettingsModel):
 
 
 class VehicleScenario(SettingsModel):
-    """Something that moves: who drives it, where from, how fast.
+    """A vehicle, cyclist or pedestrian: its looks, start and driver.
 
     Attributes:
-        shape: What it looks like (`bags.simulator.recorder.movers`).
-        color: Its paint, each in [0, 1].
-        start: x, y in metres, and yaw in degrees of its base frame (below the rear axle, or below the middle of one
-            that has none); on a route it counts only where somebody takes over (`lidcam drive`).
-        route: Name of a route; it drives along it by itself.
-        route_start_m: Where on the route it begins.
-        speed_m_s: How fast, on a route.
-        keys: Keys that drive it instead (`w s a d x`), `key_interval_s` each, from the start.
+        shape: Its body (`bags.simulator.world.bodies.dimensions`).
+        color: Colour of its paint or jacket, each in [0, 1].
+        start: x, y in metres and yaw in degrees of its base frame (below the rear axle, or below the middle of a
+            pedestrian); with a route it is used only under remote control (`lidcam drive`).
+        route: Name of a route to follow.
+        route_start_m: Start position along the route.
+        speed_m_s: Cruising speed on the route.
+        keys: Keys that drive it instead (`w s a d x`), one every `key_interval_s` from the start.
         key_interval_s: Time from one key to the next.
-        odometry: Record nav_msgs/Odometry: the true pose of the middle of its box on /NAME/base_pose_ground_truth; that
-            of `base_link` on /odom, if it is the ego vehicle.
+        odometry: Record nav_msgs/Odometry: the true pose of the centre of its box on /NAME/base_pose_ground_truth; for
+            the ego vehicle that of `base_link` on /odom.
         commands: Record its ackermann_msgs/AckermannDriveStamped and the six Float64 commands of its controllers.
-        ego: It carries sensors and is the frame that tf leads to (`odom` to `base_link`); it is no object of the truth.
+        ego: It carries the sensors; tf has its pose (`odom` to `base_link`), the ground truth does not.
     """
 
     shape: Literal["model_car", "car", "van", "truck", "bus", "cyclist", "pedestrian"] = "car"
@@ -57,6 +57,6 @@ class VehicleScenario(SettingsModel):
     ego: bool = False
 
     def topics(self, name: str) -> list[str]:
-        """Where its messages are, under its name."""
+        """Topics of its messages."""
         odometry = [f"/{name}/base_pose_ground_truth"] if self.odometry and not self.ego else []
         return [*odometry, *([command_topic(name), *controller_topics(name)] if self.commands else [])]

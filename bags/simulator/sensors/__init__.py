@@ -1,1 +1,1 @@
-"""What measures: lidars and cameras, their timing and their faults."""
+"""Simulated lidars and cameras, their timing and their faults."""

@@ -1,4 +1,4 @@
-"""How much of the sky's light reaches surfaces between other things (ambient occlusion), on a coarse grid of pixels."""
+"""Ambient occlusion: the share of skylight that reaches surfaces, on a coarse pixel grid."""
 
 import cv2
 import numpy as np
@@ -10,20 +10,20 @@ __all__ = ["sky_light"]
 
 
 GRID_PX = 4
-"""The sky's light changes slowly over a surface: it is worked out for every fourth pixel of every fourth row."""
+"""Skylight varies slowly: it is sampled at every fourth pixel of every fourth row."""
 DIRECTIONS = 20
 AXIS_X, AXIS_Z = np.array([1, 0, 0], np.float32), np.array([0, 0, 1], np.float32)
 LEAST = 0.35
-"""Share of the light that reaches a point that sees no sky at all: what is around it sends some back."""
+"""Share of light at a point that sees no sky: its surroundings reflect some."""
 
 
 def sky_light(scene: Scene, points: F32, normals: F32) -> F32:
-    """Share (H, W) of the sky's light, at most 1, that comes past what stands still to what pixels show.
+    """Share (H, W) of skylight, at most 1, that the static world lets through to the surface of each pixel.
 
     Args:
-        scene: The world.
-        points: (H, W, 3) metres, a little above the surface.
-        normals: (H, W, 3) of the surface; 0 where there is none.
+        scene: The scene.
+        points: (H, W, 3) metres, slightly above the surface.
+        normals: (H, W, 3) normals of the surface; 0 where there is none.
     """
     height, width, _ = points.shape
     rows, columns = np.arange(GRID_PX // 2, height, GRID_PX), np.arange(GRID_PX // 2, width, GRID_PX)
@@ -36,12 +36,12 @@ def sky_light(scene: Scene, points: F32, normals: F32) -> F32:
     along = np.cross(up, across)
     free, asked = np.zeros(len(up)), np.zeros(len(up))
     for step in range(DIRECTIONS):
-        # Points of a sunflower's disc, lifted to the half sphere: as dense as Lambert's law weighs them.
+        # A sunflower disc projected to the half sphere: the density follows Lambert's law.
         radius, turn = np.sqrt((step + 0.5) / DIRECTIONS), step * np.pi * (3 - np.sqrt(5))
         x, y, z = radius * np.cos(turn), radius * np.sin(turn), np.sqrt(1 - radius * radius)
         directions = x * across + y * along + z * up
-        asking = np.flatnonzero(directions[:, 2] > 0.02)  # the ground's light does not come from the sky
-        blocked = scene.static_between(starts.take(asking, 0), directions.take(asking, 0))
+        asking = np.flatnonzero(directions[:, 2] > 0.02)  # light from the ground is not skylight
+        blocked = scene.static_occludes(starts.take(asking, 0), directions.take(asking, 0))
         asked[asking] += 1
         free[asking] += ~blocked
     share = np.where(asked > 0, free / np.maximum(asked, 1), 1.0).astype(np.float32).reshape(len(rows), len(columns))

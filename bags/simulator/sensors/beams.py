@@ -1,13 +1,11 @@
-"""Where the beams of a turning lidar point, and when, sweep by sweep.
+"""Directions and times of the beams of a spinning lidar, sweep by sweep.
 
-A Velodyne's sweep is made of whole packets: it begins with the first packet of its turn. A `linear` lidar has as many
-firings per turn as the scenario says and its beams at equal steps, all of a firing at once. Both turn clockwise seen
-from above, evenly, with `rate_hz`.
+A Velodyne sweep consists of whole packets, from the first packet of its turn on. A `linear` lidar has `columns` firings
+per turn, with its beams at equal steps and all at once. Both spin evenly with `rate_hz`, clockwise seen from above.
 """
 
 from dataclasses import dataclass
 from math import ceil
-from typing import Protocol
 
 import numpy as np
 
@@ -16,7 +14,7 @@ from bags.simulator.sensors.velodyne_packets import EncodedPackets, VelodyneSens
 from pipeline.core.arrays import F64, I64, U8
 from readers.velodyne.models import MODELS, built_in_table
 
-__all__ = ["LinearPattern", "Pattern", "SweepBeams", "VelodynePattern", "pattern_of"]
+__all__ = ["LinearPattern", "SweepBeams", "VelodynePattern", "pattern_of"]
 
 
 MS = 1_000_000
@@ -29,9 +27,9 @@ class SweepBeams:
 
     Attributes:
         directions: (F, L, 3) unit vectors.
-        origins: (L, 3) metres, where ranges count from.
-        times_ns: (F, L) int64, true time since the scenario began.
-        azimuth_error_rad: (F,) by how much the sensor takes its azimuths for larger than they are.
+        origins: (L, 3) metres, where ranges start.
+        times_ns: (F, L) int64 true time since the start of the scenario.
+        azimuth_error_rad: (F,) reported azimuth minus the true one.
     """
 
     directions: F64
@@ -41,47 +39,15 @@ class SweepBeams:
 
     @property
     def measured_directions(self) -> F64:
-        """(F, L, 3) where the sensor believes its beams to point; unit vectors to 1e-8."""
+        """(F, L, 3) reported directions; unit vectors to 1e-8."""
         error, measured = self.azimuth_error_rad[:, None], self.directions.copy()
         measured[:, :, 0] += error * self.directions[:, :, 1]
         measured[:, :, 1] -= error * self.directions[:, :, 0]
         return measured
 
 
-class Pattern(Protocol):
-    """How a lidar fires."""
-
-    @property
-    def elevation_rad(self) -> F64:
-        """(L,) of the lasers, in the order in which `SweepBeams` has them."""
-        ...
-
-    @property
-    def range_step_m(self) -> float:
-        """Ranges are multiples of this."""
-        ...
-
-    def begin_ns(self, number: int) -> int:
-        """True time at which a sweep begins, and the one before it ends."""
-        ...
-
-    def beams(self, number: int) -> SweepBeams:
-        """The beams of a sweep."""
-        ...
-
-    def encode(self, number: int, ranges_m: F64, reflectivity: U8) -> EncodedPackets | None:
-        """The packets of a sweep by a clock that began with the scenario, None where the model has none.
-
-        Args:
-            number: Of the sweep.
-            ranges_m: (F, L), or (F, L, 2) of the last return and the strongest; 0 is no return.
-            reflectivity: Like `ranges_m`.
-        """
-        ...
-
-
 class VelodynePattern:
-    """A Velodyne of a model with one bank of lasers."""
+    """The beams of a Velodyne model with one bank of lasers."""
 
     def __init__(self, scenario: LidarScenario) -> None:
         self._sensor = VelodyneSensor(
@@ -96,30 +62,36 @@ class VelodynePattern:
         self.range_step_m = MODELS[scenario.model].range_step_m
 
     def begin_ns(self, number: int) -> int:
-        """As `Pattern`: time of the first firing of the sweep's first packet."""
+        """True time of the first firing of a sweep, where the one before it ends."""
         return self._sensor.packet_ns(self.packets(number).start)
 
     def packets(self, number: int) -> range:
-        """Numbers of the packets of a sweep: those that begin within its turn."""
+        """Numbers of the packets of a sweep: those that start within its turn."""
         per_turn = self._sensor.packets_per_turn
-        # A packet that begins with the turn, but for rounding, is of that turn.
+        # Rounding must not move a packet that starts with the turn to the one before.
         return range(ceil(number * per_turn - 1e-6), ceil((number + 1) * per_turn - 1e-6))
 
     def beams(self, number: int) -> SweepBeams:
-        """As `Pattern`."""
+        """The beams of a sweep."""
         packets = self.packets(number)
         beams = self._sensor.beams(packets.start, len(packets))
         error = self._sensor.azimuth_error_rad(packets.start, len(packets))
         kept = slice(-packets.start * self._sensor.firings_per_packet % self._stride, None, self._stride)
         return SweepBeams(beams.directions[kept], beams.origins, beams.times_ns[kept], error[kept])
 
-    def encode(self, number: int, ranges_m: F64, reflectivity: U8) -> EncodedPackets | None:
-        """As `Pattern`; packets hold all firings, so it needs a stride of 1."""
+    def encode(self, number: int, ranges_m: F64, reflectivity: U8) -> EncodedPackets:
+        """The packets of a sweep, by a clock that started with the scenario; for a firing stride of 1.
+
+        Args:
+            number: Number of the sweep.
+            ranges_m: (F, L), or (F, L, 2) of the last and the strongest return; 0 is no return.
+            reflectivity: Like `ranges_m`.
+        """
         return self._sensor.encode(self.packets(number).start, ranges_m, reflectivity)
 
 
 class LinearPattern:
-    """A lidar with beams at equal steps of elevation, from the lowest up, and firings at equal steps of azimuth."""
+    """Beams at equal steps of elevation, from the lowest up, and firings at equal steps of azimuth."""
 
     def __init__(self, scenario: LidarScenario) -> None:
         self._scenario = scenario
@@ -127,11 +99,11 @@ class LinearPattern:
         self.range_step_m = LINEAR_RANGE_STEP_M
 
     def begin_ns(self, number: int) -> int:
-        """As `Pattern`."""
+        """True start time of a sweep, where the one before it ends."""
         return round(self._scenario.phase_ms * MS + number * 1e9 / self._scenario.rate_hz)
 
     def beams(self, number: int) -> SweepBeams:
-        """As `Pattern`."""
+        """The beams of a sweep."""
         columns, lasers = self._scenario.columns, len(self.elevation_rad)
         stride = self._scenario.firing_stride
         column = np.arange(-number * columns % stride, columns, stride)
@@ -146,16 +118,7 @@ class LinearPattern:
         times_ns = np.broadcast_to(times_ns[:, None], (len(column), lasers))
         return SweepBeams(directions, np.zeros((lasers, 3)), times_ns, np.zeros(len(column)))
 
-    def encode(
-        self,
-        number: int,  # noqa: ARG002  (as `Pattern`)
-        ranges_m: F64,  # noqa: ARG002
-        reflectivity: U8,  # noqa: ARG002
-    ) -> EncodedPackets | None:
-        """As `Pattern`: none."""
-        return None
 
-
-def pattern_of(scenario: LidarScenario) -> Pattern:
-    """How a lidar of a scenario fires."""
+def pattern_of(scenario: LidarScenario) -> LinearPattern | VelodynePattern:
+    """The beam pattern of a lidar."""
     return LinearPattern(scenario) if scenario.model == "linear" else VelodynePattern(scenario)

@@ -1,7 +1,7 @@
-"""A simulated camera: images of a scene, and which mover each pixel shows.
+"""A simulated camera: images of a scene, and the mover that each pixel shows.
 
-A camera that is fixed to the site casts what stands still once; each image then takes only the windows in which
-something moves or throws its shadow. A camera on a vehicle casts everything each time.
+A camera fixed to the site renders the static world once, and then only the windows with movers and their shadows. A
+camera on a vehicle renders everything for each image.
 """
 
 from dataclasses import dataclass
@@ -25,20 +25,20 @@ __all__ = ["T_BODY_OPTICAL", "Camera", "CameraImage"]
 
 
 T_BODY_OPTICAL = Transform("body", "optical", np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]]))
-"""REP 103: the body looks along x with z up, the optical frame along z with y down."""
+"""REP 103: body x forward, z up; optical z forward, y down."""
 MAX_MOMENTS = 9
-"""Moments of an exposure that a blurred image is the mean of, at most."""
+"""Most instants of an exposure that a blurred image averages."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraImage:
-    """One image and the truth about it.
+    """One image and its ground truth.
 
     Attributes:
         rgb: (H, W, 3) uint8 sRGB.
         movers: (H, W) int16 row of the mover (`Scene.movers`) at the middle of each pixel, in the middle of the
-            exposure; -1 for what stands still.
-        alone_px: (M,) int64 how many pixels each mover would have in the image if nothing stood before it.
+            exposure; -1 for the static world.
+        alone_px: (M,) int64 number of pixels of each mover without occlusion.
         alone_xyxy: (M, 4) float64 left, top, right, bottom of these pixels; NaN for none.
     """
 
@@ -56,7 +56,7 @@ class CameraImage:
 
     @property
     def seen_px(self) -> I64:
-        """(M,) how many pixels show each mover."""
+        """(M,) number of pixels that show each mover."""
         rows = self.movers[self.movers >= 0].astype(np.int64)
         return np.bincount(rows, minlength=len(self.alone_px)).astype(np.int64)
 
@@ -65,25 +65,22 @@ class Camera:
     """One camera of a scenario.
 
     Attributes:
-        name: In the scenario.
-        scenario: Its settings.
-        seed: Of the scenario.
-        movers: Of the scene.
+        name: Its name.
         model: Its true intrinsics.
 
     Args:
-        name: In the scenario; names its random numbers.
+        name: Its name, which also seeds its random numbers.
         scenario: Its settings.
         body: Path of its body: x along the view, z up.
-        scene: What it sees.
-        sun: Where the light comes from.
-        seed: Of the scenario.
+        scene: The scene to render.
+        sun: The sun.
+        seed: Seed of the scenario.
     """
 
     def __init__(
         self, name: str, scenario: CameraScenario, body: Path, scene: Scene, sun: SunScenario, seed: int
     ) -> None:
-        self.name, self.scenario, self.seed, self.movers = name, scenario, seed, scene.movers
+        self.name, self._scenario = name, scenario
         self.model: CameraModel = camera_model(scenario)
         self._path, self._fixed = MountedPath(body, T_BODY_OPTICAL), isinstance(body, FixedPath)
         self._scene, self._lens, self._light = scene, Lens(self.model), Light(sun, scene.palette)
@@ -98,19 +95,16 @@ class Camera:
         self._still: tuple[Still, I16] | None = None
 
     def optical_pose(self, time_ns: int) -> Poses:
-        """The one pose of the optical frame (z forward, x right, y down) in the world."""
+        """Pose (a single one) of the optical frame (z forward, x right, y down) in the world."""
         return self._path.poses(np.array([time_ns], np.int64))
 
     @property
     def after_ns(self) -> int:
-        """How long after the middle of an image light is gathered for it: what moves must be known until then."""
-        return round(self.scenario.exposure_ms * 5e5) if self.scenario.motion_blur else 0
+        """Time from the middle of an exposure to its end; movers must be known until then."""
+        return round(self._scenario.exposure_ms * 5e5) if self._scenario.motion_blur else 0
 
     def image(self, number: int, time_ns: int) -> CameraImage:
-        """CameraImage `number`, whose exposure has its middle at a time.
-
-        The same whatever was taken before.
-        """
+        """Image `number`, with the middle of its exposure at a time; independent of earlier images."""
         if self._fixed:
             return self._image_of_fixed(number, time_ns)
         moments = self._moments(time_ns)
@@ -126,7 +120,7 @@ class Camera:
         return self._read_out(developed, number, middle or moving)
 
     def _image_of_fixed(self, number: int, time_ns: int) -> CameraImage:
-        """Only what moves is cast and developed again."""
+        """An image of a fixed camera: only the pixels that movers change are rendered."""
         if self._still is None:
             still = take_still(self._scene, self._light, self._lens, self.optical_pose(0))
             shape = (self.model.height_px, self.model.width_px, 3)
@@ -146,16 +140,16 @@ class Camera:
         return CameraImage(self._film.read_out(developed, number), owner, truth.alone_px, truth.alone_xyxy)
 
     def _moments(self, time_ns: int) -> list[int]:
-        """Times of the exposure, evenly spread, the middle among them; one alone where nothing is blurred."""
-        exposure_ns = self.scenario.exposure_ms * 1e6
-        if not self.scenario.motion_blur or not exposure_ns:
+        """Evenly spread times of the exposure around its middle; only the middle without blur."""
+        exposure_ns = self._scenario.exposure_ms * 1e6
+        if not self._scenario.motion_blur or not exposure_ns:
             return [time_ns]
         count = int(np.clip(np.ceil(self._blur_px(time_ns, exposure_ns)), 1, MAX_MOMENTS)) // 2 * 2 + 1
         steps = (np.arange(count) - (count - 1) / 2) / count
         return [max(time_ns + round(step * exposure_ns), 0) for step in steps]
 
     def _blur_px(self, time_ns: int, exposure_ns: float) -> float:
-        """How far anything moves in the image during an exposure, at most and about."""
+        """Rough upper limit of motion in the image during an exposure, in pixels."""
         ends = np.array([max(time_ns - round(exposure_ns / 2), 0), time_ns + round(exposure_ns / 2)], np.int64)
         cameras = self._path.poses(ends)
         ways = [0.0]
@@ -173,7 +167,7 @@ class Camera:
         return max(ways)
 
     def _way_px(self, cameras: Poses, places: F64) -> float:
-        """Largest way in the image of points (2, K, 3) of the world, from the first camera's view to the second's."""
+        """Largest image motion of points (2, K, 3) of the world, from the first camera pose to the second."""
         to_camera = cameras.inverse()
         seen = np.einsum("nij,nkj->nki", to_camera.rotation, places) + to_camera.translation[:, None]
         pixels, valid = self.model.project(seen)
@@ -183,7 +177,7 @@ class Camera:
 
 
 def _mean_light(still: Still, seen: list[Moving]) -> tuple[I64, F32]:
-    """Pixels that anything changed at any of several moments, and their light on average."""
+    """Pixels that change at any of several times, and their mean light."""
     changes = np.zeros_like(still.linear)
     changed = np.zeros(len(changes), np.bool_)
     for moving in seen:

@@ -1,36 +1,36 @@
-"""A 2D detector that errs as networks do, so that fusion can be tried without weights."""
+"""A simulated 2D detector with the errors of a network, to try fusion without weights."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from bags.simulator.scenario.sensors import Detector2DScenario
-from bags.simulator.sensors.camera import Camera, CameraImage
+from bags.simulator.sensors.camera import CameraImage
 from bags.simulator.sensors.timing import random_numbers
 from pipeline.core.arrays import F64, I64, check_array
 
-__all__ = ["NO_MOVER", "Detected", "detect", "detect_movers", "visible_boxes"]
+__all__ = ["NO_MOVER", "Detected", "detect", "visible_boxes"]
 
 
 NO_MOVER = -1
-"""In place of a mover's row: there is nothing in the box."""
+"""Mover row of a false box."""
 SURE_HEIGHT_PX = 40.0
-"""Of things that are lower than this, scores fall off."""
+"""Below this box height scores drop."""
 FALSE_SCORES = (0.25, 0.55)
 FALSE_HEIGHT = (0.05, 0.30)
-"""Of the image's height."""
+"""Range of the height of false boxes, as shares of the image height."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Detected:
-    """The detector's boxes in one image, those of movers first, in the order of the movers.
+    """Detections in one image, those of movers first, in the order of the movers.
 
     Attributes:
         xyxy: (N, 4) float64 left, top, right, bottom in pixels, counted from the image's corner.
         scores: (N,) float64 in [0, 1].
         class_names: N classes.
-        movers: (N,) int64 rows of the movers that they stand for; -1 for a false one.
+        movers: (N,) int64 rows of the detected movers; -1 for a false box.
     """
 
     xyxy: F64
@@ -49,7 +49,7 @@ class Detected:
 
 
 def visible_boxes(image: CameraImage) -> F64:
-    """(M, 4) left, top, right, bottom of the pixels that show each mover; NaN for none."""
+    """(M, 4) left, top, right, bottom of the visible pixels of each mover; NaN for none."""
     boxes = np.full((len(image.alone_px), 4), np.nan)
     for row in np.flatnonzero(image.seen_px):
         left, top, right, bottom = image.alone_xyxy[row].astype(int)
@@ -59,14 +59,7 @@ def visible_boxes(image: CameraImage) -> F64:
     return boxes
 
 
-def detect(camera: Camera, image: CameraImage, scenario: Detector2DScenario, number: int) -> Detected:
-    """What the detector says about image `number` of a camera; the vehicle that carries the camera is none of it."""
-    carrier = [row for row, mover in enumerate(camera.movers) if mover.name == camera.scenario.mounted_on]
-    classes = [mover.class_name for mover in camera.movers]
-    return detect_movers(scenario, image, classes, name=camera.name, number=number, seed=camera.seed, without=carrier)
-
-
-def detect_movers(
+def detect(
     scenario: Detector2DScenario,
     image: CameraImage,
     class_names: Sequence[str],
@@ -74,21 +67,19 @@ def detect_movers(
     name: str,
     number: int,
     seed: int,
-    without: Collection[int] = (),
 ) -> Detected:
-    """What the detector says about the movers in an image.
+    """The detections in an image.
 
-    Each mover has its own random numbers, whatever else the image shows: the same seed, camera and number give the
-    same boxes.
+    Each mover has its own random numbers, whatever else the image shows: equal seeds, cameras and numbers give equal
+    boxes.
 
     Args:
-        scenario: How it errs.
-        image: What it looks at.
+        scenario: Settings of its errors.
+        image: The image.
         class_names: Class of each mover of the scene (M).
-        name: Of the camera.
-        number: Of the image.
-        seed: Of the scenario.
-        without: Rows of movers that it is not asked about (the vehicle that carries the camera).
+        name: Name of the camera.
+        number: Number of the image.
+        seed: Seed of the scenario.
     """
     count = len(class_names)
     random = random_numbers(seed, name, "detector", number)
@@ -98,7 +89,6 @@ def detect_movers(
     height = np.nan_to_num(boxes[:, 3] - boxes[:, 1])
     found = (image.seen_px > 0) & (visible >= scenario.min_visible) & (height >= scenario.min_height_px)
     found &= luck >= scenario.miss_rate
-    found[list(without)] = False
     rows = np.flatnonzero(found).tolist()
     scores = 0.94 - 0.35 * np.exp(-height / SURE_HEIGHT_PX) - 0.35 * (1 - visible) + 0.04 * spread
     false_boxes, false_scores, false_names = _false_boxes(scenario, image, class_names, name, number, seed)
@@ -114,7 +104,7 @@ def detect_movers(
 def _false_boxes(
     scenario: Detector2DScenario, image: CameraImage, class_names: Sequence[str], name: str, number: int, seed: int
 ) -> tuple[F64, F64, list[str]]:
-    """Boxes around nothing in the lower two thirds of the image, their scores and classes."""
+    """False boxes in the lower two thirds of the image, with scores and classes."""
     random = random_numbers(seed, name, "false detections", number)
     known = sorted(set(class_names)) or ["car"]
     count = int(random.poisson(scenario.false_per_image))
@@ -128,7 +118,7 @@ def _false_boxes(
 
 
 def _inside(boxes: F64, image: CameraImage) -> F64:
-    """Boxes cut at the image's border, each at least a pixel wide and high."""
+    """Boxes clipped to the image, at least one pixel wide and high."""
     rows, columns = image.movers.shape
     limit = np.array([columns, rows], np.float64)
     low = np.clip(boxes[:, :2], 0, limit - 1)

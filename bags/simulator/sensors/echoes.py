@@ -1,7 +1,7 @@
-"""What comes back of a beam: how much of its light, at which range, and which echoes the receiver finds in it.
+"""The echoes of a beam: reflected light by range, and what the receiver detects in it.
 
-Light is told as a share: what a white wall, met at a right angle by the whole beam, sends back is 1 at any range. The
-receiver gets share / r^2 of it, and finds an echo of share s up to r = max_range * sqrt(s).
+Light is a share: a white wall, hit by the whole beam at a right angle, returns 1 at any range. The receiver gets
+share / r^2, and detects an echo of share s up to r = max_range * sqrt(s).
 """
 
 from collections.abc import Sequence
@@ -11,29 +11,29 @@ import numpy as np
 import numpy.typing as npt
 
 from bags.simulator.world.meshes.mesh import Material
-from bags.simulator.world.scene import STATIC, Hits
+from bags.simulator.world.rays import STATIC, Hits
 from bags.simulator.world.surfaces.textures import surface_reflectivity
 from pipeline.core.arrays import F64, I64, Bools
 
-__all__ = ["NO_ECHO", "Echoes", "Light", "Optics", "distinct_echoes", "intensity", "returned_share"]
+__all__ = ["NO_ECHO", "Echoes", "Optics", "Reflected", "distinct_echoes", "intensity", "returned_share"]
 
 
 NO_ECHO = 0.0
-"""Range where there is none."""
+"""Range without an echo."""
 
-# Oren and Nayar's model of rough surfaces (Generalization of Lambert's reflectance model, 1994) for light that goes
-# back where it came from, with facets that lean by 0.5 rad: asphalt seen at a grazing angle stays visible, as it does.
+# The Oren-Nayar model of rough surfaces (Generalization of Lambert's reflectance model, 1994) for light reflected back
+# to its source, with facets tilted by 0.5 rad: asphalt stays visible at grazing angles, as in reality.
 _ROUGHNESS2 = 0.5**2
 _STRAIGHT = 1 - 0.5 * _ROUGHNESS2 / (_ROUGHNESS2 + 0.33)
 _GRAZING = 0.45 * _ROUGHNESS2 / (_ROUGHNESS2 + 0.09)
 
 
 class Optics:
-    """What the surfaces of a scene do to a beam.
+    """Optical properties of the surfaces of a scene.
 
     Attributes:
-        transmission: (P + 1,) share of a beam that passes each material of the palette; the last row is that of a miss.
-        most_light: The largest share that any material sends back.
+        transmission: (P + 1,) share of a beam that passes through each material; the last row is for a miss.
+        most_light: Largest share that any material reflects.
     """
 
     def __init__(self, palette: Sequence[Material]) -> None:
@@ -43,7 +43,7 @@ class Optics:
         self.most_light = max((material.reflectivity for material in palette), default=0.0)
 
     def share(self, hits: Hits, cos_incidence: F64) -> F64:
-        """(N,) share of a beam that each surface that was hit sends straight back; 0 for a miss."""
+        """(N,) share of a beam that each surface reflects straight back; 0 for a miss."""
         share = np.zeros(len(hits))
         rows = np.flatnonzero(hits.material >= 0)
         material, local, normal = hits.material.take(rows), hits.local.take(rows, 0), hits.normal.take(rows, 0)
@@ -53,14 +53,14 @@ class Optics:
 
 
 def returned_share(reflectivity: npt.NDArray[np.floating], mirror: F64, cos_incidence: F64) -> F64:
-    """(N,) share of a beam that surfaces send straight back.
+    """(N,) share of a beam that surfaces reflect straight back.
 
-    A rough surface sends less the flatter it is met; one that mirrors loses the mirrored part (Schlick, 1994) and has
-    no roughness, so that it vanishes at grazing angles; a retroreflector does not mind the angle.
+    A rough surface reflects less at grazing angles. A specular one is smooth and loses the mirrored part (Schlick,
+    1994), so it vanishes at grazing angles. A retroreflector does not depend on the angle.
 
     Args:
         reflectivity: (N,) share at a right angle; more than 1 for a retroreflector.
-        mirror: (N,) as of `Material`.
+        mirror: (N,) as in `Material`.
         cos_incidence: (N,) cosine of the angle between beam and normal.
     """
     cos = np.clip(cos_incidence, 0.0, 1.0)
@@ -79,12 +79,12 @@ def intensity(share: F64) -> F64:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Echoes:
-    """The echoes that a receiver reports of N beams: the strongest one, and the last.
+    """The strongest and the last echo of N beams.
 
     Attributes:
-        range_m: (N, 2) metres by beam of the strongest and the last echo, before any noise; `NO_ECHO` for none.
-        share: (N, 2) of the beam's light.
-        mover: (N, 2) row of the mover that it comes from.
+        range_m: (N, 2) metres of the strongest and the last echo, without noise; `NO_ECHO` for none.
+        share: (N, 2) share of the beam's light.
+        mover: (N, 2) row of the mover it comes from.
     """
 
     range_m: F64
@@ -93,14 +93,14 @@ class Echoes:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Light:
-    """What comes back of some beams, surface by surface.
+class Reflected:
+    """Light reflected by K surfaces.
 
     Attributes:
-        beam: (K,) which beam.
-        range_m: (K,) metres; infinite where there is nothing.
-        share: (K,) of the beam's light.
-        mover: (K,) row of the mover that it comes from.
+        beam: (K,) number of the beam.
+        range_m: (K,) metres; infinite for a miss.
+        share: (K,) share of the beam's light.
+        mover: (K,) row of the mover it comes from.
     """
 
     beam: I64
@@ -108,27 +108,27 @@ class Light:
     share: F64
     mover: I64
 
-    def select(self, rows: I64 | Bools) -> "Light":
-        """Some of it."""
-        return Light(self.beam[rows], self.range_m[rows], self.share[rows], self.mover[rows])
+    def select(self, rows: I64 | Bools) -> "Reflected":
+        """The light of these rows."""
+        return Reflected(self.beam[rows], self.range_m[rows], self.share[rows], self.mover[rows])
 
 
 def distinct_echoes(
-    light: Light, count: int, *, reach_m: float, nearest_m: float, apart_m: float, second_strongest: bool
+    light: Reflected, count: int, *, reach_m: float, nearest_m: float, apart_m: float, second_strongest: bool
 ) -> Echoes:
     """The echoes of N beams.
 
-    Surfaces that follow one another by less than `apart_m` make one echo, at the mean of their ranges by light: that is
-    how points between two things come to be.
+    Surfaces less than `apart_m` apart give one echo at the light-weighted mean of their ranges, which makes the mixed
+    points between two things.
 
     Args:
-        light: Of the beams 0 to `count` - 1, in any order.
+        light: Light of the beams 0 to `count` - 1, in any order.
         count: N.
-        reach_m: Range at which a share of 1 is just found.
-        nearest_m: What is nearer is not found.
-        apart_m: Range between two echoes at least.
-        second_strongest: Report the second strongest echo as the strongest where the strongest is the last one, too, as
-            a Velodyne does that sends both.
+        reach_m: Longest range for a share of 1.
+        nearest_m: Shortest range.
+        apart_m: Least range between two echoes.
+        second_strongest: If the strongest echo is also the last one, report the second strongest instead, as a
+            Velodyne in dual mode does.
     """
     echoes = Echoes(np.full((count, 2), NO_ECHO), np.zeros((count, 2)), np.full((count, 2), STATIC, np.int64))
     found = _echoes_in_order(light.select(light.range_m >= nearest_m), apart_m)
@@ -149,8 +149,8 @@ def distinct_echoes(
     return echoes
 
 
-def _echoes_in_order(light: Light, apart_m: float) -> Light:
-    """Light with what is close together as one, by beam and range; the mover is that of the brightest surface."""
+def _echoes_in_order(light: Reflected, apart_m: float) -> Reflected:
+    """Light by beam and range, with nearby surfaces merged; the mover is that of the brightest one."""
     light = light.select(np.isfinite(light.range_m) & (light.share > 0))
     light = light.select(np.lexsort((light.range_m, light.beam)))
     if not len(light.beam):
@@ -162,4 +162,4 @@ def _echoes_in_order(light: Light, apart_m: float) -> Light:
     echo = np.cumsum(begins) - 1
     brightest = np.flatnonzero(light.share == np.maximum.reduceat(light.share, first)[echo])
     _, chosen = np.unique(echo[brightest], return_index=True)
-    return Light(light.beam[first], range_m, share, light.mover[brightest[chosen]])
+    return Reflected(light.beam[first], range_m, share, light.mover[brightest[chosen]])

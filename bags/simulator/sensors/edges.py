@@ -1,4 +1,4 @@
-"""Which beams of a sweep may meet the edge of something: their neighbours see something else, nearer or further."""
+"""Beams of a sweep that may hit an edge: those next to a jump in range."""
 
 from enum import IntEnum
 
@@ -7,15 +7,15 @@ import numpy as np
 from bags.simulator.world.placed import dotted
 from pipeline.core.arrays import F64, I64, Bools
 
-__all__ = ["Side", "edge_beams"]
+__all__ = ["SKY_M", "Side", "edge_beams"]
 
 
 SKY_M = 1e5
-"""Stands for the range of a beam that meets nothing."""
+"""Range of a beam that hits nothing."""
 
 
 class Side(IntEnum):
-    """Where the next beam is: that of the firing before or after, or of the laser below or above."""
+    """The neighbour of a beam: in the firing before or after, or the laser below or above."""
 
     BEFORE = 0
     AFTER = 1
@@ -33,22 +33,22 @@ def edge_beams(
     reach_m: float,
     by_elevation: I64,
 ) -> Bools:
-    """On which sides of a beam what it meets ends, or what the next beam meets.
+    """On which sides of a beam there is an edge, of its own surface or of its neighbour's.
 
-    The nearer of two surfaces ends between two beams if it would be before the other one's, were it to go on flat:
-    neither a floor that is seen flat, nor the foot of a wall has edges.
+    The nearer of two surfaces ends between two beams if its plane would still be in front at the other beam: a floor
+    seen at a grazing angle or the foot of a wall is no edge.
 
     Args:
         distance_m: (F, L) by firing and laser; infinite for a miss.
-        normal: (F, L, 3) of the surfaces, towards the beams.
-        origins: (F, L, 3) of the beams, metres.
-        directions: (F, L, 3) of the beams, unit vectors.
-        step_m: Steps in range smaller than this do not matter.
-        reach_m: Neither do those where both beams meet nothing before this.
+        normal: (F, L, 3) normals of the surfaces, towards the beams.
+        origins: (F, L, 3) origins of the beams, metres.
+        directions: (F, L, 3) unit vectors.
+        step_m: Smaller jumps in range are ignored.
+        reach_m: Jumps beyond this range are ignored.
         by_elevation: (L,) lasers from the lowest to the highest.
 
     Returns:
-        (F, L, 4): by `Side`.
+        (F, L, 4) bool by `Side`.
     """
     firings, lasers = distance_m.shape
     range_m = np.minimum(distance_m, SKY_M)
@@ -62,7 +62,7 @@ def edge_beams(
         depth_m = dotted(face, starts.take(near, 0) - starts.take(far, 0))
         depth_m += near_m * dotted(face, ahead.take(near, 0))
         along = dotted(face, ahead.take(far, 0))
-        # A plane that the other beam never meets is as good as one behind all.
+        # A plane that the other beam never hits counts as infinitely far.
         goes_on_m = depth_m / np.where(along < 0, along, -1e-12)
         return np.asarray((goes_on_m < flat_m.take(far) - step_m) & (near_m < reach_m))
 

@@ -11,30 +11,30 @@ __all__ = ["Film", "srgb_from_linear"]
 
 
 FRACTION = 64
-"""Parts of one step of a pixel's value that images are kept in until the noise is on them."""
+"""Images are kept in this fraction of a pixel value until noise is added."""
 BRIGHTEST = 4.0
 """Light beyond this is clipped."""
 SHOULDER = 0.55
-"""Above this the tone curve bends: highlights are pressed together instead of cut off."""
+"""Above this the tone curve compresses highlights instead of clipping them."""
 VIGNETTE = 0.10
 """Share of the light that the corners lose."""
 NOISE_ROOM_PX = 96
-"""The noise field is larger than the image by this, and begins anywhere in that room for each image."""
+"""The noise field is larger than the image by this; each image uses a random crop."""
 ROWS_AT_ONCE = 64
-"""Rows that are read out together: they stay within the processor's caches."""
-SHARED_NOISE = 0.8  # red, green and blue noise are partly the same, as after demosaicing; 0.8^2 + 0.6^2 = 1
+"""Rows read out together: they fit into the processor's caches."""
+SHARED_NOISE = 0.8  # red, green and blue noise are correlated, as after demosaicing; 0.8^2 + 0.6^2 = 1
 
 
 class Film:
-    """The sensor behind a camera's lens.
+    """The image sensor of a camera.
 
     Args:
-        name: Of the camera.
-        width: Columns.
-        height: Rows.
+        name: Name of the camera.
+        width: Image width in pixels.
+        height: Image height in pixels.
         exposure: Factor on all light.
-        noise: Standard deviation of a pixel's value, of 255.
-        seed: Of the scenario.
+        noise: Standard deviation of pixel values (0 to 255).
+        seed: Seed of the scenario.
     """
 
     def __init__(self, name: str, width: int, height: int, *, exposure: float, noise: float, seed: int) -> None:
@@ -47,7 +47,7 @@ class Film:
 
     @cached_property
     def _field(self) -> I16:
-        """Noise of which each image has a part."""
+        """The noise field."""
         shape = (self._height + NOISE_ROOM_PX, self._width + NOISE_ROOM_PX, 3)
         random = random_numbers(self._seed, self._name, "noise field", 0)
         field = 0.6 * random.standard_normal(shape, np.float32)
@@ -58,11 +58,11 @@ class Film:
         return np.clip(np.round(field, out=field), -32767, 32767, out=field).astype(np.int16)
 
     def developed(self, linear: F32) -> I16:
-        """An image (H, W, 3) of light as pixel values times `FRACTION`."""
+        """Pixel values times `FRACTION` of an image (H, W, 3) of linear light."""
         return _encoded(linear * self._scale)
 
     def developed_pixels(self, linear: F32, pixels: I64) -> I16:
-        """Some pixels (K, 3) of it, numbered row by row."""
+        """`developed` for some pixels (K, 3), numbered row by row."""
         scale = self._scale.reshape(-1).take(pixels)
         scaled = np.empty_like(linear)
         for color in range(3):
@@ -70,7 +70,7 @@ class Film:
         return _encoded(scaled)
 
     def read_out(self, developed: I16, number: int) -> U8:
-        """The pixels (H, W, 3) of image `number`, with its noise."""
+        """The final pixels (H, W, 3) of image `number`, with noise."""
         height, width, _ = developed.shape
         field: I16 | None = None
         added = True
@@ -98,19 +98,19 @@ def _encoded(scaled: F32) -> I16:
 
 @cache
 def _values() -> I16:
-    """Pixel values times `FRACTION` of light from 0 to `BRIGHTEST`, in 65536 steps."""
+    """Lookup table: pixel values times `FRACTION` of light from 0 to `BRIGHTEST`, in 65536 steps."""
     linear: F64 = np.linspace(0.0, BRIGHTEST, 65536)
     return np.round(255 * FRACTION * srgb_from_linear(_toned(linear))).astype(np.int16)
 
 
 def srgb_from_linear(linear: F64) -> F64:
-    """Values as displayed, 0 to 1, of light 0 to 1 (IEC 61966-2-1)."""
+    """SRGB values (0 to 1) of linear light (IEC 61966-2-1)."""
     light = np.clip(linear, 0.0, 1.0)
     return np.where(light <= 0.0031308, 12.92 * light, 1.055 * np.maximum(light, 1e-9) ** (1 / 2.4) - 0.055)
 
 
 def _toned(linear: F64) -> F64:
-    """The tone curve: straight up to `SHOULDER`, then towards 1 without ever bending sharply."""
+    """The tone curve: linear up to `SHOULDER`, then smoothly towards 1."""
     room = 1 - SHOULDER
     over = np.maximum(linear - SHOULDER, 0.0)
     return np.where(linear <= SHOULDER, linear, SHOULDER + room * (1 - np.exp(-over / room)))

@@ -1,4 +1,4 @@
-"""Where the pixels of a camera look, and where things land in its image."""
+"""Camera lenses: viewing directions of pixels, and image regions of 3D points."""
 
 from functools import cached_property
 
@@ -13,19 +13,19 @@ __all__ = ["Lens", "camera_model"]
 
 
 ROUND_TRIP_PX = 0.005
-"""A pixel whose ray does not come back to it within this lies outside of what the lens covers."""
+"""A pixel whose ray projects further away from it than this lies outside the lens."""
 NEWTON_STEPS = 3
 SMALL_PX = 1000
-"""It does not pay to leave out pixels of windows that have no more."""
+"""Windows with fewer pixels are not worth pruning."""
 FAR_PX = 10_000
-"""OpenCV fills shapes that lie within this."""
+"""OpenCV can fill shapes within this."""
 DIFFERENCE = 1e-6
 
 
 def camera_model(scenario: CameraScenario) -> CameraModel:
     """The true intrinsics of a camera."""
     fx, fy = scenario.focal_px
-    # Pixels are counted from their centres here (as in CameraInfo), so the middle is at (n - 1) / 2.
+    # As in CameraInfo, whole pixel coordinates are pixel centres, so the middle is at (n - 1) / 2.
     cx, cy = scenario.center_px or ((scenario.width_px - 1) / 2, (scenario.height_px - 1) / 2)
     return CameraModel(
         scenario.frame_id,
@@ -38,7 +38,7 @@ def camera_model(scenario: CameraScenario) -> CameraModel:
 
 
 class Lens:
-    """The inverse of `CameraModel.project` for every pixel, worked out once.
+    """The inverse of `CameraModel.project` for every pixel, computed once.
 
     Pixels are numbered row by row: pixel p is in row p // width and column p % width.
     """
@@ -55,7 +55,7 @@ class Lens:
 
     @property
     def plane(self) -> F64:
-        """(P, 2) where the pixels' centres look: x and y in the optical frame's plane z = 1."""
+        """(P, 2) directions of the pixel centres as x and y in the plane z = 1 of the optical frame."""
         return self._inverse[0]
 
     @property
@@ -65,13 +65,13 @@ class Lens:
 
     @cached_property
     def directions(self) -> F32:
-        """(P, 3) unit vectors through the pixels' centres, in the optical frame."""
+        """(P, 3) unit vectors through the pixel centres, in the optical frame."""
         return _through(self.plane)
 
     def directions_beside(self, pixels: I64, offset_px: tuple[float, float]) -> F32:
-        """(K, 3) unit vectors through points beside the centres of pixels (K,).
+        """(K, 3) unit vectors through points at an offset from the centres of pixels (K,).
 
-        A lens is smooth: within a pixel the plane of z = 1 changes linearly, to some thousandths of a pixel.
+        Within a pixel the lens is taken as linear, which is right to some thousandths of a pixel.
         """
         if not self._bent:
             return _through(self.plane.take(pixels, 0) + np.array(offset_px) / self.model.K[[0, 1], [0, 1]])
@@ -82,31 +82,31 @@ class Lens:
 
     @cached_property
     def _seen_radius(self) -> float:
-        """All that any pixel sees is nearer to the axis than this, on the plane z = 1."""
+        """Upper limit of the distance from the axis that any pixel sees, in the plane z = 1."""
         return 1.02 * float(np.hypot(self.plane[:, 0], self.plane[:, 1]).max(initial=0.0)) + 0.01
 
     def may_see(self, center: F64, radius: float) -> bool:
-        """Whether any pixel may show something in a sphere of the optical frame; often true where none does."""
+        """Whether any pixel may show part of a sphere in the optical frame; conservative."""
         x, y, z = center.tolist()
-        half = np.arctan(self._seen_radius)  # of the cone that all pixels look into
+        half = np.arctan(self._seen_radius)  # half angle of the cone around all pixels
         return bool(np.hypot(x, y) * np.cos(half) - z * np.sin(half) <= radius)
 
     @cached_property
     def _slopes(self) -> tuple[F32, F32]:
-        """Change of the plane's x, y (P, 2) by one pixel to the right and by one down."""
+        """Change of x, y in the plane z = 1 (P, 2) per pixel to the right, and per pixel down."""
         plane = self.plane.reshape(self.height, self.width, 2)
         both = []
         for axis, focal, part in ((1, self.model.K[0, 0], 0), (0, self.model.K[1, 1], 1)):
             slope = np.zeros_like(plane) if plane.shape[axis] < 2 else np.gradient(plane, axis=axis)
             usual = np.zeros(2)
             usual[part] = 1 / focal
-            # Next to what the lens does not cover there is no difference to take.
+            # Differences are not usable next to pixels that the lens does not cover.
             doubtful = ~np.isfinite(slope).all(-1, keepdims=True) | (np.abs(slope - usual).max(-1) > 1)[..., None]
             both.append(np.where(doubtful | (plane.shape[axis] < 2), usual, slope).reshape(-1, 2).astype(np.float32))
         return both[0], both[1]
 
     def hull(self, points: F64, window: tuple[int, int, int, int]) -> I64:
-        """Pixels (K,) of a window that may show the convex hull of points (N, 3) of the optical frame, rising."""
+        """Pixels (K,) of a window, rising, that may show the convex hull of points (N, 3) in the optical frame."""
         left, top, right, bottom = window
         width = right - left
         whole = self._bent or width * (bottom - top) < SMALL_PX or (points[:, 2] < NEAR_M).any()
@@ -120,10 +120,10 @@ class Lens:
         return rows + rows // width * (self.width - width) + (top * self.width + left)
 
     def window(self, points: F64) -> tuple[int, int, int, int]:
-        """Columns and rows that the convex hull of points (K, 3) of the optical frame can be seen in.
+        """The image window that holds the convex hull of points (K, 3) in the optical frame.
 
         Returns:
-            Left, top, right, bottom as for slices; with right <= left or bottom <= top nothing is in the image.
+            Left, top, right, bottom as for slices; empty if right <= left or bottom <= top.
         """
         ahead = points[:, 2] >= NEAR_M
         if not ahead.any():
@@ -132,7 +132,7 @@ class Lens:
         samples = points if ahead.all() and not bent else _hull_samples(points)
         pixels = self.model.project(samples)[0]
         if bent:
-            # Where no pixel looks, the lens model need not hold: only the side on which that lies counts.
+            # Outside the view the lens model need not hold: only the direction matters.
             plane = samples[:, :2] / samples[:, 2:]
             radius = np.hypot(plane[:, 0], plane[:, 1])
             aside = radius > self._seen_radius
@@ -146,10 +146,10 @@ class Lens:
 
 
 def undistorted(model: CameraModel, pixels: F64) -> tuple[F64, Bools]:
-    """Where pixels (N, 2), counted as `CameraModel.project` counts them, look.
+    """The directions of pixels (N, 2) in the coordinates of `CameraModel.project`.
 
     Returns:
-        (N, 2) x and y in the optical frame's plane z = 1, and whether the lens covers each pixel; elsewhere 0.
+        (N, 2) x and y in the plane z = 1 of the optical frame, and (N,) whether the lens covers each pixel; 0 if not.
     """
     focal, center = model.K[[0, 1], [0, 1]], model.K[:2, 2] + 0.5
     if not _is_bent(model):
@@ -164,12 +164,12 @@ def undistorted(model: CameraModel, pixels: F64) -> tuple[F64, Bools]:
 
 
 def _is_bent(model: CameraModel) -> bool:
-    """Whether it takes more than a focal length and a centre to say where a pixel looks."""
+    """Whether the model is more than a pinhole without skew."""
     return bool(model.distortion.any()) or model.model == "equidistant" or model.K[0, 1] != 0
 
 
 def _approximate(model: CameraModel, pixels: F64) -> F64:
-    """OpenCV's inverse, near enough for Newton's method."""
+    """OpenCV's inverse, close enough to start Newton's method."""
     points, limit = (pixels - 0.5)[:, None], (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 40, 1e-9)
     if model.model == "equidistant":
         coefficients = np.concatenate([model.distortion, np.zeros(4)])[:4]
@@ -180,7 +180,7 @@ def _approximate(model: CameraModel, pixels: F64) -> F64:
 
 
 def _newton_step(model: CameraModel, plane: F64, pixels: F64) -> F64:
-    """One step of Newton's method on `CameraModel.project`; points that it would throw far away stay."""
+    """One step of Newton's method on `CameraModel.project`; points that would jump far stay."""
     one = np.ones((len(plane), 1))
     here = model.project(np.concatenate([plane, one], 1))[0]
     step = DIFFERENCE * np.maximum(1.0, np.abs(plane).max(1))
@@ -211,7 +211,7 @@ def _through(plane: F64) -> F32:
 
 
 def _hull_samples(points: F64) -> F64:
-    """Points on the lines between all pairs of points (K, 3), cut at the camera's plane."""
+    """Samples on the lines between all pairs of points (K, 3), clipped at the near plane."""
     first, second = np.triu_indices(len(points), 1)
     start, end = points[first], points[second]
     shown = np.maximum(start[:, 2], end[:, 2]) >= NEAR_M

@@ -1,8 +1,8 @@
-"""A turning lidar in a scene: sweeps as its driver would give them.
+"""A spinning lidar in a scene: sweeps as its driver would publish them.
 
-Every beam is cast at its own time, from where the sensor is then. Where a beam may meet an edge or glass, its rim is
-cast, too, and what lies behind the glass. Points are in the sensor's frame at the time of their own firing, as drivers
-have them: a moving carrier is not made up for.
+Each beam is cast at its own time and from the sensor's pose at that time. Where a beam may hit an edge or glass, its
+rim and what lies behind the glass are cast, too. Points are in the sensor frame at the time of their own firing, as
+from drivers without motion compensation.
 """
 
 from dataclasses import dataclass
@@ -11,14 +11,16 @@ import cv2
 import numpy as np
 
 from bags.simulator.scenario.sensors import LidarScenario
-from bags.simulator.sensors.beams import SweepBeams, pattern_of
-from bags.simulator.sensors.echoes import NO_ECHO, Echoes, Light, Optics, distinct_echoes, intensity
-from bags.simulator.sensors.edges import Side, edge_beams
+from bags.simulator.sensors.beams import SweepBeams, VelodynePattern, pattern_of
+from bags.simulator.sensors.echoes import NO_ECHO, Echoes, Optics, Reflected, distinct_echoes, intensity
+from bags.simulator.sensors.edges import SKY_M, Side, edge_beams
 from bags.simulator.sensors.timing import random_numbers
 from bags.simulator.sensors.velodyne_packets import EncodedPackets
 from bags.simulator.world.motion import FixedPath, Path, turned
 from bags.simulator.world.placed import dotted
-from bags.simulator.world.scene import Hits, Rays, Scene, Span
+from bags.simulator.world.rays import Hits, Rays
+from bags.simulator.world.scene import Scene
+from bags.simulator.world.span import Span
 from pipeline.core.arrays import F32, F64, I64, U8, U16
 
 __all__ = ["Lidar", "Sweep"]
@@ -30,25 +32,22 @@ RETURN_STRONGEST, RETURN_LAST, RETURN_BOTH = 1, 2, 3
 MAX_STEPS = 0xFFFF
 
 SPECKLE = 0.06
-"""Of the light that comes back about this share is lost, now more and now less: what is diffuse stays within 100."""
+"""Mean share of reflected light that is lost at random; diffuse surfaces stay within an intensity of 100."""
 
 RIM_WEIGHT = 1 / 6
-"""Share of a beam's light that each of four rays at its rim stands for; the one in the middle has the rest."""
+"""Share of a beam's light in each of the four rays at its rim; the middle ray has the rest."""
 
 PANES = 4
-"""Surfaces of glass that a beam passes at most."""
+"""Most glass surfaces that a beam passes."""
 
 FAINT = 0.05
-"""Share of a beam's light below which it is not followed behind glass."""
+"""A beam with less light than this is not followed behind glass."""
 
 BEHIND_M = 1e-4
-"""A beam goes on this far behind a surface of glass."""
-
-SKY_M = 1e5
-"""Stands for the range of a beam that meets nothing."""
+"""Offset behind a glass surface where a beam continues."""
 
 SIGN_OF_SIDE = (-1, 1, -1, 1)
-"""Whether each side of a beam, by `Side`, lies to its right or above: it turns clockwise."""
+"""Sign of each `Side` towards the right or up; the lidar spins clockwise."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,20 +55,17 @@ class Sweep:
     """One turn of a lidar.
 
     Attributes:
-        number: Counted from 0.
-        begin_ns: True time of its first firing since the scenario began.
-        end_ns: True time at which it is complete.
-        xyz: (N, 3) metres in the sensor's frame at the time of each point.
+        begin_ns: True time of its first firing since the start of the scenario.
+        end_ns: True time when it is complete.
+        xyz: (N, 3) metres in the sensor frame at the time of each point.
         intensity: (N,) whole numbers from 0 to 255, on Velodyne's scale.
         ring: (N,) from the lowest elevation up.
         time_offset_ns: (N,) int64 after `begin_ns`.
-        return_type: (N,) 1 the strongest echo, 2 the last, 3 both; None where one echo per beam is reported.
-        hits_per_mover: (M,) int64 points on each of the scene's movers.
-        packets: The same as the sensor sends it, by a clock that began with the scenario; None where no packets are
-            asked for.
+        return_type: (N,) 1 the strongest echo, 2 the last, 3 both; None with one echo per beam.
+        hits_per_mover: (M,) int64 number of points on each mover of the scene.
+        packets: The sweep as data packets, by a clock that started with the scenario; None without packet output.
     """
 
-    number: int
     begin_ns: int
     end_ns: int
     xyz: F32
@@ -93,11 +89,11 @@ class Lidar:
     """One lidar of a scenario.
 
     Args:
-        name: Of the lidar; its random numbers hang on it.
-        scenario: Its settings. Clock offset, jitter, drops and death are not looked at here.
-        path: Of its body (x ahead, y to the left, z up) in the world.
-        scene: What it sees.
-        seed: Of the scenario.
+        name: Its name, which also seeds its random numbers.
+        scenario: Its settings; clock offset, jitter, drops and failure are not applied here.
+        path: Path of its body (x forward, y left, z up) in the world.
+        scene: The scene to cast at.
+        seed: Seed of the scenario.
     """
 
     def __init__(self, name: str, scenario: LidarScenario, path: Path, scene: Scene, seed: int) -> None:
@@ -118,17 +114,21 @@ class Lidar:
         return self._pattern.begin_ns(number)
 
     def end_ns(self, number: int) -> int:
-        """True time at which a sweep is complete: the movers' paths must lead up to there before it is asked for."""
+        """True time when a sweep is complete; the movers' paths must reach it before `sweep` is called."""
         return self._pattern.begin_ns(number + 1)
 
     def sweep(self, number: int) -> Sweep:
-        """One turn; the same whatever other sweeps were asked for."""
+        """One turn; independent of other calls."""
         beams = self._pattern.beams(number)
         range_m, share, mover = self._received(beams, number)
         steps = np.rint(range_m / self._pattern.range_step_m)
         steps[steps > MAX_STEPS] = NO_ECHO
         range_m, brightness = steps * self._pattern.range_step_m, intensity(share)
-        packets = self._packets(number, beams, range_m, brightness) if self._scenario.output != "points" else None
+        packets = None
+        if self._scenario.output != "points" and isinstance(self._pattern, VelodynePattern):
+            shape = (*beams.times_ns.shape, *([2] if self._dual else []))
+            reflectivity = brightness.reshape(shape).astype(np.uint8)
+            packets = self._pattern.encode(number, range_m.reshape(shape), reflectivity)
 
         return_type = None
         if self._dual:
@@ -144,7 +144,6 @@ class Lidar:
         xyz += beams.origins.take(laser, 0)
         hit = mover.reshape(-1)[kept]
         return Sweep(
-            number,
             self.begin_ns(number),
             self.end_ns(number),
             xyz.astype(np.float32),
@@ -157,9 +156,9 @@ class Lidar:
         )
 
     def _received(self, beams: SweepBeams, number: int) -> tuple[F64, F64, I64]:
-        """Range with noise (0 for no echo), share of light, and mover of the reported echoes of all beams.
+        """Noisy range (0 for no echo), share of light and mover of the reported echoes of all beams.
 
-        Each (N, 1), or (N, 2) of the last echo and the strongest.
+        Each is (N, 1), or (N, 2) for the last and the strongest echo.
         """
         count = beams.times_ns.size
         columns = {"strongest": [STRONGEST], "last": [LAST], "dual": [LAST, STRONGEST]}[self._scenario.return_mode]
@@ -170,13 +169,13 @@ class Lidar:
 
         echoes = self._echoes(beams, speckle.astype(np.float64))
         range_m, share, mover = echoes.range_m[:, columns], echoes.share[:, columns], echoes.mover[:, columns]
-        if self._dual:  # what is one echo is measured once
+        if self._dual:  # a single echo is measured once
             one = range_m[:, 0] == range_m[:, 1]
             noise_m[one, 0], lost[one, 0] = noise_m[one, 1], lost[one, 1]
         return np.where((range_m > 0) & ~lost, np.maximum(range_m + noise_m, 0.0), NO_ECHO), share, mover
 
     def _echoes(self, beams: SweepBeams, speckle: F64) -> Echoes:
-        """The echoes of all beams without noise; `speckle` (N,) is what each beam's light is multiplied by."""
+        """The echoes of all beams without noise; `speckle` (N,) is a factor on the light of each beam."""
         rays, rotation = self._placed(beams)
         span = Span.of(rays)
         hits = self._scene.cast(rays, span)
@@ -194,7 +193,7 @@ class Lidar:
         if not len(mixed):
             return echoes
         beam = np.concatenate([np.arange(len(mixed)), np.searchsorted(mixed, rim)])
-        # What of the rim meets nothing else is part of the middle.
+        # Rim rays that hit the same surface count towards the middle.
         weight = np.full(len(beam), RIM_WEIGHT)
         weight[: len(mixed)] = 1 - RIM_WEIGHT * np.bincount(beam[len(mixed) :], minlength=len(mixed))
         some = distinct_echoes(
@@ -215,11 +214,11 @@ class Lidar:
         return echoes
 
     def rays(self, beams: SweepBeams) -> Rays:
-        """Beams in the world, (F * L), each firing from where the sensor is in its middle."""
+        """Beams in the world (F * L), each from the sensor's pose in the middle of its firing."""
         return self._placed(beams)[0]
 
     def _placed(self, beams: SweepBeams) -> tuple[Rays, F64]:
-        """As `rays`, and the sensor's rotation at each firing (F, 3, 3), or its only one (1, 3, 3)."""
+        """The `rays`, and the sensor's rotation at each firing (F, 3, 3), or a single one (1, 3, 3)."""
         if isinstance(self._path, FixedPath):
             pose = self._path.poses(beams.times_ns[:1, 0])
             turned_beams = cv2.transform(beams.directions.reshape(-1, 1, 3), pose.rotation[0])
@@ -237,9 +236,9 @@ class Lidar:
         return rays, poses.rotation
 
     def _rim(self, hits: Hits, rays: Rays, beams: SweepBeams, rotation: F64, span: Span) -> tuple[I64, Rays, Hits]:
-        """Rays at the rims of beams that meet something else than the middle: of which beams (K,), and what they meet.
+        """Rim rays that hit another surface than the middle of their beam: beams (K,), rays and hits.
 
-        Only sides are looked at on which something ends before the next beam.
+        Only sides with an edge before the next beam are cast.
         """
         half_angle_rad = self._scenario.divergence_mrad * 1e-3 / 2
         if not half_angle_rad:
@@ -270,21 +269,21 @@ class Lidar:
         others = np.flatnonzero(np.abs(steps_m) > self._scenario.echo_separation_m)
         return beam[others], rim.select(others), seen.select(others)
 
-    def _light(self, beam: I64, rays: Rays, hits: Hits, weight: F64, span: Span) -> Light:
-        """What rays meet, and what they meet behind it if that is glass.
+    def _light(self, beam: I64, rays: Rays, hits: Hits, weight: F64, span: Span) -> Reflected:
+        """Light from the first surface of each ray, and from those behind it if it is glass.
 
         Args:
-            beam: (K,) which beam each is part of.
+            beam: (K,) number of the beam of each ray.
             rays: K rays.
-            hits: What they meet first.
+            hits: Their first hits.
             weight: (K,) share of the beam's light.
-            span: Of the sweep.
+            span: Time span of the sweep.
         """
         passed_m = np.zeros(len(rays))
         layers = []
         for _ in range(PANES + 1):
             layers.append((beam, passed_m + hits.distance_m, weight, hits, _cos_incidence(hits, rays)))
-            left = weight * self._optics.transmission[hits.material] ** 2  # it passes again on its way back
+            left = weight * self._optics.transmission[hits.material] ** 2  # through the glass and back
             on = np.flatnonzero(left > FAINT)
             if not len(on):
                 break
@@ -296,12 +295,7 @@ class Lidar:
         beams, ranges_m, weights, seen, cosines = zip(*layers, strict=True)
         together = Hits.together(seen)
         share = np.concatenate(weights) * self._optics.share(together, np.concatenate(cosines))
-        return Light(np.concatenate(beams), np.concatenate(ranges_m), share, together.mover)
-
-    def _packets(self, number: int, beams: SweepBeams, range_m: F64, brightness: F64) -> EncodedPackets | None:
-        shape = (*beams.times_ns.shape, *([2] if self._dual else []))
-        reflectivity = brightness.reshape(shape).astype(np.uint8)
-        return self._pattern.encode(number, range_m.reshape(shape), reflectivity)
+        return Reflected(np.concatenate(beams), np.concatenate(ranges_m), share, together.mover)
 
 
 def _cos_incidence(hits: Hits, rays: Rays) -> F64:

@@ -1,8 +1,8 @@
-"""Daylight on surfaces, in linear light: a sun, a sky with a few clouds, haze, and simple mirrors.
+"""Daylight on surfaces, in linear light: sun, sky with clouds, haze, and specular reflection.
 
-One unit of light is what a white horizontal surface sends back in full daylight, roughly; `Light.exposure` makes it so.
-A matt surface follows Lambert; what mirrors (glass, paint) shows the sky in the mirror direction, by Schlick's
-approximation of Fresnel's law (Schlick 1994), and a glint of the sun.
+One unit is roughly the light of a white horizontal surface in full daylight, by way of `Light.exposure`. Matt surfaces
+follow Lambert's law; specular ones (glass, paint) reflect the sky, by Schlick's approximation of Fresnel's law (Schlick
+1994), and show a glint of the sun.
 """
 
 from collections.abc import Sequence
@@ -20,19 +20,19 @@ from pipeline.core.arrays import F32, F64, I64
 __all__ = ["Light", "Shading"]
 
 
-SUN_RGB = np.array([1.15, 1.08, 0.95], np.float32)  # irradiance of a surface that faces the sun
-SKY_IRRADIANCE_RGB = np.array([0.30, 0.36, 0.46], np.float32)  # of a surface that faces up
-BOUNCE_RGB = np.array([0.17, 0.16, 0.14], np.float32)  # of one that faces down: light from the ground
+SUN_RGB = np.array([1.15, 1.08, 0.95], np.float32)  # irradiance facing the sun
+SKY_IRRADIANCE_RGB = np.array([0.30, 0.36, 0.46], np.float32)  # irradiance facing up
+BOUNCE_RGB = np.array([0.17, 0.16, 0.14], np.float32)  # irradiance facing down, from the ground
 HORIZON_RGB = np.array([0.78, 0.85, 0.92], np.float32)
 ZENITH_RGB = np.array([0.17, 0.36, 0.74], np.float32)
-GROUND_RGB = np.array([0.30, 0.29, 0.26], np.float32)  # where nothing is, below the horizon
+GROUND_RGB = np.array([0.30, 0.29, 0.26], np.float32)  # below the horizon where nothing is hit
 CLOUD_RGB = np.array([0.98, 0.98, 0.98], np.float32)
 HAZE_M = 1100.0
-"""Over this way all but 37 % of the contrast is lost."""
+"""Distance over which contrast drops to 37 %."""
 GLINT_SQUARINGS, GLINT = 7, 8.0
-"""The sun's glint falls off as the 2^7-th power of a cosine."""
+"""The sun's glint falls off with the 2^7-th power of a cosine."""
 WHITE = 1.08
-"""Light that a matt white (0.9) horizontal surface in the sun exposes a pixel with, before the tone curve."""
+"""Exposed light of a matt white (0.9) horizontal surface in the sun, before the tone curve."""
 CLOUD_CELLS = 512
 
 
@@ -41,8 +41,8 @@ class Shading:
     """Light from N surface points to the camera.
 
     Attributes:
-        rest: (N, 3) float32, whatever the sun does: sky light, light from the ground, mirrored sky, haze.
-        sun: (N, 3) float32, to be added where nothing stands before the sun.
+        rest: (N, 3) float32 light that does not depend on the sun: skylight, ground light, reflected sky, haze.
+        sun: (N, 3) float32 sunlight, to be added outside of shadows.
     """
 
     rest: F32
@@ -50,7 +50,7 @@ class Shading:
 
 
 class Light:
-    """The light of one scenario and the materials that it falls on."""
+    """The light of a scenario on the materials of a scene."""
 
     def __init__(self, sun: SunScenario, palette: Sequence[Material]) -> None:
         azimuth, elevation = np.deg2rad(sun.azimuth_deg), np.deg2rad(sun.elevation_deg)
@@ -64,7 +64,7 @@ class Light:
         self.exposure = float(WHITE / (0.9 * on_ground.mean()))
 
     def sky(self, directions: F32, *, clouds: bool = True) -> F32:
-        """Radiance (N, 3) of the sky, and of the ground at the horizon, in directions (N, 3)."""
+        """Radiance (N, 3) of the sky, or of the ground below the horizon, in directions (N, 3)."""
         up = directions[:, 2]
         share = np.sqrt(np.clip(up, 0.0, 1.0))
         cover = self._cloud_cover(directions) if clouds else None
@@ -86,7 +86,7 @@ class Light:
         Args:
             albedo: (N, 3) linear.
             material: (N,) rows of the palette.
-            normal: (N, 3) unit vectors towards the camera's side.
+            normal: (N, 3) unit vectors towards the camera.
             directions: (N, 3) unit vectors from the camera.
             distance: (N,) metres from the camera.
         """
@@ -111,11 +111,11 @@ class Light:
         return Shading(rest, sun)
 
     def clearness(self, distance: F32) -> F32:
-        """Share (N,) of a surface's own light that haze lets through; 0 for infinite distance."""
+        """Share (N,) of a surface's light that passes the haze; 0 for infinite distance."""
         return np.asarray(np.exp(distance * np.float32(-1 / HAZE_M)), np.float32)
 
     def _add_mirrored(self, rest: F32, sun: F32, rows: I64, material: I64, normal: F32, directions: F32) -> None:
-        """Put the mirrored sky and the sun's glint on some of the points, in place."""
+        """Add the reflected sky and the sun's glint to some of the points, in place."""
         against = np.clip(-dotted(normal, directions), 0.0, 1.0)
         base = self._mirror.take(material)
         fresnel = base + (1 - base) * _squared(1 - against, 2) * (1 - against)
@@ -131,10 +131,10 @@ class Light:
             sun[:, color][rows] = matt_sun + fresnel * (glint * SUN_RGB[color] - matt_sun)
 
     def _cloud_cover(self, directions: F32) -> F32:
-        """Share (N,) of the sky that is cloud."""
+        """Cloud cover (N,) of the sky, 0 to 1."""
         height = np.maximum(directions[:, 2], 0.02) + np.float32(0.12)
         u, v = directions[:, 0] / height * 90 + 11, directions[:, 1] / height * 90 + 37
-        rows = -(-len(u) // 1024)  # OpenCV's images are less than 32768 pixels long
+        rows = -(-len(u) // 1024)  # OpenCV limits images to 32767 pixels a side
         grid = np.zeros((2, rows * 1024), np.float32)
         grid[0, : len(u)], grid[1, : len(u)] = u % CLOUD_CELLS, v % CLOUD_CELLS
         if not rows:
@@ -145,7 +145,7 @@ class Light:
 
 
 def _squared(values: F32, times: int) -> F32:
-    """Values squared again and again."""
+    """Values squared repeatedly."""
     for _ in range(times):
         values = values * values
     return values
@@ -153,7 +153,7 @@ def _squared(values: F32, times: int) -> F32:
 
 @cache
 def _cloud_map() -> F32:
-    """Cover, 0 to 1, of a square of sky that can be laid side by side: noise whose octaves fall off as in nature."""
+    """Cloud cover (0 to 1) of a tileable square of sky, from noise with a natural spectrum."""
     random = np.random.Generator(np.random.PCG64(7))
     spectrum = np.fft.rfft2(random.standard_normal((CLOUD_CELLS, CLOUD_CELLS)))
     frequency = np.hypot(np.fft.fftfreq(CLOUD_CELLS)[:, None], np.fft.rfftfreq(CLOUD_CELLS))

@@ -1,4 +1,4 @@
-"""What moves, put on the still view of a camera: the things themselves, their shadows, and the dark below them."""
+"""Movers drawn on a still view: their bodies, their shadows, and the contact shadows below them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,10 +10,11 @@ import numpy as np
 
 from bags.simulator.sensors.lens import Lens
 from bags.simulator.sensors.light import Light
-from bags.simulator.sensors.still import BESIDE_PX, Still, Surfaces, contrasts, lit_surfaces, turned
+from bags.simulator.sensors.still import BESIDE_PX, Still, contrasts, lit_surfaces, turned
 from bags.simulator.world.motion import Poses
 from bags.simulator.world.placed import PartHits, PartSurfaces, PlacedPart, passing_rays
-from bags.simulator.world.scene import STATIC, Scene
+from bags.simulator.world.rays import STATIC, Surfaces
+from bags.simulator.world.scene import Scene
 from pipeline.core.arrays import F32, F64, I16, I64, Bools
 from pipeline.core.geometry.boxes import box_corners
 
@@ -23,23 +24,23 @@ Window = tuple[int, int, int, int]
 EMPTY: Window = (0, 0, 0, 0)
 
 BOX_MARGIN_M = 0.02
-"""Parts may reach this far out of the box that is the truth."""
+"""Parts may stick this far out of the ground truth box."""
 CONTACT, CONTACT_REACH = 0.62, 0.22
-"""Share of the sky's light that is missing below a thing, and how far that reaches out of it, of its height."""
+"""Share of skylight missing below a mover, and the reach of that around it as a share of its height."""
 REACHES = 3.0
-"""Contact shadows end at this many times their reach."""
+"""Contact shadows end at this multiple of their reach."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Moving:
-    """What moving things change in a still view at one moment.
+    """The changes of a still view by movers at one time.
 
     Attributes:
-        pixels: (K,) int64 the pixels that changed, rising.
-        linear: (K, 3) float32 their light.
-        owner: (P,) int16 row of the mover that each pixel's middle shows, or -1.
-        alone_px: (M,) int64 how many pixels each mover would have if nothing stood before it.
-        alone_xyxy: (M, 4) float64 left, top, right, bottom of these; NaN for none.
+        pixels: (K,) int64 changed pixels, rising.
+        linear: (K, 3) float32 light of these pixels.
+        owner: (P,) int16 row of the mover at the middle of each pixel, or -1.
+        alone_px: (M,) int64 number of pixels of each mover without occlusion.
+        alone_xyxy: (M, 4) float64 left, top, right, bottom of these pixels; NaN for none.
     """
 
     pixels: I64
@@ -50,7 +51,7 @@ class Moving:
 
 
 class _Samples:
-    """The nearest mover along N rays that all begin in the camera, found part by part."""
+    """The nearest mover along N rays from the camera, found part by part."""
 
     def __init__(self, origin: F64, directions: F32, depth: F32) -> None:
         self.origin, self.directions, self.depth = origin, directions, depth
@@ -58,7 +59,7 @@ class _Samples:
         self._found: list[_Found] = []
 
     def cast(self, row: int, part: PlacedPart, rows: I64) -> I64:
-        """Cast some of the rays at a part of a mover; those (rows) that it would stop if nothing stood before it."""
+        """Cast some of the rays at a part of a mover; the rows that hit it, occluded or not."""
         hits = part.cast(self.origin, self.directions.take(rows, 0))
         alone = rows.take(hits.rows)
         nearer = np.flatnonzero(hits.distance < self.depth.take(alone))
@@ -68,11 +69,11 @@ class _Samples:
         return alone
 
     def hide(self, rows: I64) -> None:
-        """Some of the rays meet something before any mover."""
+        """Mark rays that hit something static before any mover."""
         self._serial[rows] = -1
 
     def nearest(self) -> tuple[I64, I16, Surfaces]:
-        """The rays (K,) that meet a mover first, which one (K,), and what they meet there."""
+        """Rows (K,) of the rays that hit a mover first, the movers (K,), and the surfaces."""
         rows, movers, seen = [np.empty(0, np.int64)], [np.empty(0, np.int16)], [_NOTHING]
         for serial, (mover, part, found, hits, nearer) in enumerate(self._found):
             left = np.flatnonzero(self._serial.take(found) == serial)
@@ -93,14 +94,14 @@ class _Samples:
 
 
 class _Found(NamedTuple):
-    """What rays met of a part.
+    """The hits of rays on one part.
 
     Attributes:
         mover: Row of its mover.
         part: The part.
-        seen: (K,) the rays that met nothing nearer before.
-        hits: All that met it.
-        nearer: (K,) which of the hits those are.
+        seen: (K,) rows of the rays that had hit nothing nearer before.
+        hits: All hits on the part.
+        nearer: (K,) rows of `hits` for these rays.
     """
 
     mover: int
@@ -114,7 +115,7 @@ _NOTHING = PartSurfaces(np.empty((0, 3), np.float32), np.empty(0, np.int64), np.
 
 
 class _View:
-    """One mover at one moment, and the windows of an image in which it and what it shades can be seen."""
+    """One mover at one time, and the image windows that may show it or its shadows."""
 
     def __init__(
         self, scene: Scene, row: int, light: Light, lens: Lens, to_camera: Poses, lowest_m: float, time_ns: int
@@ -143,18 +144,18 @@ class _View:
 
     @cached_property
     def parts(self) -> list[PlacedPart]:
-        """Its parts, where they are."""
+        """Its parts at that time."""
         return self._scene.placed_parts(self.row, self._time_ns)
 
     @cached_property
     def part_windows(self) -> list[Window]:
-        """The window of each part; empty ones, where the mover itself cannot be seen."""
+        """The window of each part; empty if the mover is out of view."""
         if _is_empty(self.window):
             return [EMPTY] * len(self.parts)
         return [self._lens.window(self._to_camera.apply(part.corners)) for part in self.parts]
 
     def shades(self, points: F32, towards: F64) -> Bools:
-        """Whether it keeps the sun from points (N, 3)."""
+        """Whether it blocks the sun at points (N, 3)."""
         shaded = np.zeros(len(points), np.bool_)
         rows = passing_rays(points, towards, self._middle, self._radius)
         for part in self.parts if len(rows) else ():
@@ -164,7 +165,7 @@ class _View:
         return shaded
 
     def darkness(self, points: F32) -> F32:
-        """Share (N,) of the sky's light that it keeps from points near the ground below and around it."""
+        """Share (N,) of skylight that it blocks at points near the ground below and around it."""
         rotation, translation = self.base.rotation[0].astype(np.float32), self.base.translation[0].astype(np.float32)
         to_local = np.concatenate([rotation.T, -(rotation.T @ translation)[:, None]], 1)
         x, y, z = cv2.transform(points[:, None], to_local).reshape(-1, 3).T
@@ -172,12 +173,12 @@ class _View:
         ahead = np.maximum(np.abs(y - np.float32(self.center[1])) - np.float32(0.46 * self.size[1]), 0)
         away = np.sqrt(beside * beside + ahead * ahead) * np.float32(1 / (CONTACT_REACH * self.size[2]))
         height = np.clip(1 - np.abs(z) * np.float32(1 / (0.35 * self.size[2])), 0.0, 1.0)
-        fading = np.clip(np.float32(REACHES) - away, 0.0, 1.0)  # nothing ends sharply where the window does
+        fading = np.clip(np.float32(REACHES) - away, 0.0, 1.0)  # fade out before the end of the window
         return np.asarray(CONTACT * np.exp(-away) * height * fading, np.float32)
 
 
 def put_movers(scene: Scene, light: Light, lens: Lens, still: Still, time_ns: int) -> Moving:
-    """Cast what moves at one moment, in the windows where it can be seen, and its shadows."""
+    """Render movers and their shadows at one time, in the windows that may show them."""
     to_camera, lowest_m = still.pose.inverse(), still.lowest_m
     views = [_View(scene, row, light, lens, to_camera, lowest_m, time_ns) for row in range(len(scene.movers))]
     alone_px, alone_xyxy = np.zeros(len(views), np.int64), np.full((len(views), 4), np.nan)
@@ -186,7 +187,7 @@ def put_movers(scene: Scene, light: Light, lens: Lens, still: Still, time_ns: in
     if _is_empty(around):
         return Moving(np.empty(0, np.int64), np.empty((0, 3), np.float32), owner, alone_px, alone_xyxy)
     crop, shape = _slices(around), (lens.height, lens.width)
-    depth, linear = np.empty_like(still.distance), np.empty_like(still.linear)  # elsewhere nothing looks at them
+    depth, linear = np.empty_like(still.distance), np.empty_like(still.linear)  # not used outside the crop
     depth.reshape(shape)[crop] = still.distance.reshape(shape)[crop]
     linear.reshape(*shape, 3)[crop] = still.linear.reshape(*shape, 3)[crop]
     samples = _Samples(still.pose.translation[0], still.directions, depth)
@@ -220,12 +221,12 @@ def put_movers(scene: Scene, light: Light, lens: Lens, still: Still, time_ns: in
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Shadows:
-    """What movers take of the light of a still view.
+    """Light that movers take from a still view.
 
     Attributes:
         cast: (P,) bool, whether they take any.
-        shade: (P,) float32 share of the sun.
-        dark: (P,) float32 share of all other light.
+        shade: (P,) float32 share of sunlight taken.
+        dark: (P,) float32 share of all other light taken.
     """
 
     cast: Bools
@@ -233,7 +234,7 @@ class _Shadows:
     dark: F32
 
     def on(self, still: Still, pixels: I64) -> F32:
-        """Light (K, 3) that is left of some pixels."""
+        """Remaining light (K, 3) of some pixels."""
         rest, sun = still.shading.rest.take(pixels, 0), still.shading.sun.take(pixels, 0)
         left, sunny = 1 - self.dark.take(pixels), 1 - self.shade.take(pixels)
         for color in range(3):
@@ -244,7 +245,7 @@ class _Shadows:
 
 
 def _shadows(light: Light, lens: Lens, still: Still, views: Sequence[_View]) -> _Shadows:
-    """Cast the shadows of movers on a still view."""
+    """The shadows of movers on a still view."""
     changed = np.zeros((lens.height, lens.width), np.bool_)
     sunlight = still.shading.sun.reshape(*changed.shape, 3)[..., 1]
     shade, dark = np.zeros(changed.shape, np.float32), np.zeros(changed.shape, np.float32)
@@ -268,7 +269,7 @@ def _shadows(light: Light, lens: Lens, still: Still, views: Sequence[_View]) -> 
     for window in touched:
         crop = _slices(window)
         lit = (sunlight[crop] > 0).astype(np.float32)
-        # A soft edge, as the sun is no point; only sunny neighbours count.
+        # A soft edge, as the sun is not a point; only sunny neighbours count.
         soft = lit * cv2.blur(shade[crop] * lit, (3, 3)) / np.maximum(cv2.blur(lit, (3, 3)), 1e-3)
         shade[crop] = soft
         changed[crop] |= soft > 0
@@ -276,7 +277,7 @@ def _shadows(light: Light, lens: Lens, still: Still, views: Sequence[_View]) -> 
 
 
 def _light_of_movers(scene: Scene, light: Light, views: Sequence[_View], surfaces: Surfaces) -> F32:
-    """Light (N, 3) from points of movers, with the shadows of everything on them."""
+    """Light (N, 3) from surfaces of movers, with all shadows."""
     shading = lit_surfaces(scene, light, surfaces)
     if light.shadows and len(surfaces.distance):
         sunny = np.flatnonzero(shading.sun[:, 1] > 0)
@@ -288,7 +289,7 @@ def _light_of_movers(scene: Scene, light: Light, views: Sequence[_View], surface
 
 
 def _edges(lens: Lens, views: Sequence[_View], linear: F32, owner: I16) -> I64:
-    """The pixels of movers, and right beside them, that differ from a neighbour."""
+    """Pixels on movers or next to them that differ from a neighbour."""
     found = np.zeros((lens.height, lens.width), np.bool_)
     image, owned = linear.reshape(lens.height, lens.width, 3), owner.reshape(lens.height, lens.width) != STATIC
     for view in views:
@@ -302,15 +303,15 @@ def _edges(lens: Lens, views: Sequence[_View], linear: F32, owner: I16) -> I64:
 def _smoothed(
     scene: Scene, light: Light, lens: Lens, still: Still, views: Sequence[_View], pixels: I64, ground: F32
 ) -> F32:
-    """Light (E, 3) of pixels at the edges of movers: the mean of four points of each.
+    """Light (E, 3) of pixels at the edges of movers, as the mean of four samples.
 
     Args:
-        scene: The world.
-        light: Light.
-        lens: Of the camera.
+        scene: The scene.
+        light: Its light.
+        lens: Lens of the camera.
         still: The view without movers.
         views: The movers.
-        pixels: (E,) which pixels.
+        pixels: (E,) the pixels.
         ground: (E, 3) their light without movers, but with the movers' shadows.
     """
     beside = np.concatenate([lens.directions_beside(pixels, offset) for offset in BESIDE_PX])
@@ -324,7 +325,7 @@ def _smoothed(
             inside = np.flatnonzero((x >= left) & (x < right) & (y >= top) & (y < bottom))
             if len(inside):
                 samples.cast(view.row, part, np.concatenate([inside + step * len(pixels) for step in range(4)]))
-    # What stands still can be before a mover only where it is so near in a neighbour's middle already.
+    # A static surface can be in front of a mover only if it is that near at a neighbouring pixel, too.
     doubtful = np.flatnonzero(np.isfinite(samples.depth) & (samples.depth >= np.tile(still.nearest.take(pixels), 4)))
     behind = scene.static_distance(origin, directions.take(doubtful, 0))
     samples.hide(doubtful.compress(behind <= samples.depth.take(doubtful)))
@@ -340,7 +341,7 @@ def _corners(center: F64, size: F64) -> F64:
 
 
 def _around(windows: Sequence[Window]) -> Window:
-    """The smallest window that holds several; those that are empty do not count."""
+    """The smallest window around all non-empty ones."""
     shown = [window for window in windows if not _is_empty(window)]
     if not shown:
         return EMPTY
@@ -359,7 +360,7 @@ def _slices(window: Window) -> tuple[slice, slice]:
 
 
 def _extent(parts: Sequence[I64], lens: Lens) -> tuple[int, F64]:
-    """How many pixels several sets hold together, and left, top, right, bottom of the rectangle around them."""
+    """Number of pixels in the union of several sets, and left, top, right, bottom of their bounding box."""
     shown = np.zeros((lens.height, lens.width), np.bool_)
     for pixels in parts:
         shown.reshape(-1)[pixels] = True

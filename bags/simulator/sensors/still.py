@@ -1,4 +1,4 @@
-"""What a camera sees of what stands still, kept so that moving things and their shadows can be put on it."""
+"""A camera's view of the static world, kept so that movers and shadows can be drawn on it."""
 
 from dataclasses import dataclass
 
@@ -9,79 +9,36 @@ from bags.simulator.sensors.ambient import sky_light
 from bags.simulator.sensors.lens import Lens
 from bags.simulator.sensors.light import Light, Shading
 from bags.simulator.world.motion import Poses
+from bags.simulator.world.rays import Surfaces
 from bags.simulator.world.scene import Scene
 from bags.simulator.world.surfaces.textures import surface_rgb
-from pipeline.core.arrays import F32, F64, I64, Bools
+from pipeline.core.arrays import F32, Bools
 
-__all__ = ["BESIDE_PX", "Still", "Surfaces", "contrasts", "lit_surfaces", "static_surfaces", "take_still", "turned"]
+__all__ = ["BESIDE_PX", "Still", "contrasts", "lit_surfaces", "take_still", "turned"]
 
 
 BESIDE_PX = ((-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25))
-"""The four points of a pixel that are looked through where neighbours differ (anti-aliasing)."""
+"""The four sample points of a pixel that differs from its neighbours (anti-aliasing)."""
 CONTRAST = 0.06
-"""Difference of the square root of brightness, of white's, from which neighbours differ."""
+"""Contrast from which neighbours differ, in square roots of brightness."""
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
 ROWS_AT_ONCE = 1 << 17
-"""Rays that are worked on together: their arrays stay within the processor's caches, more or less."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Surfaces:
-    """What N rays from one point meet.
-
-    Attributes:
-        origin: (3,) float64 where the rays begin, in the world.
-        directions: (N, 3) float32 unit vectors in the world.
-        distance: (N,) float32 metres; infinite for nothing.
-        normal: (N, 3) float32 unit vectors in the world, on the side that the ray comes from; 0 for nothing.
-        material: (N,) int64 rows of the scene's palette.
-        local: (N, 3) metres, in the frame of the part, or of the world for what stands still.
-    """
-
-    origin: F64
-    directions: F32
-    distance: F32
-    normal: F32
-    material: I64
-    local: F32 | F64
-
-    def take(self, rows: I64) -> "Surfaces":
-        """Some of them."""
-        return Surfaces(
-            self.origin,
-            self.directions.take(rows, 0),
-            self.distance.take(rows),
-            self.normal.take(rows, 0),
-            self.material.take(rows),
-            self.local.take(rows, 0),
-        )
-
-    @property
-    def points(self) -> F32:
-        """(N, 3) metres in the world, so far above the surface that rays from there do not meet it by rounding."""
-        distance = np.where(np.isfinite(self.distance), self.distance, np.float32(0))
-        lift = np.float32(5e-4) + np.float32(2e-5) * distance
-        points = np.empty_like(self.directions)
-        for axis, begin in enumerate(self.origin.astype(np.float32)):
-            along = self.directions[:, axis] * distance
-            along += lift * self.normal[:, axis]
-            np.add(along, begin, out=points[:, axis])
-        return points
+"""Rays per batch: their arrays roughly fit into the processor's caches."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Still:
-    """A view without anything that moves; P pixels, numbered row by row.
+    """A view of the static world; P pixels, numbered row by row.
 
     Attributes:
-        pose: Of the optical frame in the world; a single one.
+        pose: Single pose of the optical frame in the world.
         directions: (P, 3) float32 unit vectors in the world.
-        distance: (P,) float32 metres; infinite for the sky, 0 where the lens covers nothing.
-        points: (P, 3) float32 the surface, a little above it.
-        shading: Its light (P); what a thing that stands still shades has no sun.
-        linear: (P, 3) float32 all of its light together.
-        nearest: (P,) float32 metres: the least distance of each pixel and its neighbours.
-        lowest_m: Height of the lowest point that is seen.
+        distance: (P,) float32 metres; infinite for the sky, 0 outside the lens.
+        points: (P, 3) float32 points slightly above the surface.
+        shading: Light (P); without sun in the shadow of the static world.
+        linear: (P, 3) float32 sum of all light.
+        nearest: (P,) float32 metres: least distance of each pixel and its neighbours.
+        lowest_m: Height of the lowest visible point.
     """
 
     pose: Poses
@@ -95,7 +52,7 @@ class Still:
 
 
 def take_still(scene: Scene, light: Light, lens: Lens, pose: Poses) -> Still:
-    """Cast every pixel of a view, and four points of those that differ from their neighbours."""
+    """Render every pixel of a view, those that differ from their neighbours with four samples."""
     directions = turned(pose, lens.directions)
     n = len(directions)
     distance, points = np.empty(n, np.float32), np.empty((n, 3), np.float32)
@@ -103,7 +60,7 @@ def take_still(scene: Scene, light: Light, lens: Lens, pose: Poses) -> Still:
     normals = np.empty((n, 3), np.float32)
     for first in range(0, n, ROWS_AT_ONCE):
         rows = slice(first, first + ROWS_AT_ONCE)
-        surfaces = static_surfaces(scene, pose, directions[rows])
+        surfaces = scene.static_surfaces(pose.translation[0], directions[rows])
         shading = lit_surfaces(scene, light, surfaces)
         points[rows], distance[rows] = surfaces.points, surfaces.distance
         rest[rows], sun[rows], normals[rows] = shading.rest, shading.sun, surfaces.normal
@@ -111,12 +68,12 @@ def take_still(scene: Scene, light: Light, lens: Lens, pose: Poses) -> Still:
     for first in range(0, len(mixed), ROWS_AT_ONCE // 4):
         pixels = mixed[first : first + ROWS_AT_ONCE // 4]
         beside = turned(pose, np.concatenate([lens.directions_beside(pixels, offset) for offset in BESIDE_PX]))
-        shading = lit_surfaces(scene, light, static_surfaces(scene, pose, beside))
+        shading = lit_surfaces(scene, light, scene.static_surfaces(pose.translation[0], beside))
         rest[pixels] = shading.rest.reshape(4, -1, 3).mean(0)
         sun[pixels] = shading.sun.reshape(4, -1, 3).mean(0)
     image = (lens.height, lens.width, 3)
     share = sky_light(scene, points.reshape(image), normals.reshape(image)).reshape(-1)
-    # The haze before a surface is not darkened, nor is the sky.
+    # Neither haze in front of a surface nor the sky is darkened.
     left = 1 - (1 - share) * light.clearness(distance)
     for color in range(3):
         rest[:, color] *= left
@@ -130,15 +87,8 @@ def take_still(scene: Scene, light: Light, lens: Lens, pose: Poses) -> Still:
     return Still(pose, directions, distance, points, Shading(rest, sun), rest + sun, nearest, lowest_m)
 
 
-def static_surfaces(scene: Scene, pose: Poses, directions: F32) -> Surfaces:
-    """What stands still along rays (N, 3) from the camera."""
-    origin = pose.translation[0]
-    seen = scene.static_seen(origin, directions)
-    return Surfaces(origin, directions, seen.distance, seen.normal, seen.material, seen.local)
-
-
 def lit_surfaces(scene: Scene, light: Light, surfaces: Surfaces) -> Shading:
-    """Light from what rays meet, and from the sky where they meet nothing; shaded by what stands still."""
+    """Light from surfaces, or from the sky for a miss, with the shadows of the static world."""
     hit = np.isfinite(surfaces.distance)
     if not hit.all():
         n = len(hit)
@@ -154,12 +104,12 @@ def lit_surfaces(scene: Scene, light: Light, surfaces: Surfaces) -> Shading:
     if light.shadows:
         facing = np.flatnonzero(shading.sun[:, 1] > 0)
         points = surfaces.take(facing).points
-        shading.sun[facing.compress(scene.shaded_by_static(points, light.towards))] = 0.0
+        shading.sun[facing.compress(scene.static_occludes(points, light.towards))] = 0.0
     return shading
 
 
 def turned(pose: Poses, vectors: F32) -> F32:
-    """Vectors (N, 3) of the optical frame in the world."""
+    """Vectors (N, 3) of the optical frame, rotated to the world."""
     if not len(vectors):
         return np.empty((0, 3), np.float32)
     rotation = pose.rotation[0].astype(np.float32)
@@ -167,13 +117,13 @@ def turned(pose: Poses, vectors: F32) -> F32:
 
 
 def contrasts(linear: F32) -> Bools:
-    """Which pixels of an image (H, W, 3) of light differ from a neighbour, row by row (H * W,)."""
+    """Whether pixels of an image (H, W, 3) of light differ from a neighbour: (H * W,)."""
     brightness = np.sqrt(linear @ LUMINANCE)
     square = np.ones((3, 3), np.uint8)
     return np.asarray(cv2.dilate(brightness, square) - cv2.erode(brightness, square) > CONTRAST).reshape(-1)
 
 
 def _inner(lens: Lens) -> Bools:
-    """Pixels that the lens covers together with all their neighbours."""
+    """Whether the lens covers a pixel and all its neighbours."""
     covered = lens.covered.reshape(lens.height, lens.width).astype(np.uint8)
     return cv2.erode(covered, np.ones((3, 3), np.uint8)).reshape(-1) > 0

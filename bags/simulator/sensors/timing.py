@@ -1,7 +1,7 @@
-"""When a sensor measures, what its clock says, and when its message is recorded or lost.
+"""Measurement times, stamps, recording times and losses of a sensor.
 
-Times count nanoseconds of true time since the scenario began. Every measurement draws its random numbers from its own
-generator, always the same ones in the same order, so that switching on one fault leaves all others as they were.
+Times are nanoseconds of true time since the start of the scenario. Each measurement has its own random generator and
+draws the same numbers in the same order, so switching on one fault leaves all others unchanged.
 """
 
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ MS = 1_000_000
 
 
 def random_numbers(seed: int, name: str, purpose: str, number: int) -> np.random.Generator:
-    """The generator of one measurement of one sensor, for one purpose."""
+    """The random generator of one measurement of one sensor, for one purpose."""
     return np.random.Generator(
         np.random.PCG64(np.random.SeedSequence([seed, crc32(name.encode()), crc32(purpose.encode()), number]))
     )
@@ -28,11 +28,11 @@ class Measurement:
     """One measurement of a sensor.
 
     Attributes:
-        number: Counted from 0, also over lost ones.
-        begin_ns: True time at which it begins.
-        end_ns: True time at which it ends.
-        stamp_ns: What the sensor's clock said at `begin_ns`.
-        log_ns: True time at which its message is recorded.
+        number: Counted from 0, lost ones included.
+        begin_ns: True start time.
+        end_ns: True end time.
+        stamp_ns: The sensor's clock at `begin_ns`.
+        log_ns: True time when its message is recorded.
         lost: Whether its message is lost.
     """
 
@@ -46,14 +46,14 @@ class Measurement:
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """The clock and the connection of one sensor.
+    """Clock and connection of one sensor.
 
     Attributes:
-        name: Of the sensor.
+        name: Name of the sensor.
         sensor: Its settings.
-        seed: Of the scenario.
-        trigger_jitter: Whether jitter moves the measurement itself (a camera's trigger) or, where the sensor turns
-            evenly, only its stamp.
+        seed: Seed of the scenario.
+        trigger_jitter: Whether jitter shifts the measurement itself (a camera's trigger) or only its stamp (an
+            evenly spinning lidar).
     """
 
     name: str
@@ -67,11 +67,11 @@ class Timing:
         return round(1e9 / self.sensor.rate_hz)
 
     def nominal_ns(self, number: int) -> int:
-        """When a measurement would begin without jitter."""
+        """Start of a measurement without jitter."""
         return round(self.sensor.phase_ms * MS + number * 1e9 / self.sensor.rate_hz)
 
     def is_alive(self, begin_ns: int) -> bool:
-        """Whether the sensor still measures."""
+        """Whether the sensor still works at a time."""
         return self.sensor.dies_at_s is None or begin_ns < self.sensor.dies_at_s * 1e9
 
     def measurement(
@@ -80,14 +80,14 @@ class Timing:
         """One measurement.
 
         Args:
-            number: Which one.
-            begin_ns: When it begins, if the sensor itself knows better than its nominal rate.
-            end_ns: When it ends; left out: `lasts_ns` after it began.
-            lasts_ns: How long it takes.
+            number: Its number.
+            begin_ns: Its start; None for the nominal one.
+            end_ns: Its end; None for `lasts_ns` after its start.
+            lasts_ns: Its duration.
         """
         random = random_numbers(self.seed, self.name, "timing", number)
         jitter_ns, delay_ns, luck = random.standard_normal(), random.standard_normal(), random.random()
-        # A sensor measures in its order: a moment cannot pass the ones beside it.
+        # Measurements stay in order.
         max_jitter_ns = 0.45 * self.period_ns
         jitter_ns = round(np.clip(jitter_ns * self.sensor.jitter_ms * MS, -max_jitter_ns, max_jitter_ns))
         begin = self.nominal_ns(number) if begin_ns is None else begin_ns

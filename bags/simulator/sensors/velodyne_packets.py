@@ -1,7 +1,7 @@
-"""What a VLP-16, HDL-32E or VLP-32C sends: where its beams point and when, and packets of the ranges they measured.
+"""Velodyne sensors (VLP-16, HDL-32E, VLP-32C): directions and times of beams, and data packets from ranges.
 
-The inverse of `readers.velodyne.decoder`, written apart from it. Azimuth and time follow the manuals: the head turns
-evenly, block azimuths are rounded to 0.01 degrees, packet times to microseconds, ranges to the model's step.
+The inverse of `readers.velodyne.decoder`, written independently. As in the manuals the head spins evenly, block
+azimuths are rounded to 0.01 degrees, packet times to microseconds, ranges to the model's step.
 """
 
 from dataclasses import dataclass
@@ -43,7 +43,7 @@ class Beams:
 
     Attributes:
         directions: (F, L, 3) unit vectors, by firing and laser id.
-        origins: (L, 3) metres, where the beams of each laser meet the axis.
+        origins: (L, 3) metres, where the beams of each laser start on the axis.
         times_ns: (F, L) int64.
     """
 
@@ -54,10 +54,10 @@ class Beams:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EncodedPackets:
-    """Packets as the sensor sends them.
+    """Data packets.
 
     Attributes:
-        stamps_ns: (P,) int64, time of the first firing.
+        stamps_ns: (P,) int64 time of the first firing.
         payload: (P, 1206) uint8.
     """
 
@@ -65,7 +65,7 @@ class EncodedPackets:
     payload: U8
 
     def later(self, by_ns: int) -> "EncodedPackets":
-        """The same packets sent at another time, also by the clock inside of them (microseconds of the hour)."""
+        """The same packets at a later time, in their internal clock (microseconds of the hour), too."""
         stamps_ns = self.stamps_ns + by_ns
         payload = self.payload.copy()
         payload[:, 1200:1204] = _hour_us(stamps_ns).astype("<u4").view(np.uint8).reshape(-1, 4)
@@ -74,7 +74,7 @@ class EncodedPackets:
 
 @dataclass(frozen=True, slots=True)
 class VelodyneSensor:
-    """One sensor that turns evenly from a moment on; packets are counted from there.
+    """A sensor that spins evenly from a start time on, where packets are counted from.
 
     Attributes:
         model: A model of `MODELS` with one bank of lasers.
@@ -97,18 +97,18 @@ class VelodyneSensor:
 
     @property
     def firings_per_packet(self) -> int:
-        """Firings of all lasers that one packet holds."""
+        """Firings of all lasers per packet."""
         return BLOCKS // self._returns * (SLOTS // self._facts.lasers)
 
     @property
     def packets_per_turn(self) -> float:
-        """Packets in one turn; no whole number as a rule."""
+        """Packets per turn; usually not a whole number."""
         return 1e6 / self.turn_hz / self._packet_us
 
     def beams(self, first_packet: int, packets: int) -> Beams:
-        """The beams of packets `first_packet` up to `first_packet + packets`, F = packets x firings_per_packet."""
+        """The beams of `packets` packets from `first_packet` on, F = packets x firings_per_packet."""
         firing_us, table = self._firing_us(first_packet, packets), self._table
-        # Azimuths are sums of one of the firing and one of the laser: only these need cosine and sine.
+        # An azimuth is the sum of one per firing and one per laser: cosine and sine are only needed of these.
         firing = self._azimuth_rad(firing_us)[:, None]
         laser = 2 * np.pi * self.turn_hz * 1e-6 * self._laser_us - table.azimuth_offset_rad
         across = np.cos(table.elevation_rad)
@@ -126,25 +126,25 @@ class VelodyneSensor:
         return self.start_ns + round(packet * self._packet_us * 1000)
 
     def azimuth_error_rad(self, first_packet: int, packets: int) -> F64:
-        """(F,) by how much the azimuths that packets tell of their firings are larger than the true ones.
+        """(F,) difference of the azimuths that a decoder computes from packets and the true ones.
 
-        A block tells 0.01 degrees; a decoder reckons on from there, so its later firing is wrong by as much.
+        Block azimuths are rounded to 0.01 degrees, and the error carries over to the second firing of a block.
         """
         begun_us = self._block_us(first_packet, packets).reshape(-1)
         true_deg = np.rad2deg(self._azimuth_rad(begun_us))
         return np.repeat(np.deg2rad(np.rint(true_deg * 100) / 100 - true_deg), SLOTS // self._facts.lasers)
 
     def encode(self, first_packet: int, ranges_m: F64, reflectivity: U8) -> EncodedPackets:
-        """Packets of the ranges along `beams`.
+        """Packets with the ranges along `beams`.
 
         Args:
             first_packet: Number of the first packet.
             ranges_m: (F, L) metres by firing and laser id; in dual mode (F, L, 2), the last return, then the strongest.
-                What is not finite, not positive or beyond the format's reach is no return.
+                Values that are not finite, not positive or too large for the format are no return.
             reflectivity: Like `ranges_m`.
 
         Raises:
-            ValueError: the shapes do not fit, or F fills no whole number of packets.
+            ValueError: the shapes do not fit, or F is not a whole number of packets.
         """
         facts, returns = self._facts, self._returns
         packets, rest = divmod(len(ranges_m), self.firings_per_packet)
@@ -191,7 +191,7 @@ class VelodyneSensor:
 
     @property
     def _laser_us(self) -> F64:
-        """(L,) since the firing began."""
+        """(L,) since the start of the firing."""
         return np.array(self._facts.slot_us[0][: self._facts.lasers], np.float64)
 
     def _firing_us(self, first_packet: int, packets: int) -> F64:
@@ -203,7 +203,7 @@ class VelodyneSensor:
         return np.asarray((packet_us[:, None, None] + block_us[:, None] + in_block_us).reshape(-1))
 
     def _block_us(self, first_packet: int, packets: int) -> F64:
-        """(packets, columns) times of the first firings of blocks, since `start_ns`."""
+        """(packets, columns) times of the first firing of each block, since `start_ns`."""
         return self._firing_us(first_packet, packets).reshape(packets, BLOCKS // self._returns, -1)[:, :, 0]
 
     def _azimuth_rad(self, times_us: F64) -> F64:
@@ -211,10 +211,10 @@ class VelodyneSensor:
 
 
 def _hour_us(stamps_ns: I64) -> I64:
-    """Microseconds since the hour began, rounded."""
+    """Microseconds since the full hour, rounded."""
     return (stamps_ns + 500) // 1000 % HOUR_US
 
 
 def _by_return(values: U16 | U8, packets: int, columns: int, returns: int) -> U16 | U8:
-    """(F, L) or (F, L, 2) as the blocks hold them: (packets, columns, returns, 32)."""
+    """(F, L) or (F, L, 2) in block layout: (packets, columns, returns, 32)."""
     return np.moveaxis(values.reshape(packets, columns, SLOTS, returns), 3, 2)

@@ -1,1 +1,1 @@
-"""What moves: vehicles and people, their ways, and who drives them."""
+"""Vehicles and pedestrians: how they move, where, and who controls them."""

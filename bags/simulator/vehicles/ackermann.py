@@ -1,11 +1,12 @@
-"""How a car with steered front wheels moves, and the six controllers through which the original drives it.
+"""The motion of a car with steered front wheels, and the six wheel and hinge controllers of the predecessor system.
 
-The kinematic bicycle model with the rear axle as its reference: wheels roll and do not slip, so that the middle of the
-rear axle goes round a circle of radius wheel base / tan(steering) (Rajamani, Vehicle Dynamics and Control, 2012, 2.2).
+The kinematic bicycle model with the rear axle as reference: wheels roll without slip, so the middle of the rear axle
+follows a circle of radius wheel base / tan(steering) (Rajamani, Vehicle Dynamics and Control, 2012, 2.2).
 """
 
 import math
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
+from typing import NamedTuple
 
 from bags.simulator.vehicles.trajectory import State
 
@@ -14,28 +15,27 @@ __all__ = ["Ackermann", "AckermannCommand", "ControllerCommands"]
 
 @dataclass(frozen=True, slots=True)
 class AckermannCommand:
-    """What a driver asks for (ackermann_msgs/AckermannDrive).
+    """Target speed and steering (ackermann_msgs/AckermannDrive).
 
     Attributes:
         speed_m_s: Along the heading; negative backwards.
-        steering_rad: Of the middle of the front axle, to the left.
+        steering_rad: At the middle of the front axle, positive to the left.
     """
 
     speed_m_s: float = 0.0
     steering_rad: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class ControllerCommands:
-    """What the six controllers of a car are told.
+class ControllerCommands(NamedTuple):
+    """Targets of a car's six controllers, in the order of `CONTROLLERS`: wheel rates, and angles of the front wheels.
 
     Attributes:
-        left_rear_rad_s: Rate of a wheel.
-        right_rear_rad_s: As above.
-        left_front_rad_s: As above.
-        right_front_rad_s: As above.
-        left_hinge_rad: Angle of a front wheel, to the left.
-        right_hinge_rad: As above.
+        left_rear_rad_s: Wheel rate.
+        right_rear_rad_s: Wheel rate.
+        left_front_rad_s: Wheel rate.
+        right_front_rad_s: Wheel rate.
+        left_hinge_rad: Wheel angle, positive to the left.
+        right_hinge_rad: Wheel angle, positive to the left.
     """
 
     left_rear_rad_s: float
@@ -45,11 +45,6 @@ class ControllerCommands:
     left_hinge_rad: float
     right_hinge_rad: float
 
-    @property
-    def values(self) -> tuple[float, ...]:
-        """In the order of `CONTROLLERS`."""
-        return astuple(self)
-
 
 @dataclass(frozen=True, slots=True)
 class Ackermann:
@@ -58,11 +53,11 @@ class Ackermann:
     Attributes:
         wheel_base_m: From the rear axle to the front one.
         track_m: From the left front wheel to the right one; 0 for a two-wheeler.
-        wheel_radius_m: Of all wheels.
-        max_steering_rad: Either way, of the middle of the front axle.
-        steering_rate_rad_s: How fast the steering turns.
-        acceleration_m_s2: How fast the speed rises.
-        braking_m_s2: How fast it falls.
+        wheel_radius_m: Radius of all wheels.
+        max_steering_rad: Steering limit either way, at the middle of the front axle.
+        steering_rate_rad_s: Limit of the steering rate.
+        acceleration_m_s2: Limit of acceleration.
+        braking_m_s2: Limit of braking.
     """
 
     wheel_base_m: float
@@ -74,11 +69,11 @@ class Ackermann:
     braking_m_s2: float
 
     def controllers(self, command: AckermannCommand) -> ControllerCommands:
-        """What a command makes of the controllers.
+        """The controller targets for a command.
 
-        All wheels get the same rate, as in the original: speed x 28 for its cars, whose wheels' radius is 1/28 m. The
-        hinges get the angles at which both front wheels stand square to the centre of the turn, the inner one more than
-        the outer one; the original gave both the same angle, at which one of them slips.
+        All wheels get the same rate, as in the predecessor system: speed x 28 for model cars, whose wheel radius is
+        1/28 m. The front wheels turn about a common centre, the inner one further than the outer one; the predecessor
+        gave both the same angle, at which one of them slips.
         """
         rate = command.speed_m_s / self.wheel_radius_m
         slope = math.tan(self._within_limits(command.steering_rad))
@@ -87,10 +82,10 @@ class Ackermann:
         return ControllerCommands(rate, rate, rate, rate, left, right)
 
     def command(self, controllers: ControllerCommands) -> AckermannCommand:
-        """What the controllers' commands make the car do.
+        """The motion that controller targets produce.
 
-        The rear wheels drive it, at the mean of their rates. It turns about the point halfway between those about which
-        the two front wheels would have it turn.
+        Speed follows from the mean rate of the rear wheels, steering from the point halfway between the turning centres
+        of the two front wheels.
         """
         rate = (controllers.left_rear_rad_s + controllers.right_rear_rad_s) / 2
         left, right = math.tan(controllers.left_hinge_rad), math.tan(controllers.right_hinge_rad)
@@ -99,10 +94,10 @@ class Ackermann:
         return AckermannCommand(rate * self.wheel_radius_m, self._within_limits(math.atan(slope)))
 
     def step(self, state: State, command: AckermannCommand, seconds: float) -> State:
-        """The state after a time in which a command was in force.
+        """The state after following a command for a time.
 
-        Speed and steering approach the command as fast as the chassis can. The way is an arc whose curvature is that of
-        the mean steering: no error of integration grows while the steering is held.
+        Speed and steering approach the command at the limits of the chassis. The path is an arc with the curvature of
+        the mean steering, so constant steering adds no integration error.
         """
         speed = state.speed_m_s + self._change_of_speed(state.speed_m_s, command.speed_m_s, seconds)
         turned = self.steering_rate_rad_s * seconds
@@ -110,7 +105,7 @@ class Ackermann:
         steering = state.steering_rad + min(max(change, -turned), turned)
         way = (state.speed_m_s + speed) / 2 * seconds
         turn = way * math.tan((state.steering_rad + steering) / 2) / self.wheel_base_m
-        # The chord of the arc, and its direction.
+        # Chord of the arc, and its direction.
         chord = way * (math.sin(turn / 2) / (turn / 2) if turn else 1.0)
         towards = state.yaw_rad + turn / 2
         return State(
@@ -123,7 +118,7 @@ class Ackermann:
         )
 
     def _change_of_speed(self, speed: float, wanted: float, seconds: float) -> float:
-        # Whoever turns back brakes first: a step ends at rest at most.
+        # Brake to rest before reversing.
         if speed and (wanted - speed) * speed < 0:
             goal = wanted if wanted * speed > 0 else 0.0
             most = self.braking_m_s2 * seconds

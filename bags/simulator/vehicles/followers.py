@@ -1,4 +1,4 @@
-"""Drivers that follow a route by themselves: how fast and where to, decided a few times a second."""
+"""Drivers that follow a route, and decide on speed and steering a few times a second."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -20,25 +20,25 @@ __all__ = ["Follower", "Seen", "following_acceleration"]
 
 STANDING_M_S = 0.02
 NEAR_LINE = 0.4
-"""Before a line one leaves this share of the room that one leaves behind a car."""
+"""Gap before a stop line, as a share of the gap behind a car."""
 
 REACTION_S = 0.5
-"""From the way being free to starting to use it."""
+"""Delay before starting when the way becomes free."""
 
 RESERVE = 0.5
-"""Share of the hardest braking that one plans with: only what comes unforeseen takes more."""
+"""Share of the hardest braking that plans may use; the rest is for surprises."""
 SLOWEST_M_S = 0.05
-"""Slower than this nobody drives of his own will: he stops, or goes on."""
+"""A driver who brakes below this stops altogether."""
 
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """Something that moves, as drivers see it.
+    """A vehicle or pedestrian as other drivers see it.
 
     Attributes:
-        ground: That it covers.
-        state: Its own.
-        traveller: What they think of it; None if nobody knows where it will go.
+        ground: Its footprint.
+        state: Its state.
+        traveller: Its progress on a route; None if it follows none.
     """
 
     ground: Rectangle
@@ -49,9 +49,9 @@ class Seen:
 def following_acceleration(
     habits: Habits, speed_m_s: float, cruise_m_s: float, gap_m: float, ahead_m_s: float
 ) -> float:
-    """What a driver makes of the gap to what is ahead and of that thing's speed.
+    """The acceleration for a gap to the vehicle ahead and its speed.
 
-    The intelligent driver model (Treiber, Hennecke, Helbing, Physical Review E 62, 2000), with hard braking as a limit.
+    The intelligent driver model (Treiber, Hennecke, Helbing, Physical Review E 62, 2000), limited to hard braking.
     """
     free = 1 - (speed_m_s / cruise_m_s) ** 4 if cruise_m_s > 0 else -1.0
     wanted_m = 0.0
@@ -66,17 +66,17 @@ def following_acceleration(
 
 
 class Follower:
-    """Someone on a route.
+    """The driver of a vehicle or pedestrian on a route.
 
     Args:
-        order: Among all that move.
+        order: Its place among all vehicles, which breaks ties.
         name: Name of the route.
-        route: The way.
-        start_m: Where on it the base frame begins.
-        speed_m_s: How fast, where nothing holds it up.
-        shape: Its size.
-        habits: How it drives.
-        chassis: None: it walks.
+        route: The route.
+        start_m: Start position of the base frame along the route.
+        speed_m_s: Cruising speed.
+        shape: Dimensions.
+        habits: Driving habits.
+        chassis: Chassis; None for a pedestrian.
     """
 
     def __init__(
@@ -113,7 +113,7 @@ class Follower:
         self.traveller.speed_m_s = self.first.speed_m_s
 
     def observe(self, state: State) -> None:
-        """Take notice of where it is."""
+        """Update its progress on the route from its state."""
         if self._chassis is not None:
             self._along_m = self._route.followed(state.x_m, state.y_m, self._along_m)
         self.traveller.front_m = self._along_m + self._shape.front_m
@@ -128,14 +128,14 @@ class Follower:
         stretches: Sequence[Stretch],
         travellers: Mapping[str, Sequence[Traveller]],
     ) -> AckermannCommand:
-        """The command for the next time, of a length in seconds.
+        """The command until the next decision.
 
         Args:
-            state: Its own.
-            seconds: Until it decides again.
-            others: Whatever else moves.
-            stretches: What its route shares with others.
-            travellers: Who is on which route.
+            state: Its state.
+            seconds: Time until it decides again.
+            others: All other vehicles and pedestrians.
+            stretches: What its route shares with other routes.
+            travellers: Travellers by route.
         """
         me, habits = self.traveller, self._habits
         horizon_m = self._horizon_m(state.speed_m_s)
@@ -155,7 +155,7 @@ class Follower:
         return AckermannCommand(speed, self._steering(state))
 
     def _line(self, line_m: float, seconds: float) -> float:
-        """How far to where it stops: whoever has begun to wait takes a moment to see that the way is free."""
+        """Distance to the stop line; after a wait the line holds for a reaction time longer."""
         me = self.traveller
         if math.isfinite(line_m):
             self._line_at_m, self._reaction_s = me.front_m + line_m, REACTION_S
@@ -165,7 +165,7 @@ class Follower:
         return left_m if self._reaction_s > 0 and left_m > me.braking_m else math.inf
 
     def walk(self, state: State, speed_m_s: float, seconds: float) -> State:
-        """The state of someone on foot, after a time in which it walks that fast."""
+        """The state of a pedestrian after walking for a time at a target speed."""
         change = speed_m_s - state.speed_m_s
         most = (self._habits.acceleration_m_s2 if change > 0 else self._habits.hard_braking_m_s2) * seconds
         speed = state.speed_m_s + min(max(change, -most), most)
@@ -174,7 +174,7 @@ class Follower:
         return State(place.x_m, place.y_m, place.yaw_rad, speed, 0.0, state.walked_m + way)
 
     def walked(self, way_m: float) -> None:
-        """It came that much further on foot."""
+        """Advance along the route on foot."""
         self._along_m += way_m
 
     def _steering(self, state: State) -> float:
@@ -189,7 +189,7 @@ class Follower:
         return 4 * habits.gap_m + speed_m_s * (habits.headway_s + 1.5) + speed_m_s**2 / (2 * habits.braking_m_s2)
 
     def _gap(self, state: State, others: Sequence[Seen], horizon_m: float) -> tuple[float, float, Traveller | None]:
-        """From its front to the first thing on its way within the horizon, that thing's speed along the way, and it."""
+        """Distance to the first thing ahead within the horizon, its speed along the route, and its traveller."""
         cos, sin = math.cos(state.yaw_rad), math.sin(state.yaw_rad)
         reach_m = horizon_m + self._shape.front_m
         near = []
@@ -221,7 +221,7 @@ class Follower:
 
 
 def _speed_limits(route: Route, cruise_m_s: float, habits: Habits, step_m: float) -> F64:
-    """How fast each place of a route may be passed, curves ahead in mind."""
+    """Speed limit at each sample of a route, low enough to brake for curves ahead."""
     along = np.arange(0.0, route.length_m, step_m)
     curvature = np.abs(route.points(along)[:, 3])
     limit2 = np.minimum(cruise_m_s**2, habits.sideways_m_s2 / np.maximum(curvature, 1e-9))

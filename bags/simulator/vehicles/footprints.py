@@ -1,4 +1,4 @@
-"""The ground that things cover, as rectangles, and whether two of them overlap."""
+"""Footprints on the ground as rectangles, and their overlap."""
 
 import math
 from collections.abc import Iterable
@@ -18,10 +18,10 @@ class Rectangle:
     """A rectangle on the ground.
 
     Attributes:
-        x_m: Of its centre.
-        y_m: As above.
-        yaw_rad: Direction of its length.
-        length_m: Along that.
+        x_m: x of the centre.
+        y_m: y of the centre.
+        yaw_rad: Direction of the length.
+        length_m: Along the yaw.
         width_m: Across.
     """
 
@@ -33,12 +33,12 @@ class Rectangle:
 
     @property
     def radius_m(self) -> float:
-        """Of the circle around it."""
+        """Radius of the circumscribed circle."""
         return math.hypot(self.length_m, self.width_m) / 2
 
 
 def footprint(shape: Shape, state: State) -> Rectangle:
-    """The ground under a thing's box."""
+    """The footprint of a shape's box."""
     cos, sin = math.cos(state.yaw_rad), math.sin(state.yaw_rad)
     x, y, _ = shape.box_center_m
     length, width, _ = shape.size_m
@@ -46,7 +46,7 @@ def footprint(shape: Shape, state: State) -> Rectangle:
 
 
 def overlap(one: Rectangle, other: Rectangle) -> bool:
-    """Whether two rectangles share ground: no line along a side of either lies between them (separating axes)."""
+    """Whether two rectangles overlap (separating axis theorem)."""
     dx, dy = other.x_m - one.x_m, other.y_m - one.y_m
     turn = other.yaw_rad - one.yaw_rad
     cos, sin = abs(math.cos(turn)), abs(math.sin(turn))
@@ -60,7 +60,7 @@ def overlap(one: Rectangle, other: Rectangle) -> bool:
 
 
 def discs_of(rectangles: Iterable[Rectangle]) -> tuple[F64, I64]:
-    """Discs that together cover rectangles: (K, 3) x, y, radius, and (K,) the row of the rectangle of each."""
+    """Discs that cover rectangles: (K, 3) x, y, radius, and (K,) the row of each disc's rectangle."""
     discs, rows = [], []
     for row, rectangle in enumerate(rectangles):
         count = max(round(2 * rectangle.length_m / rectangle.width_m), 1)

@@ -1,4 +1,4 @@
-"""How the driver of each shape drives, and what its chassis can do."""
+"""Driving habits and chassis by shape."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,19 +12,19 @@ __all__ = ["HABITS", "Habits", "chassis_of"]
 
 @dataclass(frozen=True, slots=True)
 class Habits:
-    """What a driver takes for comfortable; a pedestrian is its own driver.
+    """The driving habits of a driver or pedestrian.
 
     Attributes:
-        acceleration_m_s2: From rest.
-        braking_m_s2: When there is time to brake.
-        hard_braking_m_s2: When there is not.
-        sideways_m_s2: In curves.
-        headway_s: Time between the own front and the rear of whom it follows.
-        gap_m: Room in front of it when it stands.
-        clearance_m: Room beside it that it wants to see free.
-        look_ahead_m: It steers for the place on its way that is so far from the rear axle...
-        look_ahead_s: ...and so much further for each m/s.
-        steering_rate_rad_s: How fast it turns the steering.
+        acceleration_m_s2: Comfortable acceleration.
+        braking_m_s2: Comfortable braking.
+        hard_braking_m_s2: Emergency braking.
+        sideways_m_s2: Lateral acceleration in curves.
+        headway_s: Time gap to the vehicle ahead.
+        gap_m: Gap to the vehicle ahead at rest.
+        clearance_m: Free room wanted on each side.
+        look_ahead_m: Distance from the rear axle to the route point to steer for, at rest.
+        look_ahead_s: Increase of that distance per m/s.
+        steering_rate_rad_s: Steering rate.
     """
 
     acceleration_m_s2: float
@@ -50,11 +50,11 @@ HABITS: Mapping[str, Habits] = MappingProxyType(
         "pedestrian": Habits(1.0, 1.5, 3.0, 5.0, 0.5, 0.3, 0.0, 0.0, 0.0, 0.0),
     }
 )
-"""By shape."""
+"""Habits by shape."""
 
 
 def chassis_of(shape: str) -> Ackermann | None:
-    """How a shape moves on its wheels; None for one that walks."""
+    """The chassis of a shape; None for a pedestrian."""
     facts, habits = SHAPES[shape], HABITS[shape]
     if not facts.wheel_base_m:
         return None

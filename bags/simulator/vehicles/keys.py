@@ -1,7 +1,4 @@
-"""The keys of the original's remote control, and what they make of the cars.
-
-Nothing here reads a terminal: keys come in, commands come out.
-"""
+"""Remote control by keys, the same as in the predecessor system: from keys to commands."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -25,19 +22,19 @@ _COMMANDS = {
 
 
 def script_keys(vehicles: tuple[str, ...]) -> str:
-    """All keys that mean something in a script; the last one only lets its time pass."""
+    """All keys with a meaning in a script; the last one only waits."""
     return "".join(_COMMANDS) + "123456789"[: len(vehicles)] + QUIT + WAIT
 
 
 def command_of(key: str) -> AckermannCommand | None:
-    """What a key tells the car; None for one that tells it nothing."""
+    """The command of a key; None if it has none."""
     return _COMMANDS.get(key)
 
 
 def commands_of_keys(keys: str, interval_s: float) -> list[tuple[int, AckermannCommand]]:
-    """Times in nanoseconds and commands of keys that are pressed one after the other, from time 0.
+    """Times in nanoseconds and commands of keys pressed at a fixed pace from time 0.
 
-    A key that tells the car nothing only lets its time pass; what follows the key to quit is not pressed any more.
+    A key without a command only waits; keys after the quit key are ignored.
     """
     pressed = ((number, command_of(key)) for number, key in enumerate(keys.partition(QUIT)[0]))
     return [(round(number * interval_s * 1e9), command) for number, command in pressed if command is not None]
@@ -45,13 +42,13 @@ def commands_of_keys(keys: str, interval_s: float) -> list[tuple[int, AckermannC
 
 @dataclass(frozen=True, slots=True)
 class RemoteControl:
-    """Which car is driven, and what was asked of each; a command holds until the next one to the same car.
+    """The state of the remote control; a command holds until the next one to the same car.
 
     Attributes:
-        vehicles: Those that can be driven; the keys 1, 2... choose among them.
-        chosen: Name of the one that is driven.
-        commands: By vehicle, as far as any was given.
-        done: Whether the key to quit was pressed.
+        vehicles: Vehicles that can be driven, chosen by the keys 1, 2...
+        chosen: Name of the chosen vehicle.
+        commands: Last command by vehicle.
+        done: Whether the quit key was pressed.
     """
 
     vehicles: tuple[str, ...]
@@ -61,17 +58,17 @@ class RemoteControl:
 
     @classmethod
     def of(cls, vehicles: tuple[str, ...]) -> "RemoteControl":
-        """Nothing was pressed yet; the first vehicle is chosen.
+        """The initial state, with the first vehicle chosen.
 
         Raises:
             ValueError: there is no vehicle.
         """
         if not vehicles:
-            raise ValueError("expected one vehicle to drive at least, got none")
+            raise ValueError("expected at least one vehicle to drive, got none")
         return cls(vehicles, vehicles[0])
 
     def pressed(self, key: str) -> "RemoteControl":
-        """As it is after a key; one without a meaning changes nothing."""
+        """The state after a key; a key without a meaning changes nothing."""
         if key == QUIT:
             return replace(self, done=True)
         if key in "123456789"[: len(self.vehicles)] and key:

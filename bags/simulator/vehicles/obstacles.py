@@ -1,4 +1,4 @@
-"""What stands still on the ground and stops a car."""
+"""Static obstacles for cars."""
 
 from collections.abc import Iterator, Sequence
 
@@ -15,12 +15,12 @@ __all__ = ["Obstacles", "obstacles_of"]
 
 
 def obstacles_of(world: Mesh, *, step_m: float, headroom_m: float) -> tuple[Rectangle, ...]:
-    """The ground under the bodies of a world that a car cannot pass: a rectangle under each.
+    """The footprints of the bodies in a static world that a car cannot pass.
 
     Args:
-        world: Of bodies that share no vertices; each is taken for convex.
-        step_m: What reaches no higher is driven over, as kerbs are.
-        headroom_m: What begins higher is driven under, as the crown of a tree is.
+        world: Mesh of bodies that share no vertices; each is taken as convex.
+        step_m: Bodies no higher than this are driven over, as kerbs are.
+        headroom_m: Bodies that start higher are driven under, as tree crowns are.
     """
     count = len(world.vertices)
     first, others = np.repeat(world.triangles[:, 0], 2), world.triangles[:, 1:].ravel()
@@ -35,7 +35,7 @@ def obstacles_of(world: Mesh, *, step_m: float, headroom_m: float) -> tuple[Rect
 
 
 class Obstacles:
-    """Rectangles that can be asked for by place."""
+    """Rectangles with a lookup by position."""
 
     def __init__(self, rectangles: Sequence[Rectangle]) -> None:
         self.rectangles = tuple(rectangles)
@@ -43,7 +43,7 @@ class Obstacles:
         self._table = np.array(columns, np.float64).reshape(-1, 6).T
 
     def near(self, x_m: float, y_m: float, reach_m: float) -> Iterator[Rectangle]:
-        """Those that come within reach of a place."""
+        """The rectangles within reach of a position."""
         x, y, cos, sin, length, width = self._table
         dx, dy = x_m - x, y_m - y
         along = np.maximum(np.abs(dx * cos + dy * sin) - length / 2, 0.0)
@@ -53,8 +53,8 @@ class Obstacles:
 
 
 def _under(corners: F64) -> Rectangle:
-    """The smallest rectangle around points (N, 2)."""
-    middle = corners.mean(0)  # OpenCV's single precision is for what is near the origin
+    """The smallest rectangle around points (N, 2), of any yaw."""
+    middle = corners.mean(0)  # OpenCV uses single precision: stay near the origin
     (x, y), (length, width), turn_deg = cv2.minAreaRect((corners - middle).astype(np.float32))
     return Rectangle(
         float(x + middle[0]), float(y + middle[1]), float(np.deg2rad(turn_deg)), float(length), float(width)

@@ -1,8 +1,8 @@
-"""Who waits for whom where routes cross or join.
+"""Right of way where routes cross or join.
 
-Where the ground that two routes need overlaps, each has a stretch that only one may use at a time. Whoever would be
-there together with one that goes first stops before it: one on a route that the own one yields to, or, where neither
-yields, one that is there earlier. Whoever is inside, or cannot stop any more, goes first of all.
+Where two routes overlap, each has a stretch that only one traveller may use at a time. A traveller who would be there
+together with another stops before it if its own route yields to the other's, or, where neither yields, if the other
+gets there earlier. A traveller who is inside, or too close to stop, always goes first.
 """
 
 import math
@@ -19,13 +19,13 @@ from pipeline.core.arrays import F64, I64, Bools
 __all__ = ["Stretch", "Traveller", "distance_to_stop", "shared_stretches"]
 
 SAME_WAY_RAD = math.radians(20)
-"""Ways that go in directions closer than this do not cross: who is behind follows."""
+"""Routes at a smaller angle do not cross: the one behind follows."""
 
 APART_S = 0.8
-"""Time that one wants between the other's leaving and its own coming; twice that, once one waits."""
+"""Time wanted between the other's leaving and the own arrival; twice that once waiting."""
 
 MAX_FOLLOWED = 20
-"""Of a queue, as seen from its end; a ring has no first."""
+"""Leaders followed up a queue; a ring has no first one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,13 +33,13 @@ class Stretch:
     """Ground that two routes share, as seen from one of them.
 
     Attributes:
-        start_m: Where it begins on the own route.
-        length_m: How far it goes.
+        start_m: Start on the own route.
+        length_m: Length on the own route.
         other: Name of the other route.
-        other_start_m: Where it begins on that.
-        other_length_m: How far it goes there.
+        other_start_m: Start on the other route.
+        other_length_m: Length on the other route.
         yields: Whether the own route gives way.
-        first: Whether the other one does.
+        first: Whether the other route gives way.
     """
 
     start_m: float
@@ -53,22 +53,22 @@ class Stretch:
 
 @dataclass(slots=True)
 class Traveller:
-    """Someone on a route, as others judge it.
+    """A traveller on a route, as others judge it.
 
     Attributes:
-        order: Of equals, the lower one goes first.
+        order: Breaks ties: the lower one goes first.
         route: Name of the route.
-        length_m: Of the route.
-        closed: Whether it is.
-        front_m: Where the own front is on it.
+        length_m: Length of the route.
+        closed: Whether the route is closed.
+        front_m: Position of its front on the route.
         body_m: Length from front to rear.
-        speed_m_s: Now.
-        cruise_m_s: What it aims at.
-        acceleration_m_s2: How it gets there.
-        hard_braking_m_s2: How it can stop.
-        gap_m: Room that it leaves before a line at which it stops.
-        stops_in_m: How far its front will come, as far as it knows; infinite if it goes on.
-        leader: Who is next on its way.
+        speed_m_s: Current speed.
+        cruise_m_s: Target speed.
+        acceleration_m_s2: Acceleration towards the target speed.
+        hard_braking_m_s2: Hardest braking it plans with.
+        gap_m: Gap that it leaves before a stop line.
+        stops_in_m: Distance to where its front plans to stop; infinite if it plans no stop.
+        leader: The traveller ahead of it.
     """
 
     order: int
@@ -86,7 +86,7 @@ class Traveller:
     leader: "Traveller | None" = None
 
     def is_behind(self, other: "Traveller") -> bool:
-        """Whether it cannot come anywhere before another one does."""
+        """Whether it queues behind another one."""
         leader, seen = self.leader, 0
         while leader is not None and seen < MAX_FOLLOWED:
             if leader is other:
@@ -95,7 +95,7 @@ class Traveller:
         return False
 
     def distance_to(self, start_m: float, length_m: float) -> float:
-        """From its front to a stretch; not positive inside, infinite for one that it has left for good."""
+        """From its front to a stretch; zero or less inside, infinite once it has left for good."""
         beyond = self.front_m - start_m
         if self.closed:
             beyond %= self.length_m
@@ -103,7 +103,7 @@ class Traveller:
         return -beyond if beyond < length_m + self.body_m else math.inf
 
     def seconds_for(self, distance_m: float) -> float:
-        """Time for a distance, if nothing holds it up."""
+        """Time for a distance without hindrance."""
         if distance_m <= 0:
             return 0.0
         speed, cruise = self.speed_m_s, max(self.cruise_m_s, self.speed_m_s, 1e-3)
@@ -116,7 +116,7 @@ class Traveller:
 
     @property
     def braking_m(self) -> float:
-        """The shortest way to a stop."""
+        """Shortest stopping distance."""
         return self.speed_m_s**2 / (2 * self.hard_braking_m_s2)
 
 
@@ -126,13 +126,13 @@ def shared_stretches(
     yields_to: dict[str, tuple[str, ...]],
     clearance_m: dict[str, float],
 ) -> dict[str, tuple[Stretch, ...]]:
-    """Of each route, in rising order, what it shares with the others.
+    """What each route shares with the others, by rising start.
 
     Args:
-        routes: Those that are travelled.
-        shapes: The widest traveller of each.
-        yields_to: The routes that each gives way to.
-        clearance_m: Room beside the traveller of each.
+        routes: Routes in use.
+        shapes: Widest traveller of each route.
+        yields_to: Routes that each route gives way to.
+        clearance_m: Free room wanted beside the travellers of each route.
     """
     names = list(routes)
     stretches: dict[str, list[Stretch]] = {name: [] for name in names}
@@ -140,7 +140,7 @@ def shared_stretches(
     for row, name in enumerate(names):
         for other in names[row + 1 :]:
             if not (shapes[name].wheel_base_m or shapes[other].wheel_base_m):
-                continue  # people on foot make way for each other as they go
+                continue  # pedestrians avoid each other as they go
             near_m = sum(shapes[one].size_m[1] / 2 + clearance_m[one] for one in (name, other))
             yields, first = other in yields_to[name], name in yields_to[other]
             for mine, its in _stretches(samples[name], samples[other], near_m, routes[name], routes[other]):
@@ -152,9 +152,9 @@ def shared_stretches(
 def distance_to_stop(
     me: Traveller, stretches: Iterable[Stretch], others: Mapping[str, Sequence[Traveller]], horizon_m: float
 ) -> float:
-    """How far someone may go until it has to let others pass; infinite if it need not.
+    """Distance to where a traveller must stop to let others pass; infinite if it need not.
 
-    It stops where it stands in nobody's way, before the first of stretches that follow one another closely.
+    Of stretches in close succession it stops before the first, so that it blocks none of them.
     """
     ahead = [(me.distance_to(stretch.start_m, stretch.length_m), stretch) for stretch in stretches]
     ahead = sorted((pair for pair in ahead if pair[0] < horizon_m), key=lambda pair: pair[0])
@@ -204,16 +204,16 @@ def _stretches(
     my_route: Route,
     its_route: Route,
 ) -> list[tuple[tuple[float, float], tuple[float, float]]]:
-    """Start and length on the one and on the other of all that they share."""
+    """Start and length of each shared stretch, on the one route and on the other."""
     (along, points), (its_along, its_points) = mine, its
     dx, dy, turn = (np.subtract.outer(points[:, column], its_points[:, column]) for column in range(3))
     distance2 = dx * dx + dy * dy
     near, crossing = distance2 < near_m**2, np.cos(turn) < math.cos(SAME_WAY_RAD)
-    # Where the nearest place of the other route leads the same way, they run side by side, or are one.
+    # Where the nearest point of the other route has the same direction, they run side by side or coincide.
     beside = near.any(1) & ~crossing[np.arange(len(along)), distance2.argmin(1)]
     its_beside = near.any(0) & ~crossing[distance2.argmin(0), np.arange(len(its_along))]
     near &= crossing & ~beside[:, None] & ~its_beside
-    # A closed route has no end: it is cut where it shares nothing, if there is such a place.
+    # Cut a closed route where it shares nothing, if there is such a point.
     cut, its_cut = _free_row(near.any(1), my_route), _free_row(near.any(0), its_route)
     marks, count = label(np.roll(near, (-cut, -its_cut), (0, 1)), np.ones((3, 3)))
     found = []

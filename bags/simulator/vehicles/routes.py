@@ -1,4 +1,4 @@
-"""Ways over the ground: straight pieces joined by arcs, measured along their length."""
+"""Routes: straights joined by arcs, parametrised by length."""
 
 import math
 from bisect import bisect_right
@@ -16,17 +16,17 @@ __all__ = ["Route", "RoutePoint", "pure_pursuit"]
 
 
 SHORTEST_M = 1e-9
-"""Pieces shorter than this are rounding errors of others."""
+"""Shorter pieces are rounding errors."""
 
 
 @dataclass(frozen=True, slots=True)
 class RoutePoint:
-    """One place on a route.
+    """A point on a route.
 
     Attributes:
         x_m: In the world.
         y_m: In the world.
-        yaw_rad: Direction of the way, not wrapped: it never jumps along the route.
+        yaw_rad: Direction of the route, not wrapped: it is continuous along the route.
         curvature: In 1/m; positive to the left.
     """
 
@@ -38,7 +38,7 @@ class RoutePoint:
 
 @dataclass(frozen=True, slots=True)
 class _Piece:
-    """A straight or an arc: where on the route it begins, its first point, how long it is."""
+    """A straight or an arc: start along the route, first point, length."""
 
     start_m: float
     first: RoutePoint
@@ -53,9 +53,9 @@ class _Piece:
 
 
 class Route:
-    """A curve by its length: from 0 to `length_m`, where a closed one begins again.
+    """A curve over its length, from 0 to `length_m`; a closed one is periodic.
 
-    Places before the start and after the end of an open route lie straight on.
+    An open route goes straight on before its start and after its end.
     """
 
     def __init__(self, pieces: Sequence[_Piece], *, closed: bool) -> None:
@@ -71,22 +71,22 @@ class Route:
 
     @classmethod
     def from_scenario(cls, scenario: RouteScenario) -> "Route":
-        """The way along the corners of a scenario's route, each rounded off with an arc.
+        """The route through the corners of a scenario's route, each rounded with an arc.
 
-        A corner with too little room for its radius gets the largest that fits between the middles of its sides.
+        A corner without room for its radius gets the largest that fits between the middles of its sides.
 
         Raises:
-            ConfigError: there are too few corners, or the way turns back on itself.
+            ConfigError: there are too few corners, two equal ones in a row, or the route turns back on itself.
         """
         corners = [np.array(point[:2]) for point in scenario.points_m]
         radii = [point[2] if len(point) == 3 else scenario.corner_radius_m for point in scenario.points_m]
         fewest = 3 if scenario.closed else 2
         if len(corners) < fewest:
-            raise ConfigError(f"points_m: expected {fewest} corners at least, got {len(corners)}")
+            raise ConfigError(f"points_m: expected at least {fewest} corners, found {len(corners)}")
         return cls(_pieces(corners, radii, closed=scenario.closed), closed=scenario.closed)
 
     def point(self, along_m: float) -> RoutePoint:
-        """The place at a length; on a closed route any length is one, and each round adds its turn to the yaw."""
+        """The point at a length; on a closed route each round adds a full turn to the yaw."""
         rounds, within = divmod(along_m, self.length_m) if self.closed else (0.0, along_m)
         row = max(bisect_right(self._starts, within) - 1, 0)
         piece = self._pieces[row]
@@ -100,7 +100,7 @@ class Route:
         return RoutePoint(place.x_m, place.y_m, place.yaw_rad + rounds * self._turned, place.curvature)
 
     def points(self, along_m: npt.ArrayLike) -> F64:
-        """(N, 4) columns as the fields of `RoutePoint`, at lengths (N,); as `point`."""
+        """`point` for lengths (N,): (N, 4) columns as the fields of `RoutePoint`."""
         along = np.asarray(along_m, np.float64)
         rounds, within = np.divmod(along, self.length_m) if self.closed else (np.zeros_like(along), along)
         row = np.clip(np.searchsorted(self._table[:, 0], within, side="right") - 1, 0, None)
@@ -108,7 +108,7 @@ class Route:
         on = np.clip(within - start, 0.0, length)
         turn = on * curvature
         chord, towards = on * np.sinc(turn / (2 * np.pi)), yaw + turn / 2
-        beyond = within - start - on  # straight on, before the start and after the end
+        beyond = within - start - on  # straight on before the start and after the end
         end_yaw = yaw + turn
         x = x + chord * np.cos(towards) + beyond * np.cos(end_yaw)
         y = y + chord * np.sin(towards) + beyond * np.sin(end_yaw)
@@ -116,25 +116,11 @@ class Route:
             [x, y, end_yaw + rounds * self._turned, np.where(np.abs(beyond) > SHORTEST_M, 0.0, curvature)], -1
         )
 
-    def nearest(self, xy: npt.ArrayLike) -> F64:
-        """Lengths (N,) of the places on the route that are nearest to points (N, 2); the first of equally near ones."""
-        points = np.asarray(xy, np.float64)[:, None]
-        start, length, x, y, yaw, curvature = self._table.T
-        ahead, aside = np.cos(yaw), np.sin(yaw)
-        offset_x, offset_y = points[..., 0] - x, points[..., 1] - y
-        forward, left = offset_x * ahead + offset_y * aside, offset_y * ahead - offset_x * aside
-        bend = np.where(curvature == 0.0, 1.0, curvature)
-        # Angle about the arc's centre, from its first point on in the way's direction.
-        angle = np.mod(np.arctan2(forward, 1 / np.abs(bend) - left * np.sign(bend)), 2 * np.pi)
-        whole = np.abs(bend) * length
-        beyond = np.where(angle > (whole + 2 * np.pi) / 2, 0.0, np.minimum(angle, whole))
-        along = np.where(curvature == 0.0, np.clip(forward, 0.0, length), beyond / np.abs(bend))
-        places = self.points((start + np.minimum(along, length * (1 - 1e-12))).ravel())[:, :2].reshape(*along.shape, 2)
-        best = ((places - points) ** 2).sum(-1).argmin(1)
-        return np.asarray((start + along)[np.arange(len(points)), best])
-
     def followed(self, x_m: float, y_m: float, near_m: float) -> float:
-        """The length of the place nearest to a point, near a known one; keeps to its own round and crossing."""
+        """Length of the route point nearest to a position, searched near a known length.
+
+        Where the route crosses itself, or in later rounds, it stays on the same branch.
+        """
         along = near_m
         for _ in range(3):
             place = self.point(along)
@@ -146,7 +132,7 @@ class Route:
 
 
 def pure_pursuit(x_m: float, y_m: float, yaw_rad: float, goal: RoutePoint, wheel_base_m: float) -> float:
-    """The steering angle whose arc leads from the rear axle to a place (Coulter, CMU-RI-TR-92-01, 1992)."""
+    """The steering angle for an arc from the rear axle to a goal (Coulter, CMU-RI-TR-92-01, 1992)."""
     dx, dy = goal.x_m - x_m, goal.y_m - y_m
     left = dy * math.cos(yaw_rad) - dx * math.sin(yaw_rad)
     distance2 = dx * dx + dy * dy
@@ -159,13 +145,15 @@ def _pieces(corners: Sequence[F64], radii: Sequence[float], *, closed: bool) -> 
     lengths = [float(np.hypot(*side)) for side in sides]
     for row, length in enumerate(lengths):
         if length < SHORTEST_M:
-            raise ConfigError(f"points_m: expected corners apart from each other, got {corners[row].tolist()} twice")
+            raise ConfigError(f"points_m: expected distinct neighbouring corners, found {corners[row].tolist()} twice")
     yaws = [math.atan2(side[1], side[0]) for side in sides]
     turns, cuts, arcs = [0.0] * count, [0.0] * count, [0.0] * count
     for row in range(count) if closed else range(1, count - 1):
         turn = math.remainder(yaws[row % len(sides)] - yaws[row - 1], 2 * math.pi)
         if abs(turn) > math.pi - 1e-3:
-            raise ConfigError(f"points_m: expected a way that goes on, it turns back at {corners[row].tolist()}")
+            raise ConfigError(
+                f"points_m: expected a route that goes on, found one that turns back at {corners[row].tolist()}"
+            )
         room = min(lengths[row - 1], lengths[row % len(sides)]) / 2
         turns[row] = turn
         cuts[row] = min(radii[row] * math.tan(abs(turn) / 2), room)

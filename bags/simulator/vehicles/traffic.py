@@ -1,12 +1,11 @@
-"""All that moves in a scenario, step by step: route followers, cars driven by keys, cars driven from outside."""
+"""Traffic, step by step: route followers, cars driven by scripted keys, cars under remote control."""
 
 import math
-from bisect import bisect_left, bisect_right
+from bisect import bisect_right
 from collections.abc import Collection, Mapping
-from dataclasses import replace
 from types import MappingProxyType
 
-from bags.simulator.scenario.scenario import Scenario
+from bags.simulator.scenario.scenario import Scenario, listed
 from bags.simulator.scenario.traffic import VehicleScenario
 from bags.simulator.vehicles.ackermann import Ackermann, AckermannCommand
 from bags.simulator.vehicles.followers import Follower, Seen
@@ -25,16 +24,16 @@ from pipeline.core.errors import ConfigError
 __all__ = ["STEP_NS", "Traffic"]
 
 STEP_NS = 10_000_000
-"""Length of a step."""
+"""Time step."""
 
 STEPS_PER_DECISION = 5
-"""Drivers look and decide this often."""
+"""Drivers decide once in so many steps."""
 
 STANDING = AckermannCommand()
 
 
 class _Vehicle:
-    """One thing that moves, and what moves it."""
+    """A vehicle or pedestrian, and what controls it."""
 
     def __init__(
         self, name: str, scenario: VehicleScenario, follower: Follower | None, chassis: Ackermann | None, state: State
@@ -52,7 +51,7 @@ class _Vehicle:
         self.ask(0, AckermannCommand(state.speed_m_s))
 
     def ask(self, time_ns: int, command: AckermannCommand) -> None:
-        """Put a command in force; its chassis does what the controllers are told."""
+        """Set the command; the chassis follows the controller targets that come from it."""
         if self.commands and command == self.asked:
             return
         self.asked = command
@@ -64,7 +63,7 @@ class _Vehicle:
             self.commands.append(command)
 
     def next_state(self, seconds: float) -> State:
-        """Where it wants to be."""
+        """Its next state if nothing blocks it."""
         if self.chassis is not None:
             return self.chassis.step(self.state, self.done, seconds)
         if self.follower is not None:
@@ -73,31 +72,29 @@ class _Vehicle:
 
 
 class Traffic:
-    """What moves in a scenario, at rising times.
+    """The traffic of a scenario, advanced in time.
 
-    Nothing drives through anything: a step that would bring a vehicle into another one, or into something that stands
-    still, leaves it where it is, at rest.
+    A step that would bring a vehicle into another one or into an obstacle leaves it at rest where it is.
 
     Args:
-        scenario: Who moves, and how.
-        driven: Names of those that are driven from outside, by `command`, whatever the scenario says. They begin at
-            their `start`, if the scenario has one for them, and otherwise at the start on their route.
-        static: What stands still; None: all of the scenario's world.
+        scenario: The scenario.
+        driven: Names of vehicles under remote control (`command`), whatever the scenario says. They begin at their
+            `start` if the scenario gives one, and otherwise at the start on their route.
+        static: The static world; None for that of the scenario.
 
     Attributes:
         trajectories: By name.
-        chassis: By name, of those on wheels.
+        chassis: By name, for all but pedestrians.
 
     Raises:
-        ConfigError: a route cannot be followed, two things stand in each other at the start, or a driven one is
-            unknown or on foot.
+        ConfigError: a route is not valid, vehicles or obstacles overlap at the start, or a driven vehicle is unknown or
+            a pedestrian.
     """
 
     def __init__(self, scenario: Scenario, *, driven: Collection[str] = (), static: Mesh | None = None) -> None:
         for name in driven:
             if name not in scenario.vehicles:
-                known = ", ".join(scenario.vehicles) or "none"
-                raise ConfigError(f"expected vehicles to drive among {known}, found {name!r}")
+                raise ConfigError(f"expected vehicles to drive among {listed(scenario.vehicles)}, found {name!r}")
         self._steps = 0
         self._vehicles: dict[str, _Vehicle] = {}
         routes = _routes(scenario)
@@ -120,35 +117,29 @@ class Traffic:
 
     @property
     def now_ns(self) -> int:
-        """Up to when everything is known."""
+        """Time simulated so far."""
         return self._steps * STEP_NS
 
     def advance(self, until_ns: int) -> None:
-        """Move on, in whole steps, until the time is reached."""
+        """Simulate in whole steps until the time is reached."""
         while self.now_ns < until_ns:
             self._step()
 
     def command(self, name: str, command: AckermannCommand) -> None:
-        """Drive a vehicle from now on; the command holds until the next one."""
+        """Command a vehicle; it holds until the next command."""
         self._vehicles[name].ask(self.now_ns, command)
 
     def command_at(self, name: str, time_ns: int) -> AckermannCommand:
-        """The command that was in force at a time."""
+        """The command that held at a time."""
         vehicle = self._vehicles[name]
         return vehicle.commands[max(bisect_right(vehicle.times, time_ns) - 1, 0)]
 
-    def commands_between(self, name: str, from_ns: int, to_ns: int) -> list[tuple[int, AckermannCommand]]:
-        """Times and commands given in [from, to); each held until the next."""
-        vehicle = self._vehicles[name]
-        rows = slice(bisect_left(vehicle.times, from_ns), bisect_left(vehicle.times, to_ns))
-        return list(zip(vehicle.times[rows], vehicle.commands[rows], strict=True))
-
     def blocked_steps(self, name: str) -> int:
-        """In how many steps so far something stood in a vehicle's way."""
+        """In how many steps so far a vehicle was blocked."""
         return self._vehicles[name].blocked_steps
 
     def forget(self, before_ns: int) -> None:
-        """Drop what is not needed to answer for times from `before_ns` on."""
+        """Drop what times from `before_ns` on do not need."""
         for vehicle in self._vehicles.values():
             vehicle.trajectory.forget(before_ns)
             first = max(bisect_right(vehicle.times, before_ns) - 1, 0)
@@ -172,7 +163,7 @@ class Traffic:
             return
         ground = footprint(vehicle.shape, state)
         if any(overlap(ground, other.ground if isinstance(other, _Vehicle) else other) for other in vehicle.near):
-            vehicle.state = replace(vehicle.state, speed_m_s=0.0)
+            vehicle.state = vehicle.state._replace(speed_m_s=0.0)
             vehicle.blocked_steps += 1
             return
         if vehicle.follower is not None and vehicle.chassis is None:
@@ -196,7 +187,7 @@ class Traffic:
             vehicle.ask(now_ns, command)
 
     def _find_near(self) -> None:
-        """What each vehicle may reach until the next decision."""
+        """Collect what each vehicle may reach until the next decision."""
         seconds = STEPS_PER_DECISION * STEP_NS / 1e9
         vehicles = list(self._vehicles.values())
         for vehicle in vehicles:
@@ -220,14 +211,14 @@ class Traffic:
                     )
             if any(overlap(vehicle.ground, obstacle) for obstacle in self._obstacles.rectangles):
                 raise ConfigError(
-                    f"vehicles.{vehicle.name}: expected free ground at its start, found something that stands there: "
+                    f"vehicles.{vehicle.name}: expected free ground at its start, found an obstacle: "
                     "move its start or route_start_m"
                 )
             placed.append(vehicle)
 
 
 def _apart(one: Rectangle, other: Rectangle) -> float:
-    """Between the circles around two rectangles."""
+    """Distance between the circumscribed circles of two rectangles."""
     return math.hypot(one.x_m - other.x_m, one.y_m - other.y_m) - one.radius_m - other.radius_m
 
 
@@ -249,7 +240,7 @@ def _routes(scenario: Scenario) -> dict[str, Route]:
 def _vehicle(order: int, name: str, vehicle: VehicleScenario, routes: dict[str, Route], *, driven: bool) -> _Vehicle:
     chassis, follower = chassis_of(vehicle.shape), None
     if chassis is None and driven:
-        raise ConfigError(f"vehicles.{name}: expected wheels on what is driven, found a {vehicle.shape}")
+        raise ConfigError(f"vehicles.{name}: expected a vehicle to drive, found a {vehicle.shape}")
     x, y, yaw_deg = vehicle.start
     state = State(x, y, math.radians(yaw_deg))
     if vehicle.route:
@@ -272,7 +263,7 @@ def _vehicle(order: int, name: str, vehicle: VehicleScenario, routes: dict[str, 
         if not driven:
             state = follower.first
         elif "start" not in vehicle.model_fields_set:
-            state = replace(follower.first, speed_m_s=0.0)
+            state = follower.first._replace(speed_m_s=0.0)
     if driven:
         vehicle, follower = vehicle.model_copy(update={"keys": ""}), None
     return _Vehicle(name, vehicle, follower, chassis, state)
@@ -281,7 +272,7 @@ def _vehicle(order: int, name: str, vehicle: VehicleScenario, routes: dict[str, 
 def _stretches_of(
     scenario: Scenario, routes: dict[str, Route], travellers: Mapping[str, Collection[Traveller]]
 ) -> dict[str, tuple[Stretch, ...]]:
-    """What the routes share that anyone travels."""
+    """What the routes in use share with one another."""
     shapes, clearance_m = {}, {}
     for name in travellers:
         kinds = [vehicle.shape for vehicle in scenario.vehicles.values() if vehicle.route == name]

@@ -1,6 +1,6 @@
-"""Where something was: states at rising times, grown step by step and asked at any time between them."""
+"""Trajectories: states over time, appended step by step and interpolated."""
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,17 +13,16 @@ __all__ = ["State", "Trajectory"]
 FIRST_ROOM = 256
 
 
-@dataclass(frozen=True, slots=True)
-class State:
-    """One moment of something that moves upright over the ground.
+class State(NamedTuple):
+    """The state of a vehicle or pedestrian at one time.
 
     Attributes:
-        x_m: Of its base frame: below the rear axle, or below the middle of what has none.
-        y_m: As x.
-        yaw_rad: Heading, not wrapped: a full turn counts.
+        x_m: x of its base frame: below the rear axle, or below the middle of a pedestrian.
+        y_m: y of its base frame.
+        yaw_rad: Heading, not wrapped.
         speed_m_s: Along the heading; negative backwards.
-        steering_rad: Of the middle of the front axle, to the left.
-        walked_m: Way covered so far; drives the gait of a pedestrian and the turning of wheels.
+        steering_rad: At the middle of the front axle, positive to the left.
+        walked_m: Distance covered so far; drives gait and pedalling.
     """
 
     x_m: float
@@ -35,10 +34,9 @@ class State:
 
 
 class Trajectory:
-    """States at rising times; between two of them all is linear.
+    """States at rising times, linear in between; a `bags.simulator.world.motion.Path`.
 
-    Is a `bags.simulator.world.motion.Path`. It may be asked about times up to its last state, and before its first one,
-    where it stood still.
+    Before its first state it is at rest there; times after its last state are refused.
     """
 
     def __init__(self, time_ns: int, state: State) -> None:
@@ -48,10 +46,10 @@ class Trajectory:
         self.append(time_ns, state)
 
     def append(self, time_ns: int, state: State) -> None:
-        """Add the next moment.
+        """Append a state.
 
         Raises:
-            ValueError: it is not later than the last one.
+            ValueError: the time is not later than the last one.
         """
         if self._count and time_ns <= self._times[self._count - 1]:
             raise ValueError(f"expected a time after {self._times[self._count - 1]} ns, got {time_ns}")
@@ -59,18 +57,11 @@ class Trajectory:
             self._times = np.concatenate([self._times, np.empty_like(self._times)])
             self._states = np.concatenate([self._states, np.empty_like(self._states)])
         self._times[self._count] = time_ns
-        self._states[self._count] = (
-            state.x_m,
-            state.y_m,
-            state.yaw_rad,
-            state.speed_m_s,
-            state.steering_rad,
-            state.walked_m,
-        )
+        self._states[self._count] = state
         self._count += 1
 
     def forget(self, before_ns: int) -> None:
-        """Drop what is not needed to answer for times from `before_ns` on."""
+        """Drop what times from `before_ns` on do not need."""
         first = max(int(np.searchsorted(self._times[: self._count], before_ns, side="right")) - 1, 0)
         kept = self._count - first
         self._times[:kept] = self._times[first : self._count].copy()
@@ -78,14 +69,9 @@ class Trajectory:
         self._count = kept
 
     @property
-    def end_ns(self) -> int:
-        """Time of the last state."""
-        return int(self._times[self._count - 1])
-
-    @property
     def last(self) -> State:
         """The last state."""
-        return State(*(float(value) for value in self._states[self._count - 1]))
+        return State(*self._states[self._count - 1].tolist())
 
     def states(self, times_ns: I64) -> F64:
         """(N, 6) columns as the fields of `State`, at times (N,).
@@ -110,7 +96,7 @@ class Trajectory:
         Raises:
             ValueError: it is later than the last state.
         """
-        return State(*(float(value) for value in self.states(np.array([time_ns], np.int64))[0]))
+        return State(*self.states(np.array([time_ns], np.int64))[0].tolist())
 
     def poses(self, times_ns: I64) -> Poses:
         """Poses (N) of the base frame, on the ground (z = 0), at times (N,).

@@ -1,1 +1,1 @@
-"""What can be seen: shapes, materials, places, and rays cast on them."""
+"""The simulated world: meshes, surfaces, movers, ray casting."""

@@ -1,4 +1,4 @@
-"""Where things are at given times: poses as arrays, and the paths that give them."""
+"""Poses as arrays, and paths that give them for any time."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -13,7 +13,7 @@ __all__ = ["FixedPath", "MountedPath", "Path", "Poses", "turned", "upright_poses
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Poses:
-    """N rigid motions from a thing's own frame to the world's.
+    """N rigid transforms from the frame of a thing to the world.
 
     Attributes:
         rotation: (N, 3, 3) float64.
@@ -32,43 +32,43 @@ class Poses:
         return len(self.translation)
 
     def __matmul__(self, other: "Poses") -> "Poses":
-        """Chain: `other` first. Either may hold a single pose for all of the other's."""
+        """Composition, `other` first; a single pose on either side applies to all of the other."""
         return Poses(self.rotation @ other.rotation, self.apply(other.translation))
 
     def inverse(self) -> "Poses":
-        """The motions back."""
+        """The inverse transforms."""
         rotation = self.rotation.transpose(0, 2, 1)
         return Poses(rotation, -turned(rotation, self.translation))
 
     def apply(self, points: F64) -> F64:
-        """Points (N, 3) of the thing in the world, each by its own pose; a single pose moves them all."""
+        """Points (N, 3) in the world, each by its own pose, or all by a single one."""
         return self.turn(points) + self.translation
 
     def turn(self, vectors: F64) -> F64:
-        """Directions (N, 3) of the thing in the world, each by its own pose; a single pose turns them all."""
+        """Directions (N, 3) in the world, each by its own pose, or all by a single one."""
         return turned(self.rotation, vectors)
 
 
 class Path(Protocol):
-    """Where a thing is at any time that was simulated."""
+    """The pose of a thing at any simulated time."""
 
     def poses(self, times_ns: I64) -> Poses:
-        """Poses (N) at times (N,) in nanoseconds since the scenario began."""
+        """Poses (N) at times (N,) in nanoseconds since the start of the scenario."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class FixedPath:
-    """A thing that stands still.
+    """A static thing.
 
     Attributes:
-        T_world_thing: Its place.
+        T_world_thing: Its pose.
     """
 
     T_world_thing: Transform
 
     def poses(self, times_ns: I64) -> Poses:
-        """The same pose each time."""
+        """The same pose N times."""
         matrix = self.T_world_thing.matrix
         n = len(times_ns)
         return Poses(np.broadcast_to(matrix[:3, :3], (n, 3, 3)).copy(), np.broadcast_to(matrix[:3, 3], (n, 3)).copy())
@@ -76,26 +76,26 @@ class FixedPath:
 
 @dataclass(frozen=True, slots=True)
 class MountedPath:
-    """A thing that is fixed to another one that moves.
+    """A thing fixed to a moving carrier.
 
     Attributes:
-        carrier: The other thing.
-        T_carrier_thing: Place on it.
+        carrier: Path of the carrier.
+        T_carrier_thing: Pose on the carrier.
     """
 
     carrier: Path
     T_carrier_thing: Transform
 
     def poses(self, times_ns: I64) -> Poses:
-        """The carrier's poses, each with the place on it."""
+        """The carrier's poses times the fixed one."""
         matrix = self.T_carrier_thing.matrix
         return self.carrier.poses(times_ns) @ Poses(matrix[None, :3, :3], matrix[None, :3, 3])
 
 
 def turned(rotation: F64, vectors: F64) -> F64:
-    """Vectors (N, 3) turned by rotations (N, 3, 3), or all by one (1, 3, 3), or one by all."""
+    """Vectors (N, 3) times rotations (N, 3, 3); either may be a single one (1, ...) for all of the other."""
     if len(rotation) == 1:
-        # Not BLAS, whose threads wait for one another on a busy machine.
+        # Not BLAS: on a busy machine its threads wait for one another.
         x, y, z = vectors.T
         result = np.empty_like(vectors)
         for axis, (a, b, c) in enumerate(rotation[0]):
@@ -107,7 +107,7 @@ def turned(rotation: F64, vectors: F64) -> F64:
 
 
 def upright_poses(positions: F64, yaws: F64) -> Poses:
-    """Poses of things that stand upright.
+    """Poses of upright things.
 
     Args:
         positions: (N, 3) metres.

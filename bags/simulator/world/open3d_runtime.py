@@ -1,8 +1,8 @@
-"""Open3D on a machine without libusb.
+"""Makes Open3D importable on machines without libusb.
 
-The wheel of Open3D 0.20 is linked against libusb-1.0 (for depth cameras, which lidcam never opens). A desktop has it, a
-bare container does not, and installing it needs root. The package `libusb-package` carries a build: once it is loaded,
-the dynamic linker takes it for Open3D's.
+The wheel of Open3D 0.20 links against libusb-1.0 (for depth cameras, which lidcam never opens). Desktops have it, bare
+containers do not, and installing it needs root. The package `libusb-package` ships a build that, once loaded, satisfies
+the dynamic linker.
 """
 
 import ctypes
@@ -13,7 +13,7 @@ __all__ = ["load_libusb"]
 
 
 def load_libusb() -> None:
-    """Make libusb known to the dynamic linker; call it before `import open3d`.
+    """Load libusb; call it before `import open3d`.
 
     Raises:
         OSError: the library cannot be loaded.

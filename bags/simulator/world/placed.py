@@ -1,4 +1,4 @@
-"""Parts of movers at one moment, for many rays of that moment: in single precision, with one pose for all rays."""
+"""Parts of movers at one time, cast at in single precision with one pose for all rays."""
 
 from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeVar
@@ -15,20 +15,20 @@ Floats = F32 | F64
 Real = TypeVar("Real", np.float32, np.float64)
 
 FEW_RAYS = 4096
-"""Fewer rays are cast by one thread: to wake others costs more."""
+"""Fewer rays are cast by a single thread: waking others costs more."""
 
 _CORNERS = np.array(np.meshgrid([0.0, 1.0], [0.0, 1.0], [0.0, 1.0])).reshape(3, -1).T
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PartHits:
-    """Where rays met a part.
+    """Which of N rays hit a part, and where.
 
     Attributes:
-        rows: (K,) int64 the rays that did, rising.
+        rows: (K,) int64 rows of the rays that hit it, rising.
         distance: (K,) float32 metres.
-        face: (N, 3) float32 normal of the triangle that each of all rays met, in the part's frame.
-        triangle: (N,) uint32 its row.
+        face: (N, 3) float32 normal of the triangle hit, in the part's frame.
+        triangle: (N,) uint32 row of that triangle.
     """
 
     rows: I64
@@ -38,10 +38,10 @@ class PartHits:
 
 
 class PartSurfaces(NamedTuple):
-    """What rays met of a part.
+    """The surface of a part where K rays hit it.
 
     Attributes:
-        normal: (K, 3) float32 unit vectors in the world, on the side that the ray comes from.
+        normal: (K, 3) float32 unit vectors in the world, towards the side the ray comes from.
         material: (K,) int64 rows of the scene's palette.
         local: (K, 3) float32 metres, in the part's frame.
     """
@@ -52,15 +52,15 @@ class PartSurfaces(NamedTuple):
 
 
 class PlacedPart:
-    """One part at one moment.
+    """One part at one time.
 
     Args:
-        caster: Open3D's ray caster with the part's mesh.
-        tensor: Makes a tensor of Open3D of an array.
+        caster: Open3D ray caster with the part's mesh.
+        tensor: Converts an array to an Open3D tensor.
         materials: (T,) palette row of each triangle.
         bounds: Lowest and highest x, y, z of the mesh.
-        rotation: (3, 3) from the part's frame to the world's.
-        translation: (3,) as well.
+        rotation: (3, 3) from the part's frame to the world.
+        translation: (3,) metres, from the part's frame to the world.
     """
 
     def __init__(
@@ -74,7 +74,7 @@ class PlacedPart:
         self.radius = float(np.linalg.norm(high - low)) / 2
 
     def cast(self, origin: F64, directions: F32) -> PartHits:
-        """What rays from one point meet.
+        """The hits of rays from one point.
 
         Args:
             origin: (3,) in the world.
@@ -88,13 +88,13 @@ class PlacedPart:
         return PartHits(rows, distance.take(rows), face, triangle)
 
     def surfaces(self, hits: PartHits, some: I64, origin: F64, directions: F32) -> PartSurfaces:
-        """What some of the rays met.
+        """The surfaces that some of the rays hit.
 
         Args:
-            hits: Of all rays, by `cast`.
+            hits: Hits of all rays, from `cast`.
             some: (K,) rows of `hits.rows`.
-            origin: (3,) of the rays, in the world.
-            directions: (K, 3) of these rays, in the world.
+            origin: (3,) origin of the rays in the world.
+            directions: (K, 3) directions of these rays in the world.
         """
         rays, distance = hits.rows.take(some), hits.distance.take(some)
         normal = _mapped(hits.face.take(rays, 0), self._rotation)
@@ -108,7 +108,7 @@ class PlacedPart:
         return PartSurfaces(normal, self._materials.take(hits.triangle.take(rays)), local)
 
     def occludes(self, points: F32, towards: F64) -> Bools:
-        """Whether the part keeps the light of a direction (3,) from points (N, 3) of the world."""
+        """Whether the part blocks light from a direction (3,) at points (N, 3) of the world."""
         shaded = np.zeros(len(points), np.bool_)
         near = passing_rays(points, towards, self.center, 1.001 * self.radius + 1e-4)
         if len(near):
@@ -119,20 +119,20 @@ class PlacedPart:
 
 
 def packed(origins: Floats, directions: Floats) -> F32:
-    """Rays (N, 6) as the ray caster takes them, of origins and directions (N, 3), one of which may be (3,) for all."""
+    """Rays (N, 6) for the ray caster from origins and directions (N, 3); one of the two may be (3,) for all rays."""
     rays = np.empty((len(directions) if directions.ndim == 2 else len(origins), 6), np.float32)
-    for axis in range(3):  # numpy is slow where the innermost axis is short
+    for axis in range(3):  # numpy is slow when the innermost axis is short
         rays[:, axis], rays[:, 3 + axis] = origins[..., axis], directions[..., axis]
     return rays
 
 
 def threads_for(rays: int) -> int:
-    """How many threads cast so many rays best; 0 for as many as there are processors."""
+    """Number of threads for so many rays; 0 for one per processor."""
     return 1 if rays < FEW_RAYS else 0
 
 
 def dotted(a: npt.NDArray[Real], b: npt.NDArray[Real]) -> npt.NDArray[Real]:
-    """Products (N,) of vectors (N, 3) each with its own, or all with one."""
+    """Dot products (N,) of vectors (N, 3) with vectors (N, 3), or with one (3,)."""
     products: npt.NDArray[Real] = a[:, 0] * b[..., 0]
     products += a[:, 1] * b[..., 1]
     products += a[:, 2] * b[..., 2]
@@ -140,7 +140,7 @@ def dotted(a: npt.NDArray[Real], b: npt.NDArray[Real]) -> npt.NDArray[Real]:
 
 
 def passing_rays(points: F32, towards: F64, center: F64, radius: float) -> I64:
-    """Which rays from points (N, 3) in one direction (3,) meet a sphere."""
+    """Rows of the points (N, 3) whose rays in one direction (3,) hit a sphere."""
     x, y, z = (np.float32(middle) - points[:, axis] for axis, middle in enumerate(center.tolist()))
     a, b, c = towards.astype(np.float32)
     along = x * a + y * b + z * c
@@ -149,7 +149,7 @@ def passing_rays(points: F32, towards: F64, center: F64, radius: float) -> I64:
 
 
 def _mapped(vectors: F32, matrix: F64, shift: F64 | None = None) -> F32:
-    """Vectors (N, 3) times a matrix, and shifted; ten times as fast as numpy for so few columns."""
+    """Vectors (N, 3) times a matrix, plus a shift; with so few columns ten times as fast as numpy."""
     if not len(vectors):
         return np.empty((0, 3), np.float32)
     affine = matrix if shift is None else np.concatenate([matrix, shift[:, None]], 1)

@@ -1,1 +1,1 @@
-"""What moves: vehicles, cyclists and pedestrians, in rigid parts."""
+"""The bodies of vehicles, cyclists and pedestrians, in rigid parts."""

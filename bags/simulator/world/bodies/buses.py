@@ -1,4 +1,4 @@
-"""A town bus in the base frame (below the rear axle); its front wheels are apart."""
+"""A town bus in the base frame (below the rear axle), without its front wheels."""
 
 from itertools import pairwise
 
@@ -6,8 +6,7 @@ import numpy as np
 
 from bags.simulator.world.bodies.chassis import rear_wheels, underbody
 from bags.simulator.world.bodies.dimensions import SHAPES
-from bags.simulator.world.bodies.hulls import Hull, both_sides
-from bags.simulator.world.meshes.lofts import panel
+from bags.simulator.world.bodies.hulls import Hull, both_sides, screen
 from bags.simulator.world.meshes.materials import (
     DARK,
     GLASS,
@@ -19,15 +18,13 @@ from bags.simulator.world.meshes.materials import (
     TAIL_LAMP,
     paint,
 )
-from bags.simulator.world.meshes.mesh import Material, Mesh, box, merged
+from bags.simulator.world.meshes.mesh import Material, Mesh, Rgb, box, merged
 
 __all__ = ["bus"]
 
-Rgb = tuple[float, float, float]
-
 
 def bus(color: Rgb) -> Mesh:
-    """A town bus in a paint, with doors on its right side; with its rear wheels."""
+    """A town bus with doors on its right side, rear wheels included."""
     shape, body = SHAPES["bus"], paint(color)
     hull = Hull(
         stations=(
@@ -52,24 +49,10 @@ def bus(color: Rgb) -> Mesh:
         rear_wheels("bus", twin=True),
         box((2.2, 0.0, 3.0), (3.0, 1.7, 0.20), METAL),
         box((-1.6, 0.0, 2.99), (1.6, 1.5, 0.16), METAL),
-        panel(
-            [(8.545, -1.12, 1.10), (8.545, 1.12, 1.10), (8.485, 1.08, 2.42), (8.485, -1.08, 2.42)],
-            GLASS,
-            thickness=0.07,
-        ),
-        panel(
-            [(8.475, -0.95, 2.50), (8.475, 0.95, 2.50), (8.462, 0.92, 2.80), (8.462, -0.92, 2.80)], DARK, thickness=0.05
-        ),
-        panel(
-            [(8.497, -0.75, 2.57), (8.497, 0.75, 2.57), (8.488, 0.75, 2.74), (8.488, -0.75, 2.74)],
-            display,
-            thickness=0.012,
-        ),
-        panel(
-            [(-3.385, 0.95, 1.60), (-3.385, -0.95, 1.60), (-3.385, -0.90, 2.50), (-3.385, 0.90, 2.50)],
-            GLASS,
-            thickness=0.016,
-        ),
+        screen((8.545, 1.12, 1.10), (8.485, 1.08, 2.42), GLASS, thickness=0.07),
+        screen((8.475, 0.95, 2.50), (8.462, 0.92, 2.80), DARK, thickness=0.05),
+        screen((8.497, 0.75, 2.57), (8.488, 0.75, 2.74), display, thickness=0.012),
+        screen((-3.385, -0.95, 1.60), (-3.385, -0.90, 2.50), GLASS, thickness=0.016),
         box((-3.38, 0.0, 0.95), (0.03, 1.5, 0.50), DARK),
         box((-3.385, 0.0, 0.56), (0.03, 0.52, 0.11), PLATE_YELLOW),
         box((8.585, 0.0, 0.50), (0.03, 0.52, 0.11), PLATE),
@@ -82,19 +65,14 @@ def bus(color: Rgb) -> Mesh:
     ]
     doors = ((6.85, 8.15), (2.35, 3.65))
     for side in (-1, 1):
-        spans = np.linspace(-3.20, 8.25, 9)
-        for low, high in pairwise(spans):
+        for low, high in pairwise(np.linspace(-3.20, 8.25, 9)):
             if side < 0 and any(low < far - 0.15 and high > near + 0.15 for near, far in doors):
                 continue
-            window = [(low + 0.04, 1.32), (high - 0.04, 1.32), (high - 0.04, 2.46), (low + 0.04, 2.46)]
-            parts.append(hull.side_panel(window, side, GLASS, thickness=0.02))
-        band = [(-3.28, 1.26), (8.40, 1.26), (8.40, 2.52), (-3.28, 2.52)]
-        parts.append(hull.side_panel(band, side, DARK, thickness=0.012))
+            parts.append(hull.plate((low + 0.04, high - 0.04), (1.32, 2.46), side, GLASS, thickness=0.02))
+        parts.append(hull.plate((-3.28, 8.40), (1.26, 2.52), side, DARK, thickness=0.012))
     for near, far in doors:
         middle = (near + far) / 2
-        frame = [(near, 0.36), (far, 0.36), (far, 2.50), (near, 2.50)]
-        parts.append(hull.side_panel(frame, -1, DARK, thickness=0.03))
+        parts.append(hull.plate((near, far), (0.36, 2.50), -1, DARK, thickness=0.03))
         for low, high in ((near + 0.06, middle - 0.04), (middle + 0.04, far - 0.06)):
-            leaf = [(low, 0.50), (high, 0.50), (high, 2.42), (low, 2.42)]
-            parts.append(hull.side_panel(leaf, -1, GLASS, thickness=0.045))
-    return merged(parts)
+            parts.append(hull.plate((low, high), (0.50, 2.42), -1, GLASS, thickness=0.045))
+    return merged(*parts)

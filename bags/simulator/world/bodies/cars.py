@@ -1,4 +1,4 @@
-"""Passenger cars, full-size and as a model, in the base frame (below the rear axle); front wheels are apart."""
+"""Passenger cars, full-size and model, in the base frame (below the rear axle), without their front wheels."""
 
 from collections.abc import Callable
 
@@ -18,30 +18,28 @@ from bags.simulator.world.meshes.materials import (
     TAIL_LAMP,
     paint,
 )
-from bags.simulator.world.meshes.mesh import Material, Mesh, box, merged
+from bags.simulator.world.meshes.mesh import Material, Mesh, Rgb, box, merged
 
 __all__ = ["car", "model_car"]
 
-Rgb = tuple[float, float, float]
-
 
 def _passenger_car(name: str, color: Rgb, *, arch: float, mirror_half: float, inset: float, width: float) -> Mesh:
-    """A hatchback that fills the box of its shape.
+    """A hatchback that fills the box of its shape, rear wheels included.
 
     Args:
-        name: Of the shape.
-        color: Paint.
+        name: Name of the shape.
+        color: Colour of the paint.
         arch: Radius of the wheel arches.
-        mirror_half: How far the mirrors stand out from the middle.
-        inset: Half the width between the wheels, for the floor.
-        width: Of the body.
+        mirror_half: Distance of the mirrors' outer ends from the middle plane.
+        inset: Half the width of the floor between the wheels.
+        width: Width of the body.
     """
     shape = SHAPES[name]
     body, half = paint(color), width / 2
-    low, rear, length, height = shape.bottom_m, shape.rear_m, shape.size_m[0], shape.size_m[2]
+    low, length, height = shape.bottom_m, shape.size_m[0], shape.size_m[2]
 
     def x(share: float) -> float:
-        return rear + share * length
+        return shape.rear_m + share * length
 
     def z(share: float) -> float:
         return low + share * height
@@ -80,89 +78,64 @@ def _passenger_car(name: str, color: Rgb, *, arch: float, mirror_half: float, in
         rear_wheels(name),
     ]
     thin, wide = 0.006 * length, 0.29 * width
+    deep = 0.8 * thin
+    front, rear = x(1.0) - deep, x(0.0) + deep
     parts += [
-        box((x(1.0) - 0.8 * thin, 0.0, z(0.215)), (0.8 * thin, 1.05 * half, 0.13 * height), DARK),
-        box((x(1.0) - 0.8 * thin, 0.0, z(0.375)), (0.8 * thin, 0.90 * half, 0.045 * height), DARK),
+        box((front, 0.0, z(0.215)), (deep, 1.05 * half, 0.13 * height), DARK),
+        box((front, 0.0, z(0.375)), (deep, 0.90 * half, 0.045 * height), DARK),
         box((x(1.0) - 0.5 * thin, 0.0, z(0.275)), (thin, wide, 0.075 * height), PLATE),
         box((x(0.0) + 0.5 * thin, 0.0, z(0.40)), (thin, wide, 0.075 * height), PLATE_YELLOW),
-        box((x(0.0) + 0.8 * thin, 0.0, z(0.20)), (0.8 * thin, 1.3 * half, 0.11 * height), DARK),
-        both_sides(
-            box((x(1.0) - 0.8 * thin, 0.60 * half, z(0.365)), (0.8 * thin, 0.24 * half, 0.075 * height), HEADLAMP)
-        ),
-        both_sides(
-            box((x(1.0) - 0.8 * thin, 0.62 * half, z(0.21)), (0.8 * thin, 0.12 * half, 0.06 * height), HEADLAMP)
-        ),
-        both_sides(
-            box((x(0.0) + 0.8 * thin, 0.72 * half, z(0.485)), (0.8 * thin, 0.24 * half, 0.13 * height), TAIL_LAMP)
-        ),
+        box((rear, 0.0, z(0.20)), (deep, 1.3 * half, 0.11 * height), DARK),
+        both_sides(box((front, 0.60 * half, z(0.365)), (deep, 0.24 * half, 0.075 * height), HEADLAMP)),
+        both_sides(box((front, 0.62 * half, z(0.21)), (deep, 0.12 * half, 0.06 * height), HEADLAMP)),
+        both_sides(box((rear, 0.72 * half, z(0.485)), (deep, 0.24 * half, 0.13 * height), TAIL_LAMP)),
     ]
     for side in (-1, 1):
         lamp = [(x(0.952), z(0.365)), (x(0.993), z(0.328)), (x(0.993), z(0.402)), (x(0.952), z(0.43))]
         tail = [(x(0.006), z(0.42)), (x(0.04), z(0.44)), (x(0.04), z(0.55)), (x(0.006), z(0.55))]
-        sill = [(x(0.31), z(0.135)), (x(0.71), z(0.135)), (x(0.71), z(0.185)), (x(0.31), z(0.185))]
         parts += [
             hull.side_panel(lamp, side, HEADLAMP, thickness=0.03 * width),
             hull.side_panel(tail, side, TAIL_LAMP, thickness=0.02 * width),
-            hull.side_panel(sill, side, DARK, thickness=0.02 * width),
+            hull.plate((x(0.31), x(0.71)), (z(0.135), z(0.185)), side, DARK, thickness=0.02 * width),
         ]
-    parts += [
-        both_sides(_mirror(x(0.655), z(0.625), hull.half_width(x(0.655), z(0.60)), mirror_half, height, body)),
-    ]
+    parts.append(both_sides(_mirror(x(0.655), z(0.625), hull.half_width(x(0.655), z(0.60)), mirror_half, height, body)))
     seam = 0.003 * length
     for side in (-1, 1):
         parts += [hull.seam(x(share), z(0.19), z(0.62), seam, side, SEAM) for share in (0.655, 0.43)]
         parts.append(hull.seam(x(0.245), z(0.42), z(0.62), seam, side, SEAM))
     for share in (0.455, 0.275):
-        handle = [
-            (x(share), z(0.555)),
-            (x(share + 0.035), z(0.555)),
-            (x(share + 0.035), z(0.572)),
-            (x(share), z(0.572)),
-        ]
-        parts += [hull.side_panel(handle, side, CHROME, thickness=0.018 * width) for side in (-1, 1)]
-    return merged(parts)
+        ends = x(share), x(share + 0.035)
+        heights = z(0.555), z(0.572)
+        parts += [hull.plate(ends, heights, side, CHROME, thickness=0.018 * width) for side in (-1, 1)]
+    return merged(*parts)
 
 
 def _car_cabin(x: Callable[[float], float], z: Callable[[float], float], half: float, body: Material) -> Mesh:
-    """Glass all round, pillars and a roof."""
-    # From the rear right corner round the front: place along the car and across it, at the belt and at the roof.
-    belt = [
-        (0.030, 0.70),
-        (0.055, 0.84),
-        (0.135, 0.86),
-        (0.245, 0.87),
-        (0.43, 0.88),
-        (0.455, 0.88),
-        (0.63, 0.87),
-        (0.665, 0.86),
-        (0.725, 0.52),
-    ]
-    roof = [
-        (0.110, 0.54),
-        (0.125, 0.62),
-        (0.165, 0.66),
-        (0.265, 0.67),
-        (0.43, 0.67),
-        (0.45, 0.67),
-        (0.535, 0.66),
-        (0.55, 0.64),
-        (0.575, 0.40),
-    ]
-    glass = (False, False, True, True, False, True, False, True)  # strips of one side
+    """Windows all round, pillars and a roof."""
+    # From the rear right corner forward: shares of length and half width at the belt line, the same at the roof, and
+    # whether the strip up to the next row is glass.
+    outline = (
+        (0.030, 0.70, 0.110, 0.54, False),
+        (0.055, 0.84, 0.125, 0.62, False),
+        (0.135, 0.86, 0.165, 0.66, True),
+        (0.245, 0.87, 0.265, 0.67, True),
+        (0.43, 0.88, 0.43, 0.67, False),
+        (0.455, 0.88, 0.45, 0.67, True),
+        (0.63, 0.87, 0.535, 0.66, False),
+        (0.665, 0.86, 0.55, 0.64, True),
+        (0.725, 0.52, 0.575, 0.40, True),  # the windscreen
+    )
+    belt, roof = [row[:2] for row in outline], [row[2:4] for row in outline]
+    glass = [row[4] for row in outline]
+    strips = [*glass, *glass[-2::-1], True]  # the last one is the rear window
 
     def ring(points: list[tuple[float, float]], level: float, shrink: float) -> list[tuple[float, float, float]]:
         middle = x(0.33)
         right = [(middle + (x(a) - middle) * shrink, -half * b * shrink, z(level)) for a, b in points]
         return right + [(a, -b, c) for a, b, c in right[::-1]]
 
-    n = len(belt)
-
-    def look(level: int, side: int) -> Material:
-        if level != 1:
-            return body
-        if side in {n - 1, 2 * n - 1}:  # windscreen and rear window
-            return GLASS
-        return GLASS if glass[side if side < n else 2 * n - 2 - side] else body
+    def look(level: int, strip: int) -> Material:
+        return GLASS if level == 1 and strips[strip] else body
 
     rings = [
         ring(belt, 0.60, 1.0),
@@ -175,19 +148,19 @@ def _car_cabin(x: Callable[[float], float], z: Callable[[float], float], half: f
 
 
 def _mirror(x: float, z: float, y: float, reach: float, height: float, body: Material) -> Mesh:
-    """The left outside mirror, from the body's side `y` out to `reach`."""
+    """The left outside mirror, from the side of the body at `y` out to `reach`."""
     size = 0.085 * height
     inner = 0.94 * y
     shell = box((x, (inner + reach) / 2, z), (0.9 * size, reach - inner, size), body)
     glass = box((x - 0.46 * size, (y + reach) / 2, z), (0.06 * size, 0.8 * (reach - y), 0.8 * size), CHROME)
-    return merged([shell, glass])
+    return merged(shell, glass)
 
 
 def model_car(color: Rgb) -> Mesh:
-    """A model at about 1:14, in a paint: the body with its rear wheels."""
+    """A model car at about 1:14, rear wheels included."""
     return _passenger_car("model_car", color, arch=0.0405, mirror_half=0.110, inset=0.060, width=0.206)
 
 
 def car(color: Rgb) -> Mesh:
-    """A hatchback in a paint: the body with its rear wheels."""
+    """A full-size hatchback, rear wheels included."""
     return _passenger_car("car", color, arch=0.355, mirror_half=0.96, inset=0.55, width=1.80)

@@ -1,6 +1,6 @@
-"""Cyclists who pedal, in rigid parts: bicycle and rider, fork, crank, thighs, shins with feet.
+"""A pedalling cyclist in rigid parts: bicycle and rider, fork, crank, thighs, shins with feet.
 
-The feet follow the pedals; thigh and shin bend as two bars of given lengths must.
+The feet follow the pedals; hip and knee angles follow from the lengths of thigh and shin (two-link inverse kinematics).
 """
 
 from collections.abc import Callable
@@ -12,30 +12,28 @@ from bags.simulator.world.bodies.figures import HIP_Y_M, Looks, head, looks_of, 
 from bags.simulator.world.bodies.joints import WALKED, ArticulatedPath, Carrier, pitched, steered_fork
 from bags.simulator.world.meshes.lofts import ellipses, limb, torus
 from bags.simulator.world.meshes.materials import CHROME, DARK, HEADLAMP, METAL, RUBBER, TAIL_LAMP
-from bags.simulator.world.meshes.mesh import Material, Mesh, box, cylinder, merged, sphere
+from bags.simulator.world.meshes.mesh import Material, Mesh, Rgb, box, cylinder, merged, sphere
 from bags.simulator.world.motion import Poses
-from bags.simulator.world.scene import Part
+from bags.simulator.world.mover import Part
 from pipeline.core.arrays import F64
 
 __all__ = ["CRANK_CYCLE_M", "cyclist_parts"]
 
-Rgb = tuple[float, float, float]
-
-CRANK = (0.44, 0.29)  # x and z of the pedals' axle
+CRANK = (0.44, 0.29)  # x and z of the crank axle
 CRANK_M, PEDAL_Y_M = 0.17, 0.13
 SEAT_HIP = (0.235, 0.98)
 RIDER_THIGH_M, RIDER_SHIN_M = 0.42, 0.46
 CRANK_CYCLE_M = 4.2
-"""Way ridden in one turn of the crank."""
+"""Distance per turn of the crank."""
 FORK_HINGE = (1.05, 0.0, 0.34)
 RAKE_RAD = 0.31
 
 
 def cyclist_parts(name: str, color: Rgb, trajectory: Carrier) -> tuple[Part, ...]:
-    """Someone who rides along a trajectory; the jacket has the colour."""
+    """A cyclist on a trajectory, with a jacket of this colour."""
     looks = looks_of(name, color)
     parts = [
-        Part(merged([_frame(), _rider(looks)]), trajectory),
+        Part(merged(_frame(), _rider(looks)), trajectory),
         Part(_fork(), steered_fork(trajectory, FORK_HINGE, RAKE_RAD)),
         Part(_crank(), ArticulatedPath(trajectory, _crank_place)),
     ]
@@ -49,7 +47,7 @@ def cyclist_parts(name: str, color: Rgb, trajectory: Carrier) -> tuple[Part, ...
 
 
 def _crank_angle(states: F64) -> F64:
-    """Of the left crank, clockwise seen from the right, from straight forward."""
+    """Angle (N,) of the left crank from straight ahead, clockwise seen from the right."""
     return np.asarray(2 * np.pi * states[:, WALKED] / CRANK_CYCLE_M)
 
 
@@ -60,7 +58,7 @@ def _crank_place(states: F64) -> Poses:
 def _pedalling_place(side: int, bone: str) -> Callable[[F64], Poses]:
     def place(states: F64) -> Poses:
         turn = _crank_angle(states) + (0.0 if side > 0 else np.pi)
-        # The ankle stands above and behind the pedal.
+        # The ankle is above and behind the pedal.
         ankle_x = CRANK[0] + CRANK_M * np.cos(turn) - 0.09 - SEAT_HIP[0]
         ankle_z = CRANK[1] - CRANK_M * np.sin(turn) + 0.10 - SEAT_HIP[1]
         reach = np.minimum(np.hypot(ankle_x, ankle_z), RIDER_THIGH_M + RIDER_SHIN_M - 1e-6)
@@ -77,7 +75,7 @@ def _pedalling_place(side: int, bone: str) -> Callable[[F64], Poses]:
 
 
 def _bicycle_wheel() -> Mesh:
-    """About its hub, which is the origin."""
+    """A wheel with its hub at the origin."""
     radius = SHAPES["cyclist"].wheel_radius_m
     angles = np.pi * np.arange(8) / 8
     spokes = [
@@ -91,69 +89,63 @@ def _bicycle_wheel() -> Mesh:
         for a in angles
     ]
     return merged(
-        [
-            torus((0, 0, 0), radius, 0.036, RUBBER),
-            torus((0, 0, 0), radius - 0.034, 0.020, METAL, around=4),
-            cylinder((0, -0.05, 0), (0, 0.05, 0), 0.022, METAL, sides=8),
-            *spokes,
-        ]
+        torus((0, 0, 0), radius, 0.036, RUBBER),
+        torus((0, 0, 0), radius - 0.034, 0.020, METAL, around=4),
+        cylinder((0, -0.05, 0), (0, 0.05, 0), 0.022, METAL, sides=8),
+        *spokes,
     )
 
 
 def _frame() -> Mesh:
-    """The bicycle without what turns."""
+    """The bicycle without fork and crank."""
     radius = SHAPES["cyclist"].wheel_radius_m
     lacquer = Material("bicycle frame", (0.12, 0.28, 0.42), 0.3, mirror=0.06)
     bottom, seat, head_low, head_high = (0.44, 0, 0.29), (0.265, 0, 0.78), (0.925, 0, 0.66), (0.885, 0, 0.80)
     tubes = [(bottom, seat, 0.017), (bottom, head_low, 0.020), ((0.285, 0, 0.73), head_high, 0.016)]
     stays = [((0, y, radius), end, 0.009) for y in (-0.055, 0.055) for end in (bottom, (0.285, 0.3 * y, 0.73))]
     return merged(
-        [
-            *(cylinder(a, b, r, lacquer, sides=8) for a, b, r in (*tubes, *stays)),
-            cylinder(head_low, head_high, 0.022, lacquer, sides=8),
-            cylinder(seat, (0.245, 0, 0.86), 0.013, METAL, sides=8),
-            box((0.235, 0, 0.885), (0.26, 0.15, 0.045), DARK),
-            _bicycle_wheel().moved((0, 0, radius)),
-            box((0.02, 0, 0.72), (0.36, 0.12, 0.012), METAL),
-            box((-0.165, 0, 0.70), (0.02, 0.07, 0.05), TAIL_LAMP),
-            *(cylinder((0.0, y, radius), (-0.05, y, 0.72), 0.006, METAL, sides=6) for y in (-0.058, 0.058)),
-        ]
+        *(cylinder(a, b, r, lacquer, sides=8) for a, b, r in (*tubes, *stays)),
+        cylinder(head_low, head_high, 0.022, lacquer, sides=8),
+        cylinder(seat, (0.245, 0, 0.86), 0.013, METAL, sides=8),
+        box((0.235, 0, 0.885), (0.26, 0.15, 0.045), DARK),
+        _bicycle_wheel().moved((0, 0, radius)),
+        box((0.02, 0, 0.72), (0.36, 0.12, 0.012), METAL),
+        box((-0.165, 0, 0.70), (0.02, 0.07, 0.05), TAIL_LAMP),
+        *(cylinder((0.0, y, radius), (-0.05, y, 0.72), 0.006, METAL, sides=6) for y in (-0.058, 0.058)),
     )
 
 
 def _fork() -> Mesh:
-    """Front wheel, fork and handlebar; the hub is the origin."""
+    """Front wheel, fork and handlebar, with the hub at the origin."""
     crown = (-0.115, 0, 0.36)
     stem = (-0.185, 0, 0.60)
     grip = [(-0.185, 0, 0.66), (-0.17, 0.13, 0.69), (-0.27, 0.255, 0.69), (-0.35, 0.273, 0.68)]
     left = [(x, -y, z) for x, y, z in grip]
     return merged(
-        [
-            _bicycle_wheel(),
-            *(cylinder((0, y, 0), (crown[0], y, crown[2]), 0.012, METAL, sides=8) for y in (-0.055, 0.055)),
-            box(crown, (0.04, 0.14, 0.03), METAL),
-            cylinder(crown, stem, 0.016, METAL, sides=8),
-            cylinder(stem, grip[0], 0.013, METAL, sides=8),
-            limb(grip, (0.013, 0.013, 0.016, 0.016), DARK),
-            limb(left, (0.013, 0.013, 0.016, 0.016), DARK),
-            box((-0.145, 0, 0.52), (0.06, 0.06, 0.06), HEADLAMP),
-        ]
+        _bicycle_wheel(),
+        *(cylinder((0, y, 0), (crown[0], y, crown[2]), 0.012, METAL, sides=8) for y in (-0.055, 0.055)),
+        box(crown, (0.04, 0.14, 0.03), METAL),
+        cylinder(crown, stem, 0.016, METAL, sides=8),
+        cylinder(stem, grip[0], 0.013, METAL, sides=8),
+        limb(grip, (0.013, 0.013, 0.016, 0.016), DARK),
+        limb(left, (0.013, 0.013, 0.016, 0.016), DARK),
+        box((-0.145, 0, 0.52), (0.06, 0.06, 0.06), HEADLAMP),
     )
 
 
 def _crank() -> Mesh:
-    """Cranks and pedals about their axle, which is the origin; the left one points forward."""
+    """Cranks and pedals with their axle at the origin; the left crank points forward."""
     parts = [cylinder((0, -0.03, 0), (0, -0.045, 0), 0.09, METAL, sides=16)]
     for side in (1, -1):
         parts += [
             cylinder((0, side * 0.05, 0), (side * CRANK_M, side * 0.07, 0), 0.012, METAL, sides=6),
             box((side * CRANK_M, side * PEDAL_Y_M, 0), (0.07, 0.10, 0.02), DARK),
         ]
-    return merged([*parts, cylinder((0, -0.07, 0), (0, 0.07, 0), 0.014, METAL, sides=8)])
+    return merged(*parts, cylinder((0, -0.07, 0), (0, 0.07, 0), 0.014, METAL, sides=8))
 
 
 def _rider(looks: Looks) -> Mesh:
-    """Body, head with a helmet, and arms to the grips."""
+    """Torso, head with a helmet, and arms that reach the grips."""
     helmet = Material("helmet", (0.85, 0.85, 0.82), 0.6, mirror=0.03)
     head_x, head_z = 0.56, 1.585
     arms = [
@@ -165,37 +157,35 @@ def _rider(looks: Looks) -> Mesh:
         for side in (1, -1)
     ]
     return merged(
-        [
-            ellipses(
-                [(0.90, 0.235, 0, 0.12, 0.13), (0.96, 0.235, 0, 0.135, 0.17), (1.02, 0.25, 0, 0.11, 0.15)],
-                looks.trousers,
-            ),
-            ellipses(
-                [
-                    (0.955, 0.24, 0, 0.148, 0.185),
-                    (1.12, 0.30, 0, 0.135, 0.172),
-                    (1.26, 0.38, 0, 0.125, 0.175),
-                    (1.37, 0.445, 0, 0.12, 0.190),
-                    (1.425, 0.475, 0, 0.08, 0.13),
-                    (1.455, 0.495, 0, 0.055, 0.06),
-                ],
-                looks.jacket,
-                sides=14,
-            ),
-            *arms,
-            *(sphere((0.475, side * 0.18, 1.365), 0.056, looks.jacket, sides=8) for side in (1, -1)),
-            *(sphere((0.615, side * 0.242, 1.16), 0.044, looks.jacket, sides=8) for side in (1, -1)),
-            *(sphere((0.735, side * 0.258, 1.03), 0.040, looks.skin, sides=8) for side in (1, -1)),
-            *head(looks.skin, DARK, head_x, head_z)[:2],
-            ellipses(
-                [
-                    (head_z + 0.015, head_x - 0.01, 0, 0.118, 0.088),
-                    (head_z + 0.06, head_x - 0.01, 0, 0.122, 0.090),
-                    (head_z + 0.11, head_x - 0.01, 0, 0.095, 0.070),
-                    (head_z + 0.135, head_x - 0.01, 0, 0.045, 0.035),
-                ],
-                helmet,
-                sides=14,
-            ),
-        ]
+        ellipses(
+            [(0.90, 0.235, 0, 0.12, 0.13), (0.96, 0.235, 0, 0.135, 0.17), (1.02, 0.25, 0, 0.11, 0.15)],
+            looks.trousers,
+        ),
+        ellipses(
+            [
+                (0.955, 0.24, 0, 0.148, 0.185),
+                (1.12, 0.30, 0, 0.135, 0.172),
+                (1.26, 0.38, 0, 0.125, 0.175),
+                (1.37, 0.445, 0, 0.12, 0.190),
+                (1.425, 0.475, 0, 0.08, 0.13),
+                (1.455, 0.495, 0, 0.055, 0.06),
+            ],
+            looks.jacket,
+            sides=14,
+        ),
+        *arms,
+        *(sphere((0.475, side * 0.18, 1.365), 0.056, looks.jacket, sides=8) for side in (1, -1)),
+        *(sphere((0.615, side * 0.242, 1.16), 0.044, looks.jacket, sides=8) for side in (1, -1)),
+        *(sphere((0.735, side * 0.258, 1.03), 0.040, looks.skin, sides=8) for side in (1, -1)),
+        *head(looks.skin, DARK, head_x, head_z)[:2],
+        ellipses(
+            [
+                (head_z + 0.015, head_x - 0.01, 0, 0.118, 0.088),
+                (head_z + 0.06, head_x - 0.01, 0, 0.122, 0.090),
+                (head_z + 0.11, head_x - 0.01, 0, 0.095, 0.070),
+                (head_z + 0.135, head_x - 0.01, 0, 0.045, 0.035),
+            ],
+            helmet,
+            sides=14,
+        ),
     )

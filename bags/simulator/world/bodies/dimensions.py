@@ -1,4 +1,4 @@
-"""How large the things are that move: their boxes, wheels and steering."""
+"""Dimensions of the moving shapes: boxes, wheels, steering."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -11,19 +11,19 @@ Vector = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class Shape:
-    """Facts about a shape; lengths in its base frame (x forward, y left, z up).
+    """Dimensions of a shape in its base frame (x forward, y left, z up).
 
-    The base frame lies on the ground: below the middle of the rear axle, below the rear wheel of a cyclist, below the
-    middle of a pedestrian.
+    The base frame lies on the ground: below the middle of the rear axle, the rear wheel of a cyclist, the middle of a
+    pedestrian.
 
     Attributes:
-        class_name: Class in the truth.
+        class_name: Ground truth class.
         size_m: Length, width (mirrors included), height of its box.
         box_center_m: Centre of its box.
         wheel_base_m: From axle to axle; 0 for a pedestrian.
-        track_width_m: Between the middles of the front wheels; 0 for what has not two of them.
-        wheel_radius_m: Of all wheels; 0 for a pedestrian.
-        max_steering_rad: Of the middle of the front axle; the inner wheel turns further.
+        track_width_m: Between the centres of the front wheels; 0 without two of them.
+        wheel_radius_m: Radius of all wheels; 0 for a pedestrian.
+        max_steering_rad: Limit at the middle of the front axle; the inner wheel turns further.
     """
 
     class_name: str
@@ -49,15 +49,10 @@ class Shape:
         """The z of the bottom of the box."""
         return self.box_center_m[2] - self.size_m[2] / 2
 
-    @property
-    def top_m(self) -> float:
-        """The z of the top of the box."""
-        return self.box_center_m[2] + self.size_m[2] / 2
-
 
 SHAPES: Mapping[str, Shape] = MappingProxyType(
     {
-        # 1:14. The original's box begins 7 mm above the table; its controllers turn 28 rad per metre.
+        # 1:14, as in the predecessor system: the box starts 7 mm above the table, controllers turn 28 rad per metre.
         "model_car": Shape("car", (0.33, 0.22, 0.21), (0.105, 0.0, 0.112), 0.21, 0.165, 1 / 28, 0.6),
         "car": Shape("car", (4.50, 1.92, 1.48), (1.30, 0.0, 0.74), 2.70, 1.44, 0.31, 0.48),
         "van": Shape("van", (5.90, 2.34, 2.50), (1.85, 0.0, 1.25), 3.60, 1.64, 0.34, 0.50),
@@ -67,4 +62,4 @@ SHAPES: Mapping[str, Shape] = MappingProxyType(
         "pedestrian": Shape("pedestrian", (0.96, 0.54, 1.78), (-0.03, 0.0, 0.89)),
     }
 )
-"""By the name that a scenario gives."""
+"""By the `shape` of a vehicle in a scenario."""

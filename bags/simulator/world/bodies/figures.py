@@ -1,4 +1,4 @@
-"""What people are made of: looks by name, a head, and legs in two parts; lengths in metres."""
+"""Parts that pedestrians and cyclists share: looks, head, thighs and shins; lengths in metres."""
 
 from typing import NamedTuple
 from zlib import crc32
@@ -6,14 +6,12 @@ from zlib import crc32
 import numpy as np
 
 from bags.simulator.world.meshes.lofts import ellipses, limb
-from bags.simulator.world.meshes.mesh import Material, Mesh, merged, sphere
+from bags.simulator.world.meshes.mesh import Material, Mesh, Rgb, merged, sphere
 
 __all__ = ["HIP_Y_M", "Looks", "head", "looks_of", "shin_mesh", "thigh_mesh"]
 
-Rgb = tuple[float, float, float]
-
 HIP_Y_M = 0.095
-"""From the middle to the hip joint."""
+"""From the middle plane to the hip joint."""
 SKIN = ((0.87, 0.70, 0.58), (0.76, 0.57, 0.43), (0.55, 0.38, 0.27), (0.91, 0.76, 0.66))
 HAIR = ((0.16, 0.12, 0.10), (0.32, 0.22, 0.14), (0.55, 0.42, 0.26), (0.42, 0.41, 0.40))
 TROUSERS = ((0.16, 0.19, 0.30), (0.14, 0.14, 0.15), (0.45, 0.40, 0.32), (0.28, 0.30, 0.32))
@@ -21,7 +19,7 @@ SHOES = Material("shoes", (0.18, 0.15, 0.14), 0.2)
 
 
 class Looks(NamedTuple):
-    """What someone wears, and what they look like."""
+    """Materials of a person."""
 
     skin: Material
     hair: Material
@@ -30,7 +28,7 @@ class Looks(NamedTuple):
 
 
 def looks_of(name: str, color: Rgb) -> Looks:
-    """The looks of the person of this name, with a jacket of a colour."""
+    """The looks of a person, derived from the name, with a jacket of this colour."""
     number = crc32(name.encode())
     jacket = Material("jacket", color, 0.25 + 0.35 * float(np.mean(color)))
     return Looks(
@@ -42,7 +40,7 @@ def looks_of(name: str, color: Rgb) -> Looks:
 
 
 def head(skin: Material, hair: Material, x: float, z: float) -> list[Mesh]:
-    """Neck, head and hair; `x` and `z` are the middle of the head."""
+    """Neck, head and hair, with the middle of the head at `x` and `z`."""
     return [
         ellipses([(z - 0.17, x - 0.01, 0, 0.052, 0.052), (z - 0.06, x - 0.01, 0, 0.055, 0.052)], skin),
         ellipses(
@@ -71,29 +69,25 @@ def head(skin: Material, hair: Material, x: float, z: float) -> list[Mesh]:
 
 
 def thigh_mesh(length: float, trousers: Material) -> Mesh:
-    """Hangs down from the hip, its origin."""
+    """A thigh that hangs down from the hip at the origin."""
     return merged(
-        [
-            limb([(0, 0, 0.02), (0, 0, -length)], (0.085, 0.060), trousers, sides=10),
-            sphere((0, 0, -length), 0.060, trousers, sides=8),
-        ]
+        limb([(0, 0, 0.02), (0, 0, -length)], (0.085, 0.060), trousers, sides=10),
+        sphere((0, 0, -length), 0.060, trousers, sides=8),
     )
 
 
 def shin_mesh(length: float, trousers: Material) -> Mesh:
-    """Hangs down from the knee, its origin; with a shoe."""
+    """A shin with a shoe that hangs down from the knee at the origin."""
     return merged(
-        [
-            limb([(0, 0, 0), (-0.012, 0, -0.35 * length), (0, 0, -length)], (0.060, 0.062, 0.046), trousers, sides=10),
-            ellipses(
-                [
-                    (-length - 0.08, 0.055, 0, 0.120, 0.040),
-                    (-length - 0.055, 0.055, 0, 0.125, 0.046),
-                    (-length - 0.02, 0.035, 0, 0.095, 0.044),
-                    (-length + 0.03, 0.0, 0, 0.055, 0.050),
-                ],
-                SHOES,
-                sides=12,
-            ),
-        ]
+        limb([(0, 0, 0), (-0.012, 0, -0.35 * length), (0, 0, -length)], (0.060, 0.062, 0.046), trousers, sides=10),
+        ellipses(
+            [
+                (-length - 0.08, 0.055, 0, 0.120, 0.040),
+                (-length - 0.055, 0.055, 0, 0.125, 0.046),
+                (-length - 0.02, 0.035, 0, 0.095, 0.044),
+                (-length + 0.03, 0.0, 0, 0.055, 0.050),
+            ],
+            SHOES,
+            sides=12,
+        ),
     )

@@ -1,4 +1,4 @@
-"""Painted bodies of motor vehicles: cross sections from rear to front, with arches over the wheels."""
+"""Painted bodies of motor vehicles: lofts through cross sections, with wheel arches."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,44 +11,41 @@ from bags.simulator.world.meshes.lofts import loft, panel
 from bags.simulator.world.meshes.mesh import Material, Mesh, merged
 from pipeline.core.arrays import F64
 
-__all__ = ["Hull", "both_sides"]
+__all__ = ["Hull", "both_sides", "screen"]
+
+Edge = tuple[float, float, float]
 
 ARCH_STEPS = 8
 
 
 @dataclass(frozen=True, slots=True)
 class Hull:
-    """A body of cross sections.
+    """A body given by its cross sections.
 
     Attributes:
         stations: Rows of x (rising), half width and top.
-        levels: Rows of height and share of the half width, from below; the last one is for the top whatever its
-            height, and levels above the top come down to it.
+        levels: Rows of height and share of the half width, from below; the last one stands for the top at any height,
+            and levels above the top are lowered to it.
         bottom_m: Ground clearance.
         axles_m: x of the axles.
-        arch_m: Radius of the arches about the wheels' middles; 0 has none.
-        axle_height_m: Of the wheels' middles.
+        arch_m: Radius of the wheel arches about the axles.
+        axle_height_m: Height of the axles.
     """
 
     stations: Sequence[tuple[float, float, float]]
     levels: Sequence[tuple[float, float]]
     bottom_m: float
-    axles_m: Sequence[float] = ()
-    arch_m: float = 0.0
-    axle_height_m: float = 0.0
+    axles_m: Sequence[float]
+    arch_m: float
+    axle_height_m: float
 
     def half_width(self, x: float, z: float) -> float:
-        """The y of the left side at a place of the side view."""
+        """The y of the left side at a point of the side view."""
         section = self._section(x, self.bottom_m)
         return float(np.interp(z, section[:, 1], section[:, 0]))
 
-    def top(self, x: float) -> float:
-        """The z of the top."""
-        xs, _, tops = np.array(self.stations).T
-        return float(np.interp(x, xs, tops))
-
     def mesh(self, material: Material, *, below: Material) -> Mesh:
-        """The closed body; `below` is seen in the arches and from underneath."""
+        """The closed body; `below` is the material of its underside and arches."""
         rings = []
         for x, bottom in self._floor():
             right = self._section(x, bottom)
@@ -58,15 +55,22 @@ class Hull:
         return loft(np.stack(rings), material, where=lambda _, side: below if side == floor else material)
 
     def side_panel(self, outline: npt.ArrayLike, side: int, material: Material, *, thickness: float = 0.008) -> Mesh:
-        """A plate on one side (1 left, -1 right); its outline (K, 2) of x and z, counter-clockwise from the right."""
+        """A plate on one side (1 left, -1 right); `outline` (K, 2) of x and z runs counter-clockwise from the right."""
         corners = np.array([(x, side * self.half_width(x, z), z) for x, z in np.asarray(outline, np.float64)])
         return panel(corners if side < 0 else corners[::-1], material, thickness=thickness)
 
+    def plate(
+        self, x: tuple[float, float], z: tuple[float, float], side: int, material: Material, *, thickness: float
+    ) -> Mesh:
+        """A `side_panel` that is a rectangle in the side view, between two x and two z."""
+        (x0, x1), (z0, z1) = x, z
+        return self.side_panel([(x0, z0), (x1, z0), (x1, z1), (x0, z1)], side, material, thickness=thickness)
+
     def seam(self, x: float, low: float, high: float, width: float, side: int, material: Material) -> Mesh:
-        """An upright joint on one side (1 left, -1 right) that follows the cross section."""
+        """An upright joint on one side (1 left, -1 right), along the cross section."""
         heights = [low, *(z for z, _ in self.levels if low < z < high), high]
-        rows = [[(x, a), (x + width, a), (x + width, b), (x, b)] for a, b in pairwise(heights)]
-        return merged(self.side_panel(row, side, material, thickness=0.5 * width) for row in rows)
+        spans = pairwise(heights)
+        return merged(*(self.plate((x, x + width), span, side, material, thickness=0.5 * width) for span in spans))
 
     def _section(self, x: float, bottom: float) -> F64:
         """(L, 2) y and z of the left half of a cross section, from below."""
@@ -74,7 +78,7 @@ class Hull:
         half, top = float(np.interp(x, xs, halves)), float(np.interp(x, xs, tops))
         levels, shares = np.array(self.levels).T
         crown = shares[-1] / shares[-2]
-        # Levels above a low bonnet come down to it; the sides stay the planes that they are elsewhere.
+        # Levels above a low bonnet are lowered to it; the sides stay in plane.
         heights = np.minimum(levels, top - np.linspace(0.05, 0.0, len(levels)) * (top - self.bottom_m))
         heights[0], heights[-1] = self.bottom_m, top
         shares = np.interp(heights, levels, shares)
@@ -82,7 +86,7 @@ class Hull:
         return np.stack([half * shares, np.maximum(heights, bottom)], 1)
 
     def _floor(self) -> list[tuple[float, float]]:
-        """Places x of all cross sections, rising, and the height of the floor there; at an arch's ends it steps."""
+        """The x of all cross sections, rising, and the height of the floor there; it jumps at the ends of an arch."""
         angle = np.linspace(0, np.pi, ARCH_STEPS + 1)
         places: list[tuple[float, float]] = []
         last = -np.inf
@@ -99,9 +103,16 @@ class Hull:
         return places + [(x, self.bottom_m) for x, _, _ in self.stations if x > last]
 
 
+def screen(low: Edge, high: Edge, material: Material, *, thickness: float) -> Mesh:
+    """A panel across the body between two edges, each given by x, half width and z; negative half widths face back."""
+    (x0, half0, z0), (x1, half1, z1) = low, high
+    corners = [(x0, -half0, z0), (x0, half0, z0), (x1, half1, z1), (x1, -half1, z1)]
+    return panel(corners, material, thickness=thickness)
+
+
 def both_sides(mesh: Mesh) -> Mesh:
-    """The mesh and its mirror image on the other side of the middle plane y = 0."""
+    """The mesh and its mirror image in the plane y = 0."""
     mirrored = Mesh(
         mesh.vertices * [1.0, -1.0, 1.0], np.ascontiguousarray(mesh.triangles[:, ::-1]), mesh.materials, mesh.palette
     )
-    return merged([mesh, mirrored])
+    return merged(mesh, mirrored)

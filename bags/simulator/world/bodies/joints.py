@@ -1,4 +1,4 @@
-"""Parts that move on what carries them: wheels that steer, legs that walk and pedal."""
+"""Articulated parts: steered wheels and forks, walking and pedalling legs."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ STEP_M = np.linspace(-0.24, 0.24, 7)
 
 
 class Carrier(Protocol):
-    """What has joints: a `Trajectory`, or one that was raised."""
+    """The path of an articulated thing: a `Trajectory` or a `RaisedPath`."""
 
     def states(self, times_ns: I64) -> F64:
         """(N, 6) columns as the fields of `bags.simulator.vehicles.trajectory.State`, at times (N,)."""
@@ -44,22 +44,22 @@ class Carrier(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class RaisedPath:
-    """Someone who walks over uneven ground.
+    """A path over uneven ground.
 
     Attributes:
-        carrier: The way in the plane z = 0.
-        height: From places (N, 2) to heights (N,) of the ground.
+        carrier: The path in the plane z = 0.
+        height: From positions (N, 2) to heights (N,) of the ground.
     """
 
     carrier: Carrier
     height: Callable[[F64], F64]
 
     def states(self, times_ns: I64) -> F64:
-        """As the carrier's."""
+        """The states of the carrier."""
         return self.carrier.states(times_ns)
 
     def poses(self, times_ns: I64) -> Poses:
-        """On the ground; steps are climbed within a foot's length before and behind them."""
+        """Poses (N) on the ground, smoothed over a foot's length at steps."""
         flat = self.carrier.poses(times_ns)
         ahead, raised = flat.rotation[:, :2, 0], flat.translation.copy()
         raised[:, 2] = np.mean([self.height(raised[:, :2] + offset * ahead) for offset in STEP_M], axis=0)
@@ -68,18 +68,18 @@ class RaisedPath:
 
 @dataclass(frozen=True, slots=True)
 class ArticulatedPath:
-    """A part whose place on its carrier follows from the carrier's state.
+    """The path of a part whose pose on its carrier depends on the carrier's state.
 
     Attributes:
-        carrier: Where the whole thing is.
-        place: From states (N, 6), see `Trajectory.states`, to the part's poses (N) in the carrier's base frame.
+        carrier: Path of the whole thing.
+        place: From states (N, 6), see `Trajectory.states`, to poses (N) of the part in the carrier's base frame.
     """
 
     carrier: Carrier
     place: Callable[[F64], Poses]
 
     def poses(self, times_ns: I64) -> Poses:
-        """The part in the world at times (N,).
+        """Poses (N) of the part in the world at times (N,).
 
         Raises:
             ValueError: a time is later than the carrier's last state.
@@ -88,16 +88,16 @@ class ArticulatedPath:
 
 
 def pitched(angles: F64, x: F64 | float, y: float, z: F64 | float) -> Poses:
-    """Poses at places in the carrier's frame, turned so that what hangs down swings forward by angles (N,)."""
+    """Poses (N) in the carrier's frame that swing a hanging part forward by angles (N,)."""
     cos, sin, zero, one = np.cos(angles), np.sin(angles), np.zeros_like(angles), np.ones_like(angles)
     rotation = np.stack([cos, zero, -sin, zero, one, zero, sin, zero, cos], -1).reshape(-1, 3, 3)
     return Poses(rotation, np.stack([zero + x, zero + y, zero + z], -1))
 
 
 def steered_wheel(carrier: Carrier, shape: Shape, side: int) -> ArticulatedPath:
-    """A front wheel, `side` 1 for the left one, -1 for the right one; its middle is its origin.
+    """The path of a front wheel with its centre as origin; `side` is 1 for the left one, -1 for the right one.
 
-    Both wheels roll about one centre on the line of the rear axle, so that the inner one turns further (Ackermann).
+    Both wheels roll about one centre on the line of the rear axle, so the inner one turns further (Ackermann).
     """
 
     def place(states: F64) -> Poses:
@@ -111,7 +111,7 @@ def steered_wheel(carrier: Carrier, shape: Shape, side: int) -> ArticulatedPath:
 
 
 def steered_fork(carrier: Carrier, hinge: tuple[float, float, float], rake_rad: float) -> ArticulatedPath:
-    """The fork of a bicycle: turned about an axis through `hinge` that leans back by `rake_rad`."""
+    """The path of a bicycle's fork, which turns about an axis through `hinge` that leans back by `rake_rad`."""
 
     def place(states: F64) -> Poses:
         return _turned(states[:, STEERING], rake_rad, np.array(hinge))
@@ -120,7 +120,7 @@ def steered_fork(carrier: Carrier, hinge: tuple[float, float, float], rake_rad: 
 
 
 def _turned(angles: F64, lean_rad: float, hinge: F64) -> Poses:
-    """Turned to the left about an axis through `hinge` that leans back from the upright."""
+    """Poses (N) turned to the left about an axis through `hinge` that leans back from the vertical."""
     axis = np.array([-np.sin(lean_rad), 0.0, np.cos(lean_rad)])
     cross = np.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])
     sin, cos = np.sin(angles)[:, None, None], np.cos(angles)[:, None, None]

@@ -1,24 +1,25 @@
-"""Pedestrians who walk, in rigid parts: body, thighs, shins with feet, arms.
+"""A walking pedestrian in rigid parts: torso, thighs, shins with feet, arms.
 
-The legs swing by the way walked; the hips are as high as the leg holds them that reaches further down at the moment,
-so that one foot is always on the ground.
+The legs swing with the distance walked; the leg that reaches further down sets the height of the hips, so one foot is
+always on the ground.
 """
 
 from collections.abc import Callable
+from typing import Literal
 
 import numpy as np
 
 from bags.simulator.world.bodies.figures import HIP_Y_M, Looks, head, looks_of, shin_mesh, thigh_mesh
 from bags.simulator.world.bodies.joints import SPEED, WALKED, ArticulatedPath, Carrier, pitched
 from bags.simulator.world.meshes.lofts import ellipses, limb
-from bags.simulator.world.meshes.mesh import Mesh, merged, sphere
+from bags.simulator.world.meshes.mesh import Mesh, Rgb, merged, sphere
 from bags.simulator.world.motion import Poses
-from bags.simulator.world.scene import Part
+from bags.simulator.world.mover import Part
 from pipeline.core.arrays import F64
 
 __all__ = ["CYCLE_M", "pedestrian_parts"]
 
-Rgb = tuple[float, float, float]
+Limb = Literal["thigh", "shin", "arm"]
 
 THIGH_M, SHIN_M = 0.43, 0.42
 HEEL, TOE = (-0.061, -0.08), (0.171, -0.08)  # x and z from the ankle
@@ -26,13 +27,13 @@ SHOULDER_Y_M = 0.20
 SHOULDER_ABOVE_HIP_M = 0.50
 STRIDE_RAD, KNEE_RAD, ARM_RAD = 0.36, 0.95, 0.34
 CYCLE_M = 1.28
-"""Way walked in one cycle of both legs."""
+"""Distance per cycle of both legs."""
 FULL_STRIDE_M_S = 0.7
-"""Faster than this, the steps are as long as they get."""
+"""From this speed on, steps have their full length."""
 
 
 def pedestrian_parts(name: str, color: Rgb, trajectory: Carrier) -> tuple[Part, ...]:
-    """Someone who walks along a trajectory."""
+    """A pedestrian on a trajectory, with a jacket of this colour."""
     looks = looks_of(name, color)
 
     def body(states: F64) -> Poses:
@@ -43,22 +44,22 @@ def pedestrian_parts(name: str, color: Rgb, trajectory: Carrier) -> tuple[Part, 
     thigh, shin = thigh_mesh(THIGH_M, looks.trousers), shin_mesh(SHIN_M, looks.trousers)
     for side in (1, -1):
         parts += [
-            Part(thigh, ArticulatedPath(trajectory, _thigh_place(side))),
-            Part(shin, ArticulatedPath(trajectory, _shin_place(side))),
-            Part(_arm(side, looks), ArticulatedPath(trajectory, _arm_place(side))),
+            Part(thigh, ArticulatedPath(trajectory, _limb_place(side, "thigh"))),
+            Part(shin, ArticulatedPath(trajectory, _limb_place(side, "shin"))),
+            Part(_arm(side, looks), ArticulatedPath(trajectory, _limb_place(side, "arm"))),
         ]
     return tuple(parts)
 
 
 def _gait(states: F64) -> tuple[dict[int, tuple[F64, F64]], F64]:
-    """Angles (N) of thigh and shin forward from the upright, by side, and the height (N) of the hips."""
+    """Forward angles (N) of thigh and shin by side, and the height (N) of the hips."""
     phase = 2 * np.pi * states[:, WALKED] / CYCLE_M
     effort = np.clip(np.abs(states[:, SPEED]) / FULL_STRIDE_M_S, 0.0, 1.0)
     legs, reaches = {}, []
     for side in (1, -1):
         turn = phase + (0.0 if side > 0 else np.pi)
         thigh = STRIDE_RAD * effort * np.sin(turn)
-        # The knee bends most while the leg comes forward.
+        # The knee bends most while the leg swings forward.
         shin = thigh - effort * (0.06 + KNEE_RAD * np.maximum(np.cos(turn - 0.1), 0.0) ** 1.5)
         legs[side] = (thigh, shin)
         down = THIGH_M * np.cos(thigh) + SHIN_M * np.cos(shin)
@@ -66,73 +67,57 @@ def _gait(states: F64) -> tuple[dict[int, tuple[F64, F64]], F64]:
     return legs, np.maximum.reduce(reaches)
 
 
-def _thigh_place(side: int) -> Callable[[F64], Poses]:
-    def place(states: F64) -> Poses:
-        legs, hip_z = _gait(states)
-        return pitched(legs[side][0], 0.0, side * HIP_Y_M, hip_z)
-
-    return place
-
-
-def _shin_place(side: int) -> Callable[[F64], Poses]:
+def _limb_place(side: int, limb: Limb) -> Callable[[F64], Poses]:
     def place(states: F64) -> Poses:
         legs, hip_z = _gait(states)
         thigh, shin = legs[side]
-        return pitched(shin, THIGH_M * np.sin(thigh), side * HIP_Y_M, hip_z - THIGH_M * np.cos(thigh))
-
-    return place
-
-
-def _arm_place(side: int) -> Callable[[F64], Poses]:
-    def place(states: F64) -> Poses:
-        legs, hip_z = _gait(states)
-        swing = -legs[side][0] * (ARM_RAD / STRIDE_RAD)
-        return pitched(swing, 0.0, side * SHOULDER_Y_M, hip_z + SHOULDER_ABOVE_HIP_M)
+        match limb:
+            case "thigh":
+                return pitched(thigh, 0.0, side * HIP_Y_M, hip_z)
+            case "shin":
+                return pitched(shin, THIGH_M * np.sin(thigh), side * HIP_Y_M, hip_z - THIGH_M * np.cos(thigh))
+            case "arm":
+                swing = -thigh * (ARM_RAD / STRIDE_RAD)
+                return pitched(swing, 0.0, side * SHOULDER_Y_M, hip_z + SHOULDER_ABOVE_HIP_M)
 
     return place
 
 
 def _torso(looks: Looks) -> Mesh:
-    """From the hips up; the hips are the origin."""
+    """Torso and head, with the hips at the origin."""
     return merged(
-        [
-            ellipses(
-                [(-0.11, 0, 0, 0.08, 0.11), (-0.04, 0, 0, 0.105, 0.160), (0.05, 0, 0, 0.10, 0.15)], looks.trousers
-            ),
-            ellipses(
-                [
-                    (-0.06, 0, 0, 0.132, 0.192),
-                    (0.10, 0, 0, 0.128, 0.175),
-                    (0.24, 0.005, 0, 0.122, 0.168),
-                    (0.40, 0.005, 0, 0.125, 0.185),
-                    (0.50, -0.005, 0, 0.105, 0.195),
-                    (0.555, -0.01, 0, 0.07, 0.12),
-                    (0.58, -0.01, 0, 0.055, 0.065),
-                ],
-                looks.jacket,
-                sides=14,
-            ),
-            *head(looks.skin, looks.hair, 0.0, 0.715),
-        ]
+        ellipses([(-0.11, 0, 0, 0.08, 0.11), (-0.04, 0, 0, 0.105, 0.160), (0.05, 0, 0, 0.10, 0.15)], looks.trousers),
+        ellipses(
+            [
+                (-0.06, 0, 0, 0.132, 0.192),
+                (0.10, 0, 0, 0.128, 0.175),
+                (0.24, 0.005, 0, 0.122, 0.168),
+                (0.40, 0.005, 0, 0.125, 0.185),
+                (0.50, -0.005, 0, 0.105, 0.195),
+                (0.555, -0.01, 0, 0.07, 0.12),
+                (0.58, -0.01, 0, 0.055, 0.065),
+            ],
+            looks.jacket,
+            sides=14,
+        ),
+        *head(looks.skin, looks.hair, 0.0, 0.715),
     )
 
 
 def _arm(side: int, looks: Looks) -> Mesh:
-    """Hangs down from the shoulder, its origin, a little bent."""
+    """A slightly bent arm that hangs down from the shoulder at the origin."""
     elbow, wrist = (-0.01, side * 0.030, -0.28), (0.075, side * 0.025, -0.51)
     return merged(
-        [
-            sphere((0, 0, -0.01), 0.056, looks.jacket, sides=8),
-            limb([(0, 0, 0), elbow, wrist], (0.055, 0.044, 0.034), looks.jacket),
-            sphere(elbow, 0.044, looks.jacket, sides=8),
-            ellipses(
-                [
-                    (-0.61, wrist[0] + 0.025, wrist[1], 0.022, 0.012),
-                    (-0.56, wrist[0] + 0.02, wrist[1], 0.042, 0.022),
-                    (-0.50, wrist[0], wrist[1], 0.028, 0.024),
-                ],
-                looks.skin,
-                sides=8,
-            ),
-        ]
+        sphere((0, 0, -0.01), 0.056, looks.jacket, sides=8),
+        limb([(0, 0, 0), elbow, wrist], (0.055, 0.044, 0.034), looks.jacket),
+        sphere(elbow, 0.044, looks.jacket, sides=8),
+        ellipses(
+            [
+                (-0.61, wrist[0] + 0.025, wrist[1], 0.022, 0.012),
+                (-0.56, wrist[0] + 0.02, wrist[1], 0.042, 0.022),
+                (-0.50, wrist[0], wrist[1], 0.028, 0.024),
+            ],
+            looks.skin,
+            sides=8,
+        ),
     )

@@ -1,9 +1,9 @@
-"""A truck in the base frame (below the rear axle); its front wheels are apart."""
+"""A truck in the base frame (below the rear axle), without its front wheels."""
 
 from bags.simulator.world.bodies.chassis import rear_wheels
 from bags.simulator.world.bodies.dimensions import SHAPES
-from bags.simulator.world.bodies.hulls import Hull, both_sides
-from bags.simulator.world.meshes.lofts import loft, panel
+from bags.simulator.world.bodies.hulls import Hull, both_sides, screen
+from bags.simulator.world.meshes.lofts import loft
 from bags.simulator.world.meshes.materials import (
     DARK,
     GLASS,
@@ -16,15 +16,13 @@ from bags.simulator.world.meshes.materials import (
     TAIL_LAMP,
     paint,
 )
-from bags.simulator.world.meshes.mesh import Material, Mesh, box, cylinder, merged
+from bags.simulator.world.meshes.mesh import Material, Mesh, Rgb, box, cylinder, merged
 
 __all__ = ["truck"]
 
-Rgb = tuple[float, float, float]
-
 
 def truck(color: Rgb) -> Mesh:
-    """A truck with a white box behind a painted cab; with its rear wheels."""
+    """A truck with a white box body behind a painted cab, rear wheels included."""
     shape, body = SHAPES["truck"], paint(color)
     white = Material("box body", (0.86, 0.87, 0.88), 0.62, mirror=0.02)
     cab = Hull(
@@ -68,9 +66,7 @@ def truck(color: Rgb) -> Mesh:
             ],
             body,
         ),
-        panel(
-            [(6.325, -1.06, 1.66), (6.325, 1.06, 1.66), (6.235, 1.0, 2.60), (6.235, -1.0, 2.60)], GLASS, thickness=0.035
-        ),
+        screen((6.325, 1.06, 1.66), (6.235, 1.0, 2.60), GLASS, thickness=0.035),
         box((6.375, 0.0, 1.12), (0.03, 1.7, 0.36), DARK),
         box((6.375, 0.0, 0.62), (0.03, 2.2, 0.34), DARK),
         box((6.39, 0.0, 0.55), (0.02, 0.52, 0.11), PLATE),
@@ -87,6 +83,5 @@ def truck(color: Rgb) -> Mesh:
         window = [(5.25, 1.66), (6.20, 1.66), (6.12, 2.48), (5.25, 2.48)]
         parts.append(cab.side_panel(window, side, GLASS, thickness=0.02))
         parts += [cab.seam(x, low, 2.55, 0.02, side, SEAM) for x, low in ((5.15, 1.12), (6.24, 0.55))]
-        handle = [(5.28, 1.46), (5.46, 1.46), (5.46, 1.51), (5.28, 1.51)]
-        parts.append(cab.side_panel(handle, side, DARK, thickness=0.04))
-    return merged(parts)
+        parts.append(cab.plate((5.28, 5.46), (1.46, 1.51), side, DARK, thickness=0.04))
+    return merged(*parts)

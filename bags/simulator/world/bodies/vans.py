@@ -1,8 +1,8 @@
-"""A panel van in the base frame (below the rear axle); its front wheels are apart."""
+"""A panel van in the base frame (below the rear axle), without its front wheels."""
 
 from bags.simulator.world.bodies.chassis import rear_wheels, underbody
 from bags.simulator.world.bodies.dimensions import SHAPES
-from bags.simulator.world.bodies.hulls import Hull, both_sides
+from bags.simulator.world.bodies.hulls import Hull, both_sides, screen
 from bags.simulator.world.meshes.lofts import panel
 from bags.simulator.world.meshes.materials import (
     DARK,
@@ -15,15 +15,13 @@ from bags.simulator.world.meshes.materials import (
     TAIL_LAMP,
     paint,
 )
-from bags.simulator.world.meshes.mesh import Mesh, box, merged
+from bags.simulator.world.meshes.mesh import Mesh, Rgb, box, merged
 
 __all__ = ["van"]
 
-Rgb = tuple[float, float, float]
-
 
 def van(color: Rgb) -> Mesh:
-    """A panel van in a paint: the body with its rear wheels."""
+    """A panel van, rear wheels included."""
     shape, body = SHAPES["van"], paint(color)
     hull = Hull(
         stations=(
@@ -43,12 +41,11 @@ def van(color: Rgb) -> Mesh:
         arch_m=0.40,
         axle_height_m=shape.wheel_radius_m,
     )
-    screen = [(3.92, -0.88, 1.46), (3.92, 0.88, 1.46), (3.05, 0.80, 2.40), (3.05, -0.80, 2.40)]
     parts = [
         hull.mesh(body, below=DARK),
         underbody(shape, 0.28, 0.60, 0.80),
         rear_wheels("van"),
-        panel(screen, GLASS, thickness=0.03),
+        screen((3.92, 0.88, 1.46), (3.05, 0.80, 2.40), GLASS, thickness=0.03),
         box((4.782, 0.0, 0.63), (0.024, 1.20, 0.20), DARK),
         box((4.782, 0.0, 0.39), (0.024, 1.40, 0.15), DARK),
         box((4.79, 0.0, 0.45), (0.02, 0.52, 0.11), PLATE),
@@ -72,9 +69,6 @@ def van(color: Rgb) -> Mesh:
         window = [(2.32, 1.46), (3.70, 1.46), (3.06, 2.20), (2.32, 2.20)]
         parts += [hull.side_panel(window, side, GLASS, thickness=0.03)]
         parts += [hull.seam(x, 0.42, top, 0.016, side, SEAM) for x, top in ((0.62, 2.3), (2.22, 2.3), (3.12, 1.44))]
-        strip = [(0.50, 0.58), (3.08, 0.58), (3.08, 0.72), (0.50, 0.72)]
-        parts.append(hull.side_panel(strip, side, DARK, thickness=0.04))
-        for x in (2.36, 2.0):
-            handle = [(x, 1.26), (x + 0.16, 1.26), (x + 0.16, 1.30), (x, 1.30)]
-            parts.append(hull.side_panel(handle, side, DARK, thickness=0.05))
-    return merged(parts)
+        parts.append(hull.plate((0.50, 3.08), (0.58, 0.72), side, DARK, thickness=0.04))
+        parts += [hull.plate((x, x + 0.16), (1.26, 1.30), side, DARK, thickness=0.05) for x in (2.36, 2.0)]
+    return merged(*parts)

@@ -1,1 +1,1 @@
-"""What everything is built of: triangles, skins over rings, materials."""
+"""Meshes and materials."""

@@ -1,7 +1,6 @@
-"""Bodies that boxes and cylinders cannot say: skins over rings, rings themselves, panels on a skin.
+"""Closed bodies beyond boxes and cylinders: lofts, tori, wheels, panels.
 
-Like those of `bags.simulator.world.meshes.mesh` they are closed, and their triangles run counter-clockwise seen from
-outside.
+Triangles run counter-clockwise seen from outside, as in `bags.simulator.world.meshes.mesh`.
 """
 
 from collections.abc import Callable, Sequence
@@ -9,7 +8,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from bags.simulator.world.meshes.mesh import Material, Mesh, cylinder, merged
+from bags.simulator.world.meshes.mesh import Material, Mesh, cylinder, merged, ring_faces
 from pipeline.core.arrays import F64, I64
 
 __all__ = ["ellipses", "limb", "loft", "panel", "torus", "wheel"]
@@ -22,52 +21,44 @@ def loft(
     where: Callable[[int, int], Material] | None = None,
     ends: tuple[Material, Material] | None = None,
 ) -> Mesh:
-    """A skin over rings of equally many points, closed by a fan at either end.
+    """A loft through rings of equally many points, closed by a fan at each end.
 
     Args:
         rings: (R, K, 3) points, R >= 2; the end rings are convex.
-        material: Of all that the other arguments do not say.
-        where: Material of a face, from the number of its first ring and the number of its first point.
-        ends: Materials of the first and of the last ring's fan.
+        material: Material of all faces that `where` and `ends` leave open.
+        where: Material of a face, from the index of its first ring and of its first point.
+        ends: Materials of the fans at the first and the last ring.
     """
     points = np.asarray(rings, np.float64)
     r, k = points.shape[:2]
-    here = np.arange(k)
-    after = (here + 1) % k
-    fan = np.stack([np.zeros(k - 2, np.int64), np.arange(1, k - 1), np.arange(2, k)], 1)
-    faces, looks = [fan[:, ::-1], fan + (r - 1) * k], [ends[0] if ends else material] * (k - 2)
-    looks += [ends[1] if ends else material] * (k - 2)
+    first, last = ends or (material, material)
+    looks = [first] * (k - 2) + [last] * (k - 2)
     for ring in range(r - 1):
-        low, high = ring * k, (ring + 1) * k
-        faces += [
-            np.stack([here + low, after + low, after + high], 1),
-            np.stack([here + low, after + high, here + high], 1),
-        ]
         looks += 2 * [where(ring, side) if where else material for side in range(k)]
-    return _outward(points.reshape(-1, 3), np.concatenate(faces).astype(np.int64), looks)
+    return _outward(points.reshape(-1, 3), ring_faces(r, k), looks)
 
 
 def ellipses(rows: Sequence[tuple[float, float, float, float, float]], material: Material, *, sides: int = 10) -> Mesh:
-    """An upright rounded body from rows of z, middle x, middle y, half length and half width."""
+    """An upright loft through ellipses given as z, centre x, centre y, half length, half width."""
     angle = 2 * np.pi * (np.arange(sides) + 0.5) / sides
     rings = [np.stack([x + a * np.cos(angle), y + b * np.sin(angle), np.full(sides, z)], 1) for z, x, y, a, b in rows]
     return loft(np.stack(rings), material)
 
 
 def limb(points: npt.ArrayLike, radii: Sequence[float], material: Material, *, sides: int = 8) -> Mesh:
-    """Round bars from point to point (K, 3), with a radius at each."""
+    """Round bars from point to point (K, 3), with a radius at each point."""
     path = np.asarray(points, np.float64)
     bars = [
         cylinder(path[i], path[i + 1], radii[i], material, sides=sides, taper=radii[i + 1] / radii[i])
         for i in range(len(path) - 1)
     ]
-    return merged(bars)
+    return merged(*bars)
 
 
 def torus(
     center: Sequence[float], radius: float, thickness: float, material: Material, *, sides: int = 24, around: int = 6
 ) -> Mesh:
-    """A ring about the y axis: `radius` to its outside, `thickness` of its bar."""
+    """A torus about the y axis; `radius` is the outer one, `thickness` that of the tube."""
     turn = 2 * np.pi * np.arange(sides) / sides - np.pi / 2
     bend = 2 * np.pi * np.arange(around) / around
     reach = radius - thickness / 2 + thickness / 2 * np.cos(bend)
@@ -87,7 +78,7 @@ def torus(
 
 
 def wheel(radius: float, width: float, tyre: Material, rim: Material, hub: Material, *, sides: int = 20) -> Mesh:
-    """A wheel about the y axis, its middle at the origin; one of its corners is its lowest point."""
+    """A wheel about the y axis with its centre at the origin; a vertex is its lowest point."""
     half = width / 2
     profile = [
         (0.22, -half * 0.85),
@@ -111,12 +102,12 @@ def wheel(radius: float, width: float, tyre: Material, rim: Material, hub: Mater
 
 
 def panel(corners: npt.ArrayLike, material: Material, *, thickness: float = 0.008) -> Mesh:
-    """A thin plate on a face, sunk into it by half of its thickness.
+    """A thin plate on a face, sunk into it by half its thickness.
 
     Args:
         corners: (K, 3) convex outline on the face, counter-clockwise seen from outside.
-        material: Of the whole plate.
-        thickness: Half of it stands out.
+        material: Material of the plate.
+        thickness: In metres; half of it stands out.
     """
     face = np.asarray(corners, np.float64)
     normal = np.cross(face[1] - face[0], face[2] - face[0])
@@ -125,7 +116,7 @@ def panel(corners: npt.ArrayLike, material: Material, *, thickness: float = 0.00
 
 
 def _outward(points: F64, faces: I64, looks: Sequence[Material]) -> Mesh:
-    """The mesh, turned inside out if its volume is negative."""
+    """The mesh, with its triangles flipped if its volume is negative."""
     a, b, c = points[faces[:, 0]], points[faces[:, 1]], points[faces[:, 2]]
     if float((a * np.cross(b, c)).sum()) < 0:
         faces = np.ascontiguousarray(faces[:, ::-1])

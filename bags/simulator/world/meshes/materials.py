@@ -1,4 +1,4 @@
-"""Materials that more than one thing is made of."""
+"""Materials that several bodies share."""
 
 from bags.simulator.world.meshes.mesh import Material
 
@@ -37,6 +37,6 @@ PLATE_YELLOW = Material("number plate, rear", (0.93, 0.86, 0.55), 3.0)
 
 
 def paint(color: tuple[float, float, float], name: str = "paint") -> Material:
-    """Car paint; dark paint sends less of a lidar's light back."""
+    """Car paint; dark paint reflects less of a lidar's light."""
     brightness = 0.3 * color[0] + 0.59 * color[1] + 0.11 * color[2]
     return Material(name, color, 0.10 + 0.75 * brightness**1.5, mirror=0.05)

@@ -1,10 +1,10 @@
-"""Triangles with a material each, and the simple bodies that everything is built of.
+"""Triangle meshes with materials, and the simple bodies that everything is built of.
 
-Bodies are made where they stand: lengths in metres, in the frame of the thing that they belong to (x forward, y left,
-z up; REP 103). Triangles run counter-clockwise seen from outside.
+Lengths are metres in the frame of the thing that a body belongs to (x forward, y left, z up; REP 103). Triangles run
+counter-clockwise seen from outside.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -13,7 +13,19 @@ import numpy.typing as npt
 
 from pipeline.core.arrays import F64, I64, check_array
 
-__all__ = ["Material", "Mesh", "Texture", "box", "cylinder", "merged", "polygon", "prism", "profile", "sphere"]
+__all__ = [
+    "Material",
+    "Mesh",
+    "Rgb",
+    "Texture",
+    "box",
+    "cylinder",
+    "merged",
+    "polygon",
+    "prism",
+    "ring_faces",
+    "sphere",
+]
 
 Rgb = tuple[float, float, float]
 Texture = Literal[
@@ -41,13 +53,13 @@ class Material:
     """How a surface looks to a camera and to a lidar.
 
     Attributes:
-        name: For people.
-        rgb: Diffuse colour as displayed (sRGB), each in [0, 1].
-        reflectivity: Share of a 905 nm beam that comes back from a white surface's point of view, in [0, 1]; a
-            retroreflector (number plate, sign, tail lamp) has more than 1.
-        mirror: Share of light reflected like a mirror at normal incidence (Schlick's F0); 0 is matt.
+        name: A label for people.
+        rgb: Diffuse sRGB colour, each in [0, 1].
+        reflectivity: Share of a 905 nm beam that is reflected, 1 for a white surface; above 1 for a retroreflector
+            (number plate, sign, tail lamp).
+        mirror: Share of light reflected specularly at normal incidence (Schlick's F0); 0 is matt.
         transmission: Share of a lidar beam that passes through (glass).
-        texture: What varies the colour over the surface.
+        texture: Pattern that varies the colour over the surface.
     """
 
     name: str
@@ -60,13 +72,13 @@ class Material:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mesh:
-    """Triangles.
+    """A triangle mesh.
 
     Attributes:
         vertices: (V, 3) float64 metres.
         triangles: (T, 3) int64 rows of `vertices`.
         materials: (T,) int64 rows of `palette`.
-        palette: The materials that it uses.
+        palette: Materials in use.
     """
 
     vertices: F64
@@ -84,7 +96,7 @@ class Mesh:
         return len(self.triangles)
 
     def moved(self, translation: npt.ArrayLike = (0.0, 0.0, 0.0), *, yaw: float = 0.0, scale: float = 1.0) -> "Mesh":
-        """The mesh scaled about the origin, then turned about +z, then shifted."""
+        """The mesh scaled about the origin, rotated about +z, then translated."""
         cos, sin = np.cos(yaw), np.sin(yaw)
         turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
         vertices = scale * self.vertices @ turn.T + np.asarray(translation, np.float64)
@@ -96,9 +108,8 @@ class Mesh:
         return self.vertices.min(0), self.vertices.max(0)
 
 
-def merged(meshes: Iterable[Mesh]) -> Mesh:
-    """All of them as one; each material stands once in its palette."""
-    parts = list(meshes)
+def merged(*parts: Mesh) -> Mesh:
+    """All parts as one mesh; each material is in its palette once."""
     palette = tuple(dict.fromkeys(material for part in parts for material in part.palette))
     row = {material: index for index, material in enumerate(palette)}
     starts = np.cumsum([0, *(len(part.vertices) for part in parts)])
@@ -120,28 +131,11 @@ def box(center: npt.ArrayLike, size: Sequence[float], material: Material, *, yaw
 
 
 def prism(outline: npt.ArrayLike, bottom: float, top: float, material: Material) -> Mesh:
-    """An upright body with a convex outline (K, 2), counter-clockwise from above, between two heights."""
+    """An upright prism over a convex outline (K, 2), counter-clockwise from above, between two heights."""
     xy = np.asarray(outline, np.float64)
     k = len(xy)
     vertices = np.concatenate([np.c_[xy, np.full(k, bottom)], np.c_[xy, np.full(k, top)]])
-    return Mesh(vertices, _hull_of_rings(k), np.zeros(4 * k - 4, np.int64), (material,))
-
-
-def profile(outline: npt.ArrayLike, width: float, material: Material, *, taper: float = 1.0) -> Mesh:
-    """A body with a convex side view (K, 2) of x and z, counter-clockwise seen from the right (-y), of a width in y.
-
-    Args:
-        outline: Side view; x forward, z up.
-        width: In y, at the outline's lowest point.
-        material: Of all sides.
-        taper: Share of the width that is left at its highest point (a car's cabin leans inwards).
-    """
-    xz = np.asarray(outline, np.float64)
-    k, z = len(xz), xz[:, 1]
-    share = (z - z.min()) / max(float(np.ptp(z)), 1e-9)
-    half = width / 2 * (1 + (taper - 1) * share)
-    right, left = np.c_[xz[:, 0], -half, z], np.c_[xz[:, 0], half, z]
-    return Mesh(np.concatenate([left, right]), _hull_of_rings(k), np.zeros(4 * k - 4, np.int64), (material,))
+    return Mesh(vertices, ring_faces(2, k), np.zeros(4 * k - 4, np.int64), (material,))
 
 
 def cylinder(
@@ -153,7 +147,7 @@ def cylinder(
     sides: int = 16,
     taper: float = 1.0,
 ) -> Mesh:
-    """A round bar from one point to another; `taper` is the share of the radius at its end."""
+    """A round bar from `start` to `end`, where its radius is `taper` times that at the start."""
     first, last = np.asarray(start, np.float64), np.asarray(end, np.float64)
     axis = (last - first) / np.linalg.norm(last - first)
     side = np.cross(axis, [0.0, 0.0, 1.0] if abs(axis[2]) < 0.9 else [1.0, 0.0, 0.0])
@@ -161,11 +155,11 @@ def cylinder(
     angle = 2 * np.pi * np.arange(sides) / sides
     ring = radius * (np.cos(angle)[:, None] * side + np.sin(angle)[:, None] * np.cross(axis, side))
     vertices = np.concatenate([first + ring, last + taper * ring])
-    return Mesh(vertices, _hull_of_rings(sides), np.zeros(4 * sides - 4, np.int64), (material,))
+    return Mesh(vertices, ring_faces(2, sides), np.zeros(4 * sides - 4, np.int64), (material,))
 
 
 def sphere(center: npt.ArrayLike, radius: float, material: Material, *, sides: int = 12) -> Mesh:
-    """A ball of rings and sides."""
+    """A sphere of `sides` meridians and half as many rings."""
     rings = sides // 2
     tilt = np.pi * np.arange(1, rings) / rings
     turn = 2 * np.pi * np.arange(sides) / sides
@@ -194,17 +188,20 @@ def sphere(center: npt.ArrayLike, radius: float, material: Material, *, sides: i
 
 
 def polygon(corners: npt.ArrayLike, material: Material) -> Mesh:
-    """One flat convex face (K, 3), counter-clockwise seen from the side that it shows."""
+    """A flat convex face (K, 3), counter-clockwise seen from its visible side."""
     vertices = np.asarray(corners, np.float64)
     k = len(vertices)
     triangles = np.stack([np.zeros(k - 2, np.int64), np.arange(1, k - 1), np.arange(2, k)], 1)
     return Mesh(vertices, triangles, np.zeros(k - 2, np.int64), (material,))
 
 
-def _hull_of_rings(k: int) -> I64:
-    """Triangles of a body between two rings of K vertices: its end at the first ring, the other end, its sides."""
+def ring_faces(rings: int, k: int) -> I64:
+    """Triangles of a closed body over rings of K vertices each: first end, last end, then the sides ring by ring."""
     here = np.arange(k)
     after = (here + 1) % k
     fan = np.stack([np.zeros(k - 2, np.int64), np.arange(1, k - 1), np.arange(2, k)], 1)
-    sides = np.concatenate([np.stack([here, after, after + k], 1), np.stack([here, after + k, here + k], 1)])
-    return np.concatenate([fan[:, ::-1], fan + k, sides]).astype(np.int64)
+    faces = [fan[:, ::-1], fan + (rings - 1) * k]
+    for low in range(0, (rings - 1) * k, k):
+        sides = [here + low, after + low, after + low + k], [here + low, after + low + k, here + low + k]
+        faces += [np.stack(side, 1) for side in sides]
+    return np.concatenate(faces).astype(np.int64)

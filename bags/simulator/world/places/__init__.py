@@ -1,1 +1,1 @@
-"""What stands still: a model crossing, an urban crossing, a street."""
+"""The static worlds: a model crossing, an urban crossing, a street."""

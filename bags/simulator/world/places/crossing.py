@@ -1,6 +1,6 @@
-"""A full-size urban crossing: two roads along x and y, kerbs, pavements, masts for sensors, lights, houses, trees.
+"""A full-size urban crossing: two roads along x and y, pavements, sensor masts, traffic lights, houses, trees.
 
-The masts at (+-9.5, +-9.5) end at `MAST_TOP_M`, so that sensors stand above them or off their axis.
+The masts at (+-9.5, +-9.5) end at `MAST_TOP_M`; sensors sit above them or off their axis.
 """
 
 from collections.abc import Sequence
@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from bags.simulator.world.meshes.materials import METAL
-from bags.simulator.world.meshes.mesh import Material, Mesh, Texture, box, cylinder, merged, polygon, prism
+from bags.simulator.world.meshes.mesh import Material, Mesh, Rgb, Texture, box, cylinder, merged, polygon, prism
 from bags.simulator.world.places.furniture import (
     BAY_M,
     bench,
@@ -36,10 +36,9 @@ PAVING = Material("paving", (0.56, 0.54, 0.51), 0.35, texture="paving")
 MAST = Material("mast", (0.50, 0.52, 0.54), 0.40, mirror=0.04)
 CABINET = Material("switch cabinet", (0.58, 0.60, 0.56), 0.45)
 
-Rgb = tuple[float, float, float]
 House = tuple[tuple[int, int], tuple[int, int], float, Rgb, Texture, int | None, bool]
 
-# One quarter each, in bays of a facade from the middle: corners, height, wall, texture, roof, ridge along x.
+# By quarter, in facade bays from the middle: corners, height, wall, texture, roof, ridge along x.
 HOUSES: Sequence[Sequence[House]] = (
     (
         ((6, 6), (14, 13), 17.4, (0.62, 0.64, 0.66), "glass_front", None, True),
@@ -72,7 +71,7 @@ QUARTERS = ((1, 1), (-1, 1), (-1, -1), (1, -1))
 
 
 def crossing() -> Mesh:
-    """Everything that stands still."""
+    """The static mesh of the crossing."""
     far = FAR_M + 60
     ground = polygon([(-far, -far, 0.0), (far, -far, 0.0), (far, far, 0.0), (-far, far, 0.0)], GROUND)
     parts = [ground]
@@ -82,11 +81,11 @@ def crossing() -> Mesh:
             xs, ys = sorted((sx * x0 * BAY_M, sx * x1 * BAY_M)), sorted((sy * y0 * BAY_M, sy * y1 * BAY_M))
             corners = (xs[0], ys[0]), (xs[1], ys[1])
             parts.append(house(*corners, height, wall, texture=texture, roof=roof, ridge_along_x=along))
-    return merged(parts)
+    return merged(*parts)
 
 
 def crossing_height(xy: F64) -> F64:
-    """Heights (N,) of the ground at places (N, 2): pavements lie higher than roads and lawns."""
+    """Heights (N,) of the ground at positions (N, 2); pavements are higher than roads and lawns."""
     near, far = np.sort(np.abs(xy), axis=1).T
     middle = ROAD_M + CORNER_M
     before_arc = (far < middle) & (np.hypot(near - middle, far - middle) > CORNER_M)
@@ -94,13 +93,13 @@ def crossing_height(xy: F64) -> F64:
 
 
 def _mirrored(outline: Sequence[tuple[float, float]], sx: int, sy: int) -> F64:
-    """An outline of the first quarter in another one, still counter-clockwise."""
+    """An outline of the first quarter mirrored into another one, still counter-clockwise."""
     turned = np.array(outline, np.float64) * [sx, sy]
     return turned if sx * sy > 0 else turned[::-1]
 
 
 def _pavement(sx: int, sy: int) -> list[Mesh]:
-    """Kerb stones round the corner, and slabs behind them."""
+    """Kerb stones around the corner, and slabs behind them."""
     inner, outer, middle, stone = ROAD_M, PAVEMENT_M, ROAD_M + CORNER_M, 0.16
     angles = np.linspace(np.pi, 1.5 * np.pi, 9)
 
@@ -135,7 +134,7 @@ def _mast(sx: int, sy: int) -> list[Mesh]:
 
 
 def _equipment(sx: int, sy: int) -> list[Mesh]:
-    """Lights for the two lanes that come in along this quarter's right-hand kerb, lamps, a cabinet, a bench."""
+    """Traffic lights for the incoming lanes beside this quarter, lamps, a cabinet, a bench, a bin."""
     parts = [
         box((14.0 * sx, 10.55 * sy, 0.72), (1.1, 0.42, 1.20), CABINET),
         litter_bin(10.4 * sx, 13.0 * sy),
@@ -145,7 +144,7 @@ def _equipment(sx: int, sy: int) -> list[Mesh]:
         lamp_post(66.0 * sx, 7.7 * sy, 8.0, yaw=-sy * np.pi / 2, reach=2.2),
         lamp_post(7.7 * sx, 66.0 * sy, 8.0, yaw=np.pi if sx > 0 else 0.0, reach=2.2),
     ]
-    # Traffic that comes in along x keeps to y > 0 on the arm x > 0, and to y < 0 on the other.
+    # Incoming traffic along x keeps to y > 0 on the arm x > 0, and to y < 0 on the other.
     if sx * sy > 0:
         parts.append(traffic_light(12.2 * sx, 7.5 * sy, yaw=0.0 if sx > 0 else np.pi))
         parts.append(round_sign(40.0 * sx, 7.6 * sy, yaw=0.0 if sx > 0 else np.pi))
@@ -156,7 +155,7 @@ def _equipment(sx: int, sy: int) -> list[Mesh]:
 
 
 def _greenery(sx: int, sy: int, number: int) -> list[Mesh]:
-    """Trees along both roads, hedges before some houses, a small park in the last quarter."""
+    """Trees along both roads, hedges in front of houses, a small park in the last quarter."""
     heights = np.array([7.5, 9.0, 6.5, 8.2, 7.0])
     places = [(19.0 + 15.0 * k, 12.9) for k in range(5)] + [(12.9, 21.0 + 15.5 * k) for k in range(5)]
     parts = [

@@ -1,4 +1,4 @@
-"""What stands beside roads: houses, trees, lamps, signs, traffic lights, hedges, benches."""
+"""Houses and street furniture: trees, lamps, signs, traffic lights, hedges, benches, bins."""
 
 from collections.abc import Sequence
 from zlib import crc32
@@ -7,7 +7,7 @@ import numpy as np
 
 from bags.simulator.world.meshes.lofts import loft
 from bags.simulator.world.meshes.materials import DARK, METAL
-from bags.simulator.world.meshes.mesh import Material, Mesh, Texture, box, cylinder, merged, sphere
+from bags.simulator.world.meshes.mesh import Material, Mesh, Rgb, Texture, box, cylinder, merged, sphere
 from pipeline.core.arrays import F64
 
 __all__ = [
@@ -24,10 +24,8 @@ __all__ = [
     "triangle_sign",
 ]
 
-Rgb = tuple[float, float, float]
-
 BAY_M = 2.6
-"""Width of one window's part of a facade: a house whose walls stand on multiples of it cuts no window."""
+"""Width of a facade bay with one window: walls on multiples of it cut no window."""
 
 BARK = Material("bark", (0.34, 0.27, 0.21), 0.35, texture="bark")
 LEAVES = tuple(
@@ -56,18 +54,18 @@ ROOFS = tuple(
 
 
 def _generator(*place: float) -> np.random.Generator:
-    """Numbers that belong to a place: the same whatever else is built."""
+    """Random numbers seeded by position: independent of what else is built."""
     return np.random.Generator(np.random.PCG64(crc32(np.array(place, np.float64).tobytes())))
 
 
 def tree(x: float, y: float, height: float) -> Mesh:
-    """A deciduous tree: a trunk with boughs, and a crown of several irregular balls."""
+    """A deciduous tree: trunk, boughs, and a crown of irregular spheres."""
     draw = _generator(x, y, height)
     leaves = LEAVES[int(draw.integers(len(LEAVES)))]
     fork = 0.36 * height
     parts = [cylinder((x, y, 0.0), (x, y, fork), 0.022 * height, BARK, sides=8, taper=0.75)]
     turn = draw.uniform(0, 2 * np.pi)
-    # Balls by distance from the trunk, height, size, and how many stand around it; shares of the tree's height.
+    # Spheres: distance from the trunk, height and radius as shares of the tree's height; count.
     for spread, level, size, count in ((0.19, 0.54, 0.155, 5), (0.12, 0.72, 0.15, 3), (0.0, 0.84, 0.145, 1)):
         for number in range(count):
             angle = turn + 2 * np.pi * (number + level) / count
@@ -76,7 +74,7 @@ def tree(x: float, y: float, height: float) -> Mesh:
             parts.append(cylinder((x, y, 0.9 * fork), middle, 0.010 * height, BARK, sides=4, taper=0.5))
             ball = sphere(middle, height * size * draw.uniform(0.9, 1.15), leaves, sides=10)
             parts.append(_crumpled(ball, middle, draw, strength=0.2))
-    return merged(parts)
+    return merged(*parts)
 
 
 def conifer(x: float, y: float, height: float, *, base: float = 0.0) -> Mesh:
@@ -88,11 +86,11 @@ def conifer(x: float, y: float, height: float, *, base: float = 0.0) -> Mesh:
             (x, y, base + low * height), (x, y, base + high * height), radius * height, NEEDLES, sides=11, taper=0.06
         )
         parts.append(_crumpled(tier, np.array([x, y, base + 0.5 * height]), draw, strength=0.06))
-    return merged(parts)
+    return merged(*parts)
 
 
 def _crumpled(mesh: Mesh, middle: F64, draw: np.random.Generator, *, strength: float = 0.13) -> Mesh:
-    """Every corner shifted a little towards the middle or away from it."""
+    """The mesh with every vertex moved a little towards `middle` or away from it."""
     share = 1 + draw.uniform(-strength, strength, len(mesh.vertices))[:, None]
     return Mesh(middle + (mesh.vertices - middle) * share, mesh.triangles, mesh.materials, mesh.palette)
 
@@ -112,11 +110,11 @@ def house(
     Args:
         low: Least x and y.
         high: Greatest x and y.
-        height: Of the walls.
-        wall: Colour.
-        texture: Of the walls.
-        roof: Number of a kind of tiles; none: flat, with a parapet.
-        ridge_along_x: Direction of a pitched roof's ridge; otherwise along y.
+        height: Height of the walls.
+        wall: Colour of the walls.
+        texture: Texture of the walls.
+        roof: Row of `ROOFS`; None for a flat roof with a parapet.
+        ridge_along_x: Whether the ridge of a pitched roof runs along x; otherwise along y.
     """
     size = np.subtract(high, low)
     middle = np.add(high, low) / 2
@@ -131,18 +129,15 @@ def house(
                 length[axis] = 0.3
                 parts.append(box((*place, height + 0.2), (*length, 0.4), coping))
         plant = (0.25 * size[0], 0.3 * size[1], 1.6)
-        return merged([*parts, box((*middle, height + 0.8), plant, POLE)])
+        return merged(*parts, box((*middle, height + 0.8), plant, POLE))
     across, along = (size[1], size[0]) if ridge_along_x else (size[0], size[1])
     half, eaves = across / 2 + 0.4, 0.35
     rise = 0.42 * across
     plaster = Material(f"gable {wall}", wall, walls.reflectivity, texture="concrete")
     ends = [[(x, y, z) for x, z in ((-half, 0.0), (half, 0.0), (0.0, rise))] for y in np.array([0.5, -0.5]) * along]
-    gable = merged(
-        [
-            # Two slabs of tiles on a plastered body that ends with the walls.
-            loft(ends, plaster),
-            *(_roof_slab(side, half, rise, along + 2 * eaves, ROOFS[roof]) for side in (-1, 1)),
-        ]
+    gable = merged(  # Two slabs of tiles on a plastered body that ends with the walls.
+        loft(ends, plaster),
+        *(_roof_slab(side, half, rise, along + 2 * eaves, ROOFS[roof]) for side in (-1, 1)),
     ).moved((*middle, height), yaw=np.pi / 2 if ridge_along_x else 0.0)
     chimney_at = middle + (np.array([0.3 * along, 0.15 * across]) if ridge_along_x else np.array([0.15, 0.3]) * size)
     chimney = box((*chimney_at, height + 0.75 * rise + 0.3), (0.7, 0.7, 0.9 * rise), BRICK_CHIMNEY)
@@ -151,31 +146,29 @@ def house(
         offset = np.array([0.0, end * half]) if ridge_along_x else np.array([end * half, 0.0])
         bar = (along + 2 * eaves, 0.14, 0.12) if ridge_along_x else (0.14, along + 2 * eaves, 0.12)
         gutters.append(box((*(middle + offset), height + 0.02), bar, METAL))
-    return merged([*parts, gable, chimney, *gutters])
+    return merged(*parts, gable, chimney, *gutters)
 
 
 def _roof_slab(side: int, half: float, rise: float, length: float, tiles: Material) -> Mesh:
-    """One side of a pitched roof whose ridge is the y axis, 12 cm thick."""
+    """One side of a pitched roof with its ridge along y, 12 cm thick."""
     section = [(0.0, rise), (side * half, 0.0), (side * half, 0.12), (0.0, rise + 0.12)]
     return loft([[(x, y, z) for x, z in section] for y in (-length / 2, length / 2)], tiles)
 
 
 def lamp_post(x: float, y: float, height: float, *, yaw: float, reach: float = 1.4) -> Mesh:
-    """A street lamp whose arm reaches out to `yaw`."""
+    """A street lamp with its arm towards `yaw`."""
     out = np.array([np.cos(yaw), np.sin(yaw)]) * reach
     return merged(
-        [
-            cylinder((x, y, 0.0), (x, y, 1.0), 0.09 * height / 7, POLE, sides=10),
-            cylinder((x, y, 1.0), (x, y, height), 0.065 * height / 7, POLE, sides=10, taper=0.7),
-            cylinder((x, y, height - 0.05), (x + out[0], y + out[1], height + 0.15), 0.035, POLE, sides=8),
-            box((x + out[0], y + out[1], height + 0.15), (0.7, 0.28, 0.12), METAL, yaw=yaw),
-            box((x + out[0], y + out[1], height + 0.085), (0.5, 0.2, 0.03), LAMP, yaw=yaw),
-        ]
+        cylinder((x, y, 0.0), (x, y, 1.0), 0.09 * height / 7, POLE, sides=10),
+        cylinder((x, y, 1.0), (x, y, height), 0.065 * height / 7, POLE, sides=10, taper=0.7),
+        cylinder((x, y, height - 0.05), (x + out[0], y + out[1], height + 0.15), 0.035, POLE, sides=8),
+        box((x + out[0], y + out[1], height + 0.15), (0.7, 0.28, 0.12), METAL, yaw=yaw),
+        box((x + out[0], y + out[1], height + 0.085), (0.5, 0.2, 0.03), LAMP, yaw=yaw),
     )
 
 
 def round_sign(x: float, y: float, *, yaw: float, blue: bool = False) -> Mesh:
-    """A round traffic sign that looks to `yaw`."""
+    """A round traffic sign facing `yaw`."""
     look = np.array([np.cos(yaw), np.sin(yaw), 0.0])
     middle = np.array([x, y, 2.35]) + 0.05 * look
     outer = SIGN_BLUE if blue else SIGN_RED
@@ -183,11 +176,11 @@ def round_sign(x: float, y: float, *, yaw: float, blue: bool = False) -> Mesh:
     discs = [cylinder(middle + s * look, middle + (s + 0.012) * look, r, m, sides=20) for s, r, m in layers]
     if blue:
         discs.append(box(middle + 0.026 * look, (0.01, 0.09, 0.36), SIGN_WHITE, yaw=yaw))
-    return merged([cylinder((x, y, 0.0), (x, y, 2.75), 0.03, POLE, sides=8), *discs])
+    return merged(cylinder((x, y, 0.0), (x, y, 2.75), 0.03, POLE, sides=8), *discs)
 
 
 def triangle_sign(x: float, y: float, *, yaw: float) -> Mesh:
-    """Give way: a triangle on its point that looks to `yaw`."""
+    """A give-way sign facing `yaw`."""
 
     def plate(size: float, front: float, material: Material) -> Mesh:
         corners = np.array([(0.0, -0.5 * size), (0.5 * size, 0.36 * size), (-0.5 * size, 0.36 * size)])
@@ -195,11 +188,11 @@ def triangle_sign(x: float, y: float, *, yaw: float) -> Mesh:
         return loft(rings, material).moved((x, y, 0.0), yaw=yaw)
 
     plates = [plate(0.9, 0.04, SIGN_BACK), plate(0.88, 0.052, SIGN_RED), plate(0.58, 0.064, SIGN_WHITE)]
-    return merged([cylinder((x, y, 0.0), (x, y, 2.75), 0.03, POLE, sides=8), *plates])
+    return merged(cylinder((x, y, 0.0), (x, y, 2.75), 0.03, POLE, sides=8), *plates)
 
 
 def traffic_light(x: float, y: float, *, yaw: float) -> Mesh:
-    """Three lamps that look to `yaw`."""
+    """A traffic light facing `yaw`."""
     look = np.array([np.cos(yaw), np.sin(yaw), 0.0])
     head = np.array([x, y, 2.95]) + 0.20 * look
     parts = [
@@ -212,7 +205,7 @@ def traffic_light(x: float, y: float, *, yaw: float) -> Mesh:
         parts.append(cylinder(lamp + 0.11 * look, lamp + 0.125 * look, 0.10, light, sides=14))
         hood = lamp + np.array([0.0, 0.0, 0.115]) + 0.18 * look
         parts.append(box(hood, (0.16, 0.22, 0.015), DARK, yaw=yaw))
-    return merged(parts)
+    return merged(*parts)
 
 
 def hedge(low: Sequence[float], high: Sequence[float], height: float) -> Mesh:
@@ -222,18 +215,16 @@ def hedge(low: Sequence[float], high: Sequence[float], height: float) -> Mesh:
 
 
 def bench(x: float, y: float, *, yaw: float) -> Mesh:
-    """A bench whose sitter looks to `yaw`."""
+    """A bench facing `yaw`."""
     slats = [box((0.0 + 0.13 * k, 0, 0.45), (0.11, 1.7, 0.04), BENCH_WOOD) for k in range(4)]
     back = [box((-0.10 - 0.03 * k, 0, 0.60 + 0.14 * k), (0.04, 1.7, 0.11), BENCH_WOOD) for k in range(3)]
     legs = [box((0.15, side * 0.7, 0.22), (0.5, 0.06, 0.44), METAL) for side in (-1, 1)]
-    return merged([*slats, *back, *legs]).moved((x, y, 0.0), yaw=yaw)
+    return merged(*slats, *back, *legs).moved((x, y, 0.0), yaw=yaw)
 
 
 def litter_bin(x: float, y: float) -> Mesh:
     """A litter bin on a foot."""
     return merged(
-        [
-            cylinder((x, y, 0.0), (x, y, 0.35), 0.04, METAL, sides=8),
-            cylinder((x, y, 0.30), (x, y, 0.95), 0.19, Material("bin", (0.20, 0.30, 0.25), 0.3), sides=14, taper=1.1),
-        ]
+        cylinder((x, y, 0.0), (x, y, 0.35), 0.04, METAL, sides=8),
+        cylinder((x, y, 0.30), (x, y, 0.95), 0.19, Material("bin", (0.20, 0.30, 0.25), 0.3), sides=14, taper=1.1),
     )

@@ -1,4 +1,4 @@
-"""What stands still, by the name of the world, and how high its ground is."""
+"""The static worlds by name, and the height of their ground."""
 
 from functools import cache
 from typing import Literal
@@ -18,12 +18,12 @@ World = Literal["sandbox", "crossing", "street"]
 
 @cache
 def static_mesh(world: World) -> Mesh:
-    """Everything that stands still in a world, in the world's frame."""
+    """The static mesh of a world, in the world frame."""
     return {"sandbox": sandbox, "crossing": crossing, "street": street}[world]()
 
 
 def ground_height(world: World, xy: F64) -> F64:
-    """Heights (N,) of the ground at places (N, 2): kerbs lift pavements by 12 cm."""
+    """Heights (N,) of the ground at positions (N, 2): pavements are 12 cm above roads."""
     if world == "sandbox":
         return np.zeros(len(xy))
     return crossing_height(xy) if world == "crossing" else street_height(xy)

@@ -1,7 +1,7 @@
-"""The table at about 1:14: an intersection, a roundabout, low walls, model houses and trees, masts for the sensors.
+"""The table at about 1:14: an intersection, a roundabout, low walls, model houses and trees, sensor masts.
 
-Where the sensors are (the site's own figures) the masts leave room: no body encloses a sensor's origin. The four
-cameras of either group look along the axes and see 32 degrees to each side; the masts stand on diagonals between.
+No body encloses the origin of a sensor; sensor positions are those of the predecessor system. The four cameras of
+each group look along the axes and see 32 degrees to each side; the masts stand on the diagonals between them.
 """
 
 import numpy as np
@@ -26,7 +26,7 @@ ISLAND = Material("island", (0.30, 0.42, 0.22), 0.45, texture="grass")
 KERB = Material("model kerb", (0.66, 0.65, 0.62), 0.45, texture="concrete")
 HOUSING = Material("sensor housing", (0.22, 0.23, 0.26), 0.2, mirror=0.04)
 
-# Places in the site frame, and viewing directions (degrees from +x) of the cameras.
+# Positions in the site frame, and viewing directions (degrees from +x) of the cameras.
 LIDAR_1, LIDAR_2, LIDAR_3 = (-0.5574, 1.2543, 0.256), (0.4325, 0.2644, 0.256), (0.001, -0.9893, 0.4418)
 NORTH_CAMERAS = (
     ((-0.143, 0.371, 0.393), 90.0),
@@ -43,7 +43,7 @@ SOUTH_CAMERAS = (
 
 
 def sandbox() -> Mesh:
-    """Everything that stands still on and around the table."""
+    """The static mesh of the table and the room around it."""
     x0, x1, y0, y1 = TABLE
     top = polygon([(x0, y0, 0.0), (x1, y0, 0.0), (x1, y1, 0.0), (x0, y1, 0.0)], GROUND)
     board = box(((x0 + x1) / 2, (y0 + y1) / 2, -0.031), (x1 - x0, y1 - y0, 0.06), WOOD)
@@ -58,7 +58,7 @@ def sandbox() -> Mesh:
         box((0.0, -4.98, 0.06), (4.0, 0.04, 0.12), WALL),
         box((0.0, 2.88, 0.06), (4.0, 0.04, 0.12), WALL),
     ]
-    return merged([top, board, *legs, *walls, _floor(), *_buildings(), *_island(), *_trees(), *_masts()])
+    return merged(top, board, *legs, *walls, _floor(), *_buildings(), *_island(), *_trees(), *_masts())
 
 
 def _floor() -> Mesh:
@@ -68,7 +68,7 @@ def _floor() -> Mesh:
 
 
 def _buildings() -> list[Mesh]:
-    """Model houses; their walls stand on multiples of a window's width, 0.13 m."""
+    """Model houses; their walls lie on multiples of a facade bay, 0.13 m."""
     houses = [
         ((0.91, 2.21), (1.69, 2.73), 0.44, (0.72, 0.60, 0.42), None, True),
         ((-1.69, 2.21), (-1.04, 2.73), 0.30, (0.42, 0.52, 0.60), 2, True),
@@ -78,7 +78,7 @@ def _buildings() -> list[Mesh]:
     ]
     parts = []
     for low, high, height, wall, roof, along in houses:
-        # Built at twenty times its size, as the proportions of roofs are those of real houses.
+        # Built at twenty times its size: roofs have the proportions of real houses.
         big = house(
             [20 * v for v in low],
             [20 * v for v in high],
@@ -93,7 +93,7 @@ def _buildings() -> list[Mesh]:
 
 
 def _island() -> list[Mesh]:
-    """The middle of the roundabout."""
+    """The island of the roundabout."""
     return [
         cylinder((0, -3, -0.01), (0, -3, 0.018), 0.54, KERB, sides=40),
         cylinder((0, -3, -0.01), (0, -3, 0.024), 0.515, ISLAND, sides=40),
@@ -115,7 +115,7 @@ def _trees() -> list[Mesh]:
 
 
 def _masts() -> list[Mesh]:
-    """Two masts with arms over the road, one pole, and the housings of the sensors."""
+    """Two masts with arms over the road, a pole, and the sensor housings."""
     north, south = (-0.62, 0.98), (0.60, -1.60)
     parts = [
         *_post(*north, 0.535),
@@ -123,7 +123,7 @@ def _masts() -> list[Mesh]:
         *_post(LIDAR_2[0], LIDAR_2[1], 0.205),
         _bar((*north, 0.52), (-0.05, 0.62, 0.52)),
         _bar((*south, 0.30), (0.0, -1.0, 0.30)),
-        # The first lidar hangs: below it cars pass.
+        # The first lidar hangs, so that cars can pass below it.
         _bar((*north, 0.315), (LIDAR_1[0], LIDAR_1[1], 0.315)),
         _bar((LIDAR_1[0], LIDAR_1[1], 0.32), (LIDAR_1[0], LIDAR_1[1], 0.30)),
         cylinder((0.0, -1.0, 0.29), (0.001, -0.9893, 0.40), 0.012, POLE, sides=10),
@@ -155,14 +155,14 @@ def _bar(start: npt.ArrayLike, end: npt.ArrayLike) -> Mesh:
 
 
 def _puck(place: tuple[float, float, float], *, above: bool) -> Mesh:
-    """The housing of a lidar, seen from its beams beyond 25 degrees up or down."""
+    """The housing of a lidar, outside its field of view of +-25 degrees."""
     near, far = (0.018, 0.045) if above else (-0.018, -0.045)
     x, y, z = place
     return cylinder((x, y, z + near), (x, y, z + far), 0.035, HOUSING, sides=18)
 
 
 def _camera(place: tuple[float, float, float], heading_deg: float) -> Mesh:
-    """A camera's housing behind its origin."""
+    """The housing of a camera, behind its origin."""
     heading = np.deg2rad(heading_deg)
     back = np.array(place) - 0.030 * np.array([np.cos(heading), np.sin(heading), 0.0])
     return box(back, (0.034, 0.026, 0.024), DARK, yaw=float(heading))

@@ -1,10 +1,10 @@
-"""A town street along x: parking lanes, pavements, rows of houses, and a side road at x = 60."""
+"""A town street along x with parking lanes, pavements, rows of houses, and a side road at x = 60."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
-from bags.simulator.world.meshes.mesh import Material, Mesh, Texture, box, merged, polygon, prism
+from bags.simulator.world.meshes.mesh import Material, Mesh, Rgb, Texture, box, merged, polygon, prism
 from bags.simulator.world.places.furniture import (
     BAY_M,
     bench,
@@ -25,14 +25,13 @@ KERB_M = 0.12
 FROM_M, TO_M = -150.0, 250.0
 ROAD_M, PAVEMENT_M = 5.8, 8.8  # from the middle line to the kerb and to the front gardens
 SIDE_X_M, SIDE_ROAD_M, SIDE_PAVEMENT_M, SIDE_FAR_M = 60.0, 3.5, 6.0, 70.0
-CORNER_M = 2.2  # cut off the kerb's corners at the side road
+CORNER_M = 2.2  # chamfer of the kerb at the side road
 
 GROUND = Material("street ground", (0.35, 0.35, 0.36), 0.18, texture="street")
 KERB = Material("kerb", (0.62, 0.61, 0.59), 0.40, texture="concrete")
 PAVING = Material("paving", (0.55, 0.53, 0.51), 0.35, texture="paving")
 GARDEN_WALL = Material("garden wall", (0.56, 0.33, 0.26), 0.35, texture="brick")
 
-Rgb = tuple[float, float, float]
 WALLS: Sequence[Rgb] = (
     (0.82, 0.77, 0.66), (0.66, 0.42, 0.34), (0.78, 0.78, 0.74), (0.74, 0.60, 0.44), (0.60, 0.64, 0.66),
     (0.86, 0.82, 0.72), (0.58, 0.36, 0.30), (0.76, 0.68, 0.60),
@@ -40,16 +39,16 @@ WALLS: Sequence[Rgb] = (
 
 
 def street() -> Mesh:
-    """Everything that stands still."""
+    """The static mesh of the street."""
     ground = polygon([(-260, -160, 0.0), (360, -160, 0.0), (360, 160, 0.0), (-260, 160, 0.0)], GROUND)
     parts = [ground]
     for side in (1, -1):
         parts += [*_pavements(side), *_houses(side), *_beside_pavement(side)]
-    return merged(parts)
+    return merged(*parts)
 
 
 def street_height(xy: F64) -> F64:
-    """Heights (N,) of the ground at places (N, 2): pavements lie higher than roads and gardens."""
+    """Heights (N,) of the ground at positions (N, 2); pavements are higher than roads and gardens."""
     x, beside = xy[:, 0], np.abs(xy[:, 1])
     off = np.abs(x - SIDE_X_M)
     outside = (x < FROM_M) | (x > TO_M) | (beside > SIDE_FAR_M) | (beside < ROAD_M) | (off < SIDE_ROAD_M)
@@ -59,7 +58,7 @@ def street_height(xy: F64) -> F64:
 
 
 def _pavements(side: int) -> list[Mesh]:
-    """Slabs with kerb stones on both sides of the side road."""
+    """Slabs and kerb stones on both sides of the side road."""
     inner, outer, stone, near, far = ROAD_M, PAVEMENT_M, 0.16, SIDE_ROAD_M, SIDE_PAVEMENT_M
     parts = []
     for end, length in ((-1, SIDE_X_M - FROM_M), (1, TO_M - SIDE_X_M)):
@@ -81,7 +80,7 @@ def _pavements(side: int) -> list[Mesh]:
 
 
 def _houses(side: int) -> list[Mesh]:
-    """Rows of houses, in bays of a facade: none at the side road, gaps here and there."""
+    """Rows of houses on a grid of facade bays, with some gaps and none at the side road."""
     draw = np.random.Generator(np.random.PCG64(31 + side))
     parts, bay = [], int(np.ceil((FROM_M + 2) / BAY_M))
     while bay * BAY_M < TO_M - 16:
@@ -98,7 +97,7 @@ def _houses(side: int) -> list[Mesh]:
         corners = (low, min(side * front, side * back)), (high, max(side * front, side * back))
         flat = texture == "glass_front"
         parts.append(house(*corners, 2.9 * storeys + 0.1, wall, texture=texture, roof=None if flat else roof))
-    # Behind and at the ends the town goes on.
+    # More houses along the side road.
     for k in range(3):
         y = sorted((side * (24.0 + 14.0 * k), side * (31.8 + 14.0 * k)))
         for end in (-1, 1):
@@ -109,7 +108,7 @@ def _houses(side: int) -> list[Mesh]:
 
 
 def _beside_pavement(side: int) -> list[Mesh]:
-    """Trees and lamps at the kerb, walls and hedges of the front gardens, signs, benches, bins."""
+    """Trees and lamps at the kerb, walls and hedges of front gardens, signs, benches, bins."""
     parts = []
     kerb, garden = side * (ROAD_M + 0.7), side * (PAVEMENT_M + 0.25)
     for k, x in enumerate(np.arange(FROM_M + 10, TO_M, 20.0).tolist()):
@@ -128,7 +127,7 @@ def _beside_pavement(side: int) -> list[Mesh]:
                 edges = sorted((garden, garden + side * 0.7))
                 parts.append(hedge((low, edges[0]), (high, edges[1]), 1.25))
     back = side * np.pi / 2
-    ahead = 0.0 if side > 0 else np.pi  # signs look at the traffic that comes
+    ahead = 0.0 if side > 0 else np.pi  # signs face the oncoming traffic
     parts += [
         triangle_sign(SIDE_X_M - side * 4.3, side * (ROAD_M + 3.2), yaw=back),
         round_sign(SIDE_X_M + side * 14.0, kerb, yaw=ahead),

@@ -1,1 +1,1 @@
-"""What surfaces look like: textures, markings of roads, noise."""
+"""The look of surfaces: textures, road markings, noise."""

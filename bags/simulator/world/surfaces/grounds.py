@@ -1,4 +1,4 @@
-"""What is painted and grown on the ground of each world: roads and their markings as functions of x and y."""
+"""The ground of each world: roads, markings and grass as functions of x and y."""
 
 import numpy as np
 
@@ -10,20 +10,19 @@ __all__ = ["GROUND_LOOKS", "crossing_ground", "sandbox_ground", "street_ground"]
 
 Drawn = tuple[U8, F32]
 
-ASPHALT, WHITE, GRASS, YELLOW, PATCH, DRAIN = range(6)
+ASPHALT, WHITE, GRASS, PATCH, DRAIN = range(5)
 GROUND_LOOKS = (
     OWN,
     Look((0.90, 0.90, 0.87), 0.75),
     Look((0.36, 0.46, 0.24), 0.45),
-    Look((0.88, 0.72, 0.22), 0.70),
     Look((0.29, 0.29, 0.30), 0.14),
     Look((0.20, 0.20, 0.20), 0.20),
 )
-ROUGHNESS = np.array([0.06, 0.04, 0.15, 0.05, 0.05, 0.1], np.float32)
+ROUGHNESS = np.array([0.06, 0.04, 0.15, 0.05, 0.1], np.float32)
 
 
 def _dashes(along: F32, period: float, share: float) -> Bools:
-    """Whether a place on a line lies in a dash."""
+    """Whether positions along a line lie in a dash."""
     turns = along * np.float32(1 / period)
     return np.asarray(turns - np.floor(turns) < share)
 
@@ -33,7 +32,7 @@ def _between(value: F32, low: float, high: float) -> Bools:
 
 
 def _painted(look: U8, x: F32, y: F32, cell_m: float, *, worn: float) -> Drawn:
-    """Add grain, and wear paint off in places."""
+    """Add grain, and wear the paint off in places."""
     rough = grain(x, y, cell_m)
     rubbed = (look == WHITE) & (rough > worn)
     look[rubbed] = ASPHALT
@@ -41,7 +40,7 @@ def _painted(look: U8, x: F32, y: F32, cell_m: float, *, worn: float) -> Drawn:
 
 
 def sandbox_ground(point: F32, _: F32) -> Drawn:
-    """The table at about 1:14: an intersection, a roundabout and two bays where the cars are set down."""
+    """The table at about 1:14: an intersection, a roundabout and two starting bays for the cars."""
     x, y = point[:, 0], point[:, 1]
     radius = np.hypot(x, y + np.float32(3))
     beside_y, beside_x = np.abs(x), np.abs(y - np.float32(1.6))
@@ -60,14 +59,14 @@ def sandbox_ground(point: F32, _: F32) -> Drawn:
     free_x = on_x & (beside_y > 0.69)
     line |= free_y & (beside_y < 0.008) & _dashes(y, 0.30, 0.5)
     line |= free_x & (beside_x < 0.008) & _dashes(x, 0.30, 0.5)
-    # Zebra crossings, then the line to stop at, on the right-hand half of each arm.
+    # Zebra crossings, then stop lines on the right-hand half of each arm.
     zebra_y = on_y & _between(beside_x, 0.53, 0.65) & (beside_y < 0.42)
     zebra_x = on_x & _between(beside_y, 0.48, 0.60) & (beside_x < 0.47)
     line |= zebra_y & _dashes(x + np.float32(0.0175), 0.07, 0.5)
     line |= zebra_x & _dashes(y - np.float32(1.5825), 0.07, 0.5)
     line |= on_y & _between(beside_x, 0.69, 0.715) & ((x > 0) == (y < 1.6)) & (beside_y < 0.425)
     line |= on_x & _between(beside_y, 0.64, 0.665) & ((y > 1.6) == (x > 0)) & (beside_x < 0.475)
-    # The roundabout: edges, and where traffic gives way.
+    # The roundabout: edges and give-way lines.
     edge = _between(radius, 0.570, 0.583) | (_between(radius, 1.317, 1.330) & ~(road_y & (y > -3)))
     line |= ring & edge & ~(bays & (radius > 1.2))
     line |= road_y & _between(radius, 1.36, 1.385) & (x < 0) & _dashes(x, 0.06, 0.5)
@@ -78,11 +77,11 @@ def sandbox_ground(point: F32, _: F32) -> Drawn:
 
 
 def crossing_ground(point: F32, _: F32) -> Drawn:
-    """Two roads of two lanes each way; at +-90 m they end in places to turn."""
+    """Two roads of two lanes each way, with turning areas beyond +-90 m."""
     x, y = point[:, 0], point[:, 1]
     far_x, far_y = np.abs(x), np.abs(y)
-    # Which arm a point belongs to: how far from the middle along it, and to which side across it. The right-hand side
-    # of traffic that comes in is the left one seen from the middle.
+    # Distance along the arm that a point belongs to, and across it. The right-hand side of incoming traffic is the left
+    # one seen from the middle.
     along_x = far_x > far_y
     along = np.where(along_x, far_x, far_y)
     across = np.where(along_x, y * np.sign(x), -x * np.sign(y))
@@ -106,7 +105,7 @@ def crossing_ground(point: F32, _: F32) -> Drawn:
 
 
 def _arrows(along: F32, across: F32) -> Bools:
-    """Straight-on arrows in the lanes that lead in; they point to the middle."""
+    """Straight-ahead arrows in the incoming lanes, pointing to the middle."""
     offset = np.abs(np.minimum(np.abs(across - np.float32(1.75)), np.abs(across - np.float32(5.25))))
     from_tip = along - np.float32(18.0)
     head = _between(from_tip, 0.0, 1.4) & (offset < from_tip * np.float32(0.38))
@@ -115,10 +114,10 @@ def _arrows(along: F32, across: F32) -> Bools:
 
 
 def street_ground(point: F32, _: F32) -> Drawn:
-    """A town street along x with parking lanes; a side road crosses at x = 60; all end in places to turn."""
+    """A town street along x with parking lanes, crossed by a side road at x = 60; turning areas at all ends."""
     x, y = point[:, 0], point[:, 1]
     beside, off = np.abs(y), np.abs(x - np.float32(60))
-    from_ends = np.abs(x - np.float32(50))  # of the street, which ends at 200 from its middle
+    from_ends = np.abs(x - np.float32(50))  # the street ends 200 m from its middle
     turning_place = _between(from_ends, 200.0, 246.0) & (beside < 19) | (off < 12) & _between(beside, 68.0, 94.0)
     road = (beside < 6.0) | (off < 3.9) | ((off < 8.5) & (beside < 9.5)) | turning_place
     look = np.where(road, np.uint8(ASPHALT), np.uint8(GRASS))
@@ -129,10 +128,10 @@ def street_ground(point: F32, _: F32) -> Drawn:
     # Bays of 6 m in the parking lanes.
     bay = x * np.float32(1 / 6.0)
     line |= free & (off > 10.5) & _between(beside, 3.6, 5.8) & ((bay - np.floor(bay)) < 0.017)
-    # The side road gives way.
+    # Give-way lines of the side road.
     line |= _between(off, 0.0, 3.4) & _between(beside, 3.65, 4.05) & (y * (x - 60) < 0) & _dashes(x, 0.75, 0.6)
     line |= (off < 0.06) & _between(beside, 11.0, 64.0) & _dashes(y, 9.0, 1 / 3)
-    # Zebra crossings before and after the side road.
+    # Zebra crossings on both sides of the side road.
     line |= _between(off, 4.6, 7.6) & (beside < 5.7) & _dashes(y + np.float32(0.25), 1.0, 0.5)
     look[line] = WHITE
     patch = main & _between(x - np.float32(60) * np.floor(x / np.float32(60)), 20.0, 27.0) & _between(y, -3.2, -0.4)

@@ -1,10 +1,10 @@
-"""Colours that textures put beside a material's own."""
+"""The colours of textures."""
 
 from dataclasses import dataclass
 
-__all__ = ["OWN", "Look", "linear"]
+from bags.simulator.world.meshes.mesh import Rgb
 
-Rgb = tuple[float, float, float]
+__all__ = ["OWN", "Look", "linear"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -12,8 +12,8 @@ class Look:
     """One of a texture's colours.
 
     Attributes:
-        rgb: As displayed (sRGB); none: the material's.
-        reflectivity: As of `bags.simulator.world.meshes.mesh.Material`; none: the material's.
+        rgb: sRGB colour; None for the material's own.
+        reflectivity: As in `Material`; None for the material's own.
     """
 
     rgb: Rgb | None = None
@@ -21,10 +21,10 @@ class Look:
 
 
 OWN = Look()
-"""The material's own."""
+"""The look of the material itself."""
 
 
 def linear(rgb: Rgb) -> Rgb:
-    """Amounts of light of a displayed colour (sRGB, IEC 61966-2-1)."""
+    """Linear light of an sRGB colour (IEC 61966-2-1)."""
     red, green, blue = (c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in rgb)
     return red, green, blue

@@ -1,4 +1,4 @@
-"""Images of noise that repeat without a seam: looked up by place, instead of computed at every point."""
+"""Seamless noise images, looked up by position instead of computed at every point."""
 
 from functools import cache
 
@@ -8,21 +8,21 @@ from pipeline.core.arrays import F32
 
 __all__ = ["cells", "grain"]
 
-SIZE = 512  # a power of two, so that a place is wrapped by masking bits
+SIZE = 512  # a power of two: positions wrap by masking bits
 
 
 def grain(u: F32, v: F32, cell_m: float) -> F32:
-    """Rough variation (N,) of mean 0 and standard deviation 1, in all sizes from a cell to 200 cells."""
+    """Noise (N,) of mean 0 and standard deviation 1, at all scales from one cell to 200 cells."""
     return _look_up(_cloudy(), u * np.float32(1 / cell_m), v * np.float32(1 / cell_m))
 
 
 def cells(u: F32, v: F32) -> F32:
-    """Independent values (N,) in [-1, 1), one for each unit square."""
+    """Independent values (N,) in [-1, 1), one per unit square."""
     return _look_up(_white(), u, v)
 
 
 def _look_up(image: F32, u: F32, v: F32) -> F32:
-    # Adding a whole number of repeats makes the cast round down for negative places, too; far out it only repeats.
+    # Adding a whole number of periods makes the cast round down for negative positions, too.
     column = (u + np.float32(1 << 20)).astype(np.int32)
     row = (v + np.float32(1 << 20)).astype(np.int32)
     return np.asarray(image.take(((row & (SIZE - 1)) << 9) | (column & (SIZE - 1))))
@@ -36,7 +36,7 @@ def _white() -> F32:
 
 @cache
 def _cloudy() -> F32:
-    """Noise whose amplitude falls with the frequency; smooth across its own borders, as the spectrum is discrete."""
+    """Noise with an amplitude that falls with frequency; it tiles, as its spectrum is discrete."""
     generator = np.random.Generator(np.random.PCG64(102))
     white = generator.standard_normal((SIZE, SIZE))
     frequency = np.hypot(np.fft.fftfreq(SIZE)[:, None], np.fft.rfftfreq(SIZE)[None])

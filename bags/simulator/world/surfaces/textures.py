@@ -1,8 +1,8 @@
-"""The colour of a surface at a point: what a material's texture makes of its colour.
+"""The colour and reflectivity of surface points, from materials and their textures.
 
-A texture says of each point which of a few looks it has (a road: asphalt, white paint, grass...) and how much darker
-or lighter it is than that. Looks are colours and reflectivities of their own, or the material's. Points are in the
-frame of the thing; textures other than `plain` are meant for what stands still, where this is the world's frame.
+A texture gives each point one of a few looks (a road: asphalt, white paint, grass...) and a brightness factor. A look
+has its own colour and reflectivity, or the material's. Points are in the frame of the thing; textures other than
+`plain` are meant for the static world, where that is the world frame.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -31,27 +31,27 @@ ROOF = Look((0.40, 0.39, 0.38), 0.25)
 
 
 def surface_rgb(palette: Sequence[Material], material: I64, local: Floats, normal: Floats) -> F32:
-    """(N, 3) linear-light albedo of surface points.
+    """Linear-light albedo (N, 3) of surface points.
 
     Args:
-        palette: The materials.
+        palette: All materials.
         material: (N,) rows of `palette`.
-        local: (N, 3) metres, in the frame of the thing that was hit.
+        local: (N, 3) metres, in the frame of the thing hit.
         normal: (N, 3) unit vectors.
     """
     table = _table(tuple(palette))
-    drawn = _drawn(table, material, local, normal)
-    rgb = table.rgb.take(drawn.rows, axis=0)
+    rows, shade = _drawn(table, material, local, normal)
+    rgb = table.rgb.take(rows, axis=0)
     for color in range(3):
-        rgb[:, color] *= drawn.shade
+        rgb[:, color] *= shade
     return np.clip(rgb, 0.0, 1.0, out=rgb)
 
 
 def surface_reflectivity(palette: Sequence[Material], material: I64, local: Floats, normal: Floats) -> F32:
-    """(N,) reflectivity at 905 nm of surface points, see `Material.reflectivity`; arguments as of `surface_rgb`."""
+    """Reflectivity (N,) at 905 nm of surface points, see `Material`; arguments as for `surface_rgb`."""
     table = _table(tuple(palette))
-    drawn = _drawn(table, material, local, normal)
-    return np.asarray(table.reflectivity.take(drawn.rows) * (0.5 + 0.5 * drawn.shade), np.float32)
+    rows, shade = _drawn(table, material, local, normal)
+    return np.asarray(table.reflectivity.take(rows) * (0.5 + 0.5 * shade), np.float32)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,7 +59,7 @@ class _Table:
     """A palette as arrays.
 
     Attributes:
-        textures: Names of the textures that it has.
+        textures: Names of its textures.
         texture: (P,) rows of `textures`.
         rgb: (P * MAX_LOOKS, 3) linear light.
         reflectivity: (P * MAX_LOOKS,).
@@ -71,7 +71,7 @@ class _Table:
     reflectivity: F32
 
 
-@lru_cache(maxsize=16)  # a camera asks many times for few points
+@lru_cache(maxsize=16)  # a camera calls it many times for few points
 def _table(palette: tuple[Material, ...]) -> _Table:
     textures = tuple(dict.fromkeys(item.texture for item in palette))
     entries = [(item, look) for item in palette for look in _looks(item)]
@@ -83,15 +83,8 @@ def _table(palette: tuple[Material, ...]) -> _Table:
     )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Drawn:
-    """What textures make of N points: rows of the table palette x looks, and how much lighter or darker they are."""
-
-    rows: I64
-    shade: F32
-
-
-def _drawn(table: _Table, material: I64, local: Floats, normal: Floats) -> _Drawn:
+def _drawn(table: _Table, material: I64, local: Floats, normal: Floats) -> tuple[I64, F32]:
+    """Rows (N,) of the table (palette x looks), and brightness factors (N,)."""
     rows = material * MAX_LOOKS
     shade = np.ones(len(material), np.float32)
     textures = table.texture.take(material)
@@ -100,18 +93,17 @@ def _drawn(table: _Table, material: I64, local: Floats, normal: Floats) -> _Draw
         if texture == "plain":
             continue
         here = np.flatnonzero(textures == index)
-        # Single precision: 0.03 mm at the far ends of the largest world.
-        # By columns, as the textures work on whole coordinates.
+        # Single precision: 0.03 mm at the far ends of the largest world. By column, as textures use whole coordinates.
         point = np.asarray(local.take(here, axis=0), np.float32, order="F")
         face = np.asarray(normal.take(here, axis=0), np.float32, order="F")
         look, light = TEXTURES[texture].draw(point, face)
         rows[here] += look
         shade[here] = light
-    return _Drawn(rows, shade)
+    return rows, shade
 
 
 def _looks(material: Material) -> tuple[Look, ...]:
-    """The looks of a material's texture, filled up to the width of the table."""
+    """The looks of a material's texture, padded to the width of the table."""
     looks = TEXTURES[material.texture].looks if material.texture != "plain" else (OWN,)
     return looks + (OWN,) * (MAX_LOOKS - len(looks))
 
@@ -120,11 +112,11 @@ def _reflectivity(look: Look, material: Material) -> float:
     return material.reflectivity if look.reflectivity is None else look.reflectivity
 
 
-# --- textures: from points (n, 3) and normals (n, 3) to looks (n,) and lightness (n,)
+# --- textures: from points (n, 3) and normals (n, 3) to looks (n,) and brightness factors (n,)
 
 
 def _walls(point: F32, normal: F32) -> tuple[F32, F32]:
-    """Coordinates on a face: along it and up it; on flat faces x and y."""
+    """Coordinates on a wall, along and up; x and y on level faces."""
     x, y, z = point.T
     flat = np.abs(normal[:, 2]) > 0.7
     along = np.where(flat, x, normal[:, 0] * y - normal[:, 1] * x)
@@ -186,7 +178,7 @@ def _bark(point: F32, _: F32) -> Drawn:
 
 
 def _facade(point: F32, normal: F32, *, scale: float) -> Drawn:
-    """Rows of windows with frames and sills in a plastered wall, doors and a plinth at the ground."""
+    """Rows of windows with frames and sills in a plastered wall, with doors and a plinth."""
     u, v = _walls(point, normal)
     u, v = u / np.float32(scale), v / np.float32(scale)
     flat = np.abs(normal[:, 2]) > 0.7
@@ -206,14 +198,14 @@ def _facade(point: F32, normal: F32, *, scale: float) -> Drawn:
     look[door] = 3
     look[flat] = 5
     light: F32 = 1 + 0.05 * grain(u, v, 0.04)
-    # Curtains, blinds and dark rooms behind the panes.
+    # Curtains, blinds or dark rooms behind the panes.
     room = cells(bay, storey)
     light = np.where(glass & ~door, np.where(room > 0.55, np.float32(2.6), 1 + np.float32(0.4) * room), light)
     return look, np.where(door, np.where(np.abs(np.abs(left) - 0.3) < 0.2, np.float32(0.85), np.float32(1)), light)
 
 
 def _glass_front(point: F32, normal: F32) -> Drawn:
-    """Bands of glass between spandrels, as offices have them."""
+    """An office front: bands of glass between spandrels."""
     u, v = _walls(point, normal)
     flat = np.abs(normal[:, 2]) > 0.7
     pane, storey = u / np.float32(1.5), (v - np.float32(0.4)) / np.float32(3.4)

@@ -4,14 +4,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from meshes import open_edges, signed_volume
 
-from bags.simulator.recorder.movers import SHAPES, build_mover
+from bags.simulator.recorder.movers import build_mover
 from bags.simulator.scenario.traffic import VehicleScenario
 from bags.simulator.vehicles.trajectory import State, Trajectory
 from bags.simulator.world.bodies.cyclist import CRANK_CYCLE_M
+from bags.simulator.world.bodies.dimensions import SHAPES
 from bags.simulator.world.bodies.joints import steered_wheel
 from bags.simulator.world.bodies.pedestrian import CYCLE_M
 from bags.simulator.world.meshes.materials import PLATE, PLATE_YELLOW
-from bags.simulator.world.scene import Mover
+from bags.simulator.world.mover import Mover
 from pipeline.core.arrays import F64
 
 SECOND_NS = 10**9

@@ -71,7 +71,7 @@ def test_a_process_that_was_killed_is_told_of() -> None:
             process.ask(2 * UNTIL_NS, {}, begun_ns=2 * UNTIL_NS)
             process.answer()
 
-        with pytest.raises(LidcamError, match="a process of the simulation ended with -9"):
+        with pytest.raises(LidcamError, match="a simulation process died with exit code -9"):
             ask_again()
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from bags.simulator.scenario.sensors import Detector2DScenario
 from bags.simulator.sensors.camera import CameraImage
-from bags.simulator.sensors.detector2d import NO_MOVER, Detected, detect_movers, visible_boxes
+from bags.simulator.sensors.detector2d import NO_MOVER, Detected, detect, visible_boxes
 
 CLASSES = ("car", "pedestrian", "truck")
 
@@ -22,12 +22,10 @@ def image(*, hidden: float = 0.0, height: int = 60) -> CameraImage:
     return CameraImage(rgb, movers, np.array([80 * height, 30 * 80, 0], np.int64), boxes)
 
 
-def detected(
-    shown: CameraImage, *, number: int = 0, seed: int = 1, without: tuple[int, ...] = (), **how: float
-) -> Detected:
+def detected(shown: CameraImage, *, number: int = 0, seed: int = 1, **how: float) -> Detected:
     settings = {"pixel_noise_px": 0.0, "miss_rate": 0.0, "false_per_image": 0.0} | how
     scenario = Detector2DScenario.model_validate({"topic": "/detections"} | settings)
-    return detect_movers(scenario, shown, CLASSES, name="front", number=number, seed=seed, without=without)
+    return detect(scenario, shown, CLASSES, name="front", number=number, seed=seed)
 
 
 def test_boxes_of_what_is_visible() -> None:
@@ -58,16 +56,12 @@ def test_what_is_not_found(shown: CameraImage, how: dict[str, Any], movers: list
     assert found.scores.shape == (len(movers),)
 
 
-def test_it_is_not_asked_about_the_vehicle_that_carries_it() -> None:
-    np.testing.assert_array_equal(detected(image(), without=(0,)).movers, [1])
-
-
 def test_no_movers_at_all() -> None:
     empty = CameraImage(
         np.zeros((4, 6, 3), np.uint8), np.full((4, 6), -1, np.int16), np.zeros(0, np.int64), np.zeros((0, 4))
     )
     scenario = Detector2DScenario(topic="/detections", false_per_image=3.0)
-    found = [detect_movers(scenario, empty, (), name="front", number=number, seed=1) for number in range(20)]
+    found = [detect(scenario, empty, (), name="front", number=number, seed=1) for number in range(20)]
     assert sum(len(one) for one in found) > 20
     assert {name for one in found for name in one.class_names} == {"car"}
 
@@ -109,5 +103,5 @@ def test_the_same_image_gives_the_same_boxes() -> None:
 
 
 def test_noise_of_one_thing_does_not_depend_on_another() -> None:
-    alone, both = detected(image(), without=(0,), pixel_noise_px=3.0), detected(image(), pixel_noise_px=3.0)
+    alone, both = detected(image(hidden=0.9), pixel_noise_px=3.0), detected(image(), pixel_noise_px=3.0)
     np.testing.assert_array_equal(alone.xyxy[0], both.xyxy[1])

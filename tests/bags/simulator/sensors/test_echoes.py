@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 from small_worlds import BLACK, GLASS, GREY, RETRO, WHITE
 
-from bags.simulator.sensors.echoes import NO_ECHO, Echoes, Light, Optics, distinct_echoes, intensity, returned_share
+from bags.simulator.sensors.echoes import NO_ECHO, Echoes, Optics, Reflected, distinct_echoes, intensity, returned_share
 from bags.simulator.world.meshes.mesh import Material
-from bags.simulator.world.scene import Hits
+from bags.simulator.world.rays import Hits
 from bags.simulator.world.surfaces.textures import surface_reflectivity
 
 MIRROR = Material("mirror", (1, 1, 1), 1.0, mirror=0.5)
@@ -20,7 +20,7 @@ def echoes(surfaces: list[tuple[float, float, int]], *, second_strongest: bool =
     """Of one beam that meets surfaces (range, share, mover)."""
     range_m, share, mover = (np.array(column) for column in zip(*surfaces, strict=True))
     return distinct_echoes(
-        Light(np.zeros(len(mover), np.int64), range_m.astype(np.float64), share.astype(np.float64), mover),
+        Reflected(np.zeros(len(mover), np.int64), range_m.astype(np.float64), share.astype(np.float64), mover),
         1,
         reach_m=reach_m,
         nearest_m=1.0,
@@ -116,7 +116,7 @@ def test_beams_do_not_mix() -> None:
     surfaces = [[(random.uniform(1, 60), random.uniform(0, 0.5), n) for n in range(6)] for _ in range(50)]
     order = random.permutation(300)
     flat = np.array([(beam, *surface) for beam, row in enumerate(surfaces) for surface in row])[order]
-    light = Light(flat[:, 0].astype(np.int64), flat[:, 1], flat[:, 2], flat[:, 3].astype(np.int64))
+    light = Reflected(flat[:, 0].astype(np.int64), flat[:, 1], flat[:, 2], flat[:, 3].astype(np.int64))
     for second in (False, True):
         together = distinct_echoes(light, 51, reach_m=100, nearest_m=1, apart_m=0.5, second_strongest=second)
         alone = [echoes(row, second_strongest=second) for row in surfaces]
@@ -129,6 +129,6 @@ def test_beams_do_not_mix() -> None:
 
 def test_no_beams() -> None:
     nothing = np.empty(0)
-    light = Light(nothing.astype(np.int64), nothing, nothing, nothing.astype(np.int64))
+    light = Reflected(nothing.astype(np.int64), nothing, nothing, nothing.astype(np.int64))
     found = distinct_echoes(light, 0, reach_m=9, nearest_m=1, apart_m=1, second_strongest=True)
     assert found.range_m.shape == found.share.shape == found.mover.shape == (0, 2)

@@ -77,7 +77,7 @@ def test_bodies_in_the_way_are_obstacles_and_those_above_and_below_are_not() -> 
     ground = polygon([(-9, -9, 0), (9, -9, 0), (9, 9, 0), (-9, 9, 0)], METAL)
     kerb, crown = box((0, 5, 0.06), (4, 1, 0.12), METAL), box((3, 3, 4), (2, 2, 2), METAL)
     wall, post = box((1, 2, 0.5), (3, 0.2, 1.0), METAL, yaw=0.3), cylinder((-2, 0, 0), (-2, 0, 3), 0.1, METAL)
-    found = obstacles_of(merged([ground, kerb, wall, crown, post]), step_m=0.2, headroom_m=2.0)
+    found = obstacles_of(merged(ground, kerb, wall, crown, post), step_m=0.2, headroom_m=2.0)
     assert len(found) == 2
     wall_found = next(each for each in found if each.x_m > 0)
     expected = corners(Rectangle(1, 2, 0.3, 3, 0.2))

@@ -65,5 +65,5 @@ def test_quit() -> None:
 
 
 def test_nothing_to_drive() -> None:
-    with pytest.raises(ValueError, match="one vehicle to drive at least"):
+    with pytest.raises(ValueError, match="at least one vehicle to drive"):
         RemoteControl.of(())

@@ -79,17 +79,6 @@ def test_an_open_way_goes_straight_on_at_its_ends() -> None:
     assert (beyond.x_m, beyond.y_m, beyond.yaw_rad, beyond.curvature) == pytest.approx((10, 15, math.pi / 2, 0))
 
 
-@pytest.mark.parametrize("closed", [True, False])
-@pytest.mark.parametrize("corners", [SQUARE, BENT, tuple(reversed(SQUARE)), ((0, 0), (5, 5), (9, 1))])
-def test_nearest_is_the_nearest_of_all_places(corners: Corners, closed: bool) -> None:
-    way = route(corners, closed=closed)
-    points = np.random.default_rng(1).uniform(-12, 14, (60, 2))
-    found = np.hypot(*(way.points(way.nearest(points))[:, :2] - points).T)
-    places = dense(way)[:, :2]
-    best = [np.hypot(*(places - point).T).min() for point in points]
-    np.testing.assert_allclose(found, best, atol=1e-4)
-
-
 @given(st.floats(0.0, 40.0), st.floats(-0.8, 0.8), st.floats(-0.7, 0.7))
 def test_a_place_beside_the_way_is_followed_from_near_by(along: float, left: float, off: float) -> None:
     way = route(SQUARE, closed=True)
@@ -107,10 +96,10 @@ def test_where_a_way_crosses_itself_one_keeps_to_ones_own() -> None:
 @pytest.mark.parametrize(
     ("corners", "closed", "message"),
     [
-        ((), False, "2 corners at least, got 0"),
-        (((0, 0),), False, "2 corners at least, got 1"),
-        (((0, 0), (1, 0)), True, "3 corners at least, got 2"),
-        (((0, 0), (0, 0), (1, 0)), False, "apart from each other"),
+        ((), False, "at least 2 corners, found 0"),
+        (((0, 0),), False, "at least 2 corners, found 1"),
+        (((0, 0), (1, 0)), True, "at least 3 corners, found 2"),
+        (((0, 0), (0, 0), (1, 0)), False, "distinct neighbouring corners"),
         (((0, 0), (5, 0), (1, 0)), False, "turns back"),
     ],
 )

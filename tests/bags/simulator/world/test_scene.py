@@ -6,7 +6,8 @@ from small_worlds import BLACK, GREY, WHITE, EvenPath, box_mover, fixed_at, rand
 
 from bags.simulator.world.meshes.mesh import box
 from bags.simulator.world.motion import MountedPath
-from bags.simulator.world.scene import STATIC, Hits, Rays, Scene, with_nearer
+from bags.simulator.world.rays import STATIC, Hits, Rays
+from bags.simulator.world.scene import Scene
 from pipeline.core.arrays import F64
 from pipeline.core.geometry.transform import Transform
 
@@ -93,7 +94,7 @@ def test_what_images_see_of_what_stands_still_is_what_rays_meet() -> None:
     directions = (directions / np.linalg.norm(directions, axis=1, keepdims=True)).astype(np.float32)
     origin = np.array([0.5, -0.25, 1.0])
     rays = Rays(np.tile(origin, (5000, 1)), directions.astype(np.float64), np.zeros(5000, np.int64))
-    hits, seen = world.cast_static(rays), world.static_seen(origin, directions)
+    hits, seen = world.cast_static(rays), world.static_surfaces(origin, directions)
     assert 0.1 < np.isfinite(seen.distance).mean() < 0.9
     np.testing.assert_allclose(seen.distance, hits.distance_m, rtol=1e-6)
     np.testing.assert_array_equal(seen.material, hits.material)
@@ -101,7 +102,7 @@ def test_what_images_see_of_what_stands_still_is_what_rays_meet() -> None:
     met = np.isfinite(seen.distance)
     np.testing.assert_allclose(seen.local[met], hits.local[met], atol=1e-5)
     np.testing.assert_array_equal(world.static_distance(origin, directions), seen.distance)
-    empty = scene().static_seen(origin, directions)
+    empty = scene().static_surfaces(origin, directions)
     assert np.isinf(empty.distance).all()
     assert (empty.material == -1).all()
 
@@ -113,38 +114,16 @@ def test_empty_worlds_and_no_rays(movers: list[object]) -> None:
     assert len(nothing) == 0
     missed = world.cast(rays_of((0, 0, 0.5, 0, 0, 1)))
     assert (missed.distance_m.tolist(), missed.material.tolist(), missed.mover.tolist()) == ([np.inf], [-1], [STATIC])
-    for row in range(len(movers)):
-        rows, hits = world.cast_mover(row, rays_of())
-        assert len(rows) == len(hits) == 0
-
-
-def test_a_mover_alone() -> None:
-    world = scene([wall(2.0, WHITE)], [box_mover("car", EvenPath((5, 0, 0)), (1, 1, 1), BLACK)])
-    rays = rays_of((0, 5, 0.5, 1, 0, 0), (0, 0, 0.5, 1, 0, 0), (0, 0.2, 0.5, 1, 0, 0))
-    rows, hits = world.cast_mover(0, rays)
-    assert rows.tolist() == [1, 2]
-    np.testing.assert_allclose(hits.distance_m, 4.5, atol=1e-6)
-    before = world.cast_static(rays)
-    after = with_nearer(before, rows, hits)
-    assert after.distance_m.tolist() == before.distance_m.tolist() == [2, 2, 2]
-
-
-def test_with_nearer_changes_nothing_that_it_is_given() -> None:
-    world = scene([wall(9.0, WHITE)], [box_mover("car", EvenPath((5, 0, 0)), (1, 1, 1), BLACK)])
-    rays = rays_of((0, 5, 0.5, 1, 0, 0), (0, 0, 0.5, 1, 0, 0))
-    before = world.cast_static(rays)
-    after = with_nearer(before, *world.cast_mover(0, rays))
-    assert before.distance_m.tolist() == [9, 9]
-    assert after.distance_m.tolist() == pytest.approx([9, 4.5])
 
 
 def test_shadows() -> None:
     world = scene([box((0, 0, 5), (1, 1, 1), GREY)], [box_mover("car", EvenPath((5, 0, 2), (10, 0, 0)), (1, 1, 1))])
     ground = np.array([[0, 0, 0], [5, 0, 0], [6, 0, 0], [0, 0, 7]], np.float64)
     up = np.array([0.0, 0.0, 1.0])
-    assert world.shaded_by_static(ground, up).tolist() == [True, False, False, False]
-    assert world.shaded_by_mover(0, ground, up, 0).tolist() == [False, True, False, False]
-    assert world.shaded_by_mover(0, ground, up, 100_000_000).tolist() == [False, False, True, False]
+    assert world.static_occludes(ground, up).tolist() == [True, False, False, False]
+    for time_ns, expected in ((0, [False, True, False, False]), (100_000_000, [False, False, True, False])):
+        (part,) = world.placed_parts(0, time_ns)
+        assert part.occludes(ground.astype(np.float32), up).tolist() == expected
 
 
 def test_rays_from_far_apart_places_find_what_each_has_before_it() -> None:

@@ -8,7 +8,7 @@ from bags.simulator.world.meshes.lofts import ellipses, limb, loft, panel, torus
 from bags.simulator.world.meshes.mesh import Mesh, box
 
 SQUARE = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
-PLAIN_HULL = Hull(((0.0, 1.0, 2.0), (4.0, 1.0, 2.0)), ((0.5, 1.0), (1.0, 1.0), (2.0, 1.0)), 0.5)
+PLAIN_HULL = Hull(((0.0, 1.0, 2.0), (4.0, 1.0, 2.0)), ((0.5, 1.0), (1.0, 1.0), (2.0, 1.0)), 0.5, (), 0.0, 0.0)
 ARCHED_HULL = Hull(((0.0, 1.0, 2.0), (4.0, 1.0, 2.0)), ((0.5, 1.0), (1.0, 1.0), (2.0, 1.0)), 0.5, (1.0, 3.0), 0.4, 0.5)
 
 
@@ -73,6 +73,6 @@ def test_a_panel_on_a_hull_lies_on_its_side() -> None:
 
 
 def test_a_hull_narrows_with_its_levels() -> None:
-    hull = Hull(((0.0, 2.0, 3.0), (1.0, 2.0, 3.0)), ((0.0, 1.0), (1.0, 1.0), (3.0, 0.5)), 0.0)
+    hull = Hull(((0.0, 2.0, 3.0), (1.0, 2.0, 3.0)), ((0.0, 1.0), (1.0, 1.0), (3.0, 0.5)), 0.0, (), 0.0, 0.0)
     assert hull.half_width(0.5, 0.5) == pytest.approx(2.0)
     assert hull.half_width(0.5, 2.0) == pytest.approx(1.5)

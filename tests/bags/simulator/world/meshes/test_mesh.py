@@ -2,15 +2,13 @@ import numpy as np
 import pytest
 from small_worlds import BLACK, GREY, WHITE
 
-from bags.simulator.world.meshes.mesh import Mesh, box, cylinder, merged, polygon, prism, profile, sphere
+from bags.simulator.world.meshes.mesh import Mesh, box, cylinder, merged, polygon, prism, sphere
 
 SQUARE = [[1, 1], [-1, 1], [-1, -1], [1, -1]]
 
 BODIES = {
     "box": (box((1, 2, 3), (4, 2, 1), GREY, yaw=0.7), 8.0, 1e-9),
     "prism": (prism(SQUARE, 1.0, 3.0, GREY), 8.0, 1e-9),
-    "profile": (profile(SQUARE, 3.0, GREY), 12.0, 1e-9),
-    "profile, leaning in": (profile(SQUARE, 3.0, GREY, taper=0.5), 9.0, 1e-9),
     "cylinder": (cylinder((0, 0, 0), (0, 3, 4), 1.0, GREY, sides=64), 5 * np.pi, 0.01),
     "cone": (cylinder((1, 1, 0), (1, 1, 3), 1.0, GREY, sides=64, taper=1e-6), np.pi, 0.01),
     "sphere": (sphere((5, 5, 5), 1.0, GREY, sides=64), 4 / 3 * np.pi, 0.01),
@@ -47,11 +45,11 @@ def test_moved() -> None:
 
 def test_merged_meshes_keep_their_materials() -> None:
     parts = [box((0, 0, 0), (1, 1, 1), WHITE), polygon([[0, 0, 0], [1, 0, 0], [0, 1, 0]], BLACK)]
-    mesh = merged([*parts, box((5, 0, 0), (1, 1, 1), WHITE)])
+    mesh = merged(*parts, box((5, 0, 0), (1, 1, 1), WHITE))
     assert mesh.palette == (WHITE, BLACK)
     assert np.bincount(mesh.materials).tolist() == [24, 1]
     assert mesh.triangles.max() == len(mesh.vertices) - 1
-    assert len(merged([])) == 0
+    assert len(merged()) == 0
 
 
 def test_polygon_shows_to_the_side_that_sees_it_counter_clockwise() -> None:

@@ -8,7 +8,8 @@ from bags.simulator.world.meshes.mesh import Mesh
 from bags.simulator.world.places.crossing import KERB_M, MAST_TOP_M
 from bags.simulator.world.places.places import World, ground_height, static_mesh
 from bags.simulator.world.places.sandbox import LIDAR_1, LIDAR_2, LIDAR_3, NORTH_CAMERAS, SOUTH_CAMERAS
-from bags.simulator.world.scene import Rays, Scene
+from bags.simulator.world.rays import Rays
+from bags.simulator.world.scene import Scene
 
 WORLDS: tuple[World, ...] = get_args(World)
 
