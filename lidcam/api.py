@@ -2,23 +2,79 @@
 
 from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
 
 from lidcam.inspection import Inspection, inspect_recording
-from lidcam.job import FilePath, PathOrUrl, locations, make_job, read_config
+from lidcam.job import FilePath, Job, PathOrUrl, locations, make_job
+from lidcam.job import read_config as load_config
 from lidcam.objects import ObjectCollector, Objects
+from lidcam.run import RunObserver, process_recording
 from lidcam.run import iter_frames as frames_of
-from lidcam.run import process_recording
 from lidcam.summary import DropCount, RunReport
-from pipeline.core.frame import FrameResult
+from pipeline.core.clouds import CombinedCloud, PointCloud
+from pipeline.core.detections import Boxes2D, Boxes3D, Detections, Fused, Matches
+from pipeline.core.errors import (
+    CalibrationError,
+    ConfigError,
+    FrameError,
+    LidcamError,
+    MessageError,
+    ModelError,
+    OutputError,
+    RecordingError,
+)
+from pipeline.core.frame import FrameResult, SensorBundle
+from pipeline.core.messages import RawMessage
+from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from readers import open as containers
 from readers.recording import Recording
-from readers.rig.rig_file import load_rig as rig_of
+from readers.rig.rig_file import load_rig
 from readers.rig.schema import RigFile
 from readers.streams.decoders import OnBadMessage
 
-__all__ = ["RunResult", "inspect", "iter_frames", "load_config", "load_rig", "open_recording", "process"]
+__all__ = [
+    "Boxes2D",
+    "Boxes3D",
+    "CalibrationError",
+    "CombinedCloud",
+    "Config",
+    "ConfigError",
+    "Detections",
+    "DropCount",
+    "FrameError",
+    "FrameResult",
+    "Fused",
+    "Inspection",
+    "Job",
+    "LidcamError",
+    "Matches",
+    "MessageError",
+    "ModelError",
+    "Objects",
+    "OutputError",
+    "PointCloud",
+    "RawMessage",
+    "Recording",
+    "RecordingError",
+    "Rig",
+    "RunObserver",
+    "RunReport",
+    "RunResult",
+    "SensorBundle",
+    "__version__",
+    "inspect",
+    "iter_frames",
+    "load_config",
+    "load_rig",
+    "make_job",
+    "open_recording",
+    "process",
+    "process_recording",
+]
+
+__version__ = version("lidcam")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -148,8 +204,8 @@ def inspect(
     Raises:
         LidcamError: the recording cannot be opened or is empty, or the settings or the rig are at fault.
     """
-    rig_file = rig if rig is None or isinstance(rig, RigFile) else load_rig(rig)
-    return inspect_recording(locations(recording), read_config(config, settings), rig_file)
+    rig_file = rig if rig is None or isinstance(rig, RigFile) else load_rig(Path(rig))
+    return inspect_recording(locations(recording), load_config(config, settings), rig_file)
 
 
 def open_recording(recording: PathOrUrl | Sequence[PathOrUrl]) -> Recording:
@@ -159,21 +215,3 @@ def open_recording(recording: PathOrUrl | Sequence[PathOrUrl]) -> Recording:
         RecordingError: it cannot be read.
     """
     return containers.open_recording(locations(recording))
-
-
-def load_config(config: FilePath | None = None, settings: Mapping[str, object] | Sequence[str] = ()) -> Config:
-    """Settings: the defaults, then a YAML file, then single values.
-
-    Raises:
-        ConfigError: the file cannot be read, a key is unknown, or a value does not fit.
-    """
-    return read_config(config, settings)
-
-
-def load_rig(path: FilePath) -> RigFile:
-    """A rig file: lidcam's own form, a `geometry.yaml` (w2c, c2p), or a KITTI calibration file.
-
-    Raises:
-        CalibrationError: it cannot be read, or its content does not fit.
-    """
-    return rig_of(Path(path))

