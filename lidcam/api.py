@@ -1,12 +1,12 @@
 """What `import lidcam` offers: the same runs that the command line makes, with results to work on."""
 
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
-from pathlib import Path
+from typing import Unpack
 
 from lidcam.inspection import Inspection, inspect_recording
-from lidcam.job import FilePath, Job, PathOrUrl, locations, make_job
+from lidcam.job import FilePath, Job, JobOptions, PathOrUrl, Settings, locations, make_job, read_rig
 from lidcam.job import read_config as load_config
 from lidcam.objects import ObjectCollector, Objects
 from lidcam.run import RunObserver, process_recording
@@ -32,7 +32,6 @@ from readers import open as containers
 from readers.recording import Recording
 from readers.rig.rig_file import load_rig
 from readers.rig.schema import RigFile
-from readers.streams.decoders import OnBadMessage
 
 __all__ = [
     "Boxes2D",
@@ -48,6 +47,7 @@ __all__ = [
     "Fused",
     "Inspection",
     "Job",
+    "JobOptions",
     "LidcamError",
     "Matches",
     "MessageError",
@@ -115,88 +115,43 @@ def process(
     recording: PathOrUrl | Sequence[PathOrUrl],
     output: FilePath | Sequence[FilePath] | None = None,
     *,
-    config: Config | FilePath | None = None,
-    settings: Mapping[str, object] | Sequence[str] = (),
-    rig: RigFile | FilePath | None = None,
-    model_2d: FilePath | None = None,
-    workers: int | None = None,
-    start_s: float = 0.0,
-    duration_s: float | None = None,
-    on_bad_message: OnBadMessage = "skip",
     on_frame: Callable[[FrameResult], None] | None = None,
+    **options: Unpack[JobOptions],
 ) -> RunResult:
     """Turn a recording into fused objects.
 
     Args:
         recording: Path or URL; several for a recording that was split, in their order.
         output: File to write, or several: .mcap, .rrd (Rerun); None writes none.
-        config: Settings, or a YAML file of them.
-        settings: Single settings on top: `{"sync.slop_s": 0.05}` or `["sync.slop_s=0.05"]`.
-        rig: Rig file, loaded or by its path; without it sensors and calibration are found in the recording.
-        model_2d: 2D network (ONNX, YOLOX layout).
-        workers: 1 runs stage after stage; more overlap stages of several frames. The result is the same.
-        start_s: Seconds to skip.
-        duration_s: Seconds to process; None: to the end.
-        on_bad_message: Whether a message that cannot be decoded is skipped and counted, or ends the run.
         on_frame: Called with each frame, in order.
+        **options: `config`, `settings`, `rig`, `model_2d`, `workers`, `start_s`, `duration_s`, `on_bad_message`, as
+            `JobOptions` explains them.
 
     Raises:
         LidcamError: the input, the calibration, the settings or an output is at fault; no output is left behind.
     """
-    job = make_job(
-        recording,
-        output,
-        config=config,
-        settings=settings,
-        rig=rig,
-        model_2d=model_2d,
-        workers=workers,
-        start_s=start_s,
-        duration_s=duration_s,
-        on_bad_message=on_bad_message,
-    )
+    job = make_job(recording, output, **options)
     watcher = _Watcher(job.config.class_names, on_frame)
     report = process_recording(job, watcher)
     return RunResult(report, watcher.objects)
 
 
 def iter_frames(
-    recording: PathOrUrl | Sequence[PathOrUrl],
-    *,
-    config: Config | FilePath | None = None,
-    settings: Mapping[str, object] | Sequence[str] = (),
-    rig: RigFile | FilePath | None = None,
-    model_2d: FilePath | None = None,
-    workers: int | None = None,
-    start_s: float = 0.0,
-    duration_s: float | None = None,
-    on_bad_message: OnBadMessage = "skip",
+    recording: PathOrUrl | Sequence[PathOrUrl], **options: Unpack[JobOptions]
 ) -> Generator[FrameResult, None, None]:
-    """The frames of a recording, one after another, without writing anything; arguments as of `process`.
+    """The frames of a recording, one after another, without writing anything; options as of `process`.
 
     Raises:
         LidcamError: the input, the calibration or the settings are at fault.
     """
-    return frames_of(
-        make_job(
-            recording,
-            config=config,
-            settings=settings,
-            rig=rig,
-            model_2d=model_2d,
-            workers=workers,
-            start_s=start_s,
-            duration_s=duration_s,
-            on_bad_message=on_bad_message,
-        )
-    )
+    return frames_of(make_job(recording, **options))
 
 
 def inspect(
     recording: PathOrUrl | Sequence[PathOrUrl],
     *,
     config: Config | FilePath | None = None,
-    settings: Mapping[str, object] | Sequence[str] = (),
+    settings: Settings = (),
     rig: RigFile | FilePath | None = None,
 ) -> Inspection:
     """What is in a recording, and what lidcam would use of it; arguments as of `process`.
@@ -204,8 +159,7 @@ def inspect(
     Raises:
         LidcamError: the recording cannot be opened or is empty, or the settings or the rig are at fault.
     """
-    rig_file = rig if rig is None or isinstance(rig, RigFile) else load_rig(Path(rig))
-    return inspect_recording(locations(recording), load_config(config, settings), rig_file)
+    return inspect_recording(locations(recording), load_config(config, settings), read_rig(rig))
 
 
 def open_recording(recording: PathOrUrl | Sequence[PathOrUrl]) -> Recording:

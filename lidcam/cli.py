@@ -204,14 +204,13 @@ def inspect(
     if repair is not None and repair.suffix != ".mcap":
         raise typer.BadParameter(f"expected a name that ends in .mcap, found {repair}", param_hint="--repair")
     from lidcam.commands.inspect import InspectOptions, run_inspect
-    from lidcam.job import read_config
-    from readers.rig.rig_file import load_rig
+    from lidcam.job import read_config, read_rig
 
     run_inspect(
         InspectOptions(
             inputs=tuple(map(location, paths)),
             config=read_config(config_file, settings or ()),
-            rig=None if rig_file is None else load_rig(rig_file),
+            rig=read_rig(rig_file),
             write_rig=write_rig,
             repair=repair,
             as_json=as_json,

@@ -51,4 +51,5 @@ def test_a_folder_without_a_package_does_no_harm(tmp_path: Path) -> None:
 def test_other_errors_keep_their_traceback(tmp_path: Path) -> None:
     (tmp_path / "other").mkdir()
     done = started(tmp_path / "other", "-c", "import lidcam; lidcam.load_config(); 1 / 0")
+    assert "ZeroDivisionError" in done.stderr
     assert "Traceback" in done.stderr
