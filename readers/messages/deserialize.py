@@ -19,8 +19,8 @@ from rosbags.typesys.store import Typestore
 
 from pipeline.core.errors import MessageError
 from pipeline.core.messages import Channel, RawMessage
+from pipeline.core.ros.typestores import extra_types
 from readers.messages.definition_size import size_fault
-from readers.messages.definitions import release_types
 from readers.messages.item_count import count_items
 
 __all__ = ["definition_problem", "deserialize", "deserialize_as", "typestore_for"]
@@ -33,6 +33,9 @@ MD5SUM = re.compile(r"[0-9a-f]{32}")
 MAX_DEFINITION_CHARACTERS = 1 << 18
 MAX_ITEMS = 1_000_000
 """Strings and messages in the lists of one message; each takes about a hundred bytes of memory and more."""
+
+BEFORE_VISION_MSGS_4 = {"crystal", "bouncy", "dashing", "eloquent", "foxy", "galactic"}
+"""Releases whose vision_msgs have other 2D boxes and hypotheses, not known here."""
 
 EMPTY_LINES = re.compile(r"\n\s*\n")
 
@@ -112,7 +115,7 @@ def _typestore(channel: Channel) -> Typestore | str:
         return f"{channel.msgtype} in {channel.encoding} is no ROS message"
     try:
         types = _recorded_types(channel)
-        known = release_types(channel)
+        known = _release_types(channel.encoding, channel.distro.lower())
         store = get_typestore(Stores.EMPTY)
         wanted = [channel.msgtype]
         visited = set(store.fielddefs)
@@ -153,6 +156,20 @@ def _doubt(channel: Channel) -> str:
     """What speaks against the recorded definition."""
     other = _other_digest(channel, typestore_for(channel))
     return f"the recorded definition is {other}" if other else ""
+
+
+@lru_cache(maxsize=16)
+def _release_types(encoding: str, distro: str) -> Typesdict:
+    """The types of the ROS release that a recording names, else of Noetic or Humble."""
+    if encoding == "ros1":
+        return {**get_typestore(Stores.ROS1_NOETIC).fielddefs, **extra_types(1)}
+    release = next((store for store in Stores if store.value == f"ros2_{distro}"), Stores.ROS2_HUMBLE)
+    extra = {
+        name: definition
+        for name, definition in extra_types(2).items()
+        if distro not in BEFORE_VISION_MSGS_4 or not name.startswith("vision_msgs/")
+    }
+    return {**get_typestore(release).fielddefs, **extra}
 
 
 def _recorded_types(channel: Channel) -> Typesdict:

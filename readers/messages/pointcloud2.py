@@ -13,6 +13,7 @@ from pipeline.core.arrays import F32, U16, Array, Bools
 from pipeline.core.clouds import PointCloud
 from pipeline.core.errors import MessageError
 from pipeline.core.messages import RawMessage
+from pipeline.core.ros.messages import POINT_FIELD_DATATYPES
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from readers.messages.deserialize import deserialize_as
 from readers.messages.point_time import TIME_FIELDS, point_time_offsets
@@ -35,7 +36,7 @@ RING_FIELDS = ("ring", "channel", "laser_id", "laser", "line", "beam", "row")
 _USED_FIELDS = frozenset(("x", "y", "z", *INTENSITY_FIELDS, *RING_FIELDS, *TIME_FIELDS))
 
 # sensor_msgs/PointField; PCL wrote 9 to 11 before ROS named them (ros2/common_interfaces#301).
-_DTYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8", 9: "i8", 10: "u8", 11: "u1"}
+_DTYPES = {number: dtype for dtype, number in POINT_FIELD_DATATYPES.items()} | {9: "i8", 10: "u8", 11: "u1"}
 
 
 def decode_pointcloud2(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS) -> PointCloud:

@@ -14,7 +14,6 @@ from rosbags.interfaces import Nodetype
 
 from pipeline.core.errors import MessageError
 from pipeline.core.messages import Channel, RawMessage
-from readers.messages.definitions import COMBINED_TYPES
 from readers.messages.deserialize import deserialize, typestore_for
 from readers.messages.header_stamp import stamp_or_log_time
 from readers.recording import Recording
@@ -75,7 +74,7 @@ def _lists(channel: Channel) -> dict[str, str]:
     """Type of the parts by field, for fields that are lists of images or clouds."""
     if channel.encoding not in {"ros1", "cdr"}:
         return {}
-    if not LISTS.search(channel.definition or COMBINED_TYPES.get(channel.msgtype, "")):
+    if channel.definition and not LISTS.search(channel.definition):
         return {}
     try:
         fields = typestore_for(channel).fielddefs[channel.msgtype][1]

@@ -11,7 +11,7 @@ from rosbags.interfaces import Nodetype
 
 from pipeline.core.errors import MessageError
 from pipeline.core.messages import Channel, RawMessage
-from readers.messages.definitions import VELODYNE_MSGS
+from pipeline.core.ros.messages import ROS2
 from readers.messages.deserialize import typestore_for
 from readers.velodyne.scan import PACKET_BYTES, SCAN
 
@@ -33,23 +33,15 @@ STAMPED_BYTES = 8 + PACKET_BYTES
 _CDR_LITTLE_ENDIAN = b"\0\1\0\0"
 _CDR = len(_CDR_LITTLE_ENDIAN)
 
-_SEPARATOR = "=" * 80
-_TIME = f"{_SEPARATOR}\nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
-_HEADER = f"{_SEPARATOR}\nMSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n"
-_PACKET_DEFINITION = f"{VELODYNE_MSGS['VelodynePacket']}\n{_TIME}"
-_SCAN_DEFINITION = (
-    f"{VELODYNE_MSGS['VelodyneScan']}\n{_HEADER}{_SEPARATOR}\nMSG: velodyne_msgs/VelodynePacket\n{_PACKET_DEFINITION}"
-)
-
 
 def packet_channel(topic: str) -> Channel:
     """A channel of VelodynePackets that were recorded without ROS."""
-    return Channel(topic, PACKET, "cdr", _PACKET_DEFINITION)
+    return Channel(topic, PACKET, "cdr", ROS2.definition(PACKET))
 
 
 def scan_channel(topic: str) -> Channel:
     """The channel of the scans that the packets of a topic make."""
-    return Channel(topic, SCAN, "cdr", _SCAN_DEFINITION)
+    return Channel(topic, SCAN, "cdr", ROS2.definition(SCAN))
 
 
 def packet_message_data(stamp_ns: int, payload: bytes | memoryview) -> bytes:

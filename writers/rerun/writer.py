@@ -220,7 +220,7 @@ class RerunResultWriter:
             MessageError: the bytes are no image.
         """
         if message.channel.msgtype == COMPRESSED:
-            data = bytes(read_image(message).data)
+            data = read_image(message).data.tobytes()
             if (media_type := _MAGIC.get(data[:3])) is not None:
                 return rr.EncodedImage(contents=data, media_type=media_type)
         rgb = self._decode(message).rgb

@@ -9,42 +9,26 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
-import yaml
-from mcap.writer import CompressionType
-from mcap.writer import Writer as McapWriter
-from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag1 import Writer as Rosbag1Writer
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Rosbag2Writer
 
-from bags.simulator.recorder.message_types import RosVersion, message_types
 from bags.simulator.recorder.recorded import Recorded
 from pipeline.core.errors import OutputError
+from pipeline.core.ros.messages import ROS2
+from pipeline.core.ros.qos import LATCHED, LATCHED_YAML_HUMBLE
+from pipeline.core.ros.typestores import RosVersion, message_types
 from writers.atomic import atomic_output, output_errors
+from writers.mcap.file import McapFile, mcap_file
 
 __all__ = ["FORMATS", "MessageWriter", "RecordingFormat", "format_of", "recording_file", "ros_version_of"]
 
 RecordingFormat = Literal["ros1", "sqlite3", "mcap"]
 FORMATS: tuple[RecordingFormat, ...] = ("ros1", "sqlite3", "mcap")
 
-LIBRARY = "lidcam"
 ENDINGS = "a name that ends in .bag (ROS 1), in .mcap (MCAP), or has no ending (ROS 2 sqlite3 folder), or a --format"
-CHUNK_BYTES = 1 << 20
 METADATA_VERSION: Literal[8] = 8
 """What Humble reads."""
-
-_FOREVER = QosTime(2147483647, 4294967295)
-_LATCHED = Qos(
-    QosHistory.KEEP_LAST,
-    1,
-    QosReliability.RELIABLE,
-    QosDurability.TRANSIENT_LOCAL,
-    _FOREVER,
-    _FOREVER,
-    QosLiveliness.AUTOMATIC,
-    _FOREVER,
-    avoid_ros_namespace_conventions=False,
-)
 
 
 class MessageWriter(Protocol):
@@ -93,14 +77,11 @@ def recording_file(
     """
     texts = {"rig.yaml": rig_yaml, "scenario.yaml": scenario_yaml}
     if format == "mcap":
-        with atomic_output(path) as part, output_errors(path), part.open("wb") as stream:
-            writer = McapWriter(stream, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
-            writer.start(profile="ros2", library=LIBRARY)
+        with output_errors(path), mcap_file(path, profile="ros2") as file:
             for name, text in texts.items():
-                writer.add_attachment(0, 0, name, "application/yaml", text.encode())
-            writer.add_metadata("lidcam_truth", {"attachments": ", ".join(texts)})
-            yield _Mcap(writer)
-            writer.finish()  # type: ignore[no-untyped-call]
+                file.attach(name, text)
+            file.add_metadata("lidcam_truth", {"attachments": ", ".join(texts)})
+            yield _Mcap(file)
     elif format == "ros1":
         with atomic_output(path) as part, _beside(path, texts), output_errors(path):
             part.unlink()
@@ -187,7 +168,7 @@ class _Rosbag2:
         """See `MessageWriter`."""
         topic = recorded.topic
         if topic not in self._connections:
-            profiles = [_LATCHED] if recorded.latched else []
+            profiles = [LATCHED] if recorded.latched else []
             self._connections[topic] = self._bag.add_connection(
                 topic, recorded.msgtype, typestore=self._types, offered_qos_profiles=profiles
             )
@@ -195,36 +176,15 @@ class _Rosbag2:
 
 
 class _Mcap:
-    def __init__(self, writer: McapWriter) -> None:
-        self._writer, self._types = writer, message_types(2)
-        self._schemas: dict[str, int] = {}
+    def __init__(self, file: McapFile) -> None:
+        self._file = file
         self._channels: dict[str, int] = {}
 
     def write(self, recorded: Recorded, start_ns: int) -> None:
         """See `MessageWriter`."""
-        topic, msgtype, log_ns = recorded.topic, recorded.msgtype, start_ns + recorded.log_ns
-        if msgtype not in self._schemas:
-            text, _ = self._types.generate_msgdef(msgtype, ros_version=2)
-            self._schemas[msgtype] = self._writer.register_schema(msgtype, "ros2msg", text.encode())
+        topic, msgtype = recorded.topic, recorded.msgtype
         if topic not in self._channels:
-            profiles = {"offered_qos_profiles": _latched_yaml()} if recorded.latched else {}
-            self._channels[topic] = self._writer.register_channel(topic, "cdr", self._schemas[msgtype], profiles)
-        self._writer.add_message(self._channels[topic], log_ns, recorded.data, log_ns)
-
-
-def _latched_yaml() -> str:
-    """`_LATCHED` in the form of rosbag2 since Iron, which MCAP channels carry."""
-    forever = {"sec": _FOREVER.sec, "nsec": _FOREVER.nsec}
-    profile = {
-        "history": "keep_last",
-        "depth": _LATCHED.depth,
-        "reliability": "reliable",
-        "durability": "transient_local",
-        "deadline": forever,
-        "lifespan": forever,
-        "liveliness": "automatic",
-        "liveliness_lease_duration": forever,
-        "avoid_ros_namespace_conventions": False,
-    }
-    text: str = yaml.safe_dump([profile], sort_keys=False)
-    return text
+            schema = msgtype, "ros2msg", ROS2.definition(msgtype).encode()
+            profiles = {"offered_qos_profiles": LATCHED_YAML_HUMBLE} if recorded.latched else {}
+            self._channels[topic] = self._file.add_channel(topic, "cdr", schema, profiles)
+        self._file.add_message(self._channels[topic], start_ns + recorded.log_ns, recorded.data)
