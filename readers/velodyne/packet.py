@@ -12,6 +12,7 @@ from rosbags.interfaces import Nodetype
 from pipeline.core.errors import MessageError
 from pipeline.core.messages import Channel, RawMessage
 from pipeline.core.ros.messages import ROS2
+from readers.messages.cursor import Cursor
 from readers.messages.deserialize import typestore_for
 from readers.velodyne.scan import PACKET_BYTES, SCAN
 
@@ -31,7 +32,6 @@ STAMPED_BYTES = 8 + PACKET_BYTES
 """Bytes of a packet and the stamp before it."""
 
 _CDR_LITTLE_ENDIAN = b"\0\1\0\0"
-_CDR = len(_CDR_LITTLE_ENDIAN)
 
 
 def packet_channel(topic: str) -> Channel:
@@ -58,15 +58,13 @@ def packet_data(message: RawMessage) -> bytes | memoryview:
     data = message.data
     if message.problem:
         raise MessageError(f"{message.topic}: {message.problem}")
-    start = 0 if message.channel.encoding == "ros1" else _CDR
-    if len(data) < start + STAMPED_BYTES:
-        raise MessageError(
-            f"{message.topic}: expected a {PACKET} of {start + STAMPED_BYTES} bytes, found {len(data)} bytes"
-        )
-    # OMG DDSI-RTPS 10.2: the lowest bit of the encapsulation identifier says little endian.
-    if start and not data[1] & 1:
-        return struct.pack("<II", *struct.unpack_from(">II", data, start)) + data[start + 8 : start + STAMPED_BYTES]
-    return data[start : start + STAMPED_BYTES]
+    cursor = Cursor(data, message.channel.encoding)
+    start, end = cursor.at, cursor.at + STAMPED_BYTES
+    if len(data) < end:
+        raise MessageError(f"{message.topic}: expected a {PACKET} of {end} bytes, found {len(data)} bytes")
+    if cursor.order == ">":
+        return struct.pack("<II", *struct.unpack_from(">II", data, start)) + data[start + 8 : end]
+    return data[start:end]
 
 
 def scan_data(packets: Sequence[bytes | memoryview]) -> bytes:
