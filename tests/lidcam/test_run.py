@@ -8,6 +8,7 @@ import pytest
 from builders import image, odometry, pointcloud2, raw
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from memory_writer import MemoryWriter
 
 from lidcam.run import RunSummary, TimeWindow, process, synchronized_topics
 from pipeline.core.camera import CameraModel
@@ -19,7 +20,6 @@ from pipeline.core.rig import CameraSensor, LidarSensor, Rig
 from pipeline.core.settings.config import Config
 from readers.memory import MemoryRecording
 from readers.streams.motion import MotionSource
-from writers.memory import MemoryWriter
 
 STEP_NS = 100_000_000
 START_NS = 1_600_000_000_000_000_000

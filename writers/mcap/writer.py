@@ -1,9 +1,9 @@
-"""FrameResults to one MCAP file that Foxglove, Lichtblick, rosbag2 and ROS tools read.
+"""Writes FrameResults to one MCAP file for Foxglove, Lichtblick, rosbag2 and ROS tools.
 
-Profile `ros2`: CDR messages, definitions as `ros2msg` text with all their dependencies (mcap.dev/spec/registry).
-Every message of a frame has the log time of the frame's reference message. Headers carry the frame's stamp; images
-and what belongs to them (camera_info, annotations, detections) carry the image's own, equal to the nanosecond,
-because viewers pair them by equality. Equal results give equal bytes.
+Profile `ros2`: CDR messages, definitions as `ros2msg` text with all dependencies (mcap.dev/spec/registry). Every
+message of a frame has the log time of the frame's reference message. Headers have the frame's stamp; an image and its
+camera_info, annotations and detections have the image's own stamp, because viewers pair them by equality. Equal
+results give equal bytes.
 """
 
 from collections.abc import Iterator
@@ -39,13 +39,13 @@ _NOT_COPIED = "the image cannot be copied"
 
 
 class McapResultWriter:
-    """Writes one run's frames to `path`, which appears when the block ends well.
+    """Writes one run's frames to `path`, which appears when the block ends without error.
 
     Args:
         path: The file to write; an older one is replaced.
-        rig: Sensors that the frames were made with.
-        config: Their settings; `output` says what is written and how chunks are compressed.
-        provenance: Goes into the metadata and the attachments.
+        rig: The rig of the run.
+        config: The settings of the run; `output` selects topics and compression.
+        provenance: Written as metadata and attachments.
     """
 
     name = "mcap"
@@ -77,7 +77,7 @@ class McapResultWriter:
         """Write one frame.
 
         Returns:
-            Images whose bytes do not fit their type.
+            Images that could not be copied because their bytes do not fit their type.
 
         Raises:
             OutputError: the file cannot be written, or a stamp does not fit a ROS 2 header.
@@ -88,13 +88,12 @@ class McapResultWriter:
         if not 0 <= min(stamps_ns) <= max(stamps_ns) < _STAMP_END_NS:
             wrong_ns = next(stamp for stamp in stamps_ns if not 0 <= stamp < _STAMP_END_NS)
             raise OutputError(
-                f"{self._path}: frame {result.bundle.index}: stamp {wrong_ns} ns has no place in a ROS 2 "
+                f"{self._path}: frame {result.bundle.index}: stamp {wrong_ns} ns does not fit a ROS 2 "
                 "header (1970 to 2038); cut that part off with --start and --duration"
             )
         with output_errors(self._path):
             if self._messages == 0:
-                first_ns = min(stamps_ns)
-                self._put("/tf_static", static_transforms(self._rig, first_ns), log_time_ns)
+                self._put("/tf_static", static_transforms(self._rig, min(stamps_ns)), log_time_ns)
             motion, limits = result.bundle.motion, self._config.combine.motion
             if motion is not None and motion.covers(
                 stamp_ns, stamp_ns, max_extrapolation_s=limits.max_extrapolation_s, max_gap_s=limits.max_gap_s
@@ -102,16 +101,13 @@ class McapResultWriter:
                 self._put("/tf", moving_transform(motion, stamp_ns), log_time_ns)
             for topic, message in self._site_messages(result):
                 self._put(topic, message, log_time_ns)
-            if self._config.output.clouds:
-                cloud = point_cloud2(result.combined.cloud, stamp_ns=stamp_ns, frame_id=self._rig.site_frame)
-                self._put("/point_cloud_combined", cloud, log_time_ns)
             for camera in self._rig.cameras:
                 not_copied += self._put_camera(camera, result)
             self._put("/diagnostics", diagnostics(result, self._rig, not_copied), log_time_ns)
         return tuple(not_copied)
 
     def _topics(self) -> Iterator[tuple[str, str]]:
-        """Topics that every file lists; `/tf` and images join when the first one comes and their type is known."""
+        """Topics of every file; `/tf` and images are added with their first message, which tells their type."""
         yield "/tf_static", "tf2_msgs/msg/TFMessage"
         yield "/lidar_camera_fused", "msgs/msg/MsgLidCam"
         yield "/fused/detections", "vision_msgs/msg/Detection3DArray"
@@ -133,9 +129,12 @@ class McapResultWriter:
         yield "/fused/scene", scene_update(result, names)
         yield "/fused/markers", marker_array(result, names)
         yield "/lidar/detections", detections_3d(result.detections.lidar, names, stamp_ns=stamp_ns)
+        if self._config.output.clouds:
+            cloud = point_cloud2(result.combined.cloud, stamp_ns=stamp_ns, frame_id=self._rig.site_frame)
+            yield "/point_cloud_combined", cloud
 
     def _put_camera(self, camera: CameraSensor, result: FrameResult) -> tuple[Drop, ...]:
-        """Everything of one camera, under one stamp; nothing where the frame has neither an image nor boxes of it."""
+        """Write one camera's messages, all with one stamp; none if the frame has neither an image nor boxes of it."""
         unusable = {(drop.topic, drop.stamp_ns) for drop in result.drops}
         image, boxes = result.bundle.messages.get(camera.topic), result.detections.cameras.get(camera.name)
         if image is not None and (image.topic, image.stamp_ns) in unusable:

@@ -1,4 +1,4 @@
-"""What is drawn over one camera's image: foxglove_msgs/ImageAnnotations."""
+"""The overlay of one camera's image: foxglove_msgs/ImageAnnotations."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -19,10 +19,10 @@ _LINE_LOOP = 2  # PointsAnnotation.LINE_LOOP
 def image_annotations(
     boxes: Boxes2D | None, matches: Matches | None, class_names: Sequence[str], *, stamp_ns: int
 ) -> Any:
-    """2D boxes and projected 3D boxes; a pair that was matched is green, what one sensor alone saw has its colour.
+    """2D boxes and projected 3D boxes: matched pairs in green, other boxes in the colour of their sensor.
 
-    A 2D box is labelled at its top with class and score (and overlap if matched), an unmatched projection at its
-    bottom with `lidar`. Every stamp is the image's: viewers pair by equality.
+    A 2D box is labelled at its top with class and score (and IoU if matched), an unmatched projection at its bottom
+    with `lidar`. Every stamp is the image's: viewers pair by equality.
     """
     stamp = ROS2.time(stamp_ns)
     outlines, texts = [], []

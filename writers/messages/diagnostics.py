@@ -1,4 +1,4 @@
-"""How each frame came about, in numbers: diagnostic_msgs/DiagnosticArray."""
+"""The counts of each frame: diagnostic_msgs/DiagnosticArray."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -16,12 +16,12 @@ _OK, _WARN = 0, 1  # DiagnosticStatus
 
 
 def diagnostics(result: FrameResult, rig: Rig, not_copied: Sequence[Drop]) -> Any:
-    """Synchronisation, points by step, objects by source, and messages that no frame took or this one could not use.
+    """Synchronisation, points by step, objects by source, and dropped messages.
 
     Args:
         result: The frame.
-        rig: Its sensors.
-        not_copied: Messages that the writer itself could not use.
+        rig: The rig of the run.
+        not_copied: Messages that the writer itself dropped.
     """
     drops = [*result.drops, *not_copied]
     return ROS2.new(

@@ -1,6 +1,6 @@
-"""The files that a simulated recording is written to: ROS 1 bag, ROS 2 sqlite3 folder, MCAP.
+"""Writes simulated recordings: ROS 1 bag, ROS 2 sqlite3 folder, MCAP.
 
-Same messages, same bytes. A file appears under its name when it is whole; until then it is a `.part` beside it.
+The same messages give the same bytes. A file is a `.part` beside its name until it is complete.
 """
 
 import contextlib
@@ -28,22 +28,22 @@ FORMATS: tuple[RecordingFormat, ...] = ("ros1", "sqlite3", "mcap")
 
 ENDINGS = "a name that ends in .bag (ROS 1), in .mcap (MCAP), or has no ending (ROS 2 sqlite3 folder), or a --format"
 METADATA_VERSION: Literal[8] = 8
-"""What Humble reads."""
+"""The newest that Humble reads."""
 
 
 class MessageWriter(Protocol):
     """An open recording."""
 
     def write(self, recorded: Recorded, start_ns: int) -> None:
-        """Add a message of a scenario that began at a time (since 1970); log times never fall."""
+        """Add a message of a scenario that began at `start_ns` since 1970; log times must not decrease."""
         ...
 
 
 def format_of(path: Path, wanted: RecordingFormat | None) -> RecordingFormat:
-    """The format that is wanted, else the one that the name asks for.
+    """The wanted format, else the one that the file name implies.
 
     Raises:
-        OutputError: the name asks for none, or for another one than is wanted.
+        OutputError: the name implies none, or another one than wanted.
     """
     suffixes: dict[str, RecordingFormat] = {".bag": "ros1", ".mcap": "mcap", "": "sqlite3"}
     by_name = suffixes.get(path.suffix)
@@ -56,7 +56,7 @@ def format_of(path: Path, wanted: RecordingFormat | None) -> RecordingFormat:
 
 
 def ros_version_of(format: RecordingFormat) -> RosVersion:
-    """Whose messages a format holds."""
+    """The ROS version of a format's messages."""
     return 1 if format == "ros1" else 2
 
 
@@ -64,13 +64,13 @@ def ros_version_of(format: RecordingFormat) -> RosVersion:
 def recording_file(
     path: Path, format: RecordingFormat, *, rig_yaml: str, scenario_yaml: str
 ) -> Iterator[MessageWriter]:
-    """Write a recording; an older one of that name is replaced when the new one is whole.
+    """Write a recording; an older one of that name is replaced when the new one is complete.
 
     Args:
         path: File, or folder for sqlite3.
-        format: Of the file.
+        format: Format of the recording.
         rig_yaml: The true calibration as a rig file: an attachment of an MCAP, else `NAME.rig.yaml` beside the bag.
-        scenario_yaml: What was simulated: an attachment of an MCAP, else `NAME.scenario.yaml` beside the bag.
+        scenario_yaml: The scenario: an attachment of an MCAP, else `NAME.scenario.yaml` beside the bag.
 
     Raises:
         OutputError: it cannot be written, or something else stands there.
@@ -88,17 +88,17 @@ def recording_file(
             bag = Rosbag1Writer(part)
             bag.set_compression(Rosbag1Writer.CompressionFormat.LZ4)
             with bag:
-                yield _Rosbag1(bag)
+                yield _Rosbag(bag)
     else:
         with _atomic_folder(path) as folder, _beside(path, texts), output_errors(path):
             with Rosbag2Writer(folder, version=METADATA_VERSION, storage_plugin=StoragePlugin.SQLITE3) as bag2:
-                yield _Rosbag2(bag2)
+                yield _Rosbag(bag2)
             _rename_inside(folder, path.name)
 
 
 @contextlib.contextmanager
 def _beside(path: Path, texts: Mapping[str, str]) -> Iterator[None]:
-    """Texts in files beside a recording, by what their names add to its name."""
+    """Write texts to files beside a recording; their names are suffixes of its name."""
     with contextlib.ExitStack() as files:
         for name, text in texts.items():
             part = files.enter_context(atomic_output(path.with_name(f"{path.name}.{name}")))
@@ -111,9 +111,7 @@ def _atomic_folder(path: Path) -> Iterator[Path]:
     """As `atomic_output`, for a ROS 2 bag folder; an older one is replaced, anything else is refused."""
     with output_errors(path):
         if path.exists() and not _is_recorded(path):
-            raise OutputError(
-                f"{path}: is there already, and is not or not only a ROS 2 recording; choose another name"
-            )
+            raise OutputError(f"{path}: exists and holds something other than a ROS 2 recording; choose another name")
         if not path.parent.is_dir():
             raise OutputError(f"{path}: there is no folder {path.parent}; create it first")
         part = path.with_name(f"{path.name}.part")
@@ -130,48 +128,35 @@ def _atomic_folder(path: Path) -> Iterator[Path]:
 
 
 def _is_recorded(path: Path) -> bool:
-    """Whether a folder holds what a ROS 2 recorder writes, and nothing else."""
+    """Whether a folder holds a ROS 2 recording and nothing else."""
     if not path.is_dir() or not (path / "metadata.yaml").is_file():
         return False
     return all(file.name == "metadata.yaml" or file.suffix in {".db3", ".mcap"} for file in path.iterdir())
 
 
 def _rename_inside(folder: Path, name: str) -> None:
-    """Name the database after the final folder: rosbags names it after the one that it was written to."""
+    """Rename the database, which rosbags named after the `.part` folder, to match the final folder."""
     written = folder / f"{folder.name}.db3"
     written.rename(folder / f"{name}.db3")
     metadata = folder / "metadata.yaml"
     metadata.write_text(metadata.read_text(encoding="utf-8").replace(written.name, f"{name}.db3"), encoding="utf-8")
 
 
-class _Rosbag1:
-    def __init__(self, bag: Rosbag1Writer) -> None:
-        self._bag, self._types = bag, message_types(1)
+class _Rosbag:
+    def __init__(self, bag: Rosbag1Writer | Rosbag2Writer) -> None:
+        self._bag: Any = bag
         self._connections: dict[str, Any] = {}
 
     def write(self, recorded: Recorded, start_ns: int) -> None:
         """See `MessageWriter`."""
         topic = recorded.topic
         if topic not in self._connections:
-            self._connections[topic] = self._bag.add_connection(
-                topic, recorded.msgtype, typestore=self._types, latching=1 if recorded.latched else None
-            )
-        self._bag.write(self._connections[topic], start_ns + recorded.log_ns, recorded.data)
-
-
-class _Rosbag2:
-    def __init__(self, bag: Rosbag2Writer) -> None:
-        self._bag, self._types = bag, message_types(2)
-        self._connections: dict[str, Any] = {}
-
-    def write(self, recorded: Recorded, start_ns: int) -> None:
-        """See `MessageWriter`."""
-        topic = recorded.topic
-        if topic not in self._connections:
-            profiles = [LATCHED] if recorded.latched else []
-            self._connections[topic] = self._bag.add_connection(
-                topic, recorded.msgtype, typestore=self._types, offered_qos_profiles=profiles
-            )
+            if isinstance(self._bag, Rosbag1Writer):
+                options: Any = {"typestore": message_types(1), "latching": 1 if recorded.latched else None}
+            else:
+                profiles = [LATCHED] if recorded.latched else []
+                options = {"typestore": message_types(2), "offered_qos_profiles": profiles}
+            self._connections[topic] = self._bag.add_connection(topic, recorded.msgtype, **options)
         self._bag.write(self._connections[topic], start_ns + recorded.log_ns, recorded.data)
 
 

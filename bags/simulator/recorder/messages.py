@@ -1,7 +1,6 @@
-"""Messages of a simulated recording: arrays and numbers to the message objects of ROS 1 or ROS 2.
+"""The messages of a simulated recording, for ROS 1 or ROS 2.
 
-Where the two differ, the class names of ROS 2 (`car`) are numbers in ROS 1, whose vision_msgs know no names: see
-`CLASS_NUMBERS`, the first three of which are the original's.
+The vision_msgs of ROS 2 name classes (`car`), those of ROS 1 number them: see `CLASS_NUMBERS`.
 """
 
 from collections.abc import Sequence
@@ -21,21 +20,23 @@ __all__ = ["CLASS_NUMBERS", "MessageFactory", "TrueObject"]
 
 
 CLASS_NUMBERS = {"car": 1, "pedestrian": 2, "cyclist": 3, "van": 4, "truck": 5, "bus": 6}
+"""ROS 1: the first three as in the predecessor system."""
+
 COUNT_NUMBERS = {"lidar_points": -1, "image_pixels": -2, "instance": -3}
-"""ROS 1: hypotheses that tell a count, not a class."""
+"""ROS 1: `id` of hypotheses whose score is a count."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrueObject:
-    """What is known of one thing at one moment.
+    """One object of the ground truth at one moment.
 
     Attributes:
-        name: In the scenario.
+        name: Name in the scenario.
         class_name: A key of `CLASS_NUMBERS`.
-        T_site_box: Pose of its box's centre.
+        T_site_box: Pose of the box's centre.
         size_m: Length, width, height.
-        lidar_points: Points that hit it, of all lidars, in the sweeps of that moment.
-        image_pixels: Pixels that show it, of all cameras, in the images of that moment.
+        lidar_points: Points on it from all lidars, in the sweeps of that moment.
+        image_pixels: Pixels that show it in all cameras' images of that moment.
     """
 
     name: str
@@ -50,7 +51,7 @@ class MessageFactory(RosMessages):
     """Builds the messages of a simulation, which begins at `start_ns`."""
 
     def recorded(self, log_ns: int, topic: str, stamp_ns: int, message: Any, *, latched: bool = False) -> Recorded:
-        """A message object as it is recorded."""
+        """The serialised message with its topic and times."""
         return Recorded(log_ns, topic, stamp_ns, message.__msgtype__, bytes(self.serialize(message)), latched)
 
     def scan(self, stamp_ns: int, frame_id: str, stamps_ns: I64, payload: U8) -> Any:
@@ -89,8 +90,8 @@ class MessageFactory(RosMessages):
 
         Args:
             stamp_ns: True time.
-            pose: Of the child frame.
-            velocity: Along x and y of the child frame (m/s), and about its z (rad/s), as its definition wants.
+            pose: Pose of the child frame.
+            velocity: Along x and y of the child frame (m/s), and about its z (rad/s), as in the message's definition.
         """
         along, across, turn = velocity
         twist = self.new(
@@ -151,23 +152,23 @@ class MessageFactory(RosMessages):
         return self.new("vision_msgs/msg/Detection2DArray", header=header, detections=detections)
 
     def truth(self, stamp_ns: int, frame_id: str, objects: Sequence[TrueObject]) -> Any:
-        """vision_msgs/Detection3DArray of what is there, each with its class and its counts as hypotheses.
+        """vision_msgs/Detection3DArray of the ground truth, each object's class and counts as hypotheses.
 
-        ROS 2 has the name as `id`; ROS 1 has no place for it and gets its row as a count.
+        In ROS 2 `id` is the object's name; ROS 1 has no such field and gets the object's row as a further count.
         """
         header = self.header(stamp_ns, frame_id)
         detections = []
-        for row, thing in enumerate(objects):
-            pose = self._pose(thing.T_site_box)
-            counts = {"lidar_points": thing.lidar_points, "image_pixels": thing.image_pixels}
+        for row, true in enumerate(objects):
+            pose = self._pose(true.T_site_box)
+            counts = {"lidar_points": true.lidar_points, "image_pixels": true.image_pixels}
             if self.ros_version == 1:
                 counts["instance"] = row
                 more = {"source_cloud": self.cloud(stamp_ns, frame_id, {"x": np.empty(0, np.float32)})}
             else:
-                more = {"id": thing.name}
-            results = [self._hypothesis(thing.class_name, 1.0, pose)]
+                more = {"id": true.name}
+            results = [self._hypothesis(true.class_name, 1.0, pose)]
             results += [self._hypothesis(key, float(count), pose) for key, count in counts.items()]
-            bbox = self.new("vision_msgs/msg/BoundingBox3D", center=pose, size=self.vector(*thing.size_m))
+            bbox = self.new("vision_msgs/msg/BoundingBox3D", center=pose, size=self.vector(*true.size_m))
             detections.append(
                 self.new("vision_msgs/msg/Detection3D", header=header, results=results, bbox=bbox, **more)
             )

@@ -216,10 +216,10 @@ def test_a_place_that_cannot_be_written(tmp_path: Path, format: RecordingFormat)
 def test_a_folder_that_is_no_recording_is_kept(tmp_path: Path) -> None:
     (tmp_path / "a").mkdir()
     (tmp_path / "a" / "thesis.txt").write_text("mine")
-    with pytest.raises(OutputError, match="is not or not only a ROS 2 recording"):
+    with pytest.raises(OutputError, match="exists and holds something other than a ROS 2 recording"):
         write_all(tmp_path / "a", "sqlite3")
     (tmp_path / "a" / "metadata.yaml").write_text("a recording, and more")
-    with pytest.raises(OutputError, match="is not or not only a ROS 2 recording"):
+    with pytest.raises(OutputError, match="exists and holds something other than a ROS 2 recording"):
         write_all(tmp_path / "a", "sqlite3")
     assert (tmp_path / "a" / "thesis.txt").read_text() == "mine"
     assert sorted(file.name for file in tmp_path.iterdir()) == ["a"]
