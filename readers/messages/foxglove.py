@@ -1,7 +1,7 @@
-"""Foxglove's schemas for sensors, in protobuf or JSON, as the ROS 2 messages that say the same.
+"""Converts messages with Foxglove's sensor schemas, in protobuf or JSON, to the equivalent ROS 2 messages.
 
-Source: docs.foxglove.dev/docs/sdk/schemas (foxglove-sdk, schemas/). What a message leaves out has proto3's default;
-without a timestamp its stamp is the log time.
+Source: docs.foxglove.dev/docs/sdk/schemas (foxglove-sdk, schemas/). Unset fields have proto3's defaults; without a
+timestamp the stamp is the log time.
 
 | Foxglove | ROS 2 |
 | --- | --- |
@@ -37,7 +37,7 @@ ROS_TYPES = {
     "foxglove.FrameTransform": "tf2_msgs/msg/TFMessage",
     "foxglove.FrameTransforms": "tf2_msgs/msg/TFMessage",
 }
-"""The schemas that are read, and the types that their messages become."""
+"""ROS 2 type by schema."""
 
 # foxglove.PackedElementField.NumericType
 _NUMERIC_TYPES = {1: "u1", 2: "i1", 3: "u2", 4: "i2", 5: "u4", 6: "i4", 7: "f4", 8: "f8"}
@@ -45,22 +45,22 @@ _NUMERIC_TYPES = {1: "u1", 2: "i1", 3: "u2", 4: "i2", 5: "u4", 6: "i4", 7: "f4",
 
 @lru_cache(maxsize=1024)
 def ros_channel(channel: Channel) -> Channel:
-    """The channel of the ROS 2 messages that a Foxglove channel's messages become."""
+    """The channel of a Foxglove channel's messages after `to_ros`."""
     msgtype = ROS_TYPES[channel.msgtype]
     return Channel(channel.topic, msgtype, "cdr", ROS2.definition(msgtype), "ros2msg")
 
 
 def to_ros(message: RawMessage) -> RawMessage:
-    """The message as a ROS 2 message of `ros_channel`; what cannot be read becomes one without data, with the problem.
+    """The message as a ROS 2 message of `ros_channel`; one that cannot be read has no data and says why in `problem`.
 
-    Its stamp is the message's own timestamp; that of transforms, which have one each, is the log time.
+    Its stamp is the message's timestamp; for transforms, which have a timestamp each, it is the log time.
     """
     source, channel = message.channel, ros_channel(message.channel)
     try:
         fields = read_fields(message)
         stamp_ns = time_ns(fields["timestamp"]) if "timestamp" in fields else message.log_time_ns
         data = ROS2.serialize(_CONVERSIONS[source.msgtype](fields, stamp_ns))
-    except Exception as err:  # values of any type in JSON, and protobuf's and rosbags' own errors
+    except Exception as err:  # JSON values of any type, and errors of protobuf and rosbags
         reason = str(err) if isinstance(err, MessageError) else f"{type(err).__name__}: {err}"
         found = f"{len(message.data)} bytes are no {source.msgtype} in {source.encoding} ({' '.join(reason.split())})"
         return message._replace(data=b"", channel=channel, problem=found)
@@ -90,8 +90,8 @@ def _point_cloud(fields: Fields, stamp_ns: int) -> Any:
 
 
 def _moved(data: U8, width: int, step: int, elements: list[Fields], pose: Transform) -> U8:
-    """The points in the cloud's frame: the message gives them relative to `pose`."""
-    places = {element.get("name", ""): element for element in reversed(elements)}  # the first of a name stays
+    """The points moved by `pose` into the cloud's frame."""
+    places = {element.get("name", ""): element for element in reversed(elements)}  # of equal names the first is used
     if not {"x", "y", "z"} <= places.keys():
         raise MessageError("a pose, but not the fields x, y and z")
     formats = ["<" + _NUMERIC_TYPES[int(places[axis]["type"])] for axis in "xyz"]

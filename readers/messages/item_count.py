@@ -1,7 +1,7 @@
-"""How many strings and messages a message holds in its lists, before any object is made of it.
+"""Counts the strings and messages in a message's lists before it is decoded.
 
-An object takes a hundred times the memory of the byte that may stand for it: a list of a hundred million small messages
-fits a recording, but no memory. Layouts: http://wiki.ros.org/msg, and OMG CDR (formal/02-06-51, 9.3) for ROS 2.
+A decoded object takes a hundred times the memory of the byte that may represent it: a list of a hundred million small
+messages fits a recording but not memory.
 """
 
 import struct
@@ -25,9 +25,9 @@ SIZES = {
 
 
 def count_items(store: Typestore, msgtype: str, encoding: str, data: bytes | memoryview, most: int) -> int:
-    """The number of strings and messages in lists, as far as the data go; counted no further than beyond `most`."""
+    """The number of strings and messages in lists, in as much of the message as there is; stops beyond `most`."""
     counting = _Counting(store, encoding, memoryview(data), most)
-    with suppress(struct.error, _EnoughError):  # what ends too soon is told by decoding it
+    with suppress(struct.error, _EnoughError):  # decoding reports data that end early
         counting.message(msgtype)
     return counting.items
 
@@ -45,7 +45,7 @@ class _Counting:
         self.items = 0
 
     def message(self, msgtype: str) -> None:
-        """Go over a message."""
+        """Count the items of a message and pass over it."""
         detail: Any
         for _, (node, detail) in self._store.fielddefs[msgtype][1]:
             if node == Nodetype.NAME:
