@@ -3,8 +3,8 @@
 Each message first deletes what the one before it drew, so nothing stale stays, however long the gap between frames.
 """
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -38,24 +38,13 @@ def scene_update(result: FrameResult, class_names: Sequence[str]) -> Any:
     """foxglove_msgs/SceneUpdate: a cube and a label per fused object; those that a camera confirms are more opaque."""
     objects, stamp = result.fused.objects, ROS2.time(result.bundle.stamp_ns)
     white = _foxglove("Color", 1.0, 1.0, 1.0, 1.0)
-    columns = zip(
-        box_poses(objects),
-        objects.sizes.tolist(),
-        _label_poses(result),
-        object_labels(result, class_names),
-        objects.class_ids.tolist(),
-        objects.scores.tolist(),
-        objects.point_counts.tolist(),
-        result.fused.matched.tolist(),
-        strict=True,
-    )
+    details = zip(objects.class_ids.tolist(), objects.scores.tolist(), objects.point_counts.tolist(), strict=True)
     entities = []
-    for row, (pose, size, label_pose, label, class_id, score, points, cameras) in enumerate(columns):
-        color = _foxglove("Color", *class_color(class_id), ALPHA_CONFIRMED if cameras else ALPHA_LIDAR_ONLY)
+    for row, (drawn, (class_id, score, points)) in enumerate(zip(_drawn(result, class_names), details, strict=True)):
         metadata = {
             "class": class_names[class_id],
             "score": f"{score:.4f}",
-            "cameras": str(cameras),
+            "cameras": str(result.fused.matched[row]),
             "points": str(points),
         }
         entities.append(
@@ -68,12 +57,14 @@ def scene_update(result: FrameResult, class_names: Sequence[str]) -> Any:
                 frame_locked=False,
                 metadata=[_foxglove("KeyValuePair", key, value) for key, value in metadata.items()],
                 arrows=[],
-                cubes=[_foxglove("CubePrimitive", pose, ROS2.vector(*size), color)],
+                cubes=[
+                    _foxglove("CubePrimitive", drawn.pose, ROS2.vector(*drawn.size), _foxglove("Color", *drawn.rgba))
+                ],
                 spheres=[],
                 cylinders=[],
                 lines=[],
                 triangles=[],
-                texts=[_foxglove("TextPrimitive", label_pose, True, LABEL_PX, True, white, label)],
+                texts=[_foxglove("TextPrimitive", drawn.label_pose, True, LABEL_PX, True, white, drawn.label)],
                 models=[],
             )
         )
@@ -87,28 +78,35 @@ def marker_array(result: FrameResult, class_names: Sequence[str]) -> Any:
     white = (1.0, 1.0, 1.0, 1.0)
     origin, unit_size = ROS2.pose((0.0, 0.0, 0.0)), (1.0, 1.0, 1.0)
     markers = [_marker(header, "", 0, _CUBE, origin, unit_size, white, action=_DELETE_ALL)]
-    columns = zip(
-        box_poses(objects),
-        objects.sizes.tolist(),
-        _label_poses(result),
-        object_labels(result, class_names),
-        objects.class_ids.tolist(),
-        result.fused.matched.tolist(),
-        strict=True,
-    )
-    for row, (pose, size, label_pose, label, class_id, cameras) in enumerate(columns):
-        color = (*class_color(class_id), ALPHA_CONFIRMED if cameras else ALPHA_LIDAR_ONLY)
+    for row, (pose, size, rgba, label_pose, label) in enumerate(_drawn(result, class_names)):
         letters = (0.0, 0.0, size[2] * LABEL_SHARE)
-        markers.append(_marker(header, "objects", row, _CUBE, pose, size, color))
+        markers.append(_marker(header, "objects", row, _CUBE, pose, size, rgba))
         markers.append(_marker(header, "labels", row, _TEXT_VIEW_FACING, label_pose, letters, white, text=label))
     return ROS2.new("visualization_msgs/msg/MarkerArray", markers)
 
 
-def _label_poses(result: FrameResult) -> list[Any]:
-    """A place above each object, as far from its roof as a marker's letters need."""
-    places = result.fused.objects.centers.copy()
-    places[:, 2] += result.fused.objects.sizes[:, 2] * (0.5 + LABEL_SHARE)
-    return [ROS2.pose(place) for place in places.tolist()]
+class _Drawn(NamedTuple):
+    pose: Any
+    size: list[float]
+    rgba: tuple[float, ...]
+    label_pose: Any
+    label: str
+
+
+def _drawn(result: FrameResult, class_names: Sequence[str]) -> Iterator[_Drawn]:
+    """Each fused object as it is drawn; its label is as far above its roof as a marker's letters need."""
+    objects = result.fused.objects
+    alphas = np.where(result.fused.matched > 0, ALPHA_CONFIRMED, ALPHA_LIDAR_ONLY).tolist()
+    label_places = objects.centers.copy()
+    label_places[:, 2] += objects.sizes[:, 2] * (0.5 + LABEL_SHARE)
+    return map(
+        _Drawn,
+        box_poses(objects),
+        objects.sizes.tolist(),
+        [(*class_color(row), alpha) for row, alpha in zip(objects.class_ids.tolist(), alphas, strict=True)],
+        [ROS2.pose(place) for place in label_places.tolist()],
+        object_labels(result, class_names),
+    )
 
 
 def _foxglove(name: str, *values: Any, **fields: Any) -> Any:

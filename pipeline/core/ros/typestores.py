@@ -18,6 +18,7 @@ RosVersion = Literal[1, 2]
 _SEPARATOR = "=" * 80 + "\nMSG: "
 
 
+@cache
 def extra_types(ros_version: RosVersion) -> Typesdict:
     """The types of `definitions/`, by name."""
     types: Typesdict = {}
