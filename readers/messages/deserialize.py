@@ -35,7 +35,7 @@ MAX_ITEMS = 1_000_000
 """Strings and messages in the lists of one message; each takes a hundred bytes of memory or more."""
 
 BEFORE_VISION_MSGS_4 = {"crystal", "bouncy", "dashing", "eloquent", "foxy", "galactic"}
-"""Releases whose vision_msgs have other 2D boxes and hypotheses, not known here."""
+"""Releases with older vision_msgs (2D boxes and hypotheses differ), whose definitions are not included."""
 
 EMPTY_LINES = re.compile(r"\n\s*\n")
 
@@ -64,9 +64,10 @@ def deserialize(message: RawMessage) -> Any:
         # a view: slicing off the encapsulation would copy bytes
         return store.deserialize_cdr(memoryview(message.data), channel.msgtype)
     except Exception as err:  # the generated decoders let struct, index, value and unicode errors through
+        doubt = f"; {reason}" if (reason := _doubt(channel)) else ""
         raise MessageError(
-            f"{channel.topic}: {len(message.data)} bytes are no {channel.msgtype} ({type(err).__name__}: {err})"
-            + (f"; {doubt}" if (doubt := _doubt(channel)) else "")
+            f"{channel.topic}: {len(message.data)} bytes are not a valid {channel.msgtype} "
+            f"({type(err).__name__}: {err}){doubt}"
         ) from err
 
 
@@ -111,7 +112,7 @@ def _types_of(channel: Channel) -> Typestore | str:
 def _typestore(channel: Channel) -> Typestore | str:
     """The types, or why they are unusable: failures are cached too, a topic has many messages."""
     if channel.encoding not in {"ros1", "cdr"}:
-        return f"{channel.msgtype} in {channel.encoding} is no ROS message"
+        return f"{channel.msgtype} in {channel.encoding} is not a ROS message"
     try:
         types = _recorded_types(channel)
         known = _release_types(channel.encoding, channel.distro.lower())

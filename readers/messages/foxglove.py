@@ -61,8 +61,8 @@ def to_ros(message: RawMessage) -> RawMessage:
         stamp_ns = time_ns(fields["timestamp"]) if "timestamp" in fields else message.log_time_ns
         data = ROS2.serialize(_CONVERSIONS[source.msgtype](fields, stamp_ns))
     except Exception as err:  # JSON values of any type, and errors of protobuf and rosbags
-        reason = str(err) if isinstance(err, MessageError) else f"{type(err).__name__}: {err}"
-        found = f"{len(message.data)} bytes are no {source.msgtype} in {source.encoding} ({' '.join(reason.split())})"
+        reason = " ".join((str(err) if isinstance(err, MessageError) else f"{type(err).__name__}: {err}").split())
+        found = f"{len(message.data)} bytes are not a valid {source.msgtype} in {source.encoding} ({reason})"
         return message._replace(data=b"", channel=channel, problem=found)
     if channel.msgtype == "tf2_msgs/msg/TFMessage":
         stamp_ns = message.log_time_ns
@@ -73,7 +73,7 @@ def _point_cloud(fields: Fields, stamp_ns: int) -> Any:
     step = int(fields.get("point_stride", 0))
     data = _data(fields)
     if len(data) and (step <= 0 or len(data) % step):
-        raise MessageError(f"{len(data)} bytes of data are no points of {step} bytes each")
+        raise MessageError(f"{len(data)} bytes of data are not whole points of {step} bytes")
     width = len(data) // step if step else 0
     elements = []
     for element in fields.get("fields", ()):

@@ -14,7 +14,7 @@ __all__ = ["peek_stamp_ns", "stamp_or_log_time"]
 
 HEADER = "std_msgs/msg/Header"
 TIMESTAMP = "timestamp", "builtin_interfaces/msg/Time"
-"""What foxglove_msgs have instead of a header."""
+"""First field of foxglove_msgs, in place of a header."""
 
 
 def peek_stamp_ns(channel: Channel, data: bytes | memoryview) -> int | None:

@@ -89,7 +89,7 @@ def tf_topics(recording: Recording) -> tuple[list[str], list[str]]:
 
 
 def decode_transforms(message: RawMessage) -> Iterator[tuple[int, Transform | CalibrationError, str]]:
-    """The transforms of one message: stamp in ns, T_parent_child or what is wrong with it, child frame.
+    """The transforms of one message: stamp in ns, T_parent_child or its fault, child frame.
 
     Raises:
         MessageError: the message cannot be decoded, or is not of `TF_TYPES`.

@@ -28,7 +28,7 @@ def read_image(message: RawMessage) -> Any:
     try:
         return (types.deserialize_ros1 if is_ros1 else types.deserialize_cdr)(memoryview(message.data), msgtype)
     except Exception as err:  # rosbags' generated decoders raise errors of several kinds
-        raise MessageError(f"{message.topic}: {len(message.data)} bytes are no {msgtype} ({err})") from err
+        raise MessageError(f"{message.topic}: {len(message.data)} bytes are not a valid {msgtype} ({err})") from err
 
 
 def image_cdr(message: RawMessage, *, frame_id: str) -> bytes | memoryview:

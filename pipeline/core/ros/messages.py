@@ -1,10 +1,11 @@
-"""Builders of ROS messages, as objects that rosbags serialises."""
+"""Builds ROS messages and serialises them, with rosbags."""
 
 from collections.abc import Iterable, Mapping
 from functools import cached_property
 from typing import Any
 
 import numpy as np
+from rosbags.typesys.store import Typestore
 
 from pipeline.core.arrays import F64, U8, Array
 from pipeline.core.geometry.transform import Transform
@@ -22,15 +23,15 @@ class RosMessages:
     """Builds the messages of one ROS version.
 
     Args:
-        ros_version: Decides the definitions.
-        start_ns: Added to every stamp: the origin of the stamps given to the methods, ns since 1970.
+        ros_version: 1 for Noetic, 2 for Humble.
+        start_ns: Added to every stamp: the origin of the methods' stamps, in ns since 1970.
     """
 
     def __init__(self, ros_version: RosVersion, start_ns: int = 0) -> None:
         self.ros_version, self.start_ns = ros_version, start_ns
 
     @cached_property
-    def _types(self) -> Any:
+    def _types(self) -> Typestore:
         return message_types(self.ros_version)
 
     def new(self, msgtype: str, *values: Any, **fields: Any) -> Any:
@@ -40,13 +41,11 @@ class RosMessages:
     def serialize(self, message: Any) -> memoryview:
         """The bytes of a message: ROS 1, or little-endian CDR."""
         serialize = self._types.serialize_ros1 if self.ros_version == 1 else self._types.serialize_cdr
-        data: memoryview = serialize(message, message.__msgtype__)
-        return data
+        return serialize(message, message.__msgtype__)
 
     def definition(self, msgtype: str) -> str:
         """A type's definition with those of all types that it contains, as MCAP's `ros1msg` and `ros2msg`."""
-        text: str = self._types.generate_msgdef(msgtype, ros_version=self.ros_version)[0]
-        return text
+        return self._types.generate_msgdef(msgtype, ros_version=self.ros_version)[0]
 
     def time(self, stamp_ns: int) -> Any:
         """builtin_interfaces/Time."""
@@ -100,7 +99,7 @@ class RosMessages:
         r: F64 | None = None,
         p: F64 | None = None,
     ) -> Any:
-        """sensor_msgs/CameraInfo of a whole image, not binned.
+        """sensor_msgs/CameraInfo without region of interest or binning.
 
         Args:
             stamp_ns: Stamp of the image.
@@ -110,8 +109,8 @@ class RosMessages:
             distortion_model: As ROS names it.
             d: (K,) float64 distortion coefficients.
             k: (9,) float64 camera matrix, row by row.
-            r: (9,) float64; without it no rotation.
-            p: (12,) float64; without it [K | 0]: the images are as recorded, not rectified.
+            r: (9,) float64 rectification; no rotation by default.
+            p: (12,) float64 projection; [K | 0] by default, for images that are not rectified.
         """
         matrices = {
             "d": d,

@@ -520,7 +520,7 @@ def test_arrays_of_numbers_may_be_long() -> None:
 def test_lists_that_are_longer_than_the_message(encoding: Encoding) -> None:
     for text in ("string[] x", "uint8[] x", "float64[] x", "B[] x" + parts(("B", "uint8[] y"))):
         data = (b"\0\1\0\0" if encoding == "cdr" else b"") + b"\xff\xff\xff\x7f" + bytes(8)
-        with at_most(5), pytest.raises(MessageError, match="bytes are no a/msg/A"):
+        with at_most(5), pytest.raises(MessageError, match="bytes are not a valid a/msg/A"):
             deserialize(described(text, data, encoding))
 
 

@@ -228,7 +228,7 @@ def test_a_broken_image_is_reported_and_the_rest_written(tmp_path: Path) -> None
     broken = whole._replace(data=whole.data[:100])
     ((drop,),) = write(tmp_path / "out.mcap", [with_messages(frame(), **{"/left/image": broken})])
     assert (drop.topic, drop.stamp_ns, drop.reason) == ("/left/image", START_NS, "the image cannot be copied")
-    assert "100 bytes are no sensor_msgs/msg/Image" in drop.detail
+    assert "100 bytes are not a valid sensor_msgs/msg/Image" in drop.detail
     topics = topics_of(tmp_path / "out.mcap")
     assert "/left/image" not in topics
     assert topics["/left/annotations"][1] == topics["/fused/detections"][1] == 1
