@@ -106,7 +106,7 @@ def locations(recording: PathOrUrl | Sequence[PathOrUrl]) -> tuple[Location, ...
     return tuple(one if isinstance(one, RemotePath) else location(fspath(one)) for one in given)
 
 
-def read_config(config: Config | FilePath | None, settings: Mapping[str, object] | Sequence[str] = ()) -> Config:
+def read_config(config: Config | FilePath | None = None, settings: Settings = ()) -> Config:
     """Settings, given or from a YAML file, with single values on top.
 
     Raises:

@@ -1,1 +1,1 @@
-"""From frame results to files."""
+"""Writers of frame results to files."""

@@ -1,4 +1,4 @@
-"""Outputs that appear whole or not at all."""
+"""Output files that are complete or absent, never partial."""
 
 import contextlib
 from collections.abc import Iterator
@@ -11,16 +11,16 @@ __all__ = ["atomic_output", "output_errors"]
 
 @contextlib.contextmanager
 def atomic_output(path: Path) -> Iterator[Path]:
-    """A place to write to, `<name>.part` beside the target, that takes the target's name when the block ends well.
+    """The path to write to, `<name>.part` beside the target, renamed to the target when the block ends without error.
 
-    When the block raises, the `.part` is removed and an older file of the target's name stays as it was. A killed run
-    leaves at most the `.part`, which the next run overwrites.
+    If the block raises, the `.part` is removed and an existing target stays as it was. A killed run leaves at most the
+    `.part`, which the next run overwrites.
 
     Raises:
         OutputError: the folder is missing or not writable, or the target is something other than a file.
     """
     with output_errors(path):
-        target = path.resolve()  # a link stays a link: the file that it points to is replaced
+        target = path.resolve()  # a symlink is kept: the file that it points to is replaced
         if target.is_dir():
             raise OutputError(f"{path}: is a directory; give the name of a file to write")
         if target.exists() and not target.is_file():
@@ -34,14 +34,14 @@ def atomic_output(path: Path) -> Iterator[Path]:
         with output_errors(path):
             part.replace(target)
     except BaseException:
-        with contextlib.suppress(OSError):  # what went wrong first is what the user has to know
+        with contextlib.suppress(OSError):  # report the first error, not this one
             part.unlink(missing_ok=True)
         raise
 
 
 @contextlib.contextmanager
 def output_errors(path: Path) -> Iterator[None]:
-    """Turn what the operating system reports inside the block into an OutputError about `path`."""
+    """Turn an OSError raised in the block into an OutputError about `path`."""
     try:
         yield
     except OSError as err:

@@ -1,4 +1,4 @@
-"""What every writer of results can do."""
+"""The protocol of result writers."""
 
 from types import TracebackType
 from typing import Protocol, Self
@@ -10,10 +10,9 @@ __all__ = ["ResultWriter"]
 
 
 class ResultWriter(Protocol):
-    """Takes the frames of one run, in order.
+    """Writes the frames of one run, in order.
 
-    A context manager: the output appears when the block ends well; when it ends with an exception nothing is left.
-    Not safe for calls from several threads at once.
+    A context manager: the output appears when the block ends without error, else nothing remains. Not thread-safe.
 
     Attributes:
         name: Short name of the kind of output, for timings and messages.
@@ -43,7 +42,7 @@ class ResultWriter(Protocol):
         """Write one frame.
 
         Returns:
-            Messages of the frame that could not be copied; the rest of the frame is written.
+            Messages of the frame that could not be written; the rest of the frame is.
 
         Raises:
             OutputError: the frame cannot be written.

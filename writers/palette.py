@@ -1,4 +1,4 @@
-"""Colours that all outputs share, so that an object looks the same in every viewer."""
+"""The colours of all outputs: an object looks the same in every viewer."""
 
 from typing import NamedTuple
 
@@ -14,11 +14,11 @@ class Rgb(NamedTuple):
 
     @property
     def bytes_rgb(self) -> tuple[int, int, int]:
-        """The same in 0 ... 255."""
+        """The same as integers from 0 to 255."""
         return round(self.r * 255), round(self.g * 255), round(self.b * 255)
 
 
-# Told apart on a dark background and by the colour-blind (after Okabe and Ito, jfly.uni-koeln.de/color, made lighter).
+# Distinct on a dark background and to the colour-blind (Okabe and Ito, jfly.uni-koeln.de/color, lightened).
 _CLASS_COLORS = (
     Rgb(0.34, 0.71, 0.98),
     Rgb(0.98, 0.52, 0.18),
@@ -29,15 +29,15 @@ _CLASS_COLORS = (
 )
 
 MATCHED = Rgb(0.20, 0.95, 0.35)
-"""A 2D box and the projection of a 3D box that belong together."""
+"""A 2D box and the projection of the 3D box matched to it."""
 
 CAMERA_ONLY = Rgb(1.00, 0.76, 0.10)
-"""A 2D box without a 3D box."""
+"""A 2D box matched to no 3D box."""
 
 LIDAR_ONLY = Rgb(0.35, 0.75, 1.00)
-"""The projection of a 3D box without a 2D box."""
+"""The projection of a 3D box matched to no 2D box."""
 
 
 def class_color(class_id: int) -> Rgb:
-    """Colour of a class; they repeat after the sixth."""
+    """Colour of a class; colours repeat after the sixth."""
     return _CLASS_COLORS[class_id % len(_CLASS_COLORS)]

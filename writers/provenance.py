@@ -1,4 +1,4 @@
-"""Where a result comes from: said in every output file."""
+"""The origin of a result, stored in every output file."""
 
 import hashlib
 from collections.abc import Mapping
@@ -9,16 +9,15 @@ __all__ = ["Provenance"]
 
 @dataclass(frozen=True, slots=True)
 class Provenance:
-    """Where a result comes from.
+    """The inputs, settings and rig of a result.
 
     Attributes:
-        version: lidcam's.
-        inputs: What is known of each input file: `name`, and `sha256` (hexadecimal), or of one on a server `url`
-            (without credentials), `size`, and `etag` and `last_modified` where the server says so.
-        config_yaml: All settings that have a part in the result: without `run`, so that files stay equal whatever
-            the number of workers.
+        version: Version of lidcam.
+        inputs: For each input file its `name` and `sha256` (hexadecimal), or for a file on a server `url` (without
+            credentials), `size`, and `etag` and `last_modified` if the server sends them.
+        config_yaml: All settings that affect the result; not `run`, so that the number of workers does not.
         rig_yaml: The rig, as a rig file.
-        start_ns: Log time of the first input message: stands for the wall clock in the attachments.
+        start_ns: Log time of the first input message: used for the attachments in place of the wall clock.
     """
 
     version: str
@@ -28,7 +27,7 @@ class Provenance:
     start_ns: int
 
     def metadata(self) -> dict[str, str]:
-        """What the metadata record `lidcam` says."""
+        """The content of the metadata record `lidcam`."""
         record = {"version": self.version}
         for row, known in enumerate(self.inputs):
             record |= {f"input.{row}.{key}": value for key, value in known.items()}
@@ -38,5 +37,5 @@ class Provenance:
 
     @property
     def recording_id(self) -> str:
-        """The same for the same inputs, settings and rig: 32 hexadecimal digits."""
+        """32 hexadecimal digits, the same for the same inputs, settings and rig."""
         return hashlib.sha256(repr(sorted(self.metadata().items())).encode()).hexdigest()[:32]

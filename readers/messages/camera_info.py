@@ -1,9 +1,9 @@
-"""sensor_msgs/CameraInfo to `CameraModel`.
+"""Converts sensor_msgs/CameraInfo to `CameraModel`.
 
 Sources: the comments of sensor_msgs/CameraInfo.msg and REP 104; image_geometry's PinholeCameraModel for region of
-interest and binning. A raw image is described by K and D. A rectified one (`image_rect`, `image_rect_color`) is
-described by P = K' [I | t] in a frame that is turned by R against the camera's own: x_rectified = R x_camera. P's last
-column only restates the baseline of a stereo pair, which the frame's own extrinsics already hold, so it is left out.
+interest and binning. K and D describe a raw image. P = K' [I | t] describes a rectified one (`image_rect`,
+`image_rect_color`), in a frame rotated by R: x_rectified = R x_camera. The last column of P is not used: it is the
+baseline of a stereo pair, which the extrinsics already contain.
 """
 
 from typing import Any
@@ -15,6 +15,7 @@ from pipeline.core.arrays import F64
 from pipeline.core.camera import CameraModel, DistortionModel
 from pipeline.core.errors import CalibrationError
 from pipeline.core.geometry.transform import Transform, rotation_fault
+from readers.messages.tf import clean_frame
 
 __all__ = ["DISTORTION_MODELS", "camera_model", "distortion_model", "rectified_camera_model"]
 
@@ -26,17 +27,16 @@ DISTORTION_MODELS: dict[str, DistortionModel] = {
     "kannala_brandt": "equidistant",
     "fisheye": "equidistant",
 }
-"""The names that recordings use, and what they mean here."""
+"""Model by its name in recordings."""
 
 
 def distortion_model(name: str, coefficients: npt.ArrayLike) -> tuple[DistortionModel, F64]:
     """A distortion model by its ROS name, and its coefficients as float64.
 
-    Without any coefficient that differs from zero an image has no distortion, whatever the name, except that an
-    equidistant lens with zeros still bends (r = f theta).
+    An unknown model whose coefficients are all zero means no distortion.
 
     Raises:
-        CalibrationError: coefficients without a model that is known.
+        CalibrationError: the model is unknown and a coefficient is not zero.
     """
     values = np.array(coefficients, np.float64).reshape(-1)
     known = DISTORTION_MODELS.get(name.strip().lower())
@@ -54,35 +54,35 @@ def camera_model(info: Any, *, frame_id: str = "") -> CameraModel:
 
     Args:
         info: Decoded CameraInfo of ROS 1 (D, K, R, P) or ROS 2 (d, k, r, p).
-        frame_id: Optical frame; empty: the one that `info` names.
+        frame_id: Optical frame; if empty, the one in `info`.
 
     Raises:
-        CalibrationError: the camera is uncalibrated (K[0] = 0), or a value is impossible; says which.
+        CalibrationError: the camera is uncalibrated (K[0] = 0), or a value is invalid.
     """
     model, coefficients = distortion_model(info.distortion_model, _field(info, "d"))
     K = _field(info, "k").reshape(3, 3)
     if K[0, 0] == 0:
         raise CalibrationError("CameraInfo.K[0] is 0: the camera is uncalibrated; give its calibration in a rig file")
-    return _of_read_out(info, frame_id or _frame(info), K, model, coefficients)
+    return _of_read_out(info, frame_id or clean_frame(info.header.frame_id), K, model, coefficients)
 
 
 def rectified_camera_model(info: Any, *, frame_id: str = "") -> tuple[CameraModel, Transform]:
-    """Intrinsics of the rectified image, and how its frame is turned against the camera's.
+    """Intrinsics of the rectified image, and the rotation of its frame.
 
     Returns:
-        The model (K = P[:, :3], no distortion) and T_rectified_camera. Where R is the identity both frames are one and
-        have one name; otherwise the rectified frame is called `<frame>_rectified`.
+        The model (K = P[:, :3], no distortion) and T_rectified_camera. The rectified frame is `<frame>_rectified`, or
+        the camera's frame if R is the identity.
 
     Raises:
-        CalibrationError: P[0] is 0, R is no rotation, or a value is impossible.
+        CalibrationError: P[0] is 0, R is not a rotation, or a value is invalid.
     """
     K = _field(info, "p").reshape(3, 4)[:, :3].copy()
     if K[0, 0] == 0:
         raise CalibrationError("CameraInfo.P[0] is 0, but its images are rectified; give its calibration in a rig file")
     rotation = _field(info, "r").reshape(3, 3)
     if fault := rotation_fault(rotation):
-        raise CalibrationError(f"CameraInfo.R is no rotation: {fault}")
-    frame = frame_id or _frame(info)
+        raise CalibrationError(f"CameraInfo.R is not a rotation: {fault}")
+    frame = frame_id or clean_frame(info.header.frame_id)
     turned = not np.array_equal(rotation, np.eye(3))
     matrix = np.eye(4)
     matrix[:3, :3] = rotation
@@ -91,7 +91,7 @@ def rectified_camera_model(info: Any, *, frame_id: str = "") -> tuple[CameraMode
 
 
 def _of_read_out(info: Any, frame: str, K: F64, model: DistortionModel, coefficients: F64) -> CameraModel:
-    """K and size after region of interest, then binning: both are given for the full sensor."""
+    """The model after region of interest, then binning: K and size are given for the full sensor."""
     width, height, roi = int(info.width), int(info.height), info.roi
     if width <= 0 or height <= 0:
         raise CalibrationError(f"CameraInfo says an image of {width} x {height} px: expected positive numbers")
@@ -110,7 +110,3 @@ def _of_read_out(info: Any, frame: str, K: F64, model: DistortionModel, coeffici
 def _field(info: Any, name: str) -> F64:
     value = getattr(info, name.upper(), None)
     return np.array(getattr(info, name) if value is None else value, np.float64)
-
-
-def _frame(info: Any) -> str:
-    return str(info.header.frame_id).lstrip("/")

@@ -1,7 +1,7 @@
-"""How much a message definition asks for, before any code is made of it.
+"""The size of a message definition, checked before rosbags generates code from it.
 
-rosbags writes Python code for every field, and for every element of an array of strings or messages; and it makes an
-object for every message in a message, also of those that take up no bytes.
+rosbags writes Python code for every field, and for every element of an array of strings or messages. It creates an
+object for every nested message, even one of zero bytes.
 """
 
 from typing import Any
@@ -12,12 +12,12 @@ from rosbags.interfaces.typing import Typesdict
 __all__ = ["MAX_FIELDS", "MAX_NESTING", "size_fault"]
 
 MAX_FIELDS = 5000
-"""Values in a message, a list counted as one and the elements of an array of messages each."""
+"""Values in a message: a list counts as one, an array of messages as all its elements."""
 
 MAX_NESTING = 50
 
 _Size = tuple[int, int]
-"""Values, and the fewest bytes that they take up."""
+"""Number of values, and the fewest bytes that they occupy."""
 
 
 class _FaultError(Exception):
@@ -25,11 +25,11 @@ class _FaultError(Exception):
 
 
 def size_fault(msgtype: str, types: Typesdict) -> str:
-    """Why messages of a type cannot be read at bounded cost; empty where they can.
+    """Why messages of a type cannot be read at bounded cost; empty if they can.
 
     Args:
         msgtype: Name of the type.
-        types: It, and all that it is made of.
+        types: The type and all types that it contains.
     """
     try:
         _size(msgtype, types, {}, ())
@@ -44,7 +44,7 @@ def _size(msgtype: str, types: Typesdict, known: dict[str, _Size], inside: tuple
     if msgtype in inside:
         raise _FaultError(f"{msgtype} contains itself")
     if len(inside) == MAX_NESTING:
-        raise _FaultError(f"more than {MAX_NESTING} types are nested in one another")
+        raise _FaultError(f"types are nested more than {MAX_NESTING} deep")
     fields = least_bytes = 0
     for name, (node, detail) in types[msgtype][1]:
         part: Any = (node, detail)
@@ -53,14 +53,14 @@ def _size(msgtype: str, types: Typesdict, known: dict[str, _Size], inside: tuple
             part, count = detail[0], int(detail[1])
         values, size = _part_size(part, types, known, (*inside, msgtype))
         if node == Nodetype.SEQUENCE and not size:
-            raise _FaultError(f"{name} is a list of messages that hold nothing")
+            raise _FaultError(f"{name} is a list of empty messages")
         if node == Nodetype.SEQUENCE:
             size, count = 4, 1
         in_one_piece = part[0] == Nodetype.BASE and part[1][0] not in {"string", "wstring"}
         fields += 1 if in_one_piece else max(values * count, 1)
         least_bytes += size * count
         if fields > MAX_FIELDS:
-            raise _FaultError(f"a message of it holds more than {MAX_FIELDS} values")
+            raise _FaultError(f"a message holds more than {MAX_FIELDS} values")
     known[msgtype] = fields, least_bytes
     return known[msgtype]
 

@@ -1,8 +1,8 @@
-"""Serialised messages to plain objects, by the definition that the recording itself carries.
+"""Decodes serialised messages by the definition in the recording.
 
-The recorded definition decides the layout (vision_msgs, foxglove_msgs and tf changed over time). What it leaves out
-(all of it in ROS 2 before Iron) is taken from the ROS release that the recording names, else from Noetic or Humble;
-a recording without the definition, but with another md5sum or hash than that release's, cannot be decoded.
+The recorded definition decides the layout (vision_msgs, foxglove_msgs and tf changed over time). Types missing from it
+(before ROS 2 Iron, all) come from the ROS release that the recording names, else from Noetic or Humble; if the recorded
+md5sum or hash differs from that release's, the messages cannot be decoded.
 """
 
 import re
@@ -19,20 +19,23 @@ from rosbags.typesys.store import Typestore
 
 from pipeline.core.errors import MessageError
 from pipeline.core.messages import Channel, RawMessage
+from pipeline.core.ros.typestores import extra_types
 from readers.messages.definition_size import size_fault
-from readers.messages.definitions import release_types
 from readers.messages.item_count import count_items
 
 __all__ = ["definition_problem", "deserialize", "deserialize_as", "typestore_for"]
 
-# rosbag2 puts the IDL texts of a type and its dependencies one after another under such headings.
+# rosbag2 joins the IDL texts of a type and its dependencies under such headings.
 IDL_HEADING = re.compile(r"^={80}\nIDL: .*\n", re.MULTILINE)
 
 MD5SUM = re.compile(r"[0-9a-f]{32}")
 
 MAX_DEFINITION_CHARACTERS = 1 << 18
 MAX_ITEMS = 1_000_000
-"""Strings and messages in the lists of one message; each takes about a hundred bytes of memory and more."""
+"""Strings and messages in the lists of one message; each takes a hundred bytes of memory or more."""
+
+BEFORE_VISION_MSGS_4 = {"crystal", "bouncy", "dashing", "eloquent", "foxy", "galactic"}
+"""Releases with older vision_msgs (2D boxes and hypotheses differ), whose definitions are not included."""
 
 EMPTY_LINES = re.compile(r"\n\s*\n")
 
@@ -58,17 +61,18 @@ def deserialize(message: RawMessage) -> Any:
     try:
         if channel.encoding == "ros1":
             return store.deserialize_ros1(message.data, channel.msgtype)
-        # a view, because bytes would be copied whole behind their first four
+        # a view: slicing off the encapsulation would copy bytes
         return store.deserialize_cdr(memoryview(message.data), channel.msgtype)
     except Exception as err:  # the generated decoders let struct, index, value and unicode errors through
+        doubt = f"; {reason}" if (reason := _doubt(channel)) else ""
         raise MessageError(
-            f"{channel.topic}: {len(message.data)} bytes are no {channel.msgtype} ({type(err).__name__}: {err})"
-            + (f"; {doubt}" if (doubt := _doubt(channel)) else "")
+            f"{channel.topic}: {len(message.data)} bytes are not a valid {channel.msgtype} "
+            f"({type(err).__name__}: {err}){doubt}"
         ) from err
 
 
 def deserialize_as(message: RawMessage, msgtype: str) -> Any:
-    """Like `deserialize`, for a message that has to be of one type.
+    """Like `deserialize`, for a message that must be of one type.
 
     Raises:
         MessageError: the message is of another type, or cannot be decoded.
@@ -79,10 +83,10 @@ def deserialize_as(message: RawMessage, msgtype: str) -> Any:
 
 
 def typestore_for(channel: Channel) -> Typestore:
-    """The types that this channel's messages are built of.
+    """The types that this channel's messages contain.
 
     Raises:
-        MessageError: the definition cannot be parsed, or a type is neither in it nor a common one.
+        MessageError: the definition cannot be parsed, or a type is neither in it nor known.
     """
     store = _types_of(channel)
     if isinstance(store, str):
@@ -91,28 +95,27 @@ def typestore_for(channel: Channel) -> Typestore:
 
 
 def definition_problem(channel: Channel) -> str:
-    """Why the channel's messages cannot be decoded, or may be decoded wrongly; empty where nothing is known against it.
+    """Why the channel's messages cannot be decoded, or may be decoded wrongly; empty if no problem is known.
 
-    Where the recorded definition has another md5sum or hash than the recorded one, it is believed: bytes of another
-    layout seldom fit it.
+    A recorded definition that does not match the recorded md5sum or hash is used: bytes of another layout rarely fit.
     """
     store = _types_of(channel)
     return store if isinstance(store, str) else _doubt(channel)
 
 
 def _types_of(channel: Channel) -> Typestore | str:
-    with _lock:  # lru_cache alone would build a store twice when two threads ask at once
-        return _typestore(replace(channel, topic=""))  # thousands of topics may have one definition
+    with _lock:  # lru_cache alone builds a store twice if two threads ask at once
+        return _typestore(replace(channel, topic=""))  # thousands of topics may share one definition
 
 
 @lru_cache(maxsize=256)
 def _typestore(channel: Channel) -> Typestore | str:
-    """The types, or why there are none: failures are kept as well, a topic has many messages."""
+    """The types, or why they are unusable: failures are cached too, a topic has many messages."""
     if channel.encoding not in {"ros1", "cdr"}:
-        return f"{channel.msgtype} in {channel.encoding} is no ROS message"
+        return f"{channel.msgtype} in {channel.encoding} is not a ROS message"
     try:
         types = _recorded_types(channel)
-        known = release_types(channel)
+        known = _release_types(channel.encoding, channel.distro.lower())
         store = get_typestore(Stores.EMPTY)
         wanted = [channel.msgtype]
         visited = set(store.fielddefs)
@@ -131,14 +134,14 @@ def _typestore(channel: Channel) -> Typestore | str:
         store.register(types)
         if not channel.definition.strip() and (other := _other_digest(channel, store)):
             return f"the recording has no definition of {channel.msgtype}, and the one that lidcam knows is {other}"
-    except Exception as err:  # names that are none of Python's, numbers without end: the code that is made fails anyhow
+    except Exception as err:  # e.g. names or numbers that Python does not accept: the generated code fails
         reason = " ".join(str(err).split())[:200]
         return f"the recorded definition of {channel.msgtype} is unusable: {type(err).__name__}: {reason}"
     return store
 
 
 def _other_digest(channel: Channel, store: Typestore) -> str:
-    """What the types' md5sum or hash is and what was recorded, in words; empty if they agree or none was recorded."""
+    """The types' md5sum or hash and the recorded one, in words; empty if they agree or none was recorded."""
     if MD5SUM.fullmatch(channel.digest):
         _, found = store.generate_msgdef(channel.msgtype)
     elif channel.digest.startswith("RIHS01_"):
@@ -150,9 +153,23 @@ def _other_digest(channel: Channel, store: Typestore) -> str:
 
 @lru_cache(maxsize=256)
 def _doubt(channel: Channel) -> str:
-    """What speaks against the recorded definition."""
+    """How the recorded definition contradicts the recorded md5sum or hash; empty if it does not."""
     other = _other_digest(channel, typestore_for(channel))
     return f"the recorded definition is {other}" if other else ""
+
+
+@lru_cache(maxsize=16)
+def _release_types(encoding: str, distro: str) -> Typesdict:
+    """The types of the ROS release that a recording names, else of Noetic or Humble."""
+    if encoding == "ros1":
+        return {**get_typestore(Stores.ROS1_NOETIC).fielddefs, **extra_types(1)}
+    release = next((store for store in Stores if store.value == f"ros2_{distro}"), Stores.ROS2_HUMBLE)
+    extra = {
+        name: definition
+        for name, definition in extra_types(2).items()
+        if distro not in BEFORE_VISION_MSGS_4 or not name.startswith("vision_msgs/")
+    }
+    return {**get_typestore(release).fielddefs, **extra}
 
 
 def _recorded_types(channel: Channel) -> Typesdict:
@@ -170,7 +187,7 @@ def _recorded_types(channel: Channel) -> Typesdict:
 
 
 def _parts(definition: Any) -> Iterator[str]:
-    """Names of the message types that a definition has fields of."""
+    """Names of the message types among a definition's fields."""
     for _, (node, detail) in definition[1]:
         if node in {Nodetype.ARRAY, Nodetype.SEQUENCE}:
             node, detail = detail[0]

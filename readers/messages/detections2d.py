@@ -1,6 +1,6 @@
-"""vision_msgs/Detection2DArray, as it was and as it is, to `Boxes2D`.
+"""Decodes vision_msgs/Detection2DArray of all versions.
 
-The layout changed twice, and the recorded definition says which one a message has:
+The layout changed several times; the recorded definition says which one a message has:
 
 | vision_msgs | class | score | centre of the box |
 | --- | --- | --- | --- |
@@ -31,11 +31,11 @@ DETECTIONS_2D = "vision_msgs/msg/Detection2DArray"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Detections2D:
-    """What a message of recorded boxes holds.
+    """The boxes of one message.
 
     Attributes:
         boxes: Boxes of known classes, in recorded order.
-        unused: Number of the other detections by reason, in order of the reasons.
+        unused: Number of other detections by reason, sorted by reason.
     """
 
     boxes: Boxes2D
@@ -47,9 +47,8 @@ def decode_detections2d(
 ) -> Detections2D:
     """The boxes of a message, each with the class of its best hypothesis (of equal scores the first).
 
-    A class is looked up by its text, whatever the letter case. A class that is a number and that no label matches is
-    row `n` of `class_names`, the numbering of the detector that wrote it; without that it is unknown.
-    Boxes that are turned (`theta`) become their upright hull. Scores are brought to [0, 1].
+    Classes are looked up by label, ignoring case. A number that is not a label is a row of `class_names`, the numbering
+    of the detector that wrote it. Rotated boxes (`theta`) become their upright hull. Scores are clipped to [0, 1].
 
     Args:
         message: Detection2DArray of any version.
@@ -57,7 +56,7 @@ def decode_detections2d(
         class_names: Labels of a detector that records numbers.
 
     Raises:
-        MessageError: not a Detection2DArray, or of a layout that no version has.
+        MessageError: not a Detection2DArray, or its layout is unknown.
     """
     array = deserialize_as(message, DETECTIONS_2D)
     class_ids = {label.strip().lower(): class_id for label, class_id in class_id_of_label.items()}
@@ -85,7 +84,7 @@ def decode_detections2d(
 def _read(
     detection: Any, class_ids: Mapping[str, int], class_names: Sequence[str]
 ) -> tuple[list[float], float, int] | str:
-    """Left, top, right, bottom; score; class id. Or why the detection is left out."""
+    """Left, top, right, bottom; score; class id. Or why the detection is not used."""
     hypotheses = [getattr(result, "hypothesis", result) for result in detection.results]
     scored = [hypothesis for hypothesis in hypotheses if math.isfinite(hypothesis.score)]
     if not scored:
@@ -108,7 +107,7 @@ def _name_of(label: str, class_ids: Mapping[str, int], class_names: Sequence[str
 
 
 def _hull(bbox: Any) -> list[float] | None:
-    """Left, top, right, bottom in pixels; None if they are not finite or not in this order."""
+    """Left, top, right, bottom in pixels; None if not finite or without an area."""
     center = getattr(bbox.center, "position", bbox.center)
     theta, size_x, size_y = bbox.center.theta, bbox.size_x, bbox.size_y
     if not (size_x > 0 and size_y > 0 and math.isfinite(theta)):

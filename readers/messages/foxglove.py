@@ -1,7 +1,7 @@
-"""Foxglove's schemas for sensors, in protobuf or JSON, as the ROS 2 messages that say the same.
+"""Converts messages with Foxglove's sensor schemas, in protobuf or JSON, to the equivalent ROS 2 messages.
 
-Source: docs.foxglove.dev/docs/sdk/schemas (foxglove-sdk, schemas/). What a message leaves out has proto3's default;
-without a timestamp its stamp is the log time.
+Source: docs.foxglove.dev/docs/sdk/schemas (foxglove-sdk, schemas/). Unset fields have proto3's defaults; without a
+timestamp the stamp is the log time.
 
 | Foxglove | ROS 2 |
 | --- | --- |
@@ -14,18 +14,16 @@ without a timestamp its stamp is the log time.
 """
 
 from collections.abc import Callable
-from functools import cache, lru_cache
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from rosbags.typesys.store import Typestore
 
 from pipeline.core.arrays import F64, U8
 from pipeline.core.errors import MessageError
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.messages import Channel, RawMessage
-from readers.messages.definitions import VIDEO_TYPES
+from pipeline.core.ros.messages import POINT_FIELD_DATATYPES, ROS2
 from readers.messages.foxglove_wire import Fields, payload, read_fields, time_ns
 
 __all__ = ["ROS_TYPES", "ros_channel", "to_ros"]
@@ -39,43 +37,32 @@ ROS_TYPES = {
     "foxglove.FrameTransform": "tf2_msgs/msg/TFMessage",
     "foxglove.FrameTransforms": "tf2_msgs/msg/TFMessage",
 }
-"""The schemas that are read, and the types that their messages become."""
+"""ROS 2 type by schema."""
 
-# Of foxglove.PackedElementField.NumericType: sensor_msgs/PointField's datatype, and numpy's.
-_NUMERIC_TYPES = {
-    1: (2, "<u1"),
-    2: (1, "<i1"),
-    3: (4, "<u2"),
-    4: (3, "<i2"),
-    5: (6, "<u4"),
-    6: (5, "<i4"),
-    7: (7, "<f4"),
-    8: (8, "<f8"),
-}
+# foxglove.PackedElementField.NumericType
+_NUMERIC_TYPES = {1: "u1", 2: "i1", 3: "u2", 4: "i2", 5: "u4", 6: "i4", 7: "f4", 8: "f8"}
 
 
 @lru_cache(maxsize=1024)
 def ros_channel(channel: Channel) -> Channel:
-    """The channel of the ROS 2 messages that a Foxglove channel's messages become."""
+    """The channel of a Foxglove channel's messages after `to_ros`."""
     msgtype = ROS_TYPES[channel.msgtype]
-    text, _ = _store().generate_msgdef(msgtype, ros_version=2)
-    return Channel(channel.topic, msgtype, "cdr", text, "ros2msg")
+    return Channel(channel.topic, msgtype, "cdr", ROS2.definition(msgtype), "ros2msg")
 
 
 def to_ros(message: RawMessage) -> RawMessage:
-    """The message as a ROS 2 message of `ros_channel`; what cannot be read becomes one without data, with the problem.
+    """The message as a ROS 2 message of `ros_channel`; one that cannot be read has no data and says why in `problem`.
 
-    Its stamp is the message's own timestamp; that of transforms, which have one each, is the log time.
+    Its stamp is the message's timestamp; for transforms, which have a timestamp each, it is the log time.
     """
     source, channel = message.channel, ros_channel(message.channel)
     try:
         fields = read_fields(message)
         stamp_ns = time_ns(fields["timestamp"]) if "timestamp" in fields else message.log_time_ns
-        record = _CONVERSIONS[source.msgtype](fields, stamp_ns)
-        data = _store().serialize_cdr(record, channel.msgtype)
-    except Exception as err:  # values of any type in JSON, and protobuf's and rosbags' own errors
-        reason = str(err) if isinstance(err, MessageError) else f"{type(err).__name__}: {err}"
-        found = f"{len(message.data)} bytes are no {source.msgtype} in {source.encoding} ({' '.join(reason.split())})"
+        data = ROS2.serialize(_CONVERSIONS[source.msgtype](fields, stamp_ns))
+    except Exception as err:  # JSON values of any type, and errors of protobuf and rosbags
+        reason = " ".join((str(err) if isinstance(err, MessageError) else f"{type(err).__name__}: {err}").split())
+        found = f"{len(message.data)} bytes are not a valid {source.msgtype} in {source.encoding} ({reason})"
         return message._replace(data=b"", channel=channel, problem=found)
     if channel.msgtype == "tf2_msgs/msg/TFMessage":
         stamp_ns = message.log_time_ns
@@ -84,48 +71,30 @@ def to_ros(message: RawMessage) -> RawMessage:
 
 def _point_cloud(fields: Fields, stamp_ns: int) -> Any:
     step = int(fields.get("point_stride", 0))
-    data = np.frombuffer(payload(fields.get("data", b"")), np.uint8)
+    data = _data(fields)
     if len(data) and (step <= 0 or len(data) % step):
-        raise MessageError(f"{len(data)} bytes of data are no points of {step} bytes each")
+        raise MessageError(f"{len(data)} bytes of data are not whole points of {step} bytes")
     width = len(data) // step if step else 0
     elements = []
     for element in fields.get("fields", ()):
         kind = int(element.get("type", 0))
         if kind not in _NUMERIC_TYPES:
             raise MessageError(f"field {element.get('name', '')!r} has type {kind}, expected 1 to 8")
-        datatype, _ = _NUMERIC_TYPES[kind]
-        elements.append(
-            _record(
-                "sensor_msgs/msg/PointField",
-                name=element.get("name", ""),
-                offset=int(element.get("offset", 0)),
-                datatype=datatype,
-                count=1,
-            )
-        )
+        datatype = POINT_FIELD_DATATYPES[_NUMERIC_TYPES[kind]]
+        elements.append((element.get("name", ""), int(element.get("offset", 0)), datatype))
     pose = _pose(fields.get("pose", {}))
     if width and not np.array_equal(pose.matrix, np.eye(4)):
         data = _moved(data, width, step, fields["fields"], pose)
-    return _record(
-        "sensor_msgs/msg/PointCloud2",
-        header=_header(fields, stamp_ns),
-        height=1,
-        width=width,
-        fields=elements,
-        is_bigendian=False,
-        point_step=step,
-        row_step=width * step,
-        data=data,
-        is_dense=False,
-    )
+    frame_id = fields.get("frame_id", "")
+    return ROS2.point_cloud2(stamp_ns, frame_id, elements, data, point_step=step, is_dense=False)
 
 
 def _moved(data: U8, width: int, step: int, elements: list[Fields], pose: Transform) -> U8:
-    """The points in the cloud's frame: the message gives them relative to `pose`."""
-    places = {element.get("name", ""): element for element in reversed(elements)}  # the first of a name stays
+    """The points moved by `pose` into the cloud's frame."""
+    places = {element.get("name", ""): element for element in reversed(elements)}  # of equal names the first is used
     if not {"x", "y", "z"} <= places.keys():
         raise MessageError("a pose, but not the fields x, y and z")
-    formats = [_NUMERIC_TYPES[int(places[axis]["type"])][1] for axis in "xyz"]
+    formats = ["<" + _NUMERIC_TYPES[int(places[axis]["type"])] for axis in "xyz"]
     if any(kind not in {"<f4", "<f8"} for kind in formats):
         raise MessageError(f"a pose, but coordinates of type {', '.join(formats)}: expected float")
     moved = data.copy()
@@ -145,41 +114,35 @@ def _moved(data: U8, width: int, step: int, elements: list[Fields], pose: Transf
 
 
 def _raw_image(fields: Fields, stamp_ns: int) -> Any:
-    return _record(
-        "sensor_msgs/msg/Image",
-        header=_header(fields, stamp_ns),
+    return ROS2.image(
+        stamp_ns,
+        fields.get("frame_id", ""),
         height=int(fields.get("height", 0)),
         width=int(fields.get("width", 0)),
         encoding=fields.get("encoding", ""),
-        is_bigendian=0,
         step=int(fields.get("step", 0)),
-        data=np.frombuffer(payload(fields.get("data", b"")), np.uint8),
+        data=_data(fields),
     )
 
 
 def _compressed_image(fields: Fields, stamp_ns: int) -> Any:
-    return _record(
-        "sensor_msgs/msg/CompressedImage",
-        header=_header(fields, stamp_ns),
-        format=fields.get("format", ""),
-        data=np.frombuffer(payload(fields.get("data", b"")), np.uint8),
-    )
+    return ROS2.compressed_image(stamp_ns, fields.get("frame_id", ""), fields.get("format", ""), _data(fields))
 
 
 def _compressed_video(fields: Fields, stamp_ns: int) -> Any:
-    return _record(
+    return ROS2.new(
         "foxglove_msgs/msg/CompressedVideo",
-        timestamp=_time(stamp_ns),
+        timestamp=ROS2.time(stamp_ns),
         frame_id=fields.get("frame_id", ""),
-        data=np.frombuffer(payload(fields.get("data", b"")), np.uint8),
+        data=_data(fields),
         format=fields.get("format", ""),
     )
 
 
 def _camera_calibration(fields: Fields, stamp_ns: int) -> Any:
-    return _record(
-        "sensor_msgs/msg/CameraInfo",
-        header=_header(fields, stamp_ns),
+    return ROS2.camera_info(
+        stamp_ns,
+        fields.get("frame_id", ""),
         height=int(fields.get("height", 0)),
         width=int(fields.get("width", 0)),
         distortion_model=fields.get("distortion_model", ""),
@@ -187,10 +150,11 @@ def _camera_calibration(fields: Fields, stamp_ns: int) -> Any:
         k=_matrix(fields, "K", np.zeros(9)),
         r=_matrix(fields, "R", np.eye(3).reshape(9)),  # only stereo cameras need R and P
         p=_matrix(fields, "P", np.zeros(12)),
-        binning_x=0,
-        binning_y=0,
-        roi=_record("sensor_msgs/msg/RegionOfInterest", x_offset=0, y_offset=0, height=0, width=0, do_rectify=False),
     )
+
+
+def _data(fields: Fields) -> U8:
+    return np.frombuffer(payload(fields.get("data", b"")), np.uint8)
 
 
 def _matrix(fields: Fields, name: str, unset: F64) -> F64:
@@ -201,63 +165,39 @@ def _matrix(fields: Fields, name: str, unset: F64) -> F64:
 
 
 def _frame_transforms(fields: Fields, stamp_ns: int) -> Any:
-    own = [_transform_stamped(item, stamp_ns) for item in fields.get("transforms", ())]
-    return _record("tf2_msgs/msg/TFMessage", transforms=own)
+    stamped = [_transform_stamped(item, stamp_ns) for item in fields.get("transforms", ())]
+    return ROS2.new("tf2_msgs/msg/TFMessage", stamped)
 
 
 def _frame_transform(fields: Fields, stamp_ns: int) -> Any:
-    return _record("tf2_msgs/msg/TFMessage", transforms=[_transform_stamped(fields, stamp_ns)])
+    return _frame_transforms({"transforms": [fields]}, stamp_ns)
 
 
 def _transform_stamped(fields: Fields, stamp_ns: int) -> Any:
     if "timestamp" in fields:
         stamp_ns = time_ns(fields["timestamp"])
-    return _record(
-        "geometry_msgs/msg/TransformStamped",
-        header=_header({"frame_id": fields.get("parent_frame_id", "")}, stamp_ns),
-        child_frame_id=fields.get("child_frame_id", ""),
-        transform=_record(
-            "geometry_msgs/msg/Transform",
-            translation=_record("geometry_msgs/msg/Vector3", **_numbers(fields.get("translation", {}), "xyz")),
-            rotation=_record("geometry_msgs/msg/Quaternion", **_rotation(fields.get("rotation", {}))),
-        ),
+    return ROS2.transform_stamped(
+        stamp_ns,
+        fields.get("parent_frame_id", ""),
+        fields.get("child_frame_id", ""),
+        _numbers(fields.get("translation", {}), "xyz"),
+        _rotation(fields.get("rotation", {})),
     )
 
 
 def _pose(fields: Fields) -> Transform:
     position, orientation = _numbers(fields.get("position", {}), "xyz"), _rotation(fields.get("orientation", {}))
-    return Transform.from_quaternion("frame", "points", [*position.values()], [*orientation.values()])
+    return Transform.from_quaternion("frame", "points", position, orientation)
 
 
-def _rotation(fields: Fields) -> dict[str, float]:
-    """A quaternion; zeros, which proto3 cannot tell from one that was never set, are no rotation."""
+def _rotation(fields: Fields) -> list[float]:
+    """A quaternion x, y, z, w; without one (proto3 cannot tell zeros from unset fields) no rotation."""
     numbers = _numbers(fields, "xyzw")
-    return numbers if any(numbers.values()) else {**numbers, "w": 1.0}
+    return numbers if any(numbers) else [0.0, 0.0, 0.0, 1.0]
 
 
-def _numbers(fields: Fields, names: str) -> dict[str, float]:
-    return {name: float(fields.get(name, 0.0)) for name in names}
-
-
-def _header(fields: Fields, stamp_ns: int) -> Any:
-    return _record("std_msgs/msg/Header", stamp=_time(stamp_ns), frame_id=fields.get("frame_id", ""))
-
-
-def _time(stamp_ns: int) -> Any:
-    sec, nanosec = divmod(stamp_ns, 10**9)
-    return _record("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
-
-
-def _record(msgtype: str, **fields: Any) -> Any:
-    return _store().types[msgtype](**fields)
-
-
-@cache
-def _store() -> Typestore:
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    for name, text in VIDEO_TYPES.items():
-        store.register(get_types_from_msg(text, name))
-    return store
+def _numbers(fields: Fields, names: str) -> list[float]:
+    return [float(fields.get(name, 0.0)) for name in names]
 
 
 _CONVERSIONS: dict[str, Callable[[Fields, int], Any]] = {

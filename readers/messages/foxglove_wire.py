@@ -1,4 +1,4 @@
-"""Protobuf and JSON messages of MCAP files as nested mappings of plain values, by names.
+"""Protobuf and JSON messages of MCAP files as nested mappings of plain values by field name.
 
 Sources: mcap.dev/spec/registry (a protobuf schema is a FileDescriptorSet, its name is the message's full name),
 docs.foxglove.dev/docs/sdk/schemas (in JSON, bytes are base64 and a time is `{"sec": ..., "nsec": ...}`).
@@ -23,7 +23,7 @@ Fields = dict[str, Any]
 
 
 def read_fields(message: RawMessage) -> Fields:
-    """The fields that the message sets, by name: messages as mappings, lists as lists, payloads see `payload`.
+    """The fields that are set, by name: messages as mappings, lists as lists; for bytes see `payload`.
 
     Raises:
         MessageError: the schema cannot be used, or the bytes do not fit it.
@@ -43,13 +43,13 @@ def payload(value: bytes | str) -> bytes:
     """A field of bytes; in JSON it is base64.
 
     Raises:
-        ValueError: it is not.
+        ValueError: it is not valid base64.
     """
     return base64.b64decode(value, validate=True) if isinstance(value, str) else value
 
 
 def time_ns(value: Fields) -> int:
-    """A time in nanoseconds: google.protobuf.Timestamp or Foxglove's JSON form."""
+    """A google.protobuf.Timestamp, or Foxglove's JSON form of it, in nanoseconds."""
     sec: Any = value.get("sec", value.get("seconds", 0))
     nanosec: Any = value.get("nsec", value.get("nanos", 0))
     return int(sec) * 10**9 + int(nanosec)
@@ -57,13 +57,13 @@ def time_ns(value: Fields) -> int:
 
 @lru_cache(maxsize=256)
 def _message_class(channel: Channel) -> Any | str:
-    """The class of a protobuf channel's messages, or why there is none: failures are kept as well."""
+    """The class of a protobuf channel's messages, or why there is none: failures are cached too."""
     try:
         database = DescriptorDatabase()
         for file in FileDescriptorSet.FromString(base64.b64decode(channel.definition)).file:
             database.Add(file)
         return GetMessageClass(DescriptorPool(database).FindMessageTypeByName(channel.msgtype))
-    except Exception as err:  # protobuf raises its own errors, TypeError, KeyError and ValueError by turns
+    except Exception as err:  # protobuf's own errors, TypeError, KeyError or ValueError
         reason = " ".join(str(err).split())[:200]
         return f"the recorded protobuf schema of {channel.msgtype} is unusable: {type(err).__name__}: {reason}"
 

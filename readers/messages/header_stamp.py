@@ -1,4 +1,4 @@
-"""The header stamp from the first bytes of a message: sync works on messages that nobody has decoded yet."""
+"""The header stamp from the first bytes of a message: synchronisation needs stamps before messages are decoded."""
 
 import struct
 from functools import lru_cache
@@ -7,32 +7,32 @@ from rosbags.interfaces import Nodetype
 
 from pipeline.core.errors import MessageError
 from pipeline.core.messages import Channel
+from readers.messages.cursor import Cursor
 from readers.messages.deserialize import typestore_for
 
 __all__ = ["peek_stamp_ns", "stamp_or_log_time"]
 
 HEADER = "std_msgs/msg/Header"
 TIMESTAMP = "timestamp", "builtin_interfaces/msg/Time"
-"""What foxglove_msgs have instead of a header."""
-CDR_ENCAPSULATION_BYTES = 4
+"""First field of foxglove_msgs, in place of a header."""
 
 
 def peek_stamp_ns(channel: Channel, data: bytes | memoryview) -> int | None:
     """Stamp of the std_msgs/Header that the message starts with, in nanoseconds.
 
-    None where the type starts with no header, its definition cannot be used, or the data are too short to hold one.
-    The last two cannot be decoded either: they are counted there, where every message that is used passes. None, too,
-    for protobuf and JSON: `foxglove.to_ros` tells their stamps.
+    None where the type does not start with a header, its definition cannot be used, or the data are too short. The
+    last two fail again, and are counted, when the message is decoded. None also for protobuf and JSON, whose stamps
+    `foxglove.to_ros` reads.
     """
-    layout = _stamp_layout(channel)
-    if layout is None:
+    skipped = _numbers_before_stamp(channel)
+    if skipped is None:
         return None
-    offset, little_endian, big_endian = layout
-    if len(data) < offset + little_endian.size:
+    cursor = Cursor(data, channel.encoding)
+    cursor.skip(4, skipped)
+    if len(data) < cursor.at + 8:
         return None
-    # OMG DDSI-RTPS 10.2: the lowest bit of the encapsulation identifier says little endian; ROS 1 always is.
-    stamp = big_endian if channel.encoding == "cdr" and not data[1] & 1 else little_endian
-    sec, nanosec = stamp.unpack_from(data, offset)
+    layout = f"{cursor.order}{'II' if channel.encoding == 'ros1' else 'iI'}"
+    sec, nanosec = struct.unpack_from(layout, data, cursor.at)
     return int(sec) * 10**9 + int(nanosec)
 
 
@@ -43,26 +43,17 @@ def stamp_or_log_time(channel: Channel, data: bytes | memoryview, log_time_ns: i
 
 
 @lru_cache(maxsize=1024)
-def _stamp_layout(channel: Channel) -> tuple[int, struct.Struct, struct.Struct] | None:
-    """Offset of the stamp and its layout in little and big endian; None where the type starts with no header."""
+def _numbers_before_stamp(channel: Channel) -> int | None:
+    """How many uint32 a message has before its stamp; None where the type does not start with a stamp or header."""
     try:
         fielddefs = typestore_for(channel).fielddefs
     except MessageError:
         return None
     fields = fielddefs[channel.msgtype][1]
     if fields and (fields[0][0], fields[0][1][1]) == TIMESTAMP:
-        return _stamp_at(0, channel)
+        return 0
     starts_with_header = bool(fields) and fields[0][1] == (Nodetype.NAME, HEADER)
     if channel.msgtype != HEADER and not starts_with_header:
         return None
     names = [name for name, _ in fielddefs[HEADER][1]]
-    if "stamp" not in names[:2]:
-        return None
-    return _stamp_at(4 * names.index("stamp"), channel)  # ROS 1 puts seq (uint32) before it
-
-
-def _stamp_at(offset: int, channel: Channel) -> tuple[int, struct.Struct, struct.Struct]:
-    """The layout of a stamp that lies at this place behind the encapsulation."""
-    if channel.encoding == "ros1":
-        return offset, struct.Struct("<II"), struct.Struct(">II")
-    return CDR_ENCAPSULATION_BYTES + offset, struct.Struct("<iI"), struct.Struct(">iI")
+    return names.index("stamp") if "stamp" in names[:2] else None  # ROS 1 puts seq (uint32) before it

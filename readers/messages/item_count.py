@@ -1,7 +1,7 @@
-"""How many strings and messages a message holds in its lists, before any object is made of it.
+"""Counts the strings and messages in a message's lists before it is decoded.
 
-An object takes a hundred times the memory of the byte that may stand for it: a list of a hundred million small messages
-fits a recording, but no memory. Layouts: http://wiki.ros.org/msg, and OMG CDR (formal/02-06-51, 9.3) for ROS 2.
+A decoded object takes a hundred times the memory of the byte that may represent it: a list of a hundred million small
+messages fits a recording but not memory.
 """
 
 import struct
@@ -10,6 +10,8 @@ from typing import Any
 
 from rosbags.interfaces import Nodetype
 from rosbags.typesys.store import Typestore
+
+from readers.messages.cursor import Cursor
 
 __all__ = ["count_items"]
 
@@ -20,13 +22,12 @@ SIZES = {
     **dict.fromkeys(("int64", "uint64", "float64"), 8),
     "float128": 16,
 }
-CDR_ENCAPSULATION_BYTES = 4
 
 
 def count_items(store: Typestore, msgtype: str, encoding: str, data: bytes | memoryview, most: int) -> int:
-    """The number of strings and messages in lists, as far as the data go; counted no further than beyond `most`."""
+    """The number of strings and messages in lists, in as much of the message as there is; stops beyond `most`."""
     counting = _Counting(store, encoding, memoryview(data), most)
-    with suppress(struct.error, _EnoughError):  # what ends too soon is told by decoding it
+    with suppress(struct.error, _EnoughError):  # decoding reports data that end early
         counting.message(msgtype)
     return counting.items
 
@@ -36,20 +37,15 @@ class _EnoughError(Exception):
 
 
 class _Counting:
-    """Goes over a message's bytes; numbers in arrays and lists are passed over in one step."""
+    """Goes over a message's bytes; arrays and lists of numbers take one step."""
 
     def __init__(self, store: Typestore, encoding: str, data: memoryview, most: int) -> None:
-        self._store = store
-        self._aligned = encoding == "cdr"
-        self._data = data[CDR_ENCAPSULATION_BYTES:] if self._aligned else data
-        is_big = self._aligned and len(data) > 1 and not data[1] & 1
-        self._uint32 = struct.Struct(">I" if is_big else "<I")
-        self._most = most
-        self._at = 0
+        self._store, self._most = store, most
+        self._cursor = Cursor(data, encoding)
         self.items = 0
 
     def message(self, msgtype: str) -> None:
-        """Go over a message."""
+        """Count the items of a message and pass over it."""
         detail: Any
         for _, (node, detail) in self._store.fielddefs[msgtype][1]:
             if node == Nodetype.NAME:
@@ -58,7 +54,7 @@ class _Counting:
                 self._values(str(detail[0]), 1)
             else:
                 (part, part_detail), length = detail
-                count: int = self._length() if node == Nodetype.SEQUENCE else length
+                count: int = self._cursor.uint32() if node == Nodetype.SEQUENCE else length
                 is_name = part == Nodetype.NAME
                 base = "" if is_name else str(part_detail[0])
                 if node == Nodetype.SEQUENCE and base not in SIZES:
@@ -74,20 +70,7 @@ class _Counting:
     def _values(self, base: str, count: int) -> None:
         size = SIZES.get(base)
         if size is not None:
-            if count:
-                self._align(size)
-            self._at += size * count
+            self._cursor.skip(size, count)
             return
         for _ in range(count):
-            length = self._length()
-            self._at += length
-
-    def _length(self) -> int:
-        self._align(4)
-        (length,) = self._uint32.unpack_from(self._data, self._at)
-        self._at += 4
-        return int(length)
-
-    def _align(self, size: int) -> None:
-        if self._aligned:
-            self._at += -self._at % size
+            self._cursor.skip(1, self._cursor.uint32())

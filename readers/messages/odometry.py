@@ -1,4 +1,4 @@
-"""nav_msgs/Odometry to poses and velocities."""
+"""Decodes nav_msgs/Odometry."""
 
 from dataclasses import dataclass
 
@@ -18,12 +18,12 @@ ODOMETRY = "nav_msgs/msg/Odometry"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OdometrySample:
-    """Where a moving frame was at one moment, and how it moved.
+    """Pose and velocity of a moving frame at one time.
 
     Attributes:
         stamp_ns: Time of the estimate.
         frame_id: The frame it moves in (`odom`, `map`).
-        child_frame_id: The frame that moves (`base_link`); empty where the publisher does not say.
+        child_frame_id: The frame that moves (`base_link`); empty if the publisher does not name it.
         T_parent_child: Pose of the child frame: `frame_id` from `child_frame_id`.
         linear_velocity: (3,) float64, metres a second, along the axes of the child frame.
         angular_velocity: (3,) float64, radians a second, about the axes of the child frame.
@@ -42,12 +42,12 @@ class OdometrySample:
 
 
 def decode_odometry(message: RawMessage) -> OdometrySample:
-    """The pose and twist of a nav_msgs/Odometry; its covariances are passed over.
+    """The pose and twist of a nav_msgs/Odometry; covariances are ignored.
 
-    Velocities are as recorded, NaN where the publisher knows none.
+    Velocities are as recorded; NaN means unknown.
 
     Raises:
-        MessageError: not an Odometry, no two different frames, or a pose that is none.
+        MessageError: not an Odometry, the frames are missing or equal, or the pose is invalid.
     """
     odometry = deserialize_as(message, ODOMETRY)
     parent, child = clean_frame(odometry.header.frame_id), clean_frame(odometry.child_frame_id)

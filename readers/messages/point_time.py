@@ -1,7 +1,7 @@
-"""When each point of a cloud was measured: units and origins of the drivers' time fields.
+"""The measurement time of each point of a cloud: units and origins of the drivers' time fields.
 
-Drivers agree on neither name nor unit. Letter case is ignored; where a cloud has several of the fields in
-`TIME_FIELDS`, the first that makes sense is taken.
+Drivers agree on neither name nor unit. Letter case is ignored; of several fields in `TIME_FIELDS`, the first plausible
+one is used.
 
 | field | datatype | meaning | written by |
 | --- | --- | --- | --- |
@@ -13,12 +13,12 @@ Drivers agree on neither name nor unit. Letter case is ignored; where a cloud ha
 | time_stamp | float64 | seconds of the header's clock | Nebula, PointXYZIRADT |
 | timestamp | float64, int64, uint64 | nanoseconds of the header's clock | livox_ros_driver2 |
 
-A reading counts only if it puts every point within two seconds of the header stamp; else the next one is tried.
-Integers are nanoseconds from the stamp, then of its clock. float32 is seconds from the stamp. float64 whose name says
-"stamp" is seconds, then nanoseconds of the header's clock, then seconds from the stamp; under other names seconds from
-the stamp come first. If none fits (two clocks, a unit that is not in the table), the cloud has no times; nor has it if
-all are zero: some drivers fill a field that they do not know with zeros (ros-drivers/velodyne#402). Microseconds in an
-integer field cannot be told from nanoseconds; no driver in the table writes them.
+Each interpretation is tried in turn until one puts every point within two seconds of the header stamp. Integers:
+nanoseconds from the stamp, then of its clock. float32: seconds from the stamp. float64 with "stamp" in its name:
+seconds of the header's clock, then nanoseconds of it, then seconds from the stamp; under other names seconds from the
+stamp come first. If none fits (two clocks, another unit), the cloud has no times; nor if all are zero, which some
+drivers write to fields that they do not support (ros-drivers/velodyne#402). Microseconds in an integer field cannot be
+distinguished from nanoseconds; no driver in the table writes them.
 """
 
 import logging
@@ -47,7 +47,7 @@ TIME_FIELDS = (
 )
 
 MAX_OFFSET_NS = 2_000_000_000
-"""No sweep lasts longer, and int32 nanoseconds hold hardly more."""
+"""No sweep lasts longer; int32 nanoseconds end at 2.147 s."""
 
 _NS_PER_S = 1_000_000_000
 
@@ -56,18 +56,18 @@ def point_time_offsets(fields: Mapping[str, Array], stamp_ns: int, *, topic: str
     """Time of each point minus `stamp_ns` in nanoseconds, (N,).
 
     Args:
-        fields: Array (N,) by field name in lower case; other fields than those of time are passed over.
+        fields: Array (N,) by field name in lower case; fields not in `TIME_FIELDS` are ignored.
         stamp_ns: The message's header stamp.
-        topic: Named in the log, once, where a field is there and makes no sense.
+        topic: Named in the log, once, if a time field is not plausible.
 
     Returns:
-        None where there is no usable field.
+        None if there is no usable field.
     """
     for name in TIME_FIELDS:
         values = fields.get(name)
         if values is None or not values.any():
             continue
-        with np.errstate(over="ignore", invalid="ignore"):  # wrong readings may end anywhere
+        with np.errstate(over="ignore", invalid="ignore"):  # wrong interpretations may overflow
             for offset_ns in _readings(name, values, stamp_ns):
                 if bool(((offset_ns >= -MAX_OFFSET_NS) & (offset_ns <= MAX_OFFSET_NS)).all()):
                     return np.rint(offset_ns).astype(np.int32)
@@ -76,7 +76,7 @@ def point_time_offsets(fields: Mapping[str, Array], stamp_ns: int, *, topic: str
 
 
 def _readings(name: str, values: Array, stamp_ns: int) -> Iterator[Array]:
-    """What the values may mean as nanoseconds after `stamp_ns`, the likeliest first."""
+    """The possible meanings of the values as nanoseconds after `stamp_ns`, the most likely first."""
     if values.dtype.kind in "iu":
         integers = values.astype(np.int64)
         yield integers
@@ -90,7 +90,7 @@ def _readings(name: str, values: Array, stamp_ns: int) -> Iterator[Array]:
     if "stamp" not in name or values.dtype.itemsize == 4:
         yield numbers * 1e9
     if values.dtype.itemsize == 8:
-        # The large parts are subtracted before anything is scaled: that costs no digit.
+        # Subtract the large parts before scaling, to lose no digits.
         stamp_s, beyond_ns = divmod(stamp_ns, _NS_PER_S)
         yield (numbers - stamp_s) * 1e9 - beyond_ns
         base = float(stamp_ns)

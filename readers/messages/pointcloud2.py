@@ -1,8 +1,8 @@
-"""sensor_msgs/PointCloud2 of any field layout to `PointCloud`.
+"""Decodes sensor_msgs/PointCloud2 of any field layout.
 
-What a field means is told by its name alone, and drivers do not agree on names: letter case is ignored, and of several
-fields for one thing the first of `INTENSITY_FIELDS`, `RING_FIELDS` or `point_time.TIME_FIELDS` is taken. Other fields
-are passed over.
+Only the name says what a field means, and drivers do not agree on names. Letter case is ignored; of several fields with
+one meaning, the first in `INTENSITY_FIELDS`, `RING_FIELDS` or `point_time.TIME_FIELDS` is used. Other fields are
+ignored.
 """
 
 from typing import Any
@@ -13,6 +13,7 @@ from pipeline.core.arrays import F32, U16, Array, Bools
 from pipeline.core.clouds import PointCloud
 from pipeline.core.errors import MessageError
 from pipeline.core.messages import RawMessage
+from pipeline.core.ros.messages import POINT_FIELD_DATATYPES
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from readers.messages.deserialize import deserialize_as
 from readers.messages.point_time import TIME_FIELDS, point_time_offsets
@@ -35,22 +36,22 @@ RING_FIELDS = ("ring", "channel", "laser_id", "laser", "line", "beam", "row")
 _USED_FIELDS = frozenset(("x", "y", "z", *INTENSITY_FIELDS, *RING_FIELDS, *TIME_FIELDS))
 
 # sensor_msgs/PointField; PCL wrote 9 to 11 before ROS named them (ros2/common_interfaces#301).
-_DTYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8", 9: "i8", 10: "u8", 11: "u1"}
+_DTYPES = {number: dtype for dtype, number in POINT_FIELD_DATATYPES.items()} | {9: "i8", 10: "u8", 11: "u1"}
 
 
 def decode_pointcloud2(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS) -> PointCloud:
-    """The points of a message in recorded order (organised clouds row by row), without those that have no place.
+    """The points of a message in recorded order (organised clouds row by row), without points that are not finite.
 
-    Coordinates become float32 metres: steps of 8 micrometres at 100 m, but of half a metre at 5 000 km, where clouds in
-    UTM coordinates lie.
+    Coordinates become float32 metres: steps of 8 micrometres at 100 m, but of half a metre at 5 000 km (clouds in UTM
+    coordinates).
 
     Returns:
-        The cloud at the message's stamp. Points with a coordinate that is not finite in float32 are left out and
-        counted in `nan_dropped`. Rings outside of 0 to 65535 are brought to the nearer end.
+        The cloud at the message's stamp. Points with a coordinate that is not finite in float32 are removed and counted
+        in `nan_dropped`. Rings are clipped to 0 to 65535.
 
     Raises:
-        MessageError: not a PointCloud2; x, y or z is missing; or sizes, offsets and data contradict one another, or
-            there are more points than `limits` allow.
+        MessageError: not a PointCloud2; x, y or z is missing; sizes, offsets and data contradict each other; or there
+            are more points than `limits` allow.
     """
     cloud = deserialize_as(message, "sensor_msgs/msg/PointCloud2")
     height, width = int(cloud.height), int(cloud.width)
@@ -78,19 +79,21 @@ def decode_pointcloud2(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LI
 
 
 def _columns(cloud: Any, height: int, width: int, topic: str) -> dict[str, Array]:
-    """Views (height, width) into the message's data of each field with a known meaning, by name in lower case.
+    """Views (height, width) into the data, one for each field with a known meaning, by name in lower case.
 
     Raises:
-        MessageError: the layout contradicts itself, or x, y or z is missing.
+        MessageError: the layout is inconsistent, or x, y or z is missing.
     """
-    if height * width == 0:  # nothing was seen; such messages often come without any fields
+    if height * width == 0:  # empty clouds often come without any fields
         return {axis: np.zeros((0, 0), np.float32) for axis in "xyz"}
-    fields = {field.name.lower(): field for field in reversed(cloud.fields)}  # reversed: the first of a name stays
+    fields = {
+        field.name.lower(): field for field in reversed(cloud.fields)
+    }  # reversed: of equal names the first is used
     if not {"x", "y", "z"} <= fields.keys():
         names = ", ".join(field.name for field in cloud.fields) or "none"
         raise MessageError(f"{topic}: expected the fields x, y and z, found {names}")
     point_step = int(cloud.point_step)
-    # A single row has no use for its step, and some writers leave it zero.
+    # A single row does not need its step, and some writers leave it zero.
     row_step = width * point_step if height == 1 or not cloud.row_step else int(cloud.row_step)
     if row_step < width * point_step or (height - 1) * row_step + width * point_step > len(cloud.data):
         raise MessageError(
@@ -99,7 +102,7 @@ def _columns(cloud: Any, height: int, width: int, topic: str) -> dict[str, Array
         )
     data = cloud.data
     if data.ctypes.data % 8 and point_step % 4 == 0:
-        data = data.copy()  # numpy takes seven times as long over numbers that lie across their natural boundaries
+        data = data.copy()  # numpy is seven times slower on unaligned numbers
     order = ">" if cloud.is_bigendian else "<"
     columns = {}
     for name, field in fields.items():
@@ -112,13 +115,13 @@ def _columns(cloud: Any, height: int, width: int, topic: str) -> dict[str, Array
         end = int(field.offset) + dtype.itemsize * max(int(field.count), 1)
         if end > point_step:
             raise MessageError(f"{topic}: field {field.name} ends at byte {end} of a point of {point_step} bytes")
-        if used:  # of a field with several elements the first
+        if used:  # the first element of a field with several
             columns[name] = np.ndarray((height, width), dtype, data, field.offset, (row_step, point_step))
     return columns
 
 
 def _finite_points(axes: list[Array]) -> tuple[F32, slice | Bools]:
-    """Finite points (N, 3) of three columns (height, width), and which rows of the flattened columns they are."""
+    """Finite points (N, 3) of three columns (height, width), and their rows in the flattened columns."""
     grid = np.empty((*axes[0].shape, 3), np.float32)
     with np.errstate(over="ignore", invalid="ignore"):  # float64 beyond float32 becomes infinite
         for index, axis in enumerate(axes):

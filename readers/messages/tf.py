@@ -1,9 +1,9 @@
-"""tf and tf_static to transforms.
+"""Reads transforms from /tf and /tf_static.
 
-tf/tfMessage (ROS 1) and tf2_msgs/TFMessage (both) hold the same; leading slashes of frame names, which old ROS 1
-drivers write, are taken off. Old ROS 1 systems publish fixed mountings on /tf again and again (tf's
-static_transform_publisher), so a frame whose recorded transform never changes counts as fixed, unless its parent is a
-frame that a vehicle moves in (`odom`, `map`, `earth`; REP 105): a parked vehicle may yet drive off.
+tf/tfMessage (ROS 1) and tf2_msgs/TFMessage have the same content; leading slashes of frame names, written by old ROS 1
+drivers, are removed. Old ROS 1 systems publish fixed mountings repeatedly on /tf (tf's static_transform_publisher), so
+a frame whose transform never changes counts as fixed, unless its parent is a frame that vehicles move in (`odom`,
+`map`, `earth`; REP 105): a parked vehicle may drive off later.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -25,26 +25,26 @@ __all__ = ["TF_TYPES", "RecordedTransforms", "clean_frame", "decode_transforms",
 TF_TYPES = frozenset({"tf/msg/tfMessage", "tf2_msgs/msg/TFMessage"})
 ODOMETRY_FRAMES = frozenset({"odom", "map", "earth"})
 PROBE_NS = 60_000_000_000
-"""How much of /tf is read before the run: enough to see every frame, and no second pass over a long recording."""
+"""How much of /tf is read before the run: enough to see every frame without reading a long recording twice."""
 
 BEGINNING_NS = 2_000_000_000
-"""How much of it is read of every recording, wherever the window is: fixed frames are sent that often."""
+"""How much of /tf is read from the start, whatever the time window: fixed frames are sent more often than this."""
 
 STILL = 1e-6
-"""Largest change of a matrix entry (metres, or about radians) of a frame that counts as fixed."""
+"""Largest change of a matrix entry (metres, or roughly radians) of a fixed frame."""
 
 QUATERNION_TOLERANCE = 0.01
-"""tf2 itself refuses quaternions whose squared length is further from 1 (tf2::BufferCore::setTransform)."""
+"""Largest deviation of a quaternion's squared length from 1 that tf2 accepts (tf2::BufferCore::setTransform)."""
 
 
 @dataclass(frozen=True, slots=True)
 class RecordedTransforms:
-    """What a recording says of where its frames are.
+    """The recorded transforms between frames.
 
     Attributes:
-        fixed: Transforms that hold for all time.
+        fixed: Transforms that do not change.
         moving: Parent by child, for frames that move.
-        faults: What is wrong with a frame's recorded transform, by child; such transforms are left out.
+        faults: What is wrong with a frame's recorded transform, by child; such transforms are not used.
         drops: Messages that could not be decoded.
     """
 
@@ -57,7 +57,7 @@ class RecordedTransforms:
         """T_dst_src over fixed transforms alone.
 
         Raises:
-            FrameError: the frames are not joined, or only by one that moves; says why where that is known.
+            FrameError: no fixed transforms join the frames; names faults and moving frames.
         """
         try:
             return self.fixed.lookup(dst, src)
@@ -68,7 +68,7 @@ class RecordedTransforms:
             raise FrameError("; ".join([str(err), *reasons])) from err
 
     def are_joined(self, frame: str, other: str) -> bool:
-        """Whether the pose of one frame in the other is known and holds for all time."""
+        """Whether fixed transforms join two frames."""
         try:
             self.fixed.lookup(frame, other)
         except FrameError:
@@ -89,10 +89,10 @@ def tf_topics(recording: Recording) -> tuple[list[str], list[str]]:
 
 
 def decode_transforms(message: RawMessage) -> Iterator[tuple[int, Transform | CalibrationError, str]]:
-    """The transforms of one message: stamp in ns, T_parent_child or what is wrong with it, child frame.
+    """The transforms of one message: stamp in ns, T_parent_child or its fault, child frame.
 
     Raises:
-        MessageError: the message cannot be decoded, or is of another type.
+        MessageError: the message cannot be decoded, or is not of `TF_TYPES`.
     """
     if message.channel.msgtype not in TF_TYPES:
         raise MessageError(f"{message.topic}: expected a message of transforms, found {message.channel.msgtype}")
@@ -108,7 +108,7 @@ def _decode(stamped: Any) -> tuple[int, Transform | CalibrationError, str]:
     if not parent or not child or parent == child:
         return stamp_ns, FrameError(f"transform from {child!r} to {parent!r}: expected two different frames"), child
     if not abs(xyzw @ xyzw - 1) <= QUATERNION_TOLERANCE:
-        return stamp_ns, FrameError(f"its rotation {xyzw.tolist()} is no unit quaternion"), child
+        return stamp_ns, FrameError(f"its rotation {xyzw.tolist()} is not a unit quaternion"), child
     try:
         return stamp_ns, Transform.from_quaternion(parent, child, [shift.x, shift.y, shift.z], xyzw), child
     except FrameError as err:
@@ -116,15 +116,14 @@ def _decode(stamped: Any) -> tuple[int, Transform | CalibrationError, str]:
 
 
 def read_transforms(
-    recording: Recording, *, start_ns: int | None = None, stop_ns: int | None = None, probe_ns: int = PROBE_NS
+    recording: Recording, *, start_ns: int | None = None, stop_ns: int | None = None
 ) -> RecordedTransforms:
-    """All of tf_static, and some of tf.
+    """All of /tf_static, and /tf at the start of the recording and of the time window.
 
     Args:
         recording: Open recording.
-        start_ns: Begin of the window that is of interest, by log time; None is that of the recording.
+        start_ns: Start of the window by log time; None is that of the recording.
         stop_ns: Its end (exclusive).
-        probe_ns: The first part of the window, of which tf is read, and besides the beginning of the recording.
     """
     static, dynamic = tf_topics(recording)
     fixed = TransformTree()
@@ -138,7 +137,7 @@ def read_transforms(
         else:
             faults[child] = f"{transform} ({message.topic})"
     begin_ns = recording.start_ns if start_ns is None else start_ns
-    end_ns = begin_ns + probe_ns if stop_ns is None else min(stop_ns, begin_ns + probe_ns)
+    end_ns = begin_ns + PROBE_NS if stop_ns is None else min(stop_ns, begin_ns + PROBE_NS)
     early_ns = recording.start_ns + BEGINNING_NS
     parts = [(recording.start_ns, early_ns), (max(begin_ns, early_ns), end_ns)]
     for message, transform, child in _transforms(recording, dynamic, drops, parts):

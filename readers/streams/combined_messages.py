@@ -14,7 +14,6 @@ from rosbags.interfaces import Nodetype
 
 from pipeline.core.errors import MessageError
 from pipeline.core.messages import Channel, RawMessage
-from readers.messages.definitions import COMBINED_TYPES
 from readers.messages.deserialize import deserialize, typestore_for
 from readers.messages.header_stamp import stamp_or_log_time
 from readers.recording import Recording
@@ -73,8 +72,9 @@ def split(message: RawMessage, parts: Parts, wanted: Container[str]) -> Iterator
 
 def _lists(channel: Channel) -> dict[str, str]:
     """Type of the parts by field, for fields that are lists of images or clouds."""
-    definition = channel.definition or COMBINED_TYPES.get(channel.msgtype, "")
-    if channel.encoding not in {"ros1", "cdr"} or not LISTS.search(definition):
+    if channel.encoding not in {"ros1", "cdr"}:
+        return {}
+    if channel.definition and not LISTS.search(channel.definition):
         return {}
     try:
         fields = typestore_for(channel).fielddefs[channel.msgtype][1]

@@ -11,7 +11,8 @@ from rosbags.interfaces import Nodetype
 
 from pipeline.core.errors import MessageError
 from pipeline.core.messages import Channel, RawMessage
-from readers.messages.definitions import VELODYNE_MSGS
+from pipeline.core.ros.messages import ROS2
+from readers.messages.cursor import Cursor
 from readers.messages.deserialize import typestore_for
 from readers.velodyne.scan import PACKET_BYTES, SCAN
 
@@ -31,25 +32,16 @@ STAMPED_BYTES = 8 + PACKET_BYTES
 """Bytes of a packet and the stamp before it."""
 
 _CDR_LITTLE_ENDIAN = b"\0\1\0\0"
-_CDR = len(_CDR_LITTLE_ENDIAN)
-
-_SEPARATOR = "=" * 80
-_TIME = f"{_SEPARATOR}\nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
-_HEADER = f"{_SEPARATOR}\nMSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n"
-_PACKET_DEFINITION = f"{VELODYNE_MSGS['VelodynePacket']}\n{_TIME}"
-_SCAN_DEFINITION = (
-    f"{VELODYNE_MSGS['VelodyneScan']}\n{_HEADER}{_SEPARATOR}\nMSG: velodyne_msgs/VelodynePacket\n{_PACKET_DEFINITION}"
-)
 
 
 def packet_channel(topic: str) -> Channel:
     """A channel of VelodynePackets that were recorded without ROS."""
-    return Channel(topic, PACKET, "cdr", _PACKET_DEFINITION)
+    return Channel(topic, PACKET, "cdr", ROS2.definition(PACKET))
 
 
 def scan_channel(topic: str) -> Channel:
     """The channel of the scans made of a topic's packets."""
-    return Channel(topic, SCAN, "cdr", _SCAN_DEFINITION)
+    return Channel(topic, SCAN, "cdr", ROS2.definition(SCAN))
 
 
 def packet_message_data(stamp_ns: int, payload: bytes | memoryview) -> bytes:
@@ -66,15 +58,13 @@ def packet_data(message: RawMessage) -> bytes | memoryview:
     data = message.data
     if message.problem:
         raise MessageError(f"{message.topic}: {message.problem}")
-    start = 0 if message.channel.encoding == "ros1" else _CDR
-    if len(data) < start + STAMPED_BYTES:
-        raise MessageError(
-            f"{message.topic}: expected a {PACKET} of {start + STAMPED_BYTES} bytes, found {len(data)} bytes"
-        )
-    # OMG DDSI-RTPS 10.2: the lowest bit of the encapsulation identifier says little endian.
-    if start and not data[1] & 1:
-        return struct.pack("<II", *struct.unpack_from(">II", data, start)) + data[start + 8 : start + STAMPED_BYTES]
-    return data[start : start + STAMPED_BYTES]
+    cursor = Cursor(data, message.channel.encoding)
+    start, end = cursor.at, cursor.at + STAMPED_BYTES
+    if len(data) < end:
+        raise MessageError(f"{message.topic}: expected a {PACKET} of {end} bytes, found {len(data)} bytes")
+    if cursor.order == ">":
+        return struct.pack("<II", *struct.unpack_from(">II", data, start)) + data[start + 8 : end]
+    return data[start:end]
 
 
 def scan_data(packets: Sequence[bytes | memoryview]) -> bytes:

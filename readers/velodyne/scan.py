@@ -14,6 +14,7 @@ from rosbags.interfaces import Nodetype
 from pipeline.core.arrays import I64, U8, Bools, check_array
 from pipeline.core.errors import MessageError
 from pipeline.core.messages import Channel, RawMessage
+from readers.messages.cursor import Cursor
 from readers.messages.deserialize import typestore_for
 from readers.messages.tf import clean_frame
 
@@ -22,7 +23,6 @@ __all__ = ["PACKET_BYTES", "SCAN", "VelodynePackets", "parse_velodyne_scan"]
 SCAN = "velodyne_msgs/msg/VelodyneScan"
 PACKET_BYTES = 1206
 
-_ENCAPSULATION = 4
 _STAMP_BYTES = 8
 
 
@@ -90,20 +90,11 @@ def parse_velodyne_scan(message: RawMessage) -> VelodynePackets:
 
 def _layout(channel: Channel, data: bytes | memoryview) -> tuple[str, int, int, str, int]:
     """Frame, number of packets, position of the first, byte order, and distance from one to the next."""
-    if channel.encoding == "ros1":
-        order, at, stride = "<", 12, _STAMP_BYTES + PACKET_BYTES
-    else:
-        # OMG DDSI-RTPS 10.2: the lowest bit of the encapsulation identifier says little endian.
-        order = "<" if len(data) > 1 and data[1] & 1 else ">"
-        at, stride = _ENCAPSULATION + _STAMP_BYTES, (_STAMP_BYTES + PACKET_BYTES + 3) // 4 * 4
-    (length,) = struct.unpack_from(f"{order}I", data, at)
-    at += 4
-    frame_id = bytes(data[at : at + length]).rstrip(b"\0").decode()
-    at += length
-    if channel.encoding == "cdr":
-        at += -at % 4
-    (count,) = struct.unpack_from(f"{order}I", data, at)
-    return frame_id, count, at + 4, order, stride
+    is_ros1, size = channel.encoding == "ros1", _STAMP_BYTES + PACKET_BYTES
+    cursor = Cursor(data, channel.encoding)
+    cursor.skip(4, 3 if is_ros1 else 2)  # the header's stamp, in ROS 1 behind its seq
+    frame_id, count = cursor.string(), cursor.uint32()
+    return frame_id, count, cursor.at, cursor.order, size if is_ros1 else (size + 3) // 4 * 4
 
 
 @lru_cache(maxsize=256)

@@ -11,10 +11,10 @@ import av
 import cv2
 import numpy as np
 from av.codec.context import Flags
-from rosbags.typesys import Stores, get_typestore
 
 from pipeline.core.errors import MessageError
 from pipeline.core.messages import Channel, RawMessage
+from pipeline.core.ros.messages import ROS2
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from readers.messages.compressed_image import COMPRESSED_IMAGE
 from readers.video.h264_gaps import GapFinder
@@ -32,8 +32,6 @@ JPEG_QUALITY = 95
 
 _DECODERS = {"av1": "libdav1d"}  # FFmpeg's own needs a graphics card
 _STAMP_END_NS = 2**31 * 10**9
-_TYPES = get_typestore(Stores.ROS2_HUMBLE)
-_DEFINITION, _ = _TYPES.generate_msgdef(COMPRESSED_IMAGE, ros_version=2)
 
 
 class VideoDecoder:
@@ -49,7 +47,7 @@ class VideoDecoder:
     """
 
     def __init__(self, topic: str, *, limits: LimitsConfig = DEFAULT_LIMITS) -> None:
-        self._channel = Channel(topic, COMPRESSED_IMAGE, "cdr", _DEFINITION, "ros2msg")
+        self._channel = Channel(topic, COMPRESSED_IMAGE, "cdr", ROS2.definition(COMPRESSED_IMAGE), "ros2msg")
         self._max_pixels = min(MAX_PIXELS, round(limits.max_image_mpx * 1e6))
         self._codec = ""
         self._context: Any = None
@@ -152,8 +150,7 @@ def _image(frame: Any, stamp_ns: int, frame_id: str) -> bytes:
     done, jpeg = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
     if not done:
         raise ValueError("too large")
-    sec, nanosec = divmod(stamp_ns if 0 <= stamp_ns < _STAMP_END_NS else 0, 10**9)
-    stamp = _TYPES.types["builtin_interfaces/msg/Time"](sec=sec, nanosec=nanosec)
-    header = _TYPES.types["std_msgs/msg/Header"](stamp=stamp, frame_id=frame_id)
-    image = _TYPES.types[COMPRESSED_IMAGE](header=header, format="jpeg", data=np.asarray(jpeg, np.uint8).reshape(-1))
-    return bytes(_TYPES.serialize_cdr(image, COMPRESSED_IMAGE))
+    stamp_ns = stamp_ns if 0 <= stamp_ns < _STAMP_END_NS else 0
+    return bytes(
+        ROS2.serialize(ROS2.compressed_image(stamp_ns, frame_id, "jpeg", np.asarray(jpeg, np.uint8).reshape(-1)))
+    )

@@ -20,7 +20,7 @@ from command import Lidcam
 from rosbags.highlevel import AnyReader
 from small_scenario import write_small_scenario
 
-from bags.simulator.recorder.message_types import message_types
+from pipeline.core.ros.typestores import message_types
 
 PROGRAM = Path(sys.executable).with_name("lidcam")
 STARTED_S = 60.0

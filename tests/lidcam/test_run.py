@@ -8,6 +8,7 @@ import pytest
 from builders import image, odometry, pointcloud2, raw
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from memory_writer import MemoryWriter
 
 from lidcam.frames import Source, TimeWindow, synchronized_topics
 from lidcam.run import Run
@@ -24,7 +25,6 @@ from readers.memory import MemoryRecording
 from readers.messages.tf import RecordedTransforms
 from readers.rig.discovery import Discovery
 from readers.streams.motion import MotionSource
-from writers.memory import MemoryWriter
 
 STEP_NS = 100_000_000
 START_NS = 1_600_000_000_000_000_000

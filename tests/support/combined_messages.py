@@ -1,4 +1,4 @@
-"""The original system's combined messages, built with rosbags from messages of single sensors."""
+"""Combined messages of the predecessor system, built with rosbags from messages of single sensors."""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -41,7 +41,7 @@ def combined(
     field: str = "",
     order: tuple[int, ...] = (0, 0),
 ) -> RawMessage:
-    """One message of all parts, stamped with the time of recording, as the original's nodes do.
+    """One message of all parts, stamped with the time of recording.
 
     Args:
         topic: Its topic.
@@ -49,7 +49,7 @@ def combined(
         parts: Messages of the sensors, already in `encoding`.
         log_time_ns: Time of recording.
         encoding: Of the combined message and its parts.
-        definition: Definition of another type than the original's.
+        definition: Definition of another type.
         field: Name of that type's list.
         order: Place in the recording.
     """

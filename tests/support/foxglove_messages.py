@@ -133,7 +133,7 @@ def foxglove_raw(
     *,
     order: tuple[int, ...] = (0, 0),
 ) -> RawMessage:
-    """An undecoded message as the MCAP reader yields it: its stamp is not told yet."""
+    """An undecoded message as the MCAP reader yields it, with the log time as its stamp."""
     data = (
         json.dumps(_json(schema.removeprefix("foxglove."), fields)).encode()
         if encoding == "json"

@@ -8,8 +8,8 @@ import pytest
 from frames import CONFIG, RIG, START_NS, frame
 
 from pipeline.core.messages import Drop
+from pipeline.core.ros.typestores import message_types
 from writers.messages.annotations import image_annotations
-from writers.messages.definitions import output_types
 from writers.messages.diagnostics import diagnostics
 from writers.messages.scene import marker_array, scene_update
 from writers.palette import CAMERA_ONLY, LIDAR_ONLY, MATCHED
@@ -18,7 +18,7 @@ NAMES = CONFIG.class_names
 
 
 def through_cdr(message: Any) -> Any:
-    store, msgtype = output_types(), message.__msgtype__
+    store, msgtype = message_types(2), message.__msgtype__
     return store.deserialize_cdr(bytes(store.serialize_cdr(message, msgtype)), msgtype)
 
 

@@ -1,1 +1,1 @@
-"""The MCAP that a run writes."""
+"""MCAP files: results, and repaired recordings."""

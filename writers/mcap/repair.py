@@ -1,18 +1,14 @@
-"""What was saved of a recording, as one clean MCAP: the messages as they were recorded, not decoded and not changed."""
+"""What could be recovered of a damaged recording as an intact MCAP file, its messages neither decoded nor changed."""
 
 import base64
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
-from mcap.writer import CompressionType, Writer
-
 from pipeline.core.messages import Channel, RawMessage
-from writers.atomic import atomic_output, output_errors
+from writers.atomic import output_errors
+from writers.mcap.file import McapFile, mcap_file
 
 __all__ = ["write_repaired"]
-
-LIBRARY = "lidcam"
-CHUNK_BYTES = 1 << 20
 
 METADATA = "lidcam.repair"
 """Name of the metadata record that says what was lost."""
@@ -26,49 +22,40 @@ def write_repaired(
     """Write messages to a new MCAP file, in their order, with their log times.
 
     Args:
-        path: The file to write; it appears when it is whole.
-        channels: All channels, in the order in which they are listed; also those without messages.
+        path: The file to write; it appears when it is complete.
+        channels: All channels in the order of the file's list, also those without messages.
         messages: The messages.
-        lost: What could not be saved, record by record, for the file's metadata; asked for after the last message.
+        lost: What could not be recovered, one metadata record each; read after the last message.
 
     Returns:
         Number of messages.
 
     Raises:
         OutputError: the file cannot be written.
-        RecordingError: of the messages.
+        RecordingError: raised by `messages`.
     """
     channels = list(dict.fromkeys(channels))
     profile = PROFILES.get(frozenset(channel.encoding for channel in channels), "")
     count = 0
-    with atomic_output(path) as part, output_errors(path), part.open("wb") as stream:
-        writer = Writer(stream, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
-        writer.start(profile=profile, library=LIBRARY)
-        schemas: dict[tuple[str, str, bytes], int] = {}
-        ids = {channel: _register(writer, channel, schemas) for channel in channels}
+    with output_errors(path), mcap_file(path, profile=profile) as file:
+        ids = {channel: _add_channel(file, channel) for channel in channels}
         for message in messages:
             if message.channel not in ids:
-                ids[message.channel] = _register(writer, message.channel, schemas)
-            writer.add_message(
-                ids[message.channel], message.log_time_ns, bytes(message.data), message.log_time_ns, count
-            )
+                ids[message.channel] = _add_channel(file, message.channel)
+            file.add_message(ids[message.channel], message.log_time_ns, message.data, count)
             count += 1
         for record in lost:
-            writer.add_metadata(METADATA, dict(record))
-        writer.finish()  # type: ignore[no-untyped-call]  # mcap annotates in part
+            file.add_metadata(METADATA, record)
     return count
 
 
-def _register(writer: Writer, channel: Channel, schemas: dict[tuple[str, str, bytes], int]) -> int:
-    schema = _schema(channel)
-    if schema not in schemas:
-        schemas[schema] = writer.register_schema(*schema)
+def _add_channel(file: McapFile, channel: Channel) -> int:
     metadata = {}
     if channel.digest:
         metadata["md5sum" if channel.encoding == "ros1" else "topic_type_hash"] = channel.digest
     if channel.encoding == "cdr":
         metadata["offered_qos_profiles"] = ""
-    return writer.register_channel(channel.topic, channel.encoding, schemas[schema], metadata)
+    return file.add_channel(channel.topic, channel.encoding, _schema(channel), metadata)
 
 
 def _schema(channel: Channel) -> tuple[str, str, bytes]:
@@ -79,5 +66,5 @@ def _schema(channel: Channel) -> tuple[str, str, bytes]:
     if channel.encoding == "protobuf":
         return name, definition_format, base64.b64decode(channel.definition)
     if not channel.definition:
-        definition_format = ""  # as rosbag2 writes a type of which it knows the name only
+        definition_format = ""  # as rosbag2 writes a type whose definition it does not know
     return name, definition_format, channel.definition.encode()

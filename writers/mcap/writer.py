@@ -1,9 +1,9 @@
-"""FrameResults to one MCAP file that Foxglove, Lichtblick, rosbag2 and ROS tools read.
+"""Writes FrameResults to one MCAP file for Foxglove, Lichtblick, rosbag2 and ROS tools.
 
-Profile `ros2`: CDR messages, definitions as `ros2msg` text with all their dependencies (mcap.dev/spec/registry).
-Every message of a frame has the log time of the frame's reference message. Headers carry the frame's stamp; images
-and what belongs to them (camera_info, annotations, detections) carry the image's own, equal to the nanosecond,
-because viewers pair them by equality. Equal results give equal bytes.
+Profile `ros2`: CDR messages, definitions as `ros2msg` text with all dependencies (mcap.dev/spec/registry). Every
+message of a frame has the log time of the frame's reference message. Headers have the frame's stamp; an image and its
+camera_info, annotations and detections have the image's own stamp, because viewers pair them by equality. Equal
+results give equal bytes.
 """
 
 from collections.abc import Iterator
@@ -12,50 +12,25 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from mcap.writer import CompressionType, Writer
-
 from pipeline.core.errors import MessageError, OutputError
 from pipeline.core.frame import FrameResult
 from pipeline.core.messages import Drop, RawMessage
 from pipeline.core.rig import CameraSensor, Rig
+from pipeline.core.ros.messages import ROS2
+from pipeline.core.ros.qos import LATCHED_YAML
 from pipeline.core.settings.config import Config
-from writers.atomic import atomic_output, output_errors
+from writers.atomic import output_errors
+from writers.mcap.file import McapFile, mcap_file
 from writers.messages.annotations import image_annotations
-from writers.messages.cdr import point_cloud2
-from writers.messages.definitions import output_types, schema_text
+from writers.messages.calibration import camera_info, moving_transform, static_transforms
+from writers.messages.clouds import point_cloud2
 from writers.messages.detections import detections_2d, detections_3d, lidcam_objects
 from writers.messages.diagnostics import diagnostics
 from writers.messages.images import COMPRESSED, image_cdr
-from writers.messages.ros_messages import camera_info, moving_transform, static_transforms
 from writers.messages.scene import marker_array, scene_update
 from writers.provenance import Provenance
 
-__all__ = ["McapResultWriter", "Provenance"]
-
-LIBRARY = "lidcam"
-"""Without a version: the same results have the same bytes whichever version of the MCAP library wrote them."""
-
-CHUNK_BYTES = 1 << 20
-"""An image or cloud is about one chunk: a viewer that shows one topic unpacks little else."""
-
-POINT_CLOUD, TF = "sensor_msgs/msg/PointCloud2", "tf2_msgs/msg/TFMessage"
-DETECTIONS_2D, DETECTIONS_3D = "vision_msgs/msg/Detection2DArray", "vision_msgs/msg/Detection3DArray"
-SCENE, ANNOTATIONS = "foxglove_msgs/msg/SceneUpdate", "foxglove_msgs/msg/ImageAnnotations"
-MARKERS, DIAGNOSTICS = "visualization_msgs/msg/MarkerArray", "diagnostic_msgs/msg/DiagnosticArray"
-LIDCAM, CAMERA_INFO = "msgs/msg/MsgLidCam", "sensor_msgs/msg/CameraInfo"
-
-# The form of rosbag2 since Iron; other topics name no profile, which the MCAP registry allows.
-_LATCHED = """\
-- history: keep_last
-  depth: 1
-  reliability: reliable
-  durability: transient_local
-  deadline: {sec: 9223372036, nsec: 854775807}
-  lifespan: {sec: 9223372036, nsec: 854775807}
-  liveliness: automatic
-  liveliness_lease_duration: {sec: 9223372036, nsec: 854775807}
-  avoid_ros_namespace_conventions: false
-"""
+__all__ = ["McapResultWriter"]
 
 _STAMP_END_NS = 2**31 * 10**9
 """builtin_interfaces/Time counts seconds in 31 bits."""
@@ -64,13 +39,13 @@ _NOT_COPIED = "the image cannot be copied"
 
 
 class McapResultWriter:
-    """Writes one run's frames to `path`, which appears when the block ends well.
+    """Writes one run's frames to `path`, which appears when the block ends without error.
 
     Args:
         path: The file to write; an older one is replaced.
-        rig: Sensors that the frames were made with.
-        config: Their settings; `output` says what is written and how chunks are compressed.
-        provenance: Goes into the metadata and the attachments.
+        rig: The rig of the run.
+        config: The settings of the run; `output` selects topics and compression.
+        provenance: Written as metadata and attachments.
     """
 
     name = "mcap"
@@ -78,22 +53,17 @@ class McapResultWriter:
     def __init__(self, path: Path, rig: Rig, config: Config, provenance: Provenance) -> None:
         self._path, self._rig, self._config, self._provenance = path, rig, config, provenance
         self._resources = ExitStack()
-        self._schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
         self._messages = 0
-        self._writer: Writer
+        self._file: McapFile
 
     def __enter__(self) -> Self:
         with ExitStack() as resources, output_errors(self._path):
-            part = resources.enter_context(atomic_output(self._path))
-            stream = resources.enter_context(part.open("wb"))
-            compression = CompressionType[self._config.output.compression.upper()]
-            self._writer = Writer(stream, chunk_size=CHUNK_BYTES, compression=compression)
-            self._writer.start(profile="ros2", library=LIBRARY)
+            compression = self._config.output.compression
+            self._file = resources.enter_context(mcap_file(self._path, profile="ros2", compression=compression))
             self._attach()
             for topic, msgtype in self._topics():
                 self._register(topic, msgtype)
-            resources.push(self._finish)
             self._resources = resources.pop_all()
         return self
 
@@ -107,7 +77,7 @@ class McapResultWriter:
         """Write one frame.
 
         Returns:
-            Images whose bytes do not fit their type.
+            Images that could not be copied because their bytes do not fit their type.
 
         Raises:
             OutputError: the file cannot be written, or a stamp does not fit a ROS 2 header.
@@ -118,54 +88,53 @@ class McapResultWriter:
         if not 0 <= min(stamps_ns) <= max(stamps_ns) < _STAMP_END_NS:
             wrong_ns = next(stamp for stamp in stamps_ns if not 0 <= stamp < _STAMP_END_NS)
             raise OutputError(
-                f"{self._path}: frame {result.bundle.index}: stamp {wrong_ns} ns has no place in a ROS 2 "
+                f"{self._path}: frame {result.bundle.index}: stamp {wrong_ns} ns does not fit a ROS 2 "
                 "header (1970 to 2038); cut that part off with --start and --duration"
             )
         with output_errors(self._path):
             if self._messages == 0:
-                first_ns = min(stamps_ns)
-                self._put("/tf_static", TF, static_transforms(self._rig, first_ns), log_time_ns)
+                self._put("/tf_static", static_transforms(self._rig, min(stamps_ns)), log_time_ns)
             motion, limits = result.bundle.motion, self._config.combine.motion
             if motion is not None and motion.covers(
                 stamp_ns, stamp_ns, max_extrapolation_s=limits.max_extrapolation_s, max_gap_s=limits.max_gap_s
             ):
-                self._put("/tf", TF, moving_transform(motion, stamp_ns), log_time_ns)
-            for topic, msgtype, message in self._site_messages(result):
-                self._put(topic, msgtype, message, log_time_ns)
-            if self._config.output.clouds:
-                cloud = point_cloud2(result.combined.cloud, stamp_ns=stamp_ns, frame_id=self._rig.site_frame)
-                self._put_bytes("/point_cloud_combined", POINT_CLOUD, cloud, log_time_ns)
+                self._put("/tf", moving_transform(motion, stamp_ns), log_time_ns)
+            for topic, message in self._site_messages(result):
+                self._put(topic, message, log_time_ns)
             for camera in self._rig.cameras:
                 not_copied += self._put_camera(camera, result)
-            self._put("/diagnostics", DIAGNOSTICS, diagnostics(result, self._rig, not_copied), log_time_ns)
+            self._put("/diagnostics", diagnostics(result, self._rig, not_copied), log_time_ns)
         return tuple(not_copied)
 
     def _topics(self) -> Iterator[tuple[str, str]]:
-        """Topics that every file lists; `/tf` and images join when the first one comes and their type is known."""
-        yield "/tf_static", TF
-        yield "/lidar_camera_fused", LIDCAM
-        yield "/fused/detections", DETECTIONS_3D
-        yield "/fused/scene", SCENE
-        yield "/fused/markers", MARKERS
-        yield "/lidar/detections", DETECTIONS_3D
+        """Topics of every file; `/tf` and images are added with their first message, which tells their type."""
+        yield "/tf_static", "tf2_msgs/msg/TFMessage"
+        yield "/lidar_camera_fused", "msgs/msg/MsgLidCam"
+        yield "/fused/detections", "vision_msgs/msg/Detection3DArray"
+        yield "/fused/scene", "foxglove_msgs/msg/SceneUpdate"
+        yield "/fused/markers", "visualization_msgs/msg/MarkerArray"
+        yield "/lidar/detections", "vision_msgs/msg/Detection3DArray"
         if self._config.output.clouds:
-            yield "/point_cloud_combined", POINT_CLOUD
+            yield "/point_cloud_combined", "sensor_msgs/msg/PointCloud2"
         for camera in self._rig.cameras:
-            yield f"/{camera.name}/camera_info", CAMERA_INFO
-            yield f"/{camera.name}/annotations", ANNOTATIONS
-            yield f"/{camera.name}/detections", DETECTIONS_2D
-        yield "/diagnostics", DIAGNOSTICS
+            yield f"/{camera.name}/camera_info", "sensor_msgs/msg/CameraInfo"
+            yield f"/{camera.name}/annotations", "foxglove_msgs/msg/ImageAnnotations"
+            yield f"/{camera.name}/detections", "vision_msgs/msg/Detection2DArray"
+        yield "/diagnostics", "diagnostic_msgs/msg/DiagnosticArray"
 
-    def _site_messages(self, result: FrameResult) -> Iterator[tuple[str, str, Any]]:
+    def _site_messages(self, result: FrameResult) -> Iterator[tuple[str, Any]]:
         names, stamp_ns, objects = self._config.class_names, result.bundle.stamp_ns, result.fused.objects
-        yield "/lidar_camera_fused", LIDCAM, lidcam_objects(objects, self._rig.zones, stamp_ns=stamp_ns)
-        yield "/fused/detections", DETECTIONS_3D, detections_3d(objects, names, stamp_ns=stamp_ns)
-        yield "/fused/scene", SCENE, scene_update(result, names)
-        yield "/fused/markers", MARKERS, marker_array(result, names)
-        yield "/lidar/detections", DETECTIONS_3D, detections_3d(result.detections.lidar, names, stamp_ns=stamp_ns)
+        yield "/lidar_camera_fused", lidcam_objects(objects, self._rig.zones, stamp_ns=stamp_ns)
+        yield "/fused/detections", detections_3d(objects, names, stamp_ns=stamp_ns)
+        yield "/fused/scene", scene_update(result, names)
+        yield "/fused/markers", marker_array(result, names)
+        yield "/lidar/detections", detections_3d(result.detections.lidar, names, stamp_ns=stamp_ns)
+        if self._config.output.clouds:
+            cloud = point_cloud2(result.combined.cloud, stamp_ns=stamp_ns, frame_id=self._rig.site_frame)
+            yield "/point_cloud_combined", cloud
 
     def _put_camera(self, camera: CameraSensor, result: FrameResult) -> tuple[Drop, ...]:
-        """Everything of one camera, under one stamp; nothing where the frame has neither an image nor boxes of it."""
+        """Write one camera's messages, all with one stamp; none if the frame has neither an image nor boxes of it."""
         unusable = {(drop.topic, drop.stamp_ns) for drop in result.drops}
         image, boxes = result.bundle.messages.get(camera.topic), result.detections.cameras.get(camera.name)
         if image is not None and (image.topic, image.stamp_ns) in unusable:
@@ -181,12 +150,12 @@ class McapResultWriter:
         drops: tuple[Drop, ...] = ()
         if image is not None and self._config.output.images:
             drops = self._put_image(prefix, image, frame_id, log_time_ns)
-        self._put(f"{prefix}/camera_info", CAMERA_INFO, camera_info(camera, stamp_ns), log_time_ns)
+        self._put(f"{prefix}/camera_info", camera_info(camera, stamp_ns), log_time_ns)
         drawn = image_annotations(boxes, result.matches.get(camera.name), names, stamp_ns=stamp_ns)
-        self._put(f"{prefix}/annotations", ANNOTATIONS, drawn, log_time_ns)
+        self._put(f"{prefix}/annotations", drawn, log_time_ns)
         if boxes is not None:
             detections = detections_2d(boxes, names, stamp_ns=stamp_ns, frame_id=frame_id)
-            self._put(f"{prefix}/detections", DETECTIONS_2D, detections, log_time_ns)
+            self._put(f"{prefix}/detections", detections, log_time_ns)
         return drops
 
     def _put_image(self, prefix: str, image: RawMessage, frame_id: str, log_time_ns: int) -> tuple[Drop, ...]:
@@ -199,12 +168,12 @@ class McapResultWriter:
         self._put_bytes(topic, msgtype, cdr, log_time_ns)
         return ()
 
-    def _put(self, topic: str, msgtype: str, message: Any, log_time_ns: int) -> None:
-        self._put_bytes(topic, msgtype, output_types().serialize_cdr(message, msgtype), log_time_ns)
+    def _put(self, topic: str, message: Any, log_time_ns: int) -> None:
+        self._put_bytes(topic, message.__msgtype__, ROS2.serialize(message), log_time_ns)
 
-    def _put_bytes(self, topic: str, msgtype: str, cdr: bytes | bytearray | memoryview, log_time_ns: int) -> None:
+    def _put_bytes(self, topic: str, msgtype: str, cdr: bytes | memoryview, log_time_ns: int) -> None:
         channel = self._channels.get(topic) or self._register(topic, msgtype)
-        self._writer.add_message(channel, log_time_ns, cdr, log_time_ns, self._messages)  # type: ignore[arg-type]  # any buffer is written
+        self._file.add_message(channel, log_time_ns, cdr, self._messages)
         self._messages += 1
 
     def _register(self, topic: str, msgtype: str) -> int:
@@ -212,22 +181,12 @@ class McapResultWriter:
             raise OutputError(
                 f"{self._path}: two outputs are called {topic}; rename the camera of that name in the rig"
             )
-        if msgtype not in self._schemas:
-            self._schemas[msgtype] = self._writer.register_schema(msgtype, "ros2msg", schema_text(msgtype).encode())
-        metadata = {"offered_qos_profiles": _LATCHED if topic == "/tf_static" else ""}
-        self._channels[topic] = self._writer.register_channel(topic, "cdr", self._schemas[msgtype], metadata)
+        schema = msgtype, "ros2msg", ROS2.definition(msgtype).encode()
+        metadata = {"offered_qos_profiles": LATCHED_YAML if topic == "/tf_static" else ""}
+        self._channels[topic] = self._file.add_channel(topic, "cdr", schema, metadata)
         return self._channels[topic]
 
     def _attach(self) -> None:
-        self._writer.add_metadata("lidcam", self._provenance.metadata())
-        texts = {"lidcam.yaml": self._provenance.config_yaml, "rig.yaml": self._provenance.rig_yaml}
-        for name, text in texts.items():
-            start_ns = self._provenance.start_ns
-            self._writer.add_attachment(start_ns, start_ns, name, "application/yaml", text.encode())
-
-    def _finish(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        del error, trace
-        if kind is None:
-            self._writer.finish()  # type: ignore[no-untyped-call]  # mcap annotates in part
+        self._file.add_metadata("lidcam", self._provenance.metadata())
+        for name, text in (("lidcam.yaml", self._provenance.config_yaml), ("rig.yaml", self._provenance.rig_yaml)):
+            self._file.attach(name, text, self._provenance.start_ns)

@@ -1,32 +1,32 @@
-"""How each frame came about, in numbers: diagnostic_msgs/DiagnosticArray."""
+"""The counts of each frame: diagnostic_msgs/DiagnosticArray."""
 
 from collections.abc import Sequence
-
-from rosbags.typesys.stores.ros2_humble import diagnostic_msgs__msg__DiagnosticArray as DiagnosticArray
-from rosbags.typesys.stores.ros2_humble import diagnostic_msgs__msg__DiagnosticStatus as DiagnosticStatus
-from rosbags.typesys.stores.ros2_humble import diagnostic_msgs__msg__KeyValue as KeyValue
+from typing import Any
 
 from pipeline.core.frame import FrameResult
 from pipeline.core.messages import Drop
 from pipeline.core.rig import Rig
-from writers.messages.ros_messages import header
+from pipeline.core.ros.messages import ROS2
 
 __all__ = ["diagnostics"]
 
 Values = Sequence[tuple[str, str]]
 
+_OK, _WARN = 0, 1  # DiagnosticStatus
 
-def diagnostics(result: FrameResult, rig: Rig, not_copied: Sequence[Drop]) -> DiagnosticArray:
-    """Synchronisation, points by step, objects by source, and messages that no frame took or this one could not use.
+
+def diagnostics(result: FrameResult, rig: Rig, not_copied: Sequence[Drop]) -> Any:
+    """Synchronisation, points by step, objects by source, and dropped messages.
 
     Args:
         result: The frame.
-        rig: Its sensors.
-        not_copied: Messages that the writer itself could not use.
+        rig: The rig of the run.
+        not_copied: Messages that the writer itself dropped.
     """
     drops = [*result.drops, *not_copied]
-    return DiagnosticArray(
-        header(result.bundle.stamp_ns, rig.site_frame),
+    return ROS2.new(
+        "diagnostic_msgs/msg/DiagnosticArray",
+        ROS2.header(result.bundle.stamp_ns, rig.site_frame),
         [
             _status("synchronisation", f"skew {result.bundle.skew_ns / 1e6:.3f} ms", _synchronisation(result)),
             _status("cloud", f"{len(result.combined.cloud)} points", _cloud(result)),
@@ -35,7 +35,7 @@ def diagnostics(result: FrameResult, rig: Rig, not_copied: Sequence[Drop]) -> Di
                 "dropped messages",
                 f"{len(drops)} dropped" if drops else "none",
                 [(drop.topic, ": ".join(filter(None, (drop.reason, drop.detail)))) for drop in drops],
-                DiagnosticStatus.WARN if drops else DiagnosticStatus.OK,
+                _WARN if drops else _OK,
             ),
         ],
     )
@@ -71,5 +71,6 @@ def _objects(result: FrameResult, rig: Rig) -> Values:
     ]
 
 
-def _status(name: str, message: str, values: Values, level: int = DiagnosticStatus.OK) -> DiagnosticStatus:
-    return DiagnosticStatus(level, f"lidcam: {name}", message, "", [KeyValue(key, value) for key, value in values])
+def _status(name: str, message: str, values: Values, level: int = _OK) -> Any:
+    pairs = [ROS2.new("diagnostic_msgs/msg/KeyValue", *pair) for pair in values]
+    return ROS2.new("diagnostic_msgs/msg/DiagnosticStatus", level, f"lidcam: {name}", message, "", pairs)

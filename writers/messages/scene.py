@@ -1,28 +1,16 @@
-"""Objects as things to look at in 3D: Foxglove's SceneUpdate and RViz's MarkerArray.
+"""Objects drawn in 3D: Foxglove's SceneUpdate and RViz's MarkerArray.
 
-Each message first deletes what the one before it drew, so nothing stale stays, whatever the gap between frames.
+Each message first deletes what the one before it drew, so nothing stale stays, however long the gap between frames.
 """
 
-from collections.abc import Sequence
-from functools import cache
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from rosbags.typesys.stores.ros2_humble import builtin_interfaces__msg__Duration as Duration
-from rosbags.typesys.stores.ros2_humble import geometry_msgs__msg__Point as Point
-from rosbags.typesys.stores.ros2_humble import geometry_msgs__msg__Pose as Pose
-from rosbags.typesys.stores.ros2_humble import geometry_msgs__msg__Quaternion as Quaternion
-from rosbags.typesys.stores.ros2_humble import geometry_msgs__msg__Vector3 as Vector3
-from rosbags.typesys.stores.ros2_humble import sensor_msgs__msg__CompressedImage as CompressedImage
-from rosbags.typesys.stores.ros2_humble import std_msgs__msg__ColorRGBA as ColorRGBA
-from rosbags.typesys.stores.ros2_humble import std_msgs__msg__Header as Header
-from rosbags.typesys.stores.ros2_humble import visualization_msgs__msg__Marker as Marker
-from rosbags.typesys.stores.ros2_humble import visualization_msgs__msg__MarkerArray as MarkerArray
-from rosbags.typesys.stores.ros2_humble import visualization_msgs__msg__MeshFile as MeshFile
 
 from pipeline.core.frame import FrameResult
-from writers.messages.definitions import message_type
-from writers.messages.ros_messages import box_poses, header, time, vectors
+from pipeline.core.ros.messages import ROS2
+from writers.messages.detections import box_poses
 from writers.palette import class_color
 
 __all__ = ["marker_array", "object_labels", "scene_update"]
@@ -32,12 +20,12 @@ LABEL_SHARE = 0.35
 """Height of a marker's letters as a share of the height of its box: fits a street and a 1:14 model of one."""
 
 ALPHA_CONFIRMED, ALPHA_LIDAR_ONLY = 0.6, 0.3
-_FOREVER = Duration(0, 0)
-_UPRIGHT = Quaternion(0.0, 0.0, 0.0, 1.0)
+_DELETE_ALL_ENTITIES = 1  # SceneEntityDeletion.ALL
+_ADD, _DELETE_ALL, _CUBE, _TEXT_VIEW_FACING = 0, 3, 1, 9  # visualization_msgs/Marker
 
 
 def object_labels(result: FrameResult, class_names: Sequence[str]) -> list[str]:
-    """What is written beside each fused object: class, score, and how many cameras confirm it."""
+    """The text beside each fused object: class, score, and how many cameras confirm it."""
     objects = result.fused.objects
     columns = zip(objects.class_ids.tolist(), objects.scores.tolist(), result.fused.matched.tolist(), strict=True)
     return [
@@ -46,137 +34,121 @@ def object_labels(result: FrameResult, class_names: Sequence[str]) -> list[str]:
     ]
 
 
-class _Types(NamedTuple):
-    color: Any
-    pair: Any
-    cube: Any
-    text: Any
-    deletion: Any
-    entity: Any
-    update: Any
-
-
-@cache
-def _types() -> _Types:
-    names = ("Color", "KeyValuePair", "CubePrimitive", "TextPrimitive", "SceneEntityDeletion", "SceneEntity")
-    return _Types(*(message_type(f"foxglove_msgs/msg/{name}") for name in (*names, "SceneUpdate")))
-
-
 def scene_update(result: FrameResult, class_names: Sequence[str]) -> Any:
-    """foxglove_msgs/SceneUpdate: a cube and a label for each fused object; those that a camera confirms are denser."""
-    types, objects, stamp = _types(), result.fused.objects, time(result.bundle.stamp_ns)
-    white = types.color(1.0, 1.0, 1.0, 1.0)
-    columns = zip(
-        box_poses(objects),
-        vectors(objects.sizes.tolist()),
-        _label_points(result),
-        object_labels(result, class_names),
-        objects.class_ids.tolist(),
-        objects.scores.tolist(),
-        objects.point_counts.tolist(),
-        result.fused.matched.tolist(),
-        strict=True,
-    )
+    """foxglove_msgs/SceneUpdate: a cube and a label per fused object; those that a camera confirms are more opaque."""
+    objects, stamp = result.fused.objects, ROS2.time(result.bundle.stamp_ns)
+    white = _foxglove("Color", 1.0, 1.0, 1.0, 1.0)
+    details = zip(objects.class_ids.tolist(), objects.scores.tolist(), objects.point_counts.tolist(), strict=True)
     entities = []
-    for row, (pose, size, label_at, label, class_id, score, points, cameras) in enumerate(columns):
-        alpha = ALPHA_CONFIRMED if cameras else ALPHA_LIDAR_ONLY
+    for row, (drawn, (class_id, score, points)) in enumerate(zip(_drawn(result, class_names), details, strict=True)):
         metadata = {
             "class": class_names[class_id],
             "score": f"{score:.4f}",
-            "cameras": str(cameras),
+            "cameras": str(result.fused.matched[row]),
             "points": str(points),
         }
         entities.append(
-            types.entity(
+            _foxglove(
+                "SceneEntity",
                 timestamp=stamp,
                 frame_id=objects.frame_id,
                 id=f"object-{row}",
-                lifetime=_FOREVER,
+                lifetime=_forever(),
                 frame_locked=False,
-                metadata=[types.pair(key, value) for key, value in metadata.items()],
+                metadata=[_foxglove("KeyValuePair", key, value) for key, value in metadata.items()],
                 arrows=[],
-                cubes=[types.cube(pose, size, types.color(*class_color(class_id), alpha))],
+                cubes=[
+                    _foxglove("CubePrimitive", drawn.pose, ROS2.vector(*drawn.size), _foxglove("Color", *drawn.rgba))
+                ],
                 spheres=[],
                 cylinders=[],
                 lines=[],
                 triangles=[],
-                texts=[types.text(Pose(label_at, _UPRIGHT), True, LABEL_PX, True, white, label)],
+                texts=[_foxglove("TextPrimitive", drawn.label_pose, True, LABEL_PX, True, white, drawn.label)],
                 models=[],
             )
         )
-    return types.update([types.deletion(stamp, types.deletion.ALL, "")], entities)
+    return _foxglove("SceneUpdate", [_foxglove("SceneEntityDeletion", stamp, _DELETE_ALL_ENTITIES, "")], entities)
 
 
-def marker_array(result: FrameResult, class_names: Sequence[str]) -> MarkerArray:
+def marker_array(result: FrameResult, class_names: Sequence[str]) -> Any:
     """visualization_msgs/MarkerArray: DELETEALL, then for each fused object a cube and a label facing the viewer."""
     objects = result.fused.objects
-    top = header(result.bundle.stamp_ns, objects.frame_id)
-    white, nowhere, nothing = (
-        ColorRGBA(1.0, 1.0, 1.0, 1.0),
-        Pose(Point(0.0, 0.0, 0.0), _UPRIGHT),
-        Vector3(1.0, 1.0, 1.0),
-    )
-    clear = _marker(top, "", 0, Marker.CUBE, nowhere, nothing, white, action=Marker.DELETEALL)
-    columns = zip(
+    header = ROS2.header(result.bundle.stamp_ns, objects.frame_id)
+    white = (1.0, 1.0, 1.0, 1.0)
+    origin, unit_size = ROS2.pose((0.0, 0.0, 0.0)), (1.0, 1.0, 1.0)
+    markers = [_marker(header, "", 0, _CUBE, origin, unit_size, white, action=_DELETE_ALL)]
+    for row, (pose, size, rgba, label_pose, label) in enumerate(_drawn(result, class_names)):
+        letters = (0.0, 0.0, size[2] * LABEL_SHARE)
+        markers.append(_marker(header, "objects", row, _CUBE, pose, size, rgba))
+        markers.append(_marker(header, "labels", row, _TEXT_VIEW_FACING, label_pose, letters, white, text=label))
+    return ROS2.new("visualization_msgs/msg/MarkerArray", markers)
+
+
+class _Drawn(NamedTuple):
+    pose: Any
+    size: list[float]
+    rgba: tuple[float, ...]
+    label_pose: Any
+    label: str
+
+
+def _drawn(result: FrameResult, class_names: Sequence[str]) -> Iterator[_Drawn]:
+    """Each fused object as it is drawn; its label is as far above its roof as a marker's letters need."""
+    objects = result.fused.objects
+    alphas = np.where(result.fused.matched > 0, ALPHA_CONFIRMED, ALPHA_LIDAR_ONLY).tolist()
+    label_places = objects.centers.copy()
+    label_places[:, 2] += objects.sizes[:, 2] * (0.5 + LABEL_SHARE)
+    return map(
+        _Drawn,
         box_poses(objects),
-        vectors(objects.sizes.tolist()),
-        _label_points(result),
+        objects.sizes.tolist(),
+        [(*class_color(row), alpha) for row, alpha in zip(objects.class_ids.tolist(), alphas, strict=True)],
+        [ROS2.pose(place) for place in label_places.tolist()],
         object_labels(result, class_names),
-        objects.class_ids.tolist(),
-        result.fused.matched.tolist(),
-        strict=True,
     )
-    markers = [clear]
-    for row, (pose, size, label_at, label, class_id, cameras) in enumerate(columns):
-        color = ColorRGBA(*class_color(class_id), ALPHA_CONFIRMED if cameras else ALPHA_LIDAR_ONLY)
-        letters = Vector3(0.0, 0.0, size.z * LABEL_SHARE)
-        at = Pose(label_at, _UPRIGHT)
-        markers.append(_marker(top, "objects", row, Marker.CUBE, pose, size, color))
-        markers.append(_marker(top, "labels", row, Marker.TEXT_VIEW_FACING, at, letters, white, text=label))
-    return MarkerArray(markers)  # type: ignore[arg-type]  # rosbags names the same type of another release there
 
 
-def _label_points(result: FrameResult) -> list[Point]:
-    """A place above each object, away from its roof by as much as a marker's letters need."""
-    at = result.fused.objects.centers.copy()
-    at[:, 2] += result.fused.objects.sizes[:, 2] * (0.5 + LABEL_SHARE)
-    return [Point(x, y, z) for x, y, z in at.tolist()]
+def _foxglove(name: str, *values: Any, **fields: Any) -> Any:
+    return ROS2.new(f"foxglove_msgs/msg/{name}", *values, **fields)
 
 
-_NO_IMAGE = CompressedImage(header(0, ""), "", np.zeros(0, np.uint8))
-_NO_MESH = MeshFile("", np.zeros(0, np.uint8))
+def _forever() -> Any:
+    return ROS2.new("builtin_interfaces/msg/Duration", 0, 0)
 
 
 def _marker(
-    top: Header,
+    header: Any,
     namespace: str,
     row: int,
     kind: int,
-    pose: Pose,
-    scale: Vector3,
-    color: ColorRGBA,
+    pose: Any,
+    scale: Sequence[float],
+    color: Sequence[float],
     *,
-    action: int = Marker.ADD,
+    action: int = _ADD,
     text: str = "",
-) -> Marker:
-    return Marker(
-        header=top,
+) -> Any:
+    no_bytes = np.zeros(0, np.uint8)
+    return ROS2.new(
+        "visualization_msgs/msg/Marker",
+        header=header,
         ns=namespace,
         id=row,
         type=kind,
         action=action,
         pose=pose,
-        scale=scale,
-        color=color,
-        lifetime=_FOREVER,
+        scale=ROS2.vector(*scale),
+        color=ROS2.new("std_msgs/msg/ColorRGBA", *color),
+        lifetime=_forever(),
         frame_locked=False,
         points=[],
         colors=[],
         texture_resource="",
-        texture=_NO_IMAGE,
+        texture=ROS2.compressed_image(0, "", "", no_bytes),
         uv_coordinates=[],
         text=text,
         mesh_resource="",
-        mesh_file=_NO_MESH,
+        mesh_file=ROS2.new("visualization_msgs/msg/MeshFile", "", no_bytes),
         mesh_use_embedded_materials=False,
     )

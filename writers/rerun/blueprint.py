@@ -1,4 +1,4 @@
-"""How a Rerun recording opens: which views there are and from where the scene is seen."""
+"""The layout of a Rerun recording: its views, and the camera of the 3D view."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,17 +16,16 @@ __all__ = ["SceneScale", "blueprint", "camera_path"]
 
 BACKGROUND = (13, 16, 23)
 _WIDE = 1.9
-"""Images at least this wide for their height are stacked above the scene instead of beside it."""
+"""Images of at least this aspect ratio are placed above the scene, others beside it."""
 
 
 @dataclass(frozen=True, slots=True)
 class SceneScale:
-    """Sizes that fit a street as well as a table: taken from the points of the first frame.
+    """The extent of a scene, a street or a table, from the points of the first frame.
 
     Attributes:
-        center: (3,) metres in the site frame: between the lidars, at the height of most points.
-        radius_m: What is within this of the centre is shown: how far the lidars are apart, and where three quarters
-            of the points are.
+        center: (3,) metres in the site frame: mean of the lidars' positions, at the median height of the points.
+        radius_m: Radius of the part shown: spread of the lidars plus the distance within which 75 % of the points are.
         low_m: Height where the colours of the cloud begin: 2nd percentile.
         high_m: Height where they end: 98th percentile.
     """
@@ -38,7 +37,7 @@ class SceneScale:
 
     @classmethod
     def of(cls, combined: CombinedCloud, rig: Rig) -> "SceneScale":
-        """The scale of one frame; that of a room where the frame has no points."""
+        """The scale of one frame; without points that of a room."""
         points = np.concatenate([combined.cloud.xyz, combined.ground_cloud.xyz]).astype(np.float64)
         lidars = np.array([lidar.T_site_lidar.translation for lidar in rig.lidars]).reshape(-1, 3)
         center = lidars.mean(0) if len(lidars) else np.zeros(3)
@@ -53,12 +52,12 @@ class SceneScale:
 
 
 def camera_path(camera: CameraSensor) -> str:
-    """Entity of a camera: its pinhole, with the image and the boxes below it."""
+    """Entity path of a camera: its pinhole, with image and boxes below it."""
     return f"world/cameras/{camera.name}"
 
 
 def blueprint(rig: Rig, scale: SceneScale) -> rrb.Blueprint:
-    """The scene on the left and a grid of images on the right; wide images lie above the scene."""
+    """The scene on the left and a grid of images on the right; wide images go above the scene."""
     shown = [camera for camera in rig.cameras if camera.topic]
     images = [_image_view(camera) for camera in shown]
     scene = rrb.Tabs(_scene_view(scale, shown), _plots(), active_tab=0)
@@ -97,7 +96,7 @@ def _scene_view(scale: SceneScale, shown: Sequence[CameraSensor]) -> rrb.Spatial
 def _image_view(camera: CameraSensor) -> rrb.Spatial2DView:
     """The image with its 2D boxes and the 3D objects.
 
-    Rerun projects without lens distortion: through a lens that has some, the projected rectangles are shown instead.
+    Rerun projects without lens distortion: for a distorted image the projected rectangles are shown instead.
     """
     model = camera.model
     straight = model.model != "equidistant" and not model.distortion.any()

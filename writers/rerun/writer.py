@@ -1,8 +1,8 @@
-"""FrameResults to a Rerun recording: cloud, images, 2D and 3D boxes, transforms, and how they are laid out.
+"""Writes FrameResults to a Rerun recording: cloud, images, 2D and 3D boxes, transforms, and a layout.
 
-`world` is the site frame. Everything of a frame is logged at its stamp (timeline `stamp`) and number (`frame`). The
-recording is its own: nothing of Rerun's global state is used. Recordings of equal results hold equal data, but not
-equal bytes (Rerun's row ids come from the clock): compare them with `rerun rrd compare`.
+`world` is the site frame. A frame is logged at its stamp (timeline `stamp`) and index (`frame`). Rerun's global
+recording is not used. Equal results give equal data, but not equal bytes (Rerun's row ids come from the clock): compare
+with `rerun rrd compare`.
 """
 
 from collections.abc import Callable, Sequence
@@ -34,24 +34,24 @@ from writers.rerun.blueprint import SceneScale, blueprint, camera_path
 __all__ = ["RerunResultWriter"]
 
 MAX_POINTS = 100_000
-"""Points logged per frame; beyond it clouds are thinned evenly, for the viewer's sake."""
+"""Points logged per frame; larger clouds are thinned evenly to keep the viewer responsive."""
 
 JPEG_QUALITY = 90
 _GROUND_GREY = (70, 76, 86)
-# Low to high; without strong hues, so that the boxes stand out from the cloud.
+# Low to high; muted, so that the boxes stand out from the cloud.
 _HEIGHT_STOPS = np.array([[62, 84, 128], [108, 150, 190], [176, 205, 218], [245, 240, 225]], np.float64)
 _MAGIC = {b"\xff\xd8\xff": "image/jpeg", b"\x89PN": "image/png"}
 
 
 class RerunResultWriter:
-    """Writes one run's frames to `path`, which appears when the block ends well.
+    """Writes one run's frames to `path`, which appears when the block ends without error.
 
     Args:
         path: The file to write; an older one is replaced.
-        rig: Sensors that the frames were made with.
-        config: Their settings; `output` says whether images and clouds are logged.
-        provenance: Names the recording: equal inputs and settings give an equal recording id.
-        decode_any_image: Turns a recorded raw image into pixels; JPEG and PNG pass through undecoded.
+        rig: The rig of the run.
+        config: The settings of the run; `output` selects images and clouds.
+        provenance: Gives the recording id: equal for equal inputs and settings.
+        decode_any_image: Decodes an image that is neither JPEG nor PNG; those are passed through.
     """
 
     name = "rerun"
@@ -210,17 +210,17 @@ class RerunResultWriter:
                 drops = (Drop(message.topic, message.stamp_ns, "the image cannot be shown", str(err)),)
             else:
                 return ()
-        self._log("image", camera, rr.Clear(recursive=False))  # else the image of an earlier frame would stay
+        self._log("image", camera, rr.Clear(recursive=False))  # else an earlier image would remain
         return drops
 
     def _encoded(self, message: RawMessage) -> rr.EncodedImage:
         """The image as JPEG or PNG.
 
         Raises:
-            MessageError: the bytes are no image.
+            MessageError: the bytes are not an image.
         """
         if message.channel.msgtype == COMPRESSED:
-            data = bytes(read_image(message).data)
+            data = read_image(message).data.tobytes()
             if (media_type := _MAGIC.get(data[:3])) is not None:
                 return rr.EncodedImage(contents=data, media_type=media_type)
         rgb = self._decode(message).rgb
@@ -233,19 +233,19 @@ class RerunResultWriter:
 
 
 def _height_colors(share: Array) -> U8:
-    """(N, 3) colours of heights that are 0 at the low end of the scale and 1 at the high one."""
+    """(N, 3) colours of heights, given as shares of the scale from 0 (low) to 1 (high)."""
     stops = np.linspace(0, 1, len(_HEIGHT_STOPS))
     return np.stack([np.interp(share, stops, channel) for channel in _HEIGHT_STOPS.T], -1).astype(np.uint8)
 
 
 def _thinned(xyz: F32, share: float) -> F32:
-    """Every so-manyth point."""
+    """A `share` of the points, evenly spaced."""
     rows = np.linspace(0, len(xyz) - 1, int(len(xyz) * share)).astype(np.intp) if share < 1.0 else slice(None)
     return xyz[rows]
 
 
 def _boxes_2d(boxes: Boxes2D | None, matches: Matches | None, class_names: Sequence[str]) -> rr.Boxes2D:
-    """What the camera's detector found: green where a 3D box matches."""
+    """The camera's 2D boxes, matched ones in green."""
     if boxes is None or not len(boxes):
         return rr.Boxes2D(array=np.zeros((0, 4)), array_format=rr.Box2DFormat.XYXY)
     matched = set(matches.pairs[:, 1].tolist()) if matches is not None else set()
@@ -261,7 +261,7 @@ def _boxes_2d(boxes: Boxes2D | None, matches: Matches | None, class_names: Seque
 
 
 def _projected(matches: Matches | None) -> rr.Boxes2D:
-    """The 3D boxes as upright rectangles in this image: green where a 2D box matches."""
+    """The 3D boxes projected to upright rectangles in this image, matched ones in green."""
     if matches is None:
         return rr.Boxes2D(array=np.zeros((0, 4)), array_format=rr.Box2DFormat.XYXY)
     rows = np.flatnonzero(np.isfinite(matches.projected_xyxy).all(1))

@@ -9,7 +9,6 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from bags.simulator.recorder.message_types import message_types
 from bags.simulator.recorder.recorded import Recorded
 from bags.simulator.recorder.simulation import Simulation
 from bags.simulator.recorder.states import TRUTH_TOPIC
@@ -17,6 +16,7 @@ from bags.simulator.recorder.true_rig import T_carrier_sensor
 from bags.simulator.scenario.sensors import SensorScenario
 from bags.simulator.sensors.lens import camera_model
 from pipeline.core.errors import OutputError
+from pipeline.core.ros.typestores import message_types
 
 __all__ = ["LiveView"]
 

@@ -1,6 +1,6 @@
-"""The files that a simulated recording is written to: ROS 1 bag, ROS 2 sqlite3 folder, MCAP.
+"""Writes simulated recordings: ROS 1 bag, ROS 2 sqlite3 folder, MCAP.
 
-Same messages, same bytes. A file appears under its name when it is whole; until then it is a `.part` beside it.
+The same messages give the same bytes. A file is a `.part` beside its name until it is complete.
 """
 
 import contextlib
@@ -9,57 +9,41 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
-import yaml
-from mcap.writer import CompressionType
-from mcap.writer import Writer as McapWriter
-from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag1 import Writer as Rosbag1Writer
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Rosbag2Writer
 
-from bags.simulator.recorder.message_types import RosVersion, message_types
 from bags.simulator.recorder.recorded import Recorded
 from pipeline.core.errors import OutputError
+from pipeline.core.ros.messages import ROS2
+from pipeline.core.ros.qos import LATCHED, LATCHED_YAML_HUMBLE
+from pipeline.core.ros.typestores import RosVersion, message_types
 from writers.atomic import atomic_output, output_errors
+from writers.mcap.file import McapFile, mcap_file
 
 __all__ = ["FORMATS", "MessageWriter", "RecordingFormat", "format_of", "recording_file", "ros_version_of"]
 
 RecordingFormat = Literal["ros1", "sqlite3", "mcap"]
 FORMATS: tuple[RecordingFormat, ...] = ("ros1", "sqlite3", "mcap")
 
-LIBRARY = "lidcam"
 ENDINGS = "a name that ends in .bag (ROS 1), in .mcap (MCAP), or has no ending (ROS 2 sqlite3 folder), or a --format"
-CHUNK_BYTES = 1 << 20
 METADATA_VERSION: Literal[8] = 8
-"""What Humble reads."""
-
-_FOREVER = QosTime(2147483647, 4294967295)
-_LATCHED = Qos(
-    QosHistory.KEEP_LAST,
-    1,
-    QosReliability.RELIABLE,
-    QosDurability.TRANSIENT_LOCAL,
-    _FOREVER,
-    _FOREVER,
-    QosLiveliness.AUTOMATIC,
-    _FOREVER,
-    avoid_ros_namespace_conventions=False,
-)
+"""The newest that Humble reads."""
 
 
 class MessageWriter(Protocol):
     """An open recording."""
 
     def write(self, recorded: Recorded, start_ns: int) -> None:
-        """Add a message of a scenario that began at a time (since 1970); log times never fall."""
+        """Add a message of a scenario that began at `start_ns` since 1970; log times must not decrease."""
         ...
 
 
 def format_of(path: Path, wanted: RecordingFormat | None) -> RecordingFormat:
-    """The format that is wanted, else the one that the name asks for.
+    """The wanted format, else the one that the file name implies.
 
     Raises:
-        OutputError: the name asks for none, or for another one than is wanted.
+        OutputError: the name implies none, or another one than wanted.
     """
     suffixes: dict[str, RecordingFormat] = {".bag": "ros1", ".mcap": "mcap", "": "sqlite3"}
     by_name = suffixes.get(path.suffix)
@@ -72,7 +56,7 @@ def format_of(path: Path, wanted: RecordingFormat | None) -> RecordingFormat:
 
 
 def ros_version_of(format: RecordingFormat) -> RosVersion:
-    """Whose messages a format holds."""
+    """The ROS version of a format's messages."""
     return 1 if format == "ros1" else 2
 
 
@@ -80,44 +64,41 @@ def ros_version_of(format: RecordingFormat) -> RosVersion:
 def recording_file(
     path: Path, format: RecordingFormat, *, rig_yaml: str, scenario_yaml: str
 ) -> Iterator[MessageWriter]:
-    """Write a recording; an older one of that name is replaced when the new one is whole.
+    """Write a recording; an older one of that name is replaced when the new one is complete.
 
     Args:
         path: File, or folder for sqlite3.
-        format: Of the file.
+        format: Format of the recording.
         rig_yaml: The true calibration as a rig file: an attachment of an MCAP, else `NAME.rig.yaml` beside the bag.
-        scenario_yaml: What was simulated: an attachment of an MCAP, else `NAME.scenario.yaml` beside the bag.
+        scenario_yaml: The scenario: an attachment of an MCAP, else `NAME.scenario.yaml` beside the bag.
 
     Raises:
         OutputError: it cannot be written, or something else stands there.
     """
     texts = {"rig.yaml": rig_yaml, "scenario.yaml": scenario_yaml}
     if format == "mcap":
-        with atomic_output(path) as part, output_errors(path), part.open("wb") as stream:
-            writer = McapWriter(stream, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
-            writer.start(profile="ros2", library=LIBRARY)
+        with output_errors(path), mcap_file(path, profile="ros2") as file:
             for name, text in texts.items():
-                writer.add_attachment(0, 0, name, "application/yaml", text.encode())
-            writer.add_metadata("lidcam_truth", {"attachments": ", ".join(texts)})
-            yield _Mcap(writer)
-            writer.finish()  # type: ignore[no-untyped-call]
+                file.attach(name, text)
+            file.add_metadata("lidcam_truth", {"attachments": ", ".join(texts)})
+            yield _Mcap(file)
     elif format == "ros1":
         with atomic_output(path) as part, _beside(path, texts), output_errors(path):
             part.unlink()
             bag = Rosbag1Writer(part)
             bag.set_compression(Rosbag1Writer.CompressionFormat.LZ4)
             with bag:
-                yield _Rosbag1(bag)
+                yield _Rosbag(bag)
     else:
         with _atomic_folder(path) as folder, _beside(path, texts), output_errors(path):
             with Rosbag2Writer(folder, version=METADATA_VERSION, storage_plugin=StoragePlugin.SQLITE3) as bag2:
-                yield _Rosbag2(bag2)
+                yield _Rosbag(bag2)
             _rename_inside(folder, path.name)
 
 
 @contextlib.contextmanager
 def _beside(path: Path, texts: Mapping[str, str]) -> Iterator[None]:
-    """Texts in files beside a recording, by what their names add to its name."""
+    """Write texts to files beside a recording; their names are suffixes of its name."""
     with contextlib.ExitStack() as files:
         for name, text in texts.items():
             part = files.enter_context(atomic_output(path.with_name(f"{path.name}.{name}")))
@@ -130,9 +111,7 @@ def _atomic_folder(path: Path) -> Iterator[Path]:
     """As `atomic_output`, for a ROS 2 bag folder; an older one is replaced, anything else is refused."""
     with output_errors(path):
         if path.exists() and not _is_recorded(path):
-            raise OutputError(
-                f"{path}: is there already, and is not or not only a ROS 2 recording; choose another name"
-            )
+            raise OutputError(f"{path}: exists and holds something other than a ROS 2 recording; choose another name")
         if not path.parent.is_dir():
             raise OutputError(f"{path}: there is no folder {path.parent}; create it first")
         part = path.with_name(f"{path.name}.part")
@@ -149,82 +128,48 @@ def _atomic_folder(path: Path) -> Iterator[Path]:
 
 
 def _is_recorded(path: Path) -> bool:
-    """Whether a folder holds what a ROS 2 recorder writes, and nothing else."""
+    """Whether a folder holds a ROS 2 recording and nothing else."""
     if not path.is_dir() or not (path / "metadata.yaml").is_file():
         return False
     return all(file.name == "metadata.yaml" or file.suffix in {".db3", ".mcap"} for file in path.iterdir())
 
 
 def _rename_inside(folder: Path, name: str) -> None:
-    """Name the database after the final folder: rosbags names it after the one that it was written to."""
+    """Rename the database, which rosbags named after the `.part` folder, to match the final folder."""
     written = folder / f"{folder.name}.db3"
     written.rename(folder / f"{name}.db3")
     metadata = folder / "metadata.yaml"
     metadata.write_text(metadata.read_text(encoding="utf-8").replace(written.name, f"{name}.db3"), encoding="utf-8")
 
 
-class _Rosbag1:
-    def __init__(self, bag: Rosbag1Writer) -> None:
-        self._bag, self._types = bag, message_types(1)
+class _Rosbag:
+    def __init__(self, bag: Rosbag1Writer | Rosbag2Writer) -> None:
+        self._bag: Any = bag
         self._connections: dict[str, Any] = {}
 
     def write(self, recorded: Recorded, start_ns: int) -> None:
         """See `MessageWriter`."""
         topic = recorded.topic
         if topic not in self._connections:
-            self._connections[topic] = self._bag.add_connection(
-                topic, recorded.msgtype, typestore=self._types, latching=1 if recorded.latched else None
-            )
-        self._bag.write(self._connections[topic], start_ns + recorded.log_ns, recorded.data)
-
-
-class _Rosbag2:
-    def __init__(self, bag: Rosbag2Writer) -> None:
-        self._bag, self._types = bag, message_types(2)
-        self._connections: dict[str, Any] = {}
-
-    def write(self, recorded: Recorded, start_ns: int) -> None:
-        """See `MessageWriter`."""
-        topic = recorded.topic
-        if topic not in self._connections:
-            profiles = [_LATCHED] if recorded.latched else []
-            self._connections[topic] = self._bag.add_connection(
-                topic, recorded.msgtype, typestore=self._types, offered_qos_profiles=profiles
-            )
+            if isinstance(self._bag, Rosbag1Writer):
+                options: Any = {"typestore": message_types(1), "latching": 1 if recorded.latched else None}
+            else:
+                profiles = [LATCHED] if recorded.latched else []
+                options = {"typestore": message_types(2), "offered_qos_profiles": profiles}
+            self._connections[topic] = self._bag.add_connection(topic, recorded.msgtype, **options)
         self._bag.write(self._connections[topic], start_ns + recorded.log_ns, recorded.data)
 
 
 class _Mcap:
-    def __init__(self, writer: McapWriter) -> None:
-        self._writer, self._types = writer, message_types(2)
-        self._schemas: dict[str, int] = {}
+    def __init__(self, file: McapFile) -> None:
+        self._file = file
         self._channels: dict[str, int] = {}
 
     def write(self, recorded: Recorded, start_ns: int) -> None:
         """See `MessageWriter`."""
-        topic, msgtype, log_ns = recorded.topic, recorded.msgtype, start_ns + recorded.log_ns
-        if msgtype not in self._schemas:
-            text, _ = self._types.generate_msgdef(msgtype, ros_version=2)
-            self._schemas[msgtype] = self._writer.register_schema(msgtype, "ros2msg", text.encode())
+        topic, msgtype = recorded.topic, recorded.msgtype
         if topic not in self._channels:
-            profiles = {"offered_qos_profiles": _latched_yaml()} if recorded.latched else {}
-            self._channels[topic] = self._writer.register_channel(topic, "cdr", self._schemas[msgtype], profiles)
-        self._writer.add_message(self._channels[topic], log_ns, recorded.data, log_ns)
-
-
-def _latched_yaml() -> str:
-    """`_LATCHED` in the form of rosbag2 since Iron, which MCAP channels carry."""
-    forever = {"sec": _FOREVER.sec, "nsec": _FOREVER.nsec}
-    profile = {
-        "history": "keep_last",
-        "depth": _LATCHED.depth,
-        "reliability": "reliable",
-        "durability": "transient_local",
-        "deadline": forever,
-        "lifespan": forever,
-        "liveliness": "automatic",
-        "liveliness_lease_duration": forever,
-        "avoid_ros_namespace_conventions": False,
-    }
-    text: str = yaml.safe_dump([profile], sort_keys=False)
-    return text
+            schema = msgtype, "ros2msg", ROS2.definition(msgtype).encode()
+            profiles = {"offered_qos_profiles": LATCHED_YAML_HUMBLE} if recorded.latched else {}
+            self._channels[topic] = self._file.add_channel(topic, "cdr", schema, profiles)
+        self._file.add_message(self._channels[topic], start_ns + recorded.log_ns, recorded.data)

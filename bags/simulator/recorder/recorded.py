@@ -1,4 +1,4 @@
-"""What comes out of a simulation: messages as they are recorded, and the measurements that they belong to."""
+"""The output of a simulation: serialised messages, and the measurements that they belong to."""
 
 from typing import NamedTuple
 
@@ -7,19 +7,19 @@ from pipeline.core.arrays import I64
 __all__ = ["STEP_NS", "Measured", "Recorded"]
 
 STEP_NS = 100_000_000
-"""How far a simulation goes at a time, where nobody asks for another step."""
+"""Default step of a simulation."""
 
 
 class Recorded(NamedTuple):
-    """One serialised message as it is recorded; in the order of the first three fields.
+    """One serialised message; messages are ordered by the first three fields.
 
     Attributes:
         log_ns: True time since the scenario began.
-        topic: Where.
-        stamp_ns: Of its header, or as `log_ns` where it has none.
-        msgtype: As `sensor_msgs/msg/PointCloud2`.
+        topic: Topic name.
+        stamp_ns: Header stamp; `log_ns` for messages without a header.
+        msgtype: Type name, for instance `sensor_msgs/msg/PointCloud2`.
         data: The message in the encoding of the recording.
-        latched: Whether late subscribers get it, too.
+        latched: Whether late subscribers receive it too.
     """
 
     log_ns: int
@@ -34,11 +34,11 @@ class Measured(NamedTuple):
     """One measurement of a sensor.
 
     Attributes:
-        by_lidar: Else by a camera.
-        from_ns: From then on it stands for what is there.
-        until_ns: Until then.
+        by_lidar: Whether a lidar took it, not a camera.
+        from_ns: Start of the time that it represents.
+        until_ns: End of that time.
         hits: (M,) int64 points or pixels on each mover.
-        recorded: Its messages; none if it was lost.
+        recorded: Its messages; empty if it was lost.
     """
 
     by_lidar: bool

@@ -101,9 +101,9 @@ class Sensing:
         if settings.output == "jpeg":
             message = make.jpeg(stamp_ns, model.frame_id, image.rgb, settings.jpeg_quality)
         else:
-            message = make.image(stamp_ns, model.frame_id, image.rgb)
+            message = make.rgb_image(stamp_ns, model.frame_id, image.rgb)
         yield make.recorded(log_ns, settings.image_topic, stamp_ns, message)
-        yield make.recorded(log_ns, settings.info_topic, stamp_ns, make.camera_info(stamp_ns, model))
+        yield make.recorded(log_ns, settings.info_topic, stamp_ns, make.intrinsics(stamp_ns, model))
         if settings.detector is not None:
             classes = [mover.class_name for mover in self._stage.scene.movers]
             name, number = camera.device.name, measurement.number

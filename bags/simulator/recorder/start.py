@@ -5,10 +5,10 @@ from collections.abc import Collection, Iterator
 from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING
 
-from bags.simulator.recorder.message_types import RosVersion
 from bags.simulator.recorder.processes import SensingProcess, shared_out
 from bags.simulator.recorder.task import SensingTask
 from bags.simulator.scenario.scenario import Scenario
+from pipeline.core.ros.typestores import RosVersion
 
 if TYPE_CHECKING:
     from bags.simulator.recorder.simulation import Simulation

@@ -2,8 +2,8 @@
 
 from typing import NamedTuple
 
-from bags.simulator.recorder.message_types import RosVersion
 from bags.simulator.scenario.scenario import Scenario
+from pipeline.core.ros.typestores import RosVersion
 
 __all__ = ["SensingTask"]
 

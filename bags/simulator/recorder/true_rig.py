@@ -1,4 +1,4 @@
-"""The calibration of a scenario: the true one, as a rig, and the one that is recorded, as transforms."""
+"""A scenario's calibration: the true one as a rig, and the recorded one as transforms."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -12,26 +12,26 @@ from pipeline.core.rig import CameraSensor, LidarSensor, Rig, default_zones
 __all__ = ["T_carrier_sensor", "carrier_frame", "recorded_extrinsics", "rig_frame", "true_rig"]
 
 OPTICAL = np.array([[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
-"""A camera's optical axes (x right, y down, z forward) in its body's (x forward, y left, z up); REP 103."""
+"""From a camera's optical axes (x right, y down, z forward) to its body's (x forward, y left, z up); REP 103."""
 
 
 def rig_frame(scenario: Scenario) -> str:
-    """The frame that the sensors are fixed to: the vehicle's, if they ride on one, else the site's."""
+    """The frame that the sensors are fixed to: the ego vehicle's if there is one, else the site frame."""
     return EGO_FRAME if scenario.ego else scenario.site_frame
 
 
 def carrier_frame(scenario: Scenario, sensor: SensorScenario) -> str:
-    """The frame that one sensor's place is given in."""
+    """The frame that one sensor is mounted in."""
     return EGO_FRAME if sensor.mounted_on else scenario.site_frame
 
 
 def T_carrier_sensor(scenario: Scenario, sensor: SensorScenario) -> Transform:
-    """The true place of the sensor's frame, for a camera the optical one, on what carries it."""
+    """The true pose of the sensor's frame (for a camera the optical frame) on its carrier."""
     return _framed(sensor.T_carrier_body(carrier_frame(scenario, sensor)), sensor)
 
 
 def recorded_extrinsics(scenario: Scenario) -> list[Transform]:
-    """What tf_static says of every sensor: the truth, but for the miscalibration that the scenario asks for."""
+    """The transforms in /tf_static: the true extrinsics with the scenario's miscalibration."""
     found = []
     for sensor in scenario.sensors.values():
         true, error = sensor.T_carrier_body(carrier_frame(scenario, sensor)), np.eye(4)
@@ -42,16 +42,16 @@ def recorded_extrinsics(scenario: Scenario) -> list[Transform]:
 
 
 def _framed(body: Transform, sensor: SensorScenario) -> Transform:
-    """The frame of a sensor's messages instead of its body's."""
+    """The same pose for the frame of the sensor's messages."""
     return Transform(body.dst, body.src, body.matrix @ OPTICAL) if isinstance(sensor, CameraScenario) else body
 
 
 def true_rig(scenario: Scenario, models: dict[str, CameraModel]) -> Rig:
-    """The rig as it really is, of the sensors that are fixed to its frame.
+    """The true rig, with the sensors that are fixed to its frame.
 
     Args:
-        scenario: What is simulated.
-        models: Intrinsics by camera.
+        scenario: The scenario.
+        models: Intrinsics by camera name.
     """
     frame = rig_frame(scenario)
     lidars = [

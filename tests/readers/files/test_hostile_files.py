@@ -486,7 +486,7 @@ LAUGHS = "\n".join(f"B b{i}" for i in range(10)) + parts(
         ("a/A a", "a/msg/A contains itself"),
         ("a/A[] a", "a/msg/A contains itself"),
         ("B b" + parts(("B", "C[3] c"), ("C", "A a")), "a/msg/A contains itself"),
-        ("B[] b" + parts(("B", "uint8 X=1")), "is a list of messages that hold nothing"),
+        ("B[] b" + parts(("B", "uint8 X=1")), "is a list of empty messages"),
         ("B[100000000] b" + parts(("B", "uint8 x")), "more than 5000 values"),
         ("string[100000000] b", "more than 5000 values"),
         (LAUGHS, "more than 5000 values"),
@@ -494,7 +494,7 @@ LAUGHS = "\n".join(f"B b{i}" for i in range(10)) + parts(
         ("\n".join(f"uint8 x{i}" for i in range(1_000_000)), "expected at most 262144"),
         (
             "B0 b" + parts(*((f"B{i}", f"B{i + 1} b") for i in range(100)), ("B100", "uint8 x")),
-            "more than 50 types are nested",
+            "types are nested more than 50 deep",
         ),
     ],
 )
@@ -520,7 +520,7 @@ def test_arrays_of_numbers_may_be_long() -> None:
 def test_lists_that_are_longer_than_the_message(encoding: Encoding) -> None:
     for text in ("string[] x", "uint8[] x", "float64[] x", "B[] x" + parts(("B", "uint8[] y"))):
         data = (b"\0\1\0\0" if encoding == "cdr" else b"") + b"\xff\xff\xff\x7f" + bytes(8)
-        with at_most(5), pytest.raises(MessageError, match="bytes are no a/msg/A"):
+        with at_most(5), pytest.raises(MessageError, match="bytes are not a valid a/msg/A"):
             deserialize(described(text, data, encoding))
 
 

@@ -101,7 +101,7 @@ def test_rectified_without_a_turn_keeps_the_frame() -> None:
     ("options", "reason"),
     [
         ({"P": np.zeros((3, 4))}, "P\\[0\\] is 0"),
-        ({"R": np.zeros((3, 3))}, "R is no rotation: it is singular"),
+        ({"R": np.zeros((3, 3))}, "R is not a rotation: it is singular"),
         ({"R": np.diag([1.0, 1.0, -1.0])}, "reflection"),
     ],
 )

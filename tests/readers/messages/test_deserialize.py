@@ -69,7 +69,7 @@ def test_unusable_definitions(definition: str, says: str) -> None:
 @pytest.mark.parametrize("size", [0, 3, 4, 11, 40])
 def test_bytes_that_do_not_fit(size: int) -> None:
     message = state()
-    with pytest.raises(MessageError, match=f"{size} bytes are no nav_msgs/msg/Odometry"):
+    with pytest.raises(MessageError, match=f"{size} bytes are not a valid nav_msgs/msg/Odometry"):
         deserialize(message._replace(data=message.data[:size]))
 
 
@@ -114,7 +114,7 @@ def test_a_definition_goes_before_a_digest_and_bytes_that_do_not_fit_name_both(e
 @pytest.mark.parametrize("encoding", ["protobuf", "json"])
 def test_other_serialisations_are_no_ros_messages(encoding: Literal["protobuf", "json"]) -> None:
     message = RawMessage(0, 0, (0, 0), b"{}", Channel("/t", "foxglove.Log", encoding, "", "jsonschema"))
-    with pytest.raises(MessageError, match=f"/t: foxglove.Log in {encoding} is no ROS message"):
+    with pytest.raises(MessageError, match=f"/t: foxglove.Log in {encoding} is not a ROS message"):
         deserialize(message)
 
 

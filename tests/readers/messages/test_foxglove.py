@@ -173,8 +173,12 @@ TURNED = {"orientation": {"z": 1.0}}
 @pytest.mark.parametrize(
     ("schema", "fields", "says"),
     [
-        ("PointCloud", {"point_stride": 12, "fields": XYZ, "data": bytes(30)}, "30 bytes of data are no points of 12"),
-        ("PointCloud", {"point_stride": 0, "fields": XYZ, "data": bytes(24)}, "no points of 0 bytes"),
+        (
+            "PointCloud",
+            {"point_stride": 12, "fields": XYZ, "data": bytes(30)},
+            "30 bytes of data are not whole points of 12",
+        ),
+        ("PointCloud", {"point_stride": 0, "fields": XYZ, "data": bytes(24)}, "not whole points of 0 bytes"),
         ("PointCloud", {"point_stride": 4, "fields": [{"name": "x", "type": 9}], "data": bytes(4)}, "has type 9"),
         ("PointCloud", {"point_stride": 12, "fields": XYZ[:2], "pose": TURNED, "data": bytes(24)}, "fields x, y and z"),
         ("PointCloud", {"point_stride": 8, "fields": XYZ, "pose": TURNED, "data": bytes(24)}, "itemsize"),

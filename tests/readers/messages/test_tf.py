@@ -82,9 +82,9 @@ def test_of_a_window_tf_is_read_where_it_begins_and_where_the_recording_does(
 @pytest.mark.parametrize(
     ("bad", "reason"),
     [
-        (edge("base", "lidar", rotation_xyzw=(0, 0, 0, 0)), "no unit quaternion"),
-        (edge("base", "lidar", rotation_xyzw=(0, 0, 0, 2)), "no unit quaternion"),
-        (edge("base", "lidar", rotation_xyzw=(0, 0, 0, float("nan"))), "no unit quaternion"),
+        (edge("base", "lidar", rotation_xyzw=(0, 0, 0, 0)), "not a unit quaternion"),
+        (edge("base", "lidar", rotation_xyzw=(0, 0, 0, 2)), "not a unit quaternion"),
+        (edge("base", "lidar", rotation_xyzw=(0, 0, 0, float("nan"))), "not a unit quaternion"),
         (edge("base", "lidar", float("inf")), "finite"),
         (edge("lidar", "lidar"), "two different frames"),
     ],

@@ -165,7 +165,7 @@ def test_a_broken_message_is_a_problem_of_each_part(encoding: Encoding) -> None:
         ("/c/camera_1", LOGGED, False),
         ("/c/camera_2", LOGGED, False),
     ]
-    with pytest.raises(MessageError, match=r"/c/camera_2: /c: \d+ bytes are no msgs/msg/MsgCamera"):
+    with pytest.raises(MessageError, match=r"/c/camera_2: /c: \d+ bytes are not a valid msgs/msg/MsgCamera"):
         deserialize(got[1])
 
 

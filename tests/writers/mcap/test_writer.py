@@ -228,7 +228,7 @@ def test_a_broken_image_is_reported_and_the_rest_written(tmp_path: Path) -> None
     broken = whole._replace(data=whole.data[:100])
     ((drop,),) = write(tmp_path / "out.mcap", [with_messages(frame(), **{"/left/image": broken})])
     assert (drop.topic, drop.stamp_ns, drop.reason) == ("/left/image", START_NS, "the image cannot be copied")
-    assert "100 bytes are no sensor_msgs/msg/Image" in drop.detail
+    assert "100 bytes are not a valid sensor_msgs/msg/Image" in drop.detail
     topics = topics_of(tmp_path / "out.mcap")
     assert "/left/image" not in topics
     assert topics["/left/annotations"][1] == topics["/fused/detections"][1] == 1
@@ -255,7 +255,7 @@ def test_a_full_disk_is_one_clear_line(tmp_path: Path, monkeypatch: pytest.Monke
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("writers.mcap.writer.Writer.finish", full)
+    monkeypatch.setattr("writers.mcap.file.Writer.finish", full)
     with pytest.raises(OutputError, match=r"out\.mcap: cannot be written: No space left on device"):
         write(tmp_path / "out.mcap", [frame()])
     assert names_in(tmp_path) == []
@@ -271,6 +271,6 @@ def test_a_camera_named_like_an_output_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize("stamp_ns", [-1, 2**31 * 10**9])
 def test_a_stamp_that_ros_cannot_hold_is_one_clear_line(tmp_path: Path, stamp_ns: int) -> None:
     message = image_message("/left/image", START_NS, frame_id="left")._replace(stamp_ns=stamp_ns)
-    with pytest.raises(OutputError, match=f"frame 0: stamp {stamp_ns} ns has no place"):
+    with pytest.raises(OutputError, match=f"frame 0: stamp {stamp_ns} ns does not fit a ROS 2 header"):
         write(tmp_path / "out.mcap", [with_messages(frame(), **{"/left/image": message})])
     assert names_in(tmp_path) == []

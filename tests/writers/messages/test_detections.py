@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from pipeline.core.detections import Boxes3D
 from pipeline.core.rig import Zone
-from writers.messages.definitions import output_types
+from pipeline.core.ros.typestores import message_types
 from writers.messages.detections import detections_2d, detections_3d, lidcam_objects
 
 NAMES = CONFIG.class_names
@@ -17,7 +17,7 @@ NAMES = CONFIG.class_names
 
 def through_cdr(message: Any) -> Any:
     """The message after a trip through its bytes."""
-    store, msgtype = output_types(), message.__msgtype__
+    store, msgtype = message_types(2), message.__msgtype__
     return store.deserialize_cdr(bytes(store.serialize_cdr(message, msgtype)), msgtype)
 
 

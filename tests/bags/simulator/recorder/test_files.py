@@ -59,9 +59,9 @@ def all_messages(make: MessageFactory) -> dict[str, Any]:
         "/tf_static": make.transforms(STAMP_NS, [POSE]),
         "/points": make.cloud(STAMP_NS, "lidar", POINTS),
         "/packets": make.scan(STAMP_NS, "lidar", np.array([STAMP_NS, STAMP_NS + 1_327_000]), PAYLOAD),
-        "/image": make.image(STAMP_NS, "cam", RGB),
+        "/image": make.rgb_image(STAMP_NS, "cam", RGB),
         "/image/compressed": make.jpeg(STAMP_NS, "cam", np.full((48, 64, 3), (200, 100, 50), np.uint8), 95),
-        "/info": make.camera_info(STAMP_NS, MODEL),
+        "/info": make.intrinsics(STAMP_NS, MODEL),
         "/odometry": make.odometry(STAMP_NS, POSE, (3.0, 0.1, 0.2)),
         "/drive": make.drive(STAMP_NS, "car", speed_m_s=0.5, steering_rad=-0.25),
         "/wheel": make.number(14.0),
@@ -216,10 +216,10 @@ def test_a_place_that_cannot_be_written(tmp_path: Path, format: RecordingFormat)
 def test_a_folder_that_is_no_recording_is_kept(tmp_path: Path) -> None:
     (tmp_path / "a").mkdir()
     (tmp_path / "a" / "thesis.txt").write_text("mine")
-    with pytest.raises(OutputError, match="is not or not only a ROS 2 recording"):
+    with pytest.raises(OutputError, match="exists and holds something other than a ROS 2 recording"):
         write_all(tmp_path / "a", "sqlite3")
     (tmp_path / "a" / "metadata.yaml").write_text("a recording, and more")
-    with pytest.raises(OutputError, match="is not or not only a ROS 2 recording"):
+    with pytest.raises(OutputError, match="exists and holds something other than a ROS 2 recording"):
         write_all(tmp_path / "a", "sqlite3")
     assert (tmp_path / "a" / "thesis.txt").read_text() == "mine"
     assert sorted(file.name for file in tmp_path.iterdir()) == ["a"]

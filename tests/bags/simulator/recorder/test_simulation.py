@@ -11,8 +11,8 @@ from rosbags.highlevel import AnyReader
 from scipy.spatial.transform import Rotation
 from small_scenario import write_small_scenario
 
-from bags.simulator.recorder.message_types import message_types
 from lidcam.commands.simulate import SimulateOptions, run_simulate
+from pipeline.core.ros.typestores import message_types
 
 MS = 1_000_000
 START_NS = 1_700_000_000 * 10**9

@@ -1,4 +1,4 @@
-"""Results kept in memory, for callers that want records instead of files."""
+"""A writer of results that keeps the frames."""
 
 from types import TracebackType
 from typing import Self
@@ -10,14 +10,6 @@ __all__ = ["MemoryWriter"]
 
 
 class MemoryWriter:
-    """Keeps every frame.
-
-    The frames hold their recorded messages and clouds: memory grows with the length of the recording.
-
-    Attributes:
-        results: The frames so far; emptied when the block ends with an exception.
-    """
-
     name = "memory"
 
     def __init__(self) -> None:
@@ -28,11 +20,8 @@ class MemoryWriter:
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if kind is not None:
-            self.results.clear()
+    ) -> None: ...
 
     def write(self, result: FrameResult) -> tuple[Drop, ...]:
-        """Keep one frame."""
         self.results.append(result)
         return ()

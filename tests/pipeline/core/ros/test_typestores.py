@@ -3,7 +3,8 @@ import re
 import pytest
 from helpers import shared
 
-from writers.messages.definitions import output_types, schema_text
+from pipeline.core.ros.messages import ROS2
+from pipeline.core.ros.typestores import message_types
 
 TYPES = (
     "foxglove_msgs/msg/ImageAnnotations",
@@ -24,7 +25,7 @@ def constants(text: str) -> set[str]:
 
 @pytest.mark.parametrize("name", [*TYPES, "msgs/msg/MsgLidCam", "sensor_msgs/msg/Image"])
 def test_a_schema_holds_all_that_it_depends_on(name: str) -> None:
-    top, *others = re.split(r"={80}\nMSG: (.+)\n", schema_text(name))
+    top, *others = re.split(r"={80}\nMSG: (.+)\n", ROS2.definition(name))
     have = set(others[::2])
     used = set(re.findall(r"^(\w+/\w+)", "\n".join([top, *others[1::2]]), re.MULTILINE))
     assert used == have
@@ -33,7 +34,7 @@ def test_a_schema_holds_all_that_it_depends_on(name: str) -> None:
 def test_our_copies_equal_the_published_definitions() -> None:
     blocks = re.split(r"={80}\nMSG: (.+)\n", shared("reference/msgdefs/all_msgs.txt").read_text())[1:]
     published = dict(zip(blocks[::2], blocks[1::2], strict=True))
-    store = output_types()
+    store = message_types(2)
     ours = {name for name in store.fielddefs if name.startswith(("foxglove_msgs/", "vision_msgs/"))}
     assert ours
     for name in ours:
@@ -42,3 +43,19 @@ def test_our_copies_equal_the_published_definitions() -> None:
         expected = re.sub(rf"^(?:{package}/)?([A-Z])", rf"{package}/\1", published[name], flags=re.MULTILINE)
         assert fields(text) == fields(expected), name
         assert constants(text) == constants(expected), name
+
+
+# As `rosmsg md5` of genuine installations tells them (Noetic; ros-drivers and ros-perception releases).
+NOETIC = {
+    "velodyne_msgs/msg/VelodyneScan": "50804fc9533a0e579e6322c04ae70566",
+    "ackermann_msgs/msg/AckermannDriveStamped": "1fd5d7f58889cefd44d29f6653240d0c",
+    "vision_msgs/msg/Detection3DArray": "05c51d9aea1fb4cfdc8effb94f197b6f",
+    "tf2_msgs/msg/TFMessage": "94810edda583a504dfda3829e70d7eec",
+    "sensor_msgs/msg/CameraInfo": "c9a58c1b0b154e0e6da7578cb991d214",
+}
+
+
+@pytest.mark.parametrize("name", NOETIC)
+def test_definitions_of_ros_1_have_the_genuine_sums(name: str) -> None:
+    _, md5sum = message_types(1).generate_msgdef(name, ros_version=1)
+    assert md5sum == NOETIC[name]

@@ -1,0 +1,1 @@
+"""ROS messages: definitions, builders, quality of service."""

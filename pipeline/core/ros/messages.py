@@ -1,0 +1,181 @@
+"""Builds ROS messages and serialises them, with rosbags."""
+
+from collections.abc import Iterable, Mapping
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from rosbags.typesys.store import Typestore
+
+from pipeline.core.arrays import F64, U8, Array
+from pipeline.core.geometry.transform import Transform
+from pipeline.core.ros.typestores import RosVersion, message_types
+
+__all__ = ["POINT_FIELD_DATATYPES", "ROS2", "RosMessages"]
+
+POINT_FIELD_DATATYPES = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}
+"""sensor_msgs/PointField's number for each numpy type."""
+
+_NO_ROTATION = (0.0, 0.0, 0.0, 1.0)
+
+
+class RosMessages:
+    """Builds the messages of one ROS version.
+
+    Args:
+        ros_version: 1 for Noetic, 2 for Humble.
+        start_ns: Added to every stamp: the origin of the methods' stamps, in ns since 1970.
+    """
+
+    def __init__(self, ros_version: RosVersion, start_ns: int = 0) -> None:
+        self.ros_version, self.start_ns = ros_version, start_ns
+
+    @cached_property
+    def _types(self) -> Typestore:
+        return message_types(self.ros_version)
+
+    def new(self, msgtype: str, *values: Any, **fields: Any) -> Any:
+        """A message of any type, from its fields in order or by name."""
+        return self._types.types[msgtype](*values, **fields)
+
+    def serialize(self, message: Any) -> memoryview:
+        """The bytes of a message: ROS 1, or little-endian CDR."""
+        serialize = self._types.serialize_ros1 if self.ros_version == 1 else self._types.serialize_cdr
+        return serialize(message, message.__msgtype__)
+
+    def definition(self, msgtype: str) -> str:
+        """A type's definition with those of all types that it contains, as MCAP's `ros1msg` and `ros2msg`."""
+        return self._types.generate_msgdef(msgtype, ros_version=self.ros_version)[0]
+
+    def time(self, stamp_ns: int) -> Any:
+        """builtin_interfaces/Time."""
+        return self.new("builtin_interfaces/msg/Time", *divmod(self.start_ns + stamp_ns, 10**9))
+
+    def header(self, stamp_ns: int, frame_id: str) -> Any:
+        """std_msgs/Header; ROS 1's `seq` is 0, as in messages that a node has not published yet."""
+        seq = {"seq": 0} if self.ros_version == 1 else {}
+        return self.new("std_msgs/msg/Header", stamp=self.time(stamp_ns), frame_id=frame_id, **seq)
+
+    def vector(self, x: float, y: float, z: float) -> Any:
+        """geometry_msgs/Vector3."""
+        return self.new("geometry_msgs/msg/Vector3", x, y, z)
+
+    def pose(self, position: Iterable[float], quaternion_xyzw: Iterable[float] = _NO_ROTATION) -> Any:
+        """geometry_msgs/Pose."""
+        point = self.new("geometry_msgs/msg/Point", *position)
+        return self.new("geometry_msgs/msg/Pose", point, self.new("geometry_msgs/msg/Quaternion", *quaternion_xyzw))
+
+    def pose_with_covariance(self, pose: Any, covariance: F64 | None = None) -> Any:
+        """geometry_msgs/PoseWithCovariance; the covariance (36,) is zero unless given."""
+        covariance = np.zeros(36) if covariance is None else covariance
+        return self.new("geometry_msgs/msg/PoseWithCovariance", pose, covariance)
+
+    def transform_stamped(
+        self, stamp_ns: int, parent: str, child: str, translation: Iterable[float], quaternion_xyzw: Iterable[float]
+    ) -> Any:
+        """geometry_msgs/TransformStamped."""
+        rotation = self.new("geometry_msgs/msg/Quaternion", *quaternion_xyzw)
+        transform = self.new("geometry_msgs/msg/Transform", self.vector(*translation), rotation)
+        return self.new("geometry_msgs/msg/TransformStamped", self.header(stamp_ns, parent), child, transform)
+
+    def transforms(self, stamp_ns: int, transforms: Iterable[Transform]) -> Any:
+        """tf2_msgs/TFMessage."""
+        stamped = [
+            self.transform_stamped(stamp_ns, one.dst, one.src, one.translation.tolist(), one.quaternion_xyzw.tolist())
+            for one in transforms
+        ]
+        return self.new("tf2_msgs/msg/TFMessage", stamped)
+
+    def camera_info(
+        self,
+        stamp_ns: int,
+        frame_id: str,
+        *,
+        width: int,
+        height: int,
+        distortion_model: str,
+        d: F64,
+        k: F64,
+        r: F64 | None = None,
+        p: F64 | None = None,
+    ) -> Any:
+        """sensor_msgs/CameraInfo without region of interest or binning.
+
+        Args:
+            stamp_ns: Stamp of the image.
+            frame_id: Optical frame.
+            width: Pixels.
+            height: Pixels.
+            distortion_model: As ROS names it.
+            d: (K,) float64 distortion coefficients.
+            k: (9,) float64 camera matrix, row by row.
+            r: (9,) float64 rectification; no rotation by default.
+            p: (12,) float64 projection; [K | 0] by default, for images that are not rectified.
+        """
+        matrices = {
+            "d": d,
+            "k": k,
+            "r": np.eye(3).reshape(9) if r is None else r,
+            "p": np.c_[k.reshape(3, 3), np.zeros(3)].reshape(12) if p is None else p,
+        }
+        return self.new(
+            "sensor_msgs/msg/CameraInfo",
+            header=self.header(stamp_ns, frame_id),
+            height=height,
+            width=width,
+            distortion_model=distortion_model,
+            binning_x=0,
+            binning_y=0,
+            roi=self.new("sensor_msgs/msg/RegionOfInterest", 0, 0, 0, 0, False),
+            **{name.upper() if self.ros_version == 1 else name: matrix for name, matrix in matrices.items()},
+        )
+
+    def point_cloud2(
+        self,
+        stamp_ns: int,
+        frame_id: str,
+        fields: Iterable[tuple[str, int, int]],
+        data: U8,
+        *,
+        point_step: int,
+        is_dense: bool = True,
+    ) -> Any:
+        """sensor_msgs/PointCloud2 of one row, little endian; `fields` are name, offset and datatype."""
+        width = len(data) // point_step if point_step else 0
+        return self.new(
+            "sensor_msgs/msg/PointCloud2",
+            header=self.header(stamp_ns, frame_id),
+            height=1,
+            width=width,
+            fields=[self.new("sensor_msgs/msg/PointField", *field, 1) for field in fields],
+            is_bigendian=False,
+            point_step=point_step,
+            row_step=point_step * width,
+            data=data,
+            is_dense=is_dense,
+        )
+
+    def cloud(self, stamp_ns: int, frame_id: str, columns: Mapping[str, Array]) -> Any:
+        """sensor_msgs/PointCloud2 of finite points: arrays (N,) by field name, laid side by side in their order."""
+        layout = np.dtype([(name, values.dtype.newbyteorder("<")) for name, values in columns.items()])
+        points = np.empty(len(next(iter(columns.values()))), layout)
+        for name, values in columns.items():
+            points[name] = values
+        offsets = [layout.fields[name][1] for name in columns] if layout.fields else []
+        datatypes = [POINT_FIELD_DATATYPES[values.dtype.str[1:]] for values in columns.values()]
+        fields = zip(columns, offsets, datatypes, strict=True)
+        return self.point_cloud2(stamp_ns, frame_id, fields, points.view(np.uint8), point_step=layout.itemsize)
+
+    def image(
+        self, stamp_ns: int, frame_id: str, *, height: int, width: int, encoding: str, step: int, data: U8
+    ) -> Any:
+        """sensor_msgs/Image, little endian: `data` (height * step,)."""
+        header = self.header(stamp_ns, frame_id)
+        return self.new("sensor_msgs/msg/Image", header, height, width, encoding, 0, step, data)
+
+    def compressed_image(self, stamp_ns: int, frame_id: str, format: str, data: U8) -> Any:
+        """sensor_msgs/CompressedImage."""
+        return self.new("sensor_msgs/msg/CompressedImage", self.header(stamp_ns, frame_id), format, data)
+
+
+ROS2 = RosMessages(2)

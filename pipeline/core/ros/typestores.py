@@ -1,0 +1,39 @@
+"""The message types of ROS 1 Noetic and ROS 2 Humble, with those of `definitions/` that rosbags does not bring.
+
+A file of `definitions/` holds the types of one package: each begins with a line of 80 `=` and `MSG: package/msg/Type`.
+"""
+
+from functools import cache
+from importlib.resources import files
+from typing import Literal
+
+from rosbags.interfaces.typing import Typesdict
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+__all__ = ["RosVersion", "extra_types", "message_types"]
+
+RosVersion = Literal[1, 2]
+
+_SEPARATOR = "=" * 80 + "\nMSG: "
+
+
+@cache
+def extra_types(ros_version: RosVersion) -> Typesdict:
+    """The types of `definitions/`, by name."""
+    types: Typesdict = {}
+    for folder in ("both", f"ros{ros_version}"):
+        packages = files("pipeline.core.ros").joinpath("definitions", folder).iterdir()
+        for file in sorted(packages, key=lambda file: file.name):
+            for block in file.read_text(encoding="utf-8").split(_SEPARATOR)[1:]:
+                name, _, definition = block.partition("\n")
+                types |= get_types_from_msg(definition, name)
+    return types
+
+
+@cache
+def message_types(ros_version: RosVersion) -> Typestore:
+    """All types of one ROS version."""
+    store = get_typestore(Stores.ROS1_NOETIC if ros_version == 1 else Stores.ROS2_HUMBLE)
+    store.register(extra_types(ros_version))
+    return store

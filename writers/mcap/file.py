@@ -1,0 +1,61 @@
+"""One MCAP file that is being written."""
+
+import contextlib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Literal
+
+from mcap.writer import CompressionType, Writer
+
+from writers.atomic import atomic_output
+
+__all__ = ["McapFile", "mcap_file"]
+
+LIBRARY = "lidcam"
+"""Without a version: the same results have the same bytes whichever version of the MCAP library wrote them."""
+
+CHUNK_BYTES = 1 << 20
+"""An image or cloud is about one chunk: a viewer that shows one topic unpacks little else."""
+
+
+class McapFile:
+    """An open MCAP file; `mcap_file` opens one."""
+
+    def __init__(self, writer: Writer) -> None:
+        self._writer = writer
+        self._schemas: dict[tuple[str, str, bytes], int] = {}
+
+    def add_channel(
+        self, topic: str, encoding: str, schema: tuple[str, str, bytes], metadata: Mapping[str, str] | None = None
+    ) -> int:
+        """The id of a new channel; `schema` is name, encoding and data (mcap.dev/spec/registry), written once."""
+        if schema not in self._schemas:
+            self._schemas[schema] = self._writer.register_schema(*schema)
+        return self._writer.register_channel(topic, encoding, self._schemas[schema], dict(metadata or {}))
+
+    def add_message(self, channel: int, log_time_ns: int, data: bytes | memoryview, sequence: int = 0) -> None:
+        """Add a message, published when it was logged."""
+        self._writer.add_message(channel, log_time_ns, data, log_time_ns, sequence)  # type: ignore[arg-type]  # any buffer is written
+
+    def add_metadata(self, name: str, record: Mapping[str, str]) -> None:
+        """Add a metadata record."""
+        self._writer.add_metadata(name, dict(record))
+
+    def attach(self, name: str, yaml_text: str, time_ns: int = 0) -> None:
+        """Attach a YAML file."""
+        self._writer.add_attachment(time_ns, time_ns, name, "application/yaml", yaml_text.encode())
+
+
+@contextlib.contextmanager
+def mcap_file(path: Path, *, profile: str, compression: Literal["none", "lz4", "zstd"] = "zstd") -> Iterator[McapFile]:
+    """Open a new file, which appears at `path` when the block ends well; `output_errors` may enclose the block.
+
+    Raises:
+        OutputError: see `atomic_output`.
+        OSError: it cannot be written.
+    """
+    with atomic_output(path) as part, part.open("wb") as stream:
+        writer = Writer(stream, chunk_size=CHUNK_BYTES, compression=CompressionType[compression.upper()])
+        writer.start(profile=profile, library=LIBRARY)
+        yield McapFile(writer)
+        writer.finish()  # type: ignore[no-untyped-call]  # mcap annotates in part

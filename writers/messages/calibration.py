@@ -1,0 +1,47 @@
+"""Where sensors are and how cameras project, as tf2_msgs/TFMessage and sensor_msgs/CameraInfo."""
+
+from typing import Any
+
+import numpy as np
+
+from pipeline.core.geometry.pose_samples import PoseSamples
+from pipeline.core.geometry.poses import interpolate_poses
+from pipeline.core.geometry.transform import Transform
+from pipeline.core.rig import CameraSensor, Rig
+from pipeline.core.ros.messages import ROS2
+
+__all__ = ["camera_info", "moving_transform", "static_transforms"]
+
+_COEFFICIENTS = {"plumb_bob": 5, "rational_polynomial": 8, "equidistant": 4}
+
+
+def static_transforms(rig: Rig, stamp_ns: int) -> Any:
+    """TFMessage from the site frame to every sensor's frame, each child once; the site frame itself needs none."""
+    edges = [lidar.T_site_lidar for lidar in rig.lidars]
+    edges += [camera.T_camera_site.inverse() for camera in rig.cameras]
+    by_child: dict[str, Transform] = {}
+    for edge in edges:
+        if edge.src != edge.dst:
+            by_child.setdefault(edge.src, edge)
+    return ROS2.transforms(stamp_ns, by_child.values())
+
+
+def moving_transform(motion: PoseSamples, stamp_ns: int) -> Any:
+    """TFMessage with the pose of the moving frame at a time that the motion covers."""
+    pose = interpolate_poses(motion.stamps_ns, motion.T_fixed_moving, np.array([stamp_ns], np.int64))[0]
+    return ROS2.transforms(stamp_ns, [Transform(motion.fixed_frame_id, motion.frame_id, pose)])
+
+
+def camera_info(camera: CameraSensor, stamp_ns: int) -> Any:
+    """CameraInfo with the intrinsics that were used."""
+    model = camera.model
+    padding = max(0, _COEFFICIENTS[model.model] - len(model.distortion))
+    return ROS2.camera_info(
+        stamp_ns,
+        camera.T_camera_site.dst,
+        width=model.width_px,
+        height=model.height_px,
+        distortion_model=model.model,
+        d=np.pad(model.distortion, (0, padding)),
+        k=model.K.reshape(9),
+    )
