@@ -34,7 +34,7 @@ from pipeline.core.settings.run import RunConfig
 from readers.location import Location, RemotePath, location
 from readers.messages.image import decode_any_image
 from readers.open import open_recording
-from readers.recording import Recording
+from readers.recording import ReadOptions, Recording
 from readers.rig.discovery import Discovery, discover_rig, rig_from_file
 from readers.rig.load import load_rig
 from readers.rig.rig_file import rig_yaml, write_rig
@@ -95,8 +95,8 @@ def run_process(options: ProcessOptions) -> None:
     config = _config(options.config_file, options.overrides, model_2d=options.model_2d)
     _check_outputs(options)
     out, err = console(), console(stderr=True)
-    rescue = options.on_bad_message == "skip"
-    with sensor_messages(open_recording(options.inputs, rescue=rescue, limits=config.limits)) as recording:
+    reading = ReadOptions("as_needed" if options.on_bad_message == "skip" else "none", config.limits)
+    with sensor_messages(open_recording(options.inputs, reading)) as recording:
         for path in dict.fromkeys(loss.path for loss in recording.losses):
             logger.warning("%s is damaged or was not closed: what can still be read is read", path)
         _check_not_empty(recording)
@@ -162,8 +162,9 @@ def run_inspect(options: InspectOptions) -> None:
         if output is not None:
             _check_writable(output)
     out = console()
+    reading = ReadOptions("as_needed" if options.repair is None else "full_scan", config.limits)
     with (
-        open_recording(options.inputs, thorough=options.repair is not None, limits=config.limits) as recorded,
+        open_recording(options.inputs, reading) as recorded,
         sensor_messages(recorded) as recording,
     ):
         _check_not_empty(recording)

@@ -15,6 +15,7 @@ from pipeline.core.errors import RecordingError
 from pipeline.core.messages import RawMessage
 from readers.messages.deserialize import deserialize
 from readers.open import open_recording
+from readers.recording import ReadOptions
 
 T0 = 1_700_000_000 * 10**9
 ODOMETRY = "nav_msgs/msg/Odometry"
@@ -44,7 +45,7 @@ def read(
     stop_ns: int | None = None,
     rescue: bool = True,
 ) -> list[RawMessage]:
-    with open_recording(paths, rescue=rescue) as recording:
+    with open_recording(paths, ReadOptions("as_needed" if rescue else "none")) as recording:
         return list(recording.messages(topics, start_ns=start_ns, stop_ns=stop_ns))
 
 
@@ -301,7 +302,7 @@ def test_damage_in_the_middle_says_how_far_it_got(tmp_path: Path) -> None:
     content[middle : middle + 30] = bytes(30)
     path.write_bytes(content)
     got: list[RawMessage] = []
-    with open_recording([path], rescue=False) as recording, pytest.raises(RecordingError) as caught:
+    with open_recording([path], ReadOptions("none")) as recording, pytest.raises(RecordingError) as caught:
         got.extend(recording.messages())
     assert plain(got) == plain(messages[: len(got)])
     assert got

@@ -24,6 +24,7 @@ from pipeline.core.settings.config import Config
 from readers.files.remote import PAGE_BYTES, ReadAhead, RemoteFile, open_remote
 from readers.location import RemotePath
 from readers.open import open_recording
+from readers.recording import ReadOptions
 from readers.rig.discovery import discover_rig
 
 CLOUD = "sensor_msgs/msg/PointCloud2"
@@ -65,7 +66,8 @@ def at(server: RangeServer, path: str = "/minute.mcap") -> RemotePath:
 
 
 def error_of(path: RemotePath, *, rescue: bool = True) -> str:
-    with pytest.raises(RecordingError) as caught, open_recording([path], rescue=rescue) as recording:
+    options = ReadOptions("as_needed" if rescue else "none")
+    with pytest.raises(RecordingError) as caught, open_recording([path], options) as recording:
         list(recording.messages())
     return str(caught.value)
 

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from pipeline.core.errors import RecordingError
 from pipeline.core.messages import RawMessage
 from readers.open import open_recording
-from readers.recording import Loss
+from readers.recording import Loss, ReadOptions
 
 T0 = 1_700_000_000 * 10**9
 ODOMETRY, IMAGE = "nav_msgs/msg/Odometry", "sensor_msgs/msg/Image"
@@ -66,7 +66,7 @@ def content(message: RawMessage) -> Content:
 
 
 def rescued(path: Path, *, thorough: bool = False) -> tuple[list[Content], tuple[Loss, ...]]:
-    with open_recording([path], thorough=thorough) as recording:
+    with open_recording([path], ReadOptions("full_scan" if thorough else "as_needed")) as recording:
         messages = list(recording.messages())
         keys = [(m.log_time_ns, m.order) for m in messages]
         assert keys == sorted(keys)
