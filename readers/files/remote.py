@@ -50,8 +50,6 @@ class RemoteFile(io.BufferedIOBase):
     Attributes:
         path: The same with the facts that the server told.
         size: In bytes.
-        requests: Range requests so far, also of those that failed.
-        fetched_bytes: What they brought.
 
     Raises:
         RecordingError: it cannot be reached, is not there, does not say its size, or an extra is not installed.
@@ -60,8 +58,6 @@ class RemoteFile(io.BufferedIOBase):
     def __init__(self, path: RemotePath) -> None:
         super().__init__()
         self.path = path
-        self.requests = 0
-        self.fetched_bytes = 0
         self._position = 0
         self._pages: set[int] = set()
         self._end_of_last = 0  # page behind the one fetched last
@@ -178,10 +174,8 @@ class RemoteFile(io.BufferedIOBase):
         return self._attempt(f"the connection was lost at byte {start}", lambda: self._range_once(start, stop))
 
     def _range_once(self, start: int, stop: int) -> bytes:
-        self.requests += 1
         self._file.seek(start)
         data: bytes = self._file.read(stop - start)
-        self.fetched_bytes += len(data)
         if len(data) != stop - start:
             raise EOFError(f"{len(data)} of {stop - start} bytes")
         return data

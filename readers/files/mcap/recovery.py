@@ -1,10 +1,8 @@
 """What an MCAP file contains, found by a scan of all its records that resumes behind damage."""
 
-import re
-import struct
 from collections import Counter
 from io import BytesIO
-from typing import BinaryIO, NamedTuple
+from typing import BinaryIO
 
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
@@ -15,10 +13,8 @@ from pipeline.core.settings.recording import LimitsConfig
 from readers.files.damage import Losses
 from readers.files.decompress import Allowance
 from readers.files.mcap.chunk import (
-    CHUNK_HEAD,
     MESSAGE_HEAD,
     RECORD_HEAD,
-    UINT64,
     Entry,
     entry_of,
     load_chunk,
@@ -26,46 +22,18 @@ from readers.files.mcap.chunk import (
     read_exactly,
     records_in,
 )
-from readers.files.mcap.index import FOOTER, MAGIC_BYTES, ChunkPlace, Contents, has_valid_summary
+from readers.files.mcap.index import MAGIC_BYTES, ChunkPlace, Contents, has_valid_summary
+from readers.files.mcap.records import (
+    OPCODES,
+    Record,
+    end_of_records,
+    find_record,
+    listed_messages,
+    record_at,
+    summary_start,
+)
 
 __all__ = ["chunk_extent", "contents_of_scan"]
-
-INDEX_HEAD = struct.Struct("<HI")  # channel, bytes of the entries
-INDEX_ENTRY_BYTES = 16
-
-MIN_BYTES: dict[int, int] = {
-    Opcode.FOOTER: 20,
-    Opcode.SCHEMA: 14,
-    Opcode.CHANNEL: 16,
-    Opcode.MESSAGE: MESSAGE_HEAD.size,
-    Opcode.CHUNK: CHUNK_HEAD.size + UINT64.size,
-    Opcode.MESSAGE_INDEX: INDEX_HEAD.size,
-    Opcode.STATISTICS: 46,
-    Opcode.DATA_END: 4,
-}
-MAX_BYTES: dict[int, int] = {Opcode.FOOTER: 20, Opcode.DATA_END: 4}
-
-OPCODES = range(Opcode.HEADER, Opcode.DATA_END + 1)
-PRIVATE_OPCODES = range(0x80, 0x100)
-"""Records of applications, which readers skip."""
-
-# An opcode, and a length below 2^40.
-RECORD_START = re.compile(rb"(?s)(?=[\x01-\x0f].{5}\x00{3}).")
-SEARCH_BLOCK = 1 << 20
-
-
-class Record(NamedTuple):
-    """One record: its content begins at byte `content` and takes up `size`."""
-
-    opcode: int
-    start: int
-    content: int
-    size: int
-
-    @property
-    def end(self) -> int:
-        """The byte after it."""
-        return self.content + self.size
 
 
 def contents_of_scan(stream: BinaryIO, losses: Losses, *, because: str, limits: LimitsConfig) -> Contents:
@@ -81,7 +49,7 @@ def contents_of_scan(stream: BinaryIO, losses: Losses, *, because: str, limits: 
         RecordingError: it has more messages outside of chunks than may be held in memory.
         Exception: damage, unless `losses` collects it.
     """
-    scan = _Scan(stream, _end_of_records(stream), losses, limits)
+    scan = _Scan(stream, end_of_records(stream), losses, limits)
     scan.run()
     scan.note_losses(because)
     return scan.contents
@@ -89,100 +57,16 @@ def contents_of_scan(stream: BinaryIO, losses: Losses, *, because: str, limits: 
 
 def chunk_extent(stream: BinaryIO, position: int) -> tuple[int | None, int | None]:
     """Size in the file and number of messages of the damaged chunk at `position`; None if unknown."""
-    end = _end_of_records(stream)
-    chunk = _record_at(stream, position, end)
+    end = end_of_records(stream)
+    chunk = record_at(stream, position, end)
     if chunk is None or chunk.opcode != Opcode.CHUNK:
         return None, None
     count = None
-    record = _record_at(stream, chunk.end, end)
+    record = record_at(stream, chunk.end, end)
     while record is not None and record.opcode == Opcode.MESSAGE_INDEX:
-        count = (count or 0) + _listed(record)
-        record = _record_at(stream, record.end, end)
+        count = (count or 0) + listed_messages(record)
+        record = record_at(stream, record.end, end)
     return chunk.end - position, count
-
-
-def _listed(index: Record) -> int:
-    return (index.size - INDEX_HEAD.size) // INDEX_ENTRY_BYTES
-
-
-def _end_of_records(stream: BinaryIO) -> int:
-    size = stream.seek(0, 2)
-    stream.seek(0)
-    magic = stream.read(MAGIC_BYTES)
-    stream.seek(max(size - MAGIC_BYTES, 0))
-    return size - MAGIC_BYTES if size > MAGIC_BYTES and stream.read() == magic else size
-
-
-def _summary_start(stream: BinaryIO, end: int) -> int | None:
-    """Where the summary begins according to the footer; None if there is no footer."""
-    footer = _record_at(stream, max(end - FOOTER.size, 0), end)
-    if footer is None or footer.opcode != Opcode.FOOTER:
-        return None
-    stream.seek(footer.content)
-    return int(UINT64.unpack(stream.read(UINT64.size))[0])
-
-
-def _record_at(stream: BinaryIO, position: int, end: int) -> Record | None:
-    """The record at `position`; None if no complete record begins there."""
-    record = _frame_at(stream, position, end)
-    if record is None:
-        return None
-    opcode, size = record.opcode, record.size
-    if opcode in PRIVATE_OPCODES:  # any bytes may look like one, so look at what follows
-        return record if record.end == end or _frame_at(stream, record.end, end) else None
-    if not MIN_BYTES.get(opcode, 0) <= size <= MAX_BYTES.get(opcode, size):
-        return None
-    if opcode == Opcode.MESSAGE_INDEX:
-        _, listed = INDEX_HEAD.unpack(stream.read(INDEX_HEAD.size))
-        return record if size == listed + INDEX_HEAD.size and not listed % INDEX_ENTRY_BYTES else None
-    if opcode == Opcode.CHUNK and not _is_chunk(stream, record):
-        return None
-    return record
-
-
-def _frame_at(stream: BinaryIO, position: int, end: int) -> Record | None:
-    """A record by its opcode and length alone."""
-    if position + RECORD_HEAD.size > end:
-        return None
-    stream.seek(position)
-    opcode, size = RECORD_HEAD.unpack(stream.read(RECORD_HEAD.size))
-    record = Record(opcode, position, position + RECORD_HEAD.size, size)
-    return record if record.end <= end and (opcode in OPCODES or opcode in PRIVATE_OPCODES) else None
-
-
-def _is_chunk(stream: BinaryIO, record: Record) -> bool:
-    """Whether the two lengths that a chunk has agree."""
-    try:
-        head = read_chunk_head(stream)
-    except (EOFError, ValueError):
-        return False
-    return head.position + head.size == record.end
-
-
-def _find_record(stream: BinaryIO, position: int, end: int) -> int:
-    """Where the next records begin at or after `position`; `end` if none do."""
-    while position < end:
-        stream.seek(position)
-        block = stream.read(min(SEARCH_BLOCK, end - position))
-        for match in RECORD_START.finditer(block):
-            if _begins(stream, position + match.start(), end):
-                return position + match.start()
-        if position + len(block) >= end:
-            return end
-        position += len(block) - RECORD_HEAD.size
-    return end
-
-
-def _begins(stream: BinaryIO, position: int, end: int) -> bool:
-    """Whether a chunk, or three records in a row, begin at `position`."""
-    for _ in range(3):
-        record = _record_at(stream, position, end)
-        if record is None:
-            return False
-        if record.opcode in {Opcode.CHUNK, Opcode.MESSAGE_INDEX} or record.end == end:
-            return True
-        position = record.end
-    return True
 
 
 class _Scan:
@@ -201,7 +85,7 @@ class _Scan:
         self._total: int | None = None
         self._doubtful = Contents()  # schemas and channels of chunks whose checksum is wrong
         self._data_end: int | None = None  # position of the record that ends the data
-        self._summary_start = _summary_start(stream, end)
+        self._summary_start = summary_start(stream, end)
         self._in_summary = False
 
     def run(self) -> None:
@@ -273,7 +157,7 @@ class _Scan:
         return channel is not None and (not channel.schema_id or channel.schema_id in self.contents.schemas)
 
     def _read(self, position: int) -> Record | None:
-        return _record_at(self._stream, position, self._end)
+        return record_at(self._stream, position, self._end)
 
     def _looks_like_record(self, position: int) -> bool:
         """Whether a record that is damaged, or cut off by the end, seems to begin at `position`."""
@@ -285,7 +169,7 @@ class _Scan:
 
     def _skip(self, position: int, search_from: int) -> int:
         """Skip the damage at `position`; returns where the next record begins."""
-        following = _find_record(self._stream, search_from, self._end)
+        following = find_record(self._stream, search_from, self._end)
         self._last_chunk = position
         if following == self._end and self._take_cut_chunk(position):
             return self._end
@@ -332,7 +216,7 @@ class _Scan:
         elif self._in_summary:
             return  # it contains no messages
         elif opcode == Opcode.MESSAGE_INDEX and self._last_chunk is not None:
-            self._listed[self._last_chunk] += _listed(record)
+            self._listed[self._last_chunk] += listed_messages(record)
         elif opcode in {Opcode.MESSAGE, Opcode.CHUNK}:
             with self._losses.guard() as damage:
                 if opcode == Opcode.MESSAGE:

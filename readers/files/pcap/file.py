@@ -57,7 +57,7 @@ class PcapFile(Container):
         numbers: dict[tuple[bytes, int], int] = {}
         others: Counter[str] = Counter()
         first_ns, last_ns = 2**63, -1
-        for packet in captured_packets(self._stream, self._losses.note):
+        for packet in captured_packets(self._stream, self._losses):
             time_ns = packet.time_ns
             if time_ns >= 0:
                 first_ns, last_ns = min(first_ns, time_ns), max(last_ns, time_ns)

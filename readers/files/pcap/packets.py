@@ -8,13 +8,14 @@ last one is cut short, reads any length that a header names, knows one interface
 import struct
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import BinaryIO, NamedTuple, Protocol
+from typing import BinaryIO, NamedTuple
 
 import numpy as np
 
 from pipeline.core.arrays import U32, Bools
+from readers.files.damage import Losses
 
-__all__ = ["CapturedPacket", "OnDamage", "Window", "captured_packets", "is_capture"]
+__all__ = ["CapturedPacket", "Window", "captured_packets", "is_capture"]
 
 HEAD_BYTES = 160
 """Bytes of a packet that are looked at: more than all headers before a Velodyne's data."""
@@ -63,26 +64,19 @@ class CapturedPacket(NamedTuple):
     head: bytes
 
 
-class OnDamage(Protocol):
-    """What is done about a damaged part."""
-
-    def __call__(self, position: int, reason: str, *, size: int | None = None, messages: int | None = None) -> None:
-        """Take note of it, or raise; arguments as of `Losses.note`."""
-
-
 def is_capture(magic: bytes) -> bool:
     """Whether a file that begins so is a capture."""
     return magic[:4] in PCAP_MAGICS or (magic[:4] == PCAPNG_MAGIC and magic[8:12] in _BYTE_ORDERS)
 
 
-def captured_packets(stream: BinaryIO, on_damage: OnDamage) -> Iterator[CapturedPacket]:
+def captured_packets(stream: BinaryIO, losses: Losses) -> Iterator[CapturedPacket]:
     """The packets of a capture in the order of the file.
 
     Raises:
         EOFError: the file ends within its first header.
     """
     window = Window(stream)
-    return _pcap(window, on_damage) if window.read(0, 4) in PCAP_MAGICS else _pcapng(window, on_damage)
+    return _pcap(window, losses) if window.read(0, 4) in PCAP_MAGICS else _pcapng(window, losses)
 
 
 class Window:
@@ -153,7 +147,7 @@ class _Layout:
         return len(behind) == self.header.size and self.sound(self.header.unpack(behind))
 
 
-def _pcap(window: Window, on_damage: OnDamage) -> Iterator[CapturedPacket]:
+def _pcap(window: Window, losses: Losses) -> Iterator[CapturedPacket]:
     begin = window.read(0, _FILE_HEADER_BYTES)
     if len(begin) < _FILE_HEADER_BYTES:
         raise EOFError(f"its header has {len(begin)} of {_FILE_HEADER_BYTES} bytes")
@@ -165,7 +159,7 @@ def _pcap(window: Window, on_damage: OnDamage) -> Iterator[CapturedPacket]:
         record = window.read(position, header_bytes + HEAD_BYTES)
         data_at = position + header_bytes
         if len(record) < header_bytes:
-            on_damage(position, "the file ends in the header of a packet", size=window.size - position, messages=1)
+            losses.note(position, "the file ends in the header of a packet", size=window.size - position, messages=1)
             return
         fields = layout.header.unpack_from(record)
         seconds, fraction, captured, _ = fields
@@ -175,10 +169,10 @@ def _pcap(window: Window, on_damage: OnDamage) -> Iterator[CapturedPacket]:
             after = _next_pcap_packet(window, position + 1, layout, near_s)
             if after is None and is_sound and data_at + captured > window.size:
                 reason = f"a packet of {captured} bytes, of which the file has {window.size - data_at}"
-                on_damage(position, reason, size=window.size - position, messages=1)
+                losses.note(position, reason, size=window.size - position, messages=1)
                 return
             end = window.size if after is None else after
-            on_damage(position, "the header of a packet that cannot be one", size=end - position)
+            losses.note(position, "the header of a packet that cannot be one", size=end - position)
             position = end
             continue
         near_s = seconds
@@ -245,7 +239,7 @@ class _Interface:
 _UNKNOWN = _Interface(-1, 1, 0)
 
 
-def _pcapng(window: Window, on_damage: OnDamage) -> Iterator[CapturedPacket]:
+def _pcapng(window: Window, losses: Losses) -> Iterator[CapturedPacket]:
     order, interfaces = "<", list[_Interface]()
     position = 0
     while position < window.size:
@@ -258,7 +252,7 @@ def _pcapng(window: Window, on_damage: OnDamage) -> Iterator[CapturedPacket]:
             cut_short = end is None and len(block) >= 8
             reason = "the file ends in a block" if cut_short else "a block whose two lengths are not the same"
             end = window.size if end is None else end
-            on_damage(position, reason, size=end - position)
+            losses.note(position, reason, size=end - position)
             position = end
             continue
         (kind,) = struct.unpack_from(f"{order}I", block)
@@ -271,7 +265,7 @@ def _pcapng(window: Window, on_damage: OnDamage) -> Iterator[CapturedPacket]:
             head = block[data_at : data_at + captured]
             yield CapturedPacket(time_ns, interface.link_type, position + data_at, captured, head)
         elif kind in {PACKET, OLD_PACKET, SIMPLE_PACKET, INTERFACE}:
-            on_damage(position, "a block that is shorter than what it holds", size=size)
+            losses.note(position, "a block that is shorter than what it holds", size=size)
         position += size
 
 
