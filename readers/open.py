@@ -1,4 +1,4 @@
-"""Open a recording: one file, a ROS 2 bag folder, or the files of a split recording, as one stream of messages."""
+"""Opening recordings: one file, a ROS 2 bag folder, or the files of a split recording, as one stream of messages."""
 
 import heapq
 import shutil
@@ -54,9 +54,9 @@ def open_recording(paths: Sequence[Location], options: ReadOptions = DEFAULT_REA
     """Open one recording, to be used as a context manager.
 
     Args:
-        paths: A file, a ROS 2 bag folder, or all files of a split recording in their order. Formats are told by the
-            first bytes, not by the name. Messages of equal log time come in the order of the files. MCAP files may be
-            on a server; only the parts that are needed are fetched.
+        paths: A file, a ROS 2 bag folder, or all files of a split recording in their order. Formats are recognised by
+            the first bytes, not by the name. Messages of equal log time come in the order of the files. MCAP files may
+            be on a server; only the parts that are needed are fetched.
         options: How to read it.
 
     Raises:
@@ -267,7 +267,7 @@ def _describe(magic: bytes, path: Path) -> str:
 
 
 def _unpacked(path: Path, stack: ExitStack, losses: Losses, limits: LimitsConfig) -> Path:
-    """The content of a zstd-compressed file (rosbag2's compression mode `file`) in a temporary folder.
+    """The content of a zstd-compressed file (rosbag2's compression mode `file`), as a file in a temporary folder.
 
     Args:
         path: The file.
@@ -276,7 +276,7 @@ def _unpacked(path: Path, stack: ExitStack, losses: Losses, limits: LimitsConfig
         limits: How much it may unpack to.
 
     Raises:
-        RecordingError: it unpacks to more, or to more than the temporary folder has room for.
+        RecordingError: it unpacks to more, or to more than the temporary folder has space for.
     """
     folder = Path(stack.enter_context(TemporaryDirectory(prefix="lidcam-")))
     unpacked = folder / path.with_suffix("").name

@@ -1,4 +1,4 @@
-"""The records of an MCAP file (https://mcap.dev/spec): the one at a position, or the next one behind damage."""
+"""The records of an MCAP file (https://mcap.dev/spec): the one at a position, or the next one after damage."""
 
 import re
 import struct

@@ -1,4 +1,4 @@
-"""What an MCAP file contains, found by a scan of all its records that resumes behind damage."""
+"""What an MCAP file contains, found by a scan of all its records that resumes after damage."""
 
 from collections import Counter
 from io import BytesIO
@@ -70,7 +70,7 @@ def chunk_extent(stream: BinaryIO, position: int) -> tuple[int | None, int | Non
 
 
 class _Scan:
-    """Reads one record after the other; behind damage it searches for the next one."""
+    """Reads one record after the other; after damage it searches for the next one."""
 
     def __init__(self, stream: BinaryIO, end: int, losses: Losses, limits: LimitsConfig) -> None:
         self.contents = Contents()
@@ -79,7 +79,7 @@ class _Scan:
         self._losses = losses
         self._limits = limits
         self._allowance = Allowance(limits.max_unpacked_bytes(end))
-        self._listed: Counter[int] = Counter()  # messages by chunk, according to the indexes behind each
+        self._listed: Counter[int] = Counter()  # messages by chunk, according to the indexes after each
         self._bad: dict[int, tuple[str, int]] = {}  # reason and size by position
         self._last_chunk: int | None = None
         self._total: int | None = None

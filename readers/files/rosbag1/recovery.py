@@ -1,4 +1,4 @@
-"""What a ROS 1 bag contains, found by a scan of all its records that resumes behind damage."""
+"""What a ROS 1 bag contains, found by a scan of all its records that resumes after damage."""
 
 from array import array
 from collections import Counter, defaultdict
@@ -53,10 +53,10 @@ def contents_of_scan(stream: BinaryIO, losses: Losses, *, because: str, limits: 
 
 
 class _Scan:
-    """Reads one record after the other; behind damage it searches for the next one.
+    """Reads one record after the other; after damage it searches for the next one.
 
     A message belongs to the last chunk that began; if the beginning of that chunk was lost, its first message stands
-    for it. A chunk, its damage and the index behind it are counted under one position.
+    for it. A chunk, its damage and the index after it are counted under one position.
     """
 
     def __init__(self, stream: BinaryIO, end: int, losses: Losses, limits: LimitsConfig) -> None:
@@ -71,7 +71,7 @@ class _Scan:
         self._base: int | None = None  # position of the current chunk
         self._part = 0  # position under which its messages are counted
         self._found: Counter[int] = Counter()
-        self._listed: Counter[int] = Counter()  # according to the index behind each chunk
+        self._listed: Counter[int] = Counter()  # according to the index after each chunk
         self._counted: dict[int, int] = {}  # according to the chunk infos at the end of the file
         self._gaps: defaultdict[int, list[tuple[int, int, str]]] = defaultdict(list)
         self._in_index = False
@@ -148,7 +148,7 @@ class _Scan:
         if self._base is None:
             self._part = position
         if not reason:
-            reason = "no record of a bag begins here: the bytes were overwritten"
+            reason = "no record begins here: the bytes were overwritten"
             if following == self._end:
                 reason = CUT_INDEX if self._in_index else "the file ends in the middle of a record: it was cut off"
                 if not self._in_index:

@@ -75,15 +75,15 @@ def packed_zeros(mib: int) -> bytes:
 # --- compressed as a whole, or message by message
 
 
-@pytest.mark.parametrize("rescue", [True, False])
-def test_a_file_that_would_fill_the_disk(tmp_path: Path, rescue: bool) -> None:
+@pytest.mark.parametrize("recovery", ["as_needed", "none"])
+def test_a_file_that_would_fill_the_disk(tmp_path: Path, recovery: Literal["as_needed", "none"]) -> None:
     path = tmp_path / "a.mcap.zstd"
     path.write_bytes(packed_zeros(64))
     with (
         at_most(10),
         pytest.raises(RecordingError, match=r"a\.mcap\.zstd: unpacks to more than .* raise limits.max_un"),
     ):
-        open_recording([path], ReadOptions("as_needed" if rescue else "none", LimitsConfig(max_unpacked_file_gib=0.01)))
+        open_recording([path], ReadOptions(recovery, LimitsConfig(max_unpacked_file_gib=0.01)))
 
 
 @pytest.mark.parametrize("says_size", [True, False])

@@ -32,8 +32,8 @@ def change(database: Path, *statements: str) -> None:
     connection.close()
 
 
-def stamps(path: Path, *, rescue: bool = False) -> list[int]:
-    with open_recording([path], ReadOptions("as_needed" if rescue else "none")) as recording:
+def stamps(path: Path) -> list[int]:
+    with open_recording([path], ReadOptions("none")) as recording:
         return [m.stamp_ns - T0 for m in recording.messages()]
 
 
