@@ -79,11 +79,11 @@ def open_recording(paths: Sequence[Location], options: ReadOptions = DEFAULT_REA
                 opened.append(_LostFile(path, err))
         if len(errors) == len(files):
             raise errors[0]
-        sound = [file for file in opened if not isinstance(file, _LostFile) and file.ros_version != "no ROS"]
-        for file in sound:
-            if file.ros_version != sound[0].ros_version:
+        of_ros = [file for file in opened if file.ros_version != "no ROS"]
+        for file in of_ros:
+            if file.ros_version != of_ros[0].ros_version:
                 raise RecordingError(
-                    f"expected the files of one recording, found {sound[0].ros_version} ({sound[0].path}) and "
+                    f"expected the files of one recording, found {of_ros[0].ros_version} ({of_ros[0].path}) and "
                     f"{file.ros_version} ({file.path}); process them one by one"
                 )
         recording = _FilesRecording(tuple(opened), stack.pop_all())
@@ -99,7 +99,7 @@ def open_recording(paths: Sequence[Location], options: ReadOptions = DEFAULT_REA
 class _LostFile:
     """A file of a split recording that cannot be read at all; see `RecordingFile`."""
 
-    ros_version: RosVersion = "ROS 2"
+    ros_version: RosVersion = "no ROS"
     topics: tuple[TopicInfo, ...] = ()
     start_ns = end_ns = message_count = 0
 
@@ -148,17 +148,15 @@ class _FilesRecording(Closing):
     def _messages_of(
         self, file: RecordingFile, topics: frozenset[str] | None, start_ns: int | None, stop_ns: int | None
     ) -> Iterator[RawMessage]:
-        progress = "before the first message"
-        count = 0
-        messages = file.messages(topics, start_ns=start_ns, stop_ns=stop_ns)
-        while True:
-            with library_errors(file.path, progress=progress):
-                message = next(messages, None)
-            if message is None:
-                return
-            count += 1
-            progress = f"after {count} messages (log time {message.log_time_ns} ns)"
-            yield message
+        count = log_time_ns = 0
+
+        def progress() -> str:
+            return f"after {count} messages (log time {log_time_ns} ns)" if count else "before the first message"
+
+        with library_errors(file.path, progress=progress):
+            for message in file.messages(topics, start_ns=start_ns, stop_ns=stop_ns):
+                count, log_time_ns = count + 1, message.log_time_ns
+                yield message
 
     def close(self) -> None:
         """Close the files."""

@@ -7,7 +7,7 @@ AssertionErrors), so the list is long; anything else (AttributeError, NameError.
 import errno
 import sqlite3
 import struct
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from types import TracebackType
@@ -128,12 +128,14 @@ class Losses:
 
 
 @contextmanager
-def library_errors(path: Location, *, progress: str = "", is_recovering: bool = False) -> Iterator[None]:
+def library_errors(
+    path: Location, *, progress: Callable[[], str] | None = None, is_recovering: bool = False
+) -> Iterator[None]:
     """Turn what a library raises while it reads `path` into a `RecordingError`.
 
     Args:
         path: The file.
-        progress: How far it was read.
+        progress: Says how far it was read.
         is_recovering: Whether what can still be read was already tried.
 
     Raises:
@@ -144,7 +146,7 @@ def library_errors(path: Location, *, progress: str = "", is_recovering: bool = 
     except LidcamError:
         raise
     except LIBRARY_ERRORS as err:
-        where = f"{path}: {progress}: " if progress else f"{path}: "
+        where = f"{path}: {progress()}: " if progress else f"{path}: "
         if isinstance(err, OSError) and _is_of_system(err):
             raise RecordingError(f"{where}cannot be read: {err.strerror}") from err
         remedy = (

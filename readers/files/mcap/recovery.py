@@ -280,24 +280,19 @@ class _Scan:
             self.contents.chunks.append(ChunkPlace(min(times), position, max(times), ids, size))
 
     def _register(self, opcode: int, record: bytes, position: int) -> None:
-        """Add a schema or channel unless its id is known: the first are those in chunks, which have a checksum."""
-        found = Contents()
+        """Add a schema or channel, or note that it is damaged."""
         with self._losses.guard() as damage:
-            _register(found, opcode, record)
+            _register(self.contents, opcode, record)
         if damage.error:
             self._bad[position] = (f"a record that cannot be read ({damage.reason})", len(record))
-        for schema in found.schemas.values():
-            self.contents.schemas.setdefault(schema.id, schema)
-        for channel in found.channels.values():
-            self.contents.channels.setdefault(channel.id, channel)
 
 
 def _register(contents: Contents, opcode: int, record: bytes) -> None:
-    """Add a schema or channel; other records are ignored."""
+    """Add a schema or channel unless its id is known: the first ones are in chunks, which have a checksum."""
     stream = ReadDataStream(BytesIO(record))
     if opcode == Opcode.SCHEMA:
         schema = Schema.read(stream)
-        contents.schemas[schema.id] = schema
+        contents.schemas.setdefault(schema.id, schema)
     elif opcode == Opcode.CHANNEL:
         channel = Channel.read(stream)
-        contents.channels[channel.id] = channel
+        contents.channels.setdefault(channel.id, channel)
