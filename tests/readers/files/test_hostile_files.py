@@ -297,6 +297,22 @@ def size_of(record: Any) -> int:
     return len(builder.end())
 
 
+class _Private:
+    """A record of an application, which readers skip."""
+
+    def write(self, builder: Any) -> None:
+        builder.start_record(0x80)
+        builder.write(b"anything")
+        builder.finish_record()
+
+
+def test_private_records_are_not_damage(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    path.write_bytes(mcap([SCHEMA, CHANNEL, _Private(), text_at(5), _Private(), _Private(), text_at(6)], []))
+    for thorough in (False, True):
+        assert read(path, thorough=thorough) == ([5, 6], [])
+
+
 def test_a_chunk_where_the_summary_should_be(tmp_path: Path) -> None:
     bomb = chunk(b"", compression="zstd", packed=packed_zeros(100), claimed=100 * MIB)
     path = tmp_path / "a.mcap"
