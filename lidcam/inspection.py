@@ -13,7 +13,7 @@ from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from readers.location import Location, RemotePath
 from readers.open import open_recording
-from readers.recording import Loss, Recording
+from readers.recording import Loss, ReadOptions, Recording
 from readers.rig.calibration import SensorSource
 from readers.rig.discovery import Discovery, discover_rig
 from readers.rig.schema import RigFile
@@ -73,7 +73,7 @@ def inspect_recording(inputs: Sequence[Location], config: Config, rig: RigFile |
     Raises:
         RecordingError: it cannot be opened or is empty.
     """
-    with sensor_messages(open_recording(inputs, limits=config.limits)) as recording:
+    with sensor_messages(open_recording(inputs, ReadOptions(limits=config.limits))) as recording:
         return inspect_open(recording, config, rig, _window(recording))
 
 

@@ -24,7 +24,7 @@ from pipeline.graph import Graph, Node
 from pipeline.stages.sync.synchronize import SyncStats
 from readers.messages.tf import TF_TYPES
 from readers.open import open_recording
-from readers.recording import Recording
+from readers.recording import ReadOptions, Recording
 from readers.rig.discovery import Discovery, discover_rig
 from readers.rig.sensor_topics import BOXES, CAMERA_INFO, IMAGE
 from readers.streams.motion import find_motion_source
@@ -83,8 +83,9 @@ def opened(job: Job) -> Iterator["Run"]:
         LidcamError: the input, the calibration, the settings or an output is at fault.
     """
     check_outputs(job)
-    config, rescue = job.config, job.on_bad_message == "skip"
-    with sensor_messages(open_recording(job.inputs, rescue=rescue, limits=config.limits)) as recording:
+    config = job.config
+    options = ReadOptions("as_needed" if job.on_bad_message == "skip" else "none", config.limits)
+    with sensor_messages(open_recording(job.inputs, options)) as recording:
         for path in dict.fromkeys(loss.path for loss in recording.losses):
             logger.warning("%s is damaged or was not closed: what can still be read is read", path)
         check_not_empty(recording)

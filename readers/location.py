@@ -1,4 +1,4 @@
-"""Where a recording lies: a local path, or a URL whose credentials are never shown."""
+"""Where a recording is: a local path, or a URL whose credentials are never shown."""
 
 import re
 from dataclasses import dataclass
@@ -14,12 +14,11 @@ MORE = "?..."
 
 @dataclass(frozen=True, slots=True, repr=False)
 class RemotePath:
-    """A file that is reached over the network.
+    """A file on a server. Its text form leaves out all secrets.
 
     Attributes:
-        url: All of it, with what may be secret (user and password, the signature in a query): for the library that
-            fetches, for no message. The text form of this object is what may be shown.
-        facts: What its server said of it when it was opened: `size` in bytes, `etag`, `last_modified`.
+        url: The whole URL, including secrets (user and password, the signature in a query): never show it.
+        facts: What the server said when the file was opened: `size` in bytes, `etag`, `last_modified`.
     """
 
     url: str
@@ -31,7 +30,7 @@ class RemotePath:
         authority, slash, path = shown.partition("/")
         host = authority.rpartition("@")[2]
         port = host.rpartition("]")[2].partition(":")[2]
-        if port and not port.isdigit():  # a password with a slash or the like in it: secret all the same
+        if port and not port.isdigit():  # part of a password that contains a slash or the like
             return f"{protocol}://..."
         return f"{protocol}://{host}{slash}{path}{MORE if more else ''}"
 
@@ -40,7 +39,7 @@ class RemotePath:
 
     @property
     def protocol(self) -> str:
-        """Of the URL, in small letters."""
+        """Protocol of the URL, in lower case."""
         return _parts(self.url)[0]
 
     @property
@@ -53,7 +52,7 @@ Location = Path | RemotePath
 
 
 def location(text: str) -> Location:
-    """What a command line names: a URL (`https://...`, `s3://...`), else a local path, also as `file://`."""
+    """The location that a command line argument names: a URL (`https://...`, `s3://...`), or a path, also `file://`."""
     if URL.match(text) is None:
         return Path(text)
     protocol, rest = _parts(text)

@@ -1,4 +1,4 @@
-"""A recording in memory: for tests, examples, and messages that come from elsewhere."""
+"""Recordings in memory, for tests, examples, and messages from elsewhere."""
 
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator
@@ -11,10 +11,7 @@ __all__ = ["MemoryRecording"]
 
 
 class MemoryRecording(Closing):
-    """The given messages as a `Recording`.
-
-    They come out in the order of (log time, place in `messages`), with `order` set accordingly.
-    """
+    """The given messages as a `Recording`, in the order of (log time, place in `messages`)."""
 
     paths: tuple[Path, ...] = ()
     losses: tuple[Loss, ...] = ()

@@ -1,19 +1,22 @@
-"""Open a recording: one file, a ROS 2 bag folder, or the files of a split recording, as one stream of messages."""
+"""Opening recordings: one file, a ROS 2 bag folder, or the files of a split recording, as one stream of messages."""
 
 import heapq
 import shutil
 import sqlite3
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import ExitStack, closing
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import BinaryIO
 
 import zstandard
 
-from pipeline.core.errors import LidcamError, RecordingError
+from pipeline.core.errors import RecordingError
 from pipeline.core.messages import RawMessage
-from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
-from readers.files.damage import LIBRARY_ERRORS, DamageError, Losses, damaged, describe, opening
+from pipeline.core.settings.recording import LimitsConfig
+from readers.files.container import Source
+from readers.files.damage import DamageError, Losses, library_errors
 from readers.files.mcap.file import McapFile
 from readers.files.pcap.file import PcapFile
 from readers.files.pcap.packets import is_capture
@@ -22,7 +25,17 @@ from readers.files.rosbag1.file import Rosbag1File
 from readers.files.rosbag2_folder import folder_metadata, recording_files
 from readers.files.sqlite.file import SqliteFile
 from readers.location import Location, RemotePath
-from readers.recording import Closing, Loss, Recording, RecordingFile, RosVersion, TopicInfo, merge_topics
+from readers.recording import (
+    DEFAULT_READ_OPTIONS,
+    Closing,
+    Loss,
+    ReadOptions,
+    Recording,
+    RecordingFile,
+    RosVersion,
+    TopicInfo,
+    merge_topics,
+)
 
 __all__ = ["open_recording"]
 
@@ -32,83 +45,74 @@ SQLITE_MAGIC = b"SQLite format 3\0"
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 PIECE = 1 << 20
 DISK_RESERVE = 1 << 28
-"""Bytes of the temporary folder that are left to others."""
+"""Bytes of the temporary folder's disk that are left free."""
 
 EXPECTED = "a ROS 1 .bag (format 2.0), a ROS 2 .mcap or .db3 file, a ROS 2 bag folder, or a .pcap or .pcapng capture"
 
 
-def open_recording(
-    paths: Sequence[Location],
-    *,
-    rescue: bool = True,
-    thorough: bool = False,
-    limits: LimitsConfig = DEFAULT_LIMITS,
-) -> Recording:
+def open_recording(paths: Sequence[Location], options: ReadOptions = DEFAULT_READ_OPTIONS) -> Recording:
     """Open one recording, to be used as a context manager.
 
     Args:
-        paths: A file, a ROS 2 bag folder, or all files of a split recording in their order. What a file is, its first
-            bytes say, not its name. Messages of equal log time come in the order of the files. An MCAP may lie on a
-            server; then only the parts of it that are needed are fetched.
-        rescue: Read what can be read of damaged files, and tell of the rest in `Recording.losses`; without it damage
-            is an error.
-        thorough: Do so by reading every record once, even where index or summary seem right: finds what these lost.
-        limits: How much of the machine the recording may ask for.
+        paths: A file, a ROS 2 bag folder, or all files of a split recording in their order. Formats are recognised by
+            the first bytes, not by the name. Messages of equal log time come in the order of the files. MCAP files may
+            be on a server; only the parts that are needed are fetched.
+        options: How to read it.
 
     Raises:
-        RecordingError: a path is no recording, holds nothing that can be read, is given twice, or ROS 1 and ROS 2
-            files are mixed. No file stays open then.
+        RecordingError: a path is not a recording, contains nothing that can be read, or is given twice, or ROS 1 and
+            ROS 2 files are mixed. No file stays open then.
     """
     if not paths:
         raise RecordingError(f"expected {EXPECTED}, got no path")
     with ExitStack() as stack:
         opened: list[RecordingFile] = []
         files = _all_files(paths)
-        faults: list[DamageError] = []
+        errors: list[DamageError] = []
         for index, path in enumerate(files):
             try:
-                opened.append(_open_file(path, index, stack, rescue=rescue, thorough=thorough, limits=limits))
-            except DamageError as err:  # also the file that a recorder had begun last and never wrote to
-                if not rescue or len(files) == 1:
+                opened.append(_open_file(path, index, stack, options))
+            except DamageError as err:  # also the last file of a killed recorder, to which it had not yet written
+                if options.recovery == "none":
                     raise
-                faults.append(err)
+                errors.append(err)
                 opened.append(_LostFile(path, err))
-        if len(faults) == len(files):
-            raise faults[0]
-        sound = [file for file in opened if not isinstance(file, _LostFile) and file.ros_version != "no ROS"]
-        for file in sound:
-            if file.ros_version != sound[0].ros_version:
+        if len(errors) == len(files):
+            raise errors[0]
+        of_ros = [file for file in opened if file.ros_version != "no ROS"]
+        for file in of_ros:
+            if file.ros_version != of_ros[0].ros_version:
                 raise RecordingError(
-                    f"expected the files of one recording, found {sound[0].ros_version} ({sound[0].path}) and "
+                    f"expected the files of one recording, found {of_ros[0].ros_version} ({of_ros[0].path}) and "
                     f"{file.ros_version} ({file.path}); process them one by one"
                 )
         recording = _FilesRecording(tuple(opened), stack.pop_all())
-    if len(recording.topics) > limits.max_topics:
+    if len(recording.topics) > options.limits.max_topics:
         recording.close()
         raise RecordingError(
             f"{', '.join(map(str, recording.paths))}: {len(recording.topics)} topics, expected at most "
-            f"{limits.max_topics}: raise limits.max_topics"
+            f"{options.limits.max_topics}: raise limits.max_topics"
         )
     return recording
 
 
 class _LostFile:
-    """A file of a split recording of which nothing can be read; see `RecordingFile`."""
+    """A file of a split recording that cannot be read at all; see `RecordingFile`."""
 
-    ros_version: RosVersion = "ROS 2"
+    ros_version: RosVersion = "no ROS"
     topics: tuple[TopicInfo, ...] = ()
     start_ns = end_ns = message_count = 0
 
-    def __init__(self, path: Location, fault: DamageError) -> None:
+    def __init__(self, path: Location, error: DamageError) -> None:
         self.path = path
-        reason = str(fault).removeprefix(f"{path}: ")
+        reason = str(error).removeprefix(f"{path}: ")
         size = path.stat().st_size if isinstance(path, Path) else None
         self.losses: tuple[Loss, ...] = (Loss(path, 0, reason, size),)
 
     def messages(
         self, topics: Collection[str] | None, *, start_ns: int | None, stop_ns: int | None
     ) -> Iterator[RawMessage]:
-        """None."""
+        """No messages."""
         del topics, start_ns, stop_ns
         return iter(())
 
@@ -122,7 +126,6 @@ class _FilesRecording(Closing):
     def __init__(self, files: tuple[RecordingFile, ...], resources: ExitStack) -> None:
         self._files = files
         self._resources = resources
-        self._closed = False
         self.paths = tuple(file.path for file in files)
         self.topics: tuple[TopicInfo, ...] = merge_topics(info for file in files for info in file.topics)
         self.message_count = sum(file.message_count for file in files)
@@ -145,27 +148,18 @@ class _FilesRecording(Closing):
     def _messages_of(
         self, file: RecordingFile, topics: frozenset[str] | None, start_ns: int | None, stop_ns: int | None
     ) -> Iterator[RawMessage]:
-        progress = "before the first message"
-        count = 0
-        if self._closed:
-            raise RecordingError(f"{file.path}: expected an open recording, but it was closed")
-        messages = file.messages(topics, start_ns=start_ns, stop_ns=stop_ns)
-        while True:
-            try:
-                message = next(messages, None)
-            except LidcamError:
-                raise
-            except LIBRARY_ERRORS as err:
-                raise damaged(file.path, err, progress=progress) from err
-            if message is None:
-                return
-            count += 1
-            progress = f"after {count} messages (log time {message.log_time_ns} ns)"
-            yield message
+        count = log_time_ns = 0
+
+        def progress() -> str:
+            return f"after {count} messages (log time {log_time_ns} ns)" if count else "before the first message"
+
+        with library_errors(file.path, progress=progress):
+            for message in file.messages(topics, start_ns=start_ns, stop_ns=stop_ns):
+                count, log_time_ns = count + 1, message.log_time_ns
+                yield message
 
     def close(self) -> None:
         """Close the files."""
-        self._closed = True
         self._resources.close()
 
 
@@ -177,7 +171,7 @@ def _all_files(paths: Sequence[Location]) -> list[Location]:
             continue
         if not path.exists():
             raise RecordingError(f"{path}: no such file or folder; expected {EXPECTED}")
-        with opening(path):
+        with library_errors(path):
             files += recording_files(path) if path.is_dir() else (path,)
     seen: dict[object, Location] = {}
     for file in files:
@@ -189,83 +183,64 @@ def _all_files(paths: Sequence[Location]) -> list[Location]:
 
 
 def _inode(file: Path) -> tuple[int, int]:
-    """The same through a link."""
-    with opening(file):
+    """Device and inode, which are the same through a link."""
+    with library_errors(file):
         status = file.stat()
     return status.st_dev, status.st_ino
 
 
-def _open_file(
-    path: Location, index: int, stack: ExitStack, *, rescue: bool, thorough: bool, limits: LimitsConfig
-) -> RecordingFile:
-    """Open one file; what has to be undone later goes on the stack."""
+def _open_file(path: Location, index: int, stack: ExitStack, options: ReadOptions) -> RecordingFile:
+    """Open one file; the stack closes it and removes temporary copies."""
+    is_recovering = options.recovery != "none"
     if isinstance(path, RemotePath):
-        return _open_remote(path, index, stack, rescue=rescue, thorough=thorough, limits=limits)
-    with opening(path, rescued=rescue):
-        location = path
-        losses = Losses(path, limits.max_losses_listed)
+        path, stream = open_remote(path)
+        stack.callback(stream.close)
+        with library_errors(path, is_recovering=is_recovering):
+            _check_is_mcap(path, stream)
+            return McapFile(Source(path, index, options, Losses(path, options)), stream)
+    with library_errors(path, is_recovering=is_recovering):
+        content, losses = path, Losses(path, options)
         magic = _first_bytes(path)
         if magic.startswith(ZSTD_MAGIC):
-            location = _unpacked(path, stack, losses if rescue else None, limits)
-            magic = _first_bytes(location)
-        elif rescue and magic.startswith(SQLITE_MAGIC) and (journals := _journals(path)):
-            location = _completed(path, journals, stack, losses)
-        file = _file_of_kind(path, location, magic, index, rescue=rescue, thorough=thorough, limits=limits)
+            content = _unpacked(path, stack, losses, options.limits)
+            magic = _first_bytes(content)
+        elif magic.startswith(SQLITE_MAGIC) and (journals := _journals(path)):
+            if is_recovering:
+                content = _completed(path, journals, stack, losses)
+            elif journals[0].name.endswith("-wal"):
+                raise RecordingError(
+                    f"{path}: the recorder did not close it, part of it is still in {journals[0].name}; "
+                    f"`sqlite3 {path.name} 'PRAGMA wal_checkpoint'` in a copy of the folder completes it"
+                )
+        file = _file_of_kind(Source(path, index, options, losses), path, content, magic)
         stack.callback(file.close)
-    return _WithLosses(file, losses.listed()) if losses.listed() else file
+    return file
 
 
-def _open_remote(
-    path: RemotePath, index: int, stack: ExitStack, *, rescue: bool, thorough: bool, limits: LimitsConfig
-) -> RecordingFile:
-    """Open an MCAP on a server: the other formats have no index that can be fetched at once."""
-    path, stream = open_remote(path)
-    stack.callback(stream.close)
-    with opening(path, rescued=rescue):
-        magic = stream.read(64)
-        stream.seek(0)
-        if not magic.startswith(MCAP_MAGIC):
-            kinds = {ROSBAG1_MAGIC: "a ROS 1 bag", SQLITE_MAGIC: "an SQLite database", ZSTD_MAGIC: "a compressed file"}
-            kind = next((kind for begin, kind in kinds.items() if magic.startswith(begin)), "another kind of file")
-            raise RecordingError(
-                f"{path}: of files on a server, lidcam reads .mcap, found {kind}; download it, and read the copy"
-            )
-        return McapFile(path, index, stream=stream, rescue=rescue, thorough=thorough, limits=limits)
+def _check_is_mcap(path: RemotePath, stream: BinaryIO) -> None:
+    """Refuse the other formats on a server: their indexes cannot be fetched at once."""
+    magic = stream.read(64)
+    stream.seek(0)
+    if not magic.startswith(MCAP_MAGIC):
+        kinds = {ROSBAG1_MAGIC: "a ROS 1 bag", SQLITE_MAGIC: "an SQLite database", ZSTD_MAGIC: "a compressed file"}
+        kind = next((kind for start, kind in kinds.items() if magic.startswith(start)), "another kind of file")
+        raise RecordingError(
+            f"{path}: of files on a server, lidcam reads .mcap, found {kind}; download it, and read the copy"
+        )
 
 
-def _file_of_kind(
-    path: Path, location: Path, magic: bytes, index: int, *, rescue: bool, thorough: bool, limits: LimitsConfig
-) -> RecordingFile:
+def _file_of_kind(source: Source, path: Path, content: Path, magic: bytes) -> RecordingFile:
     if magic.startswith(ROSBAG1_MAGIC):
-        return Rosbag1File(path, index, location=location, rescue=rescue, thorough=thorough, limits=limits)
+        return Rosbag1File(source, content)
     if is_capture(magic):
-        return PcapFile(path, index, location=location, rescue=rescue, limits=limits)
+        return PcapFile(source, content.open("rb"))
+    if not magic.startswith((MCAP_MAGIC, SQLITE_MAGIC)):
+        error = RecordingError if magic else DamageError
+        raise error(f"{path}: expected {EXPECTED}, found {_describe(magic, path)}")
     metadata = folder_metadata(path.parent)
-    listed = path.name in metadata.file_names
-    compressed, distro = (metadata.message_compression, metadata.distro) if listed else (False, "")
-    if magic.startswith(MCAP_MAGIC):
-        return McapFile(
-            path,
-            index,
-            stream=location.open("rb"),
-            message_compression=compressed,
-            distro=distro,
-            rescue=rescue,
-            thorough=thorough,
-            limits=limits,
-        )
-    if magic.startswith(SQLITE_MAGIC):
-        return SqliteFile(
-            path,
-            index,
-            location=location,
-            message_compression=compressed,
-            distro=distro,
-            rescue=rescue,
-            limits=limits,
-        )
-    fault = DamageError if not magic else RecordingError
-    raise fault(f"{path}: expected {EXPECTED}, found {_describe(magic, path)}")
+    if path.name in metadata.file_names:
+        source = replace(source, metadata=metadata)
+    return McapFile(source, content.open("rb")) if magic.startswith(MCAP_MAGIC) else SqliteFile(source, content)
 
 
 def _first_bytes(path: Path) -> bytes:
@@ -274,7 +249,7 @@ def _first_bytes(path: Path) -> bytes:
 
 
 def _describe(magic: bytes, path: Path) -> str:
-    """What a file that is no recording seems to be, and what to do."""
+    """What a file that is not a recording seems to be, and what to do."""
     if not magic:
         kind = "a compressed file with nothing in it" if path.suffix == ".zstd" else "an empty file"
         return f"{kind}; record or copy it again"
@@ -289,22 +264,22 @@ def _describe(magic: bytes, path: Path) -> str:
     )
 
 
-def _unpacked(path: Path, stack: ExitStack, losses: Losses | None, limits: LimitsConfig) -> Path:
-    """The content of a zstd-compressed file (rosbag2's compression mode `file`) in a temporary folder.
+def _unpacked(path: Path, stack: ExitStack, losses: Losses, limits: LimitsConfig) -> Path:
+    """The content of a zstd-compressed file (rosbag2's compression mode `file`), as a file in a temporary folder.
 
     Args:
         path: The file.
         stack: Removes the folder.
-        losses: Gets where the file is damaged: what comes before is used. None: that is an error.
+        losses: Collects where the file is damaged; the content before is used.
         limits: How much it may unpack to.
 
     Raises:
-        RecordingError: it unpacks to more, or to more than the temporary folder has room for.
+        RecordingError: it unpacks to more, or to more than the temporary folder has space for.
     """
     folder = Path(stack.enter_context(TemporaryDirectory(prefix="lidcam-")))
     unpacked = folder / path.with_suffix("").name
     with path.open("rb") as packed, unpacked.open("wb") as stream:
-        try:
+        with losses.guard() as damage:
             content = zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True)
             left = min(limits.max_unpacked_bytes(path.stat().st_size), shutil.disk_usage(folder).free - DISK_RESERVE)
             while piece := content.read(PIECE):
@@ -315,15 +290,13 @@ def _unpacked(path: Path, stack: ExitStack, losses: Losses | None, limits: Limit
                         f"or free space in {folder.parent}"
                     )
                 stream.write(piece)
-        except zstandard.ZstdError as err:
-            if losses is None:
-                raise
-            losses.note(stream.tell(), f"the file does not unpack further ({describe(err)})")
+        if damage.error:
+            losses.note(stream.tell(), f"the file does not unpack further ({damage.reason})")
     return unpacked
 
 
 def _journals(path: Path) -> list[Path]:
-    """What SQLite has yet to bring into a database: its write-ahead log, or the way back from a half-done write."""
+    """What SQLite has yet to apply to a database: its write-ahead log, or the rollback journal of a half-done write."""
     beside = [path.with_name(path.name + suffix) for suffix in ("-wal", "-journal")]
     return [journal for journal in beside if journal.is_file() and journal.stat().st_size]
 
@@ -335,28 +308,12 @@ def _completed(path: Path, journals: Sequence[Path], stack: ExitStack, losses: L
     for file in (path, *journals):
         shutil.copyfile(file, folder / file.name)
     names = ", ".join(journal.name for journal in journals)
-    try:
-        with closing(sqlite3.connect(copy)) as database:
-            database.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
-            database.execute("SELECT count(*) FROM sqlite_master").fetchall()
+    with losses.guard() as damage, closing(sqlite3.connect(copy)) as database:
+        database.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
+        database.execute("SELECT count(*) FROM sqlite_master").fetchall()
         losses.note(0, f"the recorder did not close it; completed from {names} in a copy", messages=0)
-    except sqlite3.Error as err:
-        losses.note(0, f"the recorder did not close it, and {names} cannot be brought in ({describe(err)})")
+    if damage.error:
+        losses.note(0, f"the recorder did not close it, and {names} cannot be applied ({damage.reason})")
     for journal in journals:
         (folder / journal.name).unlink(missing_ok=True)
     return copy
-
-
-class _WithLosses:
-    """A file with what was lost before it could be opened; see `RecordingFile`."""
-
-    def __init__(self, file: RecordingFile, losses: tuple[Loss, ...]) -> None:
-        self._file, self._losses = file, losses
-        self.path, self.ros_version, self.topics = file.path, file.ros_version, file.topics
-        self.start_ns, self.end_ns, self.message_count = file.start_ns, file.end_ns, file.message_count
-        self.messages, self.close = file.messages, file.close
-
-    @property
-    def losses(self) -> tuple[Loss, ...]:
-        """Those first."""
-        return self._losses + self._file.losses

@@ -1,4 +1,4 @@
-"""What a recording looks like from outside, whatever file format it lies in."""
+"""A recording as the rest of lidcam sees it, whatever its file format."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterable, Iterator
@@ -8,11 +8,39 @@ from typing import Literal, Protocol, Self
 
 from pipeline.core.errors import RecordingError
 from pipeline.core.messages import Channel, RawMessage
+from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from readers.location import Location
 
-__all__ = ["Closing", "Loss", "Recording", "RecordingFile", "TopicInfo", "merge_topics"]
+__all__ = [
+    "DEFAULT_READ_OPTIONS",
+    "Closing",
+    "Loss",
+    "ReadOptions",
+    "Recording",
+    "RecordingFile",
+    "TopicInfo",
+    "merge_topics",
+]
 
 RosVersion = Literal["ROS 1", "ROS 2", "no ROS"]
+
+
+@dataclass(frozen=True, slots=True)
+class ReadOptions:
+    """How a recording is read.
+
+    Attributes:
+        recovery: What to do about damage. `none`: it is an error. `as_needed`: read what can be read of a damaged file,
+            and list the rest in `Recording.losses`. `full_scan`: the same, but read every record once even if index or
+            summary seem valid, which finds messages that these do not list.
+        limits: How much memory and disk space the recording may use.
+    """
+
+    recovery: Literal["none", "as_needed", "full_scan"] = "as_needed"
+    limits: LimitsConfig = DEFAULT_LIMITS
+
+
+DEFAULT_READ_OPTIONS = ReadOptions()
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,12 +50,12 @@ class TopicInfo:
     Attributes:
         topic: Topic name.
         msgtype: Type name in the ROS 2 spelling, for instance `sensor_msgs/msg/PointCloud2`.
-        message_count: Messages recorded, also where they cannot be read.
-        channels: The distinct definitions it was recorded with; empty where it cannot be read.
-        unreadable: Why its messages are not yielded; empty where they are.
-        part_of: Topic of the combined messages that its messages are taken out of; empty where it was recorded itself.
-        gathered_from: Type of the recorded messages, which `message_count` counts, that are gathered into its messages;
-            empty where they are as recorded.
+        message_count: Messages recorded, including those that cannot be read.
+        channels: The distinct definitions it was recorded with; empty if it cannot be read.
+        unreadable: Why its messages are not yielded; empty if they are.
+        part_of: Topic of the combined messages that contain its messages; empty if it was recorded by itself.
+        gathered_from: Type of the recorded messages (counted by `message_count`) that its messages are put together
+            from; empty if they are as recorded.
     """
 
     topic: str
@@ -56,10 +84,10 @@ class Loss:
 
     Attributes:
         path: The file.
-        position: Byte at which it begins; in a file that is compressed as a whole, byte of the unpacked content.
+        position: Byte at which it begins; for a file that is compressed as a whole, byte of the unpacked content.
         reason: What was expected there and what was found.
-        size: Bytes that it takes up in the file; None where that cannot be told.
-        messages: Messages that were lost with it, 0 where none was; None where that cannot be told.
+        size: Its size in the file, in bytes; None if unknown.
+        messages: Number of messages lost with it; None if unknown.
     """
 
     path: Location
@@ -74,10 +102,10 @@ class RecordingFile(Protocol):
 
     Attributes:
         ros_version: Which ROS recorded it.
-        topics: What it holds, sorted by topic and type.
-        start_ns: Log time of the first message; 0 where there is none.
-        end_ns: Log time of the last message (inclusive); 0 where there is none.
-        message_count: Number of messages, also of those that cannot be read.
+        topics: Its topics, sorted by name and type.
+        start_ns: Log time of the first message; 0 if there is none.
+        end_ns: Log time of the last message (inclusive); 0 if there is none.
+        message_count: Number of messages, including those that cannot be read.
     """
 
     ros_version: RosVersion
@@ -92,7 +120,7 @@ class RecordingFile(Protocol):
 
     @property
     def losses(self) -> tuple[Loss, ...]:
-        """What is damaged, by position, as far as it was noticed: reading on may find more."""
+        """The damage found so far, by position: reading on may find more."""
 
     def messages(
         self, topics: Collection[str] | None, *, start_ns: int | None, stop_ns: int | None
@@ -100,7 +128,7 @@ class RecordingFile(Protocol):
         """As `Recording.messages`, in the order of (log time, position in the file).
 
         Raises:
-            Exception: of the library that reads the file, where it is damaged and was not opened to be rescued.
+            Exception: any that the library raises, if the file is damaged and `ReadOptions.recovery` is `none`.
         """
 
     def close(self) -> None:
@@ -108,7 +136,7 @@ class RecordingFile(Protocol):
 
 
 class Recording(Protocol):
-    """A whole recording, open: a context manager that closes its files."""
+    """An open recording: a context manager that closes its files."""
 
     @property
     def paths(self) -> tuple[Location, ...]:
@@ -116,40 +144,40 @@ class Recording(Protocol):
 
     @property
     def topics(self) -> tuple[TopicInfo, ...]:
-        """What it holds, sorted by topic and type."""
+        """Its topics, sorted by name and type."""
 
     @property
     def start_ns(self) -> int:
-        """Log time of the first message; 0 where there is none."""
+        """Log time of the first message; 0 if there is none."""
 
     @property
     def end_ns(self) -> int:
-        """Log time of the last message (inclusive); 0 where there is none."""
+        """Log time of the last message (inclusive); 0 if there is none."""
 
     @property
     def message_count(self) -> int:
-        """Number of messages, also of those that cannot be read."""
+        """Number of messages, including those that cannot be read."""
 
     @property
     def losses(self) -> tuple[Loss, ...]:
-        """What is damaged, by file and position, as far as it was noticed: reading on may find more."""
+        """The damage found so far, by file and position: reading on may find more."""
 
     def messages(
         self, topics: Collection[str] | None = None, *, start_ns: int | None = None, stop_ns: int | None = None
     ) -> Iterator[RawMessage]:
-        """The messages in the order of (log time, file, position in the file), read as they are asked for.
+        """The messages in the order of (log time, file, position in the file), read lazily.
 
         Args:
-            topics: Only these; all by default. A name that was not recorded yields nothing.
+            topics: Only these; all by default. Names that were not recorded are ignored.
             start_ns: Only messages recorded at or after this time.
             stop_ns: Only messages recorded before this time.
 
         Raises:
-            RecordingError: the recording is damaged and was not opened to be rescued; says how far it was read.
+            RecordingError: the recording is damaged and `ReadOptions.recovery` is `none`; says how far it was read.
         """
 
     def close(self) -> None:
-        """Close the files; messages that were already yielded stay valid."""
+        """Close the files; messages already yielded stay valid."""
 
     def __enter__(self) -> Self: ...
 
@@ -159,7 +187,7 @@ class Recording(Protocol):
 
 
 class Closing(ABC):
-    """What leaves its `with` block closed."""
+    """A context manager that closes itself."""
 
     @abstractmethod
     def close(self) -> None:
@@ -175,7 +203,7 @@ class Closing(ABC):
 
 
 def merge_topics(topics: Iterable[TopicInfo]) -> tuple[TopicInfo, ...]:
-    """One entry per topic and type, counts added, definitions without repetition; sorted."""
+    """One entry per topic and type, sorted; counts are added up, definitions not repeated."""
     merged: dict[tuple[str, str], TopicInfo] = {}
     for info in topics:
         known = merged.get((info.topic, info.msgtype), replace(info, message_count=0, channels=()))

@@ -15,7 +15,7 @@ from pipeline.core.errors import OutputError
 from pipeline.core.settings.config import Config
 from readers.location import Location, location
 from readers.open import open_recording
-from readers.recording import Recording
+from readers.recording import ReadOptions, Recording
 from readers.rig.rig_file import write_rig
 from readers.rig.schema import RigFile
 from readers.streams.per_sensor import sensor_messages
@@ -60,7 +60,7 @@ def run_inspect(options: InspectOptions) -> None:
         _tell(inspection, options)
         return
     with (
-        open_recording(options.inputs, thorough=True, limits=options.config.limits) as recorded,
+        open_recording(options.inputs, ReadOptions("full_scan", options.config.limits)) as recorded,
         sensor_messages(recorded) as recording,
     ):
         check_not_overwritten(recording.paths, options.write_rig, options.repair)

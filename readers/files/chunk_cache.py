@@ -1,4 +1,4 @@
-"""Decompressed chunks, kept while they are likely to be read again."""
+"""A cache of decompressed chunks."""
 
 from collections import OrderedDict
 from collections.abc import Callable
@@ -11,29 +11,29 @@ CACHE_BYTES = 64 << 20
 
 
 class ChunkCache:
-    """The chunks used last, up to a number of bytes (at least one).
+    """The most recently used chunks, up to a number of bytes (at least one chunk).
 
-    Messages come in time order while chunks lie in the order of writing: neighbours overlap in time and are needed
-    by turns. The bound keeps the memory of a recording whose chunks all overlap from growing with its length.
+    Messages are read in time order but chunks are in the order of writing, so chunks that overlap in time are read
+    alternately. The bound keeps memory constant even if all chunks of a recording overlap.
 
     Args:
-        max_bytes: What is kept.
-        max_loaded_bytes: What may be unpacked in all since `begin`; None for no bound.
+        max_bytes: Bytes that are kept.
+        max_loaded_bytes: Bytes that may be unpacked in total since `begin`; None for no bound.
     """
 
     def __init__(self, max_bytes: int = CACHE_BYTES, *, max_loaded_bytes: int | None = None) -> None:
         self._max_bytes = max_bytes
-        self._most_loaded = max_loaded_bytes
+        self._max_loaded = max_loaded_bytes
         self.begin()
         self._bytes = 0
         self._chunks: OrderedDict[int, bytes] = OrderedDict()
 
     def begin(self) -> None:
-        """Count what is unpacked anew: the recording is read once more."""
-        self._allowance = None if self._most_loaded is None else Allowance(self._most_loaded)
+        """Restart the count of unpacked bytes, because the recording is read once more."""
+        self._allowance = None if self._max_loaded is None else Allowance(self._max_loaded)
 
     def get(self, position: int, load: Callable[[], bytes]) -> bytes:
-        """The chunk at `position` of the file; `load` is called where it is not kept.
+        """The chunk at `position` of the file; `load` is called if it is not in the cache.
 
         Raises:
             ValueError: more was unpacked than is allowed.
@@ -53,20 +53,20 @@ class ChunkCache:
         return chunk
 
     def holds(self, position: int) -> bool:
-        """Whether the chunk at `position` is kept."""
+        """Whether the chunk at `position` is in the cache."""
         return position in self._chunks
 
     def drop(self, position: int) -> None:
-        """Forget the chunk at `position`: its last message was read."""
+        """Remove the chunk at `position`, because its last message was read."""
         chunk = self._chunks.pop(position, None)
         if chunk is not None:
             self._bytes -= len(chunk)
 
 
 def detach(chunk: bytes, start: int, size: int) -> bytes | memoryview:
-    """The message at `start` of a chunk: without copying where that does not hold much else in memory.
+    """The message at `start` of a chunk: a copy if it is much smaller than the chunk, else a view.
 
-    A view keeps its whole chunk alive, so a message much smaller than its chunk is copied.
+    A view keeps its whole chunk in memory.
 
     Raises:
         ValueError: the message reaches beyond the chunk.

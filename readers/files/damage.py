@@ -1,15 +1,17 @@
-"""Damage: the errors of the reading libraries in our words, and the account of what was lost.
+"""Damage: what libraries raise on damaged files, turned into our errors, and the record of what was lost.
 
-A damaged file makes the libraries raise nearly anything (lz4 a RuntimeError, bz2 an OSError without number, rosbags
-AssertionErrors), so the list is long; what is not in it (AttributeError, NameError...) is a bug, with its traceback.
+A damaged file makes the libraries raise nearly anything (lz4 a RuntimeError, bz2 an OSError without a number, rosbags
+AssertionErrors), so the list is long; anything else (AttributeError, NameError...) is a bug and keeps its traceback.
 """
 
 import errno
 import sqlite3
 import struct
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from types import TracebackType
+from typing import Self
 
 import yaml
 import zstandard
@@ -17,11 +19,10 @@ from mcap.exceptions import McapError
 from rosbags.rosbag1 import ReaderError
 
 from pipeline.core.errors import LidcamError, RecordingError
-from pipeline.core.settings.recording import DEFAULT_LIMITS
 from readers.location import Location
-from readers.recording import Loss
+from readers.recording import DEFAULT_READ_OPTIONS, Loss, ReadOptions
 
-__all__ = ["LIBRARY_ERRORS", "DamageError", "Losses", "damaged", "describe", "is_damage", "opening"]
+__all__ = ["DamageError", "DamageGuard", "Losses", "library_errors"]
 
 LIBRARY_ERRORS: tuple[type[Exception], ...] = (
     ReaderError,
@@ -41,46 +42,121 @@ LIBRARY_ERRORS: tuple[type[Exception], ...] = (
     ValueError,
 )
 
-
 MAX_OTHERS = 1_000_000
-"""Parts beyond those that are listed that are still told apart, so that each counts once."""
+"""Unlisted losses that are still told apart, so that each counts once."""
 
 
 class DamageError(RecordingError):
-    """A file is damaged so that nothing, or not all of it, can be read."""
+    """A file is so damaged that it cannot be read, or not all of it."""
+
+
+class DamageGuard:
+    """A context manager that suppresses errors caused by damage in a file; all other errors pass.
+
+    Args:
+        is_active: Whether to suppress any.
+
+    Attributes:
+        error: The error that was suppressed; None if there was none.
+    """
+
+    def __init__(self, *, is_active: bool) -> None:
+        self._is_active = is_active
+        self.error: Exception | None = None
+
+    @property
+    def reason(self) -> str:
+        """`error` in one line; empty if there was none."""
+        return "" if self.error is None else _describe(self.error)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, exc_type: type[BaseException] | None, exc: BaseException | None, traceback: TracebackType | None
+    ) -> bool:
+        if not self._is_active or not isinstance(exc, LIBRARY_ERRORS) or isinstance(exc, LidcamError):
+            return False
+        if _is_of_system(exc):
+            return False
+        self.error = exc
+        return True
 
 
 class Losses:
-    """What one file lost, each part noted once, however often the file is read.
+    """What could not be read of one file; each loss is listed once, however often the file is read.
 
     Args:
-        path: The file that is named.
-        max_listed: Parts that are kept one by one; the others are added up to one.
+        path: The file.
+        options: Whether damage is an error, and how many losses are listed one by one; the others are added up.
     """
 
-    def __init__(self, path: Location, max_listed: int = DEFAULT_LIMITS.max_losses_listed) -> None:
+    def __init__(self, path: Location, options: ReadOptions = DEFAULT_READ_OPTIONS) -> None:
         self._path = path
-        self._most_listed = max_listed
-        self._parts: dict[tuple[int, str], Loss] = {}
+        self._is_recovering = options.recovery != "none"
+        self._max_listed = options.limits.max_losses_listed
+        self._listed: dict[tuple[int, str], Loss] = {}
         self._others: set[int] = set()
         self._rest: Loss | None = None
 
+    def guard(self) -> DamageGuard:
+        """A guard that suppresses damage unless damage is an error."""
+        return DamageGuard(is_active=self._is_recovering)
+
     def note(self, position: int, reason: str, *, size: int | None = None, messages: int | None = None) -> None:
-        """Note a part, if it was not noted before; arguments as of `Loss`."""
+        """Add a loss; arguments as of `Loss`.
+
+        Raises:
+            ValueError: damage is an error.
+        """
+        if not self._is_recovering:
+            raise ValueError(f"at byte {position}: {reason}" + (f" ({messages} messages)" if messages else ""))
         key = (position, reason)
-        if key in self._parts:
+        if key in self._listed:
             return
         loss = Loss(self._path, position, reason, size, messages)
-        if len(self._parts) < self._most_listed:
-            self._parts[key] = loss
+        if len(self._listed) < self._max_listed:
+            self._listed[key] = loss
         elif hash(key) not in self._others and len(self._others) < MAX_OTHERS:
             self._others.add(hash(key))
             self._rest = _sum(self._rest, loss, len(self._others))
 
     def listed(self) -> tuple[Loss, ...]:
-        """All parts by position, and last the sum of those that are not kept."""
+        """The losses by position, and last the sum of those that are not listed."""
         rest = () if self._rest is None else (self._rest,)
-        return (*(self._parts[key] for key in sorted(self._parts)), *rest)
+        return (*(self._listed[key] for key in sorted(self._listed)), *rest)
+
+
+@contextmanager
+def library_errors(
+    path: Location, *, progress: Callable[[], str] | None = None, is_recovering: bool = False
+) -> Iterator[None]:
+    """Turn what a library raises while it reads `path` into a `RecordingError`.
+
+    Args:
+        path: The file.
+        progress: Says how far it was read.
+        is_recovering: Whether what can still be read was already tried.
+
+    Raises:
+        RecordingError: instead of any of `LIBRARY_ERRORS`; a `DamageError` if the content is at fault.
+    """
+    try:
+        yield
+    except LidcamError:
+        raise
+    except LIBRARY_ERRORS as err:
+        where = f"{path}: {progress()}: " if progress else f"{path}: "
+        if isinstance(err, OSError) and _is_of_system(err):
+            raise RecordingError(f"{where}cannot be read: {err.strerror}") from err
+        remedy = (
+            "nothing in it can be recovered, record or copy it again"
+            if is_recovering
+            else "without `--on-bad-message fail` what can still be read is read"
+        )
+        raise DamageError(
+            f"{where}the file is damaged or was not closed ({type(err).__name__}: {_describe(err)}); {remedy}"
+        ) from err
 
 
 def _sum(rest: Loss | None, loss: Loss, count: int) -> Loss:
@@ -94,53 +170,10 @@ def _sum(rest: Loss | None, loss: Loss, count: int) -> Loss:
     return Loss(loss.path, rest.position, reason + first, size, messages)
 
 
-def is_damage(err: Exception) -> bool:
-    """Whether a library raised `err` because of what the file holds, rather than because it cannot be reached."""
-    return isinstance(err, LIBRARY_ERRORS) and not isinstance(err, LidcamError) and not _is_of_system(err)
-
-
 def _is_of_system(err: Exception) -> bool:
-    """Whether the operating system reports it; a place that no file can have is the file's own fault."""
+    """Whether the operating system raised it; an impossible file position (EINVAL) is the file's own fault."""
     return isinstance(err, OSError) and err.errno not in {None, errno.EINVAL, errno.EOVERFLOW}
 
 
-def describe(err: Exception) -> str:
-    """What a library raised, in one line."""
+def _describe(err: Exception) -> str:
     return " ".join(str(err).split()) or f"unexpected end or value ({type(err).__name__})"
-
-
-def damaged(path: Location, err: Exception, *, progress: str = "", rescued: bool = False) -> RecordingError:
-    """The error to raise for `err`.
-
-    Args:
-        path: The file.
-        err: What a library raised.
-        progress: How far the file was read.
-        rescued: Whether it was tried to read what can still be read.
-    """
-    where = f"{path}: {progress}: " if progress else f"{path}: "
-    if isinstance(err, OSError) and _is_of_system(err):
-        return RecordingError(f"{where}cannot be read: {err.strerror}")
-    remedy = (
-        "nothing in it can be saved, record or copy it again"
-        if rescued
-        else "without `--on-bad-message fail` what can still be read is read"
-    )
-    return DamageError(
-        f"{where}the file is damaged or was not closed ({type(err).__name__}: {describe(err)}); {remedy}"
-    )
-
-
-@contextmanager
-def opening(path: Location, *, rescued: bool = False) -> Iterator[None]:
-    """Turn what a library raises while it opens `path` into a `RecordingError`.
-
-    Raises:
-        RecordingError: instead of any of `LIBRARY_ERRORS`; a `DamageError` where the content is at fault.
-    """
-    try:
-        yield
-    except LidcamError:
-        raise
-    except LIBRARY_ERRORS as err:
-        raise damaged(path, err, rescued=rescued) from err

@@ -1,4 +1,4 @@
-"""Compressed chunks of bags, unpacked piece by piece: up to a size, and as far as a cut one goes."""
+"""Decompression of chunks, up to a maximum size, and of incomplete ones as far as they go."""
 
 from bz2 import BZ2Decompressor
 from typing import BinaryIO, NamedTuple, Protocol
@@ -9,12 +9,12 @@ __all__ = ["Allowance", "Unpacked", "check_chunk_size", "compression_of", "unpac
 
 PIECE = 1 << 18
 MAX_AT_ONCE = 1 << 22
-"""The libraries take this much memory before they know how much a piece unpacks to."""
+"""The libraries allocate this much before they know how much a piece unpacks to."""
 MAGICS = {b"\x04\x22\x4d\x18": "lz4", b"BZh": "bz2"}
 
 
 class Unpacked(NamedTuple):
-    """What a chunk held: `packed_size` bytes of the file were used; `complete` if its own end and checksum came."""
+    """A decompressed chunk: `packed_size` bytes of the file were used; `complete` if they include end and checksum."""
 
     data: bytes
     packed_size: int
@@ -22,17 +22,17 @@ class Unpacked(NamedTuple):
 
 
 class Allowance:
-    """What the chunks of a file may still unpack to while it is read once.
+    """How much the chunks of a file may still unpack to.
 
     Args:
-        size: Bytes, all chunks together.
+        size: Bytes of all chunks together.
     """
 
     def __init__(self, size: int) -> None:
         self._size = self._left = size
 
     def take(self, size: int) -> None:
-        """Use up some of it.
+        """Use up `size` bytes.
 
         Raises:
             ValueError: nothing is left.
@@ -53,26 +53,26 @@ class _Decompressor(Protocol):
 
 
 def compression_of(first_bytes: bytes) -> str:
-    """The compression that data begin with: `lz4`, `bz2`, or `none`."""
+    """The compression of data by their first bytes: `lz4`, `bz2`, or `none`."""
     return next((name for magic, name in MAGICS.items() if first_bytes.startswith(magic)), "none")
 
 
 def check_chunk_size(size: int, largest: int) -> None:
-    """Refuse a chunk that unpacks to `size` bytes where that is more than `largest`.
+    """Refuse a chunk that unpacks to `size` bytes.
 
     Raises:
-        ValueError: it is.
+        ValueError: this is more than `largest`.
     """
     if size > largest:
         raise ValueError(f"a chunk unpacks to more than {largest} bytes, see limits.max_chunk_mib")
 
 
 def unpack_lz4(data: bytes, size: int, *, largest: int) -> bytes:
-    """A whole lz4 frame, in one piece: nearly three times as fast as `unpack`.
+    """The content of a whole lz4 frame, nearly three times as fast as with `unpack`.
 
     Args:
         data: The frame.
-        size: What it is said to unpack to: as much memory is taken at once, and more where it is not enough.
+        size: Its unpacked size according to the file: this much memory is allocated at once, and more if needed.
         largest: Bytes that it may unpack to.
 
     Raises:
@@ -96,10 +96,18 @@ def unpack_lz4(data: bytes, size: int, *, largest: int) -> bytes:
 def unpack(
     stream: BinaryIO, position: int, end: int, compression: str, *, largest: int, allowance: Allowance | None = None
 ) -> Unpacked:
-    """Unpack what begins at `position` and ends before `end`, to `largest` bytes of those that `allowance` leaves.
+    """The content of the compressed data that begin at `position` and end before `end`.
+
+    Args:
+        stream: The file.
+        position: First byte of the data.
+        end: Byte after the data.
+        compression: `lz4` or `bz2`.
+        largest: Bytes that they may unpack to.
+        allowance: Bytes that all chunks together may unpack to.
 
     Raises:
-        ValueError: it unpacks to more.
+        ValueError: they unpack to more.
         OSError: bz2 found damage.
         RuntimeError: lz4 found damage.
     """

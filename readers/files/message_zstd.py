@@ -1,7 +1,7 @@
 """Messages that rosbag2 compressed one by one with zstd.
 
-metadata.yaml says whether they are, but it is often lost. A zstd frame is known by its first bytes (RFC 8878, 3.1.1),
-and no CDR message begins like one: its first byte is 0 (DDSI-RTPS 10.5).
+metadata.yaml says whether they are, but it is often lost. Zstd frames are recognised by their first bytes (RFC 8878,
+3.1.1), with which no CDR message can begin: its first byte is 0 (DDSI-RTPS 10.5).
 """
 
 import zstandard
@@ -12,7 +12,7 @@ ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 
 
 def decompressed(data: bytes | memoryview, encoding: str, *, announced: bool, largest: int) -> bytes | memoryview:
-    """The message as it was before rosbag2 compressed it, if it did.
+    """The message, decompressed if rosbag2 compressed it.
 
     Args:
         data: As recorded.
@@ -22,10 +22,10 @@ def decompressed(data: bytes | memoryview, encoding: str, *, announced: bool, la
 
     Raises:
         ValueError: it unpacks to more.
-        zstandard.ZstdError: the frame is damaged, or it was announced and is none.
+        zstandard.ZstdError: the frame is damaged, or the message was announced as compressed and is not.
     """
     if announced or (encoding == "cdr" and data[:4] == ZSTD_MAGIC):
-        size = zstandard.frame_content_size(data)  # negative where the frame does not say it
+        size = zstandard.frame_content_size(data)  # negative if the frame does not say it
         if size > largest:
             raise ValueError(f"a message unpacks to {size} bytes, see limits.max_message_mib")
         return zstandard.ZstdDecompressor().decompress(data, max_output_size=largest)

@@ -1,8 +1,8 @@
 """A file on a server as a stream that fetches only the parts that are read, by range requests (fsspec).
 
-Whole pages are fetched and kept in a temporary file: nothing is fetched twice before that is full, and memory does not
-grow with what is read. Reading on and on fetches ever more at once, up to a bound; a reader that knows what it will
-read says so (`ReadAhead`), and nothing else is fetched then.
+Whole pages are fetched and kept in a temporary file: nothing is fetched twice until that is full, and memory does not
+grow. Sequential reading fetches more and more at once, up to a maximum; a reader that knows what it will read uses
+`ReadAhead` to fetch exactly that.
 """
 
 import errno
@@ -27,45 +27,41 @@ PAGE_BYTES = 1 << 16
 MAX_REQUEST_PAGES = 128
 MAX_REQUEST_BYTES = MAX_REQUEST_PAGES * PAGE_BYTES
 MAX_KEPT_BYTES = 512 << 20
-"""Of the temporary file, on disk: several seconds of many cameras and lidars."""
+"""Size of the temporary file: several seconds of many cameras and lidars."""
 
 RETRY_DELAYS_S = (0.5, 1.0, 2.0)
 SILENCE_S = 30.0
-"""A server that sends nothing for so long is as good as a lost connection."""
+"""A server that sends nothing for this long counts as a lost connection."""
 
 MAX_FACT_CHARACTERS = 200
 
 EXTRAS = {"http": "http", "https": "http", "s3": "s3", "s3a": "s3"}
-"""Extra of lidcam that brings what a protocol needs."""
+"""Extra of lidcam that installs what a protocol needs."""
 
 REMEDY = "download it, and read the copy"
 
 
 class RemoteFile(io.BufferedIOBase):
-    """A file on a server, to be read anywhere.
+    """A seekable file on a server.
 
     Args:
-        path: Where it is.
+        path: Its location.
 
     Attributes:
-        path: The same with the facts that the server told.
-        size: In bytes.
-        requests: Range requests so far, also of those that failed.
-        fetched_bytes: What they brought.
+        path: The same, with the facts that the server told.
+        size: Size in bytes.
 
     Raises:
-        RecordingError: it cannot be reached, is not there, does not say its size, or an extra is not installed.
+        RecordingError: it cannot be reached, does not exist, has no known size, or an extra is not installed.
     """
 
     def __init__(self, path: RemotePath) -> None:
         super().__init__()
         self.path = path
-        self.requests = 0
-        self.fetched_bytes = 0
         self._position = 0
         self._pages: set[int] = set()
-        self._end_of_last = 0  # page behind the one fetched last
-        self._run = 1  # pages that a miss there fetched
+        self._end_of_last = 0  # page after the last one fetched
+        self._run = 1  # pages fetched by the last miss
         self._is_wanted_whole = False
         self._system: Any = None
         self._file: Any = None
@@ -83,31 +79,31 @@ class RemoteFile(io.BufferedIOBase):
             raise
 
     def readable(self) -> bool:
-        """It is."""
+        """Always true."""
         return True
 
     def seekable(self) -> bool:
-        """It is."""
+        """Always true."""
         return True
 
     def tell(self) -> int:
-        """Byte that is read next."""
+        """The current position."""
         return self._position
 
     def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
-        """Go to a byte; nothing is fetched.
+        """Change the position without fetching anything.
 
         Raises:
-            OSError: before the first byte.
+            OSError: the position is before the first byte.
         """
         position = offset + {io.SEEK_SET: 0, io.SEEK_CUR: self._position, io.SEEK_END: self.size}[whence]
         if position < 0:
-            raise OSError(errno.EINVAL, "a place before the begin of the file")
+            raise OSError(errno.EINVAL, "a position before the beginning of the file")
         self._position = position
         return position
 
     def read(self, size: int | None = -1, /) -> bytes:
-        """The next `size` bytes, or all that are left.
+        """The next `size` bytes, or all that are left by default.
 
         Raises:
             RecordingError: they cannot be fetched; says why.
@@ -125,7 +121,7 @@ class RemoteFile(io.BufferedIOBase):
         return self._kept.read(size)
 
     def fetch(self, ranges: Iterable[tuple[int, int]]) -> None:
-        """Fetch these parts (first byte, size) unless they are kept; neighbours in one request.
+        """Fetch these parts (first byte, size) unless they are kept; adjacent ones in one request.
 
         Raises:
             RecordingError: they cannot be fetched; says why.
@@ -136,11 +132,11 @@ class RemoteFile(io.BufferedIOBase):
         self._fetch_pages(pages)
 
     def fetch_ahead(self) -> None:
-        """From now on, fetch as much at once as may be: all of the file will be read."""
+        """Fetch as much as possible per request from now on, because the whole file will be read."""
         self._is_wanted_whole = True
 
     def close(self) -> None:
-        """End the connection and remove what was kept."""
+        """Close the connection and remove the temporary file."""
         if not self.closed:
             self._disconnect()
             self._kept.close()
@@ -150,7 +146,7 @@ class RemoteFile(io.BufferedIOBase):
         return range(start // PAGE_BYTES, -(-min(start + size, self.size) // PAGE_BYTES))
 
     def _need(self, start: int, size: int) -> None:
-        """Have these bytes among those kept, and more where the reader goes on and on."""
+        """Fetch these bytes unless they are kept, and more of what follows if reading is sequential."""
         pages = self._pages_of(start, size)
         missing = next((page for page in pages if page not in self._pages), None)
         if missing is None:
@@ -162,7 +158,7 @@ class RemoteFile(io.BufferedIOBase):
         self._fetch_pages(ahead)
 
     def _fetch_pages(self, pages: Collection[int]) -> None:
-        """Have these pages among those kept."""
+        """Fetch these pages unless they are kept."""
         if (len(self._pages) + sum(page not in self._pages for page in pages)) * PAGE_BYTES > MAX_KEPT_BYTES:
             self._kept.truncate(0)
             self._pages.clear()
@@ -178,10 +174,8 @@ class RemoteFile(io.BufferedIOBase):
         return self._attempt(f"the connection was lost at byte {start}", lambda: self._range_once(start, stop))
 
     def _range_once(self, start: int, stop: int) -> bytes:
-        self.requests += 1
         self._file.seek(start)
         data: bytes = self._file.read(stop - start)
-        self.fetched_bytes += len(data)
         if len(data) != stop - start:
             raise EOFError(f"{len(data)} of {stop - start} bytes")
         return data
@@ -190,23 +184,23 @@ class RemoteFile(io.BufferedIOBase):
         return self._system.open(self._place, "rb", cache_type="none", **options)
 
     def _attempt(self, failed: str, action: Callable[[], T]) -> T:
-        """Do what the network may prevent, and again where that may pass.
+        """The result of `action`, tried again after network errors that may be temporary.
 
         Raises:
-            RecordingError: it cannot be done.
+            RecordingError: it failed.
         """
         for attempt, delay_s in enumerate((*RETRY_DELAYS_S, None), 1):
             try:
                 return action()
             except RecordingError:
                 raise
-            except Exception as err:  # of any library that fsspec stands on
+            except Exception as err:  # any library below fsspec may raise
                 fault = _fault(err)
                 if fault.passes and delay_s is not None:
                     time.sleep(delay_s)
                     continue
                 reason = f"{failed} ({fault.reason}, {attempt} attempts)" if fault.passes else fault.reason
-                # Not from err: the libraries quote the whole URL, with the secrets in it.
+                # Not from err: the libraries quote the whole URL, including secrets.
                 raise RecordingError(f"{self.path}: {reason}; {fault.remedy}") from None
         raise RuntimeError("unreachable: the last attempt returns or raises")
 
@@ -220,13 +214,13 @@ class RemoteFile(io.BufferedIOBase):
 
 
 class ReadAhead:
-    """Fetches the parts of a file that will be read one after the other: ever more of them in one request.
+    """Fetches the parts of a file that will be read in a known order: more and more of them per request.
 
-    The first is fetched alone: many readers look at the beginning only. Of a local file, nothing needs to be fetched.
+    The first is fetched alone, because many readers need only the beginning. Does nothing for a local file.
 
     Args:
         stream: The file.
-        parts: First byte and size of each, in the order of reading; size 0 where that is not known.
+        parts: First byte and size of each part, in the order of reading.
     """
 
     def __init__(self, stream: BinaryIO, parts: Iterable[tuple[int, int]]) -> None:
@@ -236,7 +230,7 @@ class ReadAhead:
         self._bytes = 0
 
     def reach(self) -> None:
-        """The next part will be read now.
+        """Make sure that the next part is there.
 
         Raises:
             RecordingError: it cannot be fetched; says why.
@@ -260,7 +254,7 @@ class ReadAhead:
 
 
 def open_remote(path: RemotePath) -> tuple[RemotePath, BinaryIO]:
-    """Open a file on a server: with what the server says of it, and as a stream.
+    """Open a file on a server; returns its path with the facts that the server told, and a stream.
 
     Raises:
         RecordingError: it cannot be read; says why.
@@ -270,7 +264,7 @@ def open_remote(path: RemotePath) -> tuple[RemotePath, BinaryIO]:
 
 
 def tell_full_read(stream: BinaryIO, because: str) -> None:
-    """Warn that all of a file will be fetched, if it is a remote one, and fetch it in large parts."""
+    """Warn that the whole file will be fetched, and fetch it in large parts; does nothing for a local file."""
     if remote := _remote(stream):
         remote.fetch_ahead()
         logger.warning("%s: %s: all of it is fetched, %.1f MB", remote.path, because, remote.size / 1e6)
@@ -281,7 +275,7 @@ def _remote(stream: object) -> RemoteFile | None:
 
 
 def _runs(pages: Iterable[int]) -> Iterator[tuple[int, int]]:
-    """First page and the one behind the last of each row of neighbours, each one request; in the order given."""
+    """First page and the one after the last of each run of adjacent pages, each one request; in the order given."""
     first = last = -1
     for page in pages:
         if page != last or last - first == MAX_REQUEST_PAGES:
@@ -303,7 +297,7 @@ def _file_system(path: RemotePath) -> tuple[Any, str]:
 
             silence = aiohttp.ClientTimeout(total=None, sock_connect=SILENCE_S, sock_read=SILENCE_S)
             options["client_kwargs"] = {"timeout": silence, "trust_env": True}  # HTTPS_PROXY
-            options["encoded"] = path.url.isascii() and " " not in path.url  # a signed URL must stay as it is
+            options["encoded"] = path.url.isascii() and " " not in path.url  # a signed URL must not change
         elif path.protocol in {"s3", "s3a"}:
             options["use_listings_cache"] = False
         kind = fsspec.get_filesystem_class(path.protocol)
@@ -320,7 +314,7 @@ def _file_system(path: RemotePath) -> tuple[Any, str]:
 
 
 def _open_options(path: RemotePath, info: dict[str, Any]) -> dict[str, Any]:
-    """What makes sure that all parts are of the same file (RFC 9110, 13.1): S3 does so by itself."""
+    """Options that make sure that all parts are of the same file (RFC 9110, 13.1); S3 does so by itself."""
     if path.protocol not in {"http", "https"}:
         return {}
     headers = {"Accept-Encoding": "identity"}
@@ -377,7 +371,7 @@ MAY_PASS = frozenset({408, 425, 429, *range(500, 600)})
 
 
 def _fault(err: BaseException) -> _Fault:
-    """What went wrong, without a word of the library's: it quotes URLs."""
+    """What went wrong, without the library's message, which quotes URLs."""
     chain: list[BaseException] = []
     cause: BaseException | None = err
     while cause is not None and cause not in chain:
@@ -392,7 +386,7 @@ def _fault(err: BaseException) -> _Fault:
     for cause in reversed(chain):
         names = [base.__name__ for base in type(cause).__mro__]
         fault = next((BY_NAME[name] for name in names if name in BY_NAME), None)
-        # FileNotFoundError is what fsspec makes of any failure to ask a server.
+        # fsspec raises FileNotFoundError whenever it fails to ask a server.
         if fault is not None and (fault is not MISSING or len(chain) == 1):
             return fault
     if isinstance(chain[-1], ValueError):
@@ -401,7 +395,7 @@ def _fault(err: BaseException) -> _Fault:
 
 
 def _status(err: BaseException) -> int | None:
-    """HTTP status that an error of aiohttp or botocore tells."""
+    """HTTP status in an error of aiohttp or botocore."""
     status = getattr(err, "status", None)
     response = getattr(err, "response", None)
     if isinstance(response, dict):

@@ -1,4 +1,4 @@
-"""ROS 2 bag folders: which files they hold, and what metadata.yaml says about all of them."""
+"""ROS 2 bag folders: their files, and what metadata.yaml says about them."""
 
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -19,7 +19,7 @@ MAX_LISTED = 10
 
 @dataclass(frozen=True, slots=True)
 class FolderMetadata:
-    """The part of metadata.yaml that the files themselves do not say.
+    """The part of metadata.yaml that is not in the files themselves.
 
     Attributes:
         file_names: The files in recording order.
@@ -33,10 +33,10 @@ class FolderMetadata:
 
 
 def recording_files(folder: Path) -> tuple[Path, ...]:
-    """The files of a bag folder in recording order: as metadata.yaml lists them, else all by their numbers.
+    """The files of a bag folder in recording order: those that metadata.yaml lists, else all, by their numbers.
 
     Raises:
-        RecordingError: there are none, one is missing, or metadata.yaml cannot be read.
+        RecordingError: there are none, a listed one is missing, or metadata.yaml cannot be read.
     """
     listed = folder_metadata(folder).file_names
     files = tuple(folder / name for name in listed)
@@ -45,7 +45,7 @@ def recording_files(folder: Path) -> tuple[Path, ...]:
         more = f" and {len(missing) - MAX_LISTED} more" if len(missing) > MAX_LISTED else ""
         raise RecordingError(
             f"{folder}: {METADATA} lists {', '.join(missing[:MAX_LISTED])}{more}, which "
-            f"{'is' if len(missing) == 1 else 'are'} not there; complete the folder, or give the files to read"
+            f"{'is' if len(missing) == 1 else 'are'} not there; complete the folder, or name the files to read"
         )
     if files:
         return files
@@ -57,13 +57,13 @@ def recording_files(folder: Path) -> tuple[Path, ...]:
         )
     if not found:
         bags = sum(file.suffix == ".bag" for file in folder.iterdir())
-        hint = f"found {bags} ROS 1 .bag file(s): name them one by one" if bags else "found none of them"
+        hint = f"found {bags} ROS 1 .bag file(s): name them one by one" if bags else "found none of these"
         raise RecordingError(f"{folder}: expected a ROS 2 bag folder ({METADATA}, .db3 or .mcap files), {hint}")
     return tuple(found)
 
 
 def folder_metadata(folder: Path) -> FolderMetadata:
-    """What metadata.yaml of `folder` says; the defaults where there is none.
+    """What metadata.yaml of `folder` says; the defaults if there is none.
 
     Raises:
         RecordingError: it cannot be read.

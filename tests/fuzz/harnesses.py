@@ -57,7 +57,7 @@ from readers.messages.odometry import decode_odometry
 from readers.messages.pointcloud2 import decode_pointcloud2
 from readers.messages.tf import decode_transforms, read_transforms
 from readers.open import open_recording
-from readers.recording import Recording
+from readers.recording import ReadOptions, Recording
 from readers.rig.discovery import discover_rig
 from readers.rig.rig_file import load_rig
 from readers.streams.motion import find_motion_source
@@ -145,14 +145,14 @@ def _read_everything(recording: Recording) -> None:
 def _recording(name: str) -> Callable[[bytes], None]:
     def run(data: bytes) -> None:
         path = _file(name, data)
-        for rescue, thorough in ((True, False), (True, True), (False, False)):
-            _hold(_open, path, rescue, thorough)
+        for recovery in ("as_needed", "full_scan", "none"):
+            _hold(_open, path, ReadOptions(recovery, LIMITS))
 
     return run
 
 
-def _open(path: Path, rescue: bool, thorough: bool) -> None:
-    _read_everything(open_recording([path], rescue=rescue, thorough=thorough, limits=LIMITS))
+def _open(path: Path, options: ReadOptions) -> None:
+    _read_everything(open_recording([path], options))
 
 
 def _scene(encoding: Encoding) -> list[RawMessage]:

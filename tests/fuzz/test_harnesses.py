@@ -66,10 +66,11 @@ def test_seeds_of_recordings_are_read() -> None:
     from harnesses import LIMITS, _file
 
     from readers.open import open_recording
+    from readers.recording import ReadOptions
 
     for name, file in (("rosbag1", "a.bag"), ("mcap", "a.mcap"), ("sqlite", "a.db3"), ("zstd", "a.zstd")):
         for seed in HARNESSES[name].seeds():
-            with open_recording([_file(file, seed)], limits=LIMITS) as recording:
+            with open_recording([_file(file, seed)], ReadOptions(limits=LIMITS)) as recording:
                 assert sum(1 for _ in recording.messages()) == recording.message_count > 1
 
 

@@ -15,6 +15,7 @@ from pipeline.core.errors import RecordingError
 from pipeline.core.messages import RawMessage
 from readers.messages.deserialize import deserialize
 from readers.open import open_recording
+from readers.recording import DEFAULT_READ_OPTIONS, ReadOptions
 
 T0 = 1_700_000_000 * 10**9
 ODOMETRY = "nav_msgs/msg/Odometry"
@@ -42,9 +43,9 @@ def read(
     topics: Sequence[str] | None = None,
     start_ns: int | None = None,
     stop_ns: int | None = None,
-    rescue: bool = True,
+    options: ReadOptions = DEFAULT_READ_OPTIONS,
 ) -> list[RawMessage]:
-    with open_recording(paths, rescue=rescue) as recording:
+    with open_recording(paths, options) as recording:
         return list(recording.messages(topics, start_ns=start_ns, stop_ns=stop_ns))
 
 
@@ -267,7 +268,7 @@ def test_cut_off_recordings(tmp_path: Path, kind: str) -> None:
     for size in sizes:
         cut = put(tmp_path / f"cut{path.suffix}", content[:size])
         with pytest.raises(RecordingError, match="damaged or was not closed") as caught:
-            read(cut, rescue=False)
+            read(cut, options=ReadOptions("none"))
         assert "\n" not in str(caught.value)
         assert cut.name in str(caught.value)
 
@@ -288,9 +289,9 @@ def test_overwritten_bytes_never_crash(
     place %= len(content)
     content[place : place + len(junk)] = junk
     path.write_bytes(content)
-    for rescue in (True, False):
+    for options in (ReadOptions("as_needed"), ReadOptions("none")):
         with suppress(RecordingError):
-            read(path, rescue=rescue)
+            read(path, options=options)
 
 
 def test_damage_in_the_middle_says_how_far_it_got(tmp_path: Path) -> None:
@@ -301,7 +302,7 @@ def test_damage_in_the_middle_says_how_far_it_got(tmp_path: Path) -> None:
     content[middle : middle + 30] = bytes(30)
     path.write_bytes(content)
     got: list[RawMessage] = []
-    with open_recording([path], rescue=False) as recording, pytest.raises(RecordingError) as caught:
+    with open_recording([path], ReadOptions("none")) as recording, pytest.raises(RecordingError) as caught:
         got.extend(recording.messages())
     assert plain(got) == plain(messages[: len(got)])
     assert got

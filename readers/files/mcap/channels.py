@@ -1,6 +1,6 @@
-"""What an MCAP channel's messages are, by its encoding and schema (mcap.dev/spec/registry).
+"""MCAP channels by their message encoding and schema (mcap.dev/spec/registry).
 
-A file may hold any encodings side by side: its profile only says what all of them have in common, so it is not asked.
+One file may contain any mix of encodings, so the profile in its header is not used.
 """
 
 import base64
@@ -23,14 +23,14 @@ DEFINITIONS: dict[tuple[str, str], tuple[Encoding, Definition]] = {
     ("ros1", ""): ("ros1", "ros1msg"),
     ("cdr", "ros2msg"): ("cdr", "ros2msg"),
     ("cdr", "ros2idl"): ("cdr", "ros2idl"),
-    ("cdr", ""): ("cdr", "ros2msg"),  # rosbag2 writes an empty schema where it knows the type's name only
+    ("cdr", ""): ("cdr", "ros2msg"),  # rosbag2 writes an empty schema if it knows only the name of the type
     ("protobuf", "protobuf"): ("protobuf", "protobuf"),
     ("json", "jsonschema"): ("json", "jsonschema"),
 }
 
 
 def message_type(schema: Schema | None) -> str:
-    """Name of the type, in the ROS 2 spelling if it is a ROS type; empty without a schema."""
+    """Name of the type, in the ROS 2 spelling if it is a ROS type; empty if there is no schema."""
     if schema is None:
         return ""
     return normalize_msgtype(schema.name) if "/" in schema.name else schema.name
@@ -41,8 +41,8 @@ def channel_of(recorded: RecordedChannel, schema: Schema | None, distro: str) ->
 
     Args:
         recorded: The channel's record.
-        schema: The schema that it names; None where the file has none.
-        distro: Name of the ROS 2 release that the recording names, or empty.
+        schema: The schema that it names; None if the file has none.
+        distro: Name of the ROS 2 release, or empty.
     """
     known = DEFINITIONS.get((recorded.message_encoding, schema.encoding)) if schema else None
     msgtype = message_type(schema)
@@ -62,4 +62,4 @@ def channel_of(recorded: RecordedChannel, schema: Schema | None, distro: str) ->
 def _definition(data: bytes, is_binary: bool) -> str:
     if is_binary:
         return base64.b64encode(data).decode()
-    return data.decode(errors="replace")  # of broken text the topic suffers, not the recording
+    return data.decode(errors="replace")  # invalid text makes the topic unreadable, not the recording

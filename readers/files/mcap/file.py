@@ -1,87 +1,47 @@
-"""MCAP recordings (https://mcap.dev/spec), ROS 2 (cdr) and ROS 1, chunks as they are, lz4 or zstd, or no chunks.
+"""MCAP recordings (https://mcap.dev/spec), ROS 2 (cdr) and ROS 1, with chunks (uncompressed, lz4 or zstd) or without.
 
-The mcap library parses summary and chunks. The order of messages is made here: the library's own queue holds every
-message of all chunks that overlap in time, and reads a file without chunk index into memory as a whole.
+The mcap library parses the summary. Messages are ordered here: the library's own queue holds every message of all
+chunks that overlap in time, and it reads a file without chunk index into memory as a whole.
 """
 
 import heapq
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator
-from typing import BinaryIO
 
 import numpy as np
 
 from pipeline.core.errors import RecordingError
 from pipeline.core.messages import Channel, RawMessage
-from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from readers.files.chunk_cache import ChunkCache, detach
-from readers.files.damage import Losses, describe, is_damage
+from readers.files.container import Container
 from readers.files.mcap.channels import channel_of, message_type
-from readers.files.mcap.index import ChunkPlace, Contents, Entry, load_chunk, messages_in, read_contents, read_exactly
-from readers.files.mcap.recovery import chunk_extent, contents_of_walk
-from readers.files.mcap.summary import HeadReader
+from readers.files.mcap.chunk import Entry, load_chunk, messages_in, read_exactly
+from readers.files.mcap.index import ChunkPlace, Contents, contents_of_summary, read_profile
+from readers.files.mcap.recovery import chunk_extent, contents_of_scan
 from readers.files.message_zstd import decompressed
 from readers.files.remote import ReadAhead, tell_full_read
-from readers.location import Location
 from readers.messages.header_stamp import stamp_or_log_time
-from readers.recording import Loss, RosVersion, TopicInfo, merge_topics
+from readers.recording import RosVersion, TopicInfo, merge_topics
 
 __all__ = ["McapFile"]
 
 
-class McapFile:
-    """One open MCAP file; see `RecordingFile`.
-
-    Args:
-        path: The file.
-        file_index: Its place in the recording.
-        stream: Its content, unpacked if it lies there packed; closed together with it.
-        message_compression: Whether each message is compressed with zstd (metadata.yaml says so).
-        distro: ROS 2 release that metadata.yaml names.
-        rescue: Read what can be read of a damaged file, and tell of the rest in `losses`.
-        thorough: Do so by reading every record, even where the summary seems right.
-        limits: How much it may unpack to.
-    """
+class McapFile(Container):
+    """One open MCAP file; see `RecordingFile`."""
 
     ros_version: RosVersion
 
-    def __init__(
-        self,
-        path: Location,
-        file_index: int,
-        *,
-        stream: BinaryIO,
-        message_compression: bool = False,
-        distro: str = "",
-        rescue: bool = False,
-        thorough: bool = False,
-        limits: LimitsConfig = DEFAULT_LIMITS,
-    ) -> None:
-        self.path = path
-        self._file_index = file_index
-        self._rescue = rescue
-        self._limits = limits
-        self._losses = Losses(path, limits.max_losses_listed)
+    def _describe(self) -> None:
         self._bad_chunks: set[int] = set()
-        self._message_compression = message_compression
-        self._stream = stream
-        try:
-            self._chunk_cache = ChunkCache(max_loaded_bytes=limits.max_unpacked_bytes(stream.seek(0, 2)))
-            stream.seek(0)
-            self._describe(distro, thorough)
-        except BaseException:
-            self._stream.close()
-            raise
-
-    def _describe(self, distro: str, thorough: bool) -> None:
-        profile, contents = self._read_contents(thorough)
+        self._chunk_cache = ChunkCache(max_loaded_bytes=self._limits.max_unpacked_bytes(self._stream.seek(0, 2)))
+        profile, contents = self._read_contents()
         self._chunks, self._loose, self._cut_chunk = contents.chunks, contents.loose, contents.cut_chunk
         self._positions = np.sort(np.array([chunk.position for chunk in self._chunks], np.uint64))
         self._channels: dict[int, Channel] = {}
         topics = []
         for id_, recorded in sorted(contents.channels.items()):
             schema = contents.schemas.get(recorded.schema_id)
-            channel = channel_of(recorded, schema, distro)
+            channel = channel_of(recorded, schema, self._source.metadata.distro)
             count = contents.counts[id_]
             if isinstance(channel, str):
                 topics.append(TopicInfo(recorded.topic, message_type(schema), count, (), channel))
@@ -94,31 +54,24 @@ class McapFile:
         encodings = {channel.encoding for channel in self._channels.values()}
         self.ros_version = "ROS 1" if profile == "ros1" or encodings == {"ros1"} else "ROS 2"
 
-    def _read_contents(self, thorough: bool) -> tuple[str, Contents]:
-        """Profile and contents; of a damaged file what is found by reading all of it."""
-        reader = HeadReader(self._stream)
-        profile, because = "", ""
-        try:
-            profile = reader.get_header().profile
-            contents = read_contents(reader, self._stream, self._limits)
-            if not thorough:
-                return profile, contents
-        except Exception as err:
-            if not self._rescue or not is_damage(err):
-                raise
-            because = describe(err)
-            tell_full_read(self._stream, f"its summary cannot be used ({because})")
-            contents = contents_of_walk(self._stream, self._losses, because=because, limits=self._limits)
-            if not contents.counts:
-                raise
-            return profile, contents
-        tell_full_read(self._stream, "every record is wanted")
-        return profile, contents_of_walk(self._stream, self._losses, because="", limits=self._limits)
-
-    @property
-    def losses(self) -> tuple[Loss, ...]:
-        """See `RecordingFile`."""
-        return self._losses.listed()
+    def _read_contents(self) -> tuple[str, Contents]:
+        """Profile and contents: from header and summary, or by a scan if these do not suffice."""
+        profile, summary = "", None
+        with self._losses.guard() as damage:
+            profile = read_profile(self._stream)
+            summary = contents_of_summary(self._stream)
+        if summary is not None and self._source.options.recovery != "full_scan":
+            return profile, summary
+        if damage.error:
+            tell_full_read(self._stream, f"its summary cannot be used ({damage.reason})")
+        elif summary is None:
+            tell_full_read(self._stream, "its summary does not say all that is in it")
+        else:
+            tell_full_read(self._stream, "every record is wanted")
+        scanned = contents_of_scan(self._stream, self._losses, because=damage.reason, limits=self._limits)
+        if summary is None and not scanned.counts and (damage.error or self.losses):
+            raise damage.error or EOFError(self.losses[0].reason)
+        return profile, scanned
 
     def messages(
         self, topics: Collection[str] | None, *, start_ns: int | None, stop_ns: int | None
@@ -141,7 +94,7 @@ class McapFile:
         queue += places
         heapq.heapify(queue)
         ahead = ReadAhead(self._stream, [(place.position, place.size) for place in sorted(places)])
-        left: Counter[int] = Counter()  # messages to come by chunk
+        left: Counter[int] = Counter()  # messages still to be yielded, by chunk
         while queue:
             place = heapq.heappop(queue)
             if isinstance(place, ChunkPlace):
@@ -162,49 +115,38 @@ class McapFile:
             yield RawMessage(
                 stamp_or_log_time(channel, data, place.log_time_ns),
                 place.log_time_ns,
-                (self._file_index, (place.chunk << 32) + place.offset),
+                (self._source.index, (place.chunk << 32) + place.offset),
                 data,
                 channel,
             )
 
     def _check_waiting(self, left: Counter[int]) -> None:
-        """Refuse chunks that overlap in time so that all their messages wait for one another."""
+        """Refuse chunks that overlap in time so far that too many messages are in memory."""
         if left.total() > self._limits.max_messages_in_memory:
             raise RecordingError(
                 f"{self.path}: more than {self._limits.max_messages_in_memory} messages of chunks that overlap in "
-                "time: write it anew in the order of time, or raise limits.max_messages_in_memory"
+                "time: rewrite it in the order of time, or raise limits.max_messages_in_memory"
             )
 
-    def close(self) -> None:
-        """Close the file."""
-        self._stream.close()
-
     def _entries_of(self, place: ChunkPlace, taken: Callable[[Entry], bool]) -> list[Entry]:
-        """The messages of a chunk that are wanted; none of one that is damaged, which is noted."""
+        """The wanted messages of a chunk; none if it is damaged, which is noted."""
         position = place.position
         if position in self._bad_chunks:
             return []
-        try:
+        with self._losses.guard() as damage:
             return [entry for entry in messages_in(self._records_of(position), position, self._limits) if taken(entry)]
-        except Exception as err:
-            if not self._rescue or not is_damage(err):
-                raise
-            self._bad_chunks.add(position)
-            size, count = chunk_extent(self._stream, position)
-            reason = f"a chunk that cannot be read ({describe(err)})"
-            self._losses.note(position, reason, size=size, messages=count)
-            return []
+        self._bad_chunks.add(position)
+        size, count = chunk_extent(self._stream, position)
+        self._losses.note(position, f"a chunk that cannot be read ({damage.reason})", size=size, messages=count)
+        return []
 
     def _read_or_note(self, entry: Entry) -> bytes | memoryview | None:
-        """The data of a message; None where they are damaged, which is noted."""
-        try:
+        """The data of a message; None if they are damaged, which is noted."""
+        with self._losses.guard() as damage:
             return self._read(entry)
-        except Exception as err:
-            if not self._rescue or not is_damage(err):
-                raise
-            where = f"a message at byte {entry.offset} of the chunk: " if entry.chunk else ""
-            self._losses.note(entry.chunk or entry.offset, where + describe(err), messages=1)
-            return None
+        where = f"a message at byte {entry.offset} of the chunk: " if entry.chunk else ""
+        self._losses.note(entry.chunk or entry.offset, where + damage.reason, messages=1)
+        return None
 
     def _read(self, entry: Entry) -> bytes | memoryview:
         self._check_open()
@@ -218,7 +160,7 @@ class McapFile:
         return decompressed(
             data,
             self._channels[entry.channel_id].encoding,
-            announced=self._message_compression,
+            announced=self._source.metadata.message_compression,
             largest=self._limits.max_message_bytes,
         )
 
@@ -230,7 +172,3 @@ class McapFile:
         return self._chunk_cache.get(
             position, lambda: load_chunk(self._stream, position, self._limits, before=before, is_cut=is_cut)
         )
-
-    def _check_open(self) -> None:
-        if self._stream.closed:
-            raise RecordingError(f"{self.path}: expected an open recording, but it was closed")

@@ -1,26 +1,23 @@
-"""What Velodynes sent over the network, captured as pcap or pcapng, as a recording of VelodynePackets.
+"""Network captures (pcap, pcapng) of Velodyne lidars, as recordings of VelodynePackets.
 
-A topic per lidar: `/velodyne_192_168_1_201/packets` is what 192.168.1.201 sent, with the port in the name where it is
+Each lidar has a topic: `/velodyne_192_168_1_201/packets` is what 192.168.1.201 sent, with the port in the name if it is
 not 2368, for instance `/velodyne_192_168_1_201_2369/packets`. The name depends on the lidar alone, so one rig file fits
-all captures of a rig. Stamp and log time are the time of capture; the packets' own clock has microseconds in the
-hour only. Everything else in the file is counted on topics that are not read: GPS, other traffic, by kind.
+all captures of a rig. Stamp and log time are the time of capture; the packets' own clock counts microseconds within the
+hour only. All other packets (GPS, other traffic) are counted by kind, on topics that are not read.
 """
 
 from array import array
 from collections import Counter
 from collections.abc import Collection, Iterator
-from pathlib import Path
 
 import numpy as np
 
 from pipeline.core.arrays import Indices
-from pipeline.core.errors import RecordingError
-from pipeline.core.messages import Channel, RawMessage
-from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
-from readers.files.damage import Losses
+from pipeline.core.messages import RawMessage
+from readers.files.container import Container
 from readers.files.pcap.packets import Window, captured_packets
 from readers.files.pcap.udp import CUT_SHORT, FRAGMENTS, NOT_IP, NOT_UDP, UNKNOWN_LINK, address_text, find_udp
-from readers.recording import Loss, RosVersion, TopicInfo, merge_topics
+from readers.recording import RosVersion, TopicInfo, merge_topics
 from readers.velodyne.packet import packet_channel, packet_message_data
 from readers.velodyne.scan import PACKET_BYTES
 
@@ -30,11 +27,11 @@ DATA_PORT = 2368
 POSITION_BYTES = 554
 
 MAX_LIDARS = 64
-"""Senders that are told apart."""
+"""Packets of more senders are not read."""
 
 NO_TIME, OTHER_SIZE, POSITION, TOO_MANY = "no_time", "other_size", "position", "too_many_lidars"
 OTHERS = {
-    CUT_SHORT: "packets of which the capture kept too little",
+    CUT_SHORT: "packets of which the capture kept too few bytes",
     FRAGMENTS: "fragments of IP packets, which no Velodyne sends",
     NOT_IP: "packets that are not IP",
     NOT_UDP: "IP packets that are not UDP",
@@ -44,51 +41,23 @@ OTHERS = {
     TOO_MANY: f"packets of more than {MAX_LIDARS} lidars",
     UNKNOWN_LINK: "packets of another link type than Ethernet, Linux cooked, loopback and raw IP",
 }
-"""What is not read, by the name of its topic below /other_traffic."""
+"""Packets that are not read, by the name of their topic below /other_traffic."""
 
 
-class PcapFile:
+class PcapFile(Container):
     """One open capture; see `RecordingFile`.
 
-    It is read once as a whole when it is opened: what is where is kept, 18 bytes per packet.
-
-    Args:
-        path: The file.
-        file_index: Its place in the recording.
-        location: Where it lies unpacked, if not at `path`.
-        rescue: Read what can be read of a damaged file, and tell of the rest in `losses`.
-        limits: How much of that is listed.
+    It is read once as a whole when it is opened, and 18 bytes per packet are kept.
     """
 
     ros_version: RosVersion = "no ROS"
-
-    def __init__(
-        self,
-        path: Path,
-        file_index: int,
-        *,
-        location: Path | None = None,
-        rescue: bool = False,
-        limits: LimitsConfig = DEFAULT_LIMITS,
-    ) -> None:
-        self.path = path
-        self._file_index = file_index
-        self._rescue = rescue
-        self._losses = Losses(path, limits.max_losses_listed)
-        self._channels: list[Channel] = []
-        self._stream = (path if location is None else location).open("rb")
-        try:
-            self._describe()
-        except BaseException:
-            self._stream.close()
-            raise
 
     def _describe(self) -> None:
         times, positions, lidars = array("q"), array("q"), array("H")
         numbers: dict[tuple[bytes, int], int] = {}
         others: Counter[str] = Counter()
         first_ns, last_ns = 2**63, -1
-        for packet in captured_packets(self._stream, self._note):
+        for packet in captured_packets(self._stream, self._losses):
             time_ns = packet.time_ns
             if time_ns >= 0:
                 first_ns, last_ns = min(first_ns, time_ns), max(last_ns, time_ns)
@@ -121,16 +90,6 @@ class PcapFile:
         if not self.message_count and (losses := self.losses):
             raise EOFError(losses[0].reason)
 
-    def _note(self, position: int, reason: str, *, size: int | None = None, messages: int | None = None) -> None:
-        if not self._rescue:
-            raise EOFError(f"at byte {position}: {reason}")
-        self._losses.note(position, reason, size=size, messages=messages)
-
-    @property
-    def losses(self) -> tuple[Loss, ...]:
-        """See `RecordingFile`."""
-        return self._losses.listed()
-
     def messages(
         self, topics: Collection[str] | None, *, start_ns: int | None, stop_ns: int | None
     ) -> Iterator[RawMessage]:
@@ -148,24 +107,16 @@ class PcapFile:
         for time_ns, position, lidar in self._entries(rows):
             self._check_open()
             data = packet_message_data(time_ns, window.read(position, PACKET_BYTES))
-            yield RawMessage(time_ns, time_ns, (self._file_index, position), data, self._channels[lidar])
+            yield RawMessage(time_ns, time_ns, (self._source.index, position), data, self._channels[lidar])
 
     def _entries(self, rows: Indices) -> Iterator[tuple[int, int, int]]:
-        """Time, place and lidar of packets."""
+        """Time, position and lidar of packets."""
         columns = self._times, self._positions, self._lidars
         for part in np.array_split(rows, len(rows) // 4096 + 1):
             yield from zip(*(column[part].tolist() for column in columns), strict=True)
 
-    def close(self) -> None:
-        """Close the file."""
-        self._stream.close()
-
-    def _check_open(self) -> None:
-        if self._stream.closed:
-            raise RecordingError(f"{self.path}: expected an open recording, but it was closed")
-
 
 def _place(source: bytes, port: int) -> str:
-    """What the topics of one lidar begin with."""
+    """Prefix of the topics of one lidar."""
     address = address_text(source).replace(".", "_").replace(":", "_")
     return f"/velodyne_{address}" if port == DATA_PORT else f"/velodyne_{address}_{port}"

@@ -1,32 +1,33 @@
-"""Captures of network traffic, pcap and pcapng, to captured packets; damage is stepped over and told of.
+"""Packets in captures of network traffic (pcap and pcapng); damaged parts are skipped and noted.
 
-Sources: draft-ietf-opsawg-pcap and draft-ietf-opsawg-pcapng of the IETF, which write down what libpcap and Wireshark
-do. Libraries were judged and found wanting for damaged files: dpkt 1.9.8 says neither where a packet lies nor when the
-last one is cut short, reads any length that a header names, knows one interface, and rounds nanoseconds.
+Sources: draft-ietf-opsawg-pcap and draft-ietf-opsawg-pcapng of the IETF, which describe what libpcap and Wireshark do.
+No library suits damaged files: dpkt 1.9.8 gives neither the position of a packet nor whether the last one is cut short,
+reads any length that a header names, knows one interface only, and rounds nanoseconds.
 """
 
 import struct
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import BinaryIO, NamedTuple, Protocol
+from typing import BinaryIO, NamedTuple
 
 import numpy as np
 
 from pipeline.core.arrays import U32, Bools
+from readers.files.damage import Losses
 
-__all__ = ["CapturedPacket", "OnDamage", "Window", "captured_packets", "is_capture"]
+__all__ = ["CapturedPacket", "Window", "captured_packets", "is_capture"]
 
 HEAD_BYTES = 160
-"""Bytes of a packet that are looked at: more than all headers before a Velodyne's data."""
+"""First bytes of a packet that are examined: more than all headers before a Velodyne's data."""
 
 MAX_BYTES = 262_144
-"""Bytes of a packet at most: libpcap's bound on what it captures."""
+"""Largest packet: libpcap's limit on what it captures."""
 
 MAX_BLOCK_BYTES = 16 << 20
-"""Bytes of a block of pcapng at most: Wireshark's bound."""
+"""Largest block of pcapng: Wireshark's limit."""
 
 LAST_NS = 2**32 * 10**9
-"""Times from here on are none: the stamps of ROS end."""
+"""Times from here on are invalid: ROS stamps end here."""
 
 PCAPNG_MAGIC = b"\x0a\x0d\x0d\x0a"
 
@@ -42,18 +43,18 @@ PCAP_MAGICS = {
 
 _FILE_HEADER_BYTES = 24
 _SAME_DAY_S = 86_400
-_CHAINED = 3  # sound headers in a row behind damage before they are believed
+_CHAINED = 3  # valid headers in a row that are required after damage
 
 
 class CapturedPacket(NamedTuple):
     """One packet of a capture.
 
     Attributes:
-        time_ns: When it was captured; -1 where the file does not tell.
-        link_type: Of its interface (https://www.tcpdump.org/linktypes.html); -1 where the file does not tell.
+        time_ns: When it was captured; -1 if unknown.
+        link_type: Link type of its interface (https://www.tcpdump.org/linktypes.html); -1 if unknown.
         position: Its first byte in the file.
         size: Bytes that were captured.
-        head: The first of these, `HEAD_BYTES` at most.
+        head: The first of these, at most `HEAD_BYTES`.
     """
 
     time_ns: int
@@ -63,30 +64,23 @@ class CapturedPacket(NamedTuple):
     head: bytes
 
 
-class OnDamage(Protocol):
-    """What is done about a damaged part."""
-
-    def __call__(self, position: int, reason: str, *, size: int | None = None, messages: int | None = None) -> None:
-        """Take note of it, or raise; arguments as of `Losses.note`."""
-
-
 def is_capture(magic: bytes) -> bool:
-    """Whether a file that begins so is a capture."""
+    """Whether a file that begins with these bytes is a capture."""
     return magic[:4] in PCAP_MAGICS or (magic[:4] == PCAPNG_MAGIC and magic[8:12] in _BYTE_ORDERS)
 
 
-def captured_packets(stream: BinaryIO, on_damage: OnDamage) -> Iterator[CapturedPacket]:
+def captured_packets(stream: BinaryIO, losses: Losses) -> Iterator[CapturedPacket]:
     """The packets of a capture in the order of the file.
 
     Raises:
         EOFError: the file ends within its first header.
     """
     window = Window(stream)
-    return _pcap(window, on_damage) if window.read(0, 4) in PCAP_MAGICS else _pcapng(window, on_damage)
+    return _pcap(window, losses) if window.read(0, 4) in PCAP_MAGICS else _pcapng(window, losses)
 
 
 class Window:
-    """A file that is read at rising places mostly.
+    """A buffered file that is read mostly at increasing positions.
 
     Attributes:
         size: Bytes of the file.
@@ -101,7 +95,7 @@ class Window:
         self._bytes = b""
 
     def read(self, position: int, size: int) -> bytes:
-        """`size` bytes from `position` on, fewer where the file ends."""
+        """`size` bytes from `position` on, fewer at the end of the file."""
         at = position - self._start
         if at < 0 or at + size > len(self._bytes):
             self._stream.seek(position)
@@ -109,7 +103,7 @@ class Window:
         return self._bytes[at : at + size]
 
     def glance(self, position: int, size: int) -> bytes:
-        """The same for a few bytes somewhere else: what is read on with stays at hand."""
+        """The same for a few bytes elsewhere, without changing the buffer."""
         at = position - self._start
         if 0 <= at <= len(self._bytes) - size:
             return self._bytes[at : at + size]
@@ -125,10 +119,10 @@ class _Layout:
     """How the packets of a pcap file are laid out.
 
     Attributes:
-        order: Of bytes.
+        order: Byte order.
         header: Seconds, fraction, bytes captured, bytes on the wire.
-        header_bytes: Bytes of a header.
-        unit_ns: Of the fraction.
+        header_bytes: Size of a header.
+        unit_ns: Unit of the fraction.
     """
 
     order: str
@@ -136,49 +130,49 @@ class _Layout:
     header_bytes: int
     unit_ns: int
 
-    def sound(self, fields: tuple[int, int, int, int]) -> bool:
-        """Whether a header can be one."""
+    def is_plausible(self, fields: tuple[int, int, int, int]) -> bool:
+        """Whether the fields of a header are plausible."""
         _, fraction, captured, _ = fields
         return fraction * self.unit_ns < 10**9 and captured <= MAX_BYTES
 
     def fits(self, window: Window, position: int, fields: tuple[int, int, int, int]) -> bool:
-        """Whether a sound header can stand at a place.
+        """Whether a plausible header fits at a position.
 
-        One that says that more was captured than there was, as some programs write it, needs a sound one behind it.
+        If more bytes were captured than were on the wire, as some programs write, a plausible one has to follow it.
         """
         end = position + self.header_bytes + fields[2]
         if fields[2] <= fields[3] or end == window.size:
             return end <= window.size
-        behind = window.glance(end, self.header.size)
-        return len(behind) == self.header.size and self.sound(self.header.unpack(behind))
+        following = window.glance(end, self.header.size)
+        return len(following) == self.header.size and self.is_plausible(self.header.unpack(following))
 
 
-def _pcap(window: Window, on_damage: OnDamage) -> Iterator[CapturedPacket]:
+def _pcap(window: Window, losses: Losses) -> Iterator[CapturedPacket]:
     begin = window.read(0, _FILE_HEADER_BYTES)
     if len(begin) < _FILE_HEADER_BYTES:
         raise EOFError(f"its header has {len(begin)} of {_FILE_HEADER_BYTES} bytes")
     order, unit_ns, header_bytes = PCAP_MAGICS[begin[:4]]
-    link_type = struct.unpack_from(f"{order}I", begin, 20)[0] & 0x0FFF_FFFF  # the rest tells of checksums
+    link_type = struct.unpack_from(f"{order}I", begin, 20)[0] & 0x0FFF_FFFF  # the other bits are about checksums
     layout = _Layout(order, struct.Struct(f"{order}IIII"), header_bytes, unit_ns)
     position, near_s = _FILE_HEADER_BYTES, None
     while position < window.size:
         record = window.read(position, header_bytes + HEAD_BYTES)
         data_at = position + header_bytes
         if len(record) < header_bytes:
-            on_damage(position, "the file ends in the header of a packet", size=window.size - position, messages=1)
+            losses.note(position, "the file ends in the header of a packet", size=window.size - position, messages=1)
             return
         fields = layout.header.unpack_from(record)
         seconds, fraction, captured, _ = fields
-        is_sound = layout.sound(fields)
-        near_s = seconds if near_s is None and is_sound else near_s
-        if not is_sound or not layout.fits(window, position, fields):
+        is_plausible = layout.is_plausible(fields)
+        near_s = seconds if near_s is None and is_plausible else near_s
+        if not is_plausible or not layout.fits(window, position, fields):
             after = _next_pcap_packet(window, position + 1, layout, near_s)
-            if after is None and is_sound and data_at + captured > window.size:
+            if after is None and is_plausible and data_at + captured > window.size:
                 reason = f"a packet of {captured} bytes, of which the file has {window.size - data_at}"
-                on_damage(position, reason, size=window.size - position, messages=1)
+                losses.note(position, reason, size=window.size - position, messages=1)
                 return
             end = window.size if after is None else after
-            on_damage(position, "the header of a packet that cannot be one", size=end - position)
+            losses.note(position, "an invalid packet header", size=end - position)
             position = end
             continue
         near_s = seconds
@@ -190,13 +184,13 @@ def _pcap(window: Window, on_damage: OnDamage) -> Iterator[CapturedPacket]:
 def _next_pcap_packet(window: Window, position: int, layout: _Layout, near_s: int | None) -> int | None:
     """Where the first packet from `position` on begins; None if there is none.
 
-    Headers are believed if they lie in a row, and within a day of the last packet before the damage.
+    Several plausible headers in a row are required, within a day of the last packet before the damage.
     """
 
     def begins(at: int) -> bool:
         for count in range(1, _CHAINED + 1):
             fields = layout.header.unpack(window.glance(at, layout.header.size))
-            if not layout.sound(fields) or not 0 < fields[2] <= fields[3] <= MAX_BYTES:
+            if not layout.is_plausible(fields) or not 0 < fields[2] <= fields[3] <= MAX_BYTES:
                 return False
             at += layout.header_bytes + fields[2]
             if at + layout.header_bytes > window.size:
@@ -224,12 +218,12 @@ _TIME_RESOLUTION, _TIME_OFFSET = 9, 14
 
 @dataclass(frozen=True, slots=True)
 class _Interface:
-    """What a file says of one interface.
+    """What a file says about one interface.
 
     Attributes:
         link_type: Its link type.
-        ticks: Of its clock, in a second.
-        offset_s: Of its times.
+        ticks: Ticks of its clock per second.
+        offset_s: Offset of its times.
     """
 
     link_type: int
@@ -237,7 +231,7 @@ class _Interface:
     offset_s: int
 
     def time_ns(self, high: int, low: int) -> int:
-        """Time of a packet; -1 where it cannot be one."""
+        """Time of a packet; -1 if it is invalid."""
         time_ns = (high << 32 | low) * 10**9 // self.ticks + self.offset_s * 10**9
         return time_ns if 0 <= time_ns < LAST_NS else -1
 
@@ -245,7 +239,7 @@ class _Interface:
 _UNKNOWN = _Interface(-1, 1, 0)
 
 
-def _pcapng(window: Window, on_damage: OnDamage) -> Iterator[CapturedPacket]:
+def _pcapng(window: Window, losses: Losses) -> Iterator[CapturedPacket]:
     order, interfaces = "<", list[_Interface]()
     position = 0
     while position < window.size:
@@ -256,9 +250,9 @@ def _pcapng(window: Window, on_damage: OnDamage) -> Iterator[CapturedPacket]:
         if size is None:
             end = _next_block(window, position + 1, order)
             cut_short = end is None and len(block) >= 8
-            reason = "the file ends in a block" if cut_short else "a block whose two lengths are not the same"
+            reason = "the file ends in a block" if cut_short else "a block whose two lengths differ"
             end = window.size if end is None else end
-            on_damage(position, reason, size=end - position)
+            losses.note(position, reason, size=end - position)
             position = end
             continue
         (kind,) = struct.unpack_from(f"{order}I", block)
@@ -271,12 +265,12 @@ def _pcapng(window: Window, on_damage: OnDamage) -> Iterator[CapturedPacket]:
             head = block[data_at : data_at + captured]
             yield CapturedPacket(time_ns, interface.link_type, position + data_at, captured, head)
         elif kind in {PACKET, OLD_PACKET, SIMPLE_PACKET, INTERFACE}:
-            on_damage(position, "a block that is shorter than what it holds", size=size)
+            losses.note(position, "a block that is shorter than its content", size=size)
         position += size
 
 
 def _block_size(window: Window, position: int, order: str) -> int | None:
-    """Bytes of a block, which stand at its begin and at its end; None where they do not."""
+    """Size of a block, which is repeated at its end; None if the two differ."""
     begin = window.glance(position, 8)
     if len(begin) < 8:
         return None
@@ -287,7 +281,7 @@ def _block_size(window: Window, position: int, order: str) -> int | None:
 
 
 def _packet_fields(block: bytes, size: int, kind: int, order: str) -> tuple[int, int, int, int, int] | None:
-    """Interface, both halves of the time, bytes captured and their place in the block; None if they do not fit it."""
+    """Interface, both halves of the time, bytes captured and their offset in the block; None if they do not fit it."""
     if kind == SIMPLE_PACKET:
         captured, data_at = min(struct.unpack_from(f"{order}I", block, 8)[0], size - 16), 12
         return (0, 0, 0, captured, data_at) if captured >= 0 else None
@@ -324,7 +318,7 @@ def _next_block(window: Window, position: int, order: str) -> int | None:
     return _search(window, position, order, 2, likely, lambda at: _block_size(window, at, order) is not None)
 
 
-# --- behind damage
+# --- after damage
 
 
 def _search(
@@ -335,15 +329,15 @@ def _search(
     likely: Callable[[U32], Bools],
     begins: Callable[[int], bool],
 ) -> int | None:
-    """The first place from `position` on that `begins` something; None if there is none.
+    """The first position from `position` on for which `begins` is true; None if there is none.
 
     Args:
         window: The file.
         position: Where the search begins.
         order: Byte order.
-        count: Words that are looked at.
-        likely: Tells from (n, count) words, those from each of n places on, which places to try.
-        begins: Tells for sure.
+        count: Number of words that `likely` examines.
+        likely: Tells from (n, count) words, the first ones at each of n positions, which positions to try.
+        begins: Tells for certain.
     """
     step = 1 << 12
     while position + 4 * count <= window.size:

@@ -1,4 +1,4 @@
-"""Where the data of a UDP packet lie in what was captured from a network, and who sent it where."""
+"""UDP packets in captured network packets: sender, port, and where their data are."""
 
 from ipaddress import ip_address
 from typing import NamedTuple
@@ -11,9 +11,9 @@ VLAN_TAGS = frozenset({0x8100, 0x88A8, 0x9100})
 IPV4, IPV6 = 0x0800, 0x86DD
 UDP, FRAGMENT = 17, 44
 EXTENSIONS = frozenset({0, 43, 60})
-"""Headers of IPv6 that say their own length: hop-by-hop options, routing, destination options."""
+"""IPv6 headers that contain their own length: hop-by-hop options, routing, destination options."""
 
-# What a packet is instead.
+# What a packet is if it is not UDP.
 CUT_SHORT = "cut_short"
 FRAGMENTS = "fragments"
 NOT_IP = "not_ip"
@@ -26,8 +26,8 @@ class Udp(NamedTuple):
 
     Attributes:
         source: Address of the sender, 4 or 16 bytes.
-        port: Port that it was sent to.
-        data_at: Its data's first byte, counted from the packet's.
+        port: Destination port.
+        data_at: Offset of its data in the captured packet.
         size: Bytes of its data.
     """
 
@@ -38,17 +38,17 @@ class Udp(NamedTuple):
 
 
 def address_text(address: bytes) -> str:
-    """An address as people write it."""
+    """An IP address as text."""
     return str(ip_address(address))
 
 
 def find_udp(head: bytes, captured: int, link_type: int) -> Udp | str:
-    """The UDP packet in a captured one, or what that is instead: one of the words above.
+    """The UDP packet in a captured packet, or one of the words above that says what it is instead.
 
     Args:
-        head: Its first bytes.
-        captured: Bytes that were captured.
-        link_type: Of the interface.
+        head: First bytes of the captured packet.
+        captured: Its size in bytes.
+        link_type: Link type of the interface.
     """
     try:
         found = _ip(head, link_type)
@@ -65,7 +65,7 @@ def _u16(head: bytes, at: int) -> int:
 
 
 def _ip(head: bytes, link_type: int) -> tuple[int, int] | str:
-    """Where the IP packet begins, and its version."""
+    """Where the IP packet begins, and its version; or what the packet is instead."""
     if link_type == ETHERNET:
         at = 12
         while (kind := _u16(head, at)) in VLAN_TAGS:
@@ -76,7 +76,7 @@ def _ip(head: bytes, link_type: int) -> tuple[int, int] | str:
     elif link_type == SLL2:
         kind, at = _u16(head, 0), 20
     elif link_type in RAW_IP or link_type in {NULL, LOOP}:
-        at = 0 if link_type in RAW_IP else 4  # a family, in numbers that differ between systems
+        at = 0 if link_type in RAW_IP else 4  # skips the address family, whose numbers differ between systems
         kind = {4: IPV4, 6: IPV6}.get(head[at] >> 4, 0)
     else:
         return UNKNOWN_LINK

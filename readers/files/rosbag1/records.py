@@ -1,4 +1,4 @@
-"""The records of a ROS 1 bag, format 2.0: read one at a known place, or find the next one behind damage."""
+"""The records of a ROS 1 bag, format 2.0: the one at a position, or the next one after damage."""
 
 import re
 import struct
@@ -32,20 +32,20 @@ FIELDS: dict[int, dict[bytes, int | None]] = {
     CHUNK_INFO: {b"ver": 4, b"chunk_pos": 8, b"start_time": 8, b"end_time": 8, b"count": 4},
     CONNECTION: {b"conn": 4, b"topic": None},
 }
-"""Fields that a record of each kind must have, with their sizes in bytes."""
+"""Required fields of each kind of record, with their sizes in bytes."""
 
 ENTRY_BYTES = {INDEX: 12, CHUNK_INFO: 8}
 
 UINT32 = struct.Struct("<I")
 
 HEADER_LIMIT = 1 << 12
-"""Longest header of a record in bytes: it holds at most the name of a topic."""
+"""Longest header of a record in bytes: its longest field is the name of a topic."""
 
 MAX_FIELDS = 32
 
 SEARCH_BLOCK = 1 << 20
 
-# Length of the header, length of its first field, name of that field; the ends of both lengths are zero.
+# Length of the header, length of its first field, name of that field; the upper bytes of both lengths are zero.
 RECORD_START = re.compile(
     rb"(?s)..\x00\x00..\x00\x00"
     rb"(?=(?:op|conn|conn_count|compression|chunk_pos|chunk_count|count|index_pos|topic|size|time|start_time|end_time|ver)=)"
@@ -79,12 +79,12 @@ class Record(NamedTuple):
 
 
 def read_record(stream: BinaryIO, position: int, end: int) -> Record | None:
-    """The record at `position`; None where there is none that is whole.
+    """The record at `position`; None if no complete record begins there.
 
     Args:
         stream: The file, or an unpacked chunk.
         position: First byte of the record.
-        end: Where the stream ends. Only a chunk may reach beyond it.
+        end: Where the stream ends. Only chunks may reach beyond it.
     """
     if position + 8 > end:
         return None
@@ -109,7 +109,7 @@ def read_record(stream: BinaryIO, position: int, end: int) -> Record | None:
 
 
 def find_record(stream: BinaryIO, position: int, end: int) -> int:
-    """Where the next whole record begins at or after `position`; `end` where none does."""
+    """Where the next complete record begins at or after `position`; `end` if there is none."""
     while position < end:
         stream.seek(position)
         block = stream.read(min(SEARCH_BLOCK, end - position))

@@ -1,8 +1,8 @@
-"""What a damaged SQLite recording still holds: its rows, read page by page past SQLite's own trees.
+"""The rows of a damaged SQLite recording, read page by page without SQLite's own trees.
 
-The library refuses a database that lacks a page, and its own `.recover` is no part of it. The pages say enough
-(https://www.sqlite.org/fileformat2.html): every leaf of a table holds whole rows, and a long row names the page on
-which it goes on. They have no checksums: bytes of a message that were overwritten do not show.
+The library refuses a database that lacks a page, and does not contain the command line tool's `.recover`. The pages
+suffice (https://www.sqlite.org/fileformat2.html): every leaf of a table contains whole rows, and a long row names the
+page on which it continues. They have no checksums, so overwritten bytes of a message go unnoticed.
 """
 
 import struct
@@ -13,25 +13,29 @@ import numpy as np
 
 from pipeline.core.arrays import I64
 from readers.files.damage import Losses
+from readers.files.sqlite.index import Contents
 
-__all__ = ["Walked", "check_size", "read_message", "walk_database"]
+__all__ = ["Scanned", "check_size", "contents_of_rows", "read_message", "scan_database"]
 
 LEAF = 0x0D
 HEADER_BYTES = 100
 MAX_PAYLOAD = 1 << 30
 STEPS_PER_PAGE = 4
-"""How often a page on which rows go on is met: once, and again by what is left of rows that were deleted."""
+"""How often an overflow page may be visited: once, and again by the remains of deleted rows."""
 INTEGER_BYTES = (0, 1, 2, 3, 4, 6, 8)
 UINT32 = struct.Struct(">I")
 
 Value = int | float | str | bytes | None
 
 
-class Walked(NamedTuple):
+class Scanned(NamedTuple):
     """The rows that were found.
 
-    `rows` (N, 5) has the log time, the id, the topic's id, the page and the place in it of every message, in the order
-    of the first two. `topics` are (id, name, type, serialisation), `definitions` (encoding, text) by type.
+    Attributes:
+        rows: (N, 5) log time, id, topic id, page and place in the page of every message; sorted by the first two.
+        topics: Id, name, type and serialization format.
+        definitions: Encoding and text by type.
+        distro: ROS 2 release, or empty.
     """
 
     rows: I64
@@ -74,18 +78,18 @@ class _Pages:
         return self._stream.read(self.size)
 
     def next_of(self, number: int) -> int:
-        """The page on which the row goes on that is continued on page `number`."""
+        """The overflow page after the overflow page `number`; 0 if it is the last."""
         if not 1 <= number <= self.count:
             raise ValueError(f"page {number} of {self.count} is missing")
         if not self._steps_left:
-            raise ValueError("rows that go on and on")
+            raise ValueError("rows with too many overflow pages")
         self._steps_left -= 1
         self._stream.seek((number - 1) * self.size)
         return int(UINT32.unpack(self._stream.read(4))[0])
 
 
 class _Cell(NamedTuple):
-    """A row as it lies in a leaf: `local` is what the leaf holds of its payload, the rest begins on `overflow`."""
+    """A row in a leaf: `local` is the part of its payload in the leaf, the rest begins on page `overflow`."""
 
     row_id: int
     payload_size: int
@@ -94,28 +98,38 @@ class _Cell(NamedTuple):
 
 
 def check_size(stream: BinaryIO) -> None:
-    """Refuse a file that lacks pages: SQLite would take the rest of its last page for zeros.
+    """Refuse a file that lacks pages: SQLite would read the missing rest of its last page as zeros.
 
     Raises:
         EOFError: it does.
-        ValueError: the header of the file is not one of a database.
+        ValueError: its header is not that of a database.
     """
     pages = _Pages(stream)
     if pages.expected > pages.count:
         raise EOFError(f"the file has {pages.count} of {pages.expected} pages")
 
 
-def walk_database(stream: BinaryIO, losses: Losses, *, because: str) -> Walked:
-    """Read every page once; what cannot be read is noted.
+def contents_of_rows(scanned: Scanned, distro: str) -> Contents:
+    """What the rows say; `distro` is used if they name no ROS 2 release."""
+    ids, first, counts = np.unique(scanned.rows[:, 2], return_index=True, return_counts=True)
+    last = len(scanned.rows) - 1 - np.unique(scanned.rows[::-1, 2], return_index=True)[1]
+    times = scanned.rows[:, 0]
+    spans = zip(ids.tolist(), counts.tolist(), times[first].tolist(), times[last].tolist(), strict=True)
+    by_topic = {id_: (count, start, end) for id_, count, start, end in spans}
+    return Contents(scanned.distro or distro, scanned.definitions, by_topic, scanned.topics, {})
+
+
+def scan_database(stream: BinaryIO, losses: Losses, *, because: str) -> Scanned:
+    """The rows, found by reading every page once.
 
     Args:
         stream: The file.
-        losses: Gets what is damaged.
-        because: What SQLite said of the file; noted where nothing else is found to be wrong.
+        losses: Collects what is damaged.
+        because: Why SQLite cannot read the file; noted if no other damage is found.
 
     Raises:
-        ValueError: the header of the file is not one of a database.
-        EOFError: the file ends inside it.
+        ValueError: its header is not that of a database.
+        EOFError: the file ends inside its header.
     """
     pages = _Pages(stream)
     rows = array("q")
@@ -131,7 +145,7 @@ def walk_database(stream: BinaryIO, losses: Losses, *, because: str) -> Walked:
                 cell = _cell(page, place, pages.usable)
                 left -= len(cell.local)
                 if left < 0:
-                    raise ValueError("rows that lie in one another")  # noqa: TRY301  (noted like other damage)
+                    raise ValueError("rows that overlap")  # noqa: TRY301  (noted like other damage)
                 types = _serial_types(cell.local)
                 if _is_message(types):
                     _check_chain(pages, cell)
@@ -151,17 +165,17 @@ def walk_database(stream: BinaryIO, losses: Losses, *, because: str) -> Walked:
             elif len(texts) >= 3:
                 topics.setdefault(cell.row_id, (cell.row_id, texts[0], texts[1], texts[2]))
     table = np.array(rows, np.int64).reshape(-1, 5)
-    table = table[np.unique(table[:, 1], return_index=True)[1]]  # a page that was given up may still hold old rows
+    table = table[np.unique(table[:, 1], return_index=True)[1]]  # freed pages may still contain old rows
     table = table[np.lexsort((table[:, 1], table[:, 0]))]
     _note(pages, table, broken, losses, because)
-    return Walked(table, [topics[id_] for id_ in sorted(topics)], definitions, distro)
+    return Scanned(table, [topics[id_] for id_ in sorted(topics)], definitions, distro)
 
 
 def read_message(stream: BinaryIO, page: int, place: int) -> bytes:
     """The data of the message in the row at `place` of `page`.
 
     Raises:
-        ValueError: the row or one of the pages on which it goes on is damaged.
+        ValueError: the row or one of its overflow pages is damaged.
     """
     pages = _Pages(stream)
     payload = _payload(pages, _cell(pages.read(page), place, pages.usable))
@@ -189,7 +203,7 @@ def _note(pages: _Pages, table: I64, broken: list[int], losses: Losses, because:
 
 
 def _places(page: bytes, offset: int) -> list[int]:
-    """Where the rows of a leaf lie; none where the page is something else."""
+    """Where the rows of a leaf are; empty if the page is not a leaf."""
     if page[offset] != LEAF:
         return []
     (count,) = struct.unpack_from(">H", page, offset + 3)
@@ -223,12 +237,12 @@ def _chain_length(pages: _Pages, cell: _Cell) -> int:
 
 
 def _check_chain(pages: _Pages, cell: _Cell) -> None:
-    """Raise where a page on which the row goes on is missing, or the row does not end where its size says."""
+    """Raise if an overflow page of the row is missing, or the row does not end where its size says."""
     number = cell.overflow
     for _ in range(_chain_length(pages, cell)):
         number = pages.next_of(number)
     if number:
-        raise ValueError("a row that goes on behind its end")
+        raise ValueError("a row that continues after its end")
 
 
 def _payload(pages: _Pages, cell: _Cell) -> bytes:
@@ -238,15 +252,15 @@ def _payload(pages: _Pages, cell: _Cell) -> bytes:
         (number,) = UINT32.unpack_from(page)
         parts.append(page[4 : pages.usable])
     if number:
-        raise ValueError("a row that goes on behind its end")
+        raise ValueError("a row that continues after its end")
     return b"".join(parts)[: cell.payload_size]
 
 
 def _serial_types(payload: bytes) -> list[int]:
-    """What kind of value each column of a row has."""
+    """The serial type of each column of a row."""
     end, at = _varint(payload, 0)
     if end > len(payload):
-        raise ValueError("a row whose head reaches beyond it")
+        raise ValueError("a row whose header reaches beyond it")
     types = []
     while at < end:
         type_, at = _varint(payload, at)
@@ -255,13 +269,13 @@ def _serial_types(payload: bytes) -> list[int]:
 
 
 def _is_message(types: list[int]) -> bool:
-    """Columns id (kept apart), topic_id, timestamp, data."""
+    """Whether the columns are id (stored apart, so null), topic_id, timestamp and data."""
     integers = {1, 2, 3, 4, 5, 6, 8, 9}
     return len(types) == 4 and types[0] == 0 and {*types[1:3]} <= integers and types[3] >= 12 and types[3] % 2 == 0
 
 
 def _values(payload: bytes, types: list[int]) -> list[Value]:
-    """The columns of a row, from the first.
+    """The first columns of a row.
 
     Raises:
         ValueError: they reach beyond it.
@@ -288,12 +302,12 @@ def _values(payload: bytes, types: list[int]) -> list[Value]:
 
 def _integer(value: Value) -> int:
     if not isinstance(value, int):
-        raise TypeError(f"expected a number, found {value!r}")
+        raise TypeError(f"expected an integer, found {value!r}")
     return value
 
 
 def _varint(data: bytes, at: int) -> tuple[int, int]:
-    """A number of up to nine bytes, seven bits each, and where it ends."""
+    """An integer of up to nine bytes of seven bits each, and where it ends."""
     value = 0
     for place in range(8):
         byte = data[at + place]

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from pipeline.core.settings.recording import LimitsConfig
 from readers.files.decompress import compression_of, unpack, unpack_lz4
 from readers.open import open_recording
+from readers.recording import ReadOptions
 
 
 def packed(data: bytes, compression: str) -> bytes:
@@ -66,7 +67,7 @@ def test_a_chunk_that_would_fill_the_memory_is_passed_over(tmp_path: Path, kind:
         write_mcap(path, messages, how, chunk_bytes=1)  # type: ignore[arg-type]  # a part of `kind`
     else:
         write_rosbag1(path, messages, kind, chunk_bytes=1)
-    with open_recording([path], limits=LimitsConfig(max_chunk_mib=1)) as recording:
+    with open_recording([path], ReadOptions(limits=LimitsConfig(max_chunk_mib=1))) as recording:
         assert [m.log_time_ns for m in recording.messages()] == [1, 3]
         (loss,) = recording.losses
     assert loss.messages == 1

@@ -22,11 +22,12 @@ from pipeline.core.messages import Channel, RawMessage
 from pipeline.core.settings.recording import LimitsConfig
 from readers.files.chunk_cache import ChunkCache
 from readers.files.damage import Losses
-from readers.files.rosbag1.index import contents_of_walk
+from readers.files.rosbag1.recovery import contents_of_scan
 from readers.memory import MemoryRecording
 from readers.messages.deserialize import definition_problem, deserialize
 from readers.messages.tf import read_transforms
 from readers.open import open_recording
+from readers.recording import ReadOptions
 from readers.streams.survey import survey
 
 MIB = 1 << 20
@@ -54,9 +55,14 @@ def states(count: int, encoding: Encoding = "cdr", *, frame_id: str = "odom") ->
     ]
 
 
-def read(path: Path, limits: LimitsConfig = LimitsConfig(), **options: bool) -> tuple[list[int], list[str]]:  # noqa: B008
+def read(
+    path: Path,
+    limits: LimitsConfig = LimitsConfig(),  # noqa: B008
+    *,
+    thorough: bool = False,
+) -> tuple[list[int], list[str]]:
     """Log times that are read, and what was lost."""
-    with open_recording([path], limits=limits, **options) as recording:
+    with open_recording([path], ReadOptions("full_scan" if thorough else "as_needed", limits)) as recording:
         times = [message.log_time_ns for message in recording.messages()]
         return times, [loss.reason for loss in recording.losses]
 
@@ -69,15 +75,15 @@ def packed_zeros(mib: int) -> bytes:
 # --- compressed as a whole, or message by message
 
 
-@pytest.mark.parametrize("rescue", [True, False])
-def test_a_file_that_would_fill_the_disk(tmp_path: Path, rescue: bool) -> None:
+@pytest.mark.parametrize("recovery", ["as_needed", "none"])
+def test_a_file_that_would_fill_the_disk(tmp_path: Path, recovery: Literal["as_needed", "none"]) -> None:
     path = tmp_path / "a.mcap.zstd"
     path.write_bytes(packed_zeros(64))
     with (
         at_most(10),
         pytest.raises(RecordingError, match=r"a\.mcap\.zstd: unpacks to more than .* raise limits.max_un"),
     ):
-        open_recording([path], rescue=rescue, limits=LimitsConfig(max_unpacked_file_gib=0.01))
+        open_recording([path], ReadOptions(recovery, LimitsConfig(max_unpacked_file_gib=0.01)))
 
 
 @pytest.mark.parametrize("says_size", [True, False])
@@ -183,7 +189,7 @@ def test_too_many_topics(tmp_path: Path) -> None:
     messages = [m._replace(channel=Channel(f"/{i}", *_type(m))) for i, m in enumerate(states(30))]
     write_mcap(tmp_path / "a.mcap", messages)
     with pytest.raises(RecordingError, match=r"a\.mcap: 30 topics, expected at most 20: raise limits\.max_topics"):
-        open_recording([tmp_path / "a.mcap"], limits=LimitsConfig(max_topics=20))
+        open_recording([tmp_path / "a.mcap"], ReadOptions(limits=LimitsConfig(max_topics=20)))
 
 
 def _type(message: RawMessage) -> tuple[str, Any, str, Any]:
@@ -200,7 +206,7 @@ def test_tiny_chunks_by_the_thousand(tmp_path: Path, kind: str, thorough: bool) 
         write_rosbag1(path, messages, chunk_bytes=1)
     else:
         write_mcap(path, messages, chunk_bytes=1)
-    with at_most(20), open_recording([path], thorough=thorough) as recording:
+    with at_most(20), open_recording([path], ReadOptions("full_scan" if thorough else "as_needed")) as recording:
         assert sum(1 for _ in recording.messages()) == 3000
 
 
@@ -217,7 +223,7 @@ def test_thousands_of_damaged_chunks(tmp_path: Path) -> None:
 
 
 def test_losses_are_added_up() -> None:
-    losses = Losses(Path("a"), 2)
+    losses = Losses(Path("a"), ReadOptions(limits=LimitsConfig(max_losses_listed=2)))
     for _ in range(2):
         for position in range(5):
             losses.note(position, "gone", size=10, messages=None if position == 4 else 1)
@@ -233,7 +239,7 @@ def test_fields_of_a_header_without_end() -> None:
     starts = struct.pack("<I", 4000) + fields
     content = b"#ROSBAG V2.0\n" + starts * 100
     with at_most(10):
-        contents_of_walk(BytesIO(content), Losses(Path("a")), because="", limits=LimitsConfig())
+        contents_of_scan(BytesIO(content), Losses(Path("a")), because="", limits=LimitsConfig())
 
 
 # --- MCAP files written by hand
@@ -289,6 +295,22 @@ def size_of(record: Any) -> int:
     builder: Any = RecordBuilder()
     record.write(builder)
     return len(builder.end())
+
+
+class _Private:
+    """A record of an application, which readers skip."""
+
+    def write(self, builder: Any) -> None:
+        builder.start_record(0x80)
+        builder.write(b"anything")
+        builder.finish_record()
+
+
+def test_private_records_are_not_damage(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    path.write_bytes(mcap([SCHEMA, CHANNEL, _Private(), text_at(5), _Private(), _Private(), text_at(6)], []))
+    for thorough in (False, True):
+        assert read(path, thorough=thorough) == ([5, 6], [])
 
 
 def test_a_chunk_where_the_summary_should_be(tmp_path: Path) -> None:

@@ -24,6 +24,7 @@ from pipeline.core.settings.config import Config
 from readers.files.remote import PAGE_BYTES, ReadAhead, RemoteFile, open_remote
 from readers.location import RemotePath
 from readers.open import open_recording
+from readers.recording import DEFAULT_READ_OPTIONS, ReadOptions
 from readers.rig.discovery import discover_rig
 
 CLOUD = "sensor_msgs/msg/PointCloud2"
@@ -64,8 +65,8 @@ def at(server: RangeServer, path: str = "/minute.mcap") -> RemotePath:
     return RemotePath(server.url + path)
 
 
-def error_of(path: RemotePath, *, rescue: bool = True) -> str:
-    with pytest.raises(RecordingError) as caught, open_recording([path], rescue=rescue) as recording:
+def error_of(path: RemotePath, options: ReadOptions = DEFAULT_READ_OPTIONS) -> str:
+    with pytest.raises(RecordingError) as caught, open_recording([path], options) as recording:
         list(recording.messages())
     return str(caught.value)
 
@@ -317,7 +318,7 @@ def test_a_truncated_file_is_read_as_a_whole_after_a_warning(
     assert len(server.requests) < 20
     with open_recording([at(server, "/cut.mcap")]) as recording, open_recording([tmp_path / "cut.mcap"]) as local:
         assert [loss.reason for loss in recording.losses] == [loss.reason for loss in local.losses]
-    assert "without `--on-bad-message fail`" in error_of(at(server, "/cut.mcap"), rescue=False)
+    assert "without `--on-bad-message fail`" in error_of(at(server, "/cut.mcap"), ReadOptions("none"))
 
 
 def test_a_split_recording_of_which_one_part_is_lost(server: RangeServer) -> None:

@@ -17,6 +17,7 @@ from pipeline.core.messages import RawMessage
 from pipeline.core.settings.recording import VelodyneLidarConfig
 from readers.messages.deserialize import deserialize
 from readers.open import open_recording
+from readers.recording import ReadOptions
 from readers.streams.per_sensor import sensor_messages
 from readers.velodyne.decoder import VelodyneDecoder
 from readers.velodyne.packet import PACKET
@@ -217,7 +218,7 @@ def test_truncated(tmp_path: Path) -> None:
         assert loss.position + (loss.size or 0) == path.stat().st_size
         assert "a packet of 1248 bytes, of which the file has 1148" in loss.reason
     with pytest.raises(RecordingError, match=r"velodyne\.pcap: .*at byte \d+: a packet of 1248 bytes"):
-        open_recording([path], rescue=False)
+        open_recording([path], ReadOptions("none"))
 
 
 def test_overwritten_in_the_middle(tmp_path: Path) -> None:
@@ -234,7 +235,7 @@ def test_overwritten_in_the_middle(tmp_path: Path) -> None:
     "content", [pcap([])[:10], pcap([]) + b"\xff" * 40, section()[:20], section() + b"\xff" * 40], ids=str
 )
 def test_nothing_to_save(content: bytes, tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match=r"velodyne\.pcap: the file is damaged.*nothing in it can be saved"):
+    with pytest.raises(RecordingError, match=r"velodyne\.pcap: the file is damaged.*nothing in it can be recovered"):
         open_recording([written(tmp_path, content)])
 
 

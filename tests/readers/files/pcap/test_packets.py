@@ -3,6 +3,7 @@ import struct
 import time
 from collections.abc import Callable
 from decimal import Decimal
+from pathlib import Path
 from typing import Any
 
 import dpkt
@@ -11,11 +12,11 @@ from captures import PCAP_FORMS, block, interface, ng_packet, pcap, section
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from readers.files.damage import Losses
 from readers.files.pcap.packets import CapturedPacket, captured_packets, is_capture
 
 AT_NS = 1_600_000_000_123_456_000
 PACKETS = [(AT_NS + n * 1_000_000, bytes([n]) * (40 + n)) for n in range(6)]
-Losses = list[tuple[int, str, int | None, int | None]]
 
 
 def pcapng(order: str = "<") -> bytes:
@@ -26,13 +27,10 @@ def pcapng(order: str = "<") -> bytes:
 FILES = {form: pcap(PACKETS, form) for form in PCAP_FORMS} | {"ng, little": pcapng("<"), "ng, big": pcapng(">")}
 
 
-def read(content: bytes) -> tuple[list[CapturedPacket], Losses]:
-    losses: Losses = []
-
-    def note(position: int, reason: str, *, size: int | None = None, messages: int | None = None) -> None:
-        losses.append((position, reason, size, messages))
-
-    return list(captured_packets(io.BytesIO(content), note)), losses
+def read(content: bytes) -> tuple[list[CapturedPacket], list[tuple[int, str, int | None, int | None]]]:
+    losses = Losses(Path("a.pcap"))
+    packets = list(captured_packets(io.BytesIO(content), losses))
+    return packets, [(loss.position, loss.reason, loss.size, loss.messages) for loss in losses.listed()]
 
 
 def found(content: bytes) -> list[tuple[int, bytes]]:

@@ -10,8 +10,8 @@ from builders import odometry, raw, write_rosbag1
 from helpers import shared
 
 from pipeline.core.errors import RecordingError
-from readers.files.rosbag1.file import Rosbag1File
 from readers.open import open_recording
+from readers.recording import ReadOptions
 
 SOUND = [
     *(f"seed_{kind}.bag" for kind in ("none", "none_chunky", "bz2", "bz2_chunky", "lz4", "lz4_chunky")),
@@ -68,7 +68,7 @@ def test_two_connections_in_the_order_of_the_cpp_library() -> None:
 def test_damaged_bags_end_in_one_line_where_damage_is_an_error(name: str) -> None:
     with (
         pytest.raises(RecordingError, match="damaged or was not closed") as caught,
-        open_recording([shared(f"oracles/genuine_bags/{name}")], rescue=False) as recording,
+        open_recording([shared(f"oracles/genuine_bags/{name}")], ReadOptions("none")) as recording,
     ):
         list(recording.messages())
     assert "\n" not in str(caught.value)
@@ -82,7 +82,6 @@ def test_chunks_that_overlap_are_not_all_kept(tmp_path: Path) -> None:
     stamps = [(i * 7919) % 997 for i in range(300)]
     messages = [raw("/odom", "nav_msgs/msg/Odometry", odometry(stamp_ns=t), t, 10**9 + t, "ros1") for t in stamps]
     write_rosbag1(path, messages, "lz4", chunk_bytes=3000)
-    file = Rosbag1File(path, 0)
-    got = [m.stamp_ns for m in file.messages(None, start_ns=None, stop_ns=None)]
-    file.close()
+    with open_recording([path]) as recording:
+        got = [m.stamp_ns for m in recording.messages()]
     assert got == sorted(stamps)

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from pipeline.core.errors import RecordingError
 from pipeline.core.messages import RawMessage
 from readers.open import open_recording
-from readers.recording import Loss
+from readers.recording import Loss, ReadOptions
 
 T0 = 1_700_000_000 * 10**9
 ODOMETRY, IMAGE = "nav_msgs/msg/Odometry", "sensor_msgs/msg/Image"
@@ -65,8 +65,8 @@ def content(message: RawMessage) -> Content:
     return message.topic, message.log_time_ns, hashlib.md5(message.data).hexdigest()
 
 
-def rescued(path: Path, *, thorough: bool = False) -> tuple[list[Content], tuple[Loss, ...]]:
-    with open_recording([path], thorough=thorough) as recording:
+def recovered(path: Path, *, thorough: bool = False) -> tuple[list[Content], tuple[Loss, ...]]:
+    with open_recording([path], ReadOptions("full_scan" if thorough else "as_needed")) as recording:
         messages = list(recording.messages())
         keys = [(m.log_time_ns, m.order) for m in messages]
         assert keys == sorted(keys)
@@ -93,7 +93,7 @@ def listed(entry: dict[str, Any]) -> set[Content]:
 @pytest.mark.parametrize("name", REINDEXED)
 def test_at_least_what_rosbag_reindex_recovers(name: str, thorough: bool) -> None:
     reindexed = genuine(f"{name}.bag")["after_genuine_reindex"]
-    got, losses = rescued(shared(f"oracles/genuine_bags/{name}.bag"), thorough=thorough)
+    got, losses = recovered(shared(f"oracles/genuine_bags/{name}.bag"), thorough=thorough)
     assert len(listed(reindexed)) == REINDEXED[name]
     assert listed(reindexed) <= set(got) <= listed(genuine("seed_lz4_chunky.bag"))
     assert losses
@@ -102,14 +102,14 @@ def test_at_least_what_rosbag_reindex_recovers(name: str, thorough: bool) -> Non
 @pytest.mark.parametrize("thorough", [False, True])
 def test_a_chunk_that_fails_its_checksum_is_named_and_the_others_are_read(thorough: bool) -> None:
     """The genuine library stops at it."""
-    got, (loss,) = rescued(shared("oracles/genuine_bags/corrupt_lz4_middle.bag"), thorough=thorough)
+    got, (loss,) = recovered(shared("oracles/genuine_bags/corrupt_lz4_middle.bag"), thorough=thorough)
     assert (len(got), loss.messages, loss.position, loss.size) == (76, 4, 291499, 38914)
     assert "Checksum" in loss.reason
     assert set(got) < listed(genuine("seed_lz4_chunky.bag"))
 
 
 def test_an_index_that_is_cut_off_costs_no_message() -> None:
-    _, (loss,) = rescued(shared("oracles/genuine_bags/cut_none_lastbyte.bag"))
+    _, (loss,) = recovered(shared("oracles/genuine_bags/cut_none_lastbyte.bag"))
     assert (loss.messages, loss.size) == (0, 115)
     assert "index" in loss.reason
 
@@ -130,7 +130,7 @@ def test_a_flipped_bit_in_a_genuine_lz4_bag(tmp_path_factory: pytest.TempPathFac
     path = tmp_path_factory.mktemp("flip") / "flip.bag"
     path.write_bytes(damaged)
     whole = {(time, md5) for _, time, md5 in listed(genuine("seed_lz4_chunky.bag"))}
-    got, losses = rescued(path)
+    got, losses = recovered(path)
     assert {(time, md5) for _, time, md5 in got} <= whole
     assert len(got) >= 80 - 7  # one chunk at most
     assert len(got) == 80 or losses
@@ -155,7 +155,7 @@ def recordings(tmp_path_factory: pytest.TempPathFactory) -> Recordings:
 @pytest.mark.parametrize("thorough", [False, True])
 def test_sound_files_have_no_losses(recordings: Recordings, kind: str, thorough: bool) -> None:
     path, messages = recordings[kind]
-    assert rescued(path, thorough=thorough) == ([content(m) for m in messages], ())
+    assert recovered(path, thorough=thorough) == ([content(m) for m in messages], ())
 
 
 @settings(max_examples=120, deadline=None)
@@ -175,7 +175,7 @@ def test_what_comes_before_a_cut_is_read(
     if kind in {"bag-none", "loose", "mcap-none"}:
         before = sum(whole.find(bytes(m.data)) + len(m.data) <= size for m in messages)
     try:
-        got, losses = rescued(cut)
+        got, losses = recovered(cut)
     except RecordingError:
         assert before == 0
         return
@@ -200,7 +200,7 @@ def test_a_flipped_bit_never_alters_a_message_that_has_a_checksum(
     flipped.write_bytes(damaged)
     for thorough in (False, True):
         with suppress(RecordingError):  # the first bytes, which say what a file is
-            got, losses = rescued(flipped, thorough=thorough)
+            got, losses = recovered(flipped, thorough=thorough)
             if kind in CHECKED:  # not the topic: names are outside of the chunks, too
                 assert {key[1:] for key in got} <= {content(m)[1:] for m in messages}
                 assert len(got) == len(messages) or losses
@@ -222,7 +222,7 @@ def test_zeros_in_the_middle_leave_both_sides(
     holed = tmp_path_factory.mktemp("hole") / path.name
     holed.write_bytes(damaged)
     try:
-        got, losses = rescued(holed)
+        got, losses = recovered(holed)
     except RecordingError:
         assert kind == "sqlite"  # its tables of topics
         return
@@ -240,7 +240,7 @@ def test_a_record_whose_kind_was_overwritten_costs_that_record(tmp_path: Path) -
     assert damaged[place] == 5
     damaged[place] = 0x7F
     path.write_bytes(damaged)
-    got, (loss,) = rescued(path)
+    got, (loss,) = recovered(path)
     assert [key for key in map(content, messages) if key not in got] == [content(messages[20])]
     assert (loss.position, loss.messages) == (place, 1)
 
@@ -252,9 +252,9 @@ def test_a_wrong_index_does_not_hide_messages_from_a_thorough_reading(tmp_path: 
     at = damaged.index(seconds + bytes(4), damaged.index(b"op=\x04"))  # the first entry of the first index
     damaged[at + 8] ^= 0x10  # the offset of a message
     path.write_bytes(damaged)
-    got, losses = rescued(path)
+    got, losses = recovered(path)
     assert (len(got), [loss.messages for loss in losses]) == (len(messages) - 1, [1])
-    assert rescued(path, thorough=True) == ([content(m) for m in messages], ())
+    assert recovered(path, thorough=True) == ([content(m) for m in messages], ())
 
 
 def test_topics_that_only_a_damaged_chunk_names_are_read_and_told(tmp_path: Path) -> None:
@@ -262,7 +262,7 @@ def test_topics_that_only_a_damaged_chunk_names_are_read_and_told(tmp_path: Path
     damaged = bytearray(path.read_bytes())[:30_000]  # without the summary, which repeats the names
     damaged[damaged.index(b"base_link")] ^= 1
     path.write_bytes(damaged)
-    got, losses = rescued(path)
+    got, losses = recovered(path)
     assert set(got) < {content(m) for m in messages}
     assert len(got) > 10
     assert [("crc" in loss.reason, "/odom" in loss.reason) for loss in losses[:2]] == [(True, False), (False, True)]
@@ -275,7 +275,7 @@ def test_messages_whose_topic_is_lost_are_counted(tmp_path: Path) -> None:
     assert damaged[place] == 4
     damaged[place] = 0x7F
     path.write_bytes(damaged)
-    got, losses = rescued(path)
+    got, losses = recovered(path)
     assert {topic for topic, _, _ in got} == {"/odom"}
     assert len([loss for loss in losses if "their topic and type are unknown" in loss.reason and loss.messages]) == 1
     assert set(got) < {content(m) for m in messages}
@@ -289,7 +289,7 @@ def test_a_database_without_its_last_pages(tmp_path: Path) -> None:
     size = path.stat().st_size
     with path.open("r+b") as stream:
         stream.truncate(size * 3 // 4)
-    got, losses = rescued(path)
+    got, losses = recovered(path)
     assert set(got) < {content(m) for m in messages}
     assert len(got) > len(messages) * 0.6
     assert any("it was cut off" in loss.reason for loss in losses)
@@ -303,7 +303,7 @@ def test_a_damaged_index_of_sqlite_costs_nothing(tmp_path: Path) -> None:
     with path.open("r+b") as stream:
         stream.seek((root - 1) * size)
         stream.write(b"\xff" * 100)
-    got, losses = rescued(path)
+    got, losses = recovered(path)
     assert got == [content(m) for m in messages]
     assert [loss.messages for loss in losses] == [0]
 
@@ -313,7 +313,7 @@ def test_rows_on_overwritten_pages_are_passed_over(tmp_path: Path) -> None:
     with path.open("r+b") as stream:
         stream.seek(path.stat().st_size // 8192 * 4096)
         stream.write(bytes(4096))
-    got, losses = rescued(path)
+    got, losses = recovered(path)
     assert set(got) < {content(m) for m in messages}
     assert len(messages) - 30 < len(got)
     assert sum(loss.messages or 0 for loss in losses) == len(messages) - len(got)
@@ -324,7 +324,7 @@ def test_a_message_without_bytes_is_passed_over(tmp_path: Path) -> None:
     with closing(sqlite3.connect(path)) as database, database:
         database.execute("UPDATE messages SET data = 'text' WHERE id = 3")
         database.execute("UPDATE messages SET topic_id = 99 WHERE id = 4")
-    got, losses = rescued(path)
+    got, losses = recovered(path)
     assert len(got) == len(messages) - 2
     assert sorted(loss.reason for loss in losses) == [
         "message 3: message 3 has no bytes",
@@ -348,7 +348,7 @@ def test_what_the_recorder_left_in_its_journal_is_brought_in(tmp_path: Path, jou
             (killed / file.name).write_bytes(file.read_bytes())
     files = {file.name: file.read_bytes() for file in killed.iterdir()}
     assert len(files) >= 2
-    got, losses = rescued(killed / "rec.db3")
+    got, losses = recovered(killed / "rec.db3")
     assert len(got) == len(messages) * (2 if journal_mode == "WAL" else 1)
     assert [loss.messages for loss in losses] == [0]
     assert "the recorder did not close it" in losses[0].reason
@@ -379,7 +379,7 @@ def test_a_compressed_file_that_is_cut_off(tmp_path: Path) -> None:
     packed = zstandard.ZstdCompressor().compress(path.read_bytes())
     cut = tmp_path / "rec.mcap.zstd"
     cut.write_bytes(packed[: len(packed) * 3 // 4])
-    got, losses = rescued(cut)
+    got, losses = recovered(cut)
     assert set(got) < {content(m) for m in messages}
     assert len(got) > len(messages) // 2
     assert losses

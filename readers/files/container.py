@@ -1,0 +1,70 @@
+"""What the readers of all file formats share: how to read the file, and the record of its damage."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
+from typing import BinaryIO
+
+from pipeline.core.errors import RecordingError
+from readers.files.damage import Losses
+from readers.files.rosbag2_folder import FolderMetadata
+from readers.location import Location
+from readers.recording import Loss, ReadOptions
+
+__all__ = ["Container", "Source"]
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """One file of a recording, whatever its format.
+
+    Attributes:
+        path: The file as messages name it.
+        index: Its place in the recording.
+        options: How it is read.
+        losses: Collects its damage.
+        metadata: What the metadata.yaml in its folder says about it.
+    """
+
+    path: Location
+    index: int
+    options: ReadOptions
+    losses: Losses
+    metadata: FolderMetadata = field(default_factory=FolderMetadata)
+
+
+class Container(ABC):
+    """One open file; see `RecordingFile`, whose other attributes a subclass sets in `_describe`.
+
+    Args:
+        source: The file.
+        stream: Its content, uncompressed; closed with it.
+    """
+
+    def __init__(self, source: Source, stream: BinaryIO) -> None:
+        self.path = source.path
+        self._source = source
+        self._limits = source.options.limits
+        self._losses = source.losses
+        self._stream = stream
+        try:
+            self._describe()
+        except BaseException:
+            self.close()
+            raise
+
+    @abstractmethod
+    def _describe(self) -> None:
+        """Find out what the file contains."""
+
+    @property
+    def losses(self) -> tuple[Loss, ...]:
+        """See `RecordingFile`."""
+        return self._losses.listed()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._stream.close()
+
+    def _check_open(self) -> None:
+        if self._stream.closed:
+            raise RecordingError(f"{self.path}: expected an open recording, but it was closed")

@@ -1,0 +1,210 @@
+"""MCAP chunks and the records in them (https://mcap.dev/spec), with bounds on what they unpack to."""
+
+import struct
+import zlib
+from collections.abc import Iterator
+from typing import BinaryIO, NamedTuple
+
+import zstandard
+from mcap.opcode import Opcode
+
+from pipeline.core.settings.recording import LimitsConfig
+from readers.files.decompress import check_chunk_size, unpack, unpack_lz4
+
+__all__ = [
+    "CHUNK_HEAD",
+    "MESSAGE_HEAD",
+    "RECORD_HEAD",
+    "UINT64",
+    "ChunkHead",
+    "Entry",
+    "entry_of",
+    "load_chunk",
+    "messages_in",
+    "read_chunk_head",
+    "read_exactly",
+    "records_in",
+]
+
+RECORD_HEAD = struct.Struct("<BQ")  # opcode, length of the content
+MESSAGE_HEAD = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
+CHUNK_HEAD = struct.Struct("<QQQII")  # first and last log time, unpacked size, crc, length of the compression's name
+UINT64 = struct.Struct("<Q")
+
+MAX_NAME_BYTES = 32
+END_OF_TIME_NS = 1 << 63
+"""MCAP times are unsigned 64-bit integers, those of lidcam signed ones."""
+
+
+class Entry(NamedTuple):
+    """Where a message is: sorts by time, then position; `chunk` is 0 outside of chunks."""
+
+    log_time_ns: int
+    chunk: int
+    offset: int
+    size: int
+    channel_id: int
+
+
+class ChunkHead(NamedTuple):
+    """The fields of a chunk; its compressed records begin at byte `position` of the file and take up `size` bytes."""
+
+    uncompressed_size: int
+    crc: int
+    compression: str
+    position: int
+    size: int
+
+
+def load_chunk(
+    stream: BinaryIO,
+    position: int,
+    limits: LimitsConfig,
+    *,
+    before: int | None = None,
+    is_cut: bool = False,
+    verify: bool = True,
+) -> bytes:
+    """The records of the chunk at `position`, decompressed, their checksum verified.
+
+    Args:
+        stream: The file.
+        position: First byte of the chunk.
+        limits: What it may unpack to.
+        before: Where the next chunk begins: nested chunks would yield the same messages again and again.
+        is_cut: The file ends inside the chunk: return the complete records, without verifying a checksum.
+        verify: Whether to verify the checksum.
+
+    Raises:
+        ValueError: there is no chunk, its compression is unknown, or its size or checksum is wrong.
+        EOFError: the chunk reaches beyond the file.
+        Exception: any that the decompressing library raises.
+    """
+    stream.seek(position)
+    opcode, length = RECORD_HEAD.unpack(read_exactly(stream, RECORD_HEAD.size))
+    if opcode != Opcode.CHUNK:
+        raise ValueError(f"expected a chunk at byte {position}, found a record with opcode {opcode}")
+    if before is not None and position + RECORD_HEAD.size + length > before:
+        raise ValueError(f"chunk at byte {position}: it reaches beyond byte {before}, where the next one begins")
+    head = read_chunk_head(stream)
+    if head.position + head.size != position + RECORD_HEAD.size + length:
+        raise ValueError(f"chunk at byte {position}: {head.size} bytes of records do not fill its {length}")
+    largest = limits.max_chunk_bytes
+    if head.compression:
+        check_chunk_size(head.uncompressed_size, largest)
+    if is_cut:
+        return _complete_records(_unpacked_prefix(stream, head, largest))
+    left = stream.seek(0, 2) - head.position
+    if head.size > left:
+        raise EOFError(f"expected {head.size} more bytes, found {left}")
+    chunk = _unpacked(stream, head, largest)
+    if len(chunk) != head.uncompressed_size:
+        raise ValueError(f"chunk at byte {position}: expected {head.uncompressed_size} bytes, found {len(chunk)}")
+    if verify and head.crc and zlib.crc32(chunk) != head.crc:
+        raise ValueError(f"chunk at byte {position}: crc {zlib.crc32(chunk):#010x} instead of {head.crc:#010x}")
+    return chunk
+
+
+def read_chunk_head(stream: BinaryIO) -> ChunkHead:
+    """The fields of the chunk whose content begins here.
+
+    Raises:
+        EOFError: the file ends inside them.
+        ValueError: the name of the compression is too long or not UTF-8.
+    """
+    _, _, uncompressed_size, crc, length = CHUNK_HEAD.unpack(read_exactly(stream, CHUNK_HEAD.size))
+    if length > MAX_NAME_BYTES:
+        raise ValueError(f"the name of a compression has {length} bytes")
+    compression = read_exactly(stream, length).decode()
+    (size,) = UINT64.unpack(read_exactly(stream, UINT64.size))
+    return ChunkHead(uncompressed_size, crc, compression, stream.tell(), size)
+
+
+def _unpacked(stream: BinaryIO, head: ChunkHead, largest: int) -> bytes:
+    stream.seek(head.position)
+    data = read_exactly(stream, head.size)
+    if head.compression == "":
+        return data
+    if head.compression == "lz4":
+        return unpack_lz4(data, head.uncompressed_size, largest=largest)
+    if head.compression == "zstd":
+        if zstandard.frame_content_size(data) > head.uncompressed_size:
+            raise ValueError(f"a chunk unpacks to more than the {head.uncompressed_size} bytes that it names")
+        return zstandard.decompress(data, head.uncompressed_size)
+    raise ValueError(f"chunks compressed with {head.compression!r}, lidcam reads lz4 and zstd")
+
+
+def _unpacked_prefix(stream: BinaryIO, head: ChunkHead, largest: int) -> bytes:
+    stream.seek(head.position)
+    if head.compression == "lz4":
+        return unpack(stream, head.position, stream.seek(0, 2), "lz4", largest=largest).data
+    if head.compression == "zstd":
+        with zstandard.ZstdDecompressor().stream_reader(stream, closefd=False) as reader:
+            return reader.read(head.uncompressed_size)
+    if head.compression == "":
+        return stream.read()
+    raise ValueError(f"chunks compressed with {head.compression!r}, lidcam reads lz4 and zstd")
+
+
+def _complete_records(chunk: bytes) -> bytes:
+    at = 0
+    while at + RECORD_HEAD.size <= len(chunk):
+        _, size = RECORD_HEAD.unpack_from(chunk, at)
+        if at + RECORD_HEAD.size + size > len(chunk):
+            break
+        at += RECORD_HEAD.size + size
+    return chunk[:at]
+
+
+def records_in(chunk: bytes, limits: LimitsConfig) -> Iterator[tuple[int, int, int]]:
+    """Opcode, start and size of the content of each record in a chunk.
+
+    Raises:
+        ValueError: a record reaches beyond the chunk, or there are too many.
+    """
+    at = count = 0
+    while at < len(chunk):
+        count += 1
+        if count > limits.max_messages_per_chunk:
+            raise ValueError(
+                f"a chunk of more than {limits.max_messages_per_chunk} messages, see limits.max_messages_per_chunk"
+            )
+        opcode, size = RECORD_HEAD.unpack_from(chunk, at)
+        at += RECORD_HEAD.size
+        if at + size > len(chunk):
+            raise ValueError(f"a record of {size} bytes reaches beyond its chunk of {len(chunk)}")
+        yield opcode, at, size
+        at += size
+
+
+def messages_in(chunk: bytes, position: int, limits: LimitsConfig) -> Iterator[Entry]:
+    """The messages of the chunk at `position`, in the order of the file."""
+    for opcode, at, size in records_in(chunk, limits):
+        if opcode == Opcode.MESSAGE:
+            yield entry_of(chunk, at, position, at, size)
+
+
+def entry_of(head: bytes, at: int, chunk_position: int, start: int, size: int) -> Entry:
+    """The message whose record content starts at `start`; its first fields are in `head` at `at`.
+
+    Raises:
+        ValueError: the record is too short, or its log time is beyond 2^63 ns.
+    """
+    channel_id, _, log_time_ns, _ = MESSAGE_HEAD.unpack_from(head, at)
+    if size < MESSAGE_HEAD.size:
+        raise ValueError(f"a message record of {size} bytes")
+    if log_time_ns >= END_OF_TIME_NS:
+        raise ValueError(f"a message with log time {log_time_ns} ns, expected less than 2^63")
+    return Entry(log_time_ns, chunk_position, start + MESSAGE_HEAD.size, size - MESSAGE_HEAD.size, channel_id)
+
+
+def read_exactly(stream: BinaryIO, size: int) -> bytes:
+    """The next `size` bytes.
+
+    Raises:
+        EOFError: the file ends before.
+    """
+    data = stream.read(size)
+    if len(data) != size:
+        raise EOFError(f"expected {size} more bytes, found {len(data)}")
+    return data
