@@ -12,11 +12,22 @@ __all__ = ["MAX_YAML_BYTES", "parse_yaml", "read_yaml"]
 MAX_YAML_BYTES = 1 << 20
 MAX_YAML_BRACKETS = 30
 """Depth of nested brackets; PyYAML goes through all open ones at every token."""
+MAX_YAML_DEPTH = 100
 MAX_YAML_VALUES = 100_000
 """Values in a file, each alias counted as what it stands for."""
 
 
 class _Loader(yaml.SafeLoader):
+    depth = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        if self.depth == MAX_YAML_DEPTH:
+            raise yaml.YAMLError("nested too deeply")
+        self.depth += 1
+        node: yaml.Node | None = super().compose_node(parent, index)
+        self.depth -= 1
+        return node
+
     def fetch_flow_collection_start(self, TokenClass: Any) -> None:
         if self.flow_level == MAX_YAML_BRACKETS:
             raise yaml.YAMLError(f"more than {MAX_YAML_BRACKETS} nested brackets")
@@ -38,8 +49,6 @@ def parse_yaml(text: str | bytes) -> Any:
             return None
         _count_values(node, {})
         return loader.construct_document(node)
-    except RecursionError as err:
-        raise yaml.YAMLError("nested too deeply") from err
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as err:  # from dates and long numbers
         raise yaml.YAMLError(f"not a valid value: {err}") from err
     finally:
