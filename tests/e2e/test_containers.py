@@ -68,7 +68,7 @@ def in_order(messages: Iterable[RawMessage]) -> list[RawMessage]:
 
 
 def decompressed(message: RawMessage) -> RawMessage:
-    """The Image that the original's combined messages hold."""
+    """The Image that the predecessor's combined messages hold."""
     image_message: Any = deserialize(message)
     pixels = cv2.imdecode(image_message.data, cv2.IMREAD_COLOR)
     assert pixels is not None
@@ -79,7 +79,7 @@ def decompressed(message: RawMessage) -> RawMessage:
 
 
 def original(sensors: dict[str, list[RawMessage]]) -> list[RawMessage]:
-    """The recording as the original's listeners combine it; stamps and log times are those of combining."""
+    """The recording as the predecessor's listeners combine it; stamps and log times are those of combining."""
     messages = [m for topic, all_ in sensors.items() if topic not in {*CLOUD_TOPICS, *IMAGE_TOPICS} for m in all_]
     for clouds in zip(*(sensors[topic] for topic in CLOUD_TOPICS), strict=True):
         now_ns = max(m.log_time_ns for m in clouds) + 7_000_000

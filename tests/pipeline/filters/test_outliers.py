@@ -16,7 +16,7 @@ SCENES = ("odd_cloud2_small", "odd_dups", "odd_nan", "odd_tiny", "s10k_0", "s10k
 
 
 def oracle_cloud(scene: str) -> F32:
-    """The combined cloud as the original made it: each lidar shifted in float32, lidar11 before lidar12 and lidar2."""
+    """The combined cloud of the predecessor system: lidars shifted in float32, lidar11 before lidar12 and lidar2."""
     folder = shared(f"oracles/combiner/{scene}")
     offsets = json.loads((folder / "scene.json").read_text())["offsets"]
     names = ("lidar11", "lidar12", "lidar2")

@@ -107,7 +107,7 @@ def test_records_hold_the_projections_of_all_boxes() -> None:
 
 @pytest.mark.parametrize("min_iou", [0.0, 0.5, 1.0])
 def test_threshold_holds_at_its_ends(min_iou: float) -> None:
-    # The original matched disjoint boxes at 0 and refused identical ones at 1.
+    # The predecessor system matched disjoint boxes at 0 and refused identical ones at 1.
     far = shown(AT[0], shift=2.0)
     assert match(boxes3d([AHEAD]), [far], min_iou=min_iou) == []
     assert match(boxes3d([AHEAD]), [far, shown(AT[0])], min_iou=min_iou) == [(0, 1)]
@@ -124,7 +124,7 @@ def test_no_pair_takes_a_box_from_a_better_sum() -> None:
 
 
 def test_off_screen_boxes_have_no_area() -> None:
-    # The original clipped them to rectangles of negative width and height, whose product is positive.
+    # The predecessor system clipped them to rectangles of negative width and height, whose product is positive.
     beside = boxes3d([(5.0, 40.0, 30.0, 4.0, 2.0, 1.5, 0.0)])
     assert np.isnan(projection(beside)).all()
     assert match(beside, [(0, 0, 640, 480, 0.9, CAR), (-500, -500, -10, -10, 0.9, CAR)], min_iou=0) == []
@@ -154,8 +154,8 @@ def test_full_class_penalty_forbids() -> None:
 
 
 def test_each_camera_confirms_on_its_own() -> None:
-    # The original gave a vehicle to the first camera that reached the threshold, though the second one saw it better
-    # (first_camera_not_best), and let a vehicle that was matched already use up the boxes of its other cameras
+    # The predecessor system gave a vehicle to the first camera that reached the threshold, though the second one saw it
+    # better (first_camera_not_best), and let a vehicle that was matched already use up the boxes of its other cameras
     # (second_camera_consumes).
     rig = camera_rig(forward_camera("a"), forward_camera("b"))
     boxes = boxes3d([AHEAD, (10.0, -0.8, 0.0, 4.0, 2.0, 1.5, 0.0)])
@@ -248,7 +248,7 @@ def test_order_of_boxes_does_not_matter(rows3: list[Any], rows2: list[Any], rand
     assert named(straight, rows3, rows2) == named(mixed, [rows3[i] for i in order3], [rows2[i] for i in order2])
 
 
-# --- scenes with truth, and what the original made of them
+# --- scenes with truth, and what the predecessor system made of them
 
 
 def scene_rig(calibration: Mapping[str, Any]) -> Rig:
@@ -306,6 +306,8 @@ def test_scenes_of_the_original() -> None:
         seed_right, seed_wrong = seed_right + len(sound), seed_wrong + len(seed) - len(sound)
         right = sum(truth.get(key) == row for key, row in ours.items())
         ours_right, ours_wrong = ours_right + right, ours_wrong + len(ours) - right
-    assert (seed_right, seed_wrong, shown_objects) == (167, 2, 326), "the original: one camera for each object at most"
+    assert (seed_right, seed_wrong, shown_objects) == (167, 2, 326), (
+        "the predecessor system: one camera for each object at most"
+    )
     assert ours_wrong == 0
     assert ours_right >= 0.95 * shown_objects

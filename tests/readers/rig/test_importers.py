@@ -15,7 +15,7 @@ from readers.memory import MemoryRecording
 from readers.rig.discovery import Discovery, discover_rig
 from readers.rig.rig_file import load_rig
 
-# The original's cameras (its published figures): all alike, no distortion.
+# The predecessor's cameras (its published figures): all alike, no distortion.
 C2P = [[504.78216005824515, 0, 320.5, 0], [0, 504.78216005824515, 240.5, 0], [0, 0, 1, 0]]
 W2C_11 = [[1, 0, 0, 0.143], [0, 0, -1, 0.393], [0, 1, 0, -0.371], [0, 0, 0, 1]]  # at (-0.143, 0.371, 0.393), looks +y
 W2C_12 = [[1, 0, 0, 0.1], [0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 1]]  # two zero rows, as published

@@ -1,4 +1,4 @@
-"""Combined messages of the original system come apart into their sensors."""
+"""Combined messages of the predecessor system come apart into their sensors."""
 
 from collections import Counter
 from collections.abc import Iterator

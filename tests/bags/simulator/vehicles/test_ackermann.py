@@ -94,7 +94,7 @@ def test_the_inner_wheel_turns_further(steering: float, inner: str, outer: str) 
     chassis = chassis_of("model_car")
     assert chassis is not None
     commands = chassis.controllers(AckermannCommand(0.3, steering))
-    assert commands[:4] == pytest.approx((8.4,) * 4)  # speed x 28, as in the original
+    assert commands[:4] == pytest.approx((8.4,) * 4)  # speed x 28, as in the predecessor system
     radius = chassis.wheel_base_m / math.tan(0.49)
     angles = {"left": commands.left_hinge_rad, "right": commands.right_hinge_rad}
     # Square to the centre of the turn, which lies on the line of the rear axle.
