@@ -50,7 +50,7 @@ def format_of(path: Path, wanted: RecordingFormat | None) -> RecordingFormat:
     if wanted is not None and (not path.suffix or by_name in (None, wanted)):
         return wanted
     if by_name is None or wanted is not None:
-        asked = f"for --format {wanted} another name than one of another format" if wanted else ENDINGS
+        asked = f"a name whose ending fits --format {wanted}" if wanted else ENDINGS
         raise OutputError(f"{path}: expected {asked}")
     return by_name
 
