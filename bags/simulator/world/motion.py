@@ -8,7 +8,10 @@ import numpy as np
 from pipeline.core.arrays import F64, I64, check_array
 from pipeline.core.geometry.transform import Transform
 
-__all__ = ["FixedPath", "MountedPath", "Path", "Poses", "turned", "upright_poses"]
+__all__ = ["T_BODY_OPTICAL", "FixedPath", "MountedPath", "Path", "Poses", "turned", "upright_poses"]
+
+T_BODY_OPTICAL = Transform("body", "optical", np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]]))
+"""From a camera's optical axes (x right, y down, z forward) to those of its body (x forward, y left, z up); REP 103."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,11 +45,7 @@ class Poses:
 
     def apply(self, points: F64) -> F64:
         """Points (N, 3) in the world, each by its own pose, or all by a single one."""
-        return self.turn(points) + self.translation
-
-    def turn(self, vectors: F64) -> F64:
-        """Directions (N, 3) in the world, each by its own pose, or all by a single one."""
-        return turned(self.rotation, vectors)
+        return turned(self.rotation, points) + self.translation
 
 
 class Path(Protocol):
