@@ -106,7 +106,9 @@ class Traffic:
                 traveller = vehicle.follower.traveller
                 self._travellers.setdefault(traveller.route, []).append(traveller)
         self._stretches = _stretches_of(scenario, routes, self._travellers)
-        self._obstacles = _obstacles(scenario.world, static_mesh(scenario.world) if static is None else static)
+        step_m, headroom_m = (0.03, 0.22) if scenario.world == "sandbox" else (0.2, 2.2)
+        bodies = static_mesh(scenario.world) if static is None else static
+        self._obstacles = Obstacles(obstacles_of(bodies, step_m=step_m, headroom_m=headroom_m))
         self._refuse_overlaps()
         self.trajectories: Mapping[str, Trajectory] = MappingProxyType(
             {name: vehicle.trajectory for name, vehicle in self._vehicles.items()}
@@ -203,15 +205,12 @@ class Traffic:
     def _refuse_overlaps(self) -> None:
         placed: list[_Vehicle] = []
         for vehicle in self._vehicles.values():
-            for other in placed:
-                if overlap(vehicle.ground, other.ground):
-                    raise ConfigError(
-                        f"vehicles.{vehicle.name}: expected free ground at its start, found {other.name}: "
-                        "move its start or route_start_m"
-                    )
+            found = [other.name for other in placed if overlap(vehicle.ground, other.ground)]
             if any(overlap(vehicle.ground, obstacle) for obstacle in self._obstacles.rectangles):
+                found.append("an obstacle")
+            if found:
                 raise ConfigError(
-                    f"vehicles.{vehicle.name}: expected free ground at its start, found an obstacle: "
+                    f"vehicles.{vehicle.name}: expected free ground at its start, found {found[0]}: "
                     "move its start or route_start_m"
                 )
             placed.append(vehicle)
@@ -220,11 +219,6 @@ class Traffic:
 def _apart(one: Rectangle, other: Rectangle) -> float:
     """Distance between the circumscribed circles of two rectangles."""
     return math.hypot(one.x_m - other.x_m, one.y_m - other.y_m) - one.radius_m - other.radius_m
-
-
-def _obstacles(world: str, static: Mesh) -> Obstacles:
-    step_m, headroom_m = (0.03, 0.22) if world == "sandbox" else (0.2, 2.2)
-    return Obstacles(obstacles_of(static, step_m=step_m, headroom_m=headroom_m))
 
 
 def _routes(scenario: Scenario) -> dict[str, Route]:

@@ -140,12 +140,10 @@ def rear_wheels(name: str, *, twin: bool = False) -> Mesh:
 
 
 def underbody(shape: Shape, clearance: float, half: float, top: float) -> Mesh:
-    """The floor and axles between the wheels, so that nobody sees through below."""
+    """The floor and axles between the wheels, so that nothing shows through below."""
     length = shape.front_m - shape.rear_m
     middle = (shape.front_m + shape.rear_m) / 2
-    axles = [
-        cylinder((x, -shape.track_width_m / 2, r), (x, shape.track_width_m / 2, r), 0.12 * r, DARK, sides=8)
-        for x, r in ((0.0, shape.wheel_radius_m), (shape.wheel_base_m, shape.wheel_radius_m))
-    ]
+    y, r = shape.track_width_m / 2, shape.wheel_radius_m
+    axles = [cylinder((x, -y, r), (x, y, r), 0.12 * r, DARK, sides=8) for x in (0.0, shape.wheel_base_m)]
     floor = box((middle, 0.0, (clearance + top) / 2), (0.94 * length, 2 * half, top - clearance), DARK)
     return merged(floor, *axles)
