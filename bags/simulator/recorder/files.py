@@ -43,7 +43,7 @@ def format_of(path: Path, wanted: RecordingFormat | None) -> RecordingFormat:
     """The wanted format, else the one that the file name implies.
 
     Raises:
-        OutputError: the name implies none, or another one than wanted.
+        OutputError: the name implies no format, or not the wanted one.
     """
     suffixes: dict[str, RecordingFormat] = {".bag": "ros1", ".mcap": "mcap", "": "sqlite3"}
     by_name = suffixes.get(path.suffix)

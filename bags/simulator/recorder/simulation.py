@@ -69,7 +69,7 @@ class Simulation:
         yield self.finish()
 
     def step(self, until_ns: int) -> list[Recorded]:
-        """Advance to a time; the messages recorded until then."""
+        """Advance to a time; returns the messages recorded until then."""
         begin_ns, self._now_ns = self._now_ns, until_ns
         self._measure(until_ns, begun_ns=until_ns)
         self._waiting += self._states.between(begin_ns, until_ns)
@@ -83,7 +83,7 @@ class Simulation:
         return done
 
     def finish(self) -> list[Recorded]:
-        """End the simulation; the messages of all measurements begun by now that are not recorded yet."""
+        """End the simulation; returns the messages not yet recorded, of all measurements begun by now."""
         end_ns = self._now_ns + self._stage.longest_ns
         self._measure(end_ns, begun_ns=self._now_ns)
         while self._truths and self._truths[-1] >= self._now_ns:  # no sensor measures at the end itself

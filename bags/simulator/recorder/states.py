@@ -48,7 +48,7 @@ class States:
 
         Args:
             time_ns: The time.
-            measured: Measurements, those that span the time among them.
+            measured: Measurements, including all that span the time.
         """
         stage = self._stage
         points, pixels = (np.zeros(len(stage.vehicles), np.int64) for _ in range(2))

@@ -23,7 +23,7 @@ from pipeline.core.camera import CameraModel
 __all__ = ["Camera", "CameraImage"]
 
 MAX_MOMENTS = 9
-"""Most instants of an exposure that a blurred image averages."""
+"""Maximum number of instants averaged for a blurred image."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

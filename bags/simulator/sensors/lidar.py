@@ -38,7 +38,7 @@ RIM_WEIGHT = 1 / 6
 """Share of a beam's light in each of the four rays at its rim; the middle ray has the rest."""
 
 PANES = 4
-"""Most glass surfaces that a beam passes."""
+"""Maximum number of glass surfaces that a beam passes."""
 
 FAINT = 0.05
 """A beam with less light than this is not followed behind glass."""

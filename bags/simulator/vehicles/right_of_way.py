@@ -126,7 +126,7 @@ def shared_stretches(
     yields_to: dict[str, tuple[str, ...]],
     clearance_m: dict[str, float],
 ) -> dict[str, tuple[Stretch, ...]]:
-    """What each route shares with the others, by rising start.
+    """The stretches that each route shares with others, ordered by start.
 
     Args:
         routes: Routes in use.

@@ -27,7 +27,7 @@ STEP_NS = 10_000_000
 """Time step."""
 
 STEPS_PER_DECISION = 5
-"""Drivers decide once in so many steps."""
+"""Steps from one decision of a driver to the next."""
 
 STANDING = AckermannCommand()
 
@@ -98,8 +98,8 @@ class Traffic:
         self._steps = 0
         self._vehicles: dict[str, _Vehicle] = {}
         routes = _routes(scenario)
-        for order, (name, said) in enumerate(scenario.vehicles.items()):
-            self._vehicles[name] = _vehicle(order, name, said, routes, driven=name in driven)
+        for order, (name, vehicle_scenario) in enumerate(scenario.vehicles.items()):
+            self._vehicles[name] = _vehicle(order, name, vehicle_scenario, routes, driven=name in driven)
         self._travellers: dict[str, list[Traveller]] = {}
         for vehicle in self._vehicles.values():
             if vehicle.follower is not None:
@@ -137,11 +137,11 @@ class Traffic:
         return vehicle.commands[max(bisect_right(vehicle.times, time_ns) - 1, 0)]
 
     def blocked_steps(self, name: str) -> int:
-        """In how many steps so far a vehicle was blocked."""
+        """Number of steps so far in which a vehicle was blocked."""
         return self._vehicles[name].blocked_steps
 
     def forget(self, before_ns: int) -> None:
-        """Drop what times from `before_ns` on do not need."""
+        """Drop states and commands that times from `before_ns` on do not need."""
         for vehicle in self._vehicles.values():
             vehicle.trajectory.forget(before_ns)
             first = max(bisect_right(vehicle.times, before_ns) - 1, 0)
@@ -266,7 +266,7 @@ def _vehicle(order: int, name: str, vehicle: VehicleScenario, routes: dict[str, 
 def _stretches_of(
     scenario: Scenario, routes: dict[str, Route], travellers: Mapping[str, Collection[Traveller]]
 ) -> dict[str, tuple[Stretch, ...]]:
-    """What the routes in use share with one another."""
+    """The stretches that the routes in use share, by route."""
     shapes, clearance_m = {}, {}
     for name in travellers:
         kinds = [vehicle.shape for vehicle in scenario.vehicles.values() if vehicle.route == name]

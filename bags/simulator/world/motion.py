@@ -44,7 +44,7 @@ class Poses:
         return Poses(rotation, -turned(rotation, self.translation))
 
     def apply(self, points: F64) -> F64:
-        """Points (N, 3) in the world, each by its own pose, or all by a single one."""
+        """Points (N, 3) in the world, each transformed by its own pose, or all by a single one."""
         return turned(self.rotation, points) + self.translation
 
 

@@ -1,4 +1,4 @@
-"""Parts of movers at one time, cast at in single precision with one pose for all rays."""
+"""Parts of movers at one time, for ray casting in single precision with one pose for all rays."""
 
 from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeVar
