@@ -17,12 +17,7 @@ __all__ = ["Keyboard", "Pressed", "ScriptedKeys", "drive"]
 
 
 class Pressed(NamedTuple):
-    """Keys that were pressed.
-
-    Attributes:
-        keys: The keys in order.
-        ended: Whether the input has ended.
-    """
+    """The keys that were pressed, in order, and whether the input has ended."""
 
     keys: str
     ended: bool
@@ -46,12 +41,7 @@ class Keyboard(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class ScriptedKeys:
-    """Keys pressed at a fixed pace from the start; then the input ends.
-
-    Attributes:
-        script: The keys.
-        interval_ns: Time between keys.
-    """
+    """Keys pressed at a fixed pace from the start; then the input ends."""
 
     script: str
     interval_ns: int

@@ -58,11 +58,7 @@ class Path(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class FixedPath:
-    """A static thing.
-
-    Attributes:
-        T_world_thing: Its pose.
-    """
+    """The path of a static thing."""
 
     T_world_thing: Transform
 
@@ -75,12 +71,7 @@ class FixedPath:
 
 @dataclass(frozen=True, slots=True)
 class MountedPath:
-    """A thing fixed to a moving carrier.
-
-    Attributes:
-        carrier: Path of the carrier.
-        T_carrier_thing: Pose on the carrier.
-    """
+    """The path of a thing with a fixed pose on a moving carrier."""
 
     carrier: Path
     T_carrier_thing: Transform
