@@ -5,8 +5,7 @@ import sys
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from bags.simulator.drive.driving import drive
-from bags.simulator.drive.keyboard import Keyboard, ScriptedKeys
+from bags.simulator.drive.driving import Keyboard, ScriptedKeys, drive
 from bags.simulator.drive.terminal import terminal_keys
 from bags.simulator.vehicles.keys import RemoteControl, script_keys
 from lidcam.commands.scenario import ScenarioOptions, recording_to, scenario_of

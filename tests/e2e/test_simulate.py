@@ -51,7 +51,7 @@ def test_lidcam_opens_what_it_simulated(simulate: Simulate, lidcam: Lidcam) -> N
     [
         (("moon", "out.bag"), 1, "moon: expected a YAML file or one of crossing, sandbox, vehicle"),
         (("sandbox", "out.txt"), 1, "ends in .bag"),
-        (("sandbox", "out.bag", "--format", "mcap"), 1, "out.bag: expected for --format mcap another name"),
+        (("sandbox", "out.bag", "--format", "mcap"), 1, "out.bag: expected a name whose ending fits --format mcap"),
         (("sandbox", "out.bag", "--set", "lidars.velodyne9.topic=/a"), 1, "lidars.velodyne9"),
         (("sandbox", "nowhere/out.bag", "--duration", "0.1"), 1, "nowhere"),
         (("sandbox", "out.bag", "--duration", "0"), 2, "more than 0 seconds"),

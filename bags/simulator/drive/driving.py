@@ -1,16 +1,63 @@
-"""Driving the cars of a scenario with keys, step by step."""
+"""Driving the cars of a scenario with keys, step by step.
+
+Keys come from a script or, with `bags.simulator.drive.terminal`, from a terminal.
+"""
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
-from bags.simulator.drive.keyboard import Keyboard
 from bags.simulator.recorder.recorded import STEP_NS, Recorded
 from bags.simulator.vehicles.keys import RemoteControl
 
 if TYPE_CHECKING:
     from bags.simulator.recorder.simulation import Simulation
 
-__all__ = ["drive"]
+__all__ = ["Keyboard", "Pressed", "ScriptedKeys", "drive"]
+
+
+class Pressed(NamedTuple):
+    """The keys that were pressed, in order, and whether the input has ended."""
+
+    keys: str
+    ended: bool
+
+
+class Keyboard(Protocol):
+    """A source of keys. Times are simulated, in nanoseconds."""
+
+    def pressed(self, now_ns: int) -> Pressed:
+        """The keys to apply now; each is returned once."""
+        ...
+
+    def next_ns(self, now_ns: int) -> int:
+        """When to ask again; later than now."""
+        ...
+
+    def wait(self, until_ns: int) -> None:
+        """Let real time catch up with the simulation if keys come in real time."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class ScriptedKeys:
+    """Keys pressed at a fixed pace from the start; then the input ends."""
+
+    script: str
+    interval_ns: int
+
+    def pressed(self, now_ns: int) -> Pressed:
+        """See `Keyboard`."""
+        number, between = divmod(now_ns, self.interval_ns)
+        keys = self.script[number : number + 1] if between == 0 else ""
+        return Pressed(keys, number >= len(self.script))
+
+    def next_ns(self, now_ns: int) -> int:
+        """See `Keyboard`."""
+        return (now_ns // self.interval_ns + 1) * self.interval_ns
+
+    def wait(self, until_ns: int) -> None:
+        """Do nothing: a script runs in simulated time."""
 
 
 def drive(

@@ -43,14 +43,14 @@ def format_of(path: Path, wanted: RecordingFormat | None) -> RecordingFormat:
     """The wanted format, else the one that the file name implies.
 
     Raises:
-        OutputError: the name implies none, or another one than wanted.
+        OutputError: the name implies no format, or not the wanted one.
     """
     suffixes: dict[str, RecordingFormat] = {".bag": "ros1", ".mcap": "mcap", "": "sqlite3"}
     by_name = suffixes.get(path.suffix)
     if wanted is not None and (not path.suffix or by_name in (None, wanted)):
         return wanted
     if by_name is None or wanted is not None:
-        asked = f"for --format {wanted} another name than one of another format" if wanted else ENDINGS
+        asked = f"a name whose ending fits --format {wanted}" if wanted else ENDINGS
         raise OutputError(f"{path}: expected {asked}")
     return by_name
 

@@ -4,15 +4,13 @@ from collections.abc import Callable
 
 from bags.simulator.scenario.traffic import VehicleScenario
 from bags.simulator.vehicles.trajectory import Trajectory
-from bags.simulator.world.bodies.buses import bus
 from bags.simulator.world.bodies.cars import car, model_car
-from bags.simulator.world.bodies.chassis import front_wheel
+from bags.simulator.world.bodies.commercial import bus, truck, van
 from bags.simulator.world.bodies.cyclist import cyclist_parts
 from bags.simulator.world.bodies.dimensions import SHAPES
+from bags.simulator.world.bodies.hulls import front_wheel
 from bags.simulator.world.bodies.joints import RaisedPath, steered_wheel
 from bags.simulator.world.bodies.pedestrian import pedestrian_parts
-from bags.simulator.world.bodies.trucks import truck
-from bags.simulator.world.bodies.vans import van
 from bags.simulator.world.mover import Mover, Part
 from pipeline.core.arrays import F64
 

@@ -12,8 +12,7 @@ from multiprocessing.connection import Connection
 from types import TracebackType
 from typing import Self
 
-from bags.simulator.recorder.recorded import Measured
-from bags.simulator.recorder.task import SensingTask
+from bags.simulator.recorder.recorded import Measured, SensingTask
 from bags.simulator.scenario.scenario import Scenario
 from bags.simulator.scenario.sensors import CameraScenario, LidarScenario
 from bags.simulator.vehicles.ackermann import AckermannCommand

@@ -1,13 +1,31 @@
-"""The output of a simulation: serialised messages, and the measurements that they belong to."""
+"""What goes into a simulation process, and what comes out: its task, and measurements with their messages."""
 
 from typing import NamedTuple
 
+from bags.simulator.scenario.scenario import Scenario
 from pipeline.core.arrays import I64
+from pipeline.core.ros.typestores import RosVersion
 
-__all__ = ["STEP_NS", "Measured", "Recorded"]
+__all__ = ["STEP_NS", "Measured", "Recorded", "SensingTask"]
 
 STEP_NS = 100_000_000
 """Default step of a simulation."""
+
+
+class SensingTask(NamedTuple):
+    """The work of one simulation process.
+
+    Attributes:
+        scenario: The scenario.
+        driven: Vehicles that wait at their start for commands.
+        ros_version: ROS version of the messages.
+        names: Names of the sensors to simulate.
+    """
+
+    scenario: Scenario
+    driven: tuple[str, ...]
+    ros_version: RosVersion
+    names: tuple[str, ...]
 
 
 class Recorded(NamedTuple):

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from bags.simulator.recorder.messages import MessageFactory
-from bags.simulator.recorder.recorded import Measured, Recorded
+from bags.simulator.recorder.recorded import Measured, Recorded, SensingTask
 from bags.simulator.recorder.stage import Stage
-from bags.simulator.recorder.task import SensingTask
 from bags.simulator.scenario.sensors import CameraScenario, LidarScenario
 from bags.simulator.sensors.camera import Camera, CameraImage
 from bags.simulator.sensors.detector2d import detect

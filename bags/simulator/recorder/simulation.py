@@ -9,13 +9,11 @@ from collections.abc import Iterator, Sequence
 
 from bags.simulator.recorder.messages import MessageFactory
 from bags.simulator.recorder.processes import SensingProcess
-from bags.simulator.recorder.recorded import STEP_NS, Measured, Recorded
+from bags.simulator.recorder.recorded import STEP_NS, Measured, Recorded, SensingTask
 from bags.simulator.recorder.sensing import Sensing
 from bags.simulator.recorder.stage import Stage
 from bags.simulator.recorder.states import States, moments
-from bags.simulator.recorder.task import SensingTask
 from bags.simulator.recorder.true_rig import recorded_extrinsics, true_rig
-from bags.simulator.sensors.lens import camera_model
 from bags.simulator.vehicles.ackermann import AckermannCommand
 from bags.simulator.vehicles.trajectory import State
 from pipeline.core.rig import Rig
@@ -39,7 +37,8 @@ class Simulation:
         self._states = States(self._stage, self._messages)
         self._sensing = Sensing(self._stage, task)
         self._now_ns = -1
-        self._waiting: list[Recorded] = [self._static_transforms()]
+        static = self._messages.transforms(0, recorded_extrinsics(self.scenario))
+        self._waiting: list[Recorded] = [self._messages.recorded(0, "/tf_static", 0, static, latched=True)]
         self._measured: list[Measured] = []
         self._truths: deque[int] = deque()
         self._commands: dict[str, AckermannCommand] = {}
@@ -52,7 +51,7 @@ class Simulation:
     @property
     def true_rig(self) -> Rig:
         """The true calibration."""
-        return true_rig(self.scenario, {name: camera_model(camera) for name, camera in self.scenario.cameras.items()})
+        return true_rig(self.scenario)
 
     def state(self, vehicle: str) -> State:
         """The current state of a vehicle."""
@@ -70,7 +69,7 @@ class Simulation:
         yield self.finish()
 
     def step(self, until_ns: int) -> list[Recorded]:
-        """Advance to a time; the messages recorded until then."""
+        """Advance to a time; returns the messages recorded until then."""
         begin_ns, self._now_ns = self._now_ns, until_ns
         self._measure(until_ns, begun_ns=until_ns)
         self._waiting += self._states.between(begin_ns, until_ns)
@@ -84,7 +83,7 @@ class Simulation:
         return done
 
     def finish(self) -> list[Recorded]:
-        """End the simulation; the messages of all measurements begun by now that are not recorded yet."""
+        """End the simulation; returns the messages not yet recorded, of all measurements begun by now."""
         end_ns = self._now_ns + self._stage.longest_ns
         self._measure(end_ns, begun_ns=self._now_ns)
         while self._truths and self._truths[-1] >= self._now_ns:  # no sensor measures at the end itself
@@ -111,7 +110,3 @@ class Simulation:
         """Record the ground truth of times for which all measurements are complete."""
         while self._truths and self._truths[0] + self._stage.longest_ns <= until_ns:
             self._waiting.append(self._states.truth(self._truths.popleft(), self._measured))
-
-    def _static_transforms(self) -> Recorded:
-        message = self._messages.transforms(0, recorded_extrinsics(self.scenario))
-        return self._messages.recorded(0, "/tf_static", 0, message, latched=True)

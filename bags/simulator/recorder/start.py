@@ -6,7 +6,7 @@ from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING
 
 from bags.simulator.recorder.processes import SensingProcess, shared_out
-from bags.simulator.recorder.task import SensingTask
+from bags.simulator.recorder.recorded import SensingTask
 from bags.simulator.scenario.scenario import Scenario
 from pipeline.core.ros.typestores import RosVersion
 

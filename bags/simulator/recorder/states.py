@@ -9,7 +9,7 @@ from bags.simulator.recorder.messages import MessageFactory, TrueObject
 from bags.simulator.recorder.recorded import Measured, Recorded
 from bags.simulator.recorder.stage import Stage
 from bags.simulator.scenario.scenario import EGO_FRAME
-from bags.simulator.topics import command_topic, controller_topics
+from bags.simulator.scenario.traffic import command_topic, controller_topics
 from bags.simulator.world.bodies.dimensions import SHAPES
 
 __all__ = ["TRUTH_TOPIC", "States", "moments"]
@@ -25,12 +25,7 @@ TURN_NS = 10_000_000
 
 
 class States:
-    """Makes the messages about the state of a stage.
-
-    Args:
-        stage: The stage.
-        messages: Factory of the messages.
-    """
+    """Makes the messages about the state of a stage."""
 
     def __init__(self, stage: Stage, messages: MessageFactory) -> None:
         self._stage, self._messages = stage, messages
@@ -53,7 +48,7 @@ class States:
 
         Args:
             time_ns: The time.
-            measured: Measurements, those that span the time among them.
+            measured: Measurements, including all that span the time.
         """
         stage = self._stage
         points, pixels = (np.zeros(len(stage.vehicles), np.int64) for _ in range(2))

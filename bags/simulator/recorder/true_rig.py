@@ -5,19 +5,12 @@ from scipy.spatial.transform import Rotation
 
 from bags.simulator.scenario.scenario import EGO_FRAME, Scenario
 from bags.simulator.scenario.sensors import CameraScenario, SensorScenario
-from pipeline.core.camera import CameraModel
+from bags.simulator.sensors.lens import camera_model
+from bags.simulator.world.motion import T_BODY_OPTICAL
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.rig import CameraSensor, LidarSensor, Rig, default_zones
 
-__all__ = ["T_carrier_sensor", "carrier_frame", "recorded_extrinsics", "rig_frame", "true_rig"]
-
-OPTICAL = np.array([[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
-"""From a camera's optical axes (x right, y down, z forward) to its body's (x forward, y left, z up); REP 103."""
-
-
-def rig_frame(scenario: Scenario) -> str:
-    """The frame that the sensors are fixed to: the ego vehicle's if there is one, else the site frame."""
-    return EGO_FRAME if scenario.ego else scenario.site_frame
+__all__ = ["T_carrier_sensor", "carrier_frame", "recorded_extrinsics", "true_rig"]
 
 
 def carrier_frame(scenario: Scenario, sensor: SensorScenario) -> str:
@@ -43,17 +36,14 @@ def recorded_extrinsics(scenario: Scenario) -> list[Transform]:
 
 def _framed(body: Transform, sensor: SensorScenario) -> Transform:
     """The same pose for the frame of the sensor's messages."""
-    return Transform(body.dst, body.src, body.matrix @ OPTICAL) if isinstance(sensor, CameraScenario) else body
+    if not isinstance(sensor, CameraScenario):
+        return body
+    return Transform(body.dst, body.src, body.matrix @ T_BODY_OPTICAL.matrix)
 
 
-def true_rig(scenario: Scenario, models: dict[str, CameraModel]) -> Rig:
-    """The true rig, with the sensors that are fixed to its frame.
-
-    Args:
-        scenario: The scenario.
-        models: Intrinsics by camera name.
-    """
-    frame = rig_frame(scenario)
+def true_rig(scenario: Scenario) -> Rig:
+    """The true rig: the sensors of the ego vehicle if there is one, else those of the site."""
+    frame = EGO_FRAME if scenario.ego else scenario.site_frame
     lidars = [
         LidarSensor(
             name,
@@ -68,7 +58,7 @@ def true_rig(scenario: Scenario, models: dict[str, CameraModel]) -> Rig:
             name,
             camera.image_topic,
             camera.detector.topic if camera.detector else "",
-            models[name],
+            camera_model(camera),
             T_carrier_sensor(scenario, camera).inverse(),
         )
         for name, camera in scenario.cameras.items()

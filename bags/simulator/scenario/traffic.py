@@ -1,12 +1,21 @@
-"""Settings of vehicles, cyclists, pedestrians and their routes."""
+"""Settings of vehicles, cyclists, pedestrians and their routes, and the topics through which a car is driven."""
 
 from typing import Literal
 
 from bags.simulator.scenario.model import Metres
-from bags.simulator.topics import command_topic, controller_topics
 from pipeline.core.settings.model import NotNegative, Positive, SettingsModel, Share
 
-__all__ = ["RouteScenario", "VehicleScenario"]
+__all__ = ["RouteScenario", "VehicleScenario", "command_topic", "controller_topics"]
+
+CONTROLLERS = (
+    "left_rear_wheel_velocity_controller",
+    "right_rear_wheel_velocity_controller",
+    "left_front_wheel_velocity_controller",
+    "right_front_wheel_velocity_controller",
+    "left_steering_hinge_position_controller",
+    "right_steering_hinge_position_controller",
+)
+"""Names of the controllers, as in the predecessor system, in the order of the fields of `ControllerCommands`."""
 
 
 class RouteScenario(SettingsModel):
@@ -60,3 +69,13 @@ class VehicleScenario(SettingsModel):
         """Topics of its messages."""
         odometry = [f"/{name}/base_pose_ground_truth"] if self.odometry and not self.ego else []
         return [*odometry, *([command_topic(name), *controller_topics(name)] if self.commands else [])]
+
+
+def command_topic(vehicle: str) -> str:
+    """Topic of a vehicle's commands (ackermann_msgs/AckermannDriveStamped)."""
+    return f"/{vehicle}/ackermann_cmd_mux/output"
+
+
+def controller_topics(vehicle: str) -> tuple[str, ...]:
+    """Topics of its controllers' commands (std_msgs/Float64), in the order of `CONTROLLERS`."""
+    return tuple(f"/{vehicle}/{controller}/command" for controller in CONTROLLERS)

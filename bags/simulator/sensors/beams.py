@@ -4,46 +4,20 @@ A Velodyne sweep consists of whole packets, from the first packet of its turn on
 per turn, with its beams at equal steps and all at once. Both spin evenly with `rate_hz`, clockwise seen from above.
 """
 
-from dataclasses import dataclass
 from math import ceil
 
 import numpy as np
 
 from bags.simulator.scenario.sensors import LidarScenario
-from bags.simulator.sensors.velodyne_packets import EncodedPackets, VelodyneSensor
-from pipeline.core.arrays import F64, I64, U8
+from bags.simulator.sensors.velodyne_packets import Beams, EncodedPackets, VelodyneSensor
+from pipeline.core.arrays import F64, U8
 from readers.velodyne.models import MODELS, built_in_table
 
-__all__ = ["LinearPattern", "SweepBeams", "VelodynePattern", "pattern_of"]
+__all__ = ["LinearPattern", "VelodynePattern", "pattern_of"]
 
 
 MS = 1_000_000
 LINEAR_RANGE_STEP_M = 0.002
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SweepBeams:
-    """The beams of one sweep: F firings of L lasers, in the sensor's frame (x ahead, y to the left, z up).
-
-    Attributes:
-        directions: (F, L, 3) unit vectors.
-        origins: (L, 3) metres, where ranges start.
-        times_ns: (F, L) int64 true time since the start of the scenario.
-        azimuth_error_rad: (F,) reported azimuth minus the true one.
-    """
-
-    directions: F64
-    origins: F64
-    times_ns: I64
-    azimuth_error_rad: F64
-
-    @property
-    def measured_directions(self) -> F64:
-        """(F, L, 3) reported directions; unit vectors to 1e-8."""
-        error, measured = self.azimuth_error_rad[:, None], self.directions.copy()
-        measured[:, :, 0] += error * self.directions[:, :, 1]
-        measured[:, :, 1] -= error * self.directions[:, :, 0]
-        return measured
 
 
 class VelodynePattern:
@@ -71,13 +45,12 @@ class VelodynePattern:
         # Rounding must not move a packet that starts with the turn to the one before.
         return range(ceil(number * per_turn - 1e-6), ceil((number + 1) * per_turn - 1e-6))
 
-    def beams(self, number: int) -> SweepBeams:
+    def beams(self, number: int) -> Beams:
         """The beams of a sweep."""
         packets = self.packets(number)
         beams = self._sensor.beams(packets.start, len(packets))
-        error = self._sensor.azimuth_error_rad(packets.start, len(packets))
         kept = slice(-packets.start * self._sensor.firings_per_packet % self._stride, None, self._stride)
-        return SweepBeams(beams.directions[kept], beams.origins, beams.times_ns[kept], error[kept])
+        return Beams(beams.directions[kept], beams.origins, beams.times_ns[kept], beams.azimuth_error_rad[kept])
 
     def encode(self, number: int, ranges_m: F64, reflectivity: U8) -> EncodedPackets:
         """The packets of a sweep, by a clock that started with the scenario; for a firing stride of 1.
@@ -102,7 +75,7 @@ class LinearPattern:
         """True start time of a sweep, where the one before it ends."""
         return round(self._scenario.phase_ms * MS + number * 1e9 / self._scenario.rate_hz)
 
-    def beams(self, number: int) -> SweepBeams:
+    def beams(self, number: int) -> Beams:
         """The beams of a sweep."""
         columns, lasers = self._scenario.columns, len(self.elevation_rad)
         stride = self._scenario.firing_stride
@@ -116,7 +89,7 @@ class LinearPattern:
         turns_ns = (number + column / columns) * (1e9 / self._scenario.rate_hz)
         times_ns = np.rint(self._scenario.phase_ms * MS + turns_ns).astype(np.int64)
         times_ns = np.broadcast_to(times_ns[:, None], (len(column), lasers))
-        return SweepBeams(directions, np.zeros((lasers, 3)), times_ns, np.zeros(len(column)))
+        return Beams(directions, np.zeros((lasers, 3)), times_ns, np.zeros(len(column)))
 
 
 def pattern_of(scenario: LidarScenario) -> LinearPattern | VelodynePattern:

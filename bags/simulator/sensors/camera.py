@@ -15,19 +15,15 @@ from bags.simulator.sensors.lens import Lens, camera_model
 from bags.simulator.sensors.light import Light
 from bags.simulator.sensors.moving import Moving, put_movers
 from bags.simulator.sensors.still import Still, take_still
-from bags.simulator.world.motion import FixedPath, MountedPath, Path, Poses
+from bags.simulator.world.motion import T_BODY_OPTICAL, FixedPath, MountedPath, Path, Poses
 from bags.simulator.world.scene import Scene
 from pipeline.core.arrays import F32, F64, I16, I64, U8, check_array
 from pipeline.core.camera import CameraModel
-from pipeline.core.geometry.transform import Transform
 
-__all__ = ["T_BODY_OPTICAL", "Camera", "CameraImage"]
+__all__ = ["Camera", "CameraImage"]
 
-
-T_BODY_OPTICAL = Transform("body", "optical", np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]]))
-"""REP 103: body x forward, z up; optical z forward, y down."""
 MAX_MOMENTS = 9
-"""Most instants of an exposure that a blurred image averages."""
+"""Maximum number of instants averaged for a blurred image."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -33,7 +33,7 @@ def edge_beams(
     reach_m: float,
     by_elevation: I64,
 ) -> Bools:
-    """On which sides of a beam there is an edge, of its own surface or of its neighbour's.
+    """The sides on which a beam has an edge, of its own surface or of its neighbour's.
 
     The nearer of two surfaces ends between two beams if its plane would still be in front at the other beam: a floor
     seen at a grazing angle or the foot of a wall is no edge.

@@ -11,11 +11,11 @@ import cv2
 import numpy as np
 
 from bags.simulator.scenario.sensors import LidarScenario
-from bags.simulator.sensors.beams import SweepBeams, VelodynePattern, pattern_of
+from bags.simulator.sensors.beams import VelodynePattern, pattern_of
 from bags.simulator.sensors.echoes import NO_ECHO, Echoes, Optics, Reflected, distinct_echoes, intensity
 from bags.simulator.sensors.edges import SKY_M, Side, edge_beams
 from bags.simulator.sensors.timing import random_numbers
-from bags.simulator.sensors.velodyne_packets import EncodedPackets
+from bags.simulator.sensors.velodyne_packets import Beams, EncodedPackets
 from bags.simulator.world.motion import FixedPath, Path, turned
 from bags.simulator.world.placed import dotted
 from bags.simulator.world.rays import Hits, Rays
@@ -38,7 +38,7 @@ RIM_WEIGHT = 1 / 6
 """Share of a beam's light in each of the four rays at its rim; the middle ray has the rest."""
 
 PANES = 4
-"""Most glass surfaces that a beam passes."""
+"""Maximum number of glass surfaces that a beam passes."""
 
 FAINT = 0.05
 """A beam with less light than this is not followed behind glass."""
@@ -155,7 +155,7 @@ class Lidar:
             packets,
         )
 
-    def _received(self, beams: SweepBeams, number: int) -> tuple[F64, F64, I64]:
+    def _received(self, beams: Beams, number: int) -> tuple[F64, F64, I64]:
         """Noisy range (0 for no echo), share of light and mover of the reported echoes of all beams.
 
         Each is (N, 1), or (N, 2) for the last and the strongest echo.
@@ -174,7 +174,7 @@ class Lidar:
             noise_m[one, 0], lost[one, 0] = noise_m[one, 1], lost[one, 1]
         return np.where((range_m > 0) & ~lost, np.maximum(range_m + noise_m, 0.0), NO_ECHO), share, mover
 
-    def _echoes(self, beams: SweepBeams, speckle: F64) -> Echoes:
+    def _echoes(self, beams: Beams, speckle: F64) -> Echoes:
         """The echoes of all beams without noise; `speckle` (N,) is a factor on the light of each beam."""
         rays, rotation = self._placed(beams)
         span = Span.of(rays)
@@ -213,11 +213,11 @@ class Lidar:
         echoes.range_m[mixed], echoes.share[mixed], echoes.mover[mixed] = some.range_m, some.share, some.mover
         return echoes
 
-    def rays(self, beams: SweepBeams) -> Rays:
+    def rays(self, beams: Beams) -> Rays:
         """Beams in the world (F * L), each from the sensor's pose in the middle of its firing."""
         return self._placed(beams)[0]
 
-    def _placed(self, beams: SweepBeams) -> tuple[Rays, F64]:
+    def _placed(self, beams: Beams) -> tuple[Rays, F64]:
         """The `rays`, and the sensor's rotation at each firing (F, 3, 3), or a single one (1, 3, 3)."""
         if isinstance(self._path, FixedPath):
             pose = self._path.poses(beams.times_ns[:1, 0])
@@ -235,7 +235,7 @@ class Lidar:
         rays = Rays(origins.reshape(-1, 3), directions.reshape(-1, 3), beams.times_ns.reshape(-1))
         return rays, poses.rotation
 
-    def _rim(self, hits: Hits, rays: Rays, beams: SweepBeams, rotation: F64, span: Span) -> tuple[I64, Rays, Hits]:
+    def _rim(self, hits: Hits, rays: Rays, beams: Beams, rotation: F64, span: Span) -> tuple[I64, Rays, Hits]:
         """Rim rays that hit another surface than the middle of their beam: beams (K,), rays and hits.
 
         Only sides with an edge before the next beam are cast.

@@ -33,7 +33,7 @@ REACHES = 3.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Moving:
-    """The changes of a still view by movers at one time.
+    """What movers change in a still view at one time.
 
     Attributes:
         pixels: (K,) int64 changed pixels, rising.
@@ -59,7 +59,7 @@ class _Samples:
         self._found: list[_Found] = []
 
     def cast(self, row: int, part: PlacedPart, rows: I64) -> I64:
-        """Cast some of the rays at a part of a mover; the rows that hit it, occluded or not."""
+        """Cast some of the rays at a part of a mover; returns the rows that hit it, occluded or not."""
         hits = part.cast(self.origin, self.directions.take(rows, 0))
         alone = rows.take(hits.rows)
         nearer = np.flatnonzero(hits.distance < self.depth.take(alone))

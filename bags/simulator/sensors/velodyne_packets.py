@@ -45,11 +45,21 @@ class Beams:
         directions: (F, L, 3) unit vectors, by firing and laser id.
         origins: (L, 3) metres, where the beams of each laser start on the axis.
         times_ns: (F, L) int64.
+        azimuth_error_rad: (F,) azimuths that a decoder computes from packets minus the true ones.
     """
 
     directions: F64
     origins: F64
     times_ns: I64
+    azimuth_error_rad: F64
+
+    @property
+    def measured_directions(self) -> F64:
+        """(F, L, 3) reported directions; unit vectors to 1e-8."""
+        error, measured = self.azimuth_error_rad[:, None], self.directions.copy()
+        measured[:, :, 0] += error * self.directions[:, :, 1]
+        measured[:, :, 1] -= error * self.directions[:, :, 0]
+        return measured
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -119,20 +129,15 @@ class VelodyneSensor:
         directions[:, :, 2] = np.sin(table.elevation_rad)
         origins = np.stack([np.zeros(len(table)), np.zeros(len(table)), table.vertical_offset_m], axis=-1)
         times_us = firing_us[:, None] + self._laser_us
-        return Beams(directions, origins, self.start_ns + np.rint(times_us * 1000).astype(np.int64))
+        times_ns = self.start_ns + np.rint(times_us * 1000).astype(np.int64)
+        # Packets round the azimuth of each block to 0.01 degrees; the error carries over to its second firing.
+        true_deg = np.rad2deg(self._azimuth_rad(self._block_us(first_packet, packets).reshape(-1)))
+        error_rad = np.repeat(np.deg2rad(np.rint(true_deg * 100) / 100 - true_deg), SLOTS // self._facts.lasers)
+        return Beams(directions, origins, times_ns, error_rad)
 
     def packet_ns(self, packet: int) -> int:
         """Time of the first firing of a packet."""
         return self.start_ns + round(packet * self._packet_us * 1000)
-
-    def azimuth_error_rad(self, first_packet: int, packets: int) -> F64:
-        """(F,) difference of the azimuths that a decoder computes from packets and the true ones.
-
-        Block azimuths are rounded to 0.01 degrees, and the error carries over to the second firing of a block.
-        """
-        begun_us = self._block_us(first_packet, packets).reshape(-1)
-        true_deg = np.rad2deg(self._azimuth_rad(begun_us))
-        return np.repeat(np.deg2rad(np.rint(true_deg * 100) / 100 - true_deg), SLOTS // self._facts.lasers)
 
     def encode(self, first_packet: int, ranges_m: F64, reflectivity: U8) -> EncodedPackets:
         """Packets with the ranges along `beams`.

@@ -27,16 +27,7 @@ class AckermannCommand:
 
 
 class ControllerCommands(NamedTuple):
-    """Targets of a car's six controllers, in the order of `CONTROLLERS`: wheel rates, and angles of the front wheels.
-
-    Attributes:
-        left_rear_rad_s: Wheel rate.
-        right_rear_rad_s: Wheel rate.
-        left_front_rad_s: Wheel rate.
-        right_front_rad_s: Wheel rate.
-        left_hinge_rad: Wheel angle, positive to the left.
-        right_hinge_rad: Wheel angle, positive to the left.
-    """
+    """Targets of a car's controllers, as `CONTROLLERS`: wheel rates, then front wheel angles (positive to the left)."""
 
     left_rear_rad_s: float
     right_rear_rad_s: float

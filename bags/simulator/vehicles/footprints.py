@@ -15,15 +15,7 @@ __all__ = ["Rectangle", "discs_of", "footprint", "overlap"]
 
 @dataclass(frozen=True, slots=True)
 class Rectangle:
-    """A rectangle on the ground.
-
-    Attributes:
-        x_m: x of the centre.
-        y_m: y of the centre.
-        yaw_rad: Direction of the length.
-        length_m: Along the yaw.
-        width_m: Across.
-    """
+    """A rectangle on the ground: its centre, and its length along the yaw."""
 
     x_m: float
     y_m: float

@@ -22,7 +22,7 @@ SAME_WAY_RAD = math.radians(20)
 """Routes at a smaller angle do not cross: the one behind follows."""
 
 APART_S = 0.8
-"""Time wanted between the other's leaving and the own arrival; twice that once waiting."""
+"""Time wanted between the other traveller's leaving and one's own arrival; doubled while waiting."""
 
 MAX_FOLLOWED = 20
 """Leaders followed up a queue; a ring has no first one."""
@@ -33,12 +33,12 @@ class Stretch:
     """Ground that two routes share, as seen from one of them.
 
     Attributes:
-        start_m: Start on the own route.
-        length_m: Length on the own route.
+        start_m: Start on this route.
+        length_m: Length on this route.
         other: Name of the other route.
         other_start_m: Start on the other route.
         other_length_m: Length on the other route.
-        yields: Whether the own route gives way.
+        yields: Whether this route gives way.
         first: Whether the other route gives way.
     """
 
@@ -126,7 +126,7 @@ def shared_stretches(
     yields_to: dict[str, tuple[str, ...]],
     clearance_m: dict[str, float],
 ) -> dict[str, tuple[Stretch, ...]]:
-    """What each route shares with the others, by rising start.
+    """The stretches that each route shares with others, ordered by start.
 
     Args:
         routes: Routes in use.

@@ -27,7 +27,7 @@ STEP_NS = 10_000_000
 """Time step."""
 
 STEPS_PER_DECISION = 5
-"""Drivers decide once in so many steps."""
+"""Steps from one decision of a driver to the next."""
 
 STANDING = AckermannCommand()
 
@@ -98,15 +98,17 @@ class Traffic:
         self._steps = 0
         self._vehicles: dict[str, _Vehicle] = {}
         routes = _routes(scenario)
-        for order, (name, said) in enumerate(scenario.vehicles.items()):
-            self._vehicles[name] = _vehicle(order, name, said, routes, driven=name in driven)
+        for order, (name, vehicle_scenario) in enumerate(scenario.vehicles.items()):
+            self._vehicles[name] = _vehicle(order, name, vehicle_scenario, routes, driven=name in driven)
         self._travellers: dict[str, list[Traveller]] = {}
         for vehicle in self._vehicles.values():
             if vehicle.follower is not None:
                 traveller = vehicle.follower.traveller
                 self._travellers.setdefault(traveller.route, []).append(traveller)
         self._stretches = _stretches_of(scenario, routes, self._travellers)
-        self._obstacles = _obstacles(scenario.world, static_mesh(scenario.world) if static is None else static)
+        step_m, headroom_m = (0.03, 0.22) if scenario.world == "sandbox" else (0.2, 2.2)
+        bodies = static_mesh(scenario.world) if static is None else static
+        self._obstacles = Obstacles(obstacles_of(bodies, step_m=step_m, headroom_m=headroom_m))
         self._refuse_overlaps()
         self.trajectories: Mapping[str, Trajectory] = MappingProxyType(
             {name: vehicle.trajectory for name, vehicle in self._vehicles.items()}
@@ -135,11 +137,11 @@ class Traffic:
         return vehicle.commands[max(bisect_right(vehicle.times, time_ns) - 1, 0)]
 
     def blocked_steps(self, name: str) -> int:
-        """In how many steps so far a vehicle was blocked."""
+        """Number of steps so far in which a vehicle was blocked."""
         return self._vehicles[name].blocked_steps
 
     def forget(self, before_ns: int) -> None:
-        """Drop what times from `before_ns` on do not need."""
+        """Drop states and commands that times from `before_ns` on do not need."""
         for vehicle in self._vehicles.values():
             vehicle.trajectory.forget(before_ns)
             first = max(bisect_right(vehicle.times, before_ns) - 1, 0)
@@ -203,15 +205,12 @@ class Traffic:
     def _refuse_overlaps(self) -> None:
         placed: list[_Vehicle] = []
         for vehicle in self._vehicles.values():
-            for other in placed:
-                if overlap(vehicle.ground, other.ground):
-                    raise ConfigError(
-                        f"vehicles.{vehicle.name}: expected free ground at its start, found {other.name}: "
-                        "move its start or route_start_m"
-                    )
+            found = [other.name for other in placed if overlap(vehicle.ground, other.ground)]
             if any(overlap(vehicle.ground, obstacle) for obstacle in self._obstacles.rectangles):
+                found.append("an obstacle")
+            if found:
                 raise ConfigError(
-                    f"vehicles.{vehicle.name}: expected free ground at its start, found an obstacle: "
+                    f"vehicles.{vehicle.name}: expected free ground at its start, found {found[0]}: "
                     "move its start or route_start_m"
                 )
             placed.append(vehicle)
@@ -220,11 +219,6 @@ class Traffic:
 def _apart(one: Rectangle, other: Rectangle) -> float:
     """Distance between the circumscribed circles of two rectangles."""
     return math.hypot(one.x_m - other.x_m, one.y_m - other.y_m) - one.radius_m - other.radius_m
-
-
-def _obstacles(world: str, static: Mesh) -> Obstacles:
-    step_m, headroom_m = (0.03, 0.22) if world == "sandbox" else (0.2, 2.2)
-    return Obstacles(obstacles_of(static, step_m=step_m, headroom_m=headroom_m))
 
 
 def _routes(scenario: Scenario) -> dict[str, Route]:
@@ -272,7 +266,7 @@ def _vehicle(order: int, name: str, vehicle: VehicleScenario, routes: dict[str, 
 def _stretches_of(
     scenario: Scenario, routes: dict[str, Route], travellers: Mapping[str, Collection[Traveller]]
 ) -> dict[str, tuple[Stretch, ...]]:
-    """What the routes in use share with one another."""
+    """The stretches that the routes in use share, by route."""
     shapes, clearance_m = {}, {}
     for name in travellers:
         kinds = [vehicle.shape for vehicle in scenario.vehicles.values() if vehicle.route == name]

@@ -61,7 +61,7 @@ class Trajectory:
         self._count += 1
 
     def forget(self, before_ns: int) -> None:
-        """Drop what times from `before_ns` on do not need."""
+        """Drop states that times from `before_ns` on do not need."""
         first = max(int(np.searchsorted(self._times[: self._count], before_ns, side="right")) - 1, 0)
         kept = self._count - first
         self._times[:kept] = self._times[first : self._count].copy()

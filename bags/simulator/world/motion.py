@@ -8,7 +8,10 @@ import numpy as np
 from pipeline.core.arrays import F64, I64, check_array
 from pipeline.core.geometry.transform import Transform
 
-__all__ = ["FixedPath", "MountedPath", "Path", "Poses", "turned", "upright_poses"]
+__all__ = ["T_BODY_OPTICAL", "FixedPath", "MountedPath", "Path", "Poses", "turned", "upright_poses"]
+
+T_BODY_OPTICAL = Transform("body", "optical", np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]]))
+"""From a camera's optical axes (x right, y down, z forward) to those of its body (x forward, y left, z up); REP 103."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,12 +44,8 @@ class Poses:
         return Poses(rotation, -turned(rotation, self.translation))
 
     def apply(self, points: F64) -> F64:
-        """Points (N, 3) in the world, each by its own pose, or all by a single one."""
-        return self.turn(points) + self.translation
-
-    def turn(self, vectors: F64) -> F64:
-        """Directions (N, 3) in the world, each by its own pose, or all by a single one."""
-        return turned(self.rotation, vectors)
+        """Points (N, 3) in the world, each transformed by its own pose, or all by a single one."""
+        return turned(self.rotation, points) + self.translation
 
 
 class Path(Protocol):
@@ -59,11 +58,7 @@ class Path(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class FixedPath:
-    """A static thing.
-
-    Attributes:
-        T_world_thing: Its pose.
-    """
+    """The path of a static thing."""
 
     T_world_thing: Transform
 
@@ -76,12 +71,7 @@ class FixedPath:
 
 @dataclass(frozen=True, slots=True)
 class MountedPath:
-    """A thing fixed to a moving carrier.
-
-    Attributes:
-        carrier: Path of the carrier.
-        T_carrier_thing: Pose on the carrier.
-    """
+    """The path of a thing with a fixed pose on a moving carrier."""
 
     carrier: Path
     T_carrier_thing: Transform

@@ -1,4 +1,4 @@
-"""Parts of movers at one time, cast at in single precision with one pose for all rays."""
+"""Parts of movers at one time, for ray casting in single precision with one pose for all rays."""
 
 from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeVar
@@ -139,13 +139,13 @@ def dotted(a: npt.NDArray[Real], b: npt.NDArray[Real]) -> npt.NDArray[Real]:
     return products
 
 
-def passing_rays(points: F32, towards: F64, center: F64, radius: float) -> I64:
-    """Rows of the points (N, 3) whose rays in one direction (3,) hit a sphere."""
-    x, y, z = (np.float32(middle) - points[:, axis] for axis, middle in enumerate(center.tolist()))
-    a, b, c = towards.astype(np.float32)
+def passing_rays(points: Floats, towards: F64, center: F64, radius: float) -> I64:
+    """Rows of the points (N, 3) whose rays, in directions (N, 3) or one direction (3,), hit a sphere."""
+    x, y, z = (middle - points[:, axis] for axis, middle in enumerate(center.tolist()))
+    a, b, c = towards.astype(points.dtype, copy=False).T
     along = x * a + y * b + z * c
     across2 = x * x + y * y + z * z - along * along
-    return np.flatnonzero((across2 <= np.float32(radius * radius)) & (along >= np.float32(-radius)))
+    return np.flatnonzero((across2 <= radius * radius) & (along >= -radius))
 
 
 def _mapped(vectors: F32, matrix: F64, shift: F64 | None = None) -> F32:

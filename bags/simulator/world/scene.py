@@ -14,7 +14,7 @@ from bags.simulator.world.meshes.mesh import Material, Mesh
 from bags.simulator.world.motion import Path, Poses, turned
 from bags.simulator.world.mover import Mover
 from bags.simulator.world.open3d_runtime import load_libusb
-from bags.simulator.world.placed import FEW_RAYS, Floats, PlacedPart, dotted, packed, threads_for
+from bags.simulator.world.placed import FEW_RAYS, Floats, PlacedPart, dotted, packed, passing_rays, threads_for
 from bags.simulator.world.rays import NO_MATERIAL, STATIC, Hits, Rays, Surfaces
 from bags.simulator.world.span import Span
 from pipeline.core.arrays import F32, F64, I64, Bools
@@ -41,7 +41,8 @@ class _Body:
     """A mesh in the ray caster, with the palette row of each of its triangles."""
 
     def __init__(self, mesh: Mesh, palette_rows: dict[Material, int]) -> None:
-        self.rows = np.array([palette_rows[material] for material in mesh.palette], np.int64)[mesh.materials]
+        rows = np.array([palette_rows[material] for material in mesh.palette], np.int64)[mesh.materials]
+        self.rows = rows if len(mesh) else np.array([NO_MATERIAL])  # a miss looks up row 0
         self.bounds = low, high = mesh.bounds if len(mesh) else (np.zeros(3), np.zeros(3))
         self.center = (low + high) / 2
         self.radius = float(np.linalg.norm(mesh.vertices - self.center, axis=1).max(initial=0.0))
@@ -50,14 +51,15 @@ class _Body:
             self._caster.add_triangles(mesh.vertices.astype(np.float32), mesh.triangles.astype(np.uint32))
         self._caster.cast_rays(_tensor(np.zeros((1, 3)), np.eye(1, 3)))  # builds the tree here, not in a thread
 
+    def _answer(self, origins: F64, directions: Floats) -> Any:
+        return self._caster.cast_rays(_tensor(origins, directions), nthreads=threads_for(len(directions)))
+
     def cast(self, origins: F64, directions: F64) -> tuple[F64, F64, I64]:
         """Distance, normal of the triangle and material row (N); inf, 0 and -1 for a miss."""
-        answer = self._caster.cast_rays(_tensor(origins, directions), nthreads=threads_for(len(origins)))
+        answer = self._answer(origins, directions)
         distance = answer["t_hit"].numpy().astype(np.float64)
         normal, primitive = answer["primitive_normals"].numpy().astype(np.float64), answer["primitive_ids"].numpy()
         missed = np.flatnonzero(np.isinf(distance))
-        if not len(self.rows):
-            return distance, np.zeros_like(normal), np.full(len(distance), NO_MATERIAL, np.int64)
         primitive[missed] = 0
         material = self.rows.take(primitive)
         normal[missed], material[missed] = 0.0, NO_MATERIAL
@@ -65,13 +67,9 @@ class _Body:
 
     def surfaces(self, origin: F64, directions: F32) -> Surfaces:
         """The surfaces that rays from one point hit."""
-        rays = packed(origin, directions)
-        answer = self._caster.cast_rays(open3d.core.Tensor.from_numpy(rays), nthreads=threads_for(len(rays)))
+        answer = self._answer(origin, directions)
         distance, normal = answer["t_hit"].numpy(), answer["primitive_normals"].numpy()
         met = np.isfinite(distance)
-        if not len(self.rows):
-            nothing, no_material = np.zeros_like(directions), np.full(len(rays), NO_MATERIAL, np.int64)
-            return Surfaces(origin, directions, distance, nothing, no_material, nothing + origin.astype(np.float32))
         triangle = answer["primitive_ids"].numpy()
         triangle *= met  # a miss has no valid id
         material = self.rows.take(triangle)
@@ -87,8 +85,7 @@ class _Body:
 
     def distance(self, origin: F64, directions: F32) -> F32:
         """Distance (N,) along rays from one point; infinite for a miss."""
-        rays = packed(origin, directions)
-        answer = self._caster.cast_rays(open3d.core.Tensor.from_numpy(rays), nthreads=threads_for(len(rays)))
+        answer = self._answer(origin, directions)
         return np.asarray(answer["t_hit"].numpy())
 
     def placed(self, path: Path, time_ns: int) -> PlacedPart:
@@ -187,7 +184,7 @@ def _cast_part(row: int, body: _Body, poses: Poses, rays: Rays) -> tuple[I64, Hi
     origins, directions = turned(back, rays.origins - poses.translation), turned(back, rays.directions)
     near = None
     if len(rays) > FEW_RAYS:  # casting fewer is faster than sorting them out
-        near = np.flatnonzero(_passes(origins, directions, body.center, body.radius))
+        near = passing_rays(origins, directions, body.center, body.radius)
         origins, directions = origins.take(near, 0), directions.take(near, 0)
     distance, normal, material = body.cast(origins, directions)
     hit = np.flatnonzero(np.isfinite(distance))
@@ -222,11 +219,3 @@ def _facing(normal: F64, directions: F64) -> F64:
     for axis in range(3):
         normal[:, axis] *= turn
     return normal
-
-
-def _passes(origins: F64, directions: F64, center: F64, radius: float) -> Bools:
-    """Whether each ray hits a sphere: (N,)."""
-    x, y, z = (middle - origins[:, axis] for axis, middle in enumerate(center.tolist()))
-    along = x * directions[:, 0] + y * directions[:, 1] + z * directions[:, 2]
-    across2 = x * x + y * y + z * z - along * along
-    return np.asarray((across2 <= radius * radius) & (along >= -radius))

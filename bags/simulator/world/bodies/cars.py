@@ -2,16 +2,14 @@
 
 from collections.abc import Callable
 
-from bags.simulator.world.bodies.chassis import rear_wheels, underbody
 from bags.simulator.world.bodies.dimensions import SHAPES
-from bags.simulator.world.bodies.hulls import Hull, both_sides
+from bags.simulator.world.bodies.hulls import Hull, both_sides, rear_wheels, underbody
 from bags.simulator.world.meshes.lofts import loft
 from bags.simulator.world.meshes.materials import (
     CHROME,
     DARK,
     GLASS,
     HEADLAMP,
-    INTERIOR,
     PLATE,
     PLATE_YELLOW,
     SEAM,
@@ -21,6 +19,8 @@ from bags.simulator.world.meshes.materials import (
 from bags.simulator.world.meshes.mesh import Material, Mesh, Rgb, box, merged
 
 __all__ = ["car", "model_car"]
+
+INTERIOR = Material("interior", (0.18, 0.17, 0.17), 0.15)
 
 
 def _passenger_car(name: str, color: Rgb, *, arch: float, mirror_half: float, inset: float, width: float) -> Mesh:

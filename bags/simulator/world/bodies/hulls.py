@@ -1,21 +1,26 @@
-"""Painted bodies of motor vehicles: lofts through cross sections, with wheel arches."""
+"""Parts of motor vehicles: painted bodies (lofts through cross sections, with wheel arches), wheels, floor."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
 
-from bags.simulator.world.meshes.lofts import loft, panel
-from bags.simulator.world.meshes.mesh import Material, Mesh, merged
+from bags.simulator.world.bodies.dimensions import SHAPES, Shape
+from bags.simulator.world.meshes.lofts import loft, panel, wheel
+from bags.simulator.world.meshes.materials import DARK, RUBBER
+from bags.simulator.world.meshes.mesh import Material, Mesh, box, cylinder, merged
 from pipeline.core.arrays import F64
 
-__all__ = ["Hull", "both_sides", "screen"]
+__all__ = ["Hull", "both_sides", "front_wheel", "rear_wheels", "screen", "underbody"]
 
 Edge = tuple[float, float, float]
 
 ARCH_STEPS = 8
+TYRE_WIDTH_M: Mapping[str, float] = {"model_car": 0.027, "car": 0.20, "van": 0.22, "truck": 0.28, "bus": 0.28}
+RIM = Material("wheel rim", (0.66, 0.67, 0.69), 0.45, mirror=0.10)
+HUB = Material("hub", (0.34, 0.35, 0.37), 0.35, mirror=0.05)
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,3 +121,29 @@ def both_sides(mesh: Mesh) -> Mesh:
         mesh.vertices * [1.0, -1.0, 1.0], np.ascontiguousarray(mesh.triangles[:, ::-1]), mesh.materials, mesh.palette
     )
     return merged(mesh, mirrored)
+
+
+def front_wheel(name: str) -> Mesh:
+    """A wheel of a shape with its centre at the origin."""
+    sides = 28 if SHAPES[name].wheel_radius_m > 0.4 else 20
+    return wheel(SHAPES[name].wheel_radius_m, TYRE_WIDTH_M[name], RUBBER, RIM, HUB, sides=sides)
+
+
+def rear_wheels(name: str, *, twin: bool = False) -> Mesh:
+    """The rear wheels of a shape, single or twin, in its base frame."""
+    shape = SHAPES[name]
+    tyre, y = TYRE_WIDTH_M[name], shape.track_width_m / 2
+    places = [y, y - 1.15 * tyre] if twin else [y]
+    return merged(
+        *(front_wheel(name).moved((0.0, side * place, shape.wheel_radius_m)) for side in (-1, 1) for place in places)
+    )
+
+
+def underbody(shape: Shape, clearance: float, half: float, top: float) -> Mesh:
+    """The floor and axles between the wheels, so that nothing shows through below."""
+    length = shape.front_m - shape.rear_m
+    middle = (shape.front_m + shape.rear_m) / 2
+    y, r = shape.track_width_m / 2, shape.wheel_radius_m
+    axles = [cylinder((x, -y, r), (x, y, r), 0.12 * r, DARK, sides=8) for x in (0.0, shape.wheel_base_m)]
+    floor = box((middle, 0.0, (clearance + top) / 2), (0.94 * length, 2 * half, top - clearance), DARK)
+    return merged(floor, *axles)

@@ -7,15 +7,12 @@ __all__ = [
     "DARK",
     "GLASS",
     "HEADLAMP",
-    "HUB",
-    "INTERIOR",
     "METAL",
     "PLATE",
     "PLATE_YELLOW",
     "RUBBER",
     "SEAM",
     "SIGNAL",
-    "SILVER",
     "TAIL_LAMP",
     "paint",
 ]
@@ -24,9 +21,6 @@ RUBBER = Material("rubber", (0.16, 0.16, 0.165), 0.06)
 DARK = Material("dark plastic", (0.13, 0.13, 0.14), 0.08, mirror=0.02)
 SEAM = Material("seam", (0.10, 0.10, 0.11), 0.10)
 GLASS = Material("glass", (0.13, 0.16, 0.18), 0.06, mirror=0.10, transmission=0.6)
-INTERIOR = Material("interior", (0.18, 0.17, 0.17), 0.15)
-SILVER = Material("wheel rim", (0.66, 0.67, 0.69), 0.45, mirror=0.10)
-HUB = Material("hub", (0.34, 0.35, 0.37), 0.35, mirror=0.05)
 CHROME = Material("chrome", (0.62, 0.63, 0.65), 0.5, mirror=0.35)
 METAL = Material("steel", (0.45, 0.46, 0.48), 0.4, mirror=0.06)
 HEADLAMP = Material("headlamp", (0.90, 0.92, 0.93), 0.9, mirror=0.15)

@@ -14,6 +14,8 @@ import numpy.typing as npt
 from pipeline.core.arrays import F64, I64, check_array
 
 __all__ = [
+    "OWN",
+    "Look",
     "Material",
     "Mesh",
     "Rgb",
@@ -68,6 +70,23 @@ class Material:
     mirror: float = 0.0
     transmission: float = 0.0
     texture: Texture = "plain"
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """One of a texture's colours.
+
+    Attributes:
+        rgb: sRGB colour; None for the material's own.
+        reflectivity: As in `Material`; None for the material's own.
+    """
+
+    rgb: Rgb | None = None
+    reflectivity: float | None = None
+
+
+OWN = Look()
+"""The look of the material itself."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -45,7 +45,6 @@ SOUTH_CAMERAS = (
 def sandbox() -> Mesh:
     """The static mesh of the table and the room around it."""
     x0, x1, y0, y1 = TABLE
-    top = polygon([(x0, y0, 0.0), (x1, y0, 0.0), (x1, y1, 0.0), (x0, y1, 0.0)], GROUND)
     board = box(((x0 + x1) / 2, (y0 + y1) / 2, -0.031), (x1 - x0, y1 - y0, 0.06), WOOD)
     legs = [
         box((x, y, (FLOOR_Z_M - 0.06) / 2), (0.08, 0.08, -FLOOR_Z_M - 0.06), WOOD)
@@ -58,13 +57,13 @@ def sandbox() -> Mesh:
         box((0.0, -4.98, 0.06), (4.0, 0.04, 0.12), WALL),
         box((0.0, 2.88, 0.06), (4.0, 0.04, 0.12), WALL),
     ]
-    return merged(top, board, *legs, *walls, _floor(), *_buildings(), *_island(), *_trees(), *_masts())
+    top, floor = _level(TABLE, 0.0, GROUND), _level(ROOM, FLOOR_Z_M, FLOOR)
+    return merged(top, board, *legs, *walls, floor, *_buildings(), *_island(), *_trees(), *_masts())
 
 
-def _floor() -> Mesh:
-    x0, x1, y0, y1 = ROOM
-    z = FLOOR_Z_M
-    return polygon([(x0, y0, z), (x1, y0, z), (x1, y1, z), (x0, y1, z)], FLOOR)
+def _level(bounds: tuple[float, float, float, float], z: float, material: Material) -> Mesh:
+    x0, x1, y0, y1 = bounds
+    return polygon([(x0, y0, z), (x1, y0, z), (x1, y1, z), (x0, y1, z)], material)
 
 
 def _buildings() -> list[Mesh]:

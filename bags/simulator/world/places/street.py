@@ -19,7 +19,7 @@ from bags.simulator.world.places.furniture import (
 )
 from pipeline.core.arrays import F64
 
-__all__ = ["KERB_M", "street", "street_height"]
+__all__ = ["street", "street_height"]
 
 KERB_M = 0.12
 FROM_M, TO_M = -150.0, 250.0

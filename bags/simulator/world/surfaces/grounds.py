@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from bags.simulator.world.surfaces.looks import OWN, Look
+from bags.simulator.world.meshes.mesh import OWN, Look
 from bags.simulator.world.surfaces.noise import grain
 from pipeline.core.arrays import F32, U8, Bools
 

@@ -11,13 +11,12 @@ from functools import lru_cache, partial
 
 import numpy as np
 
-from bags.simulator.world.meshes.mesh import Material, Texture
+from bags.simulator.world.meshes.mesh import OWN, Look, Material, Rgb, Texture
 from bags.simulator.world.surfaces.grounds import GROUND_LOOKS, crossing_ground, sandbox_ground, street_ground
-from bags.simulator.world.surfaces.looks import OWN, Look, linear
 from bags.simulator.world.surfaces.noise import cells, grain
 from pipeline.core.arrays import F32, F64, I64, U8
 
-__all__ = ["surface_reflectivity", "surface_rgb"]
+__all__ = ["linear", "surface_reflectivity", "surface_rgb"]
 
 Floats = F32 | F64
 Drawn = tuple[U8, F32]
@@ -75,11 +74,12 @@ class _Table:
 def _table(palette: tuple[Material, ...]) -> _Table:
     textures = tuple(dict.fromkeys(item.texture for item in palette))
     entries = [(item, look) for item in palette for look in _looks(item)]
+    reflectivity = [item.reflectivity if look.reflectivity is None else look.reflectivity for item, look in entries]
     return _Table(
         textures,
         np.array([textures.index(item.texture) for item in palette], np.uint8),
         np.array([linear(look.rgb or item.rgb) for item, look in entries], np.float32).reshape(-1, 3),
-        np.array([_reflectivity(look, item) for item, look in entries], np.float32),
+        np.array(reflectivity, np.float32),
     )
 
 
@@ -108,8 +108,10 @@ def _looks(material: Material) -> tuple[Look, ...]:
     return looks + (OWN,) * (MAX_LOOKS - len(looks))
 
 
-def _reflectivity(look: Look, material: Material) -> float:
-    return material.reflectivity if look.reflectivity is None else look.reflectivity
+def linear(rgb: Rgb) -> Rgb:
+    """Linear light of an sRGB colour (IEC 61966-2-1)."""
+    red, green, blue = (c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in rgb)
+    return red, green, blue
 
 
 # --- textures: from points (n, 3) and normals (n, 3) to looks (n,) and brightness factors (n,)

@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 from small_scenario import small_scenario
 
 from bags.simulator.recorder.processes import SensingProcess, shared_out
+from bags.simulator.recorder.recorded import SensingTask
 from bags.simulator.recorder.sensing import Sensing
 from bags.simulator.recorder.stage import Stage
-from bags.simulator.recorder.task import SensingTask
 from bags.simulator.scenario.load import load_scenario
 from bags.simulator.scenario.scenario import Scenario
 from bags.simulator.vehicles.ackermann import AckermannCommand

@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from bags.simulator.scenario.sensors import LidarScenario
-from bags.simulator.sensors.beams import SweepBeams, VelodynePattern, pattern_of
+from bags.simulator.sensors.beams import VelodynePattern, pattern_of
+from bags.simulator.sensors.velodyne_packets import Beams
 from readers.velodyne.models import MODELS, built_in_table
 
 VELODYNES = ["VLP-16", "Puck Hi-Res", "HDL-32E", "VLP-32A", "VLP-32C"]
@@ -13,7 +14,7 @@ def scenario(model: str = "VLP-16", **settings: object) -> LidarScenario:
     return LidarScenario.model_validate(values)
 
 
-def azimuth_deg(beams: SweepBeams) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+def azimuth_deg(beams: Beams) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
     """Clockwise from the front."""
     return np.asarray(np.rad2deg(np.arctan2(-beams.directions[..., 1], beams.directions[..., 0])))
 

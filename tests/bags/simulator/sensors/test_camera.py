@@ -7,12 +7,12 @@ import pytest
 from bags.simulator.scenario.scenario import SunScenario
 from bags.simulator.scenario.sensors import CameraScenario, Detector2DScenario
 from bags.simulator.sensors.ambient import sky_light
-from bags.simulator.sensors.camera import T_BODY_OPTICAL, Camera, CameraImage
+from bags.simulator.sensors.camera import Camera, CameraImage
 from bags.simulator.sensors.detector2d import detect
 from bags.simulator.sensors.film import Film, srgb_from_linear
 from bags.simulator.vehicles.trajectory import State, Trajectory
 from bags.simulator.world.meshes.mesh import Material, Mesh, box, merged, polygon
-from bags.simulator.world.motion import FixedPath, MountedPath, Path
+from bags.simulator.world.motion import T_BODY_OPTICAL, FixedPath, MountedPath, Path
 from bags.simulator.world.mover import Mover, Part
 from bags.simulator.world.scene import Scene
 from pipeline.core.arrays import F64

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from bags.simulator.topics import command_topic, controller_topics
+from bags.simulator.scenario.traffic import command_topic, controller_topics
 from bags.simulator.vehicles.ackermann import Ackermann, AckermannCommand, ControllerCommands
 from bags.simulator.vehicles.habits import HABITS, chassis_of
 from bags.simulator.vehicles.trajectory import State

@@ -3,7 +3,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from small_worlds import EvenPath, fixed_at
 
-from bags.simulator.world.motion import MountedPath, Poses, upright_poses
+from bags.simulator.world.motion import MountedPath, Poses, turned, upright_poses
 from pipeline.core.geometry.transform import Transform
 
 
@@ -30,7 +30,7 @@ def test_there_and_back(count: int) -> None:
     poses = some_poses(count)
     points = np.random.default_rng(3).uniform(-5, 5, (count, 3))
     there = poses.apply(points)
-    np.testing.assert_allclose(there - poses.translation, poses.turn(points), atol=1e-12)
+    np.testing.assert_allclose(there - poses.translation, turned(poses.rotation, points), atol=1e-12)
     np.testing.assert_allclose(poses.inverse().apply(there), points, atol=1e-12)
 
 
@@ -50,7 +50,7 @@ def test_a_thing_on_a_carrier() -> None:
     mounted = MountedPath(carrier, Transform.from_quaternion("car", "mast", np.array([2.0, 0, 1]), np.eye(4)[3]))
     poses = mounted.poses(np.array([0, 10**9], np.int64))
     np.testing.assert_allclose(poses.translation, [[2, 0, 1], [10, 2, 1]], atol=1e-12)
-    np.testing.assert_allclose(poses.turn(np.tile([1.0, 0, 0], (2, 1))), [[1, 0, 0], [0, 1, 0]], atol=1e-12)
+    np.testing.assert_allclose(turned(poses.rotation, np.tile([1.0, 0, 0], (2, 1))), [[1, 0, 0], [0, 1, 0]], atol=1e-12)
     assert len(mounted.poses(np.empty(0, np.int64))) == 0
 
 

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from small_worlds import BLACK, GREY, WHITE, EvenPath, box_mover, fixed_at, random_rays, scene, wall
 
 from bags.simulator.world.meshes.mesh import box
-from bags.simulator.world.motion import MountedPath
+from bags.simulator.world.motion import MountedPath, turned
 from bags.simulator.world.rays import STATIC, Hits, Rays
 from bags.simulator.world.scene import Scene
 from pipeline.core.arrays import F64
@@ -39,7 +39,7 @@ def test_a_box_that_moves_and_turns_is_where_it_is_at_the_time_of_each_ray(seed:
     rays = random_rays(800, seed=seed)
     hits = scene([], [box_mover("car", TURNING, size)]).cast(rays)
     to_box = TURNING.poses(rays.times_ns).inverse()
-    origins, directions = to_box.apply(rays.origins), to_box.turn(rays.directions)
+    origins, directions = to_box.apply(rays.origins), turned(to_box.rotation, rays.directions)
     outside = (np.abs(origins - (0, 0, 0.75)) > np.array(size) / 2 + 1e-3).any(1)
     expected = slab(origins, directions, np.array([0, 0, 0.75]), np.array(size))
     # Between two moments the way is taken for straight: 0.1 mm on the body, more along rays that graze it.

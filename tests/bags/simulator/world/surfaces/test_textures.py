@@ -6,9 +6,8 @@ import pytest
 
 from bags.simulator.world.meshes.mesh import Material, Texture
 from bags.simulator.world.places.places import World, static_mesh
-from bags.simulator.world.surfaces.looks import linear
 from bags.simulator.world.surfaces.noise import cells, grain
-from bags.simulator.world.surfaces.textures import TEXTURES, surface_reflectivity, surface_rgb
+from bags.simulator.world.surfaces.textures import TEXTURES, linear, surface_reflectivity, surface_rgb
 from pipeline.core.arrays import F32
 
 UP = np.array([[0.0, 0.0, 1.0]])
