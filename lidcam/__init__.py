@@ -8,8 +8,11 @@
 The names are those of `lidcam.api`. They are loaded when they are first used, so `import lidcam` is instant.
 """
 
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
+
+from lidcam.packages import check_own_packages
+
+check_own_packages()
 
 if TYPE_CHECKING:
     from lidcam.api import *  # noqa: F403
@@ -17,14 +20,15 @@ if TYPE_CHECKING:
 else:
 
     def __getattr__(name: str) -> Any:
-        from lidcam.packages import check_own_packages
+        import lidcam.api as api
 
-        check_own_packages()
-        api = import_module("lidcam.api")
-        if name != "__all__" and name not in api.__all__:
+        if name not in {"api", "__all__", *api.__all__}:
             raise AttributeError(f"module 'lidcam' has no attribute {name!r}")
-        return getattr(api, name)
+        value = globals()[name] = api if name == "api" else getattr(api, name)
+        return value
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *import_module("lidcam.api").__all__})
+    import lidcam.api
+
+    return sorted(lidcam.api.__all__)

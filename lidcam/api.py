@@ -5,13 +5,13 @@ from dataclasses import dataclass
 from importlib.metadata import version
 from typing import Unpack
 
+from lidcam.frames import RunInput
 from lidcam.inspection import Inspection, inspect_recording
-from lidcam.job import FilePath, Job, JobOptions, PathOrUrl, Settings, locations, make_job, read_rig
-from lidcam.job import read_config as load_config
+from lidcam.job import FilePath, Job, JobOptions, PathOrUrl, Settings, locations, make_job
 from lidcam.objects import ObjectCollector, Objects
 from lidcam.run import RunObserver, process_recording
 from lidcam.run import iter_frames as frames_of
-from lidcam.summary import DropCount, RunReport
+from lidcam.summary import DropCount, RunReport, UnusedTopic
 from pipeline.core.clouds import CombinedCloud, PointCloud
 from pipeline.core.detections import Boxes2D, Boxes3D, Detections, Fused, Matches
 from pipeline.core.errors import (
@@ -28,10 +28,12 @@ from pipeline.core.frame import FrameResult, SensorBundle
 from pipeline.core.messages import RawMessage
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
+from pipeline.core.settings.load import load_config
 from readers import open as containers
-from readers.recording import Recording
+from readers.recording import Loss, Recording
 from readers.rig.rig_file import load_rig
 from readers.rig.schema import RigFile
+from readers.rig.sensor_topics import SensorFault
 
 __all__ = [
     "Boxes2D",
@@ -49,6 +51,7 @@ __all__ = [
     "Job",
     "JobOptions",
     "LidcamError",
+    "Loss",
     "Matches",
     "MessageError",
     "ModelError",
@@ -59,10 +62,14 @@ __all__ = [
     "Recording",
     "RecordingError",
     "Rig",
+    "RigFile",
+    "RunInput",
     "RunObserver",
     "RunReport",
     "RunResult",
     "SensorBundle",
+    "SensorFault",
+    "UnusedTopic",
     "__version__",
     "inspect",
     "iter_frames",
@@ -159,7 +166,7 @@ def inspect(
     Raises:
         LidcamError: the recording cannot be opened or is empty, or the settings or the rig are at fault.
     """
-    return inspect_recording(locations(recording), load_config(config, settings), read_rig(rig))
+    return inspect_recording(locations(recording), load_config(config, settings), rig)
 
 
 def open_recording(recording: PathOrUrl | Sequence[PathOrUrl]) -> Recording:

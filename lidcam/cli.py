@@ -204,13 +204,13 @@ def inspect(
     if repair is not None and repair.suffix != ".mcap":
         raise typer.BadParameter(f"expected a name that ends in .mcap, found {repair}", param_hint="--repair")
     from lidcam.commands.inspect import InspectOptions, run_inspect
-    from lidcam.job import read_config, read_rig
+    from pipeline.core.settings.load import load_config
 
     run_inspect(
         InspectOptions(
             inputs=tuple(map(location, paths)),
-            config=read_config(config_file, settings or ()),
-            rig=read_rig(rig_file),
+            config=load_config(config_file, settings or ()),
+            rig=rig_file,
             write_rig=write_rig,
             repair=repair,
             as_json=as_json,

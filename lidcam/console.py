@@ -114,7 +114,7 @@ def print_inspection(out: Console, inspection: Inspection) -> None:
     _show(out, topics_table(inspection.topics))
     if inspection.stop_ns is not None:
         looked_s = (inspection.stop_ns - inspection.start_ns) / 1e9
-        out.print(f"all but the counts is of the first {looked_s:g} s: of files on a server, no more is looked at")
+        out.print(f"apart from the counts, this is of the first {looked_s:g} s: files on a server are not read further")
     _print_losses(out, inspection.losses)
     out.print()
     if inspection.rig is None:

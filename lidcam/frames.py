@@ -14,7 +14,7 @@ from readers.recording import Recording
 from readers.streams.motion import MotionBuffer, MotionSource
 from readers.video.streams import VideoStreams, video_topics
 
-__all__ = ["Source", "TimeWindow", "bundles", "reference_topic", "synchronized_topics"]
+__all__ = ["RunInput", "TimeWindow", "bundles", "reference_topic", "synchronized_topics"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +26,7 @@ class TimeWindow:
 
 
 @dataclass(frozen=True, slots=True)
-class Source:
+class RunInput:
     """What bundles are made from.
 
     Attributes:
@@ -44,7 +44,7 @@ class Source:
     window: TimeWindow = TimeWindow()
 
 
-def bundles(source: Source, drops: DropTable, stats: SyncStats) -> Iterator[SensorBundle]:
+def bundles(source: RunInput, drops: DropTable, stats: SyncStats) -> Iterator[SensorBundle]:
     """The bundles of a recording, in order, with the motion of the site frame around each.
 
     Args:

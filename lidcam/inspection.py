@@ -6,6 +6,7 @@ from typing import Any
 
 from lidcam.build import BoxSource, box_source
 from lidcam.frames import TimeWindow
+from lidcam.job import FilePath, read_rig
 from lidcam.run import check_not_empty
 from lidcam.summary import loss_records
 from pipeline.core.errors import CalibrationError, RecordingError
@@ -65,7 +66,7 @@ class Inspection:
     box_source: BoxSource = "none"
 
 
-def inspect_recording(inputs: Sequence[Location], config: Config, rig: RigFile | None = None) -> Inspection:
+def inspect_recording(inputs: Sequence[Location], config: Config, rig: RigFile | FilePath | None = None) -> Inspection:
     """What is in a recording, and what lidcam would use of it.
 
     Of a recording on a server only the beginning is looked at, so as not to fetch all of it.
@@ -77,7 +78,9 @@ def inspect_recording(inputs: Sequence[Location], config: Config, rig: RigFile |
         return inspect_open(recording, config, rig, _window(recording))
 
 
-def inspect_open(recording: Recording, config: Config, rig: RigFile | None, window: TimeWindow) -> Inspection:
+def inspect_open(
+    recording: Recording, config: Config, rig: RigFile | FilePath | None, window: TimeWindow
+) -> Inspection:
     """As `inspect_recording`, of an open recording with one topic per sensor.
 
     Raises:
@@ -88,7 +91,7 @@ def inspect_open(recording: Recording, config: Config, rig: RigFile | None, wind
     found: Discovery | None = None
     problem = ""
     try:
-        found = discover_rig(recording, config, rig, start_ns=window.start_ns, stop_ns=window.stop_ns)
+        found = discover_rig(recording, config, read_rig(rig), start_ns=window.start_ns, stop_ns=window.stop_ns)
     except (CalibrationError, RecordingError) as err:
         problem = str(err)
     motion = find_motion_source(recording, found.rig, found.transforms, config) if found else None

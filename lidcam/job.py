@@ -1,25 +1,24 @@
 """A run as a value: everything it needs to know, nothing open. It can be pickled, and run in another process."""
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import inf
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TypedDict, Unpack
+from typing import TypedDict, get_args
 
-from pydantic import ValidationError
-
-from pipeline.core.errors import ConfigError
+from pipeline.core.errors import ConfigError, OutputError
 from pipeline.core.settings.config import Config
-from pipeline.core.settings.load import describe_validation, load_config, set_values
+from pipeline.core.settings.load import load_config
 from readers.location import Location, RemotePath, location
 from readers.rig.rig_file import load_rig
 from readers.rig.schema import RigFile
 from readers.streams.decoders import OnBadMessage
 
-__all__ = ["FilePath", "Job", "JobOptions", "PathOrUrl", "Settings", "locations", "make_job", "read_config", "read_rig"]
+__all__ = ["FilePath", "Job", "JobOptions", "PathOrUrl", "Settings", "locations", "make_job", "read_rig"]
 
 DEFAULT_CONFIG = Config()
+
 FilePath = str | PathLike[str]
 PathOrUrl = FilePath | RemotePath
 Settings = Mapping[str, object] | Sequence[str]
@@ -46,6 +45,19 @@ class Job:
     start_s: float = 0.0
     duration_s: float | None = None
     on_bad_message: OnBadMessage = "skip"
+
+    def __post_init__(self) -> None:
+        """Check the part of the recording.
+
+        Raises:
+            ConfigError: it does not begin at 0 s or later, is empty, or `on_bad_message` is neither `skip` nor `fail`.
+        """
+        if not 0 <= self.start_s < inf:
+            raise ConfigError(f"start_s: expected 0 s or more, found {self.start_s}")
+        if self.duration_s is not None and not 0 < self.duration_s < inf:
+            raise ConfigError(f"duration_s: expected more than 0 s, found {self.duration_s}")
+        if self.on_bad_message not in get_args(OnBadMessage):
+            raise ConfigError(f"on_bad_message: expected skip or fail, found {self.on_bad_message!r}")
 
 
 class JobOptions(TypedDict, total=False):
@@ -75,28 +87,37 @@ class JobOptions(TypedDict, total=False):
 def make_job(
     recording: PathOrUrl | Sequence[PathOrUrl],
     output: FilePath | Sequence[FilePath] | None = None,
-    **options: Unpack[JobOptions],
+    *,
+    config: Config | FilePath | None = None,
+    settings: Settings = (),
+    rig: RigFile | FilePath | None = None,
+    model_2d: FilePath | None = None,
+    workers: int | None = None,
+    start_s: float = 0.0,
+    duration_s: float | None = None,
+    on_bad_message: OnBadMessage = "skip",
 ) -> Job:
     """A job, with its settings and its rig file read; arguments as of `lidcam.process`.
 
     Raises:
-        ConfigError: the settings cannot be read or do not fit.
+        ConfigError: the settings cannot be read or do not fit, or the part of the recording is not one.
         CalibrationError: the rig file cannot be read or does not fit.
+        OutputError: an output is not a local file.
     """
-    outputs = [] if output is None else [output] if isinstance(output, str | PathLike) else output
-    overrides = list(_overrides(options.get("settings", ())))
-    if (model_2d := options.get("model_2d")) is not None:
-        overrides.append(f"detect2d.model={json.dumps(fspath(model_2d))}")
-    if (workers := options.get("workers")) is not None:
-        overrides.append(f"run.workers={workers}")
+    outputs = locations([] if output is None else output)
+    if remote := [path for path in outputs if isinstance(path, RemotePath)]:
+        raise OutputError(f"{remote[0]}: expected the name of a local file as output")
+    loaded = load_config(config, settings)
+    given = {"detect2d.model": model_2d, "run.workers": workers}
+    loaded = load_config(loaded, {key: value for key, value in given.items() if value is not None})
     return Job(
         inputs=locations(recording),
-        outputs=tuple(map(Path, outputs)),
-        config=read_config(options.get("config"), overrides),
-        rig=read_rig(options.get("rig")),
-        start_s=options.get("start_s", 0.0),
-        duration_s=options.get("duration_s"),
-        on_bad_message=options.get("on_bad_message", "skip"),
+        outputs=tuple(path for path in outputs if isinstance(path, Path)),
+        config=loaded,
+        rig=read_rig(rig),
+        start_s=start_s,
+        duration_s=duration_s,
+        on_bad_message=on_bad_message,
     )
 
 
@@ -106,23 +127,6 @@ def locations(recording: PathOrUrl | Sequence[PathOrUrl]) -> tuple[Location, ...
     return tuple(one if isinstance(one, RemotePath) else location(fspath(one)) for one in given)
 
 
-def read_config(config: Config | FilePath | None = None, settings: Settings = ()) -> Config:
-    """Settings, given or from a YAML file, with single values on top.
-
-    Raises:
-        ConfigError: the file cannot be read, a key is unknown, or a value does not fit.
-    """
-    overrides = _overrides(settings)
-    if not isinstance(config, Config):
-        return load_config(None if config is None else Path(config), overrides)
-    tree = config.model_dump(mode="json")
-    set_values(tree, overrides)
-    try:
-        return Config.model_validate(tree)
-    except ValidationError as err:
-        raise ConfigError(f"settings: {describe_validation(Config, err)}") from err
-
-
 def read_rig(rig: RigFile | FilePath | None) -> RigFile | None:
     """A rig file, loaded or by its path.
 
@@ -130,10 +134,3 @@ def read_rig(rig: RigFile | FilePath | None) -> RigFile | None:
         CalibrationError: it cannot be read, or its content does not fit.
     """
     return rig if rig is None or isinstance(rig, RigFile) else load_rig(Path(rig))
-
-
-def _overrides(settings: Settings) -> tuple[str, ...]:
-    """Single settings in the form `a.b=value`."""
-    if isinstance(settings, Mapping):
-        return tuple(f"{key}={json.dumps(value)}" for key, value in settings.items())
-    return tuple(settings)

@@ -129,7 +129,7 @@ class Objects:
 
 
 class ObjectCollector(RunObserver):
-    """Gathers the objects of a run; takes about 250 bytes per object and frame."""
+    """Gathers the objects of a run; memory grows with their number, by about 250 bytes each."""
 
     def __init__(self, class_names: tuple[str, ...]) -> None:
         self._class_names = class_names

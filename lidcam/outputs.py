@@ -1,4 +1,4 @@
-"""The files that a run writes: refused before it begins where they cannot be, opened together when it does."""
+"""The outputs of a run: checked before it begins, opened together."""
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
@@ -7,7 +7,7 @@ from hashlib import file_digest
 from importlib.metadata import version
 from pathlib import Path
 
-from lidcam.frames import Source
+from lidcam.frames import RunInput
 from lidcam.job import Job
 from pipeline.core.errors import OutputError
 from pipeline.core.settings.load import dump_config
@@ -26,16 +26,19 @@ def check_outputs(job: Job) -> None:
     """Look at the outputs before the recording is opened.
 
     Raises:
-        OutputError: one cannot be written, is of no known kind, is the recording itself, or is there twice.
+        OutputError: one cannot be written, is of no known kind or of the same as another, or is the recording itself.
     """
-    known: dict[Path, Path] = {}
+    known: dict[Path | str, Path] = {}
     for output in job.outputs:
         if output.suffix not in WRITERS:
             raise OutputError(f"{output}: expected a name that ends in {' or '.join(WRITERS)}")
         check_writable(output)
         check_not_overwritten(job.inputs, output)
-        if (other := known.setdefault(output.resolve(), output)) is not output:
+        if other := known.get(output.suffix):
+            raise OutputError(f"{output}: expected one output of a kind, found {other}, too; choose one of them")
+        if other := known.get(output.resolve()):  # a link
             raise OutputError(f"{output}: is the same file as {other}; choose another name")
+        known |= {output.suffix: output, output.resolve(): output}
 
 
 def check_writable(output: Path) -> None:
@@ -62,7 +65,7 @@ def check_not_overwritten(inputs: Sequence[Location], *outputs: Path | None) -> 
             raise OutputError(f"{output}: is a file of the recording itself; choose another name")
 
 
-def open_writers(job: Job, source: Source, stack: ExitStack) -> list[ResultWriter]:
+def open_writers(job: Job, source: RunInput, stack: ExitStack) -> list[ResultWriter]:
     """The writers of a job's outputs, open; they end with `stack`.
 
     Raises:
@@ -74,22 +77,22 @@ def open_writers(job: Job, source: Source, stack: ExitStack) -> list[ResultWrite
     return [stack.enter_context(WRITERS[path.suffix](path, source, provenance)) for path in job.outputs]
 
 
-def _mcap(path: Path, source: Source, provenance: Provenance) -> ResultWriter:
+def _mcap(path: Path, source: RunInput, provenance: Provenance) -> ResultWriter:
     return McapResultWriter(path, source.rig, source.config, provenance)
 
 
-def _rerun(path: Path, source: Source, provenance: Provenance) -> ResultWriter:
+def _rerun(path: Path, source: RunInput, provenance: Provenance) -> ResultWriter:
     from writers.rerun.writer import RerunResultWriter  # loads a viewer's worth of code
 
     decode = partial(decode_any_image, limits=source.config.limits)
     return RerunResultWriter(path, source.rig, source.config, provenance, decode_any_image=decode)
 
 
-WRITERS: Mapping[str, Callable[[Path, Source, Provenance], ResultWriter]] = {".mcap": _mcap, ".rrd": _rerun}
+WRITERS: Mapping[str, Callable[[Path, RunInput, Provenance], ResultWriter]] = {".mcap": _mcap, ".rrd": _rerun}
 """What writes a file, by the ending of its name."""
 
 
-def _provenance(source: Source) -> Provenance:
+def _provenance(source: RunInput) -> Provenance:
     config = source.config.model_copy(update={"run": RunConfig()})  # how it is run does not change the result
     return Provenance(
         version=version("lidcam"),

@@ -1,6 +1,8 @@
 """lidcam's other packages have common names: another folder called `pipeline` on the path would be imported instead."""
 
 import sys
+from collections.abc import Callable
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from types import TracebackType
@@ -28,15 +30,20 @@ def check_own_packages() -> None:
         found = [] if spec is None else [Path(place).resolve() for place in spec.submodule_search_locations or ()]
         if found != [HOME / name]:
             place = ", ".join(map(str, found)) or (spec.origin if spec and spec.origin else "nothing")
-            sys.excepthook = _one_line
+            sys.excepthook = partial(_one_line, sys.excepthook)
             raise ForeignPackageError(
                 f"lidcam: error: expected its package {name!r} in {HOME / name}, found {place}: "
                 "rename that folder, take it off PYTHONPATH, or start from another folder"
             )
 
 
-def _one_line(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
+def _one_line(
+    hook: Callable[[type[BaseException], BaseException, TracebackType | None], object],
+    kind: type[BaseException],
+    error: BaseException,
+    trace: TracebackType | None,
+) -> None:
     if isinstance(error, ForeignPackageError):
         sys.stderr.write(f"{error}\n")
     else:
-        sys.__excepthook__(kind, error, trace)
+        hook(kind, error, trace)

@@ -13,7 +13,7 @@ from functools import partial
 from pathlib import Path
 
 from lidcam.build import box_source, build_graph, wanted_boxes
-from lidcam.frames import Source, TimeWindow, bundles, reference_topic, synchronized_topics
+from lidcam.frames import RunInput, TimeWindow, bundles, reference_topic, synchronized_topics
 from lidcam.job import Job
 from lidcam.outputs import check_not_overwritten, check_outputs, open_writers
 from lidcam.summary import DropTable, RunReport, Tally, UnusedTopic
@@ -39,7 +39,7 @@ logger = logging.getLogger(__name__)
 class RunObserver:
     """Looks on while a run goes on; the methods of this one do nothing."""
 
-    def opened(self, source: Source) -> None:
+    def opened(self, source: RunInput) -> None:
         """The recording is open and its sensors are known."""
 
     def frame(self, result: FrameResult) -> None:
@@ -60,7 +60,9 @@ def process_recording(job: Job, observer: RunObserver | None = None) -> RunRepor
     with opened(job) as run:
         with ExitStack() as stack:
             observer.opened(run.source)
-            for frame in run.frames(open_writers(job, run.source, stack)):
+            # Closed before the writers are, also when the observer raises: then no stage is at work any more.
+            frames = stack.enter_context(closing(run.frames(open_writers(job, run.source, stack))))
+            for frame in frames:
                 observer.frame(frame)
         return run.report(job.outputs)
 
@@ -96,7 +98,7 @@ def opened(job: Job) -> Iterator["Run"]:
             logger.warning("%s is left out: %s", fault.sensor, fault.reason)
         motion = find_motion_source(recording, found.rig, found.transforms, config)
         drops = DropTable(job.on_bad_message)
-        yield Run(Source(recording, found.rig, config, motion, window), found, drops)
+        yield Run(RunInput(recording, found.rig, config, motion, window), found, drops)
 
 
 class Run:
@@ -107,7 +109,7 @@ class Run:
         found: How the sensors were found.
     """
 
-    def __init__(self, source: Source, found: Discovery, drops: DropTable) -> None:
+    def __init__(self, source: RunInput, found: Discovery, drops: DropTable) -> None:
         """Prepare the stages; `drops` gets the messages that are not used, and may end the run at the first bad one.
 
         Raises:
@@ -117,7 +119,7 @@ class Run:
         """
         self.source, self.found = source, found
         self._drops, self._tally, self._stats = drops, Tally(source.config, source.rig), SyncStats()
-        self._seconds = 0.0
+        self._started, self._seconds = time.perf_counter(), 0.0
         reference_topic(source.config, source.rig)
         self._graph, self._result = build_graph(source.config, source.rig, on_bad=drops.on_bad)
         _check_box_source(source)
@@ -132,7 +134,7 @@ class Run:
             RecordingError: reading fails, or no messages belong together.
             MessageError: a message cannot be decoded and bad messages end the run.
         """
-        started, result = time.perf_counter(), self._result
+        result = self._result
         for writer in writers:
             result = self._graph.add(f"write {writer.name}", partial(_write, writer), result)
         self._count_early_drops()
@@ -143,7 +145,7 @@ class Run:
                 for drop in frame.drops:
                     self._drops.add_bad(drop)
                 yield frame
-        self._seconds = time.perf_counter() - started
+        self._seconds = time.perf_counter() - self._started
         if self._tally.frames == 0:
             raise RecordingError(_no_frames(self.source, self._drops))
 
@@ -199,12 +201,12 @@ def _window(recording: Recording, job: Job) -> TimeWindow:
     start_ns = recording.start_ns + round(job.start_s * 1e9)
     if start_ns > recording.end_ns:
         seconds = (recording.end_ns - recording.start_ns) / 1e9
-        raise ConfigError(f"--start {job.start_s:g}: the recording is only {seconds:.3f} s long")
+        raise ConfigError(f"start at {job.start_s:g} s: the recording is only {seconds:.3f} s long")
     stop_ns = None if job.duration_s is None else start_ns + round(job.duration_s * 1e9)
     return TimeWindow(start_ns if job.start_s else None, stop_ns)
 
 
-def _check_box_source(source: Source) -> None:
+def _check_box_source(source: RunInput) -> None:
     """Cameras that were recorded and cannot be used are faults of the rig, and the run goes on without them."""
     wanted = wanted_boxes(source.config, source.rig)
     if wanted == "none":
@@ -234,7 +236,7 @@ def _write(writer: ResultWriter, result: FrameResult) -> FrameResult:
     return replace(result, drops=result.drops + not_copied) if not_copied else result
 
 
-def _no_frames(source: Source, drops: DropTable) -> str:
+def _no_frames(source: RunInput, drops: DropTable) -> str:
     topics = synchronized_topics(source.config, source.rig)
     found = ", ".join(f"{topic} {drops.count(topic)}" for topic in topics)
     return (

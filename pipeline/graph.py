@@ -24,6 +24,8 @@ E = TypeVar("E")
 G = TypeVar("G")
 H = TypeVar("H")
 K = TypeVar("K")
+P = TypeVar("P")
+Q = TypeVar("Q")
 
 
 class Stamped(Protocol):
@@ -153,6 +155,43 @@ class Graph(Generic[F]):
         g: Node[G],
         h: Node[H],
         k: Node[K],
+        /,
+        *,
+        workers: int = 1,
+    ) -> Node[R]: ...
+    @overload
+    def add(
+        self,
+        name: str,
+        fn: Callable[[A, B, C, D, E, G, H, K, P], R],
+        a: Node[A],
+        b: Node[B],
+        c: Node[C],
+        d: Node[D],
+        e: Node[E],
+        g: Node[G],
+        h: Node[H],
+        k: Node[K],
+        p: Node[P],
+        /,
+        *,
+        workers: int = 1,
+    ) -> Node[R]: ...
+    @overload
+    def add(
+        self,
+        name: str,
+        fn: Callable[[A, B, C, D, E, G, H, K, P, Q], R],
+        a: Node[A],
+        b: Node[B],
+        c: Node[C],
+        d: Node[D],
+        e: Node[E],
+        g: Node[G],
+        h: Node[H],
+        k: Node[K],
+        p: Node[P],
+        q: Node[Q],
         /,
         *,
         workers: int = 1,

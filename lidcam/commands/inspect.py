@@ -8,6 +8,7 @@ from pathlib import Path
 from lidcam.console import print_inspection
 from lidcam.frames import TimeWindow
 from lidcam.inspection import Inspection, inspect_open, inspect_recording, inspection_tree
+from lidcam.job import FilePath
 from lidcam.outputs import check_not_overwritten, check_writable
 from lidcam.summary import loss_records
 from lidcam.terminal import console
@@ -31,7 +32,7 @@ class InspectOptions:
     Attributes:
         inputs: The recording.
         config: Settings.
-        rig: Rig file, if there is one.
+        rig: Rig file, if there is one, loaded or by its path.
         write_rig: Rig file to write.
         repair: MCAP to write, with every message that can be read.
         as_json: Print JSON.
@@ -39,7 +40,7 @@ class InspectOptions:
 
     inputs: tuple[Location, ...]
     config: Config
-    rig: RigFile | None = None
+    rig: RigFile | FilePath | None = None
     write_rig: Path | None = None
     repair: Path | None = None
     as_json: bool = False
@@ -54,6 +55,7 @@ def run_inspect(options: InspectOptions) -> None:
     for output in (options.write_rig, options.repair):
         if output is not None:
             check_writable(output)
+            check_not_overwritten(options.inputs, output)
     if options.repair is None:
         inspection = inspect_recording(options.inputs, options.config, options.rig)
         check_not_overwritten(inspection.files, options.write_rig)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from rich.console import Console
 
 from lidcam.console import print_detections, print_matches, print_report
-from lidcam.frames import Source
+from lidcam.frames import RunInput
 from lidcam.job import Job
 from lidcam.run import RunObserver, process_recording
 from lidcam.summary import report_tree
@@ -53,7 +53,7 @@ class _Terminal(RunObserver):
     def __init__(self, printed: Printed, out: Console, stack: ExitStack) -> None:
         self._printed, self._out, self._stack = printed, out, stack
 
-    def opened(self, source: Source) -> None:
+    def opened(self, source: RunInput) -> None:
         recording, window = source.recording, source.window
         self._config = source.config
         self._start_ns = window.start_ns or recording.start_ns

@@ -8,6 +8,7 @@ from concurrent.futures import ProcessPoolExecutor
 from importlib import import_module
 from multiprocessing import get_context
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -29,6 +30,7 @@ def test_every_name_is_there_and_no_other() -> None:
     for name in api.__all__:
         assert getattr(lidcam, name) is not None
     assert set(api.__all__) <= set(dir(lidcam))
+    assert lidcam.api is api
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
         lidcam.nothing  # type: ignore[attr-defined]  # noqa: B018
 
@@ -83,6 +85,35 @@ def test_settings_on_top_of_a_config() -> None:
     assert job.config.combine == config.combine
     with pytest.raises(lidcam.ConfigError, match="nothing"):
         lidcam.make_job(SANDBOX, config=config, settings={"sync.nothing": 1})
+
+
+@pytest.mark.parametrize(
+    ("settings", "model"),
+    [
+        ({"detect2d.model": Path("\U0001f600.onnx")}, "\U0001f600.onnx"),
+        ({"detect2d.model": "a: b.onnx"}, "a: b.onnx"),
+        ("detect2d.model=x.onnx", "x.onnx"),
+    ],
+)
+def test_single_settings_in_every_form(settings: Any, model: str) -> None:
+    assert lidcam.load_config(settings=settings).detect2d.model == Path(model)
+    assert lidcam.make_job(SANDBOX, model_2d=model).config.detect2d.model == Path(model)
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "message"),
+    [
+        ({"worker": 1}, TypeError, "worker"),
+        ({"start_s": -1.0}, lidcam.ConfigError, "start_s: expected 0 s or more"),
+        ({"start_s": float("nan")}, lidcam.ConfigError, "start_s"),
+        ({"duration_s": 0.0}, lidcam.ConfigError, "duration_s: expected more than 0 s"),
+        ({"on_bad_message": "foo"}, lidcam.ConfigError, "expected skip or fail, found 'foo'"),
+        ({"workers": 0}, lidcam.ConfigError, "run.workers"),
+    ],
+)
+def test_options_that_cannot_be(options: dict[str, Any], error: type[Exception], message: str) -> None:
+    with pytest.raises(error, match=message):
+        lidcam.process(SANDBOX, **options)
 
 
 def test_inspection(run: lidcam.RunResult) -> None:
@@ -159,11 +190,14 @@ def test_several_outputs_by_their_endings(tmp_path: Path) -> None:
     ("names", "fault"),
     [
         (["out.txt"], "expected a name that ends in .mcap or .rrd"),
-        (["a.mcap", "./a.mcap"], "is the same file as"),
+        (["a.mcap", "./a.mcap"], "expected one output of a kind, found a.mcap, too"),
+        ("s3://bucket/a.mcap", "expected the name of a local file"),
         (["missing/a.mcap"], "the folder .* does not exist"),
     ],
 )
-def test_outputs_that_cannot_be(names: list[str], fault: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_outputs_that_cannot_be(
+    names: list[str] | str, fault: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     with pytest.raises(lidcam.OutputError, match=fault):
         lidcam.process(SANDBOX, names, config=CONFIG)

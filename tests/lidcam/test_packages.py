@@ -27,6 +27,7 @@ def foreign(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     "command",
     [
         ("-c", "import lidcam; lidcam.process('x.bag')"),
+        ("-c", "from lidcam.run import process_recording"),
         ("-m", "lidcam", "inspect", "x.bag"),
         ("-c", "from lidcam.__main__ import main_process; main_process()"),
     ],

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from memory_writer import MemoryWriter
 
-from lidcam.frames import Source, TimeWindow, synchronized_topics
+from lidcam.frames import RunInput, TimeWindow, synchronized_topics
 from lidcam.run import Run
 from lidcam.summary import DropTable, RunReport
 from pipeline.core.camera import CameraModel
@@ -73,7 +73,7 @@ def run(
     window: TimeWindow | None = None,
 ) -> tuple[RunReport, list[FrameResult]]:
     writer = MemoryWriter()
-    source = Source(MemoryRecording(messages), rig(), settings, motion, window or TimeWindow())
+    source = RunInput(MemoryRecording(messages), rig(), settings, motion, window or TimeWindow())
     pass_over = Run(source, Discovery(rig(), (), (), (), RecordedTransforms(TransformTree())), DropTable())
     frames = list(pass_over.frames([writer]))
     assert frames == writer.results

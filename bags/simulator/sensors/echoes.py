@@ -33,14 +33,14 @@ class Optics:
 
     Attributes:
         transmission: (P + 1,) share of a beam that passes through each material; the last row is for a miss.
-        most_light: Largest share that any material reflects.
+        max_reflectivity: Largest share that any material reflects.
     """
 
     def __init__(self, palette: Sequence[Material]) -> None:
         self._palette = tuple(palette)
         self._mirror = np.array([material.mirror for material in palette], np.float64)
         self.transmission = np.array([*(material.transmission for material in palette), 0.0])
-        self.most_light = max((material.reflectivity for material in palette), default=0.0)
+        self.max_reflectivity = max((material.reflectivity for material in palette), default=0.0)
 
     def share(self, hits: Hits, cos_incidence: F64) -> F64:
         """(N,) share of a beam that each surface reflects straight back; 0 for a miss."""

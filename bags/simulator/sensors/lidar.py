@@ -251,7 +251,7 @@ class Lidar:
             rays.origins.reshape(grid),
             rays.directions.reshape(grid),
             step_m=self._scenario.echo_separation_m,
-            reach_m=self._scenario.max_range_m * self._optics.most_light**0.5,
+            reach_m=self._scenario.max_range_m * self._optics.max_reflectivity**0.5,
             by_elevation=self._by_elevation,
         )
         beam, side = np.nonzero(edges.reshape(-1, 4))

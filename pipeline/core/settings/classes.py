@@ -11,36 +11,36 @@ class ClassPrior(SettingsModel):
     Attributes:
         name: Class name in the results.
         size_m: Typical length, width, height, metres.
-        size_max_m: Largest length, width, height; a larger box is not of this class.
+        max_size_m: Largest length, width, height; a larger box is not of this class.
         frequency: How common the class is, relative to the others; decides between classes that fit equally well.
         labels: Names that 2D detectors use for it, such as COCO names.
     """
 
     name: str
     size_m: tuple[Positive, Positive, Positive]
-    size_max_m: tuple[Positive, Positive, Positive]
+    max_size_m: tuple[Positive, Positive, Positive]
     frequency: Positive = 1.0
     labels: tuple[str, ...] = ()
 
 
 ROAD_CLASSES = (
-    ClassPrior(name="car", size_m=(4.0, 1.7, 1.55), size_max_m=(5.6, 2.4, 2.3), labels=("car",)),
+    ClassPrior(name="car", size_m=(4.0, 1.7, 1.55), max_size_m=(5.6, 2.4, 2.3), labels=("car",)),
     ClassPrior(
         name="pedestrian",
         size_m=(0.6, 0.6, 1.75),
-        size_max_m=(1.2, 1.2, 2.1),
+        max_size_m=(1.2, 1.2, 2.1),
         frequency=0.5,
         labels=("person", "pedestrian"),
     ),
     ClassPrior(
         name="bicycle",
         size_m=(1.8, 0.6, 1.7),
-        size_max_m=(2.3, 1.1, 2.1),
+        max_size_m=(2.3, 1.1, 2.1),
         frequency=0.2,
         labels=("bicycle", "motorcycle", "cyclist"),
     ),
     ClassPrior(
-        name="truck", size_m=(8.0, 2.5, 3.2), size_max_m=(16.0, 3.2, 4.2), frequency=0.2, labels=("truck", "van")
+        name="truck", size_m=(8.0, 2.5, 3.2), max_size_m=(16.0, 3.2, 4.2), frequency=0.2, labels=("truck", "van")
     ),
-    ClassPrior(name="bus", size_m=(11.5, 2.55, 3.2), size_max_m=(18.5, 3.2, 4.2), frequency=0.2, labels=("bus",)),
+    ClassPrior(name="bus", size_m=(11.5, 2.55, 3.2), max_size_m=(18.5, 3.2, 4.2), frequency=0.2, labels=("bus",)),
 )

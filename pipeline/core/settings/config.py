@@ -45,7 +45,7 @@ class Config(SettingsModel):
     def _names_are_unique(self) -> "Config":
         names = [prior.name for prior in self.classes]
         if len(set(names)) < len(names):
-            raise ValueError(f"classes: a name stands twice in {', '.join(names)}")
+            raise ValueError(f"classes: a name is used twice in {', '.join(names)}")
         return self
 
     @property

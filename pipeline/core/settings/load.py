@@ -1,5 +1,7 @@
 """Settings read from YAML and from single values, and written back to YAML."""
 
+from collections.abc import Mapping, Sequence
+from os import PathLike
 from pathlib import Path
 from typing import Any, get_args
 
@@ -13,42 +15,59 @@ from pipeline.core.settings.config import Config
 __all__ = ["describe_validation", "dump_config", "load_config", "set_values"]
 
 
-def load_config(path: Path | None = None, overrides: tuple[str, ...] = ()) -> Config:
-    """The defaults, overridden by a YAML file, then by single values `a.b=value` (the value is YAML).
+def load_config(
+    base: Config | str | PathLike[str] | None = None, settings: Mapping[str, object] | Sequence[str] = ()
+) -> Config:
+    """The defaults, or other settings, or a YAML file of them; then single settings on top.
+
+    Args:
+        base: Settings, or a YAML file; None: the defaults.
+        settings: `{"sync.slop_s": 0.05}`, or `["sync.slop_s=0.05"]` whose values are YAML.
 
     Raises:
-        ConfigError: the file cannot be read, a key is unknown, or a value is invalid.
+        ConfigError: the file cannot be read, a key is unknown, or a value does not fit.
     """
-    tree = {} if path is None else read_yaml(path)
-    set_values(tree, overrides)
+    tree = base.model_dump() if isinstance(base, Config) else {} if base is None else read_yaml(Path(base))
+    set_values(tree, settings)
     try:
         return Config.model_validate(tree)
     except ValidationError as err:
-        raise ConfigError(f"{path or 'settings'}: {describe_validation(Config, err)}") from err
+        where = "settings" if base is None or isinstance(base, Config) else base
+        raise ConfigError(f"{where}: {describe_validation(Config, err)}") from err
 
 
-def set_values(tree: dict[str, Any], overrides: tuple[str, ...]) -> None:
-    """Write single values `a.b=value` (the value is YAML) into a tree of settings.
+def set_values(tree: dict[str, Any], settings: Mapping[str, object] | Sequence[str]) -> None:
+    """Put single settings into a tree of them.
+
+    Args:
+        tree: Changed in place.
+        settings: `{"a.b": value}`, or `["a.b=value"]` whose values are YAML.
 
     Raises:
-        ConfigError: one is not of this form, or its key goes through a value that is not a section.
+        ConfigError: a setting does not have this form, or leads through a value.
     """
-    for override in overrides:
-        key, separator, text = override.partition("=")
-        if not separator or not key:
-            raise ConfigError(f"--set {override}: expected key.key=value")
-        try:
-            value = parse_yaml(text)
-        except yaml.YAMLError as err:
-            raise ConfigError(f"--set {override}: the value is not YAML") from err
+    if isinstance(settings, str):
+        settings = [settings]
+    pairs = settings.items() if isinstance(settings, Mapping) else map(_parsed, settings)
+    for key, value in pairs:
         *parents, leaf = key.split(".")
         branch = tree
         for parent in parents:
             nested = branch.setdefault(parent, {})
             if not isinstance(nested, dict):
-                raise ConfigError(f"--set {override}: {parent!r} is a value, not a section")
+                raise ConfigError(f"--set {key}: {parent!r} is a value, not a section")
             branch = nested
         branch[leaf] = value
+
+
+def _parsed(setting: str) -> tuple[str, Any]:
+    key, separator, text = setting.partition("=")
+    if not separator or not key:
+        raise ConfigError(f"--set {setting}: expected key.key=value")
+    try:
+        return key, parse_yaml(text)
+    except yaml.YAMLError as err:
+        raise ConfigError(f"--set {setting}: the value is not YAML") from err
 
 
 def dump_config(config: Config) -> str:

@@ -75,7 +75,7 @@ def complete_boxes(
     # The extent along one axis is visible on the side whose normal is the other axis.
     seen = np.einsum("cl,cla->ca", lidar_share, np.abs(towards / distance))[:, ::-1]
 
-    size, size_max = np.array([p.size_m for p in priors]), np.array([p.size_max_m for p in priors])
+    size, size_max = np.array([p.size_m for p in priors]), np.array([p.max_size_m for p in priors])
     turned = [[0, 1, 2], [1, 0, 2]]  # length along the first axis, or along the second
     mean, limit = size[:, turned].reshape(-1, 3), size_max[:, turned].reshape(-1, 3)  # (2K, 3)
     measured = np.concatenate([extent, top_m[:, None]], 1)[:, None]  # (C, 1, 3)

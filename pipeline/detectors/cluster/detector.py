@@ -59,7 +59,7 @@ class ClusterDetector:
         self._ground_height_m = rig.ground_height_m or 0.0
         self._config = config.detect3d.cluster
         self._priors = config.classes
-        limits = np.array([prior.size_max_m for prior in config.classes])
+        limits = np.array([prior.max_size_m for prior in config.classes])
         self._ceiling_m = float(limits[:, 2].max()) * CEILING_SHARE
         self._diagonal_m = float(np.hypot(limits[:, 0], limits[:, 1]).max())
 

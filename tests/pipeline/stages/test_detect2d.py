@@ -113,7 +113,7 @@ def test_cameras_in_the_order_of_the_rig_and_none_without_an_image() -> None:
 
 
 def test_classes_that_the_detector_cannot_find_are_an_error() -> None:
-    config = Config(classes=(ClassPrior(name="tram", size_m=(30, 3, 4), size_max_m=(60, 4, 5)),))
+    config = Config(classes=(ClassPrior(name="tram", size_m=(30, 3, 4), max_size_m=(60, 4, 5)),))
     with pytest.raises(ConfigError, match=r"person, kite, car.*found tram"):
         Detect2D(camera_rig(forward_camera()), config, Proposals([]))
 

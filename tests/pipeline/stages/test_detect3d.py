@@ -162,7 +162,7 @@ def test_what_is_no_road_user_gives_no_box(points: F64) -> None:
 
 
 def test_method_none_finds_nothing() -> None:
-    settings_none = load_config(overrides=("detect3d.method=none",))
+    settings_none = load_config(settings=("detect3d.method=none",))
     assert len(detect(scan(LIDAR, [car(12, 0)]), settings_none)) == 0
 
 

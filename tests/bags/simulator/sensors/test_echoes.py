@@ -75,7 +75,7 @@ def test_echoes_that_are_far_enough_apart() -> None:
     assert found.mover.tolist() == [[3, 7]]
 
 
-def test_the_strongest_is_the_one_of_which_most_light_arrives() -> None:
+def test_the_strongest_is_the_one_of_which_max_reflectivity_arrives() -> None:
     far = echoes([(10.0, 0.02, 3), (30.0, 0.3, 7)])
     assert far.range_m.tolist() == [[30.0, 30.0]]
     near = echoes([(10.0, 0.04, 3), (30.0, 0.3, 7)])

@@ -78,8 +78,8 @@ def test_wrong_override(override: str) -> None:
 
 
 def test_class_names_are_unique() -> None:
-    prior = {"name": "car", "size_m": [4, 2, 1.5], "size_max_m": [5, 2.2, 2]}
-    with pytest.raises(ConfigError, match="stands twice"):
+    prior = {"name": "car", "size_m": [4, 2, 1.5], "max_size_m": [5, 2.2, 2]}
+    with pytest.raises(ConfigError, match="is used twice"):
         load_config(None, (f"classes=[{yaml.safe_dump(prior, default_flow_style=True).strip()}, {prior}]",))
 
 
