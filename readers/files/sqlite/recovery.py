@@ -15,7 +15,7 @@ from pipeline.core.arrays import I64
 from readers.files.damage import Losses
 from readers.files.sqlite.index import Contents
 
-__all__ = ["Scanned", "check_size", "contents_of_rows", "read_message", "scan_database"]
+__all__ = ["check_size", "contents_of_scan", "read_message"]
 
 LEAF = 0x0D
 HEADER_BYTES = 100
@@ -26,22 +26,6 @@ INTEGER_BYTES = (0, 1, 2, 3, 4, 6, 8)
 UINT32 = struct.Struct(">I")
 
 Value = int | float | str | bytes | None
-
-
-class Scanned(NamedTuple):
-    """The rows that were found.
-
-    Attributes:
-        rows: (N, 5) log time, id, topic id, page and place in the page of every message; sorted by the first two.
-        topics: Id, name, type and serialization format.
-        definitions: Encoding and text by type.
-        distro: ROS 2 release, or empty.
-    """
-
-    rows: I64
-    topics: list[tuple[int, str, str, str]]
-    definitions: dict[str, tuple[str, str]]
-    distro: str
 
 
 class _Pages:
@@ -109,18 +93,8 @@ def check_size(stream: BinaryIO) -> None:
         raise EOFError(f"the file has {pages.count} of {pages.expected} pages")
 
 
-def contents_of_rows(scanned: Scanned, distro: str) -> Contents:
-    """What the rows say; `distro` is used if they name no ROS 2 release."""
-    ids, first, counts = np.unique(scanned.rows[:, 2], return_index=True, return_counts=True)
-    last = len(scanned.rows) - 1 - np.unique(scanned.rows[::-1, 2], return_index=True)[1]
-    times = scanned.rows[:, 0]
-    spans = zip(ids.tolist(), counts.tolist(), times[first].tolist(), times[last].tolist(), strict=True)
-    by_topic = {id_: (count, start, end) for id_, count, start, end in spans}
-    return Contents(scanned.distro or distro, scanned.definitions, by_topic, scanned.topics, {})
-
-
-def scan_database(stream: BinaryIO, losses: Losses, *, because: str) -> Scanned:
-    """The rows, found by reading every page once.
+def contents_of_scan(stream: BinaryIO, losses: Losses, *, because: str) -> Contents:
+    """The contents, found by reading every page once.
 
     Args:
         stream: The file.
@@ -168,7 +142,7 @@ def scan_database(stream: BinaryIO, losses: Losses, *, because: str) -> Scanned:
     table = table[np.unique(table[:, 1], return_index=True)[1]]  # freed pages may still contain old rows
     table = table[np.lexsort((table[:, 1], table[:, 0]))]
     _note(pages, table, broken, losses, because)
-    return Scanned(table, [topics[id_] for id_ in sorted(topics)], definitions, distro)
+    return Contents(distro, definitions, table, [topics[id_] for id_ in sorted(topics)], {})
 
 
 def read_message(stream: BinaryIO, page: int, place: int) -> bytes:
