@@ -104,8 +104,10 @@ def _frame_at(stream: BinaryIO, position: int, end: int) -> Record | None:
         return None
     stream.seek(position)
     opcode, size = RECORD_HEAD.unpack(stream.read(RECORD_HEAD.size))
-    record = Record(opcode, position, position + RECORD_HEAD.size, size)
-    return record if record.end <= end and (opcode in OPCODES or opcode in PRIVATE_OPCODES) else None
+    content = position + RECORD_HEAD.size
+    if content + size > end or (opcode not in OPCODES and opcode not in PRIVATE_OPCODES):
+        return None
+    return Record(opcode, position, content, size)
 
 
 def _is_chunk(stream: BinaryIO, record: Record) -> bool:

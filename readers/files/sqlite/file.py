@@ -14,6 +14,7 @@ from rosbags.typesys.msg import normalize_msgtype
 
 from pipeline.core.messages import Channel, RawMessage
 from readers.files.container import Container, Source
+from readers.files.damage import LIBRARY_ERRORS
 from readers.files.message_zstd import decompressed
 from readers.files.sqlite.index import Contents, contents_of_tables
 from readers.files.sqlite.recovery import check_size, contents_of_scan, read_message
@@ -110,29 +111,32 @@ class SqliteFile(Container):
     def _read_or_note(self, log_time_ns: int, row_id: int) -> bytes | memoryview | None:
         """The bytes of a message; None if they are damaged, which is noted."""
         self._check_open()
-        largest = self._limits.max_message_bytes
-        with self._losses.guard() as damage:
+        try:
             data = self._read(log_time_ns, row_id)
             if not isinstance(data, bytes):
                 raise TypeError(f"message {row_id} has no bytes")
+            largest = self._limits.max_message_bytes
             if len(data) > largest:
                 raise ValueError(f"{len(data)} bytes, see limits.max_message_mib")
             return decompressed(data, "cdr", announced=self._source.metadata.message_compression, largest=largest)
-        self._losses.note(0, f"message {row_id}: {damage.reason}", messages=1)
-        return None
+        except LIBRARY_ERRORS as err:
+            self._losses.note(0, f"message {row_id}: {self._losses.reason(err)}", messages=1)
+            return None
 
     def _read(self, log_time_ns: int, row_id: int) -> Any:
         """The data of a message: from SQLite, or from the pages if it fails."""
         if self._uses_tables:
-            with self._losses.guard() as damage:
+            try:
                 self._steps = 0
                 rows = self._database.execute("SELECT data, timestamp FROM messages WHERE id = ?", (row_id,))
                 ((data, found_ns),) = rows
                 if found_ns == log_time_ns:
                     return data
                 raise sqlite3.DatabaseError(f"expected log time {log_time_ns} of message {row_id}, found {found_ns}")
+            except LIBRARY_ERRORS as err:
+                reason = self._losses.reason(err)
             if self._scanned is None:
-                self._scanned = contents_of_scan(self._stream, self._losses, because=damage.reason)
+                self._scanned = contents_of_scan(self._stream, self._losses, because=reason)
         assert self._scanned is not None
         found = self._scanned.rows
         found = found[slice(*np.searchsorted(found[:, 0], (log_time_ns, log_time_ns + 1)))]
