@@ -15,11 +15,11 @@ from pipeline.core.messages import Channel, RawMessage
 from readers.files.chunk_cache import ChunkCache, detach
 from readers.files.container import Container
 from readers.files.damage import LIBRARY_ERRORS
+from readers.files.decompress import decompressed
 from readers.files.mcap.channels import channel_of, message_type
 from readers.files.mcap.chunk import Entry, load_chunk, messages_in, read_exactly
 from readers.files.mcap.index import ChunkPlace, Contents, contents_of_summary, read_profile
 from readers.files.mcap.recovery import chunk_extent, contents_of_scan
-from readers.files.message_zstd import decompressed
 from readers.files.remote import ReadAhead, tell_full_read
 from readers.messages.header_stamp import stamp_or_log_time
 from readers.recording import RosVersion, TopicInfo, merge_topics

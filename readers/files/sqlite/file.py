@@ -15,7 +15,7 @@ from rosbags.typesys.msg import normalize_msgtype
 from pipeline.core.messages import Channel, RawMessage
 from readers.files.container import Container, Source
 from readers.files.damage import LIBRARY_ERRORS
-from readers.files.message_zstd import decompressed
+from readers.files.decompress import decompressed
 from readers.files.sqlite.index import Contents, contents_of_tables
 from readers.files.sqlite.recovery import check_size, contents_of_scan, read_message
 from readers.messages.header_stamp import stamp_or_log_time
