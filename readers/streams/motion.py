@@ -238,5 +238,5 @@ class MotionBuffer:
             return
         pose = decode_odometry(message)
         if pose.dst != self._source.fixed_frame_id:
-            raise FrameError(f"pose in {pose.dst!r}, expected {self._source.fixed_frame_id!r} as at first")
+            raise FrameError(f"pose in {pose.dst!r}, expected {self._source.fixed_frame_id!r} as in the first message")
         self._tracks[next(iter(self._tracks))].add(message.stamp_ns, pose.matrix)

@@ -97,7 +97,7 @@ def check_size(stream: BinaryIO) -> None:
     """Refuse a file that lacks pages: SQLite would read the missing rest of its last page as zeros.
 
     Raises:
-        EOFError: it does.
+        EOFError: pages are missing.
         ValueError: its header is not that of a database.
     """
     pages = _Pages(stream)
