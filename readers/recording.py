@@ -3,7 +3,6 @@
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, replace
-from types import TracebackType
 from typing import Literal, Protocol, Self
 
 from pipeline.core.errors import RecordingError
@@ -97,51 +96,7 @@ class Loss:
     messages: int | None = None
 
 
-class RecordingFile(Protocol):
-    """One open file of a recording.
-
-    Attributes:
-        ros_version: Which ROS recorded it.
-        topics: Its topics, sorted by name and type.
-        start_ns: Log time of the first message; 0 if there is none.
-        end_ns: Log time of the last message (inclusive); 0 if there is none.
-        message_count: Number of messages, including those that cannot be read.
-    """
-
-    ros_version: RosVersion
-    topics: tuple[TopicInfo, ...]
-    start_ns: int
-    end_ns: int
-    message_count: int
-
-    @property
-    def path(self) -> Location:
-        """The file."""
-
-    @property
-    def losses(self) -> tuple[Loss, ...]:
-        """The damage found so far, by position: reading on may find more."""
-
-    def messages(
-        self, topics: Collection[str] | None, *, start_ns: int | None, stop_ns: int | None
-    ) -> Iterator[RawMessage]:
-        """As `Recording.messages`, in the order of (log time, position in the file).
-
-        Raises:
-            Exception: any that the library raises, if the file is damaged and `ReadOptions.recovery` is `none`.
-        """
-
-    def close(self) -> None:
-        """Close the file."""
-
-
-class Recording(Protocol):
-    """An open recording: a context manager that closes its files."""
-
-    @property
-    def paths(self) -> tuple[Location, ...]:
-        """Its files, in the order of `RawMessage.order[0]`."""
-
+class _Contents(Protocol):
     @property
     def topics(self) -> tuple[TopicInfo, ...]:
         """Its topics, sorted by name and type."""
@@ -162,6 +117,38 @@ class Recording(Protocol):
     def losses(self) -> tuple[Loss, ...]:
         """The damage found so far, by file and position: reading on may find more."""
 
+    def close(self) -> None:
+        """Close the files; messages already yielded stay valid."""
+
+
+class RecordingFile(_Contents, Protocol):
+    """One open file of a recording."""
+
+    @property
+    def path(self) -> Location:
+        """The file."""
+
+    @property
+    def ros_version(self) -> RosVersion:
+        """Which ROS recorded it."""
+
+    def messages(
+        self, topics: Collection[str] | None, *, start_ns: int | None, stop_ns: int | None
+    ) -> Iterator[RawMessage]:
+        """As `Recording.messages`, in the order of (log time, position in the file).
+
+        Raises:
+            Exception: any that the library raises, if the file is damaged and `ReadOptions.recovery` is `none`.
+        """
+
+
+class Recording(_Contents, Protocol):
+    """An open recording: a context manager that closes its files."""
+
+    @property
+    def paths(self) -> tuple[Location, ...]:
+        """Its files, in the order of `RawMessage.order[0]`."""
+
     def messages(
         self, topics: Collection[str] | None = None, *, start_ns: int | None = None, stop_ns: int | None = None
     ) -> Iterator[RawMessage]:
@@ -176,14 +163,9 @@ class Recording(Protocol):
             RecordingError: the recording is damaged and `ReadOptions.recovery` is `none`; says how far it was read.
         """
 
-    def close(self) -> None:
-        """Close the files; messages already yielded stay valid."""
-
     def __enter__(self) -> Self: ...
 
-    def __exit__(
-        self, exc_type: type[BaseException] | None, exc: BaseException | None, traceback: TracebackType | None
-    ) -> None: ...
+    def __exit__(self, *exc: object) -> None: ...
 
 
 class Closing(ABC):
@@ -196,9 +178,7 @@ class Closing(ABC):
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, exc_type: type[BaseException] | None, exc: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *exc: object) -> None:
         self.close()
 
 

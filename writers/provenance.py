@@ -13,8 +13,8 @@ class Provenance:
 
     Attributes:
         version: Version of lidcam.
-        inputs: For each input file its `name` and `sha256` (hexadecimal), or for a file on a server `url` (without
-            credentials), `size`, and `etag` and `last_modified` if the server sends them.
+        inputs: For each input file its `name` and its `sha256` (hexadecimal), or for a file on a server its `url`
+            (without credentials), `size`, and `etag` and `last_modified` if the server sends them.
         config_yaml: All settings that affect the result; not `run`, so that the number of workers does not.
         rig_yaml: The rig, as a rig file.
         start_ns: Log time of the first input message: used for the attachments in place of the wall clock.

@@ -22,7 +22,7 @@ from pipeline.core.errors import LidcamError, RecordingError
 from readers.location import Location
 from readers.recording import DEFAULT_READ_OPTIONS, Loss, ReadOptions
 
-__all__ = ["DamageError", "DamageGuard", "Losses", "library_errors"]
+__all__ = ["LIBRARY_ERRORS", "DamageError", "DamageGuard", "Losses", "library_errors"]
 
 LIBRARY_ERRORS: tuple[type[Exception], ...] = (
     ReaderError,
@@ -75,9 +75,7 @@ class DamageGuard:
     def __exit__(
         self, exc_type: type[BaseException] | None, exc: BaseException | None, traceback: TracebackType | None
     ) -> bool:
-        if not self._is_active or not isinstance(exc, LIBRARY_ERRORS) or isinstance(exc, LidcamError):
-            return False
-        if _is_of_system(exc):
+        if not self._is_active or not isinstance(exc, LIBRARY_ERRORS) or not _is_damage(exc):
             return False
         self.error = exc
         return True
@@ -102,6 +100,16 @@ class Losses:
     def guard(self) -> DamageGuard:
         """A guard that suppresses damage unless damage is an error."""
         return DamageGuard(is_active=self._is_recovering)
+
+    def reason(self, error: Exception) -> str:
+        """One of `LIBRARY_ERRORS` in one line, if a guard would suppress it: a guard for each message is slow.
+
+        Raises:
+            Exception: `error`, if a guard would let it pass.
+        """
+        if not self._is_recovering or not _is_damage(error):
+            raise error
+        return _describe(error)
 
     def note(self, position: int, reason: str, *, size: int | None = None, messages: int | None = None) -> None:
         """Add a loss; arguments as of `Loss`.
@@ -168,6 +176,10 @@ def _sum(rest: Loss | None, loss: Loss, count: int) -> Loss:
     size = None if rest.size is None or loss.size is None else rest.size + loss.size
     messages = None if rest.messages is None or loss.messages is None else rest.messages + loss.messages
     return Loss(loss.path, rest.position, reason + first, size, messages)
+
+
+def _is_damage(err: Exception) -> bool:
+    return not isinstance(err, LidcamError) and not _is_of_system(err)
 
 
 def _is_of_system(err: Exception) -> bool:

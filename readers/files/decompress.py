@@ -1,15 +1,17 @@
-"""Decompression of chunks, up to a maximum size, and of incomplete ones as far as they go."""
+"""Decompression of chunks and messages, up to a maximum size, and of incomplete chunks as far as they go."""
 
 from bz2 import BZ2Decompressor
 from typing import BinaryIO, NamedTuple, Protocol
 
+import zstandard
 from lz4.frame import LZ4FrameDecompressor
 
-__all__ = ["Allowance", "Unpacked", "check_chunk_size", "compression_of", "unpack", "unpack_lz4"]
+__all__ = ["Allowance", "Unpacked", "check_chunk_size", "compression_of", "decompressed", "unpack", "unpack_lz4"]
 
 PIECE = 1 << 18
 MAX_AT_ONCE = 1 << 22
 """The libraries allocate this much before they know how much a piece unpacks to."""
+ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 MAGICS = {b"\x04\x22\x4d\x18": "lz4", b"BZh": "bz2"}
 
 
@@ -128,3 +130,27 @@ def unpack(
         check_chunk_size(total, largest)
     used = stream.tell() - position - len(decompressor.unused_data or b"")
     return Unpacked(b"".join(parts), used, decompressor.eof)
+
+
+def decompressed(data: bytes | memoryview, encoding: str, *, announced: bool, largest: int) -> bytes | memoryview:
+    """The message, decompressed if rosbag2 compressed it by itself with zstd.
+
+    metadata.yaml says whether it did, but is often lost. Zstd frames are recognised by their first bytes (RFC 8878,
+    3.1.1), with which no CDR message can begin: its first byte is 0 (DDSI-RTPS 10.5).
+
+    Args:
+        data: As recorded.
+        encoding: Of the message (`Channel.encoding`).
+        announced: Whether metadata.yaml says that messages are compressed.
+        largest: Bytes that it may unpack to.
+
+    Raises:
+        ValueError: it unpacks to more.
+        zstandard.ZstdError: the frame is damaged, or the message was announced as compressed and is not.
+    """
+    if announced or (encoding == "cdr" and data[:4] == ZSTD_MAGIC):
+        size = zstandard.frame_content_size(data)  # negative if the frame does not say it
+        if size > largest:
+            raise ValueError(f"a message unpacks to {size} bytes, see limits.max_message_mib")
+        return zstandard.ZstdDecompressor().decompress(data, max_output_size=largest)
+    return data

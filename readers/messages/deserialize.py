@@ -20,8 +20,7 @@ from rosbags.typesys.store import Typestore
 from pipeline.core.errors import MessageError
 from pipeline.core.messages import Channel, RawMessage
 from pipeline.core.ros.typestores import extra_types
-from readers.messages.definition_size import size_fault
-from readers.messages.item_count import count_items
+from readers.messages.size_limits import count_items, size_fault
 
 __all__ = ["definition_problem", "deserialize", "deserialize_as", "typestore_for"]
 

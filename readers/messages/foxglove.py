@@ -51,7 +51,7 @@ def ros_channel(channel: Channel) -> Channel:
 
 
 def to_ros(message: RawMessage) -> RawMessage:
-    """The message as a ROS 2 message of `ros_channel`; one that cannot be read has no data and says why in `problem`.
+    """The message as a ROS 2 message of `ros_channel`; without data and with a `problem` if it cannot be read.
 
     Its stamp is the message's timestamp; for transforms, which have a timestamp each, it is the log time.
     """

@@ -16,6 +16,10 @@ HEADER = "std_msgs/msg/Header"
 TIMESTAMP = "timestamp", "builtin_interfaces/msg/Time"
 """First field of foxglove_msgs, in place of a header."""
 
+STAMP_BYTES = 8
+ROS1_STAMP = struct.Struct("<II")
+CDR_STAMP = struct.Struct(">iI"), struct.Struct("<iI")  # by the lowest bit of the encapsulation's second byte
+
 
 def peek_stamp_ns(channel: Channel, data: bytes | memoryview) -> int | None:
     """Stamp of the std_msgs/Header that the message starts with, in nanoseconds.
@@ -24,15 +28,11 @@ def peek_stamp_ns(channel: Channel, data: bytes | memoryview) -> int | None:
     last two fail again, and are counted, when the message is decoded. None also for protobuf and JSON, whose stamps
     `foxglove.to_ros` reads.
     """
-    skipped = _numbers_before_stamp(channel)
-    if skipped is None:
+    place = _place_of_stamp(channel)
+    if place is None or len(data) < place + STAMP_BYTES:
         return None
-    cursor = Cursor(data, channel.encoding)
-    cursor.skip(4, skipped)
-    if len(data) < cursor.at + 8:
-        return None
-    layout = f"{cursor.order}{'II' if channel.encoding == 'ros1' else 'iI'}"
-    sec, nanosec = struct.unpack_from(layout, data, cursor.at)
+    layout = ROS1_STAMP if channel.encoding == "ros1" else CDR_STAMP[data[1] & 1]
+    sec, nanosec = layout.unpack_from(data, place)
     return int(sec) * 10**9 + int(nanosec)
 
 
@@ -43,17 +43,21 @@ def stamp_or_log_time(channel: Channel, data: bytes | memoryview, log_time_ns: i
 
 
 @lru_cache(maxsize=1024)
-def _numbers_before_stamp(channel: Channel) -> int | None:
-    """How many uint32 a message has before its stamp; None where the type does not start with a stamp or header."""
+def _place_of_stamp(channel: Channel) -> int | None:
+    """The first byte of a message's stamp; None where the type does not start with a stamp or header."""
     try:
         fielddefs = typestore_for(channel).fielddefs
     except MessageError:
         return None
+    cursor = Cursor(b"", channel.encoding)
     fields = fielddefs[channel.msgtype][1]
     if fields and (fields[0][0], fields[0][1][1]) == TIMESTAMP:
-        return 0
+        return cursor.at
     starts_with_header = bool(fields) and fields[0][1] == (Nodetype.NAME, HEADER)
     if channel.msgtype != HEADER and not starts_with_header:
         return None
     names = [name for name, _ in fielddefs[HEADER][1]]
-    return names.index("stamp") if "stamp" in names[:2] else None  # ROS 1 puts seq (uint32) before it
+    if "stamp" not in names[:2]:
+        return None
+    cursor.skip(4, names.index("stamp"))  # ROS 1 puts seq (uint32) before it
+    return cursor.at

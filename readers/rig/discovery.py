@@ -82,7 +82,7 @@ def discover_rig(
         stop_ns: Its end (exclusive).
 
     Raises:
-        CalibrationError: no lidar is usable, with the reason for each; or nothing tells the poses of several lidars.
+        CalibrationError: no lidar is usable, with the reason for each; or the poses of several lidars are unknown.
         RecordingError: the recording has no clouds, or cannot be read.
     """
     rig_file = rig_file or RigFile()
@@ -149,7 +149,7 @@ def _zones(rig_file: RigFile) -> tuple[Zone, ...]:
 def _lidar_frames(
     lidars: Sequence[AssignedLidar], named: Mapping[str, str], transforms: RecordedTransforms
 ) -> dict[str, str]:
-    """Frame by lidar: as named, else one that tf knows by the lidar's name or a part of its topic, else its name."""
+    """Frame by lidar: as named, else one in tf with the lidar's name or a part of its topic, else its name."""
     frames = {lidar.name: named.get(lidar.name, "") for lidar in lidars}
     known = transforms.fixed.frames - set(frames.values())
     for lidar in lidars:
@@ -201,8 +201,8 @@ def _listed(topics: Sequence[TopicInfo]) -> str:
 
 def _no_poses(recording: Recording, topics: Sequence[str]) -> str:
     return (
-        f"{', '.join(str(path) for path in recording.paths)}: found {len(topics)} lidars ({', '.join(topics)}), and "
-        "nothing that says where they stand: give their poses in a rig file (--rig), or take one of them "
+        f"{', '.join(str(path) for path in recording.paths)}: found {len(topics)} lidars ({', '.join(topics)}) "
+        "without poses: give their poses in a rig file (--rig), or take one of them "
         f"(--set topics.lidars=[{topics[0]}])"
     )
 

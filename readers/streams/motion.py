@@ -236,7 +236,7 @@ class MotionBuffer:
             if fault:
                 raise fault
             return
-        sample = decode_odometry(message)
-        if sample.frame_id != self._source.fixed_frame_id:
-            raise FrameError(f"pose in {sample.frame_id!r}, expected {self._source.fixed_frame_id!r} as at first")
-        self._tracks[next(iter(self._tracks))].add(sample.stamp_ns, sample.T_parent_child.matrix)
+        pose = decode_odometry(message)
+        if pose.dst != self._source.fixed_frame_id:
+            raise FrameError(f"pose in {pose.dst!r}, expected {self._source.fixed_frame_id!r} as in the first message")
+        self._tracks[next(iter(self._tracks))].add(message.stamp_ns, pose.matrix)

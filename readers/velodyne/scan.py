@@ -70,7 +70,7 @@ def parse_velodyne_scan(message: RawMessage) -> VelodynePackets:
         frame_id, count, start, order, stride = _layout(channel, data)
     except (struct.error, UnicodeDecodeError) as err:
         raise MessageError(
-            f"{channel.topic}: {len(data)} bytes are no {SCAN}: its header is cut off or damaged"
+            f"{channel.topic}: {len(data)} bytes are not a valid {SCAN}: its header is cut off or damaged"
         ) from err
     size = _STAMP_BYTES + PACKET_BYTES
     needed = start + (count - 1) * stride + size if count else start

@@ -84,7 +84,7 @@ class VideoDecoder:
         except av.error.FFmpegError as err:
             held = self._held.pop(self._count, None)
             done += self._end_of_stream(damaged=True)
-            problem = f"{len(packet.data)} bytes are no {packet.codec} ({err.strerror})"
+            problem = f"{len(packet.data)} bytes are not valid {packet.codec} ({err.strerror})"
             return [*done, *self._blank(message, problem, held is not None)]
         limit = MAX_HELD if self._context.has_b_frames else 0
         return done + self._give_up(max(len(self._held) - limit, 0))
@@ -126,7 +126,7 @@ class VideoDecoder:
     def _give_up(self, count: int) -> list[RawMessage]:
         """The messages that have waited longest, without images."""
         given_up = [self._held.pop(key) for key in list(self._held)[:count]]
-        return [blank for held in given_up if held for blank in self._blank(held[0], "no image came of its packet")]
+        return [blank for held in given_up if held for blank in self._blank(held[0], "its packet gave no image")]
 
     def _blank(self, message: RawMessage, problem: str, show: bool = True) -> list[RawMessage]:
         return [message._replace(data=b"", channel=self._channel, problem=problem)] if show else []

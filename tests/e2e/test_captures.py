@@ -74,12 +74,12 @@ def test_a_cut_capture_is_read_and_written_as_an_mcap(
 ) -> None:
     whole, out = tmp_path / "whole.mcap", tmp_path / "out.mcap"
     run_inspect(InspectOptions((captures / "cut.pcap",), Config(), repair=whole))
-    assert "a packet of 1248 bytes, of which the file has 1241" in capsys.readouterr().out
+    assert "a packet is cut off: expected 1248 bytes, found 1241" in capsys.readouterr().out
     assert topics_of(whole) == {LEFT: ("velodyne_msgs/msg/VelodynePacket", 169)}
     found = messages_of(whole, LEFT)
     assert np.array_equal(np.stack([packet.data for _, packet in found]), PAYLOAD[:-1])
     assert processed(capsys, whole, out=out, on_bad_message="fail")["messages_used"] == {LEFT: 3}
-    with pytest.raises(RecordingError, match="a packet of 1248 bytes"):
+    with pytest.raises(RecordingError, match="a packet is cut off"):
         processed(capsys, captures / "cut.pcap", out=out, on_bad_message="fail")
 
 
@@ -87,7 +87,7 @@ def test_several_lidars_need_their_poses(captures: Path, capsys: pytest.CaptureF
     out = tmp_path / "out.mcap"
     with pytest.raises(CalibrationError) as caught:
         processed(capsys, captures / "two.pcap", out=out)
-    assert f"found 2 lidars ({LEFT}, {RIGHT}), and nothing that says where they stand" in str(caught.value)
+    assert f"found 2 lidars ({LEFT}, {RIGHT}) without poses" in str(caught.value)
     rig = tmp_path / "rig.yaml"
     rig.write_text(
         f"site_frame: site\nlidars:\n  left: {{topic: {LEFT}, translation_m: [0, 1, 2]}}\n"

@@ -40,6 +40,7 @@ from builders import (
 from captures import capture_of, interface, ng_packet, pcap, section
 from combined_messages import CAMERAS, combined
 from foxglove_messages import SCHEMA_OF, foxglove_raw, twin
+from memory_recording import MemoryRecording
 from video import CODECS, compressed_video, encode, ffmpeg_packet, moving
 
 from pipeline.core.errors import LidcamError
@@ -48,7 +49,6 @@ from pipeline.core.settings.config import Config
 from pipeline.core.settings.load import dump_config, load_config
 from pipeline.core.settings.recording import LimitsConfig
 from readers.files.rosbag2_folder import recording_files
-from readers.memory import MemoryRecording
 from readers.messages.camera_info import camera_model, rectified_camera_model
 from readers.messages.deserialize import definition_problem, deserialize, typestore_for
 from readers.messages.detections2d import decode_detections2d

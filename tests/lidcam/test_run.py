@@ -8,6 +8,7 @@ import pytest
 from builders import image, odometry, pointcloud2, raw
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from memory_recording import MemoryRecording
 from memory_writer import MemoryWriter
 
 from lidcam.frames import RunInput, TimeWindow, synchronized_topics
@@ -21,7 +22,6 @@ from pipeline.core.geometry.transform_tree import TransformTree
 from pipeline.core.messages import RawMessage
 from pipeline.core.rig import CameraSensor, LidarSensor, Rig
 from pipeline.core.settings.config import Config
-from readers.memory import MemoryRecording
 from readers.messages.tf import RecordedTransforms
 from readers.rig.discovery import Discovery
 from readers.streams.motion import MotionSource

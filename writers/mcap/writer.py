@@ -22,12 +22,11 @@ from pipeline.core.settings.config import Config
 from writers.atomic import output_errors
 from writers.mcap.file import McapFile, mcap_file
 from writers.messages.annotations import image_annotations
-from writers.messages.calibration import camera_info, moving_transform, static_transforms
-from writers.messages.clouds import point_cloud2
 from writers.messages.detections import detections_2d, detections_3d, lidcam_objects
 from writers.messages.diagnostics import diagnostics
 from writers.messages.images import COMPRESSED, image_cdr
 from writers.messages.scene import marker_array, scene_update
+from writers.messages.sensors import camera_info, moving_transform, point_cloud2, static_transforms
 from writers.provenance import Provenance
 
 __all__ = ["McapResultWriter"]

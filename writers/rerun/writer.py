@@ -81,7 +81,9 @@ class RerunResultWriter:
             self._recording.set_log_tick_enabled(False)
             self._recording.save(part)
             resources.callback(self._recording.disconnect)
-            self._recording.send_recording_name(", ".join(name for name, _ in self._provenance.inputs) or "lidcam")
+            self._recording.send_recording_name(
+                ", ".join(known["name"] for known in self._provenance.inputs) or "lidcam"
+            )
             self._resources = resources.pop_all()
         return self
 

@@ -14,11 +14,12 @@ from pipeline.core.errors import RecordingError
 from pipeline.core.messages import Channel, RawMessage
 from readers.files.chunk_cache import ChunkCache, detach
 from readers.files.container import Container
+from readers.files.damage import LIBRARY_ERRORS
+from readers.files.decompress import decompressed
 from readers.files.mcap.channels import channel_of, message_type
 from readers.files.mcap.chunk import Entry, load_chunk, messages_in, read_exactly
 from readers.files.mcap.index import ChunkPlace, Contents, contents_of_summary, read_profile
 from readers.files.mcap.recovery import chunk_extent, contents_of_scan
-from readers.files.message_zstd import decompressed
 from readers.files.remote import ReadAhead, tell_full_read
 from readers.messages.header_stamp import stamp_or_log_time
 from readers.recording import RosVersion, TopicInfo, merge_topics
@@ -142,11 +143,12 @@ class McapFile(Container):
 
     def _read_or_note(self, entry: Entry) -> bytes | memoryview | None:
         """The data of a message; None if they are damaged, which is noted."""
-        with self._losses.guard() as damage:
+        try:
             return self._read(entry)
-        where = f"a message at byte {entry.offset} of the chunk: " if entry.chunk else ""
-        self._losses.note(entry.chunk or entry.offset, where + damage.reason, messages=1)
-        return None
+        except LIBRARY_ERRORS as err:
+            where = f"a message at byte {entry.offset} of the chunk: " if entry.chunk else ""
+            self._losses.note(entry.chunk or entry.offset, where + self._losses.reason(err), messages=1)
+            return None
 
     def _read(self, entry: Entry) -> bytes | memoryview:
         self._check_open()
@@ -165,10 +167,10 @@ class McapFile(Container):
         )
 
     def _records_of(self, position: int) -> bytes:
+        return self._chunk_cache.get(position, lambda: self._load(position))
+
+    def _load(self, position: int) -> bytes:
         self._check_open()
-        is_cut = position == self._cut_chunk
         following = int(np.searchsorted(self._positions, np.uint64(position), side="right"))
         before = int(self._positions[following]) if following < len(self._positions) else None
-        return self._chunk_cache.get(
-            position, lambda: load_chunk(self._stream, position, self._limits, before=before, is_cut=is_cut)
-        )
+        return load_chunk(self._stream, position, self._limits, before=before, is_cut=position == self._cut_chunk)

@@ -93,8 +93,12 @@ def record_at(stream: BinaryIO, position: int, end: int) -> Record | None:
     if opcode == Opcode.MESSAGE_INDEX:
         _, listed = INDEX_HEAD.unpack(stream.read(INDEX_HEAD.size))
         return record if size == listed + INDEX_HEAD.size and not listed % INDEX_ENTRY_BYTES else None
-    if opcode == Opcode.CHUNK and not _is_chunk(stream, record):
-        return None
+    if opcode == Opcode.CHUNK:
+        try:
+            head = read_chunk_head(stream)
+        except (EOFError, ValueError):
+            return None
+        return record if head.position + head.size == record.end else None
     return record
 
 
@@ -104,17 +108,10 @@ def _frame_at(stream: BinaryIO, position: int, end: int) -> Record | None:
         return None
     stream.seek(position)
     opcode, size = RECORD_HEAD.unpack(stream.read(RECORD_HEAD.size))
-    record = Record(opcode, position, position + RECORD_HEAD.size, size)
-    return record if record.end <= end and (opcode in OPCODES or opcode in PRIVATE_OPCODES) else None
-
-
-def _is_chunk(stream: BinaryIO, record: Record) -> bool:
-    """Whether the two lengths that a chunk has agree."""
-    try:
-        head = read_chunk_head(stream)
-    except (EOFError, ValueError):
-        return False
-    return head.position + head.size == record.end
+    content = position + RECORD_HEAD.size
+    if content + size > end or (opcode not in OPCODES and opcode not in PRIVATE_OPCODES):
+        return None
+    return Record(opcode, position, content, size)
 
 
 def find_record(stream: BinaryIO, position: int, end: int) -> int:

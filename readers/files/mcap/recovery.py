@@ -10,7 +10,7 @@ from mcap.records import Channel, Schema, Statistics
 
 from pipeline.core.errors import RecordingError
 from pipeline.core.settings.recording import LimitsConfig
-from readers.files.damage import Losses
+from readers.files.damage import LIBRARY_ERRORS, Losses
 from readers.files.decompress import Allowance
 from readers.files.mcap.chunk import (
     MESSAGE_HEAD,
@@ -34,6 +34,8 @@ from readers.files.mcap.records import (
 )
 
 __all__ = ["chunk_extent", "contents_of_scan"]
+
+MESSAGE_OPCODES = {Opcode.MESSAGE, Opcode.CHUNK, Opcode.MESSAGE_INDEX}
 
 
 def contents_of_scan(stream: BinaryIO, losses: Losses, *, because: str, limits: LimitsConfig) -> Contents:
@@ -202,7 +204,11 @@ class _Scan:
 
     def _take(self, record: Record) -> None:
         opcode = record.opcode
-        if opcode == Opcode.DATA_END:
+        if self._in_summary and opcode in MESSAGE_OPCODES:
+            return  # it contains no messages
+        if opcode in {Opcode.MESSAGE, Opcode.CHUNK}:
+            self._take_messages(record)
+        elif opcode == Opcode.DATA_END:
             self._data_end = record.start
             self._in_summary = record.end == self._summary_start
         elif opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:
@@ -213,22 +219,22 @@ class _Scan:
                 self._stream.seek(record.content)
                 total = Statistics.read(ReadDataStream(self._stream)).message_count
                 self._total = total if has_valid_summary(self._stream) else self._total
-        elif self._in_summary:
-            return  # it contains no messages
         elif opcode == Opcode.MESSAGE_INDEX and self._last_chunk is not None:
             self._listed[self._last_chunk] += listed_messages(record)
-        elif opcode in {Opcode.MESSAGE, Opcode.CHUNK}:
-            with self._losses.guard() as damage:
-                if opcode == Opcode.MESSAGE:
-                    self._take_loose(record)
-                else:
-                    self._last_chunk = record.start
-                    self._take_records(self._load(record.start), record.start, record.end - record.start)
-            if damage.error:
-                reason = f"a {Opcode(opcode).name.lower()} that cannot be read ({damage.reason})"
-                self._bad[record.start] = (reason, record.end - record.start)
-                if opcode == Opcode.CHUNK:
-                    self._take_doubtful(record.start)
+
+    def _take_messages(self, record: Record) -> None:
+        """Take a message or a chunk, or note that it is damaged."""
+        try:
+            if record.opcode == Opcode.MESSAGE:
+                self._take_loose(record)
+            else:
+                self._last_chunk = record.start
+                self._take_records(self._load(record.start), record.start, record.end - record.start)
+        except LIBRARY_ERRORS as err:
+            reason = f"a {Opcode(record.opcode).name.lower()} that cannot be read ({self._losses.reason(err)})"
+            self._bad[record.start] = (reason, record.end - record.start)
+            if record.opcode == Opcode.CHUNK:
+                self._take_doubtful(record.start)
 
     def _take_loose(self, record: Record) -> None:
         if len(self.contents.loose) >= self._limits.max_messages_in_memory:

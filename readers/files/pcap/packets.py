@@ -168,7 +168,7 @@ def _pcap(window: Window, losses: Losses) -> Iterator[CapturedPacket]:
         if not is_plausible or not layout.fits(window, position, fields):
             after = _next_pcap_packet(window, position + 1, layout, near_s)
             if after is None and is_plausible and data_at + captured > window.size:
-                reason = f"a packet of {captured} bytes, of which the file has {window.size - data_at}"
+                reason = f"a packet is cut off: expected {captured} bytes, found {window.size - data_at}"
                 losses.note(position, reason, size=window.size - position, messages=1)
                 return
             end = window.size if after is None else after

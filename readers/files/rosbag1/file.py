@@ -18,6 +18,7 @@ from pipeline.core.arrays import I64
 from pipeline.core.messages import RawMessage
 from readers.files.chunk_cache import ChunkCache, detach
 from readers.files.container import Container, Source
+from readers.files.damage import LIBRARY_ERRORS
 from readers.files.rosbag1.index import Contents, contents_of_index, load_chunk
 from readers.files.rosbag1.recovery import contents_of_scan
 from readers.messages.header_stamp import stamp_or_log_time
@@ -107,21 +108,24 @@ class Rosbag1File(Container):
         """The data of a message; None if they are damaged, which is noted."""
         if chunk_position in self._bad_chunks:
             return None
-        with self._losses.guard() as damage:
+        try:
             return self._read(chunk_position, offset, connection_id, log_time_ns)
+        except LIBRARY_ERRORS as err:
+            self._note(chunk_position, offset, self._losses.reason(err))
+            return None
+
+    def _note(self, chunk_position: int, offset: int, reason: str) -> None:
+        """Note a message or its chunk as damaged."""
         chunk = self._chunks[chunk_position]
         if chunk.compression == "none":
-            self._losses.note(chunk.data_position + offset, damage.reason, messages=1)
+            self._losses.note(chunk.data_position + offset, reason, messages=1)
         elif self._chunk_cache.holds(chunk_position):
-            reason = f"a message at byte {offset} of the chunk: {damage.reason}"
-            self._losses.note(chunk_position, reason, messages=1)
+            self._losses.note(chunk_position, f"a message at byte {offset} of the chunk: {reason}", messages=1)
         else:
             self._bad_chunks.add(chunk_position)
             count = self._chunk_counts[chunk_position]
             size = chunk.data_position + chunk.data_size - chunk_position
-            reason = f"a chunk that does not unpack ({damage.reason})"
-            self._losses.note(chunk_position, reason, size=size, messages=count)
-        return None
+            self._losses.note(chunk_position, f"a chunk that does not unpack ({reason})", size=size, messages=count)
 
     @cached_property
     def _chunk_counts(self) -> Counter[int]:

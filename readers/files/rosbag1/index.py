@@ -70,7 +70,7 @@ def check_complete(unpacked: Unpacked, compression: str) -> None:
     """Refuse data that lack their end.
 
     Raises:
-        EOFError: they do.
+        EOFError: the end is missing.
     """
     if not unpacked.complete:
         raise EOFError(f"its {compression} data end early")

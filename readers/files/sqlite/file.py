@@ -1,22 +1,23 @@
 """ROS 2 recordings in SQLite (rosbag2_storage_sqlite3, schema versions 1 to 4).
 
 Read with Python's sqlite3, so that messages of equal time come in the order of their rows, the sort never holds message
-data (SQLite would otherwise sort whole rows if the time has no index), and an empty serialization format is accepted.
+data, and an empty serialization format is accepted.
 """
 
 import sqlite3
 from collections.abc import Collection, Iterator
 from pathlib import Path
-from typing import Any, Literal, NoReturn
+from typing import Any, Literal
 
 import numpy as np
 from rosbags.typesys.msg import normalize_msgtype
 
 from pipeline.core.messages import Channel, RawMessage
 from readers.files.container import Container, Source
-from readers.files.message_zstd import decompressed
+from readers.files.damage import LIBRARY_ERRORS
+from readers.files.decompress import decompressed
 from readers.files.sqlite.index import Contents, contents_of_tables
-from readers.files.sqlite.recovery import Scanned, check_size, contents_of_rows, read_message, scan_database
+from readers.files.sqlite.recovery import check_size, contents_of_scan, read_message
 from readers.messages.header_stamp import stamp_or_log_time
 from readers.recording import RosVersion, TopicInfo, merge_topics
 
@@ -30,6 +31,7 @@ damaged pages that refer to one another in circles would keep it busy forever.""
 
 MIN_STEPS = 10_000_000
 STEPS_AT_ONCE = 100_000
+ROWS_AT_ONCE = 4096
 
 
 class SqliteFile(Container):
@@ -53,24 +55,26 @@ class SqliteFile(Container):
         super().__init__(source, content.open("rb"))
 
     def _describe(self) -> None:
-        self._scanned: Scanned | None = None
-        distro = self._source.metadata.distro
+        self._scanned: Contents | None = None
         with self._losses.guard() as damage:
             check_size(self._stream)
-            self._set_contents(contents_of_tables(self._database, self.path, distro))
+            contents = contents_of_tables(self._database, self.path, self._source.metadata.distro)
         if damage.error:
-            self._scanned = scan_database(self._stream, self._losses, because=damage.reason)
-            if not len(self._scanned.rows):
+            contents = self._scanned = contents_of_scan(self._stream, self._losses, because=damage.reason)
+            if not len(contents.rows):
                 raise damage.error
-            self._set_contents(contents_of_rows(self._scanned, distro))
+        self._uses_tables = not damage.error
+        self._set_contents(contents)
 
     def _set_contents(self, contents: Contents) -> None:
         self._channels: dict[int, Channel] = {}
         topics = []
-        spans = contents.spans
+        ids, counts = np.unique(contents.rows[:, 2], return_counts=True)
+        count_by_topic = dict(zip(ids.tolist(), counts.tolist(), strict=True))
+        distro = contents.distro or self._source.metadata.distro
         for topic_id, topic, recorded_type, encoding in contents.topics:
             msgtype = normalize_msgtype(recorded_type)
-            count = spans.get(topic_id, (0,))[0]
+            count = count_by_topic.get(topic_id, 0)
             if encoding not in {"cdr", ""}:
                 reason = f"its messages are serialised as {encoding}, lidcam reads cdr"
                 topics.append(TopicInfo(topic, msgtype, count, (), reason))
@@ -78,100 +82,73 @@ class SqliteFile(Container):
             form, text = contents.definitions.get(recorded_type, ("", ""))
             known = DEFINITION_FORMATS.get(form)
             digest = contents.type_hashes.get(topic_id) or ""
-            channel = Channel(topic, msgtype, "cdr", text if known else "", known or "ros2msg", contents.distro, digest)
+            channel = Channel(topic, msgtype, "cdr", text if known else "", known or "ros2msg", distro, digest)
             self._channels[topic_id] = channel
             topics.append(TopicInfo(topic, msgtype, count, (channel,)))
-        listed = {topic_id for topic_id, *_ in contents.topics}
-        if unlisted := sum(count for topic_id, (count, _, _) in spans.items() if topic_id not in listed):
+        listed = np.isin(contents.rows[:, 2], [topic_id for topic_id, *_ in contents.topics])
+        if not listed.all():
+            unlisted = int((~listed).sum())
             self._losses.note(0, "messages of a topic that the file does not list", messages=unlisted)
-            spans = {topic_id: span for topic_id, span in spans.items() if topic_id in listed}
+        self._rows = contents.rows[listed, :3]
         self.topics = merge_topics(topics)
-        self.message_count = sum(count for count, _, _ in spans.values())
-        self.start_ns = min((first for _, first, _ in spans.values()), default=0)
-        self.end_ns = max((last for _, _, last in spans.values()), default=0)
+        self.message_count = len(self._rows)
+        self.start_ns, self.end_ns = (int(self._rows[i, 0]) if self.message_count else 0 for i in (0, -1))
 
     def messages(
         self, topics: Collection[str] | None, *, start_ns: int | None, stop_ns: int | None
     ) -> Iterator[RawMessage]:
         """See `RecordingFile`."""
         wanted = [id_ for id_, channel in self._channels.items() if topics is None or channel.topic in topics]
-        for row_id, topic_id, log_time_ns, data in self._rows(wanted, start_ns, stop_ns):
-            channel = self._channels[topic_id]
-            order = self._source.index, row_id
-            yield RawMessage(stamp_or_log_time(channel, data, log_time_ns), log_time_ns, order, data, channel)
-
-    def _rows(
-        self, wanted: list[int], start_ns: int | None, stop_ns: int | None
-    ) -> Iterator[tuple[int, int, int, bytes | memoryview]]:
-        """Id, topic id, log time and data: from SQLite, and from the pages once it fails."""
-        self._check_open()
-        last = -(2**63), -(2**63)  # log time and id
-        if self._scanned is None:
-            conditions = [f"topic_id IN ({', '.join('?' * len(wanted))})"]
-            values = [*wanted]
-            if start_ns is not None:
-                conditions.append("timestamp >= ?")
-                values.append(start_ns)
-            if stop_ns is not None:
-                conditions.append("timestamp < ?")
-                values.append(stop_ns)
-            order = (
-                f"SELECT id, topic_id, timestamp FROM messages WHERE {' AND '.join(conditions)} ORDER BY timestamp, id"
-            )
-            with self._losses.guard() as damage:
-                for row_id, topic_id, log_time_ns in self._query(order, values):
-                    ((data, time_ns),) = self._query("SELECT data, timestamp FROM messages WHERE id = ?", [row_id])
-                    if time_ns != log_time_ns or not isinstance(time_ns, int) or (time_ns, row_id) <= last:
-                        _refuse_index(row_id)
-                    last = time_ns, row_id
-                    if (content := self._content_of(row_id, data)) is not None:
-                        yield row_id, topic_id, log_time_ns, content
-                        self._check_open()
-            if not damage.error:
-                return
-            self._scanned = scan_database(self._stream, self._losses, because=damage.reason)
-        rows = self._scanned.rows[np.isin(self._scanned.rows[:, 2], wanted)]
+        rows = self._rows[np.isin(self._rows[:, 2], wanted)]
         rows = rows[slice(*(None if t is None else int(np.searchsorted(rows[:, 0], t)) for t in (start_ns, stop_ns)))]
-        for log_time_ns, row_id, topic_id, page, place in rows.tolist():
-            if (log_time_ns, row_id) <= last:
-                continue
-            self._check_open()
-            with self._losses.guard() as damage:
-                data = read_message(self._stream, page, place)
-            if damage.error:
-                self._note(row_id, damage.reason)
-            elif (content := self._content_of(row_id, data)) is not None:
-                yield row_id, topic_id, log_time_ns, content
+        for first in range(0, len(rows), ROWS_AT_ONCE):
+            for log_time_ns, row_id, topic_id in rows[first : first + ROWS_AT_ONCE].tolist():
+                channel, data = self._channels[topic_id], self._read_or_note(log_time_ns, row_id)
+                if data is not None:
+                    order = self._source.index, row_id
+                    yield RawMessage(stamp_or_log_time(channel, data, log_time_ns), log_time_ns, order, data, channel)
 
-    def _content_of(self, row_id: int, data: Any) -> bytes | memoryview | None:
+    def _read_or_note(self, log_time_ns: int, row_id: int) -> bytes | memoryview | None:
         """The bytes of a message; None if they are damaged, which is noted."""
-        largest = self._limits.max_message_bytes
-        with self._losses.guard() as damage:
+        self._check_open()
+        try:
+            data = self._read(log_time_ns, row_id)
             if not isinstance(data, bytes):
                 raise TypeError(f"message {row_id} has no bytes")
+            largest = self._limits.max_message_bytes
             if len(data) > largest:
                 raise ValueError(f"{len(data)} bytes, see limits.max_message_mib")
             return decompressed(data, "cdr", announced=self._source.metadata.message_compression, largest=largest)
-        self._note(row_id, damage.reason)
-        return None
+        except LIBRARY_ERRORS as err:
+            self._losses.note(0, f"message {row_id}: {self._losses.reason(err)}", messages=1)
+            return None
 
-    def _note(self, row_id: int, reason: str) -> None:
-        self._losses.note(0, f"message {row_id}: {reason}", messages=1)
+    def _read(self, log_time_ns: int, row_id: int) -> Any:
+        """The data of a message: from SQLite, or from the pages if it fails."""
+        if self._uses_tables:
+            try:
+                self._steps = 0
+                rows = self._database.execute("SELECT data, timestamp FROM messages WHERE id = ?", (row_id,))
+                ((data, found_ns),) = rows
+                if found_ns == log_time_ns:
+                    return data
+                raise sqlite3.DatabaseError(f"expected log time {log_time_ns} of message {row_id}, found {found_ns}")
+            except LIBRARY_ERRORS as err:
+                reason = self._losses.reason(err)
+            if self._scanned is None:
+                self._scanned = contents_of_scan(self._stream, self._losses, because=reason)
+        assert self._scanned is not None
+        found = self._scanned.rows
+        found = found[slice(*np.searchsorted(found[:, 0], (log_time_ns, log_time_ns + 1)))]
+        ((page, place),) = found[found[:, 1] == row_id, 3:].tolist()
+        return read_message(self._stream, page, place)
 
     def close(self) -> None:
         """Close the database."""
         self._database.close()
         super().close()
 
-    def _query(self, sql: str, values: Collection[Any] = ()) -> Iterator[tuple[Any, ...]]:
-        self._steps = 0
-        return self._database.execute(sql, tuple(values))
-
     def _count_steps(self) -> bool:
         """Whether SQLite is to give up."""
         self._steps += STEPS_AT_ONCE
         return self._steps > self._max_steps
-
-
-def _refuse_index(row_id: int) -> NoReturn:
-    raise sqlite3.DatabaseError(f"the index on the time is wrong about message {row_id}")

@@ -7,6 +7,8 @@ page on which it continues. They have no checksums, so overwritten bytes of a me
 
 import struct
 from array import array
+from collections import deque
+from collections.abc import Iterator
 from typing import BinaryIO, NamedTuple
 
 import numpy as np
@@ -15,7 +17,7 @@ from pipeline.core.arrays import I64
 from readers.files.damage import Losses
 from readers.files.sqlite.index import Contents
 
-__all__ = ["Scanned", "check_size", "contents_of_rows", "read_message", "scan_database"]
+__all__ = ["check_size", "contents_of_scan", "read_message"]
 
 LEAF = 0x0D
 HEADER_BYTES = 100
@@ -26,22 +28,6 @@ INTEGER_BYTES = (0, 1, 2, 3, 4, 6, 8)
 UINT32 = struct.Struct(">I")
 
 Value = int | float | str | bytes | None
-
-
-class Scanned(NamedTuple):
-    """The rows that were found.
-
-    Attributes:
-        rows: (N, 5) log time, id, topic id, page and place in the page of every message; sorted by the first two.
-        topics: Id, name, type and serialization format.
-        definitions: Encoding and text by type.
-        distro: ROS 2 release, or empty.
-    """
-
-    rows: I64
-    topics: list[tuple[int, str, str, str]]
-    definitions: dict[str, tuple[str, str]]
-    distro: str
 
 
 class _Pages:
@@ -66,8 +52,8 @@ class _Pages:
         self._steps_left = STEPS_PER_PAGE * self.count
         self.expected: int = counted if valid_for == changes else 0  # else an old SQLite, which did not count pages
 
-    def read(self, number: int) -> bytes:
-        """One page.
+    def read(self, number: int, size: int | None = None) -> bytes:
+        """One page, or its first `size` bytes.
 
         Raises:
             ValueError: the file has no such page.
@@ -75,17 +61,27 @@ class _Pages:
         if not 1 <= number <= self.count:
             raise ValueError(f"page {number} of {self.count} is missing")
         self._stream.seek((number - 1) * self.size)
-        return self._stream.read(self.size)
+        return self._stream.read(self.size if size is None else size)
 
-    def next_of(self, number: int) -> int:
-        """The overflow page after the overflow page `number`; 0 if it is the last."""
-        if not 1 <= number <= self.count:
-            raise ValueError(f"page {number} of {self.count} is missing")
-        if not self._steps_left:
-            raise ValueError("rows with too many overflow pages")
-        self._steps_left -= 1
-        self._stream.seek((number - 1) * self.size)
-        return int(UINT32.unpack(self._stream.read(4))[0])
+    def overflow(self, cell: "_Cell", size: int | None = None) -> Iterator[bytes]:
+        """The overflow pages of a row, or the first `size` bytes of each.
+
+        Raises:
+            ValueError: one is missing, the row does not end where its size says, or too many were read.
+        """
+        length = -(-(cell.payload_size - len(cell.local)) // (self.usable - 4))
+        if length > self.count:
+            raise ValueError(f"a row of {cell.payload_size} bytes is larger than the file")
+        number = cell.overflow
+        for _ in range(length):
+            if not self._steps_left:
+                raise ValueError("rows with too many overflow pages")
+            self._steps_left -= 1
+            page = self.read(number, size)
+            (number,) = UINT32.unpack_from(page)
+            yield page
+        if number:
+            raise ValueError("a row that continues after its end")
 
 
 class _Cell(NamedTuple):
@@ -101,7 +97,7 @@ def check_size(stream: BinaryIO) -> None:
     """Refuse a file that lacks pages: SQLite would read the missing rest of its last page as zeros.
 
     Raises:
-        EOFError: it does.
+        EOFError: pages are missing.
         ValueError: its header is not that of a database.
     """
     pages = _Pages(stream)
@@ -109,18 +105,8 @@ def check_size(stream: BinaryIO) -> None:
         raise EOFError(f"the file has {pages.count} of {pages.expected} pages")
 
 
-def contents_of_rows(scanned: Scanned, distro: str) -> Contents:
-    """What the rows say; `distro` is used if they name no ROS 2 release."""
-    ids, first, counts = np.unique(scanned.rows[:, 2], return_index=True, return_counts=True)
-    last = len(scanned.rows) - 1 - np.unique(scanned.rows[::-1, 2], return_index=True)[1]
-    times = scanned.rows[:, 0]
-    spans = zip(ids.tolist(), counts.tolist(), times[first].tolist(), times[last].tolist(), strict=True)
-    by_topic = {id_: (count, start, end) for id_, count, start, end in spans}
-    return Contents(scanned.distro or distro, scanned.definitions, by_topic, scanned.topics, {})
-
-
-def scan_database(stream: BinaryIO, losses: Losses, *, because: str) -> Scanned:
-    """The rows, found by reading every page once.
+def contents_of_scan(stream: BinaryIO, losses: Losses, *, because: str) -> Contents:
+    """The contents, found by reading every page once.
 
     Args:
         stream: The file.
@@ -148,7 +134,7 @@ def scan_database(stream: BinaryIO, losses: Losses, *, because: str) -> Scanned:
                     raise ValueError("rows that overlap")  # noqa: TRY301  (noted like other damage)
                 types = _serial_types(cell.local)
                 if _is_message(types):
-                    _check_chain(pages, cell)
+                    deque(pages.overflow(cell, UINT32.size), maxlen=0)
                     _, topic_id, log_time_ns = _values(cell.local, types[:3])
                     rows.extend((_integer(log_time_ns), cell.row_id, _integer(topic_id), number, place))
                     continue
@@ -168,7 +154,7 @@ def scan_database(stream: BinaryIO, losses: Losses, *, because: str) -> Scanned:
     table = table[np.unique(table[:, 1], return_index=True)[1]]  # freed pages may still contain old rows
     table = table[np.lexsort((table[:, 1], table[:, 0]))]
     _note(pages, table, broken, losses, because)
-    return Scanned(table, [topics[id_] for id_ in sorted(topics)], definitions, distro)
+    return Contents(distro, definitions, table, [topics[id_] for id_ in sorted(topics)], {})
 
 
 def read_message(stream: BinaryIO, page: int, place: int) -> bytes:
@@ -229,30 +215,8 @@ def _cell(page: bytes, place: int, usable: int) -> _Cell:
     return _Cell(row_id, size, page[at : at + local], overflow)
 
 
-def _chain_length(pages: _Pages, cell: _Cell) -> int:
-    length = -(-(cell.payload_size - len(cell.local)) // (pages.usable - 4))
-    if length > pages.count:
-        raise ValueError(f"a row of {cell.payload_size} bytes is larger than the file")
-    return length
-
-
-def _check_chain(pages: _Pages, cell: _Cell) -> None:
-    """Raise if an overflow page of the row is missing, or the row does not end where its size says."""
-    number = cell.overflow
-    for _ in range(_chain_length(pages, cell)):
-        number = pages.next_of(number)
-    if number:
-        raise ValueError("a row that continues after its end")
-
-
 def _payload(pages: _Pages, cell: _Cell) -> bytes:
-    parts, number = [cell.local], cell.overflow
-    for _ in range(_chain_length(pages, cell)):
-        page = pages.read(number)
-        (number,) = UINT32.unpack_from(page)
-        parts.append(page[4 : pages.usable])
-    if number:
-        raise ValueError("a row that continues after its end")
+    parts = [cell.local, *(page[4 : pages.usable] for page in pages.overflow(cell))]
     return b"".join(parts)[: cell.payload_size]
 
 

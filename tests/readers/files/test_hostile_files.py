@@ -16,6 +16,7 @@ from builders import odometry, raw, serialize, tf_message, transform_stamped, wr
 from mcap.data_stream import RecordBuilder
 from mcap.records import Channel as McapChannel
 from mcap.records import Chunk, ChunkIndex, DataEnd, Footer, Header, Message, Schema, Statistics
+from memory_recording import MemoryRecording
 
 from pipeline.core.errors import FrameError, LidcamError, MessageError, RecordingError
 from pipeline.core.messages import Channel, RawMessage
@@ -23,7 +24,6 @@ from pipeline.core.settings.recording import LimitsConfig
 from readers.files.chunk_cache import ChunkCache
 from readers.files.damage import Losses
 from readers.files.rosbag1.recovery import contents_of_scan
-from readers.memory import MemoryRecording
 from readers.messages.deserialize import definition_problem, deserialize
 from readers.messages.tf import read_transforms
 from readers.open import open_recording

@@ -7,11 +7,11 @@ from typing import Literal
 
 import pytest
 from builders import detection2d_array, odometry, pointcloud2, raw, store_for, write_rosbag1, write_rosbag2
+from memory_recording import MemoryRecording
 
 from pipeline.core.errors import MessageError
 from pipeline.core.messages import RawMessage
 from pipeline.core.settings.config import Config
-from readers.memory import MemoryRecording
 from readers.messages.deserialize import deserialize
 from readers.open import open_recording
 from readers.rig.discovery import discover_rig

@@ -12,7 +12,7 @@ import pytest
 import zstandard
 from builders import image, odometry, raw, write_mcap, write_rosbag1, write_rosbag2
 from helpers import shared
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from pipeline.core.errors import RecordingError
@@ -186,6 +186,7 @@ def test_what_comes_before_a_cut_is_read(
 
 @settings(max_examples=150, deadline=None)
 @given(kind=st.sampled_from(KINDS), share=st.floats(0, 1, exclude_max=True), bit=st.integers(0, 7))
+@example(kind="sqlite", share=0.889593639654536, bit=0)
 def test_a_flipped_bit_never_alters_a_message_that_has_a_checksum(
     tmp_path_factory: pytest.TempPathFactory,
     recordings: Recordings,
@@ -303,9 +304,7 @@ def test_a_damaged_index_of_sqlite_costs_nothing(tmp_path: Path) -> None:
     with path.open("r+b") as stream:
         stream.seek((root - 1) * size)
         stream.write(b"\xff" * 100)
-    got, losses = recovered(path)
-    assert got == [content(m) for m in messages]
-    assert [loss.messages for loss in losses] == [0]
+    assert recovered(path) == ([content(m) for m in messages], ())
 
 
 def test_rows_on_overwritten_pages_are_passed_over(tmp_path: Path) -> None:

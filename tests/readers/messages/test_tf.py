@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 from builders import Fields, raw, tf_message, transform_stamped
+from memory_recording import MemoryRecording
 
 from pipeline.core.errors import FrameError
 from pipeline.core.messages import RawMessage
-from readers.memory import MemoryRecording
 from readers.messages.tf import read_transforms
 
 SECOND = 10**9

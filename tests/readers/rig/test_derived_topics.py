@@ -8,11 +8,11 @@ import pytest
 import yaml
 from builders import image, pointcloud2, raw, tf_message, transform_stamped
 from combined_messages import CAMERAS, CLOUDS, combined
+from memory_recording import MemoryRecording
 
 from pipeline.core.errors import RecordingError
 from pipeline.core.messages import RawMessage
 from pipeline.core.settings.config import Config
-from readers.memory import MemoryRecording
 from readers.rig.discovery import Discovery, discover_rig
 from readers.rig.first_messages import FirstMessages
 from readers.rig.rig_file import load_rig

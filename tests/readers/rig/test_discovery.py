@@ -20,12 +20,12 @@ from builders import (
     write_rosbag1,
 )
 from helpers import shared
+from memory_recording import MemoryRecording
 from scipy.spatial.transform import Rotation
 
 from pipeline.core.errors import CalibrationError, RecordingError
 from pipeline.core.messages import Channel, RawMessage
 from pipeline.core.settings.config import Config
-from readers.memory import MemoryRecording
 from readers.open import open_recording
 from readers.rig.discovery import Discovery, discover_rig
 from readers.rig.schema import RigFile

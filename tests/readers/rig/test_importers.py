@@ -7,11 +7,11 @@ import pytest
 import yaml
 from builders import image, pointcloud2, raw
 from helpers import shared
+from memory_recording import MemoryRecording
 
 from pipeline.core.errors import CalibrationError
 from pipeline.core.messages import RawMessage
 from pipeline.core.settings.config import Config
-from readers.memory import MemoryRecording
 from readers.rig.discovery import Discovery, discover_rig
 from readers.rig.rig_file import load_rig
 

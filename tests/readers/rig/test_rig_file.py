@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 import yaml
 from builders import camera_info, header, image, pointcloud2, raw, tf_message, transform_stamped
+from memory_recording import MemoryRecording
 from scipy.spatial.transform import Rotation
 
 from pipeline.core.errors import CalibrationError, ConfigError, LidcamError, OutputError
 from pipeline.core.messages import RawMessage
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
-from readers.memory import MemoryRecording
 from readers.rig.discovery import Discovery, discover_rig
 from readers.rig.rig_file import load_rig, write_rig
 from readers.rig.schema import RigFile, parse_rig

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from builders import header, image, odometry, pointcloud2, raw
 from combined_messages import CAMERAS, CLOUDS, combined
+from memory_recording import MemoryRecording
 
 from pipeline.core.errors import MessageError
 from pipeline.core.messages import RawMessage
-from readers.memory import MemoryRecording
 from readers.messages.deserialize import deserialize
 from readers.messages.image import decode_any_image
 from readers.messages.pointcloud2 import decode_pointcloud2

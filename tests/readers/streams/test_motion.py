@@ -3,12 +3,12 @@ from typing import Any
 import numpy as np
 import pytest
 from builders import Fields, odometry, pointcloud2, raw, tf_message, transform_stamped
+from memory_recording import MemoryRecording
 from scipy.spatial.transform import Rotation, Slerp
 
 from pipeline.core.errors import ConfigError
 from pipeline.core.messages import Drop, RawMessage
 from pipeline.core.settings.config import Config
-from readers.memory import MemoryRecording
 from readers.rig.discovery import discover_rig
 from readers.streams.motion import MotionBuffer, MotionSource, find_motion_source
 

@@ -6,11 +6,11 @@ import pytest
 from builders import image, odometry, raw
 from combined_messages import CAMERAS, combined
 from foxglove_messages import foxglove_raw
+from memory_recording import MemoryRecording
 from numpy import zeros
 
 from pipeline.core.errors import RecordingError
 from pipeline.core.messages import RawMessage
-from readers.memory import MemoryRecording
 from readers.streams.per_sensor import sensor_messages
 
 T0 = 1_700_000_000 * 10**9

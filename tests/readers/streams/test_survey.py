@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 from builders import odometry, raw
+from memory_recording import MemoryRecording
 
 from pipeline.core.arrays import I64
 from pipeline.core.messages import RawMessage
-from readers.memory import MemoryRecording
 from readers.streams.survey import survey
 
 SECOND_NS = 1_000_000_000

@@ -8,12 +8,12 @@ import pytest
 from helpers import shared
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from memory_recording import MemoryRecording
 from velodyne import START_NS, packet_stream, random_packets, recorded_scans
 
 from pipeline.core.arrays import I64, U8
 from pipeline.core.errors import MessageError
 from pipeline.core.messages import Channel, RawMessage
-from readers.memory import MemoryRecording
 from readers.messages.deserialize import deserialize
 from readers.streams.per_sensor import sensor_messages
 from readers.streams.survey import survey

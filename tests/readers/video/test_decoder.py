@@ -136,7 +136,7 @@ def test_after_damage_it_begins_again(kind: str, fault: str) -> None:
     damaged = [packets[0], packets[1]._replace(data=data), *packets[2:]]
     found = decoded(foxglove(damaged, kind))
     assert [m.problem == "" for m in found] == [place == 0 or place >= GOP for place in range(COUNT)]
-    reason = "without data" if not data else f"{len(data)} bytes are no {CODECS[kind][0]}"
+    reason = "without data" if not data else f"{len(data)} bytes are not valid {CODECS[kind][0]}"
     assert ("this one is broken" if (kind, fault) == ("h264", "nonsense") else reason) in found[1].problem
     assert [m.problem for m in found[2:GOP]] == [AFTER_DAMAGE] * (GOP - 2)
     assert_shows([m for m in found if not m.problem], images)
@@ -149,7 +149,7 @@ def test_a_message_that_was_not_recorded_is_noticed(kind: str, missing: int) -> 
     found = problems(foxglove([*packets[:missing], *packets[missing + 1 :]], kind))
     assert found[:missing] == [""] * missing
     if missing < GOP - 1:
-        assert ("are no hevc" if kind == "h265" else "a packet before it is missing") in found[missing]
+        assert ("are not valid hevc" if kind == "h265" else "a packet before it is missing") in found[missing]
     assert found[missing + 1 : GOP - 1] == [AFTER_DAMAGE] * (GOP - 2 - missing)
     assert found[GOP - 1 :] == [""] * (COUNT - GOP)
 
@@ -159,7 +159,7 @@ def test_a_damaged_key_frame_is_waited_out() -> None:
     broken = packets[GOP]._replace(data=packets[GOP].data[:-200])
     found = problems(foxglove([*packets[:GOP], broken, *packets[GOP + 1 :]]))
     assert found[:GOP] == [""] * GOP
-    assert "are no h264" in found[GOP]
+    assert "are not valid h264" in found[GOP]
     assert found[GOP + 1 : 2 * GOP] == [AFTER_DAMAGE] * (GOP - 1)
     assert found[2 * GOP :] == [""] * (COUNT - 2 * GOP)
 
@@ -247,7 +247,7 @@ def test_absurd_sizes_take_no_memory(size: tuple[int, int]) -> None:
     data = sequence_parameter_set(*size) + b"\0\0\0\1\x65\x88\x84" + bytes(range(1, 200))
     messages = [compressed_video(data, T0 + n, log_time_ns=T0) for n in range(3)]
     for message in decoded(messages):
-        assert "are no h264" in message.problem
+        assert "are not valid h264" in message.problem
 
 
 def test_the_settings_bound_the_size() -> None:

@@ -8,6 +8,7 @@ import pytest
 from builders import camera_info, image, odometry, raw, tf_message, transform_stamped
 from builders import pointcloud2 as cloud
 from foxglove_messages import foxglove_raw, twin
+from memory_recording import MemoryRecording
 from video import PERIOD_NS, T0, compressed_video, encode, ffmpeg, foxglove, moving, pixels, psnr_db
 
 from pipeline.core.frame import SensorBundle
@@ -16,7 +17,6 @@ from pipeline.core.settings.config import Config
 from pipeline.core.settings.recording import TopicsConfig
 from pipeline.core.settings.sync import SyncConfig
 from pipeline.stages.sync.synchronize import synchronize
-from readers.memory import MemoryRecording
 from readers.rig.discovery import Discovery, discover_rig
 from readers.rig.first_messages import FirstMessages
 from readers.rig.sensor_topics import IMAGE, Findings, find_camera_topics

@@ -72,6 +72,15 @@ def test_rerun_reads_it(tmp_path: Path) -> None:
     assert "log_tick" not in printed
 
 
+def test_the_recording_has_the_names_of_the_inputs(tmp_path: Path) -> None:
+    path = tmp_path / "out.rrd"
+    remote = {"name": "c.mcap", "url": "https://host/c.mcap", "size": "1"}
+    provenance = replace(PROVENANCE, inputs=(*PROVENANCE.inputs, remote))
+    with RerunResultWriter(path, RIG, CONFIG, provenance, decode_any_image=grey) as writer:
+        writer.write(frame(0))
+    assert "a.bag, b.bag, c.mcap" in rerun(tmp_path, "rrd", "print", "-vvv", path).stdout
+
+
 def test_equal_results_give_equal_data(tmp_path: Path) -> None:
     write(tmp_path / "one.rrd", [frame(0)])
     write(tmp_path / "two.rrd", [frame(0)])

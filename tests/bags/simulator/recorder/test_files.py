@@ -119,10 +119,10 @@ def test_sensor_messages_come_back(recording: Path) -> None:
 
 def test_poses_and_boxes_come_back(recording: Path) -> None:
     found = messages_of(recording)
-    odometry = decode_odometry(found["/odometry"])
-    np.testing.assert_allclose(odometry.T_parent_child.matrix, POSE.matrix, atol=1e-12)
-    assert odometry.linear_velocity.tolist() == [3.0, 0.1, 0.0]
-    assert odometry.angular_velocity.tolist() == [0.0, 0.0, 0.2]
+    np.testing.assert_allclose(decode_odometry(found["/odometry"]).matrix, POSE.matrix, atol=1e-12)
+    twist = deserialize(found["/odometry"]).twist.twist
+    assert (twist.linear.x, twist.linear.y, twist.linear.z) == (3.0, 0.1, 0.0)
+    assert (twist.angular.x, twist.angular.y, twist.angular.z) == (0.0, 0.0, 0.2)
 
     [(stamp_ns, transform, _)] = decode_transforms(found["/tf_static"])
     assert stamp_ns == START_NS + STAMP_NS

@@ -216,8 +216,8 @@ def test_truncated(tmp_path: Path) -> None:
         [loss] = recording.losses
         assert (loss.path, loss.messages) == (path, 1)
         assert loss.position + (loss.size or 0) == path.stat().st_size
-        assert "a packet of 1248 bytes, of which the file has 1148" in loss.reason
-    with pytest.raises(RecordingError, match=r"velodyne\.pcap: .*at byte \d+: a packet of 1248 bytes"):
+        assert "a packet is cut off: expected 1248 bytes, found 1148" in loss.reason
+    with pytest.raises(RecordingError, match=r"velodyne\.pcap: .*at byte \d+: a packet is cut off"):
         open_recording([path], ReadOptions("none"))
 
 

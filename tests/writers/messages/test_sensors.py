@@ -6,7 +6,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from pipeline.core.clouds import PointCloud
 from pipeline.core.ros.messages import ROS2
-from writers.messages.clouds import point_cloud2
+from writers.messages.sensors import point_cloud2
 
 STAMP_NS = 1_700_000_000_123_456_789
 STORE = get_typestore(Stores.ROS2_HUMBLE)

@@ -1,4 +1,4 @@
-"""Recordings in memory, for tests, examples, and messages from elsewhere."""
+"""Recordings in memory."""
 
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator

@@ -1,16 +1,17 @@
-"""Where sensors are and how cameras project, as tf2_msgs/TFMessage and sensor_msgs/CameraInfo."""
+"""Clouds, the poses of sensors, and how cameras project, as ROS messages."""
 
 from typing import Any
 
 import numpy as np
 
+from pipeline.core.clouds import PointCloud
 from pipeline.core.geometry.pose_samples import PoseSamples
 from pipeline.core.geometry.poses import interpolate_poses
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.ros.messages import ROS2
 
-__all__ = ["camera_info", "moving_transform", "static_transforms"]
+__all__ = ["camera_info", "moving_transform", "point_cloud2", "static_transforms"]
 
 _COEFFICIENTS = {"plumb_bob": 5, "rational_polynomial": 8, "equidistant": 4}
 
@@ -45,3 +46,15 @@ def camera_info(camera: CameraSensor, stamp_ns: int) -> Any:
         d=np.pad(model.distortion, (0, padding)),
         k=model.K.reshape(9),
     )
+
+
+def point_cloud2(cloud: PointCloud, *, stamp_ns: int, frame_id: str) -> Any:
+    """x, y, z in metres, intensity, ring, and `time` in seconds after `stamp_ns`, laid out as by Velodyne's driver."""
+    time_s = (cloud.time_offset_ns + float(cloud.stamp_ns - stamp_ns)) * 1e-9
+    columns = {
+        **dict(zip("xyz", cloud.xyz.T, strict=True)),
+        "intensity": cloud.intensity,
+        "ring": cloud.ring,
+        "time": time_s.astype(np.float32),
+    }
+    return ROS2.cloud(stamp_ns, frame_id, columns)

@@ -1,8 +1,8 @@
 import pytest
 from builders import odometry, raw
+from memory_recording import MemoryRecording
 
 from pipeline.core.messages import RawMessage
-from readers.memory import MemoryRecording
 from readers.recording import Recording
 
 
