@@ -9,7 +9,7 @@ from mcap.writer import CompressionType, Writer
 
 from writers.atomic import atomic_output
 
-__all__ = ["McapFile", "mcap_file"]
+__all__ = ["McapOutput", "mcap_file"]
 
 LIBRARY = "lidcam"
 """Without a version: the same results have the same bytes whichever version of the MCAP library wrote them."""
@@ -18,7 +18,7 @@ CHUNK_BYTES = 1 << 20
 """An image or cloud is about one chunk: a viewer that shows one topic unpacks little else."""
 
 
-class McapFile:
+class McapOutput:
     """An open MCAP file; `mcap_file` opens one."""
 
     def __init__(self, writer: Writer) -> None:
@@ -47,7 +47,9 @@ class McapFile:
 
 
 @contextlib.contextmanager
-def mcap_file(path: Path, *, profile: str, compression: Literal["none", "lz4", "zstd"] = "zstd") -> Iterator[McapFile]:
+def mcap_file(
+    path: Path, *, profile: str, compression: Literal["none", "lz4", "zstd"] = "zstd"
+) -> Iterator[McapOutput]:
     """Open a new file, which appears at `path` when the block ends well; `output_errors` may enclose the block.
 
     Raises:
@@ -57,5 +59,5 @@ def mcap_file(path: Path, *, profile: str, compression: Literal["none", "lz4", "
     with atomic_output(path) as part, part.open("wb") as stream:
         writer = Writer(stream, chunk_size=CHUNK_BYTES, compression=CompressionType[compression.upper()])
         writer.start(profile=profile, library=LIBRARY)
-        yield McapFile(writer)
+        yield McapOutput(writer)
         writer.finish()  # type: ignore[no-untyped-call]  # mcap annotates in part

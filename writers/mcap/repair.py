@@ -6,7 +6,7 @@ from pathlib import Path
 
 from pipeline.core.messages import Channel, RawMessage
 from writers.atomic import output_errors
-from writers.mcap.file import McapFile, mcap_file
+from writers.mcap.file import McapOutput, mcap_file
 
 __all__ = ["write_repaired"]
 
@@ -49,7 +49,7 @@ def write_repaired(
     return count
 
 
-def _add_channel(file: McapFile, channel: Channel) -> int:
+def _add_channel(file: McapOutput, channel: Channel) -> int:
     metadata = {}
     if channel.digest:
         metadata["md5sum" if channel.encoding == "ros1" else "topic_type_hash"] = channel.digest

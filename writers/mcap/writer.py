@@ -20,7 +20,7 @@ from pipeline.core.ros.messages import ROS2
 from pipeline.core.ros.qos import LATCHED_YAML
 from pipeline.core.settings.config import Config
 from writers.atomic import output_errors
-from writers.mcap.file import McapFile, mcap_file
+from writers.mcap.file import McapOutput, mcap_file
 from writers.messages.annotations import image_annotations
 from writers.messages.detections import detections_2d, detections_3d, lidcam_objects
 from writers.messages.diagnostics import diagnostics
@@ -54,7 +54,7 @@ class McapResultWriter:
         self._resources = ExitStack()
         self._channels: dict[str, int] = {}
         self._messages = 0
-        self._file: McapFile
+        self._file: McapOutput
 
     def __enter__(self) -> Self:
         with ExitStack() as resources, output_errors(self._path):

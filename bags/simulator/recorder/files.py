@@ -19,7 +19,7 @@ from pipeline.core.ros.messages import ROS2
 from pipeline.core.ros.qos import LATCHED, LATCHED_YAML_HUMBLE
 from pipeline.core.ros.typestores import RosVersion, message_types
 from writers.atomic import atomic_output, output_errors
-from writers.mcap.file import McapFile, mcap_file
+from writers.mcap.file import McapOutput, mcap_file
 
 __all__ = ["FORMATS", "MessageWriter", "RecordingFormat", "format_of", "recording_file", "ros_version_of"]
 
@@ -161,7 +161,7 @@ class _Rosbag:
 
 
 class _Mcap:
-    def __init__(self, file: McapFile) -> None:
+    def __init__(self, file: McapOutput) -> None:
         self._file = file
         self._channels: dict[str, int] = {}
 
