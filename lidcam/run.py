@@ -119,10 +119,11 @@ class Run:
         """
         self.source, self.found = source, found
         self._drops, self._tally, self._stats = drops, Tally(source.config, source.rig), SyncStats()
-        self._started, self._seconds = time.perf_counter(), 0.0
+        started = time.perf_counter()
         reference_topic(source.config, source.rig)
         self._graph, self._result = build_graph(source.config, source.rig, on_bad=drops.on_bad)
         _check_box_source(source)
+        self._seconds = time.perf_counter() - started  # loading a network belongs to a run
 
     def frames(self, writers: Sequence[ResultWriter] = ()) -> Generator[FrameResult, None, None]:
         """The frames, in order, each written before it is yielded; to be read once.
@@ -134,7 +135,7 @@ class Run:
             RecordingError: reading fails, or no messages belong together.
             MessageError: a message cannot be decoded and bad messages end the run.
         """
-        result = self._result
+        started, result = time.perf_counter(), self._result
         for writer in writers:
             result = self._graph.add(f"write {writer.name}", partial(_write, writer), result)
         self._count_early_drops()
@@ -145,7 +146,7 @@ class Run:
                 for drop in frame.drops:
                     self._drops.add_bad(drop)
                 yield frame
-        self._seconds = time.perf_counter() - self._started
+        self._seconds += time.perf_counter() - started
         if self._tally.frames == 0:
             raise RecordingError(_no_frames(self.source, self._drops))
 

@@ -129,7 +129,7 @@ class RunReport:
         notes: Remarks on topics and sensors.
         outputs: Files that were written.
         stage_seconds: Time spent per stage, summed over the frames; stages overlap when the run is pipelined.
-        wall_seconds: From loading the stages to the last result.
+        wall_seconds: For loading the stages, and from the first message to the last result.
     """
 
     frames: int
