@@ -2,24 +2,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from transforms import shift, transforms, vectors
 
 from pipeline.core.arrays import F64, Array
 from pipeline.core.errors import FrameError
 from pipeline.core.geometry.transform import Transform, rotation_fault
-
-SECOND = 10**9
-metres = st.floats(-1e3, 1e3)
-vectors = st.tuples(metres, metres, metres)
-quaternions = st.tuples(*[st.floats(-1, 1)] * 4).filter(lambda q: np.linalg.norm(q) > 1e-2)
-
-
-@st.composite
-def transforms(draw: st.DrawFn, dst: str = "b", src: str = "a") -> Transform:
-    return Transform.from_quaternion(dst, src, draw(vectors), draw(quaternions))
-
-
-def shift(dst: str, src: str, x: float) -> Transform:
-    return Transform.from_quaternion(dst, src, [x, 0, 0], [0, 0, 0, 1])
 
 
 @given(transforms())
