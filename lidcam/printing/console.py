@@ -103,6 +103,8 @@ def print_report(out: Console, report: RunReport) -> None:
         ]
         more = f" and {len(names) - MAX_LISTED} more" if len(names) > MAX_LISTED else ""
         out.print(f"not used: {', '.join(names[:MAX_LISTED])}{more}")
+    for warning in report.warnings:
+        out.print(Text(f"warning: {warning}", style="yellow"))
 
 
 def print_inspection(out: Console, inspection: Inspection) -> None:
