@@ -9,6 +9,7 @@ from lidcam.inspection import Inspection
 from lidcam.printing.tables import (
     drops_table,
     losses_table,
+    missing_table,
     objects_table,
     pairs_table,
     points_table,
@@ -79,6 +80,9 @@ def print_report(out: Console, report: RunReport) -> None:
     _show(out, drops_table(report.messages_used, report.drops))
     for reason, count in report.unused_boxes.items():
         out.print(f"  recorded 2D boxes not used: {count}, {reason}")
+    if report.missing:
+        out.print()
+        _show(out, missing_table(report.missing))
     _print_losses(out, report.losses)
     out.print()
     _show(out, stages_table(report.stage_seconds, report.frames))
