@@ -60,20 +60,29 @@ class Attendance:
         self._silences: dict[str, list[Silence]] = {}
         self._frames: Counter[str] = Counter()
 
-    def hear(self, topic: str, log_time_ns: int) -> None:
-        """Take note of a message; it ends the span of silence that the topic is in."""
-        self._heard_ns[topic] = log_time_ns
+    def hear(self, topic: str, log_time_ns: int | None) -> None:
+        """Take note of a topic's last message in a part of the recording; None: there was none."""
+        if log_time_ns is not None:
+            self._heard_ns[topic] = log_time_ns
+
+    def come_back(self, topic: str, log_time_ns: int) -> None:
+        """End the span of silence that the topic is in, if any."""
         silences = self._silences.get(topic)
         if silences and silences[-1].end_ns is None:
             silences[-1] = replace(silences[-1], end_ns=log_time_ns)
 
-    def fall_silent(self, topic: str) -> None:
-        """Begin a span of silence at the topic's last message, unless one has begun."""
+    def fall_silent(self, topic: str, heard_ns: int | None) -> None:
+        """Begin a span of silence, unless one has begun.
+
+        Args:
+            topic: The topic.
+            heard_ns: Log time of its last message; None: there was none in this part of the recording.
+        """
         silences = self._silences.setdefault(topic, [])
         if silences and silences[-1].end_ns is None:
             return
         if len(silences) < MAX_SILENCES:
-            silences.append(Silence(self._heard_ns.get(topic), None))
+            silences.append(Silence(self._heard_ns.get(topic) if heard_ns is None else heard_ns, None))
         else:
             silences[-1] = replace(silences[-1], end_ns=None)
 

@@ -34,7 +34,8 @@ class Liveness:
         self._silent_after_ns = silent_after_ns
         self._clock_ns = 0
         self._log_time_ns: int | None = None
-        self._heard_ns = [0] * topic_count
+        self._heard_ns = [0] * topic_count  # by this clock
+        self._heard_log_ns: list[int | None] = [None] * topic_count
         self._stamps_ns: list[deque[int]] = [deque(maxlen=STEPS + 1) for _ in range(topic_count)]
         self._is_alive = [True] * topic_count
         self._deadline_ns = silent_after_ns
@@ -56,8 +57,9 @@ class Liveness:
         return silent
 
     def hear(self, topic: int, stamp_ns: int) -> bool:
-        """Take note of a message, and return whether its topic was silent before it."""
+        """Take note of the message advanced to, and return whether its topic was silent before it."""
         self._heard_ns[topic] = self._clock_ns
+        self._heard_log_ns[topic] = self._log_time_ns
         self._stamps_ns[topic].append(stamp_ns)
         if self._is_alive[topic]:
             return False
@@ -84,6 +86,10 @@ class Liveness:
         """Time between the topic's last messages, by their stamps; 0 with fewer than two."""
         steps_ns = [step for a, b in pairwise(self._stamps_ns[topic]) if (step := b - a) > 0]
         return round(median(steps_ns)) if steps_ns else 0
+
+    def heard_ns(self, topic: int) -> int | None:
+        """Log time by which the topic's last message was recorded; None before the first."""
+        return self._heard_log_ns[topic]
 
     def newest_ns(self, topic: int) -> int | None:
         """Stamp of the topic's last message; None before the first."""

@@ -89,7 +89,7 @@ class NearestPartners(Generic[R, T]):
         else:
             queue.append((stamp_ns, item))
         self._newest_ns[topic] = queue[-1][0]
-        settled = self._settle_certain()
+        settled = self._settle_certain() if len(self._references) > 1 else []
         while len(queue) > self._queue_size:
             settled += self._make_room(topic)
         return settled
@@ -168,18 +168,17 @@ class NearestPartners(Generic[R, T]):
 
     def _partner(self, topic: int, stamp_ns: int) -> int | None:
         """Row in the topic's queue that the reference item at `stamp_ns` takes; None if there is none."""
-        queue = self._queues[topic]
-        rows = range(len(queue))
+        queue, count = self._queues[topic], len(self._queues[topic])
         if self._references:
             following_ns = self._references[0][0]
-            wanted = min(rows, key=lambda row: abs(queue[row][0] - following_ns))
+            wanted = _nearest_row(queue, count, following_ns)
             wanted_ns = queue[wanted][0]
             if abs(wanted_ns - following_ns) < abs(wanted_ns - stamp_ns):
-                rows = range(wanted)
-        nearest = min(rows, key=lambda row: abs(queue[row][0] - stamp_ns), default=None)
-        if nearest is None or abs(queue[nearest][0] - stamp_ns) > self._slop_ns:
+                count = wanted
+        if not count:
             return None
-        return nearest
+        nearest = _nearest_row(queue, count, stamp_ns)
+        return nearest if abs(queue[nearest][0] - stamp_ns) <= self._slop_ns else None
 
     def _make_room(self, topic: int) -> list[tuple[R, dict[int, T]]]:
         """Settle a reference item with the items known so far; without one, drop the topic's oldest item."""
@@ -207,3 +206,15 @@ class NearestPartners(Generic[R, T]):
         del self._queues[topic][:count]
         for _, item in dropped:
             self._on_drop(item, reason)
+
+
+def _nearest_row(queue: Sequence[tuple[int, object]], count: int, stamp_ns: int) -> int:
+    """The first of the rows nearest to a stamp, among the first `count` of a queue that is ordered by stamp."""
+    row, least_ns = 0, abs(queue[0][0] - stamp_ns)
+    for other in range(1, count):
+        distance_ns = abs(queue[other][0] - stamp_ns)
+        if distance_ns > least_ns:
+            break
+        if distance_ns < least_ns:
+            row, least_ns = other, distance_ns
+    return row

@@ -105,13 +105,14 @@ class PartialSets:
 
     def add(self, message: RawMessage) -> list[FoundSet]:
         """Add the next message, and return the sets now certain."""
-        topic = self._index[message.topic]
+        topic = self._index[message.channel.topic]
         found: list[FoundSet] = []
         if silent := self._liveness.advance(message.log_time_ns):
             self._note_silent(silent)
             found += self._choose_core()
         came_back = self._liveness.hear(topic, message.stamp_ns)
-        self._attendance.hear(message.topic, message.log_time_ns)
+        if came_back:
+            self._attendance.come_back(message.topic, message.log_time_ns)
         has_caught_up = topic in self._late and self._is_worth_waiting_for(message.stamp_ns)
         if has_caught_up:
             self._late.discard(topic)
@@ -136,12 +137,14 @@ class PartialSets:
 
     def close(self) -> None:
         """Report all messages still held as dropped."""
+        for topic, name in enumerate(self._topics):
+            self._attendance.hear(name, self._liveness.heard_ns(topic))
         self._policy.close()
         self._partners.close()
 
     def _note_silent(self, topics: Sequence[int]) -> None:
         for topic in topics:
-            self._attendance.fall_silent(self._topics[topic])
+            self._attendance.fall_silent(self._topics[topic], self._liveness.heard_ns(topic))
         self._late.difference_update(topics)
 
     def _insert(self, topic: int, item: Item) -> list[FoundSet]:
@@ -149,9 +152,11 @@ class PartialSets:
         if topic in self._entering and not self._is_of_earlier_set(stamp_ns):
             self._entering.discard(topic)
         if topic not in self._place or topic in self._entering:
-            return self._found(self._partners.add(topic, stamp_ns, item))
+            settled = self._partners.add(topic, stamp_ns, item)
+            return self._found(settled) if settled else []
         self._held[topic][item.number] = item
-        return self._joined(self._policy.add(self._place[topic], stamp_ns, item))
+        sets = self._policy.add(self._place[topic], stamp_ns, item)
+        return self._joined(sets) if sets else []
 
     def _is_worth_waiting_for(self, stamp_ns: int) -> bool:
         """Whether a message is so little behind the last set that half of the queue is enough to wait for its topic."""
@@ -183,7 +188,7 @@ class PartialSets:
         return [
             FoundSet(
                 items[0].message,
-                {self._index[item.message.topic]: item.message for item in (*items, *partners.values())},
+                {self._index[item.message.channel.topic]: item.message for item in (*items, *partners.values())},
             )
             for items, partners in settled
         ]

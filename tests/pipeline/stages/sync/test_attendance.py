@@ -4,21 +4,23 @@ from pipeline.stages.sync.attendance import MAX_SILENCES, Absence, Attendance, S
 
 def test_nothing_missing() -> None:
     attendance = Attendance()
-    attendance.hear("/a", 5)
-    attendance.fall_silent("/a")  # after the last frame
+    attendance.fall_silent("/a", 5)  # after the last frame
     assert attendance.missing([], 3) == {}
     assert attendance.absences(["/a", "/b"]) == ()
 
 
 def test_frames_are_counted_by_span() -> None:
     attendance = Attendance()
-    attendance.fall_silent("/a")
+    attendance.fall_silent("/a", None)
     assert attendance.missing(["/a"], 7) == {"/a": Missing.SILENT}
-    attendance.hear("/a", 10)
+    attendance.come_back("/a", 10)
+    attendance.come_back("/b", 10)
     assert attendance.missing(["/a", "/b"], 9) == {"/a": Missing.SILENT, "/b": Missing.NOT_NEAR}
     assert attendance.missing(["/a"], 10) == {"/a": Missing.NOT_NEAR}
-    attendance.fall_silent("/a")
-    attendance.fall_silent("/a")
+    attendance.hear("/a", 10)
+    attendance.hear("/b", None)
+    attendance.fall_silent("/a", None)  # nothing in this part of the recording
+    attendance.fall_silent("/a", None)
     assert attendance.missing(["/a"], 11) == {"/a": Missing.SILENT}
     (found, other) = attendance.absences(["/a", "/b"])
     assert found == Absence("/a", 4, (Silence(None, 10, 2), Silence(10, None, 1)))
@@ -30,8 +32,8 @@ def test_spans_are_bounded_and_no_frame_is_lost() -> None:
     attendance = Attendance()
     count = MAX_SILENCES + 20
     for at in range(count):
-        attendance.hear("/a", 10 * at)
-        attendance.fall_silent("/a")
+        attendance.come_back("/a", 10 * at)
+        attendance.fall_silent("/a", 10 * at)
         assert attendance.missing(["/a"], 10 * at + 5) == {"/a": Missing.SILENT}
     (found,) = attendance.absences(["/a"])
     assert len(found.silences) == MAX_SILENCES
