@@ -13,8 +13,8 @@ from memory_recording import MemoryRecording
 from memory_writer import MemoryWriter
 from rich.console import Console
 
-from lidcam.console import print_report
 from lidcam.frames import RunInput, TimeWindow, synchronized_topics
+from lidcam.printing.console import print_report
 from lidcam.run import Run
 from lidcam.summary import DropTable, RunReport, report_tree
 from pipeline.core.camera import CameraModel
