@@ -1,6 +1,7 @@
 """The programs `lidcam` and `lidcam-process`, and `python -m lidcam`."""
 
-from lidcam.cli import app, process_app, run_program
+from lidcam.cli import app, process_app
+from lidcam.program import run_program
 
 __all__ = ["main", "main_process"]
 

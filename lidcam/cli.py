@@ -1,31 +1,29 @@
-"""The command line: parses, runs a command, turns known errors into one line; the only place that exits.
+"""The command line: what each command takes. It parses, checks what is wrong usage, and calls the command."""
 
-Exit codes: 0 done; 1 the input, the calibration or a check failed, with one line on stderr; 2 wrong usage; anything
-else is a bug and shows its traceback. Results go to stdout, progress and log to stderr.
-"""
-
-import errno
-import logging
 import os
-import signal
-import sys
-from collections.abc import Callable
-from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
-from types import FrameType
 from typing import Annotated, Literal
 
 import typer
 
+from lidcam.options import (
+    AsJson,
+    ConfigFile,
+    Format,
+    RecordingOut,
+    RigFile,
+    Scenario,
+    Seed,
+    Setting,
+    Version,
+    seconds,
+)
 from pipeline.core.errors import LidcamError
 from pipeline.core.settings.run import RunConfig
 from readers.location import RemotePath, location
 
-__all__ = ["app", "process_app", "run_program"]
-
-MAX_SECONDS = 1e9
-"""Thirty years: longer than any recording, and well within 64 bits of nanoseconds."""
+__all__ = ["app", "process_app"]
 
 # \b keeps the lines of a paragraph as they are.
 PROCESS_EXAMPLES = """\b
@@ -72,33 +70,6 @@ app = typer.Typer(
 process_app = typer.Typer(rich_markup_mode=None, pretty_exceptions_enable=False, add_completion=False)
 
 
-def _version(wanted: bool) -> None:
-    if wanted:
-        typer.echo(f"lidcam {version('lidcam')}")
-        raise typer.Exit
-
-
-def _seconds(value: float | None) -> float | None:
-    if value is not None and not value <= MAX_SECONDS:
-        raise typer.BadParameter(f"expected at most {MAX_SECONDS:.0f} seconds, found {value}")
-    return value
-
-
-Version = Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")]
-ConfigFile = Annotated[Path | None, typer.Option("--config", metavar="FILE", help="Pipeline settings (YAML).")]
-Setting = Annotated[list[str] | None, typer.Option("--set", metavar="A.B=C", help="One setting; may be repeated.")]
-RigFile = Annotated[
-    Path | None,
-    typer.Option(
-        "--rig",
-        metavar="FILE",
-        help="Sensors, calibration and zones (rig YAML, a geometry.yaml with w2c and c2p, or a KITTI calib file); "
-        "without it they are found in the recording.",
-    ),
-]
-AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
-
-
 @app.command(epilog=PROCESS_EXAMPLES)
 @process_app.command(epilog=PROCESS_EXAMPLES)
 def process(
@@ -116,12 +87,10 @@ def process(
     model_2d: Annotated[
         Path | None, typer.Option("--model-2d", metavar="FILE.onnx", help="2D detector (ONNX, YOLOX layout).")
     ] = None,
-    start: Annotated[
-        float, typer.Option(min=0, metavar="S", callback=_seconds, help="Skip the first S seconds.")
-    ] = 0.0,
+    start: Annotated[float, typer.Option(min=0, metavar="S", callback=seconds, help="Skip the first S seconds.")] = 0.0,
     duration: Annotated[
         float | None,
-        typer.Option(min=0, metavar="S", callback=_seconds, help="Process S seconds; without it, to the end."),
+        typer.Option(min=0, metavar="S", callback=seconds, help="Process S seconds; without it, to the end."),
     ] = None,
     workers: Annotated[
         int | None,
@@ -218,15 +187,6 @@ def inspect(
     )
 
 
-Scenario = Annotated[str, typer.Argument(metavar="SCENARIO", help="Name of a scenario, or a YAML file.")]
-RecordingOut = Annotated[Path, typer.Argument(metavar="OUT", help="OUT.bag, OUT.mcap, or a folder (sqlite3).")]
-Format = Annotated[
-    Literal["ros1", "sqlite3", "mcap"] | None,
-    typer.Option("--format", help="Format of the recording; without it, the ending of its name decides."),
-]
-Seed = Annotated[int | None, typer.Option(min=0, metavar="N", help="Seed of the noise, instead of the scenario's.")]
-
-
 @app.command(epilog=SIMULATE_EXAMPLES)
 def simulate(
     scenario: Scenario,
@@ -234,7 +194,7 @@ def simulate(
     format_: Format = None,
     duration: Annotated[
         float | None,
-        typer.Option(min=0, metavar="S", callback=_seconds, help="Seconds to record; without it, the scenario's."),
+        typer.Option(min=0, metavar="S", callback=seconds, help="Seconds to record; without it, the scenario's."),
     ] = None,
     seed: Seed = None,
     settings: Setting = None,
@@ -277,7 +237,7 @@ def drive(
     ] = 0.5,
     view: Annotated[bool, typer.Option("--view", help="Show it in the Rerun viewer meanwhile.")] = False,
     duration: Annotated[
-        float | None, typer.Option(min=0, metavar="S", callback=_seconds, help="End after S simulated seconds.")
+        float | None, typer.Option(min=0, metavar="S", callback=seconds, help="End after S simulated seconds.")
     ] = None,
     seed: Seed = None,
     settings: Setting = None,
@@ -316,26 +276,3 @@ def _check_simulator() -> None:
 @app.callback()
 def _common(_: Version = False) -> None:
     pass
-
-
-def run_program(program: Callable[..., object], name: str) -> None:
-    """Run a program with the arguments of the command line; known errors become one line and exit code 1."""
-    logging.basicConfig(level=logging.WARNING, format="lidcam: %(message)s", stream=sys.stderr)
-    signal.signal(signal.SIGTERM, _terminate)
-    try:
-        program(sys.argv[1:], prog_name=name)
-    except OSError as err:
-        if err.errno != errno.ENOSPC:
-            raise
-        sys.stderr.write(f"lidcam: error: {err.filename or 'standard output'}: {err.strerror}\n")
-        sys.exit(1)
-    except LidcamError as err:
-        sys.stderr.write(f"lidcam: error: {' '.join(str(err).split())}\n")
-        for note in getattr(err, "__notes__", ()):
-            sys.stderr.write(f"  {note}\n")
-        sys.exit(1)
-
-
-def _terminate(number: int, _: FrameType | None) -> None:
-    """Exit through the `finally` blocks, which remove unfinished outputs, with the exit code that shells use."""
-    sys.exit(128 + number)

@@ -13,6 +13,7 @@ from functools import partial
 from pathlib import Path
 
 from lidcam.build import box_source, build_graph, wanted_boxes
+from lidcam.checks.lidars import LidarCheck
 from lidcam.frames import RunInput, TimeWindow, bundles, reference_topic, synchronized_topics
 from lidcam.job import Job
 from lidcam.outputs import check_not_overwritten, check_outputs, open_writers
@@ -119,6 +120,7 @@ class Run:
         """
         self.source, self.found = source, found
         self._drops, self._tally, self._stats = drops, Tally(source.config, source.rig), SyncStats()
+        self._lidar_check = LidarCheck(source.rig)
         started = time.perf_counter()
         reference_topic(source.config, source.rig)
         self._graph, self._result = build_graph(source.config, source.rig, on_bad=drops.on_bad)
@@ -143,6 +145,7 @@ class Run:
         with closing(_results(self._graph, result, found, self.source.config)) as results:
             for frame in results:
                 self._tally.add(frame)
+                self._lidar_check.add(frame)
                 for drop in frame.drops:
                     self._drops.add_bad(drop)
                 yield frame
@@ -174,6 +177,7 @@ class Run:
             sensors=found.sources,
             faults=found.faults,
             notes=found.notes,
+            warnings=self._lidar_check.warnings,
             outputs=tuple(outputs),
             stage_seconds=dict(self._graph.seconds),
             wall_seconds=self._seconds,

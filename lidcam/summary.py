@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from lidcam.build import BoxSource
+from lidcam.checks.warning import RunWarning
 from pipeline.core.errors import MessageError
 from pipeline.core.frame import FrameResult
 from pipeline.core.geometry.polygons import first_polygon_with
@@ -127,6 +128,7 @@ class RunReport:
         sensors: Where the calibration of each sensor was found.
         faults: Sensors that were left out, and why.
         notes: Remarks on topics and sensors.
+        warnings: What makes the result doubtful.
         outputs: Files that were written.
         stage_seconds: Time spent per stage, summed over the frames; stages overlap when the run is pipelined.
         wall_seconds: For loading the stages, and from the first message to the last result.
@@ -150,6 +152,7 @@ class RunReport:
     sensors: tuple[SensorSource, ...]
     faults: tuple[SensorFault, ...]
     notes: tuple[str, ...]
+    warnings: tuple[RunWarning, ...]
     outputs: tuple[Path, ...]
     stage_seconds: Mapping[str, float]
     wall_seconds: float
@@ -224,5 +227,6 @@ def report_tree(report: RunReport) -> dict[str, Any]:
         "sync_skew_ms": {"mean": report.skew_mean_ms, "max": report.skew_max_ms},
         "faults": [asdict(fault) for fault in report.faults],
         "notes": list(report.notes),
+        "warnings": [asdict(warning) for warning in report.warnings],
         "outputs": [str(path) for path in report.outputs],
     }

@@ -19,7 +19,7 @@ MAY_IMPORT = {
     "pipeline.detectors": {"pipeline.core", "pipeline.filters"},
     "pipeline.stages": {"pipeline.core", "pipeline.filters", "pipeline.detectors"},
 }
-EXITS = {"lidcam.cli"}
+EXITS = {"lidcam.program"}
 SOURCES = sources(ROOT)
 
 

@@ -9,7 +9,7 @@ from bags.simulator.drive.driving import Keyboard, ScriptedKeys, drive
 from bags.simulator.drive.terminal import terminal_keys
 from bags.simulator.vehicles.keys import RemoteControl, script_keys
 from lidcam.commands.scenario import ScenarioOptions, recording_to, scenario_of
-from lidcam.terminal import console
+from lidcam.printing.terminal import console
 from pipeline.core.errors import ConfigError
 
 if TYPE_CHECKING:

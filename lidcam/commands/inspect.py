@@ -5,13 +5,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from lidcam.console import print_inspection
 from lidcam.frames import TimeWindow
 from lidcam.inspection import Inspection, inspect_open, inspect_recording, inspection_tree
 from lidcam.job import FilePath
 from lidcam.outputs import check_not_overwritten, check_writable
+from lidcam.printing.console import print_inspection
+from lidcam.printing.terminal import console
 from lidcam.summary import loss_records
-from lidcam.terminal import console
 from pipeline.core.errors import OutputError
 from pipeline.core.settings.config import Config
 from readers.location import Location, location

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 from rich.console import Console
 
-from lidcam.console import print_detections, print_matches, print_report
 from lidcam.frames import RunInput
 from lidcam.job import Job
+from lidcam.printing.console import print_detections, print_matches, print_report
+from lidcam.printing.terminal import console, progress_bar
 from lidcam.run import RunObserver, process_recording
 from lidcam.summary import report_tree
-from lidcam.terminal import console, progress_bar
 from pipeline.core.frame import FrameResult
 
 __all__ = ["Printed", "run_process"]

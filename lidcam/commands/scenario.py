@@ -13,7 +13,7 @@ from bags.simulator.recorder.recorded import Recorded
 from bags.simulator.recorder.start import simulating
 from bags.simulator.scenario.load import load_scenario
 from bags.simulator.scenario.scenario import Scenario
-from lidcam.terminal import console
+from lidcam.printing.terminal import console
 from readers.rig.rig_file import rig_yaml
 
 if TYPE_CHECKING:

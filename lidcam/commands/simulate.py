@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from lidcam.commands.scenario import ScenarioOptions, recording_to, scenario_of
-from lidcam.terminal import console, progress_bar
+from lidcam.printing.terminal import console, progress_bar
 
 __all__ = ["SimulateOptions", "run_simulate"]
 

@@ -1,7 +1,7 @@
 """Point clouds of one lidar, and of all lidars combined."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -87,6 +87,7 @@ class CombinedCloud:
         plane: The ground; None if that step is off or found none.
         counts: Number of points: `input`, removed as `nan`, by `range`, as `outliers`, as `ground`, and `left`.
         compensated: Names of the lidars whose points were motion-compensated to the frame's time.
+        points_by_lidar: Number of points within range, by name of the lidar; of those with a message in the frame.
     """
 
     cloud: PointCloud
@@ -95,6 +96,7 @@ class CombinedCloud:
     plane: Plane | None
     counts: Mapping[str, int]
     compensated: tuple[str, ...] = ()
+    points_by_lidar: Mapping[str, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         check_array("lidar_index", self.lidar_index, (len(self.cloud),), np.uint8)

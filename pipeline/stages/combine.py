@@ -73,7 +73,10 @@ class Combine:
         ground_cloud, left = cloud.select(kept[on_ground]), kept[~on_ground]
         counts |= {"ground": len(ground_cloud), "left": len(left)}
 
-        return CombinedCloud(cloud.select(left), lidar_index[left], ground_cloud, plane, counts, tuple(compensated))
+        points_by_lidar = {self._rig.lidars[index].name: len(sweep) for index, sweep in sweeps.items()}
+        return CombinedCloud(
+            cloud.select(left), lidar_index[left], ground_cloud, plane, counts, tuple(compensated), points_by_lidar
+        )
 
     def _motion_of(self, bundle: SensorBundle) -> PoseSamples | None:
         if bundle.motion is None or not self._config.motion.enabled:

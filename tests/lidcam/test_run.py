@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Sequence
+from io import StringIO
 
 import numpy as np
 import pytest
@@ -10,10 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from memory_recording import MemoryRecording
 from memory_writer import MemoryWriter
+from rich.console import Console
 
 from lidcam.frames import RunInput, TimeWindow, synchronized_topics
+from lidcam.printing.console import print_report
 from lidcam.run import Run
-from lidcam.summary import DropTable, RunReport
+from lidcam.summary import DropTable, RunReport, report_tree
 from pipeline.core.camera import CameraModel
 from pipeline.core.errors import ConfigError, RecordingError
 from pipeline.core.frame import FrameResult
@@ -190,3 +193,17 @@ def test_images_take_part_only_where_they_are_copied_or_looked_at() -> None:
     without = settings.model_copy(update={"output": settings.output.model_copy(update={"images": False})})
     assert synchronized_topics(settings, rig()) == IN_USE
     assert synchronized_topics(without, rig()) == (FRONT, REAR)
+
+
+def test_a_lidar_without_points_is_warned_of() -> None:
+    def empty(m: RawMessage) -> RawMessage:
+        cloud = pointcloud2(np.zeros((0, 3), np.float32), stamp_ns=m.stamp_ns, frame_id="rear")
+        return raw(m.topic, "sensor_msgs/msg/PointCloud2", cloud, m.stamp_ns)
+
+    messages = [empty(m) if m.topic == REAR else m for m in periodic()]
+    report, _ = run(messages, config())
+    assert [warning.subject for warning in report.warnings] == ["rear"]
+    assert report_tree(report)["warnings"][0]["finding"] == "6 messages without a single point in range"
+    with StringIO() as text:
+        print_report(Console(file=text), report)
+        assert "warning: rear: 6 messages without a single point in range; the lidar may be" in text.getvalue()

@@ -5,7 +5,7 @@ import io
 import pytest
 from rich.console import Console
 
-from lidcam.terminal import console, progress_bar
+from lidcam.printing.terminal import console, progress_bar
 
 
 @pytest.mark.parametrize("is_terminal", [True, False])

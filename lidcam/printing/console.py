@@ -6,8 +6,7 @@ from rich.console import Console, RenderableType
 from rich.text import Text
 
 from lidcam.inspection import Inspection
-from lidcam.summary import OUTSIDE_ZONES, RunReport, loss_records
-from lidcam.tables import (
+from lidcam.printing.tables import (
     drops_table,
     losses_table,
     objects_table,
@@ -17,6 +16,7 @@ from lidcam.tables import (
     stages_table,
     topics_table,
 )
+from lidcam.summary import OUTSIDE_ZONES, RunReport, loss_records
 from pipeline.core.frame import FrameResult
 from pipeline.core.settings.config import Config
 from readers.recording import Loss
@@ -103,6 +103,8 @@ def print_report(out: Console, report: RunReport) -> None:
         ]
         more = f" and {len(names) - MAX_LISTED} more" if len(names) > MAX_LISTED else ""
         out.print(f"not used: {', '.join(names[:MAX_LISTED])}{more}")
+    for warning in report.warnings:
+        out.print(Text(f"warning: {warning}", style="yellow"))
 
 
 def print_inspection(out: Console, inspection: Inspection) -> None:

@@ -1,0 +1,50 @@
+"""A lidar that sends messages without points is named; one that sends some, or nothing at all, is not."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import pytest
+from frames import RIG, frame
+
+from lidcam.checks.lidars import LidarCheck
+from pipeline.core.frame import FrameResult
+
+
+def measured(points: Mapping[str, int]) -> FrameResult:
+    """A frame to which each lidar sent a message."""
+    result = frame()
+    return replace(result, combined=replace(result.combined, points_by_lidar=points))
+
+
+def without_messages(result: FrameResult, topic: str) -> FrameResult:
+    messages = {name: message for name, message in result.bundle.messages.items() if name != topic}
+    return replace(result, bundle=replace(result.bundle, messages=messages))
+
+
+@pytest.mark.parametrize(
+    ("frames", "subjects"),
+    [
+        ([], []),
+        ([measured({"lidar1": 5, "lidar2": 7})], []),
+        ([measured({"lidar1": 5, "lidar2": 0})], ["lidar2"]),
+        ([measured({"lidar1": 5})], ["lidar2"]),  # its messages could not be decoded
+        ([measured({"lidar1": 5, "lidar2": 0}), measured({"lidar1": 0, "lidar2": 1})], []),
+        ([measured({}), measured({})], ["lidar1", "lidar2"]),
+        ([without_messages(measured({"lidar1": 5}), "/lidar2")], []),
+    ],
+)
+def test_lidars_without_a_point_are_named(frames: list[FrameResult], subjects: list[str]) -> None:
+    check = LidarCheck(RIG)
+    for result in frames:
+        check.add(result)
+    assert [warning.subject for warning in check.warnings] == subjects
+
+
+def test_the_warning_counts_messages_and_says_where_to_look() -> None:
+    check = LidarCheck(RIG)
+    for _ in range(3):
+        check.add(measured({"lidar1": 5, "lidar2": 0}))
+    assert str(check.warnings[0]) == (
+        "lidar2: 3 messages without a single point in range; the lidar may be covered, or its motor may stand still; "
+        "else see combine.min_range_m and max_range_m"
+    )
