@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 from scipy.spatial.transform import Rotation
 
 from pipeline.core.arrays import F64
 from pipeline.core.errors import CalibrationError
-from pipeline.core.settings.load import describe_validation
+from pipeline.core.settings.validation.check import checked
 
 __all__ = ["CameraEntry", "LidarEntry", "RigFile", "parse_rig"]
 
@@ -177,7 +177,4 @@ def parse_rig(tree: Mapping[str, Any], path: Path) -> RigFile:
     Raises:
         CalibrationError: a key is unknown or a value does not fit; names `path`.
     """
-    try:
-        return RigFile.model_validate(tree)
-    except ValidationError as err:
-        raise CalibrationError(f"{path}: {describe_validation(RigFile, err)}") from err
+    return checked(RigFile, tree, path, CalibrationError)
