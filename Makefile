@@ -47,6 +47,7 @@ samples: $(INSTALLED)
 bench: $(INSTALLED)
 	$(BIN)/python benchmarks/end_to_end.py
 	$(BIN)/python benchmarks/filters.py
+	$(BIN)/python benchmarks/synchronisation.py
 	$(BIN)/python benchmarks/velodyne.py
 	$(BIN)/python benchmarks/simulator.py
 
