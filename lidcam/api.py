@@ -11,7 +11,7 @@ from lidcam.job import FilePath, Job, JobOptions, PathOrUrl, RigSource, Settings
 from lidcam.objects import ObjectCollector, Objects
 from lidcam.run import RunObserver, process_recording
 from lidcam.run import iter_frames as frames_of
-from lidcam.summary import DropCount, RunReport, UnusedTopic
+from lidcam.summary import DropCount, RunProgress, RunReport, UnusedTopic
 from pipeline.core.clouds import CombinedCloud, PointCloud
 from pipeline.core.detections import Boxes2D, Boxes3D, Detections, Fused, Matches
 from pipeline.core.errors import (
@@ -65,6 +65,7 @@ __all__ = [
     "RigFile",
     "RunInput",
     "RunObserver",
+    "RunProgress",
     "RunReport",
     "RunResult",
     "SensorBundle",

@@ -17,7 +17,7 @@ from lidcam.checks.lidars import LidarCheck
 from lidcam.frames import RunInput, TimeWindow, bundles, reference_topic, synchronized_topics
 from lidcam.job import Job
 from lidcam.outputs import check_not_overwritten, check_outputs, open_writers
-from lidcam.summary import DropTable, RunReport, Tally, UnusedTopic
+from lidcam.summary import DropTable, RunProgress, RunReport, Tally, UnusedTopic
 from pipeline.core.errors import ConfigError, RecordingError
 from pipeline.core.frame import FrameResult, SensorBundle
 from pipeline.core.settings.config import Config
@@ -46,6 +46,9 @@ class RunObserver:
     def frame(self, result: FrameResult) -> None:
         """A frame is complete and written; frames come in order."""
 
+    def advanced(self, progress: RunProgress) -> None:
+        """The run is so far now; called after each frame."""
+
 
 def process_recording(job: Job, observer: RunObserver | None = None) -> RunReport:
     """Process a recording to its end.
@@ -65,6 +68,7 @@ def process_recording(job: Job, observer: RunObserver | None = None) -> RunRepor
             frames = stack.enter_context(closing(run.frames(open_writers(job, run.source, stack))))
             for frame in frames:
                 observer.frame(frame)
+                observer.advanced(run.progress)
         return run.report(job.outputs)
 
 
@@ -89,6 +93,11 @@ def opened(job: Job) -> Iterator["Run"]:
     config = job.config
     options = ReadOptions("as_needed" if job.on_bad_message == "skip" else "none", config.limits)
     with sensor_messages(open_recording(job.inputs, options)) as recording:
+        names = ", ".join(map(str, recording.paths))
+        seconds = (recording.end_ns - recording.start_ns) / 1e9
+        logger.info(
+            "%s: %d messages of %d topics, %.3f s", names, recording.message_count, len(recording.topics), seconds
+        )
         for path in dict.fromkeys(loss.path for loss in recording.losses):
             logger.warning("%s is damaged or was not closed: what can still be read is read", path)
         check_not_empty(recording)
@@ -97,6 +106,8 @@ def opened(job: Job) -> Iterator["Run"]:
         found = discover_rig(recording, config, job.rig, start_ns=window.start_ns, stop_ns=window.stop_ns)
         for fault in found.faults:
             logger.warning("%s is left out: %s", fault.sensor, fault.reason)
+        for sensor in found.sources:
+            logger.info("%s: %s, calibration: %s %s", sensor.sensor, sensor.topic, sensor.intrinsics, sensor.extrinsics)
         motion = find_motion_source(recording, found.rig, found.transforms, config)
         drops = DropTable(job.on_bad_message)
         yield Run(RunInput(recording, found.rig, config, motion, window), found, drops)
@@ -148,10 +159,23 @@ class Run:
                 self._lidar_check.add(frame)
                 for drop in frame.drops:
                     self._drops.add_bad(drop)
+                bundle, objects = frame.bundle, len(frame.fused.objects)
+                logger.debug(
+                    "frame %d, %d ns: %d topics, %d objects",
+                    bundle.index,
+                    bundle.stamp_ns,
+                    len(bundle.messages),
+                    objects,
+                )
                 yield frame
         self._seconds += time.perf_counter() - started
         if self._tally.frames == 0:
             raise RecordingError(_no_frames(self.source, self._drops))
+
+    @property
+    def progress(self) -> RunProgress:
+        """How far the run is."""
+        return RunProgress(self._tally.frames, self._tally.objects.total(), self._drops.total)
 
     def report(self, outputs: Sequence[Path] = ()) -> RunReport:
         """What was done so far; `outputs` are the files that were written."""

@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from lidcam.build import BoxSource
 from lidcam.checks.warning import RunWarning
@@ -23,6 +23,7 @@ __all__ = [
     "OUTSIDE_ZONES",
     "DropCount",
     "DropTable",
+    "RunProgress",
     "RunReport",
     "Tally",
     "UnusedTopic",
@@ -43,12 +44,14 @@ class DropCount:
         reason: Why.
         count: How many.
         example: What was found in the first of them; may be empty.
+        unit: Whether whole messages were dropped, or parts of messages that were used.
     """
 
     topic: str
     reason: str
     count: int
     example: str
+    unit: Literal["messages", "parts"] = "messages"
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,18 +70,28 @@ class UnusedTopic:
 
 
 class DropTable:
-    """Dropped messages by topic and reason; memory does not grow with their number."""
+    """Dropped messages by topic and reason; memory does not grow with their number.
+
+    Attributes:
+        on_bad: What becomes of a message that cannot be decoded.
+        total: Number of dropped messages.
+    """
 
     def __init__(self, on_bad: OnBadMessage = "skip") -> None:
         """Count drops; with `on_bad="fail"`, the first bad message ends the run."""
         self.on_bad: OnBadMessage = on_bad
+        self.total = 0
         self._counts: Counter[tuple[str, str]] = Counter()
         self._examples: dict[tuple[str, str], str] = {}
+        self._of_parts: set[tuple[str, str]] = set()
 
     def add(self, drop: Drop) -> None:
         """Count a message, or parts of one; the first detail of its kind is kept as the example."""
         key = (drop.topic, drop.reason)
         self._counts[key] += drop.parts or 1
+        self.total += drop.parts or 1
+        if drop.parts:
+            self._of_parts.add(key)
         if drop.detail:
             self._examples.setdefault(key, drop.detail)
 
@@ -96,13 +109,28 @@ class DropTable:
     def rows(self) -> tuple[DropCount, ...]:
         """The counts, by topic and reason."""
         return tuple(
-            DropCount(topic, reason, count, self._examples.get((topic, reason), ""))
-            for (topic, reason), count in sorted(self._counts.items())
+            DropCount(*key, count, self._examples.get(key, ""), "parts" if key in self._of_parts else "messages")
+            for key, count in sorted(self._counts.items())
         )
 
     def count(self, topic: str) -> int:
         """Number of dropped messages of one topic."""
         return sum(count for (name, _), count in self._counts.items() if name == topic)
+
+
+@dataclass(frozen=True, slots=True)
+class RunProgress:
+    """How far a run is.
+
+    Attributes:
+        frames: Number of frames so far.
+        objects: Number of fused objects in them.
+        drops: Number of messages that were dropped. Reading is ahead of the frames, so this is no exact result.
+    """
+
+    frames: int
+    objects: int
+    drops: int
 
 
 @dataclass(frozen=True, slots=True)

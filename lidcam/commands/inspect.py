@@ -10,6 +10,7 @@ from lidcam.inspection import Inspection, inspect_open, inspect_recording, inspe
 from lidcam.job import RigSource
 from lidcam.outputs import check_not_overwritten, check_writable
 from lidcam.printing.console import print_inspection
+from lidcam.printing.log import remark_log
 from lidcam.printing.terminal import console
 from lidcam.summary import loss_records
 from pipeline.core.errors import OutputError
@@ -79,7 +80,7 @@ def _tell(inspection: Inspection, options: InspectOptions) -> None:
         if inspection.draft is None:
             raise OutputError(f"{options.write_rig}: no rig to write: {inspection.problem}")
         write_draft(inspection.draft, options.write_rig)
-        console(stderr=True).print(f"wrote {options.write_rig}")
+        remark_log.info("wrote %s", options.write_rig)
 
 
 def _repair(recording: Recording, output: Path) -> None:
@@ -92,8 +93,7 @@ def _repair(recording: Recording, output: Path) -> None:
 
     channels = [channel for info in recording.topics for channel in info.channels]
     count = write_repaired(output, channels, recording.messages(), lost=lost())
-    err = console(stderr=True)
-    err.print(f"wrote {output}: {count} messages")
+    remark_log.info("wrote %s: %d messages", output, count)
     for info in recording.topics:
         if info.unreadable and info.message_count:
-            err.print(f"not copied: {info.topic}, {info.message_count} messages: {info.unreadable}")
+            remark_log.info("not copied: %s, %d messages: %s", info.topic, info.message_count, info.unreadable)

@@ -21,7 +21,7 @@ class Fuse:
 
     def __init__(self, config: Config) -> None:
         self._class_count = len(config.classes)
-        self._min_score = config.fuse.min_score
+        self._config = config.fuse
 
     def __call__(
         self, lidar_boxes: Boxes3D, camera_boxes: Mapping[str, Boxes2D], matches: Mapping[str, Matches]
@@ -39,17 +39,20 @@ class Fuse:
         """
         n = len(lidar_boxes)
         votes, missed = np.zeros((n, self._class_count)), 1.0 - lidar_boxes.scores.astype(np.float64)
-        matched = np.zeros(n, np.int32)
+        matched, in_view = np.zeros(n, np.int32), np.zeros(n, np.bool_)
         for name, boxes in camera_boxes.items():
             rows, rows2d = matches[name].pairs.T  # each row at most once, so indexed += adds correctly
             scores = boxes.scores[rows2d].astype(np.float64)
             votes[rows, boxes.class_ids[rows2d]] += scores
             missed[rows] *= 1.0 - scores
             matched[rows] += 1
+            in_view |= np.isfinite(matches[name].projected_xyxy[:, 0])
         fused_scores = np.where(matched > 0, 1.0 - missed, lidar_boxes.scores).astype(np.float32)
         class_ids = _winners(votes, lidar_boxes.class_ids)
         objects = replace(lidar_boxes, scores=fused_scores, class_ids=class_ids)
-        kept = fused_scores >= self._min_score
+        doubted = in_view & (matched == 0)
+        kept = fused_scores >= np.where(doubted, self._config.min_score_unconfirmed, 0.0)
+        kept &= fused_scores >= self._config.min_score
         return Fused(objects.select(kept), matched[kept])
 
 

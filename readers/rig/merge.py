@@ -8,10 +8,8 @@ from collections.abc import Mapping, Sequence
 from functools import reduce
 from typing import Any
 
-from pydantic import ValidationError
-
 from pipeline.core.errors import CalibrationError
-from pipeline.core.settings.load import describe_validation
+from pipeline.core.settings.validation.check import checked
 from readers.messages.tf import clean_frame
 from readers.rig.extrinsics import decompose_projection
 from readers.rig.importers.matrices import flat
@@ -40,10 +38,7 @@ def merge_rigs(rigs: Sequence[tuple[str, RigFile]]) -> RigFile:
     trees = [(name, rig.model_dump(exclude_unset=True)) for name, rig in rigs]
     nothing: tuple[str, Entry] = "", {}
     _, merged = reduce(_merge, trees, nothing)
-    try:
-        return RigFile.model_validate(merged)
-    except ValidationError as err:
-        raise CalibrationError(f"{' and '.join(names)}: {describe_validation(RigFile, err)}") from err
+    return checked(RigFile, merged, " and ".join(names), CalibrationError)
 
 
 def _merge(first: tuple[str, Entry], second: tuple[str, Entry]) -> tuple[str, Entry]:

@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 from scipy.spatial.transform import Rotation
 
 from pipeline.core.arrays import F64
 from pipeline.core.errors import CalibrationError
-from pipeline.core.settings.load import describe_validation
+from pipeline.core.settings.validation.check import checked
 
 __all__ = ["POSE", "TODO", "CameraEntry", "LidarEntry", "Pose", "RigFile", "parse_rig"]
 
@@ -215,10 +215,7 @@ def parse_rig(tree: Mapping[str, Any], path: Path) -> RigFile:
         CalibrationError: a key is unknown or a value does not fit; names `path`.
     """
     tree = {key: _without_todo(part, path) if key in ("lidars", "cameras") else part for key, part in tree.items()}
-    try:
-        return RigFile.model_validate(tree)
-    except ValidationError as err:
-        raise CalibrationError(f"{path}: {describe_validation(RigFile, err)}") from err
+    return checked(RigFile, tree, path, CalibrationError)
 
 
 def _without_todo(sensors: Any, path: Path) -> Any:

@@ -3,12 +3,12 @@
 from pathlib import Path
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from pipeline.core.arrays import F64
 from pipeline.core.errors import CalibrationError
 from pipeline.core.settings.bounded_yaml import read_yaml
-from pipeline.core.settings.load import describe_validation
+from pipeline.core.settings.validation.check import checked
 from readers.velodyne.models import LaserTable, RangeCorrections, VelodyneModel
 
 __all__ = ["read_velodyne_calibration"]
@@ -46,13 +46,8 @@ def read_velodyne_calibration(path: Path, model: VelodyneModel) -> LaserTable:
         CalibrationError: the file does not fit, or its lasers are not those of the model.
         ConfigError: the file cannot be read, or is not a YAML mapping.
     """
-    try:
-        lasers = _File.model_validate(read_yaml(path)).lasers
-    except ValidationError as err:
-        raise CalibrationError(
-            f"{path}: expected a calibration of ROS's velodyne driver: {describe_validation(_File, err)}"
-        ) from err
-    lasers = sorted(lasers, key=lambda laser: laser.laser_id)
+    source = f"{path}: not a calibration of ROS's velodyne driver"
+    lasers = sorted(checked(_File, read_yaml(path), source, CalibrationError).lasers, key=lambda laser: laser.laser_id)
     if [laser.laser_id for laser in lasers] != list(range(model.lasers)):
         raise CalibrationError(
             f"{path}: expected each laser_id of a {model.name} once, 0 to {model.lasers - 1}; "

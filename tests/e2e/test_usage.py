@@ -1,8 +1,6 @@
 """What people meet on the way: help, interrupted runs, outputs that would destroy inputs, logs and pipes."""
 
 import json
-import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -105,20 +103,6 @@ def test_two_outputs_are_two_files(lidcam: Lidcam, sandbox: Path, tmp_path: Path
     assert "choose another name" in run.error_line
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="needs pseudo-terminals of util-linux")
-def test_tables_are_the_same_on_a_narrow_terminal(lidcam: Lidcam, sandbox: Path) -> None:
-    piped = lidcam("inspect", sandbox).out.splitlines()
-    assert all(line == line.rstrip() for line in piped)
-    if shutil.which("script") is None:
-        pytest.skip("needs script of util-linux")
-    command = f"{PROGRAM.with_name('lidcam')} inspect {sandbox}"
-    environment = {**os.environ, "COLUMNS": "60", "NO_COLOR": "1", "TERM": "dumb"}
-    done = subprocess.run(
-        ["script", "-qec", command, "/dev/null"], env=environment, capture_output=True, text=True, check=True
-    )
-    assert done.stdout.splitlines() == piped
-
-
 def test_names_are_printed_as_they_are(lidcam: Lidcam, sandbox: Path, tmp_path: Path) -> None:
     out = tmp_path / "a[bold]b.mcap"  # markup to the library that prints
     run = lidcam("process", sandbox, out, "--duration", "0.3")
@@ -158,7 +142,7 @@ def test_a_rig_in_two_files_gives_the_same_bytes(
     assert one.read_bytes() == two.read_bytes()
     run = lidcam("inspect", sandbox, *parts, "--rig", "no_rig")
     assert run.code == 1
-    assert "no_rig: expected a rig file or the name of a preset (original)" in run.error_line
+    assert "no_rig: expected a preset (original) or a rig file, found neither" in run.error_line
 
 
 def test_the_readme_shows_what_the_demo_prints(
@@ -178,10 +162,3 @@ def test_standard_output_on_a_full_disk_is_an_error_in_one_line(sandbox: Path) -
         done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
     assert done.returncode == 1
     assert done.stderr == "lidcam: error: standard output: No space left on device\n"
-
-
-def test_a_pipe_that_closes_is_no_bug(sandbox: Path) -> None:
-    command = f"'{PROGRAM.with_name('lidcam')}' inspect '{sandbox}' | head -n 1"
-    done = subprocess.run(["sh", "-c", command], capture_output=True, text=True, check=True)
-    assert done.stderr == ""
-    assert len(done.stdout.splitlines()) == 1

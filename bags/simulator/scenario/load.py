@@ -3,19 +3,19 @@
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
-
 from bags.simulator.scenario.scenario import Scenario, listed
 from pipeline.core.errors import ConfigError
 from pipeline.core.settings.bounded_yaml import read_yaml
-from pipeline.core.settings.load import describe_validation, set_values
+from pipeline.core.settings.bundled import bundled
+from pipeline.core.settings.load import set_values
+from pipeline.core.settings.validation.check import checked, did_you_mean
 
 __all__ = ["load_scenario", "scenario_names"]
 
 
 def scenario_names() -> list[str]:
     """Names of the bundled scenarios."""
-    return sorted(path.stem for path in _folder().glob("*.yaml"))
+    return sorted(path.stem for path in bundled("scenarios").glob("*.yaml"))
 
 
 def load_scenario(name: str, overrides: tuple[str, ...] = ()) -> Scenario:
@@ -28,16 +28,13 @@ def load_scenario(name: str, overrides: tuple[str, ...] = ()) -> Scenario:
     """
     path = Path(name)
     if path.suffix not in {".yaml", ".yml"}:
-        path = _folder() / f"{name}.yaml"
+        path = bundled("scenarios", f"{name}.yaml")
         if not path.is_file():
-            raise ConfigError(f"{name}: expected a YAML file or one of {listed(scenario_names())}")
+            meant = did_you_mean(name, scenario_names())
+            raise ConfigError(f"{name}: expected a YAML file or one of {listed(scenario_names())}{meant}")
     tree = read_yaml(path)
     set_values(tree, tuple(override for given in overrides for override in _for_each(tree, given)))
-    try:
-        return Scenario.model_validate(tree)
-    except ValidationError as err:
-        where = f"{path} with --set" if overrides else f"{path}"
-        raise ConfigError(f"{where}: {describe_validation(Scenario, err)}") from err
+    return checked(Scenario, tree, f"{path} with --set" if overrides else path)
 
 
 def _for_each(tree: dict[str, Any], override: str) -> list[str]:
@@ -58,10 +55,3 @@ def _names_at(tree: dict[str, Any], path: str) -> list[str]:
         nested = tree.get(part)
         tree = nested if isinstance(nested, dict) else {}
     return list(tree)
-
-
-def _folder() -> Path:
-    """The folder of bundled scenarios: in the installed package, or `config/` in a checkout."""
-    package = Path(__file__).parents[2]
-    installed = package / "scenarios"
-    return installed if installed.is_dir() else package.parent / "config" / "scenarios"

@@ -1,6 +1,6 @@
 """Classes of road users, with their sizes."""
 
-from pipeline.core.settings.model import Positive, SettingsModel
+from pipeline.core.settings.model import Label, Positive, SettingsModel
 
 __all__ = ["ROAD_CLASSES", "ClassPrior"]
 
@@ -20,7 +20,7 @@ class ClassPrior(SettingsModel):
     size_m: tuple[Positive, Positive, Positive]
     max_size_m: tuple[Positive, Positive, Positive]
     frequency: Positive = 1.0
-    labels: tuple[str, ...] = ()
+    labels: tuple[Label, ...] = ()
 
 
 ROAD_CLASSES = (

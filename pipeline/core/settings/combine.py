@@ -4,7 +4,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from pipeline.core.settings.model import Count, NotNegative, Positive, SettingsModel
+from pipeline.core.settings.model import Count, NotNegative, Positive, SettingsModel, Topic
 
 __all__ = ["CombineConfig", "GroundConfig", "MotionConfig", "OutlierConfig"]
 
@@ -22,7 +22,7 @@ class MotionConfig(SettingsModel):
     """
 
     enabled: bool = True
-    topic: str = ""
+    topic: Topic = ""
     max_extrapolation_s: NotNegative = 0.2
     max_gap_s: Positive = 1.0
 

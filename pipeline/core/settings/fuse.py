@@ -23,6 +23,9 @@ class FuseConfig(SettingsModel):
 
     Attributes:
         min_score: Objects with a lower fused score are not reported.
+        min_score_unconfirmed: Objects with a lower fused score are not reported if a camera with 2D boxes has them in
+            view and no camera confirms them. Objects that no camera looks at, as in a run by the lidars alone, stay.
     """
 
     min_score: Share = 0.0
+    min_score_unconfirmed: Share = 0.0

@@ -1,39 +1,39 @@
 """Settings read from YAML and from single values, and written back to YAML."""
 
 from collections.abc import Mapping, Sequence
-from os import PathLike
-from pathlib import Path
-from typing import Any, get_args
+from os import PathLike, fspath
+from typing import Any
 
 import yaml
-from pydantic import BaseModel, ValidationError
 
 from pipeline.core.errors import ConfigError
 from pipeline.core.settings.bounded_yaml import parse_yaml, read_yaml
+from pipeline.core.settings.bundled import settings_file
 from pipeline.core.settings.config import Config
+from pipeline.core.settings.validation.check import checked
 
-__all__ = ["describe_validation", "dump_config", "load_config", "set_values"]
+__all__ = ["dump_config", "load_config", "set_values"]
 
 
 def load_config(
     base: Config | str | PathLike[str] | None = None, settings: Mapping[str, object] | Sequence[str] = ()
 ) -> Config:
-    """The defaults, or other settings, or a YAML file of them; then single settings on top.
+    """The defaults, or other settings, or a preset or YAML file of them; then single settings on top.
 
     Args:
-        base: Settings, or a YAML file; None: the defaults.
+        base: Settings, the name of a preset, or a YAML file; None: the defaults.
         settings: `{"sync.slop_s": 0.05}`, or `["sync.slop_s=0.05"]` whose values are YAML.
 
     Raises:
         ConfigError: the file cannot be read, a key is unknown, or a value does not fit.
     """
-    tree = base.model_dump() if isinstance(base, Config) else {} if base is None else read_yaml(Path(base))
+    tree = base.model_dump() if isinstance(base, Config) else {} if base is None else read_yaml(settings_file(base))
     set_values(tree, settings)
-    try:
-        return Config.model_validate(tree)
-    except ValidationError as err:
-        where = "settings" if base is None or isinstance(base, Config) else base
-        raise ConfigError(f"{where}: {describe_validation(Config, err)}") from err
+    if base is None or isinstance(base, Config):
+        source = "settings"
+    else:
+        source = f"{fspath(base)} with --set" if settings else fspath(base)
+    return checked(Config, tree, source)
 
 
 def set_values(tree: dict[str, Any], settings: Mapping[str, object] | Sequence[str]) -> None:
@@ -74,30 +74,3 @@ def dump_config(config: Config) -> str:
     """All settings as YAML, for `load_config`; `config/default.yaml` is `dump_config(Config())`."""
     text: str = yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False, default_flow_style=None, width=100)
     return text
-
-
-def describe_validation(model: type[BaseModel], err: ValidationError) -> str:
-    """The first error of a validation in one line; for an unknown key, with the known ones."""
-    fault = err.errors()[0]
-    key = ".".join(str(part) for part in fault["loc"])
-    more = f" (and {err.error_count() - 1} more)" if err.error_count() > 1 else ""
-    if fault["type"] == "extra_forbidden":
-        return f"unknown key {key!r}{more}; known here: {', '.join(_known_keys(model, fault['loc']))}"
-    if fault["type"] == "value_error" and not key:  # a check across keys: its message names them
-        return f"{fault['ctx']['error']}{more}"
-    found = repr(fault.get("input"))
-    return f"{key}: {fault['msg']}, found {found if len(found) <= 200 else found[:200] + '...'}{more}"
-
-
-def _known_keys(model: type[BaseModel], location: tuple[int | str, ...]) -> list[str]:
-    """Keys of the section that contains the last part of `location`."""
-    for part in location[:-1]:
-        if field := model.model_fields.get(str(part)):
-            model = _model_in(field.annotation) or model
-    return list(model.model_fields)
-
-
-def _model_in(annotation: Any) -> type[BaseModel] | None:
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return annotation
-    return next((model for part in get_args(annotation) if (model := _model_in(part)) is not None), None)

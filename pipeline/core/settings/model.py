@@ -1,15 +1,21 @@
-"""Base class and number types of the settings."""
+"""Base class of the settings, and their types."""
 
 from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
 
-__all__ = ["Count", "NotNegative", "Positive", "SettingsModel", "Share"]
+from pipeline.core.settings.validation.wording import Noun
+
+__all__ = ["Count", "FrameName", "Label", "NotNegative", "Positive", "SettingsModel", "Share", "Topic"]
+
 
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
 Share = Annotated[float, Field(ge=0, le=1)]
 Count = Annotated[int, Field(ge=1)]
+Topic = Annotated[str, Noun("a topic", "topics", "/velodyne_points")]
+FrameName = Annotated[str, Noun("the name of a frame", "names of frames", "base_link")]
+Label = Annotated[str, Noun("a label", "labels", "car")]
 
 
 class SettingsModel(BaseModel):

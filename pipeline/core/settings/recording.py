@@ -4,7 +4,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from pipeline.core.settings.model import Count, Positive, SettingsModel
+from pipeline.core.settings.model import Count, FrameName, Positive, SettingsModel, Topic
 
 __all__ = ["DEFAULT_LIMITS", "LimitsConfig", "RigConfig", "TopicsConfig", "VelodyneConfig", "VelodyneLidarConfig"]
 
@@ -24,10 +24,10 @@ class TopicsConfig(SettingsModel):
             kind was recorded. Parts of combined messages come before them, and after topics recorded on their own.
     """
 
-    lidars: tuple[str, ...] = ()
-    cameras: tuple[str, ...] = ()
-    exclude: tuple[str, ...] = ()
-    last_resort: tuple[str, ...] = ("/point_cloud_combined",)
+    lidars: tuple[Topic, ...] = ()
+    cameras: tuple[Topic, ...] = ()
+    exclude: tuple[Topic, ...] = ()
+    last_resort: tuple[Topic, ...] = ("/point_cloud_combined",)
 
 
 class RigConfig(SettingsModel):
@@ -38,7 +38,7 @@ class RigConfig(SettingsModel):
             `base_link` if the lidars are fixed to it, else the frame that all lidars are fixed to.
     """
 
-    site_frame: str = ""
+    site_frame: FrameName = ""
 
 
 class VelodyneLidarConfig(SettingsModel):
@@ -60,7 +60,7 @@ class VelodyneConfig(VelodyneLidarConfig):
         topics: Model and calibration by topic, instead of the ones for all lidars.
     """
 
-    topics: dict[str, VelodyneLidarConfig] = Field(default_factory=dict)
+    topics: dict[Topic, VelodyneLidarConfig] = Field(default_factory=dict)
 
 
 class LimitsConfig(SettingsModel):

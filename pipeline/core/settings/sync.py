@@ -2,7 +2,7 @@
 
 from typing import Literal
 
-from pipeline.core.settings.model import Count, NotNegative, Positive, SettingsModel
+from pipeline.core.settings.model import Count, NotNegative, Positive, SettingsModel, Topic
 
 __all__ = ["SyncConfig"]
 
@@ -22,7 +22,7 @@ class SyncConfig(SettingsModel):
     """
 
     policy: Literal["approximate_time", "approximate_time_python", "nearest"] = "approximate_time"
-    reference: str = ""
+    reference: Topic = ""
     queue_size: Count = 10
     slop_s: NotNegative = 0.1
     max_interval_s: Positive | None = 0.1

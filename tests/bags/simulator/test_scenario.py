@@ -4,11 +4,13 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from wrong_values import mistakes, words_of_the_library
 
 from bags.simulator.scenario.load import load_scenario, scenario_names
 from bags.simulator.scenario.scenario import Scenario
 from pipeline.core.errors import ConfigError
 from pipeline.core.geometry.transform import rotation_fault
+from pipeline.core.settings.validation.check import checked
 
 ROOT = Path(__file__).resolve().parents[3]
 LIDAR = {"topic": "/points", "frame_id": "lidar", "position_m": [0, 0, 1]}
@@ -114,3 +116,9 @@ def test_a_scenario_that_is_not_there(name: str) -> None:
         ConfigError, match=r"nothing: expected a YAML file or one of crossing, sandbox, vehicle|no\.yaml"
     ):
         load_scenario(name)
+
+
+def test_mistakes_are_not_told_in_a_library_s_words() -> None:
+    told = mistakes(Scenario, lambda tree: checked(Scenario, tree, "file"))
+    assert len(told) > 500
+    assert not words_of_the_library(told)

@@ -23,14 +23,14 @@ def test_every_preset_is_a_rig() -> None:
         assert isinstance(read_rig(name), RigFile)
 
 
-def test_a_file_comes_before_a_preset(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_rigs_by_name_and_by_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert rig_path("original") == preset_rigs()["original"]
     assert rig_path("original.yaml") == Path("original.yaml")
     assert rig_path("rigs/original") == Path("rigs/original")
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "original").write_text("site_frame: mine\n")
-    assert rig_path("original") == Path("original")
-    with pytest.raises(CalibrationError, match=r"^orginal: expected a rig file or the name of a preset \(.*original"):
+    (tmp_path / "mine").touch()
+    assert rig_path("mine") == Path("mine")
+    with pytest.raises(CalibrationError, match=r"^orginal: expected a preset \(.*original.*did you mean 'original'\?"):
         rig_path("orginal")
 
 

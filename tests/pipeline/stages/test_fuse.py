@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from detections import boxes2d, boxes3d
@@ -96,3 +98,14 @@ def test_more_cameras_never_lower_a_score(cameras: list[tuple[float, int]], own:
         assert before - 1e-6 <= score <= 1
         assert score >= max(own, *(s for s, _ in cameras[:count])) - 1e-6
         before = score
+
+
+def test_what_cameras_look_at_and_do_not_confirm_needs_a_score() -> None:
+    lidar = boxes3d([PLACE] * 4, scores=[0.2, 0.2, 0.2, 0.4])
+    projected = np.zeros((4, 4), np.float32)
+    projected[2] = np.nan  # not in view
+    found = replace(matches((1, 0), boxes=4), projected_xyxy=projected)
+    fuse = Fuse(Config(fuse=FuseConfig(min_score_unconfirmed=0.3)))
+    fused = fuse(lidar, {"cam": seen(0.6, CAR)}, {"cam": found})
+    assert fused.objects.point_counts.tolist() == [11, 12, 13]
+    assert len(fuse(lidar, {}, {"cam": found}).objects) == 4, "a camera without boxes in this frame does not look"

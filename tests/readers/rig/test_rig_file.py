@@ -7,6 +7,7 @@ import yaml
 from builders import camera_info, header, image, pointcloud2, raw, tf_message, transform_stamped
 from memory_recording import MemoryRecording
 from scipy.spatial.transform import Rotation
+from wrong_values import mistakes, words_of_the_library
 
 from pipeline.core.errors import CalibrationError, ConfigError, LidcamError, OutputError
 from pipeline.core.messages import RawMessage
@@ -265,7 +266,7 @@ def test_sensors_without_topics_go_by_name_then_by_order() -> None:
 @pytest.mark.parametrize(
     ("tree", "reason"),
     [
-        ({"lidar": {}}, "unknown key 'lidar'; known here: site_frame"),
+        ({"lidar": {}}, "unknown key 'lidar': did you mean 'lidars'"),
         ({"cameras": {"c": {"focal": 3}}}, r"unknown key 'cameras\.c\.focal'; known here:.*boxes_topic"),
         ({"site_frame": "s", "lidars": {"a": {"T_site_lidar": [[1, 2], [3, 4]]}}}, "expected 4 x 4 numbers, found 4"),
         ({"site_frame": "s", "lidars": {"a": {"T_site_lidar": 3}}}, "expected 4 x 4 numbers"),
@@ -274,7 +275,7 @@ def test_sensors_without_topics_go_by_name_then_by_order() -> None:
         ({"cameras": {"c": {"K": K, "P": np.eye(3, 4).tolist()}}}, "given twice"),
         ({"cameras": {"c": {"distortion": [1.0]}}}, "distortion without K"),
         ({"lidars": {"x": {}}, "cameras": {"x": {}}}, "x names a lidar and a camera"),
-        ({"lidars": {"a b": {}}}, "pattern"),
+        ({"lidars": {"a b": {}}}, "a name of letters, digits and _, found 'a b'"),
         ({"zones": {"z": [[0, 0], [1, 1]]}}, "at least 3"),
     ],
 )
@@ -298,3 +299,9 @@ def test_files_that_are_no_rig(tmp_path: Path, content: bytes | None) -> None:
 def test_an_empty_rig_file_leaves_all_to_the_recording(tmp_path: Path) -> None:
     (tmp_path / "rig.yaml").write_text("# nothing yet\n")
     assert load_rig(tmp_path / "rig.yaml") == RigFile()
+
+
+def test_mistakes_are_not_told_in_a_library_s_words(tmp_path: Path) -> None:
+    told = mistakes(RigFile, lambda tree: parse_rig(tree, tmp_path))
+    assert len(told) > 200
+    assert not words_of_the_library(told)

@@ -1,0 +1,93 @@
+"""Checks a tree of settings against its model; mistakes are told in plain words, with the key that was meant."""
+
+from collections.abc import Mapping
+from difflib import get_close_matches
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from pipeline.core.errors import ConfigError, LidcamError
+from pipeline.core.settings.validation.schema import Part, Place, key_places
+from pipeline.core.settings.validation.wording import expected, found
+
+__all__ = ["checked", "did_you_mean", "unknown_key"]
+
+M = TypeVar("M", bound=BaseModel)
+
+SIBLING_LIKENESS, KEY_LIKENESS = 0.6, 0.9
+"""How alike two keys of one section, and two keys with all their sections, are at least."""
+
+
+def checked(model: type[M], tree: Mapping[str, Any], source: object, error: type[LidcamError] = ConfigError) -> M:
+    """The settings in a tree.
+
+    Args:
+        model: What they may be.
+        tree: Their values.
+        source: Where they come from: a file, or a word.
+        error: What is raised.
+
+    Raises:
+        LidcamError: a key is unknown or missing, or a value does not fit; the first of them, and how many more.
+    """
+    try:
+        return model.model_validate(tree)
+    except ValidationError as err:
+        message = _first_mistake(model, tree, err)
+    raise error(f"{source}: {message}")  # not from `err`, which says it in a library's words
+
+
+def did_you_mean(word: str, known: list[str], likeness: float = SIBLING_LIKENESS) -> str:
+    """`: did you mean 'x'?`, or nothing if no known word is like this one."""
+    alike = get_close_matches(word, known, n=1, cutoff=likeness)
+    return f": did you mean {alike[0]!r}?" if alike else ""
+
+
+def unknown_key(model: type[BaseModel], path: tuple[Part, ...], more: str = "") -> str:
+    """What to say of a key that there is not: which one may have been meant, or those that there are."""
+    key, leaf = _dotted(path), str(path[-1])
+    section = Place.of(model).at(path[:-1])[1].section or model
+    siblings, before = list(section.model_fields), _dotted(path[:-1])
+    everywhere = [known for known, _ in key_places(model) if "*" not in known]
+    same_leaf = [known for known in everywhere if known.split(".")[-1] == leaf and known.split(".")[0] == str(path[0])]
+    alike = get_close_matches(leaf, siblings, n=1, cutoff=SIBLING_LIKENESS)
+    meant = (
+        same_leaf[:1]
+        or [f"{before}.{name}" if before else name for name in alike]
+        or get_close_matches(key, everywhere, n=1, cutoff=KEY_LIKENESS)
+    )
+    hint = f": did you mean {meant[0]!r}?" if meant else f"; known here: {', '.join(siblings)}"
+    return f"unknown key {key!r}{more}{hint}"
+
+
+def _first_mistake(model: type[BaseModel], tree: Mapping[str, Any], err: ValidationError) -> str:
+    root = Place.of(model)
+    mistakes = err.errors(include_url=False)
+    fault = mistakes[0]
+    # Each member of a union that a value fits none of has mistakes of its own: they are one.
+    keys = {one["loc"] if one["type"] == "extra_forbidden" else root.at(one["loc"])[0] for one in mistakes}
+    more = f" (and {len(keys) - 1} more)" if len(keys) > 1 else ""
+    path, place = root.at(fault["loc"])
+    key = _dotted(path)
+    match fault["type"]:
+        case "extra_forbidden":
+            return unknown_key(model, fault["loc"], more)
+        case "missing":
+            return f"{key} is missing: expected {expected(place)}{more}"
+        case "value_error":  # a check of our own
+            return f"{f'{key}: ' if key else ''}{fault['ctx']['error']}{more}"
+        case "finite_number":
+            return f"{key}: expected a finite number, found {found(fault['input'])}{more}"
+    if fault["loc"][-1:] == ("[key]",):
+        return f"{key}: expected a name of letters, digits and _, found {found(fault['input'])}{more}"
+    return f"{key}: expected {expected(place)}, found {found(_value_at(tree, path))}{more}"
+
+
+def _value_at(tree: Any, path: tuple[Part, ...]) -> Any:
+    for part in path:
+        tree = tree[part]
+    return tree
+
+
+def _dotted(path: tuple[Part, ...]) -> str:
+    return ".".join(map(str, path))
