@@ -34,6 +34,7 @@ class SensorSource:
         frame_id: Its frame.
         intrinsics: Source of a camera's intrinsics; empty for a lidar.
         extrinsics: Source of its pose.
+        time_offset_ms: What the rig file takes off its stamps.
     """
 
     sensor: str
@@ -41,6 +42,7 @@ class SensorSource:
     frame_id: str
     intrinsics: str
     extrinsics: str
+    time_offset_ms: float = 0.0
 
 
 def calibrate_lidar(
@@ -63,7 +65,10 @@ def calibrate_lidar(
         T_site_lidar, source = Transform.identity(site, frame), OWN_SITE
     else:
         T_site_lidar, source = transforms.lookup(site, frame), f"tf: {site} <- {frame}"
-    return LidarSensor(lidar.name, lidar.topic, T_site_lidar), SensorSource(lidar.name, lidar.topic, frame, "", source)
+    return (
+        LidarSensor(lidar.name, lidar.topic, T_site_lidar, entry.time_offset_ns),
+        SensorSource(lidar.name, lidar.topic, frame, "", source, entry.time_offset_ms),
+    )
 
 
 def calibrate_camera(
@@ -101,8 +106,10 @@ def calibrate_camera(
         )
     T_camera_site, extrinsics = _camera_pose(entry, from_projection, T_model_camera.src, site, transforms)
     return (
-        CameraSensor(camera.name, topics.image, topics.boxes, model, T_model_camera @ T_camera_site),
-        SensorSource(camera.name, topics.topic, model.frame_id, intrinsics, extrinsics),
+        CameraSensor(
+            camera.name, topics.image, topics.boxes, model, T_model_camera @ T_camera_site, entry.time_offset_ns
+        ),
+        SensorSource(camera.name, topics.topic, model.frame_id, intrinsics, extrinsics, entry.time_offset_ms),
     )
 
 

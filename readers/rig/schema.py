@@ -54,6 +54,7 @@ class _Sensor(_Model):
         translation_m: Position of the sensor.
         rotation_xyzw: Orientation as a unit quaternion.
         rpy_deg: Orientation as roll about x, then pitch about y, then yaw about z of the site (REP 103).
+        time_offset_ms: Recorded stamp minus time of measurement, in milliseconds; it is taken off the stamps.
     """
 
     topic: str = ""
@@ -61,6 +62,12 @@ class _Sensor(_Model):
     translation_m: Three | None = None
     rotation_xyzw: tuple[float, float, float, float] | None = None
     rpy_deg: Three | None = None
+    time_offset_ms: float = Field(default=0.0, allow_inf_nan=False)
+
+    @property
+    def time_offset_ns(self) -> int:
+        """`time_offset_ms` in nanoseconds."""
+        return round(self.time_offset_ms * 1e6)
 
     @property
     def given(self) -> set[str]:
