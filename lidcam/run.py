@@ -13,9 +13,18 @@ from functools import partial
 from pathlib import Path
 
 from lidcam.build import box_source, build_graph, wanted_boxes
+from lidcam.checks.clocks import clock_notes, jump_warnings
 from lidcam.checks.lidars import LidarCheck
 from lidcam.checks.missing import missing_sensors, silence_warnings
-from lidcam.frames import RunInput, TimeWindow, bundles, reference_topic, required_topics, synchronized_topics
+from lidcam.frames import (
+    RunInput,
+    TimeWindow,
+    bundles,
+    reference_topic,
+    required_topics,
+    sensor_clocks,
+    synchronized_topics,
+)
 from lidcam.job import Job
 from lidcam.outputs import check_not_overwritten, check_outputs, open_writers
 from lidcam.summary import DropTable, RunProgress, RunReport, Tally, UnusedTopic
@@ -132,6 +141,7 @@ class Run:
         """
         self.source, self.found = source, found
         self._drops, self._tally, self._stats = drops, Tally(source.config, source.rig), SyncStats()
+        self._clocks = sensor_clocks(source.rig, drops)
         self._lidar_check = LidarCheck(source.rig)
         started = time.perf_counter()
         reference_topic(source.config, source.rig)
@@ -153,7 +163,7 @@ class Run:
         for writer in writers:
             result = self._graph.add(f"write {writer.name}", partial(_write, writer), result)
         self._count_early_drops()
-        found = bundles(self.source, self._drops, self._stats)
+        found = bundles(self.source, self._drops, self._stats, self._clocks)
         with closing(_results(self._graph, result, found, self.source.config)) as results:
             for frame in results:
                 self._tally.add(frame)
@@ -205,8 +215,12 @@ class Run:
             rig=source.rig,
             sensors=found.sources,
             faults=found.faults,
-            notes=found.notes,
-            warnings=(*silence_warnings(missing), *self._lidar_check.warnings),
+            notes=(*found.notes, *clock_notes(self._clocks, source.rig.sensor_of_topic)),
+            warnings=(
+                *jump_warnings(self._clocks.jumps, start_ns=start_ns),
+                *silence_warnings(missing),
+                *self._lidar_check.warnings,
+            ),
             outputs=tuple(outputs),
             stage_seconds=dict(self._graph.seconds),
             wall_seconds=self._seconds,

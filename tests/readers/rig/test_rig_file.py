@@ -108,6 +108,25 @@ def test_a_written_rig_reads_back_to_the_same_numbers(tmp_path: Path) -> None:
     assert (tmp_path / "again.yaml").read_bytes() == (tmp_path / "rig.yaml").read_bytes()
 
 
+def test_time_offsets_are_read_and_written_where_they_are_set(tmp_path: Path) -> None:
+    camera = {"topic": "/cam11/image", "K": K, "T_camera_site": EYE, "time_offset_ms": -35.5}
+    lidars = {"a": {"topic": "/a_points", "T_site_lidar": EYE, "time_offset_ms": 12}, "b": {"T_site_lidar": EYE}}
+    found = apply({"site_frame": "s", "lidars": lidars, "cameras": {"cam": camera}})
+    assert [lidar.time_offset_ns for lidar in found.rig.lidars] == [12_000_000, 0]
+    assert [camera.time_offset_ns for camera in found.rig.cameras] == [-35_500_000]
+    assert [source.time_offset_ms for source in found.sources] == [12, 0, -35.5]
+    write_rig(found.rig, tmp_path / "rig.yaml")
+    assert (tmp_path / "rig.yaml").read_text().count("time_offset_ms") == 2
+    again = discover_rig(recorded(), Config(), load_rig(tmp_path / "rig.yaml"))
+    assert again.rig.cameras[0].time_offset_ns == -35_500_000
+
+
+@pytest.mark.parametrize("value", ["soon", float("nan"), float("inf")])
+def test_a_time_offset_has_to_be_a_number(value: object) -> None:
+    with pytest.raises(CalibrationError, match=r"rig.yaml: lidars\.a\.time_offset_ms"):
+        apply({"site_frame": "s", "lidars": {"a": {"T_site_lidar": EYE, "time_offset_ms": value}}})
+
+
 def test_a_rig_that_cannot_be_written_leaves_nothing(tmp_path: Path) -> None:
     found = apply({"site_frame": "s", "lidars": {"a": {"topic": "/a_points", "T_site_lidar": EYE}}, "cameras": {}})
     (tmp_path / "rig.yaml").mkdir()
