@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from lidcam.build import box_source
+from lidcam.settings.choice import AS_GIVEN, UsedSettings
 from lidcam.summary import DropTable
 from pipeline.core.errors import ConfigError
 from pipeline.core.frame import SensorBundle
@@ -35,6 +36,7 @@ class RunInput:
         config: Settings.
         motion: Where the motion of the site frame comes from; None if it stands still.
         window: Part of the recording.
+        settings: Why these settings.
     """
 
     recording: Recording
@@ -42,6 +44,7 @@ class RunInput:
     config: Config
     motion: MotionSource | None = None
     window: TimeWindow = TimeWindow()
+    settings: UsedSettings = AS_GIVEN
 
 
 def bundles(source: RunInput, drops: DropTable, stats: SyncStats) -> Iterator[SensorBundle]:

@@ -13,10 +13,13 @@ from functools import partial
 from pathlib import Path
 
 from lidcam.build import box_source, build_graph, wanted_boxes
+from lidcam.checks.class_numbers import class_number_warnings
 from lidcam.checks.lidars import LidarCheck
+from lidcam.checks.objects import ObjectCheck
 from lidcam.frames import RunInput, TimeWindow, bundles, reference_topic, synchronized_topics
 from lidcam.job import Job
 from lidcam.outputs import check_not_overwritten, check_outputs, open_writers
+from lidcam.settings.settle import settle, with_zones
 from lidcam.summary import DropTable, RunReport, Tally, UnusedTopic
 from pipeline.core.errors import ConfigError, RecordingError
 from pipeline.core.frame import FrameResult, SensorBundle
@@ -86,20 +89,21 @@ def opened(job: Job) -> Iterator["Run"]:
         LidcamError: the input, the calibration, the settings or an output is at fault.
     """
     check_outputs(job)
-    config = job.config
-    options = ReadOptions("as_needed" if job.on_bad_message == "skip" else "none", config.limits)
+    options = ReadOptions("as_needed" if job.on_bad_message == "skip" else "none", job.config.limits)
     with sensor_messages(open_recording(job.inputs, options)) as recording:
         for path in dict.fromkeys(loss.path for loss in recording.losses):
             logger.warning("%s is damaged or was not closed: what can still be read is read", path)
         check_not_empty(recording)
         check_not_overwritten(recording.paths, *job.outputs)
         window = _window(recording, job)
-        found = discover_rig(recording, config, job.rig, start_ns=window.start_ns, stop_ns=window.stop_ns)
+        found = discover_rig(recording, job.config, job.rig, start_ns=window.start_ns, stop_ns=window.stop_ns)
         for fault in found.faults:
             logger.warning("%s is left out: %s", fault.sensor, fault.reason)
-        motion = find_motion_source(recording, found.rig, found.transforms, config)
+        motion = find_motion_source(recording, found.rig, found.transforms, job.config)
+        config, used = settle(job.choice, recording, found, moves=motion is not None)
+        found = with_zones(found, job.rig, config)
         drops = DropTable(job.on_bad_message)
-        yield Run(RunInput(recording, found.rig, config, motion, window), found, drops)
+        yield Run(RunInput(recording, found.rig, config, motion, window, used), found, drops)
 
 
 class Run:
@@ -121,6 +125,9 @@ class Run:
         self.source, self.found = source, found
         self._drops, self._tally, self._stats = drops, Tally(source.config, source.rig), SyncStats()
         self._lidar_check = LidarCheck(source.rig)
+        self._object_check = ObjectCheck(
+            source.recording, source.rig, source.config, source.settings, moves=source.motion is not None
+        )
         started = time.perf_counter()
         reference_topic(source.config, source.rig)
         self._graph, self._result = build_graph(source.config, source.rig, on_bad=drops.on_bad)
@@ -146,6 +153,7 @@ class Run:
             for frame in results:
                 self._tally.add(frame)
                 self._lidar_check.add(frame)
+                self._object_check.add(frame)
                 for drop in frame.drops:
                     self._drops.add_bad(drop)
                 yield frame
@@ -173,11 +181,16 @@ class Run:
             compensated=tally.compensated,
             skew_mean_ms=self._stats.skew_mean_ns / 1e6,
             skew_max_ms=self._stats.skew_max_ns / 1e6,
+            settings=source.settings,
             rig=source.rig,
             sensors=found.sources,
             faults=found.faults,
             notes=found.notes,
-            warnings=self._lidar_check.warnings,
+            warnings=(
+                *self._lidar_check.warnings,
+                *class_number_warnings(tally.unused_boxes, source.config),
+                *self._object_check.warnings,
+            ),
             outputs=tuple(outputs),
             stage_seconds=dict(self._graph.seconds),
             wall_seconds=self._seconds,

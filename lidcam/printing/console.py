@@ -16,7 +16,7 @@ from lidcam.printing.tables import (
     stages_table,
     topics_table,
 )
-from lidcam.summary import OUTSIDE_ZONES, RunReport, loss_records
+from lidcam.summary import RunReport, loss_records
 from pipeline.core.frame import FrameResult
 from pipeline.core.settings.config import Config
 from readers.recording import Loss
@@ -73,8 +73,7 @@ def print_matches(out: Console, frame: FrameResult, config: Config) -> None:
 
 def print_report(out: Console, report: RunReport) -> None:
     """The final tables of a run."""
-    zones = [*(zone.name for zone in report.rig.zones), OUTSIDE_ZONES]
-    _show(out, objects_table(report.objects, zones))
+    _show(out, objects_table(report.objects, [zone.name for zone in report.rig.zones], report.frames))
     out.print()
     _show(out, drops_table(report.messages_used, report.drops))
     for reason, count in report.unused_boxes.items():
@@ -92,6 +91,7 @@ def print_report(out: Console, report: RunReport) -> None:
         "motion": f"{compensated}, from {', '.join(report.motion_topics)}" if report.motion_topics else _NO_MOTION,
         "2D boxes": _BOX_SOURCES[report.box_source],
         "confirmed": f"{report.confirmed} of {sum(report.objects.values())} objects by a camera",
+        "settings": str(report.settings),
         "written": ", ".join(map(str, report.outputs)),
     }
     _show(out, pairs_table("run", facts))
@@ -127,6 +127,7 @@ def print_inspection(out: Console, inspection: Inspection) -> None:
     _print_remarks(out, inspection.faults, inspection.notes)
     out.print(f"motion: {', '.join(inspection.motion_topics) or _NO_MOTION}")
     out.print(f"2D boxes: {_BOX_SOURCES[inspection.box_source]}")
+    out.print(f"settings: {inspection.settings}")
 
 
 def _print_losses(out: Console, losses: Sequence[Loss]) -> None:

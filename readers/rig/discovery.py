@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from pipeline.core.errors import CalibrationError, FrameError, LidcamError, RecordingError
-from pipeline.core.rig import CameraSensor, LidarSensor, Rig, Zone, default_zones
+from pipeline.core.rig import CameraSensor, LidarSensor, Rig, Zone
 from pipeline.core.settings.config import Config
 from readers.messages.tf import RecordedTransforms, clean_frame, read_transforms
 from readers.recording import Recording, TopicInfo
@@ -17,7 +17,7 @@ from readers.rig.schema import RigFile
 from readers.rig.sensor_topics import CAMERA_INFO, CLOUD, Findings, SensorFault, find_camera_topics, find_lidar_topics
 from readers.rig.topic_names import place
 
-__all__ = ["Discovery", "discover_rig"]
+__all__ = ["Discovery", "discover_rig", "zones_of"]
 
 BEYOND_SITE = frozenset({"earth", "utm"})
 """Frames with coordinates of millions of metres, in which float32 points would lose their centimetres."""
@@ -135,15 +135,15 @@ def discover_rig(
         else:
             camera_sensors.append(camera_sensor)
             sources.append(source)
-    rig = Rig(site, tuple(lidar_sensors), tuple(camera_sensors), _zones(rig_file), rig_file.ground_height_m)
+    rig = Rig(site, tuple(lidar_sensors), tuple(camera_sensors), zones_of(rig_file, config), rig_file.ground_height_m)
     faults, notes = of_lidars.faults + of_cameras.faults, of_lidars.notes + of_cameras.notes
     return Discovery(rig, tuple(faults), tuple(sources), tuple(notes), transforms)
 
 
-def _zones(rig_file: RigFile) -> tuple[Zone, ...]:
-    if rig_file.zones is None:
-        return default_zones()
-    return tuple(Zone(name, np.array(corners, np.float64)) for name, corners in rig_file.zones.items())
+def zones_of(rig_file: RigFile | None, config: Config) -> tuple[Zone, ...]:
+    """The zones of the rig file, else those of the settings."""
+    given = config.rig.zones if rig_file is None or rig_file.zones is None else rig_file.zones
+    return tuple(Zone(name, np.array(corners, np.float64)) for name, corners in given.items())
 
 
 def _lidar_frames(
