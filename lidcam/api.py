@@ -7,12 +7,12 @@ from typing import Unpack
 
 from lidcam.frames import RunInput
 from lidcam.inspection import Inspection, inspect_recording
-from lidcam.job import FilePath, Job, JobOptions, PathOrUrl, Settings, locations, make_job
+from lidcam.job import FilePath, Job, JobOptions, PathOrUrl, RigSource, Settings, locations, make_job
 from lidcam.objects import ObjectCollector, Objects
 from lidcam.run import RunObserver, process_recording
 from lidcam.run import iter_frames as frames_of
 from lidcam.settings.choice import UsedSettings, choose_settings
-from lidcam.summary import DropCount, RunReport, UnusedTopic
+from lidcam.summary import DropCount, RunProgress, RunReport, UnusedTopic
 from pipeline.core.clouds import CombinedCloud, PointCloud
 from pipeline.core.detections import Boxes2D, Boxes3D, Detections, Fused, Matches
 from pipeline.core.errors import (
@@ -66,6 +66,7 @@ __all__ = [
     "RigFile",
     "RunInput",
     "RunObserver",
+    "RunProgress",
     "RunReport",
     "RunResult",
     "SensorBundle",
@@ -160,7 +161,7 @@ def inspect(
     *,
     config: Config | FilePath | None = None,
     settings: Settings = (),
-    rig: RigFile | FilePath | None = None,
+    rig: RigSource | None = None,
 ) -> Inspection:
     """What is in a recording, and what lidcam would use of it; arguments as of `process`.
 

@@ -18,6 +18,7 @@ from lidcam.options import (
     Setting,
     Version,
     seconds,
+    with_log_options,
 )
 from pipeline.core.errors import LidcamError
 from pipeline.core.settings.run import RunConfig
@@ -45,7 +46,7 @@ Examples:
 """
 
 SIMULATE_EXAMPLES = """\b
-Scenarios: sandbox, crossing, vehicle, or a YAML file of your own (copy one of config/scenarios).
+Scenarios: sandbox, crossing, vehicle, or a YAML file of your own.
 Examples:
   lidcam simulate sandbox out.bag --duration 10
   lidcam simulate crossing out.mcap --seed 7
@@ -54,7 +55,8 @@ Examples:
 """
 
 DRIVE_EXAMPLES = """\b
-Keys: w forward, s back, a left, d right, x stop, 1 and 2 choose the car, o ends. A command holds until the next one.
+Keys: w forward, s back, a left, d right, x stop, 1 and 2 choose the car,
+o ends. A command holds until the next one.
 Examples:
   lidcam drive sandbox out.bag --view
   lidcam drive sandbox out.mcap --keys "wwadx2ww"
@@ -68,19 +70,21 @@ Examples:
   lidcam config explain detect3d.cluster.distance_m
   lidcam config explain combine
 """
+HELP_NAMES = {"help_option_names": ["-h", "--help"]}
 
 app = typer.Typer(
+    context_settings=HELP_NAMES,
     help="Recorded lidar and camera topics in, fused objects out. No ROS installed.",
     no_args_is_help=True,
     rich_markup_mode=None,  # plain text: the same on a terminal, in a log and in a file
     pretty_exceptions_enable=False,
-    add_completion=False,
 )
-process_app = typer.Typer(rich_markup_mode=None, pretty_exceptions_enable=False, add_completion=False)
+process_app = typer.Typer(context_settings=HELP_NAMES, rich_markup_mode=None, pretty_exceptions_enable=False)
 
 
 @app.command(epilog=PROCESS_EXAMPLES)
 @process_app.command(epilog=PROCESS_EXAMPLES)
+@with_log_options
 def process(
     paths: Annotated[
         list[str],
@@ -91,7 +95,7 @@ def process(
     ],
     config_file: ConfigFile = None,
     settings: Setting = None,
-    rig_file: RigFile = None,
+    rig_files: RigFile = None,
     rerun: Annotated[Path | None, typer.Option(metavar="OUT.rrd", help="Also write a Rerun recording.")] = None,
     model_2d: Annotated[
         Path | None, typer.Option("--model-2d", metavar="FILE.onnx", help="2D detector (ONNX, YOLOX layout).")
@@ -121,6 +125,24 @@ def process(
         bool, typer.Option("--print-matches", help="Print which 2D box is which object, frame by frame.")
     ] = False,
     as_json: AsJson = False,
+    strict: Annotated[
+        bool,
+        typer.Option(
+            "--strict",
+            help="Exit with 1 if a sensor was left out, too much of a topic was dropped, or a file is damaged; "
+            "the outputs are kept.",
+        ),
+    ] = False,
+    max_dropped: Annotated[
+        float | None,
+        typer.Option(
+            "--max-dropped",
+            min=0,
+            max=100,
+            metavar="PERCENT",
+            help="How much of a topic may be dropped with --strict.  [default: 5]",
+        ),
+    ] = None,
     _: Version = False,
 ) -> None:
     """Turn a recording into fused objects (MCAP, Rerun)."""
@@ -140,11 +162,14 @@ def process(
             "prints one JSON document and nothing else: leave out --print-detections and --print-matches",
             param_hint="--json",
         )
+    if max_dropped is not None and not strict:
+        raise typer.BadParameter("counts only with --strict, which is missing", param_hint="--max-dropped")
     if workers != 1:
         # Stages of several frames already fill the cores; OpenMP threads inside of one would only wait for each other.
         # Read once, when the libraries are loaded.
         os.environ.setdefault("OMP_NUM_THREADS", "1")
     from lidcam.commands.process import Printed, run_process  # heavy: after the arguments are known to be right
+    from lidcam.commands.strict import Strictness
     from lidcam.job import make_job
 
     job = make_job(
@@ -152,22 +177,25 @@ def process(
         [output] if rerun is None else [output, rerun],
         config=config_file,
         settings=settings or (),
-        rig=rig_file,
+        rig=rig_files,
         model_2d=model_2d,
         workers=workers,
         start_s=start,
         duration_s=duration,
         on_bad_message=on_bad_message,
     )
-    run_process(job, Printed(detections=print_detections, matches=print_matches, as_json=as_json))
+    printed = Printed(detections=print_detections, matches=print_matches, as_json=as_json)
+    given = {} if max_dropped is None else {"max_dropped_percent": max_dropped}
+    run_process(job, printed, Strictness(**given) if strict else None)
 
 
 @app.command(epilog=INSPECT_EXAMPLES)
+@with_log_options
 def inspect(
     paths: Annotated[list[str], typer.Argument(metavar="IN [IN ...]", help="Recording (one, or parts of one).")],
     config_file: ConfigFile = None,
     settings: Setting = None,
-    rig_file: RigFile = None,
+    rig_files: RigFile = None,
     write_rig: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a starting rig (YAML).")] = None,
     repair: Annotated[
         Path | None,
@@ -188,7 +216,7 @@ def inspect(
         InspectOptions(
             inputs=tuple(map(location, paths)),
             settings=choose_settings(config_file, settings or ()),
-            rig=rig_file,
+            rig=rig_files,
             write_rig=write_rig,
             repair=repair,
             as_json=as_json,
@@ -196,7 +224,19 @@ def inspect(
     )
 
 
+@app.command()
+@with_log_options
+def demo(
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Where to put it.")] = Path("lidcam-demo"),
+) -> None:
+    """Process the sample recording that comes with lidcam, and say how to look at the result."""
+    from lidcam.commands.demo import run_demo
+
+    run_demo(folder)
+
+
 @app.command(epilog=SIMULATE_EXAMPLES)
+@with_log_options
 def simulate(
     scenario: Scenario,
     output: RecordingOut,
@@ -231,6 +271,7 @@ def simulate(
 
 
 @app.command(epilog=DRIVE_EXAMPLES)
+@with_log_options
 def drive(
     scenario: Scenario,
     output: RecordingOut,
@@ -309,14 +350,17 @@ def config_explain(
 
 
 def _check_simulator() -> None:
-    """Whether the extra `sim` is installed.
+    """Whether the extra `sim` is installed, and the libraries of the system that it needs.
 
     Raises:
-        LidcamError: a package of it is missing.
+        LidcamError: something is missing.
     """
     for package in ("open3d", "libusb_package"):
         if find_spec(package) is None:
             raise LidcamError(f"the simulator needs {package}, which is not installed: pip install 'lidcam[sim]'")
+    from bags.simulator.world.open3d_runtime import check_libraries
+
+    check_libraries()
 
 
 @app.callback()

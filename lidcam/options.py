@@ -1,10 +1,17 @@
 """Arguments and options that several commands have in common."""
 
+import inspect
+import logging
+from collections.abc import Callable
+from functools import wraps
 from importlib.metadata import version
 from pathlib import Path
+from platform import platform, python_version
 from typing import Annotated, Literal
 
 import typer
+
+from lidcam.printing.log import Verbosity, configure_logging
 
 __all__ = [
     "AsJson",
@@ -17,7 +24,14 @@ __all__ = [
     "Setting",
     "Version",
     "seconds",
+    "with_log_options",
 ]
+
+logger = logging.getLogger(__name__)
+
+
+LOG_SUFFIXES = (".log", ".txt")
+"""Endings of the name of a log file."""
 
 MAX_SECONDS = 1e9
 """Thirty years: longer than any recording, and well within 64 bits of nanoseconds."""
@@ -40,6 +54,18 @@ def _version(wanted: bool) -> None:
         raise typer.Exit
 
 
+def _log_file(value: Path | None) -> Path | None:
+    if value is not None and value.suffix not in LOG_SUFFIXES:  # lines are appended: to no recording by mistake
+        raise typer.BadParameter(f"expected a name that ends in {' or '.join(LOG_SUFFIXES)}, found {value}")
+    return value
+
+
+def _scenarios(incomplete: str) -> list[str]:
+    from bags.simulator.scenario.load import scenario_names  # the shell asks; other commands do without
+
+    return [name for name in scenario_names() if name.startswith(incomplete)]
+
+
 Version = Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")]
 ConfigFile = Annotated[
     Path | None,
@@ -51,19 +77,55 @@ ConfigFile = Annotated[
 ]
 Setting = Annotated[list[str] | None, typer.Option("--set", metavar="A.B=C", help="One setting; may be repeated.")]
 RigFile = Annotated[
-    Path | None,
+    list[str] | None,
     typer.Option(
         "--rig",
         metavar="FILE",
-        help="Sensors, calibration and zones (rig YAML, a geometry.yaml with w2c and c2p, or a KITTI calib file); "
-        "without it they are found in the recording.",
+        help="Sensors, calibration and zones: a rig file, a calibration file of KITTI, Kalibr, Autoware or the "
+        "predecessor system, or the name of a preset (original). May be repeated: later ones add to and replace what "
+        "earlier ones say. Without it they are found in the recording.",
     ),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
-Scenario = Annotated[str, typer.Argument(metavar="SCENARIO", help="Name of a scenario, or a YAML file.")]
+Scenario = Annotated[
+    str,
+    typer.Argument(metavar="SCENARIO", help="Name of a scenario, or a YAML file.", autocompletion=_scenarios),
+]
 RecordingOut = Annotated[Path, typer.Argument(metavar="OUT", help="OUT.bag, OUT.mcap, or a folder (sqlite3).")]
 Format = Annotated[
     Literal["ros1", "sqlite3", "mcap"] | None,
     typer.Option("--format", help="Format of the recording; without it, the ending of its name decides."),
 ]
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Tell on stderr what is done, frame by frame.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Only errors and the result.")]
+LogFile = Annotated[
+    Path | None,
+    typer.Option("--log-file", metavar="FILE", callback=_log_file, help="Append the whole log, with times (UTC)."),
+]
 Seed = Annotated[int | None, typer.Option(min=0, metavar="N", help="Seed of the noise, instead of the scenario's.")]
+
+
+def with_log_options(command: Callable[..., None]) -> Callable[..., None]:
+    """A command that also takes --verbose, --quiet and --log-file, and configures logging before it begins."""
+
+    @wraps(command)
+    def configured(
+        *args: object, verbose: bool = False, quiet: bool = False, log_file: Path | None = None, **kwargs: object
+    ) -> None:
+        if verbose and quiet:
+            raise typer.BadParameter("expected one of --verbose and --quiet, found both", param_hint="--quiet")
+        level = Verbosity.VERBOSE if verbose else Verbosity.QUIET if quiet else Verbosity.NORMAL
+        configure_logging(level, log_file)
+        logger.info("lidcam %s, Python %s, %s", version("lidcam"), python_version(), platform())
+        command(*args, **kwargs)
+
+    # Typer takes the options from these.
+    options = {"verbose": (Verbose, False), "quiet": (Quiet, False), "log_file": (LogFile, None)}
+    signature = inspect.signature(command)
+    added = [
+        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
+        for name, (annotation, default) in options.items()
+    ]
+    vars(configured)["__signature__"] = signature.replace(parameters=[*signature.parameters.values(), *added])
+    configured.__annotations__ = {**command.__annotations__, **{name: kind for name, (kind, _) in options.items()}}
+    return configured

@@ -10,28 +10,38 @@ import signal
 import sys
 from collections.abc import Callable
 from types import FrameType
+from typing import NoReturn
 
+from lidcam.printing.log import configure_logging
 from pipeline.core.errors import LidcamError
 
 __all__ = ["run_program"]
 
+logger = logging.getLogger(__name__)
+
 
 def run_program(program: Callable[..., object], name: str) -> None:
     """Run a program with the arguments of the command line; known errors become one line and exit code 1."""
-    logging.basicConfig(level=logging.WARNING, format="lidcam: %(message)s", stream=sys.stderr)
+    configure_logging()
     signal.signal(signal.SIGTERM, _terminate)
     try:
         program(sys.argv[1:], prog_name=name)
     except OSError as err:
         if err.errno != errno.ENOSPC:
+            logger.debug("a bug", exc_info=True)
             raise
-        sys.stderr.write(f"lidcam: error: {err.filename or 'standard output'}: {err.strerror}\n")
-        sys.exit(1)
+        _fail(f"{err.filename or 'standard output'}: {err.strerror}")
     except LidcamError as err:
-        sys.stderr.write(f"lidcam: error: {' '.join(str(err).split())}\n")
-        for note in getattr(err, "__notes__", ()):
-            sys.stderr.write(f"  {note}\n")
-        sys.exit(1)
+        notes = "".join(f"\n  {note}" for note in getattr(err, "__notes__", ()))
+        _fail(" ".join(str(err).split()) + notes)
+    except Exception:
+        logger.debug("a bug", exc_info=True)  # for the log file: the interpreter prints the traceback
+        raise
+
+
+def _fail(message: str) -> NoReturn:
+    logger.error(message)
+    sys.exit(1)
 
 
 def _terminate(number: int, _: FrameType | None) -> None:

@@ -15,12 +15,13 @@ from pathlib import Path
 from lidcam.build import box_source, build_graph, wanted_boxes
 from lidcam.checks.class_numbers import class_number_warnings
 from lidcam.checks.lidars import LidarCheck
+from lidcam.checks.missing import missing_sensors, silence_warnings
 from lidcam.checks.objects import ObjectCheck
-from lidcam.frames import RunInput, TimeWindow, bundles, reference_topic, synchronized_topics
+from lidcam.frames import RunInput, TimeWindow, bundles, reference_topic, required_topics, synchronized_topics
 from lidcam.job import Job
 from lidcam.outputs import check_not_overwritten, check_outputs, open_writers
 from lidcam.settings.settle import settle, with_zones
-from lidcam.summary import DropTable, RunReport, Tally, UnusedTopic
+from lidcam.summary import DropTable, RunProgress, RunReport, Tally, UnusedTopic
 from pipeline.core.errors import ConfigError, RecordingError
 from pipeline.core.frame import FrameResult, SensorBundle
 from pipeline.core.settings.config import Config
@@ -49,6 +50,9 @@ class RunObserver:
     def frame(self, result: FrameResult) -> None:
         """A frame is complete and written; frames come in order."""
 
+    def advanced(self, progress: RunProgress) -> None:
+        """The run is so far now; called after each frame."""
+
 
 def process_recording(job: Job, observer: RunObserver | None = None) -> RunReport:
     """Process a recording to its end.
@@ -68,6 +72,7 @@ def process_recording(job: Job, observer: RunObserver | None = None) -> RunRepor
             frames = stack.enter_context(closing(run.frames(open_writers(job, run.source, stack))))
             for frame in frames:
                 observer.frame(frame)
+                observer.advanced(run.progress)
         return run.report(job.outputs)
 
 
@@ -91,6 +96,11 @@ def opened(job: Job) -> Iterator["Run"]:
     check_outputs(job)
     options = ReadOptions("as_needed" if job.on_bad_message == "skip" else "none", job.config.limits)
     with sensor_messages(open_recording(job.inputs, options)) as recording:
+        names = ", ".join(map(str, recording.paths))
+        seconds = (recording.end_ns - recording.start_ns) / 1e9
+        logger.info(
+            "%s: %d messages of %d topics, %.3f s", names, recording.message_count, len(recording.topics), seconds
+        )
         for path in dict.fromkeys(loss.path for loss in recording.losses):
             logger.warning("%s is damaged or was not closed: what can still be read is read", path)
         check_not_empty(recording)
@@ -99,9 +109,12 @@ def opened(job: Job) -> Iterator["Run"]:
         found = discover_rig(recording, job.config, job.rig, start_ns=window.start_ns, stop_ns=window.stop_ns)
         for fault in found.faults:
             logger.warning("%s is left out: %s", fault.sensor, fault.reason)
+        for sensor in found.sources:
+            logger.info("%s: %s, calibration: %s %s", sensor.sensor, sensor.topic, sensor.intrinsics, sensor.extrinsics)
         motion = find_motion_source(recording, found.rig, found.transforms, job.config)
         config, used = settle(job.choice, recording, found, moves=motion is not None)
         found = with_zones(found, job.rig, config)
+        logger.info("settings: %s", used)
         drops = DropTable(job.on_bad_message)
         yield Run(RunInput(recording, found.rig, config, motion, window, used), found, drops)
 
@@ -156,16 +169,32 @@ class Run:
                 self._object_check.add(frame)
                 for drop in frame.drops:
                     self._drops.add_bad(drop)
+                bundle, objects = frame.bundle, len(frame.fused.objects)
+                logger.debug(
+                    "frame %d, %d ns: %d topics, %d objects",
+                    bundle.index,
+                    bundle.stamp_ns,
+                    len(bundle.messages),
+                    objects,
+                )
                 yield frame
         self._seconds += time.perf_counter() - started
         if self._tally.frames == 0:
             raise RecordingError(_no_frames(self.source, self._drops))
+
+    @property
+    def progress(self) -> RunProgress:
+        """How far the run is."""
+        return RunProgress(self._tally.frames, self._tally.objects.total(), self._drops.total)
 
     def report(self, outputs: Sequence[Path] = ()) -> RunReport:
         """What was done so far; `outputs` are the files that were written."""
         source, found, tally, drops = self.source, self.found, self._tally, self._drops.rows
         motion_topics = source.motion.topics if source.motion else ()
         used = {*tally.messages, *(drop.topic for drop in drops), *motion_topics}
+        absences = self._stats.attendance.absences(synchronized_topics(source.config, source.rig))
+        start_ns = source.recording.start_ns
+        missing = missing_sensors(absences, source.rig, of_frames=self._stats.sets, start_ns=start_ns)
         return RunReport(
             frames=tally.frames,
             objects=dict(sorted(tally.objects.items())),
@@ -173,6 +202,7 @@ class Run:
             points=dict(tally.points),
             messages_used=dict(sorted(tally.messages.items())),
             drops=drops,
+            missing=tuple(missing),
             unused_boxes=dict(sorted(tally.unused_boxes.items())),
             unused_topics=_unused_topics(source.recording, used),
             losses=source.recording.losses,
@@ -187,6 +217,7 @@ class Run:
             faults=found.faults,
             notes=found.notes,
             warnings=(
+                *silence_warnings(missing),
                 *self._lidar_check.warnings,
                 *class_number_warnings(tally.unused_boxes, source.config),
                 *self._object_check.warnings,
@@ -255,11 +286,15 @@ def _write(writer: ResultWriter, result: FrameResult) -> FrameResult:
 
 
 def _no_frames(source: RunInput, drops: DropTable) -> str:
-    topics = synchronized_topics(source.config, source.rig)
+    config, rig = source.config, source.rig
+    topics, required = synchronized_topics(config, rig), required_topics(config, rig)
+    needed = topics if required is None else required
     found = ", ".join(f"{topic} {drops.count(topic)}" for topic in topics)
+    every = "topic" if required is None else f"required topic ({', '.join(needed)})"
     return (
-        f"{', '.join(str(path) for path in source.recording.paths)}: no moment has a message of every topic; "
-        f"messages by topic: {found}; leave out a topic with --set topics.exclude=[TOPIC] or widen sync.max_interval_s"
+        f"{', '.join(str(path) for path in source.recording.paths)}: no moment has a message of every {every}; "
+        f"messages by topic: {found}; require fewer with --set sync.required=[{needed[0]}], or widen "
+        "sync.max_interval_s"
     )
 
 

@@ -4,9 +4,10 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from lidcam.build import BoxSource
+from lidcam.checks.missing import MissingSensor
 from lidcam.checks.warning import RunWarning
 from lidcam.settings.choice import UsedSettings, used_record
 from pipeline.core.errors import MessageError
@@ -24,6 +25,7 @@ __all__ = [
     "OUTSIDE_ZONES",
     "DropCount",
     "DropTable",
+    "RunProgress",
     "RunReport",
     "Tally",
     "UnusedTopic",
@@ -44,12 +46,14 @@ class DropCount:
         reason: Why.
         count: How many.
         example: What was found in the first of them; may be empty.
+        unit: Whether whole messages were dropped, or parts of messages that were used.
     """
 
     topic: str
     reason: str
     count: int
     example: str
+    unit: Literal["messages", "parts"] = "messages"
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,18 +72,28 @@ class UnusedTopic:
 
 
 class DropTable:
-    """Dropped messages by topic and reason; memory does not grow with their number."""
+    """Dropped messages by topic and reason; memory does not grow with their number.
+
+    Attributes:
+        on_bad: What becomes of a message that cannot be decoded.
+        total: Number of dropped messages.
+    """
 
     def __init__(self, on_bad: OnBadMessage = "skip") -> None:
         """Count drops; with `on_bad="fail"`, the first bad message ends the run."""
         self.on_bad: OnBadMessage = on_bad
+        self.total = 0
         self._counts: Counter[tuple[str, str]] = Counter()
         self._examples: dict[tuple[str, str], str] = {}
+        self._of_parts: set[tuple[str, str]] = set()
 
     def add(self, drop: Drop) -> None:
         """Count a message, or parts of one; the first detail of its kind is kept as the example."""
         key = (drop.topic, drop.reason)
         self._counts[key] += drop.parts or 1
+        self.total += drop.parts or 1
+        if drop.parts:
+            self._of_parts.add(key)
         if drop.detail:
             self._examples.setdefault(key, drop.detail)
 
@@ -97,13 +111,28 @@ class DropTable:
     def rows(self) -> tuple[DropCount, ...]:
         """The counts, by topic and reason."""
         return tuple(
-            DropCount(topic, reason, count, self._examples.get((topic, reason), ""))
-            for (topic, reason), count in sorted(self._counts.items())
+            DropCount(*key, count, self._examples.get(key, ""), "parts" if key in self._of_parts else "messages")
+            for key, count in sorted(self._counts.items())
         )
 
     def count(self, topic: str) -> int:
         """Number of dropped messages of one topic."""
         return sum(count for (name, _), count in self._counts.items() if name == topic)
+
+
+@dataclass(frozen=True, slots=True)
+class RunProgress:
+    """How far a run is.
+
+    Attributes:
+        frames: Number of frames so far.
+        objects: Number of fused objects in them.
+        drops: Number of messages that were dropped. Reading is ahead of the frames, so this is no exact result.
+    """
+
+    frames: int
+    objects: int
+    drops: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,6 +146,7 @@ class RunReport:
         points: Lidar points by step of the combination, summed over the frames.
         messages_used: Number of messages used, by topic.
         drops: Messages that were not used, by topic and reason.
+        missing: Sensors without which frames had to do.
         unused_boxes: Recorded 2D boxes that could not be used, by reason.
         unused_topics: Topics with messages that the run did not look at.
         losses: Damaged parts of the files.
@@ -142,6 +172,7 @@ class RunReport:
     points: Mapping[str, int]
     messages_used: Mapping[str, int]
     drops: tuple[DropCount, ...]
+    missing: tuple[MissingSensor, ...]
     unused_boxes: Mapping[str, int]
     unused_topics: tuple[UnusedTopic, ...]
     losses: tuple[Loss, ...]
@@ -226,6 +257,7 @@ def report_tree(report: RunReport) -> dict[str, Any]:
         "points": dict(report.points),
         "messages_used": dict(report.messages_used),
         "drops": [asdict(drop) for drop in report.drops],
+        "missing": [asdict(sensor) for sensor in report.missing],
         "losses": loss_records(report.losses),
         "unused_topics": {topic.topic: topic.message_count for topic in report.unused_topics},
         "unused_boxes": dict(report.unused_boxes),

@@ -97,6 +97,8 @@ class ObjectCheck:
         if self._settings.how == "judged":
             return otherwise
         size = measure_scene(self._recording, self._rig, self._config)
-        if size is None or (preset := judge(size, moves=self._moves)) == self._settings.name:
+        if size is None or size.lidar_height_m is None:  # too little to go by
+            return otherwise
+        if (preset := judge(size, moves=self._moves)) == self._settings.name:
             return otherwise
         return f"{scene_text(size, moves=self._moves)}: try --config {preset}; else {otherwise}"

@@ -1,6 +1,7 @@
 """What `lidcam drive` does."""
 
 import contextlib
+import logging
 import sys
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -9,6 +10,7 @@ from bags.simulator.drive.driving import Keyboard, ScriptedKeys, drive
 from bags.simulator.drive.terminal import terminal_keys
 from bags.simulator.vehicles.keys import RemoteControl, script_keys
 from lidcam.commands.scenario import ScenarioOptions, recording_to, scenario_of
+from lidcam.printing.log import progress_log
 from lidcam.printing.terminal import console
 from pipeline.core.errors import ConfigError
 
@@ -90,7 +92,7 @@ class _StatusLine:
 
     def show(self, simulation: "Simulation", control: RemoteControl) -> None:
         """Rewrite the line."""
-        if not self._console.is_terminal:
+        if not self._console.is_terminal or not progress_log.isEnabledFor(logging.INFO):
             return
         state = simulation.state(control.chosen)
         cars = " ".join(f"{number} {name}" for number, name in enumerate(control.vehicles, 1))

@@ -7,9 +7,10 @@ from pathlib import Path
 
 from lidcam.frames import TimeWindow
 from lidcam.inspection import Inspection, inspect_open, inspect_recording, inspection_tree
-from lidcam.job import FilePath
+from lidcam.job import RigSource
 from lidcam.outputs import check_not_overwritten, check_writable
 from lidcam.printing.console import print_inspection
+from lidcam.printing.log import remark_log
 from lidcam.printing.terminal import console
 from lidcam.settings.choice import SettingsChoice
 from lidcam.summary import loss_records
@@ -17,8 +18,7 @@ from pipeline.core.errors import OutputError
 from readers.location import Location, location
 from readers.open import open_recording
 from readers.recording import ReadOptions, Recording
-from readers.rig.rig_file import write_rig
-from readers.rig.schema import RigFile
+from readers.rig.rig_file import write_draft
 from readers.streams.per_sensor import sensor_messages
 from writers.mcap.repair import write_repaired
 
@@ -32,7 +32,7 @@ class InspectOptions:
     Attributes:
         inputs: The recording.
         settings: Settings, or those among which the recording decides.
-        rig: Rig file, if there is one, loaded or by its path.
+        rig: Rig files, if there are any, loaded or by their paths.
         write_rig: Rig file to write.
         repair: MCAP to write, with every message that can be read.
         as_json: Print JSON.
@@ -40,7 +40,7 @@ class InspectOptions:
 
     inputs: tuple[Location, ...]
     settings: SettingsChoice
-    rig: RigFile | FilePath | None = None
+    rig: RigSource | None = None
     write_rig: Path | None = None
     repair: Path | None = None
     as_json: bool = False
@@ -77,10 +77,10 @@ def _tell(inspection: Inspection, options: InspectOptions) -> None:
     else:
         print_inspection(out, inspection)
     if options.write_rig is not None:
-        if inspection.rig is None:
+        if inspection.draft is None:
             raise OutputError(f"{options.write_rig}: no rig to write: {inspection.problem}")
-        write_rig(inspection.rig, options.write_rig)
-        console(stderr=True).print(f"wrote {options.write_rig}")
+        write_draft(inspection.draft, options.write_rig)
+        remark_log.info("wrote %s", options.write_rig)
 
 
 def _repair(recording: Recording, output: Path) -> None:
@@ -93,8 +93,7 @@ def _repair(recording: Recording, output: Path) -> None:
 
     channels = [channel for info in recording.topics for channel in info.channels]
     count = write_repaired(output, channels, recording.messages(), lost=lost())
-    err = console(stderr=True)
-    err.print(f"wrote {output}: {count} messages")
+    remark_log.info("wrote %s: %d messages", output, count)
     for info in recording.topics:
         if info.unreadable and info.message_count:
-            err.print(f"not copied: {info.topic}, {info.message_count} messages: {info.unreadable}")
+            remark_log.info("not copied: %s, %d messages: %s", info.topic, info.message_count, info.unreadable)

@@ -1,20 +1,26 @@
 """What `lidcam process` does."""
 
 import json
+import logging
+import time
 from contextlib import ExitStack
 from dataclasses import dataclass
 
 from rich.console import Console
 
+from lidcam.commands.strict import Strictness
 from lidcam.frames import RunInput
 from lidcam.job import Job
 from lidcam.printing.console import print_detections, print_matches, print_report
-from lidcam.printing.terminal import console, progress_bar
+from lidcam.printing.progress import Advance, show_progress
+from lidcam.printing.terminal import console
 from lidcam.run import RunObserver, process_recording
-from lidcam.summary import report_tree
+from lidcam.summary import RunProgress, report_tree
 from pipeline.core.frame import FrameResult
 
 __all__ = ["Printed", "run_process"]
+
+logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,19 +38,27 @@ class Printed:
     as_json: bool = False
 
 
-def run_process(job: Job, printed: Printed = Printed()) -> None:
+def run_process(job: Job, printed: Printed = Printed(), strictness: Strictness | None = None) -> None:
     """Process a recording and print the final tables.
 
     Raises:
+        CheckError: the run used less of the recording than `strictness` asks for; the outputs stay.
         LidcamError: the input, the calibration, the settings or an output is at fault; no output is left behind.
     """
     out = console()
     with ExitStack() as stack:
         report = process_recording(job, _Terminal(printed, out, stack))
+    for drop in report.drops:
+        logger.info("dropped: %s: %d messages: %s %s", drop.topic, drop.count, drop.reason, drop.example)
+    for warning in report.warnings:
+        logger.info("warning: %s", warning)
+    logger.info("done: %d frames, %.1f a second, written: %s", report.frames, report.frames_per_second, report.outputs)
     if printed.as_json:
         out.print_json(json.dumps(report_tree(report)))
     else:
         print_report(out, report)
+    if strictness is not None:
+        strictness.check(report)
 
 
 class _Terminal(RunObserver):
@@ -58,12 +72,25 @@ class _Terminal(RunObserver):
         self._config = source.config
         self._start_ns = window.start_ns or recording.start_ns
         stop_ns = min(window.stop_ns or recording.end_ns, recording.end_ns)
-        bar = progress_bar(console(stderr=True), (stop_ns - self._start_ns) / 1e9)
-        self._progress = self._stack.enter_context(bar)
+        self._advance: Advance = _no_progress  # the frames show it on a terminal, where a bar would break into them
+        self._started_s = time.monotonic()
+        if not (self._out.is_terminal and (self._printed.detections or self._printed.matches)):
+            self._advance = self._stack.enter_context(show_progress((stop_ns - self._start_ns) / 1e9))
 
     def frame(self, result: FrameResult) -> None:
-        self._progress((result.bundle.log_time_ns - self._start_ns) / 1e9)
+        self._done_s = (result.bundle.log_time_ns - self._start_ns) / 1e9
         if self._printed.detections:
             print_detections(self._out, result, self._config)
         if self._printed.matches:
             print_matches(self._out, result, self._config)
+
+    def advanced(self, progress: RunProgress) -> None:
+        rate_hz = progress.frames / max(time.monotonic() - self._started_s, 1e-3)
+        self._advance(
+            self._done_s,
+            f"{progress.frames} frames, {rate_hz:.1f} a second, {progress.objects} objects, {progress.drops} dropped",
+        )
+
+
+def _no_progress(done_s: float, facts: str = "") -> None:
+    pass

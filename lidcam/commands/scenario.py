@@ -13,7 +13,7 @@ from bags.simulator.recorder.recorded import Recorded
 from bags.simulator.recorder.start import simulating
 from bags.simulator.scenario.load import load_scenario
 from bags.simulator.scenario.scenario import Scenario
-from lidcam.printing.terminal import console
+from lidcam.printing.log import remark_log
 from readers.rig.rig_file import rig_yaml
 
 if TYPE_CHECKING:
@@ -71,10 +71,7 @@ class Recorder:
         """Say what was written."""
         files = [output] if output.is_file() else sorted(output.iterdir())
         size_mib = sum(file.stat().st_size for file in files) / 2**20
-        with contextlib.suppress(OSError):  # the terminal may have closed; the recording is complete
-            console(stderr=True).print(
-                f"wrote {output}: {self.messages} messages, {now_ns * 1e-9:.1f} s, {size_mib:.1f} MiB"
-            )
+        remark_log.info("wrote %s: %d messages, %.1f s, %.1f MiB", output, self.messages, now_ns * 1e-9, size_mib)
 
 
 @contextlib.contextmanager

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from lidcam.commands.scenario import ScenarioOptions, recording_to, scenario_of
-from lidcam.printing.terminal import console, progress_bar
+from lidcam.printing.progress import show_progress
 
 __all__ = ["SimulateOptions", "run_simulate"]
 
@@ -28,9 +28,9 @@ def run_simulate(options: SimulateOptions) -> None:
     scenario = scenario_of(options)
     with (
         recording_to(options, scenario, workers=options.workers) as (simulation, recorder),
-        progress_bar(console(stderr=True), scenario.duration_s) as progress,
+        show_progress(scenario.duration_s) as advance,
     ):
         for recorded in simulation.run(scenario.duration_s):
             recorder.add(recorded)
-            progress(simulation.now_ns * 1e-9)
+            advance(simulation.now_ns * 1e-9, f"{recorder.messages} messages")
     recorder.tell(options.output, simulation.now_ns)

@@ -2,13 +2,14 @@
 
 from collections.abc import Sequence
 
-from rich.console import Console, RenderableType
-from rich.text import Text
+from rich.console import Console
 
 from lidcam.inspection import Inspection
+from lidcam.printing.folding import show_table, tell
 from lidcam.printing.tables import (
     drops_table,
     losses_table,
+    missing_table,
     objects_table,
     pairs_table,
     points_table,
@@ -23,9 +24,6 @@ from readers.recording import Loss
 from readers.rig.sensor_topics import SensorFault
 
 __all__ = ["print_detections", "print_inspection", "print_matches", "print_report"]
-
-MAX_COLUMNS = 10_000
-"""Width of a table, in columns: more than any table needs."""
 
 MAX_LISTED = 10
 """Names in one line."""
@@ -73,16 +71,23 @@ def print_matches(out: Console, frame: FrameResult, config: Config) -> None:
 
 def print_report(out: Console, report: RunReport) -> None:
     """The final tables of a run."""
-    _show(out, objects_table(report.objects, [zone.name for zone in report.rig.zones], report.frames))
+    tell(out, f"objects, sum over {report.frames} frame{'s' * (report.frames != 1)}", "bold")
+    show_table(out, objects_table(report.objects, [zone.name for zone in report.rig.zones], report.frames))
     out.print()
-    _show(out, drops_table(report.messages_used, report.drops))
+    show_table(out, drops_table(report.messages_used, report.drops))
+    for drop in report.drops:
+        if drop.example:
+            tell(out, f"  {drop.reason}: {drop.example}", "dim")
     for reason, count in report.unused_boxes.items():
-        out.print(f"  recorded 2D boxes not used: {count}, {reason}")
+        tell(out, f"  recorded 2D boxes not used: {count}, {reason}")
+    if report.missing:
+        out.print()
+        show_table(out, missing_table(report.missing))
     _print_losses(out, report.losses)
     out.print()
-    _show(out, stages_table(report.stage_seconds, report.frames))
+    show_table(out, stages_table(report.stage_seconds, report.frames))
     out.print()
-    _show(out, points_table(report.points, report.frames))
+    show_table(out, points_table(report.points, report.frames))
     out.print()
     compensated = f"{report.compensated} of {report.frames} frames compensated"
     facts = {
@@ -94,7 +99,7 @@ def print_report(out: Console, report: RunReport) -> None:
         "settings": str(report.settings),
         "written": ", ".join(map(str, report.outputs)),
     }
-    _show(out, pairs_table("run", facts))
+    show_table(out, pairs_table("run", facts))
     _print_remarks(out, report.faults, report.notes)
     if unused := report.unused_topics:
         names = [
@@ -102,32 +107,32 @@ def print_report(out: Console, report: RunReport) -> None:
             for topic in unused
         ]
         more = f" and {len(names) - MAX_LISTED} more" if len(names) > MAX_LISTED else ""
-        out.print(f"not used: {', '.join(names[:MAX_LISTED])}{more}")
+        tell(out, f"not used: {', '.join(names[:MAX_LISTED])}{more}")
     for warning in report.warnings:
-        out.print(Text(f"warning: {warning}", style="yellow"))
+        tell(out, f"warning: {warning}", "yellow")
 
 
 def print_inspection(out: Console, inspection: Inspection) -> None:
     """What is in a recording."""
     seconds = (inspection.end_ns - inspection.start_ns) / 1e9
     files = ", ".join(map(str, inspection.files))
-    out.print(f"{files}: {inspection.messages} messages, {seconds:.2f} s")
+    tell(out, f"{files}: {inspection.messages} messages, {seconds:.2f} s")
     out.print()
-    _show(out, topics_table(inspection.topics))
+    show_table(out, topics_table(inspection.topics))
     if inspection.stop_ns is not None:
         looked_s = (inspection.stop_ns - inspection.start_ns) / 1e9
-        out.print(f"apart from the counts, this is of the first {looked_s:g} s: files on a server are not read further")
+        tell(out, f"apart from the counts, this is of the first {looked_s:g} s: files on a server are not read further")
     _print_losses(out, inspection.losses)
     out.print()
     if inspection.rig is None:
-        out.print(f"lidcam could not process it: {inspection.problem}")
+        tell(out, f"lidcam could not process it: {inspection.problem}")
         return
-    out.print(f"site frame: {inspection.rig.site_frame}")
-    _show(out, sensors_table(inspection.sensors))
+    tell(out, f"site frame: {inspection.rig.site_frame}")
+    show_table(out, sensors_table(inspection.sensors))
     _print_remarks(out, inspection.faults, inspection.notes)
-    out.print(f"motion: {', '.join(inspection.motion_topics) or _NO_MOTION}")
-    out.print(f"2D boxes: {_BOX_SOURCES[inspection.box_source]}")
-    out.print(f"settings: {inspection.settings}")
+    tell(out, f"motion: {', '.join(inspection.motion_topics) or _NO_MOTION}")
+    tell(out, f"2D boxes: {_BOX_SOURCES[inspection.box_source]}")
+    tell(out, f"settings: {inspection.settings}")
 
 
 def _print_losses(out: Console, losses: Sequence[Loss]) -> None:
@@ -135,21 +140,13 @@ def _print_losses(out: Console, losses: Sequence[Loss]) -> None:
     if not losses:
         return
     out.print()
-    _show(out, losses_table(loss_records(losses[:MAX_LOSSES])))
+    show_table(out, losses_table(loss_records(losses[:MAX_LOSSES])))
     if len(losses) > MAX_LOSSES:
-        out.print(f"  and {len(losses) - MAX_LOSSES} more parts; --json lists all")
+        tell(out, f"  and {len(losses) - MAX_LOSSES} more parts; --json lists all")
 
 
 def _print_remarks(out: Console, faults: Sequence[SensorFault], notes: Sequence[str]) -> None:
     for fault in faults:
-        out.print(f"left out: {fault.sensor} ({fault.topic}): {fault.reason}")
+        tell(out, f"left out: {fault.sensor} ({fault.topic}): {fault.reason}")
     for note in notes:
-        out.print(f"note: {note}")
-
-
-def _show(out: Console, table: RenderableType) -> None:
-    """Print a table as wide as it needs to be, whatever the terminal: no value cut or broken, no trailing blanks."""
-    for line in out.render_lines(table, out.options.update(width=MAX_COLUMNS), pad=False):
-        text = Text.assemble(*((segment.text, segment.style or "") for segment in line))
-        text.rstrip()
-        out.print(text)
+        tell(out, f"note: {note}")

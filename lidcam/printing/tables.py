@@ -3,10 +3,12 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from rich.console import Group, RenderableType
+from rich.console import RenderableType
+from rich.style import StyleType
 from rich.table import Table
-from rich.text import Text
 
+from lidcam.checks.missing import MissingSensor
+from lidcam.printing.folding import Folded
 from lidcam.summary import OUTSIDE_ZONES, DropCount
 from readers.rig.calibration import SensorSource
 from readers.streams.survey import TopicSurvey
@@ -14,6 +16,7 @@ from readers.streams.survey import TopicSurvey
 __all__ = [
     "drops_table",
     "losses_table",
+    "missing_table",
     "objects_table",
     "pairs_table",
     "points_table",
@@ -23,10 +26,12 @@ __all__ = [
 ]
 
 
-def objects_table(objects: Mapping[tuple[str, str], int], zones: Sequence[str], frames: int) -> RenderableType:
-    """Fused objects by class (rows), summed over the frames and a frame; with zones, by zone (columns) too."""
+def objects_table(objects: Mapping[tuple[str, str], int], zones: Sequence[str], frames: int) -> Table:
+    """Fused objects by class (rows), summed over the frames and a frame; with zones, by zone (columns) too.
+
+    Without a title, which would be broken to the width of its columns.
+    """
     places = [*zones, OUTSIDE_ZONES] if zones else []
-    title = Text(f"objects, sum over {frames} frame{'s' * (frames != 1)}", style="bold italic")
     table = _table("", "class", *places, "all", "a frame")
     classes = sorted({name for name, _ in objects})
     for name in classes:
@@ -35,19 +40,18 @@ def objects_table(objects: Mapping[tuple[str, str], int], zones: Sequence[str], 
         table.add_row(name, *in_places, str(count), f"{count / max(frames, 1):.1f}")
     if not classes:
         table.add_row("none", *("0" for _ in places), "0", "0.0")
-    return Group(title, table)  # a table's own title would be broken to the width of its columns
+    return table
 
 
-def drops_table(used: Mapping[str, int], drops: Sequence[DropCount]) -> RenderableType:
-    """Messages by topic: how many were used, how many were dropped and why, with an example of each problem."""
+def drops_table(used: Mapping[str, int], drops: Sequence[DropCount]) -> Table:
+    """Messages by topic: how many were used, how many were dropped and why."""
     table = _table("messages", "topic", "used", "dropped", "reason", text_columns=("topic", "reason"))
     for topic in sorted({*used, *(drop.topic for drop in drops)}):
         reasons = [(drop.reason, drop.count) for drop in drops if drop.topic == topic]
         total = str(used.get(topic, 0))
         for row, (reason, count) in enumerate(reasons or [("", 0)]):
             table.add_row(topic if row == 0 else "", total if row == 0 else "", str(count or ""), reason)
-    notes = [Text(f"  {drop.reason}: {drop.example}", style="dim") for drop in drops if drop.example]
-    return Group(table, *notes)
+    return table
 
 
 def losses_table(losses: Sequence[Mapping[str, Any]]) -> Table:
@@ -56,6 +60,14 @@ def losses_table(losses: Sequence[Mapping[str, Any]]) -> Table:
     for loss in losses:
         size, messages = ("unknown" if loss[key] is None else str(loss[key]) for key in ("size", "messages"))
         table.add_row(loss["file"], str(loss["position"]), size, messages, loss["reason"])
+    return table
+
+
+def missing_table(sensors: Sequence[MissingSensor]) -> Table:
+    """Sensors that are missing from frames: from how many, and when."""
+    table = _table("missing from frames", "sensor", "frames", "when", text_columns=("when",))
+    for sensor in sensors:
+        table.add_row(sensor.sensor, str(sensor.frames), str(sensor))
     return table
 
 
@@ -78,8 +90,9 @@ def points_table(points: Mapping[str, int], frames: int) -> Table:
 def pairs_table(title: str, pairs: Mapping[str, Any]) -> Table:
     """Names and values, without a header."""
     table = Table(title=title, title_justify="left", title_style="bold", show_header=False, box=None, pad_edge=False)
+    table.add_column(no_wrap=True)
     for name, value in pairs.items():
-        table.add_row(name, str(value))
+        table.add_row(name, Folded(str(value)))
     return table
 
 
@@ -113,9 +126,28 @@ def sensors_table(sensors: Sequence[SensorSource]) -> Table:
     return table
 
 
+class _Table(Table):
+    """A table with a title. Texts, and names above columns, are folded where they must be; numbers never are."""
+
+    def __init__(self, title: str, first: str, *columns: str, text_columns: tuple[str, ...] = ()) -> None:
+        super().__init__(
+            title=title, title_justify="left", title_style="bold", header_style="dim", box=None, pad_edge=False
+        )
+        for column in (first, *columns):
+            self.add_column(Folded(column), justify="left" if column in {first, *text_columns} else "right")
+
+    def add_row(
+        self, *renderables: RenderableType | None, style: StyleType | None = None, end_section: bool = False
+    ) -> None:
+        cells = list(renderables)
+        for n, (cell, column) in enumerate(zip(cells, self.columns, strict=False)):
+            if isinstance(cell, str):
+                if column.justify == "left":
+                    cells[n] = Folded(cell)
+                else:
+                    column.min_width = max(column.min_width or 0, len(cell))
+        super().add_row(*cells, style=style, end_section=end_section)
+
+
 def _table(title: str, first: str, *columns: str, text_columns: tuple[str, ...] = ()) -> Table:
-    table = Table(title=title, title_justify="left", title_style="bold", header_style="dim", box=None, pad_edge=False)
-    table.add_column(first)
-    for column in columns:
-        table.add_column(column, justify="left" if column in text_columns else "right")
-    return table
+    return _Table(title, first, *columns, text_columns=text_columns)

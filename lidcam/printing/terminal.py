@@ -1,26 +1,23 @@
-"""A console that prints text as it is, and progress on a terminal."""
+"""A console that prints text as it is, to terminals, pipes and files."""
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+import os
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-__all__ = ["console", "progress_bar"]
+__all__ = ["console"]
+
+
+class _Console(Console):
+    """A console whose reader may leave: `lidcam ... | head` ends the listing, not the work."""
+
+    def on_broken_pipe(self) -> None:
+        self.quiet = True
+        # What is still in the buffers goes nowhere, and neither does what is printed by other means.
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, self.file.fileno())
+        os.close(nowhere)
 
 
 def console(*, stderr: bool = False) -> Console:
     """A console that prints text as it is: names of topics and files may look like markup. Lines are not wrapped."""
-    return Console(stderr=stderr, soft_wrap=True, markup=False, emoji=False)
-
-
-@contextmanager
-def progress_bar(err: Console, total_s: float) -> Iterator[Callable[[float], None]]:
-    """Progress over recorded or simulated seconds, on a terminal only; call what comes back with the seconds done."""
-    if not err.is_terminal:
-        yield lambda _: None
-        return
-    columns = (TextColumn("{task.completed:.1f} of {task.total:.1f} s"), BarColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=err, transient=True) as progress:
-        task = progress.add_task("", total=total_s)
-        yield lambda done_s: progress.update(task, completed=done_s)
+    return _Console(stderr=stderr, soft_wrap=True, markup=False, emoji=False)

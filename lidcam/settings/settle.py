@@ -6,8 +6,9 @@ from lidcam.settings.choice import SettingsChoice, UsedSettings, judge
 from lidcam.settings.measure import measure_scene
 from pipeline.core.settings.config import Config
 from readers.recording import Recording
-from readers.rig.discovery import Discovery, zones_of
+from readers.rig.discovery import Discovery
 from readers.rig.schema import RigFile
+from readers.rig.search import zones_of
 
 __all__ = ["settle", "with_zones"]
 

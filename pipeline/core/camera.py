@@ -14,8 +14,9 @@ from typing import Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.core.arrays import F32, F64, Bools
+from pipeline.core.arrays import F32, F64, Bools, Indices
 from pipeline.core.errors import CalibrationError
+from pipeline.core.geometry.box_edges import clip_segments, edges_ahead, sample_by_angle
 
 __all__ = ["CameraModel", "DistortionModel"]
 
@@ -24,9 +25,10 @@ DistortionModel = Literal["plumb_bob", "rational_polynomial", "equidistant"]
 NEAR_M = 0.01
 """Edges of boxes are cut at this depth: nearer points cannot be projected."""
 
-# The two corners of each edge of a box, in the order of `box_corners`.
-_EDGES = np.array([[0, 1], [1, 2], [2, 3], [3, 0], [4, 5], [5, 6], [6, 7], [7, 4], [0, 4], [1, 5], [2, 6], [3, 7]])
 _EDGE_SHARES = np.linspace(0.0, 1.0, 5)[:, None]  # lens distortion bends edges beyond their corners
+
+DRAWN_SAMPLES = 13
+"""Points by which an edge is drawn in a distorted image."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,13 +151,7 @@ class CameraModel:
 
     def _project_boxes_ahead(self, corners_camera: F64) -> F64:
         """`project_boxes` for boxes of which at least one corner is in front of the camera."""
-        start, end = corners_camera[:, _EDGES[:, 0]], corners_camera[:, _EDGES[:, 1]]  # (N, 12, 3)
-        z0, z1 = start[..., 2:], end[..., 2:]
-        rise = np.where(z0 == z1, 1.0, z1 - z0)
-        cut = np.clip((NEAR_M - z0) / rise, 0.0, 1.0)
-        in_front = np.maximum(z0, z1)[..., 0] >= NEAR_M
-        cut_point = start + cut * (end - start)
-        start, end = np.where(z0 < NEAR_M, cut_point, start), np.where(z1 < NEAR_M, cut_point, end)
+        start, end, in_front = edges_ahead(corners_camera, NEAR_M)
         samples = start[:, :, None] * (1 - _EDGE_SHARES) + end[:, :, None] * _EDGE_SHARES  # (N, 12, S, 3)
         pixels, valid = self.project(samples)
         valid &= in_front[..., None]
@@ -165,3 +161,27 @@ class CameraModel:
         boxes = np.concatenate([np.clip(low, 0, size), np.clip(high, 0, size)], -1)
         seen = (boxes[:, 2] > boxes[:, 0]) & (boxes[:, 3] > boxes[:, 1])
         return np.where(seen[:, None], boxes, np.nan)
+
+    @property
+    def is_straight(self) -> bool:
+        """Whether straight lines are straight in the image."""
+        return self.model != "equidistant" and not self.distortion.any()
+
+    def project_edges(self, corners_camera: F64) -> tuple[F32, Indices]:
+        """The edges of boxes as they lie in the image: bent by the lens, cut behind the camera and at the border.
+
+        Args:
+            corners_camera: (N, 8, 3) corners in the order of `geometry.box_corners`, metres in the optical frame.
+
+        Returns:
+            (M, 2, 2) straight pieces, both ends in pixels, box after box; (M,) row of the box of each piece.
+        """
+        start, end, in_front = edges_ahead(corners_camera, NEAR_M)
+        rows, _ = np.nonzero(in_front)
+        samples = sample_by_angle(start[in_front], end[in_front], 2 if self.is_straight else DRAWN_SAMPLES)
+        pixels, valid = self.project(samples)
+        pieces = np.stack([pixels[:, :-1], pixels[:, 1:]], 2)
+        of_box = np.broadcast_to(rows[:, None], pieces.shape[:2])
+        whole = valid[:, :-1] & valid[:, 1:]
+        clipped, inside = clip_segments(pieces[whole], self.width_px, self.height_px)
+        return clipped[inside].astype(np.float32), of_box[whole][inside]

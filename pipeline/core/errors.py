@@ -7,7 +7,8 @@
     │   └── FrameError     transforms of different frames were composed, or no path joins two frames
     ├── ConfigError        the settings are wrong
     ├── ModelError         a network cannot be loaded or does not have the expected layout
-    └── OutputError        a result cannot be written
+    ├── OutputError        a result cannot be written
+    └── CheckError         a run went through, and used less of the recording than it had to
 
 Each message is one line: what was expected, what was found, what to do. The command line prints it and exits with 1;
 any other exception is a bug and keeps its traceback.
@@ -15,6 +16,7 @@ any other exception is a bug and keeps its traceback.
 
 __all__ = [
     "CalibrationError",
+    "CheckError",
     "ConfigError",
     "FrameError",
     "LidcamError",
@@ -68,3 +70,7 @@ class ModelError(LidcamError):
 
 class OutputError(LidcamError):
     """A result cannot be written."""
+
+
+class CheckError(LidcamError):
+    """A run went through, and used less of the recording than it had to."""

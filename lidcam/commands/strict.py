@@ -1,0 +1,66 @@
+"""What `--strict` asks of a run."""
+
+from collections import Counter
+from dataclasses import dataclass
+
+from lidcam.summary import RunReport
+from pipeline.core.errors import CheckError
+
+__all__ = ["MAX_DROPPED_PERCENT", "Strictness"]
+
+MAX_DROPPED_PERCENT = 5.0
+"""Of a topic, unless the user says otherwise: what a lost message now and then costs."""
+
+ENDS = 2
+"""Messages of a topic: one at either end of a recording may have no partners, however short it is."""
+
+MAX_LISTED = 4
+"""Findings in the line."""
+
+
+@dataclass(frozen=True, slots=True)
+class Strictness:
+    """How much of the recording a run has to use.
+
+    Attributes:
+        max_dropped_percent: Share of a topic's messages that may be dropped.
+    """
+
+    max_dropped_percent: float = MAX_DROPPED_PERCENT
+
+    def check(self, report: RunReport) -> None:
+        """Look at what was left out, dropped and lost.
+
+        Raises:
+            CheckError: a sensor was left out, too much of a topic was dropped, or a file is damaged.
+        """
+        findings = [*_left_out(report), *self._dropped(report), *_damaged(report)]
+        if findings:
+            more = f"; and {len(findings) - MAX_LISTED} more" if len(findings) > MAX_LISTED else ""
+            raise CheckError(f"--strict: {'; '.join(findings[:MAX_LISTED])}{more}; the outputs are complete")
+
+    def _dropped(self, report: RunReport) -> list[str]:
+        dropped: Counter[str] = Counter()
+        for drop in report.drops:
+            if drop.unit == "messages":
+                dropped[drop.topic] += drop.count
+        findings = []
+        for topic, count in sorted(dropped.items()):
+            used = report.messages_used.get(topic, 0)
+            total = count + used
+            if 100 * count > self.max_dropped_percent * total and (count > ENDS or not used):
+                share = f"{100 * count / total:.1f} %"
+                findings.append(
+                    f"{topic}: expected at most {self.max_dropped_percent:g} % of the messages dropped, "
+                    f"found {count} of {total} ({share})"
+                )
+        return findings
+
+
+def _left_out(report: RunReport) -> list[str]:
+    return [f"{fault.sensor} ({fault.topic}) is left out: {fault.reason}" for fault in report.faults]
+
+
+def _damaged(report: RunReport) -> list[str]:
+    parts = Counter(str(loss.path) for loss in report.losses)
+    return [f"{path}: {count} damaged part{'s' if count > 1 else ''}" for path, count in sorted(parts.items())]

@@ -1,0 +1,95 @@
+"""What a program tells besides its results: the one place that configures logging.
+
+Warnings and errors go to stderr; so do remarks ("wrote out.bag ...") and, where stderr is no terminal and no bar can be
+drawn, lines of progress. A log file gets everything, with times.
+"""
+
+import logging
+import sys
+import time
+from contextlib import suppress
+from enum import IntEnum
+from pathlib import Path
+
+from pipeline.core.errors import OutputError
+
+__all__ = ["PACKAGES", "Verbosity", "configure_logging", "progress_log", "remark_log"]
+
+PACKAGES = ("lidcam", "pipeline", "readers", "writers", "bags")
+"""Our own loggers: those of libraries tell too much to be read."""
+
+remark_log = logging.getLogger("lidcam.remarks")
+"""What was written, at level INFO: shown unless the user wants quiet."""
+
+progress_log = logging.getLogger("lidcam.progress")
+"""How far a command is, at level INFO. Off while the user wants quiet: then no bar is drawn, either."""
+
+
+class Verbosity(IntEnum):
+    """From which level on stderr shows the log."""
+
+    QUIET = logging.ERROR
+    NORMAL = logging.WARNING
+    VERBOSE = logging.DEBUG
+
+
+def configure_logging(verbosity: Verbosity = Verbosity.NORMAL, log_file: Path | None = None) -> None:
+    """Send the log of this program to stderr, and to a file; what was configured before is undone.
+
+    Args:
+        verbosity: What stderr shows; a file gets everything.
+        log_file: File to append to.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    handlers: list[logging.Handler] = [_Stderr(verbosity)]
+    if log_file is not None:
+        try:
+            file = logging.FileHandler(log_file, encoding="utf-8")
+        except OSError as err:
+            raise OutputError(f"{log_file}: expected a log file that can be written: {err.strerror}") from err
+        file.setFormatter(_timed())
+        handlers.append(file)
+    logging.basicConfig(level=logging.WARNING, handlers=handlers, force=True)
+    everything = log_file is not None or verbosity == Verbosity.VERBOSE
+    for name in PACKAGES:
+        logging.getLogger(name).setLevel(logging.DEBUG if everything else logging.INFO)
+    progress_log.setLevel(logging.ERROR if verbosity == Verbosity.QUIET else logging.NOTSET)
+
+
+class _Stderr(logging.Handler):
+    """Writes to what `sys.stderr` is at the moment: a progress bar takes its place for a while."""
+
+    def __init__(self, verbosity: Verbosity) -> None:
+        super().__init__()
+        self._verbosity = verbosity
+        self.addFilter(self._is_shown)
+
+    def _is_shown(self, record: logging.LogRecord) -> bool:
+        if record.exc_info:
+            return False  # the interpreter prints the traceback
+        if record.levelno >= self._verbosity:
+            return True
+        told = record.name == remark_log.name or (record.name == progress_log.name and not sys.stderr.isatty())
+        return told and self._verbosity == Verbosity.NORMAL
+
+    def format(self, record: logging.LogRecord) -> str:
+        text = record.getMessage()
+        if record.name == remark_log.name:
+            return text
+        if record.levelno >= logging.ERROR:
+            return f"lidcam: error: {text}"
+        return f"lidcam: {text}" if record.levelno >= logging.INFO else f"{record.name}: {text}"
+
+    def emit(self, record: logging.LogRecord) -> None:
+        with suppress(OSError):  # nobody reads it any more, or its disk is full: no reason to end a run
+            sys.stderr.write(f"{self.format(record)}\n")
+            sys.stderr.flush()
+
+
+def _timed() -> logging.Formatter:
+    """Lines with the time in UTC, the level and where they come from."""
+    formatter = logging.Formatter("%(asctime)s.%(msecs)03dZ %(levelname)-7s %(name)s: %(message)s", "%Y-%m-%dT%H:%M:%S")
+    formatter.converter = time.gmtime
+    return formatter

@@ -1,0 +1,78 @@
+"""The edges of boxes as lines: cut behind the camera, sampled, clipped to an image."""
+
+import numpy as np
+
+from pipeline.core.arrays import F64, Bools
+
+__all__ = ["clip_segments", "edges_ahead", "sample_by_angle"]
+
+# The two corners of each edge of a box, in the order of `box_corners`.
+_EDGES = np.array([[0, 1], [1, 2], [2, 3], [3, 0], [4, 5], [5, 6], [6, 7], [7, 4], [0, 4], [1, 5], [2, 6], [3, 7]])
+
+
+def edges_ahead(corners_camera: F64, near_m: float) -> tuple[F64, F64, Bools]:
+    """The 12 edges of boxes, cut at the depth `near_m`.
+
+    Args:
+        corners_camera: (N, 8, 3) corners in the order of `box_corners`, metres in the optical frame.
+        near_m: What is nearer than this depth is cut away.
+
+    Returns:
+        (N, 12, 3) where each edge begins and (N, 12, 3) where it ends; (N, 12) whether anything of it is left.
+    """
+    start, end = corners_camera[:, _EDGES[:, 0]], corners_camera[:, _EDGES[:, 1]]
+    z0, z1 = start[..., 2:], end[..., 2:]
+    rise = np.where(z0 == z1, 1.0, z1 - z0)
+    cut_point = start + np.clip((near_m - z0) / rise, 0.0, 1.0) * (end - start)
+    left = np.maximum(z0, z1)[..., 0] >= near_m
+    return np.where(z0 < near_m, cut_point, start), np.where(z1 < near_m, cut_point, end), left
+
+
+def sample_by_angle(start: F64, end: F64, count: int) -> F64:
+    """Points on lines, evenly spaced in the angle under which the origin sees them.
+
+    So a line that passes close by the camera has its samples where the image shows it.
+
+    Args:
+        start: (..., 3) one end of each line, metres from the origin; not the origin itself.
+        end: (..., 3) the other end.
+        count: Samples per line, both ends included.
+
+    Returns:
+        (..., count, 3) metres.
+    """
+    r0, r1 = np.linalg.norm(start, axis=-1), np.linalg.norm(end, axis=-1)
+    cosine = (start * end).sum(-1) / (r0 * r1)
+    angle = np.arccos(np.clip(cosine, -1.0, 1.0))[..., None]
+    even = np.linspace(0.0, 1.0, count)
+    near, far = r0[..., None] * np.sin(even * angle), r1[..., None] * np.sin((1 - even) * angle)
+    whole = near + far
+    radial = angle < 1e-6  # seen end-on: any spacing will do
+    share = np.where(radial, even, near / np.where(radial | (whole == 0), 1.0, whole))[..., None]
+    return np.asarray(start[..., None, :] * (1 - share) + end[..., None, :] * share)
+
+
+def clip_segments(segments: F64, width: float, height: float) -> tuple[F64, Bools]:
+    """Segments clipped to the rectangle from (0, 0) to (width, height).
+
+    After Liang and Barsky, "A new concept and method for line clipping", ACM TOG 3(1), 1984.
+
+    Args:
+        segments: (N, 2, 2) both ends, x and y.
+        width: Of the rectangle.
+        height: Of the rectangle.
+
+    Returns:
+        (N, 2, 2) the parts inside; (N,) whether there is one, else the row is meaningless.
+    """
+    start, way = segments[:, 0], segments[:, 1] - segments[:, 0]
+    limit = np.array([width, height], np.float64)
+    moves = way != 0
+    pace = np.where(moves, way, 1.0)
+    first, second = -start / pace, (limit - start) / pace
+    enter = np.where(moves, np.minimum(first, second), -np.inf).max(-1)
+    leave = np.where(moves, np.maximum(first, second), np.inf).min(-1)
+    enter, leave = np.maximum(enter, 0.0), np.minimum(leave, 1.0)
+    beside = (~moves & ((start < 0) | (start > limit))).any(-1)
+    clipped = start[:, None] + np.stack([enter, leave], -1)[..., None] * way[:, None]
+    return np.clip(clipped, 0.0, limit), (enter < leave) & ~beside

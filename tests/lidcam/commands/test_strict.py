@@ -1,0 +1,65 @@
+"""What `--strict` lets pass."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+import lidcam
+from lidcam.commands.strict import Strictness
+from lidcam.summary import DropCount, RunReport
+from pipeline.core.errors import CheckError
+from readers.recording import Loss
+from readers.rig.sensor_topics import SensorFault
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+@pytest.fixture(scope="module")
+def report() -> RunReport:
+    return lidcam.process(ROOT / "bags" / "sandbox.bag", duration_s=0.3).report
+
+
+def with_drops(report: RunReport, used: int, *drops: DropCount) -> RunReport:
+    return replace(report, messages_used={"/a": used}, drops=drops)
+
+
+def test_a_run_that_used_everything(report: RunReport) -> None:
+    Strictness().check(report)
+
+
+@pytest.mark.parametrize(
+    ("used", "dropped", "percent", "passes"),
+    [
+        (95, 5, 5.0, True),
+        (94, 6, 5.0, False),
+        (999, 3, 0.0, False),
+        (3, 2, 5.0, True),  # one at either end
+        (0, 1, 99.9, False),
+        (0, 1, 100.0, True),
+    ],
+)
+def test_the_share_of_a_topic(report: RunReport, used: int, dropped: int, percent: float, passes: bool) -> None:
+    found = with_drops(report, used, DropCount("/a", "x", dropped - 1, ""), DropCount("/a", "y", 1, ""))
+    strictness = Strictness(percent)
+    if passes:
+        strictness.check(found)
+        return
+    share = f"/a: expected at most {percent:g} % of the messages dropped, found {dropped} of {used + dropped}"
+    with pytest.raises(CheckError, match=f"--strict: {share}"):
+        strictness.check(found)
+
+
+def test_parts_are_no_messages(report: RunReport) -> None:
+    Strictness().check(with_drops(report, 1, DropCount("/a", "packets", 900, "", "parts")))
+
+
+def test_what_is_left_out_and_damaged(report: RunReport) -> None:
+    bag = Path("drive.bag")
+    fault = SensorFault("cam1", "/cam1/image", "no intrinsics")
+    with pytest.raises(CheckError, match=r"cam1 \(/cam1/image\) is left out: no intrinsics; the outputs are complete"):
+        Strictness().check(replace(report, faults=(fault,)))
+    with pytest.raises(CheckError, match=r"drive\.bag: 2 damaged parts; the outputs"):
+        Strictness().check(replace(report, losses=(Loss(bag, 0, "x"), Loss(bag, 9, "x"))))
+    with pytest.raises(CheckError, match="; and 3 more; the outputs"):
+        Strictness().check(replace(report, faults=(fault,) * 7))

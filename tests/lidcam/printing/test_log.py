@@ -1,0 +1,116 @@
+"""What is told on stderr and in a log file."""
+
+import logging
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from lidcam.printing.log import PACKAGES, Verbosity, configure_logging, progress_log, remark_log
+from pipeline.core.errors import OutputError
+
+LOGGERS = ("", *PACKAGES, progress_log.name, remark_log.name)
+
+
+@pytest.fixture(autouse=True)
+def as_it_was() -> Iterator[None]:
+    root = logging.getLogger()
+    handlers, levels = list(root.handlers), {name: logging.getLogger(name).level for name in LOGGERS}
+    root.handlers = []
+    yield
+    for handler in root.handlers:
+        handler.close()
+    root.handlers = handlers
+    for name, level in levels.items():
+        logging.getLogger(name).setLevel(level)
+
+
+def tell_everything() -> None:
+    logging.getLogger("readers.open").debug("debug")
+    logging.getLogger("lidcam.run").info("info")
+    logging.getLogger("lidcam.run").warning("warning")
+    logging.getLogger("lidcam.program").error("error")
+    logging.getLogger("library").info("of a library")
+    logging.getLogger("library").warning("warning of a library")
+    progress_log.info("progress")
+    remark_log.info("wrote out.bag")
+
+
+NORMAL = [
+    "lidcam: warning",
+    "lidcam: error: error",
+    "lidcam: warning of a library",
+    "lidcam: progress",
+    "wrote out.bag",
+]
+
+
+@pytest.mark.parametrize(
+    ("verbosity", "is_terminal", "lines"),
+    [
+        (Verbosity.NORMAL, False, NORMAL),
+        (Verbosity.NORMAL, True, [line for line in NORMAL if "progress" not in line]),  # there a bar is drawn
+        (Verbosity.QUIET, False, ["lidcam: error: error"]),
+        (Verbosity.VERBOSE, True, ["readers.open: debug", "lidcam: info", *NORMAL]),
+    ],
+)
+def test_stderr(
+    verbosity: Verbosity,
+    is_terminal: bool,
+    lines: list[str],
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: is_terminal)
+    configure_logging(verbosity)
+    tell_everything()
+    told = capsys.readouterr()
+    assert told.err.splitlines() == lines
+    assert told.out == ""
+
+
+@pytest.mark.parametrize("verbosity", [Verbosity.NORMAL, Verbosity.QUIET])
+def test_a_log_file_gets_everything_with_times(tmp_path: Path, verbosity: Verbosity) -> None:
+    file = tmp_path / "run.log"
+    file.write_text("what was there\n", encoding="utf-8")
+    configure_logging(verbosity, file)
+    tell_everything()
+    first, *lines = file.read_text(encoding="utf-8").splitlines()
+    assert first == "what was there"
+    time_of = re.compile(r"20\d\d-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}Z ")
+    assert all(time_of.match(line) for line in lines)
+    quiet = verbosity == Verbosity.QUIET
+    expected = ["DEBUG   readers.open: debug", "INFO    lidcam.run: info", "WARNING lidcam.run: warning"]
+    expected += ["ERROR   lidcam.program: error", "WARNING library: warning of a library"]
+    expected += [] if quiet else ["INFO    lidcam.progress: progress"]
+    assert [time_of.sub("", line) for line in lines] == [*expected, "INFO    lidcam.remarks: wrote out.bag"]
+
+
+def test_the_traceback_of_a_bug_is_in_the_file_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    configure_logging(Verbosity.VERBOSE, tmp_path / "run.log")
+    try:
+        1 / 0  # noqa: B018
+    except ZeroDivisionError:
+        logging.getLogger("lidcam.program").debug("a bug", exc_info=True)
+    assert capsys.readouterr().err == ""
+    assert "ZeroDivisionError" in (tmp_path / "run.log").read_text(encoding="utf-8")
+
+
+def test_a_file_that_cannot_be_written(tmp_path: Path) -> None:
+    with pytest.raises(OutputError, match="expected a log file that can be written: No such file or directory"):
+        configure_logging(Verbosity.NORMAL, tmp_path / "missing" / "run.log")
+
+
+def test_a_reader_of_stderr_that_left_ends_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Closed:
+        def write(self, _: str) -> int:
+            raise BrokenPipeError
+
+        def isatty(self) -> bool:
+            return False
+
+    configure_logging()
+    monkeypatch.setattr(sys, "stderr", Closed())
+    remark_log.info("wrote out.bag")

@@ -1,0 +1,171 @@
+"""Where a viewer's eye is at first: placed from the sensors, and from the objects of the first frames."""
+
+import re
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from pipeline.core.arrays import F64
+from pipeline.core.frame import FrameResult
+from pipeline.core.rig import CameraSensor, Rig
+
+__all__ = ["SURVEYED_FRAMES", "SceneSurvey", "Viewpoint", "cameras_in_order", "front_of_rig"]
+
+SURVEYED_FRAMES = 10
+"""Frames after which the eye is placed."""
+
+_ELEVATION_RAD = np.radians(35.0)
+_MARGIN = 1.15
+_CLEAR = 0.3
+"""A mean of unit vectors longer than this has a direction: that of cameras all around is near zero."""
+
+_SURROUNDED = 0.25
+"""Sensors farther apart than this share of what they see stand around the scene, as at a crossing."""
+
+_EMPTY_REACH_M = 5.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Viewpoint:
+    """An eye, in the site frame.
+
+    Attributes:
+        eye: (3,) metres.
+        target: (3,) metres; the eye looks at it, z is up.
+        size_m: Half the extent of what is shown: the measure of axes and frusta.
+    """
+
+    eye: F64
+    target: F64
+    size_m: float
+
+
+def front_of_rig(rig: Rig) -> F64:
+    """(2,) unit vector in the site frame: along the camera called front, else where the cameras look, else along x."""
+    axes = np.array([_axis(camera) for camera in rig.cameras]).reshape(-1, 2)
+    named = np.array([_is_front(camera.name) for camera in rig.cameras], bool)
+    return _first_direction(axes[named] if named.any() else axes)
+
+
+def cameras_in_order(rig: Rig) -> tuple[CameraSensor, ...]:
+    """Those that look ahead from left to right, then those that look back from left to right."""
+    front = front_of_rig(rig)
+
+    def place(camera: CameraSensor) -> tuple[bool, float, str]:
+        x, y = _axis(camera)
+        ahead, left = x * front[0] + y * front[1], y * front[0] - x * front[1]
+        azimuth = round(float(np.degrees(np.arctan2(left, ahead))), 3)
+        looks_back = abs(azimuth) > 90.0
+        return looks_back, azimuth % 360 if looks_back else -azimuth, camera.name
+
+    return tuple(sorted(rig.cameras, key=place))
+
+
+@dataclass
+class SceneSurvey:
+    """Gathers, over the first frames, what the first view should show."""
+
+    rig: Rig
+    frames: int = 0
+    _objects: list[F64] = field(default_factory=list)
+    _reach_m: list[float] = field(default_factory=list)
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether enough frames were seen."""
+        return self.frames >= SURVEYED_FRAMES
+
+    def add(self, result: FrameResult) -> None:
+        """Take one frame in; frames after the first few are ignored."""
+        if self.is_complete:
+            return
+        self.frames += 1
+        objects, confirmed = result.fused.objects, result.fused.matched > 0
+        shown = confirmed if confirmed.any() else objects.scores >= np.median(objects.scores) if len(objects) else []
+        self._objects.append(objects.centers[np.asarray(shown, bool)])
+        points = np.concatenate([result.combined.cloud.xyz[:, :2], result.combined.ground_cloud.xyz[:, :2]])
+        if len(points):
+            distances = np.linalg.norm(points - self._sensors().mean(0)[:2], axis=1)
+            self._reach_m.append(float(np.percentile(distances, 75)))
+
+    def viewpoint(self, *, aspect: float, fov_y_deg: float) -> Viewpoint:
+        """The eye from which sensors and objects are in view.
+
+        A rig that looks out of one place, as a vehicle's does, is seen from behind and what lies ahead of it is shown;
+        sensors that stand around a scene are shown with all of it.
+
+        Args:
+            aspect: Width of the view divided by its height.
+            fov_y_deg: Vertical field of view.
+        """
+        sensors = self._sensors()
+        center = sensors.mean(0)
+        spread_m = float(np.linalg.norm(sensors[:, :2] - center[:2], axis=1).max())
+        reach_m = float(np.median(self._reach_m)) if self._reach_m else _EMPTY_REACH_M
+        away = np.concatenate([*self._objects, np.zeros((0, 3))])[:, :2] - center[:2]
+        front = self._front(away)
+        size_m = max(spread_m + reach_m, 0.1)
+        near = np.linalg.norm(away, axis=1) <= 1.25 * size_m
+        if spread_m < _SURROUNDED * reach_m:
+            near &= away @ front > -0.2 * reach_m
+            ahead = center + np.array([*front, 0.0]) * reach_m
+        else:
+            ahead = center
+        objects = np.concatenate([*self._objects, np.zeros((0, 3))])[near]
+        eye, target = _fitted(np.concatenate([sensors, [ahead], objects]), front, aspect, fov_y_deg)
+        return Viewpoint(eye, target, size_m)
+
+    def _front(self, away: F64) -> F64:
+        axes = np.array([_axis(camera) for camera in self.rig.cameras]).reshape(-1, 2)
+        if any(_is_front(camera.name) for camera in self.rig.cameras) or _is_clear(axes):
+            return front_of_rig(self.rig)
+        return _first_direction(away)
+
+    def _sensors(self) -> F64:
+        places = [lidar.T_site_lidar.translation for lidar in self.rig.lidars]
+        places += [camera.T_camera_site.inverse().translation for camera in self.rig.cameras]
+        return np.array(places)
+
+
+def _fitted(points: F64, front: F64, aspect: float, fov_y_deg: float) -> tuple[F64, F64]:
+    """Eye and target (3,) from which nearly all points (N, 3) are in view, seen along `front` (2,) from above."""
+    ahead = np.array([*front * np.cos(_ELEVATION_RAD), -np.sin(_ELEVATION_RAD)])
+    right = np.array([front[1], -front[0], 0.0])
+    axes = np.stack([right, np.cross(right, ahead), ahead])
+    seen = points @ axes.T  # right, up, ahead
+    middle = (seen.min(0) + seen.max(0)) / 2
+    tangent = np.tan(np.radians(fov_y_deg) / 2) * np.array([aspect, 1.0]) / _MARGIN
+    sides, depth = np.abs(seen[:, :2] - middle[:2]) / tangent, seen[:, 2] - middle[2]
+    distance_m = max(float(np.percentile(sides.max(1) - depth, 95)), 0.5)
+    target = middle @ axes
+    return target - distance_m * ahead, target
+
+
+def _axis(camera: CameraSensor) -> F64:
+    """(2,) the camera's optical axis seen from above; zero for one that looks straight down."""
+    axis = camera.T_camera_site.matrix[2, :2]
+    length = float(np.linalg.norm(axis))
+    return axis / length if length > 0.1 else np.zeros(2)
+
+
+def _is_front(name: str) -> bool:
+    words = set(re.split(r"[^a-z]+", name.lower()))
+    return "front" in words and not words & {"left", "right"}
+
+
+def _first_direction(vectors: F64) -> F64:
+    """(2,) the common direction of vectors (N, 2) if they have one, else along x."""
+    return _unit(_mean_unit(vectors)) if _is_clear(vectors) else np.array([1.0, 0.0])
+
+
+def _is_clear(vectors: F64) -> bool:
+    return len(vectors) > 0 and float(np.linalg.norm(_mean_unit(vectors))) > _CLEAR
+
+
+def _mean_unit(vectors: F64) -> F64:
+    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.asarray((vectors / np.maximum(lengths, 1e-9)).mean(0))
+
+
+def _unit(vector: F64) -> F64:
+    return vector / np.linalg.norm(vector)
