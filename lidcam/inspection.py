@@ -1,17 +1,18 @@
 """What is in a recording, and what lidcam would use of it."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from lidcam.build import BoxSource, box_source
 from lidcam.frames import TimeWindow
 from lidcam.job import RigSource, read_rig
 from lidcam.run import check_not_empty
+from lidcam.settings.choice import SettingsChoice, UsedSettings, used_record
+from lidcam.settings.settle import settle, with_zones
 from lidcam.summary import loss_records
 from pipeline.core.errors import CalibrationError, RecordingError
 from pipeline.core.rig import Rig
-from pipeline.core.settings.config import Config
 from readers.location import Location, RemotePath
 from readers.open import open_recording
 from readers.recording import Loss, ReadOptions, Recording
@@ -20,7 +21,7 @@ from readers.rig.discovery import Discovery, calibrated_rig
 from readers.rig.draft import RigDraft, draft_rig
 from readers.rig.search import find_sensors
 from readers.rig.sensor_topics import SensorFault
-from readers.streams.motion import find_motion_source
+from readers.streams.motion import MotionSource, find_motion_source
 from readers.streams.per_sensor import sensor_messages
 from readers.streams.survey import TopicSurvey, survey
 
@@ -50,6 +51,7 @@ class Inspection:
         notes: Remarks on topics and sensors.
         motion_topics: Where the motion of the site frame would come from; empty where it stands still.
         box_source: Where 2D boxes would come from.
+        settings: Which settings would be used, and why these; None if it could not process the recording.
     """
 
     files: tuple[Location, ...]
@@ -67,9 +69,10 @@ class Inspection:
     notes: tuple[str, ...] = ()
     motion_topics: tuple[str, ...] = ()
     box_source: BoxSource = "none"
+    settings: UsedSettings | None = None
 
 
-def inspect_recording(inputs: Sequence[Location], config: Config, rig: RigSource | None = None) -> Inspection:
+def inspect_recording(inputs: Sequence[Location], choice: SettingsChoice, rig: RigSource | None = None) -> Inspection:
     """What is in a recording, and what lidcam would use of it.
 
     Of a recording on a server only the beginning is looked at, so as not to fetch all of it.
@@ -78,11 +81,11 @@ def inspect_recording(inputs: Sequence[Location], config: Config, rig: RigSource
         CalibrationError: a rig file cannot be read, or does not fit.
         RecordingError: it cannot be opened or is empty.
     """
-    with sensor_messages(open_recording(inputs, ReadOptions(limits=config.limits))) as recording:
-        return inspect_open(recording, config, rig, _window(recording))
+    with sensor_messages(open_recording(inputs, ReadOptions(limits=choice.config.limits))) as recording:
+        return inspect_open(recording, choice, rig, _window(recording))
 
 
-def inspect_open(recording: Recording, config: Config, rig: RigSource | None, window: TimeWindow) -> Inspection:
+def inspect_open(recording: Recording, choice: SettingsChoice, rig: RigSource | None, window: TimeWindow) -> Inspection:
     """As `inspect_recording`, of an open recording with one topic per sensor.
 
     Raises:
@@ -94,6 +97,8 @@ def inspect_open(recording: Recording, config: Config, rig: RigSource | None, wi
     topics = survey(recording, stop_ns=window.stop_ns)
     found: Discovery | None = None
     draft: RigDraft | None = None
+    motion: MotionSource | None = None
+    config, used = choice.config, None
     problem = ""
     try:
         sensors = find_sensors(recording, config, rig_file, start_ns=window.start_ns, stop_ns=window.stop_ns)
@@ -101,7 +106,11 @@ def inspect_open(recording: Recording, config: Config, rig: RigSource | None, wi
         found = calibrated_rig(sensors)
     except (CalibrationError, RecordingError) as err:
         problem = str(err)
-    motion = find_motion_source(recording, found.rig, found.transforms, config) if found else None
+    if found:
+        motion = find_motion_source(recording, found.rig, found.transforms, config)
+        config, used = settle(choice, recording, found, moves=motion is not None)
+        found = with_zones(found, rig_file, config)
+        draft = replace(draft, zones=found.rig.zones) if draft else None
     return Inspection(
         files=recording.paths,
         start_ns=recording.start_ns,
@@ -118,6 +127,7 @@ def inspect_open(recording: Recording, config: Config, rig: RigSource | None, wi
         notes=found.notes if found else (),
         motion_topics=motion.topics if motion else (),
         box_source=box_source(config, found.rig) if found else "none",
+        settings=used,
     )
 
 
@@ -141,6 +151,7 @@ def inspection_tree(inspection: Inspection) -> dict[str, Any]:
             "notes": list(inspection.notes),
             "motion": list(inspection.motion_topics),
             "box_source": inspection.box_source,
+            "settings": used_record(inspection.settings) if inspection.settings else None,
         }
     return tree
 

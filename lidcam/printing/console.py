@@ -17,7 +17,7 @@ from lidcam.printing.tables import (
     stages_table,
     topics_table,
 )
-from lidcam.summary import OUTSIDE_ZONES, RunReport, loss_records
+from lidcam.summary import RunReport, loss_records
 from pipeline.core.frame import FrameResult
 from pipeline.core.settings.config import Config
 from readers.recording import Loss
@@ -71,8 +71,8 @@ def print_matches(out: Console, frame: FrameResult, config: Config) -> None:
 
 def print_report(out: Console, report: RunReport) -> None:
     """The final tables of a run."""
-    zones = [*(zone.name for zone in report.rig.zones), OUTSIDE_ZONES]
-    show_table(out, objects_table(report.objects, zones))
+    tell(out, f"objects, sum over {report.frames} frame{'s' * (report.frames != 1)}", "bold")
+    show_table(out, objects_table(report.objects, [zone.name for zone in report.rig.zones], report.frames))
     out.print()
     show_table(out, drops_table(report.messages_used, report.drops))
     for drop in report.drops:
@@ -96,6 +96,7 @@ def print_report(out: Console, report: RunReport) -> None:
         "motion": f"{compensated}, from {', '.join(report.motion_topics)}" if report.motion_topics else _NO_MOTION,
         "2D boxes": _BOX_SOURCES[report.box_source],
         "confirmed": f"{report.confirmed} of {sum(report.objects.values())} objects by a camera",
+        "settings": str(report.settings),
         "written": ", ".join(map(str, report.outputs)),
     }
     show_table(out, pairs_table("run", facts))
@@ -131,6 +132,7 @@ def print_inspection(out: Console, inspection: Inspection) -> None:
     _print_remarks(out, inspection.faults, inspection.notes)
     tell(out, f"motion: {', '.join(inspection.motion_topics) or _NO_MOTION}")
     tell(out, f"2D boxes: {_BOX_SOURCES[inspection.box_source]}")
+    tell(out, f"settings: {inspection.settings}")
 
 
 def _print_losses(out: Console, losses: Sequence[Loss]) -> None:

@@ -191,7 +191,7 @@ class RigFile(_Model):
         ground_height_m: Expected z of the ground at the site's origin.
         lidars: By name.
         cameras: By name.
-        zones: Corners x, y in the site frame, by name; left out: `intersection` y >= 0, `circle` y < 0.
+        zones: Corners x, y in the site frame, by name; left out: those of the settings (`rig.zones`).
         transforms: Fixed transforms between frames, in place of the recording's.
         default_transforms: The same, for child frames that neither `transforms` nor the recording's tf has.
     """

@@ -104,17 +104,7 @@ frame: give its pose in a rig file (--rig))
 and its pose in a rig file (--rig))
     T_camera_site: TODO # TODO 4 x 4, metres; or translation_m and rpy_deg in its place (no transform joins frame \
 'velodyne1' with 'camera_12'; frames with a transform: none at all)
-zones:
-  intersection:
-  - [-10000.0, 0.0]
-  - [10000.0, 0.0]
-  - [10000.0, 10000.0]
-  - [-10000.0, 10000.0]
-  circle:
-  - [-10000.0, -10000.0]
-  - [10000.0, -10000.0]
-  - [10000.0, 0.0]
-  - [-10000.0, 0.0]
+zones: {}
 """
     )
 
