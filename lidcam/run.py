@@ -13,6 +13,7 @@ from functools import partial
 from pathlib import Path
 
 from lidcam.build import box_source, build_graph, wanted_boxes
+from lidcam.checks.calibration import CalibrationCheck
 from lidcam.checks.lidars import LidarCheck
 from lidcam.frames import RunInput, TimeWindow, bundles, reference_topic, synchronized_topics
 from lidcam.job import Job
@@ -131,7 +132,7 @@ class Run:
         """
         self.source, self.found = source, found
         self._drops, self._tally, self._stats = drops, Tally(source.config, source.rig), SyncStats()
-        self._lidar_check = LidarCheck(source.rig)
+        self._checks = LidarCheck(source.rig), CalibrationCheck(source.rig, source.config)
         started = time.perf_counter()
         reference_topic(source.config, source.rig)
         self._graph, self._result = build_graph(source.config, source.rig, on_bad=drops.on_bad)
@@ -156,7 +157,8 @@ class Run:
         with closing(_results(self._graph, result, found, self.source.config)) as results:
             for frame in results:
                 self._tally.add(frame)
-                self._lidar_check.add(frame)
+                for check in self._checks:
+                    check.add(frame)
                 for drop in frame.drops:
                     self._drops.add_bad(drop)
                 bundle, objects = frame.bundle, len(frame.fused.objects)
@@ -201,7 +203,7 @@ class Run:
             sensors=found.sources,
             faults=found.faults,
             notes=found.notes,
-            warnings=self._lidar_check.warnings,
+            warnings=tuple(warning for check in self._checks for warning in check.warnings),
             outputs=tuple(outputs),
             stage_seconds=dict(self._graph.seconds),
             wall_seconds=self._seconds,
