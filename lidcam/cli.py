@@ -216,6 +216,17 @@ def inspect(
     )
 
 
+@app.command()
+@with_log_options
+def demo(
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Where to put it.")] = Path("lidcam-demo"),
+) -> None:
+    """Process the sample recording that comes with lidcam, and say how to look at the result."""
+    from lidcam.commands.demo import run_demo
+
+    run_demo(folder)
+
+
 @app.command(epilog=SIMULATE_EXAMPLES)
 @with_log_options
 def simulate(
@@ -294,14 +305,17 @@ def drive(
 
 
 def _check_simulator() -> None:
-    """Whether the extra `sim` is installed.
+    """Whether the extra `sim` is installed, and the libraries of the system that it needs.
 
     Raises:
-        LidcamError: a package of it is missing.
+        LidcamError: something is missing.
     """
     for package in ("open3d", "libusb_package"):
         if find_spec(package) is None:
             raise LidcamError(f"the simulator needs {package}, which is not installed: pip install 'lidcam[sim]'")
+    from bags.simulator.world.open3d_runtime import check_libraries
+
+    check_libraries()
 
 
 @app.callback()

@@ -145,16 +145,6 @@ def test_a_rig_in_two_files_gives_the_same_bytes(
     assert "no_rig: expected a preset (original) or a rig file, found neither" in run.error_line
 
 
-def test_the_readme_shows_what_the_demo_prints(
-    lidcam: Lidcam, sandbox: Path, sandbox_config: Path, tmp_path: Path
-) -> None:
-    readme = (sandbox.parents[1] / "README.md").read_text(encoding="utf-8")
-    shown = readme.split("The first table is:\n\n```\n")[1].split("...\n```")[0]
-    run = lidcam("process", sandbox, tmp_path / "out.mcap", "--config", sandbox_config)
-    assert shown.startswith("objects\n")
-    assert shown in run.out
-
-
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
 def test_standard_output_on_a_full_disk_is_an_error_in_one_line(sandbox: Path) -> None:
     with Path("/dev/full").open("w") as full:
