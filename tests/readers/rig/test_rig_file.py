@@ -270,6 +270,7 @@ def test_sensors_without_topics_go_by_name_then_by_order() -> None:
         ({"cameras": {"c": {"focal": 3}}}, r"unknown key 'cameras\.c\.focal'; known here:.*boxes_topic"),
         ({"site_frame": "s", "lidars": {"a": {"T_site_lidar": [[1, 2], [3, 4]]}}}, "expected 4 x 4 numbers, found 4"),
         ({"site_frame": "s", "lidars": {"a": {"T_site_lidar": 3}}}, "expected 4 x 4 numbers"),
+        ({"lidars": {"a": {"T_site_lidar": [[1, 0, 0, 0], [0, "1 1", 0, 0], *EYE[2:]]}}}, "a number, found '1 1'"),
         ({"site_frame": "s", "lidars": {"a": {"T_site_lidar": EYE, "rpy_deg": [0, 0, 0]}}}, "given twice"),
         ({"site_frame": "s", "lidars": {"a": {"rpy_deg": [0, 0, 0], "rotation_xyzw": [0, 0, 0, 1]}}}, "given twice"),
         ({"cameras": {"c": {"K": K, "P": np.eye(3, 4).tolist()}}}, "given twice"),
