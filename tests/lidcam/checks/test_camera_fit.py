@@ -110,11 +110,12 @@ def test_a_camera_that_no_pose_helps_is_named_where_it_fits_badly() -> None:
     assert line.endswith("by 0% on average; check its intrinsics and extrinsics; or does it look where no lidar does?")
 
 
-def test_boxes_that_fit_by_half_are_no_mistake() -> None:
+@pytest.mark.parametrize("share", [0.5, 1.2])
+def test_boxes_that_are_too_wide_are_no_mistake_of_calibration(share: float) -> None:
     def widened(result: FrameResult) -> FrameResult:
         boxes = result.detections.cameras["front"]
         left, top, right, bottom = boxes.xyxy.T
-        wide = np.stack([left - 0.7 * (right - left), top, right + 0.7 * (right - left), bottom], 1)
+        wide = np.stack([left - share * (right - left), top, right + share * (right - left), bottom], 1)
         return replace(result, detections=Detections(result.detections.lidar, {"front": replace(boxes, xyxy=wide)}))
 
     assert warned(rig(TRUE), [widened(result) for result in FRAMES]) == []
