@@ -13,6 +13,7 @@ from functools import partial
 from pathlib import Path
 
 from lidcam.build import box_source, build_graph, wanted_boxes
+from lidcam.checks.calibration import CalibrationCheck
 from lidcam.checks.class_numbers import class_number_warnings
 from lidcam.checks.clocks import clock_notes, jump_warnings
 from lidcam.checks.lidars import LidarCheck
@@ -147,9 +148,12 @@ class Run:
         self.source, self.found = source, found
         self._drops, self._tally, self._stats = drops, Tally(source.config, source.rig), SyncStats()
         self._clocks = sensor_clocks(source.rig, drops)
-        self._lidar_check = LidarCheck(source.rig)
-        self._object_check = ObjectCheck(
-            source.recording, source.rig, source.config, source.settings, moves=source.motion is not None
+        self._checks = (
+            LidarCheck(source.rig),
+            CalibrationCheck(source.rig, source.config),
+            ObjectCheck(
+                source.recording, source.rig, source.config, source.settings, moves=source.motion is not None
+            ),
         )
         started = time.perf_counter()
         reference_topic(source.config, source.rig)
@@ -175,8 +179,8 @@ class Run:
         with closing(_results(self._graph, result, found, self.source.config)) as results:
             for frame in results:
                 self._tally.add(frame)
-                self._lidar_check.add(frame)
-                self._object_check.add(frame)
+                for check in self._checks:
+                    check.add(frame)
                 for drop in frame.drops:
                     self._drops.add_bad(drop)
                 bundle, objects = frame.bundle, len(frame.fused.objects)
@@ -229,9 +233,8 @@ class Run:
             warnings=(
                 *jump_warnings(self._clocks.jumps, start_ns=start_ns),
                 *silence_warnings(missing),
-                *self._lidar_check.warnings,
                 *class_number_warnings(tally.unused_boxes, source.config),
-                *self._object_check.warnings,
+                *(warning for check in self._checks for warning in check.warnings),
             ),
             outputs=tuple(outputs),
             stage_seconds=dict(self._graph.seconds),

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from rich.console import Console
 
+from lidcam.checks.warning import RunWarning
 from lidcam.inspection import Inspection
 from lidcam.printing.folding import show_table, tell
 from lidcam.printing.tables import (
@@ -108,8 +109,7 @@ def print_report(out: Console, report: RunReport) -> None:
         ]
         more = f" and {len(names) - MAX_LISTED} more" if len(names) > MAX_LISTED else ""
         tell(out, f"not used: {', '.join(names[:MAX_LISTED])}{more}")
-    for warning in report.warnings:
-        tell(out, f"warning: {warning}", "yellow")
+    _print_warnings(out, report.warnings)
 
 
 def print_inspection(out: Console, inspection: Inspection) -> None:
@@ -133,6 +133,7 @@ def print_inspection(out: Console, inspection: Inspection) -> None:
     tell(out, f"motion: {', '.join(inspection.motion_topics) or _NO_MOTION}")
     tell(out, f"2D boxes: {_BOX_SOURCES[inspection.box_source]}")
     tell(out, f"settings: {inspection.settings}")
+    _print_warnings(out, inspection.warnings)
 
 
 def _print_losses(out: Console, losses: Sequence[Loss]) -> None:
@@ -150,3 +151,8 @@ def _print_remarks(out: Console, faults: Sequence[SensorFault], notes: Sequence[
         tell(out, f"left out: {fault.sensor} ({fault.topic}): {fault.reason}")
     for note in notes:
         tell(out, f"note: {note}")
+
+
+def _print_warnings(out: Console, warnings: Sequence[RunWarning]) -> None:
+    for warning in warnings:
+        tell(out, f"warning: {warning}", "yellow")
