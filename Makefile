@@ -52,6 +52,7 @@ samples: $(INSTALLED_ALL)
 bench: $(INSTALLED_ALL)
 	$(BIN)/python benchmarks/end_to_end.py
 	$(BIN)/python benchmarks/filters.py
+	$(BIN)/python benchmarks/synchronisation.py
 	$(BIN)/python benchmarks/velodyne.py
 	$(BIN)/python benchmarks/simulator.py
 

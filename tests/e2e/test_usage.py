@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+import yaml
 from command import Lidcam
 from results import fused_objects
 
@@ -120,6 +121,28 @@ def test_a_written_rig_gives_the_same_objects(
     assert lidcam("process", sandbox, given, *options, "--rig", rig).code == 0
     assert fused_objects(given) == fused_objects(found)
     assert any(fused_objects(given).values())
+
+
+def test_a_rig_in_two_files_gives_the_same_bytes(
+    lidcam: Lidcam, sandbox: Path, sandbox_config: Path, tmp_path: Path
+) -> None:
+    rig, one, two = tmp_path / "rig.yaml", tmp_path / "one.mcap", tmp_path / "two.mcap"
+    assert lidcam("inspect", sandbox, "--write-rig", rig).code == 0
+    tree = yaml.safe_load(rig.read_text())
+    lenses = {
+        name: {key: camera.pop(key) for key in ("K", "distortion_model", "distortion")}
+        for name, camera in tree["cameras"].items()
+    }
+    (tmp_path / "poses.yaml").write_text(yaml.safe_dump(tree, sort_keys=False))
+    (tmp_path / "lenses.yaml").write_text(yaml.safe_dump({"cameras": lenses}, sort_keys=False))
+    options = ("--config", sandbox_config, "--duration", "0.3")
+    assert lidcam("process", sandbox, one, *options, "--rig", rig).code == 0
+    parts = ("--rig", tmp_path / "poses.yaml", "--rig", tmp_path / "lenses.yaml")
+    assert lidcam("process", sandbox, two, *options, *parts).code == 0
+    assert one.read_bytes() == two.read_bytes()
+    run = lidcam("inspect", sandbox, *parts, "--rig", "no_rig")
+    assert run.code == 1
+    assert "no_rig: expected a preset (original) or a rig file, found neither" in run.error_line
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")

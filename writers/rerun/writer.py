@@ -19,7 +19,7 @@ from pipeline.core.arrays import F32, U8, Array
 from pipeline.core.clouds import CombinedCloud
 from pipeline.core.detections import Boxes2D, Boxes3D, Matches
 from pipeline.core.errors import MessageError
-from pipeline.core.frame import FrameResult
+from pipeline.core.frame import FrameResult, Missing
 from pipeline.core.images import Image
 from pipeline.core.messages import Drop, RawMessage
 from pipeline.core.rig import CameraSensor, Rig
@@ -110,13 +110,13 @@ class RerunResultWriter:
         self._log_objects(result.fused.objects, object_labels(result, self._config.class_names))
         drops: list[Drop] = []
         for camera in self._rig.cameras:
-            drops += self._log_image(camera, result)
-            matches = result.matches.get(camera.name)
-            self._log(
-                "boxes",
-                camera,
-                _boxes_2d(result.detections.cameras.get(camera.name), matches, self._config.class_names),
-            )
+            boxes, matches = result.detections.cameras.get(camera.name), result.matches.get(camera.name)
+            is_slower = result.bundle.missing.get(camera.topic) == Missing.NOT_NEAR
+            if is_slower and boxes is None:  # its last image stays, with the boxes that belong to it
+                continue
+            if not is_slower:
+                drops += self._log_image(camera, result)
+            self._log("boxes", camera, _boxes_2d(boxes, matches, self._config.class_names))
             self._log("projected", camera, _projected(matches))
         self._recording.log("metrics/objects", rr.Scalars(float(len(result.fused.objects))))
         self._recording.log("metrics/confirmed", rr.Scalars(float((result.fused.matched > 0).sum())))

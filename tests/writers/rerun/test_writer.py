@@ -11,7 +11,7 @@ from frames import CONFIG, PROVENANCE, RIG, START_NS, frame
 
 from pipeline.core.clouds import CombinedCloud, PointCloud
 from pipeline.core.errors import MessageError, OutputError
-from pipeline.core.frame import FrameResult
+from pipeline.core.frame import FrameResult, Missing
 from pipeline.core.images import Image
 from pipeline.core.messages import Drop, RawMessage
 from pipeline.core.settings.config import Config
@@ -111,6 +111,33 @@ def test_frames_without_anything_to_show(tmp_path: Path) -> None:
     )
     write(tmp_path / "out.rrd", [empty])
     assert rerun(tmp_path, "rrd", "verify", tmp_path / "out.rrd").returncode == 0
+
+
+def without_left(result: FrameResult, why: Missing) -> FrameResult:
+    """The frame without the left camera's image and boxes."""
+    bundle, detections = result.bundle, result.detections
+    kept = {topic: m for topic, m in bundle.messages.items() if topic != "/left/image"}
+    cameras = {name: boxes for name, boxes in detections.cameras.items() if name != "left"}
+    return replace(
+        result,
+        bundle=replace(bundle, messages=kept, missing={"/left/image": why}),
+        detections=replace(detections, cameras=cameras),
+    )
+
+
+def test_the_image_of_a_slow_camera_stays_with_its_boxes_and_that_of_a_silent_one_goes(tmp_path: Path) -> None:
+    slow, silent = without_left(frame(1), Missing.NOT_NEAR), without_left(frame(2), Missing.SILENT)
+    write(tmp_path / "out.rrd", [frame(0), slow, silent])
+    printed = rerun(tmp_path, "rrd", "print", "-v", tmp_path / "out.rrd").stdout
+    rows: dict[str, int] = {}
+    for count, entity, components in re.findall(r"with (\d+) rows .* - (\S+) - data columns: \[(.*)\]", printed):
+        key = f"{entity} cleared" if "Clear:" in components else entity
+        rows[key] = rows.get(key, 0) + int(count)
+    left = "/world/cameras/left"
+    assert rows[f"{left}/image"] == 1
+    assert rows[f"{left}/image cleared"] == 1
+    assert rows[f"{left}/boxes"] == rows[f"{left}/projected"] == 2
+    assert rows["/world/cameras/right/image"] == 3
 
 
 def test_an_unreadable_image_is_reported(tmp_path: Path) -> None:
