@@ -121,8 +121,8 @@ def process(
         bool,
         typer.Option(
             "--strict",
-            help="Exit with 1 if a sensor was left out, too much of a topic was dropped, or a file is damaged; "
-            "the outputs are kept.",
+            help="Exit with 1 if a sensor was left out or fell silent, too much of a topic was dropped, or a file is "
+            "damaged; the outputs are kept.",
         ),
     ] = False,
     max_dropped: Annotated[
@@ -132,7 +132,7 @@ def process(
             min=0,
             max=100,
             metavar="PERCENT",
-            help="How much of a topic may be dropped with --strict.  [default: 5]",
+            help="How much of a topic, and of the frames of a sensor, may be missing with --strict.  [default: 5]",
         ),
     ] = None,
     _: Version = False,
