@@ -21,7 +21,6 @@ from lidcam.options import (
     with_log_options,
 )
 from pipeline.core.errors import LidcamError
-from pipeline.core.settings.run import RunConfig
 from readers.location import RemotePath, location
 
 __all__ = ["app", "process_app"]
@@ -102,8 +101,8 @@ def process(
         typer.Option(
             min=1,
             metavar="N",
-            help="1: stage after stage; more: stages of several frames at once. The output is the same. "
-            f"[default: {RunConfig().workers}]",
+            help="1: stage after stage; more: stages of several frames at once; without it, run.workers of the "
+            "settings. The output is the same.",
         ),
     ] = None,
     on_bad_message: Annotated[
