@@ -27,7 +27,7 @@ demo: $(INSTALLED)
 	@echo
 	@echo 'Look at it:'
 	@echo '  out/sandbox.rrd, out/crossing.rrd     $(BIN)/rerun out/sandbox.rrd'
-	@echo '  out/sandbox.mcap, out/crossing.mcap   Foxglove or Lichtblick: "Open local file"'
+	@echo '  out/sandbox.mcap, out/crossing.mcap   Foxglove or Lichtblick: "Open local file", layouts: out/*.foxglove.json'
 
 check: $(INSTALLED)
 	$(BIN)/ruff check .

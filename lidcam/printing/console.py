@@ -1,6 +1,7 @@
 """What the commands print: inspections, frames, and the final tables of a run."""
 
 from collections.abc import Sequence
+from pathlib import Path
 
 from rich.console import Console
 
@@ -21,6 +22,7 @@ from pipeline.core.frame import FrameResult
 from pipeline.core.settings.config import Config
 from readers.recording import Loss
 from readers.rig.sensor_topics import SensorFault
+from writers.foxglove.layout import LAYOUT_SUFFIX
 
 __all__ = ["print_detections", "print_inspection", "print_matches", "print_report"]
 
@@ -93,6 +95,7 @@ def print_report(out: Console, report: RunReport) -> None:
         "2D boxes": _BOX_SOURCES[report.box_source],
         "confirmed": f"{report.confirmed} of {sum(report.objects.values())} objects by a camera",
         "written": ", ".join(map(str, report.outputs)),
+        **_how_to_look(report.outputs),
     }
     show_table(out, pairs_table("run", facts))
     _print_remarks(out, report.faults, report.notes)
@@ -127,6 +130,17 @@ def print_inspection(out: Console, inspection: Inspection) -> None:
     _print_remarks(out, inspection.faults, inspection.notes)
     tell(out, f"motion: {', '.join(inspection.motion_topics) or _NO_MOTION}")
     tell(out, f"2D boxes: {_BOX_SOURCES[inspection.box_source]}")
+
+
+def _how_to_look(outputs: Sequence[Path]) -> dict[str, str]:
+    """What opens the outputs, by the name of the viewer."""
+    found = {}
+    for path in outputs:
+        if path.name.endswith(LAYOUT_SUFFIX):
+            found["Foxglove"] = f"open the .mcap, then Layouts, Import from file, {path.name} (Lichtblick, too)"
+        elif path.suffix == ".rrd":
+            found["Rerun"] = f"rerun {path}"
+    return found
 
 
 def _print_losses(out: Console, losses: Sequence[Loss]) -> None:
