@@ -7,7 +7,7 @@ from typing import Unpack
 
 from lidcam.frames import RunInput
 from lidcam.inspection import Inspection, inspect_recording
-from lidcam.job import FilePath, Job, JobOptions, PathOrUrl, Settings, locations, make_job
+from lidcam.job import FilePath, Job, JobOptions, PathOrUrl, RigSource, Settings, locations, make_job
 from lidcam.objects import ObjectCollector, Objects
 from lidcam.run import RunObserver, process_recording
 from lidcam.run import iter_frames as frames_of
@@ -160,7 +160,7 @@ def inspect(
     *,
     config: Config | FilePath | None = None,
     settings: Settings = (),
-    rig: RigFile | FilePath | None = None,
+    rig: RigSource | None = None,
 ) -> Inspection:
     """What is in a recording, and what lidcam would use of it; arguments as of `process`.
 

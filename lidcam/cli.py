@@ -87,7 +87,7 @@ def process(
     ],
     config_file: ConfigFile = None,
     settings: Setting = None,
-    rig_file: RigFile = None,
+    rig_files: RigFile = None,
     rerun: Annotated[Path | None, typer.Option(metavar="OUT.rrd", help="Also write a Rerun recording.")] = None,
     model_2d: Annotated[
         Path | None, typer.Option("--model-2d", metavar="FILE.onnx", help="2D detector (ONNX, YOLOX layout).")
@@ -169,7 +169,7 @@ def process(
         [output] if rerun is None else [output, rerun],
         config=config_file,
         settings=settings or (),
-        rig=rig_file,
+        rig=rig_files,
         model_2d=model_2d,
         workers=workers,
         start_s=start,
@@ -187,7 +187,7 @@ def inspect(
     paths: Annotated[list[str], typer.Argument(metavar="IN [IN ...]", help="Recording (one, or parts of one).")],
     config_file: ConfigFile = None,
     settings: Setting = None,
-    rig_file: RigFile = None,
+    rig_files: RigFile = None,
     write_rig: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a starting rig (YAML).")] = None,
     repair: Annotated[
         Path | None,
@@ -208,12 +208,23 @@ def inspect(
         InspectOptions(
             inputs=tuple(map(location, paths)),
             config=load_config(config_file, settings or ()),
-            rig=rig_file,
+            rig=rig_files,
             write_rig=write_rig,
             repair=repair,
             as_json=as_json,
         )
     )
+
+
+@app.command()
+@with_log_options
+def demo(
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Where to put it.")] = Path("lidcam-demo"),
+) -> None:
+    """Process the sample recording that comes with lidcam, and say how to look at the result."""
+    from lidcam.commands.demo import run_demo
+
+    run_demo(folder)
 
 
 @app.command(epilog=SIMULATE_EXAMPLES)
@@ -294,14 +305,17 @@ def drive(
 
 
 def _check_simulator() -> None:
-    """Whether the extra `sim` is installed.
+    """Whether the extra `sim` is installed, and the libraries of the system that it needs.
 
     Raises:
-        LidcamError: a package of it is missing.
+        LidcamError: something is missing.
     """
     for package in ("open3d", "libusb_package"):
         if find_spec(package) is None:
             raise LidcamError(f"the simulator needs {package}, which is not installed: pip install 'lidcam[sim]'")
+    from bags.simulator.world.open3d_runtime import check_libraries
+
+    check_libraries()
 
 
 @app.callback()

@@ -14,7 +14,14 @@ from readers.recording import Recording
 from readers.streams.motion import MotionBuffer, MotionSource
 from readers.video.streams import VideoStreams, video_topics
 
-__all__ = ["RunInput", "TimeWindow", "bundles", "reference_topic", "synchronized_topics"]
+__all__ = [
+    "RunInput",
+    "TimeWindow",
+    "bundles",
+    "reference_topic",
+    "required_topics",
+    "synchronized_topics",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +75,13 @@ def bundles(source: RunInput, drops: DropTable, stats: SyncStats) -> Iterator[Se
     messages = video.decoded(messages)
     messages = motion.tap(messages)
     found = synchronize(
-        messages, topics, config.sync, reference=reference_topic(config, source.rig), on_drop=drops.add, stats=stats
+        messages,
+        topics,
+        config.sync,
+        reference=reference_topic(config, source.rig),
+        required=required_topics(config, source.rig),
+        on_drop=drops.add,
+        stats=stats,
     )
     found = video.without_blanks(found, on_drop=drops.add, on_bad=drops.add_bad)
     return found if source.motion is None else _with_motion(found, motion)
@@ -85,14 +98,31 @@ def synchronized_topics(config: Config, rig: Rig) -> tuple[str, ...]:
     return tuple(topics)
 
 
-def reference_topic(config: Config, rig: Rig) -> str:
-    """The topic whose message gives a frame its stamp.
+def required_topics(config: Config, rig: Rig) -> tuple[str, ...] | None:
+    """Topics that a bundle needs while they are alive, in the order of `synchronized_topics`; None: all, as in ROS.
 
     Raises:
-        ConfigError: the configured one is not among the synchronised topics.
+        ConfigError: a configured one is not among the synchronised topics.
     """
+    required = config.sync.required
+    if required == "all":
+        return None
+    wanted = {lidar.topic for lidar in rig.lidars} if required == "lidars" else {*required}
     topics = synchronized_topics(config, rig)
-    reference = config.sync.reference or rig.lidars[0].topic
+    if unknown := sorted(wanted - {*topics}):
+        raise ConfigError(f"sync.required: {', '.join(unknown)} is not among the topics in use: {', '.join(topics)}")
+    wanted |= {config.sync.reference}
+    return tuple(topic for topic in topics if topic in wanted)
+
+
+def reference_topic(config: Config, rig: Rig) -> str:
+    """The topic whose message gives a frame its stamp, while it is alive.
+
+    Raises:
+        ConfigError: the configured one, or a required one, is not among the synchronised topics.
+    """
+    topics, required = synchronized_topics(config, rig), required_topics(config, rig)
+    reference = config.sync.reference or (required or topics)[0]
     if reference not in topics:
         raise ConfigError(f"sync.reference: {reference!r} is not among the topics in use: {', '.join(topics)}")
     return reference

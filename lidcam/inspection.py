@@ -6,7 +6,7 @@ from typing import Any
 
 from lidcam.build import BoxSource, box_source
 from lidcam.frames import TimeWindow
-from lidcam.job import FilePath, read_rig
+from lidcam.job import RigSource, read_rig
 from lidcam.run import check_not_empty
 from lidcam.summary import loss_records
 from pipeline.core.errors import CalibrationError, RecordingError
@@ -16,8 +16,9 @@ from readers.location import Location, RemotePath
 from readers.open import open_recording
 from readers.recording import Loss, ReadOptions, Recording
 from readers.rig.calibration import SensorSource
-from readers.rig.discovery import Discovery, discover_rig
-from readers.rig.schema import RigFile
+from readers.rig.discovery import Discovery, calibrated_rig
+from readers.rig.draft import RigDraft, draft_rig
+from readers.rig.search import find_sensors
 from readers.rig.sensor_topics import SensorFault
 from readers.streams.motion import find_motion_source
 from readers.streams.per_sensor import sensor_messages
@@ -43,6 +44,7 @@ class Inspection:
         stop_ns: Log time before which it was looked at; None where all of it was.
         problem: Why lidcam could not process it; empty if it can.
         rig: The sensors that lidcam would use; None if it could not process the recording.
+        draft: All sensors, those without calibration, too; None if the recording has none.
         sensors: Where the calibration of each sensor was found.
         faults: Sensors that would be left out, and why.
         notes: Remarks on topics and sensors.
@@ -59,6 +61,7 @@ class Inspection:
     stop_ns: int | None = None
     problem: str = ""
     rig: Rig | None = None
+    draft: RigDraft | None = None
     sensors: tuple[SensorSource, ...] = ()
     faults: tuple[SensorFault, ...] = ()
     notes: tuple[str, ...] = ()
@@ -66,32 +69,36 @@ class Inspection:
     box_source: BoxSource = "none"
 
 
-def inspect_recording(inputs: Sequence[Location], config: Config, rig: RigFile | FilePath | None = None) -> Inspection:
+def inspect_recording(inputs: Sequence[Location], config: Config, rig: RigSource | None = None) -> Inspection:
     """What is in a recording, and what lidcam would use of it.
 
     Of a recording on a server only the beginning is looked at, so as not to fetch all of it.
 
     Raises:
+        CalibrationError: a rig file cannot be read, or does not fit.
         RecordingError: it cannot be opened or is empty.
     """
     with sensor_messages(open_recording(inputs, ReadOptions(limits=config.limits))) as recording:
         return inspect_open(recording, config, rig, _window(recording))
 
 
-def inspect_open(
-    recording: Recording, config: Config, rig: RigFile | FilePath | None, window: TimeWindow
-) -> Inspection:
+def inspect_open(recording: Recording, config: Config, rig: RigSource | None, window: TimeWindow) -> Inspection:
     """As `inspect_recording`, of an open recording with one topic per sensor.
 
     Raises:
+        CalibrationError: a rig file cannot be read, or does not fit.
         RecordingError: it is empty, or cannot be read to its end.
     """
+    rig_file = read_rig(rig)
     check_not_empty(recording)
     topics = survey(recording, stop_ns=window.stop_ns)
     found: Discovery | None = None
+    draft: RigDraft | None = None
     problem = ""
     try:
-        found = discover_rig(recording, config, read_rig(rig), start_ns=window.start_ns, stop_ns=window.stop_ns)
+        sensors = find_sensors(recording, config, rig_file, start_ns=window.start_ns, stop_ns=window.stop_ns)
+        draft = draft_rig(sensors)
+        found = calibrated_rig(sensors)
     except (CalibrationError, RecordingError) as err:
         problem = str(err)
     motion = find_motion_source(recording, found.rig, found.transforms, config) if found else None
@@ -105,6 +112,7 @@ def inspect_open(
         stop_ns=window.stop_ns,
         problem=problem,
         rig=found.rig if found else None,
+        draft=draft,
         sensors=found.sources if found else (),
         faults=found.faults if found else (),
         notes=found.notes if found else (),

@@ -7,21 +7,25 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import TypedDict, get_args
 
+from lidcam.presets.rigs import rig_path
 from pipeline.core.errors import ConfigError, OutputError
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.load import load_config
 from readers.location import Location, RemotePath, location
+from readers.rig.merge import merge_rigs
 from readers.rig.rig_file import load_rig
 from readers.rig.schema import RigFile
 from readers.streams.decoders import OnBadMessage
 
-__all__ = ["FilePath", "Job", "JobOptions", "PathOrUrl", "Settings", "locations", "make_job", "read_rig"]
+__all__ = ["FilePath", "Job", "JobOptions", "PathOrUrl", "RigSource", "Settings", "locations", "make_job", "read_rig"]
 
 DEFAULT_CONFIG = Config()
 
 FilePath = str | PathLike[str]
 PathOrUrl = FilePath | RemotePath
 Settings = Mapping[str, object] | Sequence[str]
+RigSource = RigFile | FilePath | Sequence[RigFile | FilePath]
+"""A rig file, loaded, by its path or by the name of a preset; or several, of which later ones add and replace."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +36,8 @@ class Job:
         inputs: A recording, or all parts of a split one in order.
         outputs: Files to write; what each is, its name says (`lidcam.outputs.WRITERS`).
         config: Settings.
-        rig: Sensors and calibration; what it leaves out, and all of it without one, is found in the recording.
+        rig: Sensors and calibration, of all rig files together; what it leaves out, and all of it without one, is found
+            in the recording.
         start_s: Seconds of the recording to skip.
         duration_s: Seconds to process; None: to the end.
         on_bad_message: Whether a message that cannot be decoded, or damage of a file, is skipped or ends the run.
@@ -66,7 +71,8 @@ class JobOptions(TypedDict, total=False):
     Attributes:
         config: Settings, or a YAML file of them.
         settings: Single settings on top: `{"sync.slop_s": 0.05}` or `["sync.slop_s=0.05"]`.
-        rig: Rig file, loaded or by its path; without it sensors and calibration are found in the recording.
+        rig: Rig file, loaded, by its path or by the name of a preset; or several, of which later ones add to and
+            replace what earlier ones say. Without it sensors and calibration are found in the recording.
         model_2d: 2D network (ONNX, YOLOX layout).
         workers: 1 runs stage after stage; more overlap stages of several frames. The result is the same.
         start_s: Seconds to skip.
@@ -76,7 +82,7 @@ class JobOptions(TypedDict, total=False):
 
     config: Config | FilePath | None
     settings: Settings
-    rig: RigFile | FilePath | None
+    rig: RigSource | None
     model_2d: FilePath | None
     workers: int | None
     start_s: float
@@ -90,7 +96,7 @@ def make_job(
     *,
     config: Config | FilePath | None = None,
     settings: Settings = (),
-    rig: RigFile | FilePath | None = None,
+    rig: RigSource | None = None,
     model_2d: FilePath | None = None,
     workers: int | None = None,
     start_s: float = 0.0,
@@ -127,10 +133,18 @@ def locations(recording: PathOrUrl | Sequence[PathOrUrl]) -> tuple[Location, ...
     return tuple(one if isinstance(one, RemotePath) else location(fspath(one)) for one in given)
 
 
-def read_rig(rig: RigFile | FilePath | None) -> RigFile | None:
-    """A rig file, loaded or by its path.
+def read_rig(rig: RigSource | None) -> RigFile | None:
+    """Rig files, loaded, by their paths or by the names of presets, as one.
 
     Raises:
-        CalibrationError: it cannot be read, or its content does not fit.
+        CalibrationError: one cannot be read, its content does not fit, or two contradict each other.
     """
-    return rig if rig is None or isinstance(rig, RigFile) else load_rig(Path(rig))
+    given = [] if rig is None else [rig] if isinstance(rig, RigFile | str | PathLike) else [*rig]
+    loaded = []
+    for number, one in enumerate(given, 1):
+        if isinstance(one, RigFile):
+            loaded.append((f"rig {number}", one))
+        else:
+            path = rig_path(one)
+            loaded.append((str(path), load_rig(path)))
+    return merge_rigs(loaded) if loaded else None

@@ -14,7 +14,8 @@ from pathlib import Path
 
 from lidcam.build import box_source, build_graph, wanted_boxes
 from lidcam.checks.lidars import LidarCheck
-from lidcam.frames import RunInput, TimeWindow, bundles, reference_topic, synchronized_topics
+from lidcam.checks.missing import missing_sensors, silence_warnings
+from lidcam.frames import RunInput, TimeWindow, bundles, reference_topic, required_topics, synchronized_topics
 from lidcam.job import Job
 from lidcam.outputs import check_not_overwritten, check_outputs, open_writers, written_files
 from lidcam.summary import DropTable, RunProgress, RunReport, Tally, UnusedTopic
@@ -182,6 +183,9 @@ class Run:
         source, found, tally, drops = self.source, self.found, self._tally, self._drops.rows
         motion_topics = source.motion.topics if source.motion else ()
         used = {*tally.messages, *(drop.topic for drop in drops), *motion_topics}
+        absences = self._stats.attendance.absences(synchronized_topics(source.config, source.rig))
+        start_ns = source.recording.start_ns
+        missing = missing_sensors(absences, source.rig, of_frames=self._stats.sets, start_ns=start_ns)
         return RunReport(
             frames=tally.frames,
             objects=dict(sorted(tally.objects.items())),
@@ -189,6 +193,7 @@ class Run:
             points=dict(tally.points),
             messages_used=dict(sorted(tally.messages.items())),
             drops=drops,
+            missing=tuple(missing),
             unused_boxes=dict(sorted(tally.unused_boxes.items())),
             unused_topics=_unused_topics(source.recording, used),
             losses=source.recording.losses,
@@ -201,7 +206,7 @@ class Run:
             sensors=found.sources,
             faults=found.faults,
             notes=found.notes,
-            warnings=self._lidar_check.warnings,
+            warnings=(*silence_warnings(missing), *self._lidar_check.warnings),
             outputs=tuple(outputs),
             stage_seconds=dict(self._graph.seconds),
             wall_seconds=self._seconds,
@@ -266,11 +271,15 @@ def _write(writer: ResultWriter, result: FrameResult) -> FrameResult:
 
 
 def _no_frames(source: RunInput, drops: DropTable) -> str:
-    topics = synchronized_topics(source.config, source.rig)
+    config, rig = source.config, source.rig
+    topics, required = synchronized_topics(config, rig), required_topics(config, rig)
+    needed = topics if required is None else required
     found = ", ".join(f"{topic} {drops.count(topic)}" for topic in topics)
+    every = "topic" if required is None else f"required topic ({', '.join(needed)})"
     return (
-        f"{', '.join(str(path) for path in source.recording.paths)}: no moment has a message of every topic; "
-        f"messages by topic: {found}; leave out a topic with --set topics.exclude=[TOPIC] or widen sync.max_interval_s"
+        f"{', '.join(str(path) for path in source.recording.paths)}: no moment has a message of every {every}; "
+        f"messages by topic: {found}; require fewer with --set sync.required=[{needed[0]}], or widen "
+        "sync.max_interval_s"
     )
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from lidcam.build import BoxSource
+from lidcam.checks.missing import MissingSensor
 from lidcam.checks.warning import RunWarning
 from pipeline.core.errors import MessageError
 from pipeline.core.frame import FrameResult
@@ -144,6 +145,7 @@ class RunReport:
         points: Lidar points by step of the combination, summed over the frames.
         messages_used: Number of messages used, by topic.
         drops: Messages that were not used, by topic and reason.
+        missing: Sensors without which frames had to do.
         unused_boxes: Recorded 2D boxes that could not be used, by reason.
         unused_topics: Topics with messages that the run did not look at.
         losses: Damaged parts of the files.
@@ -168,6 +170,7 @@ class RunReport:
     points: Mapping[str, int]
     messages_used: Mapping[str, int]
     drops: tuple[DropCount, ...]
+    missing: tuple[MissingSensor, ...]
     unused_boxes: Mapping[str, int]
     unused_topics: tuple[UnusedTopic, ...]
     losses: tuple[Loss, ...]
@@ -249,6 +252,7 @@ def report_tree(report: RunReport) -> dict[str, Any]:
         "points": dict(report.points),
         "messages_used": dict(report.messages_used),
         "drops": [asdict(drop) for drop in report.drops],
+        "missing": [asdict(sensor) for sensor in report.missing],
         "losses": loss_records(report.losses),
         "unused_topics": {topic.topic: topic.message_count for topic in report.unused_topics},
         "unused_boxes": dict(report.unused_boxes),

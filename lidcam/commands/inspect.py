@@ -7,7 +7,7 @@ from pathlib import Path
 
 from lidcam.frames import TimeWindow
 from lidcam.inspection import Inspection, inspect_open, inspect_recording, inspection_tree
-from lidcam.job import FilePath
+from lidcam.job import RigSource
 from lidcam.outputs import check_not_overwritten, check_writable
 from lidcam.printing.console import print_inspection
 from lidcam.printing.log import remark_log
@@ -18,8 +18,7 @@ from pipeline.core.settings.config import Config
 from readers.location import Location, location
 from readers.open import open_recording
 from readers.recording import ReadOptions, Recording
-from readers.rig.rig_file import write_rig
-from readers.rig.schema import RigFile
+from readers.rig.rig_file import write_draft
 from readers.streams.per_sensor import sensor_messages
 from writers.mcap.repair import write_repaired
 
@@ -33,7 +32,7 @@ class InspectOptions:
     Attributes:
         inputs: The recording.
         config: Settings.
-        rig: Rig file, if there is one, loaded or by its path.
+        rig: Rig files, if there are any, loaded or by their paths.
         write_rig: Rig file to write.
         repair: MCAP to write, with every message that can be read.
         as_json: Print JSON.
@@ -41,7 +40,7 @@ class InspectOptions:
 
     inputs: tuple[Location, ...]
     config: Config
-    rig: RigFile | FilePath | None = None
+    rig: RigSource | None = None
     write_rig: Path | None = None
     repair: Path | None = None
     as_json: bool = False
@@ -78,9 +77,9 @@ def _tell(inspection: Inspection, options: InspectOptions) -> None:
     else:
         print_inspection(out, inspection)
     if options.write_rig is not None:
-        if inspection.rig is None:
+        if inspection.draft is None:
             raise OutputError(f"{options.write_rig}: no rig to write: {inspection.problem}")
-        write_rig(inspection.rig, options.write_rig)
+        write_draft(inspection.draft, options.write_rig)
         remark_log.info("wrote %s", options.write_rig)
 
 

@@ -10,6 +10,7 @@ from lidcam.printing.folding import show_table, tell
 from lidcam.printing.tables import (
     drops_table,
     losses_table,
+    missing_table,
     objects_table,
     pairs_table,
     points_table,
@@ -81,6 +82,9 @@ def print_report(out: Console, report: RunReport) -> None:
             tell(out, f"  {drop.reason}: {drop.example}", "dim")
     for reason, count in report.unused_boxes.items():
         tell(out, f"  recorded 2D boxes not used: {count}, {reason}")
+    if report.missing:
+        out.print()
+        show_table(out, missing_table(report.missing))
     _print_losses(out, report.losses)
     out.print()
     show_table(out, stages_table(report.stage_seconds, report.frames))

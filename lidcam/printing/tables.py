@@ -7,6 +7,7 @@ from rich.console import RenderableType
 from rich.style import StyleType
 from rich.table import Table
 
+from lidcam.checks.missing import MissingSensor
 from lidcam.printing.folding import Folded
 from lidcam.summary import DropCount
 from readers.rig.calibration import SensorSource
@@ -15,6 +16,7 @@ from readers.streams.survey import TopicSurvey
 __all__ = [
     "drops_table",
     "losses_table",
+    "missing_table",
     "objects_table",
     "pairs_table",
     "points_table",
@@ -54,6 +56,14 @@ def losses_table(losses: Sequence[Mapping[str, Any]]) -> Table:
     for loss in losses:
         size, messages = ("unknown" if loss[key] is None else str(loss[key]) for key in ("size", "messages"))
         table.add_row(loss["file"], str(loss["position"]), size, messages, loss["reason"])
+    return table
+
+
+def missing_table(sensors: Sequence[MissingSensor]) -> Table:
+    """Sensors that are missing from frames: from how many, and when."""
+    table = _table("missing from frames", "sensor", "frames", "when", text_columns=("when",))
+    for sensor in sensors:
+        table.add_row(sensor.sensor, str(sensor.frames), str(sensor))
     return table
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from enum import StrEnum
 from typing import TypeVar
 
 from pipeline.core.clouds import CombinedCloud
@@ -9,22 +10,31 @@ from pipeline.core.detections import Detections, Fused, Matches
 from pipeline.core.geometry.pose_samples import PoseSamples
 from pipeline.core.messages import Drop, RawMessage
 
-__all__ = ["Decoded", "FrameResult", "SensorBundle"]
+__all__ = ["Decoded", "FrameResult", "Missing", "SensorBundle"]
 
 T = TypeVar("T")
 
 
+class Missing(StrEnum):
+    """Why a frame has no message of a topic."""
+
+    SILENT = "silent"
+    NOT_NEAR = "no message within sync.slop_s of the frame"
+    NO_IMAGE = "its message holds no image"
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class SensorBundle:
-    """Messages of one moment, one per synchronised topic, undecoded.
+    """Messages of one moment, at most one per synchronised topic, undecoded.
 
     Attributes:
         index: Number of the frame, from 0.
-        stamp_ns: Stamp of the reference topic's message, the frame's time.
+        stamp_ns: Stamp of the reference message, the frame's time.
         log_time_ns: Log time of that message.
         messages: By topic.
         motion: Poses of the site frame around `stamp_ns`; None without odometry.
         dropped_before: Number of messages dropped since the previous bundle, by (topic, reason).
+        missing: Why there is no message, by synchronised topic without one.
     """
 
     index: int
@@ -33,12 +43,13 @@ class SensorBundle:
     messages: Mapping[str, RawMessage]
     motion: PoseSamples | None = None
     dropped_before: Mapping[tuple[str, str], int] = field(default_factory=dict)
+    missing: Mapping[str, Missing] = field(default_factory=dict)
 
     @property
     def skew_ns(self) -> int:
-        """Largest minus smallest stamp of the set."""
+        """Largest minus smallest stamp of the set; 0 of no messages."""
         stamps = [message.stamp_ns for message in self.messages.values()]
-        return max(stamps) - min(stamps)
+        return max(stamps, default=0) - min(stamps, default=0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

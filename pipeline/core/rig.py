@@ -1,5 +1,6 @@
 """The sensors of a recording with their calibration, and the zones of its site."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -87,3 +88,10 @@ class Rig:
     cameras: tuple[CameraSensor, ...]
     zones: tuple[Zone, ...]
     ground_height_m: float | None = None
+
+    @property
+    def sensor_of_topic(self) -> Mapping[str, str]:
+        """Name of the sensor by topic; recorded boxes are `CAMERA (boxes)`."""
+        lidars = {lidar.topic: lidar.name for lidar in self.lidars}
+        boxes = {camera.boxes_topic: f"{camera.name} (boxes)" for camera in self.cameras if camera.boxes_topic}
+        return lidars | boxes | {camera.topic: camera.name for camera in self.cameras if camera.topic}

@@ -12,7 +12,7 @@ from itertools import islice
 from typing import TYPE_CHECKING
 
 from pipeline.core.errors import MessageError
-from pipeline.core.frame import SensorBundle
+from pipeline.core.frame import Missing, SensorBundle
 from pipeline.core.messages import Drop, RawMessage
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from readers.messages.image import decode_any_image
@@ -126,7 +126,8 @@ class VideoStreams:
                 (on_drop if drop.reason == BEFORE_KEY_FRAME else on_bad)(drop)
             topics = {message.topic for message in blank}
             kept = {topic: message for topic, message in bundle.messages.items() if topic not in topics}
-            yield replace(bundle, messages=kept, dropped_before=dict(dropped_before))
+            missing = {**bundle.missing, **dict.fromkeys(sorted(topics), Missing.NO_IMAGE)}
+            yield replace(bundle, messages=kept, missing=missing, dropped_before=dict(dropped_before))
 
     def _drop(self, message: RawMessage) -> Drop:
         if message.problem == BEFORE_KEY_FRAME:

@@ -163,3 +163,24 @@ def test_completion_is_installed_for_the_shell(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert "installed" in done.stdout
     assert any("lidcam" in path.name for path in tmp_path.rglob("*") if path.is_file())
+
+
+@pytest.mark.parametrize("folder", ["file", "file/inside"])
+def test_the_demo_needs_a_folder(lidcam: Lidcam, tmp_path: Path, folder: str) -> None:
+    (tmp_path / "file").touch()
+    run = lidcam("demo", tmp_path / folder)
+    assert run.code == 1
+    assert "expected a folder to write to" in run.error_line
+
+
+def test_the_demo_prints_what_the_readme_shows(lidcam: Lidcam, tmp_path: Path) -> None:
+    readme = (Path(__file__).resolve().parents[2] / "README.md").read_text(encoding="utf-8")
+    table = readme.split("of which the first is\n\n```\n")[1].split("...\n```")[0]
+    assert table.startswith("objects\n")
+    run = lidcam("demo", tmp_path / "a" / "b", "-q")
+    assert (run.code, run.err) == (0, "")
+    assert frames_in(tmp_path / "a" / "b" / "sandbox.mcap") == 20
+    assert run.out.startswith(table)
+    _, shown = run.out.split("\nLook at it:\n")
+    assert f"rerun {tmp_path}/a/b/sandbox.rrd" in shown
+    assert f"inspect {tmp_path}/a/b/sandbox.bag" in shown

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from document_commands import pages
 from results import fused_objects
 
 import lidcam
@@ -165,10 +166,13 @@ def test_the_text_form_is_a_short_table(run: lidcam.RunResult) -> None:
     assert repr(none) == "0 objects, site frame 'site'"
 
 
-@pytest.mark.parametrize("page", ["README.md", "docs/python.md"])
-def test_examples_of_the_documents_run(page: str, tmp_path: Path) -> None:
+PAGES = [path for path in pages() if "```python" in path.read_text(encoding="utf-8")]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda path: path.name)
+def test_examples_of_the_documents_run(page: Path, tmp_path: Path) -> None:
     """All blocks of a page as one script, beside a recording of the name that they use."""
-    blocks = re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(encoding="utf-8"), re.DOTALL)
+    blocks = re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
     assert blocks
     (tmp_path / "drive.bag").symlink_to(SANDBOX)
     body = "\n".join(blocks).replace("\n", "\n    ")

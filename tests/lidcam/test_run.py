@@ -1,5 +1,6 @@
 """A run's bookkeeping: every message of a topic in use ends in a set or in the drop table."""
 
+import re
 from collections import Counter
 from collections.abc import Sequence
 from io import StringIO
@@ -168,7 +169,7 @@ def test_summary_does_not_depend_on_the_workers(workers: int) -> None:
 
 def test_no_set_at_all_names_the_messages_by_topic() -> None:
     with pytest.raises(RecordingError, match=rf"{FRONT} 6, {REAR} 6, {IMAGES} 0"):
-        run(periodic((FRONT, REAR)), config())
+        run(periodic((FRONT, REAR)), config(required="all"))
 
 
 def test_reference_that_is_not_in_use() -> None:
@@ -207,3 +208,52 @@ def test_a_lidar_without_points_is_warned_of() -> None:
     with StringIO() as text:
         print_report(Console(file=text), report)
         assert "warning: rear: 6 messages without a single point in range; the lidar may be" in text.getvalue()
+
+
+def test_a_run_without_lidars_from_a_time_on_goes_on() -> None:
+    messages = [m for m in periodic(count=20) if m.topic == IMAGES or m.stamp_ns < START_NS + 10 * STEP_NS]
+    summary, frames = run(messages, config())
+    assert summary.frames == 20
+    assert all({*frame.bundle.messages} == {IMAGES} for frame in frames[10:])
+    assert all(len(frame.combined.cloud) == 0 and not len(frame.fused.objects) for frame in frames[10:])
+    assert [(m.sensor, m.frames, str(m)) for m in summary.missing] == [
+        ("front", 10, "silent from 0.9 s to the end"),
+        ("rear", 10, "silent from 0.9 s to the end"),
+    ]
+    assert [warning.subject for warning in summary.warnings] == ["front", "rear"]
+    assert report_tree(summary)["missing"][0] == {
+        "sensor": "front",
+        "topic": FRONT,
+        "frames": 10,
+        "of_frames": 20,
+        "silences": ({"start_s": 0.9, "end_s": None, "frames": 10},),
+    }
+
+
+def test_what_is_missing_is_printed() -> None:
+    messages = [m for m in periodic(count=20) if m.topic != IMAGES or m.stamp_ns % (2 * STEP_NS) == 0]
+    summary, _ = run(messages, config())
+    out = Console(width=200, record=True, file=StringIO())
+    print_report(out, summary)
+    text = out.export_text()
+    assert re.search(r"missing from frames\nsensor +frames +when\ncam +10 +in 10 of 20 frames\n", text)
+    assert "warning" not in text
+
+
+@pytest.mark.parametrize(
+    ("sync", "fault"),
+    [
+        ({"required": ["/nothing"]}, "sync.required: /nothing is not among the topics in use: /front/points, "),
+        ({"required": [IMAGES], "reference": "/nothing"}, "sync.reference: '/nothing'"),
+    ],
+)
+def test_required_topics_have_to_be_in_use(sync: dict[str, object], fault: str) -> None:
+    with pytest.raises(ConfigError, match=fault):
+        run(periodic(), config(**sync))
+
+
+def test_the_first_required_topic_is_the_reference() -> None:
+    messages = [*periodic((IMAGES,)), *(message(FRONT, START_NS + STEP_NS // 5, START_NS + STEP_NS // 5),)]
+    _, frames = run(messages, config(required=[IMAGES]))
+    assert [frame.bundle.stamp_ns for frame in frames] == [START_NS + k * STEP_NS for k in range(6)]
+    assert [FRONT in frame.bundle.messages for frame in frames] == [True] + 5 * [False]

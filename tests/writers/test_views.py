@@ -9,7 +9,7 @@ from detections import forward_camera
 from frames import CONFIG, RIG, START_NS, frame
 
 from pipeline.core.detections import Fused
-from pipeline.core.frame import FrameResult
+from pipeline.core.frame import FrameResult, Missing
 from pipeline.core.messages import Drop
 from pipeline.core.rig import CameraSensor
 from pipeline.core.ros.typestores import message_types
@@ -163,3 +163,13 @@ def test_diagnostics() -> None:
         ("/left/image", "too late"),
     ]
     assert [status.level for status in message.status] == [0, 0, 0, 1]
+
+
+@pytest.mark.parametrize(("why", "level"), [(Missing.NOT_NEAR, 0), (Missing.SILENT, 1)])
+def test_diagnostics_name_the_sensors_that_are_missing(why: Missing, level: int) -> None:
+    result = frame(4)
+    kept = {topic: message for topic, message in result.bundle.messages.items() if topic != "/left/image"}
+    partial = replace(result, bundle=replace(result.bundle, messages=kept, missing={"/left/image": why}))
+    status = through_cdr(diagnostics(partial, RIG, ())).status[0]
+    assert (status.message, status.level) == ("skew 5.000 ms, without left", level)
+    assert ("missing left", why) in [(pair.key, pair.value) for pair in status.values]

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
-from pipeline.core.frame import FrameResult
+from pipeline.core.frame import FrameResult, Missing
 from pipeline.core.messages import Drop
 from pipeline.core.rig import Rig
 from pipeline.core.ros.messages import ROS2
@@ -28,7 +28,7 @@ def diagnostics(result: FrameResult, rig: Rig, not_copied: Sequence[Drop]) -> An
         "diagnostic_msgs/msg/DiagnosticArray",
         ROS2.header(result.bundle.stamp_ns, rig.site_frame),
         [
-            _status("synchronisation", f"skew {result.bundle.skew_ns / 1e6:.3f} ms", _synchronisation(result)),
+            _synchronisation(result, rig),
             _status("cloud", f"{len(result.combined.cloud)} points", _cloud(result)),
             _status("objects", f"{len(result.fused.objects)} objects", _objects(result, rig)),
             _status(
@@ -41,8 +41,10 @@ def diagnostics(result: FrameResult, rig: Rig, not_copied: Sequence[Drop]) -> An
     )
 
 
-def _synchronisation(result: FrameResult) -> Values:
-    bundle = result.bundle
+def _synchronisation(result: FrameResult, rig: Rig) -> Any:
+    """Skew, offset of each message, missing sensors; a warning where one is silent."""
+    bundle, names = result.bundle, rig.sensor_of_topic
+    missing = [(f"missing {names.get(topic, topic)}", why) for topic, why in bundle.missing.items()]
     offsets = [
         (f"offset_ms {topic}", f"{(message.stamp_ns - bundle.stamp_ns) / 1e6:.3f}")
         for topic, message in sorted(bundle.messages.items())
@@ -50,7 +52,10 @@ def _synchronisation(result: FrameResult) -> Values:
     dropped = [
         (f"left out {topic}", f"{count}: {reason}") for (topic, reason), count in sorted(bundle.dropped_before.items())
     ]
-    return [("frame", str(bundle.index)), ("skew_ms", f"{bundle.skew_ns / 1e6:.3f}"), *offsets, *dropped]
+    values = [("frame", str(bundle.index)), ("skew_ms", f"{bundle.skew_ns / 1e6:.3f}"), *missing, *offsets, *dropped]
+    lacking = f", without {', '.join(names.get(topic, topic) for topic in bundle.missing)}" if missing else ""
+    level = _WARN if Missing.SILENT in bundle.missing.values() else _OK
+    return _status("synchronisation", f"skew {bundle.skew_ns / 1e6:.3f} ms{lacking}", values, level)
 
 
 def _cloud(result: FrameResult) -> Values:

@@ -16,7 +16,7 @@ import numpy as np
 import rerun as rr
 
 from pipeline.core.errors import MessageError
-from pipeline.core.frame import FrameResult
+from pipeline.core.frame import FrameResult, Missing
 from pipeline.core.geometry.poses import interpolate_poses
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.images import Image
@@ -35,9 +35,6 @@ from writers.viewpoint import SceneSurvey
 __all__ = ["RerunResultWriter"]
 
 JPEG_QUALITY = 90
-KEPT_NS = 500_000_000
-"""How long an image stays on show when the frames after it have none."""
-
 _WAY_COLOR = (225, 190, 90)
 _MAGIC = {b"\xff\xd8\xff": "image/jpeg", b"\x89PN": "image/png"}
 
@@ -72,7 +69,7 @@ class RerunResultWriter:
         self._is_placed = False
         self._heights: tuple[float, float] | None = None
         self._last_place: list[float] | None = None
-        self._last_seen_ns: dict[str, int] = {}
+        self._shown: set[str] = set()
 
     def __enter__(self) -> Self:
         with ExitStack() as resources, output_errors(self._path):
@@ -192,21 +189,17 @@ class RerunResultWriter:
         self._recording.log("world/faint", archetypes.objects_3d(result, labels, ~strong, strong=False))
 
     def _log_camera(self, camera: CameraSensor, result: FrameResult) -> tuple[Drop, ...]:
-        """The image and what is drawn on it.
-
-        A camera that a frame is without keeps image and overlay for a moment: cameras may be slower than lidars.
-        """
+        """The image and what is drawn on it; a camera slower than the frames keeps its last image."""
         unusable = {(drop.topic, drop.stamp_ns) for drop in result.drops}
-        message, stamp_ns = result.bundle.messages.get(camera.topic), result.bundle.stamp_ns
+        message = result.bundle.messages.get(camera.topic)
         if message is not None and (message.topic, message.stamp_ns) in unusable:
             message = None
+        is_slower = result.bundle.missing.get(camera.topic) == Missing.NOT_NEAR
         if message is None and camera.name not in result.detections.cameras:
-            if stamp_ns - self._last_seen_ns.get(camera.name, stamp_ns) > KEPT_NS:
-                del self._last_seen_ns[camera.name]
-                for leaf in ("image", "boxes", "boxes/labels", "objects"):
-                    self._log(leaf, camera, rr.Clear(recursive=False))
+            if not is_slower:
+                self._clear(camera)
             return ()
-        self._last_seen_ns[camera.name] = stamp_ns
+        self._shown.add(camera.name)
         image: Any = rr.Clear(recursive=False)
         drops: tuple[Drop, ...] = ()
         if message is not None and self._config.output.images:
@@ -215,11 +208,18 @@ class RerunResultWriter:
             except MessageError as err:
                 drops = (Drop(message.topic, message.stamp_ns, "the image cannot be shown", str(err)),)
         drawn = drawn_boxes_2d(result, camera.name, self._config.class_names)
-        self._log("image", camera, image)
+        if not is_slower:
+            self._log("image", camera, image)
         self._log("boxes", camera, archetypes.boxes_2d(drawn))
         self._log("boxes/labels", camera, archetypes.labels_2d(drawn, camera))
         self._log("objects", camera, archetypes.edges_2d(result, camera))
         return drops
+
+    def _clear(self, camera: CameraSensor) -> None:
+        if camera.name in self._shown:
+            self._shown.remove(camera.name)
+            for leaf in ("image", "boxes", "boxes/labels", "objects"):
+                self._log(leaf, camera, rr.Clear(recursive=False))
 
     def _encoded(self, message: RawMessage) -> rr.EncodedImage:
         """The image as JPEG or PNG.

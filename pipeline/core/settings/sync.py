@@ -13,12 +13,21 @@ class SyncConfig(SettingsModel):
     Attributes:
         policy: `approximate_time` (message_filters in C++), `approximate_time_python` (message_filters in Python, as in
             the predecessor system) or `nearest` (nearest to each message of the reference topic).
-        reference: Topic whose stamps the frames take; if empty, the first lidar's.
-        queue_size: Messages kept per topic.
-        slop_s: Under `approximate_time_python`, the stamps of a frame spread by less than this; under `nearest`, they
-            are at most this far from the reference. `approximate_time` does not use it.
-        max_interval_s: Largest spread of the stamps of a frame under `approximate_time`; null for no limit, as in ROS.
+        reference: Topic whose stamps the frames take, and which they need, while it is alive; if empty or silent, the
+            first required one that is alive.
+        queue_size: Messages kept per required topic, and frames that wait for the other topics; of those, twice as many
+            messages are kept.
+        slop_s: Messages of the topics that are not required are at most this far from the reference. Of the required
+            ones, the stamps spread by less than this under `approximate_time_python`, and are at most this far from the
+            reference under `nearest`; `approximate_time` does not use it.
+        max_interval_s: Largest spread of the required topics' stamps in a frame under `approximate_time`; null for no
+            limit, as in ROS.
         age_penalty: Under `approximate_time`, a later set must be better by this share of its delay.
+        required: Topics that a frame needs while they are alive: `lidars`, or a list of topics. The others join a frame
+            with the message nearest to its reference, if it is within `slop_s`. If none is alive, the next topic that
+            is (a lidar, a camera, boxes) takes over. `all`: every frame has a message of each topic, as in ROS.
+        silent_after_s: A topic without a message for this long, or for 2.5 of its periods if these are longer, is
+            silent, and not waited for until its next message.
     """
 
     policy: Literal["approximate_time", "approximate_time_python", "nearest"] = "approximate_time"
@@ -27,3 +36,5 @@ class SyncConfig(SettingsModel):
     slop_s: NotNegative = 0.1
     max_interval_s: Positive | None = 0.1
     age_penalty: NotNegative = 0.1
+    required: Literal["lidars", "all"] | tuple[Topic, ...] = "lidars"
+    silent_after_s: Positive = 0.5

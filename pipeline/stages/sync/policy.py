@@ -13,12 +13,12 @@ T_contra = TypeVar("T_contra", contravariant=True)
 class DropReason(StrEnum):
     """Why a message is in no set. For a reference message, `Nearest` names the topic without a partner instead."""
 
-    QUEUE_FULL = "the queue was full before a set was complete"
+    QUEUE_FULL = "the queue was full before a set was complete; a larger sync.queue_size holds more"
     TOO_FAR = "no partner within the allowed interval"
     AFTER_OVERFLOW = "its partner may be among the messages that a full queue lost"
     LEFT_OUT = "left out of a better set"
     REPLACED = "replaced by a later message of the same stamp"
-    TOO_LATE = "arrived after newer messages had taken its place"
+    TOO_LATE = "arrived after newer messages had taken its place; a larger sync.queue_size waits longer"
     NO_REFERENCE = "no reference message within slop"
     END = "no partner before the end of the recording"
 

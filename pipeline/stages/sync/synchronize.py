@@ -1,8 +1,9 @@
 """From a stream of undecoded messages to bundles of one moment, by the configured policy."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 from pipeline.core.errors import ConfigError
 from pipeline.core.frame import SensorBundle
@@ -10,27 +11,34 @@ from pipeline.core.messages import Drop, RawMessage
 from pipeline.core.settings.sync import SyncConfig
 from pipeline.stages.sync.approximate_time import ApproximateTime
 from pipeline.stages.sync.approximate_time_python import ApproximateTimePython
+from pipeline.stages.sync.attendance import Attendance
+from pipeline.stages.sync.liveness import Liveness
 from pipeline.stages.sync.nearest import Nearest
+from pipeline.stages.sync.partial_sets import PartialSets
 from pipeline.stages.sync.policy import OnItemDrop, Policy
 
 __all__ = ["SyncStats", "synchronize"]
 
+T = TypeVar("T")
+
 
 @dataclass(slots=True)
 class SyncStats:
-    """Counts of `synchronize` so far, updated as its bundles are consumed.
+    """Counts of `synchronize` so far, updated as its bundles are consumed; those of further parts are added.
 
     Attributes:
         received: Number of messages by topic; 0 for a topic without messages.
         sets: Number of bundles.
         skew_max_ns: Largest spread of the stamps of a bundle.
         skew_total_ns: Sum of the spreads.
+        attendance: Topics that were missing, and when they were silent.
     """
 
     received: dict[str, int] = field(default_factory=dict)
     sets: int = 0
     skew_max_ns: int = 0
     skew_total_ns: int = 0
+    attendance: Attendance = field(default_factory=Attendance, compare=False)
 
     @property
     def skew_mean_ns(self) -> float:
@@ -50,31 +58,37 @@ def synchronize(
     config: SyncConfig,
     *,
     reference: str,
+    required: Sequence[str] | None = None,
     on_drop: Callable[[Drop], None],
     flush: bool = True,
     stats: SyncStats | None = None,
 ) -> Iterator[SensorBundle]:
-    """Bundles of one message per topic, lazily, in the order in which the policy finds them.
+    """Bundles of the messages of one moment, lazily, in the order in which they are found.
 
     Every message of `topics` ends up in one bundle or is reported to `on_drop`. Messages of other topics are ignored.
 
     Args:
         messages: In order of log time; equal times in order of (file, position).
-        topics: Topics of each bundle, in this order.
+        topics: Topics of the bundles, in this order.
         config: Policy and its parameters.
-        reference: One of `topics`, whose message gives a bundle its stamp and log time.
+        reference: One of `topics`, whose message gives a bundle its stamp and log time while it is alive.
+        required: Topics that a bundle needs while they are alive; the others join it, as `PartialSets` says. None: as
+            in message_filters, every bundle has a message of each topic, and nothing is known of silence.
         on_drop: Called for each message that is in no bundle, in a fixed order.
         flush: Whether to emit bundles that only the end of the recording makes certain; the live program in ROS does
             not.
-        stats: Updated as bundles are consumed.
+        stats: Updated as bundles are consumed; the first bundle's index is the number of its sets.
 
     Raises:
-        ConfigError: `topics` is empty or names a topic twice, or the reference is not among them.
+        ConfigError: `topics` is empty or names a topic twice, or the reference or a required topic is not among them.
     """
     if not topics or len(set(topics)) < len(topics):
         raise ConfigError(f"sync: expected one or more distinct topics, found {', '.join(topics) or 'none'}")
     if reference not in topics:
         raise ConfigError(f"sync.reference: {reference!r} is not synchronised; choose one of {', '.join(topics)}")
+    if unknown := set(required or ()) - set(topics):
+        names = ", ".join(sorted(unknown))
+        raise ConfigError(f"sync.required: {names} is not synchronised; choose from {', '.join(topics)}")
 
     dropped_before: Counter[tuple[str, str]] = Counter()
 
@@ -83,50 +97,91 @@ def synchronize(
         on_drop(Drop(message.topic, message.stamp_ns, reason))
 
     stats = SyncStats() if stats is None else stats
-    policy = _policy(config, topics, topics.index(reference), drop)
-    sets = _sets(messages, topics, policy, stats, flush)
-    return _bundles(sets, topics, reference, dropped_before, stats)
+    for topic in topics:
+        stats.received.setdefault(topic, 0)
+    wanted = _counted(messages, stats.received)
+    if required is None:
+        policy = _policy(config, topics, topics.index(reference), drop)
+        sets = _full_sets(wanted, topics, policy, reference, flush)
+    else:
+        partial = PartialSets(
+            topics,
+            required=required,
+            reference=reference,
+            make_policy=lambda names, place, on_item_drop: _policy(config, names, place, on_item_drop),
+            queue_size=config.queue_size,
+            slop_ns=_nanoseconds(config.slop_s),
+            liveness=Liveness(len(topics), silent_after_ns=_nanoseconds(config.silent_after_s)),
+            attendance=stats.attendance,
+            on_drop=drop,
+        )
+        sets = _partial_sets(wanted, partial, topics, flush)
+    return _bundles(sets, topics, dropped_before, stats)
+
+
+def _counted(messages: Iterable[RawMessage], received: dict[str, int]) -> Iterator[RawMessage]:
+    """The messages of the topics in `received`, counted there."""
+    for message in messages:
+        topic = message.channel.topic
+        if topic in received:
+            received[topic] += 1
+            yield message
 
 
 def _bundles(
-    sets: Iterable[tuple[RawMessage, ...]],
+    sets: Iterable[tuple[RawMessage, Mapping[str, RawMessage]]],
     topics: Sequence[str],
-    reference: str,
     dropped_before: Counter[tuple[str, str]],
     stats: SyncStats,
 ) -> Iterator[SensorBundle]:
-    for index, found in enumerate(sets):
-        chosen = dict(zip(topics, found, strict=True))
+    for reference, messages in sets:
+        lacking = [topic for topic in topics if topic not in messages]
+        missing = stats.attendance.missing(lacking, reference.log_time_ns)
         bundle = SensorBundle(
-            index,
-            chosen[reference].stamp_ns,
-            chosen[reference].log_time_ns,
-            chosen,
+            stats.sets,
+            reference.stamp_ns,
+            reference.log_time_ns,
+            messages,
             dropped_before=dict(dropped_before),
+            missing=missing,
         )
         dropped_before.clear()
         stats.count(bundle)
         yield bundle
 
 
-def _sets(
-    messages: Iterable[RawMessage], topics: Sequence[str], policy: Policy[RawMessage], stats: SyncStats, flush: bool
-) -> Iterator[tuple[RawMessage, ...]]:
-    index_of = {topic: index for index, topic in enumerate(topics)}
-    stats.received.update(dict.fromkeys(topics, 0))
+def _full_sets(
+    messages: Iterable[RawMessage], topics: Sequence[str], policy: Policy[RawMessage], reference: str, flush: bool
+) -> Iterator[tuple[RawMessage, Mapping[str, RawMessage]]]:
+    """Reference message and messages by topic, of each set of the policy."""
+    place = {topic: index for index, topic in enumerate(topics)}
     for message in messages:
-        topic = message.topic
-        if topic in index_of:
-            stats.received[topic] += 1
-            yield from policy.add(index_of[topic], message.stamp_ns, message)
+        for found in policy.add(place[message.topic], message.stamp_ns, message):
+            yield found[place[reference]], dict(zip(topics, found, strict=True))
     if flush:
-        yield from policy.flush()
+        for found in policy.flush():
+            yield found[place[reference]], dict(zip(topics, found, strict=True))
     policy.close()
 
 
-def _policy(
-    config: SyncConfig, topics: Sequence[str], reference: int, on_drop: OnItemDrop[RawMessage]
-) -> Policy[RawMessage]:
+def _partial_sets(
+    messages: Iterable[RawMessage], partial: PartialSets, topics: Sequence[str], flush: bool
+) -> Iterator[tuple[RawMessage, Mapping[str, RawMessage]]]:
+    """Reference message and messages by topic, in the order of topics, of each set."""
+    for message in messages:
+        for found in partial.add(message):
+            yield found.reference, _in_order(found.by_topic, topics)
+    if flush:
+        for found in partial.flush():
+            yield found.reference, _in_order(found.by_topic, topics)
+    partial.close()
+
+
+def _in_order(by_topic: Mapping[int, RawMessage], topics: Sequence[str]) -> dict[str, RawMessage]:
+    return {topic: by_topic[index] for index, topic in enumerate(topics) if index in by_topic}
+
+
+def _policy(config: SyncConfig, topics: Sequence[str], reference: int, on_drop: OnItemDrop[T]) -> Policy[T]:
     slop_ns = _nanoseconds(config.slop_s)
     match config.policy:
         case "approximate_time":

@@ -164,6 +164,22 @@ def test_camera_calibration_in_every_form(calibration: dict[str, Any]) -> None:
     assert [zone.name for zone in found.rig.zones] == ["lane"]
 
 
+@pytest.mark.parametrize(
+    ("tree", "reason"),
+    [
+        ({"lidars": {"a": {"T_site_lidar": EYE}}}, "site_frame is missing in the rig file: .* pose of a is given in"),
+        ({"cameras": {"cam11": {"K": K, "T_camera_site": LOOK_X}}}, r"the pose of cam11 .* where the lidars \(a, b\)"),
+    ],
+)
+def test_poses_in_a_frame_without_a_name_are_refused(tree: dict[str, Any], reason: str) -> None:
+    with pytest.raises(CalibrationError, match=reason):
+        apply(tree)
+    named = tree | {"site_frame": "a"}
+    assert apply(named).rig.site_frame == "a"
+    in_a = Config.model_validate({"rig": {"site_frame": "a"}})
+    assert discover_rig(recorded(), in_a, parse_rig(tree, Path("rig.yaml"))).rig.site_frame == "a"
+
+
 SKEWED = [[1, 0.1, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
 
 
@@ -258,7 +274,6 @@ def test_sensors_without_topics_go_by_name_then_by_order() -> None:
         ({"site_frame": "s", "lidars": {"a": {"rpy_deg": [0, 0, 0], "rotation_xyzw": [0, 0, 0, 1]}}}, "given twice"),
         ({"cameras": {"c": {"K": K, "P": np.eye(3, 4).tolist()}}}, "given twice"),
         ({"cameras": {"c": {"distortion": [1.0]}}}, "distortion without K"),
-        ({"lidars": {"a": {"T_site_lidar": EYE}}}, "site_frame is missing"),
         ({"lidars": {"x": {}}, "cameras": {"x": {}}}, "x names a lidar and a camera"),
         ({"lidars": {"a b": {}}}, "a name of letters, digits and _, found 'a b'"),
         ({"zones": {"z": [[0, 0], [1, 1]]}}, "at least 3"),

@@ -11,7 +11,7 @@ from frames import CONFIG, PROVENANCE, RIG, START_NS, frame
 
 from pipeline.core.clouds import CombinedCloud, PointCloud
 from pipeline.core.errors import MessageError, OutputError
-from pipeline.core.frame import FrameResult
+from pipeline.core.frame import FrameResult, Missing
 from pipeline.core.images import Image
 from pipeline.core.messages import Drop, RawMessage
 from pipeline.core.settings.config import Config
@@ -117,6 +117,18 @@ def test_frames_without_anything_to_show(tmp_path: Path) -> None:
     assert rerun(tmp_path, "rrd", "verify", tmp_path / "out.rrd").returncode == 0
 
 
+def without_left(result: FrameResult, why: Missing) -> FrameResult:
+    """The frame without the left camera's image and boxes."""
+    bundle, detections = result.bundle, result.detections
+    kept = {topic: m for topic, m in bundle.messages.items() if topic != "/left/image"}
+    cameras = {name: boxes for name, boxes in detections.cameras.items() if name != "left"}
+    return replace(
+        result,
+        bundle=replace(bundle, messages=kept, missing={"/left/image": why}),
+        detections=replace(detections, cameras=cameras),
+    )
+
+
 def test_an_unreadable_image_is_reported(tmp_path: Path) -> None:
     ((drop,),) = write(tmp_path / "out.rrd", [frame()], decode_any_image=unreadable)
     assert drop == Drop("/left/image", START_NS + 1_000_001, "the image cannot be shown", "/left/image: no image")
@@ -179,22 +191,28 @@ def test_a_moving_rig_has_a_fixed_frame_and_a_way(tmp_path: Path) -> None:
     assert {"/world/fixed", "/world/fixed/way"} <= found
 
 
-def without_left(index: int) -> FrameResult:
-    result = frame(index)
-    kept = {topic: message for topic, message in result.bundle.messages.items() if topic != "/left/image"}
-    detections = replace(result.detections, cameras={"right": result.detections.cameras["right"]})
-    return replace(result, bundle=replace(result.bundle, messages=kept), detections=detections)
-
-
-def test_a_camera_that_is_missing_for_a_moment_keeps_its_image(tmp_path: Path) -> None:
-    write(tmp_path / "out.rrd", [frame(0), *map(without_left, range(1, 4)), frame(4)])
+def test_the_image_of_a_slow_camera_stays_with_its_overlay(tmp_path: Path) -> None:
+    write(
+        tmp_path / "out.rrd", [frame(0), *(without_left(frame(row), Missing.NOT_NEAR) for row in (1, 2, 3)), frame(4)]
+    )
     assert cleared(tmp_path) == {}
 
 
-def test_a_camera_that_falls_silent_is_cleared_once(tmp_path: Path) -> None:
-    write(tmp_path / "out.rrd", [frame(0), *map(without_left, range(1, 12))])
+def test_that_of_a_silent_one_is_cleared_once(tmp_path: Path) -> None:
+    silent = [without_left(frame(row), Missing.SILENT) for row in (1, 2, 3)]
+    write(tmp_path / "out.rrd", [frame(0), *silent])
     leaves = "image", "boxes", "boxes/labels", "objects"
     assert cleared(tmp_path) == {f"/world/cameras/left/{leaf}": 1 for leaf in leaves}
+
+
+def test_boxes_go_on_where_only_the_image_is_slow(tmp_path: Path) -> None:
+    slow = without_left(frame(1), Missing.NOT_NEAR)
+    detections = replace(slow.detections, cameras=frame(1).detections.cameras)
+    write(tmp_path / "out.rrd", [frame(0), replace(slow, detections=detections)])
+    assert cleared(tmp_path) == {}
+    printed = rerun(tmp_path, "rrd", "print", "-v", tmp_path / "out.rrd").stdout
+    rows = [int(count) for count in re.findall(r"with (\d+) rows .* - /world/cameras/left/image - data", printed)]
+    assert sum(rows) == 1
 
 
 def test_labels_never_cover_each_other_nor_leave_the_image() -> None:

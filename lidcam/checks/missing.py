@@ -1,0 +1,104 @@
+"""Sensors whose messages are missing from frames, by span of time."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from lidcam.checks.warning import RunWarning
+from pipeline.core.rig import Rig
+from pipeline.stages.sync.attendance import Absence
+
+__all__ = ["MissingSensor", "SilentSpan", "missing_sensors", "silence_warnings"]
+
+MAX_SPANS_NAMED = 3
+"""Spans of silence in the text about one sensor."""
+
+
+@dataclass(frozen=True, slots=True)
+class SilentSpan:
+    """A span without messages of one sensor.
+
+    Attributes:
+        start_s: When its last message was recorded, in seconds since the start of the recording; None: there was none.
+        end_s: When its next message was recorded; None: none came.
+        frames: Number of frames in the span.
+    """
+
+    start_s: float | None
+    end_s: float | None
+    frames: int
+
+    def __str__(self) -> str:
+        if self.start_s is None and self.end_s is None:
+            return "silent throughout"
+        if self.start_s is None:
+            return f"silent until {self.end_s:.1f} s"
+        return f"silent from {self.start_s:.1f} s to {'the end' if self.end_s is None else f'{self.end_s:.1f} s'}"
+
+
+@dataclass(frozen=True, slots=True)
+class MissingSensor:
+    """A sensor without which frames had to do.
+
+    Attributes:
+        sensor: Its name, or that of its boxes.
+        topic: Its topic.
+        frames: Number of frames without it.
+        of_frames: Number of all frames.
+        silences: Spans in which it sent nothing; their frames are among `frames`.
+    """
+
+    sensor: str
+    topic: str
+    frames: int
+    of_frames: int
+    silences: tuple[SilentSpan, ...]
+
+    @property
+    def spans(self) -> str:
+        """The spans of silence, in words; empty without any."""
+        more = len(self.silences) - MAX_SPANS_NAMED
+        named = ", ".join(map(str, self.silences[:MAX_SPANS_NAMED]))
+        return f"{named} and {more} times more" if more > 0 else named
+
+    def __str__(self) -> str:
+        alive = self.frames - sum(span.frames for span in self.silences)
+        single = f"in {alive} of {self.of_frames} frames" if alive else ""
+        return "; ".join(filter(None, (self.spans, single)))
+
+
+def missing_sensors(absences: Sequence[Absence], rig: Rig, *, of_frames: int, start_ns: int) -> list[MissingSensor]:
+    """The absences of a run by sensor.
+
+    Args:
+        absences: By topic of the rig.
+        rig: Names the sensors.
+        of_frames: Number of frames.
+        start_ns: Log time of the start of the recording.
+    """
+
+    def seconds(log_time_ns: int | None) -> float | None:
+        return None if log_time_ns is None else (log_time_ns - start_ns) / 1e9
+
+    return [
+        MissingSensor(
+            rig.sensor_of_topic[absence.topic],
+            absence.topic,
+            absence.frames,
+            of_frames,
+            tuple(SilentSpan(seconds(s.start_ns), seconds(s.end_ns), s.frames) for s in absence.silences),
+        )
+        for absence in absences
+    ]
+
+
+def silence_warnings(missing: Sequence[MissingSensor]) -> list[RunWarning]:
+    """One for each sensor that was silent for a time."""
+    return [
+        RunWarning(
+            sensor.sensor,
+            f"{sensor.spans}; {sum(span.frames for span in sensor.silences)} of {sensor.of_frames} frames lack it",
+            f"check the sensor, its driver and the recording of {sensor.topic}",
+        )
+        for sensor in missing
+        if sensor.silences
+    ]

@@ -1,0 +1,108 @@
+"""Which sensors' messages were missing from the frames, and when their topics were silent."""
+
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+
+from pipeline.core.frame import Missing
+
+__all__ = ["Absence", "Attendance", "Silence"]
+
+MAX_SILENCES = 100
+"""Spans kept for each topic; further ones prolong the last."""
+
+
+@dataclass(frozen=True, slots=True)
+class Silence:
+    """A span of log time without a message of a topic.
+
+    Attributes:
+        start_ns: Log time of its last message before; None: there was none.
+        end_ns: Log time of its next message; None: none came.
+        frames: Number of frames in it.
+    """
+
+    start_ns: int | None
+    end_ns: int | None
+    frames: int = 0
+
+    def covers(self, log_time_ns: int) -> bool:
+        """Whether a log time lies in the span."""
+        after_start = self.start_ns is None or log_time_ns > self.start_ns
+        return after_start and (self.end_ns is None or log_time_ns < self.end_ns)
+
+
+@dataclass(frozen=True, slots=True)
+class Absence:
+    """What the frames of a run lack of one topic.
+
+    Attributes:
+        topic: The topic.
+        frames: Number of frames without a message of it.
+        silences: Its spans of silence that have frames, in order; these frames are among `frames`.
+    """
+
+    topic: str
+    frames: int
+    silences: tuple[Silence, ...]
+
+    @property
+    def single_frames(self) -> int:
+        """Number of frames without a message of it that were taken while it was alive."""
+        return self.frames - sum(silence.frames for silence in self.silences)
+
+
+class Attendance:
+    """Keeps the spans of silence, and counts frames without a topic's message, over a whole run."""
+
+    def __init__(self) -> None:
+        self._heard_ns: dict[str, int] = {}
+        self._silences: dict[str, list[Silence]] = {}
+        self._frames: Counter[str] = Counter()
+
+    def hear(self, topic: str, log_time_ns: int | None) -> None:
+        """Take note of a topic's last message in a part of the recording; None: there was none."""
+        if log_time_ns is not None:
+            self._heard_ns[topic] = log_time_ns
+
+    def come_back(self, topic: str, log_time_ns: int) -> None:
+        """End the span of silence that the topic is in, if any."""
+        silences = self._silences.get(topic)
+        if silences and silences[-1].end_ns is None:
+            silences[-1] = replace(silences[-1], end_ns=log_time_ns)
+
+    def fall_silent(self, topic: str, heard_ns: int | None) -> None:
+        """Begin a span of silence, unless one has begun.
+
+        Args:
+            topic: The topic.
+            heard_ns: Log time of its last message; None: there was none in this part of the recording.
+        """
+        silences = self._silences.setdefault(topic, [])
+        if silences and silences[-1].end_ns is None:
+            return
+        if len(silences) < MAX_SILENCES:
+            silences.append(Silence(self._heard_ns.get(topic) if heard_ns is None else heard_ns, None))
+        else:
+            silences[-1] = replace(silences[-1], end_ns=None)
+
+    def missing(self, topics: Iterable[str], log_time_ns: int) -> Mapping[str, Missing]:
+        """Count a frame recorded at `log_time_ns` without messages of `topics`; why each of them is missing."""
+        found: dict[str, Missing] = {}
+        for topic in topics:
+            self._frames[topic] += 1
+            found[topic] = Missing.NOT_NEAR
+            silences = self._silences.get(topic, [])
+            for at in range(len(silences))[-2:]:  # frames come out a short time after they were recorded
+                if silences[at].covers(log_time_ns):
+                    silences[at] = replace(silences[at], frames=silences[at].frames + 1)
+                    found[topic] = Missing.SILENT
+        return found
+
+    def absences(self, topics: Iterable[str]) -> tuple[Absence, ...]:
+        """What the frames so far lack, in the order of `topics`; those that were never missing have no entry."""
+        return tuple(
+            Absence(topic, self._frames[topic], tuple(s for s in self._silences.get(topic, ()) if s.frames))
+            for topic in topics
+            if self._frames[topic]
+        )

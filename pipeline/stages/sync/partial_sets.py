@@ -1,0 +1,265 @@
+"""Sets of the messages of one moment, without those of the sensors that are silent.
+
+The policy runs over the required topics that are alive. All other topics join its sets, each with the message nearest
+to the reference message. What is required changes when a topic falls silent or comes back: the policy then begins anew
+with the messages that are in no set yet.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
+
+from pipeline.core.messages import RawMessage
+from pipeline.stages.sync.attendance import Attendance
+from pipeline.stages.sync.liveness import MAX_PERIODS, Liveness
+from pipeline.stages.sync.nearest_partners import NearestPartners
+from pipeline.stages.sync.policy import OnItemDrop, Policy
+
+__all__ = ["FoundSet", "Item", "PartialSets"]
+
+
+class Item(NamedTuple):
+    """A message and its number in the order of arrival."""
+
+    number: int
+    message: RawMessage
+
+
+class FoundSet(NamedTuple):
+    """The messages of one moment.
+
+    Attributes:
+        reference: The one whose stamp the frame takes.
+        by_topic: All, by the topic's index.
+    """
+
+    reference: RawMessage
+    by_topic: Mapping[int, RawMessage]
+
+
+MakePolicy = Callable[[Sequence[str], int, OnItemDrop[Item]], Policy[Item]]
+"""Makes the policy for these topics, the one of this index being the reference."""
+
+
+class PartialSets:
+    """Finds sets; every message ends up in one set or is reported as dropped.
+
+    Args:
+        topics: All topics. If no required one is alive, the first of these that is takes over.
+        required: Topics that a set needs while they are alive.
+        reference: Topic whose messages are the reference while it is alive and required; else it is the first required
+            one that is alive.
+        make_policy: Finds the sets of the required topics.
+        queue_size: Messages held per required topic, and sets that wait for their partners; twice as many messages are
+            held per other topic.
+        slop_ns: Largest distance of the other topics' messages to the reference message.
+        liveness: Of `topics`.
+        attendance: Is told when topics fall silent and come back.
+        on_drop: Called for each message that is in no set.
+    """
+
+    def __init__(
+        self,
+        topics: Sequence[str],
+        *,
+        required: Sequence[str],
+        reference: str,
+        make_policy: MakePolicy,
+        queue_size: int,
+        slop_ns: int,
+        liveness: Liveness,
+        attendance: Attendance,
+        on_drop: OnItemDrop[RawMessage],
+    ) -> None:
+        self._topics = tuple(topics)
+        self._index = {topic: index for index, topic in enumerate(topics)}
+        self._required = [self._index[topic] for topic in required]
+        self._preferred = self._index[reference]
+        self._make_policy = make_policy
+        self._queue_size = queue_size
+        self._slop_ns = slop_ns
+        self._liveness = liveness
+        self._attendance = attendance
+        self._on_drop = on_drop
+
+        self._late: set[int] = set()
+        self._entering: set[int] = set()
+        self._last_ns: int | None = None
+        self._count = 0
+        self._is_changing = False
+        self._held: list[dict[int, Item]] = [{} for _ in topics]  # by the policy, by number
+        self._core: tuple[int, ...] = ()
+        self._place: dict[int, int] = {}
+        self._reference = self._preferred
+        self._policy: Policy[Item]
+        self._partners: NearestPartners[tuple[Item, ...], Item] = NearestPartners(
+            topics,
+            required=(),
+            awaited=(),
+            queue_size=2 * queue_size,  # the policy may hold as many reference messages as the partners do
+            max_references=queue_size,
+            slop_ns=slop_ns,
+            on_drop=lambda item, reason: on_drop(item.message, reason),
+            on_reference_drop=self._drop_set,
+        )
+        self._choose_core()
+
+    def add(self, message: RawMessage) -> list[FoundSet]:
+        """Add the next message, and return the sets now certain."""
+        topic = self._index[message.channel.topic]
+        found: list[FoundSet] = []
+        if silent := self._liveness.advance(message.log_time_ns):
+            self._note_silent(silent)
+            found += self._choose_core()
+        came_back = self._liveness.hear(topic, message.stamp_ns)
+        if came_back:
+            self._attendance.come_back(message.topic, message.log_time_ns)
+        has_caught_up = topic in self._late and self._is_worth_waiting_for(message.stamp_ns)
+        if has_caught_up:
+            self._late.discard(topic)
+        if came_back or has_caught_up:
+            found += self._choose_core(message)
+        if topic in self._place and len(self._held[topic]) >= self._queue_size:
+            oldest_ns = min(item.message.stamp_ns for item in self._held[topic].values())
+            found += self._go_on_without(self._behind(oldest_ns))  # no queue of this size can wait for them
+        self._count += 1
+        return found + self._insert(topic, Item(self._count, message))
+
+    def flush(self) -> list[FoundSet]:
+        """The sets that become certain because no more messages follow."""
+        found: list[FoundSet] = []
+        if silent := self._liveness.end():
+            self._note_silent(silent)
+            found += self._choose_core()
+        newest_ns = max((self._liveness.newest_ns(topic) or 0 for topic in self._core), default=0)
+        found += self._go_on_without(self._behind(newest_ns))
+        found += self._joined(self._policy.flush())
+        return found + self._found(self._partners.flush())
+
+    def close(self) -> None:
+        """Report all messages still held as dropped."""
+        for topic, name in enumerate(self._topics):
+            self._attendance.hear(name, self._liveness.heard_ns(topic))
+        self._policy.close()
+        self._partners.close()
+
+    def _note_silent(self, topics: Sequence[int]) -> None:
+        for topic in topics:
+            self._attendance.fall_silent(self._topics[topic], self._liveness.heard_ns(topic))
+        self._late.difference_update(topics)
+
+    def _insert(self, topic: int, item: Item) -> list[FoundSet]:
+        stamp_ns = item.message.stamp_ns
+        if topic in self._entering and not self._is_of_earlier_set(stamp_ns):
+            self._entering.discard(topic)
+        if topic not in self._place or topic in self._entering:
+            settled = self._partners.add(topic, stamp_ns, item)
+            return self._found(settled) if settled else []
+        self._held[topic][item.number] = item
+        sets = self._policy.add(self._place[topic], stamp_ns, item)
+        return self._joined(sets) if sets else []
+
+    def _is_worth_waiting_for(self, stamp_ns: int) -> bool:
+        """Whether a message is so little behind the last set that half of the queue is enough to wait for its topic."""
+        period_ns = self._liveness.period_ns(self._reference)
+        return self._last_ns is None or stamp_ns > self._last_ns - self._queue_size * period_ns // 2
+
+    def _is_of_earlier_set(self, stamp_ns: int) -> bool:
+        """Whether a message of a topic that is about to be required belongs to a set that was found without it."""
+        return self._last_ns is not None and stamp_ns <= self._last_ns + self._half_period_ns()
+
+    def _half_period_ns(self) -> int:
+        return (self._liveness.period_ns(self._reference) or self._slop_ns) // 2
+
+    def _joined(self, sets: Sequence[tuple[Item, ...]]) -> list[FoundSet]:
+        """Sets of the policy on their way to their partners."""
+        found: list[FoundSet] = []
+        place = self._place[self._reference]
+        for items in sets:
+            for topic, item in zip(self._core, items, strict=True):
+                del self._held[topic][item.number]
+            stamp_ns = items[place].message.stamp_ns
+            self._last_ns = stamp_ns if self._last_ns is None else max(self._last_ns, stamp_ns)
+            # The reference item comes first: the core may be another one when the set is settled.
+            ordered = (items[place], *items[:place], *items[place + 1 :])
+            found += self._found(self._partners.add_reference(stamp_ns, ordered, self._core))
+        return found
+
+    def _found(self, settled: Sequence[tuple[tuple[Item, ...], Mapping[int, Item]]]) -> list[FoundSet]:
+        return [
+            FoundSet(
+                items[0].message,
+                {self._index[item.message.channel.topic]: item.message for item in (*items, *partners.values())},
+            )
+            for items, partners in settled
+        ]
+
+    def _choose_core(self, newcomer: RawMessage | None = None) -> list[FoundSet]:
+        """Require the topics that are alive, and return the sets that become certain thereby.
+
+        Args:
+            newcomer: The message by which a topic is alive again: sets before it are found without that topic.
+        """
+        there = [t for t in range(len(self._topics)) if self._liveness.is_alive(t) and t not in self._late]
+        core = tuple(t for t in self._required if t in there) or tuple(there[:1]) or self._core
+        found: list[FoundSet] = []
+        if core != self._core:
+            if self._core:
+                self._is_changing = True  # what the policy drops now may still be in a set
+                sets = self._policy.flush()
+                self._is_changing = False
+                if newcomer is not None and self._index[newcomer.topic] in core:
+                    place, until_ns = self._place[self._reference], newcomer.stamp_ns - self._half_period_ns()
+                    sets = [items for items in sets if items[place].message.stamp_ns < until_ns]
+                found += self._joined(sets)
+            found += self._begin_anew(core)
+        awaited = [topic for topic in there if topic not in core]
+        return found + self._found(self._partners.wait_for(awaited))
+
+    def _begin_anew(self, core: tuple[int, ...]) -> list[FoundSet]:
+        """Make these topics the policy's, with the messages that are in no set yet."""
+        items = [(item.number, topic, item) for topic, held in enumerate(self._held) for item in held.values()]
+        for topic in set(core) - set(self._core):
+            if self._last_ns is None:
+                items += [(item.number, topic, item) for item in self._partners.take_after(topic, None)]
+                continue
+            after_ns = self._last_ns + self._half_period_ns()
+            items += [(item.number, topic, item) for item in self._partners.take_after(topic, after_ns)]
+            self._entering.add(topic)
+        self._entering &= set(core)
+        for held in self._held:
+            held.clear()
+        self._core, self._place = core, {topic: place for place, topic in enumerate(core)}
+        self._reference = self._preferred if self._preferred in core else core[0]
+        names = [self._topics[topic] for topic in core]
+        self._policy = self._make_policy(names, self._place[self._reference], self._drop_item)
+        found: list[FoundSet] = []
+        for _, topic, item in sorted(items):
+            found += self._insert(topic, item)
+        return found
+
+    def _behind(self, stamp_ns: int) -> set[int]:
+        """Required topics whose newest stamps lie so far before `stamp_ns` that a message of each is overdue."""
+        late: set[int] = set()
+        for topic in self._core:
+            newest_ns = self._liveness.newest_ns(topic)
+            allowed_ns = max(self._slop_ns, round(MAX_PERIODS * self._liveness.period_ns(topic)))
+            if newest_ns is None or newest_ns + allowed_ns < stamp_ns:
+                late.add(topic)
+        return late
+
+    def _go_on_without(self, late: set[int]) -> list[FoundSet]:
+        """Require these topics no longer, and return the sets that become certain thereby."""
+        if not late:
+            return []
+        self._late |= late
+        return self._choose_core()
+
+    def _drop_item(self, item: Item, reason: str) -> None:
+        if self._is_changing:
+            return
+        del self._held[self._index[item.message.topic]][item.number]
+        self._on_drop(item.message, reason)
+
+    def _drop_set(self, items: tuple[Item, ...], reason: str) -> None:
+        for item in items:
+            self._on_drop(item.message, reason)
