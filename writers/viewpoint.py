@@ -17,7 +17,7 @@ SURVEYED_FRAMES = 10
 """Frames after which the eye is placed."""
 
 _ELEVATION_RAD = np.radians(35.0)
-_MARGIN = 1.08
+_MARGIN = 1.12
 _CLEAR = 0.3
 """A mean of unit vectors longer than this has a direction: that of cameras all around is near zero."""
 
@@ -70,7 +70,8 @@ class SceneSurvey:
 
     rig: Rig
     frames: int = 0
-    _objects: list[F64] = field(default_factory=list)
+    _strong: list[F64] = field(default_factory=list)
+    _faint: list[F64] = field(default_factory=list)
     _reach_m: list[float] = field(default_factory=list)
 
     @property
@@ -83,9 +84,10 @@ class SceneSurvey:
         if self.is_complete:
             return
         self.frames += 1
-        strong = strong_objects(result)
-        chosen = result.fused.objects.select(strong if strong.any() else ~strong)
-        self._objects.append(box_corners(chosen.centers, chosen.sizes, chosen.yaws).reshape(-1, 3))
+        objects, strong = result.fused.objects, strong_objects(result)
+        corners = box_corners(objects.centers, objects.sizes, objects.yaws)
+        self._strong.append(corners[strong].reshape(-1, 3))
+        self._faint.append(corners[~strong].reshape(-1, 3))
         points = np.concatenate([result.combined.cloud.xyz[:, :2], result.combined.ground_cloud.xyz[:, :2]])
         if len(points):
             distances = np.linalg.norm(points - self._sensors().mean(0)[:2], axis=1)
@@ -105,7 +107,8 @@ class SceneSurvey:
         center = sensors.mean(0)
         spread_m = float(np.linalg.norm(sensors[:, :2] - center[:2], axis=1).max())
         reach_m = float(np.median(self._reach_m)) if self._reach_m else _EMPTY_REACH_M
-        objects = np.concatenate([*self._objects, np.zeros((0, 3))])
+        strong, faint = (np.concatenate([*found, np.zeros((0, 3))]) for found in (self._strong, self._faint))
+        objects = strong if len(strong) else faint
         away = objects[:, :2] - center[:2]
         front = self._front(away)
         size_m = max(spread_m + reach_m, 0.1)

@@ -110,6 +110,13 @@ def test_what_lies_far_off_or_behind_a_vehicle_does_not_pull_the_eye_back() -> N
     np.testing.assert_allclose(same.eye, near.eye)
 
 
+def test_doubtful_objects_count_only_where_there_are_no_others() -> None:
+    around, sure = rig(lidars=(lidar(10, 0), lidar(-10, 0))), seen([(5, 5)], points=ring(20))
+    doubtful = seen([(0, 22), (0, -22)], points=ring(20), score=0.2)
+    np.testing.assert_allclose(place_eye(around, sure, doubtful).eye, place_eye(around, sure, sure).eye)
+    assert in_view(place_eye(around, doubtful), [[0, 22, 0.8], [0, -22, 0.8]]).all()
+
+
 def test_nothing_seen_gives_a_view_of_the_sensors() -> None:
     view = place_eye(rig(), seen([]))
     assert np.isfinite([*view.eye, *view.target]).all()
