@@ -15,6 +15,7 @@ from lidcam.settings.settle import settle, with_zones
 from lidcam.summary import loss_records
 from pipeline.core.errors import CalibrationError, RecordingError
 from pipeline.core.rig import Rig
+from pipeline.core.settings.config import Config
 from readers.location import Location, RemotePath
 from readers.open import open_recording
 from readers.recording import Loss, ReadOptions, Recording

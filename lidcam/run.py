@@ -29,7 +29,7 @@ from lidcam.frames import (
     synchronized_topics,
 )
 from lidcam.job import Job
-from lidcam.outputs import check_not_overwritten, check_outputs, open_writers
+from lidcam.outputs import check_not_overwritten, check_outputs, open_writers, written_files
 from lidcam.settings.settle import settle, with_zones
 from lidcam.summary import DropTable, RunProgress, RunReport, Tally, UnusedTopic
 from pipeline.core.errors import ConfigError, RecordingError
@@ -83,7 +83,7 @@ def process_recording(job: Job, observer: RunObserver | None = None) -> RunRepor
             for frame in frames:
                 observer.frame(frame)
                 observer.advanced(run.progress)
-        return run.report(job.outputs)
+        return run.report(written_files(job))
 
 
 def iter_frames(job: Job) -> Generator[FrameResult, None, None]:
@@ -114,7 +114,7 @@ def opened(job: Job) -> Iterator["Run"]:
         for path in dict.fromkeys(loss.path for loss in recording.losses):
             logger.warning("%s is damaged or was not closed: what can still be read is read", path)
         check_not_empty(recording)
-        check_not_overwritten(recording.paths, *job.outputs)
+        check_not_overwritten(recording.paths, *written_files(job))
         window = _window(recording, job)
         found = discover_rig(recording, job.config, job.rig, start_ns=window.start_ns, stop_ns=window.stop_ns)
         for fault in found.faults:
@@ -151,9 +151,7 @@ class Run:
         self._checks = (
             LidarCheck(source.rig),
             CalibrationCheck(source.rig, source.config),
-            ObjectCheck(
-                source.recording, source.rig, source.config, source.settings, moves=source.motion is not None
-            ),
+            ObjectCheck(source.recording, source.rig, source.config, source.settings, moves=source.motion is not None),
         )
         started = time.perf_counter()
         reference_topic(source.config, source.rig)

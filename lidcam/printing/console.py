@@ -1,6 +1,7 @@
 """What the commands print: inspections, frames, and the final tables of a run."""
 
 from collections.abc import Sequence
+from pathlib import Path
 
 from rich.console import Console
 
@@ -23,6 +24,7 @@ from pipeline.core.frame import FrameResult
 from pipeline.core.settings.config import Config
 from readers.recording import Loss
 from readers.rig.sensor_topics import SensorFault
+from writers.foxglove.layout import LAYOUT_SUFFIX
 
 __all__ = ["print_detections", "print_inspection", "print_matches", "print_report"]
 
@@ -99,6 +101,7 @@ def print_report(out: Console, report: RunReport) -> None:
         "confirmed": f"{report.confirmed} of {sum(report.objects.values())} objects by a camera",
         "settings": str(report.settings),
         "written": ", ".join(map(str, report.outputs)),
+        **_how_to_look(report.outputs),
     }
     show_table(out, pairs_table("run", facts))
     _print_remarks(out, report.faults, report.notes)
@@ -134,6 +137,17 @@ def print_inspection(out: Console, inspection: Inspection) -> None:
     tell(out, f"2D boxes: {_BOX_SOURCES[inspection.box_source]}")
     tell(out, f"settings: {inspection.settings}")
     _print_warnings(out, inspection.warnings)
+
+
+def _how_to_look(outputs: Sequence[Path]) -> dict[str, str]:
+    """What opens the outputs, by the name of the viewer."""
+    found = {}
+    for path in outputs:
+        if path.name.endswith(LAYOUT_SUFFIX):
+            found["Foxglove"] = f"open the .mcap, then Layouts, Import from file, {path.name} (Lichtblick, too)"
+        elif path.suffix == ".rrd":
+            found["Rerun"] = f"rerun {path}"
+    return found
 
 
 def _print_losses(out: Console, losses: Sequence[Loss]) -> None:

@@ -91,7 +91,7 @@ def flat(count: int) -> FrameResult:
         result,
         combined=replace(result.combined, counts=counts),
         detections=replace(result.detections, lidar=none),
-        fused=Fused(none, np.zeros(0, np.int32)),
+        fused=Fused(none, np.zeros(0, np.int32), np.zeros(0, np.int64)),
     )
 
 
