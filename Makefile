@@ -1,15 +1,17 @@
-# make demo    process the sample recording into out/
+# make demo    process the sample recordings into out/
 # make test    lint, types, tests
 # make check   lint and types only
 # make fuzz    hostile inputs for every decoder, MINUTES=15 of them (Linux)
 # make samples record the sample recordings in bags/ anew
 # make bench   what is measured against what
-# Each installs what it needs into .venv the first time, and only then.
+# Each installs what it needs into .venv the first time, and only then: the demo lidcam alone, the others all extras and the tools of tests, too.
 
 PYTHON ?= python3
 BIN := .venv/bin
 MINUTES ?= 15
 INSTALLED := .venv/installed
+INSTALLED_ALL := .venv/installed-all
+INSTALL = $(BIN)/python -m pip install --disable-pip-version-check --constraint constraints.txt --editable
 
 .PHONY: demo test check fuzz samples bench
 .DELETE_ON_ERROR:
@@ -17,19 +19,22 @@ INSTALLED := .venv/installed
 $(INSTALLED): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "lidcam needs Python 3.11 or newer, found " + sys.version.split()[0] + ": set PYTHON=python3.12 or the like")'
 	$(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[sim,torch,dev]'
+	@echo 'Installing lidcam into .venv: 390 MB to fetch, once'
+	$(INSTALL) .
+	@touch $@
+
+$(INSTALLED_ALL): $(INSTALLED)
+	@echo 'Installing the extras and the tools of the tests into .venv: 1 GB to fetch, once'
+	$(INSTALL) '.[sim,train,video,http,s3,dev]'
 	@touch $@
 
 demo: $(INSTALLED)
-	@mkdir -p out
-	$(BIN)/lidcam-process bags/sandbox.bag out/sandbox.mcap --config config/sandbox.yaml --rerun out/sandbox.rrd
+	$(BIN)/lidcam demo out
 	$(BIN)/lidcam-process bags/crossing.mcap out/crossing.mcap --config config/crossing.yaml --rerun out/crossing.rrd
 	@echo
-	@echo 'Look at it:'
-	@echo '  out/sandbox.rrd, out/crossing.rrd     $(BIN)/rerun out/sandbox.rrd'
-	@echo '  out/sandbox.mcap, out/crossing.mcap   Foxglove or Lichtblick: "Open local file"'
+	@echo 'The second recording: $(BIN)/rerun out/crossing.rrd, or out/crossing.mcap in Foxglove or Lichtblick'
 
-check: $(INSTALLED)
+check: $(INSTALLED_ALL)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy lidcam pipeline readers writers bags tests benchmarks
@@ -37,20 +42,20 @@ check: $(INSTALLED)
 test: check
 	$(BIN)/pytest -n auto --dist loadfile --cov --cov-report=term:skip-covered
 
-fuzz: $(INSTALLED)
+fuzz: $(INSTALLED_ALL)
 	$(BIN)/python tests/fuzz/fuzz.py --minutes $(MINUTES)
 
-samples: $(INSTALLED)
+samples: $(INSTALLED_ALL)
 	$(BIN)/lidcam simulate sandbox bags/sandbox.bag --duration 2 --set 'lidars.*.firing_stride=4' --set 'cameras.*.jpeg_quality=40'
 	$(BIN)/lidcam simulate crossing bags/crossing.mcap --duration 1.4 --set 'cameras.*.rate_hz=5' --set 'cameras.*.jpeg_quality=45'
 
-bench: $(INSTALLED)
+bench: $(INSTALLED_ALL)
 	$(BIN)/python benchmarks/end_to_end.py
 	$(BIN)/python benchmarks/filters.py
 	$(BIN)/python benchmarks/synchronisation.py
 	$(BIN)/python benchmarks/velodyne.py
 	$(BIN)/python benchmarks/simulator.py
 
-config/default.yaml: $(wildcard pipeline/core/settings/*.py) $(INSTALLED)
+config/default.yaml: $(wildcard pipeline/core/settings/*.py) $(INSTALLED_ALL)
 	@printf '# The defaults of every setting: a printed copy of pipeline/core/settings/, which explains each one.\n# Copy the part that you want to change into a file of your own and pass it with --config.\n\n' > $@
 	@$(BIN)/python -c 'from pipeline.core.settings.config import Config; from pipeline.core.settings.load import dump_config; print(dump_config(Config()), end="")' >> $@

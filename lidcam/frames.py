@@ -4,6 +4,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 from lidcam.build import box_source
+from lidcam.settings.choice import AS_GIVEN, UsedSettings
 from lidcam.summary import DropTable
 from pipeline.core.errors import ConfigError
 from pipeline.core.frame import SensorBundle
@@ -45,6 +46,7 @@ class RunInput:
         config: Settings.
         motion: Where the motion of the site frame comes from; None if it stands still.
         window: Part of the recording.
+        settings: Why these settings.
     """
 
     recording: Recording
@@ -52,6 +54,7 @@ class RunInput:
     config: Config
     motion: MotionSource | None = None
     window: TimeWindow = TimeWindow()
+    settings: UsedSettings = AS_GIVEN
 
 
 def sensor_clocks(rig: Rig, drops: DropTable) -> Clocks:

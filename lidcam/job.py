@@ -1,27 +1,31 @@
 """A run as a value: everything it needs to know, nothing open. It can be pickled, and run in another process."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import inf
 from os import PathLike, fspath
 from pathlib import Path
 from typing import TypedDict, get_args
 
+from lidcam.presets.rigs import rig_path
+from lidcam.settings.choice import GIVEN, SettingsChoice, choose_settings
 from pipeline.core.errors import ConfigError, OutputError
 from pipeline.core.settings.config import Config
-from pipeline.core.settings.load import load_config
 from readers.location import Location, RemotePath, location
+from readers.rig.merge import merge_rigs
 from readers.rig.rig_file import load_rig
 from readers.rig.schema import RigFile
 from readers.streams.decoders import OnBadMessage
 
-__all__ = ["FilePath", "Job", "JobOptions", "PathOrUrl", "Settings", "locations", "make_job", "read_rig"]
+__all__ = ["FilePath", "Job", "JobOptions", "PathOrUrl", "RigSource", "Settings", "locations", "make_job", "read_rig"]
 
 DEFAULT_CONFIG = Config()
 
 FilePath = str | PathLike[str]
 PathOrUrl = FilePath | RemotePath
 Settings = Mapping[str, object] | Sequence[str]
+RigSource = RigFile | FilePath | Sequence[RigFile | FilePath]
+"""A rig file, loaded, by its path or by the name of a preset; or several, of which later ones add and replace."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,8 +35,11 @@ class Job:
     Attributes:
         inputs: A recording, or all parts of a split one in order.
         outputs: Files to write; what each is, its name says (`lidcam.outputs.WRITERS`).
-        config: Settings.
-        rig: Sensors and calibration; what it leaves out, and all of it without one, is found in the recording.
+        config: Settings; where the recording decides, those that it is opened with.
+        settings_name: Where they come from: a preset, a file, `defaults` or `as given`.
+        by_preset: Settings of each preset, among which the recording decides; empty: `config` holds.
+        rig: Sensors and calibration, of all rig files together; what it leaves out, and all of it without one, is found
+            in the recording.
         start_s: Seconds of the recording to skip.
         duration_s: Seconds to process; None: to the end.
         on_bad_message: Whether a message that cannot be decoded, or damage of a file, is skipped or ends the run.
@@ -41,6 +48,8 @@ class Job:
     inputs: tuple[Location, ...]
     outputs: tuple[Path, ...] = ()
     config: Config = DEFAULT_CONFIG
+    settings_name: str = GIVEN
+    by_preset: Mapping[str, Config] = field(default_factory=dict)
     rig: RigFile | None = None
     start_s: float = 0.0
     duration_s: float | None = None
@@ -59,14 +68,21 @@ class Job:
         if self.on_bad_message not in get_args(OnBadMessage):
             raise ConfigError(f"on_bad_message: expected skip or fail, found {self.on_bad_message!r}")
 
+    @property
+    def choice(self) -> SettingsChoice:
+        """The settings, or those among which the recording decides."""
+        return SettingsChoice(self.config, self.settings_name, self.by_preset)
+
 
 class JobOptions(TypedDict, total=False):
     """Options of a job, all with a default.
 
     Attributes:
-        config: Settings, or a YAML file of them.
+        config: Settings, the name of a preset (`sandbox`, `crossing`, `road`), or a YAML file; without any, the preset
+            that suits the recording is taken.
         settings: Single settings on top: `{"sync.slop_s": 0.05}` or `["sync.slop_s=0.05"]`.
-        rig: Rig file, loaded or by its path; without it sensors and calibration are found in the recording.
+        rig: Rig file, loaded, by its path or by the name of a preset; or several, of which later ones add to and
+            replace what earlier ones say. Without it sensors and calibration are found in the recording.
         model_2d: 2D network (ONNX, YOLOX layout).
         workers: 1 runs stage after stage; more overlap stages of several frames. The result is the same.
         start_s: Seconds to skip.
@@ -76,7 +92,7 @@ class JobOptions(TypedDict, total=False):
 
     config: Config | FilePath | None
     settings: Settings
-    rig: RigFile | FilePath | None
+    rig: RigSource | None
     model_2d: FilePath | None
     workers: int | None
     start_s: float
@@ -90,7 +106,7 @@ def make_job(
     *,
     config: Config | FilePath | None = None,
     settings: Settings = (),
-    rig: RigFile | FilePath | None = None,
+    rig: RigSource | None = None,
     model_2d: FilePath | None = None,
     workers: int | None = None,
     start_s: float = 0.0,
@@ -107,13 +123,15 @@ def make_job(
     outputs = locations([] if output is None else output)
     if remote := [path for path in outputs if isinstance(path, RemotePath)]:
         raise OutputError(f"{remote[0]}: expected the name of a local file as output")
-    loaded = load_config(config, settings)
     given = {"detect2d.model": model_2d, "run.workers": workers}
-    loaded = load_config(loaded, {key: value for key, value in given.items() if value is not None})
+    more = {key: value for key, value in given.items() if value is not None}
+    choice = choose_settings(config, settings, more)
     return Job(
         inputs=locations(recording),
         outputs=tuple(path for path in outputs if isinstance(path, Path)),
-        config=loaded,
+        config=choice.config,
+        settings_name=choice.name,
+        by_preset=choice.by_preset,
         rig=read_rig(rig),
         start_s=start_s,
         duration_s=duration_s,
@@ -127,10 +145,18 @@ def locations(recording: PathOrUrl | Sequence[PathOrUrl]) -> tuple[Location, ...
     return tuple(one if isinstance(one, RemotePath) else location(fspath(one)) for one in given)
 
 
-def read_rig(rig: RigFile | FilePath | None) -> RigFile | None:
-    """A rig file, loaded or by its path.
+def read_rig(rig: RigSource | None) -> RigFile | None:
+    """Rig files, loaded, by their paths or by the names of presets, as one.
 
     Raises:
-        CalibrationError: it cannot be read, or its content does not fit.
+        CalibrationError: one cannot be read, its content does not fit, or two contradict each other.
     """
-    return rig if rig is None or isinstance(rig, RigFile) else load_rig(Path(rig))
+    given = [] if rig is None else [rig] if isinstance(rig, RigFile | str | PathLike) else [*rig]
+    loaded = []
+    for number, one in enumerate(given, 1):
+        if isinstance(one, RigFile):
+            loaded.append((f"rig {number}", one))
+        else:
+            path = rig_path(one)
+            loaded.append((str(path), load_rig(path)))
+    return merge_rigs(loaded) if loaded else None

@@ -67,15 +67,23 @@ def _scenarios(incomplete: str) -> list[str]:
 
 
 Version = Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")]
-ConfigFile = Annotated[Path | None, typer.Option("--config", metavar="FILE", help="Pipeline settings (YAML).")]
+ConfigFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--config",
+        metavar="PRESET|FILE",
+        help="Settings: sandbox, crossing, road, or a YAML file; without it, what suits the recording.",
+    ),
+]
 Setting = Annotated[list[str] | None, typer.Option("--set", metavar="A.B=C", help="One setting; may be repeated.")]
 RigFile = Annotated[
-    Path | None,
+    list[str] | None,
     typer.Option(
         "--rig",
         metavar="FILE",
-        help="Sensors, calibration and zones (rig YAML, a geometry.yaml with w2c and c2p, or a KITTI calib file); "
-        "without it they are found in the recording.",
+        help="Sensors, calibration and zones: a rig file, a calibration file of KITTI, Kalibr, Autoware or the "
+        "predecessor system, or the name of a preset (original). May be repeated: later ones add to and replace what "
+        "earlier ones say. Without it they are found in the recording.",
     ),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]

@@ -7,19 +7,18 @@ from pathlib import Path
 
 from lidcam.frames import TimeWindow
 from lidcam.inspection import Inspection, inspect_open, inspect_recording, inspection_tree
-from lidcam.job import FilePath
+from lidcam.job import RigSource
 from lidcam.outputs import check_not_overwritten, check_writable
 from lidcam.printing.console import print_inspection
 from lidcam.printing.log import remark_log
 from lidcam.printing.terminal import console
+from lidcam.settings.choice import SettingsChoice
 from lidcam.summary import loss_records
 from pipeline.core.errors import OutputError
-from pipeline.core.settings.config import Config
 from readers.location import Location, location
 from readers.open import open_recording
 from readers.recording import ReadOptions, Recording
-from readers.rig.rig_file import write_rig
-from readers.rig.schema import RigFile
+from readers.rig.rig_file import write_draft
 from readers.streams.per_sensor import sensor_messages
 from writers.mcap.repair import write_repaired
 
@@ -32,16 +31,16 @@ class InspectOptions:
 
     Attributes:
         inputs: The recording.
-        config: Settings.
-        rig: Rig file, if there is one, loaded or by its path.
+        settings: Settings, or those among which the recording decides.
+        rig: Rig files, if there are any, loaded or by their paths.
         write_rig: Rig file to write.
         repair: MCAP to write, with every message that can be read.
         as_json: Print JSON.
     """
 
     inputs: tuple[Location, ...]
-    config: Config
-    rig: RigFile | FilePath | None = None
+    settings: SettingsChoice
+    rig: RigSource | None = None
     write_rig: Path | None = None
     repair: Path | None = None
     as_json: bool = False
@@ -58,16 +57,16 @@ def run_inspect(options: InspectOptions) -> None:
             check_writable(output)
             check_not_overwritten(options.inputs, output)
     if options.repair is None:
-        inspection = inspect_recording(options.inputs, options.config, options.rig)
+        inspection = inspect_recording(options.inputs, options.settings, options.rig)
         check_not_overwritten(inspection.files, options.write_rig)
         _tell(inspection, options)
         return
     with (
-        open_recording(options.inputs, ReadOptions("full_scan", options.config.limits)) as recorded,
+        open_recording(options.inputs, ReadOptions("full_scan", options.settings.config.limits)) as recorded,
         sensor_messages(recorded) as recording,
     ):
         check_not_overwritten(recording.paths, options.write_rig, options.repair)
-        _tell(inspect_open(recording, options.config, options.rig, TimeWindow()), options)
+        _tell(inspect_open(recording, options.settings, options.rig, TimeWindow()), options)
         _repair(recorded, options.repair)
 
 
@@ -78,9 +77,9 @@ def _tell(inspection: Inspection, options: InspectOptions) -> None:
     else:
         print_inspection(out, inspection)
     if options.write_rig is not None:
-        if inspection.rig is None:
+        if inspection.draft is None:
             raise OutputError(f"{options.write_rig}: no rig to write: {inspection.problem}")
-        write_rig(inspection.rig, options.write_rig)
+        write_draft(inspection.draft, options.write_rig)
         remark_log.info("wrote %s", options.write_rig)
 
 

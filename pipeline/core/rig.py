@@ -86,7 +86,7 @@ class Rig:
         site_frame: The frame in which clouds are combined and objects are reported (x forward, y left, z up; REP 103).
         lidars: At least one.
         cameras: Empty for a lidar-only run.
-        zones: An object belongs to the first zone that contains its centre.
+        zones: An object belongs to the first zone that contains its centre; empty where nobody asks for zones.
         ground_height_m: Expected z of the ground at the site origin; None if unknown.
     """
 

@@ -1,8 +1,9 @@
 """Which topic of the recording belongs to which sensor of a rig file.
 
-A sensor with a topic has that topic. One without gets the topic of its own place (`camera_11` and `cam11` are
-`/image_raw_11`). The rest get the topics that are left, in the order of the file and the natural order of the topics,
-and that is noted. A sensor for which no topic is left is noted and left out.
+A sensor with a topic has that topic, or, if the same images were recorded compressed or not compressed, that one. A
+sensor without gets the topic of its own place (`camera_11` and `cam11` are `/image_raw_11`). The rest get the topics
+that are left, in the order of the file and the natural order of the topics, and that is noted. A sensor for which no
+topic is left is noted and left out.
 """
 
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -12,7 +13,7 @@ from typing import TypeVar
 from readers.recording import Recording
 from readers.rig.schema import CameraEntry, LidarEntry
 from readers.rig.sensor_topics import BOXES, CLOUD, IMAGE, CameraTopics, Findings, readable_topics
-from readers.rig.topic_names import place, sensor_names
+from readers.rig.topic_names import place, sensor_names, transport_free
 
 __all__ = ["AssignedCamera", "AssignedLidar", "assign_cameras", "assign_lidars"]
 
@@ -80,6 +81,14 @@ def assign_cameras(
     return assigned
 
 
+def _as_recorded(topic: str, topics: Sequence[str], recorded: Collection[str]) -> str:
+    """The topic, or the one by which the same images were recorded, compressed or not; itself if there is none."""
+    if topic in recorded:
+        return topic
+    same = [other for other in topics if transport_free(other) == transport_free(topic)]
+    return same[0] if len(same) == 1 else topic
+
+
 def _assign(
     entries: Mapping[str, E],
     topics: Sequence[str],
@@ -91,8 +100,9 @@ def _assign(
     """Topic by sensor, in the order of the entries."""
     chosen: dict[str, str] = {}
     for name, entry in entries.items():
-        if not (topic := topic_of(entry)):
+        if not (named := topic_of(entry)):
             continue
+        topic = _as_recorded(named, topics, recorded)
         if topic not in recorded:
             findings.leave_out(name, topic, f"the recording has no {what} on this topic")
         elif topic in chosen.values():

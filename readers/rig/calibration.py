@@ -1,12 +1,12 @@
 """The calibration of one sensor, from its entry in the rig file and from the recording."""
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from pipeline.core.arrays import F64
 from pipeline.core.camera import CameraModel
-from pipeline.core.errors import CalibrationError
+from pipeline.core.errors import CalibrationError, FrameError
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.rig import CameraSensor, LidarSensor
 from readers.messages.camera_info import camera_model, distortion_model, rectified_camera_model
@@ -14,14 +14,34 @@ from readers.messages.tf import RecordedTransforms, clean_frame
 from readers.rig.assignment import AssignedCamera, AssignedLidar
 from readers.rig.extrinsics import decompose_projection, rigid_transform
 from readers.rig.first_messages import FirstMessages
-from readers.rig.schema import CameraEntry
+from readers.rig.schema import POSE, CameraEntry, LidarEntry
 from readers.rig.sensor_topics import BOXES, CAMERA_INFO, CLOUD, IMAGE, CameraTopics
 from readers.rig.topic_names import is_rectified, transport_free
 
-__all__ = ["OWN_SITE", "SensorSource", "calibrate_camera", "calibrate_lidar"]
+__all__ = [
+    "OWN_SITE",
+    "Frames",
+    "Lens",
+    "SensorSource",
+    "calibrate_camera",
+    "calibrate_lidar",
+    "camera_extrinsics",
+    "camera_frame",
+    "camera_intrinsics",
+    "check_complete",
+    "recorded_size",
+]
 
 OWN_SITE = "its frame is the site frame"
 """Source of the pose of a lidar that has the site frame."""
+
+PARTS = {
+    **dict.fromkeys(("T_site_lidar", "T_camera_site", "T_site_camera", *POSE), ("extrinsics",)),
+    **dict.fromkeys(("K", "distortion", "distortion_model"), ("intrinsics",)),
+    **dict.fromkeys(("width_px", "height_px"), ("image size",)),
+    "P": ("intrinsics", "extrinsics"),
+}
+"""What a key of a rig file is part of."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,8 +65,41 @@ class SensorSource:
     time_offset_ms: float = 0.0
 
 
+@dataclass(frozen=True, slots=True)
+class Frames:
+    """Where frames lie in the site.
+
+    Attributes:
+        site: The site frame.
+        transforms: Transforms of the rig file and the recording.
+        sensors: T_site_sensor of the sensors that are calibrated so far, by name.
+    """
+
+    site: str
+    transforms: RecordedTransforms
+    sensors: dict[str, Transform] = field(default_factory=dict)
+
+    def origin(self, parent: str) -> Transform:
+        """T_site_parent of what a pose refers to: the site frame itself if `parent` is empty.
+
+        Raises:
+            FrameError: nothing joins the parent with the site frame.
+        """
+        if not parent:
+            return Transform.identity(self.site, self.site)
+        if parent in self.sensors:
+            return self.sensors[parent]
+        try:
+            return self.transforms.lookup(self.site, clean_frame(parent))
+        except FrameError as err:
+            raise FrameError(
+                f"its pose refers to {parent}: {err}; give the pose of {parent} in a rig file (transforms: "
+                f"{{{self.site}: {{{parent}: {{translation_m: [x, y, z], rpy_deg: [r, p, y]}}}}}})"
+            ) from err
+
+
 def calibrate_lidar(
-    lidar: AssignedLidar, frame: str, site: str, first: FirstMessages, transforms: RecordedTransforms
+    lidar: AssignedLidar, frame: str, frames: Frames, first: FirstMessages
 ) -> tuple[LidarSensor, SensorSource]:
     """A lidar with the pose of the rig file, else of tf.
 
@@ -56,24 +109,26 @@ def calibrate_lidar(
         MessageError: no cloud of the lidar can be decoded.
     """
     first.decoded(lidar.topic, CLOUD)
-    entry = lidar.entry
-    if entry.T_site_lidar is not None:
-        T_site_lidar, source = rigid_transform("T_site_lidar", site, frame, entry.T_site_lidar), "rig file"
-    elif (pose := entry.pose_in_site()) is not None:
-        T_site_lidar, source = rigid_transform("its pose", site, frame, pose), "rig file"
+    entry, site = lidar.entry, frames.site
+    check_complete(entry)
+    if entry.has_pose:
+        values = entry.matrix() if entry.T_site_lidar is None else entry.T_site_lidar
+        origin = frames.origin(entry.parent)
+        name = "its pose" if entry.T_site_lidar is None else "T_site_lidar"
+        pose = rigid_transform(name, origin.src, frame, values)
+        T_site_lidar = origin @ pose if entry.parent else pose  # to the bit as it was given
+        source = _rig_source(entry)
     elif site == frame:
         T_site_lidar, source = Transform.identity(site, frame), OWN_SITE
     else:
-        T_site_lidar, source = transforms.lookup(site, frame), f"tf: {site} <- {frame}"
+        T_site_lidar, source = frames.transforms.lookup(site, frame), f"tf: {site} <- {frame}"
     return (
         LidarSensor(lidar.name, lidar.topic, T_site_lidar, entry.time_offset_ns),
         SensorSource(lidar.name, lidar.topic, frame, "", source, entry.time_offset_ms),
     )
 
 
-def calibrate_camera(
-    camera: AssignedCamera, site: str, first: FirstMessages, transforms: RecordedTransforms
-) -> tuple[CameraSensor, SensorSource]:
+def calibrate_camera(camera: AssignedCamera, frames: Frames, first: FirstMessages) -> tuple[CameraSensor, SensorSource]:
     """A camera with intrinsics of the rig file, else of CameraInfo, and extrinsics of the rig file, else of tf.
 
     Raises:
@@ -81,57 +136,140 @@ def calibrate_camera(
         FrameError: tf does not join the frames.
         MessageError: no image, or no CameraInfo, of the camera can be decoded.
     """
-    entry, topics = camera.entry, camera.topics
+    topics = camera.topics
     if topics.image:
         first.decoded(topics.image, IMAGE)
-    frame = (
-        clean_frame(entry.frame_id)
+    check_complete(camera.entry)
+    lens = camera_intrinsics(camera, first)
+    T_camera_site, extrinsics = camera_extrinsics(camera, lens.T_model_camera.src, frames)
+    pose, entry = lens.T_model_camera @ T_camera_site, camera.entry
+    return (
+        CameraSensor(camera.name, topics.image, topics.boxes, lens.model, pose, entry.time_offset_ns),
+        SensorSource(camera.name, topics.topic, lens.model.frame_id, lens.source, extrinsics, entry.time_offset_ms),
+    )
+
+
+def check_complete(entry: LidarEntry | CameraEntry, *parts: str) -> None:
+    """Whether the rig file has a value for every key of a sensor that it names.
+
+    Args:
+        entry: The sensor.
+        parts: Parts of the calibration that are looked at, `intrinsics` or `extrinsics`; without any, all keys.
+
+    Raises:
+        CalibrationError: it has not; says which part is missing, and why.
+    """
+    reasons: dict[str, dict[str, None]] = {}
+    for key, reason in entry.missing.items():
+        missing = PARTS.get(key, (key,))
+        if not parts or {*parts} & {*missing}:
+            reasons.setdefault(reason, {}).update(dict.fromkeys(missing))
+    if reasons:
+        raise CalibrationError("; ".join(f"{_are(names)} {reason}" for reason, names in reasons.items()))
+
+
+def _are(names: Iterable[str]) -> str:
+    text = " and ".join(names)
+    return f"{text} {'are' if text.endswith('s') else 'is'}"
+
+
+@dataclass(frozen=True, slots=True)
+class Lens:
+    """A camera's intrinsics.
+
+    Attributes:
+        model: The model of its images.
+        T_model_camera: From the camera's frame to the model's: rectified images have axes of their own.
+        source: Where they were found.
+    """
+
+    model: CameraModel
+    T_model_camera: Transform
+    source: str
+
+
+def camera_frame(camera: AssignedCamera, first: FirstMessages) -> str:
+    """The frame of a camera: as the rig file says, else CameraInfo, its images or its boxes; empty if none does."""
+    topics = camera.topics
+    return (
+        clean_frame(camera.entry.frame_id)
         or (topics.info and first.frame(topics.info, CAMERA_INFO))
         or (topics.image and first.frame(topics.image, IMAGE))
         or (topics.boxes and first.frame(topics.boxes, BOXES))
     )
+
+
+def recorded_size(topics: CameraTopics, first: FirstMessages) -> tuple[int, int] | None:
+    """(width, height) in pixels of a camera's images, else as CameraInfo says; None if nothing does."""
+    size = first.image_size(topics.image, IMAGE) if topics.image else None
+    if size is None and topics.info and not first.missing(topics.info, CAMERA_INFO):
+        info = first.decoded(topics.info, CAMERA_INFO)
+        size = int(info.width), int(info.height)
+    return size
+
+
+def camera_intrinsics(camera: AssignedCamera, first: FirstMessages) -> Lens:
+    """Intrinsics of the rig file, else of CameraInfo.
+
+    Raises:
+        CalibrationError: they are missing or not valid, or not for images of the recorded size.
+        MessageError: no CameraInfo of the camera can be decoded.
+    """
+    entry, topics, frame = camera.entry, camera.topics, camera_frame(camera, first)
     if entry.P is not None or entry.K is not None:
         frame = frame or f"{transport_free(topics.topic).strip('/').replace('/', '_')}_optical"
-        model, from_projection = _model_of_entry(entry, topics, frame, first)
-        T_model_camera, intrinsics = Transform.identity(frame, frame), "rig file"
+        lens = Lens(_model_of_entry(entry, topics, frame, first), Transform.identity(frame, frame), "rig file")
     else:
         model, T_model_camera = _model_of_info(entry, topics, frame, first)
-        from_projection = None
-        intrinsics = f"{topics.info} ({model.model if model.distortion.any() else 'no distortion'})"
+        source = f"{topics.info} ({model.model if model.distortion.any() else 'no distortion'})"
+        lens = Lens(model, T_model_camera, source)
     size = first.image_size(topics.image, IMAGE) if topics.image else None
-    if size is not None and size != (model.width_px, model.height_px):
+    if size is not None and size != (lens.model.width_px, lens.model.height_px):
         raise CalibrationError(
-            f"its images are {size[0]} x {size[1]} px, but the calibration ({intrinsics}) is for "
-            f"{model.width_px} x {model.height_px} px"
+            f"its images are {size[0]} x {size[1]} px, but the calibration ({lens.source}) is for "
+            f"{lens.model.width_px} x {lens.model.height_px} px"
         )
-    T_camera_site, extrinsics = _camera_pose(entry, from_projection, T_model_camera.src, site, transforms)
-    return (
-        CameraSensor(
-            camera.name, topics.image, topics.boxes, model, T_model_camera @ T_camera_site, entry.time_offset_ns
-        ),
-        SensorSource(camera.name, topics.topic, model.frame_id, intrinsics, extrinsics, entry.time_offset_ms),
-    )
+    return lens
 
 
-def _model_of_entry(
-    entry: CameraEntry, topics: CameraTopics, frame: str, first: FirstMessages
-) -> tuple[CameraModel, F64 | None]:
-    """The model, and T_camera_site (4, 4) if the entry gives P."""
+def camera_extrinsics(camera: AssignedCamera, frame: str, frames: Frames) -> tuple[Transform, str]:
+    """T_camera_site and its source; `frame` is the camera's.
+
+    Raises:
+        CalibrationError: the pose is missing or not valid.
+        FrameError: tf does not join the frames.
+    """
+    entry = camera.entry
+    if not entry.has_pose:
+        if not frame:
+            raise CalibrationError("no message of it names its frame: give its pose in a rig file (--rig)")
+        return frames.transforms.lookup(frame, frames.site), f"tf: {frames.site} <- {frame}"
+    origin = frames.origin(entry.parent)
+    if entry.P is not None:
+        pose = rigid_transform("P's pose", frame, origin.src, decompose_projection("P", entry.P)[1])
+    elif entry.T_camera_site is not None:
+        pose = rigid_transform("T_camera_site", frame, origin.src, entry.T_camera_site)
+    elif entry.T_site_camera is not None:
+        pose = rigid_transform("T_site_camera", origin.src, frame, entry.T_site_camera).inverse()
+    else:
+        pose = rigid_transform("its pose", origin.src, frame, entry.matrix()).inverse()
+    return pose @ origin.inverse() if entry.parent else pose, _rig_source(entry)
+
+
+def _rig_source(entry: LidarEntry | CameraEntry) -> str:
+    return f"rig file, by {entry.parent}" if entry.parent else "rig file"
+
+
+def _model_of_entry(entry: CameraEntry, topics: CameraTopics, frame: str, first: FirstMessages) -> CameraModel:
     width, height = entry.width_px, entry.height_px
     if width is None or height is None:
-        size = first.image_size(topics.image, IMAGE) if topics.image else None
-        if size is None and topics.info:
-            info = first.decoded(topics.info, CAMERA_INFO)
-            size = int(info.width), int(info.height)
+        size = recorded_size(topics, first)
         if size is None:
             raise CalibrationError("the recording does not say how large its images are: give width_px and height_px")
         width, height = size
-    if entry.P is not None:
-        K, matrix = decompose_projection("P", entry.P)
-    else:
-        K, matrix = np.array(entry.K, np.float64).reshape(3, 3), None
+    K = np.array(entry.K, np.float64).reshape(3, 3) if entry.P is None else decompose_projection("P", entry.P)[0]
     model, coefficients = distortion_model(entry.distortion_model, entry.distortion)
-    return CameraModel(frame, width, height, K, model, coefficients), matrix
+    return CameraModel(frame, width, height, K, model, coefficients)
 
 
 def _model_of_info(
@@ -151,20 +289,3 @@ def _model_of_info(
             f"{model.width_px} x {model.height_px} px"
         )
     return model, T_model_camera
-
-
-def _camera_pose(
-    entry: CameraEntry, from_projection: F64 | None, frame: str, site: str, transforms: RecordedTransforms
-) -> tuple[Transform, str]:
-    """T_camera_site and its source."""
-    if from_projection is not None:
-        return rigid_transform("P's pose", frame, site, from_projection), "rig file"
-    if entry.T_camera_site is not None:
-        return rigid_transform("T_camera_site", frame, site, entry.T_camera_site), "rig file"
-    if entry.T_site_camera is not None:
-        return rigid_transform("T_site_camera", site, frame, entry.T_site_camera).inverse(), "rig file"
-    if (pose := entry.pose_in_site()) is not None:
-        return rigid_transform("its pose", site, frame, pose).inverse(), "rig file"
-    if not frame:
-        raise CalibrationError("no message of it names its frame: give its pose in a rig file (--rig)")
-    return transforms.lookup(frame, site), f"tf: {site} <- {frame}"

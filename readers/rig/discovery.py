@@ -1,43 +1,25 @@
 """The rig of a recording: the sensors whose calibration is valid, and why the others are left out."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-import numpy as np
-
-from pipeline.core.errors import CalibrationError, FrameError, LidcamError, RecordingError
-from pipeline.core.rig import CameraSensor, LidarSensor, Rig, Zone, default_zones
+from pipeline.core.errors import CalibrationError, LidcamError
+from pipeline.core.rig import CameraSensor, LidarSensor, Rig
 from pipeline.core.settings.config import Config
-from readers.messages.tf import RecordedTransforms, clean_frame, read_transforms
-from readers.recording import Recording, TopicInfo
-from readers.rig.assignment import AssignedLidar, assign_cameras, assign_lidars
-from readers.rig.calibration import OWN_SITE, SensorSource, calibrate_camera, calibrate_lidar
-from readers.rig.first_messages import FirstMessages
+from readers.messages.tf import RecordedTransforms
+from readers.recording import Recording
+from readers.rig.assignment import AssignedCamera, AssignedLidar
+from readers.rig.calibration import OWN_SITE, Frames, SensorSource, calibrate_camera, calibrate_lidar
 from readers.rig.schema import RigFile
-from readers.rig.sensor_topics import CAMERA_INFO, CLOUD, Findings, SensorFault, find_camera_topics, find_lidar_topics
-from readers.rig.topic_names import place
+from readers.rig.search import FoundSensors, find_sensors
+from readers.rig.sensor_topics import Findings, SensorFault
 
-__all__ = ["Discovery", "discover_rig"]
+__all__ = ["Discovery", "calibrated_rig", "discover_rig", "parents_first"]
 
-BEYOND_SITE = frozenset({"earth", "utm"})
-"""Frames with coordinates of millions of metres, in which float32 points would lose their centimetres."""
-
-
-RAW_LIDAR = frozenset(
-    {
-        "livox_ros_driver/msg/CustomMsg",
-        "livox_ros_driver2/msg/CustomMsg",
-        "nebula_msgs/msg/NebulaPackets",
-        "ouster_ros/msg/PacketMsg",
-        "ouster_sensor_msgs/msg/PacketMsg",
-        "pandar_msgs/msg/PandarScan",
-        "rslidar_msg/msg/RslidarPacket",
-    }
-)
-"""Types of what a lidar sends, which only its driver can turn into clouds."""
+Assigned = AssignedLidar | AssignedCamera
 
 MAX_LISTED = 10
-"""Topics that an error lists at most."""
+"""Cameras that an error lists at most."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,118 +67,86 @@ def discover_rig(
         CalibrationError: no lidar is usable, with the reason for each; or the poses of several lidars are unknown.
         RecordingError: the recording has no clouds, or cannot be read.
     """
-    rig_file = rig_file or RigFile()
-    first = FirstMessages(recording, config.velodyne)
-    transforms = read_transforms(recording, start_ns=start_ns, stop_ns=stop_ns)
-    of_lidars, of_cameras = Findings(), Findings()
-    lidar_topics = find_lidar_topics(recording, config.topics, first, of_lidars)
-    lidars = assign_lidars(rig_file.lidars, lidar_topics, recording, of_lidars)
-    if not lidars and rig_file.lidars == {}:
-        raise CalibrationError("the rig file says `lidars: {}`, no lidar: name one, or leave `lidars` out to use all")
-    if not lidars and not of_lidars.faults:
-        raise RecordingError(_no_clouds(recording, config))
-    camera_topics = find_camera_topics(recording, config.topics, first, of_cameras)
-    taken = {lidar.name for lidar in lidars} | {"lidar", "fused"}
-    cameras = assign_cameras(rig_file.cameras, camera_topics, recording, of_cameras, taken=taken)
+    return calibrated_rig(find_sensors(recording, config, rig_file, start_ns=start_ns, stop_ns=stop_ns))
 
-    named = {
-        lidar.name: clean_frame(lidar.entry.frame_id) or first.frame(lidar.topic, CLOUD)
-        for lidar in lidars
-        if not first.missing(lidar.topic, CLOUD)
-    }
-    frames = _lidar_frames(lidars, named, transforms)
-    camera_frames = {first.frame(camera.topics.info, CAMERA_INFO) for camera in cameras if camera.topics.info}
-    wanted = clean_frame(config.rig.site_frame or rig_file.site_frame)
-    site = wanted or _site_frame(list(frames.values()), camera_frames, transforms)
 
-    sources: list[SensorSource] = []
-    lidar_sensors: list[LidarSensor] = []
-    for lidar in lidars:
+def calibrated_rig(found: FoundSensors) -> Discovery:
+    """The rig of the sensors that were found.
+
+    Raises:
+        CalibrationError: no lidar is usable, with the reason for each; or the poses of several lidars are unknown.
+    """
+    _check_site_is_named(found)
+    of_lidars = Findings([*found.of_lidars.faults], [*found.of_lidars.notes])
+    of_cameras = Findings([*found.of_cameras.faults], [*found.of_cameras.notes])
+    frames, sources = Frames(found.site, found.transforms), dict[str, SensorSource]()
+    lidar_sensors: dict[str, LidarSensor] = {}
+    camera_sensors: dict[str, CameraSensor] = {}
+    for sensor in parents_first((*found.lidars, *found.cameras)):
         try:
-            sensor, source = calibrate_lidar(lidar, frames[lidar.name], site, first, transforms)
+            if isinstance(sensor, AssignedLidar):
+                lidar, source = calibrate_lidar(sensor, found.frames[sensor.name], frames, found.first)
+                lidar_sensors[sensor.name] = lidar
+                frames.sensors[sensor.name] = lidar.T_site_lidar
+            else:
+                camera, source = calibrate_camera(sensor, frames, found.first)
+                camera_sensors[sensor.name] = camera
+                frames.sensors[sensor.name] = camera.T_camera_site.inverse()
         except LidcamError as err:
-            of_lidars.leave_out(lidar.name, lidar.topic, err)
+            if isinstance(sensor, AssignedLidar):
+                of_lidars.leave_out(sensor.name, sensor.topic, err)
+            else:
+                of_cameras.leave_out(sensor.name, sensor.topics.topic, err)
         else:
-            lidar_sensors.append(sensor)
-            sources.append(source)
+            sources[sensor.name] = source
     if not lidar_sensors:
-        raise CalibrationError(_no_lidar(of_lidars.faults, site))
-    used = [source.topic for source in sources]
-    apart = [lidar.topic for lidar in lidars if named.get(lidar.name) == "" and lidar.topic not in used]
-    if apart and all(source.extrinsics == OWN_SITE for source in sources):
-        raise CalibrationError(_no_poses(recording, used + apart))
+        raise CalibrationError(_no_lidar(of_lidars.faults, found.site))
+    used = [lidar.topic for lidar in lidar_sensors.values()]
+    apart = [lidar.topic for lidar in found.lidars if found.named.get(lidar.name) == "" and lidar.topic not in used]
+    if apart and all(sources[name].extrinsics == OWN_SITE for name in lidar_sensors):
+        raise CalibrationError(_no_poses(found.recording, used + apart))
 
-    camera_sensors: list[CameraSensor] = []
-    for camera in cameras:
-        try:
-            camera_sensor, source = calibrate_camera(camera, site, first, transforms)
-        except LidcamError as err:
-            of_cameras.leave_out(camera.name, camera.topics.topic, err)
-        else:
-            camera_sensors.append(camera_sensor)
-            sources.append(source)
-    rig = Rig(site, tuple(lidar_sensors), tuple(camera_sensors), _zones(rig_file), rig_file.ground_height_m)
-    faults, notes = of_lidars.faults + of_cameras.faults, of_lidars.notes + of_cameras.notes
-    return Discovery(rig, tuple(faults), tuple(sources), tuple(notes), transforms)
-
-
-def _zones(rig_file: RigFile) -> tuple[Zone, ...]:
-    if rig_file.zones is None:
-        return default_zones()
-    return tuple(Zone(name, np.array(corners, np.float64)) for name, corners in rig_file.zones.items())
-
-
-def _lidar_frames(
-    lidars: Sequence[AssignedLidar], named: Mapping[str, str], transforms: RecordedTransforms
-) -> dict[str, str]:
-    """Frame by lidar: as named, else one in tf with the lidar's name or a part of its topic, else its name."""
-    frames = {lidar.name: named.get(lidar.name, "") for lidar in lidars}
-    known = transforms.fixed.frames - set(frames.values())
-    for lidar in lidars:
-        if not frames[lidar.name]:
-            words = (lidar.name, *place(lidar.topic))
-            frames[lidar.name] = next((word for word in words if word in known), lidar.name)
-            known -= {frames[lidar.name]}
-    return frames
-
-
-def _site_frame(lidar_frames: Sequence[str], camera_frames: set[str], transforms: RecordedTransforms) -> str:
-    ends: list[tuple[str, str]] = []
-    for frame in lidar_frames:
-        try:
-            chain = transforms.fixed.chain(frame)
-        except FrameError:  # a circle: the lidar itself is reported when its pose is looked up
-            continue
-        chain = chain[: next((i for i, name in enumerate(chain) if name in BEYOND_SITE and i), len(chain))]
-        ends.append((frame, "base_link" if transforms.are_joined("base_link", frame) else chain[-1]))
-    if not ends:
-        return lidar_frames[0] if lidar_frames else ""
-    roots = [root for _, root in ends]
-    root = max(roots, key=roots.count)  # the first of equals
-    if root in camera_frames or root.endswith(("optical", "optical_frame")):
-        return next(frame for frame, end in ends if end == root)
-    return root
-
-
-def _no_clouds(recording: Recording, config: Config) -> str:
-    apart = f", apart from {', '.join(config.topics.exclude)}" if config.topics.exclude else ""
-    expected = (
-        f"{', '.join(str(path) for path in recording.paths)}: expected a topic of lidar clouds "
-        f"({' or '.join(sorted(CLOUD))}){apart}"
+    rig = Rig(
+        found.site,
+        tuple(lidar_sensors[lidar.name] for lidar in found.lidars if lidar.name in lidar_sensors),
+        tuple(camera_sensors[camera.name] for camera in found.cameras if camera.name in camera_sensors),
+        found.zones,
+        found.rig_file.ground_height_m,
     )
-    if raw := [info for info in recording.topics if info.msgtype in RAW_LIDAR]:
-        return (
-            f"{expected}; found {_listed(raw)}, which lidcam does not read yet: play the recording through the lidar's "
-            "driver and record the clouds that it publishes"
+    faults, notes = of_lidars.faults + of_cameras.faults, of_lidars.notes + of_cameras.notes
+    names = [sensor.name for sensor in rig.lidars] + [sensor.name for sensor in rig.cameras]
+    return Discovery(rig, tuple(faults), tuple(sources[name] for name in names), tuple(notes), found.transforms)
+
+
+def parents_first(sensors: Sequence[Assigned]) -> list[Assigned]:
+    """Sensors in an order in which those that a pose refers to come before it; those of a circle come last."""
+    waiting, ordered = [*sensors], list[Assigned]()
+    while waiting:
+        names = {sensor.name for sensor in waiting}
+        ready = [sensor for sensor in waiting if sensor.entry.parent not in names] or waiting
+        ordered += ready
+        waiting = [sensor for sensor in waiting if sensor not in ready]
+    return ordered
+
+
+def _check_site_is_named(found: FoundSensors) -> None:
+    """Whether poses of the rig file refer to a frame that has a name.
+
+    Without it, the poses of other sensors in that frame are unknown, and any site frame would move them against it.
+
+    Raises:
+        CalibrationError: they do not.
+    """
+    if found.is_site_named:
+        return
+    lidars = [lidar.name for lidar in found.lidars if lidar.entry.has_pose and not lidar.entry.parent]
+    cameras = [camera.name for camera in found.cameras if camera.entry.has_pose and not camera.entry.parent]
+    if lidars:
+        raise CalibrationError(
+            f"site_frame is missing in the rig file: name the frame that the pose of {', '.join(lidars)} is given in"
         )
-    there = any(info.msgtype in CLOUD for info in recording.topics)
-    remedy = "see topics.exclude and topics.lidars of the settings" if there else "record the clouds of the driver, too"
-    return f"{expected}; found topics: {_listed(recording.topics) or 'none'}; {remedy}"
-
-
-def _listed(topics: Sequence[TopicInfo]) -> str:
-    more = f" and {len(topics) - MAX_LISTED} more" if len(topics) > MAX_LISTED else ""
-    return ", ".join(f"{info.topic} ({info.msgtype}, {info.message_count})" for info in topics[:MAX_LISTED]) + more
+    if cameras:
+        raise CalibrationError(_no_site_frame(found, cameras))
 
 
 def _no_poses(recording: Recording, topics: Sequence[str]) -> str:
@@ -212,4 +162,16 @@ def _no_lidar(faults: Sequence[SensorFault], site: str) -> str:
     return (
         f"no lidar is usable in site frame {site!r}: {reasons}; give the lidars' poses in a rig file (--rig), "
         "or another site frame (--set rig.site_frame=FRAME)"
+    )
+
+
+def _no_site_frame(found: FoundSensors, cameras: Sequence[str]) -> str:
+    lidars, site = [lidar.name for lidar in found.lidars], found.site
+    more = f" and {len(cameras) - MAX_LISTED} more" if len(cameras) > MAX_LISTED else ""
+    known = all(frame == site or found.transforms.are_joined(site, frame) for frame in found.frames.values())
+    or_else = f"; or, if that frame is {site!r} of the recording, --set rig.site_frame={site}" if known else ""
+    return (
+        f"the rig file gives the pose of {', '.join(cameras[:MAX_LISTED])}{more} in a frame that it does not name, so "
+        f"where the lidars ({', '.join(lidars)}) are in it is unknown: give a second --rig with `site_frame: NAME` and "
+        f"`lidars: {{{lidars[0]}: {{translation_m: [x, y, z], rpy_deg: [r, p, y]}}, ...}}`{or_else}"
     )

@@ -7,16 +7,24 @@ import yaml
 
 from pipeline.core.arrays import F64
 from pipeline.core.errors import CalibrationError, OutputError
+from pipeline.core.geometry.transform import Transform
 from pipeline.core.rig import Rig
 from pipeline.core.settings.bounded_yaml import read_yaml
-from readers.rig.importers import import_geometry, import_kitti
-from readers.rig.schema import RigFile, parse_rig
+from readers.rig.draft import DraftCamera, RigDraft
+from readers.rig.importers.autoware import import_autoware
+from readers.rig.importers.kalibr import import_kalibr
+from readers.rig.importers.kitti import import_kitti
+from readers.rig.importers.predecessor import import_calib_txt, import_geometry
+from readers.rig.schema import TODO, RigFile, parse_rig
 
-__all__ = ["load_rig", "rig_yaml", "write_rig"]
+__all__ = ["draft_yaml", "load_rig", "rig_yaml", "write_draft", "write_rig"]
 
 
 def load_rig(path: str | Path) -> RigFile:
-    """A rig file of lidcam, a geometry.yaml (`w2c`, `c2p`) or a calibration file of KITTI; the content says which.
+    """A rig file of lidcam, or a calibration file of another system; the content says which.
+
+    Known are the predecessor system's geometry.yaml (`w2c`, `c2p`) and calib.txt, the files of KITTI, Kalibr's camchain
+    and Autoware's sensors_calibration and sensor_kit_calibration.
 
     Raises:
         CalibrationError: the file cannot be read, or its content does not fit; names the file and the key.
@@ -27,10 +35,14 @@ def load_rig(path: str | Path) -> RigFile:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as err:
         raise CalibrationError(f"{path}: cannot be read as a rig file: {err}") from err
-    if rig := import_kitti(text, path):
-        return rig
+    for import_text in (import_calib_txt, import_kitti):
+        if rig := import_text(text, path):
+            return rig
     tree = read_yaml(path)
-    return import_geometry(tree, path) or parse_rig(tree, path)
+    for import_tree in (import_geometry, import_kalibr, import_autoware):
+        if rig := import_tree(tree, path):
+            return rig
+    return parse_rig(tree, path)
 
 
 class _Row(list[float]):
@@ -85,15 +97,80 @@ def rig_yaml(rig: Rig) -> str:
     return _HEADER + yaml.dump(tree, Dumper=_Dumper, sort_keys=False, width=120, allow_unicode=True)
 
 
+def draft_yaml(draft: RigDraft) -> str:
+    """The text of a rig file with every sensor that was found; what is not known is `TODO`, with the reason."""
+    lines = [_HEADER.rstrip(), *_key("site_frame", draft.site_frame, draft.site_source)]
+    if draft.ground_height_m is not None:
+        lines += _key("ground_height_m", draft.ground_height_m)
+    lines += ["lidars:" if draft.lidars else "lidars: {}"]
+    for lidar in draft.lidars:
+        values = _key("topic", lidar.topic, f"{lidar.msgtype}, {lidar.size}")
+        values += _key("frame_id", lidar.frame_id)
+        values += _pose("T_site_lidar", lidar.T_site_lidar, lidar.problem)
+        lines += [f"  {lidar.name}:", *(f"    {line}" for line in values)]
+    lines += ["cameras:" if draft.cameras else "cameras: {}"]
+    for camera in draft.cameras:
+        lines += [f"  {camera.name}:", *(f"    {line}" for line in _camera_lines(camera))]
+    lines += ["zones:" if draft.zones else "zones: {}"]
+    for zone in draft.zones:
+        lines += [f"  {line}" for line in _key(zone.name, _rows(zone.polygon_site))]
+    return "".join(f"{line}\n" for line in lines)
+
+
+def _camera_lines(camera: DraftCamera) -> list[str]:
+    lines = _key("topic", camera.topic, camera.msgtype) if camera.topic else []
+    if camera.boxes_topic:
+        lines += _key("boxes_topic", camera.boxes_topic, "" if camera.topic else camera.msgtype)
+    if camera.frame_id:
+        lines += _key("frame_id", camera.frame_id)
+    width, height = camera.size_px or (TODO, TODO)
+    lines += [*_key("width_px", width), *_key("height_px", height)]
+    if camera.model is None:
+        why = f"TODO 3 x 3, pixels; then distortion_model and distortion ({camera.model_problem})"
+        lines += _key("K", TODO, why)
+    else:
+        lines += _key("K", _rows(camera.model.K))
+        lines += _key("distortion_model", camera.model.model)
+        lines += _key("distortion", _Row(camera.model.distortion.tolist()))
+    return lines + _pose("T_camera_site", camera.T_camera_site, camera.pose_problem)
+
+
+def _pose(key: str, pose: Transform | None, problem: str) -> list[str]:
+    if pose is not None:
+        return _key(key, _rows(pose.matrix))
+    return _key(key, TODO, f"TODO 4 x 4, metres; or translation_m and rpy_deg in its place ({problem})")
+
+
+def _key(key: str, value: Any, comment: str = "") -> list[str]:
+    """Lines of one key, with a comment behind the first."""
+    text = yaml.dump({key: value}, Dumper=_Dumper, sort_keys=False, width=1000, allow_unicode=True)
+    first, *more = text.splitlines()
+    comment = "".join(letter if letter.isprintable() else " " for letter in comment)
+    return [f"{first} # {comment}" if comment else first, *more]
+
+
+def write_draft(draft: RigDraft, path: Path) -> None:
+    """Write `draft_yaml`; the file appears whole or not at all.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    _write(draft_yaml(draft), path)
+
+
 def write_rig(rig: Rig, path: Path) -> None:
     """Write `rig_yaml`; the file appears whole or not at all.
 
     Raises:
         OutputError: the file cannot be written.
     """
+    _write(rig_yaml(rig), path)
+
+
+def _write(text: str, path: Path) -> None:
     part = path.with_name(f"{path.name}.part")
     try:
-        part.write_text(rig_yaml(rig), encoding="utf-8")
+        part.write_text(text, encoding="utf-8")
         part.replace(path)
     except OSError as err:
         part.unlink(missing_ok=True)

@@ -2,7 +2,8 @@
 
 Every value that is left out is taken from the recording: extrinsics from tf, a camera's intrinsics from CameraInfo, a
 topic by its name. Without `lidars` (or `cameras`) all lidars of the recording are used; `{}` means none. Matrices may
-be nested or flat.
+be nested or flat. A value `TODO`, as `lidcam inspect --write-rig` writes it, is still missing: the sensor is left out
+until somebody gives it.
 """
 
 from collections.abc import Mapping
@@ -17,7 +18,10 @@ from pipeline.core.arrays import F64
 from pipeline.core.errors import CalibrationError
 from pipeline.core.settings.validation.check import checked
 
-__all__ = ["CameraEntry", "LidarEntry", "RigFile", "parse_rig"]
+__all__ = ["POSE", "TODO", "CameraEntry", "LidarEntry", "Pose", "RigFile", "parse_rig"]
+
+TODO = "TODO"
+"""A value that is still to be given."""
 
 
 def _shaped(rows: int, columns: int) -> BeforeValidator:
@@ -42,46 +46,34 @@ class _Model(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-_POSE = ("translation_m", "rotation_xyzw", "rpy_deg")
+POSE = ("translation_m", "rotation_xyzw", "rpy_deg")
+"""Keys of a pose as translation and rotation."""
 
 
-class _Sensor(_Model):
-    """A sensor and, optionally, its pose in the site frame as translation and rotation.
+class Pose(_Model):
+    """The pose of a frame in another, as translation and rotation.
 
     Attributes:
-        topic: Topic of its clouds or images; empty: the recording's topic of that name, else by order.
-        frame_id: Its frame; empty: as recorded; a lidar whose messages name none gets the one that tf has by its name.
-        translation_m: Position of the sensor.
+        translation_m: Position of its origin.
         rotation_xyzw: Orientation as a unit quaternion.
-        rpy_deg: Orientation as roll about x, then pitch about y, then yaw about z of the site (REP 103).
-        time_offset_ms: Recorded stamp minus time of measurement, in milliseconds; it is taken off the stamps.
+        rpy_deg: Orientation as roll about x, then pitch about y, then yaw about z of the other frame (REP 103).
     """
 
-    topic: str = ""
-    frame_id: str = ""
     translation_m: Three | None = None
     rotation_xyzw: tuple[float, float, float, float] | None = None
     rpy_deg: Three | None = None
-    time_offset_ms: float = Field(default=0.0, allow_inf_nan=False)
-
-    @property
-    def time_offset_ns(self) -> int:
-        """`time_offset_ms` in nanoseconds."""
-        return round(self.time_offset_ms * 1e6)
 
     @property
     def given(self) -> set[str]:
         """Keys that have a value."""
         return {*self.model_dump(exclude_none=True)}
 
-    def pose_in_site(self) -> F64 | None:
-        """T_site_sensor (4, 4) from translation and rotation; None without either.
+    def matrix(self) -> F64:
+        """T_other_this (4, 4) from translation and rotation; what is not given is zero.
 
         Raises:
             CalibrationError: the quaternion is not of unit length.
         """
-        if not self.given & {*_POSE}:
-            return None
         matrix = np.eye(4)
         matrix[:3, 3] = self.translation_m or (0.0, 0.0, 0.0)
         if self.rpy_deg is not None:
@@ -93,11 +85,39 @@ class _Sensor(_Model):
             matrix[:3, :3] = Rotation.from_quat(self.rotation_xyzw).as_matrix()
         return matrix
 
+    @model_validator(mode="after")
+    def _one_rotation(self) -> "Pose":
+        self._at_most_one(("rotation_xyzw",), ("rpy_deg",))
+        return self
+
     def _at_most_one(self, *forms: tuple[str, ...]) -> None:
         """Refuse extrinsics in two forms; a form is a tuple of keys that go together."""
         found = [keys[0] for form in forms if (keys := [key for key in form if key in self.given])]
         if len(found) > 1:
             raise ValueError(f"extrinsics are given twice, as {' and '.join(found)}: keep one")
+
+
+class _Sensor(Pose):
+    """A sensor, optionally with its pose in the site frame.
+
+    Attributes:
+        topic: Topic of its clouds or images; empty: the recording's topic of that name, else by order.
+        frame_id: Its frame; empty: as recorded; a lidar whose messages name none gets the one that tf has by its name.
+        parent: What its extrinsics refer to in place of the site frame: a frame, or the name of a sensor of the rig.
+        time_offset_ms: Recorded stamp minus time of measurement, in milliseconds; it is taken off the stamps.
+        missing: Why a key has no value, by key: it is still `TODO`, or its value cannot be used.
+    """
+
+    topic: str = ""
+    frame_id: str = ""
+    parent: str = ""
+    time_offset_ms: float = Field(default=0.0, allow_inf_nan=False)
+    missing: dict[str, str] = Field(default_factory=dict)
+
+    @property
+    def time_offset_ns(self) -> int:
+        """`time_offset_ms` in nanoseconds."""
+        return round(self.time_offset_ms * 1e6)
 
 
 class LidarEntry(_Sensor):
@@ -109,10 +129,14 @@ class LidarEntry(_Sensor):
 
     T_site_lidar: Matrix44 | None = None
 
+    @property
+    def has_pose(self) -> bool:
+        """Whether extrinsics are given, in any form."""
+        return bool(self.given & {"T_site_lidar", *POSE})
+
     @model_validator(mode="after")
     def _one_form(self) -> "LidarEntry":
-        self._at_most_one(("T_site_lidar",), _POSE)
-        self._at_most_one(("rotation_xyzw",), ("rpy_deg",))
+        self._at_most_one(("T_site_lidar",), POSE)
         return self
 
 
@@ -141,14 +165,22 @@ class CameraEntry(_Sensor):
     T_site_camera: Matrix44 | None = None
     P: Matrix34 | None = None
 
+    @property
+    def has_pose(self) -> bool:
+        """Whether extrinsics are given, in any form."""
+        return bool(self.given & {"T_camera_site", "T_site_camera", "P", *POSE})
+
     @model_validator(mode="after")
     def _one_form(self) -> "CameraEntry":
-        self._at_most_one(("T_camera_site",), ("T_site_camera",), ("P",), _POSE)
-        self._at_most_one(("rotation_xyzw",), ("rpy_deg",))
+        self._at_most_one(("T_camera_site",), ("T_site_camera",), ("P",), POSE)
         self._at_most_one(("K",), ("P",))
-        if self.distortion and self.K is None and self.P is None:
+        if self.distortion and self.K is None and self.P is None and not {"K", "P"} & {*self.missing}:
             raise ValueError("distortion without K or P: give both or neither")
         return self
+
+
+Edges = dict[str, dict[str, Pose]]
+"""Poses of frames by parent frame, then by child frame."""
 
 
 class RigFile(_Model):
@@ -159,7 +191,9 @@ class RigFile(_Model):
         ground_height_m: Expected z of the ground at the site's origin.
         lidars: By name.
         cameras: By name.
-        zones: Corners x, y in the site frame, by name; left out: `intersection` y >= 0, `circle` y < 0.
+        zones: Corners x, y in the site frame, by name; left out: those of the settings (`rig.zones`).
+        transforms: Fixed transforms between frames, in place of the recording's.
+        default_transforms: The same, for child frames that neither `transforms` nor the recording's tf has.
     """
 
     site_frame: str = ""
@@ -167,14 +201,17 @@ class RigFile(_Model):
     lidars: dict[Name, LidarEntry] | None = None
     cameras: dict[Name, CameraEntry] | None = None
     zones: dict[Name, Annotated[tuple[tuple[float, float], ...], Field(min_length=3)]] | None = None
+    transforms: Edges = Field(default_factory=dict)
+    default_transforms: Edges = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _names_are_unique(self) -> "RigFile":
         if twice := sorted(set(self.lidars or ()) & set(self.cameras or ())):
             raise ValueError(f"{', '.join(twice)} names a lidar and a camera: every sensor needs a name of its own")
-        posed = [name for name, lidar in (self.lidars or {}).items() if lidar.given & {"T_site_lidar", *_POSE}]
-        if posed and not self.site_frame:
-            raise ValueError(f"site_frame is missing: name the frame that the pose of {', '.join(posed)} is given in")
+        for edges in (self.transforms, self.default_transforms):
+            children = [child for row in edges.values() for child in row]
+            if twice := sorted({child for child in children if children.count(child) > 1}):
+                raise ValueError(f"transforms: {twice[0]} has two parents: keep one")
         return self
 
 
@@ -184,4 +221,25 @@ def parse_rig(tree: Mapping[str, Any], path: Path) -> RigFile:
     Raises:
         CalibrationError: a key is unknown or a value does not fit; names `path`.
     """
+    tree = {key: _without_todo(part, path) if key in ("lidars", "cameras") else part for key, part in tree.items()}
     return checked(RigFile, tree, path, CalibrationError)
+
+
+def _without_todo(sensors: Any, path: Path) -> Any:
+    """Sensors by name, with every value that is still to be given under `missing`."""
+    if not isinstance(sensors, Mapping):
+        return sensors
+    parsed = {}
+    for name, entry in sensors.items():
+        todo = {key for key, value in entry.items() if _is_todo(value)} if isinstance(entry, Mapping) else set()
+        parsed[name] = entry
+        if todo:
+            given = {key: value for key, value in entry.items() if key not in todo}
+            parsed[name] = given | {"missing": dict.fromkeys(sorted(todo), f"still {TODO} in {path.name}")}
+    return parsed
+
+
+def _is_todo(value: Any) -> bool:
+    if isinstance(value, list | tuple):
+        return any(map(_is_todo, value))
+    return isinstance(value, str) and value.strip() == TODO

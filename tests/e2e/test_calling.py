@@ -33,7 +33,7 @@ def frames_in(path: Path) -> int:
     return counts["/fused/detections"]
 
 
-@pytest.mark.parametrize("option", ["--print-detections", "--print-matches", "--json"])
+@pytest.mark.parametrize("option", ["--print-detections", "--json"])
 def test_a_reader_that_leaves_does_not_end_the_run(
     option: str, sandbox: Path, sandbox_config: Path, tmp_path: Path
 ) -> None:
@@ -43,7 +43,7 @@ def test_a_reader_that_leaves_does_not_end_the_run(
     assert done.stderr == ""
     _, code = done.stdout.splitlines()
     assert code == "0"
-    assert [path.name for path in tmp_path.iterdir()] == ["out.mcap"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["out.foxglove.json", "out.mcap"]
     assert frames_in(tmp_path / "out.mcap") == 20
 
 
@@ -60,19 +60,27 @@ def test_neither_does_one_of_errors(sandbox: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(shutil.which("script") is None, reason="needs script of util-linux")
-@pytest.mark.parametrize("width", [80, 120])
-def test_tables_fit_the_terminal(sandbox: Path, tmp_path: Path, width: int) -> None:
+def test_tables_fit_the_terminal(sandbox: Path, tmp_path: Path) -> None:
     command = f"{PROGRAM} inspect {sandbox}"
     piped = shell(command, tmp_path).stdout
     assert max(map(len, piped.splitlines())) > 120  # there a row is a line
-    done = shell(f"script -qec '{command}' /dev/null", tmp_path, COLUMNS=str(width), TERM="dumb")
+    done = shell(f"script -qec '{command}' /dev/null", tmp_path, COLUMNS="80", TERM="dumb")
     lines = [line.rstrip() for line in done.stdout.splitlines()]
-    assert max(map(len, lines)) <= width
+    assert max(map(len, lines)) <= 80
     numbers = re.compile(r"(?<= )\d+(?:\.\d+)?(?= |$)")
     rows = piped[piped.index("topics") : piped.index("site frame")]
     shown = "\n".join(lines)
     shown = shown[shown.index("topics") : shown.index("site frame")]
     assert numbers.findall(shown) == numbers.findall(rows)
+
+
+@pytest.mark.skipif(shutil.which("script") is None, reason="needs script of util-linux")
+@pytest.mark.parametrize(("option", "has_bar"), [("--json", True), ("--quiet", False), ("--print-matches", False)])
+def test_a_bar_on_a_terminal(sandbox: Path, tmp_path: Path, option: str, has_bar: bool) -> None:
+    command = f"{PROGRAM} process {sandbox} out.mcap {shlex.join(PART)} {option}"
+    done = shell(f"script -qec '{command}' /dev/null", tmp_path, COLUMNS="100", TERM="xterm")
+    assert done.returncode == 0, done.stdout
+    assert bool(re.search(r"\d frames, [\d.]+ a second, \d+ objects, \d+ dropped", done.stdout)) == has_bar
 
 
 def test_quiet_is_the_result_alone(lidcam: Lidcam, sandbox: Path, tmp_path: Path) -> None:
@@ -163,3 +171,24 @@ def test_completion_is_installed_for_the_shell(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert "installed" in done.stdout
     assert any("lidcam" in path.name for path in tmp_path.rglob("*") if path.is_file())
+
+
+@pytest.mark.parametrize("folder", ["file", "file/inside"])
+def test_the_demo_needs_a_folder(lidcam: Lidcam, tmp_path: Path, folder: str) -> None:
+    (tmp_path / "file").touch()
+    run = lidcam("demo", tmp_path / folder)
+    assert run.code == 1
+    assert "expected a folder to write to" in run.error_line
+
+
+def test_the_demo_prints_what_the_readme_shows(lidcam: Lidcam, tmp_path: Path) -> None:
+    readme = (Path(__file__).resolve().parents[2] / "README.md").read_text(encoding="utf-8")
+    table = readme.split("of which the first is\n\n```\n")[1].split("...\n```")[0]
+    assert table.startswith("objects\n")
+    run = lidcam("demo", tmp_path / "a" / "b", "-q")
+    assert (run.code, run.err) == (0, "")
+    assert frames_in(tmp_path / "a" / "b" / "sandbox.mcap") == 20
+    assert run.out.startswith(table)
+    _, shown = run.out.split("\nLook at it:\n")
+    assert f"rerun {tmp_path}/a/b/sandbox.rrd" in shown
+    assert f"inspect {tmp_path}/a/b/sandbox.bag" in shown

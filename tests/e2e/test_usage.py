@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+import yaml
 from command import Lidcam
 from results import fused_objects
 
@@ -122,14 +123,26 @@ def test_a_written_rig_gives_the_same_objects(
     assert any(fused_objects(given).values())
 
 
-def test_the_readme_shows_what_the_demo_prints(
+def test_a_rig_in_two_files_gives_the_same_bytes(
     lidcam: Lidcam, sandbox: Path, sandbox_config: Path, tmp_path: Path
 ) -> None:
-    readme = (sandbox.parents[1] / "README.md").read_text(encoding="utf-8")
-    shown = readme.split("The first table is:\n\n```\n")[1].split("...\n```")[0]
-    run = lidcam("process", sandbox, tmp_path / "out.mcap", "--config", sandbox_config)
-    assert shown.startswith("objects\n")
-    assert shown in run.out
+    rig, one, two = tmp_path / "rig.yaml", tmp_path / "one.mcap", tmp_path / "two.mcap"
+    assert lidcam("inspect", sandbox, "--write-rig", rig).code == 0
+    tree = yaml.safe_load(rig.read_text())
+    lenses = {
+        name: {key: camera.pop(key) for key in ("K", "distortion_model", "distortion")}
+        for name, camera in tree["cameras"].items()
+    }
+    (tmp_path / "poses.yaml").write_text(yaml.safe_dump(tree, sort_keys=False))
+    (tmp_path / "lenses.yaml").write_text(yaml.safe_dump({"cameras": lenses}, sort_keys=False))
+    options = ("--config", sandbox_config, "--duration", "0.3")
+    assert lidcam("process", sandbox, one, *options, "--rig", rig).code == 0
+    parts = ("--rig", tmp_path / "poses.yaml", "--rig", tmp_path / "lenses.yaml")
+    assert lidcam("process", sandbox, two, *options, *parts).code == 0
+    assert one.read_bytes() == two.read_bytes()
+    run = lidcam("inspect", sandbox, *parts, "--rig", "no_rig")
+    assert run.code == 1
+    assert "no_rig: expected a preset (original) or a rig file, found neither" in run.error_line
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")

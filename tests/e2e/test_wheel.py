@@ -1,11 +1,15 @@
 """The wheel, in an environment of its own, from another folder: what a user gets."""
 
 import os
+import re
 import subprocess
 import sys
 import venv
 from pathlib import Path
+from zipfile import ZipFile
 
+import trove_classifiers
+from packaging.metadata import Metadata
 from results import fused_objects
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -18,10 +22,35 @@ def run(*command: object, cwd: Path) -> str:
     return done.stdout
 
 
+def check_metadata(wheel: Path) -> None:
+    """What an index shows: a licence with its text, who, what and where, and a page whose links work there."""
+    with ZipFile(wheel) as files:
+        names = set(files.namelist())
+        (name,) = (name for name in names if name.endswith(".dist-info/METADATA"))
+        metadata = Metadata.from_email(files.read(name), validate=True)
+    assert metadata.license_expression == "Apache-2.0 AND BSD-3-Clause"
+    assert {f"{name.split('/')[0]}/licenses/{text}" for text in metadata.license_files or ()} < names
+    assert metadata.author == "lidcam developers"
+    assert metadata.keywords
+    assert {"Homepage", "Documentation", "Issues"} <= set(metadata.project_urls or ())
+    assert set(metadata.classifiers or ()) <= trove_classifiers.classifiers
+    assert {"Typing :: Typed", *(f"Programming Language :: Python :: 3.{n}" for n in (11, 12, 13))} <= set(
+        metadata.classifiers or ()
+    )
+    assert {"sim", "train", "video", "http", "s3"} <= set(metadata.provides_extra or ())
+    assert metadata.description_content_type == "text/markdown"
+    links = re.findall(r"\]\(([^)]+)\)", metadata.description or "")
+    assert links
+    assert [link for link in links if not link.startswith("https://")] == []
+    assert {f"{package}/py.typed" for package in ("lidcam", "pipeline", "readers", "writers", "bags")} < names
+
+
 def test_wheel_runs_elsewhere(tmp_path: Path, sandbox: Path, sandbox_config: Path) -> None:
     # sdist first, wheel from it: a file that the sdist lacks is missing from the wheel, too
     run(sys.executable, "-m", "build", "--no-isolation", "--outdir", tmp_path / "dist", cwd=ROOT)
     (wheel,) = (tmp_path / "dist").glob("*.whl")
+    assert wheel.stat().st_size < 10_000_000
+    check_metadata(wheel)
     venv.create(tmp_path / "env", with_pip=True)
     python, elsewhere = tmp_path / "env" / "bin" / "python", tmp_path / "elsewhere"
     elsewhere.mkdir()
@@ -36,6 +65,10 @@ def test_wheel_runs_elsewhere(tmp_path: Path, sandbox: Path, sandbox_config: Pat
     )
     assert run(python, "-c", scenarios, cwd=elsewhere).strip() == str(["crossing", "sandbox", "street"])
     simulate = [str(python.with_name("lidcam")), "simulate", "sandbox", "out.bag"]
+    demo = run(python.with_name("lidcam"), "demo", cwd=elsewhere)
+    assert f"{python.with_name('rerun')} lidcam-demo/sandbox.rrd" in demo
+    assert {path.suffix for path in (elsewhere / "lidcam-demo").iterdir()} >= {".bag", ".mcap", ".rrd"}
+    assert any(fused_objects(elsewhere / "lidcam-demo" / "sandbox.mcap").values())
     failed = subprocess.run(simulate, cwd=elsewhere, capture_output=True, text=True, check=False)
     assert failed.returncode == 1
     assert "which is not installed: pip install 'lidcam[sim]'" in failed.stderr

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from document_commands import pages
 from results import fused_objects
 
 import lidcam
@@ -42,7 +43,7 @@ def test_importing_it_loads_nothing_heavy() -> None:
 
 
 def test_objects_are_those_of_the_file(run: lidcam.RunResult) -> None:
-    (output,) = run.report.outputs
+    output, _ = run.report.outputs
     recorded = fused_objects(output)
     assert run.frames == len(recorded)
     expected = [(stamp_ns, one) for stamp_ns, found in recorded.items() for one in found]
@@ -165,10 +166,13 @@ def test_the_text_form_is_a_short_table(run: lidcam.RunResult) -> None:
     assert repr(none) == "0 objects, site frame 'site'"
 
 
-@pytest.mark.parametrize("page", ["README.md", "docs/python.md"])
-def test_examples_of_the_documents_run(page: str, tmp_path: Path) -> None:
+PAGES = [path for path in pages() if "```python" in path.read_text(encoding="utf-8")]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda path: path.name)
+def test_examples_of_the_documents_run(page: Path, tmp_path: Path) -> None:
     """All blocks of a page as one script, beside a recording of the name that they use."""
-    blocks = re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(encoding="utf-8"), re.DOTALL)
+    blocks = re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
     assert blocks
     (tmp_path / "drive.bag").symlink_to(SANDBOX)
     body = "\n".join(blocks).replace("\n", "\n    ")
@@ -182,8 +186,8 @@ def test_examples_of_the_documents_run(page: str, tmp_path: Path) -> None:
 def test_several_outputs_by_their_endings(tmp_path: Path) -> None:
     outputs = [tmp_path / "out.mcap", tmp_path / "out.rrd"]
     run = lidcam.process(SANDBOX, outputs, config=CONFIG, duration_s=0.2)
-    assert run.report.outputs == tuple(outputs)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["out.mcap", "out.rrd"]
+    assert run.report.outputs == (*outputs, tmp_path / "out.foxglove.json")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["out.foxglove.json", "out.mcap", "out.rrd"]
 
 
 @pytest.mark.parametrize(
@@ -201,3 +205,13 @@ def test_outputs_that_cannot_be(
     monkeypatch.chdir(tmp_path)
     with pytest.raises(lidcam.OutputError, match=fault):
         lidcam.process(SANDBOX, names, config=CONFIG)
+
+
+def test_a_folder_where_the_layout_would_be(tmp_path: Path) -> None:
+    (tmp_path / "out.foxglove.json").mkdir()
+    with pytest.raises(lidcam.OutputError, match=r"out\.foxglove\.json: .* found a folder"):
+        lidcam.process(SANDBOX, tmp_path / "out.mcap", config=CONFIG)
+    without = lidcam.process(
+        SANDBOX, tmp_path / "out.mcap", config=CONFIG, settings={"output.layout": False}, duration_s=0.2
+    )
+    assert without.report.outputs == (tmp_path / "out.mcap",)

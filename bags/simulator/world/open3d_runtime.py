@@ -1,15 +1,42 @@
-"""Makes Open3D importable on machines without libusb.
+"""Makes Open3D importable, or says what the machine lacks for it.
 
 The wheel of Open3D 0.20 links against libusb-1.0 (for depth cameras, which lidcam never opens). Desktops have it, bare
 containers do not, and installing it needs root. The package `libusb-package` ships a build that, once loaded, satisfies
-the dynamic linker.
+the dynamic linker. The wheel also links against libraries of graphics, which no package on the index ships.
 """
 
 import ctypes
+import sys
 
 import libusb_package
 
-__all__ = ["load_libusb"]
+from pipeline.core.errors import LidcamError
+
+__all__ = ["check_libraries", "load_libusb"]
+
+LIBRARIES = {
+    "libEGL.so.1": "libegl1",
+    "libGL.so.1": "libgl1",
+    "libX11.so.6": "libx11-6",
+    "libidn2.so.0": "libidn2-0",
+    "libudev.so.1": "libudev1",
+}
+"""What the wheel for Linux links against and a bare machine may lack, with the names of Debian's packages."""
+
+
+def check_libraries() -> None:
+    """Look for the system's libraries; fast, since Open3D itself is not loaded.
+
+    Raises:
+        LidcamError: some are missing.
+    """
+    missing = [name for name in LIBRARIES if sys.platform == "linux" and not _is_there(name)]
+    if missing:
+        packages = " ".join(LIBRARIES[name] for name in missing)
+        raise LidcamError(
+            f"the simulator needs {', '.join(missing)}, against which Open3D is linked, and this machine lacks them: "
+            f"apt-get install {packages}, or the same by your system's names"
+        )
 
 
 def load_libusb() -> None:
@@ -19,3 +46,11 @@ def load_libusb() -> None:
         OSError: the library cannot be loaded.
     """
     ctypes.CDLL(str(libusb_package.get_library_path()), mode=ctypes.RTLD_GLOBAL)
+
+
+def _is_there(library: str) -> bool:
+    try:
+        ctypes.CDLL(library)
+    except OSError:
+        return False
+    return True

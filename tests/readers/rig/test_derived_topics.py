@@ -98,7 +98,8 @@ def test_the_calibration_of_the_original_goes_to_the_parts_in_their_order(tmp_pa
     }
     (tmp_path / "geometry.yaml").write_text(yaml.safe_dump({"cameras": cameras}))
     recording = sensor_messages(MemoryRecording([FUSED, VIEWS]))
-    found = discover_rig(recording, Config(), load_rig(tmp_path / "geometry.yaml"))
+    in_base = Config.model_validate({"rig": {"site_frame": "base"}})
+    found = discover_rig(recording, in_base, load_rig(tmp_path / "geometry.yaml"))
     assert [(c.name, c.topic, c.T_camera_site.matrix[0, 3]) for c in found.rig.cameras] == [
         ("camera_11", "/camera_msgs_combined/camera_1", 0.25),
         ("camera_44", "/camera_msgs_combined/camera_2", 0.5),

@@ -19,6 +19,7 @@ from readers.rig.rig_file import load_rig
 C2P = [[504.78216005824515, 0, 320.5, 0], [0, 504.78216005824515, 240.5, 0], [0, 0, 1, 0]]
 W2C_11 = [[1, 0, 0, 0.143], [0, 0, -1, 0.393], [0, 1, 0, -0.371], [0, 0, 0, 1]]  # at (-0.143, 0.371, 0.393), looks +y
 W2C_12 = [[1, 0, 0, 0.1], [0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 1]]  # two zero rows, as published
+IN_SITE = Config.model_validate({"rig": {"site_frame": "site"}})
 POINTS = np.array([[-0.1, 1.4, 0.1], [0.3, 2.0, 0.0], [-0.6, 1.7, 0.2]])
 
 
@@ -53,7 +54,7 @@ def test_geometry_yaml(tmp_path: Path, nested: bool, axes: np.ndarray[Any, Any])
     }
     (tmp_path / "geometry.yaml").write_text(yaml.safe_dump({"cameras": cameras, "other": 1}))
     recording = MemoryRecording([cloud("site"), image_message("/image_raw_11"), image_message("/image_raw_12")])
-    found = discover_rig(recording, Config(), load_rig(tmp_path / "geometry.yaml"))
+    found = discover_rig(recording, IN_SITE, load_rig(tmp_path / "geometry.yaml"))
     assert [(c.name, c.topic, c.model.width_px) for c in found.rig.cameras] == [("camera_11", "/image_raw_11", 640)]
     assert [(f.sensor, f.topic) for f in found.faults] == [("camera_12", "/image_raw_12")]
     assert "singular" in found.faults[0].reason
@@ -67,7 +68,7 @@ def test_geometry_yaml_with_a_singular_projection(tmp_path: Path) -> None:
     cameras = {"camera_11": {"w2c": W2C_11, "c2p": np.zeros((3, 4)).tolist()}}
     (tmp_path / "geometry.yaml").write_text(yaml.safe_dump(cameras))
     found = discover_rig(
-        MemoryRecording([cloud("s"), image_message("/image_raw_11")]), Config(), load_rig(tmp_path / "geometry.yaml")
+        MemoryRecording([cloud("site"), image_message("/image_raw_11")]), IN_SITE, load_rig(tmp_path / "geometry.yaml")
     )
     assert "singular" in found.faults[0].reason
 

@@ -183,6 +183,22 @@ def test_camera_calibration_in_every_form(calibration: dict[str, Any]) -> None:
     assert [zone.name for zone in found.rig.zones] == ["lane"]
 
 
+@pytest.mark.parametrize(
+    ("tree", "reason"),
+    [
+        ({"lidars": {"a": {"T_site_lidar": EYE}}}, "site_frame is missing in the rig file: .* pose of a is given in"),
+        ({"cameras": {"cam11": {"K": K, "T_camera_site": LOOK_X}}}, r"the pose of cam11 .* where the lidars \(a, b\)"),
+    ],
+)
+def test_poses_in_a_frame_without_a_name_are_refused(tree: dict[str, Any], reason: str) -> None:
+    with pytest.raises(CalibrationError, match=reason):
+        apply(tree)
+    named = tree | {"site_frame": "a"}
+    assert apply(named).rig.site_frame == "a"
+    in_a = Config.model_validate({"rig": {"site_frame": "a"}})
+    assert discover_rig(recorded(), in_a, parse_rig(tree, Path("rig.yaml"))).rig.site_frame == "a"
+
+
 SKEWED = [[1, 0.1, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
 
 
@@ -229,6 +245,29 @@ def test_unsound_lidars_are_faults_until_none_is_left() -> None:
         apply({"site_frame": "a", "lidars": {"x": {"topic": "/a_points", "translation_m": [1, 0, 0]}}, "cameras": {}})
 
 
+def test_transforms_that_are_not_rigid_are_refused() -> None:
+    with pytest.raises(CalibrationError, match="transforms: imu: rotation_xyzw: expected a quaternion of length 1"):
+        apply({"transforms": {"a": {"imu": {"rotation_xyzw": [0, 0, 0, 3]}}}})
+    with pytest.raises(CalibrationError, match="the pose of a moves frame 'a' against itself"):
+        apply({"transforms": {"a": {"a": {"translation_m": [0, 0, 3]}}}})
+
+
+def test_poses_that_refer_to_each_other_are_faults() -> None:
+    pose = {"K": K, "T_camera_site": LOOK_X}
+    cameras = {"cam11": {**pose, "parent": "other"}, "other": {**pose, "parent": "cam11", "topic": "/other/image"}}
+    found = discover_rig(
+        recorded(image_message("/other/image", "o")), Config(), parse_rig({"cameras": cameras}, Path("rig.yaml"))
+    )
+    assert "its pose refers to other: no transform joins" in reasons(found)["cam11"]
+    assert "its pose refers to cam11" in reasons(found)["other"]
+
+
+def test_two_sensors_of_a_rig_file_do_not_share_a_topic() -> None:
+    lidar = {"topic": "/a_points", "T_site_lidar": EYE}
+    found = apply({"site_frame": "s", "lidars": {"x": lidar, "y": lidar}, "cameras": {}})
+    assert reasons(found) == {"y": "another sensor of the rig file has this topic"}
+
+
 def test_rounded_rotations_become_true_ones() -> None:
     turn = np.round(Rotation.from_rotvec([0.3, 0.2, 0.1]).as_matrix(), 4)
     matrix = np.vstack([np.c_[turn, [1, 2, 3]], [0, 0, 0, 1]])
@@ -273,11 +312,11 @@ def test_sensors_without_topics_go_by_name_then_by_order() -> None:
         ({"cameras": {"c": {"focal": 3}}}, r"unknown key 'cameras\.c\.focal'; known here:.*boxes_topic"),
         ({"site_frame": "s", "lidars": {"a": {"T_site_lidar": [[1, 2], [3, 4]]}}}, "expected 4 x 4 numbers, found 4"),
         ({"site_frame": "s", "lidars": {"a": {"T_site_lidar": 3}}}, "expected 4 x 4 numbers"),
+        ({"lidars": {"a": {"T_site_lidar": [[1, 0, 0, 0], [0, "1 1", 0, 0], *EYE[2:]]}}}, "a number, found '1 1'"),
         ({"site_frame": "s", "lidars": {"a": {"T_site_lidar": EYE, "rpy_deg": [0, 0, 0]}}}, "given twice"),
         ({"site_frame": "s", "lidars": {"a": {"rpy_deg": [0, 0, 0], "rotation_xyzw": [0, 0, 0, 1]}}}, "given twice"),
         ({"cameras": {"c": {"K": K, "P": np.eye(3, 4).tolist()}}}, "given twice"),
         ({"cameras": {"c": {"distortion": [1.0]}}}, "distortion without K"),
-        ({"lidars": {"a": {"T_site_lidar": EYE}}}, "site_frame is missing"),
         ({"lidars": {"x": {}}, "cameras": {"x": {}}}, "x names a lidar and a camera"),
         ({"lidars": {"a b": {}}}, "a name of letters, digits and _, found 'a b'"),
         ({"zones": {"z": [[0, 0], [1, 1]]}}, "at least 3"),

@@ -1,24 +1,22 @@
-"""Calibration files of other systems as rig files.
+"""KITTI's calibration files.
 
-The predecessor system's geometry.yaml has, per camera, `w2c` (4 x 4, world to camera) and `c2p` (3 x 4, camera to
-pixel), but no lidars. KITTI's files have P0..P3 (3 x 4, rectified camera 0 to pixel), R0_rect and Tr_velo_to_cam
-(A. Geiger et al., "Vision meets Robotics: The KITTI Dataset", IJRR 2013, equation 8: x = P_i R0_rect Tr_velo_to_cam X).
-Neither names topics: see `assignment`.
+They have P0..P3 (3 x 4, rectified camera 0 to pixel), R0_rect and Tr_velo_to_cam (A. Geiger et al., "Vision meets
+Robotics: The KITTI Dataset", IJRR 2013, equation 8: x = P_i R0_rect Tr_velo_to_cam X). They do not name topics: see
+`assignment`.
 """
 
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from pipeline.core.arrays import F64
 from pipeline.core.errors import CalibrationError
-from readers.rig.extrinsics import decompose_projection
-from readers.rig.schema import CameraEntry, LidarEntry, RigFile, parse_rig
+from readers.rig.importers.matrices import camera_entry, flat, shaped
+from readers.rig.schema import LidarEntry, RigFile
 
-__all__ = ["import_geometry", "import_kitti"]
+__all__ = ["import_kitti"]
 
 
 KITTI_CAMERAS = (2, 3, 0, 1)
@@ -28,49 +26,6 @@ KITTI_CAMERAS = (2, 3, 0, 1)
 _KITTI_LINE = re.compile(
     r"^(P\d|P_rect_\d\d|K_\d\d|Tr|Tr_velo_(to_)?cam|R0_rect|R_rect(_\d\d)?|calib_time):", re.MULTILINE
 )
-
-# --- geometry.yaml
-
-
-def import_geometry(tree: Mapping[str, Any], path: Path) -> RigFile | None:
-    """The cameras of a geometry.yaml, read from `path`; None if the content has another form.
-
-    A camera named by a number, 11, is called cam11. Matrices that are not valid are kept, and become faults of the rig.
-
-    Raises:
-        CalibrationError: a matrix is missing or has the wrong number of values, or a name is not an identifier.
-    """
-    entries = {}
-    cameras = tree.get("cameras", tree)
-    for key, camera in cameras.items() if isinstance(cameras, Mapping) else ():
-        if isinstance(camera, Mapping) and {"w2c", "c2p"} & set(camera):
-            name = str(key)
-            w2c = _matrix(path, f"{name}.w2c", camera.get("w2c"), (4, 4))
-            c2p = _matrix(path, f"{name}.c2p", camera.get("c2p"), (3, 4))
-            entries[f"cam{name}" if name.isdecimal() else name] = _camera(w2c, c2p)
-    return parse_rig({"cameras": entries}, path) if entries else None
-
-
-def _camera(T_camera_site: F64, projection: F64) -> CameraEntry:
-    """A camera from its pose and the projection (3, 4) of its frame, which need not be an optical one."""
-    try:
-        K, T_optical_camera = decompose_projection("projection", projection)
-    except CalibrationError:
-        return CameraEntry(P=_flat(projection @ T_camera_site))  # a fault of the rig, which says why
-    return CameraEntry(K=_flat(K), T_camera_site=_flat(T_optical_camera @ T_camera_site))
-
-
-def _matrix(path: Path, name: str, value: Any, shape: tuple[int, int]) -> F64:
-    try:
-        matrix = np.array(value, np.float64)
-    except (TypeError, ValueError):
-        matrix = np.zeros(0)
-    if matrix.size != shape[0] * shape[1]:
-        raise CalibrationError(f"{path}: {name}: expected {shape[0]} x {shape[1]} numbers, found {matrix.size}")
-    return matrix.reshape(shape)
-
-
-# --- KITTI
 
 
 def import_kitti(text: str, path: Path) -> RigFile | None:
@@ -107,14 +62,14 @@ def import_kitti(text: str, path: Path) -> RigFile | None:
         names = (f"P{number}", f"P_rect_0{number}")
         if not any(name in values for name in names):
             continue
-        entry = _camera(T_rect_cam0 @ T_cam0_velo, _kitti_matrix(path, values, names, (3, 4)))
+        entry = camera_entry(T_rect_cam0 @ T_cam0_velo, _kitti_matrix(path, values, names, (3, 4)))
         size = values.get(f"S_rect_0{number}", [])
         if len(size) == 2:
             entry = entry.model_copy(update={"width_px": int(size[0]), "height_px": int(size[1])})
         cameras[f"cam{number}"] = entry
     if not cameras:
         raise CalibrationError(f"{path}: expected projections P0 to P3 or P_rect_00 to P_rect_03, found none")
-    velodyne = LidarEntry(T_site_lidar=_flat(np.eye(4)))
+    velodyne = LidarEntry(T_site_lidar=flat(np.eye(4)))
     return RigFile(site_frame="velodyne", lidars={"velodyne": velodyne}, cameras=cameras)
 
 
@@ -145,8 +100,4 @@ def _kitti_matrix(path: Path, values: Mapping[str, list[float]], names: tuple[st
         raise CalibrationError(
             f"{path}: expected a line {' or '.join(names)}, found {', '.join(sorted(values)) or 'none'}"
         )
-    return _matrix(path, name, values[name], shape)
-
-
-def _flat(matrix: F64) -> tuple[float, ...]:
-    return tuple(matrix.reshape(-1).tolist())
+    return shaped(path, name, values[name], shape)

@@ -1,0 +1,1 @@
+"""Settings and rigs that travel with lidcam, by name."""

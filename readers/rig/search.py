@@ -1,0 +1,224 @@
+"""The sensors of a recording, before they are calibrated: their topics, their frames, and the site frame."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pipeline.core.errors import CalibrationError, FrameError, RecordingError
+from pipeline.core.geometry.transform import Transform
+from pipeline.core.rig import Zone
+from pipeline.core.settings.config import Config
+from readers.messages.tf import RecordedTransforms, clean_frame, read_transforms
+from readers.recording import Recording, TopicInfo
+from readers.rig.assignment import AssignedCamera, AssignedLidar, assign_cameras, assign_lidars
+from readers.rig.extrinsics import rigid_transform
+from readers.rig.first_messages import FirstMessages
+from readers.rig.schema import Edges, RigFile
+from readers.rig.sensor_topics import CAMERA_INFO, CLOUD, Findings, find_camera_topics, find_lidar_topics
+from readers.rig.topic_names import place
+
+__all__ = ["FoundSensors", "find_sensors", "zones_of"]
+
+BEYOND_SITE = frozenset({"earth", "utm"})
+"""Frames with coordinates of millions of metres, in which float32 points would lose their centimetres."""
+
+
+RAW_LIDAR = frozenset(
+    {
+        "livox_ros_driver/msg/CustomMsg",
+        "livox_ros_driver2/msg/CustomMsg",
+        "nebula_msgs/msg/NebulaPackets",
+        "ouster_ros/msg/PacketMsg",
+        "ouster_sensor_msgs/msg/PacketMsg",
+        "pandar_msgs/msg/PandarScan",
+        "rslidar_msg/msg/RslidarPacket",
+    }
+)
+"""Types of what a lidar sends, which only its driver can turn into clouds."""
+
+MAX_LISTED = 10
+"""Topics that an error lists at most."""
+
+
+@dataclass(frozen=True, slots=True)
+class FoundSensors:
+    """The sensors of a recording and what is known of them.
+
+    Attributes:
+        recording: The open recording.
+        rig_file: What was known before.
+        first: Its first messages.
+        transforms: Transforms of the rig file and the recording.
+        lidars: In the order of processing.
+        cameras: In the order of processing.
+        named: Frame by name of a lidar whose messages can be decoded; empty if neither they nor the rig name one.
+        frames: Frame by name of a lidar, found by its name in tf where it has none.
+        site: The site frame.
+        is_site_named: Whether the settings or the rig name the site frame.
+        zones: The zones of the rig file or the settings.
+        of_lidars: Faults and notes.
+        of_cameras: Faults and notes.
+    """
+
+    recording: Recording
+    rig_file: RigFile
+    first: FirstMessages
+    transforms: RecordedTransforms
+    lidars: Sequence[AssignedLidar]
+    cameras: Sequence[AssignedCamera]
+    named: Mapping[str, str]
+    frames: Mapping[str, str]
+    site: str
+    is_site_named: bool
+    zones: tuple[Zone, ...]
+    of_lidars: Findings
+    of_cameras: Findings
+
+
+def find_sensors(
+    recording: Recording,
+    config: Config,
+    rig_file: RigFile | None = None,
+    *,
+    start_ns: int | None = None,
+    stop_ns: int | None = None,
+) -> FoundSensors:
+    """The sensors of a recording; arguments as of `discover_rig`, which says how the site frame is found.
+
+    Raises:
+        CalibrationError: the rig file says that there is no lidar, or a transform of it is not valid.
+        RecordingError: the recording has no clouds, or cannot be read.
+    """
+    rig_file = rig_file or RigFile()
+    first = FirstMessages(recording, config.velodyne)
+    transforms = _with_rig(read_transforms(recording, start_ns=start_ns, stop_ns=stop_ns), rig_file)
+    of_lidars, of_cameras = Findings(), Findings()
+    lidar_topics = find_lidar_topics(recording, config.topics, first, of_lidars)
+    lidars = assign_lidars(rig_file.lidars, lidar_topics, recording, of_lidars)
+    if not lidars and rig_file.lidars == {}:
+        raise CalibrationError("the rig file says `lidars: {}`, no lidar: name one, or leave `lidars` out to use all")
+    if not lidars and not of_lidars.faults:
+        raise RecordingError(_no_clouds(recording, config))
+    camera_topics = find_camera_topics(recording, config.topics, first, of_cameras)
+    taken = {lidar.name for lidar in lidars} | {"lidar", "fused"}
+    cameras = assign_cameras(rig_file.cameras, camera_topics, recording, of_cameras, taken=taken)
+
+    named = {
+        lidar.name: clean_frame(lidar.entry.frame_id) or first.frame(lidar.topic, CLOUD)
+        for lidar in lidars
+        if not first.missing(lidar.topic, CLOUD)
+    }
+    frames = _lidar_frames(lidars, named, transforms)
+    camera_frames = {first.frame(camera.topics.info, CAMERA_INFO) for camera in cameras if camera.topics.info}
+    wanted = clean_frame(config.rig.site_frame or rig_file.site_frame)
+    site = wanted or _site_frame(list(frames.values()), camera_frames, transforms)
+    return FoundSensors(
+        recording,
+        rig_file,
+        first,
+        transforms,
+        lidars,
+        cameras,
+        named,
+        frames,
+        site,
+        bool(wanted),
+        zones_of(rig_file, config),
+        of_lidars,
+        of_cameras,
+    )
+
+
+def zones_of(rig_file: RigFile | None, config: Config) -> tuple[Zone, ...]:
+    """The zones of the rig file, else those of the settings."""
+    given = config.rig.zones if rig_file is None or rig_file.zones is None else rig_file.zones
+    return tuple(Zone(name, np.array(corners, np.float64)) for name, corners in given.items())
+
+
+def _with_rig(recorded: RecordedTransforms, rig_file: RigFile) -> RecordedTransforms:
+    """The recorded transforms, in whose place those of the rig file stand.
+
+    Raises:
+        CalibrationError: a pose is not valid.
+    """
+    tree, moving = recorded.fixed, recorded.moving
+    given = _transforms(rig_file.transforms)
+    for transform in given:
+        tree.add_static(transform)
+    for transform in _transforms(rig_file.default_transforms):
+        if tree.parent(transform.src) is None and transform.src not in moving:
+            tree.add_static(transform)
+            given.append(transform)
+    children = {transform.src for transform in given}
+    return replace(
+        recorded,
+        moving={child: parent for child, parent in moving.items() if child not in children},
+        faults={child: fault for child, fault in recorded.faults.items() if child not in children},
+    )
+
+
+def _transforms(edges: Edges) -> list[Transform]:
+    """T_parent_child of each edge; without translation and rotation the identity."""
+    found = []
+    for parent, row in edges.items():
+        for child, pose in row.items():
+            try:
+                matrix = pose.matrix()
+            except CalibrationError as err:
+                raise CalibrationError(f"transforms: {child}: {err}") from err
+            found.append(rigid_transform(f"the pose of {child}", clean_frame(parent), clean_frame(child), matrix))
+    return found
+
+
+def _lidar_frames(
+    lidars: Sequence[AssignedLidar], named: Mapping[str, str], transforms: RecordedTransforms
+) -> dict[str, str]:
+    """Frame by lidar: as named, else one in tf with the lidar's name or a part of its topic, else its name."""
+    frames = {lidar.name: named.get(lidar.name, "") for lidar in lidars}
+    known = transforms.fixed.frames - set(frames.values())
+    for lidar in lidars:
+        if not frames[lidar.name]:
+            words = (lidar.name, *place(lidar.topic))
+            frames[lidar.name] = next((word for word in words if word in known), lidar.name)
+            known -= {frames[lidar.name]}
+    return frames
+
+
+def _site_frame(lidar_frames: Sequence[str], camera_frames: set[str], transforms: RecordedTransforms) -> str:
+    ends: list[tuple[str, str]] = []
+    for frame in lidar_frames:
+        try:
+            chain = transforms.fixed.chain(frame)
+        except FrameError:  # a circle: the lidar itself is reported when its pose is looked up
+            continue
+        chain = chain[: next((i for i, name in enumerate(chain) if name in BEYOND_SITE and i), len(chain))]
+        ends.append((frame, "base_link" if transforms.are_joined("base_link", frame) else chain[-1]))
+    if not ends:
+        return lidar_frames[0] if lidar_frames else ""
+    roots = [root for _, root in ends]
+    root = max(roots, key=roots.count)  # the first of equals
+    if root in camera_frames or root.endswith(("optical", "optical_frame")):
+        return next(frame for frame, end in ends if end == root)
+    return root
+
+
+def _no_clouds(recording: Recording, config: Config) -> str:
+    apart = f", apart from {', '.join(config.topics.exclude)}" if config.topics.exclude else ""
+    expected = (
+        f"{', '.join(str(path) for path in recording.paths)}: expected a topic of lidar clouds "
+        f"({' or '.join(sorted(CLOUD))}){apart}"
+    )
+    if raw := [info for info in recording.topics if info.msgtype in RAW_LIDAR]:
+        return (
+            f"{expected}; found {_listed(raw)}, which lidcam does not read yet: play the recording through the lidar's "
+            "driver and record the clouds that it publishes"
+        )
+    there = any(info.msgtype in CLOUD for info in recording.topics)
+    remedy = "see topics.exclude and topics.lidars of the settings" if there else "record the clouds of the driver, too"
+    return f"{expected}; found topics: {_listed(recording.topics) or 'none'}; {remedy}"
+
+
+def _listed(topics: Sequence[TopicInfo]) -> str:
+    more = f" and {len(topics) - MAX_LISTED} more" if len(topics) > MAX_LISTED else ""
+    return ", ".join(f"{info.topic} ({info.msgtype}, {info.message_count})" for info in topics[:MAX_LISTED]) + more

@@ -1,0 +1,226 @@
+"""Every command of the documents and of the help texts is run, beside files of the names that they use.
+
+A command that names a file which is not among `STAND_INS` fails here: add it there. What cannot be run is in
+`EXCEPTIONS`, with the reason.
+"""
+
+import io
+import re
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from functools import cache
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from builders import write_mcap
+from captures import capture_of, pcap
+from document_commands import ROOT, commands_of_help, commands_of_pages
+from onnx_files import write_yolox
+from range_server import range_server
+from velodyne import random_packets
+
+from lidcam.__main__ import main, main_process
+from readers.open import open_recording
+
+SANDBOX, CROSSING = ROOT / "bags" / "sandbox.bag", ROOT / "bags" / "crossing.mcap"
+SCENARIOS = ROOT / "config" / "scenarios"
+
+EXCEPTIONS = {
+    r"pip install ": "needs an index: test_wheel installs the wheel, and the extras are looked up below",
+    r"make ": "continuous integration calls demo and test; that the others exist is looked up below",
+    r"apt-get ": "needs root and Debian",
+    r"rerun ": "opens a window",
+    r".*s3://": "needs a bucket: tests/readers/files/test_remote.py reads from one that it plays itself",
+    r".*--(install|show)-completion": "asks which shell it is called from: test_calling does that",
+}
+
+PLACEHOLDERS = {"SCENARIO": "sandbox", "OUT": "out.bag", "FOLDER": "folder"}
+
+
+def part(number: int, path: Path) -> None:
+    with open_recording([CROSSING]) as recording:
+        messages = list(recording.messages())
+    middle = len(messages) // 2
+    write_mcap(path, messages[:middle] if number == 0 else messages[middle:])
+
+
+def folder(path: Path) -> None:
+    path.mkdir()
+    (path / CROSSING.name).symlink_to(CROSSING)
+
+
+def capture(path: Path) -> None:
+    path.write_bytes(pcap(capture_of(*random_packets("VLP-16", packets=170, start=0))))
+
+
+def network(path: Path) -> None:
+    write_yolox(path, np.zeros((84, 85), np.float32), size_px=(64, 64))
+
+
+def rig(path: Path) -> None:
+    assert call("lidcam", "inspect", SANDBOX, "--write-rig", path, "-q") == 0
+
+
+def camchain(path: Path) -> None:
+    path.write_text(
+        "cam0: {camera_model: pinhole, intrinsics: [504.8, 504.8, 320.5, 240.5], distortion_model: none, "
+        "resolution: [640, 480], rostopic: /image_raw_11}\n"
+    )
+
+
+def calibration(parent: str, child: str) -> Callable[[Path], object]:
+    """Writes a file of Autoware's."""
+    pose = "{x: 0.1, y: 0, z: 2, roll: 0, pitch: 0.01, yaw: -0.03}"
+    return lambda path: path.write_text(f"{parent}: {{{child}: {pose}}}\n")
+
+
+STAND_INS: dict[str, Callable[[Path], object]] = {
+    "drive.bag": lambda path: path.symlink_to(SANDBOX),
+    "broken.bag": lambda path: path.write_bytes(SANDBOX.read_bytes()[:3_000_000]),
+    "drive.mcap": lambda path: path.symlink_to(CROSSING),
+    "drive.pcap": capture,
+    "bag_folder": folder,
+    "part_0.mcap": lambda path: part(0, path),
+    "part_1.mcap": lambda path: part(1, path),
+    "yolox_nano.onnx": network,
+    "site.yaml": rig,
+    "rig.yaml": rig,
+    "camchain.yaml": camchain,
+    "sensors_calibration.yaml": calibration("base_link", "sensor_kit_base_link"),
+    "sensor_kit_calibration.yaml": calibration("sensor_kit_base_link", "velodyne_top_base_link"),
+    "my.yaml": lambda path: shutil.copy(SCENARIOS / "sandbox.yaml", path),
+    "my_crossing.yaml": lambda path: shutil.copy(SCENARIOS / "sandbox.yaml", path),
+}
+"""Inputs by the names that the documents give them. An output of such a name has none."""
+
+
+def all_commands() -> dict[str, str]:
+    return commands_of_help() | commands_of_pages()
+
+
+def exceptions_to(command: str) -> list[str]:
+    return [pattern for pattern in EXCEPTIONS if re.match(pattern, command)]
+
+
+COMMANDS = [command for command in all_commands() if not exceptions_to(command)]
+
+
+def call(program: str, *arguments: object) -> int:
+    """Exit code of a program, called here: to start a program takes longer."""
+    sys.argv = [program, *map(str, arguments)]
+    try:
+        main() if program == "lidcam" else main_process()
+    except SystemExit as end:
+        return int(end.code or 0)
+    return 0
+
+
+def shell(line: str, cwd: Path) -> int:
+    """Exit code of a line of bash; what it prints is printed here."""
+    done = subprocess.run(["bash", "-c", line], cwd=cwd, capture_output=True, text=True, check=False)
+    sys.stdout.write(done.stdout)
+    sys.stderr.write(done.stderr)
+    return done.returncode
+
+
+@pytest.fixture(autouse=True)
+def as_it_was(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]:
+    handler = signal.getsignal(signal.SIGTERM)
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")  # `process` sets it
+    monkeypatch.setattr(sys, "argv", [])
+    monkeypatch.chdir(tmp_path)
+    yield
+    signal.signal(signal.SIGTERM, handler)
+
+
+@pytest.fixture(scope="module")
+def url() -> Iterator[str]:
+    with range_server({"/drive.mcap": CROSSING.read_bytes()}) as server:
+        yield server.url
+
+
+def shortened(words: list[str]) -> list[str]:
+    """The same command for less of a recording: the stand-ins last two seconds, and simulations take their time."""
+    words = [word for word in words if word != "--view"]  # a window
+    command = "process" if words[0] == "lidcam-process" else words[1]
+    seconds = {"process": "0.4", "simulate": "0.02", "drive": "0.02"}.get(command)
+    if "--duration" in words:
+        words[words.index("--duration") + 1] = seconds or ""
+    elif seconds:
+        words += ["--duration", seconds]
+    if "--start" in words:
+        words[words.index("--start") + 1] = "0.3"
+    if command in {"simulate", "drive"}:
+        words += ["--set", "cameras.*.width_px=80", "--set", "cameras.*.height_px=60"]
+    if command == "simulate":
+        words += ["--workers", "1"]
+    return words
+
+
+def outputs_of(words: list[str]) -> set[str]:
+    """Names of the files that a command writes."""
+    named = {after for option, after in pairwise(words) if option in {"--write-rig", "--repair", "--rerun"}}
+    return named | set(words[3:4] if words[1] in {"simulate", "drive"} else [])
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_commands_do_what_they_say(
+    command: str, url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = [PLACEHOLDERS.get(word, word) for word in shlex.split(command.replace("https://host", url))]
+    for name in set(words) & (STAND_INS.keys() - outputs_of(words)):
+        STAND_INS[name](tmp_path / name)
+    (tmp_path / "bags").mkdir()
+    monkeypatch.setattr(sys, "stdin", io.StringIO("wo"))
+    if "|" in words:
+        pipe = words.index("|")
+        program = shlex.join([str(Path(sys.executable).with_name(words[0])), *shortened(words[:pipe])[1:]])
+        line = f"set -o pipefail; {program} | {shlex.join(words[pipe + 1 :])}"
+        code = shell(line, tmp_path)
+    elif words[0] == "python":
+        code = shell(shlex.join([sys.executable, *words[1:]]), ROOT)
+    else:
+        code = call(*shortened(words))
+    told = capsys.readouterr()
+    assert code == 0, f"{all_commands()[command]}: {command}\n{told.err}"
+    assert told.out or "wrote" in told.err
+
+
+def test_there_are_commands() -> None:
+    assert len(COMMANDS) > 20
+    assert {command.split(" ")[1] for command in COMMANDS if command.startswith("lidcam ")} >= {
+        "inspect",
+        "simulate",
+        "drive",
+        "demo",
+    }
+
+
+def test_every_exception_is_one() -> None:
+    used = [pattern for command in all_commands() for pattern in exceptions_to(command)]
+    assert set(used) == set(EXCEPTIONS)
+
+
+@cache
+def pyproject() -> str:
+    return (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+
+
+def test_extras_exist() -> None:
+    named = re.findall(r"lidcam\[([\w,]+)\]", "\n".join([*all_commands(), (ROOT / "README.md").read_text()]))
+    extras = {extra for names in named for extra in names.split(",")}
+    assert extras >= {"sim", "train", "video", "http", "s3"}
+    for extra in extras:
+        assert re.search(rf"^{extra} = \[", pyproject(), re.MULTILINE), extra
+
+
+@pytest.mark.parametrize("command", [command for command in all_commands() if command.startswith("make ")])
+def test_make_targets_exist(command: str) -> None:
+    target = command.split(" ")[1]
+    assert re.search(rf"^{target}:", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)

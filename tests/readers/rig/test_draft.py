@@ -1,0 +1,233 @@
+"""A rig to start from names every sensor; what is not known is `TODO`, and the file is read back as it stands."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import velodyne
+import yaml
+from builders import camera_info, detection2d_array, image, pointcloud2, raw, tf_message, transform_stamped
+from memory_recording import MemoryRecording
+
+from pipeline.core.errors import CalibrationError, RecordingError
+from pipeline.core.messages import RawMessage
+from pipeline.core.settings.config import Config
+from readers.rig.discovery import Discovery, discover_rig
+from readers.rig.draft import draft_rig
+from readers.rig.rig_file import draft_yaml, load_rig, write_draft
+from readers.rig.schema import RigFile
+from readers.rig.search import find_sensors
+
+K = np.array([[500.0, 0.0, 32.0], [0.0, 500.0, 24.0], [0.0, 0.0, 1.0]])
+
+
+def cloud(number: int, frame: str | None = None) -> RawMessage:
+    fields = pointcloud2([[1, 2, 3], [4, 5, 6]], stamp_ns=5, frame_id=f"velodyne{number}" if frame is None else frame)
+    return raw(f"/velodyne{number}_points", "sensor_msgs/msg/PointCloud2", fields, 5)
+
+
+def image_message(number: int, frame: str = "") -> RawMessage:
+    fields = image(np.zeros((48, 64), np.uint8), stamp_ns=5, frame_id=frame, encoding="mono8")
+    return raw(f"/image_raw_{number}", "sensor_msgs/msg/Image", fields, 5)
+
+
+def info(number: int, frame: str = "", width: int = 64) -> RawMessage:
+    fields = camera_info(K, stamp_ns=5, width_px=width, height_px=48, frame_id=frame)
+    return raw(f"/camera_info_{number}", "sensor_msgs/msg/CameraInfo", fields, 5)
+
+
+def boxes(number: int, frame: str) -> RawMessage:
+    fields = detection2d_array([[1, 2, 3, 4]], class_names=["car"], scores=[0.9], stamp_ns=5, frame_id=frame)
+    return raw(f"/detections_{number}", "vision_msgs/msg/Detection2DArray", fields, 5)
+
+
+def static(*edges: tuple[str, str]) -> RawMessage:
+    stamped = [transform_stamped(parent, child, stamp_ns=5, translation=(1, 2, 3)) for parent, child in edges]
+    return raw("/tf_static", "tf2_msgs/msg/TFMessage", tf_message(stamped), 5)
+
+
+UNCALIBRATED = [cloud(1), cloud(2), cloud(3), image_message(11), image_message(12, "camera_12"), boxes(12, "camera_12")]
+
+
+def draft(messages: list[RawMessage], rig: RigFile | None = None) -> str:
+    return draft_yaml(draft_rig(find_sensors(MemoryRecording(messages), Config(), rig)))
+
+
+def read(text: str, tmp_path: Path) -> RigFile:
+    (tmp_path / "rig.yaml").write_text(text)
+    return load_rig(tmp_path / "rig.yaml")
+
+
+def reasons(found: Discovery) -> dict[str, str]:
+    return {fault.sensor: fault.reason for fault in found.faults}
+
+
+def test_a_recording_without_calibration() -> None:
+    assert draft(UNCALIBRATED).split("\n", 3)[3] == (
+        """\
+site_frame: velodyne1 # the frame of velodyne1
+lidars:
+  velodyne1:
+    topic: /velodyne1_points # sensor_msgs/msg/PointCloud2, 2 points in the first message
+    frame_id: velodyne1
+    T_site_lidar:
+    - [1.0, 0.0, 0.0, 0.0]
+    - [0.0, 1.0, 0.0, 0.0]
+    - [0.0, 0.0, 1.0, 0.0]
+    - [0.0, 0.0, 0.0, 1.0]
+  velodyne2:
+    topic: /velodyne2_points # sensor_msgs/msg/PointCloud2, 2 points in the first message
+    frame_id: velodyne2
+    T_site_lidar: TODO # TODO 4 x 4, metres; or translation_m and rpy_deg in its place (no transform joins frame \
+'velodyne2' with 'velodyne1'; frames with a transform: none at all)
+  velodyne3:
+    topic: /velodyne3_points # sensor_msgs/msg/PointCloud2, 2 points in the first message
+    frame_id: velodyne3
+    T_site_lidar: TODO # TODO 4 x 4, metres; or translation_m and rpy_deg in its place (no transform joins frame \
+'velodyne3' with 'velodyne1'; frames with a transform: none at all)
+cameras:
+  cam11:
+    topic: /image_raw_11 # sensor_msgs/msg/Image
+    width_px: 64
+    height_px: 48
+    K: TODO # TODO 3 x 3, pixels; then distortion_model and distortion (the recording has no CameraInfo of it: give K \
+and its pose in a rig file (--rig))
+    T_camera_site: TODO # TODO 4 x 4, metres; or translation_m and rpy_deg in its place (no message of it names its \
+frame: give its pose in a rig file (--rig))
+  cam12:
+    topic: /image_raw_12 # sensor_msgs/msg/Image
+    boxes_topic: /detections_12
+    frame_id: camera_12
+    width_px: 64
+    height_px: 48
+    K: TODO # TODO 3 x 3, pixels; then distortion_model and distortion (the recording has no CameraInfo of it: give K \
+and its pose in a rig file (--rig))
+    T_camera_site: TODO # TODO 4 x 4, metres; or translation_m and rpy_deg in its place (no transform joins frame \
+'velodyne1' with 'camera_12'; frames with a transform: none at all)
+zones: {}
+"""
+    )
+
+
+def test_what_is_still_to_do_is_told(tmp_path: Path) -> None:
+    found = discover_rig(MemoryRecording(UNCALIBRATED), Config(), read(draft(UNCALIBRATED), tmp_path))
+    assert [lidar.name for lidar in found.rig.lidars] == ["velodyne1"]
+    assert reasons(found) == {
+        "velodyne2": "extrinsics are still TODO in rig.yaml",
+        "velodyne3": "extrinsics are still TODO in rig.yaml",
+        "cam11": "intrinsics and extrinsics are still TODO in rig.yaml",
+        "cam12": "intrinsics and extrinsics are still TODO in rig.yaml",
+    }
+
+
+def test_a_completed_draft_is_a_rig(tmp_path: Path) -> None:
+    text = draft(UNCALIBRATED)
+    lines = []
+    for line in text.splitlines():
+        key = line.strip().partition(":")[0]
+        if "TODO" in line:
+            indent = line[: len(line) - len(line.lstrip())]
+            values = {
+                "K": f"K: {K.tolist()}",
+                "T_site_lidar": "translation_m: [1, 2, 3]",
+                "T_camera_site": "rpy_deg: [0, 0, 9]",
+            }
+            line = indent + values[key]
+        lines.append(line)
+    rig = read("\n".join(lines), tmp_path)
+    found = discover_rig(MemoryRecording(UNCALIBRATED), Config(), rig)
+    assert found.faults == ()
+    assert [lidar.T_site_lidar.translation.tolist() for lidar in found.rig.lidars] == [[0, 0, 0], [1, 2, 3], [1, 2, 3]]
+    again = read(draft(UNCALIBRATED, rig), tmp_path)
+    same = discover_rig(MemoryRecording(UNCALIBRATED), Config(), again)
+    assert same.faults == ()
+    for one, other in zip(found.rig.cameras, same.rig.cameras, strict=True):
+        np.testing.assert_allclose(one.T_camera_site.matrix, other.T_camera_site.matrix, atol=1e-15)
+
+
+def test_what_is_known_is_written_beside_what_is_not(tmp_path: Path) -> None:
+    messages = [
+        cloud(1),
+        image_message(11, "c11"),
+        info(11, "c11"),
+        image_message(12, "c12"),
+        info(12, "c12", width=32),
+    ]
+    messages += [static(("site", "velodyne1"), ("site", "c12"))]
+    tree = yaml.safe_load(draft(messages))
+    assert tree["site_frame"] == "site"
+    assert tree["cameras"]["cam11"]["K"] == K.tolist()
+    assert tree["cameras"]["cam11"]["T_camera_site"] == "TODO"
+    assert (tree["cameras"]["cam12"]["width_px"], tree["cameras"]["cam12"]["K"]) == (64, "TODO")
+    assert np.shape(tree["cameras"]["cam12"]["T_camera_site"]) == (4, 4)
+    found = discover_rig(MemoryRecording(messages), Config(), read(draft(messages), tmp_path))
+    assert reasons(found) == {
+        "cam11": "extrinsics are still TODO in rig.yaml",
+        "cam12": "intrinsics are still TODO in rig.yaml",
+    }
+
+
+@pytest.mark.parametrize("camera_frames", ["named", "unnamed"])
+def test_lidars_that_name_no_frame(camera_frames: str, tmp_path: Path) -> None:
+    messages = [cloud(1, ""), cloud(2, ""), boxes(11, "c" if camera_frames == "named" else ""), info(11)]
+    tree = yaml.safe_load(draft(messages))
+    assert tree["site_frame"] == "site"
+    assert {name: lidar["T_site_lidar"] for name, lidar in tree["lidars"].items()} == {
+        "velodyne1": "TODO",
+        "velodyne2": "TODO",
+    }
+    assert tree["cameras"]["cam11"]["boxes_topic"] == "/detections_11"
+    with pytest.raises(CalibrationError, match=r"velodyne1 .*: extrinsics are still TODO in rig\.yaml; velodyne2"):
+        discover_rig(MemoryRecording(messages), Config(), read(draft(messages), tmp_path))
+
+
+def test_packets_and_clouds_that_cannot_be_decoded() -> None:
+    packets = velodyne.scan(*velodyne.random_packets("VLP-16", packets=3), topic="/left/packets", frame_id="left")
+    bad = cloud(2)._replace(data=b"\x00" * 9)
+    text = draft([cloud(1), bad, packets])
+    assert "/left/packets # velodyne_msgs/msg/VelodyneScan, 3 packets in the first message" in text
+    assert "/velodyne2_points # sensor_msgs/msg/PointCloud2, messages that cannot be decoded" in text
+
+
+def test_cameras_of_a_rig_without_a_site_frame_keep_their_poses() -> None:
+    rig = RigFile.model_validate({"cameras": {"cam11": {"K": K.tolist(), "translation_m": [1, 2, 3]}}})
+    tree = yaml.safe_load(draft([cloud(1), image_message(11, "c")], rig))
+    assert tree["site_frame"] == "site"
+    assert tree["lidars"]["velodyne1"]["T_site_lidar"] == "TODO"
+    assert np.shape(tree["cameras"]["cam11"]["T_camera_site"]) == (4, 4)
+
+
+def test_the_size_of_images_may_be_unknown() -> None:
+    tree = yaml.safe_load(draft([cloud(1), boxes(12, "c"), info(12, "c")]))
+    assert tree["cameras"]["cam12"]["width_px"] == 64
+    rig = RigFile.model_validate(
+        {"site_frame": "s", "cameras": {"c": {"boxes_topic": "/detections_12"}}, "ground_height_m": 1.5}
+    )
+    tree = yaml.safe_load(draft([cloud(1), boxes(12, "c")], rig))
+    assert (tree["cameras"]["c"]["width_px"], tree["ground_height_m"]) == ("TODO", 1.5)
+
+
+def test_a_rig_may_know_the_size_of_images_that_were_not_recorded() -> None:
+    camera = {"boxes_topic": "/detections_12", "K": K.tolist(), "width_px": 32, "height_px": 24}
+    rig = RigFile.model_validate({"site_frame": "s", "cameras": {"c": camera}})
+    tree = yaml.safe_load(draft([cloud(1), boxes(12, "c")], rig))["cameras"]["c"]
+    assert (tree["width_px"], tree["height_px"], tree["K"]) == (32, 24, K.tolist())
+    nothing = RigFile.model_validate({"site_frame": "s", "cameras": {"c": {**camera, "width_px": None}}})
+    assert "does not say how large its images are" in draft([cloud(1), boxes(12, "c")], nothing)
+
+
+def test_no_cameras_and_no_zones() -> None:
+    tree = yaml.safe_load(draft([cloud(1)], RigFile(zones={})))
+    assert (tree["cameras"], tree["zones"]) == ({}, {})
+
+
+def test_a_recording_without_lidars_has_no_draft() -> None:
+    with pytest.raises(RecordingError):
+        draft([image_message(11)])
+
+
+def test_a_draft_is_written_whole(tmp_path: Path) -> None:
+    found = draft_rig(find_sensors(MemoryRecording(UNCALIBRATED), Config()))
+    write_draft(found, tmp_path / "rig.yaml")
+    assert (tmp_path / "rig.yaml").read_text() == draft_yaml(found)
+    assert [path.name for path in tmp_path.iterdir()] == ["rig.yaml"]

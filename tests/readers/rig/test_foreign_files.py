@@ -1,0 +1,342 @@
+"""Calibration files of the predecessor system, Kalibr and Autoware, each judged by another library than ours."""
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+from builders import image, pointcloud2, raw, tf_message, transform_stamped
+from memory_recording import MemoryRecording
+from scipy.spatial.transform import Rotation
+
+from pipeline.core.errors import CalibrationError
+from pipeline.core.messages import RawMessage
+from pipeline.core.settings.config import Config
+from readers.rig.discovery import Discovery, discover_rig
+from readers.rig.rig_file import load_rig
+
+F64 = np.ndarray[Any, np.dtype[np.float64]]
+
+
+def image_message(topic: str, size: tuple[int, int] = (752, 480), frame: str = "") -> RawMessage:
+    fields = image(np.zeros(size[::-1], np.uint8), stamp_ns=5, frame_id=frame, encoding="mono8")
+    return raw(topic, "sensor_msgs/msg/Image", fields, 5)
+
+
+def cloud(frame: str, topic: str = "/points") -> RawMessage:
+    return raw(topic, "sensor_msgs/msg/PointCloud2", pointcloud2([[1, 2, 3]], stamp_ns=5, frame_id=frame), 5)
+
+
+def static(*edges: tuple[str, str, tuple[float, float, float]]) -> RawMessage:
+    stamped = [transform_stamped(parent, child, stamp_ns=5, translation=at) for parent, child, at in edges]
+    return raw("/tf_static", "tf2_msgs/msg/TFMessage", tf_message(stamped), 5)
+
+
+def found_with(path: Path, messages: list[RawMessage], site: str = "") -> Discovery:
+    return discover_rig(MemoryRecording(messages), Config.model_validate({"rig": {"site_frame": site}}), load_rig(path))
+
+
+def pixels_of(found: Discovery, name: str, points_site: F64) -> F64:
+    camera = next(camera for camera in found.rig.cameras if camera.name == name)
+    pixels, valid = camera.model.project(camera.T_camera_site.apply(points_site))
+    assert valid.all()
+    return pixels - 0.5
+
+
+# --- the predecessor system
+
+# Its camera 11 at (-0.143, 0.371, 0.393), looking along +y, in the body frame (x forward) and in the optical frame.
+W2C_BODY = [[0, 1, 0, -0.371], [-1, 0, 0, -0.143], [0, 0, 1, -0.393], [0, 0, 0, 1]]
+W2C_OPTICAL = [[1, 0, 0, 0.143], [0, 0, -1, 0.393], [0, 1, 0, -0.371], [0, 0, 0, 1]]
+C2P = [[504.782, 0, 320.5, 0], [0, 504.782, 240.5, 0], [0, 0, 1, 0]]
+POINTS = np.array([[-0.1, 1.4, 0.1], [0.3, 2.0, 0.0], [-0.6, 1.7, 0.2]])
+
+
+def calib_row(number: float, w2c: Any = W2C_BODY, c2p: Any = C2P) -> list[float]:
+    return [number, *np.ravel(w2c).tolist(), *np.ravel(c2p).tolist()]
+
+
+def test_calib_txt_and_geometry_yaml_say_the_same(tmp_path: Path) -> None:
+    np.savetxt(tmp_path / "anything.txt", [calib_row(11), calib_row(41)])
+    camera = {"width": 640, "height": 480, "xyzrpy": [0] * 6, "w2c": W2C_OPTICAL, "c2p": C2P, "R": [36, 0, 0, 36]}
+    (tmp_path / "geometry.yaml").write_text(yaml.safe_dump({"poles": {}, "cameras": {"camera_11": camera}}))
+    messages = [cloud("world"), image_message("/image_raw_11", (640, 480)), image_message("/image_raw_41", (640, 480))]
+    of_text = found_with(tmp_path / "anything.txt", messages, "world")
+    of_yaml = found_with(tmp_path / "geometry.yaml", messages, "world")
+    assert [(camera.name, camera.topic) for camera in of_text.rig.cameras] == [
+        ("cam11", "/image_raw_11"),
+        ("cam41", "/image_raw_41"),
+    ]
+    R, t = np.array(W2C_OPTICAL)[:3, :3], np.array(W2C_OPTICAL)[:3, 3]
+    judge = cv2.projectPoints(POINTS, cv2.Rodrigues(R)[0], t, np.array(C2P)[:, :3], None)[0][:, 0]
+    np.testing.assert_allclose(pixels_of(of_text, "cam11", POINTS), judge, atol=1e-9)
+    np.testing.assert_allclose(pixels_of(of_yaml, "camera_11", POINTS), judge, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["geometry.yaml", "calib.txt"])
+def test_the_world_of_the_predecessor_has_no_name(tmp_path: Path, name: str) -> None:
+    np.savetxt(tmp_path / "calib.txt", [calib_row(11)])
+    cameras = {"cameras": {11: {"w2c": W2C_OPTICAL, "c2p": C2P}}}
+    (tmp_path / "geometry.yaml").write_text(yaml.safe_dump(cameras))
+    images = image_message("/image_raw_11", (640, 480))
+    lidars = [cloud(f"velodyne{n}", f"/velodyne{n}_points") for n in (1, 2, 3)]
+    with pytest.raises(CalibrationError) as caught:
+        found_with(tmp_path / name, [*lidars, images])
+    assert str(caught.value) == (
+        "the rig file gives the pose of cam11 in a frame that it does not name, so where the lidars (velodyne1, "
+        "velodyne2, velodyne3) are in it is unknown: give a second --rig with `site_frame: NAME` and "
+        "`lidars: {velodyne1: {translation_m: [x, y, z], rpy_deg: [r, p, y]}, ...}`"
+    )
+    joined = [*lidars, images, static(*(("site", f"velodyne{n}", (n, 0, 0)) for n in (1, 2, 3)))]
+    with pytest.raises(CalibrationError, match=r"; or, if that frame is 'site' .* --set rig\.site_frame=site$"):
+        found_with(tmp_path / name, joined)
+    assert len(found_with(tmp_path / name, joined, "site").rig.lidars) == 3
+
+
+@pytest.mark.parametrize(
+    ("rows", "reason"),
+    [
+        ([calib_row(11), calib_row(11)], "each camera once, found cam11, cam11"),
+        ([calib_row(11.5)], "the number of a camera first in each row"),
+    ],
+)
+def test_mistakes_in_a_calib_txt(tmp_path: Path, rows: list[list[float]], reason: str) -> None:
+    np.savetxt(tmp_path / "calib.txt", rows)
+    with pytest.raises(CalibrationError, match=reason):
+        load_rig(tmp_path / "calib.txt")
+
+
+def test_words_are_no_calib_txt(tmp_path: Path) -> None:
+    (tmp_path / "calib.txt").write_text(" ".join(["word"] * 29))
+    with pytest.raises(Exception, match=r"calib\.txt"):
+        load_rig(tmp_path / "calib.txt")
+
+
+# --- Kalibr: the example of https://github.com/ethz-asl/kalibr/wiki/yaml-formats, its second camera with a lens of ours
+
+CAM0: dict[str, Any] = {
+    "camera_model": "pinhole",
+    "intrinsics": [461.629, 460.152, 362.680, 246.049],
+    "distortion_model": "radtan",
+    "distortion_coeffs": [-0.27695497, 0.06712482, 0.00087538, 0.00011556],
+    "T_cam_imu": [
+        [0.01779318, 0.99967549, -0.01822936, 0.07008565],
+        [-0.9998017, 0.01795239, 0.00860714, -0.01771023],
+        [0.00893160, 0.01807260, 0.99979678, 0.00399246],
+        [0.0, 0.0, 0.0, 1.0],
+    ],
+    "timeshift_cam_imu": -8.121e-05,
+    "rostopic": "/cam0/image_raw",
+    "resolution": [752, 480],
+}
+CAM1: dict[str, Any] = {
+    "camera_model": "pinhole",
+    "intrinsics": [458.655, 457.296, 367.215, 248.375],
+    "distortion_model": "equidistant",
+    "distortion_coeffs": [-0.01316, 0.05008, -0.04506, 0.01241],
+    "T_cn_cnm1": [
+        [0.99998854, 0.00216014, 0.00427195, -0.11003785],
+        [-0.00221074, 0.99992702, 0.01187697, 0.00045792],
+        [-0.00424598, -0.01188627, 0.99992034, -0.00064487],
+        [0.0, 0.0, 0.0, 1.0],
+    ],
+    "rostopic": "/cam1/image_raw",
+    "resolution": [752, 480],
+}
+STEREO = [image_message("/cam0/image_raw"), image_message("/cam1/image_raw")]
+IN_VIEW = np.array([[0.3, -0.2, 2.0], [-0.4, 0.1, 1.5], [0.0, 0.3, 4.0]])
+
+
+def camchain(tmp_path: Path, *cameras: dict[str, Any]) -> Path:
+    path = tmp_path / "results.yaml"
+    path.write_text(yaml.safe_dump({f"cam{number}": camera for number, camera in enumerate(cameras)}))
+    return path
+
+
+def rigid(rows: Any) -> F64:
+    """The matrix of a file, its rounded rotation made a true one by SciPy."""
+    matrix = np.array(rows)
+    matrix[:3, :3] = Rotation.from_matrix(matrix[:3, :3]).as_matrix()
+    return matrix
+
+
+def matrix_of(intrinsics: Any) -> F64:
+    fu, fv, pu, pv = intrinsics
+    return np.array([[fu, 0, pu], [0, fv, pv], [0, 0, 1]])
+
+
+def test_kalibrs_example(tmp_path: Path) -> None:
+    lidar_in_imu = (0.1, -0.2, 0.3)
+    found = found_with(camchain(tmp_path, CAM0, CAM1), [cloud("velo"), static(("imu", "velo", lidar_in_imu)), *STEREO])
+    assert found.faults == ()
+    assert found.rig.site_frame == "imu"
+    T_cam0_imu = rigid(CAM0["T_cam_imu"])
+    T_cam1_imu = rigid(CAM1["T_cn_cnm1"]) @ T_cam0_imu
+    K0, K1 = matrix_of(CAM0["intrinsics"]), matrix_of(CAM1["intrinsics"])
+    homogeneous = np.c_[IN_VIEW, np.ones(3)] @ np.linalg.inv(T_cam0_imu).T  # before camera 0, in the IMU's frame
+    points = np.ascontiguousarray(homogeneous[:, :3])
+    radtan = np.array(CAM0["distortion_coeffs"])
+    judge0 = cv2.projectPoints(points, cv2.Rodrigues(T_cam0_imu[:3, :3])[0], T_cam0_imu[:3, 3], K0, radtan)[0]
+    np.testing.assert_allclose(pixels_of(found, "cam0", points), judge0[:, 0], atol=0.01)
+    fisheye, rotation = np.array(CAM1["distortion_coeffs"]), cv2.Rodrigues(T_cam1_imu[:3, :3])[0]
+    judge1 = cv2.fisheye.projectPoints(points[:, None], rotation, T_cam1_imu[:3, 3], K1, fisheye)[0]
+    np.testing.assert_allclose(pixels_of(found, "cam1", points), judge1[:, 0], atol=0.01)
+
+
+def test_kalibrs_chain_without_an_imu_hangs_on_the_first_camera(tmp_path: Path) -> None:
+    first = {key: value for key, value in CAM0.items() if key != "T_cam_imu"}
+    messages = [cloud("velo"), image_message("/cam0/image_raw", frame="left"), STEREO[1]]
+    found = found_with(camchain(tmp_path, first, CAM1), messages)
+    assert [fault.sensor for fault in found.faults] == ["cam0", "cam1"]
+    assert "its pose refers to cam0" in found.faults[1].reason
+    joined = found_with(camchain(tmp_path, first, CAM1), [*messages, static(("velo", "left", (0.5, 0, 0)))])
+    assert joined.faults == ()
+    one, two = (camera.T_camera_site.matrix for camera in joined.rig.cameras)
+    np.testing.assert_allclose(two, rigid(CAM1["T_cn_cnm1"]) @ one, atol=1e-4)
+
+
+def test_the_imu_of_kalibr_needs_a_place(tmp_path: Path) -> None:
+    found = found_with(camchain(tmp_path, CAM0), [cloud("velo"), STEREO[0]])
+    assert "its pose refers to imu" in found.faults[0].reason
+    assert "transforms: {velo: {imu: {translation_m" in found.faults[0].reason
+
+
+@pytest.mark.parametrize(
+    ("changed", "reason"),
+    [
+        (
+            {"camera_model": "omni", "intrinsics": [0.8, 833, 830, 373, 253]},
+            "intrinsics are of Kalibr's model omni-radtan in results.yaml, which lidcam cannot project with",
+        ),
+        ({"distortion_model": "fov", "distortion_coeffs": [0.9]}, "Kalibr's model pinhole-fov"),
+    ],
+)
+def test_other_models_of_kalibr_are_faults(tmp_path: Path, changed: dict[str, Any], reason: str) -> None:
+    found = found_with(camchain(tmp_path, CAM0 | changed), [cloud("imu"), STEREO[0]])
+    assert reason in found.faults[0].reason
+
+
+@pytest.mark.parametrize(
+    ("changed", "reason"),
+    [
+        ({"intrinsics": [1, 2, 3]}, r"cam0\.intrinsics: expected 1 x 4 numbers, found 3"),
+        ({"resolution": "large"}, r"cam0\.resolution: expected 1 x 2"),
+        ({"resolution": [float("nan"), 480]}, r"cam0\.width_px: expected"),
+        ({"distortion_coeffs": [1]}, r"cam0\.distortion_coeffs: expected 1 x 4"),
+        ({"T_cam_imu": [[1, 2]]}, r"cam0\.T_cam_imu: expected 4 x 4"),
+    ],
+)
+def test_mistakes_in_a_camchain(tmp_path: Path, changed: dict[str, Any], reason: str) -> None:
+    with pytest.raises(CalibrationError, match=reason):
+        load_rig(camchain(tmp_path, CAM0 | changed))
+
+
+def test_a_chain_begins_with_a_camera(tmp_path: Path) -> None:
+    with pytest.raises(CalibrationError, match=r"cam0\.T_cn_cnm1: expected a camera before cam0"):
+        load_rig(camchain(tmp_path, CAM1))
+
+
+def test_a_camera_of_kalibr_without_distortion(tmp_path: Path) -> None:
+    plain = {"camera_model": "pinhole", "intrinsics": [400, 400, 300, 200], "distortion_model": "none"}
+    found = found_with(
+        camchain(tmp_path, plain), [cloud("v"), image_message("/a/image", frame="a"), static(("v", "a", (0, 0, 0)))]
+    )
+    assert not found.rig.cameras[0].model.distortion.any()
+
+
+# --- Autoware
+
+SENSORS = {
+    "base_link": {"sensor_kit_base_link": {"x": 0.9, "y": 0, "z": 2, "roll": -0.001, "pitch": 0.015, "yaw": -0.036}}
+}
+KIT = {
+    "sensor_kit_base_link": {
+        "camera0/camera_link": {
+            "x": 0.10731,
+            "y": 0.56343,
+            "z": -0.27697,
+            "roll": -0.025,
+            "pitch": 0.315,
+            "yaw": 1.035,
+        },
+        "velodyne_top": {"x": 0.0, "y": 0.0, "z": 0.5, "roll": 0.0, "pitch": 0.0, "yaw": 1.575},
+    }
+}
+
+
+def urdf(pose: dict[str, float]) -> F64:
+    """The origin of a URDF joint: fixed axes, roll first."""
+    matrix = np.eye(4)
+    turns = (Rotation.from_rotvec(np.eye(3)[axis] * pose[key]) for axis, key in enumerate(("roll", "pitch", "yaw")))
+    roll, pitch, yaw = turns
+    matrix[:3, :3] = (yaw * pitch * roll).as_matrix()
+    matrix[:3, 3] = pose["x"], pose["y"], pose["z"]
+    return matrix
+
+
+def test_autowares_files_lead_to_the_sensors(tmp_path: Path) -> None:
+    path = tmp_path / "both.yaml"
+    path.write_text(yaml.safe_dump(SENSORS | KIT))
+    K = {"K": [500, 0, 376, 0, 500, 240, 0, 0, 1]}
+    rig = load_rig(path).model_copy(update={"cameras": None})
+    assert rig.cameras is None
+    frame = "camera0/camera_optical_link"
+    camera = load_rig(_written(tmp_path / "k.yaml", {"cameras": {"camera0": K}}))
+    both = rig.model_copy(update={"cameras": camera.cameras})
+    found = discover_rig(
+        MemoryRecording([cloud("velodyne_top"), image_message("/camera0/image", frame=frame)]), Config(), both
+    )
+    assert found.faults == ()
+    assert found.rig.site_frame == "base_link"
+    kit = urdf(SENSORS["base_link"]["sensor_kit_base_link"])
+    T_base_lidar = kit @ urdf(KIT["sensor_kit_base_link"]["velodyne_top"])
+    np.testing.assert_allclose(found.rig.lidars[0].T_site_lidar.matrix, T_base_lidar, atol=1e-12)
+    link = kit @ urdf(KIT["sensor_kit_base_link"]["camera0/camera_link"])
+    T_site_camera = found.rig.cameras[0].T_camera_site.inverse().matrix
+    np.testing.assert_allclose(T_site_camera[:3, 2], link[:3, 0], atol=1e-12)  # z of the optical frame is forward
+    np.testing.assert_allclose(T_site_camera[:3, 1], -link[:3, 2], atol=1e-12)  # y is down
+    np.testing.assert_allclose(T_site_camera[:3, 3], link[:3, 3], atol=1e-12)
+
+
+def _written(path: Path, tree: dict[str, Any]) -> Path:
+    path.write_text(yaml.safe_dump(tree))
+    return path
+
+
+def test_the_files_stand_in_place_of_the_recorded_transforms(tmp_path: Path) -> None:
+    path = _written(tmp_path / "kit.yaml", {"base_link": {"velodyne_top": KIT["sensor_kit_base_link"]["velodyne_top"]}})
+    recorded = [cloud("velodyne_top"), static(("base_link", "velodyne_top", (9, 9, 9)))]
+    np.testing.assert_allclose(found_with(path, recorded).rig.lidars[0].T_site_lidar.translation, [0, 0, 0.5])
+
+
+def test_the_recorded_optical_frame_is_kept(tmp_path: Path) -> None:
+    path = _written(tmp_path / "kit.yaml", KIT)
+    edge = static(("camera0/camera_link", "camera0/camera_optical_link", (7, 0, 0)))
+    found = found_with(path, [cloud("velodyne_top"), edge])
+    frames = found.transforms.fixed.lookup("camera0/camera_link", "camera0/camera_optical_link")
+    np.testing.assert_allclose(frames.translation, [7, 0, 0])
+
+
+@pytest.mark.parametrize(
+    "tree",
+    [
+        {"base_link": {"a": {"x": 1, "y": 2, "z": 3, "roll": 0, "pitch": 0}}},
+        {"base_link": {"a": 3}},
+        {"base_link": {}},
+        {"base_link": KIT["sensor_kit_base_link"], "more": 3},
+    ],
+)
+def test_other_mappings_are_not_autowares(tmp_path: Path, tree: dict[str, Any]) -> None:
+    with pytest.raises(CalibrationError, match="unknown key"):
+        load_rig(_written(tmp_path / "kit.yaml", tree))
+
+
+def test_mistakes_in_autowares_files(tmp_path: Path) -> None:
+    words = {"x": 0, "y": 0, "z": "high", "roll": 0, "pitch": 0, "yaw": 0}
+    with pytest.raises(CalibrationError, match=r"base_link\.a: expected 1 x 6 numbers"):
+        load_rig(_written(tmp_path / "kit.yaml", {"base_link": {"a": words}}))
+    pose = dict.fromkeys(("x", "y", "z", "roll", "pitch", "yaw"), 0)
+    with pytest.raises(CalibrationError, match="a has two parents"):
+        load_rig(_written(tmp_path / "kit.yaml", {"b": {"a": pose}, "c": {"a": pose}}))
