@@ -21,7 +21,6 @@ from lidcam.options import (
     with_log_options,
 )
 from pipeline.core.errors import LidcamError
-from pipeline.core.settings.run import RunConfig
 from readers.location import RemotePath, location
 
 __all__ = ["app", "process_app"]
@@ -110,8 +109,8 @@ def process(
         typer.Option(
             min=1,
             metavar="N",
-            help="1: stage after stage; more: stages of several frames at once. The output is the same. "
-            f"[default: {RunConfig().workers}]",
+            help="1: stage after stage; more: stages of several frames at once; without it, run.workers of the "
+            "settings. The output is the same.",
         ),
     ] = None,
     on_bad_message: Annotated[
@@ -129,8 +128,8 @@ def process(
         bool,
         typer.Option(
             "--strict",
-            help="Exit with 1 if a sensor was left out, too much of a topic was dropped, or a file is damaged; "
-            "the outputs are kept.",
+            help="Exit with 1 if a sensor was left out or fell silent, too much of a topic was dropped, or a file is "
+            "damaged; the outputs are kept.",
         ),
     ] = False,
     max_dropped: Annotated[
@@ -140,7 +139,7 @@ def process(
             min=0,
             max=100,
             metavar="PERCENT",
-            help="How much of a topic may be dropped with --strict.  [default: 5]",
+            help="How much of a topic, and of the frames of a sensor, may be missing with --strict.  [default: 5]",
         ),
     ] = None,
     _: Version = False,

@@ -5,6 +5,8 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from lidcam.build import BoxSource, box_source
+from lidcam.checks.calibration import check_first_clouds
+from lidcam.checks.warning import RunWarning
 from lidcam.frames import TimeWindow
 from lidcam.job import RigSource, read_rig
 from lidcam.run import check_not_empty
@@ -13,6 +15,7 @@ from lidcam.settings.settle import settle, with_zones
 from lidcam.summary import loss_records
 from pipeline.core.errors import CalibrationError, RecordingError
 from pipeline.core.rig import Rig
+from pipeline.core.settings.config import Config
 from readers.location import Location, RemotePath
 from readers.open import open_recording
 from readers.recording import Loss, ReadOptions, Recording
@@ -49,6 +52,7 @@ class Inspection:
         sensors: Where the calibration of each sensor was found.
         faults: Sensors that would be left out, and why.
         notes: Remarks on topics and sensors.
+        warnings: What the first messages say against the calibration.
         motion_topics: Where the motion of the site frame would come from; empty where it stands still.
         box_source: Where 2D boxes would come from.
         settings: Which settings would be used, and why these; None if it could not process the recording.
@@ -67,6 +71,7 @@ class Inspection:
     sensors: tuple[SensorSource, ...] = ()
     faults: tuple[SensorFault, ...] = ()
     notes: tuple[str, ...] = ()
+    warnings: tuple[RunWarning, ...] = ()
     motion_topics: tuple[str, ...] = ()
     box_source: BoxSource = "none"
     settings: UsedSettings | None = None
@@ -125,6 +130,7 @@ def inspect_open(recording: Recording, choice: SettingsChoice, rig: RigSource | 
         sensors=found.sources if found else (),
         faults=found.faults if found else (),
         notes=found.notes if found else (),
+        warnings=_warnings(recording, found.rig, config, window) if found else (),
         motion_topics=motion.topics if motion else (),
         box_source=box_source(config, found.rig) if found else "none",
         settings=used,
@@ -149,11 +155,21 @@ def inspection_tree(inspection: Inspection) -> dict[str, Any]:
             "sensors": [asdict(source) for source in inspection.sensors],
             "faults": [asdict(fault) for fault in inspection.faults],
             "notes": list(inspection.notes),
+            "warnings": [asdict(warning) for warning in inspection.warnings],
             "motion": list(inspection.motion_topics),
             "box_source": inspection.box_source,
             "settings": used_record(inspection.settings) if inspection.settings else None,
         }
     return tree
+
+
+def _warnings(recording: Recording, rig: Rig, config: Config, window: TimeWindow) -> tuple[RunWarning, ...]:
+    topics = [lidar.topic for lidar in rig.lidars]
+    first = {
+        topic: next(recording.messages([topic], start_ns=window.start_ns, stop_ns=window.stop_ns), None)
+        for topic in topics
+    }
+    return check_first_clouds(rig, config, {topic: message for topic, message in first.items() if message is not None})
 
 
 def _window(recording: Recording) -> TimeWindow:

@@ -120,9 +120,11 @@ def topics_table(topics: Sequence[TopicSurvey]) -> Table:
 def sensors_table(sensors: Sequence[SensorSource]) -> Table:
     """The sensors that are used, and where their calibration comes from."""
     columns = ("sensor", "topic", "frame_id", "intrinsics", "extrinsics")
-    table = _table("sensors", *columns, text_columns=columns)
+    is_shifted = any(sensor.time_offset_ms for sensor in sensors)
+    table = _table("sensors", *columns, *["time offset"] * is_shifted, text_columns=columns)
     for sensor in sensors:
-        table.add_row(*(getattr(sensor, column) for column in columns))
+        offset = f"{sensor.time_offset_ms:g} ms" if sensor.time_offset_ms else ""
+        table.add_row(*(getattr(sensor, column) for column in columns), *[offset] * is_shifted)
     return table
 
 

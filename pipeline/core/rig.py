@@ -20,11 +20,13 @@ class LidarSensor:
         name: Short name, unique in the rig.
         topic: Topic of its clouds.
         T_site_lidar: Extrinsics; its `src` is the lidar's frame.
+        time_offset_ns: Recorded stamp minus time of measurement.
     """
 
     name: str
     topic: str
     T_site_lidar: Transform
+    time_offset_ns: int = 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,6 +39,7 @@ class CameraSensor:
         boxes_topic: Topic of its recorded 2D boxes (vision_msgs/Detection2DArray); empty if there is none.
         model: Intrinsics.
         T_camera_site: Extrinsics; its `dst` is the camera's optical frame.
+        time_offset_ns: Recorded stamp minus time of measurement, of images and boxes.
     """
 
     name: str
@@ -44,6 +47,7 @@ class CameraSensor:
     boxes_topic: str
     model: CameraModel
     T_camera_site: Transform
+    time_offset_ns: int = 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -33,6 +33,7 @@ class CloudDecoder:
     def __init__(self, rig: Rig, config: Config, *, on_bad: OnBadMessage) -> None:
         self._topics = {lidar.name: lidar.topic for lidar in rig.lidars}
         self._frames = {lidar.topic: lidar.T_site_lidar.src for lidar in rig.lidars}
+        self._offsets_ns = {lidar.topic: lidar.time_offset_ns for lidar in rig.lidars}
         self._velodyne = VelodyneDecoders(config.velodyne)
         self._limits = config.limits
         self._on_bad = on_bad
@@ -44,6 +45,14 @@ class CloudDecoder:
         return Decoded({name: cloud for name, (cloud, _) in decoded.items()}, drops)
 
     def _decode_one(self, message: RawMessage) -> tuple[PointCloud, tuple[Drop, ...]]:
+        # Times of points and packets are by the sensor's clock, so they are decoded with its own stamp.
+        offset_ns = self._offsets_ns[message.topic]
+        if not offset_ns:
+            return self._decode_as_stamped(message)
+        cloud, drops = self._decode_as_stamped(message._replace(stamp_ns=message.stamp_ns + offset_ns))
+        return replace(cloud, stamp_ns=message.stamp_ns), drops
+
+    def _decode_as_stamped(self, message: RawMessage) -> tuple[PointCloud, tuple[Drop, ...]]:
         drops: tuple[Drop, ...] = ()
         if message.channel.msgtype == SCAN:
             cloud, drops = self._velodyne[message.topic].decode(message)

@@ -207,6 +207,15 @@ def test_the_size_of_images_may_be_unknown() -> None:
     assert (tree["cameras"]["c"]["width_px"], tree["ground_height_m"]) == ("TODO", 1.5)
 
 
+def test_a_rig_may_know_the_size_of_images_that_were_not_recorded() -> None:
+    camera = {"boxes_topic": "/detections_12", "K": K.tolist(), "width_px": 32, "height_px": 24}
+    rig = RigFile.model_validate({"site_frame": "s", "cameras": {"c": camera}})
+    tree = yaml.safe_load(draft([cloud(1), boxes(12, "c")], rig))["cameras"]["c"]
+    assert (tree["width_px"], tree["height_px"], tree["K"]) == (32, 24, K.tolist())
+    nothing = RigFile.model_validate({"site_frame": "s", "cameras": {"c": {**camera, "width_px": None}}})
+    assert "does not say how large its images are" in draft([cloud(1), boxes(12, "c")], nothing)
+
+
 def test_no_cameras_and_no_zones() -> None:
     tree = yaml.safe_load(draft([cloud(1)], RigFile(zones={})))
     assert (tree["cameras"], tree["zones"]) == ({}, {})

@@ -21,8 +21,8 @@ def bundle(message: RawMessage) -> SensorBundle:
     return SensorBundle(0, message.stamp_ns, message.log_time_ns, {message.topic: message})
 
 
-def decoder(topic: str, on_bad: str = "skip") -> CloudDecoder:
-    lidar = LidarSensor("top", topic, Transform.identity("site", "velo_link"))
+def decoder(topic: str, on_bad: str = "skip", *, time_offset_ns: int = 0) -> CloudDecoder:
+    lidar = LidarSensor("top", topic, Transform.identity("site", "velo_link"), time_offset_ns)
     return CloudDecoder(Rig("site", (lidar,), (), (), None), Config(), on_bad=on_bad)  # type: ignore[arg-type]  # one of two words
 
 
@@ -62,6 +62,21 @@ def test_a_message_that_cannot_be_decoded_is_one_drop() -> None:
 
 def lacking(message: RawMessage, *reasons: str) -> RawMessage:
     return message._replace(defects=reasons)
+
+
+@pytest.mark.parametrize("offset_ns", [0, 80_000_000, -3_000_000_000])
+def test_times_of_points_move_with_the_corrected_stamp(offset_ns: int) -> None:
+    """Packets and fields of absolute time are by the same clock as the stamp in the header."""
+    seconds = np.array([1e3, 1e3 + 0.05])
+    fields = pointcloud2([[1, 2, 3], [4, 5, 6]], stamp_ns=10**12, frame_id="lidar", timestamp=seconds)
+    for recorded in (packets("velodyne"), raw("/points", "sensor_msgs/msg/PointCloud2", fields, 10**12)):
+        plain = decoder(recorded.topic)(bundle(recorded))["top"]
+        corrected = recorded._replace(stamp_ns=recorded.stamp_ns - offset_ns)
+        cloud = decoder(recorded.topic, time_offset_ns=offset_ns)(bundle(corrected))["top"]
+        assert plain.has_time
+        assert cloud.has_time
+        assert cloud.stamp_ns == plain.stamp_ns - offset_ns
+        np.testing.assert_array_equal(cloud.time_offset_ns, plain.time_offset_ns)
 
 
 NUMBERS = ["0", "1", "2", "3", "4", "5", "6", "7", "79", "80", "truck", "person"]

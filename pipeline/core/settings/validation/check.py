@@ -82,7 +82,9 @@ def _first_mistake(model: type[BaseModel], tree: Mapping[str, Any], err: Validat
             return f"{key}: expected a finite number, found {found(fault['input'])}{more}"
     if fault["loc"][-1:] == ("[key]",):
         return f"{key}: expected a name of letters, digits and _, found {found(fault['input'])}{more}"
-    return f"{key}: expected {expected(place)}, found {found(_value_at(tree, path))}{more}"
+    # A member of a union lies deeper than its value; elsewhere the tree may have another form than what was checked.
+    value = fault["input"] if path == fault["loc"] else _value_at(tree, path)
+    return f"{key}: expected {expected(place)}, found {found(value)}{more}"
 
 
 def _value_at(tree: Any, path: tuple[Part, ...]) -> Any:
