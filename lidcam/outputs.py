@@ -16,10 +16,11 @@ from readers.location import Location, RemotePath
 from readers.messages.image import decode_any_image
 from readers.rig.rig_file import rig_yaml
 from writers.base import ResultWriter
+from writers.foxglove.layout import layout_path
 from writers.mcap.writer import McapResultWriter
 from writers.provenance import Provenance
 
-__all__ = ["WRITERS", "check_not_overwritten", "check_outputs", "check_writable", "open_writers"]
+__all__ = ["WRITERS", "check_not_overwritten", "check_outputs", "check_writable", "open_writers", "written_files"]
 
 
 def check_outputs(job: Job) -> None:
@@ -32,13 +33,20 @@ def check_outputs(job: Job) -> None:
     for output in job.outputs:
         if output.suffix not in WRITERS:
             raise OutputError(f"{output}: expected a name that ends in {' or '.join(WRITERS)}")
-        check_writable(output)
-        check_not_overwritten(job.inputs, output)
         if other := known.get(output.suffix):
             raise OutputError(f"{output}: expected one output of a kind, found {other}, too; choose one of them")
         if other := known.get(output.resolve()):  # a link
             raise OutputError(f"{output}: is the same file as {other}; choose another name")
         known |= {output.suffix: output, output.resolve(): output}
+    for file in written_files(job):
+        check_writable(file)
+        check_not_overwritten(job.inputs, file)
+
+
+def written_files(job: Job) -> tuple[Path, ...]:
+    """The outputs, and the layouts that are written beside them."""
+    with_layout = [path for path in job.outputs if path.suffix == ".mcap" and job.config.output.layout]
+    return (*job.outputs, *map(layout_path, with_layout))
 
 
 def check_writable(output: Path) -> None:
@@ -97,6 +105,7 @@ def _provenance(source: RunInput) -> Provenance:
     return Provenance(
         version=version("lidcam"),
         inputs=tuple(_identity(path) for path in source.recording.paths),
+        settings=str(source.settings),
         config_yaml=dump_config(config),
         rig_yaml=rig_yaml(source.rig),
         start_ns=source.recording.start_ns,

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-__all__ = ["CAMERA_ONLY", "LIDAR_ONLY", "MATCHED", "Rgb", "class_color"]
+__all__ = ["CAMERA_ONLY", "MATCHED", "Rgb", "class_color"]
 
 
 class Rgb(NamedTuple):
@@ -29,13 +29,10 @@ _CLASS_COLORS = (
 )
 
 MATCHED = Rgb(0.20, 0.95, 0.35)
-"""A 2D box and the projection of the 3D box matched to it."""
+"""A 2D box that belongs to an object."""
 
 CAMERA_ONLY = Rgb(1.00, 0.76, 0.10)
-"""A 2D box matched to no 3D box."""
-
-LIDAR_ONLY = Rgb(0.35, 0.75, 1.00)
-"""The projection of a 3D box matched to no 2D box."""
+"""A 2D box of no object."""
 
 
 def class_color(class_id: int) -> Rgb:

@@ -7,7 +7,9 @@ import numpy as np
 
 from pipeline.core.arrays import F64
 from pipeline.core.frame import FrameResult
+from pipeline.core.geometry.boxes import box_corners
 from pipeline.core.rig import CameraSensor, Rig
+from writers.drawing import strong_objects
 
 __all__ = ["SURVEYED_FRAMES", "SceneSurvey", "Viewpoint", "cameras_in_order", "front_of_rig"]
 
@@ -15,14 +17,15 @@ SURVEYED_FRAMES = 10
 """Frames after which the eye is placed."""
 
 _ELEVATION_RAD = np.radians(35.0)
-_MARGIN = 1.15
+_MARGIN = 1.12
 _CLEAR = 0.3
 """A mean of unit vectors longer than this has a direction: that of cameras all around is near zero."""
 
-_SURROUNDED = 0.25
+_SURROUNDED = 0.2
 """Sensors farther apart than this share of what they see stand around the scene, as at a crossing."""
 
 _EMPTY_REACH_M = 5.0
+_NEAREST_M = 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,7 +70,8 @@ class SceneSurvey:
 
     rig: Rig
     frames: int = 0
-    _objects: list[F64] = field(default_factory=list)
+    _strong: list[F64] = field(default_factory=list)
+    _faint: list[F64] = field(default_factory=list)
     _reach_m: list[float] = field(default_factory=list)
 
     @property
@@ -80,13 +84,14 @@ class SceneSurvey:
         if self.is_complete:
             return
         self.frames += 1
-        objects, confirmed = result.fused.objects, result.fused.matched > 0
-        shown = confirmed if confirmed.any() else objects.scores >= np.median(objects.scores) if len(objects) else []
-        self._objects.append(objects.centers[np.asarray(shown, bool)])
+        objects, strong = result.fused.objects, strong_objects(result)
+        corners = box_corners(objects.centers, objects.sizes, objects.yaws)
+        self._strong.append(corners[strong].reshape(-1, 3))
+        self._faint.append(corners[~strong].reshape(-1, 3))
         points = np.concatenate([result.combined.cloud.xyz[:, :2], result.combined.ground_cloud.xyz[:, :2]])
         if len(points):
             distances = np.linalg.norm(points - self._sensors().mean(0)[:2], axis=1)
-            self._reach_m.append(float(np.percentile(distances, 75)))
+            self._reach_m.append(float(np.percentile(distances, 90)))
 
     def viewpoint(self, *, aspect: float, fov_y_deg: float) -> Viewpoint:
         """The eye from which sensors and objects are in view.
@@ -102,17 +107,20 @@ class SceneSurvey:
         center = sensors.mean(0)
         spread_m = float(np.linalg.norm(sensors[:, :2] - center[:2], axis=1).max())
         reach_m = float(np.median(self._reach_m)) if self._reach_m else _EMPTY_REACH_M
-        away = np.concatenate([*self._objects, np.zeros((0, 3))])[:, :2] - center[:2]
+        strong, faint = (np.concatenate([*found, np.zeros((0, 3))]) for found in (self._strong, self._faint))
+        objects = strong if len(strong) else faint
+        away = objects[:, :2] - center[:2]
         front = self._front(away)
         size_m = max(spread_m + reach_m, 0.1)
-        near = np.linalg.norm(away, axis=1) <= 1.25 * size_m
+        shown = np.linalg.norm(away, axis=1) <= 1.2 * size_m
+        points = np.concatenate([sensors, objects[shown]])
         if spread_m < _SURROUNDED * reach_m:
-            near &= away @ front > -0.2 * reach_m
             ahead = center + np.array([*front, 0.0]) * reach_m
-        else:
-            ahead = center
-        objects = np.concatenate([*self._objects, np.zeros((0, 3))])[near]
-        eye, target = _fitted(np.concatenate([sensors, [ahead], objects]), front, aspect, fov_y_deg)
+            points = np.concatenate([sensors, [ahead], objects[shown & (away @ front > 0)]])
+            right = np.array([front[1], -front[0], 0.0])
+            aside = (points - center) @ right
+            points = np.concatenate([points, points - 2 * aside[:, None] * right])  # the rig stays in the middle
+        eye, target = _fitted(points, front, aspect, fov_y_deg)
         return Viewpoint(eye, target, size_m)
 
     def _front(self, away: F64) -> F64:
@@ -128,17 +136,18 @@ class SceneSurvey:
 
 
 def _fitted(points: F64, front: F64, aspect: float, fov_y_deg: float) -> tuple[F64, F64]:
-    """Eye and target (3,) from which nearly all points (N, 3) are in view, seen along `front` (2,) from above."""
+    """Eye and target (3,): as near as all points (N, 3) are in view, seen along `front` (2,) from above."""
     ahead = np.array([*front * np.cos(_ELEVATION_RAD), -np.sin(_ELEVATION_RAD)])
     right = np.array([front[1], -front[0], 0.0])
     axes = np.stack([right, np.cross(right, ahead), ahead])
-    seen = points @ axes.T  # right, up, ahead
-    middle = (seen.min(0) + seen.max(0)) / 2
-    tangent = np.tan(np.radians(fov_y_deg) / 2) * np.array([aspect, 1.0]) / _MARGIN
-    sides, depth = np.abs(seen[:, :2] - middle[:2]) / tangent, seen[:, 2] - middle[2]
-    distance_m = max(float(np.percentile(sides.max(1) - depth, 95)), 0.5)
-    target = middle @ axes
-    return target - distance_m * ahead, target
+    seen = points @ axes.T
+    across, depth = seen[:, :2], seen[:, 2:]
+    slope = np.tan(np.radians(fov_y_deg) / 2) * np.array([aspect, 1.0]) / _MARGIN
+    # A point is in view if |across - eye_across| <= slope (depth - eye_depth): four planes through the eye.
+    low, high = (-across - slope * depth).max(0), (across - slope * depth).max(0)
+    eye = np.array([*(high - low) / 2, float((-(high + low) / (2 * slope)).min()) - _NEAREST_M])
+    distance_m = (depth.min() + depth.max()) / 2 - eye[2]
+    return eye @ axes, (eye + np.array([0.0, 0.0, distance_m])) @ axes
 
 
 def _axis(camera: CameraSensor) -> F64:

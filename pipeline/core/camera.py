@@ -27,8 +27,8 @@ NEAR_M = 0.01
 
 _EDGE_SHARES = np.linspace(0.0, 1.0, 5)[:, None]  # lens distortion bends edges beyond their corners
 
-DRAWN_SAMPLES = 13
-"""Points by which an edge is drawn in a distorted image."""
+DRAWN_SAMPLES, DRAWN_BEND_PX = 25, 0.5
+"""Points by which a bent edge is drawn, and how far an edge may bend and still be drawn by its ends."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,11 +162,6 @@ class CameraModel:
         seen = (boxes[:, 2] > boxes[:, 0]) & (boxes[:, 3] > boxes[:, 1])
         return np.where(seen[:, None], boxes, np.nan)
 
-    @property
-    def is_straight(self) -> bool:
-        """Whether straight lines are straight in the image."""
-        return self.model != "equidistant" and not self.distortion.any()
-
     def project_edges(self, corners_camera: F64) -> tuple[F32, Indices]:
         """The edges of boxes as they lie in the image: bent by the lens, cut behind the camera and at the border.
 
@@ -178,10 +173,19 @@ class CameraModel:
         """
         start, end, in_front = edges_ahead(corners_camera, NEAR_M)
         rows, _ = np.nonzero(in_front)
-        samples = sample_by_angle(start[in_front], end[in_front], 2 if self.is_straight else DRAWN_SAMPLES)
-        pixels, valid = self.project(samples)
+        pixels, valid = self.project(sample_by_angle(start[in_front], end[in_front], DRAWN_SAMPLES))
+        straight = valid.all(1) & (_bend(pixels) < DRAWN_BEND_PX)
         pieces = np.stack([pixels[:, :-1], pixels[:, 1:]], 2)
-        of_box = np.broadcast_to(rows[:, None], pieces.shape[:2])
-        whole = valid[:, :-1] & valid[:, 1:]
-        clipped, inside = clip_segments(pieces[whole], self.width_px, self.height_px)
-        return clipped[inside].astype(np.float32), of_box[whole][inside]
+        pieces[straight, 0, 1] = pixels[straight, -1]
+        wanted = valid[:, :-1] & valid[:, 1:]
+        wanted[straight, 1:] = False
+        clipped, inside = clip_segments(pieces[wanted], self.width_px, self.height_px)
+        of_box = np.broadcast_to(rows[:, None], wanted.shape)[wanted]
+        return clipped[inside].astype(np.float32), of_box[inside]
+
+
+def _bend(pixels: F64) -> F64:
+    """(N,) how far lines (N, S, 2) leave the straight way between their ends, pixels."""
+    way, reach = pixels[:, -1:] - pixels[:, :1], pixels - pixels[:, :1]
+    aside = np.abs(way[..., 0] * reach[..., 1] - way[..., 1] * reach[..., 0])
+    return np.asarray((aside / np.maximum(np.linalg.norm(way, axis=-1), 1e-9)).max(1))

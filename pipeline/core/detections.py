@@ -137,10 +137,13 @@ class Fused:
     Attributes:
         objects: The fused objects, in the order of the 3D boxes.
         matched: (N,) int32, number of cameras that matched each object.
+        lidar_rows: (N,) int64, row of `Detections.lidar` that each object comes from.
     """
 
     objects: Boxes3D
     matched: I32
+    lidar_rows: I64
 
     def __post_init__(self) -> None:
         check_array("matched", self.matched, (len(self.objects),), np.int32)
+        check_array("lidar_rows", self.lidar_rows, (len(self.objects),), np.int64)

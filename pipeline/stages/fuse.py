@@ -53,7 +53,7 @@ class Fuse:
         doubted = in_view & (matched == 0)
         kept = fused_scores >= np.where(doubted, self._config.min_score_unconfirmed, 0.0)
         kept &= fused_scores >= self._config.min_score
-        return Fused(objects.select(kept), matched[kept])
+        return Fused(objects.select(kept), matched[kept], np.flatnonzero(kept).astype(np.int64))
 
 
 def _winners(votes: F64, own_ids: I32) -> I32:

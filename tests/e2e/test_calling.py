@@ -43,7 +43,7 @@ def test_a_reader_that_leaves_does_not_end_the_run(
     assert done.stderr == ""
     _, code = done.stdout.splitlines()
     assert code == "0"
-    assert [path.name for path in tmp_path.iterdir()] == ["out.mcap"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["out.foxglove.json", "out.mcap"]
     assert frames_in(tmp_path / "out.mcap") == 20
 
 

@@ -43,7 +43,7 @@ def test_importing_it_loads_nothing_heavy() -> None:
 
 
 def test_objects_are_those_of_the_file(run: lidcam.RunResult) -> None:
-    (output,) = run.report.outputs
+    output, _ = run.report.outputs
     recorded = fused_objects(output)
     assert run.frames == len(recorded)
     expected = [(stamp_ns, one) for stamp_ns, found in recorded.items() for one in found]
@@ -186,8 +186,8 @@ def test_examples_of_the_documents_run(page: Path, tmp_path: Path) -> None:
 def test_several_outputs_by_their_endings(tmp_path: Path) -> None:
     outputs = [tmp_path / "out.mcap", tmp_path / "out.rrd"]
     run = lidcam.process(SANDBOX, outputs, config=CONFIG, duration_s=0.2)
-    assert run.report.outputs == tuple(outputs)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["out.mcap", "out.rrd"]
+    assert run.report.outputs == (*outputs, tmp_path / "out.foxglove.json")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["out.foxglove.json", "out.mcap", "out.rrd"]
 
 
 @pytest.mark.parametrize(
@@ -205,3 +205,13 @@ def test_outputs_that_cannot_be(
     monkeypatch.chdir(tmp_path)
     with pytest.raises(lidcam.OutputError, match=fault):
         lidcam.process(SANDBOX, names, config=CONFIG)
+
+
+def test_a_folder_where_the_layout_would_be(tmp_path: Path) -> None:
+    (tmp_path / "out.foxglove.json").mkdir()
+    with pytest.raises(lidcam.OutputError, match=r"out\.foxglove\.json: .* found a folder"):
+        lidcam.process(SANDBOX, tmp_path / "out.mcap", config=CONFIG)
+    without = lidcam.process(
+        SANDBOX, tmp_path / "out.mcap", config=CONFIG, settings={"output.layout": False}, duration_s=0.2
+    )
+    assert without.report.outputs == (tmp_path / "out.mcap",)

@@ -26,6 +26,7 @@ CONFIG = Config()
 PROVENANCE = Provenance(
     "1.2.3",
     ({"name": "a.bag", "sha256": "aa" * 32}, {"name": "b.bag", "sha256": "bb" * 32}),
+    "as given",
     "fuse: {}\n",
     "site_frame: site\n",
     START_NS,
@@ -95,7 +96,7 @@ def frame(index: int = 0, *, drops: tuple[Drop, ...] = (), objects: int = 3, mot
         _combined(stamp_ns, index),
         Detections(found, boxes),
         {camera.name: _matches(row == 0 and objects > 0, found, row) for row, camera in enumerate(RIG.cameras)},
-        Fused(found, np.arange(objects, dtype=np.int32)[::-1].copy()),
+        Fused(found, np.arange(objects, dtype=np.int32)[::-1].copy(), np.arange(objects, dtype=np.int64)),
         drops,
     )
 

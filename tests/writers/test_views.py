@@ -5,15 +5,19 @@ from typing import Any
 
 import numpy as np
 import pytest
+from detections import forward_camera
 from frames import CONFIG, RIG, START_NS, frame
 
-from pipeline.core.frame import Missing
+from pipeline.core.detections import Fused
+from pipeline.core.frame import FrameResult, Missing
 from pipeline.core.messages import Drop
+from pipeline.core.rig import CameraSensor
 from pipeline.core.ros.typestores import message_types
+from writers.drawing import object_colors, strong_objects
 from writers.messages.annotations import image_annotations
 from writers.messages.diagnostics import diagnostics
 from writers.messages.scene import marker_array, scene_update
-from writers.palette import CAMERA_ONLY, LIDAR_ONLY, MATCHED
+from writers.palette import CAMERA_ONLY, MATCHED, class_color
 
 NAMES = CONFIG.class_names
 
@@ -30,25 +34,46 @@ def test_a_scene_starts_with_the_deletion_of_the_one_before(objects: int) -> Non
     assert [(d.type, d.id) for d in scene.deletions] == [(scene.deletions[0].ALL, "")]
     assert len({entity.id for entity in scene.entities}) == objects
     for row, entity in enumerate(scene.entities):
-        (cube,), (text,) = entity.cubes, entity.texts
+        (cube,) = entity.cubes
         np.testing.assert_allclose([cube.size.x, cube.size.y, cube.size.z], result.fused.objects.sizes[row])
         np.testing.assert_allclose(
             [cube.pose.position.x, cube.pose.position.z], result.fused.objects.centers[row, [0, 2]]
         )
-        assert text.pose.position.z > cube.pose.position.z + cube.size.z / 2
         assert (entity.frame_id, entity.timestamp.nanosec) == ("site", START_NS % 10**9)
-        assert text.text.startswith(NAMES[result.fused.objects.class_ids[row]])
+        for text in entity.texts:
+            assert text.pose.position.z > cube.pose.position.z + cube.size.z / 2
+            assert text.text.startswith(NAMES[result.fused.objects.class_ids[row]])
 
 
 def test_confirmed_objects_are_denser_and_say_by_how_many_cameras() -> None:
     entities = through_cdr(scene_update(frame(), NAMES)).entities  # confirmed by 2, 1 and 0 cameras
     alphas = [entity.cubes[0].color.a for entity in entities]
     assert alphas[0] == alphas[1] > alphas[2] > 0
-    assert [entity.texts[0].text for entity in entities] == [
-        "car 0.90 (2 cam)",
-        "pedestrian 0.50 (1 cam)",
-        "truck 0.25",
-    ]
+    thickness = [entity.lines[0].thickness for entity in entities]
+    assert thickness[0] == thickness[1] > thickness[2] > 0
+    labels = [[text.text for text in entity.texts] for entity in entities]
+    assert labels == [["car 0.90 (2 cam)"], ["pedestrian 0.50 (1 cam)"], []]
+
+
+def test_a_high_score_makes_an_object_strong_without_cameras() -> None:
+    result = frame()
+    alone = replace(result, fused=replace(result.fused, matched=np.zeros(3, np.int32)))  # scores 0.9, 0.5, 0.25
+    assert strong_objects(alone).tolist() == [True, True, False]
+    brightness = object_colors(alone).max(1)
+    assert brightness[2] < brightness[0]
+
+
+def test_arrows_leave_the_front_of_the_boxes() -> None:
+    result = frame()
+    for row, entity in enumerate(through_cdr(scene_update(result, NAMES)).entities):
+        ((arrow,), (cube,), (edges,)) = entity.arrows, entity.cubes, entity.lines
+        assert arrow.pose == cube.pose == edges.pose
+        length = result.fused.objects.sizes[row, 0]
+        assert length / 2 < arrow.shaft_length + arrow.head_length < length
+        corners = np.array([[point.x, point.y, point.z] for point in edges.points])
+        np.testing.assert_allclose(np.abs(corners), np.tile(result.fused.objects.sizes[row] / 2, (8, 1)))
+        assert len(edges.indices) == 24
+        assert edges.type == edges.LINE_LIST
 
 
 @pytest.mark.parametrize("objects", [0, 3])
@@ -60,23 +85,63 @@ def test_markers_delete_all_first(objects: int) -> None:
     assert all(marker.text for marker in markers if marker.ns == "labels")
 
 
+def annotations(result: FrameResult, camera: CameraSensor = RIG.cameras[0]) -> Any:
+    return through_cdr(image_annotations(result, camera, NAMES, stamp_ns=START_NS + 5))
+
+
+def rgb(color: Any) -> tuple[float, float, float]:
+    return color.r, color.g, color.b
+
+
 def test_annotations_of_a_camera_with_a_match() -> None:
-    result = frame()
-    boxes, matches = result.detections.cameras["left"], result.matches["left"]
-    drawn = through_cdr(image_annotations(boxes, matches, NAMES, stamp_ns=boxes.stamp_ns))
+    drawn = annotations(frame())
     stamps = {(part.timestamp.sec, part.timestamp.nanosec) for part in (drawn, *drawn.points, *drawn.texts)}
-    assert stamps == {divmod(boxes.stamp_ns, 10**9)}
-    colors = [(part.outline_color.r, part.outline_color.g, part.outline_color.b) for part in drawn.points]
-    assert colors == [MATCHED, LIDAR_ONLY, MATCHED, CAMERA_ONLY]  # two projections in view, then two 2D boxes
-    assert [text.text for text in drawn.texts] == ["lidar", "car 0.75, IoU 0.62", "pedestrian 0.50"]
-    corners = [(point.x, point.y) for point in drawn.points[2].points]
-    assert corners == [(200.5, 150), (300.25, 150), (300.25, 250), (200.5, 250)]
-    assert all(part.type == part.LINE_LOOP for part in drawn.points)
+    assert stamps == {divmod(START_NS + 5, 10**9)}
+    edges, boxes = drawn.points[:2], drawn.points[2:]  # two of the three objects are in view
+    assert [part.type for part in drawn.points] == [edges[0].LINE_LIST] * 2 + [edges[0].LINE_LOOP] * 2
+    assert [rgb(part.outline_color) for part in edges] == [class_color(0), class_color(1)]
+    assert all(len(part.points) % 2 == 0 for part in edges)
+    assert [rgb(part.outline_color) for part in boxes] == [MATCHED, CAMERA_ONLY]
+    assert [(point.x, point.y) for point in boxes[0].points] == [
+        (200.5, 150),
+        (300.25, 150),
+        (300.25, 250),
+        (200.5, 250),
+    ]
+
+
+def test_a_matched_box_is_labelled_as_its_object_and_another_as_the_detector_s() -> None:
+    result = frame()
+    objects = replace(result.fused.objects, class_ids=np.array([3, 1, 3], np.int32))  # the detector said car, 0.75
+    texts = annotations(replace(result, fused=replace(result.fused, objects=objects))).texts
+    assert [(text.text, rgb(text.text_color)) for text in texts] == [
+        ("truck 0.90", MATCHED),
+        ("pedestrian 0.50", CAMERA_ONLY),
+    ]
+
+
+def test_a_box_whose_object_is_not_reported_is_the_camera_s_alone() -> None:
+    result = frame()
+    rows = np.array([1, 2])
+    fused = Fused(result.fused.objects.select(rows), result.fused.matched[rows], rows.astype(np.int64))
+    drawn = annotations(replace(result, fused=fused))
+    assert [text.text for text in drawn.texts] == ["car 0.75", "pedestrian 0.50"]
+    assert rgb(drawn.points[-2].outline_color) == CAMERA_ONLY
+
+
+@pytest.mark.parametrize("height_px", [480, 2160])
+def test_letters_and_lines_grow_with_the_image(height_px: int) -> None:
+    camera = forward_camera("left", size_px=(height_px * 4 // 3, height_px))
+    drawn = annotations(frame(), camera)
+    assert {text.font_size for text in drawn.texts} == {height_px / 24}
+    assert all(text.position.y >= text.font_size for text in drawn.texts)
+    assert {part.thickness for part in drawn.points} == {height_px / 300}
+    assert len(drawn.texts) == (2 if height_px == 480 else 1)  # a box of 40 px is lower than letters of 90
 
 
 def test_annotations_without_boxes() -> None:
-    drawn = through_cdr(image_annotations(None, None, NAMES, stamp_ns=START_NS))
-    assert (drawn.points, drawn.texts, drawn.timestamp.nanosec) == ([], [], START_NS % 10**9)
+    drawn = annotations(frame(objects=0), RIG.cameras[1])
+    assert (drawn.points, drawn.texts, drawn.timestamp.nanosec) == ([], [], (START_NS + 5) % 10**9)
 
 
 def test_diagnostics() -> None:

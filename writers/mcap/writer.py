@@ -7,7 +7,7 @@ results give equal bytes.
 """
 
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -19,7 +19,8 @@ from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.ros.messages import ROS2
 from pipeline.core.ros.qos import LATCHED_YAML
 from pipeline.core.settings.config import Config
-from writers.atomic import output_errors
+from writers.atomic import atomic_output, output_errors
+from writers.foxglove.layout import foxglove_layout, layout_path
 from writers.mcap.file import McapOutput, mcap_file
 from writers.messages.annotations import image_annotations
 from writers.messages.detections import detections_2d, detections_3d, lidcam_objects
@@ -28,6 +29,7 @@ from writers.messages.images import COMPRESSED, image_cdr
 from writers.messages.scene import marker_array, scene_update
 from writers.messages.sensors import camera_info, moving_transform, point_cloud2, static_transforms
 from writers.provenance import Provenance
+from writers.viewpoint import SceneSurvey
 
 __all__ = ["McapResultWriter"]
 
@@ -53,11 +55,15 @@ class McapResultWriter:
         self._path, self._rig, self._config, self._provenance = path, rig, config, provenance
         self._resources = ExitStack()
         self._channels: dict[str, int] = {}
+        self._filled: set[str] = set()
         self._messages = 0
+        self._survey = SceneSurvey(rig)
         self._file: McapOutput
 
     def __enter__(self) -> Self:
         with ExitStack() as resources, output_errors(self._path):
+            if self._config.output.layout:
+                resources.enter_context(self._layout())
             compression = self._config.output.compression
             self._file = resources.enter_context(mcap_file(self._path, profile="ros2", compression=compression))
             self._attach()
@@ -81,6 +87,7 @@ class McapResultWriter:
         Raises:
             OutputError: the file cannot be written, or a stamp does not fit a ROS 2 header.
         """
+        self._survey.add(result)
         log_time_ns, stamp_ns = result.bundle.log_time_ns, result.bundle.stamp_ns
         not_copied: list[Drop] = []
         stamps_ns = [stamp_ns, *(message.stamp_ns for message in result.bundle.messages.values())]
@@ -115,6 +122,8 @@ class McapResultWriter:
         yield "/lidar/detections", "vision_msgs/msg/Detection3DArray"
         if self._config.output.clouds:
             yield "/point_cloud_combined", "sensor_msgs/msg/PointCloud2"
+            if self._config.output.ground:
+                yield "/ground_cloud", "sensor_msgs/msg/PointCloud2"
         for camera in self._rig.cameras:
             yield f"/{camera.name}/camera_info", "sensor_msgs/msg/CameraInfo"
             yield f"/{camera.name}/annotations", "foxglove_msgs/msg/ImageAnnotations"
@@ -129,8 +138,10 @@ class McapResultWriter:
         yield "/fused/markers", marker_array(result, names)
         yield "/lidar/detections", detections_3d(result.detections.lidar, names, stamp_ns=stamp_ns)
         if self._config.output.clouds:
-            cloud = point_cloud2(result.combined.cloud, stamp_ns=stamp_ns, frame_id=self._rig.site_frame)
-            yield "/point_cloud_combined", cloud
+            frame_id = self._rig.site_frame
+            yield "/point_cloud_combined", point_cloud2(result.combined.cloud, stamp_ns=stamp_ns, frame_id=frame_id)
+            if self._config.output.ground:
+                yield "/ground_cloud", point_cloud2(result.combined.ground_cloud, stamp_ns=stamp_ns, frame_id=frame_id)
 
     def _put_camera(self, camera: CameraSensor, result: FrameResult) -> tuple[Drop, ...]:
         """Write one camera's messages, all with one stamp; none if the frame has neither an image nor boxes of it."""
@@ -150,7 +161,7 @@ class McapResultWriter:
         if image is not None and self._config.output.images:
             drops = self._put_image(prefix, image, frame_id, log_time_ns)
         self._put(f"{prefix}/camera_info", camera_info(camera, stamp_ns), log_time_ns)
-        drawn = image_annotations(boxes, result.matches.get(camera.name), names, stamp_ns=stamp_ns)
+        drawn = image_annotations(result, camera, names, stamp_ns=stamp_ns)
         self._put(f"{prefix}/annotations", drawn, log_time_ns)
         if boxes is not None:
             detections = detections_2d(boxes, names, stamp_ns=stamp_ns, frame_id=frame_id)
@@ -173,6 +184,7 @@ class McapResultWriter:
     def _put_bytes(self, topic: str, msgtype: str, cdr: bytes | memoryview, log_time_ns: int) -> None:
         channel = self._channels.get(topic) or self._register(topic, msgtype)
         self._file.add_message(channel, log_time_ns, cdr, self._messages)
+        self._filled.add(topic)
         self._messages += 1
 
     def _register(self, topic: str, msgtype: str) -> int:
@@ -184,6 +196,13 @@ class McapResultWriter:
         metadata = {"offered_qos_profiles": LATCHED_YAML if topic == "/tf_static" else ""}
         self._channels[topic] = self._file.add_channel(topic, "cdr", schema, metadata)
         return self._channels[topic]
+
+    @contextmanager
+    def _layout(self) -> Iterator[None]:
+        """Writes the layout when the block ends well: it names only topics that the file has."""
+        with atomic_output(layout_path(self._path)) as part:
+            yield
+            part.write_text(foxglove_layout(self._rig, self._survey, self._filled), encoding="utf-8")
 
     def _attach(self) -> None:
         self._file.add_metadata("lidcam", self._provenance.metadata())

@@ -5,54 +5,51 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.core.detections import Boxes2D, Matches
+from pipeline.core.arrays import F32
+from pipeline.core.frame import FrameResult
+from pipeline.core.rig import CameraSensor
 from pipeline.core.ros.messages import ROS2
-from writers.palette import CAMERA_ONLY, LIDAR_ONLY, MATCHED, Rgb
+from writers.drawing import drawn_boxes_2d, object_colors, object_edges, strong_objects
 
 __all__ = ["image_annotations"]
 
-LABEL_PX = 12.0
-_LINE_PX, _MATCHED_LINE_PX = 1.5, 2.5
-_LINE_LOOP = 2  # PointsAnnotation.LINE_LOOP
+LABEL_SHARE = 1 / 24
+"""Height of the letters as a share of the image's: legible in a panel of 200 px."""
+
+_LINE_SHARE, _FAINT_ALPHA = 1 / 300, 0.5
+_LINE_LOOP, _LINE_LIST = 2, 4  # PointsAnnotation
 
 
-def image_annotations(
-    boxes: Boxes2D | None, matches: Matches | None, class_names: Sequence[str], *, stamp_ns: int
-) -> Any:
-    """2D boxes and projected 3D boxes: matched pairs in green, other boxes in the colour of their sensor.
+def image_annotations(result: FrameResult, camera: CameraSensor, class_names: Sequence[str], *, stamp_ns: int) -> Any:
+    """The fused objects as the lens bends them, and the camera's 2D boxes.
 
-    A 2D box is labelled at its top with class and score (and IoU if matched), an unmatched projection at its bottom
-    with `lidar`. Every stamp is the image's: viewers pair by equality.
+    An object has the colour of its class, a 2D box is green if it belongs to an object and amber if not; its label is
+    the object's class and score, else the detector's. Boxes lower than the letters have no label. Every stamp is the
+    image's: viewers pair by equality.
     """
-    stamp = ROS2.time(stamp_ns)
-    outlines, texts = [], []
+    stamp, height_px = ROS2.time(stamp_ns), camera.model.height_px
+    clear = _new("Color", 0.0, 0.0, 0.0, 0.0)
 
-    def outline(xyxy: Sequence[float], rgb: Rgb, thickness: float) -> None:
-        left, top, right, bottom = xyxy
-        corners = [_new("Point2", x, y) for x, y in ((left, top), (right, top), (right, bottom), (left, bottom))]
-        line, fill = _new("Color", *rgb, 1.0), _new("Color", 0.0, 0.0, 0.0, 0.0)
-        outlines.append(_new("PointsAnnotation", stamp, _LINE_LOOP, corners, line, [], fill, thickness, []))
+    def lines(kind: int, points: F32, rgba: Sequence[float], thickness: float) -> Any:
+        corners = [_new("Point2", x, y) for x, y in points.tolist()]
+        return _new("PointsAnnotation", stamp, kind, corners, _new("Color", *rgba), [], clear, thickness, [])
 
-    def label(x: float, y: float, text: str, rgb: Rgb) -> None:
-        ink, ground = _new("Color", *rgb, 1.0), _new("Color", 0.0, 0.0, 0.0, 0.6)
-        texts.append(_new("TextAnnotation", stamp, _new("Point2", x, y), text, LABEL_PX, ink, ground, []))
-
-    pairs = matches.pairs.tolist() if matches is not None else []
-    overlap = {row: iou for (_, row), iou in zip(pairs, matches.iou.tolist(), strict=True)} if matches else {}
-    matched_3d = {row for row, _ in pairs}
-    if matches is not None:
-        for row in np.flatnonzero(np.isfinite(matches.projected_xyxy).all(1)).tolist():
-            xyxy = matches.projected_xyxy[row].tolist()
-            outline(xyxy, MATCHED if row in matched_3d else LIDAR_ONLY, _LINE_PX)
-            if row not in matched_3d:
-                label(xyxy[0], xyxy[3] + LABEL_PX, "lidar", LIDAR_ONLY)
-    if boxes is not None:
-        columns = zip(boxes.xyxy.tolist(), boxes.scores.tolist(), boxes.class_ids.tolist(), strict=True)
-        for row, (xyxy, score, class_id) in enumerate(columns):
-            color = MATCHED if row in overlap else CAMERA_ONLY
-            outline(xyxy, color, _MATCHED_LINE_PX if row in overlap else _LINE_PX)
-            pair = f", IoU {overlap[row]:.2f}" if row in overlap else ""
-            label(xyxy[0], xyxy[1], f"{class_names[class_id]} {score:.2f}{pair}", color)
+    segments, rows = object_edges(result, camera)
+    alphas = [1.0 if strong else _FAINT_ALPHA for strong in strong_objects(result).tolist()]
+    outlines = [
+        lines(_LINE_LIST, segments[rows == row].reshape(-1, 2), (*color, alpha), height_px * _LINE_SHARE)
+        for row, (color, alpha) in enumerate(zip(object_colors(result).tolist(), alphas, strict=True))
+        if (rows == row).any()
+    ]
+    texts, letters_px = [], height_px * LABEL_SHARE
+    drawn = drawn_boxes_2d(result, camera.name, class_names)
+    for (left, top, right, bottom), rgb, text in zip(drawn.xyxy.tolist(), drawn.colors, drawn.labels, strict=True):
+        corners = np.array([[left, top], [right, top], [right, bottom], [left, bottom]], np.float32)
+        outlines.append(lines(_LINE_LOOP, corners, (*rgb, 1.0), height_px * _LINE_SHARE))
+        if bottom - top >= letters_px:
+            place = _new("Point2", max(left, 0.0), max(top, letters_px))
+            ink, ground = _new("Color", *rgb, 1.0), _new("Color", 0.0, 0.0, 0.0, 0.6)
+            texts.append(_new("TextAnnotation", stamp, place, text, letters_px, ink, ground, []))
     return _new("ImageAnnotations", stamp, [], outlines, texts, [])
 
 

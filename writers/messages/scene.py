@@ -9,38 +9,38 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pipeline.core.frame import FrameResult
+from pipeline.core.geometry.box_edges import BOX_EDGES
+from pipeline.core.geometry.boxes import box_corners
 from pipeline.core.ros.messages import ROS2
+from writers.drawing import object_colors, object_labels, strong_objects
 from writers.messages.detections import box_poses
-from writers.palette import class_color
 
-__all__ = ["marker_array", "object_labels", "scene_update"]
+__all__ = ["marker_array", "scene_update"]
 
 LABEL_PX = 13.0
 LABEL_SHARE = 0.35
 """Height of a marker's letters as a share of the height of its box: fits a street and a 1:14 model of one."""
 
-ALPHA_CONFIRMED, ALPHA_LIDAR_ONLY = 0.6, 0.3
+ARROW_SHARE = 0.75
+"""Length of an object's arrow as a share of its own: it points out of its front by a quarter."""
+
+ALPHA_STRONG, ALPHA_FAINT = 0.5, 0.1
+_EDGE_PX = 2.0
+_EDGES = BOX_EDGES.reshape(-1).astype(np.uint32)
+_LINE_LIST = 2  # LinePrimitive
 _DELETE_ALL_ENTITIES = 1  # SceneEntityDeletion.ALL
 _ADD, _DELETE_ALL, _CUBE, _TEXT_VIEW_FACING = 0, 3, 1, 9  # visualization_msgs/Marker
 
 
-def object_labels(result: FrameResult, class_names: Sequence[str]) -> list[str]:
-    """The text beside each fused object: class, score, and how many cameras confirm it."""
-    objects = result.fused.objects
-    columns = zip(objects.class_ids.tolist(), objects.scores.tolist(), result.fused.matched.tolist(), strict=True)
-    return [
-        f"{class_names[class_id]} {score:.2f}" + (f" ({cameras} cam)" if cameras else "")
-        for class_id, score, cameras in columns
-    ]
-
-
 def scene_update(result: FrameResult, class_names: Sequence[str]) -> Any:
-    """foxglove_msgs/SceneUpdate: a cube and a label per fused object; those that a camera confirms are more opaque."""
+    """foxglove_msgs/SceneUpdate: a cube and an arrow per fused object, with a label unless it is faint."""
     objects, stamp = result.fused.objects, ROS2.time(result.bundle.stamp_ns)
     white = _foxglove("Color", 1.0, 1.0, 1.0, 1.0)
+    strong = strong_objects(result).tolist()
     details = zip(objects.class_ids.tolist(), objects.scores.tolist(), objects.point_counts.tolist(), strict=True)
     entities = []
     for row, (drawn, (class_id, score, points)) in enumerate(zip(_drawn(result, class_names), details, strict=True)):
+        text = _foxglove("TextPrimitive", drawn.label_pose, True, LABEL_PX, True, white, drawn.label)
         metadata = {
             "class": class_names[class_id],
             "score": f"{score:.4f}",
@@ -56,15 +56,15 @@ def scene_update(result: FrameResult, class_names: Sequence[str]) -> Any:
                 lifetime=_forever(),
                 frame_locked=False,
                 metadata=[_foxglove("KeyValuePair", key, value) for key, value in metadata.items()],
-                arrows=[],
+                arrows=[_arrow(drawn, opaque=strong[row])],
                 cubes=[
                     _foxglove("CubePrimitive", drawn.pose, ROS2.vector(*drawn.size), _foxglove("Color", *drawn.rgba))
                 ],
                 spheres=[],
                 cylinders=[],
-                lines=[],
+                lines=[_outline(drawn, _EDGE_PX if strong[row] else _EDGE_PX / 2)],
                 triangles=[],
-                texts=[_foxglove("TextPrimitive", drawn.label_pose, True, LABEL_PX, True, white, drawn.label)],
+                texts=[text] if strong[row] else [],
                 models=[],
             )
         )
@@ -96,17 +96,33 @@ class _Drawn(NamedTuple):
 def _drawn(result: FrameResult, class_names: Sequence[str]) -> Iterator[_Drawn]:
     """Each fused object as it is drawn; its label is as far above its roof as a marker's letters need."""
     objects = result.fused.objects
-    alphas = np.where(result.fused.matched > 0, ALPHA_CONFIRMED, ALPHA_LIDAR_ONLY).tolist()
+    alphas = np.where(strong_objects(result), ALPHA_STRONG, ALPHA_FAINT).tolist()
     label_places = objects.centers.copy()
     label_places[:, 2] += objects.sizes[:, 2] * (0.5 + LABEL_SHARE)
     return map(
         _Drawn,
         box_poses(objects),
         objects.sizes.tolist(),
-        [(*class_color(row), alpha) for row, alpha in zip(objects.class_ids.tolist(), alphas, strict=True)],
+        [(*color, alpha) for color, alpha in zip(object_colors(result).tolist(), alphas, strict=True)],
         [ROS2.pose(place) for place in label_places.tolist()],
         object_labels(result, class_names),
     )
+
+
+def _arrow(drawn: _Drawn, *, opaque: bool) -> Any:
+    """An arrow from the centre of an object through its front."""
+    length, _, height = drawn.size
+    shaft, head = 0.75 * ARROW_SHARE * length, 0.25 * ARROW_SHARE * length
+    color = _foxglove("Color", *drawn.rgba[:3], 1.0 if opaque else drawn.rgba[3])
+    return _foxglove("ArrowPrimitive", drawn.pose, shaft, 0.06 * height, head, 0.15 * height, color)
+
+
+def _outline(drawn: _Drawn, thickness_px: float) -> Any:
+    """The edges of an object's box in its colour."""
+    corners = box_corners(np.zeros((1, 3)), np.array([drawn.size]), np.zeros(1))[0]
+    points = [ROS2.new("geometry_msgs/msg/Point", *corner) for corner in corners.tolist()]
+    color = _foxglove("Color", *drawn.rgba[:3], 1.0)
+    return _foxglove("LinePrimitive", _LINE_LIST, drawn.pose, thickness_px, True, points, color, [], _EDGES)
 
 
 def _foxglove(name: str, *values: Any, **fields: Any) -> Any:

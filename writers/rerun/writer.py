@@ -5,7 +5,7 @@ recording is not used. Equal results give equal data, but not equal bytes (Rerun
 with `rerun rrd compare`.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
@@ -15,31 +15,27 @@ import cv2
 import numpy as np
 import rerun as rr
 
-from pipeline.core.arrays import F32, U8, Array
-from pipeline.core.clouds import CombinedCloud
-from pipeline.core.detections import Boxes2D, Boxes3D, Matches
 from pipeline.core.errors import MessageError
 from pipeline.core.frame import FrameResult, Missing
+from pipeline.core.geometry.poses import interpolate_poses
+from pipeline.core.geometry.transform import Transform
 from pipeline.core.images import Image
 from pipeline.core.messages import Drop, RawMessage
 from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.settings.config import Config
 from writers.atomic import atomic_output, output_errors
+from writers.drawing import drawn_boxes_2d, object_labels, strong_objects
 from writers.messages.images import COMPRESSED, read_image
-from writers.messages.scene import object_labels
-from writers.palette import CAMERA_ONLY, LIDAR_ONLY, MATCHED, class_color
+from writers.palette import CAMERA_ONLY, MATCHED, class_color
 from writers.provenance import Provenance
-from writers.rerun.blueprint import SceneScale, blueprint, camera_path
+from writers.rerun import archetypes
+from writers.rerun.blueprint import FIXED, WAY, blueprint, camera_path, place_eye
+from writers.viewpoint import SceneSurvey
 
 __all__ = ["RerunResultWriter"]
 
-MAX_POINTS = 100_000
-"""Points logged per frame; larger clouds are thinned evenly to keep the viewer responsive."""
-
 JPEG_QUALITY = 90
-_GROUND_GREY = (70, 76, 86)
-# Low to high; muted, so that the boxes stand out from the cloud.
-_HEIGHT_STOPS = np.array([[62, 84, 128], [108, 150, 190], [176, 205, 218], [245, 240, 225]], np.float64)
+_WAY_COLOR = (225, 190, 90)
 _MAGIC = {b"\xff\xd8\xff": "image/jpeg", b"\x89PN": "image/png"}
 
 
@@ -69,7 +65,11 @@ class RerunResultWriter:
         self._provenance, self._decode = provenance, decode_any_image
         self._resources = ExitStack()
         self._recording: rr.RecordingStream
-        self._scale: SceneScale | None = None
+        self._survey = SceneSurvey(rig)
+        self._is_placed = False
+        self._heights: tuple[float, float] | None = None
+        self._last_place: list[float] | None = None
+        self._shown: set[str] = set()
 
     def __enter__(self) -> Self:
         with ExitStack() as resources, output_errors(self._path):
@@ -91,6 +91,8 @@ class RerunResultWriter:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         with output_errors(self._path):
+            if kind is None and not self._is_placed and self._survey.frames:
+                self._place_eye()
             self._resources.__exit__(kind, error, trace)
 
     def write(self, result: FrameResult) -> tuple[Drop, ...]:
@@ -99,25 +101,20 @@ class RerunResultWriter:
         Returns:
             Images that cannot be decoded.
         """
-        if self._scale is None:
-            self._scale = SceneScale.of(result.combined, self._rig)
-            self._log_rig(self._scale)
-            self._recording.send_blueprint(blueprint(self._rig, self._scale))
+        if self._survey.frames == 0:
+            self._log_static()
+        self._survey.add(result)
+        if self._survey.is_complete and not self._is_placed:
+            self._place_eye()
         self._recording.set_time("frame", sequence=result.bundle.index)
         self._recording.set_time("stamp", timestamp=np.datetime64(result.bundle.stamp_ns, "ns"))
+        self._log_motion(result)
         if self._config.output.clouds:
-            self._log_cloud(result.combined, self._scale)
-        self._log_objects(result.fused.objects, object_labels(result, self._config.class_names))
+            self._log_clouds(result)
+        self._log_objects(result)
         drops: list[Drop] = []
         for camera in self._rig.cameras:
-            boxes, matches = result.detections.cameras.get(camera.name), result.matches.get(camera.name)
-            is_slower = result.bundle.missing.get(camera.topic) == Missing.NOT_NEAR
-            if is_slower and boxes is None:  # its last image stays, with the boxes that belong to it
-                continue
-            if not is_slower:
-                drops += self._log_image(camera, result)
-            self._log("boxes", camera, _boxes_2d(boxes, matches, self._config.class_names))
-            self._log("projected", camera, _projected(matches))
+            drops += self._log_camera(camera, result)
         self._recording.log("metrics/objects", rr.Scalars(float(len(result.fused.objects))))
         self._recording.log("metrics/confirmed", rr.Scalars(float((result.fused.matched > 0).sum())))
         self._recording.log("metrics/skew_ms", rr.Scalars(result.bundle.skew_ns / 1e6))
@@ -126,36 +123,34 @@ class RerunResultWriter:
     def _log(self, leaf: str, camera: CameraSensor, entity: Any) -> None:
         self._recording.log(f"{camera_path(camera)}/{leaf}", entity)
 
-    def _log_rig(self, scale: SceneScale) -> None:
-        static = self._recording
-        names = self._config.class_names
+    def _place_eye(self) -> None:
+        """The layout, and what is drawn in the scene's own measure: known once enough of it was seen."""
+        viewpoint, static = place_eye(self._survey), self._recording
+        self._is_placed = True
+        for lidar in self._rig.lidars:
+            axes = rr.TransformAxes3D(viewpoint.size_m * 0.04)
+            static.log(f"world/lidars/{lidar.name}", _transform(lidar.T_site_lidar), axes, static=True)
+        for camera in self._rig.cameras:
+            model = camera.model
+            pinhole = rr.Pinhole(
+                image_from_camera=model.K,
+                width=model.width_px,
+                height=model.height_px,
+                camera_xyz=rr.ViewCoordinates.RDF,
+                image_plane_distance=viewpoint.size_m * 0.08,
+            )
+            no_axes = rr.TransformAxes3D(0.0)  # the pinhole says enough
+            pose = _transform(camera.T_camera_site.inverse())
+            static.log(camera_path(camera), pose, pinhole, no_axes, static=True)
+        static.send_blueprint(blueprint(self._rig, viewpoint))
+
+    def _log_static(self) -> None:
         context = [
             rr.AnnotationInfo(id=class_id, label=name, color=class_color(class_id).bytes_rgb)
-            for class_id, name in enumerate(names)
+            for class_id, name in enumerate(self._config.class_names)
         ]
+        static = self._recording
         static.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, rr.AnnotationContext(context), static=True)
-        for lidar in self._rig.lidars:
-            pose = lidar.T_site_lidar
-            static.log(
-                f"world/lidars/{lidar.name}",
-                rr.Transform3D(translation=pose.translation, quaternion=rr.Quaternion(xyzw=pose.quaternion_xyzw)),
-                rr.TransformAxes3D(scale.radius_m * 0.04),
-                static=True,
-            )
-        for camera in self._rig.cameras:
-            pose, model = camera.T_camera_site.inverse(), camera.model
-            static.log(
-                camera_path(camera),
-                rr.Transform3D(translation=pose.translation, quaternion=rr.Quaternion(xyzw=pose.quaternion_xyzw)),
-                rr.Pinhole(
-                    image_from_camera=model.K,
-                    width=model.width_px,
-                    height=model.height_px,
-                    camera_xyz=rr.ViewCoordinates.RDF,
-                    image_plane_distance=scale.radius_m * 0.08,
-                ),
-                static=True,
-            )
         for path, color, label in (
             ("objects", class_color(0), "objects"),
             ("confirmed", MATCHED, "confirmed by cameras"),
@@ -163,57 +158,68 @@ class RerunResultWriter:
         ):
             static.log(f"metrics/{path}", rr.SeriesLines(colors=color.bytes_rgb, names=label), static=True)
 
-    def _log_cloud(self, combined: CombinedCloud, scale: SceneScale) -> None:
-        total = len(combined.cloud) + len(combined.ground_cloud)
-        share = min(1.0, MAX_POINTS / total) if total else 1.0
-        xyz, ground = _thinned(combined.cloud.xyz, share), _thinned(combined.ground_cloud.xyz, share)
-        height = (xyz[:, 2] - scale.low_m) / (scale.high_m - scale.low_m)
-        size = rr.Radius.ui_points(1.3)
-        self._recording.log("world/cloud", rr.Points3D(xyz, colors=_height_colors(height), radii=size))
-        self._recording.log("world/ground", rr.Points3D(ground, colors=_GROUND_GREY, radii=rr.Radius.ui_points(0.9)))
-
-    def _log_objects(self, objects: Boxes3D, labels: Sequence[str]) -> None:
-        half = objects.yaws / 2
-        zeros = np.zeros_like(half)
-        quaternions = np.stack([zeros, zeros, np.sin(half), np.cos(half)], -1)
-        ahead = np.stack([np.cos(objects.yaws), np.sin(objects.yaws), zeros], -1)
-        self._recording.log(
-            "world/objects",
-            rr.Boxes3D(
-                centers=objects.centers,
-                sizes=objects.sizes,
-                quaternions=quaternions,
-                class_ids=objects.class_ids,
-                labels=labels,
-                show_labels=True,
-                fill_mode="TransparentFillMajorWireframe",
-                radii=rr.Radius.ui_points(1.5),
-            ),
+    def _log_motion(self, result: FrameResult) -> None:
+        """The frame in which the rig moves, seen from the rig, and the rig's step since the frame before."""
+        motion, stamp_ns, limits = result.bundle.motion, result.bundle.stamp_ns, self._config.combine.motion
+        if motion is None:
+            return
+        known = motion.covers(
+            stamp_ns, stamp_ns, max_extrapolation_s=limits.max_extrapolation_s, max_gap_s=limits.max_gap_s
         )
-        colors = [class_color(class_id).bytes_rgb for class_id in objects.class_ids.tolist()]
-        self._recording.log(
-            "world/objects/heading",
-            rr.Arrows3D(
-                origins=objects.centers,
-                vectors=ahead * objects.sizes[:, :1] * 0.75,
-                colors=colors,
-                radii=objects.sizes[:, 2] * 0.03,
-            ),
-        )
+        if not known:
+            self._recording.log(FIXED, rr.Transform3D(scale=0.0))  # hides the way: where it lies is not known
+            self._last_place = None
+            return
+        pose = interpolate_poses(motion.stamps_ns, motion.T_fixed_moving, np.array([stamp_ns], np.int64))[0]
+        self._recording.log(FIXED, _transform(Transform(motion.fixed_frame_id, motion.frame_id, pose).inverse()))
+        place = pose[:3, 3].tolist()
+        step = [self._last_place or place, place]
+        self._recording.log(WAY, rr.LineStrips3D([step], colors=_WAY_COLOR, radii=rr.Radius.ui_points(2.0)))
+        self._last_place = place
 
-    def _log_image(self, camera: CameraSensor, result: FrameResult) -> tuple[Drop, ...]:
-        message = result.bundle.messages.get(camera.topic)
+    def _log_clouds(self, result: FrameResult) -> None:
+        self._heights = self._heights or archetypes.height_range(result.combined)
+        self._recording.log("world/cloud", archetypes.cloud_points(result.combined, self._heights or (0.0, 1.0)))
+        self._recording.log("world/ground", archetypes.ground_points(result.combined))
+
+    def _log_objects(self, result: FrameResult) -> None:
+        labels, strong = object_labels(result, self._config.class_names), strong_objects(result)
+        self._recording.log("world/objects", archetypes.objects_3d(result, labels, strong, strong=True))
+        self._recording.log("world/objects/heading", archetypes.heading_arrows(result, strong))
+        self._recording.log("world/faint", archetypes.objects_3d(result, labels, ~strong, strong=False))
+
+    def _log_camera(self, camera: CameraSensor, result: FrameResult) -> tuple[Drop, ...]:
+        """The image and what is drawn on it; a camera slower than the frames keeps its last image."""
         unusable = {(drop.topic, drop.stamp_ns) for drop in result.drops}
+        message = result.bundle.messages.get(camera.topic)
+        if message is not None and (message.topic, message.stamp_ns) in unusable:
+            message = None
+        is_slower = result.bundle.missing.get(camera.topic) == Missing.NOT_NEAR
+        if message is None and camera.name not in result.detections.cameras:
+            if not is_slower:
+                self._clear(camera)
+            return ()
+        self._shown.add(camera.name)
+        image: Any = rr.Clear(recursive=False)
         drops: tuple[Drop, ...] = ()
-        if message is not None and self._config.output.images and (message.topic, message.stamp_ns) not in unusable:
+        if message is not None and self._config.output.images:
             try:
-                self._log("image", camera, self._encoded(message))
+                image = self._encoded(message)
             except MessageError as err:
                 drops = (Drop(message.topic, message.stamp_ns, "the image cannot be shown", str(err)),)
-            else:
-                return ()
-        self._log("image", camera, rr.Clear(recursive=False))  # else an earlier image would remain
+        drawn = drawn_boxes_2d(result, camera.name, self._config.class_names)
+        if not is_slower:
+            self._log("image", camera, image)
+        self._log("boxes", camera, archetypes.boxes_2d(drawn))
+        self._log("boxes/labels", camera, archetypes.labels_2d(drawn, camera))
+        self._log("objects", camera, archetypes.edges_2d(result, camera))
         return drops
+
+    def _clear(self, camera: CameraSensor) -> None:
+        if camera.name in self._shown:
+            self._shown.remove(camera.name)
+            for leaf in ("image", "boxes", "boxes/labels", "objects"):
+                self._log(leaf, camera, rr.Clear(recursive=False))
 
     def _encoded(self, message: RawMessage) -> rr.EncodedImage:
         """The image as JPEG or PNG.
@@ -234,43 +240,6 @@ class RerunResultWriter:
         return rr.EncodedImage(contents=jpeg.tobytes(), media_type="image/jpeg")
 
 
-def _height_colors(share: Array) -> U8:
-    """(N, 3) colours of heights, given as shares of the scale from 0 (low) to 1 (high)."""
-    stops = np.linspace(0, 1, len(_HEIGHT_STOPS))
-    return np.stack([np.interp(share, stops, channel) for channel in _HEIGHT_STOPS.T], -1).astype(np.uint8)
-
-
-def _thinned(xyz: F32, share: float) -> F32:
-    """A `share` of the points, evenly spaced."""
-    rows = np.linspace(0, len(xyz) - 1, int(len(xyz) * share)).astype(np.intp) if share < 1.0 else slice(None)
-    return xyz[rows]
-
-
-def _boxes_2d(boxes: Boxes2D | None, matches: Matches | None, class_names: Sequence[str]) -> rr.Boxes2D:
-    """The camera's 2D boxes, matched ones in green."""
-    if boxes is None or not len(boxes):
-        return rr.Boxes2D(array=np.zeros((0, 4)), array_format=rr.Box2DFormat.XYXY)
-    matched = set(matches.pairs[:, 1].tolist()) if matches is not None else set()
-    columns = zip(boxes.class_ids.tolist(), boxes.scores.tolist(), strict=True)
-    return rr.Boxes2D(
-        array=boxes.xyxy,
-        array_format=rr.Box2DFormat.XYXY,
-        colors=[(MATCHED if row in matched else CAMERA_ONLY).bytes_rgb for row in range(len(boxes))],
-        labels=[f"{class_names[class_id]} {score:.2f}" for class_id, score in columns],
-        radii=rr.Radius.ui_points(1.2),
-        show_labels=True,
-    )
-
-
-def _projected(matches: Matches | None) -> rr.Boxes2D:
-    """The 3D boxes projected to upright rectangles in this image, matched ones in green."""
-    if matches is None:
-        return rr.Boxes2D(array=np.zeros((0, 4)), array_format=rr.Box2DFormat.XYXY)
-    rows = np.flatnonzero(np.isfinite(matches.projected_xyxy).all(1))
-    matched = set(matches.pairs[:, 0].tolist())
-    return rr.Boxes2D(
-        array=matches.projected_xyxy[rows],
-        array_format=rr.Box2DFormat.XYXY,
-        colors=[(MATCHED if row in matched else LIDAR_ONLY).bytes_rgb for row in rows.tolist()],
-        radii=rr.Radius.ui_points(0.8),
-    )
+def _transform(transform: Transform) -> rr.Transform3D:
+    quaternion = rr.Quaternion(xyzw=transform.quaternion_xyzw)
+    return rr.Transform3D(translation=transform.translation, quaternion=quaternion)

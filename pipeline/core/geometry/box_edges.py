@@ -4,10 +4,10 @@ import numpy as np
 
 from pipeline.core.arrays import F64, Bools
 
-__all__ = ["clip_segments", "edges_ahead", "sample_by_angle"]
+__all__ = ["BOX_EDGES", "clip_segments", "edges_ahead", "sample_by_angle"]
 
-# The two corners of each edge of a box, in the order of `box_corners`.
-_EDGES = np.array([[0, 1], [1, 2], [2, 3], [3, 0], [4, 5], [5, 6], [6, 7], [7, 4], [0, 4], [1, 5], [2, 6], [3, 7]])
+BOX_EDGES = np.array([[0, 1], [1, 2], [2, 3], [3, 0], [4, 5], [5, 6], [6, 7], [7, 4], [0, 4], [1, 5], [2, 6], [3, 7]])
+"""The two corners of each edge of a box, in the order of `box_corners`."""
 
 
 def edges_ahead(corners_camera: F64, near_m: float) -> tuple[F64, F64, Bools]:
@@ -20,7 +20,7 @@ def edges_ahead(corners_camera: F64, near_m: float) -> tuple[F64, F64, Bools]:
     Returns:
         (N, 12, 3) where each edge begins and (N, 12, 3) where it ends; (N, 12) whether anything of it is left.
     """
-    start, end = corners_camera[:, _EDGES[:, 0]], corners_camera[:, _EDGES[:, 1]]
+    start, end = corners_camera[:, BOX_EDGES[:, 0]], corners_camera[:, BOX_EDGES[:, 1]]
     z0, z1 = start[..., 2:], end[..., 2:]
     rise = np.where(z0 == z1, 1.0, z1 - z0)
     cut_point = start + np.clip((near_m - z0) / rise, 0.0, 1.0) * (end - start)
@@ -75,4 +75,4 @@ def clip_segments(segments: F64, width: float, height: float) -> tuple[F64, Bool
     enter, leave = np.maximum(enter, 0.0), np.minimum(leave, 1.0)
     beside = (~moves & ((start < 0) | (start > limit))).any(-1)
     clipped = start[:, None] + np.stack([enter, leave], -1)[..., None] * way[:, None]
-    return np.clip(clipped, 0.0, limit), (enter < leave) & ~beside
+    return np.clip(clipped, 0.0, limit), (enter < leave) & ~beside & moves.any(-1)

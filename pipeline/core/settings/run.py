@@ -13,11 +13,15 @@ class OutputConfig(SettingsModel):
     Attributes:
         images: Whether to copy the images to the output.
         clouds: Whether to write the combined cloud.
+        ground: Whether to write the points of the ground with it, as a topic of their own.
+        layout: Whether to write a layout for Foxglove beside the MCAP.
         compression: Compression of the MCAP chunks.
     """
 
     images: bool = True
     clouds: bool = True
+    ground: bool = True
+    layout: bool = True
     compression: Literal["none", "lz4", "zstd"] = "lz4"
 
 

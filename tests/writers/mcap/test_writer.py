@@ -1,4 +1,5 @@
 import hashlib
+import re
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
@@ -33,6 +34,7 @@ EACH_FRAME = {
     "/fused/markers": "visualization_msgs/msg/MarkerArray",
     "/lidar/detections": "vision_msgs/msg/Detection3DArray",
     "/point_cloud_combined": "sensor_msgs/msg/PointCloud2",
+    "/ground_cloud": "sensor_msgs/msg/PointCloud2",
     "/left/image": "sensor_msgs/msg/Image",
     "/right/image/compressed": "sensor_msgs/msg/CompressedImage",
     "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
@@ -156,6 +158,7 @@ def test_provenance(two_frames: Path) -> None:
     assert (header.profile, header.library) == ("ros2", "lidcam")
     assert metadata["lidcam"] == {
         "version": "1.2.3",
+        "settings": "as given",
         "input.0.name": "a.bag",
         "input.0.sha256": "aa" * 32,
         "input.1.name": "b.bag",
@@ -185,15 +188,47 @@ def test_the_same_results_give_the_same_bytes(tmp_path: Path, compression: str) 
 def test_images_and_clouds_can_be_left_out(tmp_path: Path) -> None:
     config = Config.model_validate({"output": {"images": False, "clouds": False}})
     write(tmp_path / "out.mcap", [frame()], config=config)
-    left_out = {"/left/image", "/right/image/compressed", "/point_cloud_combined"}
+    left_out = {"/left/image", "/right/image/compressed", "/point_cloud_combined", "/ground_cloud"}
     assert set(topics_of(tmp_path / "out.mcap")) == {"/tf_static", *EACH_FRAME} - left_out
     ((_, info),) = messages_of(tmp_path / "out.mcap", "/left/camera_info")
     assert stamp_of(info) == START_NS + 1_000_001
 
 
+def test_the_ground_can_be_left_out(tmp_path: Path) -> None:
+    write(tmp_path / "out.mcap", [frame()], config=Config.model_validate({"output": {"ground": False}}))
+    assert set(topics_of(tmp_path / "out.mcap")) == {"/tf_static", *EACH_FRAME} - {"/ground_cloud"}
+
+
+def test_the_ground_is_a_cloud_of_its_own(two_frames: Path) -> None:
+    (_, message), _ = messages_of(two_frames, "/ground_cloud")
+    assert (message.header.frame_id, message.width) == ("site", 200)
+    xyz = np.ndarray((200, 3), "<f4", message.data.tobytes(), 0, (22, 4))
+    np.testing.assert_array_equal(xyz, frame(0).combined.ground_cloud.xyz)
+
+
+def topics_in(layout: str) -> set[str]:
+    return set(re.findall(r'"(/[^".]+)', layout))
+
+
+@pytest.mark.parametrize("output", [{}, {"images": False}, {"clouds": False}, {"ground": False}])
+def test_the_layout_names_topics_that_have_messages(tmp_path: Path, output: dict[str, bool]) -> None:
+    write(tmp_path / "out.mcap", [frame(), frame(1)], config=Config.model_validate({"output": output}))
+    named = topics_in((tmp_path / "out.foxglove.json").read_text())
+    assert named <= {topic for topic, (_, count) in topics_of(tmp_path / "out.mcap").items() if count}
+    assert {"/fused/scene", "/diagnostics", "/left/camera_info"} <= named
+    assert ("/left/image" in named) == output.get("images", True)
+    assert ("/ground_cloud" in named) == (output.get("clouds", True) and output.get("ground", True))
+
+
+def test_the_layout_can_be_left_out(tmp_path: Path) -> None:
+    write(tmp_path / "out.mcap", [frame()], config=Config.model_validate({"output": {"layout": False}}))
+    assert names_in(tmp_path) == ["out.mcap"]
+
+
 def test_no_frames_is_a_readable_file(tmp_path: Path) -> None:
     write(tmp_path / "out.mcap", [])
     assert {count for _, count in topics_of(tmp_path / "out.mcap").values()} == {0}
+    assert topics_in((tmp_path / "out.foxglove.json").read_text()) == {"/diagnostics"}
 
 
 def with_messages(result: FrameResult, **messages: Any) -> FrameResult:
@@ -243,7 +278,7 @@ def names_in(folder: Path) -> list[str]:
 def test_a_failed_run_leaves_nothing(tmp_path: Path) -> None:
     def failing() -> Iterable[FrameResult]:
         yield frame(0)
-        assert names_in(tmp_path) == ["out.mcap.part"]
+        assert names_in(tmp_path) == ["out.foxglove.json.part", "out.mcap.part"]
         raise RuntimeError("in a stage")
 
     with pytest.raises(RuntimeError, match="in a stage"):

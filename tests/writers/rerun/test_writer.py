@@ -16,8 +16,10 @@ from pipeline.core.images import Image
 from pipeline.core.messages import Drop, RawMessage
 from pipeline.core.settings.config import Config
 from writers.base import ResultWriter
-from writers.rerun.blueprint import SceneScale
-from writers.rerun.writer import MAX_POINTS, RerunResultWriter
+from writers.drawing import DrawnBoxes2D
+from writers.palette import MATCHED
+from writers.rerun.archetypes import MAX_POINTS, labels_2d
+from writers.rerun.writer import RerunResultWriter
 
 RERUN = Path(sys.executable).with_name("rerun")
 
@@ -62,9 +64,11 @@ def test_rerun_reads_it(tmp_path: Path) -> None:
     assert checked.returncode == 0, checked.stderr
     printed = rerun(tmp_path, "rrd", "print", "-v", path).stdout
     cameras = {
-        f"/world/cameras/{name}{leaf}" for name in ("left", "right") for leaf in ("", "/image", "/boxes", "/projected")
+        f"/world/cameras/{name}{leaf}"
+        for name in ("left", "right")
+        for leaf in ("", "/image", "/boxes", "/boxes/labels", "/objects")
     }
-    others = {"/world", "/world/cloud", "/world/ground", "/world/objects", "/world/objects/heading"}
+    others = {"/world", "/world/cloud", "/world/ground", "/world/objects", "/world/objects/heading", "/world/faint"}
     lidars = {"/world/lidars/lidar1", "/world/lidars/lidar2"}
     metrics = {"/metrics/objects", "/metrics/confirmed", "/metrics/skew_ms"}
     assert entities(printed) == cameras | others | lidars | metrics
@@ -125,21 +129,6 @@ def without_left(result: FrameResult, why: Missing) -> FrameResult:
     )
 
 
-def test_the_image_of_a_slow_camera_stays_with_its_boxes_and_that_of_a_silent_one_goes(tmp_path: Path) -> None:
-    slow, silent = without_left(frame(1), Missing.NOT_NEAR), without_left(frame(2), Missing.SILENT)
-    write(tmp_path / "out.rrd", [frame(0), slow, silent])
-    printed = rerun(tmp_path, "rrd", "print", "-v", tmp_path / "out.rrd").stdout
-    rows: dict[str, int] = {}
-    for count, entity, components in re.findall(r"with (\d+) rows .* - (\S+) - data columns: \[(.*)\]", printed):
-        key = f"{entity} cleared" if "Clear:" in components else entity
-        rows[key] = rows.get(key, 0) + int(count)
-    left = "/world/cameras/left"
-    assert rows[f"{left}/image"] == 1
-    assert rows[f"{left}/image cleared"] == 1
-    assert rows[f"{left}/boxes"] == rows[f"{left}/projected"] == 2
-    assert rows["/world/cameras/right/image"] == 3
-
-
 def test_an_unreadable_image_is_reported(tmp_path: Path) -> None:
     ((drop,),) = write(tmp_path / "out.rrd", [frame()], decode_any_image=unreadable)
     assert drop == Drop("/left/image", START_NS + 1_000_001, "the image cannot be shown", "/left/image: no image")
@@ -175,18 +164,7 @@ def test_large_clouds_are_thinned_the_same_way_every_time(tmp_path: Path) -> Non
     write(tmp_path / "one.rrd", [replace(result, combined=combined)])
     write(tmp_path / "two.rrd", [replace(result, combined=combined)])
     assert rerun(tmp_path, "rrd", "compare", "--unordered", tmp_path / "one.rrd", tmp_path / "two.rrd").returncode == 0
-    assert (tmp_path / "one.rrd").stat().st_size < MAX_POINTS * 17
-
-
-@pytest.mark.parametrize("size_m", [1.0, 20.0])
-def test_the_scene_s_scale_follows_its_size(size_m: float) -> None:
-    result = frame()
-    angle = np.linspace(0, 2 * np.pi, 500, endpoint=False)
-    ring = np.stack([np.cos(angle), np.sin(angle), 0 * angle], -1) * size_m
-    cloud = replace(result.combined.cloud, xyz=(ring + np.array([0.5, -1, 7])).astype(np.float32))
-    scale = SceneScale.of(replace(result.combined, cloud=cloud, ground_cloud=cloud), RIG)
-    np.testing.assert_allclose(scale.center, [0.5, -1, 7], atol=1e-5)  # between lidars at (0, 0) and (1, -2)
-    assert scale.radius_m == pytest.approx(size_m + np.hypot(0.5, 1), rel=1e-3)
+    assert (tmp_path / "one.rrd").stat().st_size < MAX_POINTS * 18
 
 
 def test_compressed_images_pass_through_undecoded(tmp_path: Path) -> None:
@@ -198,3 +176,56 @@ def test_compressed_images_pass_through_undecoded(tmp_path: Path) -> None:
 
     assert write(tmp_path / "out.rrd", [frame()], decode_any_image=noting) == [()]
     assert decoded == ["/left/image"]
+
+
+def cleared(tmp_path: Path) -> dict[str, int]:
+    """How often each entity of `out.rrd` is cleared."""
+    printed = rerun(tmp_path, "rrd", "print", "-v", tmp_path / "out.rrd").stdout
+    found = re.findall(r"with (\d+) rows .* - (/[\w/]+) - data columns: .*@Clear:", printed)
+    return {path: sum(int(rows) for rows, other in found if other == path) for _, path in found}
+
+
+def test_a_moving_rig_has_a_fixed_frame_and_a_way(tmp_path: Path) -> None:
+    write(tmp_path / "out.rrd", [frame(index, motion=True) for index in range(3)])
+    found = entities(rerun(tmp_path, "rrd", "print", "-v", tmp_path / "out.rrd").stdout)
+    assert {"/world/fixed", "/world/fixed/way"} <= found
+
+
+def test_the_image_of_a_slow_camera_stays_with_its_overlay(tmp_path: Path) -> None:
+    write(
+        tmp_path / "out.rrd", [frame(0), *(without_left(frame(row), Missing.NOT_NEAR) for row in (1, 2, 3)), frame(4)]
+    )
+    assert cleared(tmp_path) == {}
+
+
+def test_that_of_a_silent_one_is_cleared_once(tmp_path: Path) -> None:
+    silent = [without_left(frame(row), Missing.SILENT) for row in (1, 2, 3)]
+    write(tmp_path / "out.rrd", [frame(0), *silent])
+    leaves = "image", "boxes", "boxes/labels", "objects"
+    assert cleared(tmp_path) == {f"/world/cameras/left/{leaf}": 1 for leaf in leaves}
+
+
+def test_boxes_go_on_where_only_the_image_is_slow(tmp_path: Path) -> None:
+    slow = without_left(frame(1), Missing.NOT_NEAR)
+    detections = replace(slow.detections, cameras=frame(1).detections.cameras)
+    write(tmp_path / "out.rrd", [frame(0), replace(slow, detections=detections)])
+    assert cleared(tmp_path) == {}
+    printed = rerun(tmp_path, "rrd", "print", "-v", tmp_path / "out.rrd").stdout
+    rows = [int(count) for count in re.findall(r"with (\d+) rows .* - /world/cameras/left/image - data", printed)]
+    assert sum(rows) == 1
+
+
+def test_labels_never_cover_each_other_nor_leave_the_image() -> None:
+    camera = RIG.cameras[0]
+    xyxy = np.array([[0, 0, 30, 60], [5, 5, 36, 61], [300, 200, 420, 479], [300, 300, 310, 303]], np.float32)
+    drawn = DrawnBoxes2D(xyxy, [MATCHED] * 4, ["truck 0.90", "car 0.80", "bus 0.70", "car 0.60"])
+    labels = labels_2d(drawn, camera)
+    assert labels.labels is not None
+    assert labels.labels.as_arrow_array().to_pylist() == ["bus 0.70", "truck 0.90"]
+    assert labels.positions is not None
+    places = np.array(labels.positions.as_arrow_array().to_pylist())
+    assert ((places > 0) & (places < [640, 480 - 20])).all()
+
+
+def test_no_labels() -> None:
+    labels_2d(DrawnBoxes2D(np.zeros((0, 4), np.float32), (), ()), RIG.cameras[0])

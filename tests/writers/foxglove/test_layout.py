@@ -1,0 +1,86 @@
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+from frames import RIG, frame
+
+from pipeline.core.rig import Rig
+from writers.foxglove.layout import foxglove_layout
+from writers.viewpoint import SceneSurvey
+
+SITE = {"/point_cloud_combined", "/ground_cloud", "/fused/scene", "/fused/markers", "/diagnostics", "/tf_static"}
+CAMERAS = {f"/{name}/{leaf}" for name in ("left", "right") for leaf in ("camera_info", "annotations")}
+TOPICS = SITE | CAMERAS | {"/left/image", "/right/image/compressed"}
+
+
+def layout(topics: set[str], *, rig: Rig = RIG) -> Any:
+    survey = SceneSurvey(rig)
+    survey.add(frame())
+    return json.loads(foxglove_layout(rig, survey, topics))
+
+
+def leaves(node: Any) -> list[str]:
+    """Ids of the panels of a tree of splits; asserts the form of each split."""
+    if isinstance(node, str):
+        return [node]
+    assert set(node) == {"first", "second", "direction", "splitPercentage"}
+    assert node["direction"] in ("row", "column")
+    assert 0 < node["splitPercentage"] < 100
+    return leaves(node["first"]) + leaves(node["second"])
+
+
+def named_topics(node: Any) -> set[str]:
+    """Every string in a layout that begins like a topic, without the path into its messages."""
+    if isinstance(node, dict):
+        return set().union(*(named_topics(part) for pair in node.items() for part in pair))
+    if isinstance(node, list):
+        return set().union(*map(named_topics, node))
+    return {node.split(".")[0]} if isinstance(node, str) and node.startswith("/") else set()
+
+
+@pytest.mark.parametrize(
+    "topics", [TOPICS, SITE, TOPICS - {"/left/image", "/ground_cloud", "/right/annotations"}, {"/diagnostics"}]
+)
+def test_every_panel_has_its_place_and_every_topic_exists(topics: set[str]) -> None:
+    found = layout(topics)
+    assert set(found) == {"configById", "globalVariables", "userNodes", "playbackConfig", "layout"}
+    panels = leaves(found["layout"])
+    assert len(set(panels)) == len(panels)
+    assert set(panels) == set(found["configById"])
+    assert {panel.split("!")[0] for panel in panels} <= {"3D", "Image", "Plot", "DiagnosticSummary"}
+    assert named_topics(found) <= topics
+
+
+def test_everything_is_switched_on_once() -> None:
+    configs = layout(TOPICS)["configById"]
+    shown = {topic: settings["visible"] for topic, settings in configs["3D!scene"]["topics"].items()}
+    frusta = {"/left/camera_info": True, "/right/camera_info": True}
+    clouds = {"/point_cloud_combined": True, "/ground_cloud": True}
+    assert shown == {**clouds, **frusta, "/fused/scene": True, "/fused/markers": False}
+    assert configs["3D!scene"]["followTf"] == "site"
+    for name, topic in (("left", "/left/image"), ("right", "/right/image/compressed")):
+        assert configs[f"Image!{name}"]["imageMode"] == {
+            "imageTopic": topic,
+            "synchronize": True,
+            "calibrationTopic": f"/{name}/camera_info",
+            "annotations": {f"/{name}/annotations": {"visible": True}},
+        }
+
+
+def test_an_image_without_annotations_waits_for_none() -> None:
+    mode = layout({"/left/image", "/diagnostics"})["configById"]["Image!left"]["imageMode"]
+    assert mode == {"imageTopic": "/left/image", "synchronize": False}
+
+
+def test_the_eye_is_that_of_the_viewpoint() -> None:
+    """As the panel computes it (CameraStateSettings): three.js' spherical angles, turned about x by 90 degrees."""
+    survey = SceneSurvey(RIG)
+    survey.add(frame())
+    state = json.loads(foxglove_layout(RIG, survey, SITE))["configById"]["3D!scene"]["cameraState"]
+    phi, theta = np.radians(state["phi"]), -np.radians(state["thetaOffset"])
+    x, y, z = np.sin(phi) * np.sin(theta), np.cos(phi), np.sin(phi) * np.cos(theta)
+    eye = np.array([x, -z, y]) * state["distance"] + state["targetOffset"]
+    expected = survey.viewpoint(aspect=1600 / 896, fov_y_deg=45)
+    np.testing.assert_allclose(eye, expected.eye, atol=0.05)
+    np.testing.assert_allclose(state["targetOffset"], expected.target, atol=1e-3)

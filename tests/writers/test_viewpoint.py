@@ -1,0 +1,148 @@
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from detections import LOOK_FORWARD, boxes3d, forward_camera
+from frames import frame
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pipeline.core.arrays import F64
+from pipeline.core.clouds import CombinedCloud, PointCloud
+from pipeline.core.detections import Fused
+from pipeline.core.frame import FrameResult
+from pipeline.core.geometry.transform import Transform
+from pipeline.core.rig import CameraSensor, LidarSensor, Rig
+from writers.viewpoint import SURVEYED_FRAMES, SceneSurvey, Viewpoint, cameras_in_order, front_of_rig
+
+ASPECT, FOV_Y_DEG = 1.3, 55.0
+
+
+def camera(name: str, azimuth_deg: float, place: tuple[float, float, float] = (0, 0, 1.5)) -> CameraSensor:
+    angle = np.radians(azimuth_deg)
+    turned = np.eye(4)
+    turned[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    turned[:3, 3] = place
+    return replace(forward_camera(name), T_camera_site=Transform(name, "site", LOOK_FORWARD @ np.linalg.inv(turned)))
+
+
+def lidar(x: float, y: float, z: float = 2.0) -> LidarSensor:
+    return LidarSensor(f"l{x}{y}", "/l", Transform.from_quaternion("site", "l", (x, y, z), (0, 0, 0, 1)))
+
+
+def rig(*cameras: CameraSensor, lidars: tuple[LidarSensor, ...] = (lidar(0, 0),)) -> Rig:
+    return Rig("site", lidars, cameras, ())
+
+
+def cloud(xy: Any) -> CombinedCloud:
+    n = len(xy)
+    xyz = np.concatenate([np.asarray(xy, np.float32).reshape(-1, 2), np.zeros((n, 1), np.float32)], 1)
+    zeros = np.zeros(n, np.float32), np.zeros(n, np.uint16), np.zeros(n, np.int32)
+    points = PointCloud(1, "site", xyz, *zeros)
+    return CombinedCloud(points, np.zeros(n, np.uint8), points.select(np.zeros(0, np.intp)), None, {})
+
+
+def seen(places: Any, *, points: Any = (), score: float = 0.9) -> FrameResult:
+    """A frame with cars at places x, y and with points."""
+    rows = [[x, y, 0.8, 4.0, 1.8, 1.6, 0.2] for x, y in places]
+    found = boxes3d(rows, scores=[score] * len(rows))
+    fused = Fused(found, np.zeros(len(rows), np.int32), np.arange(len(rows), dtype=np.int64))
+    return replace(frame(), fused=fused, combined=cloud(points))
+
+
+def ring(radius_m: float) -> F64:
+    angle = np.linspace(0, 2 * np.pi, 200)
+    return np.stack([np.cos(angle), np.sin(angle)], -1) * radius_m
+
+
+def place_eye(of: Rig, *frames: FrameResult) -> Viewpoint:
+    survey = SceneSurvey(of)
+    for one in frames:
+        survey.add(one)
+    return survey.viewpoint(aspect=ASPECT, fov_y_deg=FOV_Y_DEG)
+
+
+def in_view(view: Viewpoint, points: Any) -> Any:
+    """Which points are in view: as a viewer projects them, with z up."""
+    ahead = (view.target - view.eye) / np.linalg.norm(view.target - view.eye)
+    right = np.cross(ahead, [0, 0, 1])
+    right /= np.linalg.norm(right)
+    away = np.asarray(points, np.float64) - view.eye
+    depth, slope = away @ ahead, np.tan(np.radians(FOV_Y_DEG) / 2)
+    across, up = away @ right, away @ np.cross(right, ahead)
+    return (depth > 0) & (np.abs(across) <= slope * ASPECT * depth) & (np.abs(up) <= slope * depth)
+
+
+@pytest.mark.parametrize("azimuth_deg", [0.0, 90.0, 180.0, -45.0])
+def test_a_rig_that_looks_one_way_is_seen_from_behind(azimuth_deg: float) -> None:
+    front = np.array([np.cos(np.radians(azimuth_deg)), np.sin(np.radians(azimuth_deg))])
+    places = np.array([10 * front, 16 * front + 4 * front[::-1]])
+    view = place_eye(rig(camera("c", azimuth_deg)), seen(places, points=ring(20)))
+    assert view.eye[:2] @ front < 0
+    assert view.eye[2] > 2
+    along = (view.target - view.eye)[:2]
+    np.testing.assert_allclose(along / np.linalg.norm(along), front, atol=1e-9)
+    assert in_view(view, [[x, y, 0.8] for x, y in places]).all()
+    assert in_view(view, [[0, 0, 2]]).all()
+
+
+def test_objects_tell_where_to_look_if_no_camera_does() -> None:
+    places = [(1.0, 12.0), (-2.0, 18.0)]
+    view = place_eye(rig(), seen(places, points=ring(20)))
+    assert view.eye[1] < 0
+    assert in_view(view, [[x, y, 0.8] for x, y in places]).all()
+
+
+@given(st.lists(st.tuples(st.floats(-15, 15), st.floats(-15, 15)), max_size=6), st.floats(8, 30), st.floats(-180, 180))
+def test_sensors_around_a_scene_are_in_view_with_all_of_its_objects(
+    places: list[tuple[float, float]], radius_m: float, azimuth_deg: float
+) -> None:
+    around = [(azimuth_deg + turn, ring(radius_m)[turn // 2]) for turn in (0, 90, 180, 270)]
+    cameras = [camera(f"c{turn}", turn, (x, y, 5)) for turn, (x, y) in around]
+    view = place_eye(rig(*cameras, lidars=(lidar(radius_m, 0), lidar(-radius_m, 0))), seen(places, points=ring(20)))
+    assert in_view(view, [[x, y, 0.8] for x, y in places] + [[x, y, 5] for _, (x, y) in around]).all()
+
+
+def test_what_lies_far_off_or_behind_a_vehicle_does_not_pull_the_eye_back() -> None:
+    near = place_eye(rig(camera("c", 0)), seen([(10, 0)], points=ring(20)))
+    same = place_eye(rig(camera("c", 0)), seen([(10, 0), (-30, 5), (400, 0)], points=ring(20)))
+    np.testing.assert_allclose(same.eye, near.eye)
+
+
+def test_doubtful_objects_count_only_where_there_are_no_others() -> None:
+    around, sure = rig(lidars=(lidar(10, 0), lidar(-10, 0))), seen([(5, 5)], points=ring(20))
+    doubtful = seen([(0, 22), (0, -22)], points=ring(20), score=0.2)
+    np.testing.assert_allclose(place_eye(around, sure, doubtful).eye, place_eye(around, sure, sure).eye)
+    assert in_view(place_eye(around, doubtful), [[0, 22, 0.8], [0, -22, 0.8]]).all()
+
+
+def test_nothing_seen_gives_a_view_of_the_sensors() -> None:
+    view = place_eye(rig(), seen([]))
+    assert np.isfinite([*view.eye, *view.target]).all()
+    assert in_view(view, [[0, 0, 2]]).all()
+
+
+def test_only_the_first_frames_count() -> None:
+    of, first, later = rig(), seen([(10, 0)], points=ring(10)), seen([(0, -200)], points=ring(900))
+    before = place_eye(of, *[first] * SURVEYED_FRAMES)
+    np.testing.assert_array_equal(place_eye(of, *[first] * SURVEYED_FRAMES, later).eye, before.eye)
+
+
+AROUND = {"front": 0, "front_left": 55, "front_right": -55, "rear": 180, "rear_left": 110, "rear_right": -110}
+
+
+@pytest.mark.parametrize("turned_deg", [0.0, 90.0])
+def test_cameras_are_shown_as_they_look_around(turned_deg: float) -> None:
+    of = rig(*[camera(f"CAM_{name.upper()}", azimuth + turned_deg) for name, azimuth in AROUND.items()])
+    expected = ["FRONT_LEFT", "FRONT", "FRONT_RIGHT", "REAR_LEFT", "REAR", "REAR_RIGHT"]
+    assert [one.name.removeprefix("CAM_") for one in cameras_in_order(of)] == expected
+    angle = np.radians(turned_deg)
+    np.testing.assert_allclose(front_of_rig(of), [np.cos(angle), np.sin(angle)], atol=1e-9)
+
+
+def test_a_camera_that_looks_down_has_a_place_too() -> None:
+    down = np.array([[0.0, -1, 0, 0], [-1, 0, 0, 0], [0, 0, -1, 4], [0, 0, 0, 1]])
+    above = replace(forward_camera("above"), T_camera_site=Transform("above", "site", down))
+    assert len(cameras_in_order(rig(above, camera("c", 0)))) == 2
+    np.testing.assert_array_equal(front_of_rig(rig(above)), [1, 0])

@@ -1,0 +1,83 @@
+"""How objects are drawn, the same in every viewer: which are strong, in what colour, with what text."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.core.arrays import F32, F64, Bools, Indices
+from pipeline.core.detections import Boxes2D, Matches
+from pipeline.core.frame import FrameResult
+from pipeline.core.geometry.boxes import box_corners
+from pipeline.core.rig import CameraSensor
+from writers.palette import CAMERA_ONLY, MATCHED, Rgb, class_color
+
+__all__ = ["DrawnBoxes2D", "drawn_boxes_2d", "object_colors", "object_edges", "object_labels", "strong_objects"]
+
+STRONG_SCORE = 0.5
+FAINTEST = 0.4
+"""Brightness of an object of score 0, as a share of its colour."""
+
+
+def strong_objects(result: FrameResult) -> Bools:
+    """(N,) which fused objects are drawn strong: a camera confirms them, or their score is high; the rest is faint."""
+    return np.asarray((result.fused.matched > 0) | (result.fused.objects.scores >= STRONG_SCORE))
+
+
+def object_colors(result: FrameResult) -> F64:
+    """(N, 3) red, green, blue in [0, 1] of each fused object: its class's, darker the lower its score."""
+    objects = result.fused.objects
+    colors = np.array([class_color(class_id) for class_id in objects.class_ids.tolist()]).reshape(-1, 3)
+    brightness = FAINTEST + (1 - FAINTEST) * np.where(strong_objects(result), 1.0, objects.scores)
+    return colors * brightness[:, None]
+
+
+def object_labels(result: FrameResult, class_names: Sequence[str]) -> list[str]:
+    """The text beside each fused object: class, score, and how many cameras confirm it."""
+    objects = result.fused.objects
+    columns = zip(objects.class_ids.tolist(), objects.scores.tolist(), result.fused.matched.tolist(), strict=True)
+    return [
+        f"{class_names[class_id]} {score:.2f}" + (f" ({cameras} cam)" if cameras else "")
+        for class_id, score, cameras in columns
+    ]
+
+
+def object_edges(result: FrameResult, camera: CameraSensor) -> tuple[F32, Indices]:
+    """The fused objects in a camera's image; see `CameraModel.project_edges`."""
+    objects = result.fused.objects
+    corners = box_corners(objects.centers, objects.sizes, objects.yaws)
+    return camera.model.project_edges(np.asarray(camera.T_camera_site.apply(corners), np.float64))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DrawnBoxes2D:
+    """The 2D boxes of one image as they are drawn.
+
+    Attributes:
+        xyxy: (N, 4) float32, left, top, right, bottom in pixels.
+        colors: Of each box: one of an object, or of the camera alone.
+        labels: Class and score: the object's where the box belongs to one, else the detector's.
+    """
+
+    xyxy: F32
+    colors: Sequence[Rgb]
+    labels: Sequence[str]
+
+
+def drawn_boxes_2d(result: FrameResult, camera: str, class_names: Sequence[str]) -> DrawnBoxes2D:
+    """The 2D boxes of a camera."""
+    boxes: Boxes2D | None = result.detections.cameras.get(camera)
+    if boxes is None:
+        return DrawnBoxes2D(np.zeros((0, 4), np.float32), (), ())
+    objects = result.fused.objects
+    object_of_lidar_row = {row: index for index, row in enumerate(result.fused.lidar_rows.tolist())}
+    matches: Matches | None = result.matches.get(camera)
+    pairs = matches.pairs.tolist() if matches is not None else []
+    object_of_box = {row2d: object_of_lidar_row[row3d] for row3d, row2d in pairs if row3d in object_of_lidar_row}
+    labels = []
+    for row, (class_id, score) in enumerate(zip(boxes.class_ids.tolist(), boxes.scores.tolist(), strict=True)):
+        if (index := object_of_box.get(row)) is not None:
+            class_id, score = int(objects.class_ids[index]), float(objects.scores[index])
+        labels.append(f"{class_names[class_id]} {score:.2f}")
+    colors = [MATCHED if row in object_of_box else CAMERA_ONLY for row in range(len(boxes))]
+    return DrawnBoxes2D(boxes.xyxy, colors, labels)

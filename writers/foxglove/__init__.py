@@ -1,0 +1,1 @@
+"""The layout that opens beside a written MCAP in Foxglove and Lichtblick."""

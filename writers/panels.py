@@ -1,0 +1,71 @@
+"""How the panels of a viewer's window share it: the scene, the images in their own aspect, the plots."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import ceil
+from statistics import median
+from typing import Literal
+
+__all__ = ["Panels", "arrange"]
+
+WINDOW_PX = (1600, 920)
+"""What the panels have of a usual window."""
+
+TITLE_PX = 24
+MAX_IMAGE_SHARE = 0.46
+MIN_PLOT_SHARE = 0.15
+"""Of what the images have: less than this is left empty."""
+
+
+@dataclass(frozen=True, slots=True)
+class Panels:
+    """An arrangement.
+
+    Attributes:
+        side: Where the images are, seen from the scene.
+        columns: Of the grid of images.
+        image_share: Of the window's width (right) or height (top), for the images.
+        plot_share: Of what the images have, for the plots; 0: the plots are behind the scene.
+        scene_aspect: Width of the scene divided by its height.
+    """
+
+    side: Literal["right", "top"]
+    columns: int
+    image_share: float
+    plot_share: float
+    scene_aspect: float
+
+
+def arrange(aspects: Sequence[float]) -> Panels:
+    """The arrangement in which the images are largest.
+
+    Args:
+        aspects: Width divided by height of each image.
+    """
+    width, height = WINDOW_PX
+    if not aspects:
+        return Panels("right", 1, 0.0, 0.0, width / (height - TITLE_PX))
+    count, aspect = len(aspects), median(aspects)
+    found = []
+    for columns in range(1, count + 1):
+        rows = ceil(count / columns)
+        image_px = min(MAX_IMAGE_SHARE * width / columns, (height / rows - TITLE_PX) * aspect)
+        used = rows * (image_px / aspect + TITLE_PX) / height
+        found.append((image_px, _panels("right", columns, columns * image_px / width, 1 - used)))
+        image_px = min(width / columns, (MAX_IMAGE_SHARE * height / rows - TITLE_PX) * aspect)
+        used = columns * image_px / width
+        found.append((image_px, _panels("top", columns, rows * (image_px / aspect + TITLE_PX) / height, 1 - used)))
+    return max(found, key=lambda one: one[0])[1]  # of equal ones the first
+
+
+def _panels(side: Literal["right", "top"], columns: int, image_share: float, left_over: float) -> Panels:
+    width, height = WINDOW_PX
+    scene_width = width * (1 - image_share) if side == "right" else width
+    scene_height = height * (1 - image_share) if side == "top" else height
+    return Panels(
+        side,
+        columns,
+        round(image_share, 3),
+        round(left_over, 3) if left_over >= MIN_PLOT_SHARE else 0.0,
+        scene_width / (scene_height - TITLE_PX),
+    )

@@ -1,0 +1,149 @@
+"""Records of a frame as Rerun's archetypes."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import rerun as rr
+
+from pipeline.core.arrays import F32, F64, U8, Array, Bools
+from pipeline.core.clouds import CombinedCloud
+from pipeline.core.frame import FrameResult
+from pipeline.core.rig import CameraSensor
+from writers.drawing import DrawnBoxes2D, object_colors, object_edges, strong_objects
+
+__all__ = [
+    "boxes_2d",
+    "cloud_points",
+    "edges_2d",
+    "ground_points",
+    "heading_arrows",
+    "height_range",
+    "labels_2d",
+    "objects_3d",
+]
+
+MAX_POINTS = 100_000
+"""Points logged per frame; larger clouds are thinned evenly to keep the viewer responsive."""
+
+_LABEL_SHARE, _LETTER_SHARE = 0.08, 0.02
+"""Height of a label as a share of the image's, and width of a letter: in panels of the usual size."""
+
+_GROUND_GREY = (70, 76, 86)
+# Low to high; muted, so that the boxes stand out from the cloud.
+_HEIGHT_STOPS = np.array([[62, 84, 128], [108, 150, 190], [176, 205, 218], [245, 240, 225]], np.float64)
+
+
+def height_range(combined: CombinedCloud) -> tuple[float, float] | None:
+    """Heights between which the colours of a cloud run, metres; None without points."""
+    xyz = combined.cloud.xyz if len(combined.cloud) else combined.ground_cloud.xyz
+    if not len(xyz):
+        return None
+    low, high = np.percentile(xyz[:, 2], [2, 98]).tolist()
+    return low, max(high, low + 0.01)
+
+
+def cloud_points(combined: CombinedCloud, heights: tuple[float, float]) -> rr.Points3D:
+    """The points above the ground, coloured by height."""
+    xyz = _thinned(combined.cloud.xyz, combined)
+    colors = _height_colors((xyz[:, 2] - heights[0]) / (heights[1] - heights[0]))
+    return rr.Points3D(xyz, colors=colors, radii=rr.Radius.ui_points(1.3))
+
+
+def ground_points(combined: CombinedCloud) -> rr.Points3D:
+    """The points of the ground."""
+    xyz = _thinned(combined.ground_cloud.xyz, combined)
+    return rr.Points3D(xyz, colors=_GROUND_GREY, radii=rr.Radius.ui_points(0.9))
+
+
+def objects_3d(result: FrameResult, labels: Sequence[str], rows: Bools, *, strong: bool) -> rr.Boxes3D:
+    """Some of the fused objects: strong ones filled and labelled, faint ones as thin lines."""
+    objects = result.fused.objects.select(rows)
+    half = objects.yaws / 2
+    zeros = np.zeros_like(half)
+    return rr.Boxes3D(
+        centers=objects.centers,
+        sizes=objects.sizes,
+        quaternions=np.stack([zeros, zeros, np.sin(half), np.cos(half)], -1),
+        colors=_bytes(object_colors(result)[rows]),
+        labels=[label for label, chosen in zip(labels, rows.tolist(), strict=True) if chosen],
+        show_labels=strong,
+        fill_mode="TransparentFillMajorWireframe" if strong else "MajorWireframe",
+        radii=rr.Radius.ui_points(1.5 if strong else 0.7),
+    )
+
+
+def heading_arrows(result: FrameResult, rows: Bools) -> rr.Arrows3D:
+    """Arrows along the headings of some of the fused objects."""
+    objects = result.fused.objects.select(rows)
+    ahead = np.stack([np.cos(objects.yaws), np.sin(objects.yaws), np.zeros_like(objects.yaws)], -1)
+    return rr.Arrows3D(
+        origins=objects.centers,
+        vectors=ahead * objects.sizes[:, :1] * 0.75,
+        colors=_bytes(object_colors(result)[rows]),
+        radii=objects.sizes[:, 2] * 0.03,
+    )
+
+
+def edges_2d(result: FrameResult, camera: CameraSensor) -> rr.LineStrips2D:
+    """The fused objects as the camera's lens bends them."""
+    segments, rows = object_edges(result, camera)
+    radii = np.where(strong_objects(result), -1.0, -0.5)[rows]  # Rerun: a negative radius is in points of the screen
+    return rr.LineStrips2D(segments, colors=_bytes(object_colors(result)[rows]), radii=radii, draw_order=20.0)
+
+
+def boxes_2d(drawn: DrawnBoxes2D) -> rr.Boxes2D:
+    """A camera's 2D boxes."""
+    return rr.Boxes2D(
+        array=drawn.xyxy.reshape(-1, 4),
+        array_format=rr.Box2DFormat.XYXY,
+        colors=[color.bytes_rgb for color in drawn.colors],
+        radii=rr.Radius.ui_points(1.2),
+        labels=drawn.labels,
+        show_labels=False,
+    )
+
+
+def labels_2d(drawn: DrawnBoxes2D, camera: CameraSensor) -> rr.Points2D:
+    """The labels of 2D boxes, below each: Rerun wraps a box's own label to the width of the box, a point's never.
+
+    A label that would cover that of a larger box is left out, and so is that of a box that is lower than a label.
+    """
+    width_px, height_px = camera.model.width_px, camera.model.height_px
+    line_px, letter_px = _LABEL_SHARE * height_px, _LETTER_SHARE * width_px
+    heights_px = drawn.xyxy[:, 3] - drawn.xyxy[:, 1]
+    rows: list[int] = []
+    places: list[tuple[float, float]] = []
+    for row in np.argsort(-heights_px, kind="stable").tolist():
+        left, _, right, bottom = drawn.xyxy[row].tolist()
+        reach = len(drawn.labels[row]) * letter_px
+        x = float(np.clip((left + right) / 2, reach / 2, width_px - reach / 2))
+        y = float(np.clip(bottom, 0, height_px - 1.2 * line_px))
+        clear = all(abs(x - other_x) > reach or abs(y - other_y) > line_px for other_x, other_y in places)
+        if clear and heights_px[row] >= line_px / 2:
+            rows.append(row)
+            places.append((x, y))
+    return rr.Points2D(
+        np.array(places).reshape(-1, 2),
+        colors=[drawn.colors[row].bytes_rgb for row in rows],
+        radii=0.0,
+        labels=[drawn.labels[row] for row in rows],
+        show_labels=True,
+    )
+
+
+def _bytes(colors: F64) -> U8:
+    return np.round(colors * 255).astype(np.uint8)
+
+
+def _height_colors(share: Array) -> U8:
+    """(N, 3) colours of heights, given as shares of the scale from 0 (low) to 1 (high)."""
+    stops = np.linspace(0, 1, len(_HEIGHT_STOPS))
+    return np.stack([np.interp(share, stops, channel) for channel in _HEIGHT_STOPS.T], -1).astype(np.uint8)
+
+
+def _thinned(xyz: F32, combined: CombinedCloud) -> F32:
+    """Points of a frame, evenly spaced, so that the frame has no more than `MAX_POINTS`."""
+    total = len(combined.cloud) + len(combined.ground_cloud)
+    if total <= MAX_POINTS:
+        return xyz
+    return xyz[np.linspace(0, len(xyz) - 1, int(len(xyz) * MAX_POINTS / total)).astype(np.intp)]
