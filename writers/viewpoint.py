@@ -153,9 +153,22 @@ def _fitted(points: F64, front: F64, aspect: float, fov_y_deg: float) -> tuple[F
     slope = np.tan(np.radians(fov_y_deg) / 2) * np.array([aspect, 1.0]) / _MARGIN
     # A point is in view if |across - eye_across| <= slope (depth - eye_depth): four planes through the eye.
     low, high = (-across - slope * depth).max(0), (across - slope * depth).max(0)
-    eye = np.array([*(high - low) / 2, float((-(high + low) / (2 * slope)).min()) - _NEAREST_M])
-    distance_m = (depth.min() + depth.max()) / 2 - eye[2]
+    eye_depth = float((-(high + low) / (2 * slope)).min()) - _NEAREST_M
+    eye = np.array([*(_middle(across[:, axis], depth[:, 0] - eye_depth) for axis in (0, 1)), eye_depth])
+    distance_m = (depth.min() + depth.max()) / 2 - eye_depth
     return eye @ axes, (eye + np.array([0.0, 0.0, distance_m])) @ axes
+
+
+def _middle(across: F64, depth: F64) -> float:
+    """Where an eye sees points (N,), at depths (N,) before it, as far to one side as to the other."""
+    low, high = float(across.min()), float(across.max())
+    for _ in range(40):
+        middle = (low + high) / 2
+        if ((across - middle) / depth).max() > ((middle - across) / depth).max():
+            low = middle
+        else:
+            high = middle
+    return (low + high) / 2
 
 
 def _axis(camera: CameraSensor) -> F64:
