@@ -11,6 +11,7 @@ from lidcam.job import FilePath, Job, JobOptions, PathOrUrl, RigSource, Settings
 from lidcam.objects import ObjectCollector, Objects
 from lidcam.run import RunObserver, process_recording
 from lidcam.run import iter_frames as frames_of
+from lidcam.settings.choice import UsedSettings, choose_settings
 from lidcam.summary import DropCount, RunProgress, RunReport, UnusedTopic
 from pipeline.core.clouds import CombinedCloud, PointCloud
 from pipeline.core.detections import Boxes2D, Boxes3D, Detections, Fused, Matches
@@ -71,6 +72,7 @@ __all__ = [
     "SensorBundle",
     "SensorFault",
     "UnusedTopic",
+    "UsedSettings",
     "__version__",
     "inspect",
     "iter_frames",
@@ -109,8 +111,8 @@ class RunResult:
 
 
 class _Watcher(ObjectCollector):
-    def __init__(self, class_names: tuple[str, ...], on_frame: Callable[[FrameResult], None] | None) -> None:
-        super().__init__(class_names)
+    def __init__(self, on_frame: Callable[[FrameResult], None] | None) -> None:
+        super().__init__()
         self._on_frame = on_frame
 
     def frame(self, result: FrameResult) -> None:
@@ -138,9 +140,8 @@ def process(
     Raises:
         LidcamError: the input, the calibration, the settings or an output is at fault; no output is left behind.
     """
-    job = make_job(recording, output, **options)
-    watcher = _Watcher(job.config.class_names, on_frame)
-    report = process_recording(job, watcher)
+    watcher = _Watcher(on_frame)
+    report = process_recording(make_job(recording, output, **options), watcher)
     return RunResult(report, watcher.objects)
 
 
@@ -167,7 +168,7 @@ def inspect(
     Raises:
         LidcamError: the recording cannot be opened or is empty, or the settings or the rig are at fault.
     """
-    return inspect_recording(locations(recording), load_config(config, settings), rig)
+    return inspect_recording(locations(recording), choose_settings(config, settings), rig)
 
 
 def open_recording(recording: PathOrUrl | Sequence[PathOrUrl]) -> Recording:

@@ -21,7 +21,6 @@ from lidcam.options import (
     with_log_options,
 )
 from pipeline.core.errors import LidcamError
-from pipeline.core.settings.run import RunConfig
 from readers.location import RemotePath, location
 
 __all__ = ["app", "process_app"]
@@ -62,6 +61,14 @@ Examples:
   lidcam drive sandbox out.mcap --keys "wwadx2ww"
 """
 
+CONFIG_EXAMPLES = """\b
+Examples:
+  lidcam config list
+  lidcam config show sandbox
+  lidcam config show road > mine.yaml
+  lidcam config explain detect3d.cluster.distance_m
+  lidcam config explain combine
+"""
 HELP_NAMES = {"help_option_names": ["-h", "--help"]}
 
 app = typer.Typer(
@@ -102,8 +109,8 @@ def process(
         typer.Option(
             min=1,
             metavar="N",
-            help="1: stage after stage; more: stages of several frames at once. The output is the same. "
-            f"[default: {RunConfig().workers}]",
+            help="1: stage after stage; more: stages of several frames at once; without it, run.workers of the "
+            "settings. The output is the same.",
         ),
     ] = None,
     on_bad_message: Annotated[
@@ -121,8 +128,8 @@ def process(
         bool,
         typer.Option(
             "--strict",
-            help="Exit with 1 if a sensor was left out, too much of a topic was dropped, or a file is damaged; "
-            "the outputs are kept.",
+            help="Exit with 1 if a sensor was left out or fell silent, too much of a topic was dropped, or a file is "
+            "damaged; the outputs are kept.",
         ),
     ] = False,
     max_dropped: Annotated[
@@ -132,7 +139,7 @@ def process(
             min=0,
             max=100,
             metavar="PERCENT",
-            help="How much of a topic may be dropped with --strict.  [default: 5]",
+            help="How much of a topic, and of the frames of a sensor, may be missing with --strict.  [default: 5]",
         ),
     ] = None,
     _: Version = False,
@@ -202,12 +209,12 @@ def inspect(
     if repair is not None and repair.suffix != ".mcap":
         raise typer.BadParameter(f"expected a name that ends in .mcap, found {repair}", param_hint="--repair")
     from lidcam.commands.inspect import InspectOptions, run_inspect
-    from pipeline.core.settings.load import load_config
+    from lidcam.settings.choice import choose_settings
 
     run_inspect(
         InspectOptions(
             inputs=tuple(map(location, paths)),
-            config=load_config(config_file, settings or ()),
+            settings=choose_settings(config_file, settings or ()),
             rig=rig_files,
             write_rig=write_rig,
             repair=repair,
@@ -302,6 +309,43 @@ def drive(
         view=view,
     )
     run_drive(options)
+
+
+config_app = typer.Typer(
+    no_args_is_help=True, rich_markup_mode=None, pretty_exceptions_enable=False, epilog=CONFIG_EXAMPLES
+)
+app.add_typer(config_app, name="config", help="The presets, and what the settings mean.")
+
+
+@config_app.command("list")
+def config_list(as_json: AsJson = False) -> None:
+    """List the presets."""
+    from lidcam.commands.config import run_list
+
+    run_list(as_json=as_json)
+
+
+@config_app.command("show")
+def config_show(
+    name: Annotated[str, typer.Argument(metavar="PRESET|FILE", help="sandbox, crossing, road, or a YAML file.")],
+    changes: Annotated[bool, typer.Option("--changes", help="Only what differs from the defaults.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Print all settings of a preset or a file, as YAML to copy."""
+    from lidcam.commands.config import run_show
+
+    run_show(name, changes=changes, as_json=as_json)
+
+
+@config_app.command("explain")
+def config_explain(
+    key: Annotated[str, typer.Argument(metavar="KEY", help="A setting or a section; without it, the sections.")] = "",
+    as_json: AsJson = False,
+) -> None:
+    """Tell what a setting means: unit, allowed values, default, and its value in each preset."""
+    from lidcam.commands.config import run_explain
+
+    run_explain(key, as_json=as_json)
 
 
 def _check_simulator() -> None:

@@ -1,14 +1,17 @@
 """How a recording becomes bundles, from top to bottom; `lidcam.build` says how a bundle becomes a result."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 from lidcam.build import box_source
+from lidcam.settings.choice import AS_GIVEN, UsedSettings
 from lidcam.summary import DropTable
 from pipeline.core.errors import ConfigError
 from pipeline.core.frame import SensorBundle
-from pipeline.core.rig import Rig
+from pipeline.core.messages import RawMessage
+from pipeline.core.rig import CameraSensor, LidarSensor, Rig
 from pipeline.core.settings.config import Config
+from pipeline.stages.sync.clocks import Clocks
 from pipeline.stages.sync.synchronize import SyncStats, synchronize
 from readers.recording import Recording
 from readers.streams.motion import MotionBuffer, MotionSource
@@ -20,6 +23,7 @@ __all__ = [
     "bundles",
     "reference_topic",
     "required_topics",
+    "sensor_clocks",
     "synchronized_topics",
 ]
 
@@ -42,6 +46,7 @@ class RunInput:
         config: Settings.
         motion: Where the motion of the site frame comes from; None if it stands still.
         window: Part of the recording.
+        settings: Why these settings.
     """
 
     recording: Recording
@@ -49,42 +54,60 @@ class RunInput:
     config: Config
     motion: MotionSource | None = None
     window: TimeWindow = TimeWindow()
+    settings: UsedSettings = AS_GIVEN
 
 
-def bundles(source: RunInput, drops: DropTable, stats: SyncStats) -> Iterator[SensorBundle]:
+def sensor_clocks(rig: Rig, drops: DropTable) -> Clocks:
+    """The clocks of the rig's sensors; `drops` gets the messages with impossible stamps."""
+    sensors: list[tuple[str, LidarSensor | CameraSensor]] = [(lidar.topic, lidar) for lidar in rig.lidars]
+    sensors += [(topic, camera) for camera in rig.cameras for topic in (camera.topic, camera.boxes_topic)]
+    return Clocks({topic: sensor.time_offset_ns for topic, sensor in sensors}, on_drop=drops.add)
+
+
+def bundles(source: RunInput, drops: DropTable, stats: SyncStats, clocks: Clocks) -> Iterator[SensorBundle]:
     """The bundles of a recording, in order, with the motion of the site frame around each.
+
+    Where time jumps back, synchronisation and motion begin anew: no bundle mixes both sides.
 
     Args:
         source: The recording and its sensors.
         drops: Gets every message that no bundle takes.
-        stats: Gets the spread of the stamps in each bundle.
+        stats: Gets the spread of the stamps in each bundle, and what is missing.
+        clocks: Of `sensor_clocks`; gets the jumps of time.
 
     Raises:
         RecordingError: reading fails.
         MessageError: a message cannot be decoded, and `drops` does not skip bad ones.
     """
-    recording, config, window = source.recording, source.config, source.window
-    topics = synchronized_topics(config, source.rig)
+    recording, window = source.recording, source.window
+    topics = synchronized_topics(source.config, source.rig)
     motion = MotionBuffer(source.motion, on_drop=drops.add_bad)
-    video = VideoStreams(video_topics(recording, topics), limits=config.limits)
+    video = VideoStreams(video_topics(recording, topics), limits=source.config.limits)
     if window.start_ns is not None:
         motion.read_ahead(recording, window.start_ns)
         video.look_back(recording, window.start_ns)
 
     messages = recording.messages({*topics, *motion.topics}, start_ns=window.start_ns, stop_ns=window.stop_ns)
-    messages = video.decoded(messages)
-    messages = motion.tap(messages)
-    found = synchronize(
+    for part in clocks.parts(video.decoded(messages)):
+        found = _synchronized(motion.tap(part), source, drops, stats)
+        found = video.without_blanks(found, on_drop=drops.add, on_bad=drops.add_bad)
+        yield from found if source.motion is None else _with_motion(found, motion)
+        motion = MotionBuffer(source.motion, on_drop=drops.add_bad)
+
+
+def _synchronized(
+    messages: Iterable[RawMessage], source: RunInput, drops: DropTable, stats: SyncStats
+) -> Iterator[SensorBundle]:
+    config, rig = source.config, source.rig
+    return synchronize(
         messages,
-        topics,
+        synchronized_topics(config, rig),
         config.sync,
-        reference=reference_topic(config, source.rig),
-        required=required_topics(config, source.rig),
+        reference=reference_topic(config, rig),
+        required=required_topics(config, rig),
         on_drop=drops.add,
         stats=stats,
     )
-    found = video.without_blanks(found, on_drop=drops.add, on_bad=drops.add_bad)
-    return found if source.motion is None else _with_motion(found, motion)
 
 
 def synchronized_topics(config: Config, rig: Rig) -> tuple[str, ...]:

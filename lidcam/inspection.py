@@ -1,13 +1,17 @@
 """What is in a recording, and what lidcam would use of it."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from lidcam.build import BoxSource, box_source
+from lidcam.checks.calibration import check_first_clouds
+from lidcam.checks.warning import RunWarning
 from lidcam.frames import TimeWindow
 from lidcam.job import RigSource, read_rig
 from lidcam.run import check_not_empty
+from lidcam.settings.choice import SettingsChoice, UsedSettings, used_record
+from lidcam.settings.settle import settle, with_zones
 from lidcam.summary import loss_records
 from pipeline.core.errors import CalibrationError, RecordingError
 from pipeline.core.rig import Rig
@@ -20,7 +24,7 @@ from readers.rig.discovery import Discovery, calibrated_rig
 from readers.rig.draft import RigDraft, draft_rig
 from readers.rig.search import find_sensors
 from readers.rig.sensor_topics import SensorFault
-from readers.streams.motion import find_motion_source
+from readers.streams.motion import MotionSource, find_motion_source
 from readers.streams.per_sensor import sensor_messages
 from readers.streams.survey import TopicSurvey, survey
 
@@ -48,8 +52,10 @@ class Inspection:
         sensors: Where the calibration of each sensor was found.
         faults: Sensors that would be left out, and why.
         notes: Remarks on topics and sensors.
+        warnings: What the first messages say against the calibration.
         motion_topics: Where the motion of the site frame would come from; empty where it stands still.
         box_source: Where 2D boxes would come from.
+        settings: Which settings would be used, and why these; None if it could not process the recording.
     """
 
     files: tuple[Location, ...]
@@ -65,11 +71,13 @@ class Inspection:
     sensors: tuple[SensorSource, ...] = ()
     faults: tuple[SensorFault, ...] = ()
     notes: tuple[str, ...] = ()
+    warnings: tuple[RunWarning, ...] = ()
     motion_topics: tuple[str, ...] = ()
     box_source: BoxSource = "none"
+    settings: UsedSettings | None = None
 
 
-def inspect_recording(inputs: Sequence[Location], config: Config, rig: RigSource | None = None) -> Inspection:
+def inspect_recording(inputs: Sequence[Location], choice: SettingsChoice, rig: RigSource | None = None) -> Inspection:
     """What is in a recording, and what lidcam would use of it.
 
     Of a recording on a server only the beginning is looked at, so as not to fetch all of it.
@@ -78,11 +86,11 @@ def inspect_recording(inputs: Sequence[Location], config: Config, rig: RigSource
         CalibrationError: a rig file cannot be read, or does not fit.
         RecordingError: it cannot be opened or is empty.
     """
-    with sensor_messages(open_recording(inputs, ReadOptions(limits=config.limits))) as recording:
-        return inspect_open(recording, config, rig, _window(recording))
+    with sensor_messages(open_recording(inputs, ReadOptions(limits=choice.config.limits))) as recording:
+        return inspect_open(recording, choice, rig, _window(recording))
 
 
-def inspect_open(recording: Recording, config: Config, rig: RigSource | None, window: TimeWindow) -> Inspection:
+def inspect_open(recording: Recording, choice: SettingsChoice, rig: RigSource | None, window: TimeWindow) -> Inspection:
     """As `inspect_recording`, of an open recording with one topic per sensor.
 
     Raises:
@@ -94,6 +102,8 @@ def inspect_open(recording: Recording, config: Config, rig: RigSource | None, wi
     topics = survey(recording, stop_ns=window.stop_ns)
     found: Discovery | None = None
     draft: RigDraft | None = None
+    motion: MotionSource | None = None
+    config, used = choice.config, None
     problem = ""
     try:
         sensors = find_sensors(recording, config, rig_file, start_ns=window.start_ns, stop_ns=window.stop_ns)
@@ -101,7 +111,11 @@ def inspect_open(recording: Recording, config: Config, rig: RigSource | None, wi
         found = calibrated_rig(sensors)
     except (CalibrationError, RecordingError) as err:
         problem = str(err)
-    motion = find_motion_source(recording, found.rig, found.transforms, config) if found else None
+    if found:
+        motion = find_motion_source(recording, found.rig, found.transforms, config)
+        config, used = settle(choice, recording, found, moves=motion is not None)
+        found = with_zones(found, rig_file, config)
+        draft = replace(draft, zones=found.rig.zones) if draft else None
     return Inspection(
         files=recording.paths,
         start_ns=recording.start_ns,
@@ -116,8 +130,10 @@ def inspect_open(recording: Recording, config: Config, rig: RigSource | None, wi
         sensors=found.sources if found else (),
         faults=found.faults if found else (),
         notes=found.notes if found else (),
+        warnings=_warnings(recording, found.rig, config, window) if found else (),
         motion_topics=motion.topics if motion else (),
         box_source=box_source(config, found.rig) if found else "none",
+        settings=used,
     )
 
 
@@ -139,10 +155,21 @@ def inspection_tree(inspection: Inspection) -> dict[str, Any]:
             "sensors": [asdict(source) for source in inspection.sensors],
             "faults": [asdict(fault) for fault in inspection.faults],
             "notes": list(inspection.notes),
+            "warnings": [asdict(warning) for warning in inspection.warnings],
             "motion": list(inspection.motion_topics),
             "box_source": inspection.box_source,
+            "settings": used_record(inspection.settings) if inspection.settings else None,
         }
     return tree
+
+
+def _warnings(recording: Recording, rig: Rig, config: Config, window: TimeWindow) -> tuple[RunWarning, ...]:
+    topics = [lidar.topic for lidar in rig.lidars]
+    first = {
+        topic: next(recording.messages([topic], start_ns=window.start_ns, stop_ns=window.stop_ns), None)
+        for topic in topics
+    }
+    return check_first_clouds(rig, config, {topic: message for topic, message in first.items() if message is not None})
 
 
 def _window(recording: Recording) -> TimeWindow:

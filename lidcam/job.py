@@ -1,16 +1,16 @@
 """A run as a value: everything it needs to know, nothing open. It can be pickled, and run in another process."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import inf
 from os import PathLike, fspath
 from pathlib import Path
 from typing import TypedDict, get_args
 
 from lidcam.presets.rigs import rig_path
+from lidcam.settings.choice import GIVEN, SettingsChoice, choose_settings
 from pipeline.core.errors import ConfigError, OutputError
 from pipeline.core.settings.config import Config
-from pipeline.core.settings.load import load_config
 from readers.location import Location, RemotePath, location
 from readers.rig.merge import merge_rigs
 from readers.rig.rig_file import load_rig
@@ -35,7 +35,9 @@ class Job:
     Attributes:
         inputs: A recording, or all parts of a split one in order.
         outputs: Files to write; what each is, its name says (`lidcam.outputs.WRITERS`).
-        config: Settings.
+        config: Settings; where the recording decides, those that it is opened with.
+        settings_name: Where they come from: a preset, a file, `defaults` or `as given`.
+        by_preset: Settings of each preset, among which the recording decides; empty: `config` holds.
         rig: Sensors and calibration, of all rig files together; what it leaves out, and all of it without one, is found
             in the recording.
         start_s: Seconds of the recording to skip.
@@ -46,6 +48,8 @@ class Job:
     inputs: tuple[Location, ...]
     outputs: tuple[Path, ...] = ()
     config: Config = DEFAULT_CONFIG
+    settings_name: str = GIVEN
+    by_preset: Mapping[str, Config] = field(default_factory=dict)
     rig: RigFile | None = None
     start_s: float = 0.0
     duration_s: float | None = None
@@ -64,12 +68,18 @@ class Job:
         if self.on_bad_message not in get_args(OnBadMessage):
             raise ConfigError(f"on_bad_message: expected skip or fail, found {self.on_bad_message!r}")
 
+    @property
+    def choice(self) -> SettingsChoice:
+        """The settings, or those among which the recording decides."""
+        return SettingsChoice(self.config, self.settings_name, self.by_preset)
+
 
 class JobOptions(TypedDict, total=False):
     """Options of a job, all with a default.
 
     Attributes:
-        config: Settings, or a YAML file of them.
+        config: Settings, the name of a preset (`sandbox`, `crossing`, `road`), or a YAML file; without any, the preset
+            that suits the recording is taken.
         settings: Single settings on top: `{"sync.slop_s": 0.05}` or `["sync.slop_s=0.05"]`.
         rig: Rig file, loaded, by its path or by the name of a preset; or several, of which later ones add to and
             replace what earlier ones say. Without it sensors and calibration are found in the recording.
@@ -113,13 +123,15 @@ def make_job(
     outputs = locations([] if output is None else output)
     if remote := [path for path in outputs if isinstance(path, RemotePath)]:
         raise OutputError(f"{remote[0]}: expected the name of a local file as output")
-    loaded = load_config(config, settings)
     given = {"detect2d.model": model_2d, "run.workers": workers}
-    loaded = load_config(loaded, {key: value for key, value in given.items() if value is not None})
+    more = {key: value for key, value in given.items() if value is not None}
+    choice = choose_settings(config, settings, more)
     return Job(
         inputs=locations(recording),
         outputs=tuple(path for path in outputs if isinstance(path, Path)),
-        config=loaded,
+        config=choice.config,
+        settings_name=choice.name,
+        by_preset=choice.by_preset,
         rig=read_rig(rig),
         start_s=start_s,
         duration_s=duration_s,

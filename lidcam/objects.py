@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from lidcam.frames import RunInput
 from lidcam.run import RunObserver
 from pipeline.core.arrays import F32, F64, I32, I64, Array, Rows, check_array, select_rows
 from pipeline.core.frame import FrameResult
@@ -131,9 +132,13 @@ class Objects:
 class ObjectCollector(RunObserver):
     """Gathers the objects of a run; memory grows with their number, by about 250 bytes each."""
 
-    def __init__(self, class_names: tuple[str, ...]) -> None:
-        self._class_names = class_names
+    def __init__(self) -> None:
+        self._class_names: tuple[str, ...] = ()
         self._results: list[tuple[int, int, Any]] = []
+
+    def opened(self, source: RunInput) -> None:
+        """Learn the names of the classes."""
+        self._class_names = source.config.class_names
 
     def frame(self, result: FrameResult) -> None:
         """Keep the objects of one frame."""

@@ -67,7 +67,14 @@ def _scenarios(incomplete: str) -> list[str]:
 
 
 Version = Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")]
-ConfigFile = Annotated[Path | None, typer.Option("--config", metavar="FILE", help="Pipeline settings (YAML).")]
+ConfigFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--config",
+        metavar="PRESET|FILE",
+        help="Settings: sandbox, crossing, road, or a YAML file; without it, what suits the recording.",
+    ),
+]
 Setting = Annotated[list[str] | None, typer.Option("--set", metavar="A.B=C", help="One setting; may be repeated.")]
 RigFile = Annotated[
     list[str] | None,

@@ -105,6 +105,7 @@ def _provenance(source: RunInput) -> Provenance:
     return Provenance(
         version=version("lidcam"),
         inputs=tuple(_identity(path) for path in source.recording.paths),
+        settings=str(source.settings),
         config_yaml=dump_config(config),
         rig_yaml=rig_yaml(source.rig),
         start_ns=source.recording.start_ns,

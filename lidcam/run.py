@@ -13,11 +13,24 @@ from functools import partial
 from pathlib import Path
 
 from lidcam.build import box_source, build_graph, wanted_boxes
+from lidcam.checks.calibration import CalibrationCheck
+from lidcam.checks.class_numbers import class_number_warnings
+from lidcam.checks.clocks import clock_notes, jump_warnings
 from lidcam.checks.lidars import LidarCheck
 from lidcam.checks.missing import missing_sensors, silence_warnings
-from lidcam.frames import RunInput, TimeWindow, bundles, reference_topic, required_topics, synchronized_topics
+from lidcam.checks.objects import ObjectCheck
+from lidcam.frames import (
+    RunInput,
+    TimeWindow,
+    bundles,
+    reference_topic,
+    required_topics,
+    sensor_clocks,
+    synchronized_topics,
+)
 from lidcam.job import Job
 from lidcam.outputs import check_not_overwritten, check_outputs, open_writers, written_files
+from lidcam.settings.settle import settle, with_zones
 from lidcam.summary import DropTable, RunProgress, RunReport, Tally, UnusedTopic
 from pipeline.core.errors import ConfigError, RecordingError
 from pipeline.core.frame import FrameResult, SensorBundle
@@ -91,8 +104,7 @@ def opened(job: Job) -> Iterator["Run"]:
         LidcamError: the input, the calibration, the settings or an output is at fault.
     """
     check_outputs(job)
-    config = job.config
-    options = ReadOptions("as_needed" if job.on_bad_message == "skip" else "none", config.limits)
+    options = ReadOptions("as_needed" if job.on_bad_message == "skip" else "none", job.config.limits)
     with sensor_messages(open_recording(job.inputs, options)) as recording:
         names = ", ".join(map(str, recording.paths))
         seconds = (recording.end_ns - recording.start_ns) / 1e9
@@ -104,14 +116,17 @@ def opened(job: Job) -> Iterator["Run"]:
         check_not_empty(recording)
         check_not_overwritten(recording.paths, *written_files(job))
         window = _window(recording, job)
-        found = discover_rig(recording, config, job.rig, start_ns=window.start_ns, stop_ns=window.stop_ns)
+        found = discover_rig(recording, job.config, job.rig, start_ns=window.start_ns, stop_ns=window.stop_ns)
         for fault in found.faults:
             logger.warning("%s is left out: %s", fault.sensor, fault.reason)
         for sensor in found.sources:
             logger.info("%s: %s, calibration: %s %s", sensor.sensor, sensor.topic, sensor.intrinsics, sensor.extrinsics)
-        motion = find_motion_source(recording, found.rig, found.transforms, config)
+        motion = find_motion_source(recording, found.rig, found.transforms, job.config)
+        config, used = settle(job.choice, recording, found, moves=motion is not None)
+        found = with_zones(found, job.rig, config)
+        logger.info("settings: %s", used)
         drops = DropTable(job.on_bad_message)
-        yield Run(RunInput(recording, found.rig, config, motion, window), found, drops)
+        yield Run(RunInput(recording, found.rig, config, motion, window, used), found, drops)
 
 
 class Run:
@@ -132,7 +147,12 @@ class Run:
         """
         self.source, self.found = source, found
         self._drops, self._tally, self._stats = drops, Tally(source.config, source.rig), SyncStats()
-        self._lidar_check = LidarCheck(source.rig)
+        self._clocks = sensor_clocks(source.rig, drops)
+        self._checks = (
+            LidarCheck(source.rig),
+            CalibrationCheck(source.rig, source.config),
+            ObjectCheck(source.recording, source.rig, source.config, source.settings, moves=source.motion is not None),
+        )
         started = time.perf_counter()
         reference_topic(source.config, source.rig)
         self._graph, self._result = build_graph(source.config, source.rig, on_bad=drops.on_bad)
@@ -153,11 +173,12 @@ class Run:
         for writer in writers:
             result = self._graph.add(f"write {writer.name}", partial(_write, writer), result)
         self._count_early_drops()
-        found = bundles(self.source, self._drops, self._stats)
+        found = bundles(self.source, self._drops, self._stats, self._clocks)
         with closing(_results(self._graph, result, found, self.source.config)) as results:
             for frame in results:
                 self._tally.add(frame)
-                self._lidar_check.add(frame)
+                for check in self._checks:
+                    check.add(frame)
                 for drop in frame.drops:
                     self._drops.add_bad(drop)
                 bundle, objects = frame.bundle, len(frame.fused.objects)
@@ -202,11 +223,17 @@ class Run:
             compensated=tally.compensated,
             skew_mean_ms=self._stats.skew_mean_ns / 1e6,
             skew_max_ms=self._stats.skew_max_ns / 1e6,
+            settings=source.settings,
             rig=source.rig,
             sensors=found.sources,
             faults=found.faults,
-            notes=found.notes,
-            warnings=(*silence_warnings(missing), *self._lidar_check.warnings),
+            notes=(*found.notes, *clock_notes(self._clocks, source.rig.sensor_of_topic)),
+            warnings=(
+                *jump_warnings(self._clocks.jumps, start_ns=start_ns),
+                *silence_warnings(missing),
+                *class_number_warnings(tally.unused_boxes, source.config),
+                *(warning for check in self._checks for warning in check.warnings),
+            ),
             outputs=tuple(outputs),
             stage_seconds=dict(self._graph.seconds),
             wall_seconds=self._seconds,

@@ -9,6 +9,7 @@ from typing import Any, Literal
 from lidcam.build import BoxSource
 from lidcam.checks.missing import MissingSensor
 from lidcam.checks.warning import RunWarning
+from lidcam.settings.choice import UsedSettings, used_record
 from pipeline.core.errors import MessageError
 from pipeline.core.frame import FrameResult
 from pipeline.core.geometry.polygons import first_polygon_with
@@ -140,7 +141,7 @@ class RunReport:
 
     Attributes:
         frames: Number of frames.
-        objects: Number of fused objects by (class name, zone name).
+        objects: Number of fused objects by (class name, zone name); the latter is empty where there are no zones.
         confirmed: Number of fused objects that at least one camera confirms.
         points: Lidar points by step of the combination, summed over the frames.
         messages_used: Number of messages used, by topic.
@@ -154,6 +155,7 @@ class RunReport:
         compensated: Frames with a cloud that was moved to the frame's time.
         skew_mean_ms: Mean spread of the stamps in a bundle.
         skew_max_ms: Largest spread.
+        settings: Which settings were used, and why these.
         rig: The sensors, with their calibration and the zones.
         sensors: Where the calibration of each sensor was found.
         faults: Sensors that were left out, and why.
@@ -179,6 +181,7 @@ class RunReport:
     compensated: int
     skew_mean_ms: float
     skew_max_ms: float
+    settings: UsedSettings
     rig: Rig
     sensors: tuple[SensorSource, ...]
     faults: tuple[SensorFault, ...]
@@ -215,8 +218,9 @@ class Tally:
         self.compensated += bool(frame.combined.compensated)
         self.confirmed += int((frame.fused.matched > 0).sum())
         rows = first_polygon_with([zone.polygon_site for zone in self._zones], objects.centers[:, :2])
+        outside = OUTSIDE_ZONES if self._zones else ""
         for class_id, row in zip(objects.class_ids.tolist(), rows.tolist(), strict=True):
-            zone = self._zones[row].name if row >= 0 else OUTSIDE_ZONES
+            zone = self._zones[row].name if row >= 0 else outside
             self.objects[self._class_names[class_id], zone] += 1
         self.points.update(dict(frame.combined.counts))
         self.unused_boxes.update(dict(frame.unused_boxes))
@@ -245,9 +249,10 @@ def report_tree(report: RunReport) -> dict[str, Any]:
         "frames_per_second": report.frames_per_second,
         "wall_seconds": report.wall_seconds,
         "stage_ms": {name: 1e3 * spent / report.frames for name, spent in report.stage_seconds.items()},
+        "settings": used_record(report.settings),
         "box_source": report.box_source,
         "motion": {"topics": list(report.motion_topics), "compensated_frames": report.compensated},
-        "objects": [{"class": c, "zone": z, "count": count} for (c, z), count in report.objects.items()],
+        "objects": [{"class": c, "zone": z or None, "count": count} for (c, z), count in report.objects.items()],
         "confirmed": report.confirmed,
         "points": dict(report.points),
         "messages_used": dict(report.messages_used),

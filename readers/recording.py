@@ -137,6 +137,9 @@ class RecordingFile(_Contents, Protocol):
     ) -> Iterator[RawMessage]:
         """As `Recording.messages`, in the order of (log time, position in the file).
 
+        Where log times jump back within the file and go over the same time once more (see `passes`), the messages
+        before the jump come first.
+
         Raises:
             Exception: any that the library raises, if the file is damaged and `ReadOptions.recovery` is `none`.
         """

@@ -15,6 +15,7 @@ class Provenance:
         version: Version of lidcam.
         inputs: For each input file its `name` and its `sha256` (hexadecimal), or for a file on a server its `url`
             (without credentials), `size`, and `etag` and `last_modified` if the server sends them.
+        settings: Which settings these are, and why.
         config_yaml: All settings that affect the result; not `run`, so that the number of workers does not.
         rig_yaml: The rig, as a rig file.
         start_ns: Log time of the first input message: used for the attachments in place of the wall clock.
@@ -22,13 +23,14 @@ class Provenance:
 
     version: str
     inputs: tuple[Mapping[str, str], ...]
+    settings: str
     config_yaml: str
     rig_yaml: str
     start_ns: int
 
     def metadata(self) -> dict[str, str]:
         """The content of the metadata record `lidcam`."""
-        record = {"version": self.version}
+        record = {"version": self.version, "settings": self.settings}
         for row, known in enumerate(self.inputs):
             record |= {f"input.{row}.{key}": value for key, value in known.items()}
         for name, text in (("config", self.config_yaml), ("rig", self.rig_yaml)):
@@ -37,5 +39,6 @@ class Provenance:
 
     @property
     def recording_id(self) -> str:
-        """32 hexadecimal digits, the same for the same inputs, settings and rig."""
-        return hashlib.sha256(repr(sorted(self.metadata().items())).encode()).hexdigest()[:32]
+        """32 hexadecimal digits, the same for the same inputs, settings and rig, whatever the settings are called."""
+        facts = {key: value for key, value in self.metadata().items() if key != "settings"}
+        return hashlib.sha256(repr(sorted(facts.items())).encode()).hexdigest()[:32]

@@ -12,9 +12,9 @@ from lidcam.outputs import check_not_overwritten, check_writable
 from lidcam.printing.console import print_inspection
 from lidcam.printing.log import remark_log
 from lidcam.printing.terminal import console
+from lidcam.settings.choice import SettingsChoice
 from lidcam.summary import loss_records
 from pipeline.core.errors import OutputError
-from pipeline.core.settings.config import Config
 from readers.location import Location, location
 from readers.open import open_recording
 from readers.recording import ReadOptions, Recording
@@ -31,7 +31,7 @@ class InspectOptions:
 
     Attributes:
         inputs: The recording.
-        config: Settings.
+        settings: Settings, or those among which the recording decides.
         rig: Rig files, if there are any, loaded or by their paths.
         write_rig: Rig file to write.
         repair: MCAP to write, with every message that can be read.
@@ -39,7 +39,7 @@ class InspectOptions:
     """
 
     inputs: tuple[Location, ...]
-    config: Config
+    settings: SettingsChoice
     rig: RigSource | None = None
     write_rig: Path | None = None
     repair: Path | None = None
@@ -57,16 +57,16 @@ def run_inspect(options: InspectOptions) -> None:
             check_writable(output)
             check_not_overwritten(options.inputs, output)
     if options.repair is None:
-        inspection = inspect_recording(options.inputs, options.config, options.rig)
+        inspection = inspect_recording(options.inputs, options.settings, options.rig)
         check_not_overwritten(inspection.files, options.write_rig)
         _tell(inspection, options)
         return
     with (
-        open_recording(options.inputs, ReadOptions("full_scan", options.config.limits)) as recorded,
+        open_recording(options.inputs, ReadOptions("full_scan", options.settings.config.limits)) as recorded,
         sensor_messages(recorded) as recording,
     ):
         check_not_overwritten(recording.paths, options.write_rig, options.repair)
-        _tell(inspect_open(recording, options.config, options.rig, TimeWindow()), options)
+        _tell(inspect_open(recording, options.settings, options.rig, TimeWindow()), options)
         _repair(recorded, options.repair)
 
 

@@ -23,7 +23,8 @@ class Strictness:
     """How much of the recording a run has to use.
 
     Attributes:
-        max_dropped_percent: Share of a topic's messages that may be dropped.
+        max_dropped_percent: Share of a topic's messages that may be dropped, and of the frames in which a sensor may
+            be silent.
     """
 
     max_dropped_percent: float = MAX_DROPPED_PERCENT
@@ -32,12 +33,21 @@ class Strictness:
         """Look at what was left out, dropped and lost.
 
         Raises:
-            CheckError: a sensor was left out, too much of a topic was dropped, or a file is damaged.
+            CheckError: a sensor was left out or silent, too much of a topic was dropped, or a file is damaged.
         """
-        findings = [*_left_out(report), *self._dropped(report), *_damaged(report)]
+        findings = [*_left_out(report), *self._silent(report), *self._dropped(report), *_damaged(report)]
         if findings:
             more = f"; and {len(findings) - MAX_LISTED} more" if len(findings) > MAX_LISTED else ""
             raise CheckError(f"--strict: {'; '.join(findings[:MAX_LISTED])}{more}; the outputs are complete")
+
+    def _silent(self, report: RunReport) -> list[str]:
+        """Sensors that fell silent; one that is merely slower than others misses frames and is none of them."""
+        findings = []
+        for sensor in report.missing:
+            frames = sum(span.frames for span in sensor.silences)
+            if 100 * frames > self.max_dropped_percent * sensor.of_frames and frames > ENDS:
+                findings.append(f"{sensor.sensor}: {sensor.spans}, {frames} of {sensor.of_frames} frames lack it")
+        return findings
 
     def _dropped(self, report: RunReport) -> list[str]:
         dropped: Counter[str] = Counter()

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from lidcam.checks.warning import RunWarning
 from lidcam.inspection import Inspection
 from lidcam.printing.folding import show_table, tell
 from lidcam.printing.tables import (
@@ -18,7 +19,7 @@ from lidcam.printing.tables import (
     stages_table,
     topics_table,
 )
-from lidcam.summary import OUTSIDE_ZONES, RunReport, loss_records
+from lidcam.summary import RunReport, loss_records
 from pipeline.core.frame import FrameResult
 from pipeline.core.settings.config import Config
 from readers.recording import Loss
@@ -73,8 +74,8 @@ def print_matches(out: Console, frame: FrameResult, config: Config) -> None:
 
 def print_report(out: Console, report: RunReport) -> None:
     """The final tables of a run."""
-    zones = [*(zone.name for zone in report.rig.zones), OUTSIDE_ZONES]
-    show_table(out, objects_table(report.objects, zones))
+    tell(out, f"objects, sum over {report.frames} frame{'s' * (report.frames != 1)}", "bold")
+    show_table(out, objects_table(report.objects, [zone.name for zone in report.rig.zones], report.frames))
     out.print()
     show_table(out, drops_table(report.messages_used, report.drops))
     for drop in report.drops:
@@ -98,6 +99,7 @@ def print_report(out: Console, report: RunReport) -> None:
         "motion": f"{compensated}, from {', '.join(report.motion_topics)}" if report.motion_topics else _NO_MOTION,
         "2D boxes": _BOX_SOURCES[report.box_source],
         "confirmed": f"{report.confirmed} of {sum(report.objects.values())} objects by a camera",
+        "settings": str(report.settings),
         "written": ", ".join(map(str, report.outputs)),
         **_how_to_look(report.outputs),
     }
@@ -110,8 +112,7 @@ def print_report(out: Console, report: RunReport) -> None:
         ]
         more = f" and {len(names) - MAX_LISTED} more" if len(names) > MAX_LISTED else ""
         tell(out, f"not used: {', '.join(names[:MAX_LISTED])}{more}")
-    for warning in report.warnings:
-        tell(out, f"warning: {warning}", "yellow")
+    _print_warnings(out, report.warnings)
 
 
 def print_inspection(out: Console, inspection: Inspection) -> None:
@@ -134,6 +135,8 @@ def print_inspection(out: Console, inspection: Inspection) -> None:
     _print_remarks(out, inspection.faults, inspection.notes)
     tell(out, f"motion: {', '.join(inspection.motion_topics) or _NO_MOTION}")
     tell(out, f"2D boxes: {_BOX_SOURCES[inspection.box_source]}")
+    tell(out, f"settings: {inspection.settings}")
+    _print_warnings(out, inspection.warnings)
 
 
 def _how_to_look(outputs: Sequence[Path]) -> dict[str, str]:
@@ -162,3 +165,8 @@ def _print_remarks(out: Console, faults: Sequence[SensorFault], notes: Sequence[
         tell(out, f"left out: {fault.sensor} ({fault.topic}): {fault.reason}")
     for note in notes:
         tell(out, f"note: {note}")
+
+
+def _print_warnings(out: Console, warnings: Sequence[RunWarning]) -> None:
+    for warning in warnings:
+        tell(out, f"warning: {warning}", "yellow")

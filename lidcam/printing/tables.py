@@ -1,6 +1,6 @@
 """The tables that are printed, one function each."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rich.console import RenderableType
@@ -9,7 +9,7 @@ from rich.table import Table
 
 from lidcam.checks.missing import MissingSensor
 from lidcam.printing.folding import Folded
-from lidcam.summary import DropCount
+from lidcam.summary import OUTSIDE_ZONES, DropCount
 from readers.rig.calibration import SensorSource
 from readers.streams.survey import TopicSurvey
 
@@ -26,16 +26,20 @@ __all__ = [
 ]
 
 
-def objects_table(objects: Mapping[tuple[str, str], int], zones: Iterable[str]) -> Table:
-    """Fused objects by class (rows) and zone (columns), summed over the frames."""
-    zones = list(zones)
-    table = _table("objects", "class", *zones, "all")
+def objects_table(objects: Mapping[tuple[str, str], int], zones: Sequence[str], frames: int) -> Table:
+    """Fused objects by class (rows), summed over the frames and a frame; with zones, by zone (columns) too.
+
+    Without a title, which would be broken to the width of its columns.
+    """
+    places = [*zones, OUTSIDE_ZONES] if zones else []
+    table = _table("", "class", *places, "all", "a frame")
     classes = sorted({name for name, _ in objects})
     for name in classes:
-        counts = [objects.get((name, zone), 0) for zone in zones]
-        table.add_row(name, *(str(count) for count in counts), str(sum(counts)))
+        count = sum(found for (known, _), found in objects.items() if known == name)
+        in_places = (str(objects.get((name, place), 0)) for place in places)
+        table.add_row(name, *in_places, str(count), f"{count / max(frames, 1):.1f}")
     if not classes:
-        table.add_row("none", *("0" for _ in zones), "0")
+        table.add_row("none", *("0" for _ in places), "0", "0.0")
     return table
 
 
@@ -116,9 +120,11 @@ def topics_table(topics: Sequence[TopicSurvey]) -> Table:
 def sensors_table(sensors: Sequence[SensorSource]) -> Table:
     """The sensors that are used, and where their calibration comes from."""
     columns = ("sensor", "topic", "frame_id", "intrinsics", "extrinsics")
-    table = _table("sensors", *columns, text_columns=columns)
+    is_shifted = any(sensor.time_offset_ms for sensor in sensors)
+    table = _table("sensors", *columns, *["time offset"] * is_shifted, text_columns=columns)
     for sensor in sensors:
-        table.add_row(*(getattr(sensor, column) for column in columns))
+        offset = f"{sensor.time_offset_ms:g} ms" if sensor.time_offset_ms else ""
+        table.add_row(*(getattr(sensor, column) for column in columns), *[offset] * is_shifted)
     return table
 
 

@@ -20,11 +20,13 @@ class LidarSensor:
         name: Short name, unique in the rig.
         topic: Topic of its clouds.
         T_site_lidar: Extrinsics; its `src` is the lidar's frame.
+        time_offset_ns: Recorded stamp minus time of measurement.
     """
 
     name: str
     topic: str
     T_site_lidar: Transform
+    time_offset_ns: int = 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,6 +39,7 @@ class CameraSensor:
         boxes_topic: Topic of its recorded 2D boxes (vision_msgs/Detection2DArray); empty if there is none.
         model: Intrinsics.
         T_camera_site: Extrinsics; its `dst` is the camera's optical frame.
+        time_offset_ns: Recorded stamp minus time of measurement, of images and boxes.
     """
 
     name: str
@@ -44,6 +47,7 @@ class CameraSensor:
     boxes_topic: str
     model: CameraModel
     T_camera_site: Transform
+    time_offset_ns: int = 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,7 +83,7 @@ class Rig:
         site_frame: The frame in which clouds are combined and objects are reported (x forward, y left, z up; REP 103).
         lidars: At least one.
         cameras: Empty for a lidar-only run.
-        zones: An object belongs to the first zone that contains its centre.
+        zones: An object belongs to the first zone that contains its centre; empty where nobody asks for zones.
         ground_height_m: Expected z of the ground at the site origin; None if unknown.
     """
 

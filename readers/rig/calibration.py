@@ -54,6 +54,7 @@ class SensorSource:
         frame_id: Its frame.
         intrinsics: Source of a camera's intrinsics; empty for a lidar.
         extrinsics: Source of its pose.
+        time_offset_ms: What the rig file takes off its stamps.
     """
 
     sensor: str
@@ -61,6 +62,7 @@ class SensorSource:
     frame_id: str
     intrinsics: str
     extrinsics: str
+    time_offset_ms: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +122,10 @@ def calibrate_lidar(
         T_site_lidar, source = Transform.identity(site, frame), OWN_SITE
     else:
         T_site_lidar, source = frames.transforms.lookup(site, frame), f"tf: {site} <- {frame}"
-    return LidarSensor(lidar.name, lidar.topic, T_site_lidar), SensorSource(lidar.name, lidar.topic, frame, "", source)
+    return (
+        LidarSensor(lidar.name, lidar.topic, T_site_lidar, entry.time_offset_ns),
+        SensorSource(lidar.name, lidar.topic, frame, "", source, entry.time_offset_ms),
+    )
 
 
 def calibrate_camera(camera: AssignedCamera, frames: Frames, first: FirstMessages) -> tuple[CameraSensor, SensorSource]:
@@ -137,9 +142,10 @@ def calibrate_camera(camera: AssignedCamera, frames: Frames, first: FirstMessage
     check_complete(camera.entry)
     lens = camera_intrinsics(camera, first)
     T_camera_site, extrinsics = camera_extrinsics(camera, lens.T_model_camera.src, frames)
+    pose, entry = lens.T_model_camera @ T_camera_site, camera.entry
     return (
-        CameraSensor(camera.name, topics.image, topics.boxes, lens.model, lens.T_model_camera @ T_camera_site),
-        SensorSource(camera.name, topics.topic, lens.model.frame_id, lens.source, extrinsics),
+        CameraSensor(camera.name, topics.image, topics.boxes, lens.model, pose, entry.time_offset_ns),
+        SensorSource(camera.name, topics.topic, lens.model.frame_id, lens.source, extrinsics, entry.time_offset_ms),
     )
 
 

@@ -3,10 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from pipeline.core.errors import CalibrationError, LidcamError
-from pipeline.core.rig import CameraSensor, LidarSensor, Rig, Zone, default_zones
+from pipeline.core.rig import CameraSensor, LidarSensor, Rig
 from pipeline.core.settings.config import Config
 from readers.messages.tf import RecordedTransforms
 from readers.recording import Recording
@@ -16,7 +14,7 @@ from readers.rig.schema import RigFile
 from readers.rig.search import FoundSensors, find_sensors
 from readers.rig.sensor_topics import Findings, SensorFault
 
-__all__ = ["Discovery", "calibrated_rig", "discover_rig", "parents_first", "zones_of"]
+__all__ = ["Discovery", "calibrated_rig", "discover_rig", "parents_first"]
 
 Assigned = AssignedLidar | AssignedCamera
 
@@ -112,7 +110,7 @@ def calibrated_rig(found: FoundSensors) -> Discovery:
         found.site,
         tuple(lidar_sensors[lidar.name] for lidar in found.lidars if lidar.name in lidar_sensors),
         tuple(camera_sensors[camera.name] for camera in found.cameras if camera.name in camera_sensors),
-        zones_of(found.rig_file),
+        found.zones,
         found.rig_file.ground_height_m,
     )
     faults, notes = of_lidars.faults + of_cameras.faults, of_lidars.notes + of_cameras.notes
@@ -149,13 +147,6 @@ def _check_site_is_named(found: FoundSensors) -> None:
         )
     if cameras:
         raise CalibrationError(_no_site_frame(found, cameras))
-
-
-def zones_of(rig_file: RigFile) -> tuple[Zone, ...]:
-    """The zones of a rig file, else the default ones."""
-    if rig_file.zones is None:
-        return default_zones()
-    return tuple(Zone(name, np.array(corners, np.float64)) for name, corners in rig_file.zones.items())
 
 
 def _no_poses(recording: Recording, topics: Sequence[str]) -> str:

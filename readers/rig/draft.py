@@ -19,7 +19,7 @@ from readers.rig.calibration import (
     check_complete,
     recorded_size,
 )
-from readers.rig.discovery import calibrated_rig, parents_first, zones_of
+from readers.rig.discovery import calibrated_rig, parents_first
 from readers.rig.first_messages import FirstMessages
 from readers.rig.search import FoundSensors
 from readers.rig.sensor_topics import CLOUD
@@ -133,7 +133,7 @@ def draft_rig(found: FoundSensors) -> RigDraft:
         found.rig_file.ground_height_m,
         tuple(lidars[lidar.name] for lidar in found.lidars),
         tuple(cameras[camera.name] for camera in found.cameras),
-        zones_of(found.rig_file),
+        found.zones,
     )
 
 

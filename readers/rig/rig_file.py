@@ -74,6 +74,7 @@ def rig_yaml(rig: Rig) -> str:
             "topic": lidar.topic,
             "frame_id": lidar.T_site_lidar.src,
             "T_site_lidar": _rows(lidar.T_site_lidar.matrix),
+            **_time_offset(lidar.time_offset_ns),
         }
         for lidar in rig.lidars
     }
@@ -88,6 +89,7 @@ def rig_yaml(rig: Rig) -> str:
             "distortion_model": camera.model.model,
             "distortion": _Row(camera.model.distortion.tolist()),
             "T_camera_site": _rows(camera.T_camera_site.matrix),
+            **_time_offset(camera.time_offset_ns),
         }
         for camera in rig.cameras
     }
@@ -173,6 +175,11 @@ def _write(text: str, path: Path) -> None:
     except OSError as err:
         part.unlink(missing_ok=True)
         raise OutputError(f"{path}: cannot be written: {err}") from err
+
+
+def _time_offset(offset_ns: int) -> dict[str, float]:
+    """The key of a sensor whose stamps are corrected."""
+    return {"time_offset_ms": offset_ns / 1e6} if offset_ns else {}
 
 
 def _rows(matrix: F64) -> list[_Row]:

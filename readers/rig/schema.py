@@ -104,13 +104,20 @@ class _Sensor(Pose):
         topic: Topic of its clouds or images; empty: the recording's topic of that name, else by order.
         frame_id: Its frame; empty: as recorded; a lidar whose messages name none gets the one that tf has by its name.
         parent: What its extrinsics refer to in place of the site frame: a frame, or the name of a sensor of the rig.
+        time_offset_ms: Recorded stamp minus time of measurement, in milliseconds; it is taken off the stamps.
         missing: Why a key has no value, by key: it is still `TODO`, or its value cannot be used.
     """
 
     topic: str = ""
     frame_id: str = ""
     parent: str = ""
+    time_offset_ms: float = Field(default=0.0, allow_inf_nan=False)
     missing: dict[str, str] = Field(default_factory=dict)
+
+    @property
+    def time_offset_ns(self) -> int:
+        """`time_offset_ms` in nanoseconds."""
+        return round(self.time_offset_ms * 1e6)
 
 
 class LidarEntry(_Sensor):
@@ -184,7 +191,7 @@ class RigFile(_Model):
         ground_height_m: Expected z of the ground at the site's origin.
         lidars: By name.
         cameras: By name.
-        zones: Corners x, y in the site frame, by name; left out: `intersection` y >= 0, `circle` y < 0.
+        zones: Corners x, y in the site frame, by name; left out: those of the settings (`rig.zones`).
         transforms: Fixed transforms between frames, in place of the recording's.
         default_transforms: The same, for child frames that neither `transforms` nor the recording's tf has.
     """

@@ -3,8 +3,11 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from pipeline.core.errors import CalibrationError, FrameError, RecordingError
 from pipeline.core.geometry.transform import Transform
+from pipeline.core.rig import Zone
 from pipeline.core.settings.config import Config
 from readers.messages.tf import RecordedTransforms, clean_frame, read_transforms
 from readers.recording import Recording, TopicInfo
@@ -15,7 +18,7 @@ from readers.rig.schema import Edges, RigFile
 from readers.rig.sensor_topics import CAMERA_INFO, CLOUD, Findings, find_camera_topics, find_lidar_topics
 from readers.rig.topic_names import place
 
-__all__ = ["FoundSensors", "find_sensors"]
+__all__ = ["FoundSensors", "find_sensors", "zones_of"]
 
 BEYOND_SITE = frozenset({"earth", "utm"})
 """Frames with coordinates of millions of metres, in which float32 points would lose their centimetres."""
@@ -53,6 +56,7 @@ class FoundSensors:
         frames: Frame by name of a lidar, found by its name in tf where it has none.
         site: The site frame.
         is_site_named: Whether the settings or the rig name the site frame.
+        zones: The zones of the rig file or the settings.
         of_lidars: Faults and notes.
         of_cameras: Faults and notes.
     """
@@ -67,6 +71,7 @@ class FoundSensors:
     frames: Mapping[str, str]
     site: str
     is_site_named: bool
+    zones: tuple[Zone, ...]
     of_lidars: Findings
     of_cameras: Findings
 
@@ -119,9 +124,16 @@ def find_sensors(
         frames,
         site,
         bool(wanted),
+        zones_of(rig_file, config),
         of_lidars,
         of_cameras,
     )
+
+
+def zones_of(rig_file: RigFile | None, config: Config) -> tuple[Zone, ...]:
+    """The zones of the rig file, else those of the settings."""
+    given = config.rig.zones if rig_file is None or rig_file.zones is None else rig_file.zones
+    return tuple(Zone(name, np.array(corners, np.float64)) for name, corners in given.items())
 
 
 def _with_rig(recorded: RecordedTransforms, rig_file: RigFile) -> RecordedTransforms:

@@ -14,6 +14,7 @@ from pipeline.core.images import Image
 from pipeline.core.messages import Drop, RawMessage
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
+from pipeline.detectors.onnx.coco import COCO_LABELS
 from readers.messages.detections2d import Detections2D, decode_detections2d
 from readers.messages.image import decode_any_image
 from readers.messages.pointcloud2 import decode_pointcloud2
@@ -32,6 +33,7 @@ class CloudDecoder:
     def __init__(self, rig: Rig, config: Config, *, on_bad: OnBadMessage) -> None:
         self._topics = {lidar.name: lidar.topic for lidar in rig.lidars}
         self._frames = {lidar.topic: lidar.T_site_lidar.src for lidar in rig.lidars}
+        self._offsets_ns = {lidar.topic: lidar.time_offset_ns for lidar in rig.lidars}
         self._velodyne = VelodyneDecoders(config.velodyne)
         self._limits = config.limits
         self._on_bad = on_bad
@@ -43,6 +45,14 @@ class CloudDecoder:
         return Decoded({name: cloud for name, (cloud, _) in decoded.items()}, drops)
 
     def _decode_one(self, message: RawMessage) -> tuple[PointCloud, tuple[Drop, ...]]:
+        # Times of points and packets are by the sensor's clock, so they are decoded with its own stamp.
+        offset_ns = self._offsets_ns[message.topic]
+        if not offset_ns:
+            return self._decode_as_stamped(message)
+        cloud, drops = self._decode_as_stamped(message._replace(stamp_ns=message.stamp_ns + offset_ns))
+        return replace(cloud, stamp_ns=message.stamp_ns), drops
+
+    def _decode_as_stamped(self, message: RawMessage) -> tuple[PointCloud, tuple[Drop, ...]]:
         drops: tuple[Drop, ...] = ()
         if message.channel.msgtype == SCAN:
             cloud, drops = self._velodyne[message.topic].decode(message)
@@ -69,7 +79,12 @@ class RecordedBoxes:
 
     def __init__(self, rig: Rig, config: Config, *, on_bad: OnBadMessage) -> None:
         self._topics = {camera.name: camera.boxes_topic for camera in rig.cameras if camera.boxes_topic}
-        self._config = config
+        self._min_score = config.detect2d.min_score
+        self._class_ids = config.class_id_of_label
+        self._numbered: tuple[str, ...] = ()
+        if config.detect2d.class_numbers == "coco":
+            self._class_ids = {label: row for label, row in self._class_ids.items() if not label.isdecimal()}
+            self._numbered = COCO_LABELS
         self._on_bad = on_bad
 
     def __call__(self, bundle: SensorBundle) -> Decoded[Boxes2D]:
@@ -79,13 +94,13 @@ class RecordedBoxes:
         boxes: dict[str, Boxes2D] = {}
         for name, found in decoded.items():
             unused.update(found.unused)
-            sure = found.boxes.scores >= self._config.detect2d.min_score
-            unused[f"score under detect2d.min_score ({self._config.detect2d.min_score:g})"] += int((~sure).sum())
+            sure = found.boxes.scores >= self._min_score
+            unused[f"score under detect2d.min_score ({self._min_score:g})"] += int((~sure).sum())
             boxes[name] = found.boxes.select(sure)
         return Decoded(boxes, decoded.drops, dict(sorted((+unused).items())))
 
     def _decode_one(self, message: RawMessage) -> Detections2D:
-        return decode_detections2d(message, self._config.class_id_of_label)
+        return decode_detections2d(message, self._class_ids, class_names=self._numbered)
 
 
 def _decode(

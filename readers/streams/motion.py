@@ -36,6 +36,8 @@ READ_AHEAD_NS = 2_000_000_000
 WINDOW_NS = 500_000_000
 """Half of a frame's window: a sweep takes 0.1 s, and the sensors of one frame are less than that apart."""
 
+_FAR_AHEAD = "the stamp before this one was far ahead of all others"
+
 FIXED_FRAMES = ("odom", "map", "world", "earth")
 """REP 105; `odom` first, since it moves without jumps."""
 
@@ -138,9 +140,27 @@ class _Track:
     def __init__(self) -> None:
         self.stamps_ns: list[int] = []
         self.poses: list[F64] = []
+        self._ahead: tuple[int, F64] | None = None
 
-    def add(self, stamp_ns: int, pose: F64) -> None:
-        """Insert a pose, or replace that of the same stamp; forget those older than `KEPT_NS`."""
+    def add(self, stamp_ns: int, pose: F64) -> bool:
+        """Insert a pose, or replace that of the same stamp; forget those older than `KEPT_NS`.
+
+        One so far ahead that all others would be forgotten is held until the next one agrees with it.
+
+        Returns:
+            Whether the one that was held, if any, is sound.
+        """
+        held, self._ahead = self._ahead, None
+        if self.stamps_ns and stamp_ns > self.stamps_ns[-1] + KEPT_NS:
+            if held is None or abs(stamp_ns - held[0]) > KEPT_NS:
+                self._ahead = stamp_ns, pose
+                return held is None
+            self._insert(*held)
+            held = None
+        self._insert(stamp_ns, pose)
+        return held is None
+
+    def _insert(self, stamp_ns: int, pose: F64) -> None:
         at = bisect_left(self.stamps_ns, stamp_ns)
         if at < len(self.stamps_ns) and self.stamps_ns[at] == stamp_ns:
             self.poses[at] = pose
@@ -231,12 +251,13 @@ class MotionBuffer:
                     fault = fault or FrameError(f"{child}: {transform}")
                 elif transform.dst != self._parents[child]:
                     fault = fault or FrameError(f"{child} in {transform.dst!r}, expected {self._parents[child]!r}")
-                else:
-                    self._tracks[child].add(stamp_ns, transform.matrix)
+                elif not self._tracks[child].add(stamp_ns, transform.matrix):
+                    fault = fault or FrameError(f"{child}: {_FAR_AHEAD}")
             if fault:
                 raise fault
             return
         pose = decode_odometry(message)
         if pose.dst != self._source.fixed_frame_id:
             raise FrameError(f"pose in {pose.dst!r}, expected {self._source.fixed_frame_id!r} as in the first message")
-        self._tracks[next(iter(self._tracks))].add(message.stamp_ns, pose.matrix)
+        if not self._tracks[next(iter(self._tracks))].add(message.stamp_ns, pose.matrix):
+            raise FrameError(_FAR_AHEAD)

@@ -33,7 +33,7 @@ def frames_in(path: Path) -> int:
     return counts["/fused/detections"]
 
 
-@pytest.mark.parametrize("option", ["--print-detections", "--print-matches", "--json"])
+@pytest.mark.parametrize("option", ["--print-detections", "--json"])
 def test_a_reader_that_leaves_does_not_end_the_run(
     option: str, sandbox: Path, sandbox_config: Path, tmp_path: Path
 ) -> None:
@@ -60,19 +60,27 @@ def test_neither_does_one_of_errors(sandbox: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(shutil.which("script") is None, reason="needs script of util-linux")
-@pytest.mark.parametrize("width", [80, 120])
-def test_tables_fit_the_terminal(sandbox: Path, tmp_path: Path, width: int) -> None:
+def test_tables_fit_the_terminal(sandbox: Path, tmp_path: Path) -> None:
     command = f"{PROGRAM} inspect {sandbox}"
     piped = shell(command, tmp_path).stdout
     assert max(map(len, piped.splitlines())) > 120  # there a row is a line
-    done = shell(f"script -qec '{command}' /dev/null", tmp_path, COLUMNS=str(width), TERM="dumb")
+    done = shell(f"script -qec '{command}' /dev/null", tmp_path, COLUMNS="80", TERM="dumb")
     lines = [line.rstrip() for line in done.stdout.splitlines()]
-    assert max(map(len, lines)) <= width
+    assert max(map(len, lines)) <= 80
     numbers = re.compile(r"(?<= )\d+(?:\.\d+)?(?= |$)")
     rows = piped[piped.index("topics") : piped.index("site frame")]
     shown = "\n".join(lines)
     shown = shown[shown.index("topics") : shown.index("site frame")]
     assert numbers.findall(shown) == numbers.findall(rows)
+
+
+@pytest.mark.skipif(shutil.which("script") is None, reason="needs script of util-linux")
+@pytest.mark.parametrize(("option", "has_bar"), [("--json", True), ("--quiet", False), ("--print-matches", False)])
+def test_a_bar_on_a_terminal(sandbox: Path, tmp_path: Path, option: str, has_bar: bool) -> None:
+    command = f"{PROGRAM} process {sandbox} out.mcap {shlex.join(PART)} {option}"
+    done = shell(f"script -qec '{command}' /dev/null", tmp_path, COLUMNS="100", TERM="xterm")
+    assert done.returncode == 0, done.stdout
+    assert bool(re.search(r"\d frames, [\d.]+ a second, \d+ objects, \d+ dropped", done.stdout)) == has_bar
 
 
 def test_quiet_is_the_result_alone(lidcam: Lidcam, sandbox: Path, tmp_path: Path) -> None:

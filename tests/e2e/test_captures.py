@@ -15,6 +15,7 @@ from velodyne import START_NS, packet_stream, random_packets, scan
 from lidcam.commands.inspect import InspectOptions, run_inspect
 from lidcam.commands.process import Printed, run_process
 from lidcam.job import make_job
+from lidcam.settings.choice import SettingsChoice
 from pipeline.core.errors import CalibrationError, MessageError, RecordingError
 from pipeline.core.settings.config import Config
 
@@ -61,7 +62,7 @@ def test_the_tables_for_machines(captures: Path, capsys: pytest.CaptureFixture[s
     assert table["messages_used"] == {LEFT: 3}
     assert table["unused_topics"] == {"/other_traffic/position": 2}
     assert table["losses"] == []
-    run_inspect(InspectOptions((captures / "one.pcap",), Config(), as_json=True))
+    run_inspect(InspectOptions((captures / "one.pcap",), SettingsChoice(Config()), as_json=True))
     found = json.loads(capsys.readouterr().out)
     topics = {topic["topic"]: topic for topic in found["topics"]}
     assert (topics[LEFT]["msgtype"], topics[LEFT]["count"]) == ("velodyne_msgs/msg/VelodyneScan", 3)
@@ -73,7 +74,7 @@ def test_a_cut_capture_is_read_and_written_as_an_mcap(
     captures: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     whole, out = tmp_path / "whole.mcap", tmp_path / "out.mcap"
-    run_inspect(InspectOptions((captures / "cut.pcap",), Config(), repair=whole))
+    run_inspect(InspectOptions((captures / "cut.pcap",), SettingsChoice(Config()), repair=whole))
     assert "a packet is cut off: expected 1248 bytes, found 1241" in capsys.readouterr().out
     assert topics_of(whole) == {LEFT: ("velodyne_msgs/msg/VelodynePacket", 169)}
     found = messages_of(whole, LEFT)

@@ -67,6 +67,19 @@ def rig(path: Path) -> None:
     assert call("lidcam", "inspect", SANDBOX, "--write-rig", path, "-q") == 0
 
 
+def camchain(path: Path) -> None:
+    path.write_text(
+        "cam0: {camera_model: pinhole, intrinsics: [504.8, 504.8, 320.5, 240.5], distortion_model: none, "
+        "resolution: [640, 480], rostopic: /image_raw_11}\n"
+    )
+
+
+def calibration(parent: str, child: str) -> Callable[[Path], object]:
+    """Writes a file of Autoware's."""
+    pose = "{x: 0.1, y: 0, z: 2, roll: 0, pitch: 0.01, yaw: -0.03}"
+    return lambda path: path.write_text(f"{parent}: {{{child}: {pose}}}\n")
+
+
 STAND_INS: dict[str, Callable[[Path], object]] = {
     "drive.bag": lambda path: path.symlink_to(SANDBOX),
     "broken.bag": lambda path: path.write_bytes(SANDBOX.read_bytes()[:3_000_000]),
@@ -78,6 +91,9 @@ STAND_INS: dict[str, Callable[[Path], object]] = {
     "yolox_nano.onnx": network,
     "site.yaml": rig,
     "rig.yaml": rig,
+    "camchain.yaml": camchain,
+    "sensors_calibration.yaml": calibration("base_link", "sensor_kit_base_link"),
+    "sensor_kit_calibration.yaml": calibration("sensor_kit_base_link", "velodyne_top_base_link"),
     "my.yaml": lambda path: shutil.copy(SCENARIOS / "sandbox.yaml", path),
     "my_crossing.yaml": lambda path: shutil.copy(SCENARIOS / "sandbox.yaml", path),
 }

@@ -49,8 +49,11 @@ def test_window_of_a_recording_on_a_server(
 ) -> None:
     local, remote = tmp_path / "local.mcap", tmp_path / "remote.mcap"
     assert lidcam("process", recording, local, *WINDOW).code == 0
-    done = lidcam("process", url, remote, *WINDOW)
+    done = lidcam("process", url, remote, *WINDOW, "--rerun", tmp_path / "remote.rrd")
     assert done.code == 0, done.err
+    viewed = (tmp_path / "remote.rrd").read_bytes()
+    assert b"rec.mcap" in viewed  # the name of the recording in the viewer
+    assert b"s3cret" not in viewed
     assert "Warning" not in done.err
     expected, got = content_of(local), content_of(remote)
     assert len(expected[0]) > 100

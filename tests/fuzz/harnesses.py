@@ -508,6 +508,21 @@ R0_rect: 1 0 0 0 1 0 0 0 1
 Tr_velo_to_cam: 0 -1 0 0 0 0 -1 -0.08 1 0 0 -0.27
 S_rect_02: 1242 375
 """
+CALIB_TXT = " ".join(["1.1e+01", "0 1 0 -0.3 -1 0 0 -0.1 0 0 1 -0.4 0 0 0 1", "5 0 2 0 0 5 2 0 0 0 1 0"]) + "\n"
+CAMCHAIN = """cam0: {camera_model: pinhole, intrinsics: [5, 5, 2, 2], distortion_model: radtan,
+  distortion_coeffs: [0, 0, 0, 0], resolution: [4, 4], rostopic: /camera/image_raw,
+  T_cam_imu: [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]}
+cam1: {camera_model: omni, intrinsics: [1, 5, 5, 2, 2],
+  T_cn_cnm1: [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]}
+"""
+SENSOR_KIT = """base_link:
+  camera0/camera_link: {x: 0.1, y: 0.5, z: -0.3, roll: -0.02, pitch: 0.3, yaw: 1.0}
+  lidar: {x: 0, y: 0, z: 2, roll: 0, pitch: 0, yaw: 0}
+"""
+TO_DO = """site_frame: lidar
+cameras: {camera: {topic: /camera/image_raw, K: TODO, T_camera_site: TODO, parent: lidar}}
+transforms: {lidar: {imu: {rpy_deg: [0, 0, 90]}}}
+"""
 ALIASES = "a: &a [1, 1, 1]\n" + "\n".join(
     f"{chr(98 + i)}: &{chr(98 + i)} [{', '.join([f'*{chr(97 + i)}'] * 9)}]" for i in range(12)
 )
@@ -602,7 +617,7 @@ HARNESSES: dict[str, Harness] = {
     "video": Harness(_video, _video_seeds),
     "protobuf_schema": Harness(_protobuf_schema, _protobuf_schema_seeds),
     "definition": Harness(_definition, _definition_seeds),
-    "rig": Harness(_text("rig.yaml", _use_rig), _texts(RIG, GEOMETRY, KITTI)),
+    "rig": Harness(_text("rig.yaml", _use_rig), _texts(RIG, GEOMETRY, KITTI, CALIB_TXT, CAMCHAIN, SENSOR_KIT, TO_DO)),
     "config": Harness(_text("config.yaml", load_config), lambda: _texts(dump_config(Config())[:600])()),
     "metadata": Harness(_text("folder/metadata.yaml", _use_folder), _texts(METADATA)),
     "velodyne_calibration": Harness(

@@ -41,12 +41,12 @@ def config(**sync: object) -> Config:
     return Config.model_validate({"sync": sync, "run": {"workers": 1}})
 
 
-def rig() -> Rig:
+def rig(*, image_offset_ns: int = 0) -> Rig:
     model = CameraModel("cam", 8, 6, np.array([[8.0, 0, 4], [0, 8, 3], [0, 0, 1]]), "plumb_bob", np.zeros(0))
     lidars = tuple(
         LidarSensor(name, f"/{name}/points", Transform.identity("base_link", name)) for name in ("front", "rear")
     )
-    camera = CameraSensor("cam", IMAGES, "", model, Transform.identity("cam", "base_link"))
+    camera = CameraSensor("cam", IMAGES, "", model, Transform.identity("cam", "base_link"), image_offset_ns)
     return Rig("base_link", lidars, (camera,), ())
 
 
@@ -75,10 +75,11 @@ def run(
     *,
     motion: MotionSource | None = None,
     window: TimeWindow | None = None,
+    sensors: Rig | None = None,
 ) -> tuple[RunReport, list[FrameResult]]:
     writer = MemoryWriter()
-    source = RunInput(MemoryRecording(messages), rig(), settings, motion, window or TimeWindow())
-    pass_over = Run(source, Discovery(rig(), (), (), (), RecordedTransforms(TransformTree())), DropTable())
+    source = RunInput(MemoryRecording(messages), sensors or rig(), settings, motion, window or TimeWindow())
+    pass_over = Run(source, Discovery(source.rig, (), (), (), RecordedTransforms(TransformTree())), DropTable())
     frames = list(pass_over.frames([writer]))
     assert frames == writer.results
     return pass_over.report(), frames
@@ -203,7 +204,7 @@ def test_a_lidar_without_points_is_warned_of() -> None:
 
     messages = [empty(m) if m.topic == REAR else m for m in periodic()]
     report, _ = run(messages, config())
-    assert [warning.subject for warning in report.warnings] == ["rear"]
+    assert [warning.subject for warning in report.warnings] == ["rear", "no objects"]
     assert report_tree(report)["warnings"][0]["finding"] == "6 messages without a single point in range"
     with StringIO() as text:
         print_report(Console(file=text), report)
@@ -220,7 +221,7 @@ def test_a_run_without_lidars_from_a_time_on_goes_on() -> None:
         ("front", 10, "silent from 0.9 s to the end"),
         ("rear", 10, "silent from 0.9 s to the end"),
     ]
-    assert [warning.subject for warning in summary.warnings] == ["front", "rear"]
+    assert [warning.subject for warning in summary.warnings] == ["front", "rear", "no objects"]
     assert report_tree(summary)["missing"][0] == {
         "sensor": "front",
         "topic": FRONT,
@@ -237,7 +238,7 @@ def test_what_is_missing_is_printed() -> None:
     print_report(out, summary)
     text = out.export_text()
     assert re.search(r"missing from frames\nsensor +frames +when\ncam +10 +in 10 of 20 frames\n", text)
-    assert "warning" not in text
+    assert [warning.subject for warning in summary.warnings] == ["no objects"]
 
 
 @pytest.mark.parametrize(
@@ -257,3 +258,61 @@ def test_the_first_required_topic_is_the_reference() -> None:
     _, frames = run(messages, config(required=[IMAGES]))
     assert [frame.bundle.stamp_ns for frame in frames] == [START_NS + k * STEP_NS for k in range(6)]
     assert [FRONT in frame.bundle.messages for frame in frames] == [True] + 5 * [False]
+
+
+def moved(whole: RawMessage, later_s: float) -> RawMessage:
+    """The message recorded at another time, with the stamp as it is."""
+    return whole._replace(log_time_ns=whole.log_time_ns + round(later_s * 1e9))
+
+
+def test_a_loop_that_was_recorded_is_split_and_no_frame_mixes_both_sides() -> None:
+    once = periodic((ODOMETRY, *IN_USE), count=30)
+    messages = [*once, *(moved(m, 3) for m in once)]
+    source = MotionSource((ODOMETRY,), "base_link", "odom", ("base_link",))
+    summary, frames = run(messages, config(), motion=source)
+    assert [frame.bundle.index for frame in frames] == [*range(60)]
+    assert [(frame.bundle.stamp_ns - START_NS) // STEP_NS for frame in frames] == [*range(30)] * 2
+    for frame in frames:
+        assert {m.stamp_ns for m in frame.bundle.messages.values()} == {frame.bundle.stamp_ns}
+        (log_time_ns,) = {m.log_time_ns for m in frame.bundle.messages.values()}
+        assert (log_time_ns >= START_NS + 3 * 10**9) == (frame.bundle.index >= 30)
+    assert frames[30].bundle.motion is not None
+    assert frames[30].bundle.motion.stamps_ns[0] == START_NS  # nothing of the turn before
+    assert [str(warning) for warning in summary.warnings if warning.subject == "time"] == [
+        "time: stamps jump back by 3.0 s at 3.0 s: no frame has messages of both sides; "
+        "if it was played in a loop, take one turn of it with --start and --duration"
+    ]
+    assert not summary.drops
+
+
+def test_impossible_stamps_cost_only_their_messages() -> None:
+    messages = periodic(count=30)
+    for place, stamp_ns in ((31, 0), (45, START_NS + 10**15), (62, START_NS - 10**15)):  # one of each sensor
+        messages[place] = message(messages[place].topic, stamp_ns, messages[place].log_time_ns)
+    summary, frames = run(messages, config())
+    assert len(frames) == 28
+    assert {(drop.topic, drop.reason): drop.count for drop in summary.drops if "stamp" in drop.reason} == {
+        (REAR, "its stamp is 0"): 1,
+        (FRONT, "its stamp is far from those around it"): 1,
+        (IMAGES, "its stamp is far from those around it"): 1,
+    }
+    assert [warning.subject for warning in summary.warnings] == ["no objects"]
+
+
+def test_a_camera_that_never_sets_its_stamps_takes_part_by_log_time() -> None:
+    messages = [m if m.topic != IMAGES else message(IMAGES, 0, m.log_time_ns) for m in periodic(count=10)]
+    summary, frames = run(messages, config())
+    assert len(frames) == 10
+    assert all(IMAGES in frame.bundle.messages for frame in frames)
+    assert summary.notes == ("cam: its stamps are all 0, so the times at which it was recorded are used",)
+    assert not summary.missing
+
+
+def test_time_offsets_of_the_rig_are_taken_off_before_synchronisation() -> None:
+    messages = [
+        message(m.topic, m.stamp_ns + (80_000_000 if m.topic == IMAGES else 0), m.log_time_ns + 90_000_000)
+        for m in periodic(count=10)
+    ]
+    _, frames = run(messages, config(), sensors=rig(image_offset_ns=80_000_000))
+    assert {frame.bundle.skew_ns for frame in frames} == {0}
+    assert len(frames) == 10

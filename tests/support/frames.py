@@ -26,6 +26,7 @@ CONFIG = Config()
 PROVENANCE = Provenance(
     "1.2.3",
     ({"name": "a.bag", "sha256": "aa" * 32}, {"name": "b.bag", "sha256": "bb" * 32}),
+    "as given",
     "fuse: {}\n",
     "site_frame: site\n",
     START_NS,

@@ -7,7 +7,7 @@ import numpy as np
 
 from pipeline.core.detections import Boxes2D, Boxes3D
 from pipeline.core.geometry.polygons import first_polygon_with
-from pipeline.core.rig import Zone
+from pipeline.core.rig import Zone, default_zones
 from pipeline.core.ros.messages import ROS2
 
 __all__ = ["box_poses", "detections_2d", "detections_3d", "lidcam_objects"]
@@ -69,9 +69,10 @@ def detections_2d(boxes: Boxes2D, class_names: Sequence[str], *, stamp_ns: int, 
 def lidcam_objects(objects: Boxes3D, zones: Sequence[Zone], *, stamp_ns: int) -> Any:
     """msgs/MsgLidCam: the objects of the zones `intersection` and `circle`, alpha their yaw.
 
-    A point on the edge of a zone lies in it, and the first zone wins: with the default zones y = 0 is the
-    intersection. Objects of other zones, or of none, are omitted.
+    Without zones these are y >= 0 and y < 0, as in the predecessor system. A point on the edge of a zone lies in it,
+    and the first zone wins: y = 0 is the intersection. Objects of other zones, or of none, are omitted.
     """
+    zones = zones or default_zones()
     rows = first_polygon_with([zone.polygon_site for zone in zones], objects.centers[:, :2])
     found: dict[str, list[Any]] = {"intersection": [], "circle": []}
     for row, (x, y, _), yaw in zip(rows.tolist(), objects.centers.tolist(), objects.yaws.tolist(), strict=True):

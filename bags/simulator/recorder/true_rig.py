@@ -42,7 +42,10 @@ def _framed(body: Transform, sensor: SensorScenario) -> Transform:
 
 
 def true_rig(scenario: Scenario) -> Rig:
-    """The true rig: the sensors of the ego vehicle if there is one, else those of the site."""
+    """The true rig: the sensors of the ego vehicle if there is one, else those of the site.
+
+    The sandbox has the zones of the predecessor system.
+    """
     frame = EGO_FRAME if scenario.ego else scenario.site_frame
     lidars = [
         LidarSensor(
@@ -64,4 +67,5 @@ def true_rig(scenario: Scenario) -> Rig:
         for name, camera in scenario.cameras.items()
         if carrier_frame(scenario, camera) == frame
     ]
-    return Rig(frame, tuple(lidars), tuple(cameras), default_zones(), ground_height_m=0.0)
+    zones = default_zones() if scenario.world == "sandbox" else ()
+    return Rig(frame, tuple(lidars), tuple(cameras), zones, ground_height_m=0.0)

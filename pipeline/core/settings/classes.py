@@ -13,7 +13,10 @@ class ClassPrior(SettingsModel):
         size_m: Typical length, width, height, metres.
         max_size_m: Largest length, width, height; a larger box is not of this class.
         frequency: How common the class is, relative to the others; decides between classes that fit equally well.
-        labels: Names that 2D detectors use for it, such as COCO names.
+        labels: Names that 2D detectors use for it, such as COCO names; also numbers, for recorded boxes that have
+            numbers in place of names (vision_msgs of ROS 1). By default the numbers are those of the predecessor
+            system, 1 car, 2 pedestrian, 3 bicycle, and of the simulator, 4 van, 5 truck, 6 bus; see
+            `detect2d.class_numbers`.
     """
 
     name: str
@@ -24,23 +27,27 @@ class ClassPrior(SettingsModel):
 
 
 ROAD_CLASSES = (
-    ClassPrior(name="car", size_m=(4.0, 1.7, 1.55), max_size_m=(5.6, 2.4, 2.3), labels=("car",)),
+    ClassPrior(name="car", size_m=(4.0, 1.7, 1.55), max_size_m=(5.6, 2.4, 2.3), labels=("car", "1")),
     ClassPrior(
         name="pedestrian",
         size_m=(0.6, 0.6, 1.75),
         max_size_m=(1.2, 1.2, 2.1),
         frequency=0.5,
-        labels=("person", "pedestrian"),
+        labels=("person", "pedestrian", "2"),
     ),
     ClassPrior(
         name="bicycle",
         size_m=(1.8, 0.6, 1.7),
         max_size_m=(2.3, 1.1, 2.1),
         frequency=0.2,
-        labels=("bicycle", "motorcycle", "cyclist"),
+        labels=("bicycle", "motorcycle", "cyclist", "3"),
     ),
     ClassPrior(
-        name="truck", size_m=(8.0, 2.5, 3.2), max_size_m=(16.0, 3.2, 4.2), frequency=0.2, labels=("truck", "van")
+        name="truck",
+        size_m=(8.0, 2.5, 3.2),
+        max_size_m=(16.0, 3.2, 4.2),
+        frequency=0.2,
+        labels=("truck", "van", "4", "5"),
     ),
-    ClassPrior(name="bus", size_m=(11.5, 2.55, 3.2), max_size_m=(18.5, 3.2, 4.2), frequency=0.2, labels=("bus",)),
+    ClassPrior(name="bus", size_m=(11.5, 2.55, 3.2), max_size_m=(18.5, 3.2, 4.2), frequency=0.2, labels=("bus", "6")),
 )

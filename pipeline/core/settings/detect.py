@@ -61,6 +61,9 @@ class Detect2DConfig(SettingsModel):
         model: ONNX file (YOLOX layout), relative to the working folder.
         min_score: Boxes with a lower score are removed.
         nms_iou: Of two boxes of one class whose IoU exceeds this, the one with the lower score is removed.
+        class_numbers: What a number in the place of a class name means in recorded boxes: with `labels` the class that
+            has it among its labels, with `coco` a row of the 80 names of COCO, from 0 (0 person, 2 car). A name is
+            looked up in the labels either way.
         threads: Threads that run the network; fixed, so that results do not depend on the machine. One is most
             efficient, because the other stages use the other cores.
     """
@@ -69,4 +72,5 @@ class Detect2DConfig(SettingsModel):
     model: Path | None = None
     min_score: Share = 0.3
     nms_iou: Share = 0.45
+    class_numbers: Literal["labels", "coco"] = "labels"
     threads: Count = 1

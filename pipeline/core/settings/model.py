@@ -6,7 +6,18 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from pipeline.core.settings.validation.wording import Noun
 
-__all__ = ["Count", "FrameName", "Label", "NotNegative", "Positive", "SettingsModel", "Share", "Topic"]
+__all__ = [
+    "Corners",
+    "Count",
+    "FrameName",
+    "Label",
+    "NotNegative",
+    "Positive",
+    "SettingsModel",
+    "Share",
+    "Topic",
+    "ZoneName",
+]
 
 
 Positive = Annotated[float, Field(gt=0)]
@@ -15,6 +26,8 @@ Share = Annotated[float, Field(ge=0, le=1)]
 Count = Annotated[int, Field(ge=1)]
 Topic = Annotated[str, Noun("a topic", "topics", "/velodyne_points")]
 FrameName = Annotated[str, Noun("the name of a frame", "names of frames", "base_link")]
+ZoneName = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$")]
+Corners = Annotated[tuple[tuple[float, float], ...], Field(min_length=3)]
 Label = Annotated[str, Noun("a label", "labels", "car")]
 
 

@@ -4,7 +4,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from pipeline.core.settings.model import Count, FrameName, Positive, SettingsModel, Topic
+from pipeline.core.settings.model import Corners, Count, FrameName, Positive, SettingsModel, Topic, ZoneName
 
 __all__ = ["DEFAULT_LIMITS", "LimitsConfig", "RigConfig", "TopicsConfig", "VelodyneConfig", "VelodyneLidarConfig"]
 
@@ -36,9 +36,12 @@ class RigConfig(SettingsModel):
     Attributes:
         site_frame: Frame in which clouds are combined and objects reported. If empty: the one in the rig file, else
             `base_link` if the lidars are fixed to it, else the frame that all lidars are fixed to.
+        zones: Parts of the site in which objects are counted: corners x, y in the site frame, by name. An object
+            belongs to the first zone that holds its centre. The zones of a rig file replace them.
     """
 
     site_frame: FrameName = ""
+    zones: dict[ZoneName, Corners] = Field(default_factory=dict)
 
 
 class VelodyneLidarConfig(SettingsModel):

@@ -7,6 +7,7 @@ chunks that overlap in time, and it reads a file without chunk index into memory
 import heapq
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator
+from itertools import pairwise
 
 import numpy as np
 
@@ -19,8 +20,10 @@ from readers.files.decompress import decompressed
 from readers.files.mcap.channels import channel_of, message_type
 from readers.files.mcap.chunk import Entry, load_chunk, messages_in, read_exactly
 from readers.files.mcap.index import ChunkPlace, Contents, contents_of_summary, read_profile
+from readers.files.mcap.passes import FilePlace, pass_places
 from readers.files.mcap.recovery import chunk_extent, contents_of_scan
 from readers.files.remote import ReadAhead, tell_full_read
+from readers.location import RemotePath
 from readers.messages.header_stamp import stamp_or_log_time
 from readers.recording import RosVersion, TopicInfo, merge_topics
 
@@ -37,6 +40,7 @@ class McapFile(Container):
         self._chunk_cache = ChunkCache(max_loaded_bytes=self._limits.max_unpacked_bytes(self._stream.seek(0, 2)))
         profile, contents = self._read_contents()
         self._chunks, self._loose, self._cut_chunk = contents.chunks, contents.loose, contents.cut_chunk
+        self._pass_places = self._read_passes()
         self._positions = np.sort(np.array([chunk.position for chunk in self._chunks], np.uint64))
         self._channels: dict[int, Channel] = {}
         topics = []
@@ -54,6 +58,15 @@ class McapFile(Container):
         self.start_ns, self.end_ns = (contents.start_ns, contents.end_ns) if self.message_count else (0, 0)
         encodings = {channel.encoding for channel in self._channels.values()}
         self.ros_version = "ROS 1" if profile == "ros1" or encodings == {"ros1"} else "ROS 2"
+
+    def _read_passes(self) -> list[FilePlace]:
+        """Where log times jump back; none where the indexes of messages are damaged, or on a server."""
+        if isinstance(self.path, RemotePath):
+            return []
+        try:
+            return pass_places(self._stream, self._chunks, self._loose)
+        except LIBRARY_ERRORS:
+            return []
 
     def _read_contents(self) -> tuple[str, Contents]:
         """Profile and contents: from header and summary, or by a scan if these do not suffice."""
@@ -78,19 +91,40 @@ class McapFile(Container):
         self, topics: Collection[str] | None, *, start_ns: int | None, stop_ns: int | None
     ) -> Iterator[RawMessage]:
         """See `RecordingFile`."""
+        places = [None, *self._pass_places, None]
+        for begin, end in pairwise(places):
+            yield from self._messages_of(topics, start_ns, stop_ns, begin=begin, end=end)
+
+    def _messages_of(
+        self,
+        topics: Collection[str] | None,
+        start_ns: int | None,
+        stop_ns: int | None,
+        *,
+        begin: FilePlace | None,
+        end: FilePlace | None,
+    ) -> Iterator[RawMessage]:
+        """Those of one pass of the recorder's clock, which lies between two places of the file."""
         self._chunk_cache.begin()
         wanted = {id_ for id_, channel in self._channels.items() if topics is None or channel.topic in topics}
         start = 0 if start_ns is None else start_ns
         stop = 2**64 if stop_ns is None else stop_ns
 
         def taken(entry: Entry) -> bool:
-            return entry.channel_id in wanted and start <= entry.log_time_ns < stop
+            if entry.channel_id not in wanted or not start <= entry.log_time_ns < stop:
+                return False
+            place = (entry.chunk, entry.offset) if entry.chunk else (entry.offset, 0)
+            return (begin is None or place >= begin) and (end is None or place < end)
 
         queue: list[Entry | ChunkPlace] = [entry for entry in self._loose if taken(entry)]
         places = [
             chunk
             for chunk in self._chunks
-            if chunk.end_ns >= start and chunk.start_ns < stop and (not chunk.channel_ids or chunk.channel_ids & wanted)
+            if chunk.end_ns >= start
+            and chunk.start_ns < stop
+            and (not chunk.channel_ids or chunk.channel_ids & wanted)
+            and (begin is None or chunk.position >= begin[0])
+            and (end is None or chunk.position <= end[0])
         ]
         queue += places
         heapq.heapify(queue)

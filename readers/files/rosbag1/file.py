@@ -19,6 +19,7 @@ from pipeline.core.messages import RawMessage
 from readers.files.chunk_cache import ChunkCache, detach
 from readers.files.container import Container, Source
 from readers.files.damage import LIBRARY_ERRORS
+from readers.files.passes import pass_starts
 from readers.files.rosbag1.index import Contents, contents_of_index, load_chunk
 from readers.files.rosbag1.recovery import contents_of_scan
 from readers.messages.header_stamp import stamp_or_log_time
@@ -48,6 +49,7 @@ class Rosbag1File(Container):
         self._chunk_cache = ChunkCache(max_loaded_bytes=self._limits.max_unpacked_bytes(self._stream.seek(0, 2)))
         contents = self._read_contents()
         self._channels, self._chunks, self._index = contents.channels, contents.chunks, contents.index
+        self._passes = _passes(contents.index)
         counts = _counts(self._index[:, 3])
         self.topics = merge_topics(
             TopicInfo(channel.topic, channel.msgtype, counts[id_], (channel,))
@@ -72,8 +74,14 @@ class Rosbag1File(Container):
         self, topics: Collection[str] | None, *, start_ns: int | None, stop_ns: int | None
     ) -> Iterator[RawMessage]:
         """See `RecordingFile`."""
+        for index in self._passes:
+            yield from self._messages_of(index, topics, start_ns, stop_ns)
+
+    def _messages_of(
+        self, index: I64, topics: Collection[str] | None, start_ns: int | None, stop_ns: int | None
+    ) -> Iterator[RawMessage]:
+        """Those of one pass of the recorder's clock."""
         self._chunk_cache.begin()
-        index = self._index
         if topics is not None:
             wanted = [id_ for id_, channel in self._channels.items() if channel.topic in topics]
             index = index[np.isin(index[:, 3], wanted)]
@@ -150,6 +158,15 @@ class Rosbag1File(Container):
         _seek_message(stream, offset, connection_id, log_time_ns)
         size = read_uint32(stream)
         return detach(records, stream.tell(), size)
+
+
+def _passes(index: I64) -> list[I64]:
+    """The rows of each pass of the recorder's clock, as sorted as the index."""
+    in_file = np.lexsort((index[:, 2], index[:, 1]))
+    starts = pass_starts(index[in_file, 0], index[in_file, 3])
+    if not starts:
+        return [index]
+    return [index[np.sort(rows)] for rows in np.split(in_file, starts)]
 
 
 def _counts(values: I64) -> Counter[int]:

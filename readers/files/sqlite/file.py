@@ -12,10 +12,12 @@ from typing import Any, Literal
 import numpy as np
 from rosbags.typesys.msg import normalize_msgtype
 
+from pipeline.core.arrays import I64
 from pipeline.core.messages import Channel, RawMessage
 from readers.files.container import Container, Source
 from readers.files.damage import LIBRARY_ERRORS
 from readers.files.decompress import decompressed
+from readers.files.passes import pass_starts
 from readers.files.sqlite.index import Contents, contents_of_tables
 from readers.files.sqlite.recovery import check_size, contents_of_scan, read_message
 from readers.messages.header_stamp import stamp_or_log_time
@@ -90,6 +92,7 @@ class SqliteFile(Container):
             unlisted = int((~listed).sum())
             self._losses.note(0, "messages of a topic that the file does not list", messages=unlisted)
         self._rows = contents.rows[listed, :3]
+        self._passes = _passes(self._rows)
         self.topics = merge_topics(topics)
         self.message_count = len(self._rows)
         self.start_ns, self.end_ns = (int(self._rows[i, 0]) if self.message_count else 0 for i in (0, -1))
@@ -99,7 +102,11 @@ class SqliteFile(Container):
     ) -> Iterator[RawMessage]:
         """See `RecordingFile`."""
         wanted = [id_ for id_, channel in self._channels.items() if topics is None or channel.topic in topics]
-        rows = self._rows[np.isin(self._rows[:, 2], wanted)]
+        for rows in self._passes:
+            yield from self._messages_of(rows[np.isin(rows[:, 2], wanted)], start_ns, stop_ns)
+
+    def _messages_of(self, rows: I64, start_ns: int | None, stop_ns: int | None) -> Iterator[RawMessage]:
+        """Those of one pass of the recorder's clock."""
         rows = rows[slice(*(None if t is None else int(np.searchsorted(rows[:, 0], t)) for t in (start_ns, stop_ns)))]
         for first in range(0, len(rows), ROWS_AT_ONCE):
             for log_time_ns, row_id, topic_id in rows[first : first + ROWS_AT_ONCE].tolist():
@@ -152,3 +159,12 @@ class SqliteFile(Container):
         """Whether SQLite is to give up."""
         self._steps += STEPS_AT_ONCE
         return self._steps > self._max_steps
+
+
+def _passes(rows: I64) -> list[I64]:
+    """The rows of each pass of the recorder's clock, as sorted as all of them; ids rise in the order of writing."""
+    in_file = np.argsort(rows[:, 1])
+    starts = pass_starts(rows[in_file, 0], rows[in_file, 2])
+    if not starts:
+        return [rows]
+    return [rows[np.sort(places)] for places in np.split(in_file, starts)]

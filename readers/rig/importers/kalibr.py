@@ -50,8 +50,8 @@ def import_kalibr(tree: Mapping[str, Any], path: Path) -> RigFile | None:
 def _intrinsics(name: str, camera: Mapping[str, Any], path: Path) -> dict[str, Any]:
     entry: dict[str, Any] = {"topic": camera.get("rostopic") or ""}
     if "resolution" in camera:
-        size = shaped(path, f"{name}.resolution", camera["resolution"], (1, 2))[0]
-        entry |= {"width_px": int(size[0]), "height_px": int(size[1])}
+        width, height = shaped(path, f"{name}.resolution", camera["resolution"], (1, 2))[0].tolist()
+        entry |= {"width_px": width, "height_px": height}
     model, distortion = str(camera["camera_model"]), str(camera.get("distortion_model", "none"))
     if model != "pinhole" or distortion not in DISTORTION_MODELS:
         reason = (

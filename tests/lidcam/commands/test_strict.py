@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 import lidcam
+from lidcam.checks.missing import MissingSensor, SilentSpan
 from lidcam.commands.strict import Strictness
 from lidcam.summary import DropCount, RunReport
 from pipeline.core.errors import CheckError
@@ -52,6 +53,19 @@ def test_the_share_of_a_topic(report: RunReport, used: int, dropped: int, percen
 
 def test_parts_are_no_messages(report: RunReport) -> None:
     Strictness().check(with_drops(report, 1, DropCount("/a", "packets", 900, "", "parts")))
+
+
+@pytest.mark.parametrize(("frames", "passes"), [(2, True), (5, True), (6, False), (100, False)])
+def test_a_sensor_that_falls_silent(report: RunReport, frames: int, passes: bool) -> None:
+    slow = MissingSensor("cam2", "/cam2", 50, 100, ())
+    silent = MissingSensor("cam1", "/cam1", frames, 100, (SilentSpan(1.0, None, frames),))
+    found = replace(report, missing=(slow, silent))
+    if passes:
+        Strictness().check(found)
+        return
+    line = f"--strict: cam1: silent from 1.0 s to the end, {frames} of 100 frames lack it; the outputs"
+    with pytest.raises(CheckError, match=line):
+        Strictness().check(found)
 
 
 def test_what_is_left_out_and_damaged(report: RunReport) -> None:

@@ -93,7 +93,7 @@ def test_one_lidar_without_tf_is_its_own_site() -> None:
     assert [(lidar.name, lidar.topic, lidar.T_site_lidar.src) for lidar in rig.lidars] == [
         ("velodyne", "/velodyne_points", "velodyne")
     ]
-    assert [zone.name for zone in rig.zones] == ["intersection", "circle"]
+    assert not rig.zones
     assert rig.cameras == ()
 
 

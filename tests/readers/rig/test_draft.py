@@ -104,17 +104,7 @@ frame: give its pose in a rig file (--rig))
 and its pose in a rig file (--rig))
     T_camera_site: TODO # TODO 4 x 4, metres; or translation_m and rpy_deg in its place (no transform joins frame \
 'velodyne1' with 'camera_12'; frames with a transform: none at all)
-zones:
-  intersection:
-  - [-10000.0, 0.0]
-  - [10000.0, 0.0]
-  - [10000.0, 10000.0]
-  - [-10000.0, 10000.0]
-  circle:
-  - [-10000.0, -10000.0]
-  - [10000.0, -10000.0]
-  - [10000.0, 0.0]
-  - [-10000.0, 0.0]
+zones: {}
 """
     )
 
@@ -215,6 +205,15 @@ def test_the_size_of_images_may_be_unknown() -> None:
     )
     tree = yaml.safe_load(draft([cloud(1), boxes(12, "c")], rig))
     assert (tree["cameras"]["c"]["width_px"], tree["ground_height_m"]) == ("TODO", 1.5)
+
+
+def test_a_rig_may_know_the_size_of_images_that_were_not_recorded() -> None:
+    camera = {"boxes_topic": "/detections_12", "K": K.tolist(), "width_px": 32, "height_px": 24}
+    rig = RigFile.model_validate({"site_frame": "s", "cameras": {"c": camera}})
+    tree = yaml.safe_load(draft([cloud(1), boxes(12, "c")], rig))["cameras"]["c"]
+    assert (tree["width_px"], tree["height_px"], tree["K"]) == (32, 24, K.tolist())
+    nothing = RigFile.model_validate({"site_frame": "s", "cameras": {"c": {**camera, "width_px": None}}})
+    assert "does not say how large its images are" in draft([cloud(1), boxes(12, "c")], nothing)
 
 
 def test_no_cameras_and_no_zones() -> None:

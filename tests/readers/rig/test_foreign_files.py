@@ -223,6 +223,7 @@ def test_other_models_of_kalibr_are_faults(tmp_path: Path, changed: dict[str, An
     [
         ({"intrinsics": [1, 2, 3]}, r"cam0\.intrinsics: expected 1 x 4 numbers, found 3"),
         ({"resolution": "large"}, r"cam0\.resolution: expected 1 x 2"),
+        ({"resolution": [float("nan"), 480]}, r"cam0\.width_px: expected"),
         ({"distortion_coeffs": [1]}, r"cam0\.distortion_coeffs: expected 1 x 4"),
         ({"T_cam_imu": [[1, 2]]}, r"cam0\.T_cam_imu: expected 4 x 4"),
     ],

@@ -6,6 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 from builders import image, pointcloud2, raw
+from hypothesis import given
+from hypothesis import strategies as st
 from memory_recording import MemoryRecording
 
 from pipeline.core.errors import CalibrationError
@@ -164,3 +166,38 @@ def test_contradictions_are_refused_in_one_line(trees: list[dict[str, Any]], rea
 
 def test_a_leading_slash_is_no_contradiction() -> None:
     assert merged({"site_frame": "/site"}, {"site_frame": "site"}).site_frame == "site"
+
+
+MATRICES = st.sampled_from([flat(EYE), flat(LOOK_X)])
+POSES = st.one_of(
+    st.fixed_dictionaries({"T_camera_site": MATRICES}),
+    st.fixed_dictionaries({"T_site_camera": MATRICES}),
+    st.fixed_dictionaries({"translation_m": st.just((1.0, 2.0, 3.0)), "rpy_deg": st.just((4.0, 5.0, 6.0))}),
+)
+LENSES = st.fixed_dictionaries(
+    {"K": st.sampled_from([flat(K), flat(OTHER_K)])},
+    optional={"distortion": st.just((0.1,)), "distortion_model": st.just("equidistant")},
+)
+CAMERAS = st.dictionaries(
+    st.sampled_from(["one", "two"]),
+    st.tuples(
+        POSES | st.just({}), LENSES | st.just({}), st.fixed_dictionaries({}, optional={"width_px": st.just(64)})
+    ).map(lambda parts: {**parts[0], **parts[1], **parts[2]}),
+)
+RIGS = st.fixed_dictionaries({}, optional={"cameras": CAMERAS, "ground_height_m": st.floats(-3, 3)})
+
+
+@given(RIGS)
+def test_a_rig_with_itself_or_with_nothing_is_itself(tree: dict[str, Any]) -> None:
+    rig = merged(tree)
+    assert merged(tree, tree) == merged(tree, {}) == merged({}, tree) == rig
+
+
+@given(RIGS, RIGS, RIGS)
+def test_it_does_not_matter_which_two_are_taken_together_first(
+    first: dict[str, Any], second: dict[str, Any], third: dict[str, Any]
+) -> None:
+    a, b, c = map(merged, (first, second, third))
+    left = merge_rigs([("ab", merge_rigs([("a", a), ("b", b)])), ("c", c)])
+    right = merge_rigs([("a", a), ("bc", merge_rigs([("b", b), ("c", c)]))])
+    assert left == right == merged(first, second, third)

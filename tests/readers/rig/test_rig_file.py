@@ -108,6 +108,25 @@ def test_a_written_rig_reads_back_to_the_same_numbers(tmp_path: Path) -> None:
     assert (tmp_path / "again.yaml").read_bytes() == (tmp_path / "rig.yaml").read_bytes()
 
 
+def test_time_offsets_are_read_and_written_where_they_are_set(tmp_path: Path) -> None:
+    camera = {"topic": "/cam11/image", "K": K, "T_camera_site": EYE, "time_offset_ms": -35.5}
+    lidars = {"a": {"topic": "/a_points", "T_site_lidar": EYE, "time_offset_ms": 12}, "b": {"T_site_lidar": EYE}}
+    found = apply({"site_frame": "s", "lidars": lidars, "cameras": {"cam": camera}})
+    assert [lidar.time_offset_ns for lidar in found.rig.lidars] == [12_000_000, 0]
+    assert [camera.time_offset_ns for camera in found.rig.cameras] == [-35_500_000]
+    assert [source.time_offset_ms for source in found.sources] == [12, 0, -35.5]
+    write_rig(found.rig, tmp_path / "rig.yaml")
+    assert (tmp_path / "rig.yaml").read_text().count("time_offset_ms") == 2
+    again = discover_rig(recorded(), Config(), load_rig(tmp_path / "rig.yaml"))
+    assert again.rig.cameras[0].time_offset_ns == -35_500_000
+
+
+@pytest.mark.parametrize("value", ["soon", float("nan"), float("inf")])
+def test_a_time_offset_has_to_be_a_number(value: object) -> None:
+    with pytest.raises(CalibrationError, match=r"rig.yaml: lidars\.a\.time_offset_ms"):
+        apply({"site_frame": "s", "lidars": {"a": {"T_site_lidar": EYE, "time_offset_ms": value}}})
+
+
 def test_a_rig_that_cannot_be_written_leaves_nothing(tmp_path: Path) -> None:
     found = apply({"site_frame": "s", "lidars": {"a": {"topic": "/a_points", "T_site_lidar": EYE}}, "cameras": {}})
     (tmp_path / "rig.yaml").mkdir()
@@ -226,6 +245,29 @@ def test_unsound_lidars_are_faults_until_none_is_left() -> None:
         apply({"site_frame": "a", "lidars": {"x": {"topic": "/a_points", "translation_m": [1, 0, 0]}}, "cameras": {}})
 
 
+def test_transforms_that_are_not_rigid_are_refused() -> None:
+    with pytest.raises(CalibrationError, match="transforms: imu: rotation_xyzw: expected a quaternion of length 1"):
+        apply({"transforms": {"a": {"imu": {"rotation_xyzw": [0, 0, 0, 3]}}}})
+    with pytest.raises(CalibrationError, match="the pose of a moves frame 'a' against itself"):
+        apply({"transforms": {"a": {"a": {"translation_m": [0, 0, 3]}}}})
+
+
+def test_poses_that_refer_to_each_other_are_faults() -> None:
+    pose = {"K": K, "T_camera_site": LOOK_X}
+    cameras = {"cam11": {**pose, "parent": "other"}, "other": {**pose, "parent": "cam11", "topic": "/other/image"}}
+    found = discover_rig(
+        recorded(image_message("/other/image", "o")), Config(), parse_rig({"cameras": cameras}, Path("rig.yaml"))
+    )
+    assert "its pose refers to other: no transform joins" in reasons(found)["cam11"]
+    assert "its pose refers to cam11" in reasons(found)["other"]
+
+
+def test_two_sensors_of_a_rig_file_do_not_share_a_topic() -> None:
+    lidar = {"topic": "/a_points", "T_site_lidar": EYE}
+    found = apply({"site_frame": "s", "lidars": {"x": lidar, "y": lidar}, "cameras": {}})
+    assert reasons(found) == {"y": "another sensor of the rig file has this topic"}
+
+
 def test_rounded_rotations_become_true_ones() -> None:
     turn = np.round(Rotation.from_rotvec([0.3, 0.2, 0.1]).as_matrix(), 4)
     matrix = np.vstack([np.c_[turn, [1, 2, 3]], [0, 0, 0, 1]])
@@ -270,6 +312,7 @@ def test_sensors_without_topics_go_by_name_then_by_order() -> None:
         ({"cameras": {"c": {"focal": 3}}}, r"unknown key 'cameras\.c\.focal'; known here:.*boxes_topic"),
         ({"site_frame": "s", "lidars": {"a": {"T_site_lidar": [[1, 2], [3, 4]]}}}, "expected 4 x 4 numbers, found 4"),
         ({"site_frame": "s", "lidars": {"a": {"T_site_lidar": 3}}}, "expected 4 x 4 numbers"),
+        ({"lidars": {"a": {"T_site_lidar": [[1, 0, 0, 0], [0, "1 1", 0, 0], *EYE[2:]]}}}, "a number, found '1 1'"),
         ({"site_frame": "s", "lidars": {"a": {"T_site_lidar": EYE, "rpy_deg": [0, 0, 0]}}}, "given twice"),
         ({"site_frame": "s", "lidars": {"a": {"rpy_deg": [0, 0, 0], "rotation_xyzw": [0, 0, 0, 1]}}}, "given twice"),
         ({"cameras": {"c": {"K": K, "P": np.eye(3, 4).tolist()}}}, "given twice"),

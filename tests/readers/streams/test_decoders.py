@@ -1,14 +1,18 @@
+import numpy as np
 import pytest
-from builders import pointcloud2, raw
+from builders import detection2d_array, pointcloud2, raw
 from velodyne import random_packets, scan
 
+from bags.simulator.recorder.messages import CLASS_NUMBERS
+from pipeline.core.camera import CameraModel
 from pipeline.core.errors import MessageError
 from pipeline.core.frame import SensorBundle
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.messages import RawMessage
-from pipeline.core.rig import LidarSensor, Rig
+from pipeline.core.rig import CameraSensor, LidarSensor, Rig
 from pipeline.core.settings.config import Config
-from readers.streams.decoders import CloudDecoder
+from pipeline.core.settings.load import load_config
+from readers.streams.decoders import CloudDecoder, RecordedBoxes
 
 TOPIC = "/velodyne_packets"
 
@@ -17,8 +21,8 @@ def bundle(message: RawMessage) -> SensorBundle:
     return SensorBundle(0, message.stamp_ns, message.log_time_ns, {message.topic: message})
 
 
-def decoder(topic: str, on_bad: str = "skip") -> CloudDecoder:
-    lidar = LidarSensor("top", topic, Transform.identity("site", "velo_link"))
+def decoder(topic: str, on_bad: str = "skip", *, time_offset_ns: int = 0) -> CloudDecoder:
+    lidar = LidarSensor("top", topic, Transform.identity("site", "velo_link"), time_offset_ns)
     return CloudDecoder(Rig("site", (lidar,), (), (), None), Config(), on_bad=on_bad)  # type: ignore[arg-type]  # one of two words
 
 
@@ -58,3 +62,76 @@ def test_a_message_that_cannot_be_decoded_is_one_drop() -> None:
 
 def lacking(message: RawMessage, *reasons: str) -> RawMessage:
     return message._replace(defects=reasons)
+
+
+@pytest.mark.parametrize("offset_ns", [0, 80_000_000, -3_000_000_000])
+def test_times_of_points_move_with_the_corrected_stamp(offset_ns: int) -> None:
+    """Packets and fields of absolute time are by the same clock as the stamp in the header."""
+    seconds = np.array([1e3, 1e3 + 0.05])
+    fields = pointcloud2([[1, 2, 3], [4, 5, 6]], stamp_ns=10**12, frame_id="lidar", timestamp=seconds)
+    for recorded in (packets("velodyne"), raw("/points", "sensor_msgs/msg/PointCloud2", fields, 10**12)):
+        plain = decoder(recorded.topic)(bundle(recorded))["top"]
+        corrected = recorded._replace(stamp_ns=recorded.stamp_ns - offset_ns)
+        cloud = decoder(recorded.topic, time_offset_ns=offset_ns)(bundle(corrected))["top"]
+        assert plain.has_time
+        assert cloud.has_time
+        assert cloud.stamp_ns == plain.stamp_ns - offset_ns
+        np.testing.assert_array_equal(cloud.time_offset_ns, plain.time_offset_ns)
+
+
+NUMBERS = ["0", "1", "2", "3", "4", "5", "6", "7", "79", "80", "truck", "person"]
+
+
+def classes_of(settings: dict[str, str]) -> tuple[dict[str, str], dict[str, int]]:
+    """Class by recorded label, and the labels that are not used."""
+    model = CameraModel(
+        "cam", 640, 480, np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]]), "plumb_bob", np.zeros(0)
+    )
+    camera = CameraSensor("cam", "", "/boxes", model, Transform.identity("cam", "site"))
+    config = load_config(None, settings)
+    found: dict[str, str] = {}
+    unused: dict[str, int] = {}
+    for label in NUMBERS:
+        array = detection2d_array([[0, 0, 5, 5]], class_names=[label], scores=[0.9], stamp_ns=5)
+        message = raw("/boxes", "vision_msgs/msg/Detection2DArray", array, 5)
+        decoded = RecordedBoxes(Rig("site", (), (camera,), ()), config, on_bad="skip")(bundle(message))
+        for row in decoded["cam"].class_ids.tolist():
+            found[label] = config.class_names[row]
+        unused |= decoded.unused_boxes
+    return found, unused
+
+
+def test_numbers_are_those_of_the_predecessor_system_and_of_the_simulator() -> None:
+    found, unused = classes_of({})
+    assert found == {
+        "1": "car",
+        "2": "pedestrian",
+        "3": "bicycle",
+        "4": "truck",
+        "5": "truck",
+        "6": "bus",
+        "truck": "truck",
+        "person": "pedestrian",
+    }
+    assert unused == {f"class '{number}' is not configured": 1 for number in (0, 7, 79, 80)}
+
+
+def test_numbers_of_coco() -> None:
+    found, unused = classes_of({"detect2d.class_numbers": "coco"})
+    assert found == {
+        "0": "pedestrian",
+        "1": "bicycle",
+        "2": "car",
+        "3": "bicycle",
+        "5": "bus",
+        "7": "truck",
+        "truck": "truck",
+        "person": "pedestrian",
+    }
+    assert unused == {f"class '{number}' is not configured": 1 for number in (4, 6, 79, 80)}
+
+
+def test_the_simulator_s_numbers_are_understood() -> None:
+    config = Config()
+    known = {name: config.class_id_of_label[str(number)] for name, number in CLASS_NUMBERS.items()}
+    assert known == {name: config.class_id_of_label[name] for name in CLASS_NUMBERS}

@@ -257,3 +257,34 @@ def test_a_new_parent_in_tf_is_counted_and_not_mixed_in() -> None:
     poses = buffer.window(0)
     assert poses is not None
     assert poses.stamps_ns.tolist() == [0, 1, 2, 5]
+
+
+@pytest.mark.parametrize("kind", ["odometry", "tf"])
+def test_one_pose_far_ahead_is_counted_and_the_rest_is_used(kind: str) -> None:
+    def pose(i: int, stamp_i: int) -> RawMessage:
+        if kind == "odometry":
+            return odom(stamp_i)
+        moved = transform_stamped("odom", "base_link", stamp_ns=stamp_i * 20 * MS, translation=(0.2 * stamp_i, 0, 0))
+        return tf(moved, at_ns=i * 20 * MS)
+
+    messages = [pose(i, 10**6 if i == 20 else i) for i in range(50)]
+    source = source_of(*messages)
+    assert source is not None
+    buffer, _, drops = run(source, *messages)
+    assert [drop.reason for drop in drops] == ["its pose is unusable"]
+    assert "far ahead" in drops[0].detail
+    window = buffer.window(25 * 20 * MS)
+    assert window is not None
+    assert window.stamps_ns[-1] == 49 * 20 * MS
+    assert len(window.stamps_ns) == 49
+
+
+def test_poses_go_on_after_a_pause() -> None:
+    messages = [odom(i) for i in (*range(20), *range(1000, 1020))]
+    source = source_of(*messages)
+    assert source is not None
+    buffer, _, drops = run(source, *messages)
+    assert not drops
+    window = buffer.window(1010 * 20 * MS)
+    assert window is not None
+    assert len(window.stamps_ns) == 20

@@ -158,6 +158,7 @@ def test_provenance(two_frames: Path) -> None:
     assert (header.profile, header.library) == ("ros2", "lidcam")
     assert metadata["lidcam"] == {
         "version": "1.2.3",
+        "settings": "as given",
         "input.0.name": "a.bag",
         "input.0.sha256": "aa" * 32,
         "input.1.name": "b.bag",

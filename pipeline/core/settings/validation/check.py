@@ -49,11 +49,13 @@ def unknown_key(model: type[BaseModel], path: tuple[Part, ...], more: str = "") 
     section = Place.of(model).at(path[:-1])[1].section or model
     siblings, before = list(section.model_fields), _dotted(path[:-1])
     everywhere = [known for known, _ in key_places(model) if "*" not in known]
-    same_leaf = [known for known in everywhere if known.split(".")[-1] == leaf and known.split(".")[0] == str(path[0])]
-    alike = get_close_matches(leaf, siblings, n=1, cutoff=SIBLING_LIKENESS)
+    under = {known.split(".")[-1]: known for known in everywhere if known.split(".")[0] == str(path[0])}
+    beside = get_close_matches(leaf, siblings, n=1, cutoff=SIBLING_LIKENESS)
     meant = (
-        same_leaf[:1]
-        or [f"{before}.{name}" if before else name for name in alike]
+        [under[leaf]]
+        if leaf in under
+        else [f"{before}.{name}" if before else name for name in beside]
+        or [under[name] for name in get_close_matches(leaf, under, n=1, cutoff=SIBLING_LIKENESS)]
         or get_close_matches(key, everywhere, n=1, cutoff=KEY_LIKENESS)
     )
     hint = f": did you mean {meant[0]!r}?" if meant else f"; known here: {', '.join(siblings)}"
@@ -80,7 +82,9 @@ def _first_mistake(model: type[BaseModel], tree: Mapping[str, Any], err: Validat
             return f"{key}: expected a finite number, found {found(fault['input'])}{more}"
     if fault["loc"][-1:] == ("[key]",):
         return f"{key}: expected a name of letters, digits and _, found {found(fault['input'])}{more}"
-    return f"{key}: expected {expected(place)}, found {found(_value_at(tree, path))}{more}"
+    # A member of a union lies deeper than its value; elsewhere the tree may have another form than what was checked.
+    value = fault["input"] if path == fault["loc"] else _value_at(tree, path)
+    return f"{key}: expected {expected(place)}, found {found(value)}{more}"
 
 
 def _value_at(tree: Any, path: tuple[Part, ...]) -> Any:

@@ -96,6 +96,7 @@ def test_mistakes_are_told_in_plain_words(tree: dict[str, Any], text: str) -> No
     ("key", "meant"),
     [
         ("detect3d.cluster.distance", "detect3d.cluster.distance_m"),
+        ("detect3d.distance", "detect3d.cluster.distance_m"),
         ("detect3d.min_points", "detect3d.cluster.min_points"),
         ("detect3d.cluster_distance_m", "detect3d.cluster.distance_m"),
         ("synk", "sync"),

@@ -1,0 +1,104 @@
+"""Runs without a single object: which step left nothing, and what to try."""
+
+from lidcam.checks.warning import RunWarning
+from lidcam.settings.choice import UsedSettings, judge, scene_text
+from lidcam.settings.measure import measure_scene
+from pipeline.core.frame import FrameResult
+from pipeline.core.rig import Rig
+from pipeline.core.settings.config import Config
+from pipeline.core.settings.fuse import FuseConfig
+from pipeline.detectors.cluster.detector import ClusterDetector
+from pipeline.stages.fuse import Fuse
+from readers.recording import Recording
+
+__all__ = ["ObjectCheck"]
+
+
+class ObjectCheck:
+    """Keeps the frame that came closest to an object, as long as there is none, and looks at it again in the end."""
+
+    def __init__(self, recording: Recording, rig: Rig, config: Config, settings: UsedSettings, *, moves: bool) -> None:
+        """Prepare for a run with these settings; `moves`: the site frame is known to move."""
+        self._recording, self._rig, self._config = recording, rig, config
+        self._settings, self._moves = settings, moves
+        self._closest: FrameResult | None = None
+        self._best = (-1.0, -1)
+        self._any = False
+
+    def add(self, frame: FrameResult) -> None:
+        """Look at one frame."""
+        self._any = self._any or len(frame.fused.objects) > 0
+        if self._any:
+            self._closest = None
+            return
+        rank = (float(frame.detections.lidar.scores.max(initial=0)), frame.combined.counts["left"])
+        if rank > self._best:
+            self._closest, self._best = frame, rank
+
+    @property
+    def warnings(self) -> tuple[RunWarning, ...]:
+        """One if there were frames, and no object in any."""
+        if self._closest is None:
+            return ()
+        finding, remedy = self._lost_at(self._closest)
+        return (RunWarning("no objects", f"frame {self._closest.bundle.index} came closest: {finding}", remedy),)
+
+    def _lost_at(self, frame: FrameResult) -> tuple[str, str]:
+        """What happened at the step that left nothing, and what to try."""
+        config, counts, boxes = self._config, frame.combined.counts, frame.detections.lidar
+        measured = counts["input"] - counts["nan"]
+        if config.detect3d.method == "none":
+            return "detect3d.method is none, so that nothing is detected", "--set detect3d.method=cluster"
+        if measured == 0:
+            return "its clouds have no points", "see the lidars and their drivers"
+        if counts["range"] == measured:
+            limits = f"{config.combine.min_range_m:g} to {config.combine.max_range_m:g} m"
+            return (
+                f"all {measured} points are nearer or further than combine.min_range_m and max_range_m allow, {limits}",
+                self._remedy("set other limits"),
+            )
+        if counts["left"] == 0:
+            by_ground = f"a smaller combine.ground.distance_m than {config.combine.ground.distance_m:g} may help"
+            by_outliers = f"a larger combine.outliers.std_ratio than {config.combine.outliers.std_ratio:g} may help"
+            return (
+                f"of {measured - counts['range']} points in range, {counts['outliers']} were removed as outliers and "
+                f"{counts['ground']} as ground, which leaves none",
+                self._remedy(by_ground if counts["ground"] >= counts["outliers"] else by_outliers),
+            )
+        if len(boxes) == 0:
+            return self._lost_in_detection(frame, config)
+        fused = Fuse(config.model_copy(update={"fuse": FuseConfig()}))
+        objects = fused(boxes, frame.detections.cameras, frame.matches).objects
+        best = float(objects.scores.max())
+        key = "min_score" if best < config.fuse.min_score else "min_score_unconfirmed"
+        limit = getattr(config.fuse, key)
+        return (
+            f"the best of its {len(boxes)} boxes scores {best:.2f}, less than fuse.{key}, {limit:g}",
+            self._remedy(f"a smaller fuse.{key} shows them"),
+        )
+
+    def _lost_in_detection(self, frame: FrameResult, config: Config) -> tuple[str, str]:
+        found = ClusterDetector(self._rig, config)(frame.combined)
+        scores = found.scores[found.class_ids >= 0]
+        left = frame.combined.counts["left"]
+        if len(scores):
+            return (
+                f"the best of {len(scores)} clusters scores {scores.max():.3f}, less than detect3d.min_score, "
+                f"{config.detect3d.min_score:g}",
+                self._remedy("a smaller detect3d.min_score shows them"),
+            )
+        return (
+            f"no cluster of the {left} points above the ground has the size of a class",
+            self._remedy("see detect3d.cluster and the sizes of classes, unless there is nothing to detect"),
+        )
+
+    def _remedy(self, otherwise: str) -> str:
+        """Other settings, if those in use are not what the recording calls for."""
+        if self._settings.how == "judged":
+            return otherwise
+        size = measure_scene(self._recording, self._rig, self._config)
+        if size is None or size.lidar_height_m is None:  # too little to go by
+            return otherwise
+        if (preset := judge(size, moves=self._moves)) == self._settings.name:
+            return otherwise
+        return f"{scene_text(size, moves=self._moves)}: try --config {preset}; else {otherwise}"

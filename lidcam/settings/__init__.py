@@ -1,0 +1,1 @@
+"""Settings of a run: presets by name, or judged from the recording; and what each setting means."""

@@ -1,0 +1,127 @@
+"""What a setting means: read from the docstrings, types and defaults of the models, and from the presets."""
+
+import inspect
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from pydantic import BaseModel
+
+from pipeline.core.errors import ConfigError
+from pipeline.core.settings.bundled import PRESETS, bundled
+from pipeline.core.settings.config import Config
+from pipeline.core.settings.load import load_config
+from pipeline.core.settings.validation.check import unknown_key
+from pipeline.core.settings.validation.schema import Place
+from pipeline.core.settings.validation.wording import expected
+
+__all__ = ["Explanation", "explain", "preset_summaries"]
+
+UNITS = {
+    "per_m": "per metre",
+    "per_sr": "per steradian",
+    "deg": "degrees",
+    "gib": "GiB",
+    "mib": "MiB",
+    "mpx": "millions of pixels",
+    "px": "pixels",
+    "ms": "milliseconds",
+    "s": "seconds",
+    "m": "metres",
+}
+"""By the end of a key, longer ones first."""
+
+
+@dataclass(frozen=True, slots=True)
+class Explanation:
+    """What a key of the settings means.
+
+    Attributes:
+        key: The key, with `*` for the elements of a list or mapping; empty for all settings.
+        meaning: What it does.
+        unit: Unit of its value; empty where it has none.
+        allowed: What its value may be; empty for a section.
+        default: Its default, as plain values; None where every element of a list has its own.
+        by_preset: Its value in each preset; empty where `default` is None.
+        keys: Of a section: the keys in it, with their meaning.
+    """
+
+    key: str
+    meaning: str
+    unit: str = ""
+    allowed: str = ""
+    default: Any = None
+    by_preset: Mapping[str, Any] = field(default_factory=dict)
+    keys: Mapping[str, str] = field(default_factory=dict)
+
+
+def explain(key: str = "") -> Explanation:
+    """What a key means; the key of an element of a list may leave out which one (`classes.size_m`).
+
+    Raises:
+        ConfigError: there is no such key; names the one that was probably meant.
+    """
+    model: type[BaseModel] = Config
+    place, names = Place.of(Config), list[str]()
+    for part in key.split(".") if key else ():
+        element = place.element
+        if place.section is None and element is not None:
+            place = element
+            names.append("*")
+            if element.section is None or part not in element.section.model_fields:
+                continue  # an index or a name: any of them
+        inner = place.inner(part)
+        if inner is None:
+            raise ConfigError(unknown_key(Config, tuple(key.split("."))))
+        assert place.section is not None
+        model, place = place.section, inner
+        names.append(part)
+    section = place.section or (place.element.section if place.element else None)
+    keys = {name: _meaning(section, name) for name in section.model_fields} if section else {}
+    known = {} if "*" in names else {name: _value(load_config(name), names) for name in PRESETS}
+    return Explanation(
+        ".".join(names),
+        _meaning(model, names[-1]) if names and names[-1] != "*" else _first_paragraph(section or Config),
+        _unit(names[-1] if names else ""),
+        "" if place.section else expected(place),
+        None if "*" in names else _value(Config(), names),
+        known,
+        keys,
+    )
+
+
+def preset_summaries() -> Mapping[str, str]:
+    """What each preset is for: the first sentence of its file."""
+    found = {}
+    for name in PRESETS:
+        lines = bundled(f"{name}.yaml").read_text(encoding="utf-8").splitlines()
+        comment = " ".join(line.removeprefix("#").strip() for line in lines if line.startswith("#"))
+        found[name] = comment.split(". ")[0].removesuffix(".")
+    return found
+
+
+def _meaning(model: type[BaseModel], name: str) -> str:
+    """What the docstring of a model, or of one that it inherits from, says of a field; else what its section is."""
+    for owner in model.__mro__:
+        text = inspect.cleandoc(owner.__doc__ or "").partition("Attributes:")[2]
+        if found := re.search(rf"^    {name}: (.*(?:\n {{8}}.*)*)", text, re.MULTILINE):
+            return " ".join(found[1].split())
+    section = Place.of(model).at((name,))[1].section
+    return _first_paragraph(section) if section else ""
+
+
+def _first_paragraph(model: type[BaseModel]) -> str:
+    return " ".join(inspect.cleandoc(model.__doc__ or "").partition("\n\n")[0].split())
+
+
+def _unit(name: str) -> str:
+    return next((unit for ending, unit in UNITS.items() if name.endswith(f"_{ending}")), "")
+
+
+def _value(config: Config, names: list[str]) -> Any:
+    """The value at a key as plain values."""
+    tree: Any = config.model_dump(mode="json")
+    for name in names:
+        tree = tree[name]
+    return tree

@@ -1,0 +1,99 @@
+"""How large the scene of a recording is, measured in the first clouds of its lidars."""
+
+from collections import Counter
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.core.arrays import F32, F64
+from pipeline.core.frame import SensorBundle
+from pipeline.core.rig import Rig
+from pipeline.core.settings.combine import GroundConfig
+from pipeline.core.settings.config import Config
+from pipeline.filters.ground import find_ground
+from readers.recording import Recording
+from readers.streams.decoders import CloudDecoder
+
+__all__ = ["SceneSize", "measure_scene"]
+
+CLOUDS = 3
+"""Clouds that are taken of each lidar: the first sweep may be a part of one."""
+
+WAIT_NS = 2_000_000_000
+"""How long, in log time after the first cloud, the other lidars are waited for."""
+
+MAX_MESSAGES = 200
+"""Messages that are read at most, where clouds cannot be decoded."""
+
+MIDDLE = (5.0, 95.0)
+"""Percentiles of a coordinate between which the scene lies: a few far points do not make it larger."""
+
+LAYER_SHARE = 0.005
+"""Thickness of the ground as a share of the scene's diagonal: 5 cm for a table of 10 m."""
+LAYER_M = (0.02, 0.2)
+"""Its limits."""
+
+MAX_TILT_DEG = 30.0
+"""Largest tilt of the ground: the site frame may be that of a lidar that looks down."""
+
+
+@dataclass(frozen=True, slots=True)
+class SceneSize:
+    """The size of a scene.
+
+    Attributes:
+        extent_m: Length and width, along the axes of the site frame, of what holds the middle 90 % of the points; the
+            longer first.
+        lidar_height_m: Height of the lidars above the ground, the median of them; None where no ground was found.
+    """
+
+    extent_m: tuple[float, float]
+    lidar_height_m: float | None
+
+
+def measure_scene(recording: Recording, rig: Rig, config: Config) -> SceneSize | None:
+    """The size of a recording's scene; None if its lidars have no points.
+
+    The first clouds of the recording are read, whatever part of it is processed, and no more than a few sweeps.
+
+    Raises:
+        RecordingError: the recording is damaged, and is read in a way that does not go on.
+    """
+    xyz_site = _first_points(recording, rig, config)
+    if not len(xyz_site):
+        return None
+    low, high = np.percentile(xyz_site[:, :2], MIDDLE, axis=0)
+    width_m, length_m = sorted((high - low).tolist())
+    heights_m = _heights_m(xyz_site, rig, layer_m=LAYER_SHARE * float(np.hypot(width_m, length_m)))
+    return SceneSize((length_m, width_m), None if heights_m is None else float(np.median(heights_m)))
+
+
+def _first_points(recording: Recording, rig: Rig, config: Config) -> F32:
+    """(N, 3) points of the first clouds of every lidar, in the site frame."""
+    lidars = {lidar.topic: lidar for lidar in rig.lidars}
+    decode = CloudDecoder(rig, config, on_bad="skip")
+    points: list[F32] = []
+    found: Counter[str] = Counter()
+    first_ns: int | None = None
+    for number, message in enumerate(recording.messages(lidars), 1):
+        first_ns = message.log_time_ns if first_ns is None and points else first_ns
+        bundle = SensorBundle(0, message.stamp_ns, message.log_time_ns, {message.topic: message})
+        for name, cloud in decode(bundle).items():
+            xyz = cloud.xyz[(cloud.xyz != 0).any(1)]  # some drivers write beams without a return as (0, 0, 0)
+            if len(xyz) and found[name] < CLOUDS:
+                points.append(lidars[message.topic].T_site_lidar.apply(xyz))
+                found[name] += 1
+        waited_ns = 0 if first_ns is None else message.log_time_ns - first_ns
+        if sum(found.values()) == CLOUDS * len(lidars) or waited_ns > WAIT_NS or number == MAX_MESSAGES:
+            break
+    return np.concatenate([np.zeros((0, 3), np.float32), *points])
+
+
+def _heights_m(xyz_site: F32, rig: Rig, *, layer_m: float) -> F64 | None:
+    """Height of each lidar above the ground, metres; None without a ground."""
+    origins: F64 = np.array([lidar.T_site_lidar.translation for lidar in rig.lidars])
+    if rig.ground_height_m is not None:
+        return origins[:, 2] - rig.ground_height_m
+    ground = GroundConfig(distance_m=float(np.clip(layer_m, *LAYER_M)), max_tilt_deg=MAX_TILT_DEG)
+    plane = find_ground(xyz_site, origins, config=ground)
+    return None if plane is None else origins @ plane.normal + plane.offset_m

@@ -1,0 +1,253 @@
+"""Stamps that can be trusted: offsets taken off, impossible ones dropped, and a new part wherever time jumps back.
+
+A message is judged by the stamp before it on its topic, and by its delay (log time minus stamp). One that goes back by
+more than a second, or is that much further ahead of the recorder than those before it, is held until the next message
+of its topic: if that one agrees with it, the clock was set, else it is an outlier. A message that is only recorded late
+is neither.
+"""
+
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from itertools import groupby
+from typing import Literal
+
+from pipeline.core.messages import Drop, RawMessage
+
+__all__ = ["Clocks", "TimeJump"]
+
+JUMP_NS = 1_000_000_000
+"""Steps beyond this are no disorder between messages, nor a change in how long they take to the recorder."""
+
+MAX_FIRST_DELAY_NS = 10_000_000_000
+"""A topic's first message is believed at once if its stamp is this close to its log time."""
+
+DELAYS = 5
+"""Delays of a topic that are kept: the least of them is its usual one."""
+
+ZERO = "its stamp is 0"
+OUTLIER = "its stamp is far from those around it"
+OTHER_SIDE = "from before time jumped back"
+
+
+@dataclass(frozen=True, slots=True)
+class TimeJump:
+    """Time jumps back.
+
+    Attributes:
+        kind: Whose time: `stamps` of the sensors, or `log times` of the recorder.
+        at_ns: Log time of the first message after it, or, where log times jump, of the last one before it.
+        by_ns: How far back.
+    """
+
+    kind: Literal["stamps", "log times"]
+    at_ns: int
+    by_ns: int
+
+
+@dataclass(slots=True)
+class _Clock:
+    """What is known of one topic.
+
+    Attributes:
+        offset_ns: Taken off its stamps.
+        part: Part of the recording that it has reached.
+        last_ns: Corrected stamp of its last good message; None before the first.
+        log_time_ns: Log time of its last message; None before the first.
+        delays_ns: Of its last good messages.
+        held: A message that the next one decides on.
+        is_unstamped: Whether its stamps are all 0.
+    """
+
+    offset_ns: int
+    part: int = 0
+    last_ns: int | None = None
+    log_time_ns: int | None = None
+    delays_ns: deque[int] = field(default_factory=lambda: deque(maxlen=DELAYS))
+    held: RawMessage | None = None
+    is_unstamped: bool = False
+
+    def is_sound(self, message: RawMessage) -> bool:
+        """Whether a message neither goes back nor is further ahead of the recorder than those before it."""
+        if self.last_ns is None:
+            return True
+        is_back = message.stamp_ns < self.last_ns - JUMP_NS
+        return not is_back and message.log_time_ns - message.stamp_ns >= min(self.delays_ns) - JUMP_NS
+
+    def take(self, message: RawMessage) -> None:
+        """Take note of a good message."""
+        self.last_ns = message.stamp_ns
+        self.delays_ns.append(message.log_time_ns - message.stamp_ns)
+
+
+class Clocks:
+    """The clocks of the sensors over one pass through a recording.
+
+    Args:
+        offsets_ns: Taken off the stamps, by topic; other topics have none.
+        on_drop: Called for each message with an impossible stamp.
+
+    Attributes:
+        jumps: Where time jumped back, so far.
+        unstamped: Topics whose stamps are all 0, so far: log times are used instead.
+    """
+
+    def __init__(self, offsets_ns: Mapping[str, int], *, on_drop: Callable[[Drop], None]) -> None:
+        self._offsets_ns = offsets_ns
+        self._on_drop = on_drop
+        self._clocks: dict[str, _Clock] = {}
+        self._part = 0
+        self.jumps: list[TimeJump] = []
+        self.unstamped: dict[str, None] = {}
+
+    def parts(self, messages: Iterable[RawMessage]) -> Iterator[Iterator[RawMessage]]:
+        """The messages with corrected stamps, split where time jumps back; each part is to be read before the next.
+
+        Args:
+            messages: In the order in which they were recorded.
+        """
+        for _, part in groupby(self._numbered(messages), key=lambda numbered: numbered[0]):
+            yield (message for _, message in part)
+
+    def _numbered(self, messages: Iterable[RawMessage]) -> Iterator[tuple[int, RawMessage]]:
+        """Part and message."""
+        for message in messages:
+            topic = message.channel.topic
+            clock = self._clocks.get(topic)
+            if clock is None:
+                clock = self._clocks[topic] = _Clock(self._offsets_ns.get(topic, 0), self._part)
+            if clock.log_time_ns is not None and message.log_time_ns < clock.log_time_ns - JUMP_NS:
+                yield from self._released()
+                self._begin_part(TimeJump("log times", clock.log_time_ns, clock.log_time_ns - message.log_time_ns))
+            clock.log_time_ns = message.log_time_ns
+            if message.stamp_ns == 0 and message.log_time_ns > JUMP_NS:
+                found = self._unstamped(clock, message)
+            else:
+                found = self._stamped(clock, _shifted(message, clock.offset_ns))
+            for good in found:
+                yield self._part, good
+        yield from self._released()
+
+    def _begin_part(self, jump: TimeJump) -> None:
+        """Begin a new part for all topics: the recorder's own time has jumped."""
+        self._part += 1
+        self.jumps.append(jump)
+        for clock in self._clocks.values():
+            clock.part, clock.log_time_ns, clock.last_ns = self._part, None, None
+
+    def _unstamped(self, clock: _Clock, message: RawMessage) -> list[RawMessage]:
+        """A message whose stamp is 0: of a driver that never sets it, or a fault."""
+        held = clock.held
+        if clock.is_unstamped:
+            return [_at_log_time(message, clock.offset_ns)]
+        if clock.delays_ns:
+            self._drop(message, ZERO)
+            return []
+        clock.held = message
+        if held is None:
+            return []
+        if held.stamp_ns != 0:
+            self._drop(held, OUTLIER)
+            return []
+        clock.held, clock.is_unstamped = None, True
+        self.unstamped[message.topic] = None
+        return [_at_log_time(held, clock.offset_ns), _at_log_time(message, clock.offset_ns)]
+
+    def _stamped(self, clock: _Clock, message: RawMessage) -> list[RawMessage]:
+        held, clock.held = clock.held, None
+        if held is not None and held.stamp_ns == 0:
+            self._drop(held, ZERO)
+            held = None
+        clock.is_unstamped = False
+        if clock.last_ns is None:
+            return self._first(clock, held, message)
+        if clock.is_sound(message):
+            return self._sound(clock, clock.last_ns, held, message)
+        if held is None or not _agree(held, message):
+            if held is not None:
+                self._drop(held, OTHER_SIDE if clock.is_sound(held) else OUTLIER)
+            clock.held = message
+            return []
+        if held.stamp_ns < clock.last_ns - JUMP_NS and clock.part == self._part:
+            self._part += 1
+            by_ns = held.log_time_ns - held.stamp_ns - min(clock.delays_ns)
+            self.jumps.append(TimeJump("stamps", held.log_time_ns, by_ns))
+        clock.part = self._part
+        clock.delays_ns.clear()
+        return self._good(clock, held, message)
+
+    def _first(self, clock: _Clock, held: RawMessage | None, message: RawMessage) -> list[RawMessage]:
+        """A message of a topic without a good one before it in this part."""
+        if held is not None and _agree(held, message):
+            return self._good(clock, held, message)
+        if held is not None:
+            self._drop(held, OUTLIER)
+        delay_ns = message.log_time_ns - message.stamp_ns
+        known_ns = [clock.delays_ns[-1] for clock in self._clocks.values() if clock.delays_ns]
+        if abs(delay_ns) <= MAX_FIRST_DELAY_NS or any(abs(delay_ns - other) <= JUMP_NS for other in known_ns):
+            return self._good(clock, message)
+        confirmed: list[RawMessage] = []
+        for other in self._clocks.values():
+            if other.held is not None and other.last_ns is None and other.held.stamp_ns and _agree(other.held, message):
+                confirmed += self._good(other, other.held)
+                other.held = None
+        if confirmed:
+            return [*confirmed, *self._good(clock, message)]
+        clock.held = message
+        return []
+
+    def _sound(self, clock: _Clock, last_ns: int, held: RawMessage | None, message: RawMessage) -> list[RawMessage]:
+        """A message that continues those before it, with what it tells of the one that was held."""
+        if clock.part < self._part:  # others have jumped back; does this topic stay?
+            if held is None or not clock.is_sound(held):
+                if held is not None:
+                    self._drop(held, OUTLIER)
+                clock.held = message
+                return []
+            clock.part = self._part
+            return self._good(clock, held, message)
+        if held is None:
+            return self._good(clock, message)
+        if last_ns <= held.stamp_ns <= message.stamp_ns:
+            return self._good(clock, held, message)
+        self._drop(held, OUTLIER)
+        return self._good(clock, message)
+
+    def _good(self, clock: _Clock, *messages: RawMessage) -> list[RawMessage]:
+        for message in messages:
+            clock.take(message)
+        return [*messages]
+
+    def _released(self) -> Iterator[tuple[int, RawMessage]]:
+        """At the end of a part: what is held and no later message decides on."""
+        for clock in self._clocks.values():
+            held, clock.held = clock.held, None
+            if held is None:
+                continue
+            if held.stamp_ns == 0 and held.log_time_ns > JUMP_NS:
+                self.unstamped[held.topic] = None
+                yield self._part, _at_log_time(held, clock.offset_ns)
+            elif clock.is_sound(held):
+                clock.take(held)
+                yield self._part, held
+            else:
+                self._drop(held, OUTLIER)
+
+    def _drop(self, message: RawMessage, reason: str) -> None:
+        apart_s = (message.stamp_ns - message.log_time_ns) / 1e9
+        side = "after" if apart_s > 0 else "before"
+        self._on_drop(Drop(message.topic, message.stamp_ns, reason, f"{abs(apart_s):.1f} s {side} its log time"))
+
+
+def _shifted(message: RawMessage, offset_ns: int) -> RawMessage:
+    return message._replace(stamp_ns=message.stamp_ns - offset_ns) if offset_ns else message
+
+
+def _at_log_time(message: RawMessage, offset_ns: int) -> RawMessage:
+    return message._replace(stamp_ns=message.log_time_ns - offset_ns)
+
+
+def _agree(first: RawMessage, second: RawMessage) -> bool:
+    """Whether two messages' clocks are the same: equal delays, up to a jump."""
+    delay_ns = first.log_time_ns - first.stamp_ns
+    return abs(second.log_time_ns - second.stamp_ns - delay_ns) <= JUMP_NS

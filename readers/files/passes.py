@@ -1,0 +1,68 @@
+"""Passes of the recorder's clock: where log times jump back within a file, and go over the same time once more.
+
+A bag that was recorded with simulated time, while that began again, holds the same log times twice. In the order of log
+time alone the messages of both would be mixed into one another. Small disorder, topics that were written one after the
+other, and files that were joined in the wrong order are no passes: there, no topic covers a time twice.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pipeline.core.arrays import I64, Bools
+
+__all__ = ["JUMP_NS", "pass_starts"]
+
+JUMP_NS = 1_000_000_000
+"""Log times of a topic that go back by more than this are no disorder."""
+
+MIN_BEFORE = 5
+"""Messages of the topic before a jump that are needed to know its period."""
+
+LOOKED_AT = 20
+"""Messages of the topic after a jump that are looked at."""
+
+MAX_JUMPS = 100
+"""Jumps of topics that are looked at: a shuffled file has as many as messages."""
+
+WITHIN_PERIODS = 1.5
+"""A time is covered if a message lies this near."""
+
+
+def pass_starts(log_times_ns: I64, topics: I64) -> Sequence[int]:
+    """Where the second and later passes begin.
+
+    Args:
+        log_times_ns: (N,) log times in the order of the file.
+        topics: (N,) number of each message's topic.
+
+    Returns:
+        Rows of the first message of each pass but the first; mostly none.
+    """
+    if not len(log_times_ns) or (np.maximum.accumulate(log_times_ns) - log_times_ns).max() <= JUMP_NS:
+        return ()
+    by_topic = np.argsort(topics, kind="stable")
+    befores, afters = by_topic[:-1], by_topic[1:]
+    jumps = (topics[befores] == topics[afters]) & (log_times_ns[befores] - log_times_ns[afters] > JUMP_NS)
+    rows = sorted(zip(afters[jumps].tolist(), befores[jumps].tolist(), strict=True))
+    starts = [0]
+    for row, before in rows[:MAX_JUMPS]:
+        if before < starts[-1]:  # a topic that follows the jump of another one
+            continue
+        same = np.flatnonzero(topics == topics[row])
+        same = same[same >= starts[-1]]
+        if _covers(log_times_ns[same[same < row]], log_times_ns[same[same >= row][:LOOKED_AT]]):
+            starts.append(row)
+    return starts[1:]
+
+
+def _covers(before_ns: I64, after_ns: I64) -> bool:
+    """Whether most of the times after a jump lie next to times before it."""
+    if len(before_ns) < MIN_BEFORE:
+        return False
+    known_ns = np.sort(before_ns)
+    near_ns = WITHIN_PERIODS * float(np.median(np.diff(known_ns)))
+    right = np.clip(np.searchsorted(known_ns, after_ns), 1, len(known_ns) - 1)
+    distance_ns = np.minimum(np.abs(known_ns[right] - after_ns), np.abs(known_ns[right - 1] - after_ns))
+    covered: Bools = distance_ns <= near_ns
+    return bool(covered.mean() > 0.5)

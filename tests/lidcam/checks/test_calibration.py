@@ -1,0 +1,77 @@
+"""Calibration that cannot be right is said after a run and, where one message tells, by an inspection."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+import lidcam
+from lidcam.checks.calibration import check_first_clouds
+from pipeline.core.settings.config import Config
+
+ROOT = Path(__file__).resolve().parents[3]
+SANDBOX = ROOT / "bags" / "sandbox.bag"
+SKY = np.array([[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1.0]])  # turns a level camera to look up
+
+
+@pytest.fixture(scope="module")
+def calibration() -> dict[str, Any]:
+    """The true rig of the sample."""
+    tree: dict[str, Any] = yaml.safe_load(SANDBOX.with_name("sandbox.bag.rig.yaml").read_text())
+    return tree
+
+
+def changed(tree: dict[str, Any], tmp_path: Path, sensor: str, key: str, matrix: Any) -> Path:
+    path = tmp_path / "rig.yaml"
+    kind = "lidars" if sensor in tree["lidars"] else "cameras"
+    sensors = {**tree[kind], sensor: {**tree[kind][sensor], key: np.asarray(matrix).tolist()}}
+    path.write_text(yaml.safe_dump({**tree, kind: sensors}))
+    return path
+
+
+def run(rig: Path | None, duration_s: float) -> list[str]:
+    settings = ROOT / "config" / "sandbox.yaml"
+    report = lidcam.process(SANDBOX, config=settings, rig=rig, duration_s=duration_s).report
+    return [str(warning) for warning in report.warnings]
+
+
+def test_the_sample_as_calibrated_gives_no_warning() -> None:
+    assert run(None, 2.0) == []
+    assert lidcam.inspect(SANDBOX).warnings == ()
+
+
+def test_an_inverted_camera(calibration: dict[str, Any], tmp_path: Path) -> None:
+    pose = calibration["cameras"]["cam11"]["T_camera_site"]
+    [line] = run(changed(calibration, tmp_path, "cam11", "T_camera_site", np.linalg.inv(pose)), 3.0)
+    assert "its 20 boxes overlap the objects of the lidars by 0% on average, and by 70% with the inverse of" in line
+
+
+def test_a_camera_that_looks_into_the_sky(calibration: dict[str, Any], tmp_path: Path) -> None:
+    pose = SKY @ np.array(calibration["cameras"]["cam44"]["T_camera_site"])
+    rig = changed(calibration, tmp_path, "cam44", "T_camera_site", pose)
+    lines = run(rig, 0.4)
+    assert [line.split(" of ")[0] for line in lines] == ["cam44: none"]
+    inspected = lidcam.inspect(SANDBOX, rig=rig).warnings
+    assert [warning.subject for warning in inspected] == ["cam44"]
+
+
+def test_an_inverted_lidar_is_named_and_not_the_cameras(calibration: dict[str, Any], tmp_path: Path) -> None:
+    pose = calibration["lidars"]["velodyne3"]["T_site_lidar"]
+    tree = {key: value for key, value in calibration.items() if key != "ground_height_m"}
+    rig = changed(tree, tmp_path, "velodyne3", "T_site_lidar", np.linalg.inv(pose))
+    [line] = run(rig, 2.0)
+    assert line.startswith(
+        "velodyne3: its ground lies at z = -0.87 m, and with the inverse of its extrinsics at 0.00 m"
+    )
+    # On one sweep: the defaults are for metres, not for a model of 1:14.
+    of_model = {"combine.ground.height_tolerance_m": 0.1, "combine.ground.distance_m": 0.02}
+    [warning] = lidcam.inspect(SANDBOX, rig=rig, settings=of_model).warnings
+    assert warning.subject == "velodyne3"
+
+
+def test_without_clouds_nothing_is_said() -> None:
+    rig = lidcam.inspect(SANDBOX).rig
+    assert rig is not None
+    assert check_first_clouds(rig, Config(), {}) == ()

@@ -1,0 +1,148 @@
+"""A camera whose boxes lie beside the objects is named, with what would put them right; a good one never is."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from detections import boxes3d, forward_camera
+from frames import RIG, frame
+from scipy.spatial.transform import Rotation
+
+from lidcam.checks.camera_fit import MAX_FRAMES, CameraFit
+from pipeline.core.arrays import F64
+from pipeline.core.detections import Boxes2D, Detections
+from pipeline.core.frame import FrameResult
+from pipeline.core.geometry.boxes import box_corners
+from pipeline.core.geometry.transform import Transform
+from pipeline.core.rig import CameraSensor, Rig
+
+CAR = (4.2, 1.8, 1.5)
+
+
+def posed(camera: CameraSensor, matrix: F64) -> CameraSensor:
+    return replace(camera, T_camera_site=Transform(camera.T_camera_site.dst, camera.T_camera_site.src, matrix))
+
+
+def turned(camera: CameraSensor, axis: str, angle_deg: float) -> CameraSensor:
+    turn = np.eye(4)
+    turn[:3, :3] = Rotation.from_euler(axis, angle_deg, degrees=True).as_matrix()
+    return posed(camera, turn @ camera.T_camera_site.matrix)
+
+
+def raised(camera: CameraSensor) -> CameraSensor:
+    """The camera 2 m up and 3 m aside, so that its pose is not its own inverse."""
+    shift = np.eye(4)
+    shift[:3, 3] = -3, 1, -2
+    return posed(camera, camera.T_camera_site.matrix @ shift)
+
+
+TRUE = raised(forward_camera("front"))
+REAR = turned(raised(forward_camera("rear")), "y", 180)
+
+
+def rig(*cameras: CameraSensor) -> Rig:
+    return replace(RIG, cameras=cameras)
+
+
+def seen(number: int, *cameras: CameraSensor, objects: int = 3) -> FrameResult:
+    """A frame in which each camera has boxes of all objects in its view."""
+    random = np.random.default_rng(number)
+    aside = random.uniform(-14, 14, objects)
+    ahead = random.uniform(14, 40, objects) * np.where(np.arange(objects) % 2, -1, 1)
+    rows = [[x, y, 0.7, *CAR, yaw] for x, y, yaw in zip(ahead, aside, random.uniform(-3, 3, objects), strict=True)]
+    found = boxes3d(rows)
+    corners = box_corners(found.centers, found.sizes, found.yaws)
+    boxes = {}
+    for camera in cameras:
+        xyxy = camera.model.project_boxes(np.asarray(camera.T_camera_site.apply(corners), np.float64))
+        xyxy = xyxy[np.isfinite(xyxy).all(1)]
+        n = len(xyxy)
+        boxes[camera.name] = Boxes2D(1, camera.name, xyxy, np.full(n, 0.9, np.float32), np.zeros(n, np.int32))
+    return replace(frame(), detections=Detections(found, boxes))
+
+
+def warned(given: Rig, frames: Sequence[FrameResult]) -> list[str]:
+    check = CameraFit(given)
+    for result in frames:
+        check.add(result)
+    return [f"{warning}" for warning in check.warnings]
+
+
+FRAMES = [seen(number, TRUE, REAR, objects=8) for number in range(12)]
+
+
+def test_cameras_as_calibrated_are_not_named() -> None:
+    assert warned(rig(TRUE, REAR), FRAMES) == []
+
+
+@pytest.mark.parametrize(
+    ("camera", "how"),
+    [
+        (turned(TRUE, "y", 10), "if it looked 10 degrees further right; calibrate it again"),
+        (turned(TRUE, "y", -20), "if it looked 20 degrees further left; calibrate it again"),
+        (turned(TRUE, "x", 10), "if it looked 10 degrees further up; calibrate it again"),
+        (turned(TRUE, "x", -10), "if it looked 10 degrees further down; calibrate it again"),
+        (
+            posed(TRUE, TRUE.T_camera_site.inverse().matrix),
+            "with the inverse of its extrinsics; they look inverted",
+        ),
+    ],
+)
+def test_what_would_put_it_right_is_said(camera: CameraSensor, how: str) -> None:
+    [line] = warned(rig(camera), FRAMES)
+    assert line.startswith("front: its ")
+    assert "boxes overlap the objects of the lidars by" in line
+    assert f", and by 100% {how}" in line
+
+
+def test_cameras_with_each_others_extrinsics() -> None:
+    front, rear = posed(TRUE, REAR.T_camera_site.matrix), posed(REAR, TRUE.T_camera_site.matrix)
+    lines = warned(rig(front, rear), FRAMES)
+    assert [line.split(":")[0] for line in lines] == ["front", "rear"]
+    assert ", and by 100% with the extrinsics of rear; check which extrinsics, and which topics, belong" in lines[0]
+    assert ", and by 100% with the extrinsics of front;" in lines[1]
+
+
+def test_a_camera_that_no_pose_helps_is_named_where_it_fits_badly() -> None:
+    away = posed(TRUE, turned(TRUE, "x", 90).T_camera_site.matrix)
+    [line] = warned(rig(away), FRAMES)
+    assert line.endswith("by 0% on average; check its intrinsics and extrinsics; or does it look where no lidar does?")
+
+
+@pytest.mark.parametrize("share", [0.5, 1.2])
+def test_boxes_that_are_too_wide_are_no_mistake_of_calibration(share: float) -> None:
+    def widened(result: FrameResult) -> FrameResult:
+        boxes = result.detections.cameras["front"]
+        left, top, right, bottom = boxes.xyxy.T
+        wide = np.stack([left - share * (right - left), top, right + share * (right - left), bottom], 1)
+        return replace(result, detections=Detections(result.detections.lidar, {"front": replace(boxes, xyxy=wide)}))
+
+    assert warned(rig(TRUE), [widened(result) for result in FRAMES]) == []
+
+
+@pytest.mark.parametrize("frames", [[], FRAMES[:4], [seen(n, TRUE, objects=1) for n in range(6)]])
+def test_too_few_boxes_say_nothing(frames: list[FrameResult]) -> None:
+    assert warned(rig(turned(TRUE, "x", 90)), frames) == []
+
+
+def test_frames_without_objects_or_without_boxes_do_not_count() -> None:
+    empty = [seen(number, TRUE, objects=0) for number in range(20)]
+    boxless = [replace(one, detections=Detections(one.detections.lidar, {})) for one in FRAMES]
+    assert warned(rig(turned(TRUE, "x", 90)), empty + boxless) == []
+
+
+def test_of_a_long_run_frames_of_all_of_it_are_kept() -> None:
+    check = CameraFit(rig(TRUE))
+    good, bad = (
+        [seen(number, TRUE) for number in range(100)],
+        [seen(number, turned(TRUE, "x", 90)) for number in range(100)],
+    )
+    for result in good:
+        check.add(result)
+    assert len(check._samples) <= MAX_FRAMES
+    assert not check.warnings
+    for _ in range(20):
+        for result in bad:
+            check.add(result)
+    assert MAX_FRAMES / 2 <= len(check._samples) <= MAX_FRAMES

@@ -1,0 +1,41 @@
+from collections.abc import Mapping
+
+import pytest
+
+from lidcam.checks.class_numbers import class_number_warnings
+from pipeline.core.settings.config import Config
+from pipeline.core.settings.load import load_config
+
+
+@pytest.mark.parametrize(
+    "unused",
+    [{}, {"class 'tram' is not configured": 3}, {"score under detect2d.min_score (0.3)": 4}, {"class '-1' is not": 1}],
+)
+def test_names_are_no_numbers(unused: Mapping[str, int]) -> None:
+    assert class_number_warnings(unused, Config()) == ()
+
+
+def test_numbers_that_no_class_has() -> None:
+    unused = {"class '0' is not configured": 5, "class '7' is not configured": 2, "class 'tram' is not configured": 9}
+    (warning,) = class_number_warnings(unused, Config())
+    assert str(warning) == (
+        "recorded 2D boxes: 7 have class numbers that no class has (0, 7); known are 1 car, 2 pedestrian, 3 bicycle, "
+        "4 truck, 5 truck, 6 bus; if their detector numbers as COCO does (0 person, 2 car), "
+        "--set detect2d.class_numbers=coco; else add its numbers to the labels of the classes"
+    )
+
+
+def test_long_lists_are_cut() -> None:
+    (warning,) = class_number_warnings({f"class '{n}' is not configured": 1 for n in range(20, 40)}, Config())
+    assert "(20, 21, 22, 23, 24, 25, 26, 27, 28, 29, ...)" in warning.finding
+
+
+def test_without_numbers_among_the_labels() -> None:
+    config = load_config(None, {"classes": [{"name": "car", "size_m": [1, 1, 1], "max_size_m": [1, 1, 1]}]})
+    (warning,) = class_number_warnings({"class '1' is not configured": 1}, config)
+    assert "known are none" in warning.finding
+
+
+def test_numbers_of_coco_are_names() -> None:
+    config = load_config(None, {"detect2d.class_numbers": "coco"})
+    assert class_number_warnings({"class '16' is not configured": 1}, config) == ()

@@ -1,0 +1,84 @@
+"""A lidar whose pose was stored the other way round is told by the ground below it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from frames import RIG
+from scipy.spatial.transform import Rotation
+
+from lidcam.checks.lidar_ground import inverted_lidars
+from pipeline.core.clouds import PointCloud
+from pipeline.core.geometry.transform import Transform
+from pipeline.core.rig import LidarSensor, Rig
+from pipeline.core.settings.combine import CombineConfig
+
+POSES = {"a": ([3.0, 1, 1.8], [0, 0, 20]), "b": ([-2.0, 0, 2.4], [2, -3, 130]), "c": ([0.0, -5, 1.2], [0, 5, -70])}
+
+
+def lidar(name: str) -> LidarSensor:
+    position, rpy_deg = POSES[name]
+    quaternion = Rotation.from_euler("xyz", rpy_deg, degrees=True).as_quat()
+    return LidarSensor(name, f"/{name}", Transform.from_quaternion("site", name, position, quaternion))
+
+
+def inverted(sensor: LidarSensor) -> LidarSensor:
+    inverse = sensor.T_site_lidar.inverse()
+    return replace(sensor, T_site_lidar=Transform("site", sensor.name, inverse.matrix))
+
+
+def measured(sensor: LidarSensor) -> PointCloud:
+    """A cloud of flat ground at z = 0 and a few posts, in the lidar's frame."""
+    random = np.random.default_rng(1)
+    ground = np.c_[random.uniform(-15, 15, (3000, 2)), random.normal(0, 0.01, 3000)]
+    posts = np.c_[np.repeat(random.uniform(-15, 15, (20, 2)), 20, 0), np.tile(np.linspace(0, 3, 20), 20)]
+    xyz = sensor.T_site_lidar.inverse().apply(np.concatenate([ground, posts]))
+    n = len(xyz)
+    zeros = np.zeros(n, np.float32), np.zeros(n, np.uint16), np.zeros(n, np.int32)
+    return PointCloud(1, sensor.name, xyz.astype(np.float32), *zeros)
+
+
+def warned(names: str, wrong: str = "", ground_height_m: float | None = None) -> list[str]:
+    """Lidars that are warned of; those of `wrong` have inverted poses."""
+    true = [lidar(name) for name in names]
+    given = tuple(inverted(sensor) if sensor.name in wrong else sensor for sensor in true)
+    rig: Rig = replace(RIG, lidars=given, ground_height_m=ground_height_m)
+    clouds = {sensor.name: measured(sensor) for sensor in true}
+    return [warning.subject for warning in inverted_lidars(rig, CombineConfig(), clouds)]
+
+
+@pytest.mark.parametrize(
+    ("names", "wrong", "ground_height_m", "expected"),
+    [
+        ("abc", "", None, []),
+        ("abc", "a", None, ["a"]),
+        ("abc", "b", None, ["b"]),
+        ("abc", "c", None, ["c"]),
+        ("ab", "", None, []),
+        ("ab", "b", None, ["b"]),
+        ("a", "a", None, []),  # nothing to compare with
+        ("a", "a", 0.0, ["a"]),
+        ("a", "", 0.0, []),
+        ("abc", "ab", 0.0, ["a", "b"]),
+        ("a", "", 9.0, []),  # neither pose fits
+    ],
+)
+def test_inverted_poses(names: str, wrong: str, ground_height_m: float | None, expected: list[str]) -> None:
+    assert warned(names, wrong, ground_height_m) == expected
+
+
+def test_two_lidars_of_one_height_contradict_each_other() -> None:
+    same = replace(lidar("b"), T_site_lidar=Transform("site", "b", lidar("a").T_site_lidar.matrix))
+    rig = replace(RIG, lidars=(lidar("a"), inverted(same)), ground_height_m=None)
+    first, second = inverted_lidars(rig, CombineConfig(), {"a": measured(lidar("a")), "b": measured(same)})
+    assert str(first) == (
+        "a: its ground lies at z = 0.00 m, and with the inverse of its extrinsics at -3.60 m, where it belongs "
+        "(-3.60 m); they look inverted (or those of b: they contradict each other): T_site_lidar maps points of the "
+        "lidar to the site"
+    )
+    assert second.subject == "b"
+
+
+def test_a_lidar_without_a_cloud_says_nothing() -> None:
+    rig = replace(RIG, lidars=(lidar("a"), inverted(lidar("b"))), ground_height_m=None)
+    assert inverted_lidars(rig, CombineConfig(), {"b": measured(lidar("b"))}) == ()

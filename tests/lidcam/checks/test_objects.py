@@ -1,0 +1,123 @@
+"""A run without objects says which step left nothing; each cause is brought about on a sample recording."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from frames import RIG, frame
+from memory_recording import MemoryRecording
+
+import lidcam
+from lidcam.checks.objects import ObjectCheck
+from lidcam.checks.warning import RunWarning
+from lidcam.settings.choice import AS_GIVEN
+from pipeline.core.detections import Fused
+from pipeline.core.frame import FrameResult
+from pipeline.core.settings.config import Config
+
+ROOT = Path(__file__).resolve().parents[3]
+SANDBOX = ROOT / "bags" / "sandbox.bag"
+LOOKS_LIKE = "clouds of 5.5 x 3.9 m, lidars 0.3 m above the ground: try --config sandbox; else "
+
+
+def warning_of(config: str | None, *settings: str) -> RunWarning:
+    run = lidcam.process(SANDBOX, config=config, settings=["output.images=false", *settings], duration_s=0.4, workers=1)
+    assert len(run.objects) == 0
+    (warning,) = (one for one in run.report.warnings if one.subject == "no objects")
+    return warning
+
+
+@pytest.mark.parametrize(
+    ("config", "settings", "finding", "remedy"),
+    [
+        (None, ["detect3d.method=none"], "detect3d.method is none", "--set detect3d.method=cluster"),
+        (
+            "road",
+            ["combine.max_range_m=0.05"],
+            "points are nearer or further than combine.min_range_m and max_range_m allow, 0 to 0.05 m",
+            LOOKS_LIKE + "set other limits",
+        ),
+        (
+            None,
+            ["combine.outliers.std_ratio=-10"],
+            "of 9980 points in range, 9980 were removed as outliers and 0 as ground, which leaves none",
+            "a larger combine.outliers.std_ratio than -10 may help",
+        ),
+        (
+            "crossing",
+            ["detect3d.cluster.min_height_m=2"],
+            "no cluster of the",
+            LOOKS_LIKE + "see detect3d.cluster and the sizes of classes, unless there is nothing to detect",
+        ),
+        ("road", [], "less than detect3d.min_score, 0.07", LOOKS_LIKE + "a smaller detect3d.min_score shows them"),
+        (
+            None,
+            ["detect3d.min_score=1"],
+            "clusters scores 0.2",
+            "a smaller detect3d.min_score shows them",
+        ),
+        ("sandbox", ["fuse.min_score=1"], "less than fuse.min_score, 1", "a smaller fuse.min_score shows them"),
+        (
+            "sandbox",
+            ["fuse.min_score=0", "fuse.min_score_unconfirmed=1", "associate.min_iou=1", "topics.exclude=[/image*]"],
+            "less than fuse.min_score_unconfirmed, 1",
+            "a smaller fuse.min_score_unconfirmed shows them",
+        ),
+    ],
+    ids=["method", "range", "outliers", "clusters", "scale", "detect3d", "fuse", "unconfirmed"],
+)
+def test_the_step_that_left_nothing_is_named(
+    config: str | None, settings: list[str], finding: str, remedy: str
+) -> None:
+    warning = warning_of(config, *settings)
+    assert finding in warning.finding
+    assert warning.remedy == remedy
+
+
+def flat(count: int) -> FrameResult:
+    """A frame in which the ground takes every point."""
+    result = frame()
+    none = result.detections.lidar.select(np.zeros(0, np.intp))
+    counts = {
+        "input": count,
+        "nan": 0,
+        "range": 0,
+        "outliers": min(count, 1),
+        "ground": count - min(count, 1),
+        "left": 0,
+    }
+    return replace(
+        result,
+        combined=replace(result.combined, counts=counts),
+        detections=replace(result.detections, lidar=none),
+        fused=Fused(none, np.zeros(0, np.int32), np.zeros(0, np.int64)),
+    )
+
+
+@pytest.mark.parametrize(
+    ("count", "finding", "remedy"),
+    [
+        (
+            100,
+            "of 100 points in range, 1 were removed as outliers and 99 as ground, which leaves none",
+            "a smaller combine.ground.distance_m than 0.2 may help",
+        ),
+        (0, "its clouds have no points", "see the lidars and their drivers"),
+    ],
+)
+def test_frames_without_points(count: int, finding: str, remedy: str) -> None:
+    check = ObjectCheck(MemoryRecording([]), RIG, Config(), AS_GIVEN, moves=False)
+    check.add(flat(count))
+    (warning,) = check.warnings
+    assert (warning.finding, warning.remedy) == (f"frame 0 came closest: {finding}", remedy)
+
+
+def test_without_frames_there_is_nothing_to_say() -> None:
+    assert ObjectCheck(MemoryRecording([]), RIG, Config(), AS_GIVEN, moves=False).warnings == ()
+
+
+def test_a_run_with_an_object_is_not_warned_of() -> None:
+    run = lidcam.process(SANDBOX, settings=["output.images=false"], duration_s=0.4, workers=1)
+    assert len(run.objects)
+    assert run.report.warnings == ()

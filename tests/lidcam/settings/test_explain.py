@@ -1,0 +1,90 @@
+import pytest
+
+from lidcam.settings.explain import UNITS, explain, preset_summaries
+from pipeline.core.errors import ConfigError
+from pipeline.core.settings.bundled import PRESETS
+from pipeline.core.settings.config import Config
+from pipeline.core.settings.validation.schema import key_places
+
+KEYS = [key for key, _ in key_places(Config)]
+
+
+@pytest.mark.parametrize("key", KEYS)
+def test_every_key_is_explained(key: str) -> None:
+    found = explain(key)
+    assert found.key == key
+    assert found.meaning
+    assert "Attributes" not in found.meaning
+    assert found.keys or found.allowed
+
+
+def test_a_setting() -> None:
+    found = explain("detect3d.cluster.distance_m")
+    assert found.meaning == "Points nearer to each other than this belong together, close to a lidar."
+    assert (found.unit, found.allowed, found.default) == ("metres", "a number above 0", 0.4)
+    assert found.by_preset == {"sandbox": 0.06, "crossing": 0.4, "road": 0.4}
+    assert found.keys == {}
+
+
+def test_a_section_names_its_keys() -> None:
+    found = explain("fuse")
+    assert found.meaning == "Fusion of matched boxes."
+    assert {*found.keys} == {"min_score", "min_score_unconfirmed"}
+    assert found.keys["min_score"] == "Objects with a lower fused score are not reported."
+
+
+def test_all_settings() -> None:
+    found = explain()
+    assert {*found.keys} == {*Config.model_fields}
+    assert found.keys["sync"] == "Finding the messages of one moment."
+
+
+@pytest.mark.parametrize(
+    ("key", "full"),
+    [
+        ("classes.size_m", "classes.*.size_m"),
+        ("classes.0.size_m", "classes.*.size_m"),
+        ("classes.0", "classes.*"),
+        ("velodyne.topics.model", "velodyne.topics.*.model"),
+        ("velodyne.topics./a.model", "velodyne.topics.*.model"),
+        ("rig.zones.lane", "rig.zones.*"),
+    ],
+)
+def test_elements_of_lists_and_mappings(key: str, full: str) -> None:
+    found = explain(key)
+    assert (found.key, found.default, found.by_preset) == (full, None, {})
+
+
+def test_what_a_class_inherits_is_explained() -> None:
+    assert explain("velodyne.calibration").meaning.startswith("YAML file of ROS's velodyne driver")
+
+
+@pytest.mark.parametrize(
+    ("key", "told"),
+    [
+        ("detect3d.cluster.distance", "did you mean 'detect3d.cluster.distance_m'?"),
+        ("fuse.min_score.x", "unknown key 'fuse.min_score.x'"),
+        ("", None),
+    ],
+)
+def test_unknown_keys(key: str, told: str | None) -> None:
+    if told is None:
+        assert explain(key).key == ""
+        return
+    with pytest.raises(ConfigError) as caught:
+        explain(key)
+    assert told in str(caught.value)
+
+
+def test_units_are_of_the_longest_ending() -> None:
+    assert explain("detect3d.cluster.distance_per_m").unit == UNITS["per_m"]
+    assert explain("detect3d.cluster.points_per_sr").unit == "per steradian"
+    assert explain("combine.ground.max_tilt_deg").unit == "degrees"
+    assert explain("run.workers").unit == ""
+
+
+def test_presets_are_summed_up_in_a_sentence() -> None:
+    summaries = preset_summaries()
+    assert [*summaries] == [*PRESETS]
+    assert summaries["sandbox"].startswith("A model site at about 1:14")
+    assert all(text and not text.endswith(".") for text in summaries.values())

@@ -1,0 +1,165 @@
+"""The size of a scene, from clouds of a known floor."""
+
+from collections.abc import Collection, Iterator, Sequence
+
+import numpy as np
+import pytest
+from builders import pointcloud2, raw
+from memory_recording import MemoryRecording
+
+from lidcam.settings.choice import UsedSettings, choose_settings
+from lidcam.settings.measure import MAX_MESSAGES, SceneSize, measure_scene
+from lidcam.settings.settle import settle
+from pipeline.core.arrays import F32
+from pipeline.core.geometry.transform import Transform
+from pipeline.core.geometry.transform_tree import TransformTree
+from pipeline.core.messages import RawMessage
+from pipeline.core.rig import LidarSensor, Rig
+from pipeline.core.settings.config import Config
+from readers.messages.tf import RecordedTransforms
+from readers.rig.discovery import Discovery
+
+START_NS = 1_600_000_000_000_000_000
+PERIOD_NS = 100_000_000
+
+
+class Counting(MemoryRecording):
+    """Counts the messages that are read."""
+
+    read = 0
+
+    def messages(
+        self, topics: Collection[str] | None = None, *, start_ns: int | None = None, stop_ns: int | None = None
+    ) -> Iterator[RawMessage]:
+        for message in super().messages(topics, start_ns=start_ns, stop_ns=stop_ns):
+            self.read += 1
+            yield message
+
+
+def rig(*heights_m: float, ground_height_m: float | None = None) -> Rig:
+    """Lidars `lidar0`, `lidar1`, ... this high above the site's origin."""
+    lidars = []
+    for number, height_m in enumerate(heights_m):
+        matrix = np.eye(4)
+        matrix[2, 3] = height_m
+        lidars.append(LidarSensor(f"lidar{number}", f"/{number}", Transform("site", f"lidar{number}", matrix)))
+    return Rig("site", tuple(lidars), (), (), ground_height_m)
+
+
+def floor(length_m: float, width_m: float, height_m: float) -> F32:
+    """A floor this far below the lidar, evenly covered, with a tenth of walls."""
+    rng = np.random.default_rng(1)
+    points = rng.uniform((-length_m / 2, -width_m / 2, 0), (length_m / 2, width_m / 2, 0), (6000, 3))
+    points[::10, 2] = rng.uniform(0, 0.1 * length_m, 600)
+    points[:, 2] -= height_m
+    return points.astype(np.float32)
+
+
+def cloud(topic: str, xyz: F32, number: int = 0, *, late_ns: int = 0) -> RawMessage:
+    stamp_ns = START_NS + number * PERIOD_NS + late_ns
+    return raw(topic, "sensor_msgs/msg/PointCloud2", pointcloud2(xyz, stamp_ns=stamp_ns), stamp_ns)
+
+
+def measured(messages: Sequence[RawMessage], of: Rig) -> SceneSize | None:
+    return measure_scene(MemoryRecording(messages), of, Config())
+
+
+@pytest.mark.parametrize(("length_m", "width_m", "height_m"), [(8, 4, 0.3), (80, 60, 1.8), (60, 100, 6.5)])
+def test_extent_and_height(length_m: float, width_m: float, height_m: float) -> None:
+    found = measured([cloud("/0", floor(length_m, width_m, height_m))], rig(height_m + 2))
+    assert found is not None
+    assert found.extent_m == pytest.approx((0.9 * max(length_m, width_m), 0.9 * min(length_m, width_m)), rel=0.05)
+    assert found.lidar_height_m == pytest.approx(height_m, abs=0.02 + 0.01 * height_m)
+
+
+def test_the_height_is_the_median_of_the_lidars() -> None:
+    messages = [cloud(f"/{n}", floor(40, 40, h)) for n, h in enumerate((0.5, 5.0, 6.0))]
+    found = measured(messages, rig(0.5, 5.0, 6.0))
+    assert found is not None
+    assert found.lidar_height_m == pytest.approx(5.0, abs=0.05)
+
+
+def test_a_ground_that_the_rig_knows_is_not_sought() -> None:
+    wall = np.array([[1, y, z] for y in range(9) for z in range(9)], np.float32)
+    unknown = measured([cloud("/0", wall)], rig(2.0))
+    assert unknown is not None
+    assert unknown.lidar_height_m is None
+    found = measured([cloud("/0", wall)], rig(2.0, ground_height_m=-1.5))
+    assert found is not None
+    assert found.lidar_height_m == 3.5
+
+
+def test_beams_without_a_return_are_not_points() -> None:
+    xyz = np.concatenate([floor(8, 4, 0.3), np.zeros((60_000, 3), np.float32)])
+    found = measured([cloud("/0", xyz)], rig(0.3))
+    assert found is not None
+    assert found.extent_m[0] > 7
+
+
+@pytest.mark.parametrize(
+    "messages",
+    [
+        [],
+        [cloud("/0", np.zeros((0, 3), np.float32))],
+        [cloud("/0", np.zeros((9, 3), np.float32))],
+        [cloud("/1", floor(1, 1, 1))],
+    ],
+    ids=["no message", "no points", "no returns", "another topic"],
+)
+def test_nothing_to_measure(messages: list[RawMessage]) -> None:
+    assert measured(messages, rig(1.0)) is None
+
+
+def broken(message: RawMessage) -> RawMessage:
+    return message._replace(data=bytes(message.data)[:-5])
+
+
+def test_only_the_first_clouds_are_read() -> None:
+    xyz = floor(8, 4, 0.3)
+    recording = Counting([cloud("/0", xyz, n) for n in range(30)])
+    assert measure_scene(recording, rig(0.3), Config()) is not None
+    assert recording.read == 3
+
+
+def test_a_lidar_that_begins_late_is_not_waited_for_long() -> None:
+    xyz = floor(8, 4, 0.3)
+    messages = [cloud("/0", xyz, n) for n in range(60)] + [cloud("/1", xyz, n) for n in range(50, 60)]
+    recording = Counting(messages)
+    assert measure_scene(recording, rig(0.3, 0.3), Config()) is not None
+    assert recording.read < 25
+
+
+def test_a_first_cloud_that_is_broken_or_empty_is_passed_over() -> None:
+    good = floor(8, 4, 0.3)
+    messages = [broken(cloud("/0", good)), cloud("/0", np.zeros((0, 3), np.float32), 1), cloud("/0", good, 2)]
+    found = measured(messages, rig(0.3))
+    assert found is not None
+    assert found.extent_m[0] > 7
+
+
+def test_the_effort_is_bounded_where_no_cloud_can_be_decoded() -> None:
+    recording = Counting([broken(cloud("/0", floor(8, 4, 0.3)))._replace(log_time_ns=START_NS + n) for n in range(300)])
+    assert measure_scene(recording, rig(0.3), Config()) is None
+    assert recording.read == MAX_MESSAGES
+
+
+def settled(messages: list[RawMessage], config: Config | None) -> tuple[Config, UsedSettings, int]:
+    recording = Counting(messages)
+    found = Discovery(rig(0.3), (), (), (), RecordedTransforms(TransformTree()))
+    config, used = settle(choose_settings(config), recording, found, moves=False)
+    return config, used, recording.read
+
+
+def test_what_is_given_is_not_judged() -> None:
+    given = Config()
+    assert settled([cloud("/0", floor(8, 4, 0.3))], given) == (given, UsedSettings("as given", "given"), 0)
+
+
+def test_what_is_not_given_is_judged() -> None:
+    config, used, _ = settled([cloud("/0", floor(8, 4, 0.3))], None)
+    assert (used.name, used.how) == ("sandbox", "judged")
+    assert config == choose_settings("sandbox").config
+
+
+def test_without_clouds_the_defaults_hold() -> None:
+    assert settled([], None) == (Config(), UsedSettings("defaults", "not judged"), 0)

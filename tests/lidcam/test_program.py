@@ -1,0 +1,70 @@
+"""What becomes of errors: one line and an exit code, or a traceback."""
+
+import errno
+import logging
+import signal
+import sys
+from collections.abc import Iterator
+
+import pytest
+
+from lidcam.printing.log import PACKAGES
+from lidcam.program import run_program
+from pipeline.core.errors import RecordingError
+
+
+@pytest.fixture(autouse=True)
+def as_it_was(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    monkeypatch.setattr(sys, "argv", ["lidcam"])
+    handler, root = signal.getsignal(signal.SIGTERM), logging.getLogger()
+    handlers, level = root.handlers, root.level
+    levels = {name: logging.getLogger(name).level for name in PACKAGES}
+    root.handlers = []
+    yield
+    signal.signal(signal.SIGTERM, handler)
+    root.handlers, root.level = handlers, level
+    for name, before in levels.items():
+        logging.getLogger(name).setLevel(before)
+
+
+def noted() -> RecordingError:
+    error = RecordingError("drive.bag: expected a recording, found none")
+    error.add_note("while looking for lidars")
+    return error
+
+
+@pytest.mark.parametrize(
+    ("error", "told"),
+    [
+        (noted(), "lidcam: error: drive.bag: expected a recording, found none\n  while looking for lidars\n"),
+        (OSError(errno.ENOSPC, "No space left on device"), "lidcam: error: standard output: No space left on device\n"),
+        (OSError(errno.ENOSPC, "No space left", "a.mcap"), "lidcam: error: a.mcap: No space left\n"),
+    ],
+)
+def test_known_errors_are_one_line(error: Exception, told: str, capsys: pytest.CaptureFixture[str]) -> None:
+    def program(*_: object, **__: object) -> None:
+        raise error
+
+    with pytest.raises(SystemExit) as end:
+        run_program(program, "lidcam")
+    assert end.value.code == 1
+    assert capsys.readouterr().err == told
+
+
+@pytest.mark.parametrize("error", [ZeroDivisionError("a bug"), PermissionError(errno.EACCES, "Permission denied")])
+def test_bugs_keep_their_traceback(error: Exception, capsys: pytest.CaptureFixture[str]) -> None:
+    records: list[logging.LogRecord] = []
+
+    class Kept(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            records.append(record)
+
+    def program(*_: object, **__: object) -> None:
+        logging.getLogger("lidcam").setLevel(logging.DEBUG)  # as with a log file
+        logging.getLogger().addHandler(Kept())
+        raise error
+
+    with pytest.raises(type(error)):
+        run_program(program, "lidcam")
+    assert [record.exc_info[1] for record in records if record.exc_info] == [error]
+    assert capsys.readouterr().err == ""

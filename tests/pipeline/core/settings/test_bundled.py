@@ -1,0 +1,41 @@
+from pathlib import Path
+
+import pytest
+
+from pipeline.core.errors import ConfigError
+from pipeline.core.settings.bundled import PRESETS, bundled, settings_file
+from pipeline.core.settings.load import load_config
+
+ROOT = Path(__file__).resolve().parents[4]
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_presets_are_files_of_config(name: str) -> None:
+    assert settings_file(name) == bundled(f"{name}.yaml") == ROOT / "config" / f"{name}.yaml"
+    load_config(name)
+
+
+def test_a_preset_wins_over_a_file_without_an_ending(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "sandbox").write_text("fuse: {min_score: 0.7}")
+    monkeypatch.chdir(tmp_path)
+    assert load_config("sandbox").fuse.min_score == 0.2
+    assert load_config("./sandbox").fuse.min_score == 0.7
+
+
+@pytest.mark.parametrize(
+    ("name", "meant"),
+    [("snadbox", ": did you mean 'sandbox'?"), ("config/crosing.yaml", ": did you mean 'crossing'?"), ("xyz.yaml", "")],
+)
+def test_neither_a_preset_nor_a_file(name: str, meant: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        settings_file(name)
+    assert str(caught.value) == (
+        f"{name}: expected a preset (sandbox, crossing, road) or a YAML file, found neither{meant}"
+    )
+
+
+def test_an_installed_package_has_the_files_inside(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    package = tmp_path / "pipeline"
+    (package / "config").mkdir(parents=True)
+    monkeypatch.setattr("pipeline.core.settings.bundled.__file__", str(package / "core" / "settings" / "bundled.py"))
+    assert bundled("scenarios") == package / "config" / "scenarios"

@@ -1,0 +1,222 @@
+"""Impossible stamps are dropped alone, jumps of time split the recording, and nothing else is touched."""
+
+from collections import Counter
+from collections.abc import Iterable, Mapping
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pipeline.core.messages import Channel, Drop, RawMessage
+from pipeline.stages.sync.clocks import OTHER_SIDE, OUTLIER, ZERO, Clocks, TimeJump
+
+S = 10**9
+MS = 10**6
+T0_S = 1_700_000_000
+CHANNELS = {topic: Channel(topic, "sensor_msgs/msg/Image", "cdr") for topic in "abc"}
+
+Recorded = tuple[str, float | None, float]
+"""Topic, stamp in seconds since T0 (None: 0), log time in seconds since T0."""
+
+
+def message(topic: str, stamp_s: float | None, log_s: float, position: int = 0) -> RawMessage:
+    stamp_ns = 0 if stamp_s is None else T0_S * S + round(stamp_s * S)
+    return RawMessage(stamp_ns, T0_S * S + round(log_s * S), (0, position), b"", CHANNELS[topic])
+
+
+def run(
+    recorded: Iterable[Recorded], offsets_ns: Mapping[str, int] | None = None
+) -> tuple[list[list[tuple[str, float]]], list[tuple[str, float, str]], Clocks]:
+    """Topic and stamp of the messages of each part, those dropped, and the clocks."""
+    drops: list[Drop] = []
+    clocks = Clocks(offsets_ns or {}, on_drop=drops.append)
+    messages = [message(*one, position) for position, one in enumerate(recorded)]
+    parts = [[(m.topic, since_t0(m.stamp_ns)) for m in part] for part in clocks.parts(messages)]
+    return parts, [(drop.topic, since_t0(drop.stamp_ns), drop.reason) for drop in drops], clocks
+
+
+def since_t0(stamp_ns: int) -> float:
+    return round(stamp_ns / S - T0_S, 3) if stamp_ns else 0.0
+
+
+def steady(
+    topics: str = "ab", start: int = 0, stop: int = 10, shift_s: float = 0, delay_s: float = 0.05
+) -> list[Recorded]:
+    """10 Hz from the tenth `start` to `stop` of the log, with stamps shifted."""
+    return [(topic, k / 10 + shift_s, k / 10 + delay_s) for k in range(start, stop) for topic in topics]
+
+
+def stamps(recorded: Iterable[Recorded], topic: str) -> list[float]:
+    return [round(stamp, 3) for name, stamp, _ in recorded if name == topic and stamp is not None]
+
+
+def of(part: Iterable[tuple[str, float]], topic: str) -> list[float]:
+    return [stamp for name, stamp in part if name == topic]
+
+
+def test_nothing() -> None:
+    assert run([])[:2] == ([], [])
+
+
+@given(
+    st.lists(st.tuples(st.sampled_from("abc"), st.integers(0, 3000), st.integers(0, 900)), max_size=60),
+    st.integers(-(10**7), 10**7),
+)
+def test_ordinary_disorder_passes_unchanged(arrivals: list[tuple[str, int, int]], apart_s: int) -> None:
+    """Delays of up to 0.9 s, and clocks that are apart from the recorder's by any constant."""
+    recorded = sorted(
+        ((topic, at / 1000 + apart_s, (at + late) / 1000) for topic, at, late in arrivals), key=lambda one: one[2]
+    )
+    parts, drops, clocks = run(recorded)
+    assert not drops
+    assert not clocks.jumps
+    assert len(parts) <= 1
+    for topic in "abc":
+        assert [of(part, topic) for part in parts] == ([stamps(recorded, topic)] if recorded else [])
+
+
+@given(st.lists(st.tuples(st.sampled_from("abc"), st.one_of(st.none(), st.integers(-50, 50)), st.integers(0, 50))))
+def test_every_message_comes_out_once_or_is_dropped_once(arrivals: list[tuple[str, int | None, int]]) -> None:
+    """Whatever the stamps and log times are."""
+    recorded: list[Recorded] = [(topic, stamp, log) for topic, stamp, log in arrivals]
+    parts, drops, clocks = run(recorded)
+    counts = Counter(topic for part in parts for topic, _ in part)
+    counts.update(topic for topic, _, _ in drops)
+    assert counts == Counter(topic for topic, _, _ in recorded)
+    assert len(parts) <= len(clocks.jumps) + 1
+
+
+@pytest.mark.parametrize("far_s", [-1e6, -30.0, 1.5, 30.0, 1e9])
+def test_one_stamp_far_off_is_dropped_alone(far_s: float) -> None:
+    recorded = steady()
+    topic, _, log_s = recorded[8]
+    recorded[8] = (topic, far_s, log_s)
+    parts, drops, clocks = run(recorded)
+    assert drops == [("a", far_s, OUTLIER)]
+    assert not clocks.jumps
+    assert [sorted(part) for part in parts] == [sorted((t, s) for t, s, _ in recorded if s != far_s and s is not None)]
+
+
+@pytest.mark.parametrize("place", [0, 8, 18])
+def test_a_stamp_of_zero_is_dropped_alone(place: int) -> None:
+    recorded = steady()
+    topic, _, log_s = recorded[place]
+    recorded[place] = (topic, None, log_s)
+    parts, drops, clocks = run(recorded)
+    assert drops == [("a", 0.0, ZERO)]
+    assert not clocks.unstamped
+    assert len(of(parts[0], "a")) == 9
+    assert len(of(parts[0], "b")) == 10
+
+
+@pytest.mark.parametrize("count", [1, 2, 10])
+def test_a_topic_without_stamps_has_its_log_times(count: int) -> None:
+    recorded = [*steady("a")]
+    recorded += [("b", None, k / 10 + 0.07) for k in range(count)]
+    recorded.sort(key=lambda one: one[2])
+    ((*part,),), drops, clocks = run(recorded, {"b": 20 * MS})
+    assert of(part, "b") == [round(k / 10 + 0.05, 3) for k in range(count)]
+    assert [*clocks.unstamped] == ["b"]
+    assert not drops
+
+
+def test_a_driver_that_sets_stamps_from_a_time_on() -> None:
+    recorded = [("b", None if k < 5 else k / 10, k / 10 + 0.05) for k in range(10)]
+    ((*part,),), drops, _ = run(recorded)
+    assert of(part, "b") == [0.05, 0.15, 0.25, 0.35, 0.45, 0.5, 0.6, 0.7, 0.8, 0.9]
+    assert not drops
+
+
+def test_simulated_time_may_begin_at_zero() -> None:
+    drops: list[Drop] = []
+    clocks = Clocks({}, on_drop=drops.append)
+    messages = [RawMessage(k * S // 10, k * S // 10, (0, k), b"", CHANNELS["a"]) for k in range(5)]
+    assert [[*part] for part in clocks.parts(messages)] == [messages]
+    assert not drops
+
+
+def test_a_message_that_is_only_recorded_late_is_sound() -> None:
+    recorded = [("a", k / 10, k / 10 + 0.05) for k in range(4)]
+    recorded += [("a", k / 10, 5 + k / 100) for k in range(4, 50)]  # what the recorder could not write, all at once
+    recorded += [("a", k / 10, k / 10 + (3 if k == 60 else 0.05)) for k in range(50, 61)]
+    ((*part,),), drops, clocks = run(recorded)
+    assert of(part, "a") == stamps(recorded, "a")
+    assert not drops
+    assert not clocks.jumps
+
+
+def test_offsets_are_taken_off() -> None:
+    ((*part,),), _, _ = run(steady(), {"b": 30 * MS, "a": -5 * MS})
+    assert of(part, "a") == [round(k / 10 + 0.005, 3) for k in range(10)]
+    assert of(part, "b") == [round(k / 10 - 0.03, 3) for k in range(10)]
+
+
+@pytest.mark.parametrize("ahead_s", [2.0, 3600.0])
+def test_a_clock_that_is_set_ahead_goes_on(ahead_s: float) -> None:
+    recorded = [*steady(), *steady(start=10, stop=20, shift_s=ahead_s)]
+    parts, drops, clocks = run(recorded)
+    assert len(parts) == 1
+    assert of(parts[0], "a") == stamps(recorded, "a")
+    assert not drops
+    assert not clocks.jumps
+
+
+def test_a_recording_that_was_played_in_a_loop_is_split_at_each_turn() -> None:
+    turns = [steady("abc", 30 * turn, 30 * (turn + 1), shift_s=-3.0 * turn) for turn in range(3)]
+    parts, drops, clocks = run([one for turn in turns for one in turn])
+    assert [sorted(part) for part in parts] == [sorted((t, round(s or 0, 3)) for t, s, _ in turn) for turn in turns]
+    assert not drops
+    assert clocks.jumps == [
+        TimeJump("stamps", T0_S * S + 3_050 * MS, 3 * S),
+        TimeJump("stamps", T0_S * S + 6_050 * MS, 3 * S),
+    ]
+
+
+def test_messages_from_before_a_jump_are_dropped_after_it() -> None:
+    recorded = [*steady("a"), *steady("a", 10, 20, shift_s=-8)]
+    late: list[Recorded] = [("b", k / 10, k / 10 + 0.35) for k in range(10)]  # the last three are recorded after it
+    late += [("b", k / 10 - 8, k / 10 + 0.35) for k in range(10, 17)]
+    recorded = sorted([*recorded, *late], key=lambda one: one[2])
+    (before, after), drops, clocks = run(recorded)
+    assert len(clocks.jumps) == 1
+    assert of(before, "a") == stamps(steady("a"), "a")
+    assert all(stamp < 0.95 - 8 + 1.5 for stamp in of(after, "a"))
+    mixed = [stamp for stamp in of(after, "b") if stamp > 0]
+    assert len(mixed) + len([drop for drop in drops if drop[2] == OTHER_SIDE]) + len(of(before, "b")) == 10
+
+
+def test_a_clock_that_alone_is_set_back_begins_a_part_and_the_others_go_on() -> None:
+    recorded = sorted([*steady("a"), *steady("a", 10, 20, shift_s=-5), *steady("b", 0, 20)], key=lambda one: one[2])
+    parts, drops, clocks = run(recorded)
+    assert len(parts) == 2
+    assert [jump.by_ns for jump in clocks.jumps] == [5 * S]
+    assert [stamp for part in parts for stamp in of(part, "b")] == stamps(recorded, "b")
+    assert of(parts[1], "a") == stamps(steady("a", 10, 20, shift_s=-5), "a")
+    assert not drops
+
+
+def test_log_times_that_jump_back_split_the_recording_at_once() -> None:
+    first, second = steady("ab", 0, 30), steady("ab", 0, 20)
+    parts, drops, clocks = run([*first, *second])
+    assert [sorted(part) for part in parts] == [
+        sorted((t, round(s or 0, 3)) for t, s, _ in turn) for turn in (first, second)
+    ]
+    assert not drops
+    assert clocks.jumps == [TimeJump("log times", T0_S * S + 2_950 * MS, 2_900 * MS)]
+
+
+def test_a_slow_topic_whose_delay_changes_keeps_its_messages() -> None:
+    delays_s = (3.0, 3.0, 3.0, 1.5, 2.5, 2.5)
+    recorded = [("a", 2.0 * k, 2.0 * k + delay_s) for k, delay_s in enumerate(delays_s)]
+    ((*part,),), drops, _ = run(recorded)
+    assert of(part, "a") == [0, 2, 4, 6, 8, 10]
+    assert not drops
+
+
+def test_an_outlier_where_another_topic_jumps_back_is_no_jump() -> None:
+    recorded = [*steady("a"), *steady("a", 10, 20, shift_s=-5), *steady("b", 0, 20)]
+    recorded = [("b", 999.0, log) if one == "b" and log == 1.05 else (one, stamp, log) for one, stamp, log in recorded]
+    parts, drops, clocks = run(sorted(recorded, key=lambda one: one[2]))
+    assert len(clocks.jumps) == 1
+    assert drops == [("b", 999.0, OUTLIER)]
+    assert len([stamp for part in parts for stamp in of(part, "b")]) == 19
