@@ -123,7 +123,7 @@ def draft_rig(found: FoundSensors) -> RigDraft:
         owners = [name for name, frame in found.frames.items() if frame == found.site]
         of_lidar = f"the frame of {owners[0]}" if owners else "as found in the recording"
         site, source = found.site, "" if found.is_site_named else of_lidar
-    frames = Frames(site, found.transforms)
+    frames = Frames(site, found.transforms, found.of_rig)
     lidars: dict[str, DraftLidar] = {}
     cameras: dict[str, DraftCamera] = {}
     for sensor in parents_first((*found.lidars, *found.cameras)):
