@@ -12,7 +12,15 @@ from pipeline.core.geometry.boxes import box_corners
 from pipeline.core.rig import CameraSensor
 from writers.palette import CAMERA_ONLY, MATCHED, Rgb, class_color
 
-__all__ = ["DrawnBoxes2D", "drawn_boxes_2d", "object_colors", "object_edges", "object_labels", "strong_objects"]
+__all__ = [
+    "DrawnBoxes2D",
+    "drawn_boxes_2d",
+    "labels_in_the_clear",
+    "object_colors",
+    "object_edges",
+    "object_labels",
+    "strong_objects",
+]
 
 STRONG_SCORE = 0.5
 FAINTEST = 0.4
@@ -81,3 +89,19 @@ def drawn_boxes_2d(result: FrameResult, camera: str, class_names: Sequence[str])
         labels.append(f"{class_names[class_id]} {score:.2f}")
     colors = [MATCHED if row in object_of_box else CAMERA_ONLY for row in range(len(boxes))]
     return DrawnBoxes2D(boxes.xyxy, colors, labels)
+
+
+def labels_in_the_clear(places: F64, sizes: F64, importance: F64) -> list[int]:
+    """Rows of labels of which none covers another, the important ones first.
+
+    Args:
+        places: (N, 2) x and y of each label's middle.
+        sizes: (N, 2) width and height.
+        importance: (N,) of two that would cover each other, the more important one stays.
+    """
+    rows: list[int] = []
+    for row in np.argsort(-importance, kind="stable").tolist():
+        apart = np.abs(places[rows] - places[row]) > (sizes[rows] + sizes[row]) / 2
+        if apart.any(1).all():
+            rows.append(row)
+    return rows

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import ceil
+from operator import itemgetter
 from statistics import median
 from typing import Literal
 
@@ -13,6 +14,9 @@ WINDOW_PX = (1600, 920)
 
 TITLE_PX = 24
 MAX_IMAGE_SHARE = 0.46
+WORTH_A_LOW_SCENE = 1.25
+"""Images go above the scene, which makes it low, if they become wider by this factor."""
+
 MIN_PLOT_SHARE = 0.15
 """Of what the images have: less than this is left empty."""
 
@@ -37,7 +41,7 @@ class Panels:
 
 
 def arrange(aspects: Sequence[float]) -> Panels:
-    """The arrangement in which the images are largest.
+    """The arrangement in which the images are large and the scene is not too low.
 
     Args:
         aspects: Width divided by height of each image.
@@ -55,7 +59,8 @@ def arrange(aspects: Sequence[float]) -> Panels:
         image_px = min(width / columns, (MAX_IMAGE_SHARE * height / rows - TITLE_PX) * aspect)
         used = columns * image_px / width
         found.append((image_px, _panels("top", columns, rows * (image_px / aspect + TITLE_PX) / height, 1 - used)))
-    return max(found, key=lambda one: one[0])[1]  # of equal ones the first
+    right, top = (max((one for one in found if one[1].side == side), key=itemgetter(0)) for side in ("right", "top"))
+    return top[1] if top[0] > WORTH_A_LOW_SCENE * right[0] else right[1]
 
 
 def _panels(side: Literal["right", "top"], columns: int, image_share: float, left_over: float) -> Panels:

@@ -24,6 +24,7 @@ _CLEAR = 0.3
 _SURROUNDED = 0.2
 """Sensors farther apart than this share of what they see stand around the scene, as at a crossing."""
 
+_SIDES = [np.array(side) for side in ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))]
 _EMPTY_REACH_M = 5.0
 _NEAREST_M = 0.1
 
@@ -97,7 +98,7 @@ class SceneSurvey:
         """The eye from which sensors and objects are in view.
 
         A rig that looks out of one place, as a vehicle's does, is seen from behind and what lies ahead of it is shown;
-        sensors that stand around a scene are shown with all of it.
+        sensors that stand around a scene are shown with all of it, from the side from which it fits best.
 
         Args:
             aspect: Width of the view divided by its height.
@@ -110,24 +111,31 @@ class SceneSurvey:
         strong, faint = (np.concatenate([*found, np.zeros((0, 3))]) for found in (self._strong, self._faint))
         objects = strong if len(strong) else faint
         away = objects[:, :2] - center[:2]
-        front = self._front(away)
         size_m = max(spread_m + reach_m, 0.1)
         shown = np.linalg.norm(away, axis=1) <= 1.2 * size_m
-        points = np.concatenate([sensors, objects[shown]])
-        if spread_m < _SURROUNDED * reach_m:
+        front = self._clear_front(away)
+        if spread_m >= _SURROUNDED * reach_m:
+            points = np.concatenate([sensors, objects[shown]])
+            fronts = [front] if front is not None else _SIDES
+        else:
+            front = front if front is not None else _SIDES[0]
             ahead = center + np.array([*front, 0.0]) * reach_m
             points = np.concatenate([sensors, [ahead], objects[shown & (away @ front > 0)]])
             right = np.array([front[1], -front[0], 0.0])
             aside = (points - center) @ right
             points = np.concatenate([points, points - 2 * aside[:, None] * right])  # the rig stays in the middle
-        eye, target = _fitted(points, front, aspect, fov_y_deg)
+            fronts = [front]
+        fitted = [_fitted(points, one, aspect, fov_y_deg) for one in fronts]
+        eye, target = min(fitted, key=lambda view: round(float(np.linalg.norm(view[0] - view[1])), 3))
         return Viewpoint(eye, target, size_m)
 
-    def _front(self, away: F64) -> F64:
+    def _clear_front(self, away: F64) -> F64 | None:
+        """Where the cameras look, else where the objects are, if that is one direction."""
+        named = any(_is_front(camera.name) for camera in self.rig.cameras)
         axes = np.array([_axis(camera) for camera in self.rig.cameras]).reshape(-1, 2)
-        if any(_is_front(camera.name) for camera in self.rig.cameras) or _is_clear(axes):
+        if named or _is_clear(axes):
             return front_of_rig(self.rig)
-        return _first_direction(away)
+        return _first_direction(away) if _is_clear(away) else None
 
     def _sensors(self) -> F64:
         places = [lidar.T_site_lidar.translation for lidar in self.rig.lidars]
@@ -145,9 +153,22 @@ def _fitted(points: F64, front: F64, aspect: float, fov_y_deg: float) -> tuple[F
     slope = np.tan(np.radians(fov_y_deg) / 2) * np.array([aspect, 1.0]) / _MARGIN
     # A point is in view if |across - eye_across| <= slope (depth - eye_depth): four planes through the eye.
     low, high = (-across - slope * depth).max(0), (across - slope * depth).max(0)
-    eye = np.array([*(high - low) / 2, float((-(high + low) / (2 * slope)).min()) - _NEAREST_M])
-    distance_m = (depth.min() + depth.max()) / 2 - eye[2]
+    eye_depth = float((-(high + low) / (2 * slope)).min()) - _NEAREST_M
+    eye = np.array([*(_middle(across[:, axis], depth[:, 0] - eye_depth) for axis in (0, 1)), eye_depth])
+    distance_m = (depth.min() + depth.max()) / 2 - eye_depth
     return eye @ axes, (eye + np.array([0.0, 0.0, distance_m])) @ axes
+
+
+def _middle(across: F64, depth: F64) -> float:
+    """Where an eye sees points (N,), at depths (N,) before it, as far to one side as to the other."""
+    low, high = float(across.min()), float(across.max())
+    for _ in range(40):
+        middle = (low + high) / 2
+        if ((across - middle) / depth).max() > ((middle - across) / depth).max():
+            low = middle
+        else:
+            high = middle
+    return (low + high) / 2
 
 
 def _axis(camera: CameraSensor) -> F64:

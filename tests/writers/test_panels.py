@@ -8,8 +8,8 @@ from writers.panels import WINDOW_PX, arrange
     [
         (1, 4 / 3, "right", 1),
         (1, 3.3, "top", 1),  # KITTI
-        (2, 3.3, "top", 2),
-        (4, 16 / 9, "top", 4),
+        (2, 3.3, "right", 1),
+        (4, 16 / 9, "right", 2),
         (6, 1.6, "right", 2),
         (8, 4 / 3, "right", 2),
         (1, 0.6, "right", 1),

@@ -9,7 +9,7 @@ from pipeline.core.arrays import F32, F64, U8, Array, Bools
 from pipeline.core.clouds import CombinedCloud
 from pipeline.core.frame import FrameResult
 from pipeline.core.rig import CameraSensor
-from writers.drawing import DrawnBoxes2D, object_colors, object_edges, strong_objects
+from writers.drawing import DrawnBoxes2D, labels_in_the_clear, object_colors, object_edges, strong_objects
 
 __all__ = [
     "boxes_2d",
@@ -108,22 +108,16 @@ def labels_2d(drawn: DrawnBoxes2D, camera: CameraSensor) -> rr.Points2D:
 
     A label that would cover that of a larger box is left out, and so is that of a box that is lower than a label.
     """
-    width_px, height_px = camera.model.width_px, camera.model.height_px
-    line_px, letter_px = _LABEL_SHARE * height_px, _LETTER_SHARE * width_px
-    heights_px = drawn.xyxy[:, 3] - drawn.xyxy[:, 1]
-    rows: list[int] = []
-    places: list[tuple[float, float]] = []
-    for row in np.argsort(-heights_px, kind="stable").tolist():
-        left, _, right, bottom = drawn.xyxy[row].tolist()
-        reach = len(drawn.labels[row]) * letter_px
-        x = float(np.clip((left + right) / 2, reach / 2, width_px - reach / 2))
-        y = float(np.clip(bottom, 0, height_px - 1.2 * line_px))
-        clear = all(abs(x - other_x) > reach or abs(y - other_y) > line_px for other_x, other_y in places)
-        if clear and heights_px[row] >= line_px / 2:
-            rows.append(row)
-            places.append((x, y))
+    size_px = np.array([camera.model.width_px, camera.model.height_px], np.float64)
+    low, high = drawn.xyxy[:, :2].astype(np.float64), drawn.xyxy[:, 2:].astype(np.float64)
+    sizes = np.stack([[len(label) * _LETTER_SHARE for label in drawn.labels], np.full(len(low), _LABEL_SHARE)], -1)
+    sizes *= size_px
+    places = np.stack([(low[:, 0] + high[:, 0]) / 2, high[:, 1] + sizes[:, 1] / 2], -1)
+    places = np.clip(places, sizes / 2, size_px - sizes / 2)
+    heights = high[:, 1] - low[:, 1]
+    rows = [row for row in labels_in_the_clear(places, sizes, heights) if heights[row] >= sizes[row, 1] / 2]
     return rr.Points2D(
-        np.array(places).reshape(-1, 2),
+        places[rows] - [0.0, 0.5] * sizes[rows],  # the viewer hangs a label below its point
         colors=[drawn.colors[row].bytes_rgb for row in rows],
         radii=0.0,
         labels=[drawn.labels[row] for row in rows],
