@@ -168,7 +168,8 @@ def test_the_shell_completes(line: str, found: list[str], tmp_path: Path) -> Non
 
 
 def test_completion_is_installed_for_the_shell(tmp_path: Path) -> None:
-    done = shell(f"{PROGRAM} --install-completion", tmp_path, HOME=str(tmp_path))
+    # The shell is the parent process: bash that has only one command to run would be replaced by it.
+    done = shell(f"{PROGRAM} --install-completion; exit $?", tmp_path, HOME=str(tmp_path))
     assert done.returncode == 0, done.stderr
     assert "installed" in done.stdout
     assert any("lidcam" in path.name for path in tmp_path.rglob("*") if path.is_file())
