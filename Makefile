@@ -24,7 +24,7 @@ $(INSTALLED): pyproject.toml constraints.txt
 	@touch $@
 
 $(INSTALLED_ALL): $(INSTALLED)
-	@echo 'Installing the extras and the tools of the tests into .venv: 1 GB to fetch, once'
+	@echo 'Installing the extras and the tools of the tests into .venv: 820 MB to fetch, once'
 	$(INSTALL) '.[sim,train,video,http,s3,dev]'
 	@touch $@
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from lidcam.checks.warning import RunWarning
-from pipeline.core.rig import Rig
+from pipeline.core.rig import BOXES_SUFFIX, Rig
 from pipeline.stages.sync.attendance import Absence
 
 __all__ = ["MissingSensor", "SilentSpan", "missing_sensors", "silence_warnings"]
@@ -92,7 +92,8 @@ def missing_sensors(absences: Sequence[Absence], rig: Rig, *, of_frames: int, st
 
 
 def silence_warnings(missing: Sequence[MissingSensor]) -> list[RunWarning]:
-    """One for each sensor that was silent for a time."""
+    """One for each sensor that was silent for a time; recorded boxes are silent with their camera."""
+    silent = {sensor.sensor for sensor in missing if sensor.silences}
     return [
         RunWarning(
             sensor.sensor,
@@ -100,5 +101,5 @@ def silence_warnings(missing: Sequence[MissingSensor]) -> list[RunWarning]:
             f"check the sensor, its driver and the recording of {sensor.topic}",
         )
         for sensor in missing
-        if sensor.silences
+        if sensor.sensor in silent and sensor.sensor.removesuffix(BOXES_SUFFIX) not in silent - {sensor.sensor}
     ]

@@ -1,7 +1,7 @@
 """Runs without a single object: which step left nothing, and what to try."""
 
 from lidcam.checks.warning import RunWarning
-from lidcam.settings.choice import UsedSettings, judge, scene_text
+from lidcam.settings.choice import MODEL_EXTENT_M, UsedSettings, judge, scene_text
 from lidcam.settings.measure import measure_scene
 from pipeline.core.frame import FrameResult
 from pipeline.core.rig import Rig
@@ -94,11 +94,13 @@ class ObjectCheck:
 
     def _remedy(self, otherwise: str) -> str:
         """Other settings, if those in use are not what the recording calls for."""
-        if self._settings.how == "judged":
+        size = self._settings.size or measure_scene(self._recording, self._rig, self._config)
+        if size is None:
             return otherwise
-        size = measure_scene(self._recording, self._rig, self._config)
-        if size is None or size.lidar_height_m is None:  # too little to go by
+        preset, condition = judge(size, moves=self._moves), ""
+        if size.lidar_height_m is None:  # the extent alone says little
+            preset = "sandbox" if size.extent_m[0] < MODEL_EXTENT_M else self._settings.name
+            condition = " if this is a model site"
+        if preset == self._settings.name:
             return otherwise
-        if (preset := judge(size, moves=self._moves)) == self._settings.name:
-            return otherwise
-        return f"{scene_text(size, moves=self._moves)}: try --config {preset}; else {otherwise}"
+        return f"{scene_text(size, moves=self._moves)}: try --config {preset}{condition}; else {otherwise}"

@@ -15,6 +15,7 @@ __all__ = [
     "AS_GIVEN",
     "DEFAULTS",
     "GIVEN",
+    "MODEL_EXTENT_M",
     "SettingsChoice",
     "UsedSettings",
     "choose_settings",
@@ -26,7 +27,8 @@ __all__ = [
 DEFAULTS = "defaults"
 GIVEN = "as given"
 
-MODEL_LIDAR_M, MODEL_EXTENT_M = 1.0, 12.0
+MODEL_LIDAR_M = 1.0
+MODEL_EXTENT_M = 12.0
 """A model site: lidars lower than this above its ground, and clouds no longer than this. A full-size vehicle carries
 its lidars higher, and even a low lidar sees further in a street."""
 

@@ -9,7 +9,10 @@ from pipeline.core.arrays import F64, check_array
 from pipeline.core.camera import CameraModel
 from pipeline.core.geometry.transform import Transform
 
-__all__ = ["CameraSensor", "LidarSensor", "Rig", "Zone", "default_zones"]
+__all__ = ["BOXES_SUFFIX", "CameraSensor", "LidarSensor", "Rig", "Zone", "default_zones"]
+
+BOXES_SUFFIX = " (boxes)"
+"""Follows a camera's name where its recorded boxes are meant."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,7 +98,7 @@ class Rig:
 
     @property
     def sensor_of_topic(self) -> Mapping[str, str]:
-        """Name of the sensor by topic; recorded boxes are `CAMERA (boxes)`."""
+        """Name of the sensor by topic; recorded boxes are called as their camera, with a suffix."""
         lidars = {lidar.topic: lidar.name for lidar in self.lidars}
-        boxes = {camera.boxes_topic: f"{camera.name} (boxes)" for camera in self.cameras if camera.boxes_topic}
+        boxes = {camera.boxes_topic: f"{camera.name}{BOXES_SUFFIX}" for camera in self.cameras if camera.boxes_topic}
         return lidars | boxes | {camera.topic: camera.name for camera in self.cameras if camera.topic}

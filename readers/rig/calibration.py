@@ -1,6 +1,6 @@
 """The calibration of one sensor, from its entry in the rig file and from the recording."""
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -72,11 +72,13 @@ class Frames:
     Attributes:
         site: The site frame.
         transforms: Transforms of the rig file and the recording.
+        of_rig: Child frames whose transform the rig file gives.
         sensors: T_site_sensor of the sensors that are calibrated so far, by name.
     """
 
     site: str
     transforms: RecordedTransforms
+    of_rig: Collection[str] = ()
     sensors: dict[str, Transform] = field(default_factory=dict)
 
     def origin(self, parent: str) -> Transform:
@@ -96,6 +98,14 @@ class Frames:
                 f"its pose refers to {parent}: {err}; give the pose of {parent} in a rig file (transforms: "
                 f"{{{self.site}: {{{parent}: {{translation_m: [x, y, z], rpy_deg: [r, p, y]}}}}}})"
             ) from err
+
+    def source(self, frame: str) -> str:
+        """Where the transforms from a frame to the site frame come from."""
+        tree = self.transforms.fixed
+        links = {*tree.chain(frame)} ^ {*tree.chain(self.site)}
+        of_rig = links & {*self.of_rig}
+        words = "tf" if not of_rig else "rig file" if of_rig == links else "rig file and tf"
+        return f"{words}: {self.site} <- {frame}"
 
 
 def calibrate_lidar(
@@ -121,7 +131,7 @@ def calibrate_lidar(
     elif site == frame:
         T_site_lidar, source = Transform.identity(site, frame), OWN_SITE
     else:
-        T_site_lidar, source = frames.transforms.lookup(site, frame), f"tf: {site} <- {frame}"
+        T_site_lidar, source = frames.transforms.lookup(site, frame), frames.source(frame)
     return (
         LidarSensor(lidar.name, lidar.topic, T_site_lidar, entry.time_offset_ns),
         SensorSource(lidar.name, lidar.topic, frame, "", source, entry.time_offset_ms),
@@ -243,7 +253,7 @@ def camera_extrinsics(camera: AssignedCamera, frame: str, frames: Frames) -> tup
     if not entry.has_pose:
         if not frame:
             raise CalibrationError("no message of it names its frame: give its pose in a rig file (--rig)")
-        return frames.transforms.lookup(frame, frames.site), f"tf: {frames.site} <- {frame}"
+        return frames.transforms.lookup(frame, frames.site), frames.source(frame)
     origin = frames.origin(entry.parent)
     if entry.P is not None:
         pose = rigid_transform("P's pose", frame, origin.src, decompose_projection("P", entry.P)[1])

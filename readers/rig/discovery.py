@@ -79,7 +79,7 @@ def calibrated_rig(found: FoundSensors) -> Discovery:
     _check_site_is_named(found)
     of_lidars = Findings([*found.of_lidars.faults], [*found.of_lidars.notes])
     of_cameras = Findings([*found.of_cameras.faults], [*found.of_cameras.notes])
-    frames, sources = Frames(found.site, found.transforms), dict[str, SensorSource]()
+    frames, sources = Frames(found.site, found.transforms, found.of_rig), dict[str, SensorSource]()
     lidar_sensors: dict[str, LidarSensor] = {}
     camera_sensors: dict[str, CameraSensor] = {}
     for sensor in parents_first((*found.lidars, *found.cameras)):

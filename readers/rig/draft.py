@@ -44,6 +44,7 @@ class DraftLidar:
         frame_id: Its frame.
         T_site_lidar: Its extrinsics; None if unknown.
         problem: Why they are unknown.
+        time_offset_ns: Recorded stamp minus time of measurement.
     """
 
     name: str
@@ -53,6 +54,7 @@ class DraftLidar:
     frame_id: str
     T_site_lidar: Transform | None
     problem: str
+    time_offset_ns: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,6 +72,7 @@ class DraftCamera:
         model_problem: Why they are unknown.
         T_camera_site: Its extrinsics; None if unknown.
         pose_problem: Why they are unknown.
+        time_offset_ns: Recorded stamp minus time of measurement.
     """
 
     name: str
@@ -82,6 +85,7 @@ class DraftCamera:
     model_problem: str
     T_camera_site: Transform | None
     pose_problem: str
+    time_offset_ns: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -119,7 +123,7 @@ def draft_rig(found: FoundSensors) -> RigDraft:
         owners = [name for name, frame in found.frames.items() if frame == found.site]
         of_lidar = f"the frame of {owners[0]}" if owners else "as found in the recording"
         site, source = found.site, "" if found.is_site_named else of_lidar
-    frames = Frames(site, found.transforms)
+    frames = Frames(site, found.transforms, found.of_rig)
     lidars: dict[str, DraftLidar] = {}
     cameras: dict[str, DraftCamera] = {}
     for sensor in parents_first((*found.lidars, *found.cameras)):
@@ -144,7 +148,14 @@ def _lidar(lidar: AssignedLidar, frames: Frames, found: FoundSensors) -> DraftLi
     if pose is not None:
         frames.sensors[lidar.name] = pose
     return DraftLidar(
-        lidar.name, lidar.topic, _msgtype(found, lidar.topic), _size(found, lidar.topic), frame, pose, problem
+        lidar.name,
+        lidar.topic,
+        _msgtype(found, lidar.topic),
+        _size(found, lidar.topic),
+        frame,
+        pose,
+        problem,
+        lidar.entry.time_offset_ns,
     )
 
 
@@ -170,6 +181,7 @@ def _camera(camera: AssignedCamera, frames: Frames, found: FoundSensors) -> Draf
         lens_problem,
         pose,
         pose_problem,
+        camera.entry.time_offset_ns,
     )
 
 

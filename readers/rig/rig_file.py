@@ -107,6 +107,7 @@ def draft_yaml(draft: RigDraft) -> str:
         values = _key("topic", lidar.topic, f"{lidar.msgtype}, {lidar.size}")
         values += _key("frame_id", lidar.frame_id)
         values += _pose("T_site_lidar", lidar.T_site_lidar, lidar.problem)
+        values += _offset_lines(lidar.time_offset_ns)
         lines += [f"  {lidar.name}:", *(f"    {line}" for line in values)]
     lines += ["cameras:" if draft.cameras else "cameras: {}"]
     for camera in draft.cameras:
@@ -132,7 +133,12 @@ def _camera_lines(camera: DraftCamera) -> list[str]:
         lines += _key("K", _rows(camera.model.K))
         lines += _key("distortion_model", camera.model.model)
         lines += _key("distortion", _Row(camera.model.distortion.tolist()))
-    return lines + _pose("T_camera_site", camera.T_camera_site, camera.pose_problem)
+    lines += _pose("T_camera_site", camera.T_camera_site, camera.pose_problem)
+    return lines + _offset_lines(camera.time_offset_ns)
+
+
+def _offset_lines(offset_ns: int) -> list[str]:
+    return [line for key, value in _time_offset(offset_ns).items() for line in _key(key, value)]
 
 
 def _pose(key: str, pose: Transform | None, problem: str) -> list[str]:

@@ -50,6 +50,7 @@ class FoundSensors:
         rig_file: What was known before.
         first: Its first messages.
         transforms: Transforms of the rig file and the recording.
+        of_rig: Child frames whose transform the rig file gives.
         lidars: In the order of processing.
         cameras: In the order of processing.
         named: Frame by name of a lidar whose messages can be decoded; empty if neither they nor the rig name one.
@@ -65,6 +66,7 @@ class FoundSensors:
     rig_file: RigFile
     first: FirstMessages
     transforms: RecordedTransforms
+    of_rig: frozenset[str]
     lidars: Sequence[AssignedLidar]
     cameras: Sequence[AssignedCamera]
     named: Mapping[str, str]
@@ -92,7 +94,7 @@ def find_sensors(
     """
     rig_file = rig_file or RigFile()
     first = FirstMessages(recording, config.velodyne)
-    transforms = _with_rig(read_transforms(recording, start_ns=start_ns, stop_ns=stop_ns), rig_file)
+    transforms, of_rig = _with_rig(read_transforms(recording, start_ns=start_ns, stop_ns=stop_ns), rig_file)
     of_lidars, of_cameras = Findings(), Findings()
     lidar_topics = find_lidar_topics(recording, config.topics, first, of_lidars)
     lidars = assign_lidars(rig_file.lidars, lidar_topics, recording, of_lidars)
@@ -118,6 +120,7 @@ def find_sensors(
         rig_file,
         first,
         transforms,
+        of_rig,
         lidars,
         cameras,
         named,
@@ -136,8 +139,8 @@ def zones_of(rig_file: RigFile | None, config: Config) -> tuple[Zone, ...]:
     return tuple(Zone(name, np.array(corners, np.float64)) for name, corners in given.items())
 
 
-def _with_rig(recorded: RecordedTransforms, rig_file: RigFile) -> RecordedTransforms:
-    """The recorded transforms, in whose place those of the rig file stand.
+def _with_rig(recorded: RecordedTransforms, rig_file: RigFile) -> tuple[RecordedTransforms, frozenset[str]]:
+    """The recorded transforms, in whose place those of the rig file stand, and the child frames of the latter.
 
     Raises:
         CalibrationError: a pose is not valid.
@@ -150,12 +153,13 @@ def _with_rig(recorded: RecordedTransforms, rig_file: RigFile) -> RecordedTransf
         if tree.parent(transform.src) is None and transform.src not in moving:
             tree.add_static(transform)
             given.append(transform)
-    children = {transform.src for transform in given}
-    return replace(
+    children = frozenset(transform.src for transform in given)
+    transforms = replace(
         recorded,
         moving={child: parent for child, parent in moving.items() if child not in children},
         faults={child: fault for child, fault in recorded.faults.items() if child not in children},
     )
+    return transforms, children
 
 
 def _transforms(edges: Edges) -> list[Transform]:

@@ -21,6 +21,7 @@ import pytest
 from builders import write_mcap
 from captures import capture_of, pcap
 from document_commands import ROOT, commands_of_help, commands_of_pages
+from logging_state import kept_logging
 from onnx_files import write_yolox
 from range_server import range_server
 from velodyne import random_packets
@@ -91,6 +92,7 @@ STAND_INS: dict[str, Callable[[Path], object]] = {
     "yolox_nano.onnx": network,
     "site.yaml": rig,
     "rig.yaml": rig,
+    "mine.yaml": lambda path: shutil.copy(ROOT / "config" / "road.yaml", path),
     "camchain.yaml": camchain,
     "sensors_calibration.yaml": calibration("base_link", "sensor_kit_base_link"),
     "sensor_kit_calibration.yaml": calibration("sensor_kit_base_link", "velodyne_top_base_link"),
@@ -135,7 +137,8 @@ def as_it_was(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]
     monkeypatch.setenv("OMP_NUM_THREADS", "1")  # `process` sets it
     monkeypatch.setattr(sys, "argv", [])
     monkeypatch.chdir(tmp_path)
-    yield
+    with kept_logging():
+        yield
     signal.signal(signal.SIGTERM, handler)
 
 
@@ -166,7 +169,8 @@ def shortened(words: list[str]) -> list[str]:
 def outputs_of(words: list[str]) -> set[str]:
     """Names of the files that a command writes."""
     named = {after for option, after in pairwise(words) if option in {"--write-rig", "--repair", "--rerun"}}
-    return named | set(words[3:4] if words[1] in {"simulate", "drive"} else [])
+    redirected = {after for sign, after in pairwise(words) if sign == ">"}
+    return named | redirected | set(words[3:4] if words[1] in {"simulate", "drive"} else [])
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -178,18 +182,19 @@ def test_commands_do_what_they_say(
         STAND_INS[name](tmp_path / name)
     (tmp_path / "bags").mkdir()
     monkeypatch.setattr(sys, "stdin", io.StringIO("wo"))
-    if "|" in words:
-        pipe = words.index("|")
-        program = shlex.join([str(Path(sys.executable).with_name(words[0])), *shortened(words[:pipe])[1:]])
-        line = f"set -o pipefail; {program} | {shlex.join(words[pipe + 1 :])}"
-        code = shell(line, tmp_path)
+    signs = [place for place, word in enumerate(words) if word in {"|", ">"}]
+    if signs:
+        program = Path(sys.executable).with_name(words[0])
+        rest = shlex.join(words[signs[0] + 1 :])
+        line = f"{program} {shlex.join(shortened(words[: signs[0]])[1:])} {words[signs[0]]} {rest}"
+        code = shell(f"set -o pipefail; {line}", tmp_path)
     elif words[0] == "python":
         code = shell(shlex.join([sys.executable, *words[1:]]), ROOT)
     else:
         code = call(*shortened(words))
     told = capsys.readouterr()
     assert code == 0, f"{all_commands()[command]}: {command}\n{told.err}"
-    assert told.out or "wrote" in told.err
+    assert told.out or "wrote" in told.err or ">" in words
 
 
 def test_there_are_commands() -> None:

@@ -34,7 +34,7 @@ def test_the_sample_of_the_sandbox_gives_objects_without_a_flag(lidcam: Lidcam, 
     with (tmp_path / "out.mcap").open("rb") as file:
         reader = make_reader(file)
         (metadata,) = (record.metadata for record in reader.iter_metadata() if record.name == "lidcam")
-        (config,) = (one.data for one in reader.iter_attachments() if one.name == "lidcam-config.yaml")
+        (config,) = (one.data for one in reader.iter_attachments() if one.name == "lidcam.yaml")
     assert metadata["settings"] == JUDGED["sandbox.bag"] + OVERRIDES
     assert yaml.safe_load(config)["classes"][0]["size_m"] == [0.33, 0.22, 0.21]
 
@@ -74,6 +74,7 @@ def test_from_python() -> None:
     assert library.inspect(BAGS / "sandbox.bag").settings == run.report.settings
     given = library.process(BAGS / "sandbox.bag", config=library.Config(), duration_s=0.3)
     assert (len(given.objects), given.report.settings.how) == (0, "given")
+    assert given.report.unused_boxes == {}, "the default classes understand the numbers of the simulator"
     (frame, *_) = library.iter_frames(BAGS / "sandbox.bag", config="sandbox", duration_s=0.3)
     assert len(frame.fused.objects)
 

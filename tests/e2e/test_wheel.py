@@ -45,7 +45,7 @@ def check_metadata(wheel: Path) -> None:
     assert {f"{package}/py.typed" for package in ("lidcam", "pipeline", "readers", "writers", "bags")} < names
 
 
-def test_wheel_runs_elsewhere(tmp_path: Path, sandbox: Path, sandbox_config: Path) -> None:
+def test_wheel_runs_elsewhere(tmp_path: Path, sandbox: Path) -> None:
     # sdist first, wheel from it: a file that the sdist lacks is missing from the wheel, too
     run(sys.executable, "-m", "build", "--no-isolation", "--outdir", tmp_path / "dist", cwd=ROOT)
     (wheel,) = (tmp_path / "dist").glob("*.whl")
@@ -72,15 +72,16 @@ def test_wheel_runs_elsewhere(tmp_path: Path, sandbox: Path, sandbox_config: Pat
     failed = subprocess.run(simulate, cwd=elsewhere, capture_output=True, text=True, check=False)
     assert failed.returncode == 1
     assert "which is not installed: pip install 'lidcam[sim]'" in failed.stderr
-    code = f"import lidcam; run = lidcam.process({str(sandbox)!r}, config={str(sandbox_config)!r}); print(run.objects)"
-    assert "objects, site frame 'site'" in run(python, "-c", code, cwd=elsewhere)
+    code = f"import lidcam; run = lidcam.process({str(sandbox)!r}); print(run.objects)"
+    assert "46 objects, site frame 'site'" in run(python, "-c", code, cwd=elsewhere)
+    assert "distance_m: 0.06" in run(python.with_name("lidcam"), "config", "show", "sandbox", cwd=elsewhere)
     (elsewhere / "pipeline").mkdir()
     (elsewhere / "pipeline" / "__init__.py").touch()
     foreign = subprocess.run([str(python), "-c", code], cwd=elsewhere, capture_output=True, text=True, check=False)
     assert foreign.returncode == 1
     assert len(foreign.stderr.splitlines()) == 1
     program = python.with_name("lidcam-process")
-    arguments = (sandbox, "out.mcap", "--config", sandbox_config, "--duration", "1", "--rerun", "out.rrd")
+    arguments = (sandbox, "out.mcap", "--config", "sandbox", "--duration", "1", "--rerun", "out.rrd")
     assert "frames" in run(program, *arguments, cwd=elsewhere)
     assert any(fused_objects(elsewhere / "out.mcap").values())
     assert (elsewhere / "out.rrd").stat().st_size > 10_000

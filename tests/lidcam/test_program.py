@@ -7,8 +7,8 @@ import sys
 from collections.abc import Iterator
 
 import pytest
+from logging_state import kept_logging
 
-from lidcam.printing.log import PACKAGES
 from lidcam.program import run_program
 from pipeline.core.errors import RecordingError
 
@@ -16,15 +16,10 @@ from pipeline.core.errors import RecordingError
 @pytest.fixture(autouse=True)
 def as_it_was(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.setattr(sys, "argv", ["lidcam"])
-    handler, root = signal.getsignal(signal.SIGTERM), logging.getLogger()
-    handlers, level = root.handlers, root.level
-    levels = {name: logging.getLogger(name).level for name in PACKAGES}
-    root.handlers = []
-    yield
+    handler = signal.getsignal(signal.SIGTERM)
+    with kept_logging():
+        yield
     signal.signal(signal.SIGTERM, handler)
-    root.handlers, root.level = handlers, level
-    for name, before in levels.items():
-        logging.getLogger(name).setLevel(before)
 
 
 def noted() -> RecordingError:

@@ -296,7 +296,7 @@ def test_impossible_stamps_cost_only_their_messages() -> None:
         (FRONT, "its stamp is far from those around it"): 1,
         (IMAGES, "its stamp is far from those around it"): 1,
     }
-    assert [warning.subject for warning in summary.warnings] == ["no objects"]
+    assert "time" not in {warning.subject for warning in summary.warnings}
 
 
 def test_a_camera_that_never_sets_its_stamps_takes_part_by_log_time() -> None:

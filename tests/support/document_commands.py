@@ -55,7 +55,8 @@ def commands_of_help() -> dict[str, str]:
 
 
 def _is_whole(command: str) -> bool:
-    """Whether code in a sentence is a command with arguments, and not the name of one: `make`, `lidcam simulate`."""
+    """Whether code in a sentence is a command, and not the name of one: `make`, `lidcam inspect`, `lidcam drive X`."""
     program, *arguments = command.split(" ")
-    names_alone = program == "lidcam" and len(arguments) == 1 and not arguments[0].startswith("-")
-    return program in PROGRAMS and bool(arguments) and not names_alone
+    if program == "lidcam" and arguments and not arguments[0].startswith("-"):
+        return len(arguments) >= (3 if arguments[0] in {"simulate", "drive"} else 2)
+    return program in PROGRAMS and bool(arguments)

@@ -27,7 +27,7 @@ class TopicsConfig(SettingsModel):
     lidars: tuple[Topic, ...] = ()
     cameras: tuple[Topic, ...] = ()
     exclude: tuple[Topic, ...] = ()
-    last_resort: tuple[Topic, ...] = ("/point_cloud_combined",)
+    last_resort: tuple[Topic, ...] = ("/point_cloud_combined", "/ground_cloud")
 
 
 class RigConfig(SettingsModel):

@@ -11,7 +11,8 @@ from memory_recording import MemoryRecording
 import lidcam
 from lidcam.checks.objects import ObjectCheck
 from lidcam.checks.warning import RunWarning
-from lidcam.settings.choice import AS_GIVEN
+from lidcam.settings.choice import AS_GIVEN, UsedSettings
+from lidcam.settings.measure import SceneSize
 from pipeline.core.detections import Fused
 from pipeline.core.frame import FrameResult
 from pipeline.core.settings.config import Config
@@ -111,6 +112,21 @@ def test_frames_without_points(count: int, finding: str, remedy: str) -> None:
     check.add(flat(count))
     (warning,) = check.warnings
     assert (warning.finding, warning.remedy) == (f"frame 0 came closest: {finding}", remedy)
+
+
+@pytest.mark.parametrize(
+    ("extent_m", "remedy"),
+    [
+        ((6.0, 4.0), "clouds of 6.0 x 4.0 m, no ground found: try --config sandbox if this is a model site; else "),
+        ((60.0, 40.0), ""),
+    ],
+)
+def test_a_small_scene_without_a_ground_may_be_a_model(extent_m: tuple[float, float], remedy: str) -> None:
+    used = UsedSettings("road", "judged", SceneSize(extent_m, None))
+    check = ObjectCheck(MemoryRecording([]), RIG, Config(), used, moves=False)
+    check.add(flat(9))
+    (warning,) = check.warnings
+    assert warning.remedy == f"{remedy}a smaller combine.ground.distance_m than 0.2 may help"
 
 
 def test_without_frames_there_is_nothing_to_say() -> None:

@@ -7,24 +7,16 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from logging_state import kept_logging
 
-from lidcam.printing.log import PACKAGES, Verbosity, configure_logging, progress_log, remark_log
+from lidcam.printing.log import Verbosity, configure_logging, progress_log, remark_log
 from pipeline.core.errors import OutputError
-
-LOGGERS = ("", *PACKAGES, progress_log.name, remark_log.name)
 
 
 @pytest.fixture(autouse=True)
 def as_it_was() -> Iterator[None]:
-    root = logging.getLogger()
-    handlers, levels = list(root.handlers), {name: logging.getLogger(name).level for name in LOGGERS}
-    root.handlers = []
-    yield
-    for handler in root.handlers:
-        handler.close()
-    root.handlers = handlers
-    for name, level in levels.items():
-        logging.getLogger(name).setLevel(level)
+    with kept_logging():
+        yield
 
 
 def tell_everything() -> None:

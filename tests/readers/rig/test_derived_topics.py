@@ -40,6 +40,8 @@ PARTS = ["/pointcloud_list/pointcloud_1", "/pointcloud_list/pointcloud_2"]
     ("messages", "used"),
     [
         ([FUSED], ["/point_cloud_combined"]),
+        ([FUSED, cloud("/ground_cloud")], ["/ground_cloud", "/point_cloud_combined"]),
+        ([FUSED, cloud("/ground_cloud"), cloud("/velodyne1_points")], ["/velodyne1_points"]),
         ([FUSED, LIST], PARTS),
         ([LIST], PARTS),
         ([FUSED, LIST, cloud("/velodyne1_points")], ["/velodyne1_points"]),

@@ -231,3 +231,15 @@ def test_a_draft_is_written_whole(tmp_path: Path) -> None:
     write_draft(found, tmp_path / "rig.yaml")
     assert (tmp_path / "rig.yaml").read_text() == draft_yaml(found)
     assert [path.name for path in tmp_path.iterdir()] == ["rig.yaml"]
+
+
+def test_time_offsets_of_the_rig_file_stay(tmp_path: Path) -> None:
+    sensors = {"lidars": {"velodyne1": {"time_offset_ms": 12.5}}, "cameras": {"image11": {"time_offset_ms": -35}}}
+    rig = RigFile.model_validate({"site_frame": "s"} | sensors)
+    text = draft([cloud(1), image_message(11)], rig)
+    assert text.count("time_offset_ms") == 2
+    again = read(text, tmp_path)
+    assert again.lidars is not None
+    assert again.cameras is not None
+    assert [one.time_offset_ms for one in (*again.lidars.values(), *again.cameras.values())] == [12.5, -35]
+    assert "time_offset_ms" not in draft(UNCALIBRATED)

@@ -308,7 +308,12 @@ def _written(path: Path, tree: dict[str, Any]) -> Path:
 def test_the_files_stand_in_place_of_the_recorded_transforms(tmp_path: Path) -> None:
     path = _written(tmp_path / "kit.yaml", {"base_link": {"velodyne_top": KIT["sensor_kit_base_link"]["velodyne_top"]}})
     recorded = [cloud("velodyne_top"), static(("base_link", "velodyne_top", (9, 9, 9)))]
-    np.testing.assert_allclose(found_with(path, recorded).rig.lidars[0].T_site_lidar.translation, [0, 0, 0.5])
+    found = found_with(path, recorded)
+    np.testing.assert_allclose(found.rig.lidars[0].T_site_lidar.translation, [0, 0, 0.5])
+    assert found.sources[0].extrinsics == "rig file: base_link <- velodyne_top"
+    both = found_with(path, [cloud("scan"), static(("velodyne_top", "scan", (0, 0, 1)))])
+    assert both.sources[0].extrinsics == "rig file and tf: base_link <- scan"
+    np.testing.assert_allclose(both.rig.lidars[0].T_site_lidar.translation, [0, 0, 1.5])
 
 
 def test_the_recorded_optical_frame_is_kept(tmp_path: Path) -> None:

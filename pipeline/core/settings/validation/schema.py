@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from types import NoneType, UnionType
+from types import UnionType
 from typing import Annotated, Any, Union, get_args, get_origin
 
 from pydantic import BaseModel
@@ -57,11 +57,6 @@ class Place:
             if get_origin(member.annotation) is list or (arguments and arguments[-1] is ...):
                 return Place.of(arguments[0])
         return None
-
-    @property
-    def is_optional(self) -> bool:
-        """Whether null is a value."""
-        return any(member.annotation is NoneType for member in self.members)
 
     def inner(self, part: Part) -> "Place | None":
         """The place under a key, or of an element by its index; None if there is none."""

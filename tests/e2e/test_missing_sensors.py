@@ -1,0 +1,152 @@
+"""Sensors that fall silent, begin late or are slow, and time that jumps back: every frame is there, and it is told."""
+
+import json
+import re
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from builders import camera_info, image, pointcloud2, raw, tf_message, transform_stamped, write_rosbag1
+from command import Lidcam
+from results import messages_of
+
+from pipeline.core.messages import RawMessage
+
+START_NS = 1_700_000_000 * 10**9
+STEP_NS = 100_000_000
+CAMERAS = [f"cam{number}" for number in range(1, 9)]
+LIDARS = ["front", "rear"]
+Taken = Callable[[str, int], bool]
+
+
+def recorded(taken: Taken = lambda _sensor, _step: True, *, steps: int = 30) -> list[RawMessage]:
+    """Two lidars and eight cameras at 10 Hz; `taken` says which of their measurements there are."""
+    points = np.random.default_rng(0).uniform([5, -5, -1], [15, 5, 1], (50, 3)).astype(np.float32)
+    pixels = np.zeros((6, 8, 3), np.uint8)
+    edges = [transform_stamped("base_link", name, stamp_ns=START_NS) for name in (*LIDARS, *CAMERAS)]
+    messages = [message("/tf_static", "tf2_msgs/msg/TFMessage", tf_message(edges), START_NS)]
+    for step in range(steps):
+        stamp_ns = START_NS + step * STEP_NS
+        for name in LIDARS:
+            if taken(name, step):
+                cloud = pointcloud2(points, stamp_ns=stamp_ns, frame_id=name)
+                messages.append(message(f"/{name}/points", "sensor_msgs/msg/PointCloud2", cloud, stamp_ns))
+        for name in CAMERAS:
+            if step == 0:
+                info = camera_info(
+                    [[8, 0, 4], [0, 8, 3], [0, 0, 1]], stamp_ns=stamp_ns, width_px=8, height_px=6, frame_id=name
+                )
+                messages.append(message(f"/{name}/camera_info", "sensor_msgs/msg/CameraInfo", info, stamp_ns))
+            if taken(name, step):
+                picture = image(pixels, stamp_ns=stamp_ns, frame_id=name)
+                messages.append(message(f"/{name}/image_raw", "sensor_msgs/msg/Image", picture, stamp_ns))
+    return messages
+
+
+def message(topic: str, msgtype: str, fields: Mapping[str, Any], stamp_ns: int) -> RawMessage:
+    return raw(topic, msgtype, fields, stamp_ns, encoding="ros1")
+
+
+def poorly(sensor: str, step: int) -> bool:
+    """One camera dies at 1 s, one begins there, one has half the rate, one pauses for 1 s; a lidar dies at 2 s."""
+    return {
+        "cam1": step <= 10,
+        "cam2": step >= 10,
+        "cam3": step % 2 == 0,
+        "cam4": not 10 < step < 20,
+        "front": step < 20,
+    }.get(sensor, True)
+
+
+@pytest.fixture(scope="module")
+def poor(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    write_rosbag1(path := tmp_path_factory.mktemp("poor") / "poor.bag", recorded(poorly))
+    return path
+
+
+def test_every_frame_is_there_and_what_it_lacks_is_told(lidcam: Lidcam, poor: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out.mcap"
+    run = lidcam("process", poor, out, "--json")
+    assert run.code == 0, run.err
+    report = json.loads(run.out)
+    assert report["frames"] == 30
+    assert not report["drops"]
+    told = {sensor["sensor"]: (sensor["frames"], sensor["silences"]) for sensor in report["missing"]}
+    assert told == {
+        "front": (10, [{"start_s": 1.9, "end_s": None, "frames": 10}]),
+        "cam1": (19, [{"start_s": 1.0, "end_s": None, "frames": 19}]),
+        "cam2": (10, [{"start_s": None, "end_s": 1.0, "frames": 10}]),
+        "cam3": (15, []),
+        "cam4": (9, [{"start_s": 1.0, "end_s": 2.0, "frames": 9}]),
+    }
+    warned = {warning["subject"]: warning["finding"] for warning in report["warnings"]}
+    assert warned["cam1"] == "silent from 1.0 s to the end; 19 of 30 frames lack it"
+    assert warned["cam2"] == "silent until 1.0 s; 10 of 30 frames lack it"
+    assert warned["cam4"] == "silent from 1.0 s to 2.0 s; 9 of 30 frames lack it"
+    assert "cam3" not in warned
+
+    frames = [log_time_ns for log_time_ns, _ in messages_of(out, "/fused/detections")]
+    assert frames == [START_NS + step * STEP_NS for step in range(30)]
+    assert len(messages_of(out, "/cam3/image")) == 15
+    status = [array.status[0] for _, array in messages_of(out, "/diagnostics")]
+    assert (status[5].message, status[5].level) == ("skew 0.000 ms, without cam2, cam3", 1)
+    assert (status[10].message, status[10].level) == ("skew 0.000 ms", 0)
+    assert {(pair.key, pair.value) for pair in status[25].values} >= {
+        ("missing front", "silent"),
+        ("missing cam1", "silent"),
+        ("missing cam3", "no message within sync.slop_s of the frame"),
+    }
+
+
+def test_the_table_names_sensors_and_spans_and_the_bytes_are_those_of_any_number_of_workers(
+    lidcam: Lidcam, poor: Path, tmp_path: Path
+) -> None:
+    outputs = []
+    for workers in (1, 3):
+        run = lidcam("process", poor, out := tmp_path / f"{workers}.mcap", "--workers", workers)
+        assert run.code == 0, run.err
+        outputs.append(out.read_bytes())
+    assert outputs[0] == outputs[1]
+    table = run.out[run.out.index("missing from frames") :]
+    assert re.search(r"^cam1 +19 +silent from 1\.0 s to the end$", table, re.MULTILINE)
+    assert re.search(r"^cam3 +15 +in 15 of 30 frames$", table, re.MULTILINE)
+
+
+def test_the_frames_of_ros_are_still_to_be_had(lidcam: Lidcam, poor: Path, tmp_path: Path) -> None:
+    run = lidcam("process", poor, tmp_path / "out.mcap", "--json", "--set", "sync.required=all")
+    assert run.code == 0, run.err
+    assert json.loads(run.out)["frames"] == 1  # the moment at which each of the eight had a message
+
+
+def test_a_recorder_whose_time_began_again(lidcam: Lidcam, tmp_path: Path) -> None:
+    whole = recorded(steps=20)
+    write_rosbag1(path := tmp_path / "twice.bag", [*whole, *whole[1:]])
+    run = lidcam("process", path, out := tmp_path / "out.mcap", "--json")
+    assert run.code == 0, run.err
+    report = json.loads(run.out)
+    assert report["frames"] == 40
+    assert not report["drops"]
+    (warning,) = (one for one in report["warnings"] if one["subject"] == "time")
+    assert warning["finding"].startswith("log times jump back by 1.9 s at 1.9 s: ")
+    skews = [
+        float({p.key: p.value for p in a.status[0].values}["skew_ms"]) for _, a in messages_of(out, "/diagnostics")
+    ]
+    assert skews == [0.0] * 40
+
+
+def test_one_stamp_in_the_far_future_costs_one_frame(lidcam: Lidcam, tmp_path: Path) -> None:
+    messages = recorded()
+    bad = next(place for place, m in enumerate(messages) if m.topic == "/rear/points" and place > 100)
+    at_ns = messages[bad].log_time_ns
+    cloud = pointcloud2([[1, 2, 3]], stamp_ns=at_ns + 10**9 * 86_400, frame_id="rear")
+    messages[bad] = message("/rear/points", "sensor_msgs/msg/PointCloud2", cloud, at_ns)._replace(log_time_ns=at_ns)
+    write_rosbag1(path := tmp_path / "future.bag", messages)
+    run = lidcam("process", path, tmp_path / "out.mcap", "--json")
+    assert run.code == 0, run.err
+    report = json.loads(run.out)
+    assert report["frames"] == 29
+    (drop,) = (drop for drop in report["drops"] if drop["topic"] == "/rear/points")
+    assert (drop["count"], drop["reason"]) == (1, "its stamp is far from those around it")
+    assert drop["example"] == "86400.0 s after its log time"
