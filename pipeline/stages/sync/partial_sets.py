@@ -110,8 +110,9 @@ class PartialSets:
         if silent := self._liveness.advance(message.log_time_ns):
             self._note_silent(silent)
             found += self._choose_core()
+        is_first = self._liveness.heard_ns(topic) is None  # in this part: it may have been silent in the one before
         came_back = self._liveness.hear(topic, message.stamp_ns)
-        if came_back:
+        if came_back or is_first:
             self._attendance.come_back(message.topic, message.log_time_ns)
         has_caught_up = topic in self._late and self._is_worth_waiting_for(message.stamp_ns)
         if has_caught_up:
