@@ -3,7 +3,9 @@ from io import StringIO
 import pytest
 from rich.console import Console, RenderableType
 
-from lidcam.printing.tables import objects_table
+from lidcam.checks.missing import MissingSensor, SilentSpan
+from lidcam.printing.tables import missing_table, objects_table, sensors_table
+from readers.rig.calibration import SensorSource
 
 OBJECTS = {("car", "north"): 6, ("car", "outside"): 1, ("bus", "south"): 3}
 
@@ -32,3 +34,23 @@ def test_without_zones_there_are_no_columns_of_them(frames: int, mean: str) -> N
 def test_no_objects() -> None:
     assert text(objects_table({}, [], 5))[1].split() == ["none", "0", "0.0"]
     assert text(objects_table({}, ["a"], 5))[1].split() == ["none", "0", "0", "0", "0.0"]
+
+
+def test_sensors_with_a_time_offset_have_a_column_of_it() -> None:
+    lidar = SensorSource("top", "/points", "velodyne", "", "rig file")
+    camera = SensorSource("cam", "/image", "cam", "rig file", "rig file", -35.5)
+    assert "time offset" not in text(sensors_table([lidar]))[1]
+    _, header, *rows = text(sensors_table([lidar, camera]))
+    assert header.endswith("time offset")
+    assert [row.endswith("-35.5 ms") for row in rows] == [False, True]
+
+
+def test_missing_sensors() -> None:
+    silent = MissingSensor("cam11", "/image_11", 20, 30, (SilentSpan(1.0, None, 20),))
+    slow = MissingSensor("cam3", "/image_3", 15, 30, ())
+    assert text(missing_table([silent, slow])) == [
+        "missing from frames",
+        "sensor  frames  when",
+        "cam11       20  silent from 1.0 s to the end",
+        "cam3        15  in 15 of 30 frames",
+    ]
