@@ -1,6 +1,7 @@
 """Takes the image at the head of the README: a frame of a Rerun recording as the viewer shows it, without its bars.
 
-    python docs/hero.py out/crossing.rrd docs/fused.jpg --frame 0
+    lidcam-process bags/crossing.mcap out.mcap --config crossing --set sync.required=all --rerun out.rrd
+    python docs/hero.py out.rrd docs/fused.jpg --frame 3
 
 Needs Vulkan; without a graphics card, Debian's mesa-vulkan-drivers will do.
 """
@@ -42,7 +43,7 @@ def main() -> None:
     finally:
         viewer.terminate()
         viewer.wait()
-    cv2.imwrite(str(options.image), image[TOP_PX : WINDOW[1] - BOTTOM_PX], [cv2.IMWRITE_JPEG_QUALITY, 88])
+    cv2.imwrite(str(options.image), image[TOP_PX : WINDOW[1] - BOTTOM_PX], [cv2.IMWRITE_JPEG_QUALITY, 82])
 
 
 def _screenshot(port: int, recording: Path, frame: int) -> bytes:

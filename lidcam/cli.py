@@ -318,6 +318,7 @@ app.add_typer(config_app, name="config", help="The presets, and what the setting
 
 
 @config_app.command("list")
+@with_log_options
 def config_list(as_json: AsJson = False) -> None:
     """List the presets."""
     from lidcam.commands.config import run_list
@@ -326,6 +327,7 @@ def config_list(as_json: AsJson = False) -> None:
 
 
 @config_app.command("show")
+@with_log_options
 def config_show(
     name: Annotated[str, typer.Argument(metavar="PRESET|FILE", help="sandbox, crossing, road, or a YAML file.")],
     changes: Annotated[bool, typer.Option("--changes", help="Only what differs from the defaults.")] = False,
@@ -338,6 +340,7 @@ def config_show(
 
 
 @config_app.command("explain")
+@with_log_options
 def config_explain(
     key: Annotated[str, typer.Argument(metavar="KEY", help="A setting or a section; without it, the sections.")] = "",
     as_json: AsJson = False,

@@ -25,6 +25,9 @@ _SURROUNDED = 0.2
 """Sensors farther apart than this share of what they see stand around the scene, as at a crossing."""
 
 _SIDES = [np.array(side) for side in ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))]
+_USUAL_PERCENT = 85
+"""Objects farther off than this share of them need not be in view: a few do not make all others small."""
+
 _EMPTY_REACH_M = 5.0
 _NEAREST_M = 0.1
 
@@ -112,7 +115,9 @@ class SceneSurvey:
         objects = strong if len(strong) else faint
         away = objects[:, :2] - center[:2]
         size_m = max(spread_m + reach_m, 0.1)
-        shown = np.linalg.norm(away, axis=1) <= 1.2 * size_m
+        distances_m = np.linalg.norm(away, axis=1)
+        usual_m = max(float(np.percentile([*distances_m, 0.0], _USUAL_PERCENT)), 0.8 * reach_m)
+        shown = distances_m <= min(usual_m, 1.2 * size_m)
         front = self._clear_front(away)
         if spread_m >= _SURROUNDED * reach_m:
             points = np.concatenate([sensors, objects[shown]])

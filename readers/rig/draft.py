@@ -1,8 +1,8 @@
 """A rig to start from: every sensor of a recording, with what is known of its calibration and why the rest is not."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from pipeline.core.camera import CameraModel
 from pipeline.core.errors import LidcamError
@@ -99,6 +99,7 @@ class RigDraft:
         lidars: In the order of processing.
         cameras: In the order of processing.
         zones: Parts of the site.
+        transforms: Of the rig file, as it says them, by its keys `transforms` and `default_transforms`.
     """
 
     site_frame: str
@@ -107,6 +108,7 @@ class RigDraft:
     lidars: tuple[DraftLidar, ...]
     cameras: tuple[DraftCamera, ...]
     zones: tuple[Zone, ...]
+    transforms: Mapping[str, Any]
 
 
 def draft_rig(found: FoundSensors) -> RigDraft:
@@ -138,6 +140,7 @@ def draft_rig(found: FoundSensors) -> RigDraft:
         tuple(lidars[lidar.name] for lidar in found.lidars),
         tuple(cameras[camera.name] for camera in found.cameras),
         found.zones,
+        found.rig_file.model_dump(mode="json", include={"transforms", "default_transforms"}, exclude_none=True),
     )
 
 

@@ -115,6 +115,8 @@ def draft_yaml(draft: RigDraft) -> str:
     lines += ["zones:" if draft.zones else "zones: {}"]
     for zone in draft.zones:
         lines += [f"  {line}" for line in _key(zone.name, _rows(zone.polygon_site))]
+    for key, edges in draft.transforms.items():
+        lines += yaml.safe_dump({key: edges}, sort_keys=False).splitlines() if edges else []
     return "".join(f"{line}\n" for line in lines)
 
 

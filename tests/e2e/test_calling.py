@@ -114,12 +114,13 @@ def test_wrong_usage_of_the_log(lidcam: Lidcam, sandbox: Path, arguments: tuple[
     assert "expected" in run.err
 
 
-@pytest.mark.parametrize("command", [(), ("process",), ("inspect",), ("simulate",), ("drive",)])
+@pytest.mark.parametrize("command", [(), ("process",), ("inspect",), ("simulate",), ("drive",), ("config", "show")])
 def test_short_help(lidcam: Lidcam, command: tuple[str, ...]) -> None:
     short = lidcam(*command, "-h")
     assert short.code == 0
     assert short.out == lidcam(*command, "--help").out
     assert all(len(line) <= 80 for line in short.out.splitlines())
+    assert not command or "--log-file FILE" in short.out
 
 
 def test_strict(lidcam: Lidcam, sandbox: Path, sandbox_config: Path, tmp_path: Path) -> None:

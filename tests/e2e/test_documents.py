@@ -41,7 +41,7 @@ EXCEPTIONS = {
     r".*--(install|show)-completion": "asks which shell it is called from: test_calling does that",
 }
 
-PLACEHOLDERS = {"SCENARIO": "sandbox", "OUT": "out.bag", "FOLDER": "folder"}
+PLACEHOLDERS = {"SCENARIO": "sandbox", "OUT": "out.bag", "FOLDER": "folder", "KEY": "sync.slop_s"}
 
 
 def part(number: int, path: Path) -> None:

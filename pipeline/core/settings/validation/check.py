@@ -71,20 +71,21 @@ def _first_mistake(model: type[BaseModel], tree: Mapping[str, Any], err: Validat
     more = f" (and {len(keys) - 1} more)" if len(keys) > 1 else ""
     path, place = root.at(fault["loc"])
     key = _dotted(path)
+    prefix = f"{key}: " if key else ""
     match fault["type"]:
         case "extra_forbidden":
             return unknown_key(model, fault["loc"], more)
         case "missing":
             return f"{key} is missing: expected {expected(place)}{more}"
         case "value_error":  # a check of our own
-            return f"{f'{key}: ' if key else ''}{fault['ctx']['error']}{more}"
+            return f"{prefix}{fault['ctx']['error']}{more}"
         case "finite_number":
             return f"{key}: expected a finite number, found {found(fault['input'])}{more}"
     if fault["loc"][-1:] == ("[key]",):
         return f"{key}: expected a name of letters, digits and _, found {found(fault['input'])}{more}"
     # A member of a union lies deeper than its value; elsewhere the tree may have another form than what was checked.
     value = fault["input"] if path == fault["loc"] else _value_at(tree, path)
-    return f"{key}: expected {expected(place)}, found {found(value)}{more}"
+    return f"{prefix}expected {expected(place)}, found {found(value)}{more}"
 
 
 def _value_at(tree: Any, path: tuple[Part, ...]) -> Any:

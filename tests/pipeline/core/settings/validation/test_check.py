@@ -117,6 +117,13 @@ def test_a_key_unlike_all_others_gets_the_list() -> None:
     assert message(Config, {"sync": {"xyz": 1}}).startswith("unknown key 'sync.xyz'; known here: policy, reference, ")
 
 
+def test_keys_that_are_no_names() -> None:
+    tree: dict[Any, Any] = {1: 2}
+    text = message(Everything, tree)
+    assert text.startswith("expected a section with the keys flag, whole, ")
+    assert text.endswith(", found a section with the keys 1")
+
+
 def test_the_error_is_the_one_that_is_asked_for() -> None:
     with pytest.raises(CalibrationError, match=r"^here: flag"):
         checked(Everything, {"flag": 3}, "here", CalibrationError)
