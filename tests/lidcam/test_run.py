@@ -316,3 +316,14 @@ def test_time_offsets_of_the_rig_are_taken_off_before_synchronisation() -> None:
     _, frames = run(messages, config(), sensors=rig(image_offset_ns=80_000_000))
     assert {frame.bundle.skew_ns for frame in frames} == {0}
     assert len(frames) == 10
+
+
+def test_a_sensor_recorded_too_late_to_be_waited_for_is_told() -> None:
+    messages = [moved(m, 2) if m.topic == IMAGES else m for m in periodic(count=60)]
+    summary, frames = run(messages, config())
+    assert len([frame for frame in frames if FRONT in frame.bundle.messages]) == 60
+    (warning,) = (one for one in summary.warnings if "complete" in one.finding)
+    assert warning.subject == "cam"
+    assert "of 60 messages came when their frames were complete" in warning.finding
+    patient, _ = run(messages, config(queue_size=30))
+    assert patient.messages_used[IMAGES] > 35
