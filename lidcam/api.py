@@ -5,6 +5,8 @@ from dataclasses import dataclass
 from importlib.metadata import version
 from typing import Unpack
 
+from lidcam.checks.missing import MissingSensor
+from lidcam.checks.warning import RunWarning
 from lidcam.frames import RunInput
 from lidcam.inspection import Inspection, inspect_recording
 from lidcam.job import FilePath, Job, JobOptions, PathOrUrl, RigSource, Settings, locations, make_job
@@ -55,6 +57,7 @@ __all__ = [
     "Loss",
     "Matches",
     "MessageError",
+    "MissingSensor",
     "ModelError",
     "Objects",
     "OutputError",
@@ -69,6 +72,7 @@ __all__ = [
     "RunProgress",
     "RunReport",
     "RunResult",
+    "RunWarning",
     "SensorBundle",
     "SensorFault",
     "UnusedTopic",

@@ -96,7 +96,7 @@ Format = Annotated[
     Literal["ros1", "sqlite3", "mcap"] | None,
     typer.Option("--format", help="Format of the recording; without it, the ending of its name decides."),
 ]
-Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Tell on stderr what is done, frame by frame.")]
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Log what is done to stderr, frame by frame.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Only errors and the result.")]
 LogFile = Annotated[
     Path | None,

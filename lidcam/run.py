@@ -16,6 +16,7 @@ from lidcam.build import box_source, build_graph, wanted_boxes
 from lidcam.checks.calibration import CalibrationCheck
 from lidcam.checks.class_numbers import class_number_warnings
 from lidcam.checks.clocks import clock_notes, jump_warnings
+from lidcam.checks.late import late_warnings
 from lidcam.checks.lidars import LidarCheck
 from lidcam.checks.missing import missing_sensors, silence_warnings
 from lidcam.checks.objects import ObjectCheck
@@ -231,6 +232,7 @@ class Run:
             warnings=(
                 *jump_warnings(self._clocks.jumps, start_ns=start_ns),
                 *silence_warnings(missing),
+                *late_warnings({(d.topic, d.reason): d.count for d in drops}, self._stats.received, source.rig),
                 *class_number_warnings(tally.unused_boxes, source.config),
                 *(warning for check in self._checks for warning in check.warnings),
             ),

@@ -10,6 +10,7 @@ from rich.table import Table
 from lidcam.checks.missing import MissingSensor
 from lidcam.printing.folding import Folded
 from lidcam.summary import OUTSIDE_ZONES, DropCount
+from pipeline.core.rig import BOXES_SUFFIX
 from readers.rig.calibration import SensorSource
 from readers.streams.survey import TopicSurvey
 
@@ -64,10 +65,14 @@ def losses_table(losses: Sequence[Mapping[str, Any]]) -> Table:
 
 
 def missing_table(sensors: Sequence[MissingSensor]) -> Table:
-    """Sensors that are missing from frames: from how many, and when."""
+    """Sensors that are missing from frames: from how many, and when. A camera and its boxes share a row if both agree."""
     table = _table("missing from frames", "sensor", "frames", "when", text_columns=("when",))
-    for sensor in sensors:
-        table.add_row(sensor.sensor, str(sensor.frames), str(sensor))
+    cells = {sensor.sensor: (str(sensor.frames), str(sensor)) for sensor in sensors}
+    for name, row in cells.items():
+        if cells.get(f"{name}{BOXES_SUFFIX}") == row:
+            table.add_row(f"{name} and its boxes", *row)
+        elif not name.endswith(BOXES_SUFFIX) or cells.get(name.removesuffix(BOXES_SUFFIX)) != row:
+            table.add_row(name, *row)
     return table
 
 

@@ -123,6 +123,13 @@ def test_short_help(lidcam: Lidcam, command: tuple[str, ...]) -> None:
     assert not command or "--log-file FILE" in short.out
 
 
+@pytest.mark.parametrize("command", [(), ("config",)])
+def test_help_says_in_whole_sentences_what_commands_do(lidcam: Lidcam, command: tuple[str, ...]) -> None:
+    lines = lidcam(*command, "-h").out.partition("Commands:\n")[2].splitlines()
+    assert len(lines) >= 3
+    assert not [line for line in lines if line.endswith("...")]
+
+
 def test_strict(lidcam: Lidcam, sandbox: Path, sandbox_config: Path, tmp_path: Path) -> None:
     out = tmp_path / "out.mcap"
     options = ("--config", sandbox_config, *PART, "--strict")

@@ -331,3 +331,14 @@ def test_a_camera_that_falls_silent_in_one_part_and_is_back_in_the_next_is_silen
 def test_a_part_without_messages_is_refused_with_one_line(required: object) -> None:
     with pytest.raises(RecordingError, match="no moment has a message of every"):
         run(periodic(), config(required=required), window=TimeWindow(START_NS + 10**12))
+
+
+def test_a_sensor_recorded_too_late_to_be_waited_for_is_told() -> None:
+    messages = [moved(m, 2) if m.topic == IMAGES else m for m in periodic(count=60)]
+    summary, frames = run(messages, config())
+    assert len([frame for frame in frames if FRONT in frame.bundle.messages]) == 60
+    (warning,) = (one for one in summary.warnings if "complete" in one.finding)
+    assert warning.subject == "cam"
+    assert "of 60 messages came after their frames were complete" in warning.finding
+    patient, _ = run(messages, config(queue_size=30))
+    assert patient.messages_used[IMAGES] > 35

@@ -19,10 +19,10 @@ T = TypeVar("T")
 class NearestPartners(Generic[R, T]):
     """For each reference item, its partners: by topic, the nearest item within slop.
 
-    Reference items are settled in order of their stamps, each once the following one is known and every awaited topic
-    has reached that one, or a queue is full. Each takes, per topic, the nearest item after those already taken; ties go
-    to the earlier stamp, then to the earlier arrival. An item that is nearest to the following reference item, and
-    nearer to that one, is left to it.
+    Reference items are settled in order of their stamps, each once a later one is known and every awaited topic has
+    reached that one, or a queue is full. Each takes, per topic, the nearest item after those already taken; ties go to
+    the earlier stamp, then to the earlier arrival. An item that is nearest to the next later reference item, and nearer
+    to that one, is left to it.
 
     Args:
         topics: Topic names, for the drop reasons. Methods take indices.
@@ -136,10 +136,10 @@ class NearestPartners(Generic[R, T]):
         return settled
 
     def _next_is_certain(self) -> bool:
-        """Whether the first two reference items and all items that could be near the first are known."""
-        if len(self._references) < 2:
+        """Whether a later reference item and all items that could be near the first are known."""
+        following_ns = self._later_reference_ns(self._references[0][0]) if self._references else None
+        if following_ns is None:
             return False
-        following_ns = self._references[1][0]
         for topic in self._awaited:
             newest_ns = self._newest_ns[topic]
             if newest_ns is None or newest_ns < following_ns:
@@ -169,8 +169,8 @@ class NearestPartners(Generic[R, T]):
     def _partner(self, topic: int, stamp_ns: int) -> int | None:
         """Row in the topic's queue that the reference item at `stamp_ns` takes; None if there is none."""
         queue, count = self._queues[topic], len(self._queues[topic])
-        if self._references:
-            following_ns = self._references[0][0]
+        following_ns = self._later_reference_ns(stamp_ns)
+        if following_ns is not None:
             wanted = _nearest_row(queue, count, following_ns)
             wanted_ns = queue[wanted][0]
             if abs(wanted_ns - following_ns) < abs(wanted_ns - stamp_ns):
@@ -179,6 +179,13 @@ class NearestPartners(Generic[R, T]):
             return None
         nearest = _nearest_row(queue, count, stamp_ns)
         return nearest if abs(queue[nearest][0] - stamp_ns) <= self._slop_ns else None
+
+    def _later_reference_ns(self, stamp_ns: int) -> int | None:
+        """Stamp of the next reference item that is later, not equal; None if none is known.
+
+        Of items with equal stamps none is nearer to anything, so they do not tell where the reach of the first ends.
+        """
+        return next((later_ns for later_ns, _, _ in self._references if later_ns > stamp_ns), None)
 
     def _make_room(self, topic: int) -> list[tuple[R, dict[int, T]]]:
         """Settle a reference item with the items known so far; without one, drop the topic's oldest item."""

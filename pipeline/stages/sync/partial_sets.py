@@ -152,6 +152,7 @@ class PartialSets:
         stamp_ns = item.message.stamp_ns
         if topic in self._entering and not self._is_of_earlier_set(stamp_ns):
             self._entering.discard(topic)
+            return self._wait() + self._insert(topic, item)
         if topic not in self._place or topic in self._entering:
             settled = self._partners.add(topic, stamp_ns, item)
             return self._found(settled) if settled else []
@@ -200,7 +201,7 @@ class PartialSets:
         Args:
             newcomer: The message by which a topic is alive again: sets before it are found without that topic.
         """
-        there = [t for t in range(len(self._topics)) if self._liveness.is_alive(t) and t not in self._late]
+        there = self._there()
         core = tuple(t for t in self._required if t in there) or tuple(there[:1]) or self._core
         found: list[FoundSet] = []
         if core != self._core:
@@ -213,8 +214,16 @@ class PartialSets:
                     sets = [items for items in sets if items[place].message.stamp_ns < until_ns]
                 found += self._joined(sets)
             found += self._begin_anew(core)
-        awaited = [topic for topic in there if topic not in core]
-        return found + self._found(self._partners.wait_for(awaited))
+        return found + self._wait()
+
+    def _there(self) -> list[int]:
+        """Topics that can be waited for."""
+        return [t for t in range(len(self._topics)) if self._liveness.is_alive(t) and t not in self._late]
+
+    def _wait(self) -> list[FoundSet]:
+        """Let the sets wait for all topics that may still join them, and return those that do not wait any more."""
+        awaited = [topic for topic in self._there() if topic not in self._place or topic in self._entering]
+        return self._found(self._partners.wait_for(awaited))
 
     def _begin_anew(self, core: tuple[int, ...]) -> list[FoundSet]:
         """Make these topics the policy's, with the messages that are in no set yet."""

@@ -54,3 +54,23 @@ def test_missing_sensors() -> None:
         "cam11       20  silent from 1.0 s to the end",
         "cam3        15  in 15 of 30 frames",
     ]
+
+
+def test_a_camera_and_its_boxes_are_one_row_if_they_agree() -> None:
+    def missing(sensor: str, frames: int) -> MissingSensor:
+        return MissingSensor(sensor, f"/{sensor}", frames, 30, ())
+
+    found = [
+        missing("a", 7),
+        missing("b", 7),
+        missing("a (boxes)", 7),
+        missing("b (boxes)", 9),
+        missing("c (boxes)", 7),
+    ]
+    assert [row.split("  ")[0] for row in text(missing_table(found))[2:]] == [
+        "a and its boxes",
+        "b",
+        "b (boxes)",
+        "c (boxes)",
+    ]
+    assert text(missing_table([]))[2:] == []

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import pytest
 from helpers import shared
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from pipeline.core.errors import ConfigError
@@ -186,6 +186,7 @@ def test_spread_stays_within_the_bound(arrivals: list[Arrival], queue_size: int,
 
 @pytest.mark.parametrize("name", ["approximate_time", "nearest"])
 @given(arrivals=sorted_streams, slop_ms=st.integers(0, 150), seed=st.integers(0, 2**32))
+@example([*[(0, 0)] * 10, (1, 0), (1, 0), (2, 0), (0, MS), (2, MS)], 1, 0)
 def test_interleaving_of_topics_does_not_matter(
     name: PolicyName, arrivals: list[Arrival], slop_ms: int, seed: int
 ) -> None:

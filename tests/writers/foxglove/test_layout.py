@@ -1,8 +1,10 @@
 import json
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from detections import forward_camera
 from frames import RIG, frame
 
 from pipeline.core.rig import Rig
@@ -84,3 +86,10 @@ def test_the_eye_is_that_of_the_viewpoint() -> None:
     expected = survey.viewpoint(aspect=1600 / 896 / 0.73, fov_y_deg=45)
     np.testing.assert_allclose(eye, expected.eye, atol=0.05)
     np.testing.assert_allclose(state["targetOffset"], expected.target, atol=1e-3)
+
+
+def test_wide_images_are_above_the_scene() -> None:
+    wide = replace(RIG, cameras=(forward_camera("left", size_px=(1242, 375)),))
+    tree = layout(TOPICS, rig=wide)["layout"]
+    assert (tree["direction"], tree["first"]) == ("column", "Image!left")
+    assert tree["second"]["first"] == "3D!scene"

@@ -20,6 +20,7 @@ from writers.drawing import DrawnBoxes2D
 from writers.palette import MATCHED
 from writers.rerun.archetypes import MAX_POINTS, labels_2d
 from writers.rerun.writer import RerunResultWriter
+from writers.viewpoint import SURVEYED_FRAMES
 
 RERUN = Path(sys.executable).with_name("rerun")
 
@@ -229,3 +230,29 @@ def test_labels_never_cover_each_other_nor_leave_the_image() -> None:
 
 def test_no_labels() -> None:
     labels_2d(DrawnBoxes2D(np.zeros((0, 4), np.float32), (), ()), RIG.cameras[0])
+
+
+def test_where_the_motion_is_not_known_the_way_is_hidden(tmp_path: Path) -> None:
+    lost = frame(1, motion=True)
+    motion = lost.bundle.motion
+    assert motion is not None
+    alone = replace(motion, stamps_ns=motion.stamps_ns[:1], T_fixed_moving=motion.T_fixed_moving[:1])
+    write(tmp_path / "out.rrd", [frame(0, motion=True), replace(lost, bundle=replace(lost.bundle, motion=alone))])
+    printed = rerun(tmp_path, "rrd", "print", "-v", tmp_path / "out.rrd").stdout
+    assert re.search(r"/world/fixed - data columns: .*Transform3D:scale", printed)
+    steps = re.findall(r"with (\d+) rows .* - /world/fixed/way - data", printed)
+    assert sum(map(int, steps)) == 1
+
+
+def test_an_image_that_was_dropped_is_not_shown(tmp_path: Path) -> None:
+    dropped = Drop("/left/image", START_NS + 1_000_001, "cannot be decoded")
+    write(tmp_path / "out.rrd", [frame(drops=(dropped,))])
+    printed = rerun(tmp_path, "rrd", "print", "-v", tmp_path / "out.rrd").stdout
+    assert "/world/cameras/left/image@EncodedImage:blob" not in printed
+    assert "/world/cameras/right/image@EncodedImage:blob" in printed
+
+
+def test_the_eye_is_placed_once_in_a_long_recording(tmp_path: Path) -> None:
+    write(tmp_path / "out.rrd", [frame(row) for row in range(SURVEYED_FRAMES + 2)])
+    printed = rerun(tmp_path, "rrd", "print", "-v", tmp_path / "out.rrd").stdout
+    assert len(re.findall(r"EyeControls3D:position", printed)) == 1

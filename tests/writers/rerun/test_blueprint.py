@@ -1,0 +1,47 @@
+from dataclasses import replace
+
+import pytest
+import rerun.blueprint as rrb
+from detections import forward_camera
+from frames import RIG
+
+from pipeline.core.rig import Rig
+from writers.rerun.blueprint import blueprint, place_eye
+from writers.viewpoint import SceneSurvey
+
+
+def rig(*sizes_px: tuple[int, int]) -> Rig:
+    cameras = [replace(forward_camera(f"c{row}", size_px=size), topic="/c") for row, size in enumerate(sizes_px)]
+    return replace(RIG, cameras=tuple(cameras))
+
+
+def parts(node: rrb.Container | rrb.View) -> list[str]:
+    """The layout from left to right and from top to bottom."""
+    name = type(node).__name__
+    if isinstance(node, rrb.View):
+        return [f"{name} {node.name}"]
+    return [name, *(part for child in node.contents for part in parts(child))]
+
+
+SCENE, OBJECTS, SKEW = "Spatial3DView Scene", "TimeSeriesView Objects", "TimeSeriesView Sync skew"
+IMAGE = "Spatial2DView c0"
+
+
+@pytest.mark.parametrize(
+    ("sizes_px", "expected"),
+    [
+        ([], ["Tabs", SCENE, "Vertical", "Tabs", OBJECTS, SKEW]),
+        ([(640, 480)], ["Horizontal", SCENE, "Vertical", "Grid", IMAGE, "Vertical", OBJECTS, SKEW]),
+        ([(1242, 375)], ["Vertical", "Horizontal", "Grid", IMAGE, "Tabs", OBJECTS, SKEW, SCENE]),
+        ([(300, 600)], ["Horizontal", "Tabs", SCENE, "Vertical", "Tabs", OBJECTS, SKEW, "Grid", IMAGE]),
+    ],
+)
+def test_the_layout_follows_the_images(sizes_px: list[tuple[int, int]], expected: list[str]) -> None:
+    of = rig(*sizes_px)
+    found = parts(blueprint(of, place_eye(SceneSurvey(of))).root_container)
+    assert found == expected
+
+
+def test_cameras_of_recorded_boxes_alone_have_no_panel() -> None:
+    of = replace(RIG, cameras=(replace(RIG.cameras[0], topic=""),))
+    assert not [part for part in parts(blueprint(of, place_eye(SceneSurvey(of))).root_container) if "2D" in part]
