@@ -226,7 +226,9 @@ def inspect(
 @app.command()
 @with_log_options
 def demo(
-    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder for the recording and the outputs.")] = Path("lidcam-demo"),
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder for the recording and the outputs.")] = Path(
+        "lidcam-demo"
+    ),
 ) -> None:
     """Process the bundled sample recording.
 

@@ -65,7 +65,7 @@ def losses_table(losses: Sequence[Mapping[str, Any]]) -> Table:
 
 
 def missing_table(sensors: Sequence[MissingSensor]) -> Table:
-    """Sensors that are missing from frames: from how many, and when. A camera and its boxes share a row if both agree."""
+    """Sensors missing from frames: from how many, and when. A camera and its boxes share a row where they agree."""
     table = _table("missing from frames", "sensor", "frames", "when", text_columns=("when",))
     cells = {sensor.sensor: (str(sensor.frames), str(sensor)) for sensor in sensors}
     for name, row in cells.items():
