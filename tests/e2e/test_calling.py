@@ -40,7 +40,7 @@ def test_a_reader_that_leaves_does_not_end_the_run(
     line = f"{PROGRAM} process {sandbox} out.mcap --config {sandbox_config} {option} | head -n 1; "
     line += "echo ${PIPESTATUS[0]}"
     done = shell(line, tmp_path)
-    assert done.stderr == ""
+    assert not [line for line in done.stderr.splitlines() if " frames, " not in line]  # progress, on a slow machine
     _, code = done.stdout.splitlines()
     assert code == "0"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out.foxglove.json", "out.mcap"]

@@ -46,11 +46,6 @@ class Absence:
     frames: int
     silences: tuple[Silence, ...]
 
-    @property
-    def single_frames(self) -> int:
-        """Number of frames without a message of it that were taken while it was alive."""
-        return self.frames - sum(silence.frames for silence in self.silences)
-
 
 class Attendance:
     """Keeps the spans of silence, and counts frames without a topic's message, over a whole run."""

@@ -24,7 +24,6 @@ def test_frames_are_counted_by_span() -> None:
     assert attendance.missing(["/a"], 11) == {"/a": Missing.SILENT}
     (found, other) = attendance.absences(["/a", "/b"])
     assert found == Absence("/a", 4, (Silence(None, 10, 2), Silence(10, None, 1)))
-    assert found.single_frames == 1
     assert other == Absence("/b", 1, ())
 
 
