@@ -1,4 +1,4 @@
-"""Calibration that cannot be right."""
+"""Warnings of calibration that cannot be right."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -56,7 +56,7 @@ class CalibrationCheck:
 
 
 def check_first_clouds(rig: Rig, config: Config, messages: Mapping[str, RawMessage]) -> tuple[RunWarning, ...]:
-    """What the first message of each lidar, by topic, says of the calibration."""
+    """Warnings of calibration that the first message of each lidar, by topic, contradicts."""
     if not messages:
         return ()
     stamp_ns = min(message.stamp_ns for message in messages.values())

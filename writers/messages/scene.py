@@ -22,7 +22,7 @@ LABEL_SHARE = 0.35
 """Height of a marker's letters as a share of the height of its box: fits a street and a 1:14 model of one."""
 
 ARROW_SHARE = 0.75
-"""Length of an object's arrow as a share of its own: it points out of its front by a quarter."""
+"""Length of an object's arrow, as a share of the object's: from its centre to a quarter beyond its front."""
 
 ALPHA_STRONG, ALPHA_FAINT = 0.5, 0.1
 _EDGE_PX = 2.0

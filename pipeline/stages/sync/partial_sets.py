@@ -53,7 +53,7 @@ class PartialSets:
             held per other topic.
         slop_ns: Largest distance of the other topics' messages to the reference message.
         liveness: Of `topics`.
-        attendance: Is told when topics fall silent and come back.
+        attendance: Records when topics fall silent and come back.
         on_drop: Called for each message that is in no set.
     """
 
