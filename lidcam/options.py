@@ -68,7 +68,7 @@ def _scenarios(incomplete: str) -> list[str]:
 
 Version = Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")]
 ConfigFile = Annotated[
-    Path | None,
+    str | None,  # a Path would turn ./road, a file, into road, a preset
     typer.Option(
         "--config",
         metavar="PRESET|FILE",

@@ -123,6 +123,13 @@ def test_short_help(lidcam: Lidcam, command: tuple[str, ...]) -> None:
     assert not command or "--log-file FILE" in short.out
 
 
+def test_a_path_is_a_file_even_if_a_preset_has_its_name(sandbox: Path, tmp_path: Path) -> None:
+    (tmp_path / "road").write_text("fuse: {min_scor: 0.1}", encoding="utf-8")
+    done = shell(f"{PROGRAM} inspect {sandbox} --config ./road", tmp_path)
+    assert done.returncode == 1
+    assert done.stderr.startswith("lidcam: error: ./road: unknown key 'fuse.min_scor': did you mean 'fuse.min_score'?")
+
+
 @pytest.mark.parametrize("command", [(), ("config",)])
 def test_help_says_in_whole_sentences_what_commands_do(lidcam: Lidcam, command: tuple[str, ...]) -> None:
     lines = lidcam(*command, "-h").out.partition("Commands:\n")[2].splitlines()
