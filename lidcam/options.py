@@ -81,9 +81,8 @@ RigFile = Annotated[
     typer.Option(
         "--rig",
         metavar="FILE",
-        help="Sensors, calibration and zones: a rig file, a calibration file of KITTI, Kalibr, Autoware or the "
-        "predecessor system, or the name of a preset (original). May be repeated: later ones add to and replace what "
-        "earlier ones say. Without it they are found in the recording.",
+        help="Sensors, calibration and zones: a rig file, a preset (original), or a calibration file of KITTI, Kalibr, "
+        "Autoware or the predecessor system. May be repeated: later files add and replace. Without it, as recorded.",
     ),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
