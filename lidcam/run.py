@@ -302,7 +302,7 @@ def _write(writer: ResultWriter, result: FrameResult) -> FrameResult:
 def _no_frames(source: RunInput, drops: DropTable) -> str:
     config, rig = source.config, source.rig
     topics, required = synchronized_topics(config, rig), required_topics(config, rig)
-    needed = topics if required is None else required
+    needed = topics if required is None else required or topics[:1]
     found = ", ".join(f"{topic} {drops.count(topic)}" for topic in topics)
     every = "topic" if required is None else f"required topic ({', '.join(needed)})"
     return (
