@@ -13,6 +13,7 @@ from functools import partial
 from pathlib import Path
 
 from lidcam.build import box_source, build_graph, wanted_boxes
+from lidcam.checks.absent import absence_warnings, clocks_off
 from lidcam.checks.calibration import CalibrationCheck
 from lidcam.checks.class_numbers import class_number_warnings
 from lidcam.checks.clocks import clock_notes, jump_warnings
@@ -232,7 +233,11 @@ class Run:
             warnings=(
                 *jump_warnings(self._clocks.jumps, start_ns=start_ns),
                 *silence_warnings(missing),
-                *late_warnings({(d.topic, d.reason): d.count for d in drops}, self._stats.received, source.rig),
+                *(
+                    clocks_off(self._clocks.delays_ns, missing, source.rig)
+                    or late_warnings({(d.topic, d.reason): d.count for d in drops}, self._stats.received, source.rig)
+                    or absence_warnings(missing)
+                ),
                 *class_number_warnings(tally.unused_boxes, source.config),
                 *(warning for check in self._checks for warning in check.warnings),
             ),

@@ -8,29 +8,42 @@ from pipeline.core.rig import Rig
 
 __all__ = ["LidarCheck"]
 
+MIN_EMPTY, MIN_SHARE = 3, 0.1
+"""Fewer empty messages than these are no fault: a driver's first sweep, or one from which the network lost packets."""
+
 
 class LidarCheck:
-    """Counts the points of each lidar over a run."""
+    """Counts each lidar's messages without points over a run."""
 
     def __init__(self, rig: Rig) -> None:
         self._lidars = {lidar.topic: lidar.name for lidar in rig.lidars}
         self._messages: Counter[str] = Counter()
-        self._points: Counter[str] = Counter()
+        # by lidar: number of messages without points, and the first and last frame of them
+        self._empty: dict[str, tuple[int, int, int]] = {}
 
     def add(self, frame: FrameResult) -> None:
         """Look at one frame."""
-        self._messages.update(self._lidars[topic] for topic in frame.bundle.messages if topic in self._lidars)
-        self._points.update(frame.combined.points_by_lidar)
+        for topic in frame.bundle.messages:
+            if (name := self._lidars.get(topic)) is not None:
+                self._messages[name] += 1
+                if not frame.combined.points_by_lidar.get(name, 0):
+                    index = frame.bundle.index
+                    count, first, _ = self._empty.get(name, (0, index, index))
+                    self._empty[name] = (count + 1, first, index)
 
     @property
     def warnings(self) -> tuple[RunWarning, ...]:
-        """One for each lidar that sent messages, none of them with a point within range."""
-        return tuple(
-            RunWarning(
-                name,
-                f"{self._messages[name]} messages without a single point in range",
-                "the lidar may be covered, or its motor may stand still; else see combine.min_range_m and max_range_m",
-            )
-            for name in self._lidars.values()
-            if self._messages[name] and not self._points[name]
-        )
+        """One for each lidar of which many messages, or all, have no point within range."""
+        found = (self._warning(name) for name in self._lidars.values() if name in self._empty)
+        return tuple(warning for warning in found if warning is not None)
+
+    def _warning(self, name: str) -> RunWarning | None:
+        total, (empty, first, last) = self._messages[name], self._empty[name]
+        if empty == total:
+            finding = f"{total} messages without a single point in range"
+        elif empty >= max(MIN_EMPTY, MIN_SHARE * total):
+            finding = f"{empty} of {total} messages without a single point in range, in frames {first} to {last}"
+        else:
+            return None
+        remedy = "the lidar may be covered, or its motor may stand still; else see combine.min_range_m and max_range_m"
+        return RunWarning(name, finding, remedy)
