@@ -308,10 +308,16 @@ def _no_frames(source: RunInput, drops: DropTable) -> str:
     config, rig = source.config, source.rig
     topics, required = synchronized_topics(config, rig), required_topics(config, rig)
     needed = topics if required is None else required
+    paths = ", ".join(str(path) for path in source.recording.paths)
+    if source.window != TimeWindow() and not any(drops.count(topic) for topic in topics):
+        return (
+            f"{paths}: expected messages of {', '.join(needed)} in the part given by start and duration, found none in "
+            "it; take a longer part"
+        )
     found = ", ".join(f"{topic} {drops.count(topic)}" for topic in topics)
     every = "topic" if required is None else f"required topic ({', '.join(needed)})"
     return (
-        f"{', '.join(str(path) for path in source.recording.paths)}: no moment has a message of every {every}; "
+        f"{paths}: no moment has a message of every {every}; "
         f"messages by topic: {found}; require fewer with --set sync.required=[{needed[0]}], or widen "
         "sync.max_interval_s"
     )
