@@ -13,6 +13,7 @@ from functools import partial
 from pathlib import Path
 
 from lidcam.build import box_source, build_graph, wanted_boxes
+from lidcam.checks.absent import absence_warnings, clocks_off
 from lidcam.checks.calibration import CalibrationCheck
 from lidcam.checks.class_numbers import class_number_warnings
 from lidcam.checks.clocks import clock_notes, jump_warnings
@@ -232,7 +233,11 @@ class Run:
             warnings=(
                 *jump_warnings(self._clocks.jumps, start_ns=start_ns),
                 *silence_warnings(missing),
-                *late_warnings({(d.topic, d.reason): d.count for d in drops}, self._stats.received, source.rig),
+                *(
+                    clocks_off(self._clocks.delays_ns, missing, source.rig)
+                    or late_warnings({(d.topic, d.reason): d.count for d in drops}, self._stats.received, source.rig)
+                    or absence_warnings(missing)
+                ),
                 *class_number_warnings(tally.unused_boxes, source.config),
                 *(warning for check in self._checks for warning in check.warnings),
             ),
@@ -303,10 +308,16 @@ def _no_frames(source: RunInput, drops: DropTable) -> str:
     config, rig = source.config, source.rig
     topics, required = synchronized_topics(config, rig), required_topics(config, rig)
     needed = topics if required is None else required or topics[:1]
+    paths = ", ".join(str(path) for path in source.recording.paths)
+    if source.window != TimeWindow() and not any(drops.count(topic) for topic in topics):
+        return (
+            f"{paths}: expected messages of {', '.join(needed)} in the part given by start and duration, found none in "
+            "it; take a longer part"
+        )
     found = ", ".join(f"{topic} {drops.count(topic)}" for topic in topics)
     every = "topic" if required is None else f"required topic ({', '.join(needed)})"
     return (
-        f"{', '.join(str(path) for path in source.recording.paths)}: no moment has a message of every {every}; "
+        f"{paths}: no moment has a message of every {every}; "
         f"messages by topic: {found}; require fewer with --set sync.required=[{needed[0]}], or widen "
         "sync.max_interval_s"
     )

@@ -8,39 +8,51 @@ from pipeline.core.rig import Rig
 
 __all__ = ["LidarCheck"]
 
+MIN_EMPTY, MIN_SHARE = 3, 0.1
+"""Fewer empty messages than these are no fault: a driver's first sweep, or one from which the network lost packets."""
+
 
 class LidarCheck:
-    """Counts the points of each lidar over a run."""
+    """Counts each lidar's messages without points over a run."""
 
     def __init__(self, rig: Rig) -> None:
         self._lidars = {lidar.topic: lidar.name for lidar in rig.lidars}
         self._messages: Counter[str] = Counter()
         self._bad: Counter[str] = Counter()
-        self._points: Counter[str] = Counter()
+        # by lidar: number of messages without points, and the first and last frame of them
+        self._empty: dict[str, tuple[int, int, int]] = {}
 
     def add(self, frame: FrameResult) -> None:
         """Look at one frame."""
-        self._messages.update(self._lidars[topic] for topic in frame.bundle.messages if topic in self._lidars)
-        self._bad.update(
-            self._lidars[drop.topic] for drop in frame.drops if drop.topic in self._lidars and not drop.parts
-        )
-        self._points.update(frame.combined.points_by_lidar)
+        bad = {drop.topic for drop in frame.drops if not drop.parts}
+        for topic in frame.bundle.messages:
+            name = self._lidars.get(topic)
+            if name is None:
+                continue
+            self._messages[name] += 1
+            if topic in bad:
+                self._bad[name] += 1
+            elif not frame.combined.points_by_lidar.get(name, 0):
+                index = frame.bundle.index
+                count, first, _ = self._empty.get(name, (0, index, index))
+                self._empty[name] = (count + 1, first, index)
 
     @property
     def warnings(self) -> tuple[RunWarning, ...]:
-        """One for each lidar that sent messages, none of them with a point within range."""
-        return tuple(
-            self._warning(name) for name in self._lidars.values() if self._messages[name] and not self._points[name]
-        )
+        """One for each lidar whose messages cannot be decoded, or of which many, or all, have no point within range."""
+        found = (self._warning(name) for name in self._lidars.values() if self._messages[name])
+        return tuple(warning for warning in found if warning is not None)
 
-    def _warning(self, name: str) -> RunWarning:
-        count = self._messages[name]
-        if self._bad[name] == count:
-            return RunWarning(
-                name, f"none of its {count} messages can be decoded", "see the reason in the table of messages"
-            )
-        return RunWarning(
-            name,
-            f"{count} messages without a single point in range",
-            "the lidar may be covered, or its motor may stand still; else see combine.min_range_m and max_range_m",
-        )
+    def _warning(self, name: str) -> RunWarning | None:
+        total, (empty, first, last) = self._messages[name], self._empty.get(name, (0, 0, 0))
+        if self._bad[name] == total:
+            finding = f"none of its {total} messages can be decoded"
+            return RunWarning(name, finding, "see the reason in the table of messages")
+        if empty == total:
+            finding = f"{total} messages without a single point in range"
+        elif empty >= max(MIN_EMPTY, MIN_SHARE * total):
+            finding = f"{empty} of {total} messages without a single point in range, in frames {first} to {last}"
+        else:
+            return None
+        remedy = "the lidar may be covered, or its motor may stand still; else see combine.min_range_m and max_range_m"
+        return RunWarning(name, finding, remedy)

@@ -54,6 +54,11 @@ class MissingSensor:
     silences: tuple[SilentSpan, ...]
 
     @property
+    def alive_frames(self) -> int:
+        """Number of frames without it that were taken while it sent messages."""
+        return self.frames - sum(span.frames for span in self.silences)
+
+    @property
     def spans(self) -> str:
         """The spans of silence, in words; empty without any."""
         more = len(self.silences) - MAX_SPANS_NAMED
@@ -61,8 +66,7 @@ class MissingSensor:
         return f"{named} and {more} times more" if more > 0 else named
 
     def __str__(self) -> str:
-        alive = self.frames - sum(span.frames for span in self.silences)
-        single = f"in {alive} of {self.of_frames} frames" if alive else ""
+        single = f"in {self.alive_frames} of {self.of_frames} frames" if self.alive_frames else ""
         return "; ".join(filter(None, (self.spans, single)))
 
 

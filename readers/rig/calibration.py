@@ -99,6 +99,17 @@ class Frames:
                 f"{{{self.site}: {{{parent}: {{translation_m: [x, y, z], rpy_deg: [r, p, y]}}}}}})"
             ) from err
 
+    def recorded(self, dst: str, src: str) -> Transform:
+        """T_dst_src by the transforms.
+
+        Raises:
+            FrameError: nothing joins the frames; says what to do.
+        """
+        try:
+            return self.transforms.lookup(dst, src)
+        except FrameError as err:
+            raise FrameError(f"{err}; give its pose in a rig file (--rig)") from err
+
     def source(self, frame: str) -> str:
         """Where the transforms from a frame to the site frame come from."""
         tree = self.transforms.fixed
@@ -131,7 +142,7 @@ def calibrate_lidar(
     elif site == frame:
         T_site_lidar, source = Transform.identity(site, frame), OWN_SITE
     else:
-        T_site_lidar, source = frames.transforms.lookup(site, frame), frames.source(frame)
+        T_site_lidar, source = frames.recorded(site, frame), frames.source(frame)
     return (
         LidarSensor(lidar.name, lidar.topic, T_site_lidar, entry.time_offset_ns),
         SensorSource(lidar.name, lidar.topic, frame, "", source, entry.time_offset_ms),
@@ -253,7 +264,7 @@ def camera_extrinsics(camera: AssignedCamera, frame: str, frames: Frames) -> tup
     if not entry.has_pose:
         if not frame:
             raise CalibrationError("no message of it names its frame: give its pose in a rig file (--rig)")
-        return frames.transforms.lookup(frame, frames.site), frames.source(frame)
+        return frames.recorded(frame, frames.site), frames.source(frame)
     origin = frames.origin(entry.parent)
     if entry.P is not None:
         pose = rigid_transform("P's pose", frame, origin.src, decompose_projection("P", entry.P)[1])

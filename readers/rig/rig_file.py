@@ -33,6 +33,8 @@ def load_rig(path: str | Path) -> RigFile:
     path = Path(path)
     try:
         text = path.read_text(encoding="utf-8")
+    except FileNotFoundError as err:
+        raise CalibrationError(f"{path}: expected a rig file, found no such file") from err
     except (OSError, UnicodeDecodeError) as err:
         raise CalibrationError(f"{path}: cannot be read as a rig file: {err}") from err
     for import_text in (import_calib_txt, import_kitti):

@@ -173,6 +173,12 @@ def test_no_set_at_all_names_the_messages_by_topic() -> None:
         run(periodic((FRONT, REAR)), config(required="all"))
 
 
+def test_a_part_without_messages_is_told() -> None:
+    between = TimeWindow(START_NS + 1, START_NS + 2)
+    with pytest.raises(RecordingError, match=r"expected messages of /front/points, .* found none in it; take a longer"):
+        run(periodic(), config(), window=between)
+
+
 def test_reference_that_is_not_in_use() -> None:
     with pytest.raises(ConfigError, match="/nothing"):
         run(periodic(), config(reference="/nothing"))
@@ -209,6 +215,14 @@ def test_a_lidar_without_points_is_warned_of() -> None:
     with StringIO() as text:
         print_report(Console(file=text), report)
         assert "warning: rear: 6 messages without a single point in range; the lidar may be" in text.getvalue()
+
+
+def test_a_lidar_with_a_clock_of_its_own_is_warned_of() -> None:
+    """Frames are of its time, and no other sensor is in them: the clock is the cause, not the queues."""
+    ahead = [m._replace(stamp_ns=m.stamp_ns + 3600 * 10**9) if m.topic == REAR else m for m in periodic(count=20)]
+    summary, _ = run(ahead, config())
+    of_sensors = [warning for warning in summary.warnings if warning.subject != "no objects"]
+    assert [(warning.subject, "3600.0 s after" in warning.finding) for warning in of_sensors] == [("rear", True)]
 
 
 def test_a_run_without_lidars_from_a_time_on_goes_on() -> None:
@@ -329,7 +343,7 @@ def test_a_camera_that_falls_silent_in_one_part_and_is_back_in_the_next_is_silen
 
 @pytest.mark.parametrize("required", ["all", "lidars", [], [IMAGES]])
 def test_a_part_without_messages_is_refused_with_one_line(required: object) -> None:
-    with pytest.raises(RecordingError, match="no moment has a message of every"):
+    with pytest.raises(RecordingError, match="in the part given by start and duration, found none in it"):
         run(periodic(), config(required=required), window=TimeWindow(START_NS + 10**12))
 
 

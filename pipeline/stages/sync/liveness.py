@@ -68,13 +68,9 @@ class Liveness:
         return True
 
     def end(self) -> Sequence[int]:
-        """The topics that are found silent because the recording ends: no message, or 2.5 periods since the last."""
-        silent = [
-            topic
-            for topic in self._alive()
-            if not self._stamps_ns[topic]
-            or (0 < MAX_PERIODS * self.period_ns(topic) < self._clock_ns - self._heard_ns[topic])
-        ]
+        """The topics that are found silent because the recording ends: 2.5 periods after their last message."""
+        overdue_ns = {topic: self._clock_ns - self._heard_ns[topic] for topic in self._alive()}
+        silent = [topic for topic, ns in overdue_ns.items() if 0 < MAX_PERIODS * self.period_ns(topic) < ns]
         self._silence(silent)
         return silent
 

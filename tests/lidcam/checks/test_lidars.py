@@ -57,3 +57,20 @@ def test_messages_that_cannot_be_decoded_are_not_called_empty() -> None:
     assert [str(warning) for warning in check.warnings] == [
         "lidar2: none of its 1 messages can be decoded; see the reason in the table of messages"
     ]
+
+
+@pytest.mark.parametrize(
+    ("points", "text"),
+    [
+        ([5, 5, 0, 0, 0], "3 of 5 messages without a single point in range, in frames 2 to 4"),
+        ([0, 5, 0, 5, 0], "3 of 5 messages without a single point in range, in frames 0 to 4"),
+        ([0, 5, 5, 5, 0], None),
+        ([0] * 3 + [5] * 28, None),  # less than a tenth
+    ],
+)
+def test_a_lidar_that_is_empty_for_a_time_is_named(points: list[int], text: str | None) -> None:
+    check = LidarCheck(RIG)
+    for index, count in enumerate(points):
+        result = measured({"lidar1": 5, "lidar2": count})
+        check.add(replace(result, bundle=replace(result.bundle, index=index)))
+    assert [(warning.subject, warning.finding) for warning in check.warnings] == ([("lidar2", text)] if text else [])

@@ -150,7 +150,9 @@ def test_a_lidar_without_a_path_is_a_fault_and_the_run_goes_on() -> None:
         ]
     )
     assert [lidar.name for lidar in found.rig.lidars] == ["b", "c"]
-    assert "no transform joins frame 'a' with 'site'" in reasons(found)["a"]
+    reason = reasons(found)["a"]
+    assert "no transform joins frame 'a' with 'site'" in reason
+    assert reason.endswith("; give its pose in a rig file (--rig)")
 
 
 def test_a_moving_sensor_is_a_fault_that_says_so() -> None:

@@ -79,12 +79,14 @@ lidars:
     topic: /velodyne2_points # sensor_msgs/msg/PointCloud2, 2 points in the first message
     frame_id: velodyne2
     T_site_lidar: TODO # TODO 4 x 4, metres; or translation_m and rpy_deg in its place (no transform joins frame \
-'velodyne2' with 'velodyne1'; frames with a transform: none at all)
+'velodyne2' with 'velodyne1'; frames with a transform: none at all; give \
+its pose in a rig file (--rig))
   velodyne3:
     topic: /velodyne3_points # sensor_msgs/msg/PointCloud2, 2 points in the first message
     frame_id: velodyne3
     T_site_lidar: TODO # TODO 4 x 4, metres; or translation_m and rpy_deg in its place (no transform joins frame \
-'velodyne3' with 'velodyne1'; frames with a transform: none at all)
+'velodyne3' with 'velodyne1'; frames with a transform: none at all; give \
+its pose in a rig file (--rig))
 cameras:
   cam11:
     topic: /image_raw_11 # sensor_msgs/msg/Image
@@ -103,7 +105,8 @@ frame: give its pose in a rig file (--rig))
     K: TODO # TODO 3 x 3, pixels; then distortion_model and distortion (the recording has no CameraInfo of it: give K \
 and its pose in a rig file (--rig))
     T_camera_site: TODO # TODO 4 x 4, metres; or translation_m and rpy_deg in its place (no transform joins frame \
-'velodyne1' with 'camera_12'; frames with a transform: none at all)
+'velodyne1' with 'camera_12'; frames with a transform: none at all; give \
+its pose in a rig file (--rig))
 zones: {}
 """
     )

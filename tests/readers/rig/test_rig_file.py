@@ -354,3 +354,8 @@ def test_mistakes_are_not_told_in_a_library_s_words(tmp_path: Path) -> None:
     told = mistakes(RigFile, lambda tree: parse_rig(tree, tmp_path))
     assert len(told) > 200
     assert not words_of_the_library(told)
+
+
+def test_a_rig_file_that_does_not_exist(tmp_path: Path) -> None:
+    with pytest.raises(CalibrationError, match=r"rig\.yaml: expected a rig file, found no such file$"):
+        load_rig(tmp_path / "rig.yaml")

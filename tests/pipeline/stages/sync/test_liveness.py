@@ -1,3 +1,5 @@
+import pytest
+
 from pipeline.stages.sync.liveness import Liveness
 
 MS = 1_000_000
@@ -43,7 +45,7 @@ def test_log_times_out_of_order_and_pauses_silence_nobody() -> None:
             assert hear(liveness, topic, at_ms=at_ms) == ([], False)
 
 
-def test_at_the_end_a_topic_is_silent_that_is_overdue_or_never_came() -> None:
+def test_at_the_end_a_topic_is_silent_that_is_overdue() -> None:
     liveness = Liveness(4, silent_after_ns=500 * MS)
     for at_ms in range(0, 1000, 100):
         hear(liveness, 0, at_ms=at_ms)
@@ -54,7 +56,16 @@ def test_at_the_end_a_topic_is_silent_that_is_overdue_or_never_came() -> None:
     assert liveness.is_alive(1)
     assert [*liveness.end()] == [1]
     assert liveness.newest_ns(3) is None
-    assert Liveness(1, silent_after_ns=1).end() == [0]
+
+
+@pytest.mark.parametrize(("until_ms", "silent"), [(0, False), (400, False), (700, True)])
+def test_a_topic_that_never_came_is_silent_only_where_enough_was_read_to_expect_it(until_ms: int, silent: bool) -> None:
+    """`--duration 0.1` is no fault of the cameras."""
+    liveness = Liveness(2, silent_after_ns=500 * MS)
+    for at_ms in range(0, until_ms + 1, 100):
+        hear(liveness, 0, at_ms=at_ms)
+    assert [*liveness.end()] == []
+    assert liveness.is_alive(1) is not silent
 
 
 def test_one_gap_does_not_change_the_period() -> None:
