@@ -17,6 +17,7 @@ from lidcam.checks.absent import absence_warnings, clocks_off
 from lidcam.checks.calibration import CalibrationCheck
 from lidcam.checks.class_numbers import class_number_warnings
 from lidcam.checks.clocks import clock_notes, jump_warnings
+from lidcam.checks.files import FileCheck
 from lidcam.checks.late import late_warnings
 from lidcam.checks.lidars import LidarCheck
 from lidcam.checks.missing import missing_sensors, silence_warnings
@@ -151,6 +152,7 @@ class Run:
         self._drops, self._tally, self._stats = drops, Tally(source.config, source.rig), SyncStats()
         self._clocks = sensor_clocks(source.rig, drops)
         self._checks = (
+            FileCheck(source.recording.paths),
             LidarCheck(source.rig),
             CalibrationCheck(source.rig, source.config),
             ObjectCheck(source.recording, source.rig, source.config, source.settings, moves=source.motion is not None),

@@ -1,0 +1,54 @@
+"""Files that are two recordings rather than the parts of one."""
+
+from collections.abc import Sequence
+from itertools import islice
+
+from lidcam.checks.warning import RunWarning
+from pipeline.core.frame import FrameResult
+from readers.location import Location
+
+__all__ = ["FileCheck"]
+
+OVERLAP_NS = 1_000_000_000
+"""Parts of one recording overlap by less: a recorder that changes files does not wait for the last messages."""
+
+MAX_NAMED = 3
+"""Pairs of files with a warning of their own."""
+
+
+class FileCheck:
+    """Looks for topics whose messages come from several files by turns.
+
+    Args:
+        paths: Files of the recording, in the order of `RawMessage.order[0]`.
+    """
+
+    def __init__(self, paths: Sequence[Location]) -> None:
+        self._paths = paths
+        self._first_ns: dict[tuple[str, int], int] = {}  # log time of the first message, by topic and file
+        self._last: dict[str, int] = {}
+        self._overlaps: dict[tuple[int, int], None] = {}
+
+    def add(self, frame: FrameResult) -> None:
+        """Look at one frame."""
+        for topic, message in frame.bundle.messages.items():
+            file = message.order[0]
+            last = self._last.setdefault(topic, file)
+            is_back = (topic, file) in self._first_ns and file != last
+            if is_back and message.log_time_ns - self._first_ns[topic, last] > OVERLAP_NS:
+                self._overlaps[min(file, last), max(file, last)] = None
+            self._first_ns.setdefault((topic, file), message.log_time_ns)
+            self._last[topic] = file
+
+    @property
+    def warnings(self) -> tuple[RunWarning, ...]:
+        """One for each of the first pairs of files that hold the same topics at the same times."""
+        return tuple(
+            RunWarning(
+                "files",
+                f"{self._paths[one]} and {self._paths[other]} hold the same topics at the same times: their messages "
+                "are mixed",
+                "process them one by one, unless they are parts of one recording",
+            )
+            for one, other in islice(self._overlaps, MAX_NAMED)
+        )
