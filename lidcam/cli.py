@@ -226,9 +226,14 @@ def inspect(
 @app.command()
 @with_log_options
 def demo(
-    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Where to put it.")] = Path("lidcam-demo"),
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder for the recording and the outputs.")] = Path(
+        "lidcam-demo"
+    ),
 ) -> None:
-    """Process the sample recording that comes with lidcam, and say how to look at the result."""
+    """Process the bundled sample recording.
+
+    The output goes to a folder; the last lines say how to open it.
+    """
     from lidcam.commands.demo import run_demo
 
     run_demo(folder)
@@ -251,7 +256,10 @@ def simulate(
         typer.Option(min=1, metavar="N", help="Sensors simulated at once; the recording is the same. [default: cores]"),
     ] = None,
 ) -> None:
-    """Record a simulated scene: lidars, cameras, and the truth about what they see."""
+    """Record a simulated scene.
+
+    Lidars, cameras, and the truth about what they see.
+    """
     if duration == 0:
         raise typer.BadParameter("expected more than 0 seconds", param_hint="--duration")
     _check_simulator()
@@ -345,7 +353,10 @@ def config_explain(
     key: Annotated[str, typer.Argument(metavar="KEY", help="A setting or a section; without it, the sections.")] = "",
     as_json: AsJson = False,
 ) -> None:
-    """Tell what a setting means: unit, allowed values, default, and its value in each preset."""
+    """Explain a setting.
+
+    Its meaning, unit, allowed values, default, and its value in each preset.
+    """
     from lidcam.commands.config import run_explain
 
     run_explain(key, as_json=as_json)

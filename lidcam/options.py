@@ -68,7 +68,7 @@ def _scenarios(incomplete: str) -> list[str]:
 
 Version = Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")]
 ConfigFile = Annotated[
-    Path | None,
+    str | None,  # a Path would turn ./road, a file, into road, a preset
     typer.Option(
         "--config",
         metavar="PRESET|FILE",
@@ -81,9 +81,8 @@ RigFile = Annotated[
     typer.Option(
         "--rig",
         metavar="FILE",
-        help="Sensors, calibration and zones: a rig file, a calibration file of KITTI, Kalibr, Autoware or the "
-        "predecessor system, or the name of a preset (original). May be repeated: later ones add to and replace what "
-        "earlier ones say. Without it they are found in the recording.",
+        help="Sensors, calibration and zones: a rig file, a preset (original), or a calibration file of KITTI, Kalibr, "
+        "Autoware or the predecessor system. May be repeated: later files add and replace. Without it, as recorded.",
     ),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
@@ -96,7 +95,7 @@ Format = Annotated[
     Literal["ros1", "sqlite3", "mcap"] | None,
     typer.Option("--format", help="Format of the recording; without it, the ending of its name decides."),
 ]
-Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Tell on stderr what is done, frame by frame.")]
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Log what is done to stderr, frame by frame.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Only errors and the result.")]
 LogFile = Annotated[
     Path | None,

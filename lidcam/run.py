@@ -307,7 +307,7 @@ def _write(writer: ResultWriter, result: FrameResult) -> FrameResult:
 def _no_frames(source: RunInput, drops: DropTable) -> str:
     config, rig = source.config, source.rig
     topics, required = synchronized_topics(config, rig), required_topics(config, rig)
-    needed = topics if required is None else required
+    needed = topics if required is None else required or topics[:1]
     paths = ", ".join(str(path) for path in source.recording.paths)
     if source.window != TimeWindow() and not any(drops.count(topic) for topic in topics):
         return (

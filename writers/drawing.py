@@ -13,6 +13,7 @@ from pipeline.core.rig import CameraSensor
 from writers.palette import CAMERA_ONLY, MATCHED, Rgb, class_color
 
 __all__ = [
+    "ARROW_SHARE",
     "DrawnBoxes2D",
     "drawn_boxes_2d",
     "labels_in_the_clear",
@@ -21,6 +22,9 @@ __all__ = [
     "object_labels",
     "strong_objects",
 ]
+
+ARROW_SHARE = 0.75
+"""Length of an object's arrow, as a share of the object's: from its centre to a quarter beyond its front."""
 
 STRONG_SCORE = 0.5
 FAINTEST = 0.4

@@ -14,7 +14,7 @@ from writers.drawing import strong_objects
 __all__ = ["SURVEYED_FRAMES", "SceneSurvey", "Viewpoint", "cameras_in_order", "front_of_rig"]
 
 SURVEYED_FRAMES = 10
-"""Frames after which the eye is placed."""
+"""Frames with points or objects after which the eye is placed."""
 
 _ELEVATION_RAD = np.radians(35.0)
 _MARGIN = 1.12
@@ -70,7 +70,12 @@ def cameras_in_order(rig: Rig) -> tuple[CameraSensor, ...]:
 
 @dataclass
 class SceneSurvey:
-    """Gathers, over the first frames, what the first view should show."""
+    """Gathers, over the first frames, what the first view should show.
+
+    Attributes:
+        rig: The sensors.
+        frames: Number of frames taken in, those without points and objects, too.
+    """
 
     rig: Rig
     frames: int = 0
@@ -81,18 +86,20 @@ class SceneSurvey:
     @property
     def is_complete(self) -> bool:
         """Whether enough frames were seen."""
-        return self.frames >= SURVEYED_FRAMES
+        return len(self._strong) >= SURVEYED_FRAMES
 
     def add(self, result: FrameResult) -> None:
-        """Take one frame in; frames after the first few are ignored."""
+        """Take one frame in, unless the survey is complete."""
         if self.is_complete:
             return
         self.frames += 1
         objects, strong = result.fused.objects, strong_objects(result)
+        points = np.concatenate([result.combined.cloud.xyz[:, :2], result.combined.ground_cloud.xyz[:, :2]])
+        if not len(objects) and not len(points):  # the lidars may begin late
+            return
         corners = box_corners(objects.centers, objects.sizes, objects.yaws)
         self._strong.append(corners[strong].reshape(-1, 3))
         self._faint.append(corners[~strong].reshape(-1, 3))
-        points = np.concatenate([result.combined.cloud.xyz[:, :2], result.combined.ground_cloud.xyz[:, :2]])
         if len(points):
             distances = np.linalg.norm(points - self._sensors().mean(0)[:2], axis=1)
             self._reach_m.append(float(np.percentile(distances, 90)))

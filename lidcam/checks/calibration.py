@@ -1,6 +1,7 @@
-"""Calibration that cannot be right."""
+"""Warnings of calibration that cannot be right."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -24,44 +25,44 @@ class CalibrationCheck:
     def __init__(self, rig: Rig, config: Config) -> None:
         self._rig, self._config = rig, config
         self._fit, self._points = CameraFit(rig), CameraPoints(rig)
-        self._of_lidars: tuple[RunWarning, ...] | None = None
+        self._decode = CloudDecoder(rig, config, on_bad="skip")
+        self._lidars = {lidar.topic for lidar in rig.lidars}
+        self._clouds: dict[str, PointCloud] = {}  # the first of each lidar: one may begin late
 
     def add(self, frame: FrameResult) -> None:
         """Look at one frame."""
-        if self._of_lidars is None:
-            self._of_lidars = inverted_lidars(
-                self._rig, self._config.combine, _clouds(self._rig, self._config, frame.bundle)
-            )
-        combined = frame.combined
-        self._points.add(np.concatenate([combined.cloud.xyz, combined.ground_cloud.xyz]))
-        self._fit.add(frame)
+        bundle = frame.bundle
+        if len(self._clouds) < len(self._lidars):
+            known = {lidar.topic for lidar in self._rig.lidars if lidar.name in self._clouds}
+            messages = {topic: message for topic, message in bundle.messages.items() if topic not in known}
+            found = self._decode(replace(bundle, messages=messages))
+            self._clouds |= {name: cloud for name, cloud in found.items() if len(cloud)}
+        if self._lidars <= bundle.messages.keys():  # a camera may see only what a missing lidar does
+            combined = frame.combined
+            self._points.add(np.concatenate([combined.cloud.xyz, combined.ground_cloud.xyz]))
+            self._fit.add(frame)
 
     @property
     def warnings(self) -> tuple[RunWarning, ...]:
         """One for each sensor whose calibration cannot be right.
 
-        Of cameras only where the lidars' is: objects in the wrong place fit no camera.
+        Of cameras only where that of the lidars can: objects in the wrong place match no camera.
         """
-        if self._of_lidars:
-            return self._of_lidars
+        if of_lidars := inverted_lidars(self._rig, self._config.combine, self._clouds):
+            return of_lidars
         of_boxes, of_points = self._fit.warnings, self._points.warnings
-        told = {warning.subject for warning in of_boxes}
-        return of_boxes + tuple(warning for warning in of_points if warning.subject not in told)
+        warned = {warning.subject for warning in of_boxes}
+        return of_boxes + tuple(warning for warning in of_points if warning.subject not in warned)
 
 
 def check_first_clouds(rig: Rig, config: Config, messages: Mapping[str, RawMessage]) -> tuple[RunWarning, ...]:
-    """What the first message of each lidar, by topic, says of the calibration."""
+    """Warnings of calibration that the first message of each lidar, by topic, contradicts."""
     if not messages:
         return ()
     stamp_ns = min(message.stamp_ns for message in messages.values())
-    clouds = _clouds(rig, config, SensorBundle(0, stamp_ns, stamp_ns, messages))
+    clouds = CloudDecoder(rig, config, on_bad="skip")(SensorBundle(0, stamp_ns, stamp_ns, messages))
     points = CameraPoints(rig)
     poses = {lidar.name: lidar.T_site_lidar for lidar in rig.lidars}
     sites = [poses[name].apply(cloud.xyz) for name, cloud in clouds.items()]
     points.add(np.concatenate([np.zeros((0, 3), np.float32), *sites]))
     return inverted_lidars(rig, config.combine, clouds) or points.warnings
-
-
-def _clouds(rig: Rig, config: Config, bundle: SensorBundle) -> Mapping[str, PointCloud]:
-    """Clouds by lidar name, each in the frame of its lidar; without those that cannot be decoded."""
-    return CloudDecoder(rig, config, on_bad="skip")(bundle)

@@ -4,7 +4,7 @@ How well a pose fits is the mean, over the 2D boxes, of the best IoU with an obj
 with that pose. Measured on the sample recordings and on KITTI with a network: 0.52 to 0.77 as calibrated; for a camera
 that is turned by 10 degrees or more at most 0.37 (KITTI: dense traffic, large boxes), elsewhere 0.20; with the pose of
 another camera at most 0.14, with the inverse 0.08. Where it fits badly, other poses are tried: one that fits much
-better tells what is wrong.
+better shows what is wrong.
 """
 
 from collections.abc import Iterator, Mapping
@@ -22,7 +22,7 @@ from pipeline.core.rig import CameraSensor, Rig
 __all__ = ["CameraFit"]
 
 MAX_FRAMES = 32
-"""Frames that are kept, spread over the run; of a longer run every second of them is left out, again and again."""
+"""Frames that are kept, spread over the run: whenever there are more, every second one is discarded."""
 
 MIN_FRAMES, MIN_BOXES = 5, 15
 """A camera with fewer frames with boxes, or fewer boxes in them, is not judged."""
@@ -31,7 +31,7 @@ DOUBTFUL = 0.45
 """A pose that fits less well than this is compared with others."""
 
 BAD = 0.15
-"""A pose that fits less well than this is wrong, or the boxes are not of what the lidars see."""
+"""A pose that fits less well than this is wrong, or the boxes are of objects that the lidars do not see."""
 
 FITS, BETTER = 0.4, 1.5
 """A pose is the better one if it fits at least this well, and this many times better than the given one."""

@@ -13,7 +13,7 @@ MAX_LISTED = 10
 
 
 def class_number_warnings(unused_boxes: Mapping[str, int], config: Config) -> tuple[RunWarning, ...]:
-    """A warning if boxes have numbers that no class has: then the others may mean something else, too.
+    """A warning if boxes have numbers that no class has; the other numbers may then be misread, too.
 
     Args:
         unused_boxes: Number of boxes that were not used, by reason.

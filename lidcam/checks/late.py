@@ -24,7 +24,7 @@ def late_warnings(drops: Mapping[tuple[str, str], int], received: Mapping[str, i
     return [
         RunWarning(
             names[topic],
-            f"{count} of {received[topic]} messages came when their frames were complete",
+            f"{count} of {received[topic]} messages came after their frames were complete",
             "a larger sync.queue_size waits longer; if its clock is off, give its time_offset_ms in the rig file",
         )
         for (topic, reason), count in drops.items()

@@ -1,7 +1,7 @@
-"""Lidars whose ground lies where that of the others does not, and would with the inverse of their extrinsics.
+"""Lidars whose extrinsics look inverted: with the inverse, their ground agrees with that of the others.
 
-A pose that was stored the other way round puts a lidar as far below the site as it is above it. Flat ground tells: the
-height of the plane below each lidar is compared with the rig's ground height, else with that of most other lidars.
+A pose that was stored the other way round puts a lidar as far below the site as it is above it. So the
+height of the ground below each lidar is compared with the rig's ground height, else with that of most other lidars.
 """
 
 from collections.abc import Mapping, Sequence

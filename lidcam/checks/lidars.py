@@ -1,4 +1,4 @@
-"""Lidars that send messages without measurements."""
+"""Lidars whose messages have no points, or cannot be decoded."""
 
 from collections import Counter
 
@@ -18,27 +18,36 @@ class LidarCheck:
     def __init__(self, rig: Rig) -> None:
         self._lidars = {lidar.topic: lidar.name for lidar in rig.lidars}
         self._messages: Counter[str] = Counter()
+        self._bad: Counter[str] = Counter()
         # by lidar: number of messages without points, and the first and last frame of them
         self._empty: dict[str, tuple[int, int, int]] = {}
 
     def add(self, frame: FrameResult) -> None:
         """Look at one frame."""
+        bad = {drop.topic for drop in frame.drops if not drop.parts}
         for topic in frame.bundle.messages:
-            if (name := self._lidars.get(topic)) is not None:
-                self._messages[name] += 1
-                if not frame.combined.points_by_lidar.get(name, 0):
-                    index = frame.bundle.index
-                    count, first, _ = self._empty.get(name, (0, index, index))
-                    self._empty[name] = (count + 1, first, index)
+            name = self._lidars.get(topic)
+            if name is None:
+                continue
+            self._messages[name] += 1
+            if topic in bad:
+                self._bad[name] += 1
+            elif not frame.combined.points_by_lidar.get(name, 0):
+                index = frame.bundle.index
+                count, first, _ = self._empty.get(name, (0, index, index))
+                self._empty[name] = (count + 1, first, index)
 
     @property
     def warnings(self) -> tuple[RunWarning, ...]:
-        """One for each lidar of which many messages, or all, have no point within range."""
-        found = (self._warning(name) for name in self._lidars.values() if name in self._empty)
+        """One for each lidar whose messages cannot be decoded, or of which many, or all, have no point within range."""
+        found = (self._warning(name) for name in self._lidars.values() if self._messages[name])
         return tuple(warning for warning in found if warning is not None)
 
     def _warning(self, name: str) -> RunWarning | None:
-        total, (empty, first, last) = self._messages[name], self._empty[name]
+        total, (empty, first, last) = self._messages[name], self._empty.get(name, (0, 0, 0))
+        if self._bad[name] == total:
+            finding = f"none of its {total} messages can be decoded"
+            return RunWarning(name, finding, "see the reason in the table of messages")
         if empty == total:
             finding = f"{total} messages without a single point in range"
         elif empty >= max(MIN_EMPTY, MIN_SHARE * total):

@@ -15,7 +15,7 @@ __all__ = ["ObjectCheck"]
 
 
 class ObjectCheck:
-    """Keeps the frame that came closest to an object, as long as there is none, and looks at it again in the end."""
+    """Keeps the frame that came closest to an object while there is none, and examines it at the end of the run."""
 
     def __init__(self, recording: Recording, rig: Rig, config: Config, settings: UsedSettings, *, moves: bool) -> None:
         """Prepare for a run with these settings; `moves`: the site frame is known to move."""

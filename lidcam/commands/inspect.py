@@ -59,18 +59,18 @@ def run_inspect(options: InspectOptions) -> None:
     if options.repair is None:
         inspection = inspect_recording(options.inputs, options.settings, options.rig)
         check_not_overwritten(inspection.files, options.write_rig)
-        _tell(inspection, options)
+        _report(inspection, options)
         return
     with (
         open_recording(options.inputs, ReadOptions("full_scan", options.settings.config.limits)) as recorded,
         sensor_messages(recorded) as recording,
     ):
         check_not_overwritten(recording.paths, options.write_rig, options.repair)
-        _tell(inspect_open(recording, options.settings, options.rig, TimeWindow()), options)
+        _report(inspect_open(recording, options.settings, options.rig, TimeWindow()), options)
         _repair(recorded, options.repair)
 
 
-def _tell(inspection: Inspection, options: InspectOptions) -> None:
+def _report(inspection: Inspection, options: InspectOptions) -> None:
     out = console()
     if options.as_json:
         out.print_json(json.dumps(inspection_tree(inspection)))

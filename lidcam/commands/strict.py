@@ -41,7 +41,7 @@ class Strictness:
             raise CheckError(f"--strict: {'; '.join(findings[:MAX_LISTED])}{more}; the outputs are complete")
 
     def _silent(self, report: RunReport) -> list[str]:
-        """Sensors that fell silent; one that is merely slower than others misses frames and is none of them."""
+        """Sensors that fell silent; not those that are missing from frames because they are slower than others."""
         findings = []
         for sensor in report.missing:
             frames = sum(span.frames for span in sensor.silences)

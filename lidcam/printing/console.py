@@ -7,7 +7,7 @@ from rich.console import Console
 
 from lidcam.checks.warning import RunWarning
 from lidcam.inspection import Inspection
-from lidcam.printing.folding import show_table, tell
+from lidcam.printing.folding import show_line, show_table
 from lidcam.printing.tables import (
     drops_table,
     losses_table,
@@ -74,15 +74,15 @@ def print_matches(out: Console, frame: FrameResult, config: Config) -> None:
 
 def print_report(out: Console, report: RunReport) -> None:
     """The final tables of a run."""
-    tell(out, f"objects, sum over {report.frames} frame{'s' * (report.frames != 1)}", "bold")
+    show_line(out, f"objects, sum over {report.frames} frame{'s' * (report.frames != 1)}", "bold")
     show_table(out, objects_table(report.objects, [zone.name for zone in report.rig.zones], report.frames))
     out.print()
     show_table(out, drops_table(report.messages_used, report.drops))
     for drop in report.drops:
         if drop.example:
-            tell(out, f"  {drop.reason}: {drop.example}", "dim")
+            show_line(out, f"  {drop.reason}: {drop.example}", "dim")
     for reason, count in report.unused_boxes.items():
-        tell(out, f"  recorded 2D boxes not used: {count}, {reason}")
+        show_line(out, f"  recorded 2D boxes not used: {count}, {reason}")
     if report.missing:
         out.print()
         show_table(out, missing_table(report.missing))
@@ -111,7 +111,7 @@ def print_report(out: Console, report: RunReport) -> None:
             for topic in unused
         ]
         more = f" and {len(names) - MAX_LISTED} more" if len(names) > MAX_LISTED else ""
-        tell(out, f"not used: {', '.join(names[:MAX_LISTED])}{more}")
+        show_line(out, f"not used: {', '.join(names[:MAX_LISTED])}{more}")
     _print_warnings(out, report.warnings)
 
 
@@ -119,23 +119,25 @@ def print_inspection(out: Console, inspection: Inspection) -> None:
     """What is in a recording."""
     seconds = (inspection.end_ns - inspection.start_ns) / 1e9
     files = ", ".join(map(str, inspection.files))
-    tell(out, f"{files}: {inspection.messages} messages, {seconds:.2f} s")
+    show_line(out, f"{files}: {inspection.messages} messages, {seconds:.2f} s")
     out.print()
     show_table(out, topics_table(inspection.topics))
     if inspection.stop_ns is not None:
         looked_s = (inspection.stop_ns - inspection.start_ns) / 1e9
-        tell(out, f"apart from the counts, this is of the first {looked_s:g} s: files on a server are not read further")
+        show_line(
+            out, f"apart from the counts, this is of the first {looked_s:g} s: files on a server are not read further"
+        )
     _print_losses(out, inspection.losses)
     out.print()
     if inspection.rig is None:
-        tell(out, f"lidcam could not process it: {inspection.problem}")
+        show_line(out, f"lidcam could not process it: {inspection.problem}")
         return
-    tell(out, f"site frame: {inspection.rig.site_frame}")
+    show_line(out, f"site frame: {inspection.rig.site_frame}")
     show_table(out, sensors_table(inspection.sensors))
     _print_remarks(out, inspection.faults, inspection.notes)
-    tell(out, f"motion: {', '.join(inspection.motion_topics) or _NO_MOTION}")
-    tell(out, f"2D boxes: {_BOX_SOURCES[inspection.box_source]}")
-    tell(out, f"settings: {inspection.settings}")
+    show_line(out, f"motion: {', '.join(inspection.motion_topics) or _NO_MOTION}")
+    show_line(out, f"2D boxes: {_BOX_SOURCES[inspection.box_source]}")
+    show_line(out, f"settings: {inspection.settings}")
     _print_warnings(out, inspection.warnings)
 
 
@@ -157,16 +159,16 @@ def _print_losses(out: Console, losses: Sequence[Loss]) -> None:
     out.print()
     show_table(out, losses_table(loss_records(losses[:MAX_LOSSES])))
     if len(losses) > MAX_LOSSES:
-        tell(out, f"  and {len(losses) - MAX_LOSSES} more parts; --json lists all")
+        show_line(out, f"  and {len(losses) - MAX_LOSSES} more parts; --json lists all")
 
 
 def _print_remarks(out: Console, faults: Sequence[SensorFault], notes: Sequence[str]) -> None:
     for fault in faults:
-        tell(out, f"left out: {fault.sensor} ({fault.topic}): {fault.reason}")
+        show_line(out, f"left out: {fault.sensor} ({fault.topic}): {fault.reason}")
     for note in notes:
-        tell(out, f"note: {note}")
+        show_line(out, f"note: {note}")
 
 
 def _print_warnings(out: Console, warnings: Sequence[RunWarning]) -> None:
     for warning in warnings:
-        tell(out, f"warning: {warning}", "yellow")
+        show_line(out, f"warning: {warning}", "yellow")

@@ -12,7 +12,7 @@ from rich.measure import Measurement
 from rich.table import Table
 from rich.text import Text
 
-__all__ = ["Folded", "folded_lines", "show_table", "tell"]
+__all__ = ["Folded", "folded_lines", "show_line", "show_table"]
 
 MAX_COLUMNS = 10_000
 """Width of a table off a terminal: more than any table needs."""
@@ -76,7 +76,7 @@ def show_table(out: Console, table: Table) -> None:
         out.print(text)
 
 
-def tell(out: Console, text: str, style: str = "") -> None:
+def show_line(out: Console, text: str, style: str = "") -> None:
     """Print a remark: on a terminal folded to its width, elsewhere on one line."""
     for line in folded_lines(text, out.width) if out.is_terminal else (text,):
         out.print(Text(line, style))

@@ -1,4 +1,4 @@
-"""What a program tells besides its results: the one place that configures logging.
+"""The log of a program, besides its results: the one place that configures logging.
 
 Warnings and errors go to stderr; so do remarks ("wrote out.bag ...") and, where stderr is no terminal and no bar can be
 drawn, lines of progress. A log file gets everything, with times.
@@ -16,13 +16,13 @@ from pipeline.core.errors import OutputError
 __all__ = ["PACKAGES", "Verbosity", "configure_logging", "progress_log", "remark_log"]
 
 PACKAGES = ("lidcam", "pipeline", "readers", "writers", "bags")
-"""Our own loggers: those of libraries tell too much to be read."""
+"""Our own loggers; libraries log too much to be read."""
 
 remark_log = logging.getLogger("lidcam.remarks")
-"""What was written, at level INFO: shown unless the user wants quiet."""
+"""What was written, at level INFO: shown unless --quiet is given."""
 
 progress_log = logging.getLogger("lidcam.progress")
-"""How far a command is, at level INFO. Off while the user wants quiet: then no bar is drawn, either."""
+"""Progress of a command, at level INFO. Off with --quiet: then no bar is drawn, either."""
 
 
 class Verbosity(IntEnum):
@@ -71,8 +71,8 @@ class _Stderr(logging.Handler):
             return False  # the interpreter prints the traceback
         if record.levelno >= self._verbosity:
             return True
-        told = record.name == remark_log.name or (record.name == progress_log.name and not sys.stderr.isatty())
-        return told and self._verbosity == Verbosity.NORMAL
+        is_remark = record.name == remark_log.name or (record.name == progress_log.name and not sys.stderr.isatty())
+        return is_remark and self._verbosity == Verbosity.NORMAL
 
     def format(self, record: logging.LogRecord) -> str:
         text = record.getMessage()

@@ -1,4 +1,4 @@
-"""How far a command is: a bar on a terminal, a line now and then elsewhere."""
+"""Progress of a command: a bar on a terminal, a line every ten seconds elsewhere."""
 
 import logging
 import time
@@ -22,7 +22,7 @@ class Advance(Protocol):
     """To be called now and then."""
 
     def __call__(self, done_s: float, facts: str = "") -> None:
-        """Tell that `done_s` recorded or simulated seconds are done; `facts` says what came of them."""
+        """Report that `done_s` recorded or simulated seconds are done, with `facts` to show beside the bar."""
 
 
 @contextmanager
@@ -31,7 +31,7 @@ def show_progress(
 ) -> Iterator[Advance]:
     """Progress over recorded or simulated seconds.
 
-    On a terminal there is a bar, unless the user wants quiet. Elsewhere, and in a log file, there is a line every ten
+    On a terminal there is a bar, unless --quiet is given. Elsewhere, and in a log file, there is a line every ten
     seconds.
 
     Args:

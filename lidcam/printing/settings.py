@@ -5,8 +5,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from rich.console import Console
-from rich.text import Text
 
+from lidcam.printing.folding import show_line, show_table
 from lidcam.printing.tables import pairs_table
 from lidcam.settings.explain import Explanation
 from pipeline.core.settings.validation.wording import found
@@ -16,23 +16,23 @@ __all__ = ["print_explanation", "print_presets"]
 
 def print_presets(out: Console, summaries: Mapping[str, str]) -> None:
     """The presets with what they are for."""
-    out.print(pairs_table("presets", summaries))
-    out.print(Text("Without --config the recording decides: see the line `settings` of its final table."))
+    show_table(out, pairs_table("presets", summaries))
+    show_line(out, "Without --config the recording decides: see the line `settings` of its final table.")
 
 
 def print_explanation(out: Console, explanation: Explanation) -> None:
     """What a key means: its values, or the keys in it."""
-    out.print(Text(explanation.key or "settings", style="bold"))
-    out.print(Text(explanation.meaning))
+    show_line(out, explanation.key or "settings", "bold")
+    show_line(out, explanation.meaning)
     out.print()
     facts = {"unit": explanation.unit, "allowed": explanation.allowed}
     if not explanation.keys and explanation.by_preset:
         facts |= {"default": _text(explanation.default)}
         facts |= {name: _text(value) for name, value in explanation.by_preset.items()}
     if known := {name: text for name, text in facts.items() if text}:
-        out.print(pairs_table("", known))
+        show_table(out, pairs_table("", known))
     if explanation.keys:
-        out.print(pairs_table("keys", explanation.keys))
+        show_table(out, pairs_table("keys", explanation.keys))
 
 
 def _text(value: Any) -> str:

@@ -36,7 +36,7 @@ MAST_LIDAR_M = 3.0
 """Lidars higher than this that stand still are on masts; most vehicles are lower."""
 
 RIVALS = {"sandbox": "road", "road": "crossing", "crossing": "road"}
-"""What a judgement that is wrong is most likely to have missed."""
+"""The preset that most likely fits where the judgement is wrong."""
 
 
 @dataclass(frozen=True, slots=True)

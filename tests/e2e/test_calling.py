@@ -40,7 +40,7 @@ def test_a_reader_that_leaves_does_not_end_the_run(
     line = f"{PROGRAM} process {sandbox} out.mcap --config {sandbox_config} {option} | head -n 1; "
     line += "echo ${PIPESTATUS[0]}"
     done = shell(line, tmp_path)
-    assert done.stderr == ""
+    assert not [line for line in done.stderr.splitlines() if " frames, " not in line]  # progress, on a slow machine
     _, code = done.stdout.splitlines()
     assert code == "0"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out.foxglove.json", "out.mcap"]
@@ -121,6 +121,20 @@ def test_short_help(lidcam: Lidcam, command: tuple[str, ...]) -> None:
     assert short.out == lidcam(*command, "--help").out
     assert all(len(line) <= 80 for line in short.out.splitlines())
     assert not command or "--log-file FILE" in short.out
+
+
+def test_a_path_is_a_file_even_if_a_preset_has_its_name(sandbox: Path, tmp_path: Path) -> None:
+    (tmp_path / "road").write_text("fuse: {min_scor: 0.1}", encoding="utf-8")
+    done = shell(f"{PROGRAM} inspect {sandbox} --config ./road", tmp_path)
+    assert done.returncode == 1
+    assert done.stderr.startswith("lidcam: error: ./road: unknown key 'fuse.min_scor': did you mean 'fuse.min_score'?")
+
+
+@pytest.mark.parametrize("command", [(), ("config",)])
+def test_help_says_in_whole_sentences_what_commands_do(lidcam: Lidcam, command: tuple[str, ...]) -> None:
+    lines = lidcam(*command, "-h").out.partition("Commands:\n")[2].splitlines()
+    assert len(lines) >= 3
+    assert not [line for line in lines if line.endswith("...")]
 
 
 def test_strict(lidcam: Lidcam, sandbox: Path, sandbox_config: Path, tmp_path: Path) -> None:

@@ -332,12 +332,27 @@ def test_time_offsets_of_the_rig_are_taken_off_before_synchronisation() -> None:
     assert len(frames) == 10
 
 
+def test_a_camera_that_falls_silent_in_one_part_and_is_back_in_the_next_is_silent_until_then() -> None:
+    once = periodic(count=30)
+    ends_early = [m for m in once if m.topic != IMAGES or m.stamp_ns < START_NS + 20 * STEP_NS]
+    summary, _ = run([*ends_early, *(moved(m, 3) for m in once)], config())
+    assert [str(sensor) for sensor in summary.missing] == ["silent from 1.9 s to 3.0 s"]
+    summary, _ = run([*ends_early, *(moved(m, 3) for m in ends_early)], config())
+    assert [str(sensor) for sensor in summary.missing] == ["silent from 1.9 s to 3.0 s, silent from 4.9 s to the end"]
+
+
+@pytest.mark.parametrize("required", ["all", "lidars", [], [IMAGES]])
+def test_a_part_without_messages_is_refused_with_one_line(required: object) -> None:
+    with pytest.raises(RecordingError, match="in the part given by start and duration, found none in it"):
+        run(periodic(), config(required=required), window=TimeWindow(START_NS + 10**12))
+
+
 def test_a_sensor_recorded_too_late_to_be_waited_for_is_told() -> None:
     messages = [moved(m, 2) if m.topic == IMAGES else m for m in periodic(count=60)]
     summary, frames = run(messages, config())
     assert len([frame for frame in frames if FRONT in frame.bundle.messages]) == 60
     (warning,) = (one for one in summary.warnings if "complete" in one.finding)
     assert warning.subject == "cam"
-    assert "of 60 messages came when their frames were complete" in warning.finding
+    assert "of 60 messages came after their frames were complete" in warning.finding
     patient, _ = run(messages, config(queue_size=30))
     assert patient.messages_used[IMAGES] > 35

@@ -160,3 +160,9 @@ def test_a_camera_that_looks_down_has_a_place_too() -> None:
     above = replace(forward_camera("above"), T_camera_site=Transform("above", "site", down))
     assert len(cameras_in_order(rig(above, camera("c", 0)))) == 2
     np.testing.assert_array_equal(front_of_rig(rig(above)), [1, 0])
+
+
+def test_frames_without_points_and_objects_are_not_among_the_first() -> None:
+    of, shown = rig(camera("front", 0)), seen([(20, 1)], points=ring(30))
+    late = place_eye(of, *[seen([])] * (SURVEYED_FRAMES + 2), *[shown] * SURVEYED_FRAMES)
+    np.testing.assert_array_equal(late.eye, place_eye(of, *[shown] * SURVEYED_FRAMES).eye)

@@ -12,7 +12,7 @@ from pipeline.core.frame import FrameResult
 from pipeline.core.geometry.box_edges import BOX_EDGES
 from pipeline.core.geometry.boxes import box_corners
 from pipeline.core.ros.messages import ROS2
-from writers.drawing import object_colors, object_labels, strong_objects
+from writers.drawing import ARROW_SHARE, object_colors, object_labels, strong_objects
 from writers.messages.detections import box_poses
 
 __all__ = ["marker_array", "scene_update"]
@@ -21,8 +21,6 @@ LABEL_PX = 13.0
 LABEL_SHARE = 0.35
 """Height of a marker's letters as a share of the height of its box: fits a street and a 1:14 model of one."""
 
-ARROW_SHARE = 0.75
-"""Length of an object's arrow as a share of its own: it points out of its front by a quarter."""
 
 ALPHA_STRONG, ALPHA_FAINT = 0.5, 0.1
 _EDGE_PX = 2.0

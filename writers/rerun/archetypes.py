@@ -9,7 +9,7 @@ from pipeline.core.arrays import F32, F64, U8, Array, Bools
 from pipeline.core.clouds import CombinedCloud
 from pipeline.core.frame import FrameResult
 from pipeline.core.rig import CameraSensor
-from writers.drawing import DrawnBoxes2D, labels_in_the_clear, object_colors, object_edges, strong_objects
+from writers.drawing import ARROW_SHARE, DrawnBoxes2D, labels_in_the_clear, object_colors, object_edges, strong_objects
 
 __all__ = [
     "boxes_2d",
@@ -78,7 +78,7 @@ def heading_arrows(result: FrameResult, rows: Bools) -> rr.Arrows3D:
     ahead = np.stack([np.cos(objects.yaws), np.sin(objects.yaws), np.zeros_like(objects.yaws)], -1)
     return rr.Arrows3D(
         origins=objects.centers,
-        vectors=ahead * objects.sizes[:, :1] * 0.75,
+        vectors=ahead * objects.sizes[:, :1] * ARROW_SHARE,
         colors=_bytes(object_colors(result)[rows]),
         radii=objects.sizes[:, 2] * 0.03,
     )

@@ -1,12 +1,13 @@
 """Where the files of `config/` lie, which travel with lidcam, and which of them are presets."""
 
+from collections.abc import Mapping
 from os import PathLike, fspath
 from pathlib import Path
 
-from pipeline.core.errors import ConfigError
+from pipeline.core.errors import ConfigError, LidcamError
 from pipeline.core.settings.validation.check import did_you_mean
 
-__all__ = ["PRESETS", "bundled", "settings_file"]
+__all__ = ["PRESETS", "bundled", "preset_or_file", "settings_file"]
 
 PRESETS = ("sandbox", "crossing", "road")
 """Settings for a kind of site, by name."""
@@ -25,11 +26,18 @@ def settings_file(name: str | PathLike[str]) -> Path:
     Raises:
         ConfigError: it is neither.
     """
+    return preset_or_file(name, {preset: bundled(f"{preset}.yaml") for preset in PRESETS}, "a YAML file", ConfigError)
+
+
+def preset_or_file(name: str | PathLike[str], presets: Mapping[str, Path], kind: str, error: type[LidcamError]) -> Path:
+    """The file of a preset, or the file of that name; `kind` says in words what the file is.
+
+    Raises:
+        LidcamError: it is neither; raised as `error`.
+    """
     text = fspath(name)
-    if text in PRESETS:
-        return bundled(f"{text}.yaml")
-    path = Path(text)
+    path = presets.get(text, Path(text))
     if path.exists():
         return path
-    meant = did_you_mean(path.stem, [*PRESETS])
-    raise ConfigError(f"{text}: expected a preset ({', '.join(PRESETS)}) or a YAML file, found neither{meant}")
+    meant = did_you_mean(path.stem, [*presets])
+    raise error(f"{text}: expected a preset ({', '.join(presets)}) or {kind}, found neither{meant}")

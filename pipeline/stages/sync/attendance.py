@@ -46,11 +46,6 @@ class Absence:
     frames: int
     silences: tuple[Silence, ...]
 
-    @property
-    def single_frames(self) -> int:
-        """Number of frames without a message of it that were taken while it was alive."""
-        return self.frames - sum(silence.frames for silence in self.silences)
-
 
 class Attendance:
     """Keeps the spans of silence, and counts frames without a topic's message, over a whole run."""
@@ -59,6 +54,7 @@ class Attendance:
         self._heard_ns: dict[str, int] = {}
         self._silences: dict[str, list[Silence]] = {}
         self._frames: Counter[str] = Counter()
+        self._frame_ns = 0
 
     def hear(self, topic: str, log_time_ns: int | None) -> None:
         """Take note of a topic's last message in a part of the recording; None: there was none."""
@@ -69,7 +65,8 @@ class Attendance:
         """End the span of silence that the topic is in, if any."""
         silences = self._silences.get(topic)
         if silences and silences[-1].end_ns is None:
-            silences[-1] = replace(silences[-1], end_ns=log_time_ns)
+            end_ns = max(log_time_ns, self._frame_ns)  # log times may have jumped back meanwhile
+            silences[-1] = replace(silences[-1], end_ns=end_ns)
 
     def fall_silent(self, topic: str, heard_ns: int | None) -> None:
         """Begin a span of silence, unless one has begun.
@@ -88,6 +85,7 @@ class Attendance:
 
     def missing(self, topics: Iterable[str], log_time_ns: int) -> Mapping[str, Missing]:
         """Count a frame recorded at `log_time_ns` without messages of `topics`; why each of them is missing."""
+        self._frame_ns = log_time_ns
         found: dict[str, Missing] = {}
         for topic in topics:
             self._frames[topic] += 1

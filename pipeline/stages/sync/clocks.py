@@ -141,7 +141,7 @@ class Clocks:
             clock.part, clock.log_time_ns, clock.last_ns = self._part, None, None
 
     def _unstamped(self, clock: _Clock, message: RawMessage) -> list[RawMessage]:
-        """A message whose stamp is 0: of a driver that never sets it, or a fault."""
+        """A message whose stamp is 0: its driver never sets stamps, or it is a fault."""
         held = clock.held
         if clock.is_unstamped:
             return [_at_log_time(message, clock.offset_ns)]
@@ -202,7 +202,7 @@ class Clocks:
         return []
 
     def _sound(self, clock: _Clock, last_ns: int, held: RawMessage | None, message: RawMessage) -> list[RawMessage]:
-        """A message that continues those before it, with what it tells of the one that was held."""
+        """A message that continues those before it; it decides on the one that was held."""
         if clock.part < self._part:  # others have jumped back; does this topic stay?
             if held is None or not clock.is_sound(held):
                 if held is not None:

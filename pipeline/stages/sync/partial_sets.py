@@ -53,7 +53,7 @@ class PartialSets:
             held per other topic.
         slop_ns: Largest distance of the other topics' messages to the reference message.
         liveness: Of `topics`.
-        attendance: Is told when topics fall silent and come back.
+        attendance: Records when topics fall silent and come back.
         on_drop: Called for each message that is in no set.
     """
 
@@ -110,8 +110,9 @@ class PartialSets:
         if silent := self._liveness.advance(message.log_time_ns):
             self._note_silent(silent)
             found += self._choose_core()
+        is_first = self._liveness.heard_ns(topic) is None  # in this part: it may have been silent in the one before
         came_back = self._liveness.hear(topic, message.stamp_ns)
-        if came_back:
+        if came_back or is_first:
             self._attendance.come_back(message.topic, message.log_time_ns)
         has_caught_up = topic in self._late and self._is_worth_waiting_for(message.stamp_ns)
         if has_caught_up:

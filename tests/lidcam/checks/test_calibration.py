@@ -1,14 +1,22 @@
 """Calibration that cannot be right is said after a run and, where one message tells, by an inspection."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import yaml
+from builders import pointcloud2, raw
+from detections import boxes2d, forward_camera
+from frames import frame
 
 import lidcam
-from lidcam.checks.calibration import check_first_clouds
+from lidcam.checks.calibration import CalibrationCheck, check_first_clouds
+from pipeline.core.frame import FrameResult
+from pipeline.core.geometry.transform import Transform
+from pipeline.core.messages import RawMessage
+from pipeline.core.rig import LidarSensor, Rig
 from pipeline.core.settings.config import Config
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -75,3 +83,64 @@ def test_without_clouds_nothing_is_said() -> None:
     rig = lidcam.inspect(SANDBOX).rig
     assert rig is not None
     assert check_first_clouds(rig, Config(), {}) == ()
+
+
+def ground_message(sensor: LidarSensor, *, stamp_ns: int) -> RawMessage:
+    """Flat ground around a lidar, in the lidar's frame."""
+    random = np.random.default_rng(1)
+    xyz = np.c_[random.uniform(-15, 15, (1500, 2)), np.full(1500, -sensor.T_site_lidar.translation[2])]
+    fields = pointcloud2(xyz.astype(np.float32), stamp_ns=stamp_ns, frame_id=sensor.name)
+    return raw(sensor.topic, "sensor_msgs/msg/PointCloud2", fields, stamp_ns)
+
+
+def late_rig() -> Rig:
+    poses = {"a": (0.0, 0.0, 1.8), "b": (0.0, 3.0, 2.4), "late": (0.0, -3.0, 1.2)}
+    lidars = tuple(
+        LidarSensor(name, f"/{name}", Transform.from_quaternion("site", name, position, (0, 0, 0, 1)))
+        for name, position in poses.items()
+    )
+    return Rig("site", lidars, (), ())
+
+
+def frames_with_a_late_lidar(rig: Rig) -> list[FrameResult]:
+    """Five frames; the last lidar is in the last two."""
+    found = []
+    for index in range(5):
+        lidars = rig.lidars if index >= 3 else rig.lidars[:-1]
+        messages = {lidar.topic: ground_message(lidar, stamp_ns=10**9 + index) for lidar in lidars}
+        whole = frame(index)
+        found.append(replace(whole, bundle=replace(whole.bundle, messages=messages)))
+    return found
+
+
+def test_a_lidar_that_begins_late_is_looked_at_too() -> None:
+    true = late_rig()
+    *others, late = true.lidars
+    inverse = Transform("site", late.name, late.T_site_lidar.inverse().matrix)
+    check = CalibrationCheck(replace(true, lidars=(*others, replace(late, T_site_lidar=inverse))), Config())
+    for result in frames_with_a_late_lidar(true):
+        check.add(result)
+    assert [warning.subject for warning in check.warnings] == ["late"]
+
+
+def test_frames_without_a_lidar_do_not_count_against_a_camera() -> None:
+    rig = replace(late_rig(), cameras=(forward_camera("ahead"),))
+    check = CalibrationCheck(rig, Config())
+    behind = np.tile(np.array([[-10, 0, 0]], np.float32), (600, 1))
+    for result in frames_with_a_late_lidar(rig)[:3] * 10:
+        cloud = result.combined.cloud
+        n = len(cloud)
+        seen = replace(cloud, xyz=behind[:n])
+        check.add(
+            replace(result, combined=replace(result.combined, cloud=seen, ground_cloud=seen.select(np.arange(0))))
+        )
+    assert check.warnings == ()
+
+
+def test_boxes_of_frames_without_a_lidar_do_not_count_against_a_camera() -> None:
+    rig = replace(late_rig(), cameras=(forward_camera("left"),))
+    check = CalibrationCheck(rig, Config())
+    for result in frames_with_a_late_lidar(rig)[:3] * 10:
+        boxes = {"left": boxes2d([[0, 0, 20, 20, 0.9, 0]])}  # of what only the missing lidar sees
+        check.add(replace(result, detections=replace(result.detections, cameras=boxes)))
+    assert check.warnings == ()

@@ -8,6 +8,7 @@ from frames import RIG, frame
 
 from lidcam.checks.lidars import LidarCheck
 from pipeline.core.frame import FrameResult
+from pipeline.core.messages import Drop
 
 
 def measured(points: Mapping[str, int]) -> FrameResult:
@@ -27,7 +28,6 @@ def without_messages(result: FrameResult, topic: str) -> FrameResult:
         ([], []),
         ([measured({"lidar1": 5, "lidar2": 7})], []),
         ([measured({"lidar1": 5, "lidar2": 0})], ["lidar2"]),
-        ([measured({"lidar1": 5})], ["lidar2"]),  # its messages could not be decoded
         ([measured({"lidar1": 5, "lidar2": 0}), measured({"lidar1": 0, "lidar2": 1})], []),
         ([measured({}), measured({})], ["lidar1", "lidar2"]),
         ([without_messages(measured({"lidar1": 5}), "/lidar2")], []),
@@ -48,6 +48,15 @@ def test_the_warning_counts_messages_and_says_where_to_look() -> None:
         "lidar2: 3 messages without a single point in range; the lidar may be covered, or its motor may stand still; "
         "else see combine.min_range_m and max_range_m"
     )
+
+
+def test_messages_that_cannot_be_decoded_are_not_called_empty() -> None:
+    check, result = LidarCheck(RIG), measured({"lidar1": 5})
+    bad = result.bundle.messages["/lidar2"]
+    check.add(replace(result, drops=(Drop("/lidar2", bad.stamp_ns, "cannot be decoded"),)))
+    assert [str(warning) for warning in check.warnings] == [
+        "lidar2: none of its 1 messages can be decoded; see the reason in the table of messages"
+    ]
 
 
 @pytest.mark.parametrize(

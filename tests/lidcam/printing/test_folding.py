@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
-from lidcam.printing.folding import folded_lines, show_table, tell
+from lidcam.printing.folding import folded_lines, show_line, show_table
 from lidcam.printing.tables import drops_table, objects_table, pairs_table
 from lidcam.summary import DropCount
 
@@ -97,7 +97,7 @@ def test_values_without_header() -> None:
 
 @pytest.mark.parametrize(("out", "count"), [(terminal(30), 2), (pipe(), 1)])
 def test_remarks(out: Console, count: int) -> None:
-    tell(out, f"note: {TOPIC}", "dim")
+    show_line(out, f"note: {TOPIC}", "dim")
     assert len(printed(out)) == count
     assert "".join(line.strip() for line in printed(out)).replace(" ", "") == f"note:{TOPIC}"
 

@@ -1,1 +1,1 @@
-"""Settings checked against their models: what may be where, and mistakes in plain words."""
+"""Settings checked against their models, with mistakes reported in plain words."""

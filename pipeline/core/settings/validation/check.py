@@ -1,4 +1,4 @@
-"""Checks a tree of settings against its model; mistakes are told in plain words, with the key that was meant."""
+"""Checks a tree of settings against its model; mistakes are reported in plain words, with the key that may be meant."""
 
 from collections.abc import Mapping
 from difflib import get_close_matches
@@ -24,7 +24,7 @@ def checked(model: type[M], tree: Mapping[str, Any], source: object, error: type
     Args:
         model: What they may be.
         tree: Their values.
-        source: Where they come from: a file, or a word.
+        source: Where they come from, for messages: a file, or `settings`.
         error: What is raised.
 
     Raises:
@@ -34,7 +34,7 @@ def checked(model: type[M], tree: Mapping[str, Any], source: object, error: type
         return model.model_validate(tree)
     except ValidationError as err:
         message = _first_mistake(model, tree, err)
-    raise error(f"{source}: {message}")  # not from `err`, which says it in a library's words
+    raise error(f"{source}: {message}")  # not from `err`: its message is the validation library's
 
 
 def did_you_mean(word: str, known: list[str], likeness: float = SIBLING_LIKENESS) -> str:
@@ -44,7 +44,7 @@ def did_you_mean(word: str, known: list[str], likeness: float = SIBLING_LIKENESS
 
 
 def unknown_key(model: type[BaseModel], path: tuple[Part, ...], more: str = "") -> str:
-    """What to say of a key that there is not: which one may have been meant, or those that there are."""
+    """The message about an unknown key: the one that was probably meant, else the known ones."""
     key, leaf = _dotted(path), str(path[-1])
     section = Place.of(model).at(path[:-1])[1].section or model
     siblings, before = list(section.model_fields), _dotted(path[:-1])
@@ -66,7 +66,7 @@ def _first_mistake(model: type[BaseModel], tree: Mapping[str, Any], err: Validat
     root = Place.of(model)
     mistakes = err.errors(include_url=False)
     fault = mistakes[0]
-    # Each member of a union that a value fits none of has mistakes of its own: they are one.
+    # A value that fits no member of a union gives one mistake per member: count them as one.
     keys = {one["loc"] if one["type"] == "extra_forbidden" else root.at(one["loc"])[0] for one in mistakes}
     more = f" (and {len(keys) - 1} more)" if len(keys) > 1 else ""
     path, place = root.at(fault["loc"])

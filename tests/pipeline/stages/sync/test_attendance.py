@@ -24,7 +24,6 @@ def test_frames_are_counted_by_span() -> None:
     assert attendance.missing(["/a"], 11) == {"/a": Missing.SILENT}
     (found, other) = attendance.absences(["/a", "/b"])
     assert found == Absence("/a", 4, (Silence(None, 10, 2), Silence(10, None, 1)))
-    assert found.single_frames == 1
     assert other == Absence("/b", 1, ())
 
 
@@ -39,3 +38,12 @@ def test_spans_are_bounded_and_no_frame_is_lost() -> None:
     assert len(found.silences) == MAX_SILENCES
     assert found.frames == sum(silence.frames for silence in found.silences) == count
     assert found.silences[-1].end_ns is None
+
+
+def test_a_silence_ends_with_its_part_where_log_times_jump_back() -> None:
+    attendance = Attendance()
+    attendance.fall_silent("/a", 100)
+    assert attendance.missing(["/a"], 130) == {"/a": Missing.SILENT}
+    attendance.come_back("/a", 20)
+    assert attendance.missing(["/a"], 30) == {"/a": Missing.NOT_NEAR}
+    assert attendance.absences(["/a"]) == (Absence("/a", 2, (Silence(100, 130, 1),)),)
