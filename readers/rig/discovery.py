@@ -137,7 +137,7 @@ def _check_site_is_named(found: FoundSensors) -> None:
     Raises:
         CalibrationError: they do not.
     """
-    if found.is_site_named:
+    if found.is_site_named or not found.lidars:  # without a lidar there is a worse fault to report
         return
     lidars = [lidar.name for lidar in found.lidars if lidar.entry.has_pose and not lidar.entry.parent]
     cameras = [camera.name for camera in found.cameras if camera.entry.has_pose and not camera.entry.parent]

@@ -245,6 +245,12 @@ def test_unsound_lidars_are_faults_until_none_is_left() -> None:
         apply({"site_frame": "a", "lidars": {"x": {"topic": "/a_points", "translation_m": [1, 0, 0]}}, "cameras": {}})
 
 
+def test_no_recorded_lidar_is_one_line_even_where_cameras_have_poses_without_a_site() -> None:
+    camera = {"topic": "/cam11/image", "translation_m": [1, 2, 3]}
+    with pytest.raises(CalibrationError, match=r"no lidar is usable .*roof \(/nowhere\): the recording has no clouds"):
+        apply({"lidars": {"roof": {"topic": "/nowhere"}}, "cameras": {"left": camera}})
+
+
 def test_transforms_that_are_not_rigid_are_refused() -> None:
     with pytest.raises(CalibrationError, match="transforms: imu: rotation_xyzw: expected a quaternion of length 1"):
         apply({"transforms": {"a": {"imu": {"rotation_xyzw": [0, 0, 0, 3]}}}})
