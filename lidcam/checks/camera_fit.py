@@ -126,7 +126,8 @@ def _turned(camera: CameraSensor) -> Iterator[tuple[F64, str, str]]:
             sideways = f"{abs(yaw_deg)} degrees further {'left' if yaw_deg > 0 else 'right'}"
             upright = f"{abs(pitch_deg)} degrees further {'down' if pitch_deg > 0 else 'up'}"
             words = [text for text, angle in ((sideways, yaw_deg), (upright, pitch_deg)) if angle]
-            yield turn @ camera.T_camera_site.matrix, f"if it looked {' and '.join(words)}", "calibrate it again"
+            remedy = "calibrate it again, or see whether its clock is off (time_offset_ms in the rig file)"
+            yield turn @ camera.T_camera_site.matrix, f"if it looked {' and '.join(words)}", remedy
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -10,6 +10,9 @@ __all__ = ["clock_notes", "jump_warnings"]
 MAX_JUMPS_NAMED = 5
 """Jumps with a warning of their own."""
 
+MAX_SENSORS_NAMED = 10
+"""Sensors in one note."""
+
 
 def jump_warnings(jumps: Sequence[TimeJump], *, start_ns: int) -> list[RunWarning]:
     """One for each of the first jumps of time; `start_ns` is the log time at which the recording starts."""
@@ -21,11 +24,13 @@ def jump_warnings(jumps: Sequence[TimeJump], *, start_ns: int) -> list[RunWarnin
 
 
 def clock_notes(clocks: Clocks, sensors: Mapping[str, str]) -> list[str]:
-    """Sensors without stamps; `sensors` names them by topic."""
-    return [
-        f"{sensors.get(topic, topic)}: its stamps are all 0, so the times at which it was recorded are used"
-        for topic in clocks.unstamped
-    ]
+    """What is said of sensors without stamps; `sensors` names them by topic."""
+    names = [sensors.get(topic, topic) for topic in clocks.unstamped]
+    if not names:
+        return []
+    more = f" and {len(names) - MAX_SENSORS_NAMED} more" if len(names) > MAX_SENSORS_NAMED else ""
+    listed = ", ".join(names[:MAX_SENSORS_NAMED])
+    return [f"{listed}{more}: all stamps are 0, so the times at which the messages were recorded are used"]
 
 
 def _warning(jump: TimeJump, start_ns: int) -> RunWarning:

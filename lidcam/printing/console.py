@@ -37,7 +37,7 @@ MAX_LOSSES = 20
 _BOX_SOURCES = {
     "onnx": "from the 2D network",
     "recorded": "as recorded",
-    "none": "none: lidar-only (no camera with a model given by --model-2d or with recorded boxes)",
+    "none": "none: lidar-only; recorded 2D boxes, or --model-2d FILE.onnx, bring the cameras in",
 }
 _NO_MOTION = "none: no odometry or tf of the site frame, or switched off"
 

@@ -318,7 +318,7 @@ def test_a_camera_that_never_sets_its_stamps_takes_part_by_log_time() -> None:
     summary, frames = run(messages, config())
     assert len(frames) == 10
     assert all(IMAGES in frame.bundle.messages for frame in frames)
-    assert summary.notes == ("cam: its stamps are all 0, so the times at which it was recorded are used",)
+    assert summary.notes == ("cam: all stamps are 0, so the times at which the messages were recorded are used",)
     assert not summary.missing
 
 

@@ -2,7 +2,7 @@
 
 `world` is the site frame. A frame is logged at its stamp (timeline `stamp`) and index (`frame`). Rerun's global
 recording is not used. Equal results give equal data, but not equal bytes (Rerun's row ids come from the clock): compare
-with `rerun rrd compare`.
+with `rerun rrd compare --unordered`.
 """
 
 from collections.abc import Callable
@@ -35,6 +35,8 @@ from writers.viewpoint import SceneSurvey
 __all__ = ["RerunResultWriter"]
 
 JPEG_QUALITY = 90
+FLUSH_TICK_S = 86400
+"""Rerun cuts data into chunks by size and by this time; a day, so that the clock decides nothing."""
 _WAY_COLOR = (225, 190, 90)
 _MAGIC = {b"\xff\xd8\xff": "image/jpeg", b"\x89PN": "image/png"}
 
@@ -75,7 +77,10 @@ class RerunResultWriter:
         with ExitStack() as resources, output_errors(self._path):
             part = resources.enter_context(atomic_output(self._path))
             self._recording = rr.RecordingStream(
-                "lidcam", recording_id=self._provenance.recording_id, send_properties=False
+                "lidcam",
+                recording_id=self._provenance.recording_id,
+                send_properties=False,
+                batcher_config=rr.ChunkBatcherConfig(flush_tick=FLUSH_TICK_S),
             )
             self._recording.set_log_time_enabled(False)
             self._recording.set_log_tick_enabled(False)

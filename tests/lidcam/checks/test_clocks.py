@@ -30,4 +30,7 @@ def test_sensors_without_stamps_are_named() -> None:
     clocks = Clocks({}, on_drop=lambda _drop: None)
     assert clock_notes(clocks, {}) == []
     clocks.unstamped |= {"/cam": None, "/odom": None}
-    assert [note.partition(":")[0] for note in clock_notes(clocks, {"/cam": "left"})] == ["left", "/odom"]
+    (note,) = clock_notes(clocks, {"/cam": "left"})
+    assert note.startswith("left, /odom: all stamps are 0")
+    clocks.unstamped |= dict.fromkeys(map(str, range(9)))
+    assert " and 1 more: " in clock_notes(clocks, {})[0]

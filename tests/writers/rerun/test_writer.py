@@ -1,7 +1,8 @@
 import re
 import subprocess
 import sys
-from collections.abc import Callable, Iterable
+import time
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -93,6 +94,21 @@ def test_equal_results_give_equal_data(tmp_path: Path) -> None:
     assert rerun(tmp_path, "rrd", "compare", "--unordered", tmp_path / "one.rrd", tmp_path / "two.rrd").returncode == 0
     different = rerun(tmp_path, "rrd", "compare", "--unordered", tmp_path / "one.rrd", tmp_path / "other.rrd")
     assert different.returncode != 0
+
+
+def test_how_fast_the_frames_come_does_not_matter(tmp_path: Path) -> None:
+    """Rerun would cut the data into chunks every 200 ms, so that no two runs were alike."""
+    write(tmp_path / "fast.rrd", [frame(index) for index in range(4)])
+
+    def slow() -> Iterator[FrameResult]:
+        for index in range(4):
+            time.sleep(0.25)
+            yield frame(index)
+
+    write(tmp_path / "slow.rrd", slow())
+    assert (
+        rerun(tmp_path, "rrd", "compare", "--unordered", tmp_path / "fast.rrd", tmp_path / "slow.rrd").returncode == 0
+    )
 
 
 def test_frames_without_anything_to_show(tmp_path: Path) -> None:
