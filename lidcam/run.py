@@ -215,6 +215,7 @@ class Run:
             frames=tally.frames,
             objects=dict(sorted(tally.objects.items())),
             confirmed=tally.confirmed,
+            frames_without_boxes=tally.frames_without_boxes,
             points=dict(tally.points),
             messages_used=dict(sorted(tally.messages.items())),
             drops=drops,

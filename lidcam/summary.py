@@ -143,6 +143,7 @@ class RunReport:
         frames: Number of frames.
         objects: Number of fused objects by (class name, zone name); the latter is empty where there are no zones.
         confirmed: Number of fused objects that at least one camera confirms.
+        frames_without_boxes: Number of frames for which no camera sent an image or boxes.
         points: Lidar points by step of the combination, summed over the frames.
         messages_used: Number of messages used, by topic.
         drops: Messages that were not used, by topic and reason.
@@ -169,6 +170,7 @@ class RunReport:
     frames: int
     objects: Mapping[tuple[str, str], int]
     confirmed: int
+    frames_without_boxes: int
     points: Mapping[str, int]
     messages_used: Mapping[str, int]
     drops: tuple[DropCount, ...]
@@ -205,6 +207,7 @@ class Tally:
         self._zones = rig.zones
         self.frames = 0
         self.confirmed = 0
+        self.frames_without_boxes = 0
         self.compensated = 0
         self.objects: Counter[tuple[str, str]] = Counter()
         self.points: Counter[str] = Counter()
@@ -217,6 +220,7 @@ class Tally:
         self.frames += 1
         self.compensated += bool(frame.combined.compensated)
         self.confirmed += int((frame.fused.matched > 0).sum())
+        self.frames_without_boxes += not frame.detections.cameras
         rows = first_polygon_with([zone.polygon_site for zone in self._zones], objects.centers[:, :2])
         outside = OUTSIDE_ZONES if self._zones else ""
         for class_id, row in zip(objects.class_ids.tolist(), rows.tolist(), strict=True):
@@ -254,6 +258,7 @@ def report_tree(report: RunReport) -> dict[str, Any]:
         "motion": {"topics": list(report.motion_topics), "compensated_frames": report.compensated},
         "objects": [{"class": c, "zone": z or None, "count": count} for (c, z), count in report.objects.items()],
         "confirmed": report.confirmed,
+        "frames_without_boxes": report.frames_without_boxes,
         "points": dict(report.points),
         "messages_used": dict(report.messages_used),
         "drops": [asdict(drop) for drop in report.drops],

@@ -96,14 +96,21 @@ def missing_sensors(absences: Sequence[Absence], rig: Rig, *, of_frames: int, st
 
 
 def silence_warnings(missing: Sequence[MissingSensor]) -> list[RunWarning]:
-    """One for each sensor that was silent for a time; recorded boxes are silent with their camera."""
+    """One for all sensors that were silent at the same time; recorded boxes are silent with their camera."""
     silent = {sensor.sensor for sensor in missing if sensor.silences}
-    return [
-        RunWarning(
-            sensor.sensor,
-            f"{sensor.spans}; {sum(span.frames for span in sensor.silences)} of {sensor.of_frames} frames lack it",
-            f"check the sensor, its driver and the recording of {sensor.topic}",
-        )
-        for sensor in missing
-        if sensor.sensor in silent and sensor.sensor.removesuffix(BOXES_SUFFIX) not in silent - {sensor.sensor}
-    ]
+    by_finding: dict[str, list[MissingSensor]] = {}
+    for sensor in missing:
+        if sensor.sensor in silent and sensor.sensor.removesuffix(BOXES_SUFFIX) not in silent - {sensor.sensor}:
+            frames = sum(span.frames for span in sensor.silences)
+            finding = f"{sensor.spans}; {frames} of {sensor.of_frames} frames lack"
+            by_finding.setdefault(finding, []).append(sensor)
+    return [_silence_warning(finding, sensors) for finding, sensors in by_finding.items()]
+
+
+def _silence_warning(finding: str, sensors: Sequence[MissingSensor]) -> RunWarning:
+    if len(sensors) == 1:
+        (sensor,) = sensors
+        remedy = f"check the sensor, its driver and the recording of {sensor.topic}"
+        return RunWarning(sensor.sensor, f"{finding} it", remedy)
+    names = ", ".join(sensor.sensor for sensor in sensors)
+    return RunWarning(names, f"{finding} them", "check what they share: power, network, driver, or the recorder")

@@ -98,7 +98,7 @@ def print_report(out: Console, report: RunReport) -> None:
         "sync skew": f"{report.skew_mean_ms:.1f} ms mean, {report.skew_max_ms:.1f} ms at most",
         "motion": f"{compensated}, from {', '.join(report.motion_topics)}" if report.motion_topics else _NO_MOTION,
         "2D boxes": _BOX_SOURCES[report.box_source],
-        "confirmed": f"{report.confirmed} of {sum(report.objects.values())} objects by a camera",
+        "confirmed": _confirmed(report),
         "settings": str(report.settings),
         "written": ", ".join(map(str, report.outputs)),
         **_how_to_look(report.outputs),
@@ -113,6 +113,13 @@ def print_report(out: Console, report: RunReport) -> None:
         more = f" and {len(names) - MAX_LISTED} more" if len(names) > MAX_LISTED else ""
         show_line(out, f"not used: {', '.join(names[:MAX_LISTED])}{more}")
     _print_warnings(out, report.warnings)
+
+
+def _confirmed(report: RunReport) -> str:
+    confirmed = f"{report.confirmed} of {sum(report.objects.values())} objects by a camera"
+    if report.box_source == "none" or not report.frames_without_boxes:
+        return confirmed
+    return f"{confirmed}; {report.frames_without_boxes} of {report.frames} frames have no 2D boxes to confirm any"
 
 
 def print_inspection(out: Console, inspection: Inspection) -> None:

@@ -235,7 +235,7 @@ def test_a_run_without_lidars_from_a_time_on_goes_on() -> None:
         ("front", 10, "silent from 0.9 s to the end"),
         ("rear", 10, "silent from 0.9 s to the end"),
     ]
-    assert [warning.subject for warning in summary.warnings] == ["front", "rear", "no objects"]
+    assert [warning.subject for warning in summary.warnings] == ["front, rear", "no objects"]
     assert report_tree(summary)["missing"][0] == {
         "sensor": "front",
         "topic": FRONT,

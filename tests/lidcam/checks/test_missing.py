@@ -33,7 +33,7 @@ def test_a_camera_and_its_boxes_that_are_silent_are_one_warning() -> None:
     span = (SilentSpan(1.0, None, 3),)
     both = [MissingSensor(name, f"/{name}", 3, 9, span) for name in ("cam", "cam (boxes)", "other (boxes)")]
     boxes_alone = [MissingSensor("cam", "/cam", 3, 9, ()), both[1]]
-    assert [warning.subject for warning in silence_warnings(both)] == ["cam", "other (boxes)"]
+    assert [warning.subject for warning in silence_warnings(both)] == ["cam, other (boxes)"]
     assert [warning.subject for warning in silence_warnings(boxes_alone)] == ["cam (boxes)"]
 
 
@@ -55,3 +55,16 @@ def test_absences_become_sensors_and_silences_warnings() -> None:
         "right: silent until 2.0 s; 4 of 10 frames lack it; check the sensor, its driver and the recording of "
         "/right/image",
     ]
+
+
+def test_sensors_that_fall_silent_together_share_a_warning() -> None:
+    span = (SilentSpan(1.0, None, 20),)
+    missing = [MissingSensor(name, f"/{name}", 20, 30, span) for name in ("cam1", "cam2", "cam2 (boxes)")]
+    missing.append(MissingSensor("cam3", "/cam3", 20, 30, (SilentSpan(1.5, None, 20),)))
+    assert list(map(str, silence_warnings(missing))) == [
+        "cam1, cam2: silent from 1.0 s to the end; 20 of 30 frames lack them; check what they share: power, network, "
+        "driver, or the recorder",
+        "cam3: silent from 1.5 s to the end; 20 of 30 frames lack it; check the sensor, its driver and the recording "
+        "of /cam3",
+    ]
+    assert silence_warnings([]) == []
