@@ -159,6 +159,8 @@ def _no_poses(recording: Recording, topics: Sequence[str]) -> str:
 
 def _no_lidar(faults: Sequence[SensorFault], site: str) -> str:
     reasons = "; ".join(f"{fault.sensor} ({fault.topic}): {fault.reason}" for fault in faults)
+    if not site:  # none of them was recorded, so poses would not help
+        return f"no lidar is usable in this recording: {reasons}; correct topics.lidars, or the lidars of the rig file"
     return (
         f"no lidar is usable in site frame {site!r}: {reasons}; give the lidars' poses in a rig file (--rig), "
         "or another site frame (--set rig.site_frame=FRAME)"

@@ -83,7 +83,7 @@ def test_a_log_file_gets_everything_with_times(tmp_path: Path, verbosity: Verbos
 def test_the_traceback_of_a_bug_is_in_the_file_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     configure_logging(Verbosity.VERBOSE, tmp_path / "run.log")
     try:
-        1 / 0  # noqa: B018
+        1 / 0  # noqa: B018  # stands for a bug
     except ZeroDivisionError:
         logging.getLogger("lidcam.program").debug("a bug", exc_info=True)
     assert capsys.readouterr().err == ""

@@ -180,6 +180,11 @@ def test_no_usable_lidar_ends_the_run() -> None:
         discover([cloud("/a_points", "a")], rig={"site_frame": "map"})
 
 
+def test_topics_that_were_not_recorded_need_no_poses() -> None:
+    with pytest.raises(CalibrationError, match=r"in this recording: .*/none.*/a_points; correct topics\.lidars"):
+        discover([cloud("/a_points", "a")], topics={"lidars": ["/none"]})
+
+
 def test_no_clouds_lists_the_topics() -> None:
     with pytest.raises(RecordingError, match=r"expected a topic of lidar clouds.*/camera/image_raw \(sensor_msgs"):
         discover([an_image("/camera/image_raw", "camera")])
