@@ -1,19 +1,19 @@
-# make demo    process the sample recordings into out/
-# make test    lint, types, tests
-# make check   lint and types only
-# make fuzz    hostile inputs for every decoder, MINUTES=15 of them (Linux)
-# make samples record the sample recordings in bags/ anew
-# make bench   what is measured against what
+# make demo     process the sample recordings into out/
+# make test     lint, types, tests
+# make check    lint and types only
+# make fuzz     hostile inputs for every decoder, MINUTES=15 of them (Linux)
+# make campaign kills, full disks, damaged and hostile inputs: MINUTES=30 of them (Linux)
+# make samples  record the sample recordings in bags/ anew
+# make bench    what is measured against what
 # Each installs what it needs into .venv the first time, and only then: the demo lidcam alone, the others all extras and the tools of tests, too.
 
 PYTHON ?= python3
 BIN := .venv/bin
-MINUTES ?= 15
 INSTALLED := .venv/installed
 INSTALLED_ALL := .venv/installed-all
 INSTALL = $(BIN)/python -m pip install --disable-pip-version-check --constraint constraints.txt --editable
 
-.PHONY: demo test check fuzz samples bench
+.PHONY: demo test check fuzz campaign samples bench
 .DELETE_ON_ERROR:
 
 $(INSTALLED): pyproject.toml constraints.txt
@@ -43,7 +43,10 @@ test: check
 	$(BIN)/pytest -n auto --dist loadfile --cov --cov-report=term:skip-covered
 
 fuzz: $(INSTALLED_ALL)
-	$(BIN)/python tests/fuzz/fuzz.py --minutes $(MINUTES)
+	$(BIN)/python tests/fuzz/fuzz.py $(MINUTES:%=--minutes=%)
+
+campaign: $(INSTALLED_ALL)
+	$(BIN)/python tests/campaign/run_all.py $(MINUTES:%=--minutes=%)
 
 samples: $(INSTALLED_ALL)
 	$(BIN)/lidcam simulate sandbox bags/sandbox.bag --duration 2 --set 'lidars.*.firing_stride=4' --set 'cameras.*.jpeg_quality=40'
