@@ -22,7 +22,7 @@ from readers.files.rosbag1.chunk import (
     message_at,
     messages_of,
 )
-from readers.files.rosbag1.connections import Connection, agreed, connection_of
+from readers.files.rosbag1.connections import Connection, agreed, connection_of, is_same
 from readers.files.rosbag1.index import Chunk, Contents
 from readers.files.rosbag1.records import Record
 
@@ -101,7 +101,7 @@ class ChunkReader:
                 stream, begin, end = self._opened(position)
                 found, records = messages_of(stream, begin, end, self._limits)
                 comparison = compared(entries, found)
-                for record in records:
+                for record in records:  # too late to use the other record
                     self._confirm(stream, record, position, dict(self._contents.connections))
         except LIBRARY_ERRORS as err:
             self._note_chunk(position, self._losses.reason(err))
@@ -177,6 +177,8 @@ class ChunkReader:
         if id_ in self._confirmed or id_ not in connections:
             return
         self._confirmed.add(id_)
+        if is_same(connections[id_], stream, record):
+            return
         places = {"known_at": "at the end of the file", "other_at": "in the chunk"}
         other = connection_of(stream, record)
         connections[id_] = agreed(connections[id_], other, self._losses, id_=id_, position=position, **places)

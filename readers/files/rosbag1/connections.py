@@ -4,6 +4,7 @@ Each is written twice, in the chunk where it begins and at the end of the file, 
 checksum. A changed bit in one of them would rename a topic, so both are compared.
 """
 
+from io import BytesIO
 from typing import BinaryIO, NamedTuple
 
 from rosbags.rosbag1.reader import Header, normalize
@@ -14,7 +15,7 @@ from readers.files.damage import Losses
 from readers.files.rosbag1.records import Record
 from readers.messages.deserialize import definition_problem
 
-__all__ = ["Connection", "agreed", "connection_of"]
+__all__ = ["Connection", "agreed", "connection_of", "is_same"]
 
 
 class Connection(NamedTuple):
@@ -23,10 +24,12 @@ class Connection(NamedTuple):
     Attributes:
         channel: What it says.
         published_as: The topic's name in the publisher's own words, mostly the same.
+        digest: Of the bytes of the record.
     """
 
     channel: Channel
     published_as: str
+    digest: int
 
 
 def connection_of(stream: BinaryIO, record: Record) -> Connection:
@@ -35,13 +38,25 @@ def connection_of(stream: BinaryIO, record: Record) -> Connection:
     Raises:
         Exception: any that damage causes.
     """
-    stream.seek(record.data - 4)  # the data have the form of a header
-    fields = Header.read(stream)
+    content = _content(stream, record)
+    fields = Header.read(BytesIO(content))
     topic = normalize(record.fields[b"topic"].decode())
     msgtype = normalize_msgtype(fields.get_string("type"))
     definition, digest = fields.get_string("message_definition"), fields.get_string("md5sum")
     published_as = normalize(fields.get_string("topic")) if fields.get("topic") else topic
-    return Connection(Channel(topic, msgtype, "ros1", definition, "ros1msg", digest=digest), published_as)
+    channel = Channel(topic, msgtype, "ros1", definition, "ros1msg", digest=digest)
+    return Connection(channel, published_as, hash((record.fields[b"topic"], content)))
+
+
+def is_same(connection: Connection, stream: BinaryIO, record: Record) -> bool:
+    """Whether a record has the same bytes as the one that `connection` was read from."""
+    return connection.digest == hash((record.fields[b"topic"], _content(stream, record)))
+
+
+def _content(stream: BinaryIO, record: Record) -> bytes:
+    """The data of a record and their length, which have the form of a header."""
+    stream.seek(record.data - 4)
+    return stream.read(record.size + 4)
 
 
 def agreed(

@@ -165,24 +165,25 @@ def _chunk(stream: BinaryIO, position: int, following: int, info: _ChunkInfo) ->
     if compression == "none" and unpacked_size != record.size:
         raise ValueError(f"the chunk at byte {position} gives two sizes, {unpacked_size} and {record.size}")
     stream.seek(record.end)
-    indexes = BytesIO(stream.read(following - record.end))
+    behind = stream.read(following - record.end)
+    indexes = BytesIO(behind)
     size, at = following - record.end, 0
-    entries: list[np.ndarray[tuple[int], np.dtype[np.void]]] = []
+    entries: list[bytes] = []
     counts: Counter[int] = Counter()
     while at < size:
         index = _required(indexes, at, size, INDEX, f"an index of the chunk at byte {position}, {at} bytes behind it,")
         id_ = index.number(b"conn")
         if index.number(b"ver") != 1 or id_ in counts:
             raise ValueError(f"an index of the chunk at byte {position} has another version, or comes twice")
-        entries.append(np.frombuffer(indexes.getbuffer()[index.data : index.end], ENTRY))
-        counts[id_] = len(entries[-1])
+        entries.append(behind[index.data : index.end])
+        counts[id_] = index.number(b"count")
         at = index.end
     if +counts != +info.counts:
         raise ValueError(
             f"the chunk at byte {position} has {info.counts.total()} messages according to the end of the file, "
             f"{counts.total()} according to the index behind it"
         )
-    listed = np.concatenate(entries) if entries else np.zeros(0, ENTRY)
+    listed = np.frombuffer(b"".join(entries), ENTRY)
     rows = np.empty((len(listed), 4), np.int64)
     rows[:, 0] = listed["sec"] * np.int64(10**9) + listed["nanosec"]
     rows[:, 1] = position

@@ -12,7 +12,7 @@ from pipeline.core.settings.recording import LimitsConfig
 from readers.files.damage import Losses
 from readers.files.decompress import Allowance, compression_of, unpack
 from readers.files.rosbag1.chunk import check_complete
-from readers.files.rosbag1.connections import Connection, agreed, connection_of
+from readers.files.rosbag1.connections import Connection, agreed, connection_of, is_same
 from readers.files.rosbag1.index import Chunk, Contents, by_time
 from readers.files.rosbag1.records import (
     CHUNK,
@@ -243,7 +243,11 @@ class _Scan:
         if stream is self._stream and self._base is None:
             self._in_index = True
         with self._losses.guard():  # each is recorded twice; if both are lost, its messages are counted
-            id_, connection = record.number(b"conn"), connection_of(stream, record)
+            id_ = record.number(b"conn")
+            known = self._connections.get(id_)
+            if known is not None and is_same(known, stream, record):
+                return
+            connection = connection_of(stream, record)
             known = self._connections.setdefault(id_, connection)
             places = {"known_at": "in the chunk", "other_at": "in another chunk or at the end of the file"}
             position = record.start if stream is self._stream else self._part
