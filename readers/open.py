@@ -24,6 +24,7 @@ from readers.files.remote import open_remote
 from readers.files.rosbag1.file import Rosbag1File
 from readers.files.rosbag2_folder import folder_metadata, recording_files
 from readers.files.sqlite.file import SqliteFile
+from readers.files.sqlite.journal import journals_of, unapplied
 from readers.location import Location, RemotePath
 from readers.recording import (
     DEFAULT_READ_OPTIONS,
@@ -204,7 +205,7 @@ def _open_file(path: Location, index: int, stack: ExitStack, options: ReadOption
         if magic.startswith(ZSTD_MAGIC):
             content = _unpacked(path, stack, losses, options.limits)
             magic = _first_bytes(content)
-        elif magic.startswith(SQLITE_MAGIC) and (journals := _journals(path)):
+        elif magic.startswith(SQLITE_MAGIC) and (journals := journals_of(path)):
             if is_recovering:
                 content = _completed(path, journals, stack, losses)
             elif journals[0].name.endswith("-wal"):
@@ -295,12 +296,6 @@ def _unpacked(path: Path, stack: ExitStack, losses: Losses, limits: LimitsConfig
     return unpacked
 
 
-def _journals(path: Path) -> list[Path]:
-    """What SQLite has yet to apply to a database: its write-ahead log, or the rollback journal of a half-done write."""
-    beside = [path.with_name(path.name + suffix) for suffix in ("-wal", "-journal")]
-    return [journal for journal in beside if journal.is_file() and journal.stat().st_size]
-
-
 def _completed(path: Path, journals: Sequence[Path], stack: ExitStack, losses: Losses) -> Path:
     """A copy of a database that its recorder did not close, completed by SQLite from the journals."""
     folder = Path(stack.enter_context(TemporaryDirectory(prefix="lidcam-")))
@@ -309,9 +304,12 @@ def _completed(path: Path, journals: Sequence[Path], stack: ExitStack, losses: L
         shutil.copyfile(file, folder / file.name)
     names = ", ".join(journal.name for journal in journals)
     with losses.guard() as damage, closing(sqlite3.connect(copy)) as database:
-        database.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
         database.execute("SELECT count(*) FROM sqlite_master").fetchall()
+        ((_, applied, _),) = database.execute("PRAGMA wal_checkpoint(PASSIVE)")
+        database.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
         losses.note(0, f"the recorder did not close it; completed from {names} in a copy", messages=0)
+        for reason in filter(None, (unapplied(journal, folder, applied) for journal in journals)):
+            losses.note(0, reason)
     if damage.error:
         losses.note(0, f"the recorder did not close it, and {names} cannot be applied ({damage.reason})")
     for journal in journals:
