@@ -8,7 +8,7 @@ from pathlib import Path
 from lidcam.frames import TimeWindow
 from lidcam.inspection import Inspection, inspect_open, inspect_recording, inspection_tree
 from lidcam.job import RigSource
-from lidcam.outputs import check_not_overwritten, check_writable
+from lidcam.outputs.open import check_not_overwritten
 from lidcam.printing.console import print_inspection
 from lidcam.printing.log import remark_log
 from lidcam.printing.terminal import console
@@ -18,9 +18,11 @@ from pipeline.core.errors import OutputError
 from readers.location import Location, location
 from readers.open import open_recording
 from readers.recording import ReadOptions, Recording
-from readers.rig.rig_file import write_draft
+from readers.rig.rig_file import draft_yaml
 from readers.streams.per_sensor import sensor_messages
 from writers.mcap.repair import write_repaired
+from writers.outputs.errors import output_errors
+from writers.outputs.transaction import OutputFile, OutputTransaction
 
 __all__ = ["InspectOptions", "run_inspect"]
 
@@ -52,22 +54,27 @@ def run_inspect(options: InspectOptions) -> None:
     Raises:
         LidcamError: the recording or the settings are at fault, or an output cannot be written.
     """
-    for output in (options.write_rig, options.repair):
-        if output is not None:
-            check_writable(output)
-            check_not_overwritten(options.inputs, output)
-    if options.repair is None:
-        inspection = inspect_recording(options.inputs, options.settings, options.rig)
-        check_not_overwritten(inspection.files, options.write_rig)
-        _report(inspection, options)
-        return
-    with (
-        open_recording(options.inputs, ReadOptions("full_scan", options.settings.config.limits)) as recorded,
-        sensor_messages(recorded) as recording,
-    ):
-        check_not_overwritten(recording.paths, options.write_rig, options.repair)
-        _report(inspect_open(recording, options.settings, options.rig, TimeWindow()), options)
-        _repair(recorded, options.repair)
+    files = [file for file in (options.repair, options.write_rig) if file is not None]
+    check_not_overwritten(options.inputs, *files)
+    remarks: list[str] = []
+    with OutputTransaction(files) as outputs:
+        if options.repair is None:
+            inspection = inspect_recording(options.inputs, options.settings, options.rig)
+            check_not_overwritten(inspection.files, *files)
+            _report(inspection, options)
+            remarks += _write_rig(inspection, options, outputs)
+        else:
+            with (
+                open_recording(options.inputs, ReadOptions("full_scan", options.settings.config.limits)) as recorded,
+                sensor_messages(recorded) as recording,
+            ):
+                check_not_overwritten(recording.paths, *files)
+                inspection = inspect_open(recording, options.settings, options.rig, TimeWindow())
+                _report(inspection, options)
+                remarks += _write_rig(inspection, options, outputs)
+                remarks += _repair(recorded, outputs[options.repair])
+    for remark in remarks:  # the files have their names now
+        remark_log.info("%s", remark)
 
 
 def _report(inspection: Inspection, options: InspectOptions) -> None:
@@ -76,14 +83,18 @@ def _report(inspection: Inspection, options: InspectOptions) -> None:
         out.print_json(json.dumps(inspection_tree(inspection)))
     else:
         print_inspection(out, inspection)
+
+
+def _write_rig(inspection: Inspection, options: InspectOptions, outputs: OutputTransaction) -> Iterator[str]:
     if options.write_rig is not None:
         if inspection.draft is None:
             raise OutputError(f"{options.write_rig}: no rig to write: {inspection.problem}")
-        write_draft(inspection.draft, options.write_rig)
-        remark_log.info("wrote %s", options.write_rig)
+        with output_errors(options.write_rig):
+            outputs[options.write_rig].part.write_text(draft_yaml(inspection.draft), encoding="utf-8")
+        yield f"wrote {options.write_rig}"
 
 
-def _repair(recording: Recording, output: Path) -> None:
+def _repair(recording: Recording, output: OutputFile) -> Iterator[str]:
     """Write what can be read of a recording; name the topics that cannot be read."""
 
     def lost() -> Iterator[dict[str, str]]:
@@ -93,7 +104,7 @@ def _repair(recording: Recording, output: Path) -> None:
 
     channels = [channel for info in recording.topics for channel in info.channels]
     count = write_repaired(output, channels, recording.messages(), lost=lost())
-    remark_log.info("wrote %s: %d messages", output, count)
+    yield f"wrote {output.path}: {count} messages"
     for info in recording.topics:
         if info.unreadable and info.message_count:
-            remark_log.info("not copied: %s, %d messages: %s", info.topic, info.message_count, info.unreadable)
+            yield f"not copied: {info.topic}, {info.message_count} messages: {info.unreadable}"
