@@ -7,7 +7,6 @@ with `rerun rrd compare --unordered`.
 
 from collections.abc import Callable
 from contextlib import ExitStack
-from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
@@ -23,9 +22,10 @@ from pipeline.core.images import Image
 from pipeline.core.messages import Drop, RawMessage
 from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.settings.config import Config
-from writers.atomic import atomic_output, output_errors
 from writers.drawing import drawn_boxes_2d, object_labels, strong_objects
 from writers.messages.images import COMPRESSED, read_image
+from writers.outputs.errors import output_errors
+from writers.outputs.transaction import OutputFile
 from writers.palette import CAMERA_ONLY, MATCHED, class_color
 from writers.provenance import Provenance
 from writers.rerun import archetypes
@@ -42,10 +42,10 @@ _MAGIC = {b"\xff\xd8\xff": "image/jpeg", b"\x89PN": "image/png"}
 
 
 class RerunResultWriter:
-    """Writes one run's frames to `path`, which appears when the block ends without error.
+    """Writes one run's frames to a file, which is complete when the block ends without error.
 
     Args:
-        path: The file to write; an older one is replaced.
+        output: The file to write.
         rig: The rig of the run.
         config: The settings of the run; `output` selects images and clouds.
         provenance: Gives the recording id: equal for equal inputs and settings.
@@ -56,14 +56,14 @@ class RerunResultWriter:
 
     def __init__(
         self,
-        path: Path,
+        output: OutputFile,
         rig: Rig,
         config: Config,
         provenance: Provenance,
         *,
         decode_any_image: Callable[[RawMessage], Image],
     ) -> None:
-        self._path, self._rig, self._config = path, rig, config
+        self._output, self._rig, self._config = output, rig, config
         self._provenance, self._decode = provenance, decode_any_image
         self._resources = ExitStack()
         self._recording: rr.RecordingStream
@@ -74,8 +74,7 @@ class RerunResultWriter:
         self._shown: set[str] = set()
 
     def __enter__(self) -> Self:
-        with ExitStack() as resources, output_errors(self._path):
-            part = resources.enter_context(atomic_output(self._path))
+        with ExitStack() as resources, output_errors(self._output.path):
             self._recording = rr.RecordingStream(
                 "lidcam",
                 recording_id=self._provenance.recording_id,
@@ -84,7 +83,7 @@ class RerunResultWriter:
             )
             self._recording.set_log_time_enabled(False)
             self._recording.set_log_tick_enabled(False)
-            self._recording.save(part)
+            self._recording.save(self._output.part)
             resources.callback(self._recording.disconnect)
             self._recording.send_recording_name(
                 ", ".join(known["name"] for known in self._provenance.inputs) or "lidcam"
@@ -95,7 +94,7 @@ class RerunResultWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        with output_errors(self._path):
+        with output_errors(self._output.path):
             if kind is None and not self._is_placed and self._survey.frames:
                 self._place_eye()
             self._resources.__exit__(kind, error, trace)
