@@ -1,15 +1,14 @@
 """Running a program: known errors become one line and an exit code; the only place that exits.
 
-Exit codes: 0 done; 1 the input, the calibration or a check failed, with one line on stderr; 2 wrong usage; anything
-else is a bug and shows its traceback. Results go to stdout, progress and log to stderr.
+Exit codes: 0 done; 1 the input, the calibration or a check failed, with one line on stderr; 2 wrong usage; 128+N ended
+by signal N, see `lidcam.start.signals`; anything else is a bug and shows its traceback. Results go to stdout, progress
+and log to stderr.
 """
 
 import errno
 import logging
-import signal
 import sys
 from collections.abc import Callable
-from types import FrameType
 from typing import NoReturn
 
 from lidcam.printing.log import configure_logging
@@ -23,7 +22,6 @@ logger = logging.getLogger(__name__)
 def run_program(program: Callable[..., object], name: str) -> None:
     """Run a program with the arguments of the command line; known errors become one line and exit code 1."""
     configure_logging()
-    signal.signal(signal.SIGTERM, _terminate)
     try:
         program(sys.argv[1:], prog_name=name)
     except OSError as err:
@@ -42,8 +40,3 @@ def run_program(program: Callable[..., object], name: str) -> None:
 def _fail(message: str) -> NoReturn:
     logger.error(message)
     sys.exit(1)
-
-
-def _terminate(number: int, _: FrameType | None) -> None:
-    """Exit through the `finally` blocks, which remove unfinished outputs, with the exit code that shells use."""
-    sys.exit(128 + number)

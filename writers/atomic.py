@@ -2,8 +2,10 @@
 
 import contextlib
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
+from pipeline.core.ending import undone_at_once
 from pipeline.core.errors import OutputError
 
 __all__ = ["atomic_output", "output_errors"]
@@ -30,9 +32,10 @@ def atomic_output(path: Path) -> Iterator[Path]:
         part = target.with_name(f"{target.name}.part")
         part.open("wb").close()
     try:
-        yield part
-        with output_errors(path):
-            part.replace(target)
+        with undone_at_once(partial(part.unlink, missing_ok=True)):
+            yield part
+            with output_errors(path):
+                part.replace(target)
     except BaseException:
         with contextlib.suppress(OSError):  # report the first error, not this one
             part.unlink(missing_ok=True)

@@ -2,7 +2,6 @@
 
 import errno
 import logging
-import signal
 import sys
 from collections.abc import Iterator
 
@@ -16,10 +15,8 @@ from pipeline.core.errors import RecordingError
 @pytest.fixture(autouse=True)
 def as_it_was(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.setattr(sys, "argv", ["lidcam"])
-    handler = signal.getsignal(signal.SIGTERM)
     with kept_logging():
         yield
-    signal.signal(signal.SIGTERM, handler)
 
 
 def noted() -> RecordingError:

@@ -6,6 +6,7 @@ The same messages give the same bytes. A file is a `.part` beside its name until
 import contextlib
 import shutil
 from collections.abc import Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
@@ -14,6 +15,7 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Rosbag2Writer
 
 from bags.simulator.recorder.recorded import Recorded
+from pipeline.core.ending import undone_at_once
 from pipeline.core.errors import OutputError
 from pipeline.core.ros.messages import ROS2
 from pipeline.core.ros.qos import LATCHED, LATCHED_YAML_HUMBLE
@@ -117,11 +119,12 @@ def _atomic_folder(path: Path) -> Iterator[Path]:
         part = path.with_name(f"{path.name}.part")
         shutil.rmtree(part, ignore_errors=True)
     try:
-        yield part
-        with output_errors(path):
-            if path.exists():
-                shutil.rmtree(path)
-            part.replace(path)
+        with undone_at_once(partial(shutil.rmtree, part, ignore_errors=True)):
+            yield part
+            with output_errors(path):
+                if path.exists():
+                    shutil.rmtree(path)
+                part.replace(path)
     except BaseException:
         shutil.rmtree(part, ignore_errors=True)
         raise
