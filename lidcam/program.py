@@ -18,6 +18,9 @@ __all__ = ["run_program"]
 
 logger = logging.getLogger(__name__)
 
+NO_PLACE = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
+"""Why a disk, or what stdout leads to, takes no more."""
+
 
 def run_program(program: Callable[..., object], name: str) -> None:
     """Run a program with the arguments of the command line; known errors become one line and exit code 1."""
@@ -25,12 +28,12 @@ def run_program(program: Callable[..., object], name: str) -> None:
     try:
         program(sys.argv[1:], prog_name=name)
     except OSError as err:
-        if err.errno != errno.ENOSPC:
+        if err.errno not in NO_PLACE:
             logger.debug("a bug", exc_info=True)
             raise
         _fail(f"{err.filename or 'standard output'}: {err.strerror}")
     except LidcamError as err:
-        notes = "".join(f"\n  {note}" for note in getattr(err, "__notes__", ()))
+        notes = "".join(f" ({note})" for note in getattr(err, "__notes__", ()))
         _fail(" ".join(str(err).split()) + notes)
     except Exception:
         logger.debug("a bug", exc_info=True)  # for the log file: the interpreter prints the traceback

@@ -28,8 +28,9 @@ def noted() -> RecordingError:
 @pytest.mark.parametrize(
     ("error", "told"),
     [
-        (noted(), "lidcam: error: drive.bag: expected a recording, found none\n  while looking for lidars\n"),
+        (noted(), "lidcam: error: drive.bag: expected a recording, found none (while looking for lidars)\n"),
         (OSError(errno.ENOSPC, "No space left on device"), "lidcam: error: standard output: No space left on device\n"),
+        (OSError(errno.EIO, "Input/output error"), "lidcam: error: standard output: Input/output error\n"),
         (OSError(errno.ENOSPC, "No space left", "a.mcap"), "lidcam: error: a.mcap: No space left\n"),
     ],
 )
