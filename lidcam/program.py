@@ -7,6 +7,7 @@ traceback. Results go to stdout, progress and log to stderr.
 """
 
 import errno
+import io
 import logging
 import signal
 import sys
@@ -14,8 +15,11 @@ from collections.abc import Callable, Sequence
 from types import FrameType
 from typing import NoReturn
 
+from typer.exceptions import TyperException
+
 from lidcam.commands.verdict import FAILED, INCOMPLETE
 from lidcam.printing.log import configure_logging, verdict_log
+from lidcam.printing.usage import print_usage_error
 from pipeline.core.errors import IncompleteError, LidcamError
 
 __all__ = ["run_program"]
@@ -27,8 +31,11 @@ def run_program(program: Callable[..., object], name: str) -> None:
     """Run a program with the arguments of the command line; known errors become one line and an exit code."""
     configure_logging()
     signal.signal(signal.SIGTERM, _terminate)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # a terminal that knows fewer letters than a name has
     try:
-        program(sys.argv[1:], prog_name=name)
+        code = program(sys.argv[1:], prog_name=name, standalone_mode=False)
     except OSError as err:
         if err.errno != errno.ENOSPC:
             logger.debug("a bug", exc_info=True)
@@ -39,9 +46,14 @@ def run_program(program: Callable[..., object], name: str) -> None:
         sys.exit(INCOMPLETE)
     except LidcamError as err:
         _fail(" ".join(str(err).split()), getattr(err, "__notes__", ()))
+    except TyperException as err:
+        print_usage_error(err)
+        sys.exit(err.exit_code)
     except Exception:
         logger.debug("a bug", exc_info=True)  # for the log file: the interpreter prints the traceback
         raise
+    if isinstance(code, int):  # that of Ctrl-C, of --version and --help
+        sys.exit(code)
 
 
 def _fail(message: str, notes: Sequence[str] = ()) -> NoReturn:
