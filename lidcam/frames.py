@@ -62,7 +62,7 @@ def sensor_clocks(rig: Rig, drops: DropTable) -> Clocks:
     sensors: list[tuple[str, LidarSensor | CameraSensor]] = [(lidar.topic, lidar) for lidar in rig.lidars]
     sensors += [(topic, camera) for camera in rig.cameras for topic in (camera.topic, camera.boxes_topic)]
     offsets_ns = {topic: sensor.time_offset_ns for topic, sensor in sensors}
-    return Clocks(offsets_ns, on_drop=drops.add, on_bad=drops.add_bad)
+    return Clocks(offsets_ns, on_drop=drops.add_defect, on_bad=drops.add_bad)
 
 
 def bundles(source: RunInput, drops: DropTable, stats: SyncStats, clocks: Clocks) -> Iterator[SensorBundle]:

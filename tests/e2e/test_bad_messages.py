@@ -50,10 +50,16 @@ TOPICS = pytest.mark.parametrize("bad", ["/odom", "/cam/image_raw", "/points", "
 @TOPICS
 def test_it_is_counted(lidcam: Lidcam, tmp_path: Path, bad: str) -> None:
     run = lidcam("process", recording(tmp_path / "a.bag", bad=bad), tmp_path / "out.mcap", "--json")
-    assert run.code == 0, run.err
+    assert run.code == 3, run.err
     (drop,) = (drop for drop in json.loads(run.out)["drops"] if drop["topic"] == bad)
     assert drop["count"] == 1
     assert drop["reason"]
+    assert json.loads(run.out)["exit_code"] == 3
+    assert run.err.splitlines()[-1].startswith("lidcam: incomplete: ")
+    inspected = lidcam("inspect", tmp_path / "a.bag")
+    assert inspected.code == (3 if bad == "/tf_static" else 0)  # it decodes what it needs for the calibration only
+    verdict = "cam (/cam/image_raw) is left out" if bad == "/tf_static" else "sound, and all of its sensors can be used"
+    assert inspected.out.splitlines()[-1] == f"verdict: {verdict}"
 
 
 @TOPICS
