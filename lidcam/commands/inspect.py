@@ -1,20 +1,21 @@
 """What `lidcam inspect` does."""
 
-import json
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+from lidcam.checks.incomplete import damage_lines
+from lidcam.commands.verdict import Verdict, first_of
 from lidcam.frames import TimeWindow
 from lidcam.inspection import Inspection, inspect_open, inspect_recording, inspection_tree
 from lidcam.job import RigSource
 from lidcam.outputs import check_not_overwritten, check_writable
 from lidcam.printing.console import print_inspection
+from lidcam.printing.folding import show_line
 from lidcam.printing.log import remark_log
-from lidcam.printing.terminal import console
+from lidcam.printing.terminal import console, show_json
 from lidcam.settings.choice import SettingsChoice
 from lidcam.summary import loss_records
-from pipeline.core.errors import OutputError
 from readers.location import Location, location
 from readers.open import open_recording
 from readers.recording import ReadOptions, Recording
@@ -50,6 +51,8 @@ def run_inspect(options: InspectOptions) -> None:
     """Print what is in a recording; write its rig, or what can be read of it, where that is asked for.
 
     Raises:
+        CheckError: lidcam could not process it, and nothing was to be written.
+        IncompleteError: it is damaged, or sensors would be left out; where it was repaired, not all of it came over.
         LidcamError: the recording or the settings are at fault, or an output cannot be written.
     """
     for output in (options.write_rig, options.repair):
@@ -59,32 +62,58 @@ def run_inspect(options: InspectOptions) -> None:
     if options.repair is None:
         inspection = inspect_recording(options.inputs, options.settings, options.rig)
         check_not_overwritten(inspection.files, options.write_rig)
-        _report(inspection, options)
+        _write_rig(inspection, options.write_rig)
+        _report(inspection, _verdict(inspection, options), options)
         return
     with (
         open_recording(options.inputs, ReadOptions("full_scan", options.settings.config.limits)) as recorded,
         sensor_messages(recorded) as recording,
     ):
         check_not_overwritten(recording.paths, options.write_rig, options.repair)
-        _report(inspect_open(recording, options.settings, options.rig, TimeWindow()), options)
-        _repair(recorded, options.repair)
+        inspection = inspect_open(recording, options.settings, options.rig, TimeWindow())
+        _write_rig(inspection, options.write_rig)
+        not_copied = _repair(recorded, options.repair)
+        inspection = replace(inspection, losses=recorded.losses)
+    lost = (*damage_lines(inspection.losses), *not_copied)
+    _report(inspection, Verdict(_no_rig(inspection, options), lost), options)
 
 
-def _report(inspection: Inspection, options: InspectOptions) -> None:
+def _verdict(inspection: Inspection, options: InspectOptions) -> Verdict:
+    """Of an inspection; one that wrote a rig to start from has not failed."""
+    problem = f"lidcam could not process it: {inspection.problem}" if inspection.problem else ""
+    if problem and options.write_rig is None:
+        return Verdict(f"{', '.join(map(str, inspection.files))}: {problem}")
+    incomplete = (*([problem] * bool(problem)), *inspection.incomplete)
+    return Verdict(_no_rig(inspection, options), incomplete)
+
+
+def _no_rig(inspection: Inspection, options: InspectOptions) -> str:
+    """Why the rig that was asked for could not be written; empty if it was, or was not asked for."""
+    missing = options.write_rig is not None and inspection.draft is None
+    return f"{options.write_rig}: no rig to write: {inspection.problem}" if missing else ""
+
+
+def _report(inspection: Inspection, verdict: Verdict, options: InspectOptions) -> None:
+    """Print what was found, and end with the verdict."""
     out = console()
     if options.as_json:
-        out.print_json(json.dumps(inspection_tree(inspection)))
+        show_json(out, inspection_tree(inspection) | verdict.tree())
     else:
         print_inspection(out, inspection)
-    if options.write_rig is not None:
-        if inspection.draft is None:
-            raise OutputError(f"{options.write_rig}: no rig to write: {inspection.problem}")
-        write_draft(inspection.draft, options.write_rig)
-        remark_log.info("wrote %s", options.write_rig)
+        sound = "every message was copied" if options.repair else "sound, and all of its sensors can be used"
+        failed = "lidcam could not process it"  # the line before says why
+        show_line(out, f"verdict: {failed if verdict.failure else first_of(verdict.incomplete) or sound}")
+    verdict.end()
 
 
-def _repair(recording: Recording, output: Path) -> None:
-    """Write what can be read of a recording; name the topics that cannot be read."""
+def _write_rig(inspection: Inspection, path: Path | None) -> None:
+    if path is not None and inspection.draft is not None:
+        write_draft(inspection.draft, path)
+        remark_log.info("wrote %s", path)
+
+
+def _repair(recording: Recording, output: Path) -> list[str]:
+    """Write what can be read of a recording; a line for each topic that cannot be read."""
 
     def lost() -> Iterator[dict[str, str]]:
         for record in loss_records(recording.losses):
@@ -94,6 +123,7 @@ def _repair(recording: Recording, output: Path) -> None:
     channels = [channel for info in recording.topics for channel in info.channels]
     count = write_repaired(output, channels, recording.messages(), lost=lost())
     remark_log.info("wrote %s: %d messages", output, count)
-    for info in recording.topics:
-        if info.unreadable and info.message_count:
-            remark_log.info("not copied: %s, %d messages: %s", info.topic, info.message_count, info.unreadable)
+    unreadable = [info for info in recording.topics if info.unreadable and info.message_count]
+    for info in unreadable:
+        remark_log.info("not copied: %s, %d messages: %s", info.topic, info.message_count, info.unreadable)
+    return [f"{info.topic}: {info.message_count} messages not copied" for info in unreadable]
