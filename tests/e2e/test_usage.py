@@ -55,7 +55,7 @@ def test_a_run_that_is_interrupted_leaves_nothing(
         preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_DFL),
     ) as run:
         until = time.monotonic() + 60
-        while not (tmp_path / "out.rrd.part").exists():
+        while not (tmp_path / ".out.rrd.lidcam").exists():
             assert run.poll() is None, run.communicate()
             assert time.monotonic() < until
             time.sleep(0.02)
@@ -108,7 +108,7 @@ def test_two_outputs_are_two_files(lidcam: Lidcam, sandbox: Path, tmp_path: Path
     (tmp_path / "out.rrd").symlink_to(tmp_path / "out.mcap")
     run = lidcam("process", sandbox, tmp_path / "out.mcap", "--rerun", tmp_path / "out.rrd")
     assert run.code == 1
-    assert "choose another name" in run.error_line
+    assert "out.rrd: is a link to" in run.error_line
 
 
 def test_names_are_printed_as_they_are(lidcam: Lidcam, sandbox: Path, tmp_path: Path) -> None:

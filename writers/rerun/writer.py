@@ -7,7 +7,6 @@ with `rerun rrd compare --unordered`.
 
 from collections.abc import Callable
 from contextlib import ExitStack
-from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
@@ -23,9 +22,10 @@ from pipeline.core.images import Image
 from pipeline.core.messages import Drop, RawMessage
 from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.settings.config import Config
-from writers.atomic import atomic_output, output_errors
 from writers.drawing import drawn_boxes_2d, object_labels, strong_objects
 from writers.messages.images import COMPRESSED, read_image
+from writers.outputs.errors import output_errors
+from writers.outputs.transaction import OutputFile
 from writers.palette import CAMERA_ONLY, MATCHED, class_color
 from writers.provenance import Provenance
 from writers.rerun import archetypes
@@ -49,10 +49,10 @@ _MAGIC = {b"\xff\xd8\xff": "image/jpeg", b"\x89PN": "image/png"}
 
 
 class RerunResultWriter:
-    """Writes one run's frames to `path`, which appears when the block ends without error.
+    """Writes one run's frames to a file, which is complete when the block ends without error.
 
     Args:
-        path: The file to write; an older one is replaced.
+        output: The file to write.
         rig: The rig of the run.
         config: The settings of the run; `output` selects images and clouds.
         provenance: Gives the recording id: equal for equal inputs and settings.
@@ -63,14 +63,14 @@ class RerunResultWriter:
 
     def __init__(
         self,
-        path: Path,
+        output: OutputFile,
         rig: Rig,
         config: Config,
         provenance: Provenance,
         *,
         decode_any_image: Callable[[RawMessage], Image],
     ) -> None:
-        self._path, self._rig, self._config = path, rig, config
+        self._output, self._rig, self._config = output, rig, config
         self._provenance, self._decode = provenance, decode_any_image
         self._resources = ExitStack()
         self._recording: rr.RecordingStream
@@ -82,9 +82,8 @@ class RerunResultWriter:
         self._frames = self._waiting_bytes = 0
 
     def __enter__(self) -> Self:
-        with ExitStack() as resources, output_errors(self._path):
-            part = resources.enter_context(atomic_output(self._path))
-            self._file = resources.enter_context(part.open("w+b", buffering=0))
+        with ExitStack() as resources, output_errors(self._output.path):
+            self._file = resources.enter_context(self._output.part.open("w+b", buffering=0))
             self._recording = rr.RecordingStream(
                 "lidcam",
                 recording_id=self._provenance.recording_id,
@@ -93,7 +92,7 @@ class RerunResultWriter:
             )
             self._recording.set_log_time_enabled(False)
             self._recording.set_log_tick_enabled(False)
-            self._stream = RerunStream(self._recording, self._file, self._path)
+            self._stream = RerunStream(self._recording, self._file, self._output.path)
             resources.push(self._end)
             self._recording.send_recording_name(
                 ", ".join(known["name"] for known in self._provenance.inputs) or "lidcam"
@@ -104,7 +103,7 @@ class RerunResultWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        with output_errors(self._path):
+        with output_errors(self._output.path):
             self._resources.__exit__(kind, error, trace)
 
     def _end(self, kind: type[BaseException] | None, *_: object) -> None:
@@ -115,7 +114,7 @@ class RerunResultWriter:
         if not self._is_placed and self._survey.frames:
             self._place_eye()
         self._stream.finish()
-        check_recording(self._file, self._path, entity=COUNTED, rows=self._frames)
+        check_recording(self._file, self._output.path, entity=COUNTED, rows=self._frames)
 
     def write(self, result: FrameResult) -> tuple[Drop, ...]:
         """Log one frame.
@@ -123,7 +122,7 @@ class RerunResultWriter:
         Returns:
             Images that cannot be decoded.
         """
-        with output_errors(self._path):
+        with output_errors(self._output.path):
             self._stream.check()
         if self._survey.frames == 0:
             self._log_static()
@@ -142,7 +141,7 @@ class RerunResultWriter:
         self._recording.log("metrics/objects", rr.Scalars(float(len(result.fused.objects))))
         self._recording.log("metrics/confirmed", rr.Scalars(float((result.fused.matched > 0).sum())))
         self._recording.log(COUNTED, rr.Scalars(result.bundle.skew_ns / 1e6))  # the last of a frame
-        with output_errors(self._path):
+        with output_errors(self._output.path):
             self._bound_memory()
         return tuple(drops)
 

@@ -20,6 +20,7 @@ import writers.rerun.writer
 from pipeline.core.errors import OutputError
 from pipeline.core.images import Image
 from pipeline.core.messages import RawMessage
+from writers.outputs.transaction import OutputTransaction
 from writers.rerun.stream import RerunStream, check_recording
 from writers.rerun.writer import RerunResultWriter
 
@@ -166,7 +167,11 @@ def test_a_writer_on_a_full_disk_ends_and_leaves_nothing(
     unlimited = resource.getrlimit(resource.RLIMIT_FSIZE)
 
     def write_on() -> None:
-        with RerunResultWriter(tmp_path / "out.rrd", RIG, CONFIG, PROVENANCE, decode_any_image=grey) as writer:
+        path = tmp_path / "out.rrd"
+        with (
+            OutputTransaction([path]) as outputs,
+            RerunResultWriter(outputs[path], RIG, CONFIG, PROVENANCE, decode_any_image=grey) as writer,
+        ):
             resource.setrlimit(resource.RLIMIT_FSIZE, (max_bytes, unlimited[1]))
             for index in range(1000):
                 writer.write(frame(index))
