@@ -2,7 +2,6 @@
 
 import errno
 import logging
-import signal
 import sys
 from collections.abc import Iterator
 
@@ -10,16 +9,14 @@ import pytest
 from logging_state import kept_logging
 
 from lidcam.program import run_program
-from pipeline.core.errors import RecordingError
+from pipeline.core.errors import CheckError, IncompleteError, RecordingError
 
 
 @pytest.fixture(autouse=True)
 def as_it_was(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.setattr(sys, "argv", ["lidcam"])
-    handler = signal.getsignal(signal.SIGTERM)
     with kept_logging():
         yield
-    signal.signal(signal.SIGTERM, handler)
 
 
 def noted() -> RecordingError:
@@ -29,20 +26,27 @@ def noted() -> RecordingError:
 
 
 @pytest.mark.parametrize(
-    ("error", "told"),
+    ("error", "code", "told"),
     [
-        (noted(), "lidcam: error: drive.bag: expected a recording, found none\n  while looking for lidars\n"),
-        (OSError(errno.ENOSPC, "No space left on device"), "lidcam: error: standard output: No space left on device\n"),
-        (OSError(errno.ENOSPC, "No space left", "a.mcap"), "lidcam: error: a.mcap: No space left\n"),
+        (noted(), 1, "lidcam: error: drive.bag: expected a recording, found none (while looking for lidars)\n"),
+        (
+            OSError(errno.ENOSPC, "No space left on device"),
+            1,
+            "lidcam: error: standard output: No space left on device\n",
+        ),
+        (OSError(errno.EIO, "Input/output error"), 1, "lidcam: error: standard output: Input/output error\n"),
+        (OSError(errno.ENOSPC, "No space left", "a.mcap"), 1, "lidcam: error: a.mcap: No space left\n"),
+        (CheckError("--strict: a"), 1, "lidcam: error: --strict: a\n"),
+        (IncompleteError("a; b"), 3, "lidcam: incomplete: a; b; exit code 3\n"),
     ],
 )
-def test_known_errors_are_one_line(error: Exception, told: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_known_errors_are_one_line(error: Exception, code: int, told: str, capsys: pytest.CaptureFixture[str]) -> None:
     def program(*_: object, **__: object) -> None:
         raise error
 
     with pytest.raises(SystemExit) as end:
         run_program(program, "lidcam")
-    assert end.value.code == 1
+    assert end.value.code == code
     assert capsys.readouterr().err == told
 
 
