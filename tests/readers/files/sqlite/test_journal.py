@@ -82,8 +82,8 @@ def test_the_journal_of_a_finished_write_is_none(tmp_path: Path) -> None:
     sound = sound_recording("sqlite")
     path = write_files(tmp_path, sound, sound.files)
     with closing(sqlite3.connect(path, isolation_level=None)) as database:
-        database.execute("PRAGMA journal_mode=PERSIST")
-        database.execute("UPDATE messages SET data = data WHERE id = 1")
+        database.execute("PRAGMA journal_mode=PERSIST").fetchall()
+        database.execute("UPDATE topics SET offered_qos_profiles = 'other'")
         journal = path.with_name("rec.db3-journal").read_bytes()
     assert journal[:8] == bytes(8)
     path.with_name("rec.db3-journal").write_bytes(journal)
