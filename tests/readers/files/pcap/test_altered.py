@@ -1,8 +1,10 @@
 """Captures in which an address or a time was altered."""
 
+import struct
 from pathlib import Path
 
 import pytest
+from captures import block
 from sound_recordings import read_all, sound_recording, write_files
 
 from readers.open import open_recording
@@ -48,3 +50,23 @@ def test_a_clock_that_is_set_is_no_damage(tmp_path: Path) -> None:
     messages, losses = read_all(altered(tmp_path, *places), "as_needed")
     assert len(messages) == len(SOUND.messages)
     assert not losses
+
+
+@pytest.mark.parametrize("mask", [1, 2, 0x10])
+def test_a_packet_in_a_block_of_another_type_is_told(tmp_path: Path, mask: int) -> None:
+    sound = sound_recording("pcapng")
+    content = bytearray(sound.files["rec.pcapng"])
+    start = content.index(b"\x06\0\0\0", 48)
+    content[start] ^= mask
+    messages, (loss,) = read_all(write_files(tmp_path, sound, {"rec.pcapng": bytes(content)}), "as_needed")
+    assert len(messages) == len(sound.messages) - 1
+    assert (loss.position, loss.messages) == (start, 1)
+
+
+def test_other_blocks_are_passed_over(tmp_path: Path) -> None:
+    sound = sound_recording("pcapng")
+    names = block(4, struct.pack("<HH", 1, 8) + b"\x7f\0\0\1a.b\0" + bytes(4))
+    custom = block(0xBAD, struct.pack("<I", 32473) + bytes(60))
+    content = sound.files["rec.pcapng"] + names + custom + block(0x80000001, bytes(40)) + block(5, bytes(12))
+    messages, losses = read_all(write_files(tmp_path, sound, {"rec.pcapng": content}), "as_needed")
+    assert (messages, losses) == (sound.messages, ())
