@@ -7,13 +7,17 @@ else is a bug and shows its traceback. Results go to stdout, progress and log to
 """
 
 import errno
+import io
 import logging
 import sys
 from collections.abc import Callable
 from typing import NoReturn
 
+from typer.exceptions import TyperException
+
 from lidcam.commands.verdict import FAILED, INCOMPLETE
 from lidcam.printing.log import configure_logging, verdict_log
+from lidcam.printing.usage import print_usage_error
 from pipeline.core.errors import IncompleteError, LidcamError
 
 __all__ = ["run_program"]
@@ -27,8 +31,11 @@ NO_PLACE = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
 def run_program(program: Callable[..., object], name: str) -> None:
     """Run a program with the arguments of the command line; known errors become one line and an exit code."""
     configure_logging()
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # a terminal that knows fewer letters than a name has
     try:
-        program(sys.argv[1:], prog_name=name)
+        code = program(sys.argv[1:], prog_name=name, standalone_mode=False)
     except OSError as err:
         if err.errno not in NO_PLACE:
             logger.debug("a bug", exc_info=True)
@@ -40,9 +47,14 @@ def run_program(program: Callable[..., object], name: str) -> None:
     except LidcamError as err:
         notes = "".join(f" ({note})" for note in getattr(err, "__notes__", ()))
         _fail(" ".join(str(err).split()) + notes)
+    except TyperException as err:
+        print_usage_error(err)
+        sys.exit(err.exit_code)
     except Exception:
         logger.debug("a bug", exc_info=True)  # for the log file: the interpreter prints the traceback
         raise
+    if isinstance(code, int):  # that of Ctrl-C, of --version and --help
+        sys.exit(code)
 
 
 def _fail(message: str) -> NoReturn:
