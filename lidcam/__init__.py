@@ -8,18 +8,20 @@
 The names are those of `lidcam.api`. They are loaded when they are first used, so `import lidcam` is instant.
 """
 
-from typing import TYPE_CHECKING, Any
-
 from lidcam.packages import check_own_packages
 
 check_own_packages()
 
+TYPE_CHECKING = False  # not from `typing`: a program should soon be so far that signals end it well
+
 if TYPE_CHECKING:
+    from typing import Any
+
     from lidcam.api import *  # noqa: F403
 
 else:
 
-    def __getattr__(name: str) -> Any:
+    def __getattr__(name: str) -> "Any":
         import lidcam.api as api
 
         if name not in {"api", "__all__", *api.__all__}:

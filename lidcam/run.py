@@ -32,7 +32,7 @@ from lidcam.frames import (
     synchronized_topics,
 )
 from lidcam.job import Job
-from lidcam.outputs import check_not_overwritten, check_outputs, open_writers, written_files
+from lidcam.outputs.open import check_not_overwritten, open_outputs, open_writers, written_files
 from lidcam.settings.settle import settle, with_zones
 from lidcam.summary import DropTable, RunProgress, RunReport, Tally, UnusedTopic
 from pipeline.core.errors import ConfigError, RecordingError
@@ -78,11 +78,11 @@ def process_recording(job: Job, observer: RunObserver | None = None) -> RunRepor
         LidcamError: the input, the calibration, the settings or an output is at fault; no output is left behind.
     """
     observer = observer or RunObserver()
-    with opened(job) as run:
+    with open_outputs(job) as outputs, opened(job) as run:
         with ExitStack() as stack:
             observer.opened(run.source)
             # Closed before the writers are, also when the observer raises: then no stage is at work any more.
-            frames = stack.enter_context(closing(run.frames(open_writers(job, run.source, stack))))
+            frames = stack.enter_context(closing(run.frames(open_writers(job, run.source, outputs, stack))))
             for frame in frames:
                 observer.frame(frame)
                 observer.advanced(run.progress)
@@ -106,7 +106,6 @@ def opened(job: Job) -> Iterator["Run"]:
     Raises:
         LidcamError: the input, the calibration, the settings or an output is at fault.
     """
-    check_outputs(job)
     options = ReadOptions("as_needed" if job.on_bad_message == "skip" else "none", job.config.limits)
     with sensor_messages(open_recording(job.inputs, options)) as recording:
         names = ", ".join(map(str, recording.paths))

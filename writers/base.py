@@ -12,7 +12,8 @@ __all__ = ["ResultWriter"]
 class ResultWriter(Protocol):
     """Writes the frames of one run, in order.
 
-    A context manager: the output appears when the block ends without error, else nothing remains. Not thread-safe.
+    A context manager: what is written is complete when the block ends without error. It gets its name afterwards, with
+    all other outputs of the run (`writers.outputs.transaction`), or is discarded with them. Not thread-safe.
 
     Attributes:
         name: Short name of the kind of output, for timings and messages.
@@ -31,7 +32,7 @@ class ResultWriter(Protocol):
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Complete the output, or discard it if the block ended with an exception.
+        """Complete the output, or give it up if the block ended with an exception.
 
         Raises:
             OutputError: it cannot be completed.

@@ -9,7 +9,7 @@ from lidcam.commands.verdict import Verdict, first_of
 from lidcam.frames import TimeWindow
 from lidcam.inspection import Inspection, inspect_open, inspect_recording, inspection_tree
 from lidcam.job import RigSource
-from lidcam.outputs import check_not_overwritten, check_writable
+from lidcam.outputs.open import check_not_overwritten
 from lidcam.printing.console import print_inspection
 from lidcam.printing.folding import show_line
 from lidcam.printing.log import remark_log
@@ -18,10 +18,12 @@ from lidcam.settings.choice import SettingsChoice
 from lidcam.summary import loss_records
 from readers.location import Location, location
 from readers.open import open_recording
-from readers.recording import ReadOptions, Recording
-from readers.rig.rig_file import write_draft
+from readers.recording import ReadOptions, Recording, TopicInfo
+from readers.rig.rig_file import draft_yaml
 from readers.streams.per_sensor import sensor_messages
 from writers.mcap.repair import write_repaired
+from writers.outputs.errors import output_errors
+from writers.outputs.transaction import OutputFile, OutputTransaction
 
 __all__ = ["InspectOptions", "run_inspect"]
 
@@ -55,27 +57,29 @@ def run_inspect(options: InspectOptions) -> None:
         IncompleteError: it is damaged, or sensors would be left out; where it was repaired, not all of it came over.
         LidcamError: the recording or the settings are at fault, or an output cannot be written.
     """
-    for output in (options.write_rig, options.repair):
-        if output is not None:
-            check_writable(output)
-            check_not_overwritten(options.inputs, output)
-    if options.repair is None:
-        inspection = inspect_recording(options.inputs, options.settings, options.rig)
-        check_not_overwritten(inspection.files, options.write_rig)
-        _write_rig(inspection, options.write_rig)
-        _report(inspection, _verdict(inspection, options), options)
-        return
-    with (
-        open_recording(options.inputs, ReadOptions("full_scan", options.settings.config.limits)) as recorded,
-        sensor_messages(recorded) as recording,
-    ):
-        check_not_overwritten(recording.paths, options.write_rig, options.repair)
-        inspection = inspect_open(recording, options.settings, options.rig, TimeWindow())
-        _write_rig(inspection, options.write_rig)
-        not_copied = _repair(recorded, options.repair)
-        inspection = replace(inspection, losses=recorded.losses)
-    lost = (*damage_lines(inspection.losses), *not_copied)
-    _report(inspection, Verdict(_no_rig(inspection, options), lost), options)
+    files = [file for file in (options.repair, options.write_rig) if file is not None]
+    check_not_overwritten(options.inputs, *files)
+    remarks: list[str] = []
+    lost: list[str] = []
+    with OutputTransaction(files) as outputs:
+        if options.repair is None:
+            inspection = inspect_recording(options.inputs, options.settings, options.rig)
+            check_not_overwritten(inspection.files, *files)
+            remarks += _write_rig(inspection, options, outputs)
+        else:
+            with (
+                open_recording(options.inputs, ReadOptions("full_scan", options.settings.config.limits)) as recorded,
+                sensor_messages(recorded) as recording,
+            ):
+                check_not_overwritten(recording.paths, *files)
+                inspection = inspect_open(recording, options.settings, options.rig, TimeWindow())
+                remarks += _write_rig(inspection, options, outputs)
+                remarks += _repair(recorded, outputs[options.repair])
+                inspection = replace(inspection, losses=recorded.losses)
+                lost += [*damage_lines(recorded.losses), *_not_copied(recorded)]
+    for remark in remarks:  # the files have their names now
+        remark_log.info("%s", remark)
+    _report(inspection, _verdict(inspection, options) if options.repair is None else Verdict("", lost), options)
 
 
 def _verdict(inspection: Inspection, options: InspectOptions) -> Verdict:
@@ -83,14 +87,7 @@ def _verdict(inspection: Inspection, options: InspectOptions) -> Verdict:
     problem = f"lidcam could not process it: {inspection.problem}" if inspection.problem else ""
     if problem and options.write_rig is None:
         return Verdict(f"{', '.join(map(str, inspection.files))}: {problem}")
-    incomplete = (*([problem] * bool(problem)), *inspection.incomplete)
-    return Verdict(_no_rig(inspection, options), incomplete)
-
-
-def _no_rig(inspection: Inspection, options: InspectOptions) -> str:
-    """Why the rig that was asked for could not be written; empty if it was, or was not asked for."""
-    missing = options.write_rig is not None and inspection.draft is None
-    return f"{options.write_rig}: no rig to write: {inspection.problem}" if missing else ""
+    return Verdict("", (*([problem] * bool(problem)), *inspection.incomplete))
 
 
 def _report(inspection: Inspection, verdict: Verdict, options: InspectOptions) -> None:
@@ -106,14 +103,19 @@ def _report(inspection: Inspection, verdict: Verdict, options: InspectOptions) -
     verdict.end()
 
 
-def _write_rig(inspection: Inspection, path: Path | None) -> None:
-    if path is not None and inspection.draft is not None:
-        write_draft(inspection.draft, path)
-        remark_log.info("wrote %s", path)
+def _write_rig(inspection: Inspection, options: InspectOptions, outputs: OutputTransaction) -> Iterator[str]:
+    """Write the rig that was asked for; without one, print what was found and end without any output."""
+    if options.write_rig is not None:
+        if inspection.draft is None:
+            _report(inspection, Verdict(f"{options.write_rig}: no rig to write: {inspection.problem}"), options)
+        else:
+            with output_errors(options.write_rig):
+                outputs[options.write_rig].part.write_text(draft_yaml(inspection.draft), encoding="utf-8")
+            yield f"wrote {options.write_rig}"
 
 
-def _repair(recording: Recording, output: Path) -> list[str]:
-    """Write what can be read of a recording; a line for each topic that cannot be read."""
+def _repair(recording: Recording, output: OutputFile) -> Iterator[str]:
+    """Write what can be read of a recording; name the topics that cannot be read."""
 
     def lost() -> Iterator[dict[str, str]]:
         for record in loss_records(recording.losses):
@@ -122,8 +124,15 @@ def _repair(recording: Recording, output: Path) -> list[str]:
 
     channels = [channel for info in recording.topics for channel in info.channels]
     count = write_repaired(output, channels, recording.messages(), lost=lost())
-    remark_log.info("wrote %s: %d messages", output, count)
-    unreadable = [info for info in recording.topics if info.unreadable and info.message_count]
-    for info in unreadable:
-        remark_log.info("not copied: %s, %d messages: %s", info.topic, info.message_count, info.unreadable)
-    return [f"{info.topic}: {info.message_count} messages not copied" for info in unreadable]
+    yield f"wrote {output.path}: {count} messages"
+    for info in _unreadable(recording):
+        yield f"not copied: {info.topic}, {info.message_count} messages: {info.unreadable}"
+
+
+def _not_copied(recording: Recording) -> Iterator[str]:
+    for info in _unreadable(recording):
+        yield f"{info.topic}: {info.message_count} messages not copied"
+
+
+def _unreadable(recording: Recording) -> list[TopicInfo]:
+    return [info for info in recording.topics if info.unreadable and info.message_count]

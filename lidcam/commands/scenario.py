@@ -8,7 +8,14 @@ from typing import TYPE_CHECKING
 
 import yaml
 
-from bags.simulator.recorder.files import MessageWriter, RecordingFormat, format_of, recording_file, ros_version_of
+from bags.simulator.recorder.files import (
+    MessageWriter,
+    RecordingFormat,
+    format_of,
+    recording_file,
+    recording_outputs,
+    ros_version_of,
+)
 from bags.simulator.recorder.recorded import Recorded
 from bags.simulator.recorder.start import simulating
 from bags.simulator.scenario.load import load_scenario
@@ -92,7 +99,10 @@ def recording_to(
     format = format_of(options.output, options.format)
     version = ros_version_of(format)
     text = yaml.safe_dump(scenario.model_dump(mode="json"), sort_keys=False, default_flow_style=None, width=100)
-    with simulating(scenario, ros_version=version, workers=workers, driven=driven) as simulation:
+    with (
+        recording_outputs(options.output, format) as outputs,
+        simulating(scenario, ros_version=version, workers=workers, driven=driven) as simulation,
+    ):
         rig = rig_yaml(simulation.true_rig)
-        with recording_file(options.output, format, rig_yaml=rig, scenario_yaml=text) as writer:
+        with recording_file(outputs, options.output, format, rig_yaml=rig, scenario_yaml=text) as writer:
             yield simulation, Recorder(writer, scenario.start_ns)

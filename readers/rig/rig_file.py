@@ -1,4 +1,4 @@
-"""Rig files: read in every form that lidcam knows, and written."""
+"""Rig files: read in every form that lidcam knows, and their text."""
 
 from pathlib import Path
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 import yaml
 
 from pipeline.core.arrays import F64
-from pipeline.core.errors import CalibrationError, OutputError
+from pipeline.core.errors import CalibrationError
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.rig import Rig
 from pipeline.core.settings.bounded_yaml import read_yaml
@@ -17,7 +17,7 @@ from readers.rig.importers.kitti import import_kitti
 from readers.rig.importers.predecessor import import_calib_txt, import_geometry
 from readers.rig.schema import TODO, RigFile, parse_rig
 
-__all__ = ["draft_yaml", "load_rig", "rig_yaml", "write_draft", "write_rig"]
+__all__ = ["draft_yaml", "load_rig", "rig_yaml"]
 
 
 def load_rig(path: str | Path) -> RigFile:
@@ -157,34 +157,6 @@ def _key(key: str, value: Any, comment: str = "") -> list[str]:
     first, *more = text.splitlines()
     comment = "".join(letter if letter.isprintable() else " " for letter in comment)
     return [f"{first} # {comment}" if comment else first, *more]
-
-
-def write_draft(draft: RigDraft, path: Path) -> None:
-    """Write `draft_yaml`; the file appears whole or not at all.
-
-    Raises:
-        OutputError: the file cannot be written.
-    """
-    _write(draft_yaml(draft), path)
-
-
-def write_rig(rig: Rig, path: Path) -> None:
-    """Write `rig_yaml`; the file appears whole or not at all.
-
-    Raises:
-        OutputError: the file cannot be written.
-    """
-    _write(rig_yaml(rig), path)
-
-
-def _write(text: str, path: Path) -> None:
-    part = path.with_name(f"{path.name}.part")
-    try:
-        part.write_text(text, encoding="utf-8")
-        part.replace(path)
-    except OSError as err:
-        part.unlink(missing_ok=True)
-        raise OutputError(f"{path}: cannot be written: {err}") from err
 
 
 def _time_offset(offset_ns: int) -> dict[str, float]:

@@ -33,9 +33,16 @@ def test_both_programs_tell_their_version(lidcam: Lidcam) -> None:
     assert done.stdout.startswith("lidcam ")
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize(
+    ("number", "code", "told"),
+    [
+        (signal.SIGINT, 130, "lidcam: interrupted"),
+        (signal.SIGTERM, 143, "lidcam: terminated"),
+        (signal.SIGHUP, 129, "lidcam: ended: its terminal was closed"),
+    ],
+)
 def test_a_run_that_is_interrupted_leaves_nothing(
-    sandbox: Path, sandbox_config: Path, tmp_path: Path, number: signal.Signals, code: int
+    sandbox: Path, sandbox_config: Path, tmp_path: Path, number: signal.Signals, code: int, told: str
 ) -> None:
     command = [PROGRAM, sandbox, tmp_path / "out.mcap", "--config", sandbox_config, "--rerun", tmp_path / "out.rrd"]
     command += ["--set", "combine.ground.iterations=20000"]  # so that it is still at work
@@ -48,7 +55,7 @@ def test_a_run_that_is_interrupted_leaves_nothing(
         preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_DFL),
     ) as run:
         until = time.monotonic() + 60
-        while not (tmp_path / "out.rrd.part").exists():
+        while not (tmp_path / ".out.rrd.lidcam").exists():
             assert run.poll() is None, run.communicate()
             assert time.monotonic() < until
             time.sleep(0.02)
@@ -56,6 +63,7 @@ def test_a_run_that_is_interrupted_leaves_nothing(
         run.send_signal(number)
         _, err = run.communicate(timeout=60)
     assert run.returncode == code
+    assert err.splitlines()[-1] == told
     assert "Traceback" not in err
     assert list(tmp_path.iterdir()) == []
 
@@ -100,7 +108,7 @@ def test_two_outputs_are_two_files(lidcam: Lidcam, sandbox: Path, tmp_path: Path
     (tmp_path / "out.rrd").symlink_to(tmp_path / "out.mcap")
     run = lidcam("process", sandbox, tmp_path / "out.mcap", "--rerun", tmp_path / "out.rrd")
     assert run.code == 1
-    assert "choose another name" in run.error_line
+    assert "out.rrd: is a link to" in run.error_line
 
 
 def test_names_are_printed_as_they_are(lidcam: Lidcam, sandbox: Path, tmp_path: Path) -> None:

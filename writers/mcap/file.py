@@ -7,8 +7,6 @@ from typing import Literal
 
 from mcap.writer import CompressionType, Writer
 
-from writers.atomic import atomic_output
-
 __all__ = ["McapOutput", "mcap_file"]
 
 LIBRARY = "lidcam"
@@ -50,13 +48,12 @@ class McapOutput:
 def mcap_file(
     path: Path, *, profile: str, compression: Literal["none", "lz4", "zstd"] = "zstd"
 ) -> Iterator[McapOutput]:
-    """Open a new file, which appears at `path` when the block ends well; `output_errors` may enclose the block.
+    """Open a new file, which is complete when the block ends well; `output_errors` may enclose the block.
 
     Raises:
-        OutputError: see `atomic_output`.
         OSError: it cannot be written.
     """
-    with atomic_output(path) as part, part.open("wb") as stream:
+    with path.open("xb") as stream:
         writer = Writer(stream, chunk_size=CHUNK_BYTES, compression=CompressionType[compression.upper()])
         writer.start(profile=profile, library=LIBRARY)
         yield McapOutput(writer)

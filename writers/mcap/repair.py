@@ -2,11 +2,11 @@
 
 import base64
 from collections.abc import Iterable, Iterator, Mapping
-from pathlib import Path
 
 from pipeline.core.messages import Channel, RawMessage
-from writers.atomic import output_errors
 from writers.mcap.file import McapOutput, mcap_file
+from writers.outputs.errors import output_errors
+from writers.outputs.transaction import OutputFile
 
 __all__ = ["write_repaired"]
 
@@ -17,12 +17,16 @@ PROFILES = {frozenset({"ros1"}): "ros1", frozenset({"cdr"}): "ros2"}
 
 
 def write_repaired(
-    path: Path, channels: Iterable[Channel], messages: Iterator[RawMessage], *, lost: Iterable[Mapping[str, str]]
+    output: OutputFile,
+    channels: Iterable[Channel],
+    messages: Iterator[RawMessage],
+    *,
+    lost: Iterable[Mapping[str, str]],
 ) -> int:
     """Write messages to a new MCAP file, in their order, with their log times.
 
     Args:
-        path: The file to write; it appears when it is complete.
+        output: The file to write.
         channels: All channels in the order of the file's list, also those without messages.
         messages: The messages.
         lost: What could not be recovered, one metadata record each; read after the last message.
@@ -37,7 +41,7 @@ def write_repaired(
     channels = list(dict.fromkeys(channels))
     profile = PROFILES.get(frozenset(channel.encoding for channel in channels), "")
     count = 0
-    with output_errors(path), mcap_file(path, profile=profile) as file:
+    with output_errors(output.path), mcap_file(output.part, profile=profile) as file:
         ids = {channel: _add_channel(file, channel) for channel in channels}
         for message in messages:
             if message.channel not in ids:

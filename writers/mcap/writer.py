@@ -8,7 +8,6 @@ results give equal bytes.
 
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
@@ -19,8 +18,7 @@ from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.ros.messages import ROS2
 from pipeline.core.ros.qos import LATCHED_YAML
 from pipeline.core.settings.config import Config
-from writers.atomic import atomic_output, output_errors
-from writers.foxglove.layout import foxglove_layout, layout_path
+from writers.foxglove.layout import foxglove_layout
 from writers.mcap.file import McapOutput, mcap_file
 from writers.messages.annotations import image_annotations
 from writers.messages.detections import detections_2d, detections_3d, lidcam_objects
@@ -28,6 +26,8 @@ from writers.messages.diagnostics import diagnostics
 from writers.messages.images import COMPRESSED, image_cdr
 from writers.messages.scene import marker_array, scene_update
 from writers.messages.sensors import camera_info, moving_transform, point_cloud2, static_transforms
+from writers.outputs.errors import output_errors
+from writers.outputs.transaction import OutputFile
 from writers.provenance import Provenance
 from writers.viewpoint import SceneSurvey
 
@@ -40,19 +40,23 @@ _NOT_COPIED = "the image cannot be copied"
 
 
 class McapResultWriter:
-    """Writes one run's frames to `path`, which appears when the block ends without error.
+    """Writes one run's frames to a file, which is complete when the block ends without error.
 
     Args:
-        path: The file to write; an older one is replaced.
+        output: The file to write.
         rig: The rig of the run.
         config: The settings of the run; `output` selects topics and compression.
         provenance: Written as metadata and attachments.
+        layout: Where the layout that belongs to the file is written, if it is.
     """
 
     name = "mcap"
 
-    def __init__(self, path: Path, rig: Rig, config: Config, provenance: Provenance) -> None:
-        self._path, self._rig, self._config, self._provenance = path, rig, config, provenance
+    def __init__(
+        self, output: OutputFile, rig: Rig, config: Config, provenance: Provenance, layout: OutputFile | None = None
+    ) -> None:
+        self._output, self._layout, self._path = output, layout, output.path
+        self._rig, self._config, self._provenance = rig, config, provenance
         self._resources = ExitStack()
         self._channels: dict[str, int] = {}
         self._filled: set[str] = set()
@@ -62,10 +66,10 @@ class McapResultWriter:
 
     def __enter__(self) -> Self:
         with ExitStack() as resources, output_errors(self._path):
-            if self._config.output.layout:
-                resources.enter_context(self._layout())
+            if self._layout is not None:
+                resources.enter_context(self._written_layout(self._layout))
             compression = self._config.output.compression
-            self._file = resources.enter_context(mcap_file(self._path, profile="ros2", compression=compression))
+            self._file = resources.enter_context(mcap_file(self._output.part, profile="ros2", compression=compression))
             self._attach()
             for topic, msgtype in self._topics():
                 self._register(topic, msgtype)
@@ -198,11 +202,11 @@ class McapResultWriter:
         return self._channels[topic]
 
     @contextmanager
-    def _layout(self) -> Iterator[None]:
+    def _written_layout(self, layout: OutputFile) -> Iterator[None]:
         """Writes the layout when the block ends well: it names only topics that the file has."""
-        with atomic_output(layout_path(self._path)) as part:
-            yield
-            part.write_text(foxglove_layout(self._rig, self._survey, self._filled), encoding="utf-8")
+        yield
+        with output_errors(layout.path):
+            layout.part.write_text(foxglove_layout(self._rig, self._survey, self._filled), encoding="utf-8")
 
     def _attach(self) -> None:
         self._file.add_metadata("lidcam", self._provenance.metadata())

@@ -1,11 +1,11 @@
 """Writes simulated recordings: ROS 1 bag, ROS 2 sqlite3 folder, MCAP.
 
-The same messages give the same bytes. A file is a `.part` beside its name until it is complete.
+The same messages give the same bytes.
 """
 
 import contextlib
-import shutil
-from collections.abc import Iterator, Mapping
+import sqlite3
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
@@ -18,15 +18,25 @@ from pipeline.core.errors import OutputError
 from pipeline.core.ros.messages import ROS2
 from pipeline.core.ros.qos import LATCHED, LATCHED_YAML_HUMBLE
 from pipeline.core.ros.typestores import RosVersion, message_types
-from writers.atomic import atomic_output, output_errors
 from writers.mcap.file import McapOutput, mcap_file
+from writers.outputs.errors import output_errors
+from writers.outputs.transaction import OutputTransaction
 
-__all__ = ["FORMATS", "MessageWriter", "RecordingFormat", "format_of", "recording_file", "ros_version_of"]
+__all__ = [
+    "FORMATS",
+    "MessageWriter",
+    "RecordingFormat",
+    "format_of",
+    "recording_file",
+    "recording_outputs",
+    "ros_version_of",
+]
 
 RecordingFormat = Literal["ros1", "sqlite3", "mcap"]
 FORMATS: tuple[RecordingFormat, ...] = ("ros1", "sqlite3", "mcap")
 
 ENDINGS = "a name that ends in .bag (ROS 1), in .mcap (MCAP), or has no ending (ROS 2 sqlite3 folder), or a --format"
+ATTACHMENTS = ("rig.yaml", "scenario.yaml")
 METADATA_VERSION: Literal[8] = 8
 """The newest that Humble reads."""
 
@@ -60,86 +70,75 @@ def ros_version_of(format: RecordingFormat) -> RosVersion:
     return 1 if format == "ros1" else 2
 
 
+def recording_outputs(path: Path, format: RecordingFormat) -> OutputTransaction:
+    """The files of a recording, to be locked before it begins."""
+    beside = [] if format == "mcap" else [_beside(path, name) for name in ATTACHMENTS]
+    folders = [path] if format == "sqlite3" else []
+    return OutputTransaction([path, *beside], folders=folders, check_old=_check_folder)
+
+
 @contextlib.contextmanager
 def recording_file(
-    path: Path, format: RecordingFormat, *, rig_yaml: str, scenario_yaml: str
+    outputs: OutputTransaction, path: Path, format: RecordingFormat, *, rig_yaml: str, scenario_yaml: str
 ) -> Iterator[MessageWriter]:
-    """Write a recording; an older one of that name is replaced when the new one is complete.
+    """Write a recording, which is complete when the block ends well.
 
     Args:
+        outputs: Its files, see `recording_outputs`.
         path: File, or folder for sqlite3.
         format: Format of the recording.
         rig_yaml: The true calibration as a rig file: an attachment of an MCAP, else `NAME.rig.yaml` beside the bag.
         scenario_yaml: The scenario: an attachment of an MCAP, else `NAME.scenario.yaml` beside the bag.
 
     Raises:
-        OutputError: it cannot be written, or something else stands there.
+        OutputError: it cannot be written.
     """
-    texts = {"rig.yaml": rig_yaml, "scenario.yaml": scenario_yaml}
-    if format == "mcap":
-        with output_errors(path), mcap_file(path, profile="ros2") as file:
-            for name, text in texts.items():
-                file.attach(name, text)
-            file.add_metadata("lidcam_truth", {"attachments": ", ".join(texts)})
-            yield _Mcap(file)
-    elif format == "ros1":
-        with atomic_output(path) as part, _beside(path, texts), output_errors(path):
-            part.unlink()
+    texts = dict(zip(ATTACHMENTS, (rig_yaml, scenario_yaml), strict=True))
+    part = outputs[path].part
+    with _recording_errors(path):
+        if format == "mcap":
+            with mcap_file(part, profile="ros2") as file:
+                for name, text in texts.items():
+                    file.attach(name, text)
+                file.add_metadata("lidcam_truth", {"attachments": ", ".join(texts)})
+                yield _Mcap(file)
+            return
+        for name, text in texts.items():
+            outputs[_beside(path, name)].part.write_text(text, encoding="utf-8")
+        if format == "ros1":
             bag = Rosbag1Writer(part)
             bag.set_compression(Rosbag1Writer.CompressionFormat.LZ4)
             with bag:
                 yield _Rosbag(bag)
-    else:
-        with _atomic_folder(path) as folder, _beside(path, texts), output_errors(path):
-            with Rosbag2Writer(folder, version=METADATA_VERSION, storage_plugin=StoragePlugin.SQLITE3) as bag2:
+        else:
+            with Rosbag2Writer(part, version=METADATA_VERSION, storage_plugin=StoragePlugin.SQLITE3) as bag2:
                 yield _Rosbag(bag2)
-            _rename_inside(folder, path.name)
+
+
+def _beside(path: Path, name: str) -> Path:
+    """A file beside a recording; its name begins with that of the recording."""
+    return path.with_name(f"{path.name}.{name}")
+
+
+def _check_folder(path: Path) -> None:
+    """Whether a folder holds a ROS 2 recording and nothing else.
+
+    Raises:
+        OutputError: it does not.
+    """
+    names = {file.name for file in path.iterdir()} if path.is_dir() else {"metadata.yaml"}
+    if "metadata.yaml" not in names or any(Path(name).suffix not in {".yaml", ".db3", ".mcap"} for name in names):
+        raise OutputError(f"{path}: exists and holds something other than a ROS 2 recording; choose another name")
 
 
 @contextlib.contextmanager
-def _beside(path: Path, texts: Mapping[str, str]) -> Iterator[None]:
-    """Write texts to files beside a recording; their names are suffixes of its name."""
-    with contextlib.ExitStack() as files:
-        for name, text in texts.items():
-            part = files.enter_context(atomic_output(path.with_name(f"{path.name}.{name}")))
-            part.write_text(text, encoding="utf-8")
-        yield
-
-
-@contextlib.contextmanager
-def _atomic_folder(path: Path) -> Iterator[Path]:
-    """As `atomic_output`, for a ROS 2 bag folder; an older one is replaced, anything else is refused."""
+def _recording_errors(path: Path) -> Iterator[None]:
+    """Turn what the system and SQLite say in the block into an OutputError about `path`."""
     with output_errors(path):
-        if path.exists() and not _is_recorded(path):
-            raise OutputError(f"{path}: exists and holds something other than a ROS 2 recording; choose another name")
-        if not path.parent.is_dir():
-            raise OutputError(f"{path}: there is no folder {path.parent}; create it first")
-        part = path.with_name(f"{path.name}.part")
-        shutil.rmtree(part, ignore_errors=True)
-    try:
-        yield part
-        with output_errors(path):
-            if path.exists():
-                shutil.rmtree(path)
-            part.replace(path)
-    except BaseException:
-        shutil.rmtree(part, ignore_errors=True)
-        raise
-
-
-def _is_recorded(path: Path) -> bool:
-    """Whether a folder holds a ROS 2 recording and nothing else."""
-    if not path.is_dir() or not (path / "metadata.yaml").is_file():
-        return False
-    return all(file.name == "metadata.yaml" or file.suffix in {".db3", ".mcap"} for file in path.iterdir())
-
-
-def _rename_inside(folder: Path, name: str) -> None:
-    """Rename the database, which rosbags named after the `.part` folder, to match the final folder."""
-    written = folder / f"{folder.name}.db3"
-    written.rename(folder / f"{name}.db3")
-    metadata = folder / "metadata.yaml"
-    metadata.write_text(metadata.read_text(encoding="utf-8").replace(written.name, f"{name}.db3"), encoding="utf-8")
+        try:
+            yield
+        except sqlite3.Error as err:
+            raise OutputError(f"{path}: cannot be written: {err}") from err
 
 
 class _Rosbag:

@@ -14,7 +14,7 @@ from pipeline.core.messages import RawMessage
 from pipeline.core.settings.config import Config
 from readers.rig.discovery import Discovery, discover_rig
 from readers.rig.draft import draft_rig
-from readers.rig.rig_file import draft_yaml, load_rig, write_draft
+from readers.rig.rig_file import draft_yaml, load_rig
 from readers.rig.schema import RigFile
 from readers.rig.search import find_sensors
 
@@ -236,13 +236,6 @@ def test_no_cameras_and_no_zones() -> None:
 def test_a_recording_without_lidars_has_no_draft() -> None:
     with pytest.raises(RecordingError):
         draft([image_message(11)])
-
-
-def test_a_draft_is_written_whole(tmp_path: Path) -> None:
-    found = draft_rig(find_sensors(MemoryRecording(UNCALIBRATED), Config()))
-    write_draft(found, tmp_path / "rig.yaml")
-    assert (tmp_path / "rig.yaml").read_text() == draft_yaml(found)
-    assert [path.name for path in tmp_path.iterdir()] == ["rig.yaml"]
 
 
 def test_time_offsets_of_the_rig_file_stay(tmp_path: Path) -> None:

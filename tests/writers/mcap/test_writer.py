@@ -20,7 +20,9 @@ from pipeline.core.messages import Drop
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from writers.base import ResultWriter
+from writers.foxglove.layout import layout_path
 from writers.mcap.writer import McapResultWriter
+from writers.outputs.transaction import OutputTransaction
 
 PER_CAMERA = {
     "camera_info": "sensor_msgs/msg/CameraInfo",
@@ -45,9 +47,13 @@ EACH_FRAME = {
 def write(
     path: Path, frames: Iterable[FrameResult], *, config: Config = CONFIG, rig: Rig = RIG
 ) -> list[tuple[Drop, ...]]:
-    writer: ResultWriter = McapResultWriter(path, rig, config, PROVENANCE)
-    with writer:
-        return [writer.write(result) for result in frames]
+    layout = layout_path(path) if config.output.layout else None
+    with OutputTransaction([path] if layout is None else [path, layout]) as outputs:
+        writer: ResultWriter = McapResultWriter(
+            outputs[path], rig, config, PROVENANCE, outputs[layout] if layout else None
+        )
+        with writer:
+            return [writer.write(result) for result in frames]
 
 
 def stamp_of(message: Any) -> int:
@@ -278,7 +284,7 @@ def names_in(folder: Path) -> list[str]:
 def test_a_failed_run_leaves_nothing(tmp_path: Path) -> None:
     def failing() -> Iterable[FrameResult]:
         yield frame(0)
-        assert names_in(tmp_path) == ["out.foxglove.json.part", "out.mcap.part"]
+        assert names_in(tmp_path) == [".out.foxglove.json.lidcam", ".out.mcap.lidcam"]
         raise RuntimeError("in a stage")
 
     with pytest.raises(RuntimeError, match="in a stage"):

@@ -18,6 +18,7 @@ from pipeline.core.messages import Drop, RawMessage
 from pipeline.core.settings.config import Config
 from writers.base import ResultWriter
 from writers.drawing import DrawnBoxes2D
+from writers.outputs.transaction import OutputFile, OutputTransaction
 from writers.palette import MATCHED
 from writers.rerun.archetypes import MAX_POINTS, labels_2d
 from writers.rerun.writer import RerunResultWriter
@@ -41,9 +42,12 @@ def write(
     config: Config = CONFIG,
     decode_any_image: Callable[[RawMessage], Image] = grey,
 ) -> list[tuple[Drop, ...]]:
-    writer: ResultWriter = RerunResultWriter(path, RIG, config, PROVENANCE, decode_any_image=decode_any_image)
-    with writer:
-        return [writer.write(result) for result in frames]
+    with OutputTransaction([path]) as outputs:
+        writer: ResultWriter = RerunResultWriter(
+            outputs[path], RIG, config, PROVENANCE, decode_any_image=decode_any_image
+        )
+        with writer:
+            return [writer.write(result) for result in frames]
 
 
 def rerun(home: Path, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
@@ -82,7 +86,7 @@ def test_the_recording_has_the_names_of_the_inputs(tmp_path: Path) -> None:
     path = tmp_path / "out.rrd"
     remote = {"name": "c.mcap", "url": "https://host/c.mcap", "size": "1"}
     provenance = replace(PROVENANCE, inputs=(*PROVENANCE.inputs, remote))
-    with RerunResultWriter(path, RIG, CONFIG, provenance, decode_any_image=grey) as writer:
+    with RerunResultWriter(OutputFile(path, path), RIG, CONFIG, provenance, decode_any_image=grey) as writer:
         writer.write(frame(0))
     assert "a.bag, b.bag, c.mcap" in rerun(tmp_path, "rrd", "print", "-vvv", path).stdout
 
@@ -168,7 +172,7 @@ def test_a_failed_run_leaves_nothing(tmp_path: Path) -> None:
 
 
 def test_a_missing_folder_is_one_clear_line(tmp_path: Path) -> None:
-    with pytest.raises(OutputError, match="there is no folder"):
+    with pytest.raises(OutputError, match=r"the folder .* does not exist"):
         write(tmp_path / "no" / "out.rrd", [frame()])
 
 

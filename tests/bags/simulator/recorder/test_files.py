@@ -1,6 +1,8 @@
 """What is written comes back: through lidcam's readers and through rosbags."""
 
 import hashlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +17,7 @@ from bags.simulator.recorder.files import (
     RecordingFormat,
     format_of,
     recording_file,
+    recording_outputs,
     ros_version_of,
 )
 from bags.simulator.recorder.messages import MessageFactory, TrueObject
@@ -71,9 +74,20 @@ def all_messages(make: MessageFactory) -> dict[str, Any]:
     }
 
 
+@contextmanager
+def recording_at(
+    path: Path, format: RecordingFormat, *, rig_yaml: str = "", scenario_yaml: str = ""
+) -> Iterator[MessageWriter]:
+    with (
+        recording_outputs(path, format) as outputs,
+        recording_file(outputs, path, format, rig_yaml=rig_yaml, scenario_yaml=scenario_yaml) as writer,
+    ):
+        yield writer
+
+
 def write_all(path: Path, format: RecordingFormat) -> None:
     make = MessageFactory(ros_version_of(format), START_NS)
-    with recording_file(path, format, rig_yaml="site_frame: site\n", scenario_yaml="world: sandbox\n") as writer:
+    with recording_at(path, format, rig_yaml="site_frame: site\n", scenario_yaml="world: sandbox\n") as writer:
         for number, (topic, message) in enumerate(all_messages(make).items()):
             writer.write(
                 make.recorded(STAMP_NS + number, topic, STAMP_NS, message, latched=topic == "/tf_static"), START_NS
@@ -200,7 +214,7 @@ def test_what_fails_leaves_the_older_recording_as_it_was(tmp_path: Path, format:
         writer.write(make.recorded(0, "/wheel", 0, make.number(1.0)), START_NS)
         raise RuntimeError("no more")
 
-    with pytest.raises(RuntimeError, match="no more"), recording_file(path, format, rig_yaml="", scenario_yaml="") as w:
+    with pytest.raises(RuntimeError, match="no more"), recording_at(path, format) as w:
         fail(w)
     assert digest(path) == before
     assert sorted(file.name for file in tmp_path.iterdir()) == names
@@ -209,7 +223,7 @@ def test_what_fails_leaves_the_older_recording_as_it_was(tmp_path: Path, format:
 @pytest.mark.parametrize("format", FORMATS)
 def test_a_place_that_cannot_be_written(tmp_path: Path, format: RecordingFormat) -> None:
     path = tmp_path / "missing" / NAMES[format]
-    with pytest.raises(OutputError, match="missing"), recording_file(path, format, rig_yaml="", scenario_yaml=""):
+    with pytest.raises(OutputError, match="missing"), recording_at(path, format):
         pytest.fail("nothing was opened")
 
 

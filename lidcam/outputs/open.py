@@ -1,4 +1,4 @@
-"""The outputs of a run: checked before it begins, opened together."""
+"""The outputs of a run: checked before it begins, opened together, and named together when all of them are whole."""
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
@@ -18,47 +18,34 @@ from readers.rig.rig_file import rig_yaml
 from writers.base import ResultWriter
 from writers.foxglove.layout import layout_path
 from writers.mcap.writer import McapResultWriter
+from writers.outputs.transaction import OutputTransaction
 from writers.provenance import Provenance
 
-__all__ = ["WRITERS", "check_not_overwritten", "check_outputs", "check_writable", "open_writers", "written_files"]
+__all__ = ["WRITERS", "check_not_overwritten", "open_outputs", "open_writers", "written_files"]
 
 
-def check_outputs(job: Job) -> None:
-    """Look at the outputs before the recording is opened.
+def open_outputs(job: Job) -> OutputTransaction:
+    """The outputs of a job, to be locked before the recording is opened.
 
     Raises:
-        OutputError: one cannot be written, is of no known kind or of the same as another, or is the recording itself.
+        OutputError: one is of no known kind or of the same as another, or is the recording itself.
     """
-    known: dict[Path | str, Path] = {}
+    known: dict[str, Path] = {}
     for output in job.outputs:
         if output.suffix not in WRITERS:
             raise OutputError(f"{output}: expected a name that ends in {' or '.join(WRITERS)}")
         if other := known.get(output.suffix):
             raise OutputError(f"{output}: expected one output of a kind, found {other}, too; choose one of them")
-        if other := known.get(output.resolve()):  # a link
-            raise OutputError(f"{output}: is the same file as {other}; choose another name")
-        known |= {output.suffix: output, output.resolve(): output}
-    for file in written_files(job):
-        check_writable(file)
-        check_not_overwritten(job.inputs, file)
+        known[output.suffix] = output
+    files = written_files(job)
+    check_not_overwritten(job.inputs, *files)
+    return OutputTransaction(files)
 
 
 def written_files(job: Job) -> tuple[Path, ...]:
     """The outputs, and the layouts that are written beside them."""
     with_layout = [path for path in job.outputs if path.suffix == ".mcap" and job.config.output.layout]
     return (*job.outputs, *map(layout_path, with_layout))
-
-
-def check_writable(output: Path) -> None:
-    """Whether a file of this name can be made.
-
-    Raises:
-        OutputError: it is a folder, or its folder does not exist.
-    """
-    if output.is_dir():
-        raise OutputError(f"{output}: expected the name of a file to write, found a folder")
-    if not output.parent.is_dir():
-        raise OutputError(f"{output}: the folder {output.parent} does not exist; create it first")
 
 
 def check_not_overwritten(inputs: Sequence[Location], *outputs: Path | None) -> None:
@@ -73,8 +60,8 @@ def check_not_overwritten(inputs: Sequence[Location], *outputs: Path | None) -> 
             raise OutputError(f"{output}: is a file of the recording itself; choose another name")
 
 
-def open_writers(job: Job, source: RunInput, stack: ExitStack) -> list[ResultWriter]:
-    """The writers of a job's outputs, open; they end with `stack`.
+def open_writers(job: Job, source: RunInput, outputs: OutputTransaction, stack: ExitStack) -> list[ResultWriter]:
+    """The writers of a job's outputs, open; they end with `stack`, before the outputs get their names.
 
     Raises:
         OutputError: an output cannot be written.
@@ -82,21 +69,24 @@ def open_writers(job: Job, source: RunInput, stack: ExitStack) -> list[ResultWri
     if not job.outputs:
         return []
     provenance = _provenance(source)
-    return [stack.enter_context(WRITERS[path.suffix](path, source, provenance)) for path in job.outputs]
+    return [stack.enter_context(WRITERS[path.suffix](path, outputs, source, provenance)) for path in job.outputs]
 
 
-def _mcap(path: Path, source: RunInput, provenance: Provenance) -> ResultWriter:
-    return McapResultWriter(path, source.rig, source.config, provenance)
+def _mcap(path: Path, outputs: OutputTransaction, source: RunInput, provenance: Provenance) -> ResultWriter:
+    return McapResultWriter(outputs[path], source.rig, source.config, provenance, outputs.get(layout_path(path)))
 
 
-def _rerun(path: Path, source: RunInput, provenance: Provenance) -> ResultWriter:
+def _rerun(path: Path, outputs: OutputTransaction, source: RunInput, provenance: Provenance) -> ResultWriter:
     from writers.rerun.writer import RerunResultWriter  # loads a viewer's worth of code
 
     decode = partial(decode_any_image, limits=source.config.limits)
-    return RerunResultWriter(path, source.rig, source.config, provenance, decode_any_image=decode)
+    return RerunResultWriter(outputs[path], source.rig, source.config, provenance, decode_any_image=decode)
 
 
-WRITERS: Mapping[str, Callable[[Path, RunInput, Provenance], ResultWriter]] = {".mcap": _mcap, ".rrd": _rerun}
+WRITERS: Mapping[str, Callable[[Path, OutputTransaction, RunInput, Provenance], ResultWriter]] = {
+    ".mcap": _mcap,
+    ".rrd": _rerun,
+}
 """What writes a file, by the ending of its name."""
 
 

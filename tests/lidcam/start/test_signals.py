@@ -1,0 +1,243 @@
+"""A program that is told to end does so from wherever it is: at once, with one line and the exit code of shells."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+BEGIN = """
+import os, signal, sys
+from pathlib import Path
+from lidcam.start.signals import end_at_signals
+end_at_signals()
+from pipeline.core.ending import undisturbed, undone_at_once
+
+kept = Path(sys.argv[1])
+kept.touch()
+me, number = os.getpid(), signal.Signals(int(sys.argv[2]))
+"""
+
+PLACES = {
+    "at rest": """
+with undone_at_once(kept.unlink):
+    os.kill(me, number)
+    while True:
+        pass
+""",
+    "in a finaliser": """
+class Final:
+    def __del__(self):
+        os.kill(me, number)
+        while True:
+            pass
+
+with undone_at_once(kept.unlink):
+    Final()
+    while True:
+        pass
+""",
+    "while the interpreter ends": """
+import atexit
+undo = undone_at_once(kept.unlink)
+undo.__enter__()
+
+def last():
+    os.kill(me, number)
+    while True:
+        pass
+
+atexit.register(last)
+""",
+    "while another thread ends": """
+import threading, time
+undo = undone_at_once(kept.unlink)
+undo.__enter__()
+
+def other():
+    time.sleep(0.1)
+    os.kill(me, number)
+    time.sleep(60)
+
+threading.Thread(target=other).start()
+""",
+    "while a module is imported that catches everything": """
+Path(kept.with_name("catches.py")).write_text('''
+import os
+while True:
+    try:
+        os.kill(os.getpid(), __import__("sys").argv[2] and int(__import__("sys").argv[2]))
+    except BaseException:
+        pass
+''')
+sys.path.insert(0, str(kept.parent))
+with undone_at_once(kept.unlink):
+    import catches
+""",
+    "in a library that does not return": """
+import hashlib, threading
+with undone_at_once(kept.unlink):
+    threading.Timer(0.2, os.kill, (me, number)).start()
+    hashlib.pbkdf2_hmac("sha256", b"", b"", 2**31 - 1)
+""",
+    "while an error is handled": """
+with undone_at_once(kept.unlink):
+    try:
+        raise ValueError
+    finally:
+        try:
+            os.kill(me, number)
+            while True:
+                pass
+        except BaseException:
+            os._exit(3)
+""",
+}
+TOLD = {"SIGINT": "lidcam: interrupted\n", "SIGTERM": "lidcam: terminated\n"}
+TOLD["SIGHUP"] = "lidcam: ended: its terminal was closed\n"
+
+
+def run(code: str, kept: Path, number: signal.Signals, *, dispositions: int = signal.SIG_DFL) -> tuple[int, str, str]:
+    """Exit code and output of a program that sends itself a signal."""
+
+    def as_from_a_terminal() -> None:
+        for one in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            signal.signal(one, dispositions)
+
+    done = subprocess.run(
+        [sys.executable, "-c", BEGIN + code, str(kept), str(int(number))],
+        capture_output=True,
+        text=True,
+        timeout=30,
+        check=False,
+        preexec_fn=as_from_a_terminal,
+    )
+    return done.returncode, done.stdout, done.stderr
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("place", ["at rest", "while the interpreter ends"])
+def test_each_signal(place: str, number: signal.Signals, tmp_path: Path) -> None:
+    assert run(PLACES[place], tmp_path / "kept", number) == (128 + number, "", TOLD[number.name])
+    assert not (tmp_path / "kept").exists()
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_wherever_the_program_is(place: str, tmp_path: Path) -> None:
+    assert run(PLACES[place], tmp_path / "kept", signal.SIGINT) == (130, "", TOLD["SIGINT"])
+    assert not (tmp_path / "kept").exists()
+
+
+def test_what_is_ignored_stays_ignored(tmp_path: Path) -> None:
+    """As with SIGHUP of a program that nohup starts, and SIGINT of one in the background."""
+    code = "os.kill(me, number); print('done')"
+    for number in (signal.SIGINT, signal.SIGHUP):
+        assert run(code, tmp_path / "kept", number, dispositions=signal.SIG_IGN) == (0, "done\n", "")
+
+
+@pytest.mark.parametrize(
+    "sender", ["os.kill(me, number)", "threading.Thread(target=os.kill, args=(me, number)).start()"]
+)
+def test_steps_that_belong_together_are_done_together(sender: str, tmp_path: Path) -> None:
+    code = f"""
+import threading, time
+with undone_at_once(kept.unlink):
+    with undisturbed(), undisturbed():
+        {sender}
+        time.sleep(0.3)
+        print("first")
+        print("second", flush=True)
+    print("third", flush=True)
+"""
+    assert run(code, tmp_path / "kept", signal.SIGTERM) == (143, "first\nsecond\n", TOLD["SIGTERM"])
+
+
+def test_another_thread_is_left_to_its_steps_but_not_for_ever(tmp_path: Path) -> None:
+    code = """
+import threading, time
+import pipeline.core.ending as ending
+ending.MAX_WAIT_S = 0.3
+
+def steps():
+    with undisturbed():
+        time.sleep(60)
+
+threading.Thread(target=steps, daemon=True).start()
+while not ending._blocks:
+    pass
+os.kill(me, number)
+time.sleep(60)
+"""
+    assert run(code, tmp_path / "kept", signal.SIGTERM) == (143, "", TOLD["SIGTERM"])
+
+
+@pytest.mark.parametrize("closed", ["os.close(2)", "sys.__stderr__ = None", "fill()"])
+def test_nobody_reads_what_it_says(closed: str, tmp_path: Path) -> None:
+    code = f"""
+def fill():
+    told, tell = os.pipe()
+    os.dup2(tell, 2)
+    os.set_blocking(2, False)
+    try:
+        while True:
+            os.write(2, bytes(4096))
+    except BlockingIOError:
+        os.set_blocking(2, True)
+
+{closed}
+with undone_at_once(kept.unlink):
+    os.kill(me, number)
+    while True:
+        pass
+"""
+    assert run(code, tmp_path / "kept", signal.SIGTERM) == (143, "", "")
+    assert not (tmp_path / "kept").exists()
+
+
+def test_what_cannot_be_undone_hinders_nothing(tmp_path: Path) -> None:
+    code = """
+def fail():
+    raise OSError
+
+with undone_at_once(kept.unlink), undone_at_once(fail):
+    os.kill(me, number)
+    while True:
+        pass
+"""
+    assert run(code, tmp_path / "kept", signal.SIGTERM) == (143, "", TOLD["SIGTERM"])
+    assert not (tmp_path / "kept").exists()
+
+
+def test_on_a_terminal_the_line_takes_the_place_of_a_progress_bar(tmp_path: Path) -> None:
+    master, terminal = os.openpty()
+    code = BEGIN + PLACES["at rest"]
+    command = [sys.executable, "-c", code, str(tmp_path / "kept"), str(int(signal.SIGTERM))]
+    done = subprocess.run(command, stderr=terminal, timeout=30, check=False)
+    os.close(terminal)
+    shown = os.read(master, 1000)
+    os.close(master)
+    assert done.returncode == 143
+    assert shown == b"\r\x1b[K\x1b[?25hlidcam: terminated\r\n"
+
+
+def test_from_the_first_import_on(tmp_path: Path) -> None:
+    """Signals come while the program loads its libraries, in steps of 20 ms."""
+    for step in range(2, 12):
+        with subprocess.Popen(
+            [sys.executable, "-m", "lidcam", "inspect", tmp_path / "none.bag"],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_DFL),
+        ) as program:
+            time.sleep(0.02 * step)
+            program.send_signal(signal.SIGINT)
+            out, err = program.communicate(timeout=30)
+        if "lidcam" not in err and program.returncode in {-signal.SIGINT, 1}:
+            continue  # it was not yet in our code
+        assert (program.returncode, out) in {(130, ""), (1, "")}
+        assert "Traceback" not in err

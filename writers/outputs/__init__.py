@@ -1,0 +1,1 @@
+"""Outputs that appear together or not at all."""
