@@ -1,6 +1,12 @@
 """The programs `lidcam` and `lidcam-process`, and `python -m lidcam`."""
 
-from lidcam.start.signals import end_at_signals
+import sys
+
+import lidcam
+
+sys.excepthook = lidcam._interrupted  # for Ctrl-C until signals are taken care of
+
+from lidcam.start.signals import end_at_signals  # noqa: E402
 
 __all__ = ["main", "main_process"]
 

@@ -11,10 +11,9 @@ import select
 import signal
 import sys
 import time
-from functools import partial
 from types import FrameType
 
-from pipeline.core.ending import end_when_calm, undo_all, wait_for_calm
+from pipeline.core.ending import undo_all
 
 __all__ = ["end_at_signals"]
 
@@ -24,39 +23,44 @@ PATIENCE_S = 1.0
 STDERR = 2
 WHY = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated", signal.SIGHUP: "ended: its terminal was closed"}
 
+_begun_s: list[float] = []
+
 
 def end_at_signals() -> None:
     """From now on, end at each of these signals; one that is ignored, as nohup does with SIGHUP, stays ignored."""
     for number in WHY:
         if signal.getsignal(number) is not signal.SIG_IGN:
-            signal.signal(number, _end_soon)
+            signal.signal(number, _end_now)
     told, tell = os.pipe()
     os.set_blocking(tell, False)
     signal.set_wakeup_fd(tell, warn_on_full_buffer=False)
     _thread.start_new_thread(_watch, (told,))
 
 
-def _end_soon(number: int, _: FrameType | None) -> None:
+def _end_now(number: int, _: FrameType | None) -> None:
     """On the main thread, between two instructions of the interpreter."""
-    end_when_calm(partial(_end, number))
+    _end(number)
 
 
 def _watch(told: int) -> None:
     """End the program if the main thread does not come to it; the system tells `told` the signals as they arrive."""
     while True:
         for number in os.read(told, 64):
-            if signal.getsignal(number) is _end_soon:  # while driving, Ctrl-C is a key among others
+            if signal.getsignal(number) is _end_now:  # not while driving, nor while files get their names
                 time.sleep(PATIENCE_S)
-                wait_for_calm()
                 _end(number)
 
 
 def _end(number: int) -> None:
-    """End with the exit code that shells use."""
-    try:
-        undo_all()
-        _say(WHY[signal.Signals(number)])
-    finally:
+    """End with the exit code that shells use; a second signal ends what takes the first one long."""
+    if not _begun_s:
+        _begun_s.append(time.monotonic())
+        try:
+            undo_all()
+            _say(WHY[signal.Signals(number)])
+        finally:
+            os._exit(128 + number)
+    elif time.monotonic() - _begun_s[0] > PATIENCE_S:
         os._exit(128 + number)
 
 

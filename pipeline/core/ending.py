@@ -7,18 +7,12 @@ has to go is listed here while it exists. (git does so with its temporary files 
 Only the programs end in this way; elsewhere a signal is what Python makes of it, and the usual clean-up does the same.
 """
 
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 
-__all__ = ["end_when_calm", "undisturbed", "undo_all", "undone_at_once", "wait_for_calm"]
-
-MAX_WAIT_S = 10.0
-"""An ending waits at most so long for `undisturbed` blocks."""
+__all__ = ["undo_all", "undone_at_once"]
 
 _undoings: dict[object, Callable[[], object]] = {}
-_blocks: list[object] = []
-_postponed: list[Callable[[], object]] = []
 
 
 @contextmanager
@@ -35,36 +29,8 @@ def undone_at_once(undo: Callable[[], object]) -> Iterator[None]:
         _undoings.pop(key, None)
 
 
-@contextmanager
-def undisturbed() -> Iterator[None]:
-    """A block at whose end, not within which, the process may be ended: for steps that belong together. Be brief."""
-    key = object()
-    _blocks.append(key)
-    try:
-        yield
-    finally:
-        _blocks.remove(key)
-        if _postponed and not _blocks:
-            _postponed.pop()()
-
-
 def undo_all() -> None:
     """Undo what there is, the youngest first."""
     while _undoings:
         with suppress(Exception):
             _undoings.popitem()[1]()
-
-
-def end_when_calm(end: Callable[[], object]) -> None:
-    """Call `end` now, or at the end of the `undisturbed` block that is open; returns in the latter case."""
-    if _blocks:
-        _postponed.append(end)
-    else:
-        end()
-
-
-def wait_for_calm() -> None:
-    """Wait for the `undisturbed` blocks of other threads, but not for ever."""
-    until_s = time.monotonic() + MAX_WAIT_S
-    while _blocks and time.monotonic() < until_s:
-        time.sleep(0.01)
