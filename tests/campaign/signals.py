@@ -29,7 +29,7 @@ from small_scenario import write_small_scenario
 
 __all__ = ["TEST_COUNT", "main"]
 
-TEST_COUNT = 2
+TEST_COUNT = 1
 TIMEOUT_S = 120.0
 MAX_END_S = 2.0
 """From the signal to the end."""
