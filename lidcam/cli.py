@@ -28,6 +28,11 @@ __all__ = ["app", "process_app"]
 
 # \b keeps the lines of a paragraph as they are.
 PROCESS_EXAMPLES = """\b
+Exit codes: 0 done, and nothing is missing; 1 failed, nothing was written;
+2 wrong usage; 3 done, but part of the recording could not be used: the last
+line on stderr says what.
+
+\b
 Examples:
   lidcam-process drive.bag out.mcap --rerun out.rrd
   lidcam-process bag_folder out.mcap --model-2d yolox_nano.onnx
@@ -37,6 +42,11 @@ Examples:
 """
 
 INSPECT_EXAMPLES = """\b
+Exit codes: 0 sound, and all sensors can be used; 3 messages are lost, or
+sensors would be left out; 1 nothing can be processed; 2 wrong usage. With
+--repair, 0 says that every message was copied.
+
+\b
 Examples:
   lidcam inspect drive.bag
   lidcam inspect drive.bag --write-rig rig.yaml

@@ -58,10 +58,11 @@ class RunInput:
 
 
 def sensor_clocks(rig: Rig, drops: DropTable) -> Clocks:
-    """The clocks of the rig's sensors; `drops` gets the messages with impossible stamps."""
+    """The clocks of the rig's sensors; `drops` gets the messages whose stamps cannot be used."""
     sensors: list[tuple[str, LidarSensor | CameraSensor]] = [(lidar.topic, lidar) for lidar in rig.lidars]
     sensors += [(topic, camera) for camera in rig.cameras for topic in (camera.topic, camera.boxes_topic)]
-    return Clocks({topic: sensor.time_offset_ns for topic, sensor in sensors}, on_drop=drops.add)
+    offsets_ns = {topic: sensor.time_offset_ns for topic, sensor in sensors}
+    return Clocks(offsets_ns, on_drop=drops.add_defect, on_bad=drops.add_bad)
 
 
 def bundles(source: RunInput, drops: DropTable, stats: SyncStats, clocks: Clocks) -> Iterator[SensorBundle]:

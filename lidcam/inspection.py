@@ -6,6 +6,7 @@ from typing import Any
 
 from lidcam.build import BoxSource, box_source
 from lidcam.checks.calibration import check_first_clouds
+from lidcam.checks.incomplete import damage_lines, left_out_lines
 from lidcam.checks.warning import RunWarning
 from lidcam.frames import TimeWindow
 from lidcam.job import RigSource, read_rig
@@ -75,6 +76,14 @@ class Inspection:
     motion_topics: tuple[str, ...] = ()
     box_source: BoxSource = "none"
     settings: UsedSettings | None = None
+
+    @property
+    def incomplete(self) -> tuple[str, ...]:
+        """What lidcam could not use, one short line each: sensors left out, messages lost to damage; empty if nothing.
+
+        Where it could use nothing at all, `problem` says why.
+        """
+        return (*left_out_lines(self.faults), *damage_lines(self.losses))
 
 
 def inspect_recording(inputs: Sequence[Location], choice: SettingsChoice, rig: RigSource | None = None) -> Inspection:

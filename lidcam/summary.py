@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from lidcam.build import BoxSource
+from lidcam.checks.incomplete import absent_lines, damage_lines, left_out_lines
 from lidcam.checks.missing import MissingSensor
 from lidcam.checks.warning import RunWarning
 from lidcam.settings.choice import UsedSettings, used_record
@@ -47,6 +48,8 @@ class DropCount:
         count: How many.
         example: What was found in the first of them; may be empty.
         unit: Whether whole messages were dropped, or parts of messages that were used.
+        is_defect: Whether the messages are at fault: they cannot be decoded, or their stamps are no times. The others
+            were sound and not needed.
     """
 
     topic: str
@@ -54,6 +57,12 @@ class DropCount:
     count: int
     example: str
     unit: Literal["messages", "parts"] = "messages"
+    is_defect: bool = False
+
+    @property
+    def amount(self) -> str:
+        """How many of what."""
+        return f"{self.count} {self.unit if self.count != 1 else self.unit.removesuffix('s')}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +95,7 @@ class DropTable:
         self._counts: Counter[tuple[str, str]] = Counter()
         self._examples: dict[tuple[str, str], str] = {}
         self._of_parts: set[tuple[str, str]] = set()
+        self._defects: set[tuple[str, str]] = set()
 
     def add(self, drop: Drop) -> None:
         """Count a message, or parts of one; the first detail of its kind is kept as the example."""
@@ -97,6 +107,11 @@ class DropTable:
         if drop.detail:
             self._examples.setdefault(key, drop.detail)
 
+    def add_defect(self, drop: Drop) -> None:
+        """Count a message that is at fault itself."""
+        self.add(drop)
+        self._defects.add((drop.topic, drop.reason))
+
     def add_bad(self, drop: Drop) -> None:
         """Count a message that cannot be decoded.
 
@@ -105,13 +120,19 @@ class DropTable:
         """
         if self.on_bad == "fail":
             raise MessageError(drop.detail or f"{drop.topic}: {drop.reason}")
-        self.add(drop)
+        self.add_defect(drop)
 
     @property
     def rows(self) -> tuple[DropCount, ...]:
         """The counts, by topic and reason."""
         return tuple(
-            DropCount(*key, count, self._examples.get(key, ""), "parts" if key in self._of_parts else "messages")
+            DropCount(
+                *key,
+                count,
+                self._examples.get(key, ""),
+                "parts" if key in self._of_parts else "messages",
+                key in self._defects,
+            )
             for key, count in sorted(self._counts.items())
         )
 
@@ -192,6 +213,21 @@ class RunReport:
     outputs: tuple[Path, ...]
     stage_seconds: Mapping[str, float]
     wall_seconds: float
+
+    @property
+    def incomplete(self) -> tuple[str, ...]:
+        """What of the recording could not be used, one short line each; empty if nothing is missing.
+
+        Sensors that were left out or are in no frame, messages that are at fault, messages lost to damage. Drops of
+        synchronisation and pauses of a sensor are not among them.
+        """
+        defects = (drop for drop in self.drops if drop.is_defect)
+        return (
+            *left_out_lines(self.faults),
+            *absent_lines(self.missing),
+            *(f"{drop.topic}: {drop.amount} dropped: {drop.reason}" for drop in defects),
+            *damage_lines(self.losses),
+        )
 
     @property
     def frames_per_second(self) -> float:

@@ -6,7 +6,7 @@ from lidcam.checks.missing import MissingSensor
 from lidcam.checks.warning import RunWarning
 from pipeline.core.rig import BOXES_SUFFIX, Rig
 
-__all__ = ["absence_warnings", "clocks_off"]
+__all__ = ["absence_warnings", "absent_sensors", "clocks_off"]
 
 AHEAD_NS, BEHIND_NS = 1_000_000_000, 10_000_000_000
 """A clock that is this far ahead of, or behind, most others is off; messages may also be recorded some seconds late."""
@@ -36,18 +36,25 @@ def clocks_off(delays_ns: Mapping[str, int], missing: Sequence[MissingSensor], r
     return [_clock_warning(name, off_ns[name], len(absent)) for name in off_ns if not _is_with_camera(name, off_ns)]
 
 
-def absence_warnings(missing: Sequence[MissingSensor]) -> list[RunWarning]:
-    """One for each sensor that sent messages, none of which is in a frame."""
+def absent_sensors(missing: Sequence[MissingSensor]) -> list[MissingSensor]:
+    """Sensors that sent messages, none of which is in a frame, though there were frames enough.
+
+    A camera's boxes are named only without it.
+    """
     absent = _absent(missing)
     names = {sensor.sensor for sensor in absent}
+    return [sensor for sensor in absent if sensor.of_frames >= MIN_FRAMES and not _is_with_camera(sensor.sensor, names)]
+
+
+def absence_warnings(missing: Sequence[MissingSensor]) -> list[RunWarning]:
+    """One for each sensor that sent messages, none of which is in a frame."""
     return [
         RunWarning(
             sensor.sensor,
             f"none of the {sensor.of_frames} frames has a message of it, though it was recorded",
             "compare its stamps with those of the others, and see sync.slop_s and sync.max_interval_s",
         )
-        for sensor in absent
-        if sensor.of_frames >= MIN_FRAMES and not _is_with_camera(sensor.sensor, names)
+        for sensor in absent_sensors(missing)
     ]
 
 

@@ -3,8 +3,11 @@
 import json
 from dataclasses import asdict
 
+from rich.text import Text
+
+from lidcam.printing.escaping import visible_lines
 from lidcam.printing.settings import print_explanation, print_presets
-from lidcam.printing.terminal import console
+from lidcam.printing.terminal import console, show_json
 from lidcam.settings.explain import explain, preset_summaries
 from pipeline.core.settings.bundled import settings_file
 from pipeline.core.settings.load import dump_config, load_config
@@ -15,7 +18,7 @@ __all__ = ["run_explain", "run_list", "run_show"]
 def run_list(*, as_json: bool) -> None:
     """Print the presets."""
     if as_json:
-        console().print_json(json.dumps(dict(preset_summaries())))
+        show_json(console(), dict(preset_summaries()))
     else:
         print_presets(console(), preset_summaries())
 
@@ -28,10 +31,10 @@ def run_show(name: str, *, changes: bool, as_json: bool) -> None:
     """
     config = load_config(name)
     if as_json:
-        console().print_json(config.model_dump_json())
+        show_json(console(), json.loads(config.model_dump_json()))
         return
     text = settings_file(name).read_text(encoding="utf-8") if changes else dump_config(config)
-    console().print(text, end="", markup=False, highlight=False, soft_wrap=True)
+    console().print(Text(visible_lines(text.replace("\r\n", "\n"))), end="", soft_wrap=True)
 
 
 def run_explain(key: str, *, as_json: bool) -> None:
@@ -42,6 +45,6 @@ def run_explain(key: str, *, as_json: bool) -> None:
     """
     explanation = explain(key)
     if as_json:
-        console().print_json(json.dumps(asdict(explanation)))
+        show_json(console(), asdict(explanation))
     else:
         print_explanation(console(), explanation)

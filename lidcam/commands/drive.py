@@ -10,6 +10,7 @@ from bags.simulator.drive.driving import Keyboard, ScriptedKeys, drive
 from bags.simulator.drive.terminal import terminal_keys
 from bags.simulator.vehicles.keys import RemoteControl, script_keys
 from lidcam.commands.scenario import ScenarioOptions, recording_to, scenario_of
+from lidcam.printing.escaping import visible
 from lidcam.printing.log import progress_log
 from lidcam.printing.terminal import console
 from pipeline.core.errors import ConfigError
@@ -95,9 +96,9 @@ class _StatusLine:
         if not self._console.is_terminal or not progress_log.isEnabledFor(logging.INFO):
             return
         state = simulation.state(control.chosen)
-        cars = " ".join(f"{number} {name}" for number, name in enumerate(control.vehicles, 1))
+        cars = " ".join(f"{number} {visible(name)}" for number, name in enumerate(control.vehicles, 1))
         self._write(
-            f"\r{simulation.now_ns * 1e-9:6.1f} s  {control.chosen} at {state.x_m:6.2f} {state.y_m:6.2f} m, "
+            f"\r{simulation.now_ns * 1e-9:6.1f} s  {visible(control.chosen)} at {state.x_m:6.2f} {state.y_m:6.2f} m, "
             f"{state.speed_m_s:5.2f} m/s   w s a d x, {cars}, o ends \x1b[K"
         )
         self._shown = True

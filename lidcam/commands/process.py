@@ -1,6 +1,5 @@
 """What `lidcam process` does."""
 
-import json
 import logging
 import time
 from contextlib import ExitStack
@@ -9,11 +8,12 @@ from dataclasses import dataclass
 from rich.console import Console
 
 from lidcam.commands.strict import Strictness
+from lidcam.commands.verdict import Verdict
 from lidcam.frames import RunInput
 from lidcam.job import Job
 from lidcam.printing.console import print_detections, print_matches, print_report
 from lidcam.printing.progress import Advance, show_progress
-from lidcam.printing.terminal import console
+from lidcam.printing.terminal import console, show_json
 from lidcam.run import RunObserver, process_recording
 from lidcam.summary import RunProgress, report_tree
 from pipeline.core.frame import FrameResult
@@ -43,6 +43,7 @@ def run_process(job: Job, printed: Printed = Printed(), strictness: Strictness |
 
     Raises:
         CheckError: the run used less of the recording than `strictness` asks for; the outputs stay.
+        IncompleteError: part of the recording could not be used; the outputs stay.
         LidcamError: the input, the calibration, the settings or an output is at fault; no output is left behind.
     """
     out = console()
@@ -53,12 +54,12 @@ def run_process(job: Job, printed: Printed = Printed(), strictness: Strictness |
     for warning in report.warnings:
         logger.info("warning: %s", warning)
     logger.info("done: %d frames, %.1f a second, written: %s", report.frames, report.frames_per_second, report.outputs)
+    verdict = Verdict(strictness.failure(report) if strictness else "", report.incomplete)
     if printed.as_json:
-        out.print_json(json.dumps(report_tree(report)))
+        show_json(out, report_tree(report) | verdict.tree())
     else:
         print_report(out, report)
-    if strictness is not None:
-        strictness.check(report)
+    verdict.end()
 
 
 class _Terminal(RunObserver):

@@ -3,8 +3,8 @@
 from collections import Counter
 from dataclasses import dataclass
 
+from lidcam.commands.verdict import first_of
 from lidcam.summary import RunReport
-from pipeline.core.errors import CheckError
 
 __all__ = ["MAX_DROPPED_PERCENT", "Strictness"]
 
@@ -13,9 +13,6 @@ MAX_DROPPED_PERCENT = 5.0
 
 ENDS = 2
 """Messages of a topic: one at either end of a recording may have no partners, however short it is."""
-
-MAX_LISTED = 4
-"""Findings in the line."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,16 +26,10 @@ class Strictness:
 
     max_dropped_percent: float = MAX_DROPPED_PERCENT
 
-    def check(self, report: RunReport) -> None:
-        """Look at what was left out, dropped and lost.
-
-        Raises:
-            CheckError: a sensor was left out or silent, too much of a topic was dropped, or a file is damaged.
-        """
+    def failure(self, report: RunReport) -> str:
+        """What was left out, silent, dropped or damaged beyond what is allowed, in one line; empty if nothing was."""
         findings = [*_left_out(report), *self._silent(report), *self._dropped(report), *_damaged(report)]
-        if findings:
-            more = f"; and {len(findings) - MAX_LISTED} more" if len(findings) > MAX_LISTED else ""
-            raise CheckError(f"--strict: {'; '.join(findings[:MAX_LISTED])}{more}; the outputs are complete")
+        return f"--strict: {first_of(findings)}; the outputs are complete" if findings else ""
 
     def _silent(self, report: RunReport) -> list[str]:
         """Sensors that fell silent; not those that are missing from frames because they are slower than others."""
@@ -68,7 +59,7 @@ class Strictness:
 
 
 def _left_out(report: RunReport) -> list[str]:
-    return [f"{fault.sensor} ({fault.topic}) is left out: {fault.reason}" for fault in report.faults]
+    return [f"{fault.subject} is left out: {fault.reason}" for fault in report.faults]
 
 
 def _damaged(report: RunReport) -> list[str]:

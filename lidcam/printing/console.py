@@ -171,7 +171,7 @@ def _print_losses(out: Console, losses: Sequence[Loss]) -> None:
 
 def _print_remarks(out: Console, faults: Sequence[SensorFault], notes: Sequence[str]) -> None:
     for fault in faults:
-        show_line(out, f"left out: {fault.sensor} ({fault.topic}): {fault.reason}")
+        show_line(out, f"left out: {fault.subject}: {fault.reason}")
     for note in notes:
         show_line(out, f"note: {note}")
 

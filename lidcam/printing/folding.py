@@ -7,10 +7,13 @@ terminal names and sentences are folded to its width; numbers never are.
 import re
 from collections.abc import Iterator
 
+from rich.cells import cell_len, chop_cells
 from rich.console import Console, ConsoleOptions, RenderResult
 from rich.measure import Measurement
 from rich.table import Table
 from rich.text import Text
+
+from lidcam.printing.escaping import visible
 
 __all__ = ["Folded", "folded_lines", "show_line", "show_table"]
 
@@ -30,15 +33,15 @@ class Folded:
     """A text that is folded to the width that it gets, after a blank if it has one, else after a mark.
 
     Attributes:
-        text: The text.
+        text: The text, made visible.
         style: How it is printed.
     """
 
     def __init__(self, text: str, style: str = "") -> None:
-        self.text, self.style = text, style
+        self.text, self.style = visible(text), style
 
     def __rich_measure__(self, console: Console, options: ConsoleOptions) -> Measurement:
-        length = len(self.text)
+        length = cell_len(self.text)
         return Measurement(min(length, MIN_FOLDED), length).with_maximum(options.max_width)
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
@@ -47,21 +50,22 @@ class Folded:
 
 
 def folded_lines(text: str, width: int) -> Iterator[str]:
-    """Lines of at most `width` characters that give the text when they are joined, but for blanks at their ends."""
+    """Lines of at most `width` columns that give the text when they are joined, but for blanks at their ends."""
     line = ""
     for position, word in enumerate(text.split(" ")):
-        parts = [word] if len(word) <= width - len(INDENT) else _PIECES.findall(word)
+        parts = [word] if cell_len(word) <= width - len(INDENT) else _PIECES.findall(word)
         blank = " " if position else ""
         for part in parts:
-            if line.strip() and len(line) + len(blank) + len(part) > width:
+            if line.strip() and cell_len(line) + len(blank) + cell_len(part) > width:
                 yield line
                 line = INDENT
                 blank = ""
             line += blank + part
             blank = ""
-            while len(line) > width:  # a part without a mark
-                yield line[:width]
-                line = INDENT + line[width:]
+            while cell_len(line) > width:  # a part without a mark
+                first = chop_cells(line, width)[0]
+                yield first
+                line = INDENT + line[len(first) :]
     yield line
 
 
@@ -78,5 +82,6 @@ def show_table(out: Console, table: Table) -> None:
 
 def show_line(out: Console, text: str, style: str = "") -> None:
     """Print a remark: on a terminal folded to its width, elsewhere on one line."""
+    text = visible(text)
     for line in folded_lines(text, out.width) if out.is_terminal else (text,):
         out.print(Text(line, style))

@@ -10,10 +10,12 @@ import time
 from contextlib import suppress
 from enum import IntEnum
 from pathlib import Path
+from typing import Any
 
+from lidcam.printing.escaping import visible, visible_lines
 from pipeline.core.errors import OutputError
 
-__all__ = ["PACKAGES", "Verbosity", "configure_logging", "progress_log", "remark_log"]
+__all__ = ["PACKAGES", "Verbosity", "configure_logging", "progress_log", "remark_log", "verdict_log"]
 
 PACKAGES = ("lidcam", "pipeline", "readers", "writers", "bags")
 """Our own loggers; libraries log too much to be read."""
@@ -23,6 +25,10 @@ remark_log = logging.getLogger("lidcam.remarks")
 
 progress_log = logging.getLogger("lidcam.progress")
 """Progress of a command, at level INFO. Off with --quiet: then no bar is drawn, either."""
+
+
+verdict_log = logging.getLogger("lidcam.verdict")
+"""Why a command that has done its work does not end with 0: always shown, as the last line."""
 
 
 class Verbosity(IntEnum):
@@ -69,13 +75,13 @@ class _Stderr(logging.Handler):
     def _is_shown(self, record: logging.LogRecord) -> bool:
         if record.exc_info:
             return False  # the interpreter prints the traceback
-        if record.levelno >= self._verbosity:
+        if record.levelno >= self._verbosity or record.name == verdict_log.name:
             return True
         is_remark = record.name == remark_log.name or (record.name == progress_log.name and not sys.stderr.isatty())
         return is_remark and self._verbosity == Verbosity.NORMAL
 
     def format(self, record: logging.LogRecord) -> str:
-        text = record.getMessage()
+        text = _visible(record)
         if record.name == remark_log.name:
             return text
         if record.levelno >= logging.ERROR:
@@ -88,8 +94,22 @@ class _Stderr(logging.Handler):
             sys.stderr.flush()
 
 
+class _Timed(logging.Formatter):
+    def formatMessage(self, record: logging.LogRecord) -> str:
+        record.message = _visible(record)
+        return super().formatMessage(record)
+
+    def formatException(self, ei: Any) -> str:
+        return visible_lines(super().formatException(ei))
+
+
+def _visible(record: logging.LogRecord) -> str:
+    """The message, and on lines of their own the notes that it may have: whatever they quote, it fakes no line."""
+    return "".join([visible(record.getMessage()), *(f"\n  {visible(note)}" for note in getattr(record, "notes", ()))])
+
+
 def _timed() -> logging.Formatter:
     """Lines with the time in UTC, the level and where they come from."""
-    formatter = logging.Formatter("%(asctime)s.%(msecs)03dZ %(levelname)-7s %(name)s: %(message)s", "%Y-%m-%dT%H:%M:%S")
+    formatter = _Timed("%(asctime)s.%(msecs)03dZ %(levelname)-7s %(name)s: %(message)s", "%Y-%m-%dT%H:%M:%S")
     formatter.converter = time.gmtime
     return formatter

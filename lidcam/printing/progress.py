@@ -9,6 +9,7 @@ from typing import Protocol
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
+from lidcam.printing.escaping import visible
 from lidcam.printing.log import progress_log
 from lidcam.printing.terminal import console
 
@@ -45,16 +46,16 @@ def show_progress(
         yield line
         return
     columns = (
-        TextColumn("{task.completed:.1f} of {task.total:.1f} s"),
+        TextColumn("{task.completed:.1f} of {task.total:.1f} s", markup=False),
         BarColumn(bar_width=None),
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         TimeRemainingColumn(),
     )
     with Progress(*columns, console=err, transient=True) as progress:
         task = progress.add_task("", total=total_s)
 
         def advance(done_s: float, facts: str = "") -> None:
-            progress.update(task, completed=done_s, description=facts)
+            progress.update(task, completed=done_s, description=visible(facts))
             line(done_s, facts)
 
         yield advance

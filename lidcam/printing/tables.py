@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from rich.cells import cell_len
 from rich.console import RenderableType
 from rich.style import StyleType
 from rich.table import Table
@@ -152,7 +153,7 @@ class _Table(Table):
                 if column.justify == "left":
                     cells[n] = Folded(cell)
                 else:
-                    column.min_width = max(column.min_width or 0, len(cell))
+                    column.min_width = max(column.min_width or 0, cell_len(cell))
         super().add_row(*cells, style=style, end_section=end_section)
 
 

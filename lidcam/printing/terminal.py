@@ -1,14 +1,34 @@
-"""A console that prints text as it is, to terminals, pipes and files."""
+"""A console that prints text as it is, to terminals, pipes and files; what a terminal would obey is made visible."""
 
 import os
+from collections.abc import Iterable
+from typing import Any
 
-from rich.console import Console
+from rich.console import Console, ConsoleOptions, RenderableType
+from rich.highlighter import JSONHighlighter
+from rich.segment import Segment
+from rich.text import Text
 
-__all__ = ["console"]
+from lidcam.printing.escaping import json_text, visible, visible_lines
+
+__all__ = ["console", "show_json"]
 
 
 class _Console(Console):
-    """A console whose reader may leave: `lidcam ... | head` ends the listing, not the work."""
+    """A console that obeys nobody but this program, and whose reader may leave.
+
+    `lidcam ... | head` ends the listing, not the work.
+    """
+
+    def render_str(self, text: str, **options: Any) -> Text:
+        """Every text that is printed or stands in a table, before its width is measured."""
+        return super().render_str(visible(text), **options)
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
+        """All that is written, but for the codes that style it and move the cursor."""
+        for segment in super().render(renderable, options):
+            is_text = segment.control is None and not segment.text.isprintable()
+            yield Segment(visible_lines(segment.text), segment.style) if is_text else segment
 
     def on_broken_pipe(self) -> None:
         self.quiet = True
@@ -21,3 +41,8 @@ class _Console(Console):
 def console(*, stderr: bool = False) -> Console:
     """A console that prints text as it is: names of topics and files may look like markup. Lines are not wrapped."""
     return _Console(stderr=stderr, soft_wrap=True, markup=False, emoji=False)
+
+
+def show_json(out: Console, tree: Any) -> None:
+    """Print one JSON document: in colours on a terminal."""
+    out.print(JSONHighlighter()(json_text(tree)), soft_wrap=True)

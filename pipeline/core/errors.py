@@ -8,10 +8,11 @@
     ├── ConfigError        the settings are wrong
     ├── ModelError         a network cannot be loaded or does not have the expected layout
     ├── OutputError        a result cannot be written
-    └── CheckError         a run went through, and used less of the recording than it had to
+    ├── CheckError         a run went through, and used less of the recording than it had to
+    └── IncompleteError    a command went through, and part of the recording could not be used
 
-Each message is one line: what was expected, what was found, what to do. The command line prints it and exits with 1;
-any other exception is a bug and keeps its traceback.
+Each message is one line: what was expected, what was found, what to do. The command line prints it and exits with 1,
+after an `IncompleteError` with 3; any other exception is a bug and keeps its traceback.
 """
 
 __all__ = [
@@ -19,6 +20,7 @@ __all__ = [
     "CheckError",
     "ConfigError",
     "FrameError",
+    "IncompleteError",
     "LidcamError",
     "MessageError",
     "ModelError",
@@ -74,3 +76,7 @@ class OutputError(LidcamError):
 
 class CheckError(LidcamError):
     """A run went through, and used less of the recording than it had to."""
+
+
+class IncompleteError(LidcamError):
+    """A command went through, and part of the recording could not be used."""

@@ -3,7 +3,17 @@
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
-__all__ = ["Channel", "Drop", "RawMessage"]
+__all__ = ["MAX_TIME_NS", "Channel", "Drop", "RawMessage", "time_fault"]
+
+MAX_TIME_NS = 2**31 * 10**9 - 1
+"""The last time that a ROS 2 header can hold, in January 2038. MCAP, ROS 1, numpy and the viewers reach further."""
+
+
+def time_fault(time_ns: int) -> str:
+    """Why a number cannot be a stamp or a log time that every output can hold; empty if it can."""
+    if 0 <= time_ns <= MAX_TIME_NS:
+        return ""
+    return f"{time_ns} ns lies {'before 1970' if time_ns < 0 else 'after January 2038'}"
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,6 @@ a frame whose transform never changes counts as fixed, unless its parent is a fr
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -131,16 +130,12 @@ def read_transforms(
     drops: list[Drop] = []
     seen: dict[str, Transform] = {}
     moving: dict[str, str] = {}
-    for message, transform, child in _transforms(recording, static, drops, [(None, None)]):
+    for message, transform, child in _transforms(recording.messages(static) if static else (), drops):
         if isinstance(transform, Transform):
             fixed.add_static(transform)
         else:
             faults[child] = f"{transform} ({message.topic})"
-    begin_ns = recording.start_ns if start_ns is None else start_ns
-    end_ns = begin_ns + PROBE_NS if stop_ns is None else min(stop_ns, begin_ns + PROBE_NS)
-    early_ns = recording.start_ns + BEGINNING_NS
-    parts = [(recording.start_ns, early_ns), (max(begin_ns, early_ns), end_ns)]
-    for message, transform, child in _transforms(recording, dynamic, drops, parts):
+    for message, transform, child in _transforms(_beginnings(recording, dynamic, start_ns, stop_ns), drops):
         if not isinstance(transform, Transform):
             faults[child] = f"{transform} ({message.topic})"
         elif not fixed.is_static(child):
@@ -155,13 +150,41 @@ def read_transforms(
     return RecordedTransforms(fixed, moving, known, tuple(drops))
 
 
-def _transforms(
-    recording: Recording, topics: list[str], drops: list[Drop], parts: Iterable[tuple[int | None, int | None]]
-) -> Iterator[tuple[RawMessage, Transform | CalibrationError, str]]:
+def _beginnings(
+    recording: Recording, topics: list[str], start_ns: int | None, stop_ns: int | None
+) -> Iterator[RawMessage]:
+    """The messages at the start of the recording and of the time window, each once."""
     if not topics:
         return
-    streams = (recording.messages(topics, start_ns=start_ns, stop_ns=stop_ns) for start_ns, stop_ns in parts)
-    for message in chain.from_iterable(streams):
+    if start_ns is None:
+        span_ns = PROBE_NS if stop_ns is None else min(max(stop_ns - recording.start_ns, BEGINNING_NS), PROBE_NS)
+        yield from _first_of(recording.messages(topics), span_ns)
+        return
+    last: tuple[int, tuple[int, ...]] = (-1, ())
+    for message in _first_of(recording.messages(topics), BEGINNING_NS):
+        last = message.log_time_ns, message.order
+        yield message
+    end_ns = start_ns + PROBE_NS if stop_ns is None else min(stop_ns, start_ns + PROBE_NS)
+    for message in recording.messages(topics, start_ns=start_ns, stop_ns=end_ns):
+        if (message.log_time_ns, message.order) > last:
+            yield message
+
+
+def _first_of(messages: Iterable[RawMessage], span_ns: int) -> Iterator[RawMessage]:
+    """The messages of the first `span_ns`; a first one that lies further before the others has a wrong log time."""
+    begin_ns = None
+    for number, message in enumerate(messages):
+        if begin_ns is None or (number == 1 and message.log_time_ns >= begin_ns + span_ns):
+            begin_ns = message.log_time_ns
+        if message.log_time_ns >= begin_ns + span_ns:
+            return
+        yield message
+
+
+def _transforms(
+    messages: Iterable[RawMessage], drops: list[Drop]
+) -> Iterator[tuple[RawMessage, Transform | CalibrationError, str]]:
+    for message in messages:
         try:
             for _, transform, child in decode_transforms(message):
                 yield message, transform, child

@@ -3,7 +3,7 @@
 A sensor with a topic has that topic, or, if the same images were recorded compressed or not compressed, that one. A
 sensor without gets the topic of its own place (`camera_11` and `cam11` are `/image_raw_11`). The rest get the topics
 that are left, in the order of the file and the natural order of the topics, and that is noted. A sensor for which no
-topic is left is noted and left out.
+topic is left is left out.
 """
 
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -121,5 +121,6 @@ def _assign(
     for name, topic in zip(left, free, strict=False):
         chosen[name] = topic
         findings.notes.append(f"{name}: has no topic in the rig file; by order it is {topic}")
-    findings.notes.extend(f"{name}: the recording has no topic left for it" for name in left[len(free) :])
+    for name in left[len(free) :]:
+        findings.leave_out(name, "", "the recording has no topic left for it")
     return {name: chosen[name] for name in entries if name in chosen}

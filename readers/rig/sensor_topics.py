@@ -54,6 +54,11 @@ class SensorFault:
     topic: str
     reason: str
 
+    @property
+    def subject(self) -> str:
+        """Its name, with its topic if that is known."""
+        return f"{self.sensor} ({self.topic})" if self.topic else self.sensor
+
 
 @dataclass(frozen=True, slots=True)
 class Findings:

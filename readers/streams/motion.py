@@ -16,7 +16,7 @@ from pipeline.core.errors import ConfigError, FrameError, MessageError
 from pipeline.core.geometry.pose_samples import PoseSamples
 from pipeline.core.geometry.poses import interpolate_poses
 from pipeline.core.geometry.transform import Transform
-from pipeline.core.messages import Drop, RawMessage
+from pipeline.core.messages import Drop, RawMessage, time_fault
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from readers.messages.odometry import ODOMETRY, decode_odometry
@@ -36,7 +36,7 @@ READ_AHEAD_NS = 2_000_000_000
 WINDOW_NS = 500_000_000
 """Half of a frame's window: a sweep takes 0.1 s, and the sensors of one frame are less than that apart."""
 
-_FAR_AHEAD = "the stamp before this one was far ahead of all others"
+_FAR_OFF = "the stamp before this one was far from all others"
 
 FIXED_FRAMES = ("odom", "map", "world", "earth")
 """REP 105; `odom` first, since it moves without jumps."""
@@ -140,25 +140,31 @@ class _Track:
     def __init__(self) -> None:
         self.stamps_ns: list[int] = []
         self.poses: list[F64] = []
-        self._ahead: tuple[int, F64] | None = None
+        self._held: tuple[int, F64] | None = None
 
     def add(self, stamp_ns: int, pose: F64) -> bool:
         """Insert a pose, or replace that of the same stamp; forget those older than `KEPT_NS`.
 
-        One so far ahead that all others would be forgotten is held until the next one agrees with it.
+        One so far ahead that all others would be forgotten, or as far behind, is held until the next one agrees with
+        it: then the clock was set, or those before were wrong.
 
         Returns:
-            Whether the one that was held, if any, is sound.
+            Whether the poses before it, the one that was held among them, are sound.
         """
-        held, self._ahead = self._ahead, None
-        if self.stamps_ns and stamp_ns > self.stamps_ns[-1] + KEPT_NS:
-            if held is None or abs(stamp_ns - held[0]) > KEPT_NS:
-                self._ahead = stamp_ns, pose
-                return held is None
-            self._insert(*held)
-            held = None
+        held, self._held = self._held, None
+        if not self.stamps_ns or abs(stamp_ns - self.stamps_ns[-1]) <= KEPT_NS:
+            self._insert(stamp_ns, pose)
+            return held is None
+        if held is None or abs(stamp_ns - held[0]) > KEPT_NS:
+            self._held = stamp_ns, pose
+            return held is None
+        is_back = stamp_ns < self.stamps_ns[-1]
+        if is_back:
+            self.stamps_ns.clear()
+            self.poses.clear()
+        self._insert(*held)
         self._insert(stamp_ns, pose)
-        return held is None
+        return not is_back
 
     def _insert(self, stamp_ns: int, pose: F64) -> None:
         at = bisect_left(self.stamps_ns, stamp_ns)
@@ -247,12 +253,14 @@ class MotionBuffer:
             for stamp_ns, transform, child in decode_transforms(message):
                 if child not in self._tracks:
                     continue
-                if not isinstance(transform, Transform):
+                if not_a_time := time_fault(stamp_ns):
+                    fault = fault or FrameError(f"{child}: its stamp cannot be a time: {not_a_time}")
+                elif not isinstance(transform, Transform):
                     fault = fault or FrameError(f"{child}: {transform}")
                 elif transform.dst != self._parents[child]:
                     fault = fault or FrameError(f"{child} in {transform.dst!r}, expected {self._parents[child]!r}")
                 elif not self._tracks[child].add(stamp_ns, transform.matrix):
-                    fault = fault or FrameError(f"{child}: {_FAR_AHEAD}")
+                    fault = fault or FrameError(f"{child}: {_FAR_OFF}")
             if fault:
                 raise fault
             return
@@ -260,4 +268,4 @@ class MotionBuffer:
         if pose.dst != self._source.fixed_frame_id:
             raise FrameError(f"pose in {pose.dst!r}, expected {self._source.fixed_frame_id!r} as in the first message")
         if not self._tracks[next(iter(self._tracks))].add(message.stamp_ns, pose.matrix):
-            raise FrameError(_FAR_AHEAD)
+            raise FrameError(_FAR_OFF)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.core.arrays import F64
+from pipeline.core.messages import time_fault
 from readers.messages.deserialize import definition_problem
 from readers.recording import Recording, TopicInfo
 
@@ -32,7 +33,8 @@ class TopicSurvey:
         longest_gap_s: Longest pause between two stamps.
         delay_s: Median of log time minus stamp: how late the messages were recorded.
         backwards: Number of messages whose stamp lies before that of the one recorded before.
-        problem: Why its messages cannot be read, or what is wrong with its definition; else empty.
+        problem: Why its messages cannot be read, or what is wrong with its definition or its stamps; else empty.
+            Stamps and log times that cannot be times are in none of the figures.
     """
 
     topic: str
@@ -53,20 +55,28 @@ def survey(recording: Recording, *, stop_ns: int | None = None) -> tuple[TopicSu
         RecordingError: the recording cannot be read to its end.
     """
     times: defaultdict[str, list[tuple[int, int]]] = defaultdict(list)
+    faults: defaultdict[str, list[str]] = defaultdict(list)
     for message in recording.messages(stop_ns=stop_ns):
-        times[message.topic].append((message.stamp_ns, message.log_time_ns))
+        if fault := time_fault(message.stamp_ns) or time_fault(message.log_time_ns):
+            faults[message.topic].append(fault)
+        else:
+            times[message.topic].append((message.stamp_ns, message.log_time_ns))
     return tuple(
-        _topic_survey(info, times[info.topic]) for info in sorted(recording.topics, key=lambda info: info.topic)
+        _topic_survey(info, times[info.topic], faults[info.topic])
+        for info in sorted(recording.topics, key=lambda info: info.topic)
     )
 
 
-def _problem(info: TopicInfo) -> str:
+def _problem(info: TopicInfo, faults: list[str]) -> str:
     if info.unreadable or not info.message_count:
         return info.unreadable
-    return next((problem for channel in info.channels if (problem := definition_problem(channel))), "")
+    problem = next((problem for channel in info.channels if (problem := definition_problem(channel))), "")
+    if problem or not faults:
+        return problem
+    return f"{len(faults)} stamps or log times cannot be times: {faults[0]}"
 
 
-def _topic_survey(info: TopicInfo, times: list[tuple[int, int]]) -> TopicSurvey:
+def _topic_survey(info: TopicInfo, times: list[tuple[int, int]], faults: list[str]) -> TopicSurvey:
     stamps_ns, log_ns = np.array(times, np.int64).reshape(-1, 2).T
     steps_s = np.diff(stamps_ns) / 1e9
     forward_s = steps_s[steps_s > 0]
@@ -74,13 +84,13 @@ def _topic_survey(info: TopicInfo, times: list[tuple[int, int]]) -> TopicSurvey:
     return TopicSurvey(
         topic=info.topic,
         msgtype=info.msgtype,
-        count=len(times) if info.gathered_from else info.message_count,
+        count=len(times) + len(faults) if info.gathered_from else info.message_count,
         rate_hz=1 / period_s if period_s else 0.0,
         gaps=int((forward_s > GAP_PERIODS * period_s).sum()) if is_even else 0,
         longest_gap_s=float(forward_s.max()) if len(forward_s) else 0.0,
         delay_s=float(np.median(log_ns - stamps_ns)) / 1e9 if len(times) else 0.0,
         backwards=int((steps_s < 0).sum()),
-        problem=_problem(info),
+        problem=_problem(info, faults),
     )
 
 

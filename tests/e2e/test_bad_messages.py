@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from builders import camera_info, image, odometry, pointcloud2, raw, tf_message, transform_stamped, write_rosbag1
 from command import Lidcam
+from small_drive import small_drive
 
 from pipeline.core.messages import RawMessage
 
@@ -49,10 +50,16 @@ TOPICS = pytest.mark.parametrize("bad", ["/odom", "/cam/image_raw", "/points", "
 @TOPICS
 def test_it_is_counted(lidcam: Lidcam, tmp_path: Path, bad: str) -> None:
     run = lidcam("process", recording(tmp_path / "a.bag", bad=bad), tmp_path / "out.mcap", "--json")
-    assert run.code == 0, run.err
+    assert run.code == 3, run.err
     (drop,) = (drop for drop in json.loads(run.out)["drops"] if drop["topic"] == bad)
     assert drop["count"] == 1
     assert drop["reason"]
+    assert json.loads(run.out)["exit_code"] == 3
+    assert run.err.splitlines()[-1].startswith("lidcam: incomplete: ")
+    inspected = lidcam("inspect", tmp_path / "a.bag")
+    assert inspected.code == (3 if bad == "/tf_static" else 0)  # it decodes what it needs for the calibration only
+    verdict = "cam (/cam/image_raw) is left out" if bad == "/tf_static" else "sound, and all of its sensors can be used"
+    assert inspected.out.splitlines()[-1] == f"verdict: {verdict}"
 
 
 @TOPICS
@@ -62,3 +69,32 @@ def test_it_ends_the_run(lidcam: Lidcam, tmp_path: Path, bad: str) -> None:
     assert run.code == 1
     assert bad in run.error_line
     assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("topic", "stamp"),
+    [
+        ("/points", b"\xff" * 8),
+        ("/cam/image_raw", b"\0\0\0\x80" + bytes(4)),
+        ("/odom", b"\xff\xff\xff\x7f" + b"\xff" * 4),
+    ],
+)
+def test_a_stamp_that_cannot_be_a_time(lidcam: Lidcam, tmp_path: Path, topic: str, stamp: bytes) -> None:
+    """The last message of its topic, which no later one shows to be wrong; all other frames are written."""
+    messages = small_drive("ros1", frames=FRAMES)
+    row = max(row for row, message in enumerate(messages) if message.topic == topic)
+    data = bytes(messages[row].data)
+    messages[row] = messages[row]._replace(data=data[:4] + stamp + data[12:])
+    write_rosbag1(tmp_path / "a.bag", messages)
+    out = tmp_path / "out.mcap"
+    run = lidcam("process", tmp_path / "a.bag", out, "--json")
+    assert run.code in {0, 3}, run.err
+    report = json.loads(run.out)
+    assert report["frames"] == FRAMES - (topic == "/points")
+    counts = {drop["reason"]: drop["count"] for drop in report["drops"] if drop["topic"] == topic}
+    assert counts == {"its stamp cannot be a time": 1}
+    assert out.exists()
+
+    run = lidcam("process", tmp_path / "a.bag", tmp_path / "other.mcap", "--on-bad-message", "fail")
+    assert run.code == 1
+    assert f"{topic}: stamp " in run.error_line

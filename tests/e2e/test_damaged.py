@@ -78,7 +78,7 @@ def test_repair_writes_what_can_be_read(lidcam: Lidcam, tmp_path: Path, kind: st
     before = {file: file.read_bytes() for file in tmp_path.rglob("*") if file.is_file()}
     out, again = tmp_path / "out.mcap", tmp_path / "again.mcap"
     run = lidcam("inspect", path, "--repair", out)
-    assert run.code == 0, run.err
+    assert run.code == 3, run.err
     assert "messages lost" in run.out
     whole = {(m.topic, m.log_time_ns, bytes(m.data)) for m in clouds("ros1" if kind == "bag" else "cdr")}
     saved = judged(out)
@@ -96,7 +96,7 @@ def test_repair_writes_what_can_be_read(lidcam: Lidcam, tmp_path: Path, kind: st
                 (time, reader.deserialize(data, CLOUD)) for _, time, data in reader.messages()
             ]
         assert [(time, cloud.width) for time, cloud in read] == [(time, 200) for _, time, _ in saved]
-    assert lidcam("inspect", path, "--repair", again).code == 0
+    assert lidcam("inspect", path, "--repair", again).code == 3
     assert again.read_bytes() == out.read_bytes()
     assert {file: file.read_bytes() for file in before} == before
     tree = json.loads(lidcam("inspect", out, "--json").out)
@@ -130,7 +130,7 @@ def test_repair_of_a_sound_recording_copies_it(lidcam: Lidcam, tmp_path: Path) -
 def test_repair_of_genuine_bags(lidcam: Lidcam, tmp_path: Path, name: str, least: int) -> None:
     out = tmp_path / "out.mcap"
     run = lidcam("inspect", shared(f"oracles/genuine_bags/{name}.bag"), "--repair", out)
-    assert run.code == 0, run.err
+    assert run.code == 3, run.err
     assert len(judged(out)) >= least
     assert "msgs/MsgLidCam" in {name for name, _ in decoded_ros1(out)}  # also types of the recording's own
 
@@ -138,11 +138,14 @@ def test_repair_of_genuine_bags(lidcam: Lidcam, tmp_path: Path, name: str, least
 def test_process_tells_what_was_lost(lidcam: Lidcam, tmp_path: Path) -> None:
     path, out = damaged(tmp_path, "mcap"), tmp_path / "out.mcap"
     run = lidcam("process", path, out)
-    assert run.code == 0, run.err
+    assert run.code == 3, run.err
     assert "rec.mcap is damaged or was not closed" in run.err
     assert "crc" in run.out
     tree = json.loads(lidcam("process", path, out, "--json").out)
     assert tree["frames"] == 7
+    assert (tree["exit_code"], tree["failure"], len(tree["incomplete"])) == (3, "", 1)
+    assert run.err.splitlines()[-1] == f"lidcam: incomplete: {tree['incomplete'][0]}; exit code 3"
+    assert tree["incomplete"][0].startswith(f"{path}: damaged, ")
     (chunk, tail) = tree["losses"]
     assert (chunk["file"], chunk["messages"], tail["messages"]) == (str(path), 1, 0)
     assert chunk["size"] > 2400

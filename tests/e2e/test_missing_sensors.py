@@ -146,7 +146,7 @@ def test_one_stamp_in_the_far_future_costs_one_frame(lidcam: Lidcam, tmp_path: P
     messages[bad] = message("/rear/points", "sensor_msgs/msg/PointCloud2", cloud, at_ns)._replace(log_time_ns=at_ns)
     write_rosbag1(path := tmp_path / "future.bag", messages)
     run = lidcam("process", path, tmp_path / "out.mcap", "--json")
-    assert run.code == 0, run.err
+    assert run.code == 3, run.err
     report = json.loads(run.out)
     assert report["frames"] == 29
     (drop,) = (drop for drop in report["drops"] if drop["topic"] == "/rear/points")

@@ -19,6 +19,7 @@ from video import compressed_video, encode, ffmpeg_packet, psnr_db
 
 from lidcam.commands.process import Printed, run_process
 from lidcam.job import make_job
+from pipeline.core.errors import IncompleteError
 from pipeline.core.messages import RawMessage
 from readers.messages.deserialize import deserialize
 from readers.messages.image import decode_any_image
@@ -226,7 +227,7 @@ def test_a_broken_packet(
         assert (done.code, out.exists()) == (1, False)
         assert "this one is broken" in done.error_line
         return
-    assert done.code == 0, done.err
+    assert done.code == 3, done.err
     drops = {drop["reason"]: drop["count"] for drop in json.loads(done.out)["drops"] if drop["topic"] == FIRST}
     assert drops["cannot be decoded"] == 1
     assert drops["after a packet that cannot be decoded, before the next key frame of the video"] == 1
@@ -257,7 +258,7 @@ def test_without_the_decoder(
     """Each camera is left out with one line that says what to install; the lidars go on."""
     monkeypatch.setattr("readers.video.packets.find_spec", lambda _: None)
     out = tmp_path / "out.mcap"
-    with caplog.at_level(logging.WARNING):
+    with caplog.at_level(logging.WARNING), pytest.raises(IncompleteError, match="is left out"):
         run_process(make_job(film, out, config=sandbox_config), Printed(as_json=True))
     warnings = [record.getMessage() for record in caplog.records if "video" in record.getMessage()]
     assert len(warnings) == len(NUMBERS)

@@ -10,7 +10,7 @@ import pytest
 from logging_state import kept_logging
 
 from lidcam.program import run_program
-from pipeline.core.errors import RecordingError
+from pipeline.core.errors import CheckError, IncompleteError, RecordingError
 
 
 @pytest.fixture(autouse=True)
@@ -29,20 +29,26 @@ def noted() -> RecordingError:
 
 
 @pytest.mark.parametrize(
-    ("error", "told"),
+    ("error", "code", "told"),
     [
-        (noted(), "lidcam: error: drive.bag: expected a recording, found none\n  while looking for lidars\n"),
-        (OSError(errno.ENOSPC, "No space left on device"), "lidcam: error: standard output: No space left on device\n"),
-        (OSError(errno.ENOSPC, "No space left", "a.mcap"), "lidcam: error: a.mcap: No space left\n"),
+        (noted(), 1, "lidcam: error: drive.bag: expected a recording, found none\n  while looking for lidars\n"),
+        (
+            OSError(errno.ENOSPC, "No space left on device"),
+            1,
+            "lidcam: error: standard output: No space left on device\n",
+        ),
+        (OSError(errno.ENOSPC, "No space left", "a.mcap"), 1, "lidcam: error: a.mcap: No space left\n"),
+        (CheckError("--strict: a"), 1, "lidcam: error: --strict: a\n"),
+        (IncompleteError("a; b"), 3, "lidcam: incomplete: a; b; exit code 3\n"),
     ],
 )
-def test_known_errors_are_one_line(error: Exception, told: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_known_errors_are_one_line(error: Exception, code: int, told: str, capsys: pytest.CaptureFixture[str]) -> None:
     def program(*_: object, **__: object) -> None:
         raise error
 
     with pytest.raises(SystemExit) as end:
         run_program(program, "lidcam")
-    assert end.value.code == 1
+    assert end.value.code == code
     assert capsys.readouterr().err == told
 
 

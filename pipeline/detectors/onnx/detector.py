@@ -8,13 +8,13 @@ or, after an export with `--decode_in_inference`, in pixels. A trial run when lo
 The network always runs on the CPU, so that results do not depend on the machine's accelerators.
 """
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
-import onnxruntime as ort
 
 from pipeline.core.arrays import F32, U8
 from pipeline.core.errors import ModelError
@@ -109,6 +109,7 @@ class OnnxDetector2D:
 def _open(path: Path, threads: int) -> Any:
     if not path.is_file():
         raise ModelError(f"{path}: expected an ONNX file, found {'a folder' if path.is_dir() else 'no such file'}")
+    ort = _onnxruntime()
     options = ort.SessionOptions()
     options.intra_op_num_threads = threads
     options.inter_op_num_threads = 1
@@ -120,6 +121,19 @@ def _open(path: Path, threads: int) -> Any:
         return ort.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
     except Exception as err:  # onnxruntime's errors have no base of their own
         raise ModelError(f"{path}: expected an ONNX file that onnxruntime can load: {_one_line(err)}") from err
+
+
+def _onnxruntime() -> Any:
+    """The library, imported where a network runs and nowhere else.
+
+    Its wheels for Linux would make an id of the machine and a store of events in the home folder, and send them to
+    their maker. The variable counts only if it is set before the import.
+    """
+    os.environ["ORT_DISABLE_TELEMETRY"] = "1"
+    import onnxruntime
+
+    onnxruntime.disable_telemetry_events()
+    return onnxruntime
 
 
 def _input_layout(path: Path, session: Any) -> tuple[str, int | None, int, int]:

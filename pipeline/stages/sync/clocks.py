@@ -3,7 +3,8 @@
 A message is judged by the stamp before it on its topic, and by its delay (log time minus stamp). One that goes back by
 more than a second, or is that much further ahead of the recorder than those before it, is held until the next message
 of its topic: if that one agrees with it, the clock was set, else it is an outlier. A message that is only recorded late
-is neither.
+is neither. A stamp or log time that no output could hold (before 1970, after January 2038) is no time at all: its
+message is bad, whatever the others say.
 """
 
 from collections import deque
@@ -12,7 +13,7 @@ from dataclasses import dataclass, field
 from itertools import groupby
 from typing import Literal
 
-from pipeline.core.messages import Drop, RawMessage
+from pipeline.core.messages import Drop, RawMessage, time_fault
 
 __all__ = ["Clocks", "TimeJump"]
 
@@ -20,11 +21,13 @@ JUMP_NS = 1_000_000_000
 """Steps beyond this are no disorder between messages, nor a change in how long they take to the recorder."""
 
 MAX_FIRST_DELAY_NS = 10_000_000_000
-"""A topic's first message is believed at once if its stamp is this close to its log time."""
+"""A topic's first message is believed at once if it was recorded at most so long after its stamp, and not before it."""
 
 DELAYS = 5
 """Delays of a topic that are kept: the least of them is its usual one."""
 
+NO_TIME = "its stamp cannot be a time"
+NO_LOG_TIME = "its log time cannot be a time"
 ZERO = "its stamp is 0"
 OUTLIER = "its stamp is far from those around it"
 OTHER_SIDE = "from before time jumped back"
@@ -85,16 +88,20 @@ class Clocks:
 
     Args:
         offsets_ns: Taken off the stamps, by topic; other topics have none.
-        on_drop: Called for each message with an impossible stamp.
+        on_drop: Called for each message whose stamp does not go with those around it.
+        on_bad: Called for each message whose stamp or log time cannot be a time.
 
     Attributes:
         jumps: Where time jumped back, so far.
         unstamped: Topics whose stamps are all 0, so far: log times are used instead.
     """
 
-    def __init__(self, offsets_ns: Mapping[str, int], *, on_drop: Callable[[Drop], None]) -> None:
+    def __init__(
+        self, offsets_ns: Mapping[str, int], *, on_drop: Callable[[Drop], None], on_bad: Callable[[Drop], None]
+    ) -> None:
         self._offsets_ns = offsets_ns
         self._on_drop = on_drop
+        self._on_bad = on_bad
         self._clocks: dict[str, _Clock] = {}
         self._part = 0
         self.jumps: list[TimeJump] = []
@@ -121,11 +128,14 @@ class Clocks:
             clock = self._clocks.get(topic)
             if clock is None:
                 clock = self._clocks[topic] = _Clock(self._offsets_ns.get(topic, 0), self._part)
+            if bad := _not_a_time(message, clock.offset_ns):
+                self._on_bad(bad)
+                continue
             if clock.log_time_ns is not None and message.log_time_ns < clock.log_time_ns - JUMP_NS:
                 yield from self._released()
                 self._begin_part(TimeJump("log times", clock.log_time_ns, clock.log_time_ns - message.log_time_ns))
             clock.log_time_ns = message.log_time_ns
-            if message.stamp_ns == 0 and message.log_time_ns > JUMP_NS:
+            if _lacks_stamp(message):
                 found = self._unstamped(clock, message)
             else:
                 found = self._stamped(clock, _shifted(message, clock.offset_ns))
@@ -189,7 +199,7 @@ class Clocks:
             self._drop(held, OUTLIER)
         delay_ns = message.log_time_ns - message.stamp_ns
         known_ns = [clock.delays_ns[-1] for clock in self._clocks.values() if clock.delays_ns]
-        if abs(delay_ns) <= MAX_FIRST_DELAY_NS or any(abs(delay_ns - other) <= JUMP_NS for other in known_ns):
+        if -JUMP_NS <= delay_ns <= MAX_FIRST_DELAY_NS or any(abs(delay_ns - other) <= JUMP_NS for other in known_ns):
             return self._good(clock, message)
         confirmed: list[RawMessage] = []
         for other in self._clocks.values():
@@ -229,7 +239,7 @@ class Clocks:
             held, clock.held = clock.held, None
             if held is None:
                 continue
-            if held.stamp_ns == 0 and held.log_time_ns > JUMP_NS:
+            if _lacks_stamp(held):
                 self.unstamped[held.topic] = None
                 yield self._part, _at_log_time(held, clock.offset_ns)
             elif clock.is_sound(held):
@@ -242,6 +252,21 @@ class Clocks:
         apart_s = (message.stamp_ns - message.log_time_ns) / 1e9
         side = "after" if apart_s > 0 else "before"
         self._on_drop(Drop(message.topic, message.stamp_ns, reason, f"{abs(apart_s):.1f} s {side} its log time"))
+
+
+def _not_a_time(message: RawMessage, offset_ns: int) -> Drop | None:
+    """The drop of a message with a stamp or log time that cannot be a time; None for all others."""
+    if fault := time_fault(message.log_time_ns):
+        return Drop(message.topic, message.stamp_ns, NO_LOG_TIME, f"{message.topic}: log time {fault}")
+    stamp_ns = message.log_time_ns if _lacks_stamp(message) else message.stamp_ns
+    if fault := time_fault(stamp_ns - offset_ns):
+        return Drop(message.topic, message.stamp_ns, NO_TIME, f"{message.topic}: stamp {fault}")
+    return None
+
+
+def _lacks_stamp(message: RawMessage) -> bool:
+    """Whether a stamp of 0 means none: simulated time begins at 0."""
+    return message.stamp_ns == 0 and message.log_time_ns > JUMP_NS
 
 
 def _shifted(message: RawMessage, offset_ns: int) -> RawMessage:

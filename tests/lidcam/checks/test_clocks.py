@@ -27,7 +27,7 @@ def test_many_jumps_are_summed_up(count: int) -> None:
 
 
 def test_sensors_without_stamps_are_named() -> None:
-    clocks = Clocks({}, on_drop=lambda _drop: None)
+    clocks = Clocks({}, on_drop=lambda _drop: None, on_bad=lambda _drop: None)
     assert clock_notes(clocks, {}) == []
     clocks.unstamped |= {"/cam": None, "/odom": None}
     (note,) = clock_notes(clocks, {"/cam": "left"})

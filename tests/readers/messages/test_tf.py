@@ -51,10 +51,20 @@ def test_mountings_repeated_on_tf_are_fixed_and_moving_ones_are_not() -> None:
 def test_only_the_beginning_of_tf_is_read_but_all_of_tf_static() -> None:
     messages = [
         tf("/tf", edge("base", "a")),
+        tf("/tf", edge("base", "a"), at_s=1),
         tf("/tf", edge("base", "b"), at_s=61),
         tf("/tf_static", edge("base", "c"), at_s=99),
     ]
     assert read_transforms(MemoryRecording(messages)).fixed.frames == {"base", "a", "c"}
+
+
+@pytest.mark.parametrize("early", [tf("/tf", edge("base", "a")), tf("/other", edge("base", "a"))])
+def test_one_log_time_that_is_far_too_early_does_not_hide_the_rest(early: RawMessage) -> None:
+    """Nor does it where it is that of another topic: the time before the first transform does not count."""
+    messages = [tf("/tf", edge("base", name), at_s=10**9 + at_s) for name, at_s in (("b", 0), ("c", 59), ("d", 61))]
+    found = read_transforms(MemoryRecording([early, *messages]))
+    assert found.fixed.frames >= {"base", "b", "c"}
+    assert "d" not in found.fixed.frames
 
 
 @pytest.mark.parametrize(

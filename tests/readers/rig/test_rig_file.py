@@ -296,10 +296,10 @@ def test_sensors_without_topics_go_by_name_then_by_order() -> None:
     }
     found = apply(tree)
     assert [(lidar.name, lidar.topic) for lidar in found.rig.lidars] == [("b", "/b_points"), ("roof", "/a_points")]
-    assert found.notes == (
-        "roof: has no topic in the rig file; by order it is /a_points",
-        "third: the recording has no topic left for it",
-    )
+    assert found.notes == ("roof: has no topic in the rig file; by order it is /a_points",)
+    assert [(fault.subject, fault.reason) for fault in found.faults] == [
+        ("third", "the recording has no topic left for it")
+    ]
 
 
 @pytest.mark.parametrize(

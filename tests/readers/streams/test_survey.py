@@ -42,3 +42,13 @@ def test_of_a_part_only_the_count_is_of_all() -> None:
     (topic,) = survey(recording, stop_ns=recording.start_ns + 4 * SECOND_NS)
     assert topic.count == 100
     assert [topic.rate_hz, topic.longest_gap_s] == pytest.approx([10, 0.1])
+
+
+@pytest.mark.parametrize("wrong", [(2**64, 0), (-1, 0), (0, 2**64 - 1)])
+def test_what_cannot_be_a_time_is_told_and_in_no_figure(wrong: tuple[int, int]) -> None:
+    messages = [raw("/odom", "nav_msgs/msg/Odometry", odometry(stamp_ns=i), i) for i in range(0, 10 * 10**9, 10**8)]
+    messages[50] = messages[50]._replace(stamp_ns=wrong[0], log_time_ns=wrong[1])
+    (found,) = survey(MemoryRecording(messages))
+    assert found.count == 100
+    assert found.rate_hz == pytest.approx(10)
+    assert found.problem.startswith("1 stamps or log times cannot be times: ")

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pipeline.core.messages import Channel, Drop, RawMessage
-from pipeline.stages.sync.clocks import OTHER_SIDE, OUTLIER, ZERO, Clocks, TimeJump
+from pipeline.stages.sync.clocks import NO_LOG_TIME, NO_TIME, OTHER_SIDE, OUTLIER, ZERO, Clocks, TimeJump
 
 S = 10**9
 MS = 10**6
@@ -29,7 +29,7 @@ def run(
 ) -> tuple[list[list[tuple[str, float]]], list[tuple[str, float, str]], Clocks]:
     """Topic and stamp of the messages of each part, those dropped, and the clocks."""
     drops: list[Drop] = []
-    clocks = Clocks(offsets_ns or {}, on_drop=drops.append)
+    clocks = Clocks(offsets_ns or {}, on_drop=drops.append, on_bad=drops.append)
     messages = [message(*one, position) for position, one in enumerate(recorded)]
     parts = [[(m.topic, since_t0(m.stamp_ns)) for m in part] for part in clocks.parts(messages)]
     return parts, [(drop.topic, since_t0(drop.stamp_ns), drop.reason) for drop in drops], clocks
@@ -93,7 +93,55 @@ def test_every_message_comes_out_once_or_is_dropped_once(arrivals: list[tuple[st
     assert len(parts) <= len(clocks.jumps) + 1
 
 
-@pytest.mark.parametrize("far_s", [-1e6, -30.0, 1.5, 30.0, 1e9])
+def unexpected(drop: Drop) -> None:
+    raise AssertionError(drop)
+
+
+IMPOSSIBLE_NS = [-1, -(2**63), 2**31 * S, 2**32 * S, 2**63, 2**64 - 1, 10**30]
+
+
+@pytest.mark.parametrize("time_ns", IMPOSSIBLE_NS)
+@pytest.mark.parametrize("at", [0, 9, 19])
+def test_what_cannot_be_a_time_is_bad_and_touches_nothing_else(time_ns: int, at: int) -> None:
+    messages = [message(*one, position) for position, one in enumerate(steady("a", stop=20))]
+    for changed, reason in (
+        (messages[at]._replace(stamp_ns=time_ns), NO_TIME),
+        (messages[at]._replace(log_time_ns=time_ns), NO_LOG_TIME),
+    ):
+        bad: list[Drop] = []
+        clocks = Clocks({}, on_drop=unexpected, on_bad=bad.append)
+        parts = [list(part) for part in clocks.parts([*messages[:at], changed, *messages[at + 1 :]])]
+        assert parts == [[*messages[:at], *messages[at + 1 :]]]
+        assert [drop.reason for drop in bad] == [reason]
+        assert bad[0].detail.startswith("a: ")
+
+
+def test_every_topic_may_be_without_a_time() -> None:
+    bad: list[Drop] = []
+    clocks = Clocks({}, on_drop=unexpected, on_bad=bad.append)
+    lone = RawMessage(2**31 * S, 2**31 * S - 1, (0, 0), b"", CHANNELS["a"])
+    assert [list(part) for part in clocks.parts([lone])] == []
+    assert len(bad) == 1
+
+
+@pytest.mark.parametrize("log_s", [0.5, 2.0])
+def test_an_offset_does_not_take_a_stamp_before_1970(log_s: float) -> None:
+    """Neither that of a message that was stamped in simulated time, nor that of one without a stamp."""
+    bad: list[Drop] = []
+    clocks = Clocks({"a": 3 * S}, on_drop=unexpected, on_bad=bad.append)
+    assert [list(part) for part in clocks.parts([RawMessage(0, round(log_s * S), (0, 0), b"", CHANNELS["a"])])] == []
+    assert [drop.reason for drop in bad] == [NO_TIME]
+
+
+def test_a_first_stamp_ahead_of_its_recorder_waits_for_the_next() -> None:
+    ahead = [("a", 2.1, 0.05), *steady("a", start=1)]
+    parts, drops, clocks = run(ahead)
+    assert drops == [("a", 2.1, OUTLIER)]
+    assert not clocks.jumps
+    assert [stamp for _, stamp in parts[0]] == stamps(steady("a", start=1), "a")
+
+
+@pytest.mark.parametrize("far_s", [-1e6, -30.0, 1.5, 30.0, 4e8])
 def test_one_stamp_far_off_is_dropped_alone(far_s: float) -> None:
     recorded = steady()
     topic, _, log_s = recorded[8]
@@ -136,7 +184,7 @@ def test_a_driver_that_sets_stamps_from_a_time_on() -> None:
 
 def test_simulated_time_may_begin_at_zero() -> None:
     drops: list[Drop] = []
-    clocks = Clocks({}, on_drop=drops.append)
+    clocks = Clocks({}, on_drop=drops.append, on_bad=drops.append)
     messages = [RawMessage(k * S // 10, k * S // 10, (0, k), b"", CHANNELS["a"]) for k in range(5)]
     assert [[*part] for part in clocks.parts(messages)] == [messages]
     assert not drops

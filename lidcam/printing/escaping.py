@@ -1,0 +1,39 @@
+"""Text from outside, made fit for a terminal: everything that is printed passes through here.
+
+Names of topics, frames and files, and texts of errors, may hold anything: sequences that set the clipboard or title,
+line ends that fake lines, marks that turn the direction of writing. What is not printable is shown as its escape
+sequence. Libraries and outputs keep the names as they are.
+"""
+
+import json
+from typing import Any
+
+__all__ = ["json_text", "visible", "visible_lines"]
+
+
+def visible(text: str) -> str:
+    r"""The text with `\x1b` and the like in place of all that is not printable, line ends and tabs too.
+
+    Not printable are control characters (C0, C1), format characters (direction of writing, no width), separators other
+    than the blank, surrogates (bytes of a file name that are no UTF-8), and what Unicode does not assign.
+    """
+    if text.isprintable():
+        return text
+    return "".join(letter if letter.isprintable() else repr(letter)[1:-1] for letter in text)
+
+
+def visible_lines(text: str) -> str:
+    """As `visible`, of a text of several lines: its line ends and tabs stay."""
+    if text.isprintable():
+        return text
+    return "".join(letter if letter in "\n\t" else visible(letter) for letter in text)
+
+
+def json_text(tree: Any) -> str:
+    r"""A JSON document, indented, in which all that is not printable is written as `\u001b` and the like."""
+    lines = json.dumps(tree, indent=2, ensure_ascii=False).split("\n")
+    return "\n".join(line if line.isprintable() else _json_escaped(line) for line in lines)
+
+
+def _json_escaped(line: str) -> str:
+    return "".join(letter if letter.isprintable() else json.dumps(letter)[1:-1] for letter in line)

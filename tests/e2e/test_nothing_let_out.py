@@ -1,0 +1,90 @@
+"""No command looks for the network or leaves anything in the home folder; what the libraries do counts."""
+
+import os
+import subprocess
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+import pytest
+from no_internet import KILLED, NEEDS, forbid_internet
+from onnx_files import write_yolox
+
+pytestmark = pytest.mark.skipif(bool(NEEDS), reason=NEEDS)
+
+MODULES = """
+import sys
+from lidcam.__main__ import main
+try:
+    main()
+finally:
+    print("onnxruntime" in sys.modules, file=sys.stderr)
+"""
+
+
+@pytest.fixture
+def home(tmp_path: Path) -> Path:
+    """An empty home folder, which is also that of temporary files."""
+    folder = tmp_path / "home"
+    folder.mkdir()
+    return folder
+
+
+def watched(home: Path, *arguments: object) -> subprocess.CompletedProcess[str]:
+    """Run Python where internet sockets are fatal and the environment says nothing but the home folder."""
+    kept = {name: value for name, value in os.environ.items() if name in {"PATH", "PYTHONPATH", "LD_LIBRARY_PATH"}}
+    return subprocess.run(
+        [sys.executable, *map(str, arguments)],
+        env=kept | {"HOME": str(home), "TMPDIR": str(home)},
+        cwd=home.parent,
+        preexec_fn=forbid_internet(),
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+    )
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "import socket; socket.socket(socket.AF_INET, socket.SOCK_DGRAM)",
+        "import socket; socket.getaddrinfo('example.org', 443)",  # native code
+        "import subprocess, sys; sys.exit(subprocess.run([sys.executable, '-c', 'import socket; "
+        "socket.socket(socket.AF_INET6)']).returncode)",
+    ],
+)
+def test_the_watch_sees_native_code_and_children(home: Path, code: str) -> None:
+    assert watched(home, "-c", code).returncode in {KILLED, 256 + KILLED}
+
+
+@pytest.mark.parametrize(
+    ("command", "loads_onnxruntime"),
+    [
+        ("--help", False),
+        ("inspect BAG", False),
+        ("config list", False),
+        ("process BAG out.mcap --duration 0.3 --rerun out.rrd", False),
+        ("process BAG out.mcap --duration 0.3 --model-2d net.onnx", True),
+    ],
+)
+def test_nothing_is_let_out(sandbox: Path, home: Path, command: str, loads_onnxruntime: bool) -> None:
+    write_yolox(home.parent / "net.onnx", np.zeros((84, 85), np.float32), size_px=(64, 64))
+    arguments = [str(sandbox) if word == "BAG" else word for word in command.split()]
+    done = watched(home, "-c", MODULES, *arguments)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr.splitlines()[-1] == str(loads_onnxruntime)
+    assert list(home.iterdir()) == []
+
+
+@pytest.mark.skipif(find_spec("open3d") is None, reason="needs the extra sim")
+def test_nor_by_a_simulation(home: Path) -> None:
+    # urllib3, which Open3D loads, tries out a socket of IPv6 that it binds to this machine: no phoning home.
+    (home.parent / "sitecustomize.py").write_text("import socket\nsocket.has_ipv6 = False\n")
+    path = os.pathsep.join([str(home.parent), *filter(None, [os.environ.get("PYTHONPATH")])])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYTHONPATH", path)
+        done = watched(home, "-m", "lidcam", "simulate", "sandbox", "out.bag", "--duration", "0.1")
+    assert done.returncode == 0, done.stderr
+    assert list(home.iterdir()) == []
