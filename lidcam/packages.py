@@ -1,15 +1,19 @@
-"""lidcam's other packages have common names: another folder called `pipeline` on the path would be imported instead."""
+"""lidcam's other packages have common names: another folder called `pipeline` on the path would be imported instead.
 
+Loaded before signals end a program well, so it does without pathlib and typing, which take long to load.
+"""
+# ruff: noqa: PTH118, PTH120
+
+import os
 import sys
 from collections.abc import Callable
 from functools import partial
 from importlib.util import find_spec
-from pathlib import Path
 from types import TracebackType
 
 __all__ = ["ForeignPackageError", "check_own_packages"]
 
-HOME = Path(__file__).resolve().parents[1]
+HOME = os.path.dirname(os.path.dirname(os.path.realpath(__file__)))
 PACKAGES = ("pipeline", "readers", "writers", "bags")
 
 
@@ -27,12 +31,13 @@ def check_own_packages() -> None:
     """
     for name in PACKAGES:
         spec = find_spec(name)
-        found = [] if spec is None else [Path(place).resolve() for place in spec.submodule_search_locations or ()]
-        if found != [HOME / name]:
-            place = ", ".join(map(str, found)) or (spec.origin if spec and spec.origin else "nothing")
+        found = [] if spec is None else [os.path.realpath(place) for place in spec.submodule_search_locations or ()]
+        own = os.path.join(HOME, name)
+        if found != [own]:
+            place = ", ".join(found) or (spec.origin if spec and spec.origin else "nothing")
             sys.excepthook = partial(_one_line, sys.excepthook)
             raise ForeignPackageError(
-                f"lidcam: error: expected its package {name!r} in {HOME / name}, found {place}: "
+                f"lidcam: error: expected its package {name!r} in {own}, found {place}: "
                 "rename that folder, take it off PYTHONPATH, or start from another folder"
             )
 

@@ -2,35 +2,42 @@
 
 Exit codes: 0 done, and nothing that was asked for is missing; 1 failed, with one line on stderr: nothing was written,
 or a check failed and the outputs are there; 2 wrong usage; 3 done, the outputs are complete, but part of the recording
-could not be used: the last line on stderr says what; 128 + N ended by signal N; anything else is a bug and shows its
-traceback. Results go to stdout, progress and log to stderr.
+could not be used: the last line on stderr says what; 128 + N ended by signal N, see `lidcam.start.signals`; anything
+else is a bug and shows its traceback. Results go to stdout, progress and log to stderr.
 """
 
 import errno
+import io
 import logging
-import signal
 import sys
-from collections.abc import Callable, Sequence
-from types import FrameType
+from collections.abc import Callable
 from typing import NoReturn
+
+from typer.exceptions import TyperException
 
 from lidcam.commands.verdict import FAILED, INCOMPLETE
 from lidcam.printing.log import configure_logging, verdict_log
+from lidcam.printing.usage import print_usage_error
 from pipeline.core.errors import IncompleteError, LidcamError
 
 __all__ = ["run_program"]
 
 logger = logging.getLogger(__name__)
 
+NO_PLACE = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
+"""Why a disk, or what stdout leads to, takes no more."""
+
 
 def run_program(program: Callable[..., object], name: str) -> None:
     """Run a program with the arguments of the command line; known errors become one line and an exit code."""
     configure_logging()
-    signal.signal(signal.SIGTERM, _terminate)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # a terminal that knows fewer letters than a name has
     try:
-        program(sys.argv[1:], prog_name=name)
+        code = program(sys.argv[1:], prog_name=name, standalone_mode=False)
     except OSError as err:
-        if err.errno != errno.ENOSPC:
+        if err.errno not in NO_PLACE:
             logger.debug("a bug", exc_info=True)
             raise
         _fail(f"{err.filename or 'standard output'}: {err.strerror}")
@@ -38,17 +45,18 @@ def run_program(program: Callable[..., object], name: str) -> None:
         verdict_log.warning("incomplete: %s; exit code %d", err, INCOMPLETE)
         sys.exit(INCOMPLETE)
     except LidcamError as err:
-        _fail(" ".join(str(err).split()), getattr(err, "__notes__", ()))
+        notes = "".join(f" ({note})" for note in getattr(err, "__notes__", ()))
+        _fail(" ".join(str(err).split()) + notes)
+    except TyperException as err:
+        print_usage_error(err)
+        sys.exit(err.exit_code)
     except Exception:
         logger.debug("a bug", exc_info=True)  # for the log file: the interpreter prints the traceback
         raise
+    if isinstance(code, int):  # that of Ctrl-C, of --version and --help
+        sys.exit(code)
 
 
-def _fail(message: str, notes: Sequence[str] = ()) -> NoReturn:
-    logger.error("%s", message, extra={"notes": notes})
+def _fail(message: str) -> NoReturn:
+    logger.error("%s", message)
     sys.exit(FAILED)
-
-
-def _terminate(number: int, _: FrameType | None) -> None:
-    """Exit through the `finally` blocks, which remove unfinished outputs, with the exit code that shells use."""
-    sys.exit(128 + number)

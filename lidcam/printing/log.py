@@ -104,8 +104,8 @@ class _Timed(logging.Formatter):
 
 
 def _visible(record: logging.LogRecord) -> str:
-    """The message, and on lines of their own the notes that it may have: whatever they quote, it fakes no line."""
-    return "".join([visible(record.getMessage()), *(f"\n  {visible(note)}" for note in getattr(record, "notes", ()))])
+    """The message in one line, whatever it quotes."""
+    return visible(record.getMessage())
 
 
 def _timed() -> logging.Formatter:

@@ -103,7 +103,8 @@ def _of_read_out(info: Any, frame: str, K: F64, model: DistortionModel, coeffici
         )
     bin_x, bin_y = max(int(info.binning_x), 1), max(int(info.binning_y), 1)
     shift = np.array([[1.0, 0.0, -x], [0.0, 1.0, -y], [0.0, 0.0, 1.0]])
-    scaled = np.diag([1 / bin_x, 1 / bin_y, 1.0]) @ shift @ K
+    with np.errstate(over="ignore", invalid="ignore"):  # the model refuses what is not finite
+        scaled = np.diag([1 / bin_x, 1 / bin_y, 1.0]) @ shift @ K
     return CameraModel(frame, part_width // bin_x, part_height // bin_y, scaled, model, coefficients)
 
 

@@ -8,6 +8,7 @@ from pipeline.core.errors import MessageError
 from pipeline.core.images import Image
 from pipeline.core.messages import RawMessage
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
+from readers.messages.boundary.decoding import decoder
 from readers.messages.deserialize import deserialize_as
 from readers.messages.image_encodings import PACKED, PackedEncoding, check_pixels, packed_to_rgb
 from readers.messages.image_header import KINDS, image_size
@@ -18,6 +19,7 @@ __all__ = ["COMPRESSED_IMAGE", "decode_compressed_image"]
 COMPRESSED_IMAGE = "sensor_msgs/msg/CompressedImage"
 
 
+@decoder
 def decode_compressed_image(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS) -> Image:
     """The image of a CompressedImage in JPEG, PNG, WebP, AVIF, TIFF or BMP, recognised by its data.
 

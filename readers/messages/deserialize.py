@@ -20,6 +20,7 @@ from rosbags.typesys.store import Typestore
 from pipeline.core.errors import MessageError
 from pipeline.core.messages import Channel, RawMessage
 from pipeline.core.ros.typestores import extra_types
+from readers.messages.boundary.layouts import layout_fault
 from readers.messages.size_limits import count_items, size_fault
 
 __all__ = ["definition_problem", "deserialize", "deserialize_as", "typestore_for"]
@@ -130,6 +131,8 @@ def _typestore(channel: Channel) -> Typestore | str:
             wanted += _parts(types[name])
         if fault := size_fault(channel.msgtype, {**store.fielddefs, **types}):
             return f"the recorded definition of {channel.msgtype} is unusable: {fault}"
+        if fault := layout_fault(channel.msgtype, {**store.fielddefs, **types}, known):
+            return f"the recorded definition of {channel.msgtype} is another than lidcam reads: {fault}"
         store.register(types)
         if not channel.definition.strip() and (other := _other_digest(channel, store)):
             return f"the recording has no definition of {channel.msgtype}, and the one that lidcam knows is {other}"

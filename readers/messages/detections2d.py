@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 
 from pipeline.core.detections import Boxes2D
-from pipeline.core.errors import MessageError
 from pipeline.core.messages import RawMessage
+from readers.messages.boundary.decoding import decoder
 from readers.messages.deserialize import deserialize_as
 from readers.messages.tf import clean_frame
 
@@ -42,6 +42,7 @@ class Detections2D:
     unused: Mapping[str, int]
 
 
+@decoder
 def decode_detections2d(
     message: RawMessage, class_id_of_label: Mapping[str, int], *, class_names: Sequence[str] = ()
 ) -> Detections2D:
@@ -56,21 +57,18 @@ def decode_detections2d(
         class_names: Labels of a detector that records numbers.
 
     Raises:
-        MessageError: not a Detection2DArray, or its layout is unknown.
+        MessageError: not a Detection2DArray of a known layout.
     """
     array = deserialize_as(message, DETECTIONS_2D)
     class_ids = {label.strip().lower(): class_id for label, class_id in class_id_of_label.items()}
     rows: list[tuple[list[float], float, int]] = []
     unused: Counter[str] = Counter()
-    try:
-        for detection in array.detections:
-            found = _read(detection, class_ids, class_names)
-            if isinstance(found, str):
-                unused[found] += 1
-            else:
-                rows.append(found)
-    except AttributeError as err:
-        raise MessageError(f"{message.topic}: {DETECTIONS_2D} of an unknown layout: {err}") from err
+    for detection in array.detections:
+        found = _read(detection, class_ids, class_names)
+        if isinstance(found, str):
+            unused[found] += 1
+        else:
+            rows.append(found)
     boxes = Boxes2D(
         message.stamp_ns,
         clean_frame(array.header.frame_id),

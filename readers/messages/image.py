@@ -10,6 +10,7 @@ from pipeline.core.errors import MessageError
 from pipeline.core.images import Image
 from pipeline.core.messages import RawMessage
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
+from readers.messages.boundary.decoding import decoder
 from readers.messages.compressed_image import COMPRESSED_IMAGE, decode_compressed_image
 from readers.messages.deserialize import deserialize_as
 from readers.messages.image_encodings import PACKED, PLANAR, check_pixels, packed_to_rgb, planar_rows, planar_to_rgb
@@ -20,6 +21,7 @@ __all__ = ["COMPRESSED_IMAGE", "RAW_IMAGE", "decode_any_image", "decode_image"]
 RAW_IMAGE = "sensor_msgs/msg/Image"
 
 
+@decoder
 def decode_any_image(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS) -> Image:
     """The image of an Image or CompressedImage.
 
@@ -33,6 +35,7 @@ def decode_any_image(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMI
     raise MessageError(f"{message.topic}: expected {RAW_IMAGE} or {COMPRESSED_IMAGE}, found {message.channel.msgtype}")
 
 
+@decoder
 def decode_image(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS) -> Image:
     """The image of a sensor_msgs/Image in one of the encodings that `image_encodings` lists.
 

@@ -3,6 +3,7 @@
 from pipeline.core.errors import FrameError, MessageError
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.messages import RawMessage
+from readers.messages.boundary.decoding import decoder
 from readers.messages.deserialize import deserialize_as
 from readers.messages.tf import clean_frame
 
@@ -11,6 +12,7 @@ __all__ = ["ODOMETRY", "decode_odometry"]
 ODOMETRY = "nav_msgs/msg/Odometry"
 
 
+@decoder
 def decode_odometry(message: RawMessage) -> Transform:
     """The pose of the child frame, which is empty if the publisher does not name it, in the frame that it moves in.
 

@@ -15,6 +15,7 @@ from pipeline.core.errors import MessageError
 from pipeline.core.messages import RawMessage
 from pipeline.core.ros.messages import POINT_FIELD_DATATYPES
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
+from readers.messages.boundary.decoding import decoder
 from readers.messages.deserialize import deserialize_as
 from readers.messages.point_time import TIME_FIELDS, point_time_offsets
 from readers.messages.tf import clean_frame
@@ -39,6 +40,7 @@ _USED_FIELDS = frozenset(("x", "y", "z", *INTENSITY_FIELDS, *RING_FIELDS, *TIME_
 _DTYPES = {number: dtype for dtype, number in POINT_FIELD_DATATYPES.items()} | {9: "i8", 10: "u8", 11: "u1"}
 
 
+@decoder
 def decode_pointcloud2(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS) -> PointCloud:
     """The points of a message in recorded order (organised clouds row by row), without points that are not finite.
 

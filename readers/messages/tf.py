@@ -16,6 +16,7 @@ from pipeline.core.errors import CalibrationError, FrameError, MessageError
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.geometry.transform_tree import TransformTree
 from pipeline.core.messages import Drop, RawMessage
+from readers.messages.boundary.decoding import decoder
 from readers.messages.deserialize import deserialize
 from readers.recording import Recording
 
@@ -87,7 +88,8 @@ def tf_topics(recording: Recording) -> tuple[list[str], list[str]]:
     return static, [name for name in topics if name not in static]
 
 
-def decode_transforms(message: RawMessage) -> Iterator[tuple[int, Transform | CalibrationError, str]]:
+@decoder
+def decode_transforms(message: RawMessage) -> list[tuple[int, Transform | CalibrationError, str]]:
     """The transforms of one message: stamp in ns, T_parent_child or its fault, child frame.
 
     Raises:
@@ -95,19 +97,18 @@ def decode_transforms(message: RawMessage) -> Iterator[tuple[int, Transform | Ca
     """
     if message.channel.msgtype not in TF_TYPES:
         raise MessageError(f"{message.topic}: expected a message of transforms, found {message.channel.msgtype}")
-    for stamped in deserialize(message).transforms:
-        yield _decode(stamped)
+    return [_decode(stamped) for stamped in deserialize(message).transforms]
 
 
 def _decode(stamped: Any) -> tuple[int, Transform | CalibrationError, str]:
     parent, child = clean_frame(stamped.header.frame_id), clean_frame(stamped.child_frame_id)
     stamp_ns = stamped.header.stamp.sec * 10**9 + stamped.header.stamp.nanosec
     shift, turn = stamped.transform.translation, stamped.transform.rotation
-    xyzw = np.array([turn.x, turn.y, turn.z, turn.w])
+    xyzw = [float(turn.x), float(turn.y), float(turn.z), float(turn.w)]
     if not parent or not child or parent == child:
         return stamp_ns, FrameError(f"transform from {child!r} to {parent!r}: expected two different frames"), child
-    if not abs(xyzw @ xyzw - 1) <= QUATERNION_TOLERANCE:
-        return stamp_ns, FrameError(f"its rotation {xyzw.tolist()} is not a unit quaternion"), child
+    if not abs(sum(part * part for part in xyzw) - 1) <= QUATERNION_TOLERANCE:
+        return stamp_ns, FrameError(f"its rotation {xyzw} is not a unit quaternion"), child
     try:
         return stamp_ns, Transform.from_quaternion(parent, child, [shift.x, shift.y, shift.z], xyzw), child
     except FrameError as err:

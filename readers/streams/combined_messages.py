@@ -14,6 +14,7 @@ from rosbags.interfaces import Nodetype
 
 from pipeline.core.errors import MessageError
 from pipeline.core.messages import Channel, RawMessage
+from readers.messages.boundary.decoding import decoder
 from readers.messages.deserialize import deserialize, typestore_for
 from readers.messages.header_stamp import stamp_or_log_time
 from readers.recording import Recording
@@ -54,20 +55,25 @@ def split(message: RawMessage, parts: Parts, wanted: Container[str]) -> Iterator
     messages had is skipped: it has no topic.
     """
     try:
-        whole = deserialize(message)
+        yield from _split(message, parts, wanted)
     except MessageError as err:
         for place, channel in enumerate(parts.values()):
             if channel.topic in wanted:
                 order = (*message.order, place)
                 yield message._replace(order=order, data=b"", channel=channel, problem=str(err))
-        return
-    store = typestore_for(message.channel)
+
+
+@decoder
+def _split(message: RawMessage, parts: Parts, wanted: Container[str]) -> list[RawMessage]:
+    whole, store = deserialize(message), typestore_for(message.channel)
     serialize = store.serialize_ros1 if message.channel.encoding == "ros1" else store.serialize_cdr
+    found = []
     for place, ((name, index), channel) in enumerate(parts.items()):
         if channel.topic in wanted and index < len(items := getattr(whole, name)):
             data = serialize(items[index], channel.msgtype)
             stamp_ns = stamp_or_log_time(channel, data, message.log_time_ns)
-            yield RawMessage(stamp_ns, message.log_time_ns, (*message.order, place), data, channel)
+            found.append(RawMessage(stamp_ns, message.log_time_ns, (*message.order, place), data, channel))
+    return found
 
 
 def _lists(channel: Channel) -> dict[str, str]:

@@ -20,6 +20,7 @@ from pipeline.core.clouds import PointCloud
 from pipeline.core.errors import CalibrationError, ConfigError, MessageError
 from pipeline.core.messages import Drop, RawMessage
 from pipeline.core.settings.recording import VelodyneConfig, VelodyneLidarConfig
+from readers.messages.boundary.decoding import decoder
 from readers.messages.point_time import MAX_OFFSET_NS
 from readers.velodyne.calibration import read_velodyne_calibration
 from readers.velodyne.layout import LAST, NOT_TOLD, STRONGEST, Beams, Layout, block_words
@@ -80,6 +81,7 @@ class VelodyneDecoder:
         """The cloud of `decode`."""
         return self.decode(message)[0]
 
+    @decoder
     def decode(self, message: RawMessage) -> tuple[PointCloud, tuple[Drop, ...]]:
         """The points of a scan in the order of the packets' bytes, and the packets that were not used.
 

@@ -6,10 +6,8 @@ of four bytes, so packets lie 1216 bytes apart, yet nothing fills up the last on
 
 import struct
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
-from rosbags.interfaces import Nodetype
 
 from pipeline.core.arrays import I64, U8, Bools, check_array
 from pipeline.core.errors import MessageError
@@ -64,8 +62,7 @@ def parse_velodyne_scan(message: RawMessage) -> VelodynePackets:
         raise MessageError(f"{channel.topic}: {message.problem}")
     if channel.msgtype != SCAN:
         raise MessageError(f"{channel.topic}: expected {SCAN}, found {channel.msgtype}")
-    if fault := _unusual(channel):
-        raise MessageError(f"{channel.topic}: {fault}")
+    typestore_for(channel)  # the definition is the usual one
     try:
         frame_id, count, start, order, stride = _layout(channel, data)
     except (struct.error, UnicodeDecodeError) as err:
@@ -95,22 +92,3 @@ def _layout(channel: Channel, data: bytes | memoryview) -> tuple[str, int, int, 
     cursor.skip(4, 3 if is_ros1 else 2)  # the header's stamp, in ROS 1 behind its seq
     frame_id, count = cursor.string(), cursor.uint32()
     return frame_id, count, cursor.at, cursor.order, size if is_ros1 else (size + 3) // 4 * 4
-
-
-@lru_cache(maxsize=256)
-def _unusual(channel: Channel) -> str:
-    """What the recorded definition has that `_layout` does not know; empty where it is the usual one."""
-    types = typestore_for(channel).fielddefs
-    fields = [name for name, _ in types[SCAN][1]]
-    packet = types.get("velodyne_msgs/msg/VelodynePacket")
-    header = [name for name, _ in types["std_msgs/msg/Header"][1]] if fields[:1] == ["header"] else []
-    known_header = ["seq", "stamp", "frame_id"] if channel.encoding == "ros1" else ["stamp", "frame_id"]
-    known = (
-        fields == ["header", "packets"]
-        and header == known_header
-        and packet is not None
-        and [name for name, _ in packet[1]] == ["stamp", "data"]
-        and packet[1][1][1][0] == Nodetype.ARRAY
-        and packet[1][1][1][1][1] == PACKET_BYTES
-    )
-    return "" if known else f"its definition of {SCAN} is not header and packets of stamp and uint8[{PACKET_BYTES}]"

@@ -15,6 +15,7 @@ import numpy as np
 from pipeline.core.arrays import U8
 from pipeline.core.errors import MessageError
 from pipeline.core.messages import RawMessage
+from readers.messages.boundary.decoding import decoder
 from readers.messages.deserialize import deserialize
 from readers.messages.tf import clean_frame
 
@@ -82,6 +83,7 @@ def missing_decoder() -> str:
     return "it is video, which needs PyAV: pip install 'lidcam[video]'"
 
 
+@decoder
 def read_packet(message: RawMessage) -> VideoPacket:
     """The packet of a CompressedVideo or FFMPEGPacket, undecoded.
 
@@ -89,12 +91,9 @@ def read_packet(message: RawMessage) -> VideoPacket:
         MessageError: the message cannot be read or is empty, or the codec is unknown.
     """
     fields, is_ffmpeg = deserialize(message), message.channel.msgtype == FFMPEG_PACKET
-    try:
-        named = str(fields.encoding if is_ffmpeg else fields.format)
-        frame_id = clean_frame(fields.header.frame_id if is_ffmpeg else fields.frame_id)
-        data, is_flagged = np.asarray(fields.data), is_ffmpeg and bool(int(fields.flags) & KEY_FLAG)
-    except (AttributeError, TypeError, ValueError) as err:
-        raise MessageError(f"{message.topic}: the recorded {message.channel.msgtype} is another type ({err})") from err
+    named = str(fields.encoding if is_ffmpeg else fields.format)
+    frame_id = clean_frame(fields.header.frame_id if is_ffmpeg else fields.frame_id)
+    data, is_flagged = np.asarray(fields.data), is_ffmpeg and bool(int(fields.flags) & KEY_FLAG)
     name = named.split(";")[0].strip().lower()
     codec = next((codec for codec, names in _NAMES.items() if names.fullmatch(name)), None)
     if codec is None:

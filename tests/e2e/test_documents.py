@@ -8,7 +8,6 @@ import io
 import re
 import shlex
 import shutil
-import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -136,13 +135,12 @@ def shell(line: str, cwd: Path) -> int:
 
 @pytest.fixture(autouse=True)
 def as_it_was(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]:
-    handler = signal.getsignal(signal.SIGTERM)
+    monkeypatch.setattr("lidcam.__main__.end_at_signals", lambda: None)  # signals are the tests' own
     monkeypatch.setenv("OMP_NUM_THREADS", "1")  # `process` sets it
     monkeypatch.setattr(sys, "argv", [])
     monkeypatch.chdir(tmp_path)
     with kept_logging():
         yield
-    signal.signal(signal.SIGTERM, handler)
 
 
 @pytest.fixture(scope="module")

@@ -33,9 +33,16 @@ def test_both_programs_tell_their_version(lidcam: Lidcam) -> None:
     assert done.stdout.startswith("lidcam ")
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize(
+    ("number", "code", "told"),
+    [
+        (signal.SIGINT, 130, "lidcam: interrupted"),
+        (signal.SIGTERM, 143, "lidcam: terminated"),
+        (signal.SIGHUP, 129, "lidcam: ended: its terminal was closed"),
+    ],
+)
 def test_a_run_that_is_interrupted_leaves_nothing(
-    sandbox: Path, sandbox_config: Path, tmp_path: Path, number: signal.Signals, code: int
+    sandbox: Path, sandbox_config: Path, tmp_path: Path, number: signal.Signals, code: int, told: str
 ) -> None:
     command = [PROGRAM, sandbox, tmp_path / "out.mcap", "--config", sandbox_config, "--rerun", tmp_path / "out.rrd"]
     command += ["--set", "combine.ground.iterations=20000"]  # so that it is still at work
@@ -56,6 +63,7 @@ def test_a_run_that_is_interrupted_leaves_nothing(
         run.send_signal(number)
         _, err = run.communicate(timeout=60)
     assert run.returncode == code
+    assert err.splitlines()[-1] == told
     assert "Traceback" not in err
     assert list(tmp_path.iterdir()) == []
 

@@ -2,7 +2,6 @@
 
 import errno
 import logging
-import signal
 import sys
 from collections.abc import Iterator
 
@@ -16,10 +15,8 @@ from pipeline.core.errors import CheckError, IncompleteError, RecordingError
 @pytest.fixture(autouse=True)
 def as_it_was(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.setattr(sys, "argv", ["lidcam"])
-    handler = signal.getsignal(signal.SIGTERM)
     with kept_logging():
         yield
-    signal.signal(signal.SIGTERM, handler)
 
 
 def noted() -> RecordingError:
@@ -31,12 +28,13 @@ def noted() -> RecordingError:
 @pytest.mark.parametrize(
     ("error", "code", "told"),
     [
-        (noted(), 1, "lidcam: error: drive.bag: expected a recording, found none\n  while looking for lidars\n"),
+        (noted(), 1, "lidcam: error: drive.bag: expected a recording, found none (while looking for lidars)\n"),
         (
             OSError(errno.ENOSPC, "No space left on device"),
             1,
             "lidcam: error: standard output: No space left on device\n",
         ),
+        (OSError(errno.EIO, "Input/output error"), 1, "lidcam: error: standard output: Input/output error\n"),
         (OSError(errno.ENOSPC, "No space left", "a.mcap"), 1, "lidcam: error: a.mcap: No space left\n"),
         (CheckError("--strict: a"), 1, "lidcam: error: --strict: a\n"),
         (IncompleteError("a; b"), 3, "lidcam: incomplete: a; b; exit code 3\n"),

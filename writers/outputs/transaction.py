@@ -1,13 +1,14 @@
 """The outputs of one run: all of them appear, or none."""
 
-import atexit
 import os
 from collections.abc import Callable, Collection, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from pipeline.core.ending import undone_at_once
 from pipeline.core.errors import OutputError
 from writers.outputs.errors import output_errors
 from writers.outputs.exchange import Exchange, exchange, has_journal, identity, sync, sync_folder
@@ -64,6 +65,7 @@ class OutputTransaction:
         self._members: list[_Member] = []
         self._work: dict[Path, WorkFolder] = {}
         self._is_recovered = False
+        self._undoing = ExitStack()
 
     def __enter__(self) -> Self:
         """Lock the outputs.
@@ -72,7 +74,7 @@ class OutputTransaction:
             OutputError: one cannot be written, must not be replaced, or is being written by another run.
         """
         with held_signals():
-            atexit.register(self._close)  # for a signal that comes where no block sees it
+            self._undoing.enter_context(undone_at_once(self._close))
             try:
                 self._open()
             except BaseException:
@@ -153,4 +155,4 @@ class OutputTransaction:
         while self._work:
             _, folder = self._work.popitem()
             folder.close(is_done=(self._is_recovered or folder.is_new) and not is_stuck)
-        atexit.unregister(self._close)
+        self._undoing.close()

@@ -30,6 +30,7 @@ from writers.palette import CAMERA_ONLY, MATCHED, class_color
 from writers.provenance import Provenance
 from writers.rerun import archetypes
 from writers.rerun.blueprint import FIXED, WAY, blueprint, camera_path, place_eye
+from writers.rerun.stream import RerunStream, check_recording
 from writers.viewpoint import SceneSurvey
 
 __all__ = ["RerunResultWriter"]
@@ -37,6 +38,12 @@ __all__ = ["RerunResultWriter"]
 JPEG_QUALITY = 90
 FLUSH_TICK_S = 86400
 """Rerun cuts data into chunks by size and by this time; a day, so that the clock decides nothing."""
+MAX_WAITING_BYTES, MAX_WAITING_FRAMES = 1 << 26, 1000
+"""Images and points, and frames, that are logged before the writer waits until they are in the file."""
+POINT_BYTES = 16
+"""Position and colour."""
+COUNTED = "metrics/skew_ms"
+"""Logged once a frame, at its end."""
 _WAY_COLOR = (225, 190, 90)
 _MAGIC = {b"\xff\xd8\xff": "image/jpeg", b"\x89PN": "image/png"}
 
@@ -72,9 +79,11 @@ class RerunResultWriter:
         self._heights: tuple[float, float] | None = None
         self._last_place: list[float] | None = None
         self._shown: set[str] = set()
+        self._frames = self._waiting_bytes = 0
 
     def __enter__(self) -> Self:
         with ExitStack() as resources, output_errors(self._output.path):
+            self._file = resources.enter_context(self._output.part.open("x+b", buffering=0))
             self._recording = rr.RecordingStream(
                 "lidcam",
                 recording_id=self._provenance.recording_id,
@@ -83,8 +92,8 @@ class RerunResultWriter:
             )
             self._recording.set_log_time_enabled(False)
             self._recording.set_log_tick_enabled(False)
-            self._recording.save(self._output.part)
-            resources.callback(self._recording.disconnect)
+            self._stream = RerunStream(self._recording, self._file, self._output.path)
+            resources.push(self._end)
             self._recording.send_recording_name(
                 ", ".join(known["name"] for known in self._provenance.inputs) or "lidcam"
             )
@@ -95,9 +104,17 @@ class RerunResultWriter:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         with output_errors(self._output.path):
-            if kind is None and not self._is_placed and self._survey.frames:
-                self._place_eye()
             self._resources.__exit__(kind, error, trace)
+
+    def _end(self, kind: type[BaseException] | None, *_: object) -> None:
+        """Complete the recording and look whether all frames are in it; or discard it, if there was an error."""
+        if kind is not None:
+            self._stream.discard()
+            return
+        if not self._is_placed and self._survey.frames:
+            self._place_eye()
+        self._stream.finish()
+        check_recording(self._file, self._output.path, entity=COUNTED, rows=self._frames)
 
     def write(self, result: FrameResult) -> tuple[Drop, ...]:
         """Log one frame.
@@ -105,6 +122,8 @@ class RerunResultWriter:
         Returns:
             Images that cannot be decoded.
         """
+        with output_errors(self._output.path):
+            self._stream.check()
         if self._survey.frames == 0:
             self._log_static()
         self._survey.add(result)
@@ -121,8 +140,17 @@ class RerunResultWriter:
             drops += self._log_camera(camera, result)
         self._recording.log("metrics/objects", rr.Scalars(float(len(result.fused.objects))))
         self._recording.log("metrics/confirmed", rr.Scalars(float((result.fused.matched > 0).sum())))
-        self._recording.log("metrics/skew_ms", rr.Scalars(result.bundle.skew_ns / 1e6))
+        self._recording.log(COUNTED, rr.Scalars(result.bundle.skew_ns / 1e6))  # the last of a frame
+        with output_errors(self._output.path):
+            self._bound_memory()
         return tuple(drops)
+
+    def _bound_memory(self) -> None:
+        """Wait for the disk now and then; what decides when is the data, as this cuts them into chunks."""
+        self._frames += 1
+        if self._waiting_bytes >= MAX_WAITING_BYTES or self._frames % MAX_WAITING_FRAMES == 0:
+            self._stream.settle()
+            self._waiting_bytes = 0
 
     def _log(self, leaf: str, camera: CameraSensor, entity: Any) -> None:
         self._recording.log(f"{camera_path(camera)}/{leaf}", entity)
@@ -183,6 +211,7 @@ class RerunResultWriter:
 
     def _log_clouds(self, result: FrameResult) -> None:
         self._heights = self._heights or archetypes.height_range(result.combined)
+        self._waiting_bytes += POINT_BYTES * (len(result.combined.cloud) + len(result.combined.ground_cloud))
         self._recording.log("world/cloud", archetypes.cloud_points(result.combined, self._heights or (0.0, 1.0)))
         self._recording.log("world/ground", archetypes.ground_points(result.combined))
 
@@ -234,6 +263,7 @@ class RerunResultWriter:
         if message.channel.msgtype == COMPRESSED:
             data = read_image(message).data.tobytes()
             if (media_type := _MAGIC.get(data[:3])) is not None:
+                self._waiting_bytes += len(data)
                 return rr.EncodedImage(contents=data, media_type=media_type)
         rgb = self._decode(message).rgb
         done, jpeg = cv2.imencode(
@@ -241,6 +271,7 @@ class RerunResultWriter:
         )
         if not done:
             raise MessageError(f"{message.topic}: an image of {rgb.shape[1]} x {rgb.shape[0]} px cannot become a JPEG")
+        self._waiting_bytes += jpeg.nbytes
         return rr.EncodedImage(contents=jpeg.tobytes(), media_type="image/jpeg")
 
 

@@ -8,10 +8,12 @@ import termios
 import time
 import tty
 from collections.abc import Iterator
+from functools import partial
 from types import FrameType
 from typing import Any
 
 from bags.simulator.drive.driving import Pressed
+from pipeline.core.ending import undone_at_once
 
 __all__ = ["TerminalKeys", "terminal_keys"]
 
@@ -77,13 +79,15 @@ def terminal_keys(descriptor: int) -> Iterator[TerminalKeys]:
     def end(_: int, __: FrameType | None) -> None:
         keys.end()
 
+    restore = partial(termios.tcsetattr, descriptor, termios.TCSADRAIN, before)
     try:
         for number in ENDINGS:
             signal.signal(number, end)
-        tty.setcbreak(descriptor)
-        yield keys
+        with undone_at_once(restore):
+            tty.setcbreak(descriptor)
+            yield keys
     finally:
         with contextlib.suppress(OSError, termios.error):  # the terminal may be gone
-            termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
+            restore()
         for ending, handler in handlers.items():
             signal.signal(ending, handler)

@@ -8,16 +8,18 @@ import contextlib
 import multiprocessing
 import signal
 from collections.abc import Mapping, Sequence
-from multiprocessing.connection import Connection
+from multiprocessing import resource_tracker
 from types import TracebackType
 from typing import Self
 
 from bags.simulator.recorder.recorded import Measured, SensingTask
+from bags.simulator.recorder.worker import serve
 from bags.simulator.scenario.scenario import Scenario
 from bags.simulator.scenario.sensors import CameraScenario, LidarScenario
 from bags.simulator.vehicles.ackermann import AckermannCommand
 from pipeline.core.errors import LidcamError
 from readers.velodyne.models import MODELS
+from writers.outputs.signals import held_signals
 
 __all__ = ["SensingProcess", "shared_out"]
 
@@ -26,6 +28,7 @@ CAMERA_COST, MOVING_CAMERA_COST = 0.05, 1.1
 """Microseconds per beam and pixel, roughly; a moving camera must render everything anew."""
 SLOTS = 32
 """Beams per column of a Velodyne."""
+FROM_TERMINALS = (signal.SIGINT, signal.SIGHUP)
 
 
 def shared_out(scenario: Scenario, workers: int) -> list[tuple[str, ...]]:
@@ -44,15 +47,19 @@ class SensingProcess:
     def __init__(self, task: SensingTask) -> None:
         context = multiprocessing.get_context("spawn")  # threads of the libraries do not survive a fork
         self._pipe, theirs = context.Pipe()
-        self._process = context.Process(target=_serve, args=(theirs, task), daemon=True)
-        # A terminal sends Ctrl-C to all processes; only the parent may act on it.
-        handlers = {number: signal.signal(number, signal.SIG_IGN) for number in (signal.SIGINT, signal.SIGHUP)}
-        try:
-            self._process.start()
-        finally:
-            for number, handler in handlers.items():
-                signal.signal(number, handler)
+        self._process = context.Process(target=serve, args=(theirs,), daemon=True)
+        resource_tracker.ensure_running()  # else it is started with the process, and unblocks signals
+        with held_signals():
+            # A terminal sends Ctrl-C to all processes; only the parent may act on it. What is blocked stays so in the
+            # process, and comes to the parent a little later.
+            before = signal.pthread_sigmask(signal.SIG_BLOCK, FROM_TERMINALS)
+            try:
+                self._process.start()
+            finally:
+                signal.pthread_sigmask(signal.SIG_SETMASK, before)
         theirs.close()
+        with contextlib.suppress(OSError):  # it has died, which the first question tells
+            self._pipe.send(task)
 
     def __enter__(self) -> Self:
         return self
@@ -99,28 +106,6 @@ class SensingProcess:
         return LidcamError(
             f"a simulation process died with exit code {code}, perhaps for lack of memory; try --workers 1"
         )
-
-
-def _serve(pipe: Connection, task: SensingTask) -> None:
-    """Answer requests until the pipe closes."""
-    from bags.simulator.recorder.sensing import Sensing  # heavy, so not in the parent
-    from bags.simulator.recorder.stage import Stage
-
-    try:
-        stage = Stage(task.scenario, driven=task.driven)
-        sensing = Sensing(stage, task)
-        while True:
-            until_ns, commands, begun_ns = pipe.recv()
-            for name, command in commands.items():
-                stage.traffic.command(name, command)
-            stage.traffic.advance(until_ns)
-            pipe.send(sensing.measure(until_ns, begun_ns=begun_ns))
-            stage.forget(until_ns)
-    except (EOFError, OSError):
-        return
-    except Exception as err:
-        with contextlib.suppress(OSError):  # the parent may have failed in the same way
-            pipe.send(err)
 
 
 def _cost_us(sensor: LidarScenario | CameraScenario) -> float:

@@ -102,11 +102,12 @@ def rotation_fault(rotation: F64) -> str | None:
     """Why a (3, 3) matrix is not a rotation, for an error message; None if it is one."""
     if not np.isfinite(rotation).all():
         return "it contains numbers that are not finite"
-    determinant = float(np.linalg.det(rotation))
+    with np.errstate(over="ignore", invalid="ignore"):
+        determinant = float(np.linalg.det(rotation))
+        deviation = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
     if abs(determinant) < 1e-9:
         return "it is singular (determinant 0)"
-    deviation = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
-    if deviation > ROTATION_TOLERANCE:
+    if not deviation <= ROTATION_TOLERANCE:
         return f"its rows are not orthonormal (off by {deviation:.3g})"
     if determinant < 0:
         return "it is a reflection (determinant -1): one axis is flipped"

@@ -10,6 +10,7 @@ from collections.abc import Callable, Collection, Iterator
 from itertools import pairwise
 
 import numpy as np
+from mcap.opcode import Opcode
 
 from pipeline.core.errors import RecordingError
 from pipeline.core.messages import Channel, RawMessage
@@ -18,10 +19,12 @@ from readers.files.container import Container
 from readers.files.damage import LIBRARY_ERRORS
 from readers.files.decompress import decompressed
 from readers.files.mcap.channels import channel_of, message_type
-from readers.files.mcap.chunk import Entry, load_chunk, messages_in, read_exactly
+from readers.files.mcap.chunk import Entry, entry_of, load_chunk, read_exactly, records_in
+from readers.files.mcap.definitions import Definitions
 from readers.files.mcap.index import ChunkPlace, Contents, contents_of_summary, read_profile
 from readers.files.mcap.passes import FilePlace, pass_places
 from readers.files.mcap.recovery import chunk_extent, contents_of_scan
+from readers.files.mcap.unchecked import agrees_with_index, check_places, confirm_definitions
 from readers.files.remote import ReadAhead, tell_full_read
 from readers.location import RemotePath
 from readers.messages.header_stamp import stamp_or_log_time
@@ -38,6 +41,7 @@ class McapFile(Container):
     def _describe(self) -> None:
         self._bad_chunks: set[int] = set()
         self._chunk_cache = ChunkCache(max_loaded_bytes=self._limits.max_unpacked_bytes(self._stream.seek(0, 2)))
+        self._definitions = Definitions(self._losses)
         profile, contents = self._read_contents()
         self._chunks, self._loose, self._cut_chunk = contents.chunks, contents.loose, contents.cut_chunk
         self._pass_places = self._read_passes()
@@ -74,7 +78,12 @@ class McapFile(Container):
         with self._losses.guard() as damage:
             profile = read_profile(self._stream)
             summary = contents_of_summary(self._stream)
+            if summary is not None and not summary.is_checked and not isinstance(self.path, RemotePath):
+                check_places(self._stream, summary)
+        if damage.error:
+            summary = None
         if summary is not None and self._source.options.recovery != "full_scan":
+            self._use_definitions(summary)
             return profile, summary
         if damage.error:
             tell_full_read(self._stream, f"its summary cannot be used ({damage.reason})")
@@ -85,7 +94,18 @@ class McapFile(Container):
         scanned = contents_of_scan(self._stream, self._losses, because=damage.reason, limits=self._limits)
         if summary is None and not scanned.counts and (damage.error or self.losses):
             raise damage.error or EOFError(self.losses[0].reason)
+        self._definitions.know(scanned.schemas, scanned.channels, is_checked=True)
         return profile, scanned
+
+    def _use_definitions(self, summary: Contents) -> None:
+        """Take schemas and channels from the summary; without a checksum, after a comparison with the chunks."""
+        self._definitions.know(summary.schemas, summary.channels, is_checked=summary.is_checked)
+        if not summary.is_checked and not isinstance(self.path, RemotePath):
+            try:
+                confirm_definitions(self._stream, summary.chunks, self._definitions, self._limits)
+            except LIBRARY_ERRORS as err:
+                self._losses.reason(err)  # told when its messages are read
+        summary.schemas, summary.channels = dict(self._definitions.schemas), dict(self._definitions.channels)
 
     def messages(
         self, topics: Collection[str] | None, *, start_ns: int | None, stop_ns: int | None
@@ -169,10 +189,21 @@ class McapFile(Container):
         if position in self._bad_chunks:
             return []
         with self._losses.guard() as damage:
-            return [entry for entry in messages_in(self._records_of(position), position, self._limits) if taken(entry)]
+            records = self._records_of(position)
+            entries = []
+            for opcode, at, size in records_in(records, self._limits):
+                if opcode == Opcode.MESSAGE:
+                    entries.append(entry_of(records, at, position, at, size))
+                elif opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:  # too late to use them
+                    self._definitions.add(opcode, records[at : at + size], position, is_checked=False)
+            is_comparable = position != self._cut_chunk and not isinstance(self.path, RemotePath)
+            if is_comparable and not agrees_with_index(self._stream, place, entries):
+                reason = "the index behind this chunk does not agree with the messages in it, which are used"
+                self._losses.note(position, reason, messages=0)
+            return [entry for entry in entries if taken(entry)]
         self._bad_chunks.add(position)
-        size, count = chunk_extent(self._stream, position)
-        self._losses.note(position, f"a chunk that cannot be read ({damage.reason})", size=size, messages=count)
+        extent, count = chunk_extent(self._stream, position)
+        self._losses.note(position, f"a chunk that cannot be read ({damage.reason})", size=extent, messages=count)
         return []
 
     def _read_or_note(self, entry: Entry) -> bytes | memoryview | None:

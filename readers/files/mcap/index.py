@@ -9,7 +9,7 @@ import zlib
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, BinaryIO, Literal, NamedTuple
 
 from mcap.exceptions import McapError
 from mcap.records import Channel, ChunkIndex, Footer, Header, Schema, Statistics
@@ -22,9 +22,10 @@ __all__ = [
     "MAGIC_BYTES",
     "ChunkPlace",
     "Contents",
+    "checksum_of",
     "contents_of_summary",
-    "has_valid_summary",
     "read_profile",
+    "summary_checksum",
 ]
 
 FOOTER = struct.Struct("<BQQQI")  # record head, start of the summary, start of its offsets, crc of the summary
@@ -63,6 +64,7 @@ class Contents:
         start_ns: Log time of the first message.
         end_ns: Log time of the last message (inclusive).
         cut_chunk: Position of the chunk inside which a cut file ends.
+        is_checked: Whether all of this was under a checksum.
     """
 
     schemas: dict[int, Schema] = field(default_factory=dict)
@@ -73,6 +75,7 @@ class Contents:
     start_ns: int = 2**64
     end_ns: int = 0
     cut_chunk: int | None = None
+    is_checked: bool = False
 
 
 def read_profile(stream: BinaryIO) -> str:
@@ -113,8 +116,10 @@ def contents_of_summary(stream: BinaryIO) -> Contents | None:
             elif isinstance(record, ChunkIndex):
                 span = record.message_start_time, record.chunk_start_offset, record.message_end_time
                 contents.chunks.append(ChunkPlace(*span, frozenset(record.message_index_offsets), record.chunk_length))
-    if not has_valid_summary(stream):
+    checksum = summary_checksum(stream)
+    if checksum == "wrong":
         raise ValueError("the checksum of its summary is wrong")
+    contents.is_checked = checksum == "right"
     if statistics is None:
         return None
     contents.counts = Counter(statistics.channel_message_counts)
@@ -133,7 +138,7 @@ def contents_of_summary(stream: BinaryIO) -> Contents | None:
     return contents if is_complete else None
 
 
-def has_valid_summary(stream: BinaryIO) -> bool:
+def summary_checksum(stream: BinaryIO) -> Literal["right", "wrong", "none"]:
     """Whether the summary section has the checksum that the footer names, or the footer names none.
 
     Raises:
@@ -142,17 +147,25 @@ def has_valid_summary(stream: BinaryIO) -> bool:
     end = stream.seek(-FOOTER.size - MAGIC_BYTES, 2)
     _, _, start, _, crc = FOOTER.unpack(read_exactly(stream, FOOTER.size))
     if not crc or not start:
-        return True
+        return "none"
     if start > end:
-        return False
+        return "wrong"
+    return "right" if checksum_of(stream, start, end + FOOTER.size - 4) == crc else "wrong"  # all but itself
+
+
+def checksum_of(stream: BinaryIO, start: int, end: int) -> int:
+    """The CRC-32 of the bytes from `start` to `end`.
+
+    Raises:
+        EOFError: the file ends before.
+    """
     stream.seek(start)
-    left = end + FOOTER.size - 4 - start  # all but the checksum itself
     found = 0
-    while left > 0:
-        block = read_exactly(stream, min(left, BLOCK))
+    while start < end:
+        block = read_exactly(stream, min(end - start, BLOCK))
         found = zlib.crc32(block, found)
-        left -= len(block)
-    return bool(found == crc)
+        start += len(block)
+    return found
 
 
 def _records(stream: BinaryIO, *, skip_magic: bool = True) -> Iterator[Any]:

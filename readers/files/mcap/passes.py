@@ -14,7 +14,7 @@ from readers.files.mcap.chunk import RECORD_HEAD, Entry, read_exactly
 from readers.files.mcap.index import ChunkPlace
 from readers.files.passes import JUMP_NS, pass_starts
 
-__all__ = ["FilePlace", "pass_places"]
+__all__ = ["INDEX_HEAD", "PAIR_BYTES", "FilePlace", "indexed_messages", "pass_places"]
 
 FilePlace = tuple[int, int]
 """Byte of the chunk, or of the message outside of chunks; then the byte within the chunk."""
@@ -35,7 +35,7 @@ def pass_places(stream: BinaryIO, chunks: Sequence[ChunkPlace], loose: Sequence[
         return []
     places = [(entry.offset, 0, entry.log_time_ns, entry.channel_id) for entry in loose]
     table = np.array(places, np.int64).reshape(-1, 4)
-    indexed = [table, *(_indexed(stream, chunk) for chunk in chunks)]
+    indexed = [table, *(indexed_messages(stream, chunk) for chunk in chunks)]
     table = np.concatenate(indexed)
     table = table[np.lexsort((table[:, 1], table[:, 0]))]
     return [(int(table[row, 0]), int(table[row, 1])) for row in pass_starts(table[:, 2], table[:, 3])]
@@ -58,12 +58,12 @@ def _jumps_at_the_end(stream: BinaryIO, chunks: Sequence[ChunkPlace]) -> bool:
     last = max(chunks, key=lambda chunk: chunk.position, default=None)
     if last is None or last.end_ns - last.start_ns <= JUMP_NS:
         return False
-    table = _indexed(stream, last)
+    table = indexed_messages(stream, last)
     log_times_ns = table[np.argsort(table[:, 1]), 2]
     return bool(len(table)) and bool((np.maximum.accumulate(log_times_ns) - log_times_ns).max() > JUMP_NS)
 
 
-def _indexed(stream: BinaryIO, chunk: ChunkPlace) -> np.ndarray[tuple[int, int], np.dtype[np.int64]]:
+def indexed_messages(stream: BinaryIO, chunk: ChunkPlace) -> np.ndarray[tuple[int, int], np.dtype[np.int64]]:
     """(N, 4) places, log times and channels of the messages of a chunk, from the index records that follow it."""
     found = []
     stream.seek(chunk.position + chunk.size)

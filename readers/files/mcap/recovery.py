@@ -22,7 +22,8 @@ from readers.files.mcap.chunk import (
     read_exactly,
     records_in,
 )
-from readers.files.mcap.index import MAGIC_BYTES, ChunkPlace, Contents, has_valid_summary
+from readers.files.mcap.definitions import Definitions
+from readers.files.mcap.index import MAGIC_BYTES, ChunkPlace, Contents, checksum_of, summary_checksum
 from readers.files.mcap.records import (
     OPCODES,
     Record,
@@ -89,6 +90,12 @@ class _Scan:
         self._data_end: int | None = None  # position of the record that ends the data
         self._summary_start = summary_start(stream, end)
         self._in_summary = False
+        self._definitions = Definitions(losses)
+        self.contents.schemas, self.contents.channels = self._definitions.schemas, self._definitions.channels
+        with losses.guard():
+            self._has_checked_summary = False
+            self._has_checked_summary = summary_checksum(stream) == "right"
+        self._statistics: Statistics | None = None
 
     def run(self) -> None:
         """Scan from the beginning of the file to its end."""
@@ -131,9 +138,30 @@ class _Scan:
         if missing < 0 or (still_missing and not uncounted):
             reason = f"its statistics say {self._total} messages, found {found}"
             self._losses.note(self._end, reason, messages=still_missing)
+        elif not self._bad and not unknown and (reason := self._contradiction()):
+            self._losses.note(self._end, reason, messages=0)
         elif because and not self._losses.listed():
             reason = f"its summary cannot be used ({because}); the messages were found by reading the whole file"
             self._losses.note(self._end, reason, messages=0)
+
+    def _contradiction(self) -> str:
+        """What of the statistics and the checksum of the data does not agree with what was found."""
+        contents, statistics = self.contents, self._statistics
+        if statistics is not None and statistics.message_count:
+            counts = {id_: count for id_, count in statistics.channel_message_counts.items() if count}
+            if counts and counts != +contents.counts:
+                return "its statistics count other messages by channel than were found: one may be on a wrong topic"
+            if (statistics.message_start_time, statistics.message_end_time) != (contents.start_ns, contents.end_ns):
+                return (
+                    f"its statistics name log times from {statistics.message_start_time} to "
+                    f"{statistics.message_end_time} ns, found {contents.start_ns} to {contents.end_ns}"
+                )
+        if contents.loose and self._data_end is not None:  # chunks have checksums of their own
+            self._stream.seek(self._data_end + RECORD_HEAD.size)
+            crc = int.from_bytes(read_exactly(self._stream, 4), "little")
+            if crc and checksum_of(self._stream, 0, self._data_end) != crc:
+                return "the checksum of its data is wrong: messages may be altered, and nothing says which"
+        return ""
 
     def _messages_lost(self, position: int) -> int | None:
         """Messages lost by the damage at `position`; None if unknown."""
@@ -196,7 +224,7 @@ class _Scan:
             chunk = self._load(position, is_cut=True)
         if damage.error:
             return False
-        self._take_records(chunk, position, self._end - position)
+        self._take_records(chunk, position, self._end - position, is_checked=False)
         self.contents.cut_chunk = position
         reason = f"the file ends in the middle of a chunk: it was cut off ({len(chunk)} bytes of it could be unpacked)"
         self._bad[position] = (reason, RECORD_HEAD.size + size)
@@ -213,12 +241,14 @@ class _Scan:
             self._in_summary = record.end == self._summary_start
         elif opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:
             self._stream.seek(record.content)
-            self._register(opcode, read_exactly(self._stream, record.size), record.start)
+            is_checked = self._in_summary and self._has_checked_summary
+            self._register(opcode, read_exactly(self._stream, record.size), record.start, is_checked=is_checked)
         elif opcode == Opcode.STATISTICS:
             with self._losses.guard():
                 self._stream.seek(record.content)
-                total = Statistics.read(ReadDataStream(self._stream)).message_count
-                self._total = total if has_valid_summary(self._stream) else self._total
+                statistics = Statistics.read(ReadDataStream(self._stream))
+                if summary_checksum(self._stream) != "wrong":
+                    self._statistics, self._total = statistics, statistics.message_count
         elif opcode == Opcode.MESSAGE_INDEX and self._last_chunk is not None:
             self._listed[self._last_chunk] += listed_messages(record)
 
@@ -229,7 +259,10 @@ class _Scan:
                 self._take_loose(record)
             else:
                 self._last_chunk = record.start
-                self._take_records(self._load(record.start), record.start, record.end - record.start)
+                self._stream.seek(record.content)
+                is_checked = bool(read_chunk_head(self._stream).crc)
+                records = self._load(record.start)
+                self._take_records(records, record.start, record.end - record.start, is_checked=is_checked)
         except LIBRARY_ERRORS as err:
             reason = f"a {Opcode(record.opcode).name.lower()} that cannot be read ({self._losses.reason(err)})"
             self._bad[record.start] = (reason, record.end - record.start)
@@ -267,7 +300,7 @@ class _Scan:
         self._allowance.take(head.uncompressed_size if head.compression else 0)
         return load_chunk(self._stream, position, self._limits, is_cut=is_cut, verify=verify)
 
-    def _take_records(self, chunk: bytes, position: int, size: int) -> None:
+    def _take_records(self, chunk: bytes, position: int, size: int, *, is_checked: bool) -> None:
         """Take all of a chunk of `size` bytes in the file, or nothing.
 
         Raises:
@@ -277,7 +310,7 @@ class _Scan:
         entries = [entry_of(chunk, at, position, at, size) for opcode, at, size in records if opcode == Opcode.MESSAGE]
         for opcode, at, length in records:
             if opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:
-                self._register(opcode, chunk[at : at + length], position)
+                self._register(opcode, chunk[at : at + length], position, is_checked=is_checked)
         for entry in entries:
             self._count(entry)
         if entries:
@@ -285,10 +318,10 @@ class _Scan:
             ids = frozenset(entry.channel_id for entry in entries)
             self.contents.chunks.append(ChunkPlace(min(times), position, max(times), ids, size))
 
-    def _register(self, opcode: int, record: bytes, position: int) -> None:
+    def _register(self, opcode: int, record: bytes, position: int, *, is_checked: bool) -> None:
         """Add a schema or channel, or note that it is damaged."""
         with self._losses.guard() as damage:
-            _register(self.contents, opcode, record)
+            self._definitions.add(opcode, record, position, is_checked=is_checked)
         if damage.error:
             self._bad[position] = (f"a record that cannot be read ({damage.reason})", len(record))
 

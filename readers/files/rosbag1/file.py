@@ -1,33 +1,38 @@
 """ROS 1 bags, format 2.0 (http://wiki.ros.org/Bags/Format/2.0), with uncompressed, bz2 or lz4 chunks.
 
-rosbags parses the index. Messages are read here: its own iterator leaves messages of equal time in the order of their
-connections, and keeps one chunk only, which it decompresses anew at every change between overlapping chunks.
+The index has no checksum. It is compared with itself when the file is opened, and each chunk with it when its first
+message is due. rosbags' own reader believes it: a changed bit in the number of chunks hides the others, one in a record
+at the end of the file renames a topic. It also leaves messages of equal time in the order of their connections.
 """
 
 from collections import Counter
 from collections.abc import Collection, Iterator
-from functools import cached_property
-from io import BytesIO
+from heapq import heappop, heappush
+from itertools import pairwise
 from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
-from rosbags.rosbag1.reader import Header, RecordType, read_bytes, read_uint32
 
 from pipeline.core.arrays import I64
+from pipeline.core.errors import RecordingError
 from pipeline.core.messages import RawMessage
-from readers.files.chunk_cache import ChunkCache, detach
 from readers.files.container import Container, Source
-from readers.files.damage import LIBRARY_ERRORS
 from readers.files.passes import pass_starts
-from readers.files.rosbag1.index import Contents, contents_of_index, load_chunk
+from readers.files.rosbag1.chunk import Entry, Found
+from readers.files.rosbag1.chunk_reader import ChunkReader
+from readers.files.rosbag1.index import Contents, contents_of_index
 from readers.files.rosbag1.recovery import contents_of_scan
 from readers.messages.header_stamp import stamp_or_log_time
 from readers.recording import RosVersion, TopicInfo, merge_topics
 
 __all__ = ["Rosbag1File"]
 
-INDEX_BLOCK = 4096
+LATE = "a message before the time that its index names, found too late to be read in its place"
+
+_FilePlace = tuple[int, int]
+"""Position of a chunk, and offset in it."""
+
+_FIRST, _LAST = (-1, 0), (2**62, 0)
 
 
 class Rosbag1File(Container):
@@ -41,16 +46,18 @@ class Rosbag1File(Container):
     ros_version: RosVersion = "ROS 1"
 
     def __init__(self, source: Source, content: Path) -> None:
-        self._content = content
         super().__init__(source, content.open("rb"))
 
     def _describe(self) -> None:
-        self._bad_chunks: set[int] = set()
-        self._chunk_cache = ChunkCache(max_loaded_bytes=self._limits.max_unpacked_bytes(self._stream.seek(0, 2)))
-        contents = self._read_contents()
-        self._channels, self._chunks, self._index = contents.channels, contents.chunks, contents.index
-        self._passes = _passes(contents.index)
-        counts = _counts(self._index[:, 3])
+        contents, is_indexed = self._read_contents()
+        self._index = contents.index
+        self._chunks = ChunkReader(self._stream, contents, self._limits, self._losses)
+        connections = self._chunks.confirm_connections() if is_indexed else contents.connections
+        self._channels = {id_: connection.channel for id_, connection in connections.items()}
+        self._pass_places = _pass_places(self._index)
+        counts = Counter(
+            dict(zip(*(a.tolist() for a in np.unique(self._index[:, 3], return_counts=True)), strict=True))
+        )
         self.topics = merge_topics(
             TopicInfo(channel.topic, channel.msgtype, counts[id_], (channel,))
             for id_, channel in self._channels.items()
@@ -58,133 +65,101 @@ class Rosbag1File(Container):
         self.message_count = len(self._index)
         self.start_ns, self.end_ns = (int(self._index[i, 0]) if self.message_count else 0 for i in (0, -1))
 
-    def _read_contents(self) -> Contents:
-        """What the index says, or what a scan finds if there is no valid one."""
+    def _read_contents(self) -> tuple[Contents, bool]:
+        """What the index says, or what a scan finds if there is no valid one; and whether it is the index."""
         indexed: Contents | None = None
         with self._losses.guard() as damage:
-            indexed = contents_of_index(self._content)
+            indexed = contents_of_index(self._stream)
         if indexed is not None and self._source.options.recovery != "full_scan":
-            return indexed
+            return indexed, True
         scanned = contents_of_scan(self._stream, self._losses, because=damage.reason, limits=self._limits)
         if damage.error and not len(scanned.index):
             raise damage.error
-        return scanned if indexed is None or len(scanned.index) else indexed
+        return (scanned, False) if indexed is None or len(scanned.index) else (indexed, True)
 
     def messages(
         self, topics: Collection[str] | None, *, start_ns: int | None, stop_ns: int | None
     ) -> Iterator[RawMessage]:
         """See `RecordingFile`."""
-        for index in self._passes:
-            yield from self._messages_of(index, topics, start_ns, stop_ns)
+        wanted = {id_ for id_, channel in self._channels.items() if topics is None or channel.topic in topics}
+        start = 0 if start_ns is None else start_ns
+        stop = 2**63 if stop_ns is None else stop_ns
+        for begin, end in pairwise([_FIRST, *self._pass_places, _LAST]):
+            yield from self._messages_of(wanted, start, stop, begin, end)
 
     def _messages_of(
-        self, index: I64, topics: Collection[str] | None, start_ns: int | None, stop_ns: int | None
+        self, wanted: set[int], start_ns: int, stop_ns: int, begin: _FilePlace, end: _FilePlace
     ) -> Iterator[RawMessage]:
-        """Those of one pass of the recorder's clock."""
-        self._chunk_cache.begin()
-        if topics is not None:
-            wanted = [id_ for id_, channel in self._channels.items() if channel.topic in topics]
-            index = index[np.isin(index[:, 3], wanted)]
-        first, last = 0, len(index)
-        if start_ns is not None:
-            first = int(np.searchsorted(index[:, 0], start_ns))
-        if stop_ns is not None:
-            last = int(np.searchsorted(index[:, 0], stop_ns))
-        left = _counts(index[first:last, 1])  # messages still to be yielded, by chunk
-        for begin in range(first, last, INDEX_BLOCK):
-            for log_time_ns, chunk_position, offset, connection_id in index[
-                begin : min(begin + INDEX_BLOCK, last)
-            ].tolist():
-                channel = self._channels[connection_id]
-                data = self._read_or_note(chunk_position, offset, connection_id, log_time_ns)
-                left[chunk_position] -= 1
-                if not left[chunk_position]:
-                    self._chunk_cache.drop(chunk_position)
-                if data is None:
+        """Those of one pass of the recorder's clock, which lies between two places of the file."""
+        self._chunks.begin()
+        waiting: list[tuple[int, int, int, Found]] = []
+        left: Counter[int] = Counter()  # messages still to be yielded, by chunk
+        last_ns = 0
+        for position, entries in self._by_chunk(wanted, start_ns, stop_ns, begin, end):
+
+            def is_taken(entry: Entry, position: int = position) -> bool:
+                is_between = begin <= (position, entry.offset) < end
+                return is_between and entry.connection_id in wanted and start_ns <= entry.log_time_ns < stop_ns
+
+            first = entries[0].log_time_ns, position, entries[0].offset
+            while waiting and waiting[0] < first:
+                last_ns = waiting[0][0]
+                if message := self._read(heappop(waiting), left):
+                    yield message
+            self._check_open()
+            for found in self._chunks.due(position, entries, is_taken):
+                log_time_ns, offset, _ = found.entry
+                if log_time_ns < last_ns:
+                    self._chunks.note_message(position, offset, LATE)
                     continue
-                yield RawMessage(
-                    stamp_or_log_time(channel, data, log_time_ns),
-                    log_time_ns,
-                    (self._source.index, (chunk_position << 32) + offset),  # offsets are uint32
-                    data,
-                    channel,
+                heappush(waiting, (log_time_ns, position, offset, found))
+                left[position] += 1
+            if len(waiting) > self._limits.max_messages_in_memory:
+                raise RecordingError(
+                    f"{self.path}: more than {self._limits.max_messages_in_memory} messages of chunks that overlap in "
+                    "time: rewrite it in the order of time, or raise limits.max_messages_in_memory"
                 )
+        while waiting:
+            if message := self._read(heappop(waiting), left):
+                yield message
 
-    def _read_or_note(
-        self, chunk_position: int, offset: int, connection_id: int, log_time_ns: int
-    ) -> bytes | memoryview | None:
-        """The data of a message; None if they are damaged, which is noted."""
-        if chunk_position in self._bad_chunks:
-            return None
-        try:
-            return self._read(chunk_position, offset, connection_id, log_time_ns)
-        except LIBRARY_ERRORS as err:
-            self._note(chunk_position, offset, self._losses.reason(err))
-            return None
+    def _by_chunk(
+        self, wanted: set[int], start_ns: int, stop_ns: int, begin: _FilePlace, end: _FilePlace
+    ) -> Iterator[tuple[int, list[Entry]]]:
+        """The wanted entries of the index by chunk, in the order of the first one of each."""
+        index = self._index
+        index = index[slice(*np.searchsorted(index[:, 0], (start_ns, min(stop_ns, 2**63 - 1))).tolist())]
+        if len(wanted) < len(self._channels):
+            index = index[np.isin(index[:, 3], [*wanted])]
+        if self._pass_places:
+            chunks, offsets = index[:, 1], index[:, 2]
+            is_behind = (chunks > begin[0]) | ((chunks == begin[0]) & (offsets >= begin[1]))
+            index = index[is_behind & ((chunks < end[0]) | ((chunks == end[0]) & (offsets < end[1])))]
+        by_chunk = np.argsort(index[:, 1], kind="stable")
+        positions, starts = np.unique(index[by_chunk, 1], return_index=True)
+        ends = [*starts[1:].tolist(), len(by_chunk)]
+        for number in np.argsort(by_chunk[starts]).tolist():
+            rows = index[by_chunk[starts[number] : ends[number]]]
+            yield int(positions[number]), list(map(Entry._make, rows[:, (0, 2, 3)].tolist()))
 
-    def _note(self, chunk_position: int, offset: int, reason: str) -> None:
-        """Note a message or its chunk as damaged."""
-        chunk = self._chunks[chunk_position]
-        if chunk.compression == "none":
-            self._losses.note(chunk.data_position + offset, reason, messages=1)
-        elif self._chunk_cache.holds(chunk_position):
-            self._losses.note(chunk_position, f"a message at byte {offset} of the chunk: {reason}", messages=1)
-        else:
-            self._bad_chunks.add(chunk_position)
-            count = self._chunk_counts[chunk_position]
-            size = chunk.data_position + chunk.data_size - chunk_position
-            self._losses.note(chunk_position, f"a chunk that does not unpack ({reason})", size=size, messages=count)
-
-    @cached_property
-    def _chunk_counts(self) -> Counter[int]:
-        """Number of messages by chunk position."""
-        return _counts(self._index[:, 1])
-
-    def _read(self, chunk_position: int, offset: int, connection_id: int, log_time_ns: int) -> bytes | memoryview:
+    def _read(self, due: tuple[int, int, int, Found], left: Counter[int]) -> RawMessage | None:
+        """A message; None if it is damaged, which is noted."""
+        log_time_ns, position, offset, message = due
+        channel = self._channels[message.entry.connection_id]
         self._check_open()
-        chunk = self._chunks[chunk_position]
-        if chunk.compression == "none":
-            _seek_message(self._stream, chunk.data_position + offset, connection_id, log_time_ns)
-            size = read_uint32(self._stream)
-            if size > self._limits.max_message_bytes:
-                raise ValueError(f"a message of {size} bytes, see limits.max_message_mib")
-            if chunk.data_size and self._stream.tell() + size > chunk.data_position + chunk.data_size:
-                raise ValueError(f"a message of {size} bytes reaches beyond its chunk of {chunk.data_size}")
-            return read_bytes(self._stream, size)
-        records = self._chunk_cache.get(
-            chunk_position, lambda: load_chunk(self._stream, chunk_position, chunk, self._limits)
-        )
-        stream = BytesIO(records)  # shares the bytes
-        _seek_message(stream, offset, connection_id, log_time_ns)
-        size = read_uint32(stream)
-        return detach(records, stream.tell(), size)
+        data = self._chunks.read(position, message)
+        left[position] -= 1
+        if not left[position]:
+            del left[position]
+            self._chunks.drop(position)
+        if data is None:
+            return None
+        order = self._source.index, (position << 32) + offset  # offsets are uint32
+        return RawMessage(stamp_or_log_time(channel, data, log_time_ns), log_time_ns, order, data, channel)
 
 
-def _passes(index: I64) -> list[I64]:
-    """The rows of each pass of the recorder's clock, as sorted as the index."""
+def _pass_places(index: I64) -> list[_FilePlace]:
+    """Where the second and later passes of the recorder's clock begin; mostly none."""
     in_file = np.lexsort((index[:, 2], index[:, 1]))
     starts = pass_starts(index[in_file, 0], index[in_file, 3])
-    if not starts:
-        return [index]
-    return [index[np.sort(rows)] for rows in np.split(in_file, starts)]
-
-
-def _counts(values: I64) -> Counter[int]:
-    unique, counts = np.unique(values, return_counts=True)
-    return Counter(dict(zip(unique.tolist(), counts.tolist(), strict=True)))
-
-
-def _seek_message(stream: BinaryIO, position: int, connection_id: int, log_time_ns: int) -> None:
-    """Go to the data of the message whose record is at `position`.
-
-    Raises:
-        ValueError: the record is not the one that the index names.
-    """
-    stream.seek(position)
-    header = Header.read(stream)
-    while header.get_uint8("op") == RecordType.CONNECTION:  # some writers index the connection before its first message
-        stream.seek(read_uint32(stream), 1)
-        header = Header.read(stream)
-    found = header.get_uint8("op"), header.get_uint32("conn"), header.get_time("time")
-    if found != (RecordType.MSGDATA, connection_id, log_time_ns):
-        raise ValueError(f"the index says message of connection {connection_id} at {position}, found {found}")
+    return [(int(index[in_file[start], 1]), int(index[in_file[start], 2])) for start in starts]

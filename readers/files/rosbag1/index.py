@@ -1,20 +1,37 @@
-"""What a ROS 1 bag contains and where, according to its index."""
+"""What a ROS 1 bag contains and where, according to its index.
 
+Everything that the file says twice is compared, because no part of an index has a checksum: the counts in the header
+with the records at the end, the chunks with one another (no byte between them is unexplained), and the index behind
+each chunk with the counts and times at the end of the file. Only the chunks themselves stay unread.
+"""
+
+import struct
+from collections import Counter
 from dataclasses import dataclass
-from pathlib import Path
-from typing import BinaryIO, NamedTuple
+from io import BytesIO
+from itertools import pairwise
+from typing import BinaryIO, Literal, NamedTuple
 
 import numpy as np
-from rosbags.rosbag1 import Reader
-from rosbags.rosbag1.reader import decompressors, read_bytes
 
 from pipeline.core.arrays import I64
-from pipeline.core.messages import Channel
-from pipeline.core.settings.recording import LimitsConfig
-from readers.files.decompress import Unpacked, unpack, unpack_lz4
-from readers.files.rosbag1.records import CHUNK, read_record
+from readers.files.rosbag1.connections import Connection, connection_of
+from readers.files.rosbag1.records import (
+    CHUNK,
+    CHUNK_INFO,
+    CONNECTION,
+    HEADER,
+    INDEX,
+    MAGIC_BYTES,
+    Record,
+    read_record,
+)
 
-__all__ = ["Chunk", "Contents", "by_time", "check_complete", "contents_of_index", "load_chunk"]
+__all__ = ["Chunk", "Contents", "by_time", "contents_of_index"]
+
+COMPRESSIONS = {b"none": "none", b"bz2": "bz2", b"lz4": "lz4"}
+ENTRY = np.dtype([("sec", "<u4"), ("nanosec", "<u4"), ("offset", "<u4")])
+UINT32_PAIR = struct.Struct("<II")
 
 
 class Chunk(NamedTuple):
@@ -25,12 +42,16 @@ class Chunk(NamedTuple):
         data_size: Bytes of the data; 0 if unknown.
         compression: `none`, `bz2` or `lz4`.
         is_cut: Whether the file ends inside them.
+        start_ns: Log time of its first message, according to the end of the file.
+        end_ns: Log time of its last message (inclusive), likewise.
     """
 
     data_position: int
     data_size: int
     compression: str
     is_cut: bool = False
+    start_ns: int = 0
+    end_ns: int = 2**63 - 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,85 +59,145 @@ class Contents:
     """What a bag contains and where.
 
     Attributes:
-        channels: By connection id.
+        connections: By number.
         chunks: By position in the file.
         index: (N, 4) log time, position of the chunk, offset in it, and connection id of every message; sorted.
+        found_by: Whether this is what the index says, or what was found in the chunks themselves.
     """
 
-    channels: dict[int, Channel]
+    connections: dict[int, Connection]
     chunks: dict[int, Chunk]
     index: I64
+    found_by: Literal["index", "scan"] = "index"
 
 
-def load_chunk(stream: BinaryIO, position: int, chunk: Chunk, limits: LimitsConfig) -> bytes:
-    """The records of the compressed chunk that begins at `position`.
+class _ChunkInfo(NamedTuple):
+    """What the end of the file says of a chunk: times, and the number of messages by connection id."""
 
-    Raises:
-        Exception: any that the decompressing libraries raise, if it is damaged.
-    """
-    if chunk.compression == "lz4" and not chunk.is_cut:
-        record = read_record(stream, position, chunk.data_position + chunk.data_size)
-        size = record.number(b"size") if record is not None and record.kind == CHUNK else chunk.data_size
-        stream.seek(chunk.data_position)
-        return unpack_lz4(read_bytes(stream, chunk.data_size), size, largest=limits.max_chunk_bytes)
-    end = chunk.data_position + chunk.data_size
-    unpacked = unpack(stream, chunk.data_position, end, chunk.compression, largest=limits.max_chunk_bytes)
-    if not chunk.is_cut:
-        check_complete(unpacked, chunk.compression)
-    return unpacked.data
+    start_ns: int
+    end_ns: int
+    counts: Counter[int]
 
 
-def check_complete(unpacked: Unpacked, compression: str) -> None:
-    """Refuse data that lack their end.
-
-    Raises:
-        EOFError: the end is missing.
-    """
-    if not unpacked.complete:
-        raise EOFError(f"its {compression} data end early")
-
-
-def contents_of_index(path: Path) -> Contents:
+def contents_of_index(stream: BinaryIO) -> Contents:
     """What the index of the bag says.
 
     Raises:
-        ValueError: the index and the chunks disagree.
-        Exception: any that the rosbags library raises, if there is no index or the file is damaged.
+        ValueError: there is no index, or it contradicts itself or the places of the chunks.
+        Exception: any that damage causes.
     """
-    with Reader(path) as reader:
-        names = {decompress: name for name, decompress in decompressors.items()}
-        channels = {
-            connection.id: Channel(
-                connection.topic,
-                connection.msgtype,
-                "ros1",
-                connection.msgdef.data,
-                "ros1msg",
-                digest=connection.digest,
-            )
-            for connection in reader.connections
-        }
-        chunks = {
-            position: Chunk(chunk.datapos, chunk.datasize, names[chunk.decompressor])
-            for position, chunk in reader.chunks.items()
-        }
-        return Contents(channels, chunks, _index_of(reader))
-
-
-def _index_of(reader: Reader) -> I64:
-    parts = [
-        np.column_stack([np.array(entries, np.int64), np.full(len(entries), id_, np.int64)])
-        for id_, entries in reader.indexes.items()
-        if entries
-    ]
-    reader.indexes.clear()  # takes eight times the memory of the arrays
-    counted = sum(sum(chunk.connection_counts.values()) for chunk in reader.chunk_infos)
-    indexed = sum(len(part) for part in parts)
-    if indexed != counted:
-        raise ValueError(f"the chunks hold {counted} messages, the index lists {indexed}")
-    return by_time(np.concatenate(parts) if parts else np.zeros((0, 4), np.int64))
+    end = stream.seek(0, 2)
+    header = _required(stream, MAGIC_BYTES, end, HEADER, "the header")
+    if header.fields.get(b"encryptor"):
+        raise ValueError(f"it is encrypted ({header.fields[b'encryptor'].decode(errors='replace')})")
+    index_position = header.number(b"index_pos")
+    if not index_position:
+        raise ValueError("it was not closed, and has no index")
+    connections, infos = _end_of_file(stream, index_position, end)
+    said = header.number(b"conn_count"), header.number(b"chunk_count")
+    if said != (len(connections), len(infos)):
+        raise ValueError(
+            f"its header says {said[0]} connections and {said[1]} chunks, "
+            f"the index lists {len(connections)} and {len(infos)}"
+        )
+    chunks: dict[int, Chunk] = {}
+    parts = [np.zeros((0, 4), np.int64)]
+    starts = [*sorted(infos), index_position]
+    if header.end != starts[0]:
+        raise ValueError(f"its first chunk is expected at byte {header.end}, the index says {starts[0]}")
+    for position, following in pairwise(starts):
+        chunks[position], rows = _chunk(stream, position, following, infos[position])
+        parts.append(rows)
+    index = by_time(np.concatenate(parts))
+    if unknown := {*np.unique(index[:, 3]).tolist()} - connections.keys():
+        raise ValueError(f"it has messages of connection {min(unknown)}, which the index does not list")
+    return Contents(connections, chunks, index)
 
 
 def by_time(index: I64) -> I64:
     """The rows of an index in the order of (log time, chunk, offset)."""
     return index[np.lexsort((index[:, 2], index[:, 1], index[:, 0]))]
+
+
+def _required(stream: BinaryIO, position: int, end: int, kind: int, name: str) -> Record:
+    record = read_record(stream, position, end)
+    if record is None or record.kind != kind or record.end > end:
+        raise ValueError(f"expected {name} at byte {position}")
+    return record
+
+
+def _end_of_file(stream: BinaryIO, position: int, end: int) -> tuple[dict[int, Connection], dict[int, _ChunkInfo]]:
+    """The connections by id, and what is said of the chunks by position: all records from `position` to the end."""
+    connections: dict[int, Connection] = {}
+    infos: dict[int, _ChunkInfo] = {}
+    while position < end:
+        record = read_record(stream, position, end)
+        if record is not None and record.kind == CONNECTION and not infos:
+            id_ = record.number(b"conn")
+            if id_ in connections:
+                raise ValueError(f"the index lists connection {id_} twice")
+            connections[id_] = connection_of(stream, record)
+        elif record is not None and record.kind == CHUNK_INFO and record.number(b"ver") == 1:
+            stream.seek(record.data)
+            counts = Counter(dict(UINT32_PAIR.iter_unpack(stream.read(record.size))))
+            if record.number(b"chunk_pos") in infos or len(counts) != record.number(b"count"):
+                raise ValueError(f"the index lists a chunk or one of its connections twice at byte {position}")
+            span = record.time_of(b"start_time"), record.time_of(b"end_time")
+            infos[record.number(b"chunk_pos")] = _ChunkInfo(*span, counts)
+        else:
+            raise ValueError(f"expected a record of the index at byte {position}")
+        position = record.end
+    return connections, infos
+
+
+def _chunk(stream: BinaryIO, position: int, following: int, info: _ChunkInfo) -> tuple[Chunk, I64]:
+    """A chunk and the rows of its messages, from the records between it and the next one at `following`.
+
+    Raises:
+        ValueError: they do not fill the place between, or do not agree with `info`.
+    """
+    record = _required(stream, position, following, CHUNK, "a chunk")
+    compression = COMPRESSIONS.get(record.fields[b"compression"])
+    if compression is None:
+        raise ValueError(f"the chunk at byte {position} has an unknown compression")
+    chunk = Chunk(record.data, record.size, compression, False, info.start_ns, info.end_ns)
+    unpacked_size = record.number(b"size")
+    if compression == "none" and unpacked_size != record.size:
+        raise ValueError(f"the chunk at byte {position} gives two sizes, {unpacked_size} and {record.size}")
+    stream.seek(record.end)
+    behind = stream.read(following - record.end)
+    indexes = BytesIO(behind)
+    size, at = following - record.end, 0
+    entries: list[bytes] = []
+    counts: Counter[int] = Counter()
+    while at < size:
+        index = _required(indexes, at, size, INDEX, f"an index of the chunk at byte {position}, {at} bytes behind it,")
+        id_ = index.number(b"conn")
+        if index.number(b"ver") != 1 or id_ in counts:
+            raise ValueError(f"an index of the chunk at byte {position} has another version, or comes twice")
+        entries.append(behind[index.data : index.end])
+        counts[id_] = index.number(b"count")
+        at = index.end
+    if +counts != +info.counts:
+        raise ValueError(
+            f"the chunk at byte {position} has {info.counts.total()} messages according to the end of the file, "
+            f"{counts.total()} according to the index behind it"
+        )
+    listed = np.frombuffer(b"".join(entries), ENTRY)
+    rows = np.empty((len(listed), 4), np.int64)
+    rows[:, 0] = listed["sec"] * np.int64(10**9) + listed["nanosec"]
+    rows[:, 1] = position
+    rows[:, 2] = listed["offset"]
+    rows[:, 3] = np.repeat([*counts], [*counts.values()]) if counts else 0
+    _check_entries(rows, position, unpacked_size, info)
+    return chunk, rows
+
+
+def _check_entries(rows: I64, position: int, size: int, info: _ChunkInfo) -> None:
+    """Refuse an index whose entries cannot all be right."""
+    if not len(rows):
+        return
+    if len(np.unique(rows[:, 2])) != len(rows) or rows[:, 2].max() >= size:
+        raise ValueError(f"the index of the chunk at byte {position} names a message twice, or outside of the chunk")
+    if rows[:, 0].min() < info.start_ns or rows[:, 0].max() > info.end_ns:
+        raise ValueError(f"the index of the chunk at byte {position} names times that the chunk does not cover")

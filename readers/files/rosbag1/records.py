@@ -10,12 +10,16 @@ __all__ = [
     "CONNECTION",
     "HEADER",
     "INDEX",
+    "MAGIC_BYTES",
     "MESSAGE",
     "Record",
     "find_record",
     "looks_like_record",
     "read_record",
 ]
+
+MAGIC_BYTES = 13
+"""The first record begins behind these."""
 
 MESSAGE = 2
 HEADER = 3
@@ -37,6 +41,19 @@ FIELDS: dict[int, dict[bytes, int | None]] = {
 ENTRY_BYTES = {INDEX: 12, CHUNK_INFO: 8}
 
 UINT32 = struct.Struct("<I")
+
+HEAD_BYTES = 64
+"""First bytes of a record that are read at once."""
+
+MESSAGE_BEGIN = re.compile(
+    rb"(?s)\x26\0\0\0(?:\x09\0\0\0conn=(....)|\x04\0\0\0op=(\x02)|\x0d\0\0\0time=(.{8})){3}(....)"
+)
+"""The header of a message without other fields, in any order, and the length of its data: nearly all records."""
+
+INDEX_BEGIN = re.compile(
+    rb"(?s)\x2f\0\0\0(?:\x04\0\0\0op=(\x04)|\x08\0\0\0ver=(....)|\x09\0\0\0conn=(....)|\x0a\0\0\0count=(....)){4}(....)"
+)
+"""Likewise of the index of a chunk."""
 
 HEADER_LIMIT = 1 << 12
 """Longest header of a record in bytes: its longest field is the name of a topic."""
@@ -74,7 +91,11 @@ class Record(NamedTuple):
     @property
     def time_ns(self) -> int:
         """The time of a message."""
-        seconds, nanoseconds = struct.unpack("<II", self.fields[b"time"])
+        return self.time_of(b"time")
+
+    def time_of(self, name: bytes) -> int:
+        """A field that is a time, in nanoseconds."""
+        seconds, nanoseconds = struct.unpack("<II", self.fields[name])
         return int(seconds) * 10**9 + int(nanoseconds)
 
 
@@ -89,20 +110,37 @@ def read_record(stream: BinaryIO, position: int, end: int) -> Record | None:
     if position + 8 > end:
         return None
     stream.seek(position)
-    (length,) = UINT32.unpack(stream.read(4))
+    begin = stream.read(HEAD_BYTES)
+    if match := MESSAGE_BEGIN.match(begin):
+        conn, op, time, size_bytes = match.groups()
+        if conn is not None and op is not None and time is not None:
+            (size,) = UINT32.unpack(size_bytes)
+            record = Record(MESSAGE, {b"conn": conn, b"time": time}, position, position + match.end(), size)
+            return record if record.end <= end else None
+    if match := INDEX_BEGIN.match(begin):
+        op, version, conn, count, size_bytes = match.groups()
+        if op is not None and version is not None and conn is not None and count is not None:
+            (size,) = UINT32.unpack(size_bytes)
+            fields = {b"ver": version, b"conn": conn, b"count": count}
+            record = Record(INDEX, fields, position, position + match.end(), size)
+            has_entries = size == record.number(b"count") * ENTRY_BYTES[INDEX]
+            return record if has_entries and record.end <= end else None
+    (length,) = UINT32.unpack_from(begin)
     data = position + 8 + length
     if length > HEADER_LIMIT or data > end:
         return None
-    content = stream.read(length + 4)
-    fields = _fields(content[:length])
-    if fields is None or len(fields.get(b"op", b"")) != 1:
+    if length + 8 > len(begin):
+        begin += stream.read(length + 8 - len(begin))
+    content = begin[4 : length + 8]
+    parsed = _fields(content[:length])
+    if parsed is None or len(parsed.get(b"op", b"")) != 1:
         return None
-    kind = fields[b"op"][0]
+    kind = parsed[b"op"][0]
     for name, width in FIELDS.get(kind, {b"": None}).items():
-        if name not in fields or (width is not None and len(fields[name]) != width):
+        if name not in parsed or (width is not None and len(parsed[name]) != width):
             return None
     (size,) = UINT32.unpack_from(content, length)
-    record = Record(kind, fields, position, data, size)
+    record = Record(kind, parsed, position, data, size)
     if kind in ENTRY_BYTES and size != record.number(b"count") * ENTRY_BYTES[kind]:
         return None
     return record if kind == CHUNK or record.end <= end else None

@@ -6,21 +6,21 @@ from io import BytesIO
 from typing import BinaryIO
 
 import numpy as np
-from rosbags.rosbag1.reader import Header, normalize
-from rosbags.typesys.msg import normalize_msgtype
 
 from pipeline.core.errors import RecordingError
-from pipeline.core.messages import Channel
 from pipeline.core.settings.recording import LimitsConfig
 from readers.files.damage import Losses
 from readers.files.decompress import Allowance, compression_of, unpack
-from readers.files.rosbag1.index import Chunk, Contents, by_time, check_complete
+from readers.files.rosbag1.chunk import check_complete
+from readers.files.rosbag1.connections import Connection, agreed, connection_of, is_same
+from readers.files.rosbag1.index import Chunk, Contents, by_time
 from readers.files.rosbag1.records import (
     CHUNK,
     CHUNK_INFO,
     CONNECTION,
     HEADER,
     INDEX,
+    MAGIC_BYTES,
     MESSAGE,
     Record,
     find_record,
@@ -30,7 +30,6 @@ from readers.files.rosbag1.records import (
 
 __all__ = ["contents_of_scan"]
 
-MAGIC_BYTES = 13
 OFFSET_END = 1 << 32
 CUT_INDEX = "the index at the end of the file is cut off; the messages were found by reading the whole file"
 
@@ -65,7 +64,7 @@ class _Scan:
         self._limits = limits
         self._allowance = Allowance(limits.max_unpacked_bytes(end))
         self._end = end
-        self._channels: dict[int, Channel] = {}
+        self._connections: dict[int, Connection] = {}
         self._chunks: dict[int, Chunk] = {}
         self._rows = array("q")
         self._base: int | None = None  # position of the current chunk
@@ -105,7 +104,7 @@ class _Scan:
         """What was found; what was lost is noted."""
         losses = self._losses
         index = np.array(self._rows, np.int64).reshape(-1, 4)
-        known = np.isin(index[:, 3], list(self._channels))
+        known = np.isin(index[:, 3], list(self._connections))
         if not known.all():
             _, chunk, offset, _ = index[~known][0].tolist()
             lost = int((~known).sum())
@@ -114,6 +113,7 @@ class _Scan:
                 "messages of connections whose record was lost: their topic and type are unknown",
                 messages=lost,
             )
+        self._match_counts()
         for part in sorted({*self._gaps, *self._found, *self._listed, *self._counted}):
             self._note(part)
         if because and not losses.listed():
@@ -122,12 +122,25 @@ class _Scan:
                 losses.note(self._index_position, reason, messages=0)
             else:
                 losses.note(self._end, "it was not closed: what the recorder had not written yet is missing")
-        return Contents(self._channels, self._chunks, by_time(index[known]))
+        return Contents(self._connections, self._chunks, by_time(index[known]), "scan")
+
+    def _match_counts(self) -> None:
+        """Give counts at the end of the file that name no chunk to the chunks without one: a position was damaged."""
+        nameless = [part for part in sorted(self._counted) if part not in self._chunks and not self._gaps.get(part)]
+        uncounted = [part for part in sorted(self._found) if part not in self._counted]
+        for part in nameless:
+            match = next((other for other in uncounted if self._found[other] == self._counted[part]), None)
+            if match is not None:
+                uncounted.remove(match)
+                self._counted[match] = self._counted.pop(part)
 
     def _note(self, part: int) -> None:
-        expected = self._counted.get(part, self._listed.get(part))
         found = self._found[part]
+        said = [counts[part] for counts in (self._counted, self._listed) if part in counts]
+        expected = found if found in said else next(iter(said), None)  # one of the two may be damaged
         missing = None if expected is None or expected < found else expected - found
+        if self._found.total() == sum(self._counted.values()):
+            missing = 0
         if gaps := self._gaps.get(part):
             position, _, reason = gaps[0]
             more = f" (and in {len(gaps) - 1} more places of the chunk)" if len(gaps) > 1 else ""
@@ -230,13 +243,15 @@ class _Scan:
         if stream is self._stream and self._base is None:
             self._in_index = True
         with self._losses.guard():  # each is recorded twice; if both are lost, its messages are counted
-            stream.seek(record.data - 4)  # the data have the form of a header
-            fields = Header.read(stream)
-            topic = normalize(record.fields[b"topic"].decode())
-            msgtype = normalize_msgtype(fields.get_string("type"))
-            definition, digest = fields.get_string("message_definition"), fields.get_string("md5sum")
-            channel = Channel(topic, msgtype, "ros1", definition, "ros1msg", digest=digest)
-            self._channels.setdefault(record.number(b"conn"), channel)
+            id_ = record.number(b"conn")
+            known = self._connections.get(id_)
+            if known is not None and is_same(known, stream, record):
+                return
+            connection = connection_of(stream, record)
+            known = self._connections.setdefault(id_, connection)
+            places = {"known_at": "in the chunk", "other_at": "in another chunk or at the end of the file"}
+            position = record.start if stream is self._stream else self._part
+            self._connections[id_] = agreed(known, connection, self._losses, id_=id_, position=position, **places)
 
     def _take_other(self, record: Record) -> None:
         if record.kind == INDEX:

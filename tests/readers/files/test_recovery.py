@@ -246,7 +246,7 @@ def test_a_record_whose_kind_was_overwritten_costs_that_record(tmp_path: Path) -
     assert (loss.position, loss.messages) == (place, 1)
 
 
-def test_a_wrong_index_does_not_hide_messages_from_a_thorough_reading(tmp_path: Path) -> None:
+def test_a_wrong_index_does_not_hide_messages(tmp_path: Path) -> None:
     path, messages = write(tmp_path, "bag-none")
     damaged = bytearray(path.read_bytes())
     seconds = (T0 // 10**9).to_bytes(4, "little")
@@ -254,7 +254,7 @@ def test_a_wrong_index_does_not_hide_messages_from_a_thorough_reading(tmp_path: 
     damaged[at + 8] ^= 0x10  # the offset of a message
     path.write_bytes(damaged)
     got, losses = recovered(path)
-    assert (len(got), [loss.messages for loss in losses]) == (len(messages) - 1, [1])
+    assert (got, [loss.messages for loss in losses]) == ([content(m) for m in messages], [0])
     assert recovered(path, thorough=True) == ([content(m) for m in messages], ())
 
 

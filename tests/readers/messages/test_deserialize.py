@@ -18,7 +18,7 @@ def state() -> RawMessage:
 
 
 def test_the_recorded_definition_decides_the_layout() -> None:
-    odd = Channel("/t", ODOMETRY, "cdr", "uint16 a\nuint16 b")
+    odd = Channel("/t", "nav_msgs/msg/Odd", "cdr", "uint16 a\nuint16 b")
     decoded = deserialize(RawMessage(0, 0, (0, 0), b"\0\1\0\0\1\0\2\0", odd))
     assert (decoded.a, decoded.b) == (1, 2)
 

@@ -181,7 +181,7 @@ def test_older_layouts(definitions: dict[str, str], encoding: builders.Encoding,
 
 def test_unknown_layout() -> None:
     raw = old_message(NO_BOX, "cdr", [{"results": [{"id": "car", "score": 0.5}]}])
-    with pytest.raises(MessageError, match=r"/boxes: .* of an unknown layout: .*bbox"):
+    with pytest.raises(MessageError, match=r"/boxes: .* is another than lidcam reads: .*bbox"):
         decode_detections2d(raw, CLASS_IDS)
 
 

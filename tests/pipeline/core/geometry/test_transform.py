@@ -80,6 +80,8 @@ def test_a_quaternion_without_length_is_refused(quaternion: tuple[float, ...]) -
         (np.diag([1.0, 1.0, -1.0]), "reflection"),
         (np.diag([2.0, 0.5, 1.0]), "orthonormal"),
         (np.full((3, 3), np.nan), "finite"),
+        (np.diag([1e300, 1e300, 1e300]), "orthonormal"),
+        (np.array([[1e300, -1e300, 0], [1e300, 1e300, 0], [0, 0, 1e-300]]), "orthonormal"),
     ],
 )
 def test_rotation_fault(matrix: F64, fault: str | None) -> None:

@@ -1,0 +1,1 @@
+"""The first things that the programs do, before anything heavy is imported."""

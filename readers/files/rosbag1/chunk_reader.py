@@ -1,0 +1,210 @@
+"""The messages of a ROS 1 bag, chunk by chunk: what the index says of a chunk is compared with the chunk itself."""
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from functools import cached_property
+from io import BytesIO
+from typing import BinaryIO
+
+import numpy as np
+from rosbags.rosbag1.reader import read_bytes
+
+from pipeline.core.settings.recording import LimitsConfig
+from readers.files.chunk_cache import ChunkCache, detach
+from readers.files.damage import LIBRARY_ERRORS, Losses
+from readers.files.rosbag1.chunk import (
+    Comparison,
+    Entry,
+    Found,
+    compared,
+    has_right_length,
+    load_chunk,
+    message_at,
+    messages_of,
+)
+from readers.files.rosbag1.connections import Connection, agreed, connection_of, is_same
+from readers.files.rosbag1.index import Chunk, Contents
+from readers.files.rosbag1.records import Record
+
+__all__ = ["ChunkReader"]
+
+MAX_BYTES_AT_OPENING = 8 << 20
+"""Chunks that are read to compare the records of connections when a bag is opened; the others as they are read."""
+
+
+class ChunkReader:
+    """Reads chunks, and notes where they and the index differ: there, the chunk counts.
+
+    Args:
+        stream: The file.
+        contents: What the index says, or what a scan has found.
+        limits: What a chunk may unpack to.
+        losses: Collects what differs.
+    """
+
+    def __init__(self, stream: BinaryIO, contents: Contents, limits: LimitsConfig, losses: Losses) -> None:
+        self._stream = stream
+        self._contents = contents
+        self._limits = limits
+        self._losses = losses
+        self._bad_chunks: set[int] = set()
+        self._end = stream.seek(0, 2)
+        self._cache = ChunkCache(max_loaded_bytes=limits.max_unpacked_bytes(self._end))
+        self._confirmed: set[int] = set()
+
+    def begin(self) -> None:
+        """Begin to read from the start once more."""
+        self._cache.begin()
+
+    def drop(self, position: int) -> None:
+        """Forget the content of a chunk."""
+        self._cache.drop(position)
+
+    def confirm_connections(self) -> dict[int, Connection]:
+        """The connections, compared with the first chunks in which they have messages."""
+        connections = dict(self._contents.connections)
+        index = self._contents.index
+        ids, rows = np.unique(index[np.argsort(index[:, 1], kind="stable"), 3], return_index=True)
+        firsts = np.sort(index[:, 1])[rows].tolist()
+        left = MAX_BYTES_AT_OPENING
+        for position in dict.fromkeys([*sorted(self._contents.chunks)[:1], *sorted(firsts)]):
+            wanted = {id_ for id_, first in zip(ids.tolist(), firsts, strict=True) if first >= position}
+            left -= self._contents.chunks[position].data_size
+            if not wanted - self._confirmed or left < 0:
+                continue
+            try:
+                stream, begin, end = self._opened(position)
+                for record in messages_of(stream, begin, end, self._limits)[1]:
+                    self._confirm(stream, record, position, connections)
+            except LIBRARY_ERRORS as err:
+                self._losses.reason(err)  # told when its messages are read
+        return connections
+
+    def due(self, position: int, entries: Sequence[Entry], is_taken: Callable[[Entry], bool]) -> list[Found]:
+        """The messages of a chunk that are to be read.
+
+        Args:
+            position: Of the chunk.
+            entries: The wanted ones of the index.
+            is_taken: Whether a message is wanted.
+        """
+        if position in self._bad_chunks:
+            return []
+        chunk = self._contents.chunks[position]
+        try:
+            if self._contents.found_by == "scan" or chunk.compression == "none":
+                comparison = self._by_entries(position, entries)
+                if comparison.only_indexed and self._contents.found_by == "index":
+                    stream, begin, end = self._opened(position)
+                    comparison = compared(entries, messages_of(stream, begin, end, self._limits)[0])
+            else:
+                stream, begin, end = self._opened(position)
+                found, records = messages_of(stream, begin, end, self._limits)
+                comparison = compared(entries, found)
+                for record in records:  # too late to use the other record
+                    self._confirm(stream, record, position, dict(self._contents.connections))
+        except LIBRARY_ERRORS as err:
+            self._note_chunk(position, self._losses.reason(err))
+            return []
+        return self._settled(position, chunk, comparison, is_taken)
+
+    def read(self, position: int, message: Found) -> bytes | memoryview | None:
+        """The data of a message; None if they are damaged, which is noted."""
+        if position in self._bad_chunks:
+            return None
+        chunk = self._contents.chunks[position]
+        try:
+            if chunk.compression != "none":
+                return detach(self._unpacked(position), message.data_at, message.size)
+            if message.size > self._limits.max_message_bytes:
+                raise ValueError(f"a message of {message.size} bytes, see limits.max_message_mib")
+            self._stream.seek(message.data_at)
+            return read_bytes(self._stream, message.size)
+        except LIBRARY_ERRORS as err:
+            if chunk.compression != "none" and not self._cache.holds(position):
+                self._note_chunk(position, self._losses.reason(err))
+            else:
+                self.note_message(position, message.entry.offset, self._losses.reason(err))
+            return None
+
+    def note_message(self, position: int, offset: int, reason: str) -> None:
+        """Note a message of a chunk as lost."""
+        chunk = self._contents.chunks[position]
+        if chunk.compression == "none":
+            self._losses.note(chunk.data_position + offset, reason, messages=1)
+        else:
+            self._losses.note(position, f"a message at byte {offset} of the chunk: {reason}", messages=1)
+
+    def _by_entries(self, position: int, entries: Sequence[Entry]) -> Comparison:
+        """The messages that the index names in a chunk, or a scan has found: nothing else of it is read."""
+        stream, begin, end = self._opened(position)
+        places = (message_at(stream, begin + entry.offset, begin, end) for entry in entries)
+        found = [message for message in places if message is not None]
+        if self._contents.found_by == "index":
+            found = [message for message in found if has_right_length(stream, message, end)]
+        return compared(entries, found)
+
+    def _settled(
+        self, position: int, chunk: Chunk, comparison: Comparison, is_taken: Callable[[Entry], bool]
+    ) -> list[Found]:
+        """What is right where chunk and index differ."""
+        if not comparison.only_indexed and not any(is_taken(message.entry) for message in comparison.unlisted):
+            return comparison.agreed
+        indexed = {entry.offset: entry for entry in comparison.only_indexed}
+        right, lost = list(comparison.agreed), dict(indexed)
+        for message in comparison.unlisted:
+            own = message.entry
+            if own.connection_id in self._contents.connections and chunk.start_ns <= own.log_time_ns <= chunk.end_ns:
+                pass
+            elif own.offset in indexed:
+                message = message._replace(entry=indexed[own.offset])
+            else:
+                continue
+            if is_taken(message.entry):
+                right.append(message)
+                lost.pop(own.offset, None)
+        spare = len(right) - len(comparison.agreed) - (len(indexed) - len(lost))  # found at other places
+        for offset in sorted(lost)[spare if spare > 0 else 0 :]:
+            self.note_message(position, offset, "the index names a message here, the chunk has none")
+        if len(right) > len(comparison.agreed):
+            reason = "the index of this chunk does not agree with the messages in it, which are used"
+            self._losses.note(position, reason, messages=0)
+        return right
+
+    def _confirm(self, stream: BinaryIO, record: Record, position: int, connections: dict[int, Connection]) -> None:
+        """Compare a connection's record in a chunk with the one at the end of the file, once."""
+        id_ = record.number(b"conn")
+        if id_ in self._confirmed or id_ not in connections:
+            return
+        self._confirmed.add(id_)
+        if is_same(connections[id_], stream, record):
+            return
+        places = {"known_at": "at the end of the file", "other_at": "in the chunk"}
+        other = connection_of(stream, record)
+        connections[id_] = agreed(connections[id_], other, self._losses, id_=id_, position=position, **places)
+
+    def _opened(self, position: int) -> tuple[BinaryIO, int, int]:
+        """The records of a chunk: a stream, and where in it they begin and end."""
+        chunk = self._contents.chunks[position]
+        if chunk.compression == "none":
+            end = chunk.data_position + chunk.data_size if chunk.data_size else self._end
+            return self._stream, chunk.data_position, end
+        records = self._unpacked(position)
+        return BytesIO(records), 0, len(records)  # shares the bytes
+
+    def _unpacked(self, position: int) -> bytes:
+        chunk = self._contents.chunks[position]
+        return self._cache.get(position, lambda: load_chunk(self._stream, position, chunk, self._limits))
+
+    def _note_chunk(self, position: int, reason: str) -> None:
+        chunk = self._contents.chunks[position]
+        self._bad_chunks.add(position)
+        size = chunk.data_position + chunk.data_size - position
+        count = self._counts[position]
+        self._losses.note(position, f"a chunk that does not unpack ({reason})", size=size, messages=count)
+
+    @cached_property
+    def _counts(self) -> Counter[int]:
+        """Number of messages by chunk position."""
+        positions, counts = np.unique(self._contents.index[:, 1], return_counts=True)
+        return Counter(dict(zip(positions.tolist(), counts.tolist(), strict=True)))

@@ -1,0 +1,215 @@
+"""A long recording: `python tests/campaign/long_run.py [--recorded-minutes M] [--count N] [--seed S]`.
+
+Every case records M minutes at 10 Hz (two lidars, two cameras, boxes of one of them, odometry: 600 frames a minute) and
+processes them; every other case with a Rerun recording, too. Memory and rate must be at the end what they were at the
+start, the outputs must hold every frame, and must open at once. The figures are printed.
+"""
+
+import argparse
+import json
+import os
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from functools import cache, partial
+from pathlib import Path
+from random import Random
+
+from common import Outcome, campaign, run_child  # isort: skip
+import cv2
+import numpy as np
+from builders import camera_info, detection2d_array, odometry, pointcloud2, raw, tf_message, transform_stamped
+from mcap.reader import make_reader
+from mcap.writer import Writer
+
+from lidcam.job import make_job
+from lidcam.run import RunObserver, process_recording
+from lidcam.summary import RunProgress
+from pipeline.core.messages import Channel
+from readers.open import open_recording
+
+__all__ = ["TEST_COUNT", "main"]
+
+TEST_COUNT = 2
+START_NS, STEP_NS = 1_700_000_000 * 10**9, 100_000_000
+VARIANTS = 20
+"""Clouds and images differ from frame to frame, and repeat after so many."""
+
+MAX_GROWTH_MIB = 64
+"""Of memory from the second tenth of a run to the last."""
+
+MIN_RATE = 0.5
+"""Of the last tenth of a run, against that of the second; the machine may have other work."""
+
+MAX_OPEN_S = 2.0
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the campaign."""
+    parser = argparse.ArgumentParser(add_help=False)
+    parser.add_argument("--recorded-minutes", type=float, default=0.05)
+    parser.add_argument("--process", nargs="+", type=Path, help=argparse.SUPPRESS)
+    options, others = parser.parse_known_args(arguments)
+    if options.process:
+        _process(*options.process)
+        return 0
+    frames = round(600 * options.recorded_minutes)
+    limit_s = 60 + 2.0 * frames
+    try_one = partial(_try_case, frames=frames, limit_s=limit_s)
+    return campaign("long_run", try_one, count=2, arguments=others, max_case_s=2 * limit_s)
+
+
+def _try_case(number: int, chance: Random, *, frames: int, limit_s: float) -> Outcome:
+    with tempfile.TemporaryDirectory(prefix="long_run-") as folder:
+        recording, output = Path(folder, "in.mcap"), Path(folder, "out.mcap")
+        outputs = [output, *([Path(folder, "out.rrd")] if number % 2 else [])]
+        _record(recording, frames, chance.randrange(2**32))
+        child = run_child([sys.executable, __file__, "--process", recording, *outputs], timeout_s=limit_s)
+        if child.returncode or child.is_hung:
+            return Outcome("does not end well", is_fault=True, detail=child.stderr)
+        samples = json.loads(child.stdout.splitlines()[-1])
+        opened_s, found = _opened(output)
+        size_mib = sum(path.stat().st_size for path in outputs) / 2**20
+        _, early, late = _tenths(samples, 1), _tenths(samples, 2), _tenths(samples, 10)
+        kind = " and ".join(path.suffix for path in outputs)
+        detail = (
+            f"{kind}: {found} of {frames} frames in {child.seconds:.0f} s; "
+            f"at the start {early[0]:.1f} frames a second, {early[1]:.0f} MiB; "
+            f"at the end {late[0]:.1f}, {late[1]:.0f} MiB; peak {child.peak_mib} MiB; "
+            f"outputs {size_mib:.0f} MiB, the MCAP opens in {opened_s:.2f} s"
+        )
+        print(detail, flush=True)
+        if found != frames:
+            return Outcome(f"{kind}: frames are missing", is_fault=True, detail=detail)
+        if late[1] - early[1] > MAX_GROWTH_MIB:
+            return Outcome(f"{kind}: memory grows", is_fault=True, detail=detail)
+        if late[0] < MIN_RATE * early[0] and frames > 1000:
+            return Outcome(f"{kind}: becomes slower", is_fault=True, detail=detail)
+        if opened_s > MAX_OPEN_S:
+            return Outcome(f"{kind}: opens slowly", is_fault=True, detail=detail)
+        return Outcome(f"{kind}: as at the start", detail=detail)
+
+
+def _tenths(samples: list[list[float]], tenth: int) -> tuple[float, float]:
+    """Frames a second and MiB of a tenth of a run; rows of `samples` are frames done, seconds, MiB."""
+    done = np.array(samples)
+    first, last = (int((len(done) - 1) * share / 10) for share in (tenth - 1, tenth))
+    rate = (done[last, 0] - done[first, 0]) / max(done[last, 1] - done[first, 1], 1e-9)
+    return float(rate), float(done[last, 2])
+
+
+def _process(recording: Path, *outputs: Path) -> None:
+    """Process a recording as `lidcam process` does, and print samples of how it went."""
+    samples = []
+
+    class Watch(RunObserver):
+        def advanced(self, progress: RunProgress) -> None:
+            pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+            samples.append((progress.frames, time.monotonic(), pages * os.sysconf("SC_PAGESIZE") / 2**20))
+
+    process_recording(make_job(recording, outputs), Watch())
+    step = max(len(samples) // 1000, 1)
+    print(json.dumps(samples[::step]))
+
+
+def _opened(output: Path) -> tuple[float, int]:
+    """Seconds until the first message and the summary of an MCAP are read, and how many frames it has."""
+    started_s = time.monotonic()
+    with open_recording([output]) as recording:
+        next(iter(recording.messages()))
+    with output.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    seconds = time.monotonic() - started_s
+    assert summary is not None
+    assert summary.statistics is not None
+    (fused,) = [number for number, channel in summary.channels.items() if channel.topic == "/fused/detections"]
+    return seconds, summary.statistics.channel_message_counts[fused]
+
+
+def _record(path: Path, frames: int, seed: int) -> None:
+    """Write the recording, message by message."""
+    messages = _first_messages(seed)
+    with path.open("xb") as stream:
+        writer = Writer(stream)
+        writer.start("ros2", "lidcam tests")
+        channels: dict[Channel, int] = {}
+
+        def add(channel: Channel, data: bytes, at_ns: int) -> None:
+            if channel not in channels:
+                schema = writer.register_schema(channel.msgtype, "ros2msg", channel.definition.encode())
+                channels[channel] = writer.register_channel(channel.topic, "cdr", schema)
+            writer.add_message(channels[channel], at_ns, data, at_ns)
+
+        for channel, data in messages["once"]:
+            add(channel, data, START_NS)
+        for frame in range(frames):
+            at_ns = START_NS + frame * STEP_NS
+            for channel, data in messages[str(frame % VARIANTS)]:
+                add(channel, _stamped(data, at_ns), at_ns)
+            angle = frame / 300  # a circle of 60 m, driven at 3 m/s and more
+            pose = odometry(stamp_ns=at_ns, position=(30 * np.sin(angle), 30 - 30 * np.cos(angle), 0.0))
+            moved = raw("/odom", "nav_msgs/msg/Odometry", pose, at_ns)
+            add(moved.channel, bytes(moved.data), at_ns)
+        writer.finish()  # type: ignore[no-untyped-call]  # mcap annotates in part
+
+
+def _stamped(data: bytes, at_ns: int) -> bytes:
+    """A CDR message that begins with a header, with another stamp."""
+    seconds, rest_ns = divmod(at_ns, 10**9)
+    return data[:4] + seconds.to_bytes(4, "little") + rest_ns.to_bytes(4, "little") + data[12:]
+
+
+@cache
+def _first_messages(seed: int) -> dict[str, list[tuple[Channel, bytes]]]:
+    """Messages that are recorded once, and those of each variant of a frame."""
+    return {"once": _static()} | {str(number): list(_varied(number, seed)) for number in range(VARIANTS)}
+
+
+def _static() -> list[tuple[Channel, bytes]]:
+    to_optical = (-0.5, 0.5, -0.5, 0.5)
+    edges = [
+        transform_stamped("base_link", f"lidar_{side}", stamp_ns=START_NS, translation=(0, y, 1.8))
+        for side, y in (("left", 0.5), ("right", -0.5))
+    ] + [
+        transform_stamped(
+            "base_link", f"cam_{side}", stamp_ns=START_NS, translation=(0, y, 1.5), rotation_xyzw=to_optical
+        )
+        for side, y in (("left", 0.3), ("right", -0.3))
+    ]
+    message = raw("/tf_static", "tf2_msgs/msg/TFMessage", tf_message(edges), START_NS)
+    return [(message.channel, bytes(message.data))]
+
+
+def _varied(number: int, seed: int) -> Iterator[tuple[Channel, bytes]]:
+    chance = np.random.default_rng([seed, number])
+    K = np.array([[120.0, 0, 80], [0, 120, 60], [0, 0, 1]])
+    for side in ("left", "right"):
+        ground = np.column_stack([chance.uniform(-30, 30, (2000, 2)), chance.normal(-1.8, 0.02, 2000)])
+        moved = 0.1 * number
+        places = np.array([[8 + moved, 0, 0], [15 + moved, 4, 0], [moved - 10, -5, 0]])
+        cars = [place + chance.uniform([-2.0, -0.9, -1.7], [2.0, 0.9, -0.3], (200, 3)) for place in places]
+        xyz = np.concatenate([ground, *cars]).astype(np.float32)
+        cloud = pointcloud2(xyz, stamp_ns=START_NS, frame_id=f"lidar_{side}")
+        message = raw(f"/{side}/points", "sensor_msgs/msg/PointCloud2", cloud, START_NS)
+        yield message.channel, bytes(message.data)
+        info = camera_info(K, stamp_ns=START_NS, width_px=160, height_px=120, frame_id=f"cam_{side}")
+        message = raw(f"/cam_{side}/camera_info", "sensor_msgs/msg/CameraInfo", info, START_NS)
+        yield message.channel, bytes(message.data)
+        pixels = cv2.resize(chance.integers(0, 256, (12, 16, 3), np.uint8), (160, 120))
+        shot = {
+            "header": {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": f"cam_{side}"},
+            "format": "jpeg",
+            "data": cv2.imencode(".jpg", pixels)[1].ravel(),
+        }
+        message = raw(f"/cam_{side}/image/compressed", "sensor_msgs/msg/CompressedImage", shot, START_NS)
+        yield message.channel, bytes(message.data)
+    boxes = detection2d_array(
+        [[60, 40, 100, 80]], class_names=["car"], scores=[0.9], stamp_ns=START_NS, frame_id="cam_left"
+    )
+    message = raw("/cam_left/detections", "vision_msgs/msg/Detection2DArray", boxes, START_NS)
+    yield message.channel, bytes(message.data)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

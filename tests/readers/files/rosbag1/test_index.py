@@ -1,0 +1,103 @@
+"""What a changed bit in the index of a ROS 1 bag, or in the records that it lists, does to what is read."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from sound_recordings import SoundRecording, read_all, sound_recording, write_files
+
+from pipeline.core.errors import RecordingError
+from pipeline.core.settings.recording import LimitsConfig
+from readers.open import open_recording
+from readers.recording import ReadOptions
+
+KINDS = ["rosbag1-none", "rosbag1-bz2", "rosbag1-lz4"]
+
+
+def behind(name: bytes, extra: int = 0) -> Callable[[bytes], int]:
+    """A byte behind the first occurrence of a name."""
+    return lambda content: content.index(name) + len(name) + extra
+
+
+def at_the_end(name: bytes, extra: int = 0) -> Callable[[bytes], int]:
+    """A byte behind the first occurrence of a name in the index at the end of the file."""
+    return lambda content: content.index(name, content.rindex(b"op=\x04")) + len(name) + extra
+
+
+def second_message(name: bytes) -> Callable[[bytes], int]:
+    """A byte behind a name in the header of the second message, a byte of its length for no name."""
+
+    def place(content: bytes) -> int:
+        header = content.index(b"op=\x02", content.index(b"op=\x02") + 1)
+        return content.index(name, header) + len(name) if name else header + 34
+
+    return place
+
+
+def altered(tmp_path: Path, sound: SoundRecording, place: int, mask: int) -> Path:
+    content = bytearray(sound.files["rec.bag"])
+    content[place] ^= mask
+    return write_files(tmp_path, sound, {"rec.bag": bytes(content)})
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    ("place", "mask", "told"),
+    [
+        (behind(b"chunk_count="), 1, "its header says 3 connections and"),
+        (behind(b"chunk_count=", 3), 0x80, "its header says 3 connections and"),
+        (behind(b"conn_count="), 2, "its header says 1 connections and"),
+        (behind(b"index_pos="), 1, "its index cannot be used"),
+        (behind(b"index_pos=", 7), 1, "its index cannot be used"),
+        (at_the_end(b"topic=/"), 1, "connection 0 (/odom) is not the same"),
+        (at_the_end(b"type=nav_msgs/"), 1, "connection 0 (/odom) is not the same"),
+        (at_the_end(b"md5sum="), 1, "connection 0 (/odom) is not the same"),
+        (at_the_end(b"message_definition=", 40), 1, "connection 0 (/odom) is not the same"),
+        (at_the_end(b"chunk_pos="), 1, "its index cannot be used"),
+        (at_the_end(b"start_time=", 4), 1, "names times that the chunk does not cover"),
+        (lambda content: len(content) - 4, 1, "messages according to"),
+        (behind(b"op=\x04", 16), 0x40, "the bytes were overwritten"),
+        (behind(b"op=\x04", 8), 4, "has another version"),
+        (behind(b"op=\x04", 47), 1, "does not agree with the messages in it"),
+        (behind(b"op=\x04", 51), 1, "does not agree with the messages in it"),
+    ],
+)
+def test_a_changed_bit_in_the_index_costs_no_message(
+    tmp_path: Path, kind: str, place: Callable[[bytes], int], mask: int, told: str
+) -> None:
+    sound = sound_recording(kind)
+    messages, losses = read_all(altered(tmp_path, sound, place(sound.files["rec.bag"]), mask), "as_needed")
+    assert messages == sound.messages
+    assert sum(loss.messages or 0 for loss in losses) == 0
+    assert told in "; ".join(loss.reason for loss in losses)
+
+
+@pytest.mark.parametrize(
+    ("place", "mask", "lost", "told"),
+    [
+        (second_message(b"conn="), 0x40, 0, "does not agree with the messages in it"),
+        (second_message(b"conn="), 1, 0, "does not agree with the messages in it"),
+        (second_message(b"time="), 1, 0, "does not agree with the messages in it"),
+        (second_message(b""), 4, 1, "the chunk has none"),
+    ],
+)
+def test_a_changed_bit_in_a_message_is_told(
+    tmp_path: Path, place: Callable[[bytes], int], mask: int, lost: int, told: str
+) -> None:
+    sound = sound_recording("rosbag1-none")
+    path = altered(tmp_path, sound, place(sound.files["rec.bag"]), mask)
+    messages, losses = read_all(path, "as_needed")
+    assert len(messages) == len(sound.messages) - lost
+    assert {message.data for message in messages} <= {message.data for message in sound.messages}
+    assert sum(loss.messages or 0 for loss in losses) == lost
+    assert told in "; ".join(loss.reason for loss in losses)
+    with pytest.raises(RecordingError, match="damaged"):
+        read_all(path, "none")
+
+
+def test_chunks_that_overlap_too_far_are_refused(tmp_path: Path) -> None:
+    sound = sound_recording("rosbag1-lz4")
+    path = write_files(tmp_path, sound, sound.files)
+    options = ReadOptions(limits=LimitsConfig(max_messages_in_memory=3))
+    with open_recording([path], options) as recording, pytest.raises(RecordingError, match="max_messages_in_memory"):
+        list(recording.messages())

@@ -1,0 +1,236 @@
+"""Small sound recordings in every container and compression, with the messages in them: what damage is tried on.
+
+A recording is the files of a folder, so that a copy of it can be altered and written anew in a moment.
+"""
+
+import sqlite3
+from collections.abc import Mapping
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Literal
+
+import numpy as np
+import zstandard
+from builders import image, odometry, raw, time, write_mcap, write_rosbag1, write_rosbag2
+from captures import capture_of, interface, ng_packet, pcap, section
+from mcap.writer import IndexType
+
+from pipeline.core.messages import Channel, RawMessage
+from readers.open import open_recording
+from readers.recording import Loss, ReadOptions
+
+__all__ = ["KINDS", "Length", "Seen", "SoundRecording", "read_all", "sound_recording", "write_files"]
+
+T0_NS = 1_700_000_000 * 10**9
+ODOMETRY, IMAGE, STAMP = "nav_msgs/msg/Odometry", "sensor_msgs/msg/Image", "builtin_interfaces/msg/Time"
+
+CHUNK_BYTES = {"drive": 5000, "shortest": 150}
+Length = Literal["drive", "shortest"]
+
+KINDS = (
+    "rosbag1-none",
+    "rosbag1-bz2",
+    "rosbag1-lz4",
+    "mcap-none",
+    "mcap-lz4",
+    "mcap-zstd",
+    "mcap-no-crc",
+    "mcap-no-summary",
+    "mcap-no-message-index",
+    "mcap-no-chunk-index",
+    "mcap-no-chunks",
+    "mcap-no-chunks-no-crc",
+    "sqlite",
+    "sqlite-old",
+    "sqlite-wal",
+    "sqlite-zstd",
+    "folder-sqlite",
+    "folder-sqlite-message",
+    "folder-sqlite-file",
+    "folder-mcap",
+    "pcap",
+    "pcapng",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """One message as it is read.
+
+    Attributes:
+        name: Topic and type.
+        definition: What decodes it.
+        log_time_ns: Time of recording.
+        data: Its bytes.
+    """
+
+    name: tuple[str, str]
+    definition: str
+    log_time_ns: int
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class SoundRecording:
+    """A recording and what is in it.
+
+    Attributes:
+        kind: One of `KINDS`.
+        files: Content by name in the folder.
+        opened: Name of the file that is opened; empty for the folder.
+        messages: In the order of reading.
+        told: Reasons of losses that are told of the sound file: a write-ahead log that was left.
+        checked: Whether a checksum covers every message.
+    """
+
+    kind: str
+    files: Mapping[str, bytes]
+    opened: str
+    messages: tuple[Seen, ...]
+    told: frozenset[str]
+    checked: bool
+
+
+def sound_recording(kind: str, length: Length = "drive") -> SoundRecording:
+    """The recording of a kind: a drive of 45 messages, or the shortest that has several chunks."""
+    with TemporaryDirectory(prefix="sound-") as name:
+        folder = Path(name)
+        opened = _write(folder, kind, length)
+        base = folder / opened
+        root = base.parent if base.is_file() else base
+        files = {file.name: file.read_bytes() for file in sorted(root.iterdir()) if not file.name.endswith("-shm")}
+        opened = base.name if base.is_file() else ""
+        messages, losses = read_all(root / opened, "as_needed")
+    checked = kind in {"rosbag1-bz2", "mcap-none", "mcap-lz4", "mcap-zstd", "mcap-no-summary", "mcap-no-message-index"}
+    checked |= kind == "mcap-no-chunk-index"
+    told = frozenset(loss.reason for loss in losses)
+    return SoundRecording(kind, files, opened, messages, told, checked)
+
+
+def write_files(folder: Path, recording: SoundRecording, files: Mapping[str, bytes]) -> Path:
+    """Write files of a recording into an empty folder; returns the path to open."""
+    for name, content in files.items():
+        (folder / name).write_bytes(content)
+    return folder / recording.opened
+
+
+def read_all(
+    path: Path, recovery: Literal["none", "as_needed", "full_scan"]
+) -> tuple[tuple[Seen, ...], tuple[Loss, ...]]:
+    """All messages of a recording, and its losses."""
+    with open_recording([path], ReadOptions(recovery)) as recording:
+        seen = tuple(_seen(message) for message in recording.messages())
+        return seen, recording.losses
+
+
+def _seen(message: RawMessage) -> Seen:
+    channel: Channel = message.channel
+    name = channel.topic, channel.msgtype
+    return Seen(name, str(channel.definition), message.log_time_ns, bytes(message.data))
+
+
+def _messages(encoding: Literal["ros1", "cdr"], length: Length) -> list[RawMessage]:
+    """States, images that no compressor makes smaller, and short messages, not all from the beginning on."""
+    noise = np.random.default_rng(5)
+    messages = []
+    for i in range(24 if length == "drive" else 8):
+        at = T0_NS + i * 10**8
+        if length == "drive":
+            messages.append(raw("/odom", ODOMETRY, odometry(stamp_ns=at, position=(i, 0, 0)), at, at, encoding))
+            if i % 4 == 0:
+                content = image(noise.integers(0, 255, (14, 30, 3), np.uint8), stamp_ns=at)
+                messages.append(raw("/image", IMAGE, content, at, at + 1, encoding))
+        else:
+            messages.append(raw("/twin", STAMP, time(at), at, at + 1, encoding))
+        if i > (8 if length == "drive" else 3):  # begins in a later chunk
+            messages.append(raw("/tick", STAMP, time(at), at, at + 2, encoding))
+    return messages
+
+
+def _write(folder: Path, kind: str, length: Length) -> str:
+    """Write a recording; returns what is opened, relative to `folder`."""
+    form, _, how = kind.partition("-")
+    if form == "rosbag1":
+        compression: Any = how
+        chunk_bytes = CHUNK_BYTES[length]
+        write_rosbag1(folder / "rec.bag", _messages("ros1", length), compression, chunk_bytes=chunk_bytes)
+        return "rec.bag"
+    if form == "mcap":
+        _write_mcap(folder / "rec.mcap", how, length)
+        return "rec.mcap"
+    if form == "pcap" or form == "pcapng":
+        return _write_capture(folder, form, length)
+    options: Any = {"folder-sqlite-message": "message", "folder-sqlite-file": "file", "folder-mcap": "storage"}
+    compression = options.get(kind, "none")
+    write_rosbag2(folder / "rec", _messages("cdr", length), "mcap" if how == "mcap" else "sqlite3", compression)
+    if form == "folder":
+        return "rec"
+    (folder / "rec" / "metadata.yaml").unlink()
+    return _write_database(folder / "rec", how, length)
+
+
+def _write_mcap(path: Path, how: str, length: Length) -> None:
+    compression: Any = how if how in {"none", "lz4", "zstd"} else "none"
+    every: dict[str, dict[str, Any]] = {
+        "no-crc": {"enable_crcs": False},
+        "no-summary": {
+            "use_statistics": False,
+            "use_summary_offsets": False,
+            "repeat_channels": False,
+            "repeat_schemas": False,
+            "index_types": IndexType.NONE,
+        },
+        "no-message-index": {"index_types": IndexType.CHUNK},
+        "no-chunk-index": {"index_types": IndexType.MESSAGE},
+        "no-chunks": {"use_chunking": False, "enable_data_crcs": True},
+        "no-chunks-no-crc": {"use_chunking": False, "enable_crcs": False},
+    }
+    options = every.get(how, {})
+    write_mcap(path, _messages("cdr", length), compression, chunk_bytes=CHUNK_BYTES[length], **options)
+
+
+def _write_capture(folder: Path, form: str, length: Length) -> str:
+    count = 24 if length == "drive" else 6
+    payload = np.random.default_rng(6).integers(0, 255, (count, 1206), np.uint8)
+    stamps_ns = T0_NS + np.arange(count, dtype=np.int64) * 1_327_000
+    packets = sorted(
+        capture_of(payload[::2], stamps_ns[::2]) + capture_of(payload[1::2], stamps_ns[1::2], "192.168.1.202")
+    )
+    if form == "pcap":
+        (folder / "rec.pcap").write_bytes(pcap(packets))
+        return "rec.pcap"
+    blocks = [ng_packet(at, packet) for at, packet in packets]
+    (folder / "rec.pcapng").write_bytes(b"".join([section(), interface(), *blocks]))
+    return "rec.pcapng"
+
+
+def _write_database(folder: Path, how: str, length: Length) -> str:
+    path = folder / "rec.db3"
+    if how == "old":  # as ROS 2 Foxy wrote it
+        with closing(sqlite3.connect(path)) as database, database:
+            database.execute("DROP TABLE message_definitions")
+            database.execute("DROP TABLE schema")
+            database.execute("DROP TABLE metadata")
+            database.execute("ALTER TABLE topics DROP COLUMN type_description_hash")
+    elif how == "wal":
+        first, step = (21, 5) if length == "drive" else (6, 2)
+        with closing(sqlite3.connect(path, isolation_level=None)) as database:
+            database.execute("PRAGMA journal_mode=WAL")
+            database.execute(f"CREATE TABLE later AS SELECT * FROM messages WHERE id >= {first}")
+            database.execute(f"DELETE FROM messages WHERE id >= {first}")
+            database.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+            database.execute("PRAGMA wal_autocheckpoint=0")
+            for row in range(first, 60, step):
+                between = f"id BETWEEN {row} AND {row + step - 1}"
+                database.execute(f"INSERT INTO messages SELECT * FROM later WHERE {between}")
+            left = {file.name: file.read_bytes() for file in folder.iterdir() if not file.name.endswith("-shm")}
+        for name, content in left.items():
+            (folder / name).write_bytes(content)
+    elif how == "zstd":
+        packed = zstandard.ZstdCompressor(write_checksum=True).compress(path.read_bytes())
+        path.unlink()
+        path = path.with_suffix(".db3.zstd")
+        path.write_bytes(packed)
+    return f"rec/{path.name}"
