@@ -12,7 +12,7 @@ import yaml
 from rosbags.rosbag1 import Reader
 
 from pipeline.core.settings.bounded_yaml import MAX_YAML_BYTES, parse_yaml
-from readers.files.mcap.index import FOOTER, MAGIC_BYTES, has_valid_summary
+from readers.files.mcap.index import FOOTER, MAGIC_BYTES, summary_checksum
 from writers.outputs.marked_text import is_unchanged_text
 from writers.outputs.marks import APPLICATION, BAG_CALLER, FOLDER_DATA, LIBRARY, REPAIRED, RESULT, SIMULATED
 
@@ -61,11 +61,11 @@ def _made_mcap(file: BinaryIO, head: bytes) -> Made | None:
         profile_size = struct.unpack_from("<I", head, MAGIC_BYTES + 9)[0]
         size = struct.unpack_from("<I", head, MAGIC_BYTES + 13 + profile_size)[0]
         library = head[MAGIC_BYTES + 17 + profile_size :][:size]
-        if library != LIBRARY.encode() or not has_valid_summary(file):
+        if library != LIBRARY.encode() or summary_checksum(file) != "right":
             return None
         end = file.seek(-FOOTER.size - MAGIC_BYTES, os.SEEK_END)
-        _, _, start, _, crc = FOOTER.unpack(file.read(FOOTER.size))
-        if file.read() != _MCAP or not crc or not 0 < start <= end <= start + _MAX_SUMMARY_BYTES:
+        _, _, start, _, _ = FOOTER.unpack(file.read(FOOTER.size))
+        if file.read() != _MCAP or not 0 < start <= end <= start + _MAX_SUMMARY_BYTES:
             return None
         file.seek(start)
         names = _metadata_names(file.read(end - start))
