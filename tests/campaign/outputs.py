@@ -21,7 +21,7 @@ from typing import Any
 
 from common import Outcome, campaign
 
-TEST_COUNT = 9
+TEST_COUNT = 4
 COUNT = 450
 IN_CHILD = "LIDCAM_CAMPAIGN_CHILD"
 SIGNALS = (signal.SIGKILL, signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
@@ -51,20 +51,24 @@ KINDS = (
 
 @cache
 def home() -> Path:
-    """A folder with the recording and the outputs of undisturbed runs: `KIND.old` and `KIND.new`."""
+    """A folder with the recordings, and with the outputs of undisturbed runs."""
     from forked_runs import load
 
     load()
     folder = Path(tempfile.mkdtemp(prefix="lidcam-outputs-"))
     write_recording(folder / "rec.mcap", "/points")
     write_recording(folder / "old.mcap", "/old/points")
-    for kind in KINDS:
-        for version in ("old", "new"):
-            at = folder / f"{kind.name}.{version}"
-            at.mkdir()
-            ended = begin(kind, version, at, folder / "rec.mcap").wait()
-            assert ended.code == 0, ended.err
-            assert names(at) == sorted(kind.outputs), names(at)
+    return folder
+
+
+@cache
+def made(kind: Kind, version: str) -> Path:
+    """A folder with the outputs of an undisturbed run."""
+    folder = home() / f"{kind.name}.{version}"
+    folder.mkdir()
+    ended = begin(kind, version, folder, home() / "rec.mcap").wait()
+    assert ended.code == 0, ended.err
+    assert names(folder) == sorted(kind.outputs), names(folder)
     return folder
 
 
@@ -177,7 +181,7 @@ def content(path: Path) -> str | None:
 
 def version_of(kind: Kind, name: str, folder: Path, before: dict[str, str | None]) -> str:
     """`before`, `new`, or what else stands under a final name."""
-    found, new = content(folder / name), content(home() / f"{kind.name}.new" / name)
+    found, new = content(folder / name), content(made(kind, "new") / name)
     if found == before[name]:
         return "before or new" if found == new else "before"
     if found == new:
@@ -186,7 +190,7 @@ def version_of(kind: Kind, name: str, folder: Path, before: dict[str, str | None
         return "nothing"
     if name.endswith(".rrd"):  # never the same bytes
         verified = subprocess.run([RERUN, "rrd", "verify", folder / name], capture_output=True, check=False)
-        least = (home() / f"{kind.name}.new" / name).stat().st_size * 0.9
+        least = (made(kind, "new") / name).stat().st_size * 0.9
         if verified.returncode == 0 and (folder / name).stat().st_size > least:
             return "new"
     return "broken"
@@ -223,7 +227,7 @@ def try_kill(folder: Path, chance: Random) -> Outcome:
     kind = chance.choices(KINDS, [kind.share for kind in KINDS])[0]
     has_old = chance.random() < 0.6
     if has_old:
-        shutil.copytree(home() / f"{kind.name}.old", folder, dirs_exist_ok=True)
+        shutil.copytree(made(kind, "old"), folder, dirs_exist_ok=True)
     before = {name: content(folder / name) for name in kind.outputs}
     number, is_at_call = chance.choice(SIGNALS), chance.random() < 0.5
     recording = home() / "rec.mcap"
