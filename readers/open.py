@@ -7,7 +7,6 @@ from collections.abc import Collection, Iterator, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import BinaryIO
 
 import zstandard
@@ -25,6 +24,7 @@ from readers.files.rosbag1.file import Rosbag1File
 from readers.files.rosbag2_folder import contradiction, folder_metadata, recording_files, unlisted_files
 from readers.files.sqlite.file import SqliteFile
 from readers.files.sqlite.journal import journals_of, unapplied
+from readers.files.temporary import remove_abandoned, temporary_folder
 from readers.location import Location, RemotePath
 from readers.recording import (
     DEFAULT_READ_OPTIONS,
@@ -66,6 +66,7 @@ def open_recording(paths: Sequence[Location], options: ReadOptions = DEFAULT_REA
     """
     if not paths:
         raise RecordingError(f"expected {EXPECTED}, got no path")
+    remove_abandoned()
     with ExitStack() as stack:
         opened: list[RecordingFile] = []
         files, unlisted = _all_files(paths), _unlisted(paths, options)
@@ -171,9 +172,9 @@ def _all_files(paths: Sequence[Location]) -> list[Location]:
         if isinstance(path, RemotePath):
             files.append(path)
             continue
-        if not path.exists():
-            raise RecordingError(f"{path}: no such file or folder; expected {EXPECTED}")
         with library_errors(path):
+            if not path.exists():
+                raise RecordingError(f"{path}: no such file or folder; expected {EXPECTED}")
             files += recording_files(path) if path.is_dir() else (path,)
     seen: dict[object, Location] = {}
     for file in files:
@@ -297,7 +298,7 @@ def _unpacked(path: Path, stack: ExitStack, losses: Losses, limits: LimitsConfig
     Raises:
         RecordingError: it unpacks to more, or to more than the temporary folder has space for.
     """
-    folder = Path(stack.enter_context(TemporaryDirectory(prefix="lidcam-")))
+    folder = stack.enter_context(temporary_folder())
     unpacked = folder / path.with_suffix("").name
     with path.open("rb") as packed, unpacked.open("wb") as stream:
         with losses.guard() as damage:
@@ -318,7 +319,7 @@ def _unpacked(path: Path, stack: ExitStack, losses: Losses, limits: LimitsConfig
 
 def _completed(path: Path, journals: Sequence[Path], stack: ExitStack, losses: Losses) -> Path:
     """A copy of a database that its recorder did not close, completed by SQLite from the journals."""
-    folder = Path(stack.enter_context(TemporaryDirectory(prefix="lidcam-")))
+    folder = stack.enter_context(temporary_folder())
     copy = folder / path.name
     for file in (path, *journals):
         shutil.copyfile(file, folder / file.name)
