@@ -91,19 +91,15 @@ class RerunStream:
         """Write the end of the recording, too.
 
         Raises:
-            OSError: the file cannot be written.
-            OutputError: Rerun does not go on.
+            OSError: the file cannot be written; the recording is still to be discarded.
+            OutputError: Rerun does not go on; the same.
         """
-        try:
-            self.settle()
-        except BaseException:
-            self.discard()
-            raise
+        self.settle()
         self._end()
         self.check()
 
     def discard(self) -> None:
-        """End the recording; nothing more is written."""
+        """End the recording, if it has not ended; nothing more is written."""
         self._is_wanted = False
         self._end()
 
