@@ -172,9 +172,9 @@ def _all_files(paths: Sequence[Location]) -> list[Location]:
         if isinstance(path, RemotePath):
             files.append(path)
             continue
-        if not path.exists():
-            raise RecordingError(f"{path}: no such file or folder; expected {EXPECTED}")
         with library_errors(path):
+            if not path.exists():
+                raise RecordingError(f"{path}: no such file or folder; expected {EXPECTED}")
             files += recording_files(path) if path.is_dir() else (path,)
     seen: dict[object, Location] = {}
     for file in files:

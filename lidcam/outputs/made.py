@@ -64,8 +64,8 @@ def _made_mcap(file: BinaryIO, head: bytes) -> Made | None:
         if library != LIBRARY.encode() or summary_checksum(file) != "right":
             return None
         end = file.seek(-FOOTER.size - MAGIC_BYTES, os.SEEK_END)
-        _, _, start, _, crc = FOOTER.unpack(file.read(FOOTER.size))
-        if file.read() != _MCAP or not crc or not 0 < start <= end <= start + _MAX_SUMMARY_BYTES:
+        _, _, start, _, _ = FOOTER.unpack(file.read(FOOTER.size))
+        if file.read() != _MCAP or not 0 < start <= end <= start + _MAX_SUMMARY_BYTES:
             return None
         file.seek(start)
         names = _metadata_names(file.read(end - start))
