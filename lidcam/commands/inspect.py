@@ -120,8 +120,8 @@ def _write_rig(inspection: Inspection, options: InspectOptions, outputs: OutputT
         if inspection.draft is None:
             _report(inspection, Verdict(f"{options.write_rig}: no rig to write: {inspection.problem}"), options)
         else:
+            text = marked_yaml(draft_yaml(inspection.draft))
             with output_errors(options.write_rig):
-                text = marked_yaml(draft_yaml(inspection.draft))
                 outputs[options.write_rig].part.write_text(text, encoding="utf-8")
             yield f"wrote {options.write_rig}"
 

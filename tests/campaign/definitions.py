@@ -460,6 +460,10 @@ def _refilled(channel: Channel, chance: Random) -> bytes:
     try:
         store = get_typestore(Stores.ROS1_NOETIC if channel.encoding == "ros1" else Stores.ROS2_HUMBLE)
         types = get_types_from_msg(channel.definition, channel.msgtype)
+        if any(
+            node == Nodetype.ARRAY and int(detail[1]) > 1000 for _, kept in types.values() for _, (node, detail) in kept
+        ):
+            return b""  # rosbags writes code for each element
         store.register({**extra_types(1 if channel.encoding == "ros1" else 2), **types})
         message = _filled(store, channel.msgtype, chance, 0)
         serialized = store.serialize_ros1 if channel.encoding == "ros1" else store.serialize_cdr

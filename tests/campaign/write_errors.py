@@ -25,7 +25,7 @@ from outputs import KINDS, Kind, begin, content, home, made, names, version_of
 
 TEST_COUNT = 3
 COUNT = 1600
-"""A run makes at most 200 of these calls, of eight kinds of runs; a shorter one gets other errors in a second turn."""
+"""A run makes at most 200 of these calls, of eight kinds; those that make fewer get other errors in a second turn."""
 IN_CHILD = "LIDCAM_CAMPAIGN_CHILD"
 SOURCE = Path(__file__).with_name("write_errors.c")
 ERRORS = (errno.EIO, errno.ENOSPC, errno.EDQUOT, errno.EROFS)

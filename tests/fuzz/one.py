@@ -1,4 +1,8 @@
-"""Fuzz one decoder with atheris: `python tests/fuzz/one.py NAME [options of libFuzzer] [folders of inputs]`."""
+"""Fuzz one decoder: `python tests/fuzz/one.py guided|fast NAME [options of libFuzzer] [folders of inputs]`.
+
+`guided` measures which branches an input takes and keeps those that take new ones; `fast` alters the inputs that it is
+given without measuring, six times as many in a second.
+"""
 
 import sys
 from pathlib import Path
@@ -11,10 +15,15 @@ sys.path[:0] = [str(TESTS.parent), str(TESTS / "support"), str(TESTS / "fuzz")]
 
 def main() -> None:
     """Runs until libFuzzer ends it."""
-    name = sys.argv.pop(1)
-    with atheris.instrument_imports(include=["readers", "pipeline", "rosbags", "mcap"]):
+    way, name = sys.argv.pop(1), sys.argv.pop(1)
+    with atheris.instrument_imports(
+        include=["readers", "pipeline", "rosbags", "mcap"] if way == "guided" else ["none"]
+    ):
         from harnesses import HARNESSES
-    atheris.Setup(sys.argv, HARNESSES[name].run)
+    run = HARNESSES[name].run
+    if way == "fast":  # libFuzzer does not begin without a single branch to measure
+        run = atheris.instrument_func(lambda data: HARNESSES[name].run(data) if data else None)
+    atheris.Setup(sys.argv, run)
     atheris.Fuzz()
 
 

@@ -107,8 +107,11 @@ class OnnxDetector2D:
 
 
 def _open(path: Path, threads: int) -> Any:
-    if not path.is_file():
-        raise ModelError(f"{path}: expected an ONNX file, found {'a folder' if path.is_dir() else 'no such file'}")
+    try:
+        if not path.is_file():
+            raise ModelError(f"{path}: expected an ONNX file, found {'a folder' if path.is_dir() else 'no such file'}")
+    except OSError as err:
+        raise ModelError(f"{path}: expected an ONNX file that can be read: {err.strerror}") from err
     ort = _onnxruntime()
     options = ort.SessionOptions()
     options.intra_op_num_threads = threads
