@@ -60,7 +60,7 @@ campaign: $(INSTALLED_ALL)
 	$(BIN)/python tests/campaign/run_all.py $(MINUTES:%=--minutes=%)
 
 samples: $(INSTALLED_ALL)
-	$(BIN)/lidcam simulate sandbox bags/sandbox.bag --duration 2 --set 'lidars.*.firing_stride=4' --set 'cameras.*.jpeg_quality=40'
+	$(BIN)/lidcam simulate sandbox bags/sandbox.bag --overwrite --duration 2 --set 'lidars.*.firing_stride=4' --set 'cameras.*.jpeg_quality=40'
 	$(BIN)/lidcam simulate crossing bags/crossing.mcap --duration 1.4 --set 'cameras.*.rate_hz=5' --set 'cameras.*.jpeg_quality=45'
 
 bench: $(INSTALLED_ALL)

@@ -140,7 +140,7 @@ def test_output_is_the_input(lidcam: Lidcam, tmp_path: Path) -> None:
     recording.write_bytes(b"\x89MCAP0\r\n")
     run = lidcam("process", recording, recording)
     assert run.code == 1
-    assert "of the recording itself" in run.error_line
+    assert "is an input of this run" in run.error_line
 
 
 def test_wrong_usage_without_arguments(lidcam: Lidcam) -> None:
