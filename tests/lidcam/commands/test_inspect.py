@@ -28,8 +28,8 @@ def recording(path: Path, *lidars: str) -> Path:
     return path
 
 
-def options(path: Path, *settings: str, **outputs: Path) -> InspectOptions:
-    return InspectOptions((path,), choose_settings(None, settings), as_json=True, **outputs)
+def options(path: Path, *settings: str, write_rig: Path | None = None, repair: Path | None = None) -> InspectOptions:
+    return InspectOptions((path,), choose_settings(None, settings), write_rig=write_rig, repair=repair, as_json=True)
 
 
 def printed(capsys: pytest.CaptureFixture[str]) -> tuple[str, list[str], int]:
