@@ -108,6 +108,7 @@ def _synchronized(
         required=required_topics(config, rig),
         on_drop=drops.add,
         stats=stats,
+        max_waiting_bytes=config.limits.max_waiting_bytes,
     )
 
 

@@ -14,7 +14,7 @@ from lidcam.run import check_not_empty
 from lidcam.settings.choice import SettingsChoice, UsedSettings, used_record
 from lidcam.settings.settle import settle, with_zones
 from lidcam.summary import loss_records
-from pipeline.core.errors import CalibrationError, RecordingError
+from pipeline.core.errors import CalibrationError, RecordingError, short_memory_told
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from readers.location import Location, RemotePath
@@ -95,7 +95,10 @@ def inspect_recording(inputs: Sequence[Location], choice: SettingsChoice, rig: R
         CalibrationError: a rig file cannot be read, or does not fit.
         RecordingError: it cannot be opened or is empty.
     """
-    with sensor_messages(open_recording(inputs, ReadOptions(limits=choice.config.limits))) as recording:
+    with (
+        short_memory_told(f"inspect {', '.join(map(str, inputs))}"),
+        sensor_messages(open_recording(inputs, ReadOptions(limits=choice.config.limits))) as recording,
+    ):
         return inspect_open(recording, choice, rig, _window(recording))
 
 
@@ -108,7 +111,7 @@ def inspect_open(recording: Recording, choice: SettingsChoice, rig: RigSource | 
     """
     rig_file = read_rig(rig)
     check_not_empty(recording)
-    topics = survey(recording, stop_ns=window.stop_ns)
+    topics = survey(recording, stop_ns=window.stop_ns, limits=choice.config.limits)
     found: Discovery | None = None
     draft: RigDraft | None = None
     motion: MotionSource | None = None
@@ -173,12 +176,11 @@ def inspection_tree(inspection: Inspection) -> dict[str, Any]:
 
 
 def _warnings(recording: Recording, rig: Rig, config: Config, window: TimeWindow) -> tuple[RunWarning, ...]:
-    topics = [lidar.topic for lidar in rig.lidars]
-    first = {
-        topic: next(recording.messages([topic], start_ns=window.start_ns, stop_ns=window.stop_ns), None)
-        for topic in topics
-    }
-    return check_first_clouds(rig, config, {topic: message for topic, message in first.items() if message is not None})
+    first = (
+        next(recording.messages([lidar.topic], start_ns=window.start_ns, stop_ns=window.stop_ns), None)
+        for lidar in rig.lidars
+    )
+    return check_first_clouds(rig, config, (message for message in first if message is not None))
 
 
 def _window(recording: Recording) -> TimeWindow:

@@ -18,7 +18,7 @@ from typer.exceptions import TyperException
 from lidcam.commands.verdict import FAILED, INCOMPLETE
 from lidcam.printing.log import configure_logging, verdict_log
 from lidcam.printing.usage import print_usage_error
-from pipeline.core.errors import IncompleteError, LidcamError
+from pipeline.core.errors import IncompleteError, LidcamError, short_memory_told
 
 __all__ = ["run_program"]
 
@@ -35,7 +35,8 @@ def run_program(program: Callable[..., object], name: str) -> None:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # a terminal that knows fewer letters than a name has
     try:
-        code = program(sys.argv[1:], prog_name=name, standalone_mode=False)
+        with short_memory_told("go on"):
+            code = program(sys.argv[1:], prog_name=name, standalone_mode=False)
     except OSError as err:
         if err.errno not in NO_PLACE:
             logger.debug("a bug", exc_info=True)

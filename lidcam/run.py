@@ -36,7 +36,7 @@ from lidcam.outputs.allowed import check_no_input
 from lidcam.outputs.open import open_outputs, open_writers, written_files
 from lidcam.settings.settle import settle, with_zones
 from lidcam.summary import DropTable, RunProgress, RunReport, Tally, UnusedTopic
-from pipeline.core.errors import ConfigError, RecordingError
+from pipeline.core.errors import ConfigError, RecordingError, short_memory_told
 from pipeline.core.frame import FrameResult, SensorBundle
 from pipeline.core.settings.config import Config
 from pipeline.graph import Graph, Node
@@ -45,7 +45,7 @@ from readers.messages.tf import TF_TYPES
 from readers.open import open_recording
 from readers.recording import ReadOptions, Recording
 from readers.rig.discovery import Discovery, discover_rig
-from readers.rig.sensor_topics import BOXES, CAMERA_INFO, IMAGE
+from readers.rig.sensor_topics import BOXES, CAMERA_INFO, CLOUD, IMAGE
 from readers.streams.motion import find_motion_source
 from readers.streams.per_sensor import sensor_messages
 from writers.base import ResultWriter
@@ -53,6 +53,9 @@ from writers.base import ResultWriter
 __all__ = ["Run", "RunObserver", "check_not_empty", "iter_frames", "process_recording"]
 
 logger = logging.getLogger(__name__)
+
+CLOUD_GROWTH, IMAGE_GROWTH = 16, 3
+"""Times the size of its message that the work on a cloud holds, and on an image, roughly."""
 
 
 class RunObserver:
@@ -76,7 +79,8 @@ def process_recording(job: Job, observer: RunObserver | None = None) -> RunRepor
         observer: Looks on.
 
     Raises:
-        LidcamError: the input, the calibration, the settings or an output is at fault; no output is left behind.
+        LidcamError: the input, the calibration, the settings or an output is at fault, or memory runs short; no output
+            is left behind.
     """
     observer = observer or RunObserver()
     with open_outputs(job) as outputs, opened(job) as run:
@@ -107,6 +111,12 @@ def opened(job: Job) -> Iterator["Run"]:
     Raises:
         LidcamError: the input, the calibration, the settings or an output is at fault.
     """
+    with short_memory_told(f"process {', '.join(map(str, job.inputs))}"), _opened(job) as run:
+        yield run
+
+
+@contextmanager
+def _opened(job: Job) -> Iterator["Run"]:
     options = ReadOptions("as_needed" if job.on_bad_message == "skip" else "none", job.config.limits)
     with sensor_messages(open_recording(job.inputs, options)) as recording:
         names = ", ".join(map(str, recording.paths))
@@ -299,7 +309,17 @@ def _results(
 ) -> Generator[FrameResult, None, None]:
     if config.run.workers == 1:
         return graph.run(result, found)
-    return graph.run_pipelined(result, found, window=config.run.window or config.run.workers + 2)
+    window = config.run.window or config.run.workers + 2
+    most = config.limits.max_waiting_bytes
+    return graph.run_pipelined(result, found, window=window, weigh=_memory_of, max_weight=most)
+
+
+def _memory_of(bundle: SensorBundle) -> int:
+    """About how many bytes the work on a frame holds."""
+    return sum(
+        len(message.data) * (CLOUD_GROWTH if message.channel.msgtype in CLOUD else IMAGE_GROWTH)
+        for message in bundle.messages.values()
+    )
 
 
 def _write(writer: ResultWriter, result: FrameResult) -> FrameResult:

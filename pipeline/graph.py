@@ -220,7 +220,15 @@ class Graph(Generic[F]):
                 values[node] = self._call(node, frame, [values[i] for i in node.inputs])
             yield values[sink]
 
-    def run_pipelined(self, sink: Node[R], frames: Iterable[F], *, window: int) -> Generator[R, None, None]:
+    def run_pipelined(
+        self,
+        sink: Node[R],
+        frames: Iterable[F],
+        *,
+        window: int,
+        weigh: Callable[[F], float] = lambda _: 0.0,
+        max_weight: float = 0.0,
+    ) -> Generator[R, None, None]:
         """The same values in the same order as `run`, with each stage on its own threads.
 
         Each stage has a first-in, first-out pool. Tasks are submitted in frame order, and each waits for its inputs.
@@ -230,13 +238,15 @@ class Graph(Generic[F]):
             sink: Handle of the values to yield.
             frames: Read on the calling thread. If reading fails, the results of earlier frames come first, as in `run`.
             window: Largest number of frames in work at once.
+            weigh: Weight of a frame.
+            max_weight: Weight of all frames in work at once; a heavier one is in work alone.
         """
         if window < 1:
             raise ValueError(f"window: expected at least 1 frame, got {window}")
-        pending: deque[dict[Node[Any], Future[Any]]] = deque()
+        pending: deque[tuple[float, dict[Node[Any], Future[Any]]]] = deque()
         with ExitStack() as stack:
             pools = {n: stack.enter_context(ThreadPoolExecutor(n.workers, f"lidcam-{n.name}")) for n in self.nodes}
-            stack.callback(lambda: [future.cancel() for futures in pending for future in futures.values()])
+            stack.callback(lambda: [future.cancel() for _, futures in pending for future in futures.values()])
             source_error: Exception | None = None
             source = iter(frames)
             while True:
@@ -247,15 +257,19 @@ class Graph(Generic[F]):
                 except Exception as err:
                     source_error = err
                     break
+                weight = weigh(frame)
+                while pending and weight + sum(other for other, _ in pending) > max_weight:
+                    yield pending.popleft()[1][sink].result()
                 futures: dict[Node[Any], Future[Any]] = {self.frame: _done(frame)}
                 for node in self.nodes:
                     inputs = [futures[i] for i in node.inputs]
                     futures[node] = pools[node].submit(self._wait_and_call, node, frame, inputs)
-                pending.append(futures)
+                pending.append((weight, futures))
+                del frame, futures, inputs
                 if len(pending) == window:
-                    yield pending.popleft()[sink].result()
+                    yield pending.popleft()[1][sink].result()
             while pending:
-                yield pending.popleft()[sink].result()
+                yield pending.popleft()[1][sink].result()
             if source_error is not None:
                 raise source_error
 

@@ -210,7 +210,7 @@ def _open_file(path: Location, index: int, stack: ExitStack, options: ReadOption
     """Open one file; the stack closes it and removes temporary copies."""
     is_recovering = options.recovery != "none"
     if isinstance(path, RemotePath):
-        path, stream = open_remote(path)
+        path, stream = open_remote(path, options.limits)
         stack.callback(stream.close)
         with library_errors(path, is_recovering=is_recovering):
             _check_is_mcap(path, stream)

@@ -1,6 +1,6 @@
 """Warnings of calibration that cannot be right."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -17,6 +17,9 @@ from pipeline.core.settings.config import Config
 from readers.streams.decoders import CloudDecoder
 
 __all__ = ["CalibrationCheck", "check_first_clouds"]
+
+MAX_POINTS = 200_000
+"""Points of each lidar that are looked at, every n-th: their clouds are held for the whole run."""
 
 
 class CalibrationCheck:
@@ -36,7 +39,7 @@ class CalibrationCheck:
             known = {lidar.topic for lidar in self._rig.lidars if lidar.name in self._clouds}
             messages = {topic: message for topic, message in bundle.messages.items() if topic not in known}
             found = self._decode(replace(bundle, messages=messages))
-            self._clouds |= {name: cloud for name, cloud in found.items() if len(cloud)}
+            self._clouds |= {name: _thinned(cloud) for name, cloud in found.items() if len(cloud)}
         if self._lidars <= bundle.messages.keys():  # a camera may see only what a missing lidar does
             combined = frame.combined
             self._points.add(np.concatenate([combined.cloud.xyz, combined.ground_cloud.xyz]))
@@ -55,14 +58,19 @@ class CalibrationCheck:
         return of_boxes + tuple(warning for warning in of_points if warning.subject not in warned)
 
 
-def check_first_clouds(rig: Rig, config: Config, messages: Mapping[str, RawMessage]) -> tuple[RunWarning, ...]:
-    """Warnings of calibration that the first message of each lidar, by topic, contradicts."""
-    if not messages:
-        return ()
-    stamp_ns = min(message.stamp_ns for message in messages.values())
-    clouds = CloudDecoder(rig, config, on_bad="skip")(SensorBundle(0, stamp_ns, stamp_ns, messages))
+def check_first_clouds(rig: Rig, config: Config, messages: Iterable[RawMessage]) -> tuple[RunWarning, ...]:
+    """Warnings of calibration that the first message of each lidar contradicts; one is held at a time."""
+    decode = CloudDecoder(rig, config, on_bad="skip")
+    clouds: dict[str, PointCloud] = {}
+    for message in messages:
+        found = decode(SensorBundle(0, message.stamp_ns, message.log_time_ns, {message.topic: message}))
+        clouds |= {name: _thinned(cloud) for name, cloud in found.items()}
     points = CameraPoints(rig)
     poses = {lidar.name: lidar.T_site_lidar for lidar in rig.lidars}
     sites = [poses[name].apply(cloud.xyz) for name, cloud in clouds.items()]
     points.add(np.concatenate([np.zeros((0, 3), np.float32), *sites]))
     return inverted_lidars(rig, config.combine, clouds) or points.warnings
+
+
+def _thinned(cloud: PointCloud) -> PointCloud:
+    return cloud if len(cloud) <= MAX_POINTS else cloud.select(np.arange(0, len(cloud), -(-len(cloud) // MAX_POINTS)))

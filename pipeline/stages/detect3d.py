@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pipeline.core.arrays import F64, Indices
+from pipeline.core.arrays import F64, Bools, Indices
 from pipeline.core.clouds import CombinedCloud
 from pipeline.core.detections import Boxes3D
 from pipeline.core.geometry.boxes import rotations_2d, wrap_angle
@@ -16,6 +16,9 @@ __all__ = ["Detect3D"]
 
 OVERLAP_SHARE = 0.25
 """If one of two boxes has more than this share of its ground inside the other, only the better one is kept."""
+
+BLOCK, PAIRS = 256, 1 << 14
+"""Boxes, and pairs of boxes, that are compared at once: a cloud can be made of any number of small clusters."""
 
 
 class Detect3D:
@@ -59,14 +62,37 @@ def _suppress_overlaps(centers: F64, sizes: F64, yaws: F64) -> Indices:
     steps = (np.arange(8) + 0.5) / 8 - 0.5
     grid = np.stack(np.meshgrid(steps, steps, indexing="ij"), -1).reshape(-1, 2)
     samples = centers[:, None, :2] + (grid * sizes[:, None, :2]) @ rotations_2d(yaws).transpose(0, 2, 1)  # (N, G, 2)
-    x, y = (samples.reshape(-1, 2) - centers[:, None, :2]).transpose(2, 0, 1)  # (N, N G): from each box's centre
-    cos, sin = np.cos(yaws)[:, None], np.sin(yaws)[:, None]
-    half_length, half_width = sizes[:, :2].T[..., None] / 2
+    boxes = np.column_stack([centers[:, :2], sizes[:, :2] / 2, np.cos(yaws), np.sin(yaws)])
+    kept = np.zeros(0, np.intp)
+    for start in range(0, len(centers), BLOCK):
+        rows = np.arange(start, min(start + BLOCK, len(centers)))
+        others = np.concatenate([kept, rows])
+        rivals = _rivals(rows, others, boxes, samples)
+        is_kept = others < start
+        for place in range(len(rows)):
+            is_kept[len(kept) + place] = not (rivals[place] & is_kept).any()
+        kept = others[is_kept]
+    return kept
+
+
+def _rivals(rows: Indices, others: Indices, boxes: F64, samples: F64) -> Bools:
+    """(R, O) whether a box or the other, which comes before it, has too much of its ground inside the other."""
+    gap = boxes[rows, None, :2] - boxes[others, :2]
+    reach_m = np.hypot(boxes[:, 2], boxes[:, 3])
+    near = np.hypot(gap[..., 0], gap[..., 1]) <= reach_m[rows, None] + reach_m[others]
+    first, second = np.nonzero(near & (others < rows[:, None]))
+    found = np.zeros(near.shape, np.bool_)
+    for start in range(0, len(first), PAIRS):
+        i, j = first[start : start + PAIRS], second[start : start + PAIRS]
+        a, b = rows[i], others[j]
+        inside = np.maximum(_share_inside(boxes[a], samples[b]), _share_inside(boxes[b], samples[a]))
+        found[i, j] = inside > OVERLAP_SHARE
+    return found
+
+
+def _share_inside(boxes: F64, samples: F64) -> F64:
+    """(P,) share of the samples (P, G, 2) that lie inside of each box: centre, half its size, cosine, sine of yaw."""
+    x, y = (samples - boxes[:, None, :2]).transpose(2, 0, 1)
+    half_length, half_width, cos, sin = boxes[:, 2:].T[..., None]
     within = (np.abs(x * cos + y * sin) <= half_length) & (np.abs(y * cos - x * sin) <= half_width)
-    inside = within.reshape(len(sizes), len(sizes), len(grid)).mean(2)
-    rivals = np.maximum(inside, inside.T) > OVERLAP_SHARE
-    kept: list[int] = []
-    for row in range(len(centers)):
-        if not rivals[row, kept].any():
-            kept.append(row)
-    return np.array(kept, np.intp)
+    return np.asarray(within.mean(1))

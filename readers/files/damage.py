@@ -18,7 +18,7 @@ import zstandard
 from mcap.exceptions import McapError
 from rosbags.rosbag1 import ReaderError
 
-from pipeline.core.errors import LidcamError, RecordingError
+from pipeline.core.errors import LidcamError, RecordingError, is_short_memory, short_memory_told
 from readers.location import Location
 from readers.recording import DEFAULT_READ_OPTIONS, Loss, ReadOptions
 
@@ -37,7 +37,7 @@ LIBRARY_ERRORS: tuple[type[Exception], ...] = (
     ArithmeticError,
     AssertionError,
     LookupError,
-    MemoryError,  # a length field that was overwritten
+    MemoryError,  # never damage: `_is_damage` says so, and `library_errors` tells it
     TypeError,
     ValueError,
 )
@@ -148,9 +148,11 @@ def library_errors(
 
     Raises:
         RecordingError: instead of any of `LIBRARY_ERRORS`; a `DamageError` if the content is at fault.
+        ShortMemoryError: memory could not be had, which says nothing of the file.
     """
     try:
-        yield
+        with short_memory_told(f"read {path}"):
+            yield
     except LidcamError:
         raise
     except LIBRARY_ERRORS as err:
@@ -179,7 +181,7 @@ def _sum(rest: Loss | None, loss: Loss, count: int) -> Loss:
 
 
 def _is_damage(err: Exception) -> bool:
-    return not isinstance(err, LidcamError) and not _is_of_system(err)
+    return not isinstance(err, LidcamError) and not _is_of_system(err) and not is_short_memory(err)
 
 
 def _is_of_system(err: Exception) -> bool:

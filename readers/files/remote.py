@@ -1,4 +1,4 @@
-"""A file on a server as a stream that fetches only the parts that are read, by range requests (fsspec).
+"""A file on a server as a stream that fetches only the parts that are read, by range requests.
 
 Whole pages are fetched and kept in a temporary file: nothing is fetched twice until that is full, and memory does not
 grow. Sequential reading fetches more and more at once, up to a maximum; a reader that knows what it will read uses
@@ -11,11 +11,17 @@ import logging
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import replace
+from io import BytesIO
 from tempfile import TemporaryFile
-from typing import Any, BinaryIO, NamedTuple, TypeVar, cast
+from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple, TypeVar, cast
 
-from pipeline.core.errors import RecordingError
+from pipeline.core.errors import RecordingError, is_short_memory
+from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
+from readers.files.remote_faults import NO_RANGES, REMEDY, Fault, ServerError, fault_of
 from readers.location import RemotePath
+
+if TYPE_CHECKING:
+    from readers.files.web import WebFile
 
 __all__ = ["ReadAhead", "RemoteFile", "open_remote", "tell_full_read"]
 
@@ -30,15 +36,15 @@ MAX_KEPT_BYTES = 512 << 20
 """Size of the temporary file: several seconds of many cameras and lidars."""
 
 RETRY_DELAYS_S = (0.5, 1.0, 2.0)
-SILENCE_S = 30.0
-"""A server that sends nothing for this long counts as a lost connection."""
+REQUEST_SHARE = 0.2
+"""Share of the time that a request may take that one is meant to take."""
 
 MAX_FACT_CHARACTERS = 200
 
 EXTRAS = {"http": "http", "https": "http", "s3": "s3", "s3a": "s3"}
 """Extra of lidcam that installs what a protocol needs."""
 
-REMEDY = "download it, and read the copy"
+NO_SIZE = Fault("its server does not say how large it is", REMEDY)
 
 
 class RemoteFile(io.BufferedIOBase):
@@ -46,6 +52,7 @@ class RemoteFile(io.BufferedIOBase):
 
     Args:
         path: Its location.
+        limits: How long a request may take.
 
     Attributes:
         path: The same, with the facts that the server told.
@@ -55,7 +62,7 @@ class RemoteFile(io.BufferedIOBase):
         RecordingError: it cannot be reached, does not exist, has no known size, or an extra is not installed.
     """
 
-    def __init__(self, path: RemotePath) -> None:
+    def __init__(self, path: RemotePath, limits: LimitsConfig = DEFAULT_LIMITS) -> None:
         super().__init__()
         self.path = path
         self._position = 0
@@ -63,17 +70,14 @@ class RemoteFile(io.BufferedIOBase):
         self._end_of_last = 0  # page after the last one fetched
         self._run = 1  # pages fetched by the last miss
         self._is_wanted_whole = False
-        self._system: Any = None
-        self._file: Any = None
+        self._limits = limits
+        self._max_pages = MAX_REQUEST_PAGES  # fewer where the server is slow
+        self._opened: _Opened | None = None
         self._kept: BinaryIO = TemporaryFile(prefix="lidcam-")  # noqa: SIM115  # closed by close()
         try:
-            self._system, self._place = self._attempt("it cannot be opened", lambda: _file_system(path))
-            info = self._attempt("it cannot be opened", lambda: self._system.info(self._place))
-            self.size = _size(path, info)
-            self.path = replace(path, facts=tuple(_facts(info)))
-            if self.size:
-                options = _open_options(path, info)
-                self._file = self._attempt("it cannot be opened", lambda: self._open(options))
+            self._opened = self._attempt("it cannot be opened", lambda: _opened(path, limits))
+            self.size = self._opened.size
+            self.path = replace(path, facts=self._opened.facts)
         except BaseException:
             self.close()
             raise
@@ -162,26 +166,34 @@ class RemoteFile(io.BufferedIOBase):
         if (len(self._pages) + sum(page not in self._pages for page in pages)) * PAGE_BYTES > MAX_KEPT_BYTES:
             self._kept.truncate(0)
             self._pages.clear()
-        for first, last in _runs(page for page in pages if page not in self._pages):
+        wanted = [page for page in pages if page not in self._pages]
+        while wanted:
+            first, last = next(_runs(wanted, self._max_pages))
+            wanted = wanted[last - first :]
             start = first * PAGE_BYTES
+            began_s = time.monotonic()
             data = self._range(start, min(last * PAGE_BYTES, self.size))
+            self._adapt(len(data), time.monotonic() - began_s)
             self._kept.seek(start)
             self._kept.write(data)
             self._pages.update(range(first, last))
             self._end_of_last = last
 
+    def _adapt(self, size: int, seconds: float) -> None:
+        """Ask for as much at once as takes a small part of the time that a request may take."""
+        rate = size / max(seconds, 1e-3)
+        pages = int(rate * self._limits.max_request_s * REQUEST_SHARE) // PAGE_BYTES
+        self._max_pages = min(max(pages, 1), MAX_REQUEST_PAGES)
+
     def _range(self, start: int, stop: int) -> bytes:
         return self._attempt(f"the connection was lost at byte {start}", lambda: self._range_once(start, stop))
 
     def _range_once(self, start: int, stop: int) -> bytes:
-        self._file.seek(start)
-        data: bytes = self._file.read(stop - start)
+        assert self._opened is not None
+        data = self._opened.read(start, stop)
         if len(data) != stop - start:
             raise EOFError(f"{len(data)} of {stop - start} bytes")
         return data
-
-    def _open(self, options: dict[str, Any]) -> Any:
-        return self._system.open(self._place, "rb", cache_type="none", **options)
 
     def _attempt(self, failed: str, action: Callable[[], T]) -> T:
         """The result of `action`, tried again after network errors that may be temporary.
@@ -189,14 +201,17 @@ class RemoteFile(io.BufferedIOBase):
         Raises:
             RecordingError: it failed.
         """
+        end_s = time.monotonic() + self._limits.max_request_s
         for attempt, delay_s in enumerate((*RETRY_DELAYS_S, None), 1):
             try:
                 return action()
             except RecordingError:
                 raise
-            except Exception as err:  # any library below fsspec may raise
-                fault = _fault(err)
-                if fault.passes and delay_s is not None:
+            except Exception as err:  # any library below may raise
+                if is_short_memory(err):
+                    raise
+                fault = fault_of(err)
+                if fault.passes and delay_s is not None and time.monotonic() + delay_s < end_s:
                     time.sleep(delay_s)
                     continue
                 reason = f"{failed} ({fault.reason}, {attempt} attempts)" if fault.passes else fault.reason
@@ -205,12 +220,9 @@ class RemoteFile(io.BufferedIOBase):
         raise RuntimeError("unreachable: the last attempt returns or raises")
 
     def _disconnect(self) -> None:
-        if self._file is not None:
-            self._file.close()
-        session = getattr(self._system, "_session", None) or getattr(self._system, "_s3creator", None)
-        if session is not None:
-            self._system.close_session(self._system.loop, session)
-        self._file = self._system = None
+        if self._opened is not None:
+            self._opened.close()
+        self._opened = None
 
 
 class ReadAhead:
@@ -253,13 +265,13 @@ class ReadAhead:
         self._bytes = min(max(2 * taken, 2 * self._bytes), MAX_REQUEST_BYTES)
 
 
-def open_remote(path: RemotePath) -> tuple[RemotePath, BinaryIO]:
+def open_remote(path: RemotePath, limits: LimitsConfig = DEFAULT_LIMITS) -> tuple[RemotePath, BinaryIO]:
     """Open a file on a server; returns its path with the facts that the server told, and a stream.
 
     Raises:
         RecordingError: it cannot be read; says why.
     """
-    remote = RemoteFile(path)
+    remote = RemoteFile(path, limits)
     return remote.path, cast("BinaryIO", remote)
 
 
@@ -274,11 +286,11 @@ def _remote(stream: object) -> RemoteFile | None:
     return stream if isinstance(stream, RemoteFile) else None
 
 
-def _runs(pages: Iterable[int]) -> Iterator[tuple[int, int]]:
+def _runs(pages: Iterable[int], most: int) -> Iterator[tuple[int, int]]:
     """First page and the one after the last of each run of adjacent pages, each one request; in the order given."""
     first = last = -1
     for page in pages:
-        if page != last or last - first == MAX_REQUEST_PAGES:
+        if page != last or last - first == most:
             if last > first:
                 yield first, last
             first = page
@@ -287,117 +299,90 @@ def _runs(pages: Iterable[int]) -> Iterator[tuple[int, int]]:
         yield first, last
 
 
-def _file_system(path: RemotePath) -> tuple[Any, str]:
+def _opened(path: RemotePath, limits: LimitsConfig) -> "_Opened":
+    """The file, opened by our own client or by fsspec's for its protocol.
+
+    Raises:
+        RecordingError: the protocol is unknown, or what it needs is not installed.
+        Exception: of the client, if it cannot be reached.
+    """
     try:
+        if path.protocol in {"http", "https"}:
+            from readers.files.web import WebFile  # needs aiohttp and fsspec, which are optional
+
+            return _of_web(WebFile(path, max_request_s=limits.max_request_s))
         import fsspec
 
         options: dict[str, Any] = {"skip_instance_cache": True}
-        if path.protocol in {"http", "https"}:
-            import aiohttp
-
-            silence = aiohttp.ClientTimeout(total=None, sock_connect=SILENCE_S, sock_read=SILENCE_S)
-            options["client_kwargs"] = {"timeout": silence, "trust_env": True}  # HTTPS_PROXY
-            options["encoded"] = path.url.isascii() and " " not in path.url  # a signed URL must not change
-        elif path.protocol in {"s3", "s3a"}:
+        if path.protocol in {"s3", "s3a"}:
             options["use_listings_cache"] = False
         kind = fsspec.get_filesystem_class(path.protocol)
-        system = kind(**kind._get_kwargs_from_urls(path.url), **options)
     except ImportError:
         if extra := EXTRAS.get(path.protocol):
             remedy = f"install it with `pip install 'lidcam[{extra}]'`"
         else:
             remedy = f"install what fsspec needs for it, or {REMEDY}"
         raise RecordingError(f"{path}: reading {path.protocol}:// is not installed; {remedy}") from None
-    except ValueError:
-        raise RecordingError(f"{path}: lidcam reads https://, http:// and s3://, found {path.protocol}://") from None
-    return system, str(kind._strip_protocol(path.url))  # url_to_fs would take "::" for a chain of file systems
+    except ValueError as err:
+        if path.protocol in {"http", "https"}:
+            raise
+        raise RecordingError(f"{path}: lidcam reads https://, http:// and s3://, found {path.protocol}://") from err
+    return _of_fsspec(path, kind(**kind._get_kwargs_from_urls(path.url), **options), kind)
 
 
-def _open_options(path: RemotePath, info: dict[str, Any]) -> dict[str, Any]:
-    """Options that make sure that all parts are of the same file (RFC 9110, 13.1); S3 does so by itself."""
-    if path.protocol not in {"http", "https"}:
-        return {}
-    headers = {"Accept-Encoding": "identity"}
-    etag, modified = str(info.get("ETag", "")), info.get("Last-Modified")
-    if etag.startswith('"'):  # weak ones never match
-        headers["If-Match"] = etag
-    elif modified:
-        headers["If-Unmodified-Since"] = str(modified)
-    return {"size": info["size"], "headers": headers}
+class _Opened(NamedTuple):
+    """A file on a server.
+
+    Attributes:
+        size: Bytes.
+        facts: What the server says of its version, by name.
+        read: Its bytes from one place to before another.
+        close: Ends the connection.
+    """
+
+    size: int
+    facts: tuple[tuple[str, str], ...]
+    read: Callable[[int, int], bytes]
+    close: Callable[[], None]
 
 
-def _size(path: RemotePath, info: dict[str, Any]) -> int:
+def _of_web(file: "WebFile") -> _Opened:
+    try:
+        found = file.facts()
+    except BaseException:
+        file.close()
+        raise
+    if found.size is None or not found.has_ranges:
+        file.close()
+        raise ServerError(NO_SIZE if found.size is None else NO_RANGES)
+    facts = {"size": str(found.size), "etag": found.etag, "last_modified": found.modified}
+    return _Opened(found.size, _shown(facts), file.read, file.close)
+
+
+def _of_fsspec(path: RemotePath, system: Any, kind: Any) -> _Opened:
+    """S3, and whatever else fsspec knows; it makes sure by itself that all parts are of the same file."""
+    place = str(kind._strip_protocol(path.url))  # url_to_fs would take "::" for a chain of file systems
+    info = system.info(place)
     if info.get("type") == "directory":
         raise RecordingError(f"{path}: expected a file, found a folder; name the .mcap files in it")
     if not isinstance(info.get("size"), int):
-        raise RecordingError(f"{path}: its server does not say how large it is; {REMEDY}")
-    if info.get("partial") is False:
-        raise RecordingError(f"{path}: {NO_RANGES.reason}; {NO_RANGES.remedy}")
-    return int(info["size"])
+        raise ServerError(NO_SIZE)
+    file = system.open(place, "rb", cache_type="none") if info["size"] else BytesIO()
+
+    def read(start: int, stop: int) -> bytes:
+        file.seek(start)
+        return bytes(file.read(stop - start))
+
+    def close() -> None:
+        file.close()
+        session = getattr(system, "_s3creator", None)
+        if session is not None:
+            system.close_session(system.loop, session)
+
+    known = {"etag": ("ETag", "etag"), "last_modified": ("LastModified",)}
+    facts = {name: next((str(info[key]) for key in keys if info.get(key)), "") for name, keys in known.items()}
+    return _Opened(info["size"], _shown({"size": str(info["size"]), **facts}), read, close)
 
 
-def _facts(info: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    yield "size", str(info["size"])
-    for name, keys in {"etag": ("ETag", "etag"), "last_modified": ("Last-Modified", "LastModified")}.items():
-        value = next((str(info[key]) for key in keys if info.get(key)), "")
-        if value and value.isprintable():
-            yield name, value[:MAX_FACT_CHARACTERS]
-
-
-class _Fault(NamedTuple):
-    reason: str
-    remedy: str
-    passes: bool = False
-
-
-NO_RANGES = _Fault("its server does not give parts of a file (range requests)", REMEDY)
-CHANGED = _Fault("it was changed while it was read", "read it again when it is complete")
-DENIED = _Fault("access was denied", "check the credentials, and whether a signed link is still valid")
-MISSING = _Fault("no such file", "check the address")
-NO_CREDENTIALS = _Fault("there are no credentials for it", "set them as for the AWS CLI, or FSSPEC_S3_ANON=true")
-UNUSABLE = _Fault("its address cannot be used", "check the address")
-
-BY_STATUS = {401: DENIED, 403: DENIED, 404: MISSING, 410: MISSING, 412: CHANGED, 416: CHANGED}
-BY_NAME = {
-    "FileExpired": CHANGED,
-    "FileNotFoundError": MISSING,
-    "IsADirectoryError": MISSING,
-    "InvalidURL": UNUSABLE,
-    "NoCredentialsError": NO_CREDENTIALS,
-    "ParamValidationError": UNUSABLE,
-    "PermissionError": DENIED,
-}
-MAY_PASS = frozenset({408, 425, 429, *range(500, 600)})
-
-
-def _fault(err: BaseException) -> _Fault:
-    """What went wrong, without the library's message, which quotes URLs."""
-    chain: list[BaseException] = []
-    cause: BaseException | None = err
-    while cause is not None and cause not in chain:
-        chain.append(cause)
-        cause = cause.__cause__
-    for cause in chain:
-        status = _status(cause)
-        if status in BY_STATUS:
-            return BY_STATUS[status]._replace(reason=f"{BY_STATUS[status].reason} (HTTP {status})")
-        if status is not None:
-            return _Fault(f"HTTP {status}", f"try again later, or {REMEDY}", status in MAY_PASS)
-    for cause in reversed(chain):
-        names = [base.__name__ for base in type(cause).__mro__]
-        fault = next((BY_NAME[name] for name in names if name in BY_NAME), None)
-        # fsspec raises FileNotFoundError whenever it fails to ask a server.
-        if fault is not None and (fault is not MISSING or len(chain) == 1):
-            return fault
-    if isinstance(chain[-1], ValueError):
-        return NO_RANGES if len(chain) == 1 else UNUSABLE
-    return _Fault(type(chain[-1]).__name__, "check the network, and try again", passes=True)
-
-
-def _status(err: BaseException) -> int | None:
-    """HTTP status in an error of aiohttp or botocore."""
-    status = getattr(err, "status", None)
-    response = getattr(err, "response", None)
-    if isinstance(response, dict):
-        status = response.get("ResponseMetadata", {}).get("HTTPStatusCode")
-    return status if isinstance(status, int) else None
+def _shown(facts: dict[str, str]) -> tuple[tuple[str, str], ...]:
+    return tuple((name, value[:MAX_FACT_CHARACTERS]) for name, value in facts.items() if value and value.isprintable())

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 
 from pipeline.core.arrays import U8
-from pipeline.core.errors import MessageError
+from pipeline.core.errors import MessageError, is_short_memory
 from pipeline.core.images import Image
 from pipeline.core.messages import RawMessage
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
@@ -20,7 +20,7 @@ COMPRESSED_IMAGE = "sensor_msgs/msg/CompressedImage"
 
 
 @decoder
-def decode_compressed_image(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS) -> Image:
+def decode_compressed_image(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS, others: int = 0) -> Image:
     """The image of a CompressedImage in JPEG, PNG, WebP, AVIF, TIFF or BMP, recognised by its data.
 
     Of `format` (`jpeg`, or in image_transport's spelling `rgb8; jpeg compressed bgr8`) only the encoding before the
@@ -30,13 +30,13 @@ def decode_compressed_image(message: RawMessage, *, limits: LimitsConfig = DEFAU
     Raises:
         MessageError: not a CompressedImage, damaged data, more pixels than `limits` allow, or a compressed depth map.
     """
-    compressed = deserialize_as(message, COMPRESSED_IMAGE)
+    compressed = deserialize_as(message, COMPRESSED_IMAGE, limits=limits)
     kind = compressed.format.strip()
     if "compresseddepth" in kind.lower():
         raise MessageError(f"{message.topic}: format {kind!r} holds distances, expected an image: leave it out")
     data, rgb = compressed.data, None
     if size := image_size(data.tobytes()):
-        check_pixels(*size, limits, message.topic)
+        check_pixels(*size, limits, message.topic, others)
         encoding = PACKED.get(kind.split(";")[0].strip().lower())
         if encoding is not None and encoding.mosaic:
             rgb = _decode_mosaic(data, encoding)
@@ -64,6 +64,8 @@ def _imdecode(data: U8, colour: int) -> U8 | None:
     """The image in 8 bits, or None if it cannot be decoded."""
     try:
         image = cv2.imdecode(data, colour | cv2.IMREAD_IGNORE_ORIENTATION)
-    except cv2.error:  # more pixels than OpenCV allows
+    except cv2.error as err:  # more pixels than OpenCV allows
+        if is_short_memory(err):
+            raise
         return None
     return None if image is None else np.asarray(image, np.uint8)

@@ -17,9 +17,10 @@ from rosbags.interfaces.typing import Typesdict
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from pipeline.core.errors import MessageError
+from pipeline.core.errors import MessageError, is_short_memory
 from pipeline.core.messages import Channel, RawMessage
 from pipeline.core.ros.typestores import extra_types
+from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from readers.messages.boundary.layouts import layout_fault
 from readers.messages.size_limits import count_items, size_fault
 
@@ -31,9 +32,6 @@ IDL_HEADING = re.compile(r"^={80}\nIDL: .*\n", re.MULTILINE)
 MD5SUM = re.compile(r"[0-9a-f]{32}")
 
 MAX_DEFINITION_CHARACTERS = 1 << 18
-MAX_ITEMS = 1_000_000
-"""Strings and messages in the lists of one message; each takes a hundred bytes of memory or more."""
-
 BEFORE_VISION_MSGS_4 = {"crystal", "bouncy", "dashing", "eloquent", "foxy", "galactic"}
 """Releases with older vision_msgs (2D boxes and hypotheses differ), whose definitions are not included."""
 
@@ -42,21 +40,22 @@ EMPTY_LINES = re.compile(r"\n\s*\n")
 _lock = threading.Lock()
 
 
-def deserialize(message: RawMessage) -> Any:
+def deserialize(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS) -> Any:
     """The message as an object with the fields of its definition; byte and number arrays are numpy arrays.
 
     Raises:
-        MessageError: the definition cannot be used, the bytes do not fit it, or the message could not be read.
+        MessageError: the definition cannot be used, the bytes do not fit it, the message could not be read, or its
+            lists hold more than `limits` allow.
     """
     channel = message.channel
     if message.problem:
         raise MessageError(f"{channel.topic}: {message.problem}")
     store = typestore_for(channel)
-    if len(message.data) > MAX_ITEMS and (
-        count_items(store, channel.msgtype, channel.encoding, message.data, MAX_ITEMS) > MAX_ITEMS
-    ):
+    most = limits.max_message_items
+    if len(message.data) > most and (count_items(store, channel.msgtype, channel.encoding, message.data, most) > most):
         raise MessageError(
-            f"{channel.topic}: a {channel.msgtype} with more than {MAX_ITEMS} strings or messages in its lists"
+            f"{channel.topic}: a {channel.msgtype} with more than {most} strings or messages in its lists: raise "
+            "limits.max_message_items"
         )
     try:
         if channel.encoding == "ros1":
@@ -64,6 +63,8 @@ def deserialize(message: RawMessage) -> Any:
         # a view: slicing off the encapsulation would copy bytes
         return store.deserialize_cdr(memoryview(message.data), channel.msgtype)
     except Exception as err:  # the generated decoders let struct, index, value and unicode errors through
+        if is_short_memory(err):
+            raise
         doubt = f"; {reason}" if (reason := _doubt(channel)) else ""
         raise MessageError(
             f"{channel.topic}: {len(message.data)} bytes are not a valid {channel.msgtype} "
@@ -71,7 +72,7 @@ def deserialize(message: RawMessage) -> Any:
         ) from err
 
 
-def deserialize_as(message: RawMessage, msgtype: str) -> Any:
+def deserialize_as(message: RawMessage, msgtype: str, *, limits: LimitsConfig = DEFAULT_LIMITS) -> Any:
     """Like `deserialize`, for a message that must be of one type.
 
     Raises:
@@ -79,7 +80,7 @@ def deserialize_as(message: RawMessage, msgtype: str) -> Any:
     """
     if message.channel.msgtype != msgtype:
         raise MessageError(f"{message.topic}: expected {msgtype}, found {message.channel.msgtype}")
-    return deserialize(message)
+    return deserialize(message, limits=limits)
 
 
 def typestore_for(channel: Channel) -> Typestore:
@@ -137,6 +138,8 @@ def _typestore(channel: Channel) -> Typestore | str:
         if not channel.definition.strip() and (other := _other_digest(channel, store)):
             return f"the recording has no definition of {channel.msgtype}, and the one that lidcam knows is {other}"
     except Exception as err:  # e.g. names or numbers that Python does not accept: the generated code fails
+        if is_short_memory(err):
+            raise
         reason = " ".join(str(err).split())[:200]
         return f"the recorded definition of {channel.msgtype} is unusable: {type(err).__name__}: {reason}"
     return store

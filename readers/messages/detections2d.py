@@ -19,7 +19,9 @@ from typing import Any
 import numpy as np
 
 from pipeline.core.detections import Boxes2D
+from pipeline.core.errors import MessageError
 from pipeline.core.messages import RawMessage
+from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from readers.messages.boundary.decoding import decoder
 from readers.messages.deserialize import deserialize_as
 from readers.messages.tf import clean_frame
@@ -44,7 +46,11 @@ class Detections2D:
 
 @decoder
 def decode_detections2d(
-    message: RawMessage, class_id_of_label: Mapping[str, int], *, class_names: Sequence[str] = ()
+    message: RawMessage,
+    class_id_of_label: Mapping[str, int],
+    *,
+    class_names: Sequence[str] = (),
+    limits: LimitsConfig = DEFAULT_LIMITS,
 ) -> Detections2D:
     """The boxes of a message, each with the class of its best hypothesis (of equal scores the first).
 
@@ -55,14 +61,20 @@ def decode_detections2d(
         message: Detection2DArray of any version.
         class_id_of_label: Class id by each name that a detector may use.
         class_names: Labels of a detector that records numbers.
+        limits: How many boxes a message may hold.
 
     Raises:
-        MessageError: not a Detection2DArray of a known layout.
+        MessageError: not a Detection2DArray of a known layout, or more boxes than `limits` allow.
     """
-    array = deserialize_as(message, DETECTIONS_2D)
+    array = deserialize_as(message, DETECTIONS_2D, limits=limits)
     class_ids = {label.strip().lower(): class_id for label, class_id in class_id_of_label.items()}
     rows: list[tuple[list[float], float, int]] = []
     unused: Counter[str] = Counter()
+    if len(array.detections) > limits.max_boxes:
+        raise MessageError(
+            f"{message.topic}: {len(array.detections)} boxes, expected at most {limits.max_boxes}: raise "
+            "limits.max_boxes"
+        )
     for detection in array.detections:
         found = _read(detection, class_ids, class_names)
         if isinstance(found, str):

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.core.arrays import F64, U8
-from pipeline.core.errors import MessageError
+from pipeline.core.errors import MessageError, is_short_memory
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.messages import Channel, RawMessage
 from pipeline.core.ros.messages import POINT_FIELD_DATATYPES, ROS2
@@ -61,6 +61,8 @@ def to_ros(message: RawMessage) -> RawMessage:
         stamp_ns = time_ns(fields["timestamp"]) if "timestamp" in fields else message.log_time_ns
         data = ROS2.serialize(_CONVERSIONS[source.msgtype](fields, stamp_ns))
     except Exception as err:  # JSON values of any type, and errors of protobuf and rosbags
+        if is_short_memory(err):
+            raise
         reason = " ".join((str(err) if isinstance(err, MessageError) else f"{type(err).__name__}: {err}").split())
         found = f"{len(message.data)} bytes are not a valid {source.msgtype} in {source.encoding} ({reason})"
         return message._replace(data=b"", channel=channel, problem=found)

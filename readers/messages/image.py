@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from pipeline.core.arrays import U8
-from pipeline.core.errors import MessageError
+from pipeline.core.errors import MessageError, is_short_memory
 from pipeline.core.images import Image
 from pipeline.core.messages import RawMessage
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
@@ -22,21 +22,21 @@ RAW_IMAGE = "sensor_msgs/msg/Image"
 
 
 @decoder
-def decode_any_image(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS) -> Image:
-    """The image of an Image or CompressedImage.
+def decode_any_image(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS, others: int = 0) -> Image:
+    """The image of an Image or CompressedImage; `others` are the pixels of the frame's other images.
 
     Raises:
         MessageError: the message is of another type or holds no image.
     """
     if message.channel.msgtype == COMPRESSED_IMAGE:
-        return decode_compressed_image(message, limits=limits)
+        return decode_compressed_image(message, limits=limits, others=others)
     if message.channel.msgtype == RAW_IMAGE:
-        return decode_image(message, limits=limits)
+        return decode_image(message, limits=limits, others=others)
     raise MessageError(f"{message.topic}: expected {RAW_IMAGE} or {COMPRESSED_IMAGE}, found {message.channel.msgtype}")
 
 
 @decoder
-def decode_image(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS) -> Image:
+def decode_image(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS, others: int = 0) -> Image:
     """The image of a sensor_msgs/Image in one of the encodings that `image_encodings` lists.
 
     Rows may be padded (`step`). An rgb8 image without padding is a view of the message's bytes.
@@ -45,9 +45,9 @@ def decode_image(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS) 
         MessageError: not an Image, an encoding of something else, sizes that do not fit the data, or more pixels than
             `limits` allow.
     """
-    image = deserialize_as(message, RAW_IMAGE)
+    image = deserialize_as(message, RAW_IMAGE, limits=limits)
     encoding = image.encoding.strip().lower()
-    check_pixels(int(image.width), int(image.height), limits, message.topic)
+    check_pixels(int(image.width), int(image.height), limits, message.topic, others)
     try:
         if encoding in PACKED:
             rgb = _packed(image, encoding, message.topic)
@@ -57,6 +57,8 @@ def decode_image(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS) 
             known = ", ".join([*PACKED, *PLANAR])
             raise MessageError(f"{message.topic}: encoding {image.encoding!r} is not an image; expected one of {known}")
     except cv2.error as err:
+        if is_short_memory(err):
+            raise
         reason = " ".join(str(err).split())
         raise MessageError(f"{message.topic}: {image.encoding} {image.width} x {image.height}: {reason}") from err
     return Image(message.stamp_ns, clean_frame(image.header.frame_id), rgb)

@@ -94,16 +94,21 @@ def packed_to_rgb(pixels: U8, encoding: PackedEncoding) -> U8:
     return _convert(pixels[..., 0] if encoding.channels == 1 else pixels, encoding.conversion)
 
 
-def check_pixels(width: int, height: int, limits: LimitsConfig, topic: str) -> None:
-    """Check the size of an image.
+def check_pixels(width: int, height: int, limits: LimitsConfig, topic: str, others: int = 0) -> None:
+    """Refuse an image of more pixels than `limits` allow, by itself or with the `others` of its frame.
 
     Raises:
-        MessageError: the image has more pixels than `limits` allow.
+        MessageError: it has more.
     """
     if width * height > limits.max_image_mpx * 1e6:
         raise MessageError(
-            f"{topic}: an image of {width} x {height} px, expected at most {limits.max_image_mpx:g} million "
-            "pixels: raise limits.max_image_mpx"
+            f"{topic}: an image of {width} x {height} px, expected at most {limits.max_image_mpx:g} million pixels: "
+            "raise limits.max_image_mpx"
+        )
+    if others + width * height > limits.max_frame_mpx * 1e6:
+        raise MessageError(
+            f"{topic}: an image of {width} x {height} px, and {others} in other images of the frame, expected at most "
+            f"{limits.max_frame_mpx:g} million pixels in all: raise limits.max_frame_mpx"
         )
 
 

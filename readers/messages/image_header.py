@@ -52,6 +52,8 @@ def image_size(data: bytes) -> Size | None:
             return _tiff_size(image, data)
         size = image.size
         image.verify()  # all chunks of a PNG are there: OpenCV allocates what a chunk claims
+    except MemoryError:
+        raise
     except Exception:  # damaged data raise errors of many types in Pillow's parsers
         return None
     return size

@@ -41,11 +41,16 @@ _DTYPES = {number: dtype for dtype, number in POINT_FIELD_DATATYPES.items()} | {
 
 
 @decoder
-def decode_pointcloud2(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS) -> PointCloud:
+def decode_pointcloud2(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS, others: int = 0) -> PointCloud:
     """The points of a message in recorded order (organised clouds row by row), without points that are not finite.
 
     Coordinates become float32 metres: steps of 8 micrometres at 100 m, but of half a metre at 5 000 km (clouds in UTM
     coordinates).
+
+    Args:
+        message: A PointCloud2.
+        limits: How many points it may have.
+        others: Points of the frame's other clouds.
 
     Returns:
         The cloud at the message's stamp. Points with a coordinate that is not finite in float32 are removed and counted
@@ -55,11 +60,16 @@ def decode_pointcloud2(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LI
         MessageError: not a PointCloud2; x, y or z is missing; sizes, offsets and data contradict each other; or there
             are more points than `limits` allow.
     """
-    cloud = deserialize_as(message, "sensor_msgs/msg/PointCloud2")
+    cloud = deserialize_as(message, "sensor_msgs/msg/PointCloud2", limits=limits)
     height, width = int(cloud.height), int(cloud.width)
     if height * width > limits.max_points:
         raise MessageError(
             f"{message.topic}: {height} x {width} points, expected at most {limits.max_points}: raise limits.max_points"
+        )
+    if others + height * width > limits.max_frame_points:
+        raise MessageError(
+            f"{message.topic}: {height} x {width} points, and {others} in other clouds of the frame, expected at most "
+            f"{limits.max_frame_points} in all: raise limits.max_frame_points"
         )
     columns = _columns(cloud, height, width, message.topic)
     xyz, keep = _finite_points([columns.pop(axis) for axis in "xyz"])

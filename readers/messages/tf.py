@@ -16,6 +16,7 @@ from pipeline.core.errors import CalibrationError, FrameError, MessageError
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.geometry.transform_tree import TransformTree
 from pipeline.core.messages import Drop, RawMessage
+from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from readers.messages.boundary.decoding import decoder
 from readers.messages.deserialize import deserialize
 from readers.recording import Recording
@@ -89,7 +90,9 @@ def tf_topics(recording: Recording) -> tuple[list[str], list[str]]:
 
 
 @decoder
-def decode_transforms(message: RawMessage) -> list[tuple[int, Transform | CalibrationError, str]]:
+def decode_transforms(
+    message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS
+) -> list[tuple[int, Transform | CalibrationError, str]]:
     """The transforms of one message: stamp in ns, T_parent_child or its fault, child frame.
 
     Raises:
@@ -97,7 +100,7 @@ def decode_transforms(message: RawMessage) -> list[tuple[int, Transform | Calibr
     """
     if message.channel.msgtype not in TF_TYPES:
         raise MessageError(f"{message.topic}: expected a message of transforms, found {message.channel.msgtype}")
-    return [_decode(stamped) for stamped in deserialize(message).transforms]
+    return [_decode(stamped) for stamped in deserialize(message, limits=limits).transforms]
 
 
 def _decode(stamped: Any) -> tuple[int, Transform | CalibrationError, str]:
@@ -116,7 +119,11 @@ def _decode(stamped: Any) -> tuple[int, Transform | CalibrationError, str]:
 
 
 def read_transforms(
-    recording: Recording, *, start_ns: int | None = None, stop_ns: int | None = None
+    recording: Recording,
+    *,
+    start_ns: int | None = None,
+    stop_ns: int | None = None,
+    limits: LimitsConfig = DEFAULT_LIMITS,
 ) -> RecordedTransforms:
     """All of /tf_static, and /tf at the start of the recording and of the time window.
 
@@ -124,6 +131,7 @@ def read_transforms(
         recording: Open recording.
         start_ns: Start of the window by log time; None is that of the recording.
         stop_ns: Its end (exclusive).
+        limits: How many frames the transforms may name; messages that name more are dropped.
     """
     static, dynamic = tf_topics(recording)
     fixed = TransformTree()
@@ -131,12 +139,13 @@ def read_transforms(
     drops: list[Drop] = []
     seen: dict[str, Transform] = {}
     moving: dict[str, str] = {}
-    for message, transform, child in _transforms(recording.messages(static) if static else (), drops):
+    names = _Names(limits)
+    for message, transform, child in _transforms(recording.messages(static) if static else (), drops, names):
         if isinstance(transform, Transform):
             fixed.add_static(transform)
         else:
             faults[child] = f"{transform} ({message.topic})"
-    for message, transform, child in _transforms(_beginnings(recording, dynamic, start_ns, stop_ns), drops):
+    for message, transform, child in _transforms(_beginnings(recording, dynamic, start_ns, stop_ns), drops, names):
         if not isinstance(transform, Transform):
             faults[child] = f"{transform} ({message.topic})"
         elif not fixed.is_static(child):
@@ -149,6 +158,26 @@ def read_transforms(
             fixed.add_static(transform)
     known = {child: reason for child, reason in faults.items() if not fixed.is_static(child)}
     return RecordedTransforms(fixed, moving, known, tuple(drops))
+
+
+class _Names:
+    """The frames that transforms have named so far."""
+
+    def __init__(self, limits: LimitsConfig) -> None:
+        self.limits = limits
+        self._known: set[str] = set()
+
+    def take(self, child: str, topic: str) -> None:
+        """Add a frame.
+
+        Raises:
+            MessageError: there are too many.
+        """
+        if child not in self._known and len(self._known) >= self.limits.max_frames:
+            raise MessageError(
+                f"{topic}: transforms of more than {self.limits.max_frames} coordinate frames: raise limits.max_frames"
+            )
+        self._known.add(child)
 
 
 def _beginnings(
@@ -183,11 +212,12 @@ def _first_of(messages: Iterable[RawMessage], span_ns: int) -> Iterator[RawMessa
 
 
 def _transforms(
-    messages: Iterable[RawMessage], drops: list[Drop]
+    messages: Iterable[RawMessage], drops: list[Drop], names: _Names
 ) -> Iterator[tuple[RawMessage, Transform | CalibrationError, str]]:
     for message in messages:
         try:
-            for _, transform, child in decode_transforms(message):
+            for _, transform, child in decode_transforms(message, limits=names.limits):
+                names.take(child, message.topic)
                 yield message, transform, child
         except MessageError as err:
             drops.append(Drop(message.topic, message.stamp_ns, "cannot be decoded", str(err)))

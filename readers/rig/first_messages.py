@@ -4,7 +4,8 @@ from collections.abc import Collection
 from typing import Any
 
 from pipeline.core.errors import MessageError
-from pipeline.core.settings.recording import VelodyneConfig
+from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig, VelodyneConfig
+from readers.messages.compressed_image import COMPRESSED_IMAGE
 from readers.messages.deserialize import deserialize
 from readers.messages.image_header import image_size
 from readers.messages.tf import clean_frame
@@ -26,14 +27,21 @@ class FirstMessages:
     Methods raise ConfigError or CalibrationError if the settings for a Velodyne's packets cannot be used.
     """
 
-    def __init__(self, recording: Recording, velodyne: VelodyneConfig | None = None) -> None:
+    def __init__(
+        self,
+        recording: Recording,
+        velodyne: VelodyneConfig | None = None,
+        *,
+        limits: LimitsConfig = DEFAULT_LIMITS,
+    ) -> None:
         self._recording = recording
+        self._limits = limits
         self._velodyne = VelodyneDecoders(velodyne or VelodyneConfig())
         self._found: dict[tuple[str, str], Any | MessageError] = {}
-        self._video_sizes: dict[str, tuple[int, int] | None] = {}
+        self._sizes: dict[tuple[str, str], tuple[int, int] | None] = {}
 
     def decoded(self, topic: str, msgtypes: Collection[str]) -> Any:
-        """The first message of `topic` with one of `msgtypes`, decoded.
+        """The first message of `topic` with one of `msgtypes`, decoded, without its points, pixels or packets.
 
         Raises:
             MessageError: none of the first messages can be decoded; quotes the first error.
@@ -66,12 +74,13 @@ class FirstMessages:
             return None
         message = self.decoded(topic, msgtypes)
         if message.__msgtype__ in VIDEO:
-            if topic not in self._video_sizes:
-                self._video_sizes[topic] = first_image_size(self._recording.messages([topic]))
-            return self._video_sizes[topic]
+            key = (topic, min(msgtypes))
+            if key not in self._sizes:
+                self._sizes[key] = first_image_size(self._recording.messages([topic]), limits=self._limits)
+            return self._sizes[key]
         if hasattr(message, "width"):
             return int(message.width), int(message.height)
-        return image_size(message.data.tobytes())
+        return self._sizes[topic, min(msgtypes)]
 
     def _read(self, topic: str, msgtypes: Collection[str]) -> Any:
         """The message, or the MessageError to raise."""
@@ -86,9 +95,17 @@ class FirstMessages:
                     self._velodyne[topic](message)
                 if message.channel.msgtype in VIDEO:
                     read_packet(message)
-                return deserialize(message)
+                return self._without_content(deserialize(message, limits=self._limits), (topic, min(msgtypes)))
             except MessageError as err:
                 fault = fault or err
             if tried == TRIES:
                 break
         return MessageError(f"{topic}: none of its first {tried} messages can be decoded: {fault or 'it has none'}")
+
+    def _without_content(self, message: Any, key: tuple[str, str]) -> Any:
+        """The message without its largest field: a rig may have hundreds of topics with large messages."""
+        if message.__msgtype__ == COMPRESSED_IMAGE:
+            self._sizes[key] = image_size(message.data.tobytes())
+        if hasattr(message, "data"):
+            object.__setattr__(message, "data", ())
+        return message

@@ -93,8 +93,9 @@ def find_sensors(
         RecordingError: the recording has no clouds, or cannot be read.
     """
     rig_file = rig_file or RigFile()
-    first = FirstMessages(recording, config.velodyne)
-    transforms, of_rig = _with_rig(read_transforms(recording, start_ns=start_ns, stop_ns=stop_ns), rig_file)
+    first = FirstMessages(recording, config.velodyne, limits=config.limits)
+    recorded = read_transforms(recording, start_ns=start_ns, stop_ns=stop_ns, limits=config.limits)
+    transforms, of_rig = _with_rig(recorded, rig_file)
     of_lidars, of_cameras = Findings(), Findings()
     lidar_topics = find_lidar_topics(recording, config.topics, first, of_lidars)
     lidars = assign_lidars(rig_file.lidars, lidar_topics, recording, of_lidars)

@@ -3,7 +3,6 @@
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import partial
 from typing import Literal, TypeVar
 
 from pipeline.core.clouds import PointCloud
@@ -19,12 +18,15 @@ from readers.messages.detections2d import Detections2D, decode_detections2d
 from readers.messages.image import decode_any_image
 from readers.messages.pointcloud2 import decode_pointcloud2
 from readers.velodyne.decoder import VelodyneDecoders
-from readers.velodyne.scan import SCAN
+from readers.velodyne.scan import PACKET_BYTES, SCAN
 
 __all__ = ["CloudDecoder", "ImageDecoder", "RecordedBoxes"]
 
 T = TypeVar("T")
 OnBadMessage = Literal["skip", "fail"]
+
+POINTS_PER_PACKET = 384
+"""Points of a Velodyne packet at most: twelve blocks of 32."""
 
 
 class CloudDecoder:
@@ -40,24 +42,39 @@ class CloudDecoder:
 
     def __call__(self, bundle: SensorBundle) -> Decoded[PointCloud]:
         """Clouds by lidar name; a cloud without a frame gets that of its lidar."""
-        decoded = _decode(bundle, self._topics, self._decode_one, self._on_bad)
+        points = 0
+
+        def decode_one(message: RawMessage) -> tuple[PointCloud, tuple[Drop, ...]]:
+            nonlocal points
+            cloud, drops = self._decode_one(message, points)
+            points += len(cloud) + cloud.nan_dropped
+            return cloud, drops
+
+        decoded = _decode(bundle, self._topics, decode_one, self._on_bad)
         drops = decoded.drops + tuple(drop for _, parts in decoded.values() for drop in parts)
         return Decoded({name: cloud for name, (cloud, _) in decoded.items()}, drops)
 
-    def _decode_one(self, message: RawMessage) -> tuple[PointCloud, tuple[Drop, ...]]:
+    def _decode_one(self, message: RawMessage, others: int) -> tuple[PointCloud, tuple[Drop, ...]]:
+        """The cloud of a message in a frame whose other clouds have so many points."""
         # Times of points and packets are by the sensor's clock, so they are decoded with its own stamp.
         offset_ns = self._offsets_ns[message.topic]
         if not offset_ns:
-            return self._decode_as_stamped(message)
-        cloud, drops = self._decode_as_stamped(message._replace(stamp_ns=message.stamp_ns + offset_ns))
+            return self._decode_as_stamped(message, others)
+        cloud, drops = self._decode_as_stamped(message._replace(stamp_ns=message.stamp_ns + offset_ns), others)
         return replace(cloud, stamp_ns=message.stamp_ns), drops
 
-    def _decode_as_stamped(self, message: RawMessage) -> tuple[PointCloud, tuple[Drop, ...]]:
+    def _decode_as_stamped(self, message: RawMessage, others: int) -> tuple[PointCloud, tuple[Drop, ...]]:
         drops: tuple[Drop, ...] = ()
         if message.channel.msgtype == SCAN:
+            most = min(self._limits.max_points, self._limits.max_frame_points - others)
+            if len(message.data) // PACKET_BYTES * POINTS_PER_PACKET > most:
+                raise MessageError(
+                    f"{message.topic}: packets of {len(message.data)} bytes, expected at most {most} points: raise "
+                    "limits.max_points and limits.max_frame_points"
+                )
             cloud, drops = self._velodyne[message.topic].decode(message)
         else:
-            cloud = decode_pointcloud2(message, limits=self._limits)
+            cloud = decode_pointcloud2(message, limits=self._limits, others=others)
         return cloud if cloud.frame_id else replace(cloud, frame_id=self._frames[message.topic]), drops
 
 
@@ -65,13 +82,21 @@ class ImageDecoder:
     """Decodes the images of all cameras."""
 
     def __init__(self, rig: Rig, config: Config, *, on_bad: OnBadMessage) -> None:
-        self._decode_one = partial(decode_any_image, limits=config.limits)
+        self._limits = config.limits
         self._topics = {camera.name: camera.topic for camera in rig.cameras if camera.topic}
         self._on_bad = on_bad
 
     def __call__(self, bundle: SensorBundle) -> Decoded[Image]:
         """Images by camera name."""
-        return _decode(bundle, self._topics, self._decode_one, self._on_bad)
+        pixels = 0
+
+        def decode_one(message: RawMessage) -> Image:
+            nonlocal pixels
+            image = decode_any_image(message, limits=self._limits, others=pixels)
+            pixels += image.rgb.shape[0] * image.rgb.shape[1]
+            return image
+
+        return _decode(bundle, self._topics, decode_one, self._on_bad)
 
 
 class RecordedBoxes:
@@ -80,6 +105,7 @@ class RecordedBoxes:
     def __init__(self, rig: Rig, config: Config, *, on_bad: OnBadMessage) -> None:
         self._topics = {camera.name: camera.boxes_topic for camera in rig.cameras if camera.boxes_topic}
         self._min_score = config.detect2d.min_score
+        self._limits = config.limits
         self._class_ids = config.class_id_of_label
         self._numbered: tuple[str, ...] = ()
         if config.detect2d.class_numbers == "coco":
@@ -100,7 +126,7 @@ class RecordedBoxes:
         return Decoded(boxes, decoded.drops, dict(sorted((+unused).items())))
 
     def _decode_one(self, message: RawMessage) -> Detections2D:
-        return decode_detections2d(message, self._class_ids, class_names=self._numbered)
+        return decode_detections2d(message, self._class_ids, class_names=self._numbered, limits=self._limits)
 
 
 def _decode(

@@ -1,16 +1,21 @@
 """The contents of a recording by topic: counts, rates, gaps. Reads headers only."""
 
-from collections import defaultdict
+import logging
+from array import array
+from collections import Counter, defaultdict
 from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.core.arrays import F64
+from pipeline.core.arrays import F64, I64
 from pipeline.core.messages import time_fault
+from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from readers.messages.deserialize import definition_problem
 from readers.recording import Recording, TopicInfo
 
 __all__ = ["TopicSurvey", "survey"]
+
+logger = logging.getLogger(__name__)
 
 GAP_PERIODS = 2.5
 """A pause of more than this many periods is a gap: one lost message makes two periods."""
@@ -48,47 +53,73 @@ class TopicSurvey:
     problem: str = ""
 
 
-def survey(recording: Recording, *, stop_ns: int | None = None) -> tuple[TopicSurvey, ...]:
+def survey(
+    recording: Recording, *, stop_ns: int | None = None, limits: LimitsConfig = DEFAULT_LIMITS
+) -> tuple[TopicSurvey, ...]:
     """All topics by name; with `stop_ns`, everything but the counts covers only messages recorded before that time.
+
+    Sixteen bytes a message are held. All messages are read, to find damage, but only the times of the first
+    `limits.max_messages_in_memory` are looked at; a warning says so.
 
     Raises:
         RecordingError: the recording cannot be read to its end.
     """
-    times: defaultdict[str, list[tuple[int, int]]] = defaultdict(list)
-    faults: defaultdict[str, list[str]] = defaultdict(list)
+    times: defaultdict[str, array[int]] = defaultdict(lambda: array("q"))
+    faults: dict[str, tuple[str, int]] = {}
+    counts: Counter[str] = Counter()
+    left = limits.max_messages_in_memory
     for message in recording.messages(stop_ns=stop_ns):
+        topic = message.channel.topic
+        counts[topic] += 1
         if fault := time_fault(message.stamp_ns) or time_fault(message.log_time_ns):
-            faults[message.topic].append(fault)
-        else:
-            times[message.topic].append((message.stamp_ns, message.log_time_ns))
-    return tuple(
-        _topic_survey(info, times[info.topic], faults[info.topic])
-        for info in sorted(recording.topics, key=lambda info: info.topic)
-    )
+            first, count = faults.get(topic, (fault, 0))
+            faults[topic] = first, count + 1
+        elif left:
+            left -= 1
+            times[topic].extend((message.stamp_ns, message.log_time_ns))
+    if counts.total() > limits.max_messages_in_memory:
+        logger.warning(
+            "rates, gaps and delays are those of the first %d messages: raise limits.max_messages_in_memory",
+            limits.max_messages_in_memory,
+        )
+    surveys = []
+    for info in sorted(recording.topics, key=lambda info: info.topic):
+        known = np.frombuffer(times[info.topic], np.int64).reshape(-1, 2)
+        surveys.append(_topic_survey(info, known, counts[info.topic], faults.get(info.topic, ("", 0))))
+    return tuple(surveys)
 
 
-def _problem(info: TopicInfo, faults: list[str]) -> str:
+def _problem(info: TopicInfo, faults: tuple[str, int]) -> str:
     if info.unreadable or not info.message_count:
         return info.unreadable
     problem = next((problem for channel in info.channels if (problem := definition_problem(channel))), "")
-    if problem or not faults:
+    first, count = faults
+    if problem or not count:
         return problem
-    return f"{len(faults)} stamps or log times cannot be times: {faults[0]}"
+    return f"{count} stamps or log times cannot be times: {first}"
 
 
-def _topic_survey(info: TopicInfo, times: list[tuple[int, int]], faults: list[str]) -> TopicSurvey:
-    stamps_ns, log_ns = np.array(times, np.int64).reshape(-1, 2).T
+def _topic_survey(info: TopicInfo, times_ns: I64, count: int, faults: tuple[str, int]) -> TopicSurvey:
+    """The statistics of a topic.
+
+    Args:
+        info: The topic.
+        times_ns: (N, 2) stamps and log times of its first messages.
+        count: Number of its messages.
+        faults: The first time that is none, and how many there are.
+    """
+    stamps_ns, log_ns = times_ns.T
     steps_s = np.diff(stamps_ns) / 1e9
     forward_s = steps_s[steps_s > 0]
     period_s, is_even = _period(forward_s)
     return TopicSurvey(
         topic=info.topic,
         msgtype=info.msgtype,
-        count=len(times) + len(faults) if info.gathered_from else info.message_count,
+        count=count if info.gathered_from else info.message_count,
         rate_hz=1 / period_s if period_s else 0.0,
         gaps=int((forward_s > GAP_PERIODS * period_s).sum()) if is_even else 0,
         longest_gap_s=float(forward_s.max()) if len(forward_s) else 0.0,
-        delay_s=float(np.median(log_ns - stamps_ns)) / 1e9 if len(times) else 0.0,
+        delay_s=float(np.median(log_ns - stamps_ns)) / 1e9 if len(times_ns) else 0.0,
         backwards=int((steps_s < 0).sum()),
         problem=_problem(info, faults),
     )

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from av.codec.context import Flags
 
-from pipeline.core.errors import MessageError
+from pipeline.core.errors import MessageError, is_short_memory
 from pipeline.core.messages import Channel, RawMessage
 from pipeline.core.ros.messages import ROS2
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
@@ -82,6 +82,8 @@ class VideoDecoder:
         try:
             done += self._decode(packet)
         except av.error.FFmpegError as err:
+            if is_short_memory(err):
+                raise
             held = self._held.pop(self._count, None)
             done += self._end_of_stream(damaged=True)
             problem = f"{len(packet.data)} bytes are not valid {packet.codec} ({err.strerror})"
@@ -107,6 +109,8 @@ class VideoDecoder:
         try:
             data = _image(frame, message.stamp_ns, frame_id)
         except (cv2.error, av.error.FFmpegError, ValueError) as err:
+            if is_short_memory(err):
+                raise
             reason = " ".join(str(err).split())
             return self._blank(message, f"a {frame.width} x {frame.height} px image cannot become a JPEG ({reason})")
         return [message._replace(data=data, channel=self._channel)]
@@ -117,7 +121,9 @@ class VideoDecoder:
             return []
         try:
             done = [image for frame in self._context.decode(None) for image in self._taken(frame)]
-        except av.error.FFmpegError:
+        except av.error.FFmpegError as err:
+            if is_short_memory(err):
+                raise
             done = []
         self._context = None
         self._waits = AFTER_DAMAGE if damaged else self._waits

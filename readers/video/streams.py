@@ -43,14 +43,16 @@ def video_topics(recording: Recording, topics: Collection[str]) -> tuple[str, ..
     return tuple(topic for topic in topics if topic in video)
 
 
-def first_image_size(messages: Iterable[RawMessage]) -> tuple[int, int] | None:
+def first_image_size(
+    messages: Iterable[RawMessage], *, limits: LimitsConfig = DEFAULT_LIMITS
+) -> tuple[int, int] | None:
     """(width, height) in pixels of a video topic's first image; None if the first messages give none."""
     decoder: VideoDecoder | None = None
     for message in islice((m for m in messages if m.channel.msgtype in VIDEO), MAX_SOUGHT):
-        decoder = decoder or _decoder(message.topic, DEFAULT_LIMITS)
+        decoder = decoder or _decoder(message.topic, limits)
         for image in decoder.add(message):
             if not image.problem:
-                height, width = decode_any_image(image).rgb.shape[:2]
+                height, width = decode_any_image(image, limits=limits).rgb.shape[:2]
                 return width, height
     return None
 

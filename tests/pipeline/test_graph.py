@@ -217,3 +217,24 @@ def test_type_checker_sees_a_wrong_wiring(tmp_path: Path) -> None:
     config = Path(__file__).parents[2] / "pyproject.toml"
     report, _, _ = mypy.api.run([f"--config-file={config}", f"--cache-dir={os.devnull}", str(snippet)])
     assert {int(line.split(":")[1]) for line in report.splitlines() if ": error:" in line} == faulty, report
+
+
+@pytest.mark.parametrize(("max_weight", "most"), [(0.0, 1), (3.0, 3), (100.0, 4)])
+def test_frames_in_work_weigh_no_more_than_they_may(max_weight: float, most: int) -> None:
+    graph = Graph(Frame)
+    sink = graph.add("add one", add_one, graph.frame)
+    taken = 0
+
+    def source() -> Iterator[Frame]:
+        nonlocal taken
+        for frame in frames(12):
+            taken += 1
+            yield frame
+
+    ahead = []
+    for done, _ in enumerate(
+        graph.run_pipelined(sink, source(), window=4, weigh=lambda _: 1.0, max_weight=max_weight), 1
+    ):
+        ahead.append(taken - done + 1)
+    assert len(ahead) == 12
+    assert max(ahead) <= most + 1  # one is read before it is weighed

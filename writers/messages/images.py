@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from pipeline.core.errors import MessageError
+from pipeline.core.errors import MessageError, is_short_memory
 from pipeline.core.messages import RawMessage
 from pipeline.core.ros.messages import ROS2
 from pipeline.core.ros.typestores import message_types
@@ -28,6 +28,8 @@ def read_image(message: RawMessage) -> Any:
     try:
         return (types.deserialize_ros1 if is_ros1 else types.deserialize_cdr)(memoryview(message.data), msgtype)
     except Exception as err:  # rosbags' generated decoders raise errors of several kinds
+        if is_short_memory(err):
+            raise
         raise MessageError(f"{message.topic}: {len(message.data)} bytes are not a valid {msgtype} ({err})") from err
 
 

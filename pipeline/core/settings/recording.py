@@ -80,19 +80,34 @@ class LimitsConfig(SettingsModel):
         max_messages_in_memory: Messages of one file whose positions are in memory at once, for chunks that overlap in
             time and for a damaged file.
         max_topics: Topics of one recording.
+        max_message_items: Strings and messages in the lists of one message, as boxes or transforms; each takes
+            kilobytes of memory once it is decoded.
+        max_boxes: 2D boxes in one message.
+        max_frames: Coordinate frames that transforms name.
         max_points: Points in one cloud.
+        max_frame_points: Points in the clouds of one frame.
         max_image_mpx: Millions of pixels in one image.
+        max_frame_mpx: Millions of pixels in the images of one frame that a network looks at.
+        max_waiting_mib: Messages that wait for those of other topics; also what the frames in work hold, roughly.
+        max_request_s: Seconds that a server may take for one request, however little it sends at a time.
         max_losses_listed: Damaged places of one file that are listed singly; the rest are summed up.
     """
 
-    max_unpacked_file_gib: Positive = 16.0
+    max_unpacked_file_gib: Positive = 4.0
     max_chunk_mib: Count = 256
     max_message_mib: Count = 256
     max_messages_per_chunk: Count = 1_000_000
     max_messages_in_memory: Count = 10_000_000
     max_topics: Count = 1000
-    max_points: Count = 10_000_000
-    max_image_mpx: Positive = 100.0
+    max_message_items: Count = 20_000
+    max_boxes: Count = 2000
+    max_frames: Count = 10_000
+    max_points: Count = 2_000_000
+    max_frame_points: Count = 2_000_000
+    max_image_mpx: Positive = 50.0
+    max_frame_mpx: Positive = 80.0
+    max_waiting_mib: Count = 768
+    max_request_s: Positive = 60.0
     max_losses_listed: Count = 1000
 
     @property
@@ -104,6 +119,11 @@ class LimitsConfig(SettingsModel):
     def max_message_bytes(self) -> int:
         """`max_message_mib` in bytes."""
         return self.max_message_mib << 20
+
+    @property
+    def max_waiting_bytes(self) -> int:
+        """`max_waiting_mib` in bytes."""
+        return self.max_waiting_mib << 20
 
     def max_unpacked_bytes(self, file_bytes: int) -> int:
         """Largest unpacked size of a file of `file_bytes`, in bytes."""

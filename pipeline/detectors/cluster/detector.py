@@ -1,5 +1,6 @@
 """The engine: from the points above the ground to proposed boxes."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +26,9 @@ THIN_SHARE = 0.2
 
 TOP_SHARE = 0.99
 """Share of a cluster's points below its top; the rest may be stray points."""
+
+BATCH_POINTS = 1 << 16
+"""Points whose clusters are measured at once: the search over headings takes kilobytes for each."""
 
 GOOD_MISFIT = 1.0
 """A cluster that fits its size prior worse than this may be several objects: it is also tried in parts."""
@@ -116,8 +120,20 @@ class ClusterDetector:
         if small.any():
             rows = np.flatnonzero(small[cluster])
             small_starts = np.searchsorted(cluster[rows], np.flatnonzero(small))
-            candidates, again[small] = self._measured(select_rows(points, rows), small_starts)
+            batches = [*self._in_batches(select_rows(points, rows), small_starts)]
+            candidates = Candidates3D(*map(np.concatenate, zip(*(found for found, _ in batches), strict=True)))
+            again[small] = np.concatenate([doubtful for _, doubtful in batches])
         return candidates, select_rows(points, np.flatnonzero(again[cluster]))
+
+    def _in_batches(self, points: _Points, starts: I64) -> Iterator[tuple[Candidates3D, Bools]]:
+        """As `_measured`, of a number of clusters at a time."""
+        ends = np.append(starts[1:], len(points.position))
+        first = 0
+        while first < len(starts):
+            last = max(int(np.searchsorted(ends, starts[first] + BATCH_POINTS, side="right")), first + 1)
+            rows = np.arange(starts[first], ends[last - 1])
+            yield self._measured(select_rows(points, rows), starts[first:last] - starts[first])
+            first = last
 
     def _measured(self, points: _Points, starts: I64) -> tuple[Candidates3D, Bools]:
         """Completed boxes of clusters, for points sorted by cluster; and which of them may be several objects."""

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.core.arrays import F32
-from pipeline.core.errors import ModelError
+from pipeline.core.errors import ModelError, is_short_memory
 
 __all__ = ["MAX_BATCH_BYTES", "OnnxSession"]
 
@@ -64,6 +64,8 @@ class OnnxSession:
                     enable_fallback=0,  # which prints, and tries the same once more
                 )
         except Exception as err:  # onnxruntime's errors have no base of their own
+            if is_short_memory(err):
+                raise
             raise ModelError(f"{path}: expected an ONNX file that onnxruntime can load: {_one_line(err)}") from err
         self.inputs = [(value.name, value.shape, value.type) for value in self._session.get_inputs()]
         self.outputs = [(value.name, value.shape, value.type) for value in self._session.get_outputs()]
@@ -79,6 +81,8 @@ class OnnxSession:
             try:
                 return [np.asarray(output) for output in self._session.run(None, {self.inputs[0][0]: batch}, options)]
             except Exception as err:  # onnxruntime's errors have no base of their own
+                if is_short_memory(err):
+                    raise
                 reason = f"it did not end within {seconds} s" if options.terminate else _one_line(err)
                 raise ModelError(f"{self._path}: the network fails on a batch of {len(batch)}: {reason}") from err
 

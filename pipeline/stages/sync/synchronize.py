@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TypeVar
 
-from pipeline.core.errors import ConfigError
+from pipeline.core.errors import ConfigError, RecordingError
 from pipeline.core.frame import SensorBundle
 from pipeline.core.messages import Drop, RawMessage
 from pipeline.core.settings.sync import SyncConfig
@@ -62,6 +62,7 @@ def synchronize(
     on_drop: Callable[[Drop], None],
     flush: bool = True,
     stats: SyncStats | None = None,
+    max_waiting_bytes: int | None = None,
 ) -> Iterator[SensorBundle]:
     """Bundles of the messages of one moment, lazily, in the order in which they are found.
 
@@ -78,8 +79,10 @@ def synchronize(
         flush: Whether to emit bundles that only the end of the recording makes certain; the live program in ROS does
             not.
         stats: Updated as bundles are consumed; the first bundle's index is the number of its sets.
+        max_waiting_bytes: Size of all messages that wait for one another; None for no limit.
 
     Raises:
+        RecordingError: more bytes wait than may.
         ConfigError: `topics` is empty or names a topic twice, or the reference or a required topic is not among them.
     """
     if not topics or len(set(topics)) < len(topics):
@@ -91,15 +94,17 @@ def synchronize(
         raise ConfigError(f"sync.required: {names} is not synchronised; choose from {', '.join(topics)}")
 
     dropped_before: Counter[tuple[str, str]] = Counter()
+    waiting = _Waiting(max_waiting_bytes)
 
     def drop(message: RawMessage, reason: str) -> None:
+        waiting.bytes -= len(message.data)
         dropped_before[message.topic, reason] += 1
         on_drop(Drop(message.topic, message.stamp_ns, reason))
 
     stats = SyncStats() if stats is None else stats
     for topic in topics:
         stats.received.setdefault(topic, 0)
-    wanted = _counted(messages, stats.received)
+    wanted = _counted(messages, stats.received, waiting)
     if required is None:
         policy = _policy(config, topics, topics.index(reference), drop)
         sets = _full_sets(wanted, topics, policy, reference, flush)
@@ -116,15 +121,42 @@ def synchronize(
             on_drop=drop,
         )
         sets = _partial_sets(wanted, partial, topics, flush)
-    return _bundles(sets, topics, dropped_before, stats)
+    return _bundles(sets, topics, dropped_before, stats, waiting)
 
 
-def _counted(messages: Iterable[RawMessage], received: dict[str, int]) -> Iterator[RawMessage]:
-    """The messages of the topics in `received`, counted there."""
+@dataclass(slots=True)
+class _Waiting:
+    """The messages that are in no bundle yet.
+
+    Attributes:
+        max_bytes: What they may hold; None for no limit.
+        bytes: What they hold.
+    """
+
+    max_bytes: int | None
+    bytes: int = 0
+
+    def add(self, message: RawMessage) -> None:
+        """Take in a message.
+
+        Raises:
+            RecordingError: there is no room for it.
+        """
+        self.bytes += len(message.data)
+        if self.max_bytes is not None and self.bytes > self.max_bytes:
+            raise RecordingError(
+                f"{message.topic}: messages of more than {self.max_bytes >> 20} MiB wait for those of other topics: "
+                "lower sync.queue_size, exclude a topic, or raise limits.max_waiting_mib"
+            )
+
+
+def _counted(messages: Iterable[RawMessage], received: dict[str, int], waiting: _Waiting) -> Iterator[RawMessage]:
+    """The messages of the topics in `received`, counted there and among those that wait."""
     for message in messages:
         topic = message.channel.topic
         if topic in received:
             received[topic] += 1
+            waiting.add(message)
             yield message
 
 
@@ -133,8 +165,10 @@ def _bundles(
     topics: Sequence[str],
     dropped_before: Counter[tuple[str, str]],
     stats: SyncStats,
+    waiting: _Waiting,
 ) -> Iterator[SensorBundle]:
     for reference, messages in sets:
+        waiting.bytes -= sum(len(message.data) for message in messages.values())
         lacking = [topic for topic in topics if topic not in messages]
         missing = stats.attendance.missing(lacking, reference.log_time_ns)
         bundle = SensorBundle(

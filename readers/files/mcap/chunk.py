@@ -32,6 +32,7 @@ CHUNK_HEAD = struct.Struct("<QQQII")  # first and last log time, unpacked size, 
 UINT64 = struct.Struct("<Q")
 
 MAX_NAME_BYTES = 32
+LARGE = 1 << 20
 END_OF_TIME_NS = 1 << 63
 """MCAP times are unsigned 64-bit integers, those of lidcam signed ones."""
 
@@ -204,6 +205,12 @@ def read_exactly(stream: BinaryIO, size: int) -> bytes:
     Raises:
         EOFError: the file ends before.
     """
+    if size > LARGE:  # the stream would allocate it before it looks
+        at = stream.tell()
+        left = stream.seek(0, 2) - at
+        stream.seek(at)
+        if size > left:
+            raise EOFError(f"expected {size} more bytes, found {left}")
     data = stream.read(size)
     if len(data) != size:
         raise EOFError(f"expected {size} more bytes, found {len(data)}")

@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 from mcap.opcode import Opcode
 
-from pipeline.core.errors import RecordingError
+from pipeline.core.errors import RecordingError, is_short_memory
 from pipeline.core.messages import Channel, RawMessage
 from readers.files.chunk_cache import ChunkCache, detach
 from readers.files.container import Container
@@ -69,7 +69,9 @@ class McapFile(Container):
             return []
         try:
             return pass_places(self._stream, self._chunks, self._loose)
-        except LIBRARY_ERRORS:
+        except LIBRARY_ERRORS as err:
+            if is_short_memory(err):
+                raise
             return []
 
     def _read_contents(self) -> tuple[str, Contents]:

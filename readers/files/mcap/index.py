@@ -1,7 +1,7 @@
 """What an MCAP file contains and where, according to its summary section.
 
 The mcap library parses the records, but its own reader unpacks every chunk that it meets while it looks for the header
-or the summary, whatever its size; here chunks stay packed.
+or the summary, whatever its size, allocates what a damaged length asks for, and passes over zeros nine bytes at a time.
 """
 
 import struct
@@ -9,13 +9,15 @@ import zlib
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from io import BytesIO
 from typing import Any, BinaryIO, Literal, NamedTuple
 
+from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
+from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Footer, Header, Schema, Statistics
-from mcap.stream_reader import StreamReader
 
-from readers.files.mcap.chunk import END_OF_TIME_NS, Entry, read_exactly
+from readers.files.mcap.chunk import END_OF_TIME_NS, RECORD_HEAD, Entry, read_exactly
 
 __all__ = [
     "FOOTER",
@@ -31,6 +33,15 @@ __all__ = [
 FOOTER = struct.Struct("<BQQQI")  # record head, start of the summary, start of its offsets, crc of the summary
 MAGIC_BYTES = 8
 BLOCK = 1 << 20
+RECORDS: dict[int, Any] = {
+    Opcode.HEADER: Header,
+    Opcode.FOOTER: Footer,
+    Opcode.SCHEMA: Schema,
+    Opcode.CHANNEL: Channel,
+    Opcode.CHUNK_INDEX: ChunkIndex,
+    Opcode.STATISTICS: Statistics,
+}
+"""What is read of a summary, by opcode."""
 
 
 class ChunkPlace(NamedTuple):
@@ -84,8 +95,7 @@ def read_profile(stream: BinaryIO) -> str:
     Raises:
         Exception: of the mcap library, if there is no header.
     """
-    stream.seek(0)
-    header = next(_records(stream, skip_magic=False))
+    header = next(_records(stream, MAGIC_BYTES))
     if not isinstance(header, Header):
         raise McapError(f"expected a header, found {type(header).__name__}")
     return header.profile
@@ -98,15 +108,13 @@ def contents_of_summary(stream: BinaryIO) -> Contents | None:
         ValueError: its checksum is wrong, or it contradicts itself.
         Exception: of the mcap library, if it is damaged.
     """
-    stream.seek(-FOOTER.size - MAGIC_BYTES, 2)
-    footer = next(_records(stream))
+    footer = next(_records(stream, stream.seek(-FOOTER.size - MAGIC_BYTES, 2)))
     if not isinstance(footer, Footer):
         raise McapError(f"expected a footer, found {type(footer).__name__}")
     contents = Contents()
     statistics: Statistics | None = None
     if footer.summary_start:
-        stream.seek(footer.summary_start)
-        for record in _records(stream):
+        for record in _records(stream, footer.summary_start):
             if isinstance(record, Statistics):
                 statistics = record
             elif isinstance(record, Schema):
@@ -168,5 +176,19 @@ def checksum_of(stream: BinaryIO, start: int, end: int) -> int:
     return found
 
 
-def _records(stream: BinaryIO, *, skip_magic: bool = True) -> Iterator[Any]:
-    return StreamReader(stream, skip_magic=skip_magic, emit_chunks=True).records
+def _records(stream: BinaryIO, position: int) -> Iterator[Any]:
+    """The records from a position to the footer, those of other kinds left out.
+
+    Raises:
+        ValueError: an opcode is zero, which none may be.
+        EOFError: a record reaches beyond the file.
+    """
+    opcode = 0
+    while opcode != Opcode.FOOTER:
+        stream.seek(position)
+        opcode, size = RECORD_HEAD.unpack(read_exactly(stream, RECORD_HEAD.size))
+        if not opcode:
+            raise ValueError(f"a record with opcode 0 at byte {position}")
+        if kind := RECORDS.get(opcode):
+            yield kind.read(ReadDataStream(BytesIO(read_exactly(stream, size))))
+        position += RECORD_HEAD.size + size

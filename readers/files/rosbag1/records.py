@@ -153,7 +153,7 @@ def find_record(stream: BinaryIO, position: int, end: int) -> int:
     while position < end:
         stream.seek(position)
         block = stream.read(min(step, end - position))
-        at = 0
+        at = 0 if b"=" in block else len(block)  # zeros look like a record to the pattern for long
         while match := RECORD_START.search(block, at):
             start = position + match.start()
             if read_record(stream, start, end) is not None:

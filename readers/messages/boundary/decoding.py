@@ -15,7 +15,7 @@ from collections.abc import Callable
 from functools import wraps
 from typing import Any, TypeVar, cast
 
-from pipeline.core.errors import LidcamError, MessageError
+from pipeline.core.errors import LidcamError, MessageError, is_short_memory
 from pipeline.core.messages import RawMessage
 
 __all__ = ["decoder"]
@@ -32,9 +32,11 @@ def decoder(decode: Decode) -> Decode:
     def decoded(*arguments: Any, **options: Any) -> Any:
         try:
             return decode(*arguments, **options)
-        except (LidcamError, MemoryError):
+        except LidcamError:
             raise
         except Exception as err:
+            if is_short_memory(err):
+                raise
             message = next(argument for argument in arguments if isinstance(argument, RawMessage))
             logger.debug("%s: not foreseen by its decoder", message.topic, exc_info=True)
             reason = " ".join(str(err).split())[:200]

@@ -1,6 +1,7 @@
 import json
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
@@ -106,3 +107,22 @@ def test_the_number_of_threads_changes_nothing() -> None:
         for threads in ("1", "2", "3")
     }
     assert len(outputs) == 1
+
+
+@pytest.mark.parametrize("crowd", [1, 5, 10, 11, 12, 600])
+def test_points_at_one_place_are_taken_as_any_others(crowd: int) -> None:
+    rng = np.random.default_rng(crowd)
+    alone = rng.uniform(-5, 5, (300, 3))
+    xyz = np.concatenate([np.full((600, 3), 2.0), np.full((crowd, 3), 3.0), alone]).astype(np.float32)
+    xyz = xyz[rng.permutation(len(xyz))]
+    keep = statistical_inliers(xyz, neighbors=10, std_ratio=1.0)
+    expected = by_brute_force(xyz, 10, 1.0)
+    sure = ~np.isnan(expected)
+    np.testing.assert_array_equal(keep[sure], expected[sure].astype(bool))
+
+
+def test_a_cloud_of_one_point_again_and_again_takes_no_time() -> None:
+    xyz = np.full((200_000, 3), 3.0, np.float32)  # by the tree alone: two minutes
+    started = time.monotonic()
+    assert statistical_inliers(xyz, neighbors=10, std_ratio=1.0).all()
+    assert time.monotonic() - started < 10

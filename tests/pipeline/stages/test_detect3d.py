@@ -1,4 +1,5 @@
 import json
+import tracemalloc
 from dataclasses import replace
 from pathlib import Path
 
@@ -247,3 +248,54 @@ def test_kitti_cars_parked_along_a_street() -> None:
     assert (apart_m.min(1) < 1.0).sum() >= 5
     assert len(set(apart_m.argmin(1))) == 6
     assert len(boxes) < 20
+
+
+def overlaps_by_pairs(centers: F64, sizes: F64, yaws: F64) -> list[int]:
+    """Greedy suppression, pair by pair."""
+    steps = (np.arange(8) + 0.5) / 8 - 0.5
+    grid = np.stack(np.meshgrid(steps, steps, indexing="ij"), -1).reshape(-1, 2)
+
+    def share(a: int, b: int) -> float:
+        cos, sin = np.cos(yaws[b]), np.sin(yaws[b])
+        samples = centers[b, :2] + (grid * sizes[b, :2]) @ np.array([[cos, sin], [-sin, cos]]) - centers[a, :2]
+        cos, sin = np.cos(yaws[a]), np.sin(yaws[a])
+        along, across = samples[:, 0] * cos + samples[:, 1] * sin, samples[:, 1] * cos - samples[:, 0] * sin
+        return float(((abs(along) <= sizes[a, 0] / 2) & (abs(across) <= sizes[a, 1] / 2)).mean())
+
+    kept: list[int] = []
+    for row in range(len(centers)):
+        if all(max(share(row, other), share(other, row)) <= detect3d.OVERLAP_SHARE for other in kept):
+            kept.append(row)
+    return kept
+
+
+@pytest.mark.parametrize(("count", "spread_m"), [(0, 1), (1, 1), (2, 1), (60, 4), (60, 20), (90, 60)])
+def test_overlaps_are_those_of_all_pairs(count: int, spread_m: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(detect3d, "BLOCK", 16)
+    monkeypatch.setattr(detect3d, "PAIRS", 50)
+    rng = np.random.default_rng(count)
+    centers, sizes = rng.uniform(-spread_m, spread_m, (count, 3)), rng.uniform(0.3, 6, (count, 3))
+    yaws = rng.uniform(-3, 3, count)
+    kept = detect3d._suppress_overlaps(centers, sizes, yaws)
+    assert kept.tolist() == overlaps_by_pairs(centers, sizes, yaws)
+
+
+def test_thousands_of_boxes_take_little_memory() -> None:
+    rng = np.random.default_rng(1)
+    count = 4000  # all pairs at once: 8 GB
+    centers, sizes = rng.uniform(-300, 300, (count, 3)), rng.uniform(0.3, 6, (count, 3))
+    tracemalloc.start()
+    detect3d._suppress_overlaps(centers, sizes, rng.uniform(-3, 3, count))
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 150 << 20
+
+
+def test_clusters_are_measured_in_batches(monkeypatch: pytest.MonkeyPatch) -> None:
+    points = scan(LIDAR, [car(8, 4), car(14, -5, 0.5), car(20, 3, 1.0)])
+    whole = detect(points)
+    monkeypatch.setattr("pipeline.detectors.cluster.detector.BATCH_POINTS", 20)
+    assert len(whole) >= 3
+    batched = detect(points)
+    for name in ("centers", "sizes", "yaws", "scores", "class_ids", "point_counts"):
+        np.testing.assert_allclose(getattr(batched, name), getattr(whole, name), rtol=1e-9)  # sums of other rows

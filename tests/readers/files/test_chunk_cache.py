@@ -29,10 +29,11 @@ def test_a_chunk_larger_than_the_cache_is_kept_alone() -> None:
 
 
 @pytest.mark.parametrize(
-    ("start", "size", "kind"), [(2, 8, memoryview), (5, 25, memoryview), (0, 24, bytes), (100, 0, bytes)]
+    ("start", "size", "kind"),
+    [(2, 88, memoryview), (5, 90, memoryview), (0, 87, bytes), (2, 25, bytes), (100, 0, bytes)],
 )
-def test_only_large_messages_keep_their_chunk_alive(start: int, size: int, kind: type) -> None:
-    chunk = bytes(range(100)) if size != 8 else bytes(range(30))
+def test_only_messages_that_fill_their_chunk_keep_it_alive(start: int, size: int, kind: type) -> None:
+    chunk = bytes(range(100))
     message = detach(chunk, start, size)
     assert isinstance(message, kind)
     assert bytes(message) == chunk[start : start + size]

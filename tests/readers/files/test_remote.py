@@ -19,6 +19,7 @@ from long_recording import LENGTH_S, MESSAGES, SECOND_NS, START_NS, write_long_r
 from range_server import RangeServer, range_server
 
 import readers.files.remote as remote
+import readers.files.web as web
 from pipeline.core.errors import RecordingError
 from pipeline.core.settings.config import Config
 from readers.files.remote import PAGE_BYTES, ReadAhead, RemoteFile, open_remote
@@ -194,7 +195,7 @@ def test_a_server_that_keeps_failing_ends_the_reading(server: RangeServer, fault
 
 
 def test_a_server_that_falls_silent(server: RangeServer, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(remote, "SILENCE_S", 1.0)
+    monkeypatch.setattr(web, "SILENCE_S", 1.0)
     monkeypatch.setattr(remote, "RETRY_DELAYS_S", ())
     with open_recording([at(server)]) as recording:
         server.stall_s = 2.0
@@ -394,6 +395,7 @@ def test_what_is_not_installed_is_named(
     monkeypatch: pytest.MonkeyPatch, protocol: str, module: str, extra: str
 ) -> None:
     monkeypatch.setitem(sys.modules, module, None)
+    monkeypatch.delitem(sys.modules, "readers.files.web")
     monkeypatch.setattr(sys.modules["fsspec.registry"], "_registry", {})
     assert error_of(RemotePath(f"{protocol}://host/rec.mcap")) == (
         f"{protocol}://host/rec.mcap: reading {protocol}:// is not installed; install it with "

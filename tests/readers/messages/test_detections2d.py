@@ -10,6 +10,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from pipeline.core.errors import MessageError
 from pipeline.core.messages import Channel, RawMessage
 from pipeline.core.settings.config import Config
+from pipeline.core.settings.recording import LimitsConfig
 from readers.messages.detections2d import Detections2D, decode_detections2d
 
 STAMP_NS = 1_700_000_000_123_456_789
@@ -188,3 +189,11 @@ def test_unknown_layout() -> None:
 def test_other_type() -> None:
     with pytest.raises(MessageError, match="expected vision_msgs/msg/Detection2DArray"):
         decode_detections2d(builders.raw("/image", "sensor_msgs/msg/Image", {}, STAMP_NS), CLASS_IDS)
+
+
+def test_more_boxes_than_a_message_may_hold() -> None:
+    body = builders.detection2d_array([[1, 1, 9, 9]] * 5, class_names=["car"] * 5, scores=[0.9] * 5, stamp_ns=1)
+    message = builders.raw("/boxes", "vision_msgs/msg/Detection2DArray", body, 1)
+    assert len(decode_detections2d(message, {"car": 0}, limits=LimitsConfig(max_boxes=5)).boxes) == 5
+    with pytest.raises(MessageError, match=r"/boxes: 5 boxes, expected at most 4: raise limits.max_boxes"):
+        decode_detections2d(message, {"car": 0}, limits=LimitsConfig(max_boxes=4))

@@ -1,5 +1,6 @@
 """Foxglove's schemas give the same typed data as the ROS types."""
 
+import tracemalloc
 from base64 import b64decode, b64encode
 from dataclasses import replace
 from typing import Any, Literal
@@ -18,9 +19,11 @@ from scipy.spatial.transform import Rotation
 from pipeline.core.arrays import F64
 from pipeline.core.errors import MessageError
 from pipeline.core.messages import RawMessage
+from pipeline.core.settings.recording import LimitsConfig
 from readers.messages.camera_info import camera_model
 from readers.messages.deserialize import deserialize
 from readers.messages.foxglove import to_ros
+from readers.messages.foxglove_wire import _count_values, _message_class, read_fields
 from readers.messages.image import decode_any_image
 from readers.messages.pointcloud2 import decode_pointcloud2
 from readers.messages.tf import decode_transforms
@@ -214,7 +217,7 @@ def test_messages_that_contradict_themselves(encoding: Encoding, schema: str, fi
         (b'{"data": "%%%"}', "Error"),
         (b'{"timestamp": 5}', "AttributeError"),
         (b'{"format": ["png"]}', "Error"),
-        (b"[" * 100_000, "RecursionError"),
+        (b"[" * 100_000, "limits.max_message_items"),
     ],
 )
 def test_json_of_something_else(data: bytes, says: str) -> None:
@@ -258,3 +261,54 @@ def test_the_recorded_schema_decides_the_layout() -> None:
     message = source._replace(data=written.SerializeToString(), channel=replace(source.channel, definition=definition))
     decoded = deserialize(to_ros(message))
     assert (decoded.header.frame_id, decoded.format) == ("left", "png")
+
+
+def transforms_of(count: int, encoding: Encoding) -> RawMessage:
+    links = [transform_stamped("a", f"b{i}", stamp_ns=5) for i in range(count)]
+    return twin(raw("/tf", "tf2_msgs/msg/TFMessage", tf_message(links), 5), encoding)
+
+
+@pytest.mark.parametrize("encoding", ["protobuf", "json"])
+def test_more_values_than_a_message_may_hold(encoding: Encoding) -> None:
+    assert len(read_fields(transforms_of(100, encoding))["transforms"]) == 100
+    for most, is_read in ((2000, True), (99, False)):
+        try:
+            read_fields(transforms_of(100, encoding), limits=LimitsConfig(max_message_items=most))
+        except MessageError as err:
+            assert not is_read
+            assert f"a message with more than {most} values: raise limits.max_message_items" in str(err)  # noqa: PT017
+        else:
+            assert is_read
+
+
+@pytest.mark.parametrize("encoding", ["protobuf", "json"])
+def test_points_and_pixels_are_no_values(encoding: Encoding) -> None:
+    limits = LimitsConfig(max_message_items=200)
+    for message in (cloud(5000), image_message()):
+        assert read_fields(twin(message, encoding), limits=limits)
+
+
+def test_a_small_message_that_would_be_large_once_it_is_read() -> None:
+    template = transforms_of(1, "protobuf")
+    info = camera_info(np.eye(3), stamp_ns=1, width_px=1, height_px=1)
+    calibration = twin(raw("/i", "sensor_msgs/msg/CameraInfo", info, 1), "protobuf")
+    kind: Any = _message_class(calibration.channel)
+    fields = kind.DESCRIPTOR.fields_by_name
+    packed = bytes([fields["D"].number << 3 | 2]) + b"\x80\x80\x40" + bytes(1 << 20)
+    messages = [
+        template._replace(data=b"\x0a\x00" * 3_000_000),  # empty transforms
+        calibration._replace(data=packed),
+    ]
+    tracemalloc.start()
+    for message in messages:
+        with pytest.raises(MessageError, match=r"limits\.max_message_items"):
+            read_fields(message)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 20 << 20
+
+
+@given(st.binary(max_size=200))
+def test_values_of_any_bytes_are_counted(data: bytes) -> None:
+    kind: Any = _message_class(transforms_of(1, "protobuf").channel)
+    assert 0 <= _count_values(memoryview(data), kind.DESCRIPTOR, 1000) <= len(data)

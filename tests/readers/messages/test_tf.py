@@ -5,6 +5,7 @@ from memory_recording import MemoryRecording
 
 from pipeline.core.errors import FrameError
 from pipeline.core.messages import RawMessage
+from pipeline.core.settings.recording import LimitsConfig
 from readers.messages.tf import read_transforms
 
 SECOND = 10**9
@@ -111,3 +112,16 @@ def test_an_undecodable_message_is_counted() -> None:
     found = read_transforms(MemoryRecording([good._replace(data=bytes(good.data)[:-9]), good]))
     assert [(drop.topic, drop.reason) for drop in found.drops] == [("/tf_static", "cannot be decoded")]
     assert found.fixed.is_static("lidar")
+
+
+def test_more_frames_than_transforms_may_name() -> None:
+    links = [transform_stamped("base", f"f{i}", stamp_ns=1) for i in range(5)]
+    messages = [
+        raw("/tf_static", "tf2_msgs/msg/TFMessage", tf_message([link]), i)
+        for i, link in enumerate([*links, links[0]], 1)
+    ]
+    found = read_transforms(MemoryRecording(messages), limits=LimitsConfig(max_frames=3))
+    assert {frame for frame in found.fixed.frames if frame != "base"} == {"f0", "f1", "f2"}
+    assert [drop.detail for drop in found.drops] == [
+        "/tf_static: transforms of more than 3 coordinate frames: raise limits.max_frames"
+    ] * 2

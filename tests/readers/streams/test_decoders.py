@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from builders import detection2d_array, pointcloud2, raw
+from builders import detection2d_array, image, pointcloud2, raw
 from velodyne import random_packets, scan
 
 from bags.simulator.recorder.messages import CLASS_NUMBERS
@@ -12,7 +12,7 @@ from pipeline.core.messages import RawMessage
 from pipeline.core.rig import CameraSensor, LidarSensor, Rig
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.load import load_config
-from readers.streams.decoders import CloudDecoder, RecordedBoxes
+from readers.streams.decoders import CloudDecoder, ImageDecoder, RecordedBoxes
 
 TOPIC = "/velodyne_packets"
 
@@ -135,3 +135,57 @@ def test_the_simulator_s_numbers_are_understood() -> None:
     config = Config()
     known = {name: config.class_id_of_label[str(number)] for name, number in CLASS_NUMBERS.items()}
     assert known == {name: config.class_id_of_label[name] for name in CLASS_NUMBERS}
+
+
+def lidars(count: int) -> Rig:
+    pose = Transform.identity("site", "lidar")
+    return Rig("site", tuple(LidarSensor(f"l{i}", f"/l{i}", pose) for i in range(count)), (), ())
+
+
+def clouds(*counts: int) -> SensorBundle:
+    messages = {
+        f"/l{i}": raw(f"/l{i}", "sensor_msgs/msg/PointCloud2", pointcloud2(np.ones((n, 3)), stamp_ns=1), 1)
+        for i, n in enumerate(counts)
+    }
+    return SensorBundle(0, 1, 1, messages)
+
+
+def test_the_clouds_of_a_frame_share_a_limit() -> None:
+    config = load_config(None, {"limits.max_points": 50, "limits.max_frame_points": 60})
+    found = CloudDecoder(lidars(4), config, on_bad="skip")(clouds(40, 51, 30, 20))
+    assert {name: len(cloud) for name, cloud in found.items()} == {"l0": 40, "l3": 20}
+    assert [drop.detail for drop in found.drops] == [
+        "/l1: 1 x 51 points, expected at most 50: raise limits.max_points",
+        "/l2: 1 x 30 points, and 40 in other clouds of the frame, expected at most 60 in all: raise "
+        "limits.max_frame_points",
+    ]
+    with pytest.raises(MessageError, match=r"raise limits\.max_frame_points"):
+        CloudDecoder(lidars(2), config, on_bad="fail")(clouds(40, 30))
+
+
+def test_packets_share_it() -> None:
+    config = load_config(None, {"limits.max_points": 500})
+    message = packets("lidar")
+    rig = Rig("site", (LidarSensor("l", message.topic, Transform.identity("site", "lidar")),), (), ())
+    found = CloudDecoder(rig, config, on_bad="skip")(bundle(message))
+    (drop,) = found.drops
+    assert "expected at most 500 points: raise limits.max_points and limits.max_frame_points" in drop.detail
+
+
+def test_the_images_of_a_frame_share_a_limit() -> None:
+    model = CameraModel("c", 10, 10, np.eye(3), "plumb_bob", np.zeros(5))
+    cameras = tuple(CameraSensor(f"c{i}", f"/c{i}", "", model, Transform.identity("c", "site")) for i in range(3))
+    messages = {
+        camera.topic: raw(
+            camera.topic, "sensor_msgs/msg/Image", image(np.zeros((side, 10, 3), np.uint8), stamp_ns=1), 1
+        )
+        for camera, side in zip(cameras, (8, 9, 2), strict=True)
+    }
+    config = load_config(None, {"limits.max_frame_mpx": 1e-4})
+    found = ImageDecoder(Rig("site", (), cameras, ()), config, on_bad="skip")(SensorBundle(0, 1, 1, messages))
+    assert [*found] == ["c0", "c2"]
+    (drop,) = found.drops
+    assert drop.detail == (
+        "/c1: an image of 10 x 9 px, and 80 in other images of the frame, expected at most 0.0001 million pixels in "
+        "all: raise limits.max_frame_mpx"
+    )

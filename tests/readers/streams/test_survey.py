@@ -1,5 +1,7 @@
 """Rates and gaps of topics."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from builders import odometry, raw
@@ -7,6 +9,7 @@ from memory_recording import MemoryRecording
 
 from pipeline.core.arrays import I64
 from pipeline.core.messages import RawMessage
+from pipeline.core.settings.recording import LimitsConfig
 from readers.streams.survey import survey
 
 SECOND_NS = 1_000_000_000
@@ -52,3 +55,22 @@ def test_what_cannot_be_a_time_is_told_and_in_no_figure(wrong: tuple[int, int]) 
     assert found.count == 100
     assert found.rate_hz == pytest.approx(10)
     assert found.problem.startswith("1 stamps or log times cannot be times: ")
+
+
+def test_times_of_no_more_messages_than_may_be_in_memory(caplog: pytest.LogCaptureFixture) -> None:
+    recording = MemoryRecording(messages(np.arange(10) * 10**8))
+    limits = LimitsConfig(max_messages_in_memory=4)
+    (found,) = survey(recording, limits=limits)
+    assert (found.count, round(found.rate_hz)) == (10, 10)
+    assert caplog.messages == [
+        "rates, gaps and delays are those of the first 4 messages: raise limits.max_messages_in_memory"
+    ]
+
+
+def test_sixteen_bytes_a_message() -> None:
+    recording = MemoryRecording(messages(np.arange(20_000) * 10**8))
+    tracemalloc.start()
+    survey(recording)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 100 * 20_000  # with the copies that the figures need

@@ -1,0 +1,110 @@
+"""A sound file that is read with too little memory is not called damaged."""
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+import zstandard
+from builders import pointcloud2, raw, write_mcap, write_rosbag1, write_rosbag2
+
+from pipeline.core.errors import MessageError, ShortMemoryError
+from pipeline.core.messages import RawMessage
+from readers.messages.compressed_image import decode_compressed_image
+from readers.messages.deserialize import deserialize
+from readers.open import open_recording
+from readers.recording import ReadOptions
+
+ROOT = Path(__file__).resolve().parents[3]
+CLOUD = "sensor_msgs/msg/PointCloud2"
+
+
+def clouds(encoding: Any = "cdr", count: int = 3, size: int = 1000) -> list[RawMessage]:
+    bodies = ({**pointcloud2([[1, 2, 3]], stamp_ns=i), "data": bytes(size)} for i in range(1, count + 1))
+    return [raw("/a", CLOUD, body, i, encoding=encoding) for i, body in enumerate(bodies, 1)]
+
+
+def none_left(*_: Any, **__: Any) -> Any:
+    raise MemoryError
+
+
+@pytest.mark.parametrize("recovery", ["none", "as_needed", "full_scan"])
+@pytest.mark.parametrize(
+    ("kind", "place"),
+    [
+        ("mcap", "readers.files.mcap.chunk.zstandard.decompress"),
+        ("bag", "readers.files.rosbag1.chunk.unpack_lz4"),
+        ("sqlite", "readers.files.sqlite.file.decompressed"),
+    ],
+)
+def test_of_every_container(
+    tmp_path: Path, kind: str, place: str, recovery: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if kind == "mcap":
+        write_mcap(path := tmp_path / "a.mcap", clouds(), "zstd")
+    elif kind == "bag":
+        write_rosbag1(path := tmp_path / "a.bag", clouds("ros1"), "lz4")
+    else:
+        write_rosbag2(path := tmp_path / "a", clouds())
+    monkeypatch.setattr(place, none_left)
+    with (
+        pytest.raises(ShortMemoryError, match="not enough memory to read "),
+        open_recording([path], ReadOptions(recovery)) as recording,
+    ):
+        list(recording.messages())
+
+
+def test_of_a_message(monkeypatch: pytest.MonkeyPatch) -> None:
+    (message,) = clouds(count=1)
+    monkeypatch.setattr("rosbags.typesys.store.Typestore.deserialize_cdr", none_left)
+    with pytest.raises(MemoryError):
+        deserialize(message)
+    with pytest.raises(MessageError):
+        deserialize(message._replace(problem="damaged"))
+
+
+def test_of_an_image(monkeypatch: pytest.MonkeyPatch) -> None:
+    import cv2
+    import numpy as np
+
+    data = cv2.imencode(".png", np.zeros((8, 8, 3), np.uint8))[1].reshape(-1)
+    message = raw("/image", "sensor_msgs/msg/CompressedImage", {"format": "png", "data": data}, 1)
+    assert decode_compressed_image(message).rgb.shape == (8, 8, 3)
+    monkeypatch.setattr("readers.messages.compressed_image.cv2.imdecode", none_left)
+    with pytest.raises(MemoryError):
+        decode_compressed_image(message)
+
+
+CHILD = """
+import resource, sys
+sys.path.insert(0, sys.argv[2])
+from pathlib import Path
+from readers.open import open_recording
+from pipeline.core.errors import ShortMemoryError
+with open_recording([Path(sys.argv[1])]) as recording:
+    messages = recording.messages()
+    next(messages)
+    held = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_AS, (held + (64 << 20), resource.RLIM_INFINITY))
+    try:
+        print("read", sum(1 for _ in messages))
+    except ShortMemoryError as err:
+        print(err, recording.losses)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="no limit of the address space")
+def test_with_a_limit_of_the_system(tmp_path: Path) -> None:
+    small, large = clouds(count=2), clouds(count=1, size=200 << 20)[0]._replace(log_time_ns=9)
+    write_mcap(tmp_path / "a.mcap", [*small, large], "zstd", chunk_bytes=1 << 10)
+    done = subprocess.run(
+        [sys.executable, "-c", CHILD, tmp_path / "a.mcap", ROOT], capture_output=True, text=True, check=False
+    )
+    assert done.stdout.startswith(f"not enough memory to read {tmp_path / 'a.mcap'}"), done.stderr
+    assert done.stdout.rstrip().endswith("()")
+
+
+def test_zstandard_has_an_error_of_its_own_for_damage() -> None:
+    with pytest.raises(zstandard.ZstdError):
+        zstandard.decompress(b"\x28\xb5\x2f\xfd" + bytes(20))
