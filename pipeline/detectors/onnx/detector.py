@@ -8,10 +8,8 @@ or, after an export with `--decode_in_inference`, in pixels. A trial run when lo
 The network always runs on the CPU, so that results do not depend on the machine's accelerators.
 """
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -20,6 +18,7 @@ from pipeline.core.arrays import F32, U8
 from pipeline.core.errors import ModelError
 from pipeline.core.settings.config import Config
 from pipeline.detectors.onnx.coco import COCO_LABELS
+from pipeline.detectors.onnx.session import MAX_BATCH_BYTES, OnnxSession
 from pipeline.detectors.protocols import Candidates2D
 
 __all__ = ["OnnxDetector2D"]
@@ -45,13 +44,15 @@ class OnnxDetector2D:
             config: Settings; only `detect2d.threads` is used.
 
         Raises:
-            ModelError: the file does not exist, is not an ONNX file, or does not have the YOLOX layout.
+            ModelError: the file does not exist, is not an ONNX file, is not a YOLOX, or the trial fails.
         """
         self._path = path
-        self._session = _open(path, config.detect2d.threads)
-        self._input, self._batch, self._height_px, self._width_px = _input_layout(path, self._session)
+        self._session = OnnxSession(path, config.detect2d.threads)
+        self._batch, self._height_px, self._width_px = _input_layout(path, self._session)
         self._grid, self._stride = _anchors(self._height_px, self._width_px)
         trial = self._run(np.full((self._batch or 2, 3, self._height_px, self._width_px), PADDING, np.float32))
+        if not np.isfinite(trial).all():
+            raise ModelError(f"{path}: expected numbers, found an output that is not finite; export the network again")
         # Raw centres are a few cells at most; centres in pixels span the whole image, whatever its content.
         self._decoded = float(trial[..., :2].max()) > min(self._height_px, self._width_px) / 2
 
@@ -85,69 +86,40 @@ class OnnxDetector2D:
         return [self._decode(row, scale) for row, scale in zip(rows, scales, strict=False)]
 
     def _run(self, batch: F32) -> F32:
-        try:
-            (rows,) = self._session.run(None, {self._input: batch})
-        except Exception as err:  # onnxruntime's errors have no base of their own
-            raise ModelError(f"{self._path}: the network fails on a batch of {len(batch)}: {_one_line(err)}") from err
+        (rows,) = self._session.run(batch)
         expected = (len(batch), len(self._grid), COLUMNS)
         if rows.shape != expected or rows.dtype != np.float32:
             raise ModelError(f"{self._path}: {EXPECTED}; here {expected}, found an output {rows.shape} {rows.dtype}")
-        return np.asarray(rows)
+        return np.asarray(rows, np.float32)
 
     def _decode(self, rows: F32, scale: F32) -> Candidates2D:
         """Proposals for one image from the network's rows (A, 85); `scale` is network pixels per image pixel."""
         if self._decoded:
             center, size = rows[:, :2], rows[:, 2:4]
         else:
-            center, size = (rows[:, :2] + self._grid) * self._stride, np.exp(rows[:, 2:4]) * self._stride
+            with np.errstate(over="ignore"):  # boxes that are not finite are left out
+                center, size = (rows[:, :2] + self._grid) * self._stride, np.exp(rows[:, 2:4]) * self._stride
         xyxy = np.concatenate([center - size / 2, center + size / 2], 1) / np.tile(scale, 2)
         labels = rows[:, 5:].argmax(1)
         scores = rows[:, 4] * np.take_along_axis(rows[:, 5:], labels[:, None], 1)[:, 0]
         return Candidates2D(xyxy.astype(np.float32, copy=False), scores, labels)
 
 
-def _open(path: Path, threads: int) -> Any:
-    try:
-        if not path.is_file():
-            raise ModelError(f"{path}: expected an ONNX file, found {'a folder' if path.is_dir() else 'no such file'}")
-    except OSError as err:
-        raise ModelError(f"{path}: expected an ONNX file that can be read: {err.strerror}") from err
-    ort = _onnxruntime()
-    options = ort.SessionOptions()
-    options.intra_op_num_threads = threads
-    options.inter_op_num_threads = 1
-    options.use_deterministic_compute = True
-    options.log_severity_level = 4  # errors are raised; onnxruntime would also print them
-    # Idle threads would otherwise spin after each run and take cores from the other stages.
-    options.add_session_config_entry("session.intra_op.allow_spinning", "0")
-    try:
-        return ort.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
-    except Exception as err:  # onnxruntime's errors have no base of their own
-        raise ModelError(f"{path}: expected an ONNX file that onnxruntime can load: {_one_line(err)}") from err
-
-
-def _onnxruntime() -> Any:
-    """The library, imported where a network runs and nowhere else.
-
-    Its wheels for Linux would make an id of the machine and a store of events in the home folder, and send them to
-    their maker. The variable counts only if it is set before the import.
-    """
-    os.environ["ORT_DISABLE_TELEMETRY"] = "1"
-    import onnxruntime
-
-    onnxruntime.disable_telemetry_events()
-    return onnxruntime
-
-
-def _input_layout(path: Path, session: Any) -> tuple[str, int | None, int, int]:
-    """Name of the input, batch size (None if free), height and width in pixels."""
-    inputs, outputs = session.get_inputs(), session.get_outputs()
-    match [(value.shape, value.type) for value in inputs]:
-        case [([batch, 3, int(height), int(width)], "tensor(float)")] if (
+def _input_layout(path: Path, session: OnnxSession) -> tuple[int | None, int, int]:
+    """Batch size (None if free), height and width in pixels."""
+    inputs, outputs = session.inputs, session.outputs
+    match inputs:
+        case [(_, [batch, 3, int(height), int(width)], "tensor(float)")] if (
             len(outputs) == 1 and height > 0 and width > 0 and height % STRIDES_PX[-1] == width % STRIDES_PX[-1] == 0
         ):
-            return inputs[0].name, batch if isinstance(batch, int) and batch > 0 else None, height, width
-    found = ", ".join(f"{value.name} {tuple(value.shape)} {value.type}" for value in [*inputs, *outputs])
+            size = batch if isinstance(batch, int) and batch > 0 else None
+            if (taken := (size or 2) * 12 * height * width) > MAX_BATCH_BYTES:
+                raise ModelError(
+                    f"{path}: an input of {size or 2} x 3 x {height} x {width} px takes {taken / 2**30:.3g} GiB, "
+                    f"expected at most {MAX_BATCH_BYTES / 2**30:g} GiB"
+                )
+            return size, height, width
+    found = ", ".join(f"{name} {tuple(shape)} {kind}" for name, shape, kind in [*inputs, *outputs])
     raise ModelError(f"{path}: {EXPECTED}; found {found}")
 
 
@@ -172,7 +144,3 @@ def _letterbox(image: U8, into: F32) -> F32:
     small = cv2.resize(image, (int(size[0]), int(size[1])), interpolation=cv2.INTER_LINEAR)
     into[:, : size[1], : size[0]] = small[..., ::-1].transpose(2, 0, 1)
     return (size / [width, height]).astype(np.float32)
-
-
-def _one_line(err: Exception) -> str:
-    return " ".join(str(err).split())

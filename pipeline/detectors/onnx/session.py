@@ -1,0 +1,115 @@
+"""Runs ONNX files that anyone may have made, in bounded time and memory.
+
+onnxruntime itself sees to it that weights outside of a model's folder are not read, by links neither. It does not bound
+what a network may take: a file of a few hundred bytes can hold a loop of 2^62 turns, or a constant of many gigabytes.
+"""
+
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+from threading import Timer
+from typing import Any
+
+import numpy as np
+
+from pipeline.core.arrays import F32
+from pipeline.core.errors import ModelError
+
+__all__ = ["MAX_BATCH_BYTES", "OnnxSession"]
+
+MAX_SECONDS = 30
+"""To load a file, and for each image of a batch: the largest YOLOX takes 5 s of a slow core."""
+
+MAX_MEMORY_BYTES = 4 << 30
+"""Of all networks together, their weights included."""
+
+MAX_BATCH_BYTES = 1 << 29
+"""Of the images given at once: 26 of 1280 x 1280 px."""
+
+
+class OnnxSession:
+    """A loaded network; may be run from several threads at once.
+
+    Attributes:
+        inputs: Name, shape and type of each input.
+        outputs: The same of each output.
+    """
+
+    def __init__(self, path: Path, threads: int) -> None:
+        """Load a network for the CPU.
+
+        Raises:
+            ModelError: the file does not exist, or onnxruntime cannot load it.
+        """
+        if not path.is_file():
+            raise ModelError(f"{path}: expected an ONNX file, found {'a folder' if path.is_dir() else 'no such file'}")
+        self._path, ort = path, _onnxruntime()
+        self._new_run: Callable[[], Any] = ort.RunOptions
+        options = ort.SessionOptions()
+        options.intra_op_num_threads = threads
+        options.inter_op_num_threads = 1
+        options.use_deterministic_compute = True
+        options.log_severity_level = 4  # errors are raised; onnxruntime would also print them
+        # Idle threads would otherwise spin after each run and take cores from the other stages.
+        options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+        options.add_session_config_entry("session.use_env_allocators", "1")
+        try:
+            with _after(MAX_SECONDS, lambda: options.set_load_cancellation_flag(True)):
+                self._session = ort.InferenceSession(
+                    str(path),
+                    options,
+                    providers=["CPUExecutionProvider"],
+                    enable_fallback=0,  # which prints, and tries the same once more
+                )
+        except Exception as err:  # onnxruntime's errors have no base of their own
+            raise ModelError(f"{path}: expected an ONNX file that onnxruntime can load: {_one_line(err)}") from err
+        self.inputs = [(value.name, value.shape, value.type) for value in self._session.get_inputs()]
+        self.outputs = [(value.name, value.shape, value.type) for value in self._session.get_outputs()]
+
+    def run(self, batch: F32) -> list[Any]:
+        """The outputs for a batch of images, given to the first input.
+
+        Raises:
+            ModelError: the network fails, or takes too long or too much memory.
+        """
+        options, seconds = self._new_run(), MAX_SECONDS * len(batch)
+        with _after(seconds, lambda: setattr(options, "terminate", True)):
+            try:
+                return [np.asarray(output) for output in self._session.run(None, {self.inputs[0][0]: batch}, options)]
+            except Exception as err:  # onnxruntime's errors have no base of their own
+                reason = f"it did not end within {seconds} s" if options.terminate else _one_line(err)
+                raise ModelError(f"{self._path}: the network fails on a batch of {len(batch)}: {reason}") from err
+
+
+@contextmanager
+def _after(seconds: float, act: Callable[[], object]) -> Iterator[None]:
+    """Act on another thread unless the block ends before."""
+    timer = Timer(seconds, act)
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
+
+
+@cache
+def _onnxruntime() -> Any:
+    """The library, imported where a network runs and nowhere else.
+
+    Its wheels for Linux would make an id of the machine and a store of events in the home folder, and send them to
+    their maker. The variable counts only if it is set before the import.
+    """
+    os.environ["ORT_DISABLE_TELEMETRY"] = "1"
+    import onnxruntime as ort
+
+    ort.disable_telemetry_events()
+    memory = ort.OrtMemoryInfo("Cpu", ort.OrtAllocatorType.ORT_ARENA_ALLOCATOR, 0, ort.OrtMemType.DEFAULT)
+    ort.create_and_register_allocator(memory, ort.OrtArenaCfg({"max_mem": MAX_MEMORY_BYTES}))
+    return ort
+
+
+def _one_line(err: Exception) -> str:
+    return " ".join(str(err).split())

@@ -1,0 +1,284 @@
+"""Hostile and damaged ONNX files: `python tests/campaign/onnx_models.py [--minutes M | --count N] [--seed S]`.
+
+A small YOLOX is cut, overwritten, given absurd sizes, types and outputs, operators that nobody has, loops without end,
+tensors that would fill any memory, and weights in other files, inside its folder and out of it. Each is loaded and run
+in a process of its own. It may work; else one `ModelError` in one line must say why, in bounded time and memory, and
+nothing outside of the model's folder may be read.
+"""
+
+import sys
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from random import Random
+
+from common import Outcome, campaign, is_one_line, run_child  # isort: skip
+import numpy as np
+from onnx_files import FLOAT, _bytes, _int, _ints, _node, _tensor, _value, _varint_field, write_yolox
+
+__all__ = ["TEST_COUNT", "main"]
+
+TEST_COUNT = 2
+MAX_SECONDS = 90.0
+MAX_MIB = 5000
+SIZE_PX = (64, 64)
+ROWS = 64 + 16 + 4
+SECRET = 0.3125
+"""What a weight file outside of the model's folder holds."""
+
+LOAD = """
+import resource, sys
+resource.setrlimit(resource.RLIMIT_AS, (16 << 30, 16 << 30))
+from pathlib import Path
+import numpy as np
+from pipeline.core.errors import LidcamError
+from pipeline.core.settings.config import Config
+from pipeline.detectors.onnx.detector import OnnxDetector2D
+try:
+    found = OnnxDetector2D(Path(sys.argv[1]), Config())([np.zeros((48, 64, 3), np.uint8)] * 3)
+except LidcamError as err:
+    print("told:", err)
+else:
+    print("works:", float(np.nan_to_num(found[0].scores).max()))
+"""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """1 if a model crashed the program, hung it, filled the memory, or read what is not its own."""
+    return campaign("onnx_models", _try_case, count=200, arguments=arguments, max_case_s=MAX_SECONDS + 30)
+
+
+def _try_case(number: int, chance: Random) -> Outcome:
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch) / "model"
+        folder.mkdir()
+        np.full((1, ROWS, 85), SECRET, np.float32).tofile(folder.parent / "outside.bin")
+        np.full((1, ROWS, 85), 0.25, np.float32).tofile(folder / "inside.bin")
+        (folder / "link.bin").symlink_to("../outside.bin")
+        path = folder / "a.onnx"
+        make = HOSTILE[number % len(HOSTILE)] if number % 2 else chance.choice((_bytes_changed, _cut, _fields_changed))
+        told, may_work = make(path, chance)
+        child = run_child(
+            [sys.executable, "-c", LOAD, path], timeout_s=MAX_SECONDS, env={"HOME": scratch, "OMP_NUM_THREADS": "1"}
+        )
+        detail = f"{told}: exit {child.returncode}, {child.seconds:.1f} s, {child.peak_mib} MiB: "
+        detail += (child.stdout + child.stderr)[-2000:]
+        files = {"a.onnx": path.read_bytes()}
+    said = child.stdout.strip()
+    if child.is_hung:
+        return Outcome("hang", is_fault=True, detail=detail, files=files)
+    if child.has_traceback or child.returncode:
+        return Outcome("crash", is_fault=True, detail=detail, files=files)
+    if child.peak_mib > MAX_MIB:
+        return Outcome("memory", is_fault=True, detail=detail, files=files)
+    if not is_one_line(said) or child.stderr.strip():
+        return Outcome("more than one line", is_fault=True, detail=detail, files=files)
+    if said.startswith("works") and not may_work:
+        return Outcome("works, and must not", is_fault=True, detail=detail, files=files)
+    return Outcome("works" if said.startswith("works") else "told", detail=detail)
+
+
+def _sound(path: Path, chance: Random, size_px: tuple[int, int] = SIZE_PX) -> Path:
+    bias = np.random.default_rng(chance.randrange(1000)).uniform(0, 1, (ROWS, 85)).astype(np.float32)
+    return write_yolox(path, bias, size_px=size_px, batch=chance.choice((1, 2, "N")))
+
+
+def _bytes_changed(path: Path, chance: Random) -> tuple[str, bool]:
+    data = bytearray(_sound(path, chance).read_bytes())
+    head = len(data) if chance.random() < 0.3 else 700
+    for _ in range(chance.randint(1, 8)):
+        data[chance.randrange(min(head, len(data)))] = chance.randrange(256)
+    path.write_bytes(data)
+    return "bytes changed", True
+
+
+def _cut(path: Path, chance: Random) -> tuple[str, bool]:
+    data = _sound(path, chance).read_bytes()
+    path.write_bytes(data[: chance.choice((0, 1, chance.randrange(len(data)), len(data) - 1))])
+    return "cut", False
+
+
+def _fields_changed(path: Path, chance: Random) -> tuple[str, bool]:
+    """Parts of the file exchanged, doubled or dropped."""
+    data = _sound(path, chance).read_bytes()
+    at, size = chance.randrange(900), chance.randrange(1, 200)
+    piece = data[at : at + size]
+    to = chance.randrange(900)
+    changed = chance.choice((data[:at] + data[at + size :], data[:to] + piece + data[to:], data + piece))
+    path.write_bytes(changed)
+    return "pieces moved", True
+
+
+def _sizes(path: Path, chance: Random) -> tuple[str, bool]:
+    side = chance.choice((0, -32, 32, 4096, 1 << 15, 1 << 20, (1 << 31) - 32, 1 << 40))
+    other = chance.choice((side, 64))
+    batch = chance.choice((1, 1, 0, -1, 4096, 1 << 31, "N"))
+    _network(path, [], _value("images", (batch, 3, side % 2**64, other % 2**64), FLOAT))
+    return f"an input of {batch} x {side} x {other}", False
+
+
+def _network(
+    path: Path, nodes: Sequence[bytes], inputs: bytes = b"", bias: bytes = b"", opset: int = 11, domain: bytes = b""
+) -> None:
+    """A network that adds nothing to its bias, behind other nodes."""
+    main = [
+        _node("ReduceMean", ["images"], "mean", _ints("axes", [1, 2, 3]), _int("keepdims", 0)),
+        _node("Unsqueeze", ["mean"], "column", _ints("axes", [1, 2])),
+        _node("Mul", ["column", "zero"], "nothing"),
+        _node("Add", ["nothing", "bias"], "output0"),
+    ]
+    bias = bias or _tensor("bias", np.full((1, ROWS, 85), 0.25, np.float32), FLOAT)
+    graph = b"".join(_bytes(1, node) for node in [*nodes, *main]) + _bytes(2, b"g")
+    graph += _bytes(5, _tensor("zero", np.zeros((1, 1, 1), np.float32), FLOAT)) + _bytes(5, bias)
+    graph += _bytes(11, inputs or _value("images", (1, 3, *SIZE_PX), FLOAT))
+    graph += _bytes(12, _value("output0", (1, ROWS, 85), FLOAT))
+    imports = _bytes(8, _varint_field(2, opset)) + (
+        _bytes(8, _bytes(1, domain) + _varint_field(2, 1)) if domain else b""
+    )
+    path.write_bytes(_varint_field(1, 6) + imports + _bytes(7, graph))
+
+
+def _outside(path: Path, chance: Random) -> tuple[str, bool]:
+    outside = path.parent.parent / "outside.bin"
+    location = chance.choice(
+        ("../outside.bin", str(outside), "link.bin", "./x/../../outside.bin", "inside.bin", "no.bin", "/dev/zero", "")
+    )
+    length = chance.choice((ROWS * 85 * 4, 0, 1, 2**40))
+    offset = chance.choice((0, 0, 0, 2**62, -1))
+    entries = {"location": location, "offset": str(offset), "length": str(length)}
+    dims = b"".join(_varint_field(1, n) for n in (1, ROWS, 85))
+    stored = b"".join(_bytes(13, _bytes(1, k.encode()) + _bytes(2, v.encode())) for k, v in entries.items())
+    _network(path, [], bias=dims + _varint_field(2, FLOAT) + _bytes(8, b"bias") + stored + _varint_field(14, 1))
+    return f"weights of {length} bytes in {location}", location == "inside.bin"
+
+
+def _huge_constant(path: Path, chance: Random) -> tuple[str, bool]:
+    """A constant of many gigabytes from a file of few bytes, used or folded away."""
+    shape = np.array(chance.choice(([1 << 16, 1 << 16], [1 << 20, 1 << 20], [1 << 31, 8], [1 << 14, 1 << 14, 20])))
+    constant = _bytes(1, b"shape") + _bytes(5, _tensor("", shape.astype(np.int64), 7)) + _varint_field(20, 4)
+    constant = constant.replace(_bytes(1, b"shape"), _bytes(1, b"value"), 1)
+    nodes = [_node("Constant", [], "shape", constant), _node("ConstantOfShape", ["shape"], "huge")]
+    used = chance.choice(("ReduceSum", "Exp", "Identity"))
+    nodes.append(_node(used, ["huge"], "small", *([_int("keepdims", 1)] if used == "ReduceSum" else [])))
+    if chance.random() < 0.7:  # else nothing needs it
+        nodes += [
+            _node("ReduceMean", ["small"], "point", _int("keepdims", 0)),
+            _node("Add", ["point", "images"], "images2"),
+        ]
+    _network(path, nodes)
+    if chance.random() < 0.7:
+        path.write_bytes(path.read_bytes().replace(_bytes(1, b"images") + _bytes(2, b"mean"), b""))
+    return f"a constant of {shape.tolist()}, {used}", True
+
+
+def _tiles(path: Path, chance: Random) -> tuple[str, bool]:
+    """A tensor that grows a thousandfold, again and again, while the network runs."""
+    times = chance.randint(1, 4)
+    repeats = np.array([1, 1, 1000, 1000] if chance.random() < 0.5 else [1000, 100, 1, 1], np.int64)
+    constant = _bytes(1, b"value") + _bytes(5, _tensor("", repeats, 7)) + _varint_field(20, 4)
+    nodes = [_node("Constant", [], "repeats", constant)]
+    nodes += [_node("Tile", [f"t{i}" if i else "images", "repeats"], f"t{i + 1}") for i in range(times)]
+    nodes.append(_node("ReduceMean", [f"t{times}"], "unused"))
+    graph_output = _bytes(12, _value("unused", (1, 1, 1, 1), FLOAT)) if chance.random() < 0.5 else b""
+    _network(path, nodes)
+    if graph_output:
+        main = _node("Mul", ["column", "zero"], "nothing")
+        path.write_bytes(path.read_bytes().replace(_bytes(1, main), _bytes(1, main)))
+    return f"{times} tiles", True
+
+
+def _loop(path: Path, chance: Random) -> tuple[str, bool]:
+    """A loop of 2^62 turns whose result the output needs."""
+    body = b"".join(
+        _bytes(1, node)
+        for node in (_node("Identity", ["cond_in"], "cond_out"), _node("Add", ["sum_in", "sum_in"], "sum_out"))
+    )
+    body += _bytes(2, b"body")
+    body += _bytes(11, _value("turn", (), 7)) + _bytes(11, _value("cond_in", (), 9))
+    body += _bytes(11, _value("sum_in", (1, ROWS, 85), FLOAT))
+    body += _bytes(12, _value("cond_out", (), 9)) + _bytes(12, _value("sum_out", (1, ROWS, 85), FLOAT))
+    attribute = _bytes(1, b"body") + _bytes(6, body) + _varint_field(20, 5)
+    dims = b"".join(_varint_field(1, n) for n in (1, ROWS, 85))
+    turns = _bytes(5, _varint_field(2, 7) + _bytes(8, b"turns") + _bytes(9, (1 << 62).to_bytes(8, "little")))
+    true = _bytes(5, _varint_field(2, 9) + _bytes(8, b"true") + _bytes(9, b"\1"))
+    start = _bytes(5, dims + _varint_field(2, FLOAT) + _bytes(8, b"start") + _bytes(9, bytes(ROWS * 85 * 4)))
+    loop = (
+        b"".join(_bytes(1, name) for name in (b"turns", b"true", b"start"))
+        + _bytes(2, b"endless")
+        + _bytes(4, b"Loop")
+        + _bytes(5, attribute)
+    )
+    nodes = [
+        _node("ReduceMean", ["images"], "mean", _ints("axes", [1, 2, 3]), _int("keepdims", 0)),
+        _node("Unsqueeze", ["mean"], "column", _ints("axes", [1, 2])),
+        loop,
+        _node("Add", ["column", "endless"], "output0"),
+    ]
+    graph = b"".join(_bytes(1, node) for node in nodes) + _bytes(2, b"g") + turns + true + start
+    graph += _bytes(11, _value("images", (1, 3, *SIZE_PX), FLOAT))
+    graph += _bytes(12, _value("output0", (1, ROWS, 85), FLOAT))
+    path.write_bytes(_varint_field(1, 6) + _bytes(8, _varint_field(2, 11)) + _bytes(7, graph))
+    del chance
+    return "a loop without end", False
+
+
+def _custom(path: Path, chance: Random) -> tuple[str, bool]:
+    domain = chance.choice((b"", b"com.example", b"com.microsoft", b"ai.onnx.ml", b"../../lib"))
+    op = chance.choice(("System", "../evil.so", "LoadLibrary", "PyOp", "Add" * 1000))
+    _network(path, [_node(op, ["images"], "custom") + _bytes(7, domain)], domain=domain)
+    return f"the operator {op[:20]} of {domain!r}", False
+
+
+def _not_finite(path: Path, chance: Random) -> tuple[str, bool]:
+    value = chance.choice((np.nan, np.inf, -np.inf, 1e38, 1000.0))
+    _network(path, [], bias=_tensor("bias", np.full((1, ROWS, 85), value, np.float32), FLOAT))
+    return f"outputs of {value}", value in {1e38, 1000.0}
+
+
+def _deep(path: Path, chance: Random) -> tuple[str, bool]:
+    """Messages in messages, as deep as it takes."""
+    data = b""
+    for _ in range(chance.choice((90, 200, 20_000))):
+        data = _bytes(chance.choice((7, 6, 1)), data) if len(data) < 1 << 20 else data
+    path.write_bytes(_varint_field(1, 6) + _bytes(7, data))
+    return "nested messages", False
+
+
+def _many(path: Path, chance: Random) -> tuple[str, bool]:
+    count = chance.choice((1000, 20_000))
+    _network(path, [_node("Relu", [f"r{i}" if i else "images"], f"r{i + 1}") for i in range(count)])
+    return f"{count} nodes", True
+
+
+def _another_file(path: Path, chance: Random) -> tuple[str, bool]:
+    match chance.randrange(4):
+        case 0:
+            path.write_text("version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 3660092\n")
+        case 1:
+            path.write_bytes(chance.randbytes(5000))
+        case 2:
+            path.write_bytes(b"\x7fELF" + bytes(1000))
+        case _:
+            path.write_bytes(bytes(1 << 20))
+    return "another kind of file", False
+
+
+Make = Callable[[Path, Random], tuple[str, bool]]
+HOSTILE: tuple[Make, ...] = (
+    _sizes,
+    _loop,
+    _outside,
+    _huge_constant,
+    _tiles,
+    _custom,
+    _not_finite,
+    _sizes,
+    _deep,
+    _many,
+    _another_file,
+    _outside,
+    _huge_constant,
+)
+
+if __name__ == "__main__":
+    sys.exit(main())
