@@ -20,7 +20,6 @@ __all__ = [
     "Entry",
     "entry_of",
     "load_chunk",
-    "messages_in",
     "read_chunk_head",
     "read_exactly",
     "records_in",
@@ -176,13 +175,6 @@ def records_in(chunk: bytes, limits: LimitsConfig) -> Iterator[tuple[int, int, i
             raise ValueError(f"a record of {size} bytes reaches beyond its chunk of {len(chunk)}")
         yield opcode, at, size
         at += size
-
-
-def messages_in(chunk: bytes, position: int, limits: LimitsConfig) -> Iterator[Entry]:
-    """The messages of the chunk at `position`, in the order of the file."""
-    for opcode, at, size in records_in(chunk, limits):
-        if opcode == Opcode.MESSAGE:
-            yield entry_of(chunk, at, position, at, size)
 
 
 def entry_of(head: bytes, at: int, chunk_position: int, start: int, size: int) -> Entry:

@@ -18,6 +18,7 @@ WAL_MAGICS = {0x377F0682: "<", 0x377F0683: ">"}
 WAL_HEADER = struct.Struct(">IIIIIIII")  # magic, version, page size, sequence, two salts, two checksums
 FRAME_HEADER = struct.Struct(">IIIIII")  # page, size of the database if it ends a transaction, two salts, two checksums
 
+BLOCK = 1 << 20
 MAX_CHECKED = 10_000
 """Pages of a transaction that was not finished whose checksums are computed."""
 
@@ -76,15 +77,21 @@ def _unapplied_pages(stream: BinaryIO, applied: int) -> int:
         sums = _checksum(order, frame[:8] + frame[FRAME_HEADER.size :], sums)
         if own_salts == salts and sums == (first, second):
             continue
-        salts_left = (_salts(stream, WAL_HEADER.size + other * frame_bytes) for other in range(number, count))
         is_of_older_log = own_salts[0] != salts[0] and own_salts[1] != salts[1]
-        return 0 if is_of_older_log and salts not in salts_left else count - number
-    return 0
+        is_left = _contains(stream, WAL_HEADER.size + number * frame_bytes, header[16:24])
+        return count - number if is_left or not is_of_older_log else 0
+    return 1 if (size - WAL_HEADER.size) % frame_bytes else 0  # the last page is incomplete
 
 
-def _salts(stream: BinaryIO, position: int) -> list[int]:
+def _contains(stream: BinaryIO, position: int, wanted: bytes) -> bool:
+    """Whether the file contains something from `position` on: pages of this log have its salts, wherever they lie."""
     stream.seek(position)
-    return list(FRAME_HEADER.unpack(stream.read(FRAME_HEADER.size))[2:4])
+    end = b""
+    while block := stream.read(BLOCK):
+        if wanted in end + block:
+            return True
+        end = block[-len(wanted) :]
+    return False
 
 
 def _checksum(order: str, content: bytes, sums: tuple[int, int]) -> tuple[int, int]:

@@ -1,6 +1,7 @@
 """What a changed bit in the index of a ROS 1 bag, or in the records that it lists, does to what is read."""
 
 from collections.abc import Callable
+from io import BytesIO
 from pathlib import Path
 
 import pytest
@@ -8,6 +9,7 @@ from sound_recordings import SoundRecording, read_all, sound_recording, write_fi
 
 from pipeline.core.errors import RecordingError
 from pipeline.core.settings.recording import LimitsConfig
+from readers.files.rosbag1.index import contents_of_index
 from readers.open import open_recording
 from readers.recording import ReadOptions
 
@@ -101,3 +103,33 @@ def test_chunks_that_overlap_too_far_are_refused(tmp_path: Path) -> None:
     options = ReadOptions(limits=LimitsConfig(max_messages_in_memory=3))
     with open_recording([path], options) as recording, pytest.raises(RecordingError, match="max_messages_in_memory"):
         list(recording.messages())
+
+
+@pytest.mark.parametrize(
+    ("name", "extra", "value", "said"),
+    [
+        (b"topic=/image", -8, b"\0", "lists connection 0 twice"),
+        (b"compression=", 3, b"f", "unknown compression"),
+        (b"size=", 0, b"\1", "gives two sizes"),
+        (b"ver=", 0, b"\2", "another version"),
+        (b"\n\0\0\0count=\x03\0\0\0", 4 + 12 + 8, b"\xe6\5", "names a message twice"),
+    ],
+)
+def test_what_contradicts_itself_is_no_index(name: bytes, extra: int, value: bytes, said: str) -> None:
+    content = bytearray(sound_recording("rosbag1-none").files["rec.bag"])
+    at = content.rindex(name, 0, content.rindex(name)) if name.startswith(b"topic") else content.index(name)
+    place = at + len(name) + extra if extra >= 0 else at + extra
+    content[place : place + len(value)] = value
+    with pytest.raises(ValueError, match=said):
+        contents_of_index(BytesIO(bytes(content)))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_chunk_that_is_damaged_is_lost_alone(tmp_path: Path, kind: str) -> None:
+    sound = sound_recording(kind)
+    content = bytearray(sound.files["rec.bag"])
+    at = content.index(b"op=\x05", content.index(b"op=\x05") + 1) + 60
+    content[at : at + 300] = bytes(300)
+    messages, losses = read_all(write_files(tmp_path, sound, {"rec.bag": bytes(content)}), "as_needed")
+    assert 0 < len(sound.messages) - len(messages) <= 12
+    assert sum(loss.messages or 0 for loss in losses) == len(sound.messages) - len(messages)

@@ -31,7 +31,20 @@ def test_a_changed_bit_in_a_log_is_told(tmp_path: Path, place: int) -> None:
     assert "pages of rec.db3-wal cannot be applied" in told
 
 
-@pytest.mark.parametrize("size", [10, 32, 32 + FRAME, 32 + 3 * FRAME + 50])
+def test_a_shifted_log_is_told(tmp_path: Path) -> None:
+    wal = WAL.files["rec.db3-wal"]
+    count, (told,) = reasons(tmp_path, wal[: 32 + 2 * FRAME] + b"in between" + wal[32 + 2 * FRAME :])
+    assert count < len(WAL.messages)
+    assert "cannot be applied" in told
+
+
+def test_an_incomplete_last_page_is_told(tmp_path: Path) -> None:
+    count, (told,) = reasons(tmp_path, WAL.files["rec.db3-wal"][: 32 + 3 * FRAME + 50])
+    assert count < len(WAL.messages)
+    assert "1 pages of rec.db3-wal cannot be applied" in told
+
+
+@pytest.mark.parametrize("size", [10, 32, 32 + FRAME])
 def test_a_log_that_ends_early_is_what_sqlite_takes_it_for(tmp_path: Path, size: int) -> None:
     """A recorder that was killed leaves the same."""
     count, told = reasons(tmp_path, WAL.files["rec.db3-wal"][:size])
