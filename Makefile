@@ -6,26 +6,37 @@
 # make samples  record the sample recordings in bags/ anew
 # make bench    what is measured against what
 # Each installs what it needs into .venv the first time, and only then: the demo lidcam alone, the others all extras and the tools of tests, too.
+# make locks docs/licences.md    after a change of dependencies: constraints*.txt anew (needs uv; UPGRADE=--upgrade takes newer versions), the page of licences
 
 PYTHON ?= python3
 BIN := .venv/bin
 INSTALLED := .venv/installed
 INSTALLED_ALL := .venv/installed-all
-INSTALL = $(BIN)/python -m pip install --disable-pip-version-check --constraint constraints.txt --editable
+PIP = $(BIN)/python -m pip --disable-pip-version-check
+# Everything by its hash, and nothing that is not listed.
+LOCKED = $(PIP) install --require-hashes --no-deps --requirement
+UV ?= uv
+UPGRADE ?=
+COMPILE = UV_CUSTOM_COMPILE_COMMAND='make locks' $(UV) pip compile --quiet --universal --python-version 3.11 --no-build --generate-hashes --no-annotate $(UPGRADE)
 
-.PHONY: demo test check fuzz campaign samples bench
+.PHONY: demo test check fuzz campaign samples bench locks
 .DELETE_ON_ERROR:
 
-$(INSTALLED): pyproject.toml constraints.txt
+$(INSTALLED): pyproject.toml constraints-run.txt
 	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "lidcam needs Python 3.11 or newer, found " + sys.version.split()[0] + ": set PYTHON=python3.12 or the like")'
 	$(PYTHON) -m venv .venv
 	@echo 'Installing lidcam into .venv: 390 MB to fetch, once'
-	$(INSTALL) .
+	$(LOCKED) constraints-run.txt
+	$(PIP) install --no-build-isolation --no-deps --editable .
 	@touch $@
 
-$(INSTALLED_ALL): $(INSTALLED)
+# PyTorch comes last and without a hash: its version is pinned, but it has builds for CPUs on indexes of their own, and what an index may offer
+# here is not known. The CUDA libraries of PyPI's build come with it.
+$(INSTALLED_ALL): $(INSTALLED) constraints.txt
 	@echo 'Installing the extras and the tools of the tests into .venv: 820 MB to fetch, once'
-	$(INSTALL) '.[sim,train,video,http,s3,dev]'
+	$(LOCKED) constraints.txt
+	$(PIP) install --no-build-isolation --editable '.[sim,train,video,http,s3,dev]'
+	$(PIP) check
 	@touch $@
 
 demo: $(INSTALLED)
@@ -49,7 +60,7 @@ campaign: $(INSTALLED_ALL)
 	$(BIN)/python tests/campaign/run_all.py $(MINUTES:%=--minutes=%)
 
 samples: $(INSTALLED_ALL)
-	$(BIN)/lidcam simulate sandbox bags/sandbox.bag --duration 2 --set 'lidars.*.firing_stride=4' --set 'cameras.*.jpeg_quality=40'
+	$(BIN)/lidcam simulate sandbox bags/sandbox.bag --overwrite --duration 2 --set 'lidars.*.firing_stride=4' --set 'cameras.*.jpeg_quality=40'
 	$(BIN)/lidcam simulate crossing bags/crossing.mcap --duration 1.4 --set 'cameras.*.rate_hz=5' --set 'cameras.*.jpeg_quality=45'
 
 bench: $(INSTALLED_ALL)
@@ -62,3 +73,10 @@ bench: $(INSTALLED_ALL)
 config/default.yaml: $(wildcard pipeline/core/settings/*.py) $(INSTALLED_ALL)
 	@printf '# The defaults of every setting: a printed copy of pipeline/core/settings/, which explains each one.\n# Copy the part that you want to change into a file of your own and pass it with --config.\n\n' > $@
 	@$(BIN)/python -c 'from pipeline.core.settings.config import Config; from pipeline.core.settings.load import dump_config; print(dump_config(Config()), end="")' >> $@
+
+locks:
+	$(COMPILE) --extra sim --extra video --extra http --extra s3 --extra dev --output-file constraints.txt pyproject.toml constraints.in
+	$(COMPILE) --constraint constraints.txt --output-file constraints-run.txt pyproject.toml constraints-build.in
+
+docs/licences.md: $(INSTALLED_ALL)
+	$(BIN)/python tests/support/licences.py > $@

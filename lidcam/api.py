@@ -138,8 +138,8 @@ def process(
         recording: Path or URL; several for a recording that was split, in their order.
         output: File to write, or several: .mcap, .rrd (Rerun); None writes none.
         on_frame: Called with each frame, in order.
-        **options: `config`, `settings`, `rig`, `model_2d`, `workers`, `start_s`, `duration_s`, `on_bad_message`, as
-            `JobOptions` explains them.
+        **options: `config`, `settings`, `rig`, `model_2d`, `workers`, `start_s`, `duration_s`, `on_bad_message`,
+            `overwrite`, as `JobOptions` explains them.
 
     Raises:
         LidcamError: the input, the calibration, the settings or an output is at fault; no output is left behind.

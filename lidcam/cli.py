@@ -11,6 +11,7 @@ from lidcam.options import (
     AsJson,
     ConfigFile,
     Format,
+    Overwrite,
     RecordingOut,
     RigFile,
     Scenario,
@@ -123,6 +124,7 @@ def process(
             "settings. The output is the same.",
         ),
     ] = None,
+    overwrite: Overwrite = False,
     on_bad_message: Annotated[
         Literal["skip", "fail"],
         typer.Option(help="What to do about a message that cannot be decoded, or a damaged file."),
@@ -192,6 +194,7 @@ def process(
         start_s=start,
         duration_s=duration,
         on_bad_message=on_bad_message,
+        overwrite=overwrite,
     )
     printed = Printed(detections=print_detections, matches=print_matches, as_json=as_json)
     given = {} if max_dropped is None else {"max_dropped_percent": max_dropped}
@@ -210,6 +213,7 @@ def inspect(
         Path | None,
         typer.Option(metavar="OUT.mcap", help="Write every message that can still be read to a clean MCAP."),
     ] = None,
+    overwrite: Overwrite = False,
     as_json: AsJson = False,
 ) -> None:
     """Show what is in a recording and what lidcam would use.
@@ -219,6 +223,7 @@ def inspect(
     if repair is not None and repair.suffix != ".mcap":
         raise typer.BadParameter(f"expected a name that ends in .mcap, found {repair}", param_hint="--repair")
     from lidcam.commands.inspect import InspectOptions, run_inspect
+    from lidcam.job import read_files
     from lidcam.settings.choice import choose_settings
 
     run_inspect(
@@ -228,7 +233,9 @@ def inspect(
             rig=rig_files,
             write_rig=write_rig,
             repair=repair,
+            overwrite=overwrite,
             as_json=as_json,
+            read_files=read_files(config_file, rig_files),
         )
     )
 
@@ -239,6 +246,7 @@ def demo(
     folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder for the recording and the outputs.")] = Path(
         "lidcam-demo"
     ),
+    overwrite: Overwrite = False,
 ) -> None:
     """Process the bundled sample recording.
 
@@ -246,7 +254,7 @@ def demo(
     """
     from lidcam.commands.demo import run_demo
 
-    run_demo(folder)
+    run_demo(folder, overwrite=overwrite)
 
 
 @app.command(epilog=SIMULATE_EXAMPLES)
@@ -261,6 +269,7 @@ def simulate(
     ] = None,
     seed: Seed = None,
     settings: Setting = None,
+    overwrite: Overwrite = False,
     workers: Annotated[
         int | None,
         typer.Option(min=1, metavar="N", help="Sensors simulated at once; the recording is the same. [default: cores]"),
@@ -282,6 +291,7 @@ def simulate(
         duration_s=duration,
         seed=seed,
         overrides=tuple(settings or ()),
+        overwrite=overwrite,
         workers=workers,
     )
     run_simulate(options)
@@ -308,6 +318,7 @@ def drive(
     ] = None,
     seed: Seed = None,
     settings: Setting = None,
+    overwrite: Overwrite = False,
 ) -> None:
     """Drive the cars of a scenario from the keyboard, and record it."""
     if duration == 0:
@@ -322,6 +333,7 @@ def drive(
         duration_s=duration,
         seed=seed,
         overrides=tuple(settings or ()),
+        overwrite=overwrite,
         keys=keys,
         key_interval_s=key_interval,
         view=view,

@@ -17,7 +17,18 @@ from readers.rig.rig_file import load_rig
 from readers.rig.schema import RigFile
 from readers.streams.decoders import OnBadMessage
 
-__all__ = ["FilePath", "Job", "JobOptions", "PathOrUrl", "RigSource", "Settings", "locations", "make_job", "read_rig"]
+__all__ = [
+    "FilePath",
+    "Job",
+    "JobOptions",
+    "PathOrUrl",
+    "RigSource",
+    "Settings",
+    "locations",
+    "make_job",
+    "read_files",
+    "read_rig",
+]
 
 DEFAULT_CONFIG = Config()
 
@@ -43,6 +54,8 @@ class Job:
         start_s: Seconds of the recording to skip.
         duration_s: Seconds to process; None: to the end.
         on_bad_message: Whether a message that cannot be decoded, or damage of a file, is skipped or ends the run.
+        overwrite: Whether outputs replace files that are no results of earlier runs, too.
+        read_files: Other files that are read: settings, rig files, a network. No output may replace them.
     """
 
     inputs: tuple[Location, ...]
@@ -54,6 +67,8 @@ class Job:
     start_s: float = 0.0
     duration_s: float | None = None
     on_bad_message: OnBadMessage = "skip"
+    overwrite: bool = False
+    read_files: tuple[Path, ...] = ()
 
     def __post_init__(self) -> None:
         """Check the part of the recording.
@@ -88,6 +103,7 @@ class JobOptions(TypedDict, total=False):
         start_s: Seconds to skip.
         duration_s: Seconds to process; None: to the end.
         on_bad_message: `skip` counts messages that cannot be decoded, `fail` ends the run at the first.
+        overwrite: Outputs replace files that are no results of earlier runs, too; never an input.
     """
 
     config: Config | FilePath | None
@@ -98,6 +114,7 @@ class JobOptions(TypedDict, total=False):
     start_s: float
     duration_s: float | None
     on_bad_message: OnBadMessage
+    overwrite: bool
 
 
 def make_job(
@@ -112,6 +129,7 @@ def make_job(
     start_s: float = 0.0,
     duration_s: float | None = None,
     on_bad_message: OnBadMessage = "skip",
+    overwrite: bool = False,
 ) -> Job:
     """A job, with its settings and its rig file read; arguments as of `lidcam.process`.
 
@@ -136,6 +154,8 @@ def make_job(
         start_s=start_s,
         duration_s=duration_s,
         on_bad_message=on_bad_message,
+        overwrite=overwrite,
+        read_files=read_files(config, rig, choice.config.detect2d.model),
     )
 
 
@@ -143,6 +163,15 @@ def locations(recording: PathOrUrl | Sequence[PathOrUrl]) -> tuple[Location, ...
     """Where the files of a recording lie."""
     given = [recording] if isinstance(recording, str | PathLike | RemotePath) else recording
     return tuple(one if isinstance(one, RemotePath) else location(fspath(one)) for one in given)
+
+
+def read_files(
+    config: Config | FilePath | None, rig: RigSource | None, model: FilePath | None = None
+) -> tuple[Path, ...]:
+    """The files among the settings, the rig files and the network of a run."""
+    rigs = [rig] if rig is None or isinstance(rig, RigFile | str | PathLike) else rig
+    named = [Path(one) for one in (config, *rigs, model) if isinstance(one, str | PathLike)]
+    return tuple(path for path in named if path.is_file())
 
 
 def read_rig(rig: RigSource | None) -> RigFile | None:

@@ -17,6 +17,7 @@ __all__ = [
     "AsJson",
     "ConfigFile",
     "Format",
+    "Overwrite",
     "RecordingOut",
     "RigFile",
     "Scenario",
@@ -83,6 +84,13 @@ RigFile = Annotated[
         metavar="FILE",
         help="Sensors, calibration and zones: a rig file, a preset (original), or a calibration file of KITTI, Kalibr, "
         "Autoware or the predecessor system. May be repeated: later files add and replace. Without it, as recorded.",
+    ),
+]
+Overwrite = Annotated[
+    bool,
+    typer.Option(
+        "--overwrite",
+        help="Also replace what no earlier run of this command wrote, such as a recording; never an input.",
     ),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]

@@ -32,7 +32,8 @@ from lidcam.frames import (
     synchronized_topics,
 )
 from lidcam.job import Job
-from lidcam.outputs.open import check_not_overwritten, open_outputs, open_writers, written_files
+from lidcam.outputs.allowed import check_no_input
+from lidcam.outputs.open import open_outputs, open_writers, written_files
 from lidcam.settings.settle import settle, with_zones
 from lidcam.summary import DropTable, RunProgress, RunReport, Tally, UnusedTopic
 from pipeline.core.errors import ConfigError, RecordingError
@@ -116,7 +117,7 @@ def opened(job: Job) -> Iterator["Run"]:
         for path in dict.fromkeys(loss.path for loss in recording.losses):
             logger.warning("%s is damaged or was not closed: what can still be read is read", path)
         check_not_empty(recording)
-        check_not_overwritten(recording.paths, *written_files(job))
+        check_no_input(written_files(job), recording.paths)
         window = _window(recording, job)
         found = discover_rig(recording, job.config, job.rig, start_ns=window.start_ns, stop_ns=window.stop_ns)
         for fault in found.faults:

@@ -7,7 +7,6 @@ from collections.abc import Collection, Iterator, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import BinaryIO
 
 import zstandard
@@ -22,8 +21,10 @@ from readers.files.pcap.file import PcapFile
 from readers.files.pcap.packets import is_capture
 from readers.files.remote import open_remote
 from readers.files.rosbag1.file import Rosbag1File
-from readers.files.rosbag2_folder import folder_metadata, recording_files
+from readers.files.rosbag2_folder import contradiction, folder_metadata, recording_files, unlisted_files
 from readers.files.sqlite.file import SqliteFile
+from readers.files.sqlite.journal import journals_of, unapplied
+from readers.files.temporary import remove_abandoned, temporary_folder
 from readers.location import Location, RemotePath
 from readers.recording import (
     DEFAULT_READ_OPTIONS,
@@ -65,9 +66,10 @@ def open_recording(paths: Sequence[Location], options: ReadOptions = DEFAULT_REA
     """
     if not paths:
         raise RecordingError(f"expected {EXPECTED}, got no path")
+    remove_abandoned()
     with ExitStack() as stack:
         opened: list[RecordingFile] = []
-        files = _all_files(paths)
+        files, unlisted = _all_files(paths), _unlisted(paths, options)
         errors: list[DamageError] = []
         for index, path in enumerate(files):
             try:
@@ -86,7 +88,7 @@ def open_recording(paths: Sequence[Location], options: ReadOptions = DEFAULT_REA
                     f"expected the files of one recording, found {of_ros[0].ros_version} ({of_ros[0].path}) and "
                     f"{file.ros_version} ({file.path}); process them one by one"
                 )
-        recording = _FilesRecording(tuple(opened), stack.pop_all())
+        recording = _FilesRecording(tuple(opened), stack.pop_all(), unlisted)
     if len(recording.topics) > options.limits.max_topics:
         recording.close()
         raise RecordingError(
@@ -123,8 +125,9 @@ class _LostFile:
 class _FilesRecording(Closing):
     """The files of one recording, merged by time; see `Recording`."""
 
-    def __init__(self, files: tuple[RecordingFile, ...], resources: ExitStack) -> None:
+    def __init__(self, files: tuple[RecordingFile, ...], resources: ExitStack, unlisted: tuple[Loss, ...] = ()) -> None:
         self._files = files
+        self._unlisted = unlisted
         self._resources = resources
         self.paths = tuple(file.path for file in files)
         self.topics: tuple[TopicInfo, ...] = merge_topics(info for file in files for info in file.topics)
@@ -135,7 +138,7 @@ class _FilesRecording(Closing):
     @property
     def losses(self) -> tuple[Loss, ...]:
         """See `Recording`."""
-        return tuple(loss for file in self._files for loss in file.losses)
+        return tuple(loss for file in self._files for loss in file.losses) + self._unlisted
 
     def messages(
         self, topics: Collection[str] | None = None, *, start_ns: int | None = None, stop_ns: int | None = None
@@ -169,9 +172,9 @@ def _all_files(paths: Sequence[Location]) -> list[Location]:
         if isinstance(path, RemotePath):
             files.append(path)
             continue
-        if not path.exists():
-            raise RecordingError(f"{path}: no such file or folder; expected {EXPECTED}")
         with library_errors(path):
+            if not path.exists():
+                raise RecordingError(f"{path}: no such file or folder; expected {EXPECTED}")
             files += recording_files(path) if path.is_dir() else (path,)
     seen: dict[object, Location] = {}
     for file in files:
@@ -180,6 +183,20 @@ def _all_files(paths: Sequence[Location]) -> list[Location]:
             raise RecordingError(f"{file}: given twice (also as {seen[identity]}); name each file of a recording once")
         seen[identity] = file
     return files
+
+
+def _unlisted(paths: Sequence[Location], options: ReadOptions) -> tuple[Loss, ...]:
+    """Files in the folders of a recording that are not read, because metadata.yaml does not list them.
+
+    Raises:
+        RecordingError: there are some, and damage is an error.
+    """
+    folders = [path for path in paths if isinstance(path, Path) and path.is_dir()]
+    files = [file for folder in folders for file in unlisted_files(folder)] if folders else []
+    reason = "metadata.yaml does not list this file, so it is not read; name the files to read it, too"
+    if files and options.recovery == "none":
+        raise RecordingError(f"{files[0]}: {reason}")
+    return tuple(Loss(file, 0, reason, file.stat().st_size) for file in files)
 
 
 def _inode(file: Path) -> tuple[int, int]:
@@ -204,7 +221,7 @@ def _open_file(path: Location, index: int, stack: ExitStack, options: ReadOption
         if magic.startswith(ZSTD_MAGIC):
             content = _unpacked(path, stack, losses, options.limits)
             magic = _first_bytes(content)
-        elif magic.startswith(SQLITE_MAGIC) and (journals := _journals(path)):
+        elif magic.startswith(SQLITE_MAGIC) and (journals := journals_of(path)):
             if is_recovering:
                 content = _completed(path, journals, stack, losses)
             elif journals[0].name.endswith("-wal"):
@@ -214,6 +231,11 @@ def _open_file(path: Location, index: int, stack: ExitStack, options: ReadOption
                 )
         file = _file_of_kind(Source(path, index, options, losses), path, content, magic)
         stack.callback(file.close)
+        if not isinstance(file, McapFile | SqliteFile) or any(loss.messages != 0 for loss in file.losses):
+            return file
+        reason, fewer = contradiction(folder_metadata(path.parent), path.name, file.topics)
+        if reason:
+            losses.note(0, reason, messages=fewer)
     return file
 
 
@@ -276,7 +298,7 @@ def _unpacked(path: Path, stack: ExitStack, losses: Losses, limits: LimitsConfig
     Raises:
         RecordingError: it unpacks to more, or to more than the temporary folder has space for.
     """
-    folder = Path(stack.enter_context(TemporaryDirectory(prefix="lidcam-")))
+    folder = stack.enter_context(temporary_folder())
     unpacked = folder / path.with_suffix("").name
     with path.open("rb") as packed, unpacked.open("wb") as stream:
         with losses.guard() as damage:
@@ -295,23 +317,20 @@ def _unpacked(path: Path, stack: ExitStack, losses: Losses, limits: LimitsConfig
     return unpacked
 
 
-def _journals(path: Path) -> list[Path]:
-    """What SQLite has yet to apply to a database: its write-ahead log, or the rollback journal of a half-done write."""
-    beside = [path.with_name(path.name + suffix) for suffix in ("-wal", "-journal")]
-    return [journal for journal in beside if journal.is_file() and journal.stat().st_size]
-
-
 def _completed(path: Path, journals: Sequence[Path], stack: ExitStack, losses: Losses) -> Path:
     """A copy of a database that its recorder did not close, completed by SQLite from the journals."""
-    folder = Path(stack.enter_context(TemporaryDirectory(prefix="lidcam-")))
+    folder = stack.enter_context(temporary_folder())
     copy = folder / path.name
     for file in (path, *journals):
         shutil.copyfile(file, folder / file.name)
     names = ", ".join(journal.name for journal in journals)
     with losses.guard() as damage, closing(sqlite3.connect(copy)) as database:
-        database.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
         database.execute("SELECT count(*) FROM sqlite_master").fetchall()
+        ((_, applied, _),) = database.execute("PRAGMA wal_checkpoint(PASSIVE)")
+        database.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
         losses.note(0, f"the recorder did not close it; completed from {names} in a copy", messages=0)
+        for reason in filter(None, (unapplied(journal, folder, applied) for journal in journals)):
+            losses.note(0, reason)
     if damage.error:
         losses.note(0, f"the recorder did not close it, and {names} cannot be applied ({damage.reason})")
     for journal in journals:

@@ -9,7 +9,7 @@ from lidcam.commands.verdict import Verdict, first_of
 from lidcam.frames import TimeWindow
 from lidcam.inspection import Inspection, inspect_open, inspect_recording, inspection_tree
 from lidcam.job import RigSource
-from lidcam.outputs.open import check_not_overwritten
+from lidcam.outputs.allowed import check_no_input, check_replaced
 from lidcam.printing.console import print_inspection
 from lidcam.printing.folding import show_line
 from lidcam.printing.log import remark_log
@@ -23,6 +23,7 @@ from readers.rig.rig_file import draft_yaml
 from readers.streams.per_sensor import sensor_messages
 from writers.mcap.repair import write_repaired
 from writers.outputs.errors import output_errors
+from writers.outputs.marked_text import marked_yaml
 from writers.outputs.transaction import OutputFile, OutputTransaction
 
 __all__ = ["InspectOptions", "run_inspect"]
@@ -38,7 +39,9 @@ class InspectOptions:
         rig: Rig files, if there are any, loaded or by their paths.
         write_rig: Rig file to write.
         repair: MCAP to write, with every message that can be read.
+        overwrite: Replace what no earlier run wrote, too.
         as_json: Print JSON.
+        read_files: Files that were read for the settings and the rig.
     """
 
     inputs: tuple[Location, ...]
@@ -46,7 +49,9 @@ class InspectOptions:
     rig: RigSource | None = None
     write_rig: Path | None = None
     repair: Path | None = None
+    overwrite: bool = False
     as_json: bool = False
+    read_files: tuple[Path, ...] = ()
 
 
 def run_inspect(options: InspectOptions) -> None:
@@ -58,20 +63,26 @@ def run_inspect(options: InspectOptions) -> None:
         LidcamError: the recording or the settings are at fault, or an output cannot be written.
     """
     files = [file for file in (options.repair, options.write_rig) if file is not None]
-    check_not_overwritten(options.inputs, *files)
+    check_no_input(files, (*options.inputs, *options.read_files))
     remarks: list[str] = []
     lost: list[str] = []
-    with OutputTransaction(files) as outputs:
+    check_repaired = check_replaced("repaired", overwrite=options.overwrite)
+    check_draft = check_replaced("text", overwrite=options.overwrite)
+
+    def check_old(path: Path) -> None:
+        (check_repaired if path == options.repair else check_draft)(path)
+
+    with OutputTransaction(files, check_old=check_old) as outputs:
         if options.repair is None:
             inspection = inspect_recording(options.inputs, options.settings, options.rig)
-            check_not_overwritten(inspection.files, *files)
+            check_no_input(files, inspection.files)
             remarks += _write_rig(inspection, options, outputs)
         else:
             with (
                 open_recording(options.inputs, ReadOptions("full_scan", options.settings.config.limits)) as recorded,
                 sensor_messages(recorded) as recording,
             ):
-                check_not_overwritten(recording.paths, *files)
+                check_no_input(files, recording.paths)
                 inspection = inspect_open(recording, options.settings, options.rig, TimeWindow())
                 remarks += _write_rig(inspection, options, outputs)
                 remarks += _repair(recorded, outputs[options.repair])
@@ -109,8 +120,9 @@ def _write_rig(inspection: Inspection, options: InspectOptions, outputs: OutputT
         if inspection.draft is None:
             _report(inspection, Verdict(f"{options.write_rig}: no rig to write: {inspection.problem}"), options)
         else:
+            text = marked_yaml(draft_yaml(inspection.draft))
             with output_errors(options.write_rig):
-                outputs[options.write_rig].part.write_text(draft_yaml(inspection.draft), encoding="utf-8")
+                outputs[options.write_rig].part.write_text(text, encoding="utf-8")
             yield f"wrote {options.write_rig}"
 
 

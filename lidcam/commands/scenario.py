@@ -13,6 +13,7 @@ from bags.simulator.recorder.files import (
     RecordingFormat,
     format_of,
     recording_file,
+    recording_names,
     recording_outputs,
     ros_version_of,
 )
@@ -20,6 +21,7 @@ from bags.simulator.recorder.recorded import Recorded
 from bags.simulator.recorder.start import simulating
 from bags.simulator.scenario.load import load_scenario
 from bags.simulator.scenario.scenario import Scenario
+from lidcam.outputs.allowed import check_no_input, check_replaced
 from lidcam.printing.log import remark_log
 from readers.rig.rig_file import rig_yaml
 
@@ -40,6 +42,7 @@ class ScenarioOptions:
         duration_s: Seconds to record; None: the scenario's.
         seed: Seed of all noise; None: the scenario's.
         overrides: Single values of the scenario.
+        overwrite: Replace what is no simulated recording, too.
     """
 
     scenario: str
@@ -48,6 +51,7 @@ class ScenarioOptions:
     duration_s: float | None = None
     seed: int | None = None
     overrides: tuple[str, ...] = ()
+    overwrite: bool = False
 
 
 def scenario_of(options: ScenarioOptions) -> Scenario:
@@ -98,9 +102,11 @@ def recording_to(
     """
     format = format_of(options.output, options.format)
     version = ros_version_of(format)
+    check_no_input(recording_names(options.output, format), [Path(options.scenario)])
+    check_old = check_replaced("simulated", overwrite=options.overwrite)
     text = yaml.safe_dump(scenario.model_dump(mode="json"), sort_keys=False, default_flow_style=None, width=100)
     with (
-        recording_outputs(options.output, format) as outputs,
+        recording_outputs(options.output, format, check_old=check_old) as outputs,
         simulating(scenario, ros_version=version, workers=workers, driven=driven) as simulation,
     ):
         rig = rig_yaml(simulation.true_rig)

@@ -1,6 +1,6 @@
 """The outputs of a run: checked before it begins, opened together, and named together when all of them are whole."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from functools import partial
 from hashlib import file_digest
@@ -9,6 +9,7 @@ from pathlib import Path
 
 from lidcam.frames import RunInput
 from lidcam.job import Job
+from lidcam.outputs.allowed import check_no_input, check_replaced
 from pipeline.core.errors import OutputError
 from pipeline.core.settings.load import dump_config
 from pipeline.core.settings.run import RunConfig
@@ -21,14 +22,14 @@ from writers.mcap.writer import McapResultWriter
 from writers.outputs.transaction import OutputTransaction
 from writers.provenance import Provenance
 
-__all__ = ["WRITERS", "check_not_overwritten", "open_outputs", "open_writers", "written_files"]
+__all__ = ["WRITERS", "open_outputs", "open_writers", "written_files"]
 
 
 def open_outputs(job: Job) -> OutputTransaction:
     """The outputs of a job, to be locked before the recording is opened.
 
     Raises:
-        OutputError: one is of no known kind or of the same as another, or is the recording itself.
+        OutputError: one is of no known kind or of the same as another, or is an input.
     """
     known: dict[str, Path] = {}
     for output in job.outputs:
@@ -38,26 +39,14 @@ def open_outputs(job: Job) -> OutputTransaction:
             raise OutputError(f"{output}: expected one output of a kind, found {other}, too; choose one of them")
         known[output.suffix] = output
     files = written_files(job)
-    check_not_overwritten(job.inputs, *files)
-    return OutputTransaction(files)
+    check_no_input(files, (*job.inputs, *job.read_files))
+    return OutputTransaction(files, check_old=check_replaced("result", overwrite=job.overwrite))
 
 
 def written_files(job: Job) -> tuple[Path, ...]:
     """The outputs, and the layouts that are written beside them."""
     with_layout = [path for path in job.outputs if path.suffix == ".mcap" and job.config.output.layout]
     return (*job.outputs, *map(layout_path, with_layout))
-
-
-def check_not_overwritten(inputs: Sequence[Location], *outputs: Path | None) -> None:
-    """Whether an output is a file of the recording: by its name, inside its folder, or through a link.
-
-    Raises:
-        OutputError: it is.
-    """
-    files = [path for path in inputs if isinstance(path, Path) and path.exists()]
-    for output in outputs:
-        if output is not None and output.exists() and any(path.samefile(output) for path in files):
-            raise OutputError(f"{output}: is a file of the recording itself; choose another name")
 
 
 def open_writers(job: Job, source: RunInput, outputs: OutputTransaction, stack: ExitStack) -> list[ResultWriter]:

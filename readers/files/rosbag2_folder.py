@@ -1,16 +1,20 @@
 """ROS 2 bag folders: their files, and what metadata.yaml says about them."""
 
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 import yaml
+from rosbags.typesys.msg import normalize_msgtype
 
 from pipeline.core.errors import RecordingError
 from pipeline.core.settings.bounded_yaml import MAX_YAML_BYTES, parse_yaml
 from readers.natural_order import natural_key
+from readers.recording import TopicInfo
 
-__all__ = ["FolderMetadata", "folder_metadata", "recording_files"]
+__all__ = ["FolderMetadata", "contradiction", "folder_metadata", "recording_files", "unlisted_files"]
 
 METADATA = "metadata.yaml"
 STORAGE_SUFFIXES = (".db3", ".mcap")
@@ -25,11 +29,55 @@ class FolderMetadata:
         file_names: The files in recording order.
         message_compression: Whether each message is compressed with zstd.
         distro: Name of the ROS 2 release, or empty.
+        counts: Number of messages by topic and type, of all files together; empty if it does not say, or its own
+            numbers differ from one another.
+        file_counts: Number of messages by file name.
     """
 
     file_names: tuple[str, ...] = ()
     message_compression: bool = False
     distro: str = ""
+    counts: Mapping[tuple[str, str], int] = field(default_factory=dict)
+    file_counts: Mapping[str, int] = field(default_factory=dict)
+
+
+def unlisted_files(folder: Path) -> tuple[Path, ...]:
+    """Files of a bag folder of the kind that metadata.yaml lists, which it does not list.
+
+    Raises:
+        RecordingError: metadata.yaml cannot be read.
+    """
+    listed = {_unpacked_name(name) for name in folder_metadata(folder).file_names}
+    suffixes = {Path(name).suffix for name in listed}
+    files = [file for file in folder.iterdir() if _is_storage(file) and _storage_suffix(file) in suffixes]
+    others = [file for file in files if _unpacked_name(file.name) not in listed]
+    return tuple(sorted(others, key=lambda file: natural_key(file.name)))
+
+
+def contradiction(metadata: FolderMetadata, name: str, topics: Collection[TopicInfo]) -> tuple[str, int]:
+    """How a file and what metadata.yaml says of it differ, and how many messages the file has fewer; empty if not.
+
+    Args:
+        metadata: What it says.
+        name: Of the file.
+        topics: What the file holds.
+    """
+    if name not in metadata.file_names:
+        return "", 0
+    found = Counter({(info.topic, info.msgtype): info.message_count for info in topics})
+    said = metadata.file_counts.get(name, found.total())
+    if metadata.counts and (strange := sorted(key for key in +found if key not in metadata.counts)):
+        topic, msgtype = strange[0]
+        more = f" (and {len(strange) - 1} more)" if len(strange) > 1 else ""
+        return f"{METADATA} does not list topic {topic!r} of type {msgtype!r}{more}", 0
+    if metadata.counts and metadata.file_names == (name,):
+        for key, count in sorted(metadata.counts.items()):
+            if count != found[key]:
+                fewer = max(sum(metadata.counts.values()) - found.total(), 0)
+                return f"{METADATA} says {count} messages of {key[0]!r}, the file has {found[key]}", fewer
+    if said != found.total():
+        return f"{METADATA} says {said} messages, the file has {found.total()}", 0
+    return "", 0
 
 
 def recording_files(folder: Path) -> tuple[Path, ...]:
@@ -88,7 +136,33 @@ def folder_metadata(folder: Path) -> FolderMetadata:
         raise RecordingError(
             f"{path}: expected compression zstd, found {compression!r}; convert it with `ros2 bag convert`"
         )
-    return FolderMetadata(names, mode == "message", distro)
+    return FolderMetadata(names, mode == "message", distro, _counts(information), _file_counts(information))
+
+
+def _counts(information: dict[str, Any]) -> Mapping[tuple[str, str], int]:
+    """`FolderMetadata.counts`; whatever is not as expected says nothing."""
+    counts: Counter[tuple[str, str]] = Counter()
+    try:
+        for entry in information["topics_with_message_count"]:
+            topic = entry["topic_metadata"]
+            counts[str(topic["name"]), normalize_msgtype(str(topic["type"]))] += int(entry["message_count"])
+        total = int(information["message_count"])
+    except (LookupError, TypeError, ValueError, AttributeError):
+        return {}
+    return counts if counts.total() == total else {}
+
+
+def _file_counts(information: dict[str, Any]) -> Mapping[str, int]:
+    """`FolderMetadata.file_counts`; whatever is not as expected says nothing."""
+    try:
+        counts = {PurePosixPath(file["path"]).name: int(file["message_count"]) for file in information["files"]}
+        return counts if sum(counts.values()) == int(information["message_count"]) else {}
+    except (LookupError, TypeError, ValueError, AttributeError):
+        return {}
+
+
+def _unpacked_name(name: str) -> str:
+    return name.removesuffix(".zstd")
 
 
 def _storage_suffix(file: Path) -> str:

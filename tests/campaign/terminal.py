@@ -41,7 +41,8 @@ from builders import (
 from logging_state import kept_logging
 from small_scenario import small_scenario
 
-from lidcam.__main__ import main as lidcam_main
+from lidcam.cli import app
+from lidcam.program import run_program
 from pipeline.core.messages import Channel, RawMessage
 
 __all__ = ["TEST_COUNT", "main"]
@@ -330,7 +331,7 @@ def run_here(words: list[str], folder: Path, *, on_terminal: bool) -> Printed:
         sys.argv = ["lidcam", *words]
         os.chdir(folder)
         try:
-            lidcam_main()
+            run_program(app, "lidcam")
         except SystemExit as end:
             code = int(end.code or 0)
         finally:

@@ -31,6 +31,12 @@ def sandbox() -> Path:
 
 
 @pytest.fixture(scope="session")
+def crossing() -> Path:
+    """Another one, of MCAP."""
+    return ROOT / "bags" / "crossing.mcap"
+
+
+@pytest.fixture(scope="session")
 def sandbox_config() -> Path:
     """Its settings."""
     return ROOT / "config" / "sandbox.yaml"

@@ -117,6 +117,23 @@ def test_repair_of_a_sound_recording_copies_it(lidcam: Lidcam, tmp_path: Path) -
     assert (schema.name, schema.encoding, channel.message_encoding) == ("sensor_msgs/PointCloud2", "ros1msg", "ros1")
 
 
+@pytest.mark.parametrize("kind", ["bag", "mcap"])
+def test_a_file_that_was_not_closed_and_lost_nothing_is_whole(lidcam: Lidcam, tmp_path: Path, kind: str) -> None:
+    path, out = tmp_path / f"rec.{kind}", tmp_path / "out.mcap"
+    if kind == "bag":
+        write_rosbag1(path, clouds("ros1"), "lz4")
+    else:
+        write_mcap(path, clouds("cdr"))
+    path.write_bytes(path.read_bytes()[:-8])  # of what stands after the messages
+    run = lidcam("process", path, out)
+    assert run.code == 0, run.err
+    assert "is damaged or was not closed" in run.err
+    run = lidcam("inspect", path, "--repair", tmp_path / "whole.mcap")
+    assert run.code == 0, run.err
+    assert run.out.splitlines()[-1] == "verdict: every message was copied"
+    assert len(judged(tmp_path / "whole.mcap")) == len(clouds("cdr"))
+
+
 @pytest.mark.parametrize(
     ("name", "least"),
     [

@@ -1,5 +1,6 @@
 """Wrong input: one clear line, the right exit code, and no output left behind."""
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -139,7 +140,7 @@ def test_output_is_the_input(lidcam: Lidcam, tmp_path: Path) -> None:
     recording.write_bytes(b"\x89MCAP0\r\n")
     run = lidcam("process", recording, recording)
     assert run.code == 1
-    assert "of the recording itself" in run.error_line
+    assert "is an input of this run" in run.error_line
 
 
 def test_wrong_usage_without_arguments(lidcam: Lidcam) -> None:
@@ -172,6 +173,20 @@ def test_faults_of_all_cameras_leave_the_lidars_and_the_table_says_so(lidcam: Li
     assert run.code == 3, run.err
     assert "left out: cam" in run.out
     assert "2D boxes   none: lidar-only" in run.out
+
+
+@pytest.mark.parametrize("command", ["process", "inspect"])
+def test_a_sensor_that_the_rig_names_and_the_recording_lacks(lidcam: Lidcam, tmp_path: Path, command: str) -> None:
+    recording, rig = bag(tmp_path / "a.bag", clouds(3)), tmp_path / "rig.yaml"
+    eye = np.eye(4).tolist()
+    lidars = {name: {"topic": f"/{name}", "T_site_lidar": eye} for name in ("points", "rear")}
+    rig.write_text(json.dumps({"site_frame": "site", "lidars": lidars}))
+    outputs = [tmp_path / "out.mcap"] if command == "process" else []
+    run = lidcam(command, recording, *outputs, "--rig", rig, "--json")
+    assert run.code == 3, run.err
+    assert run.err.splitlines()[-1] == "lidcam: incomplete: rear (/rear) is left out; exit code 3"
+    tree = json.loads(run.out)
+    assert (tree["failure"], tree["incomplete"], tree["exit_code"]) == ("", ["rear (/rear) is left out"], 3)
 
 
 def test_fault_of_one_camera_is_named_and_the_run_goes_on(lidcam: Lidcam, tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from no_internet import KILLED, NEEDS, forbid_internet
 from onnx_files import write_yolox
+from small_scenario import write_small_scenario
 
 pytestmark = pytest.mark.skipif(bool(NEEDS), reason=NEEDS)
 
@@ -85,6 +86,7 @@ def test_nor_by_a_simulation(home: Path) -> None:
     path = os.pathsep.join([str(home.parent), *filter(None, [os.environ.get("PYTHONPATH")])])
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PYTHONPATH", path)
-        done = watched(home, "-m", "lidcam", "simulate", "sandbox", "out.bag", "--duration", "0.1")
+        scenario = write_small_scenario(home.parent / "small.yaml")
+        done = watched(home, "-m", "lidcam", "simulate", scenario, "out.bag", "--duration", "0.1")
     assert done.returncode == 0, done.stderr
     assert list(home.iterdir()) == []

@@ -104,6 +104,17 @@ def test_no_output_replaces_a_part_of_the_recording(
     assert recording.read_bytes() == before
 
 
+def test_a_forgotten_output_does_not_cost_a_recording(lidcam: Lidcam, crossing: Path, tmp_path: Path) -> None:
+    for number in (0, 1):
+        (tmp_path / f"rec_{number}.mcap").write_bytes(crossing.read_bytes())
+    before = (tmp_path / "rec_1.mcap").read_bytes()
+    run = lidcam("process", *sorted(tmp_path.glob("rec_*.mcap")))
+    assert run.code == 1
+    assert "rec_1.mcap: exists and is no result of an earlier run" in run.error_line
+    assert (tmp_path / "rec_1.mcap").read_bytes() == before
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["rec_0.mcap", "rec_1.mcap"]
+
+
 def test_two_outputs_are_two_files(lidcam: Lidcam, sandbox: Path, tmp_path: Path) -> None:
     (tmp_path / "out.rrd").symlink_to(tmp_path / "out.mcap")
     run = lidcam("process", sandbox, tmp_path / "out.mcap", "--rerun", tmp_path / "out.rrd")

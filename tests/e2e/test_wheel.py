@@ -54,8 +54,9 @@ def test_wheel_runs_elsewhere(tmp_path: Path, sandbox: Path) -> None:
     venv.create(tmp_path / "env", with_pip=True)
     python, elsewhere = tmp_path / "env" / "bin" / "python", tmp_path / "elsewhere"
     elsewhere.mkdir()
-    quiet = ("--quiet", "--disable-pip-version-check", "--constraint", ROOT / "constraints.txt")
-    run(python, "-m", "pip", "install", *quiet, wheel, cwd=elsewhere)
+    pip = (python, "-m", "pip", "--quiet", "--disable-pip-version-check")
+    run(*pip, "install", "--require-hashes", "--no-deps", "--requirement", ROOT / "constraints-run.txt", cwd=elsewhere)
+    run(*pip, "install", "--no-index", wheel, cwd=elsewhere)  # the lock is complete
     names = ("lidcam", "pipeline", "readers", "writers", "bags")
     owners = f"from importlib.metadata import packages_distributions as p; print([p()[n] for n in {names}])"
     assert run(python, "-c", owners, cwd=elsewhere).strip() == str([["lidcam"]] * 5)

@@ -235,6 +235,7 @@ def test_files_that_are_no_recording(tmp_path: Path, name: str, content: bytes, 
 def test_missing_paths(tmp_path: Path) -> None:
     assert_refused([], "got no path")
     assert_refused([tmp_path / "nope.bag"], "no such file or folder", ".mcap")
+    assert_refused([tmp_path / (300 * "x")], "cannot be read: File name too long")
 
 
 def test_folders_without_recording(tmp_path: Path) -> None:

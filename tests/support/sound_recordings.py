@@ -119,10 +119,11 @@ def write_files(folder: Path, recording: SoundRecording, files: Mapping[str, byt
 def read_all(
     path: Path, recovery: Literal["none", "as_needed", "full_scan"]
 ) -> tuple[tuple[Seen, ...], tuple[Loss, ...]]:
-    """All messages of a recording, and its losses."""
+    """All messages of a recording, and its losses; topics that are listed as unreadable count as such."""
     with open_recording([path], ReadOptions(recovery)) as recording:
         seen = tuple(_seen(message) for message in recording.messages())
-        return seen, recording.losses
+        unreadable = [info for info in recording.topics if info.unreadable and info.message_count]
+        return seen, recording.losses + tuple(Loss(path, 0, f"{info.topic}: {info.unreadable}") for info in unreadable)
 
 
 def _seen(message: RawMessage) -> Seen:

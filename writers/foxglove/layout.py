@@ -14,6 +14,7 @@ from typing import Any, Literal
 import numpy as np
 
 from pipeline.core.rig import CameraSensor, Rig
+from writers.outputs.marked_text import marked_json
 from writers.panels import arrange
 from writers.viewpoint import SceneSurvey, Viewpoint, cameras_in_order
 
@@ -48,7 +49,7 @@ def layout_path(path: Path) -> Path:
 
 
 def foxglove_layout(rig: Rig, survey: SceneSurvey, topics: Collection[str]) -> str:
-    """The layout as JSON.
+    """The layout as JSON, marked so that an edited one is not replaced (viewers pass over the key `lidcam`).
 
     Args:
         rig: The rig of the run.
@@ -88,7 +89,7 @@ def foxglove_layout(rig: Rig, survey: SceneSurvey, topics: Collection[str]) -> s
         "playbackConfig": {"speed": 1},
         "layout": layout,
     }
-    return json.dumps(tree, indent=2) + "\n"
+    return marked_json(json.dumps(tree, indent=2) + "\n")
 
 
 def _scene(rig: Rig, viewpoint: Viewpoint, topics: Collection[str]) -> Config:

@@ -7,10 +7,9 @@ from typing import Literal
 
 from mcap.writer import CompressionType, Writer
 
-__all__ = ["McapOutput", "mcap_file"]
+from writers.outputs.marks import LIBRARY
 
-LIBRARY = "lidcam"
-"""Without a version: the same results have the same bytes whichever version of the MCAP library wrote them."""
+__all__ = ["McapOutput", "mcap_file"]
 
 CHUNK_BYTES = 1 << 20
 """An image or cloud is about one chunk: a viewer that shows one topic unpacks little else."""

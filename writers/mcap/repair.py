@@ -6,12 +6,10 @@ from collections.abc import Iterable, Iterator, Mapping
 from pipeline.core.messages import Channel, RawMessage
 from writers.mcap.file import McapOutput, mcap_file
 from writers.outputs.errors import output_errors
+from writers.outputs.marks import REPAIRED
 from writers.outputs.transaction import OutputFile
 
 __all__ = ["write_repaired"]
-
-METADATA = "lidcam.repair"
-"""Name of the metadata record that says what was lost."""
 
 PROFILES = {frozenset({"ros1"}): "ros1", frozenset({"cdr"}): "ros2"}
 
@@ -48,8 +46,10 @@ def write_repaired(
                 ids[message.channel] = _add_channel(file, message.channel)
             file.add_message(ids[message.channel], message.log_time_ns, message.data, count)
             count += 1
-        for record in lost:
-            file.add_metadata(METADATA, record)
+        losses = list(lost)
+        file.add_metadata(REPAIRED, {"messages": str(count), "losses": str(len(losses))})
+        for record in losses:
+            file.add_metadata(REPAIRED, record)
     return count
 
 

@@ -27,6 +27,7 @@ from writers.messages.images import COMPRESSED, image_cdr
 from writers.messages.scene import marker_array, scene_update
 from writers.messages.sensors import camera_info, moving_transform, point_cloud2, static_transforms
 from writers.outputs.errors import output_errors
+from writers.outputs.marks import RESULT
 from writers.outputs.transaction import OutputFile
 from writers.provenance import Provenance
 from writers.viewpoint import SceneSurvey
@@ -209,6 +210,6 @@ class McapResultWriter:
             layout.part.write_text(foxglove_layout(self._rig, self._survey, self._filled), encoding="utf-8")
 
     def _attach(self) -> None:
-        self._file.add_metadata("lidcam", self._provenance.metadata())
+        self._file.add_metadata(RESULT, self._provenance.metadata())
         for name, text in (("lidcam.yaml", self._provenance.config_yaml), ("rig.yaml", self._provenance.rig_yaml)):
             self._file.attach(name, text, self._provenance.start_ns)

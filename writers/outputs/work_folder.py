@@ -153,7 +153,7 @@ class WorkFolder:
                 self.empty()
                 (self.path / "lock").unlink()  # while it is held: who waits for it sees that it is gone
                 self.path.rmdir()
-        os.close(self._lock)
+        _close(self._lock)
 
     def _locked(self) -> int:
         for _ in range(_ATTEMPTS):
@@ -163,19 +163,31 @@ class WorkFolder:
             except FileExistsError:
                 self.is_new = False
             with contextlib.suppress(FileNotFoundError):  # removed by the run that has just ended
-                if not self.is_new:
-                    self._check_owner()
-                flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC
-                descriptor = os.open(self.path / "lock", flags, 0o600)
-                try:
-                    if self._try_lock(descriptor):
-                        return descriptor
-                except BaseException:
-                    os.close(descriptor)
-                    raise
-                os.close(descriptor)
+                if (descriptor := self._try_lock()) is not None:
+                    return descriptor
             time.sleep(0.002)
-        raise OutputError(f"{self._shown}: is being written by another run")
+        raise BusyError(f"{self._shown}: is being written by another run")
+
+    def _try_lock(self) -> int | None:
+        """The lock, if it is held now and is still the one that others see."""
+        if not self.is_new:
+            self._check_owner()
+        try:
+            descriptor = os.open(self.path / "lock", os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
+        except OSError:
+            if self.is_new:
+                with contextlib.suppress(OSError):
+                    self.path.rmdir()
+            raise
+        try:
+            self._flock(descriptor)
+            if os.path.samestat((self.path / "lock").lstat(), os.fstat(descriptor)):
+                return descriptor
+        except BaseException:
+            _close(descriptor)
+            raise
+        _close(descriptor)
+        return None
 
     def _check_owner(self) -> None:
         """Whether the folder that is there can be of a run of this user."""
@@ -185,8 +197,7 @@ class WorkFolder:
                 f"{self._shown}: {self.path} is in the way: expected a folder of an earlier run of this user"
             )
 
-    def _try_lock(self, descriptor: int) -> bool:
-        """Whether the lock is held now, and is still the one that others see."""
+    def _flock(self, descriptor: int) -> None:
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -199,8 +210,12 @@ class WorkFolder:
                     f"{self._shown}: another run writes it or was killed ({self.path}), and this file system has no "
                     "locks that tell; remove that folder if no run is active"
                 ) from None
-        seen = (self.path / "lock").lstat()
-        return os.path.samestat(seen, os.fstat(descriptor))
+
+
+def _close(descriptor: int) -> None:
+    """Nothing was written that could be lost by an error."""
+    with contextlib.suppress(OSError):
+        os.close(descriptor)
 
 
 def _who(descriptor: int, folder: Path) -> str:

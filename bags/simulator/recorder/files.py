@@ -5,7 +5,7 @@ The same messages give the same bytes.
 
 import contextlib
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
@@ -20,6 +20,8 @@ from pipeline.core.ros.qos import LATCHED, LATCHED_YAML_HUMBLE
 from pipeline.core.ros.typestores import RosVersion, message_types
 from writers.mcap.file import McapOutput, mcap_file
 from writers.outputs.errors import output_errors
+from writers.outputs.marked_text import marked_yaml
+from writers.outputs.marks import BAG_CALLER, FOLDER_DATA, SIMULATED
 from writers.outputs.transaction import OutputTransaction
 
 __all__ = [
@@ -28,6 +30,7 @@ __all__ = [
     "RecordingFormat",
     "format_of",
     "recording_file",
+    "recording_names",
     "recording_outputs",
     "ros_version_of",
 ]
@@ -70,11 +73,30 @@ def ros_version_of(format: RecordingFormat) -> RosVersion:
     return 1 if format == "ros1" else 2
 
 
-def recording_outputs(path: Path, format: RecordingFormat) -> OutputTransaction:
-    """The files of a recording, to be locked before it begins."""
-    beside = [] if format == "mcap" else [_beside(path, name) for name in ATTACHMENTS]
+def recording_names(path: Path, format: RecordingFormat) -> list[Path]:
+    """The files of a recording: the recording itself, and what is written beside it."""
+    return [path] if format == "mcap" else [path, *(_beside(path, name) for name in ATTACHMENTS)]
+
+
+def recording_outputs(
+    path: Path, format: RecordingFormat, *, check_old: Callable[[Path], None] = lambda _: None
+) -> OutputTransaction:
+    """The files of a recording, to be locked before it begins.
+
+    Args:
+        path: File, or folder for sqlite3.
+        format: Format of the recording.
+        check_old: Called with an existing file or folder that is to be replaced, as by `OutputTransaction`. A folder
+            with anything else than a ROS 2 recording is refused in any case.
+    """
+
+    def check(old: Path) -> None:
+        if old == path and format == "sqlite3":
+            _check_folder(path)
+        check_old(old)
+
     folders = [path] if format == "sqlite3" else []
-    return OutputTransaction([path, *beside], folders=folders, check_old=_check_folder)
+    return OutputTransaction(recording_names(path, format), folders=folders, check_old=check)
 
 
 @contextlib.contextmanager
@@ -100,11 +122,11 @@ def recording_file(
             with mcap_file(part, profile="ros2") as file:
                 for name, text in texts.items():
                     file.attach(name, text)
-                file.add_metadata("lidcam_truth", {"attachments": ", ".join(texts)})
+                file.add_metadata(SIMULATED, {"attachments": ", ".join(texts)})
                 yield _Mcap(file)
             return
         for name, text in texts.items():
-            outputs[_beside(path, name)].part.write_text(text, encoding="utf-8")
+            outputs[_beside(path, name)].part.write_text(marked_yaml(text), encoding="utf-8")
         if format == "ros1":
             bag = Rosbag1Writer(part)
             bag.set_compression(Rosbag1Writer.CompressionFormat.LZ4)
@@ -112,6 +134,8 @@ def recording_file(
                 yield _Rosbag(bag)
         else:
             with Rosbag2Writer(part, version=METADATA_VERSION, storage_plugin=StoragePlugin.SQLITE3) as bag2:
+                for key, value in FOLDER_DATA.items():
+                    bag2.set_custom_data(key, value)
                 yield _Rosbag(bag2)
 
 
@@ -126,8 +150,9 @@ def _check_folder(path: Path) -> None:
     Raises:
         OutputError: it does not.
     """
-    names = {file.name for file in path.iterdir()} if path.is_dir() else {"metadata.yaml"}
-    if "metadata.yaml" not in names or any(Path(name).suffix not in {".yaml", ".db3", ".mcap"} for name in names):
+    names = {file.name for file in path.iterdir()}
+    others = [name for name in names - {"metadata.yaml"} if Path(name).suffix not in {".db3", ".mcap"}]
+    if "metadata.yaml" not in names or others:
         raise OutputError(f"{path}: exists and holds something other than a ROS 2 recording; choose another name")
 
 
@@ -152,6 +177,7 @@ class _Rosbag:
         if topic not in self._connections:
             if isinstance(self._bag, Rosbag1Writer):
                 options: Any = {"typestore": message_types(1), "latching": 1 if recorded.latched else None}
+                options["callerid"] = BAG_CALLER
             else:
                 profiles = [LATCHED] if recorded.latched else []
                 options = {"typestore": message_types(2), "offered_qos_profiles": profiles}

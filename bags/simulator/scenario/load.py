@@ -29,7 +29,7 @@ def load_scenario(name: str, overrides: tuple[str, ...] = ()) -> Scenario:
     path = Path(name)
     if path.suffix not in {".yaml", ".yml"}:
         path = bundled("scenarios", f"{name}.yaml")
-        if not path.is_file():
+        if name not in scenario_names():
             meant = did_you_mean(name, scenario_names())
             raise ConfigError(f"{name}: expected a YAML file or one of {listed(scenario_names())}{meant}")
     tree = read_yaml(path)

@@ -1,6 +1,7 @@
 """Where the files of `config/` lie, which travel with lidcam, and which of them are presets."""
 
 from collections.abc import Mapping
+from contextlib import suppress
 from os import PathLike, fspath
 from pathlib import Path
 
@@ -37,7 +38,8 @@ def preset_or_file(name: str | PathLike[str], presets: Mapping[str, Path], kind:
     """
     text = fspath(name)
     path = presets.get(text, Path(text))
-    if path.exists():
-        return path
+    with suppress(OSError):  # a name that no file can have
+        if path.exists():
+            return path
     meant = did_you_mean(path.stem, [*presets])
     raise error(f"{text}: expected a preset ({', '.join(presets)}) or {kind}, found neither{meant}")

@@ -75,6 +75,7 @@ class _Scan:
         self._gaps: defaultdict[int, list[tuple[int, int, str]]] = defaultdict(list)
         self._in_index = False
         self._index_position = 0
+        self._chunk_count = 0  # according to the header
 
     def run(self) -> None:
         """Scan from the beginning of the file to its end."""
@@ -139,7 +140,8 @@ class _Scan:
         said = [counts[part] for counts in (self._counted, self._listed) if part in counts]
         expected = found if found in said else next(iter(said), None)  # one of the two may be damaged
         missing = None if expected is None or expected < found else expected - found
-        if self._found.total() == sum(self._counted.values()):
+        is_counted = len(self._counted) == self._chunk_count  # else counts are lost, too
+        if is_counted and self._found.total() == sum(self._counted.values()):
             missing = 0
         if gaps := self._gaps.get(part):
             position, _, reason = gaps[0]
@@ -264,3 +266,4 @@ class _Scan:
             self._counted[record.number(b"chunk_pos")] = int(counts.sum(dtype=np.int64))
         elif record.kind == HEADER:
             self._index_position = record.number(b"index_pos")
+            self._chunk_count = record.number(b"chunk_count") if b"chunk_count" in record.fields else 0

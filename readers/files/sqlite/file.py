@@ -18,7 +18,7 @@ from readers.files.container import Container, Source
 from readers.files.damage import LIBRARY_ERRORS
 from readers.files.decompress import decompressed
 from readers.files.passes import pass_starts
-from readers.files.sqlite.index import Contents, contents_of_tables
+from readers.files.sqlite.index import Contents, MissingRowsError, contents_of_tables, without_early_times
 from readers.files.sqlite.recovery import check_size, contents_of_scan, read_message
 from readers.messages.header_stamp import stamp_or_log_time
 from readers.recording import RosVersion, TopicInfo, merge_topics
@@ -51,6 +51,7 @@ class SqliteFile(Container):
         uri = f"{content.resolve().as_uri()}?mode=ro&immutable=1"
         self._database = sqlite3.connect(uri, uri=True, check_same_thread=False)
         self._database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, source.options.limits.max_message_bytes)
+        self._database.text_factory = lambda text: text.decode(errors="replace")
         self._max_steps = MIN_STEPS + STEPS_PER_BYTE * content.stat().st_size
         self._steps = 0
         self._database.set_progress_handler(self._count_steps, STEPS_AT_ONCE)
@@ -60,9 +61,12 @@ class SqliteFile(Container):
         self._scanned: Contents | None = None
         with self._losses.guard() as damage:
             check_size(self._stream)
-            contents = contents_of_tables(self._database, self.path, self._source.metadata.distro)
+            contents = contents_of_tables(self._database, self.path, self._source.metadata.distro, self._losses)
         if damage.error:
-            contents = self._scanned = contents_of_scan(self._stream, self._losses, because=damage.reason)
+            ids = damage.error.ids if isinstance(damage.error, MissingRowsError) else None
+            self._scanned = contents_of_scan(self._stream, self._losses, because=damage.reason, listed_ids=ids)
+            contents = self._scanned
+            contents = contents._replace(rows=without_early_times(contents.rows, self._losses))
             if not len(contents.rows):
                 raise damage.error
         self._uses_tables = not damage.error
@@ -92,6 +96,7 @@ class SqliteFile(Container):
             unlisted = int((~listed).sum())
             self._losses.note(0, "messages of a topic that the file does not list", messages=unlisted)
         self._rows = contents.rows[listed, :3]
+        self._other_times_ns = contents.other_times_ns
         self._passes = _passes(self._rows)
         self.topics = merge_topics(topics)
         self.message_count = len(self._rows)
@@ -137,7 +142,7 @@ class SqliteFile(Container):
                 self._steps = 0
                 rows = self._database.execute("SELECT data, timestamp FROM messages WHERE id = ?", (row_id,))
                 ((data, found_ns),) = rows
-                if found_ns == log_time_ns:
+                if found_ns == self._other_times_ns.get(row_id, log_time_ns):
                     return data
                 raise sqlite3.DatabaseError(f"expected log time {log_time_ns} of message {row_id}, found {found_ns}")
             except LIBRARY_ERRORS as err:

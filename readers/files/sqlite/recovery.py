@@ -15,7 +15,7 @@ import numpy as np
 
 from pipeline.core.arrays import I64
 from readers.files.damage import Losses
-from readers.files.sqlite.index import Contents
+from readers.files.sqlite.index import Contents, text_of
 
 __all__ = ["check_size", "contents_of_scan", "read_message"]
 
@@ -105,13 +105,14 @@ def check_size(stream: BinaryIO) -> None:
         raise EOFError(f"the file has {pages.count} of {pages.expected} pages")
 
 
-def contents_of_scan(stream: BinaryIO, losses: Losses, *, because: str) -> Contents:
+def contents_of_scan(stream: BinaryIO, losses: Losses, *, because: str, listed_ids: I64 | None = None) -> Contents:
     """The contents, found by reading every page once.
 
     Args:
         stream: The file.
         losses: Collects what is damaged.
         because: Why SQLite cannot read the file; noted if no other damage is found.
+        listed_ids: (N,) of the messages that an index names; else the gaps between ids tell what is missing.
 
     Raises:
         ValueError: its header is not that of a database.
@@ -138,9 +139,9 @@ def contents_of_scan(stream: BinaryIO, losses: Losses, *, because: str) -> Conte
                     _, topic_id, log_time_ns = _values(cell.local, types[:3])
                     rows.extend((_integer(log_time_ns), cell.row_id, _integer(topic_id), number, place))
                     continue
-                if not types or types[0] or not all(type_ >= 13 and type_ % 2 for type_ in types[1:]):
+                if not types or types[0] or not all(type_ >= 12 for type_ in types[1:]):
                     continue
-                texts = [str(value) for value in _values(_payload(pages, cell), types)[1:]]
+                texts = [text_of(value) for value in _values(_payload(pages, cell), types)[1:]]
             except (ValueError, LookupError, struct.error):
                 broken.append((number - 1) * pages.size + place)
                 continue
@@ -153,7 +154,7 @@ def contents_of_scan(stream: BinaryIO, losses: Losses, *, because: str) -> Conte
     table = np.array(rows, np.int64).reshape(-1, 5)
     table = table[np.unique(table[:, 1], return_index=True)[1]]  # freed pages may still contain old rows
     table = table[np.lexsort((table[:, 1], table[:, 0]))]
-    _note(pages, table, broken, losses, because)
+    _note(pages, _missing(table[:, 1], listed_ids), broken, losses, because)
     return Contents(distro, definitions, table, [topics[id_] for id_ in sorted(topics)], {})
 
 
@@ -171,9 +172,14 @@ def read_message(stream: BinaryIO, page: int, place: int) -> bytes:
     return data
 
 
-def _note(pages: _Pages, table: I64, broken: list[int], losses: Losses, because: str) -> None:
-    ids = table[:, 1]
-    missing = int(ids.max() - ids.min() + 1 - len(ids)) if len(ids) else 0
+def _missing(ids: I64, listed_ids: I64 | None) -> int:
+    """Number of messages that are nowhere."""
+    if listed_ids is not None:
+        return len(np.setdiff1d(listed_ids, ids))
+    return int(ids.max()) - int(ids.min()) + 1 - len(ids) if len(ids) else 0
+
+
+def _note(pages: _Pages, missing: int, broken: list[int], losses: Losses, because: str) -> None:
     end = pages.count * pages.size
     is_cut = pages.expected > pages.count
     if is_cut:
@@ -183,7 +189,7 @@ def _note(pages: _Pages, table: I64, broken: list[int], losses: Losses, because:
         reason = f"{len(broken)} rows that cannot be read, or whose data lie on missing pages"
         losses.note(broken[0], reason, messages=max(missing, 0) if len(broken) <= missing else None)
     elif missing:
-        losses.note(0, f"the ids of the messages show that {missing} are missing", messages=missing)
+        losses.note(0, f"the ids of the messages show that {missing} are missing ({because})", messages=missing)
     elif not is_cut:
         losses.note(0, f"SQLite cannot read it ({because}); the rows were found by reading every page", messages=0)
 
@@ -260,7 +266,7 @@ def _values(payload: bytes, types: list[int]) -> list[Value]:
         elif type_ == 7:
             values.append(float(struct.unpack(">d", content)[0]))
         else:
-            values.append(content.decode() if type_ % 2 else content)
+            values.append(content.decode(errors="replace") if type_ % 2 else content)
     return values
 
 

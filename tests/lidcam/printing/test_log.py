@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from logging_state import kept_logging
 
-from lidcam.printing.log import Verbosity, configure_logging, progress_log, remark_log
+from lidcam.printing.log import Verbosity, configure_logging, progress_log, remark_log, verdict_log
 from pipeline.core.errors import OutputError
 
 
@@ -106,3 +106,12 @@ def test_a_reader_of_stderr_that_left_ends_nothing(monkeypatch: pytest.MonkeyPat
     configure_logging()
     monkeypatch.setattr(sys, "stderr", Closed())
     remark_log.info("wrote out.bag")
+
+
+@pytest.mark.parametrize("verbosity", list(Verbosity))
+def test_why_a_command_does_not_end_with_0_is_always_told(
+    verbosity: Verbosity, capsys: pytest.CaptureFixture[str]
+) -> None:
+    configure_logging(verbosity)
+    verdict_log.warning("incomplete: %s; exit code 3", "/points")
+    assert capsys.readouterr().err == "lidcam: incomplete: /points; exit code 3\n"

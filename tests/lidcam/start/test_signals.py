@@ -258,3 +258,37 @@ def test_from_the_first_import_on(tmp_path: Path) -> None:
         else:
             assert (program.returncode, out) in {(130, ""), (-signal.SIGINT, ""), (1, "")}
             assert is_one_line(err)
+
+
+def test_ctrl_c_while_lidcam_itself_is_loaded() -> None:
+    code = """
+import sys
+
+class Interrupting:
+    def find_spec(self, name, *_):
+        if name == "pipeline":
+            raise KeyboardInterrupt
+
+sys.meta_path.insert(0, Interrupting())
+import lidcam
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=30, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (-signal.SIGINT, "", "lidcam: interrupted\n")
+
+
+def test_other_errors_while_it_is_loaded() -> None:
+    code = """
+import sys
+
+class Failing:
+    def find_spec(self, name, *_):
+        if name == "pipeline":
+            raise ZeroDivisionError("a bug")
+
+sys.meta_path.insert(0, Failing())
+import lidcam
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=30, check=False)
+    assert done.returncode == 1
+    assert "Traceback" in done.stderr
+    assert done.stderr.endswith("ZeroDivisionError: a bug\n")

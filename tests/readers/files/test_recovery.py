@@ -304,7 +304,9 @@ def test_a_damaged_index_of_sqlite_costs_nothing(tmp_path: Path) -> None:
     with path.open("r+b") as stream:
         stream.seek((root - 1) * size)
         stream.write(b"\xff" * 100)
-    assert recovered(path) == ([content(m) for m in messages], ())
+    got, (loss,) = recovered(path)
+    assert (got, loss.messages) == ([content(m) for m in messages], 0)
+    assert "its index on the time cannot be read" in loss.reason
 
 
 def test_rows_on_overwritten_pages_are_passed_over(tmp_path: Path) -> None:

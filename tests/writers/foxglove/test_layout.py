@@ -46,7 +46,7 @@ def named_topics(node: Any) -> set[str]:
 )
 def test_every_panel_has_its_place_and_every_topic_exists(topics: set[str]) -> None:
     found = layout(topics)
-    assert set(found) == {"configById", "globalVariables", "userNodes", "playbackConfig", "layout"}
+    assert set(found) == {"lidcam", "configById", "globalVariables", "userNodes", "playbackConfig", "layout"}
     panels = leaves(found["layout"])
     assert len(set(panels)) == len(panels)
     assert set(panels) == set(found["configById"])

@@ -1,3 +1,4 @@
+import os
 import re
 import subprocess
 import sys
@@ -54,10 +55,13 @@ def test_an_ego_vehicle_moves_its_sensors(tmp_path: Path) -> None:
 
 def test_a_viewer_that_cannot_be_started(monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(_: rr.RecordingStream) -> None:
+        assert os.environ["CI"] == "true"  # the viewer sends no statistics
         raise RuntimeError("Failed to find Rerun Viewer executable in PATH")
 
     monkeypatch.setattr(rr.RecordingStream, "spawn", fail)
     monkeypatch.setenv("DISPLAY", ":0")
+    monkeypatch.setenv("CI", "")
+    monkeypatch.delenv("CI")
     with (
         simulating(Scenario.model_validate(small_scenario()), ros_version=2, workers=1) as simulation,
         pytest.raises(OutputError, match="--view: the Rerun viewer cannot be started: Failed to find"),

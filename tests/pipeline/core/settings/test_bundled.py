@@ -24,7 +24,12 @@ def test_a_preset_wins_over_a_file_without_an_ending(tmp_path: Path, monkeypatch
 
 @pytest.mark.parametrize(
     ("name", "meant"),
-    [("snadbox", ": did you mean 'sandbox'?"), ("config/crosing.yaml", ": did you mean 'crossing'?"), ("xyz.yaml", "")],
+    [
+        ("snadbox", ": did you mean 'sandbox'?"),
+        ("config/crosing.yaml", ": did you mean 'crossing'?"),
+        ("xyz.yaml", ""),
+        (300 * "x", ""),
+    ],
 )
 def test_neither_a_preset_nor_a_file(name: str, meant: str) -> None:
     with pytest.raises(ConfigError) as caught:

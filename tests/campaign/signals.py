@@ -1,0 +1,201 @@
+"""Signals at any time: `python tests/campaign/signals.py [--minutes M | --count N] [--seed S]`.
+
+Each case runs a command and sends it SIGINT, SIGTERM or SIGHUP at a random time of its run, to the process alone or, as
+a terminal does, to all processes of its group, and sometimes a second one soon after. It must end at once, with exit
+code 128 + N and one line, and leave no output, no temporary file and no process; or its outputs are whole. What the
+interpreter does before it has come to lidcam's code, or after its end, is counted apart: there the system's own
+handling acts.
+"""
+
+import hashlib
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+from random import Random
+
+from common import LIDCAM, Child, Outcome, campaign, is_one_line, run_child  # isort: skip
+import zstandard
+from builders import write_mcap
+from small_drive import small_drive
+from small_scenario import write_small_scenario
+
+__all__ = ["TEST_COUNT", "main"]
+
+TEST_COUNT = 1
+TIMEOUT_S = 120.0
+MAX_END_S = 2.0
+"""From the signal to the end."""
+
+COMMANDS = (
+    "inspect {in}/drive.mcap",
+    "process {in}/drive.mcap {out}/out.mcap --rerun {out}/out.rrd",
+    "process {in}/drive.mcap.zstd {out}/out.mcap",
+    "simulate {in}/small.yaml {out}/out.bag --duration 1 --workers 2",
+    "inspect {in}/damaged.mcap --repair {out}/out.mcap",
+    "process {in}/drive.mcap {out}/out.mcap --rerun {out}/out.rrd --workers 1",
+)
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the campaign."""
+    # What runs in the background ignores Ctrl-C, and so would all that it starts.
+    before = {number: signal.signal(number, _default(number)) for number in (signal.SIGINT, signal.SIGHUP)}
+    try:
+        return campaign("signals", _try_case, count=255, arguments=arguments, max_case_s=3 * TIMEOUT_S)
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _default(number: int) -> "signal._HANDLER":
+    return signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL
+
+
+def _try_case(number: int, chance: Random) -> Outcome:
+    command = COMMANDS[number % len(COMMANDS)]
+    seconds, expected = _whole(command)
+    sent = chance.choice(SIGNALS)
+    at_s = [chance.uniform(0, seconds)]
+    if chance.random() < 0.3:
+        at_s.append(at_s[0] + chance.uniform(0, 0.3))
+    to_group = chance.random() < 0.3
+    with tempfile.TemporaryDirectory(prefix="signals-") as base:
+        out, temporary = Path(base, "out"), Path(base, "tmp")
+        out.mkdir()
+        temporary.mkdir()
+        sender = _Sender(sent, at_s, to_group=to_group)
+        child = _run(command, out, temporary, sender)
+        name, pid = f"{command.split(maxsplit=1)[0]}", sender.pid
+        detail = f"{command}\n{sent.name} at {at_s} s of {seconds:.1f}, to {'its group' if to_group else 'it'}\n"
+        after, left = _files(out), [*_files(temporary), *_processes(pid)]
+        detail += f"exit code {child.returncode} after {child.seconds:.2f} s\n{after}\n{left}\n{child.stderr}"
+    if left:
+        return Outcome(f"{name}: leftovers", is_fault=True, detail=detail)
+    if child.is_hung:
+        return Outcome(f"{name}: hang", is_fault=True, detail=detail)
+    if after not in ({}, expected):
+        return Outcome(f"{name}: half outputs or leftovers", is_fault=True, detail=detail)
+    return _judged(name, sent, child, late_s=child.seconds - at_s[0], is_whole=after == expected, detail=detail)
+
+
+def _judged(name: str, sent: signal.Signals, child: Child, *, late_s: float, is_whole: bool, detail: str) -> Outcome:
+    if child.has_traceback:
+        lines = (child.stdout + child.stderr).partition("Traceback")[2]
+        if sent == signal.SIGINT and not any(place in lines for place in PLACES):
+            return Outcome("apart: while the interpreter started", detail=detail)
+        return Outcome(f"{name}: traceback", is_fault=True, detail=detail)
+    if child.returncode in {0, 3} and is_whole:
+        return Outcome("done before the signal", detail=detail)
+    if late_s > MAX_END_S:
+        return Outcome(f"{name}: ended {late_s:.0f} s after the signal", is_fault=True, detail=detail)
+    if child.returncode == -sent and (is_whole or child.stderr in {"", "lidcam: interrupted\n"}):
+        return Outcome("apart: ended by the system's own handling", detail=detail)
+    told = child.stderr.splitlines()[-1] if child.stderr else ""
+    if child.returncode != 128 + sent or not is_one_line(told) or not told.startswith("lidcam: "):
+        return Outcome(f"{name}: exit code {child.returncode}: {told[:60]}", is_fault=True, detail=detail)
+    return Outcome(f"{name}: one line, {'its outputs are whole' if is_whole else 'nothing left'}", detail=detail)
+
+
+PLACES = ("lidcam", "pipeline", "readers", "writers", "bags", "numpy", "cv2", "Exception ignored")
+"""What a traceback names that comes of our code, or of what that imports."""
+
+
+class _Sender:
+    """Sends a signal to a process, some seconds after its start."""
+
+    def __init__(self, number: signal.Signals, at_s: Sequence[float], *, to_group: bool) -> None:
+        self._number, self._at_s, self._to_group = number, at_s, to_group
+        self._is_over = threading.Event()
+        self.pid = 0
+
+    def __call__(self, process: subprocess.Popen[bytes]) -> None:
+        self.pid = process.pid
+        threading.Thread(target=self._send, args=(time.monotonic(),), daemon=True).start()
+
+    def stop(self) -> None:
+        """Send nothing more."""
+        self._is_over.set()
+
+    def _send(self, started_s: float) -> None:
+        for at_s in self._at_s:
+            if self._is_over.wait(max(started_s + at_s - time.monotonic(), 0)):
+                return
+            with suppress(ProcessLookupError):
+                (os.killpg if self._to_group else os.kill)(self.pid, self._number)
+
+
+def _run(command: str, out: Path, temporary: Path, sender: _Sender | None = None) -> Child:
+    places = {"in": _inputs(), "out": out}
+    arguments = [part.format_map(places) for part in command.split()]
+    try:
+        return run_child([*LIDCAM, *arguments], timeout_s=TIMEOUT_S, env={"TMPDIR": str(temporary)}, during=sender)
+    finally:
+        if sender is not None:
+            sender.stop()
+
+
+@cache
+def _whole(command: str) -> tuple[float, Mapping[str, str]]:
+    """Seconds that a command takes, and its outputs."""
+    with tempfile.TemporaryDirectory(prefix="signals-") as base:
+        out = Path(base, "out")
+        out.mkdir()
+        child = _run(command, out, Path(base))
+        if child.returncode not in {0, 3}:
+            raise RuntimeError(f"{command} does not work: {child.stderr}")
+        return child.seconds, _files(out)
+
+
+def _files(folder: Path) -> dict[str, str]:
+    """Digests by name; of Rerun recordings, which hold random numbers, only that they are there."""
+    return {
+        str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()[:16]
+        if path.is_file() and path.suffix != ".rrd"
+        else "there"
+        for path in sorted(folder.rglob("*"))
+    }
+
+
+def _processes(session: int) -> list[str]:
+    """Processes of a session; those that are about to end get a moment."""
+    for _ in range(50):
+        found = []
+        for stat in Path("/proc").glob("[0-9]*/stat"):
+            with suppress(OSError):
+                fields = stat.read_text(encoding="utf-8", errors="replace").rpartition(")")[2].split()
+                if int(fields[3]) == session and fields[0] != "Z":
+                    found.append(f"process {stat.parent.name}")
+        if not found:
+            break
+        time.sleep(0.01)
+    return found
+
+
+@cache
+def _inputs() -> Path:
+    """A folder with the recordings, which goes with this process."""
+    folder = tempfile.TemporaryDirectory(prefix="signals-")
+    _KEPT.append(folder)
+    path = Path(folder.name)
+    write_mcap(path / "drive.mcap", small_drive("cdr", frames=30, kinds=("images", "boxes")))
+    whole = (path / "drive.mcap").read_bytes()
+    (path / "damaged.mcap").write_bytes(whole[: len(whole) * 3 // 4])
+    (path / "drive.mcap.zstd").write_bytes(zstandard.compress(whole))
+    write_small_scenario(path / "small.yaml")
+    return path
+
+
+_KEPT: list[object] = []
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,280 @@
+"""What a run may replace: outputs of earlier runs of its kind, never a recording, an edited file or an input."""
+
+import json
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from builders import pointcloud2, raw, write_mcap, write_rosbag1, write_rosbag2
+from mcap.writer import Writer
+
+import lidcam
+from bags.simulator.recorder.files import RecordingFormat, recording_file, recording_outputs, ros_version_of
+from bags.simulator.recorder.messages import MessageFactory
+from lidcam.commands.inspect import InspectOptions, run_inspect
+from lidcam.outputs.allowed import check_no_input, check_replaced
+from lidcam.outputs.made import made_by_lidcam
+from lidcam.settings.choice import choose_settings
+from pipeline.core.errors import OutputError
+from pipeline.core.messages import RawMessage
+from writers.outputs.marked_text import is_unchanged_text, marked_json, marked_yaml
+
+STEP_NS = 100_000_000
+REFUSED = "choose another name, or replace it with --overwrite"
+
+
+def clouds(count: int = 3) -> list[RawMessage]:
+    points = np.random.default_rng(0).uniform([5, -5, -1], [15, 5, 1], (200, 3)).astype(np.float32)
+    messages = []
+    for i in range(1, count + 1):
+        cloud = pointcloud2(points, stamp_ns=i * STEP_NS, frame_id="lidar")
+        messages.append(raw("/points", "sensor_msgs/msg/PointCloud2", cloud, i * STEP_NS))
+    return messages
+
+
+def recorded(path: Path) -> Path:
+    write_mcap(path, clouds())
+    return path
+
+
+def simulate(path: Path, format: RecordingFormat, *, overwrite: bool = False) -> Path:
+    make = MessageFactory(ros_version_of(format), 0)
+    check_old = check_replaced("simulated", overwrite=overwrite)
+    with (
+        recording_outputs(path, format, check_old=check_old) as outputs,
+        recording_file(outputs, path, format, rig_yaml="site_frame: s\n", scenario_yaml="world: sandbox\n") as writer,
+    ):
+        writer.write(make.recorded(0, "/wheel", 0, make.number(1.0)), 0)
+    return path
+
+
+def inspect(recording: Path, **options: object) -> None:
+    run_inspect(InspectOptions((recording,), choose_settings(None), **options))  # type: ignore[arg-type]
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with one of each."""
+    folder = tmp_path_factory.mktemp("results")
+    recorded(folder / "rec.mcap")
+    write_rosbag1(folder / "rec.bag", [raw("/a", "std_msgs/msg/String", {"data": "x"}, 1, encoding="ros1")])
+    write_rosbag2(folder / "rec", clouds())
+    lidcam.process(folder / "rec.mcap", [folder / "out.mcap", folder / "out.rrd"])
+    inspect(folder / "rec.mcap", repair=folder / "repaired.mcap", write_rig=folder / "rig.yaml")
+    for name, format in (("sim.bag", "ros1"), ("sim", "sqlite3"), ("sim.mcap", "mcap")):
+        simulate(folder / name, format)  # type: ignore[arg-type]
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("name", "made"),
+    [
+        ("out.mcap", "result"),
+        ("out.rrd", "result"),
+        ("out.foxglove.json", "text"),
+        ("repaired.mcap", "repaired"),
+        ("rig.yaml", "text"),
+        ("sim.bag", "simulated"),
+        ("sim.bag.rig.yaml", "text"),
+        ("sim.bag.scenario.yaml", "text"),
+        ("sim", "simulated"),
+        ("sim.mcap", "simulated"),
+        ("rec.mcap", None),
+        ("rec.bag", None),
+        ("rec", None),
+    ],
+)
+def test_the_content_says_what_lidcam_made(results: Path, name: str, made: str | None) -> None:
+    assert made_by_lidcam(results / name) == made
+
+
+@pytest.mark.parametrize("name", ["out.mcap", "repaired.mcap", "sim.bag", "sim.mcap", "rig.yaml", "out.foxglove.json"])
+def test_what_is_cut_or_changed_is_not_lidcam_s(results: Path, tmp_path: Path, name: str) -> None:
+    content = (results / name).read_bytes()
+    path = tmp_path / name
+    for size in {0, 1, 8, 20, 30, len(content) // 2, len(content) - 40, len(content) - 8, len(content) - 1}:
+        path.write_bytes(content[:size])
+        assert made_by_lidcam(path) is None, size
+    flipped = {".mcap": (-1, -20), ".bag": ()}  # a bag has no checksum
+    for position in flipped.get(path.suffix, (-3,)):
+        changed = bytearray(content)
+        changed[position] ^= 1
+        path.write_bytes(changed)
+        assert made_by_lidcam(path) is None, position
+    path.write_bytes(content + b"\n")
+    assert made_by_lidcam(path) is None or name == "sim.bag"
+
+
+def test_an_mcap_of_another_program_is_not_lidcam_s(tmp_path: Path) -> None:
+    for library in ("lidcam", "another"):
+        with (tmp_path / library).open("wb") as file:
+            writer = Writer(file)
+            writer.start("ros2", library)
+            writer.add_metadata("lidcam" if library == "another" else "notes", {})
+            writer.finish()  # type: ignore[no-untyped-call]  # mcap annotates in part
+        assert made_by_lidcam(tmp_path / library) is None
+
+
+def test_a_simulated_folder_with_something_else_in_it_is_not_lidcam_s(results: Path, tmp_path: Path) -> None:
+    shutil.copytree(results / "sim", tmp_path / "sim")
+    (tmp_path / "sim" / "sim.db3-wal").touch()
+    assert made_by_lidcam(tmp_path / "sim") is None
+    shutil.rmtree(tmp_path / "sim")
+    (tmp_path / "sim").mkdir()
+    assert made_by_lidcam(tmp_path / "sim") is None
+
+
+@pytest.mark.parametrize("text", ["", "a: 1\n", "a: ü\n\n", "# x\n"])
+def test_marked_text_is_unchanged_until_it_is_changed(text: str) -> None:
+    marked = marked_yaml(text)
+    assert is_unchanged_text(marked)
+    assert not is_unchanged_text(f"{marked} ")
+    assert not is_unchanged_text(text)
+
+
+def test_marked_json_is_json() -> None:
+    marked = marked_json(json.dumps({"a": [1, 2]}, indent=2) + "\n")
+    tree = json.loads(marked)
+    assert tree.pop("lidcam").startswith("sha256 ")
+    assert tree == {"a": [1, 2]}
+    assert is_unchanged_text(marked)
+    assert not is_unchanged_text(marked.replace("1", "3"))
+    assert not is_unchanged_text(json.dumps(json.loads(marked)))
+
+
+def folder_of(results: Path, folder: Path) -> Path:
+    shutil.copytree(results, folder / "files")
+    return folder / "files"
+
+
+@pytest.mark.parametrize("last", ["rec.mcap", "repaired.mcap", "sim.mcap"])
+def test_a_run_without_an_output_does_not_replace_the_last_recording(results: Path, tmp_path: Path, last: str) -> None:
+    files = folder_of(results, tmp_path)
+    before = (files / last).read_bytes()
+    recorded(files / "first.mcap")
+    with pytest.raises(OutputError, match=REFUSED):
+        lidcam.process(files / "first.mcap", files / last)
+    assert (files / last).read_bytes() == before
+    lidcam.process(files / "first.mcap", files / last, overwrite=True)
+    assert made_by_lidcam(files / last) == "result"
+
+
+def test_results_are_replaced_and_an_edited_layout_is_not(results: Path, tmp_path: Path) -> None:
+    files = folder_of(results, tmp_path)
+    outputs = [files / "out.mcap", files / "out.rrd"]
+    lidcam.process(files / "rec.mcap", outputs, start_s=0.1)
+    with (files / "out.foxglove.json").open("a") as file:
+        file.write("\n")
+    before = {path: path.read_bytes() for path in files.glob("out.*")}
+    with pytest.raises(OutputError, match=rf"out\.foxglove\.json: .*{REFUSED}"):
+        lidcam.process(files / "rec.mcap", outputs)
+    assert {path: path.read_bytes() for path in files.glob("out.*")} == before
+    assert not list(files.glob(".*"))
+    lidcam.process(files / "rec.mcap", outputs, settings=["output.layout=false"])
+
+
+def test_an_edited_rig_is_not_replaced(results: Path, tmp_path: Path) -> None:
+    files = folder_of(results, tmp_path)
+    inspect(files / "rec.mcap", write_rig=files / "rig.yaml")
+    with (files / "rig.yaml").open("a") as file:
+        file.write("# measured by hand\n")
+    with pytest.raises(OutputError, match=REFUSED):
+        inspect(files / "rec.mcap", write_rig=files / "rig.yaml")
+    assert (files / "rig.yaml").read_text().endswith("# measured by hand\n")
+    inspect(files / "rec.mcap", write_rig=files / "rig.yaml", overwrite=True)
+    assert made_by_lidcam(files / "rig.yaml") == "text"
+
+
+@pytest.mark.parametrize("name", ["out.mcap", "sim.mcap", "rec.mcap"])
+def test_a_repair_replaces_only_a_repair(results: Path, tmp_path: Path, name: str) -> None:
+    files = folder_of(results, tmp_path)
+    recorded(files / "broken.mcap")
+    inspect(files / "broken.mcap", repair=files / "repaired.mcap")
+    with pytest.raises(OutputError, match=REFUSED):
+        inspect(files / "broken.mcap", repair=files / name)
+
+
+@pytest.mark.parametrize(
+    ("format", "own", "other"),
+    [("ros1", "sim.bag", "rec.bag"), ("sqlite3", "sim", "rec"), ("mcap", "sim.mcap", "out.mcap")],
+)
+def test_a_simulation_replaces_only_simulations(
+    results: Path, tmp_path: Path, format: RecordingFormat, own: str, other: str
+) -> None:
+    files = folder_of(results, tmp_path)
+    simulate(files / own, format)
+    with pytest.raises(OutputError, match=REFUSED):
+        simulate(files / other, format)
+    simulate(files / other, format, overwrite=True)
+    assert made_by_lidcam(files / other) == "simulated"
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everything")
+def test_a_write_protected_result_stays(results: Path, tmp_path: Path) -> None:
+    files = folder_of(results, tmp_path)
+    (files / "out.mcap").chmod(0o444)
+    with pytest.raises(OutputError, match="is write-protected"):
+        lidcam.process(files / "rec.mcap", files / "out.mcap")
+
+
+def hard_link(folder: Path) -> Path:
+    (folder / "hard.mcap").hardlink_to(folder / "rec.mcap")
+    return folder / "hard.mcap"
+
+
+def link(folder: Path) -> Path:
+    (folder / "link.mcap").symlink_to("rec.mcap")
+    return folder / "link.mcap"
+
+
+@pytest.mark.parametrize(
+    "output",
+    [
+        lambda folder: folder / "rec.mcap",
+        lambda folder: folder / "rec" / ".." / "rec.mcap",
+        hard_link,
+        link,
+        lambda folder: folder / "rec.mcap-wal",
+        lambda folder: folder / "rec.mcap-journal",
+        lambda folder: folder / "rec" / "metadata.yaml",
+        lambda folder: folder / "rec",
+    ],
+    ids=["itself", "spelling", "hard link", "link", "wal", "journal", "metadata", "folder"],
+)
+def test_no_output_is_an_input(results: Path, tmp_path: Path, output: Callable[[Path], Path]) -> None:
+    files = folder_of(results, tmp_path)
+    with pytest.raises(OutputError, match="is an input of this run"):
+        check_no_input([tmp_path / "new.mcap", output(files)], [files / "rec.mcap", files / "rec"])
+    check_no_input([files / "new.mcap", files / "out.mcap", files / "a\0b"], [files / "rec.mcap", files / "rec"])
+
+
+@pytest.mark.parametrize("kind", ["rig", "config", "model"])
+def test_a_file_that_the_run_reads_is_not_replaced(results: Path, tmp_path: Path, kind: str) -> None:
+    files = folder_of(results, tmp_path)
+    read = (files / "rig.yaml").rename(files / "read.foxglove.json")
+    before = read.read_bytes()
+    if kind == "config":
+        read.write_text(marked_yaml("output: {images: false}\n"))
+        before = read.read_bytes()
+    given = {"rig": {"rig": read}, "config": {"config": read}, "model": {"model_2d": read}}[kind]
+    with pytest.raises(OutputError, match=r"read\.foxglove\.json: is an input of this run"):
+        lidcam.process(files / "rec.mcap", files / "read.mcap", overwrite=True, **given)  # type: ignore[arg-type]
+    assert read.read_bytes() == before
+
+
+def test_what_a_killed_run_left_can_be_repaired_and_is_not_removed(tmp_path: Path) -> None:
+    """`inspect drive.mcap.part --repair drive.mcap` truncated and removed its input."""
+    part = tmp_path / "drive.mcap.part"
+    recorded(part)
+    before = part.read_bytes()
+    inspect(part, repair=tmp_path / "drive.mcap")
+    assert part.read_bytes() == before
+    left = tmp_path / ".other.mcap.lidcam" / "new" / "other.mcap"
+    left.parent.mkdir(parents=True)
+    part.rename(left)
+    with pytest.raises(OutputError, match="what a killed run has left of this output; move it elsewhere"):
+        inspect(left, repair=tmp_path / "other.mcap")
+    assert left.read_bytes() == before

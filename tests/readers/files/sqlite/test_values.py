@@ -1,0 +1,148 @@
+"""Recordings in SQLite whose tables hold other values than a recorder writes, or are built differently."""
+
+import sqlite3
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+from sound_recordings import read_all, sound_recording, write_files
+
+from pipeline.core.errors import RecordingError
+
+SOUND = sound_recording("sqlite")
+ROWS = len(SOUND.messages)
+
+
+def changed(tmp_path: Path, *statements: str) -> Path:
+    path = write_files(tmp_path, SOUND, SOUND.files)
+    with closing(sqlite3.connect(path)) as database:
+        for statement in statements:
+            database.execute(statement)
+        database.commit()
+    return path
+
+
+def rebuilt(columns: str, constraint: str = "", selected: str = "*") -> tuple[str, ...]:
+    """Statements that give the table of messages other columns."""
+    return (
+        "DROP INDEX timestamp_idx",
+        "ALTER TABLE messages RENAME TO old",
+        f"CREATE TABLE messages({columns}){constraint}",
+        f"INSERT INTO messages SELECT {selected} FROM old",
+    )
+
+
+COLUMNS = "id INTEGER PRIMARY KEY, topic_id, timestamp, data"
+
+
+@pytest.mark.parametrize(
+    ("statements", "left", "told"),
+    [
+        (("UPDATE messages SET timestamp = -5 WHERE id = 3",), ROWS - 1, "before 1970, the first of them message 3"),
+        (("UPDATE messages SET timestamp = -timestamp WHERE id < 9",), ROWS - 8, "before 1970"),
+        (("UPDATE messages SET timestamp = 'late' WHERE id = 3",), ROWS - 1, "message 3: expected integers"),
+        (("UPDATE messages SET timestamp = 1.5 WHERE id = 3",), ROWS - 1, "message 3: expected integers"),
+        (("UPDATE messages SET topic_id = 1e300 WHERE id = 3",), ROWS - 1, "message 3: expected integers"),
+        ((*rebuilt(COLUMNS), "UPDATE messages SET timestamp = NULL WHERE id = 3"), ROWS - 1, "log time None"),
+        ((*rebuilt(COLUMNS), "UPDATE messages SET timestamp = x'00' WHERE id = 3"), ROWS - 1, "log time b'"),
+        (rebuilt("id INTEGER PRIMARY KEY, topic_id, timestamp, data", " WITHOUT ROWID"), ROWS, ""),
+        (rebuilt("id, topic_id, timestamp, data"), ROWS, ""),
+        (("UPDATE messages SET id = 9223372036854775807 WHERE id = 3",), ROWS, ""),
+        (("UPDATE messages SET id = -id",), ROWS, ""),
+        (
+            (
+                "CREATE TABLE others AS SELECT * FROM topics",
+                "DROP TABLE topics",
+                "ALTER TABLE others RENAME TO topics",
+                "INSERT INTO topics(id, name, type, serialization_format) VALUES(77, NULL, 'a/msg/B', 'cdr')",
+            ),
+            ROWS,
+            "a topic without a number, name or type (found 77, None, 'a/msg/B')",
+        ),
+        (("UPDATE topics SET name = CAST(name AS BLOB), type = CAST(type AS BLOB)",), ROWS, ""),
+        (
+            ("UPDATE message_definitions SET encoded_message_definition = CAST(encoded_message_definition AS BLOB)",),
+            ROWS,
+            "",
+        ),
+        (("UPDATE message_definitions SET encoding = x'ff', topic_type = 5 WHERE rowid = 1",), ROWS, ""),
+        (("DROP INDEX timestamp_idx",), ROWS, ""),
+        (("DROP TABLE message_definitions",), ROWS, ""),
+        (("DELETE FROM messages WHERE id IN (3, 4)",), ROWS - 2, ""),
+    ],
+)
+def test_other_values(tmp_path: Path, statements: tuple[str, ...], left: int, told: str) -> None:
+    messages, losses = read_all(changed(tmp_path, *statements), "as_needed")
+    reasons = "; ".join(loss.reason for loss in losses)
+    assert len(messages) == left, reasons
+    assert {message.name for message in messages} == {message.name for message in SOUND.messages}
+    assert any(text in reasons for text in told.split("|")) if told else not reasons, reasons
+
+
+def test_definitions_stored_as_bytes_are_text(tmp_path: Path) -> None:
+    cast = "encoded_message_definition = CAST(encoded_message_definition AS BLOB)"
+    messages, _ = read_all(changed(tmp_path, f"UPDATE message_definitions SET {cast}"), "as_needed")
+    assert messages == SOUND.messages
+
+
+def test_names_that_are_no_text_become_text(tmp_path: Path) -> None:
+    path = changed(
+        tmp_path,
+        "UPDATE topics SET name = CAST(x'2FFF' AS TEXT) WHERE id = 1",
+        "UPDATE topics SET name = 5 WHERE id = 2",
+    )
+    messages, losses = read_all(path, "as_needed")
+    assert {message.name[0] for message in messages} == {"/\ufffd", "5", "/tick"}
+    assert not losses
+
+
+@pytest.mark.parametrize(
+    ("statements", "said"),
+    [
+        (("DROP TABLE messages",), "tables topics and messages"),
+        (("ALTER TABLE messages RENAME TO m", "CREATE VIEW messages AS SELECT * FROM m"), "tables topics and messages"),
+        (("DROP INDEX timestamp_idx", "ALTER TABLE messages DROP COLUMN timestamp"), "messages without timestamp"),
+        (("ALTER TABLE topics DROP COLUMN type",), "a table topics without type"),
+    ],
+)
+def test_other_tables_are_refused_in_one_line(tmp_path: Path, statements: tuple[str, ...], said: str) -> None:
+    with pytest.raises(RecordingError, match=said) as caught:
+        read_all(changed(tmp_path, *statements), "as_needed")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_changed_time_is_told_and_what_fits_is_used(tmp_path: Path) -> None:
+    """The index on the time is a second copy: changed here is the table alone."""
+    path = changed(tmp_path)
+    content = bytearray(path.read_bytes())
+    time_ns = SOUND.messages[20].log_time_ns
+    places = [i for i in range(len(content)) if content[i : i + 8] == time_ns.to_bytes(8, "big")]
+    told = 0
+    for place in places:  # in the table, in the index, and where a page was before
+        altered = bytearray(content)
+        altered[place + 2] ^= 1
+        path.write_bytes(altered)
+        messages, losses = read_all(path, "as_needed")
+        assert messages == SOUND.messages
+        told += len(losses)
+        if losses:
+            assert ("differ in 1 messages" in losses[0].reason, losses[0].messages) == (True, 0)
+            with pytest.raises(RecordingError, match="differ in 1 messages"):
+                read_all(path, "none")
+    assert told == 2
+
+
+def test_rows_that_only_the_index_names_are_looked_for(tmp_path: Path) -> None:
+    """A changed number of rows in a page hides them from SQLite."""
+    path = changed(tmp_path)
+    content = bytearray(path.read_bytes())
+    with closing(sqlite3.connect(path)) as database:
+        (size,) = next(database.execute("PRAGMA page_size"))
+        (root,) = next(database.execute("SELECT rootpage FROM sqlite_master WHERE name = 'messages'"))
+    leaf = int.from_bytes(content[(root - 1) * size + 8 : (root - 1) * size + 12], "big")  # the last child
+    assert content[(leaf - 1) * size] == 13
+    content[(leaf - 1) * size + 4] -= 1
+    path.write_bytes(content)
+    messages, losses = read_all(path, "as_needed")
+    assert len(messages) == ROWS - 1
+    assert sum(loss.messages or 0 for loss in losses) == 1

@@ -1,0 +1,159 @@
+"""What is installed is listed with its hashes and licences, and nothing that is read is executed."""
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+from import_graph import sources
+from licences import EXTRAS, PYPROJECT, closure, licence_of, page, requirements_of
+from packaging.utils import canonicalize_name
+
+ROOT = Path(__file__).resolve().parent.parent
+PAGE = ROOT / "docs" / "licences.md"
+
+PYTORCH = re.compile(r"torch$|nvidia-|cuda-|triton$")
+"""In no lock: see Makefile."""
+
+
+def locked(name: str) -> dict[str, tuple[str, list[str]]]:
+    """Version and hashes by package."""
+    text = (ROOT / name).read_text(encoding="utf-8").replace("\\\n", " ")
+    entries = [line.split() for line in text.splitlines() if line and not line.lstrip().startswith("#")]
+    found: dict[str, tuple[str, list[str]]] = {}
+    for words in entries:
+        package, _, version = words[0].partition("==")
+        hashes = [word.removeprefix("--hash=sha256:") for word in words if word.startswith("--hash=")]
+        assert version, words[0]
+        found[canonicalize_name(package)] = version, hashes
+    return found
+
+
+@pytest.mark.parametrize("name", ["constraints.txt", "constraints-run.txt"])
+def test_every_package_of_a_lock_has_hashes(name: str) -> None:
+    lock = locked(name)
+    assert len(lock) > 30
+    assert [package for package, (_, hashes) in lock.items() if not hashes] == []
+    assert all(re.fullmatch("[0-9a-f]{64}", one) for _, hashes in lock.values() for one in hashes)
+
+
+def test_the_locks_hold_all_that_is_installed_and_agree() -> None:
+    run, everything = locked("constraints-run.txt"), locked("constraints.txt")
+    assert closure(requirements_of("")) <= run.keys()
+    wanted = {name for extra in ("", *EXTRAS) for name in closure(requirements_of(extra))}
+    assert {name for name in wanted if not PYTORCH.match(name)} <= everything.keys()
+    assert {name: entry for name, entry in everything.items() if name in run} == run
+
+
+def test_the_back_end_of_the_build_is_pinned() -> None:
+    (required,) = PYPROJECT["build-system"]["requires"]
+    assert required == f"hatchling=={locked('constraints-run.txt')['hatchling'][0]}"
+    assert PYPROJECT["project"]["optional-dependencies"]["train"] == ["torch==2.13.0"]
+
+
+def test_make_installs_by_hash() -> None:
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    assert re.search(r"^LOCKED = .* install --require-hashes --no-deps --requirement$", makefile, re.MULTILINE)
+    others = re.findall(r"^\t\$\(PIP\) install (.*)$", makefile, re.MULTILINE)
+    assert len(others) == 2  # lidcam itself, and PyTorch
+    assert all(options.startswith("--no-build-isolation") and "--editable" in options for options in others)
+
+
+def licences_of_page() -> dict[str, str]:
+    return dict(re.findall(r"^\| ([a-z0-9-]+) \| (.*) \|$", PAGE.read_text(encoding="utf-8"), re.MULTILINE))
+
+
+@pytest.mark.parametrize("extra", ["", *EXTRAS])
+def test_the_page_of_licences_lists_what_is_installed(extra: str) -> None:
+    listed = licences_of_page()
+    found = {name: licence_of(name).replace("|", "/") for name in closure(requirements_of(extra))}
+    found = {name: licence for name, licence in found.items() if not PYTORCH.match(name) or name == "torch"}
+    assert found
+    assert {name: listed.get(name) for name in found} == found
+    assert all(found.values())
+
+
+def test_the_page_of_licences_says_what_is_not_permissive() -> None:
+    listed = licences_of_page()
+    text = PAGE.read_text(encoding="utf-8").partition("## lidcam")[0]
+    assert text == page().partition("## lidcam")[0]
+    copyleft = {name for name, licence in listed.items() if re.search(r"GPL|Mozilla|MPL", licence)}
+    assert copyleft >= {"pykdtree", "certifi", "hypothesis"}
+    assert {name for name in copyleft if f"**{name}**" not in text} == set()
+    for words in ("x264 and x265", "GPL-2.0-or-later", "**av** (extra `video`)", "**opencv-python-headless**"):
+        assert words in text
+
+
+# --- nothing that is read is executed
+
+EXECUTING = {"pickle", "cPickle", "dill", "cloudpickle", "joblib", "marshal", "shelve", "code", "codeop"}
+CALLS = {"eval", "exec", "compile", "__import__"}
+
+
+def unsafe(tree: ast.AST) -> list[str]:
+    """What could execute what it reads."""
+    found = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            found += [name.name for name in node.names if name.name.split(".")[0] in EXECUTING]
+        elif isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] in EXECUTING:
+            found.append(node.module or "")
+        elif isinstance(node, ast.Call):
+            options = {word.arg: word.value for word in node.keywords}
+            called = ast.unparse(node.func)
+            given = {name: ast.unparse(value) for name, value in options.items() if name}
+            is_load = called.rpartition(".")[2] in {"load", "load_all"}
+            if (
+                called in CALLS
+                or called in {"os.system", "os.popen"}
+                or given.get("shell", "False") != "False"
+                or given.get("allow_pickle", "False") != "False"
+                or (is_load and called.startswith("torch.") and given.get("weights_only") != "True")
+                or (is_load and called.startswith("yaml.") and "Safe" not in ast.unparse(node))
+                or called in {"yaml.unsafe_load", "yaml.full_load", "yaml.unsafe_load_all", "yaml.full_load_all"}
+            ):
+                found.append(ast.unparse(node))
+    return found
+
+
+@pytest.mark.parametrize("path", sources(ROOT), ids=lambda path: str(path.relative_to(ROOT)))
+def test_nothing_that_is_read_is_executed(path: Path) -> None:
+    assert unsafe(ast.parse(path.read_text(encoding="utf-8"))) == []
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "import pickle",
+        "from marshal import loads",
+        "import shelve as s",
+        "eval('1')",
+        "exec(text)",
+        "yaml.load(file)",
+        "yaml.load(file, Loader=yaml.Loader)",
+        "yaml.unsafe_load(file)",
+        "torch.load(path)",
+        "torch.load(path, weights_only=False)",
+        "np.load(path, allow_pickle=True)",
+        "subprocess.run(line, shell=True)",
+        "os.system(line)",
+    ],
+)
+def test_the_search_finds_what_it_is_for(code: str) -> None:
+    assert unsafe(ast.parse(code)) != []
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "re.compile('a')",
+        "np.load(path)",
+        "np.load(path, allow_pickle=False)",
+        "yaml.load(file, Loader=BoundedSafeLoader)",
+        "torch.load(path, weights_only=True)",
+        "json.load(file)",
+        "subprocess.run(words)",
+    ],
+)
+def test_the_search_finds_nothing_else(code: str) -> None:
+    assert unsafe(ast.parse(code)) == []

@@ -1,0 +1,21 @@
+"""By what lidcam knows its own files: a run replaces those of earlier runs, and no others."""
+
+__all__ = ["APPLICATION", "BAG_CALLER", "FOLDER_DATA", "LIBRARY", "REPAIRED", "RESULT", "SIMULATED"]
+
+LIBRARY = "lidcam"
+"""In the header of an MCAP. Without a version: the same results have the same bytes whichever version of the MCAP
+library wrote them."""
+
+RESULT = "lidcam"
+REPAIRED = "lidcam.repair"
+SIMULATED = "lidcam_truth"
+"""Names of metadata records of an MCAP: a result, a repaired recording, a simulated one."""
+
+APPLICATION = "lidcam"
+"""Application of an .rrd."""
+
+BAG_CALLER = "/lidcam_simulator"
+"""The node that publishes all topics of a simulated ROS 1 bag."""
+
+FOLDER_DATA = {"lidcam": "simulated"}
+"""Custom data of a simulated ROS 2 bag folder."""
