@@ -36,7 +36,7 @@ SEARCHED = [os.environ.get("CAMPAIGN_ROOT", str(ROOT)), str(ROOT / "tests" / "su
 """`CAMPAIGN_ROOT` names another tree of lidcam to try, for instance an older one."""
 
 sys.path[:0] = [path for path in SEARCHED if path not in sys.path]
-LIDCAM = (sys.executable, "-m", "lidcam")
+LIDCAM = (sys.executable, "-P", "-m", "lidcam")
 """The program, for `run_child`, which sees to it that the sources tried are these."""
 
 KEPT = ROOT / "out" / "campaign"

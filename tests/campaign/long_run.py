@@ -71,7 +71,7 @@ def _try_case(number: int, chance: Random, *, frames: int, limit_s: float) -> Ou
         samples = json.loads(child.stdout.splitlines()[-1])
         opened_s, found = _opened(output)
         size_mib = sum(path.stat().st_size for path in outputs) / 2**20
-        _, early, late = _tenths(samples, 1), _tenths(samples, 2), _tenths(samples, 10)
+        early, late = _tenths(samples, 2), _tenths(samples, 10)
         kind = " and ".join(path.suffix for path in outputs)
         detail = (
             f"{kind}: {found} of {frames} frames in {child.seconds:.0f} s; "
@@ -92,11 +92,11 @@ def _try_case(number: int, chance: Random, *, frames: int, limit_s: float) -> Ou
 
 
 def _tenths(samples: list[list[float]], tenth: int) -> tuple[float, float]:
-    """Frames a second and MiB of a tenth of a run; rows of `samples` are frames done, seconds, MiB."""
+    """Frames a second and most MiB of a tenth of a run; rows of `samples` are frames done, seconds, MiB."""
     done = np.array(samples)
     first, last = (int((len(done) - 1) * share / 10) for share in (tenth - 1, tenth))
     rate = (done[last, 0] - done[first, 0]) / max(done[last, 1] - done[first, 1], 1e-9)
-    return float(rate), float(done[last, 2])
+    return float(rate), float(done[first : last + 1, 2].max())
 
 
 def _process(recording: Path, *outputs: Path) -> None:

@@ -74,7 +74,7 @@ def _try_case(number: int, chance: Random) -> Outcome:
         temporary.mkdir()
         sender = _Sender(sent, at_s, to_group=to_group)
         child = _run(command, out, temporary, sender)
-        name, pid = f"{command.split(maxsplit=1)[0]}", sender.pid
+        name, pid = command.split(maxsplit=1)[0], sender.pid
         detail = f"{command}\n{sent.name} at {at_s} s of {seconds:.1f}, to {'its group' if to_group else 'it'}\n"
         after, left = _files(out), [*_files(temporary), *_processes(pid)]
         detail += f"exit code {child.returncode} after {child.seconds:.2f} s\n{after}\n{left}\n{child.stderr}"
@@ -84,10 +84,11 @@ def _try_case(number: int, chance: Random) -> Outcome:
         return Outcome(f"{name}: hang", is_fault=True, detail=detail)
     if after not in ({}, expected):
         return Outcome(f"{name}: half outputs or leftovers", is_fault=True, detail=detail)
-    return _judged(name, sent, child, late_s=child.seconds - at_s[0], is_whole=after == expected, detail=detail)
+    return _judged(command, sent, child, late_s=child.seconds - at_s[0], is_whole=after == expected, detail=detail)
 
 
-def _judged(name: str, sent: signal.Signals, child: Child, *, late_s: float, is_whole: bool, detail: str) -> Outcome:
+def _judged(command: str, sent: signal.Signals, child: Child, *, late_s: float, is_whole: bool, detail: str) -> Outcome:
+    name = command.split(maxsplit=1)[0]
     if child.has_traceback:
         lines = (child.stdout + child.stderr).partition("Traceback")[2]
         if sent == signal.SIGINT and not any(place in lines for place in PLACES):
@@ -102,7 +103,8 @@ def _judged(name: str, sent: signal.Signals, child: Child, *, late_s: float, is_
     told = child.stderr.splitlines()[-1] if child.stderr else ""
     if child.returncode != 128 + sent or not is_one_line(told) or not told.startswith("lidcam: "):
         return Outcome(f"{name}: exit code {child.returncode}: {told[:60]}", is_fault=True, detail=detail)
-    return Outcome(f"{name}: one line, {'its outputs are whole' if is_whole else 'nothing left'}", detail=detail)
+    left = "its outputs are whole" if is_whole and "{out}" in command else "nothing left"
+    return Outcome(f"{name}: one line, {left}", detail=detail)
 
 
 PLACES = ("lidcam", "pipeline", "readers", "writers", "bags", "numpy", "cv2", "Exception ignored")

@@ -88,6 +88,7 @@ class Started:
 
 def start(work: Callable[[], object], err: Path) -> Started:
     """Do some work in a child; `err` gets what it prints to stderr."""
+    err.touch()  # a signal may come before the child does anything
     pid = os.fork()
     if pid:
         return Started(pid, err)

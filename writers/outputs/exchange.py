@@ -102,7 +102,12 @@ def exchange(home: Path, exchanges: Sequence[Exchange]) -> None:
         OSError: the system refused, and everything is as it was.
         OutputError: it refused that, too; the journal stays.
     """
-    _write_journal(home, exchanges)
+    try:
+        _write_journal(home, exchanges)
+    except OSError:
+        with contextlib.suppress(OSError):  # else the next run would complete what has failed
+            (home / _JOURNAL).unlink()
+        raise
     _go_on(home, exchanges)
 
 
@@ -210,7 +215,8 @@ def _take_back(exchanges: Sequence[Exchange]) -> None:
         if is_kept and (is_new or not os.path.lexists(one.target)):
             one.kept.replace(one.target)
     for folder in dict.fromkeys(one.target.parent for one in exchanges):
-        sync_folder(folder)
+        with contextlib.suppress(OSError):  # all is back; a disk that refuses this is asked for nothing else
+            sync_folder(folder)
 
 
 def sync_folder(folder: Path) -> None:

@@ -1,7 +1,7 @@
 """What a killed run has left: outputs that were being exchanged are completed or put back, the rest is removed."""
 
 from collections.abc import Mapping
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 from writers.outputs.exchange import has_journal, read_journal, resume
@@ -18,8 +18,8 @@ def recover(folder: WorkFolder, held: Mapping[Path, WorkFolder]) -> None:
         held: All work folders that are locked, by their outputs.
 
     Raises:
-        OSError: the system refuses, and everything is as it was.
-        OutputError: the system refuses that, too, or another run has one of the other outputs.
+        OSError: the folders cannot be read.
+        OutputError: outputs have to be put back and the system refuses, or another run has one of them.
     """
     if folder.left_by is None:
         return
@@ -38,7 +38,8 @@ def recover(folder: WorkFolder, held: Mapping[Path, WorkFolder]) -> None:
             stack.callback(_close, other, folder.left_by, home)
         exchanges = read_journal(home)
         if folder.target in [one.target for one in exchanges]:
-            resume(home, exchanges)
+            with suppress(OSError):  # what can no longer be completed was put back
+                resume(home, exchanges)
 
 
 def _close(other: WorkFolder, left_by: Writing, home: Path) -> None:

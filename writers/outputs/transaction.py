@@ -5,6 +5,7 @@ from collections.abc import Callable, Collection, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from threading import Lock
 from types import TracebackType
 from typing import Self
 
@@ -66,6 +67,7 @@ class OutputTransaction:
         self._work: dict[Path, WorkFolder] = {}
         self._is_recovered = False
         self._undoing = ExitStack()
+        self._committing = Lock()
 
     def __enter__(self) -> Self:
         """Lock the outputs.
@@ -73,13 +75,14 @@ class OutputTransaction:
         Raises:
             OutputError: one cannot be written, must not be replaced, or is being written by another run.
         """
-        with held_signals():
-            self._undoing.enter_context(undone_at_once(self._close))
-            try:
+        try:
+            with held_signals():
+                self._undoing.enter_context(undone_at_once(self._undo))
                 self._open()
-            except BaseException:
+        except BaseException:  # also a signal that was held
+            with held_signals():
                 self._close()
-                raise
+            raise
         return self
 
     def __exit__(
@@ -93,7 +96,7 @@ class OutputTransaction:
         try:
             if kind is None and self._members:
                 self._sync()
-                with held_signals():
+                with held_signals(), self._committing:
                     self._commit()
         finally:
             with held_signals():
@@ -149,6 +152,11 @@ class OutputTransaction:
             exchanges.append(Exchange(member.target, old, new))
         with output_errors(self._members[0].path):
             exchange(work_folder_path(self._members[0].target), exchanges)
+
+    def _undo(self) -> None:
+        """Discard the outputs, called from any thread. Once they get their names, the next run sees to it."""
+        if self._committing.acquire(blocking=False):
+            self._close()
 
     def _close(self) -> None:
         is_stuck = bool(self._members) and has_journal(work_folder_path(self._members[0].target))

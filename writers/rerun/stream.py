@@ -9,6 +9,7 @@ import fcntl
 import os
 import threading
 import time
+import warnings
 from contextlib import suppress
 from io import FileIO
 from pathlib import Path
@@ -91,19 +92,15 @@ class RerunStream:
         """Write the end of the recording, too.
 
         Raises:
-            OSError: the file cannot be written.
-            OutputError: Rerun does not go on.
+            OSError: the file cannot be written; the recording is still to be discarded.
+            OutputError: Rerun does not go on; the same.
         """
-        try:
-            self.settle()
-        except BaseException:
-            self.discard()
-            raise
+        self.settle()
         self._end()
         self.check()
 
     def discard(self) -> None:
-        """End the recording; nothing more is written."""
+        """End the recording, if it has not ended; nothing more is written."""
         self._is_wanted = False
         self._end()
 
@@ -144,8 +141,10 @@ def check_recording(file: FileIO, path: Path, *, entity: str, rows: int) -> None
         OutputError: the recording is not whole.
     """
     try:
-        chunks = RrdReader(f"/dev/fd/{file.fileno()}").store().stream().filter(content=[entity], is_static=False)
-        found = sum(chunk.num_rows for chunk in chunks)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # as Rerun says of a file without an end
+            chunks = RrdReader(f"/dev/fd/{file.fileno()}").store().stream().filter(content=[entity], is_static=False)
+            found = sum(chunk.num_rows for chunk in chunks)
     except Exception as err:  # whatever Rerun raises
         raise OutputError(f"{path}: what Rerun wrote cannot be read back: {err}") from err
     if found != rows:

@@ -111,9 +111,13 @@ class RerunResultWriter:
         if kind is not None:
             self._stream.discard()
             return
-        if not self._is_placed and self._survey.frames:
-            self._place_eye()
-        self._stream.finish()
+        try:
+            if not self._is_placed and self._survey.frames:
+                self._place_eye()
+            self._stream.finish()
+        except BaseException:
+            self._stream.discard()
+            raise
         check_recording(self._file, self._output.path, entity=COUNTED, rows=self._frames)
 
     def write(self, result: FrameResult) -> tuple[Drop, ...]:

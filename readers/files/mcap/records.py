@@ -40,7 +40,8 @@ PRIVATE_OPCODES = range(0x80, 0x100)
 
 # An opcode, and a length below 2^40.
 RECORD_START = re.compile(rb"(?s)(?=[\x01-\x0f].{5}\x00{3}).")
-SEARCH_BLOCK = 1 << 20
+FIRST_BLOCK, SEARCH_BLOCK = 1 << 12, 1 << 20
+"""Bytes that are searched at once, more from one time to the next: what is sought is mostly near."""
 
 
 class Record(NamedTuple):
@@ -116,15 +117,17 @@ def _frame_at(stream: BinaryIO, position: int, end: int) -> Record | None:
 
 def find_record(stream: BinaryIO, position: int, end: int) -> int:
     """Where the next records begin at or after `position`; `end` if none do."""
+    step = FIRST_BLOCK
     while position < end:
         stream.seek(position)
-        block = stream.read(min(SEARCH_BLOCK, end - position))
+        block = stream.read(min(step, end - position))
         for match in RECORD_START.finditer(block):
             if _begins(stream, position + match.start(), end):
                 return position + match.start()
         if position + len(block) >= end:
             return end
         position += len(block) - RECORD_HEAD.size
+        step = min(2 * step, SEARCH_BLOCK)
     return end
 
 

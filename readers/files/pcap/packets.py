@@ -266,6 +266,8 @@ def _pcapng(window: Window, losses: Losses) -> Iterator[CapturedPacket]:
             yield CapturedPacket(time_ns, interface.link_type, position + data_at, captured, head)
         elif kind in {PACKET, OLD_PACKET, SIMPLE_PACKET, INTERFACE}:
             losses.note(position, "a block that is shorter than its content", size=size)
+        elif kind not in {SECTION, INTERFACE} and _looks_like_packet(block, size, order, len(interfaces)):
+            losses.note(position, f"a packet in a block of type {kind}: its type was damaged", size=size, messages=1)
         position += size
 
 
@@ -290,6 +292,15 @@ def _packet_fields(block: bytes, size: int, kind: int, order: str) -> tuple[int,
     layout = f"{order}IIII" if kind == PACKET else f"{order}HxxIII"
     number, high, low, captured = struct.unpack_from(layout, block, 8)
     return (number, high, low, captured, 28) if captured <= size - 32 else None
+
+
+def _looks_like_packet(block: bytes, size: int, order: str, interfaces: int) -> bool:
+    """Whether a block of another type has the form of a packet's, without options."""
+    if size < 32 or (fields := _packet_fields(block, size, PACKET, order)) is None:
+        return False
+    number, _, _, captured, _ = fields
+    (length,) = struct.unpack_from(f"{order}I", block, 24)
+    return number < interfaces and 0 < captured <= length <= MAX_BYTES and 32 + (captured + 3) // 4 * 4 == size
 
 
 def _interface(body: bytes, order: str) -> _Interface:

@@ -65,13 +65,16 @@ class ChunkReader:
         connections = dict(self._contents.connections)
         index = self._contents.index
         ids, rows = np.unique(index[np.argsort(index[:, 1], kind="stable"), 3], return_index=True)
-        firsts = np.sort(index[:, 1])[rows].tolist()
+        begun: dict[int, list[int]] = {position: [] for position in sorted(self._contents.chunks)[:1]}
+        for id_, first in zip(ids.tolist(), np.sort(index[:, 1])[rows].tolist(), strict=True):
+            begun.setdefault(first, []).append(id_)
         left = MAX_BYTES_AT_OPENING
-        for position in dict.fromkeys([*sorted(self._contents.chunks)[:1], *sorted(firsts)]):
-            wanted = {id_ for id_, first in zip(ids.tolist(), firsts, strict=True) if first >= position}
-            left -= self._contents.chunks[position].data_size
-            if not wanted - self._confirmed or left < 0:
+        for position, begun_here in sorted(begun.items()):
+            if begun_here and self._confirmed.issuperset(begun_here):
                 continue
+            left -= self._contents.chunks[position].data_size
+            if left < 0:
+                break
             try:
                 stream, begin, end = self._opened(position)
                 for record in messages_of(stream, begin, end, self._limits)[1]:

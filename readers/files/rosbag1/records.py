@@ -60,7 +60,8 @@ HEADER_LIMIT = 1 << 12
 
 MAX_FIELDS = 32
 
-SEARCH_BLOCK = 1 << 20
+FIRST_BLOCK, SEARCH_BLOCK = 1 << 12, 1 << 20
+"""Bytes that are searched at once, more from one time to the next: what is sought is mostly near."""
 
 # Length of the header, length of its first field, name of that field; the upper bytes of both lengths are zero.
 RECORD_START = re.compile(
@@ -148,9 +149,10 @@ def read_record(stream: BinaryIO, position: int, end: int) -> Record | None:
 
 def find_record(stream: BinaryIO, position: int, end: int) -> int:
     """Where the next complete record begins at or after `position`; `end` if there is none."""
+    step = FIRST_BLOCK
     while position < end:
         stream.seek(position)
-        block = stream.read(min(SEARCH_BLOCK, end - position))
+        block = stream.read(min(step, end - position))
         at = 0
         while match := RECORD_START.search(block, at):
             start = position + match.start()
@@ -160,6 +162,7 @@ def find_record(stream: BinaryIO, position: int, end: int) -> int:
         if position + len(block) >= end or len(block) <= MAX_START_BYTES:
             return end
         position += len(block) - MAX_START_BYTES
+        step = min(2 * step, SEARCH_BLOCK)
     return end
 
 

@@ -82,7 +82,7 @@ class SqliteFile(Container):
             msgtype = normalize_msgtype(recorded_type)
             count = count_by_topic.get(topic_id, 0)
             if encoding not in {"cdr", ""}:
-                reason = f"its messages are serialised as {encoding}, lidcam reads cdr"
+                reason = f"its messages are serialised as {' '.join(encoding.split())[:50]}, lidcam reads cdr"
                 topics.append(TopicInfo(topic, msgtype, count, (), reason))
                 continue
             form, text = contents.definitions.get(recorded_type, ("", ""))

@@ -149,7 +149,7 @@ def contents_of_scan(stream: BinaryIO, losses: Losses, *, because: str, listed_i
                 distro = distro or texts[0]
             elif len(texts) >= 3 and texts[1] in {"ros2msg", "ros2idl", "unknown"}:
                 definitions.setdefault(texts[0], (texts[1], texts[2]))
-            elif len(texts) >= 3:
+            elif len(texts) >= 3 and "\n" not in texts[2]:  # else a definition whose encoding is damaged
                 topics.setdefault(cell.row_id, (cell.row_id, texts[0], texts[1], texts[2]))
     table = np.array(rows, np.int64).reshape(-1, 5)
     table = table[np.unique(table[:, 1], return_index=True)[1]]  # freed pages may still contain old rows

@@ -83,6 +83,7 @@ def test_a_full_disk_is_an_error(left: int, disk: SlowDisk, tmp_path: Path) -> N
     log(logged, 50)
     with pytest.raises(OSError, match="No space left"):
         stream.finish()
+    stream.discard()
     assert (tmp_path / "out.rrd").stat().st_size == left
     assert not any(thread.name == "lidcam-rerun" for thread in threading.enumerate())
 
@@ -155,6 +156,23 @@ def test_a_damaged_recording_is_found(kept: float, disk: SlowDisk, tmp_path: Pat
     disk.truncate(int(size * kept) if 0 < kept < 1 else int(kept) % size)
     with pytest.raises(OutputError, match=r"out.rrd: what Rerun wrote cannot be read back"):
         check_recording(disk, tmp_path / "out.rrd", entity="count", rows=20)
+
+
+def test_a_writer_that_fails_at_its_end_leaves_no_thread(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "out.rrd"
+
+    def fail(*_: object) -> None:
+        raise ZeroDivisionError("a bug")
+
+    monkeypatch.setattr(writers.rerun.writer, "place_eye", fail)
+    with (
+        pytest.raises(ZeroDivisionError),
+        OutputTransaction([path]) as outputs,
+        RerunResultWriter(outputs[path], RIG, CONFIG, PROVENANCE, decode_any_image=grey) as writer,
+    ):
+        writer.write(frame(0))
+    assert not any(thread.name == "lidcam-rerun" for thread in threading.enumerate())
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("max_bytes", [0, 20_000, 200_000])
