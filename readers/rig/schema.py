@@ -231,7 +231,8 @@ def _without_todo(sensors: Any, path: Path) -> Any:
         return sensors
     parsed = {}
     for name, entry in sensors.items():
-        todo = {key for key, value in entry.items() if _is_todo(value)} if isinstance(entry, Mapping) else set()
+        items = entry.items() if isinstance(entry, Mapping) else ()
+        todo = {key for key, value in items if isinstance(key, str) and _is_todo(value)}
         parsed[name] = entry
         if todo:
             given = {key: value for key, value in entry.items() if key not in todo}

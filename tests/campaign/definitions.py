@@ -55,7 +55,7 @@ from readers.velodyne.decoder import VelodyneDecoders
 
 __all__ = ["TEST_COUNT", "main"]
 
-TEST_COUNT = 40
+TEST_COUNT = 15
 MAX_MEMORY = 6 << 30
 WHOLE_RUN_SHARE = 0.04
 """Cases that are also inspected and processed as a file."""

@@ -266,8 +266,8 @@ def _another_file(path: Path, chance: Random) -> tuple[str, bool]:
 Make = Callable[[Path, Random], tuple[str, bool]]
 HOSTILE: tuple[Make, ...] = (
     _sizes,
-    _loop,
     _outside,
+    _loop,
     _huge_constant,
     _tiles,
     _custom,

@@ -28,7 +28,7 @@ from pipeline.core.messages import RawMessage
 
 __all__ = ["TEST_COUNT", "main"]
 
-TEST_COUNT = 6
+TEST_COUNT = 4
 
 Form = Literal["rosbag1", "mcap", "sqlite"]
 Motion = Literal["odometry", "tf"]

@@ -43,8 +43,12 @@ class OnnxSession:
         Raises:
             ModelError: the file does not exist, or onnxruntime cannot load it.
         """
-        if not path.is_file():
-            raise ModelError(f"{path}: expected an ONNX file, found {'a folder' if path.is_dir() else 'no such file'}")
+        try:
+            if not path.is_file():
+                found = "a folder" if path.is_dir() else "no such file"
+                raise ModelError(f"{path}: expected an ONNX file, found {found}")
+        except OSError as err:
+            raise ModelError(f"{path}: expected an ONNX file that can be read: {err.strerror}") from err
         self._path, ort = path, _onnxruntime()
         self._new_run: Callable[[], Any] = ort.RunOptions
         options = ort.SessionOptions()

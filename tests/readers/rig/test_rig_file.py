@@ -350,3 +350,11 @@ def test_mistakes_are_not_told_in_a_library_s_words(tmp_path: Path) -> None:
 def test_a_rig_file_that_does_not_exist(tmp_path: Path) -> None:
     with pytest.raises(CalibrationError, match=r"rig\.yaml: expected a rig file, found no such file$"):
         load_rig(tmp_path / "rig.yaml")
+
+
+@pytest.mark.parametrize("key", ["1", "null", "2001-01-01"])
+def test_a_key_that_is_no_name_beside_one_to_do(tmp_path: Path, key: str) -> None:
+    path = tmp_path / "rig.yaml"
+    path.write_text(f"cameras: {{cam: {{topic: /cam, K: TODO, {key}: TODO}}}}\n")
+    with pytest.raises(CalibrationError, match=r"rig\.yaml: .*cameras"):
+        load_rig(path)
