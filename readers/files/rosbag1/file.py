@@ -75,6 +75,9 @@ class Rosbag1File(Container):
         scanned = contents_of_scan(self._stream, self._losses, because=damage.reason, limits=self._limits)
         if damage.error and not len(scanned.index):
             raise damage.error
+        if indexed is not None and not self.losses and _messages(indexed) != _messages(scanned):
+            reason = "its index does not agree with the messages in the chunks, which are used"
+            self._losses.note(0, reason, messages=max(len(indexed.index) - len(scanned.index), 0))
         return (scanned, False) if indexed is None or len(scanned.index) else (indexed, True)
 
     def messages(
@@ -156,6 +159,12 @@ class Rosbag1File(Container):
             return None
         order = self._source.index, (position << 32) + offset  # offsets are uint32
         return RawMessage(stamp_or_log_time(channel, data, log_time_ns), log_time_ns, order, data, channel)
+
+
+def _messages(contents: Contents) -> bytes:
+    """Log time, chunk and connection of all messages, to be compared: some writers index other offsets."""
+    table = contents.index[:, (0, 1, 3)]
+    return table[np.lexsort(table.T)].tobytes()
 
 
 def _pass_places(index: I64) -> list[_FilePlace]:

@@ -95,6 +95,7 @@ def test_a_changed_bit_in_a_message_is_told(
     assert told in "; ".join(loss.reason for loss in losses)
     with pytest.raises(RecordingError, match="damaged"):
         read_all(path, "none")
+    assert read_all(path, "full_scan")[1]
 
 
 def test_chunks_that_overlap_too_far_are_refused(tmp_path: Path) -> None:
