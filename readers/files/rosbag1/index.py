@@ -33,6 +33,9 @@ COMPRESSIONS = {b"none": "none", b"bz2": "bz2", b"lz4": "lz4"}
 ENTRY = np.dtype([("sec", "<u4"), ("nanosec", "<u4"), ("offset", "<u4")])
 UINT32_PAIR = struct.Struct("<II")
 
+INDEX_HEADERS_BYTES = 1 << 20
+"""Of all index records behind a chunk, at most; one takes 55 bytes."""
+
 
 class Chunk(NamedTuple):
     """Where a chunk's data are.
@@ -164,10 +167,15 @@ def _chunk(stream: BinaryIO, position: int, following: int, info: _ChunkInfo) ->
     unpacked_size = record.number(b"size")
     if compression == "none" and unpacked_size != record.size:
         raise ValueError(f"the chunk at byte {position} gives two sizes, {unpacked_size} and {record.size}")
-    stream.seek(record.end)
-    behind = stream.read(following - record.end)
-    indexes = BytesIO(behind)
     size, at = following - record.end, 0
+    largest = info.counts.total() * ENTRY.itemsize + INDEX_HEADERS_BYTES
+    if size > largest:  # perhaps whole chunks that the index does not list: they are not read into memory
+        raise ValueError(
+            f"the chunk at byte {position} has {size} bytes behind it, its index takes at most {largest} of them"
+        )
+    stream.seek(record.end)
+    behind = stream.read(size)
+    indexes = BytesIO(behind)
     entries: list[bytes] = []
     counts: Counter[int] = Counter()
     while at < size:
