@@ -19,6 +19,7 @@ from lidcam.commands.verdict import FAILED, INCOMPLETE
 from lidcam.printing.log import configure_logging, verdict_log
 from lidcam.printing.usage import print_usage_error
 from pipeline.core.errors import IncompleteError, LidcamError, short_memory_told
+from pipeline.core.text import one_line
 
 __all__ = ["run_program"]
 
@@ -47,7 +48,7 @@ def run_program(program: Callable[..., object], name: str) -> None:
         sys.exit(INCOMPLETE)
     except LidcamError as err:
         notes = "".join(f" ({note})" for note in getattr(err, "__notes__", ()))
-        _fail(" ".join(str(err).split()) + notes)
+        _fail(one_line(err) + notes)
     except TyperException as err:
         print_usage_error(err)
         sys.exit(err.exit_code)

@@ -262,10 +262,11 @@ class Graph(Generic[F]):
                     yield pending.popleft()[1][sink].result()
                 futures: dict[Node[Any], Future[Any]] = {self.frame: _done(frame)}
                 for node in self.nodes:
-                    inputs = [futures[i] for i in node.inputs]
-                    futures[node] = pools[node].submit(self._wait_and_call, node, frame, inputs)
+                    futures[node] = pools[node].submit(
+                        self._wait_and_call, node, frame, [futures[i] for i in node.inputs]
+                    )
                 pending.append((weight, futures))
-                del frame, futures, inputs
+                del frame, futures
                 if len(pending) == window:
                     yield pending.popleft()[1][sink].result()
             while pending:

@@ -15,6 +15,9 @@ __all__ = ["check_no_input", "check_replaced"]
 SQLITE_SUFFIXES = ("-journal", "-wal", "-shm")
 """Of the files in which SQLite keeps changes of a database: it applies them when it opens the database."""
 
+TEXT_SUFFIXES = (".json", ".yaml")
+"""Of what is written beside an output, or to be edited."""
+
 
 def check_no_input(outputs: Sequence[Path], inputs: Iterable[Location]) -> None:
     """Whether no output is an input: by its name, by a link, inside its folder, or as a part of its database.
@@ -62,7 +65,8 @@ def check_replaced(made: Made, *, overwrite: bool) -> Callable[[Path], None]:
                 return
             found = made_by_lidcam(path)
             if found not in (made, "text"):
-                raise OutputError(f"{path}: {_FOUND[made]}; choose another name, or replace it with --overwrite")
+                found_text = _FOUND["text" if path.suffix in TEXT_SUFFIXES else made]
+                raise OutputError(f"{path}: {found_text}; choose another name, or replace it with --overwrite")
             if not os.access(path, os.W_OK):
                 raise OutputError(f"{path}: is write-protected; choose another name, or replace it with --overwrite")
 
@@ -73,7 +77,7 @@ _FOUND: dict[Made, str] = {
     "result": "exists and is no result of an earlier run (a recording? the output comes last)",
     "repaired": "exists and was not written by an earlier --repair",
     "simulated": "exists and is no simulated recording",
-    "text": "exists and is not as an earlier run wrote it",
+    "text": "exists and is not as this version writes it (edited, or written by an earlier version)",
 }
 
 

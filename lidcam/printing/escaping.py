@@ -8,18 +8,9 @@ sequence. Libraries and outputs keep the names as they are.
 import json
 from typing import Any
 
+from pipeline.core.text import visible
+
 __all__ = ["json_text", "visible", "visible_lines"]
-
-
-def visible(text: str) -> str:
-    r"""The text with `\x1b` and the like in place of all that is not printable, line ends and tabs too.
-
-    Not printable are control characters (C0, C1), format characters (direction of writing, no width), separators other
-    than the blank, surrogates (bytes of a file name that are no UTF-8), and what Unicode does not assign.
-    """
-    if text.isprintable():
-        return text
-    return "".join(letter if letter.isprintable() else repr(letter)[1:-1] for letter in text)
 
 
 def visible_lines(text: str) -> str:

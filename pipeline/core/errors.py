@@ -21,6 +21,8 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from pipeline.core.text import visible
+
 __all__ = [
     "CalibrationError",
     "CheckError",
@@ -61,9 +63,7 @@ class LidcamError(Exception):
         text = super().__str__()
         if len(text) > MAX_CHARACTERS:
             text = f"{text[:MAX_CHARACTERS]}..."
-        if text.isprintable():
-            return text
-        return "".join(letter if letter.isprintable() else repr(letter)[1:-1] for letter in text)
+        return visible(text)
 
 
 class RecordingError(LidcamError):

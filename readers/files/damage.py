@@ -19,6 +19,7 @@ from mcap.exceptions import McapError
 from rosbags.rosbag1 import ReaderError
 
 from pipeline.core.errors import LidcamError, RecordingError, is_short_memory, short_memory_told
+from pipeline.core.text import one_line
 from readers.location import Location
 from readers.recording import DEFAULT_READ_OPTIONS, Loss, ReadOptions
 
@@ -190,4 +191,4 @@ def _is_of_system(err: Exception) -> bool:
 
 
 def _describe(err: Exception) -> str:
-    return " ".join(str(err).split()) or f"unexpected end or value ({type(err).__name__})"
+    return one_line(err) or f"unexpected end or value ({type(err).__name__})"

@@ -11,6 +11,7 @@ from rosbags.typesys.msg import normalize_msgtype
 
 from pipeline.core.errors import RecordingError
 from pipeline.core.settings.bounded_yaml import MAX_YAML_BYTES, parse_yaml
+from pipeline.core.text import one_line
 from readers.natural_order import natural_key
 from readers.recording import TopicInfo
 
@@ -130,8 +131,7 @@ def folder_metadata(folder: Path) -> FolderMetadata:
         compression = information.get("compression_format") or ""
         distro = str(information.get("ros_distro") or "")
     except (OSError, yaml.YAMLError, LookupError, TypeError, ValueError, AttributeError) as err:
-        found = " ".join(str(err).split())
-        raise RecordingError(f"{expected}, found {type(err).__name__}: {found}; {remedy}") from err
+        raise RecordingError(f"{expected}, found {type(err).__name__}: {one_line(err)}; {remedy}") from err
     if mode in {"message", "file"} and compression != "zstd":
         raise RecordingError(
             f"{path}: expected compression zstd, found {compression!r}; convert it with `ros2 bag convert`"

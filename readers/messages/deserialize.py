@@ -21,6 +21,7 @@ from pipeline.core.errors import MessageError, is_short_memory
 from pipeline.core.messages import Channel, RawMessage
 from pipeline.core.ros.typestores import extra_types
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
+from pipeline.core.text import one_line
 from readers.messages.boundary.layouts import layout_fault
 from readers.messages.size_limits import count_items, size_fault
 
@@ -140,7 +141,7 @@ def _typestore(channel: Channel) -> Typestore | str:
     except Exception as err:  # e.g. names or numbers that Python does not accept: the generated code fails
         if is_short_memory(err):
             raise
-        reason = " ".join(str(err).split())[:200]
+        reason = one_line(err, max_characters=200)
         return f"the recorded definition of {channel.msgtype} is unusable: {type(err).__name__}: {reason}"
     return store
 

@@ -24,6 +24,7 @@ from pipeline.core.errors import MessageError, is_short_memory
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.messages import Channel, RawMessage
 from pipeline.core.ros.messages import POINT_FIELD_DATATYPES, ROS2
+from pipeline.core.text import one_line
 from readers.messages.foxglove_wire import Fields, payload, read_fields, time_ns
 
 __all__ = ["ROS_TYPES", "ros_channel", "to_ros"]
@@ -63,7 +64,7 @@ def to_ros(message: RawMessage) -> RawMessage:
     except Exception as err:  # JSON values of any type, and errors of protobuf and rosbags
         if is_short_memory(err):
             raise
-        reason = " ".join((str(err) if isinstance(err, MessageError) else f"{type(err).__name__}: {err}").split())
+        reason = one_line(err if isinstance(err, MessageError) else f"{type(err).__name__}: {err}")
         found = f"{len(message.data)} bytes are not a valid {source.msgtype} in {source.encoding} ({reason})"
         return message._replace(data=b"", channel=channel, problem=found)
     if channel.msgtype == "tf2_msgs/msg/TFMessage":

@@ -17,6 +17,7 @@ from google.protobuf.message_factory import GetMessageClass
 from pipeline.core.errors import MessageError, is_short_memory
 from pipeline.core.messages import Channel, RawMessage
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
+from pipeline.core.text import one_line
 
 __all__ = ["payload", "read_fields", "time_ns"]
 
@@ -123,7 +124,7 @@ def _message_class(channel: Channel) -> Any | str:
     except Exception as err:  # protobuf's own errors, TypeError, KeyError or ValueError
         if is_short_memory(err):
             raise
-        reason = " ".join(str(err).split())[:200]
+        reason = one_line(err, max_characters=200)
         return f"the recorded protobuf schema of {channel.msgtype} is unusable: {type(err).__name__}: {reason}"
 
 

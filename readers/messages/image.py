@@ -10,6 +10,7 @@ from pipeline.core.errors import MessageError, is_short_memory
 from pipeline.core.images import Image
 from pipeline.core.messages import RawMessage
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
+from pipeline.core.text import one_line
 from readers.messages.boundary.decoding import decoder
 from readers.messages.compressed_image import COMPRESSED_IMAGE, decode_compressed_image
 from readers.messages.deserialize import deserialize_as
@@ -59,7 +60,7 @@ def decode_image(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS, 
     except cv2.error as err:
         if is_short_memory(err):
             raise
-        reason = " ".join(str(err).split())
+        reason = one_line(err)
         raise MessageError(f"{message.topic}: {image.encoding} {image.width} x {image.height}: {reason}") from err
     return Image(message.stamp_ns, clean_frame(image.header.frame_id), rgb)
 

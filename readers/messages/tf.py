@@ -8,6 +8,7 @@ a frame whose transform never changes counts as fixed, unless its parent is a fr
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -188,10 +189,10 @@ def _beginnings(
         return
     if start_ns is None:
         span_ns = PROBE_NS if stop_ns is None else min(max(stop_ns - recording.start_ns, BEGINNING_NS), PROBE_NS)
-        yield from _first_of(recording.messages(topics), span_ns)
+        yield from _first_of(recording, topics, span_ns)
         return
     last: tuple[int, tuple[int, ...]] = (-1, ())
-    for message in _first_of(recording.messages(topics), BEGINNING_NS):
+    for message in _first_of(recording, topics, BEGINNING_NS):
         last = message.log_time_ns, message.order
         yield message
     end_ns = start_ns + PROBE_NS if stop_ns is None else min(stop_ns, start_ns + PROBE_NS)
@@ -200,12 +201,21 @@ def _beginnings(
             yield message
 
 
-def _first_of(messages: Iterable[RawMessage], span_ns: int) -> Iterator[RawMessage]:
-    """The messages of the first `span_ns`; a first one that lies further before the others has a wrong log time."""
+def _first_of(recording: Recording, topics: list[str], span_ns: int) -> Iterator[RawMessage]:
+    """The messages of the first `span_ns`.
+
+    Where there is at most one, a wrong log time may lie far before all others, of this topic or of another one: then
+    those of as long a time follow that begins with the next one. Otherwise no more is read, nor fetched from a server.
+    """
+    count = 0
+    for message in recording.messages(topics, stop_ns=recording.start_ns + span_ns):
+        count += 1
+        yield message
+    if count > 1:
+        return
     begin_ns = None
-    for number, message in enumerate(messages):
-        if begin_ns is None or (number == 1 and message.log_time_ns >= begin_ns + span_ns):
-            begin_ns = message.log_time_ns
+    for message in islice(recording.messages(topics), count, None):
+        begin_ns = message.log_time_ns if begin_ns is None else begin_ns
         if message.log_time_ns >= begin_ns + span_ns:
             return
         yield message

@@ -16,6 +16,7 @@ from pipeline.core.errors import MessageError, is_short_memory
 from pipeline.core.messages import Channel, RawMessage
 from pipeline.core.ros.messages import ROS2
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
+from pipeline.core.text import one_line
 from readers.messages.compressed_image import COMPRESSED_IMAGE
 from readers.video.h264_gaps import GapFinder
 from readers.video.packets import AFTER_DAMAGE, BEFORE_KEY_FRAME, VideoPacket, read_packet
@@ -111,7 +112,7 @@ class VideoDecoder:
         except (cv2.error, av.error.FFmpegError, ValueError) as err:
             if is_short_memory(err):
                 raise
-            reason = " ".join(str(err).split())
+            reason = one_line(err)
             return self._blank(message, f"a {frame.width} x {frame.height} px image cannot become a JPEG ({reason})")
         return [message._replace(data=data, channel=self._channel)]
 

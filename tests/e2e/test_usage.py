@@ -51,8 +51,8 @@ def test_a_run_that_is_interrupted_leaves_nothing(
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        # A shell has what it runs in the background ignore Ctrl-C, the tests and all that they start, too.
-        preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_DFL),
+        # Who runs the tests may ignore it, as a shell does with Ctrl-C in the background, and nohup with SIGHUP.
+        preexec_fn=partial(signal.signal, number, signal.SIG_DFL),
     ) as run:
         until = time.monotonic() + 60
         while not (tmp_path / ".out.rrd.lidcam").exists():

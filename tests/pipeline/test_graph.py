@@ -57,6 +57,11 @@ def test_pipelined_equals_serial(count: int, window: int) -> None:
     assert list(graph.run_pipelined(sink, frames(count), window=window)) == expected
 
 
+def test_a_graph_without_stages_gives_the_frames() -> None:
+    graph = Graph(Frame)
+    assert list(graph.run_pipelined(graph.frame, frames(3), window=2)) == list(graph.run(graph.frame, frames(3)))
+
+
 @given(
     stages=st.lists(st.tuples(st.integers(0, 9), st.integers(0, 9), st.integers(1, 3), st.integers(0, 2)), max_size=6),
     count=st.integers(0, 12),

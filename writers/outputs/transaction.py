@@ -117,7 +117,8 @@ class OutputTransaction:
             if target in targets:
                 raise OutputError(f"{path}: is the same file as {targets[target]}; choose another name")
             targets[target] = path
-        for target in sorted(targets):  # in one order, so that one of two runs gets all
+        # In one order, so that one of two runs gets all; the shortest first, as errors name what the user named.
+        for target in sorted(targets, key=lambda target: (len(target.name), target)):
             with output_errors(targets[target]):
                 self._work[target] = WorkFolder(target, targets[target])
         for target, path in targets.items():

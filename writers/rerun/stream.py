@@ -48,14 +48,19 @@ class RerunStream:
         taken, given = os.pipe()
         self._copier = threading.Thread(target=self._copy, args=(taken,), name="lidcam-rerun", daemon=True)
         try:
+            self._copier.start()  # before Rerun has a pipe that it would wait for
+        except RuntimeError:  # no memory for a thread
+            os.close(taken)
+            os.close(given)
+            raise
+        try:
             with suppress(OSError, AttributeError):  # a larger pipe only saves time
                 fcntl.fcntl(given, fcntl.F_SETPIPE_SZ, PIPE_BYTES)
             recording.save(f"/dev/fd/{given}")
         except RuntimeError as err:
             raise OutputError(f"{path}: Rerun cannot write to a pipe; expected a folder /dev/fd ({err})") from err
         finally:
-            os.close(given)
-            self._copier.start()  # ends at once if there is no sink
+            os.close(given)  # the thread ends at once if there is no sink
 
     def settle(self) -> None:
         """Wait until all that was logged is in the file, or in the pipe.

@@ -16,6 +16,7 @@ import numpy as np
 
 from pipeline.core.arrays import F32
 from pipeline.core.errors import ModelError, is_short_memory
+from pipeline.core.text import one_line
 
 __all__ = ["MAX_BATCH_BYTES", "OnnxSession"]
 
@@ -70,7 +71,7 @@ class OnnxSession:
         except Exception as err:  # onnxruntime's errors have no base of their own
             if is_short_memory(err):
                 raise
-            raise ModelError(f"{path}: expected an ONNX file that onnxruntime can load: {_one_line(err)}") from err
+            raise ModelError(f"{path}: expected an ONNX file that onnxruntime can load: {one_line(err)}") from err
         self.inputs = [(value.name, value.shape, value.type) for value in self._session.get_inputs()]
         self.outputs = [(value.name, value.shape, value.type) for value in self._session.get_outputs()]
 
@@ -87,7 +88,7 @@ class OnnxSession:
             except Exception as err:  # onnxruntime's errors have no base of their own
                 if is_short_memory(err):
                     raise
-                reason = f"it did not end within {seconds} s" if options.terminate else _one_line(err)
+                reason = f"it did not end within {seconds} s" if options.terminate else one_line(err)
                 raise ModelError(f"{self._path}: the network fails on a batch of {len(batch)}: {reason}") from err
 
 
@@ -117,7 +118,3 @@ def _onnxruntime() -> Any:
     memory = ort.OrtMemoryInfo("Cpu", ort.OrtAllocatorType.ORT_ARENA_ALLOCATOR, 0, ort.OrtMemType.DEFAULT)
     ort.create_and_register_allocator(memory, ort.OrtArenaCfg({"max_mem": MAX_MEMORY_BYTES}))
     return ort
-
-
-def _one_line(err: Exception) -> str:
-    return " ".join(str(err).split())

@@ -36,6 +36,9 @@ UINT32_PAIR = struct.Struct("<II")
 BY_TIME = (0, 1, 2)
 """Columns of `Contents.index` that it is sorted by: log time, chunk, offset."""
 
+INDEX_HEADERS_BYTES = 1 << 20
+"""Of all index records behind a chunk, at most; one takes 55 bytes."""
+
 
 class Chunk(NamedTuple):
     """Where a chunk's data are.
@@ -168,10 +171,15 @@ def _chunk(stream: BinaryIO, position: int, following: int, info: _ChunkInfo) ->
     unpacked_size = record.number(b"size")
     if compression == "none" and unpacked_size != record.size:
         raise ValueError(f"the chunk at byte {position} gives two sizes, {unpacked_size} and {record.size}")
-    stream.seek(record.end)
-    behind = stream.read(following - record.end)
-    indexes = BytesIO(behind)
     size, at = following - record.end, 0
+    largest = info.counts.total() * ENTRY.itemsize + INDEX_HEADERS_BYTES
+    if size > largest:  # perhaps whole chunks that the index does not list: they are not read into memory
+        raise ValueError(
+            f"the chunk at byte {position} has {size} bytes behind it, its index takes at most {largest} of them"
+        )
+    stream.seek(record.end)
+    behind = stream.read(size)
+    indexes = BytesIO(behind)
     entries: list[bytes] = []
     counts: Counter[int] = Counter()
     while at < size:

@@ -15,6 +15,7 @@ import numpy as np
 
 from pipeline.core.arrays import I64
 from pipeline.core.errors import RecordingError
+from pipeline.core.text import one_line
 from readers.files.damage import Losses
 from readers.files.rows import sort_rows
 from readers.location import Location
@@ -128,7 +129,7 @@ def _topics(rows: Sequence[tuple[Any, ...]], losses: Losses) -> list[tuple[int, 
     for id_, name, msgtype, encoding in rows:
         if not isinstance(id_, int) or name is None or msgtype is None:
             reason = f"a topic without a number, name or type (found {id_!r}, {name!r}, {msgtype!r})"
-            losses.note(0, " ".join(reason.split())[:200])
+            losses.note(0, one_line(reason, max_characters=200))
             continue
         topics.append((id_, text_of(name), text_of(msgtype), text_of(encoding)))
     return topics
@@ -159,7 +160,7 @@ def _is_usable(row: tuple[Any, ...], losses: Losses) -> bool:
     """Whether the log time, id and topic id of a message are integers; else they are noted."""
     if all(isinstance(value, int) for value in row):
         return True
-    time, id_, topic_id = (" ".join(repr(value).split())[:50] for value in row)
+    time, id_, topic_id = (one_line(repr(value), max_characters=50) for value in row)
     losses.note(0, f"message {id_}: expected integers, found log time {time} and topic {topic_id}", messages=1)
     return False
 

@@ -17,6 +17,7 @@ from typing import Any, TypeVar, cast
 
 from pipeline.core.errors import LidcamError, MessageError, is_short_memory
 from pipeline.core.messages import RawMessage
+from pipeline.core.text import one_line
 
 __all__ = ["decoder"]
 
@@ -39,7 +40,7 @@ def decoder(decode: Decode) -> Decode:
                 raise
             message = next(argument for argument in arguments if isinstance(argument, RawMessage))
             logger.debug("%s: not foreseen by its decoder", message.topic, exc_info=True)
-            reason = " ".join(str(err).split())[:200]
+            reason = one_line(err, max_characters=200)
             raise MessageError(
                 f"{message.topic}: {len(message.data)} bytes of a {message.channel.msgtype} whose values cannot be "
                 f"used ({type(err).__name__}: {reason})"

@@ -16,7 +16,7 @@ from bags.simulator.recorder.files import RecordingFormat, recording_file, recor
 from bags.simulator.recorder.messages import MessageFactory
 from lidcam.commands.inspect import InspectOptions, run_inspect
 from lidcam.outputs.allowed import check_no_input, check_replaced
-from lidcam.outputs.made import made_by_lidcam
+from lidcam.outputs.made import Made, made_by_lidcam
 from lidcam.settings.choice import choose_settings
 from pipeline.core.errors import OutputError
 from pipeline.core.messages import RawMessage
@@ -106,6 +106,15 @@ def test_what_is_cut_or_changed_is_not_lidcam_s(results: Path, tmp_path: Path, n
         assert made_by_lidcam(path) is None, position
     path.write_bytes(content + b"\n")
     assert made_by_lidcam(path) is None or name == "sim.bag"
+
+
+@pytest.mark.parametrize("made", ["result", "simulated", "text"])
+@pytest.mark.parametrize("name", ["out.foxglove.json", "sim.bag.rig.yaml"])
+def test_a_text_that_is_not_replaced_is_not_called_a_recording(tmp_path: Path, name: str, made: Made) -> None:
+    (tmp_path / name).write_text("{}")
+    with pytest.raises(OutputError, match=r"edited, or written by an earlier version\); choose another name") as raised:
+        check_replaced(made, overwrite=False)(tmp_path / name)
+    assert "recording" not in str(raised.value)
 
 
 def test_an_mcap_of_another_program_is_not_lidcam_s(tmp_path: Path) -> None:

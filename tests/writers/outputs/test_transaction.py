@@ -132,6 +132,19 @@ def test_one_file_by_two_names_is_refused(tmp_path: Path) -> None:
     assert names_in(tmp_path) == ["out.mcap", "out.rrd"]
 
 
+@pytest.mark.parametrize(
+    ("output", "beside"), [("out.mcap", "out.foxglove.json"), ("x.bag", "x.bag.rig.yaml"), ("out.rrd", "out.mcap")]
+)
+def test_a_refusal_names_the_output_not_what_is_written_beside_it(tmp_path: Path, output: str, beside: str) -> None:
+    paths = [tmp_path / output, tmp_path / beside]
+    with (
+        OutputTransaction(paths),
+        pytest.raises(OutputError, match=rf"{output}: is being written by another run"),
+        OutputTransaction(paths[::-1]),
+    ):
+        pass
+
+
 def test_a_second_run_with_an_output_is_refused(tmp_path: Path) -> None:
     (tmp_path / "sub").mkdir()
     (tmp_path / "link").symlink_to(tmp_path)

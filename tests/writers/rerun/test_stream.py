@@ -88,6 +88,21 @@ def test_a_full_disk_is_an_error(left: int, disk: SlowDisk, tmp_path: Path) -> N
     assert not any(thread.name == "lidcam-rerun" for thread in threading.enumerate())
 
 
+def test_no_memory_for_a_thread(disk: SlowDisk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def start(_: threading.Thread) -> None:
+        raise RuntimeError("can't start new thread")
+
+    logged = recording()
+    before = len(list(Path("/dev/fd").iterdir()))
+    with monkeypatch.context() as patched:
+        patched.setattr(threading.Thread, "start", start)
+        with pytest.raises(RuntimeError, match="can't start"):
+            RerunStream(logged, disk, tmp_path / "out.rrd")
+    assert len(list(Path("/dev/fd").iterdir())) == before
+    log(logged, 50)  # Rerun has no pipe that nobody reads
+    logged.flush(timeout_sec=5.0)
+
+
 def test_it_waits_for_a_slow_disk(disk: SlowDisk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(writers.rerun.stream, "TICK_S", 0.01)
     monkeypatch.setattr(writers.rerun.stream, "STALL_S", 0.05)

@@ -1,5 +1,6 @@
 """What a changed bit in the index of a ROS 1 bag, or in the records that it lists, does to what is read."""
 
+import struct
 from collections.abc import Callable
 from io import BytesIO
 from pathlib import Path
@@ -123,6 +124,30 @@ def test_what_contradicts_itself_is_no_index(name: bytes, extra: int, value: byt
     content[place : place + len(value)] = value
     with pytest.raises(ValueError, match=said):
         contents_of_index(BytesIO(bytes(content)))
+
+
+class LargestRead(BytesIO):
+    """A file that remembers the most bytes that were asked for at once."""
+
+    largest = 0
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        data = super().read(size)
+        self.largest = max(self.largest, len(data))
+        return data
+
+
+def test_an_index_that_lost_a_chunk_does_not_read_that_chunk_into_memory() -> None:
+    content = sound_recording("rosbag1-none").files["rec.bag"]
+    index_at = content.index(b"index_pos=") + len(b"index_pos=")
+    (index_position,) = struct.unpack_from("<Q", content, index_at)
+    foreign = bytes(5 << 20)
+    changed = bytearray(content[:index_position] + foreign + content[index_position:])
+    struct.pack_into("<Q", changed, index_at, index_position + len(foreign))
+    stream = LargestRead(bytes(changed))
+    with pytest.raises(ValueError, match="bytes behind it"):
+        contents_of_index(stream)
+    assert stream.largest < 1 << 20
 
 
 @pytest.mark.parametrize("kind", KINDS)
