@@ -39,7 +39,13 @@ def pass_starts(log_times_ns: I64, topics: I64) -> Sequence[int]:
     Returns:
         Rows of the first message of each pass but the first; mostly none.
     """
-    if not len(log_times_ns) or (np.maximum.accumulate(log_times_ns) - log_times_ns).max() <= JUMP_NS:
+    if not len(log_times_ns):
+        return ()
+    behind_ns = np.maximum.accumulate(log_times_ns)
+    behind_ns -= log_times_ns
+    longest_ns = behind_ns.max()
+    del behind_ns
+    if longest_ns <= JUMP_NS:
         return ()
     by_topic = np.argsort(topics, kind="stable")
     befores, afters = by_topic[:-1], by_topic[1:]

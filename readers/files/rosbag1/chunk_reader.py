@@ -6,7 +6,6 @@ from functools import cached_property
 from io import BytesIO
 from typing import BinaryIO
 
-import numpy as np
 from rosbags.rosbag1.reader import read_bytes
 
 from pipeline.core.settings.recording import LimitsConfig
@@ -26,6 +25,7 @@ from readers.files.rosbag1.chunk import (
 from readers.files.rosbag1.connections import Connection, agreed, connection_of, is_same
 from readers.files.rosbag1.index import Chunk, Contents
 from readers.files.rosbag1.records import Record
+from readers.files.rows import counts_of, least_by
 
 __all__ = ["ChunkReader"]
 
@@ -62,9 +62,8 @@ class ChunkReader:
         """The connections, compared with the first chunks in which they have messages."""
         connections = dict(self._contents.connections)
         index = self._contents.index
-        ids, rows = np.unique(index[np.argsort(index[:, 1], kind="stable"), 3], return_index=True)
         begun: dict[int, list[int]] = {position: [] for position in sorted(self._contents.chunks)[:1]}
-        for id_, first in zip(ids.tolist(), np.sort(index[:, 1])[rows].tolist(), strict=True):
+        for id_, first in sorted(least_by(index[:, 3], index[:, 1]).items()):
             begun.setdefault(first, []).append(id_)
         left = MAX_BYTES_AT_OPENING
         for position, begun_here in sorted(begun.items()):
@@ -208,5 +207,4 @@ class ChunkReader:
     @cached_property
     def _counts(self) -> Counter[int]:
         """Number of messages by chunk position."""
-        positions, counts = np.unique(self._contents.index[:, 1], return_counts=True)
-        return Counter(dict(zip(positions.tolist(), counts.tolist(), strict=True)))
+        return counts_of(self._contents.index[:, 1])

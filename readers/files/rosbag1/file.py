@@ -22,6 +22,7 @@ from readers.files.rosbag1.chunk import Entry, Found
 from readers.files.rosbag1.chunk_reader import ChunkReader
 from readers.files.rosbag1.index import Contents, contents_of_index
 from readers.files.rosbag1.recovery import contents_of_scan
+from readers.files.rows import counts_of, in_order
 from readers.messages.header_stamp import stamp_or_log_time
 from readers.recording import RosVersion, TopicInfo, merge_topics
 
@@ -55,9 +56,7 @@ class Rosbag1File(Container):
         connections = self._chunks.confirm_connections() if is_indexed else contents.connections
         self._channels = {id_: connection.channel for id_, connection in connections.items()}
         self._pass_places = _pass_places(self._index)
-        counts = Counter(
-            dict(zip(*(a.tolist() for a in np.unique(self._index[:, 3], return_counts=True)), strict=True))
-        )
+        counts = counts_of(self._index[:, 3])
         self.topics = merge_topics(
             TopicInfo(channel.topic, channel.msgtype, counts[id_], (channel,))
             for id_, channel in self._channels.items()
@@ -138,12 +137,15 @@ class Rosbag1File(Container):
             chunks, offsets = index[:, 1], index[:, 2]
             is_behind = (chunks > begin[0]) | ((chunks == begin[0]) & (offsets >= begin[1]))
             index = index[is_behind & ((chunks < end[0]) | ((chunks == end[0]) & (offsets < end[1])))]
-        by_chunk = np.argsort(index[:, 1], kind="stable")
-        positions, starts = np.unique(index[by_chunk, 1], return_index=True)
-        ends = [*starts[1:].tolist(), len(by_chunk)]
-        for number in np.argsort(by_chunk[starts]).tolist():
-            rows = index[by_chunk[starts[number] : ends[number]]]
-            yield int(positions[number]), list(map(Entry._make, rows[:, (0, 2, 3)].tolist()))
+        by_chunk = None if in_order(index, (1,)) else np.argsort(index[:, 1], kind="stable")
+        sorted_positions = index[:, 1] if by_chunk is None else index[by_chunk, 1]
+        starts = np.r_[0, np.flatnonzero(sorted_positions[1:] != sorted_positions[:-1]) + 1][: len(index)]
+        positions, ends = sorted_positions[starts].tolist(), [*starts[1:].tolist(), len(index)]
+        del sorted_positions
+        for number in np.argsort(starts if by_chunk is None else by_chunk[starts]).tolist():
+            part = slice(int(starts[number]), ends[number])
+            rows = index[part] if by_chunk is None else index[by_chunk[part]]
+            yield positions[number], list(map(Entry._make, rows[:, (0, 2, 3)].tolist()))
 
     def _read(self, due: tuple[int, int, int, Found], left: Counter[int]) -> RawMessage | None:
         """A message; None if it is damaged, which is noted."""
@@ -169,6 +171,8 @@ def _messages(contents: Contents) -> bytes:
 
 def _pass_places(index: I64) -> list[_FilePlace]:
     """Where the second and later passes of the recorder's clock begin; mostly none."""
+    if in_order(index, (1, 2)):  # log times rise through the file
+        return []
     in_file = np.lexsort((index[:, 2], index[:, 1]))
     starts = pass_starts(index[in_file, 0], index[in_file, 3])
     return [(int(index[in_file[start], 1]), int(index[in_file[start], 2])) for start in starts]

@@ -26,12 +26,15 @@ from readers.files.rosbag1.records import (
     Record,
     read_record,
 )
+from readers.files.rows import counts_of, sort_rows
 
-__all__ = ["Chunk", "Contents", "by_time", "contents_of_index"]
+__all__ = ["BY_TIME", "Chunk", "Contents", "contents_of_index"]
 
 COMPRESSIONS = {b"none": "none", b"bz2": "bz2", b"lz4": "lz4"}
 ENTRY = np.dtype([("sec", "<u4"), ("nanosec", "<u4"), ("offset", "<u4")])
 UINT32_PAIR = struct.Struct("<II")
+BY_TIME = (0, 1, 2)
+"""Columns of `Contents.index` that it is sorted by: log time, chunk, offset."""
 
 INDEX_HEADERS_BYTES = 1 << 20
 """Of all index records behind a chunk, at most; one takes 55 bytes."""
@@ -104,22 +107,23 @@ def contents_of_index(stream: BinaryIO) -> Contents:
             f"the index lists {len(connections)} and {len(infos)}"
         )
     chunks: dict[int, Chunk] = {}
-    parts = [np.zeros((0, 4), np.int64)]
+    count = sum(info.counts.total() for info in infos.values())
+    if count * ENTRY.itemsize > end:
+        raise ValueError(f"the index lists {count} messages, more than a file of {end} bytes holds")
+    index = np.empty((count, 4), np.int64)
+    filled = 0
     starts = [*sorted(infos), index_position]
     if header.end != starts[0]:
         raise ValueError(f"its first chunk is expected at byte {header.end}, the index says {starts[0]}")
     for position, following in pairwise(starts):
         chunks[position], rows = _chunk(stream, position, following, infos[position])
-        parts.append(rows)
-    index = by_time(np.concatenate(parts))
-    if unknown := {*np.unique(index[:, 3]).tolist()} - connections.keys():
+        sort_rows(rows, BY_TIME)  # mostly, nothing is left to be sorted then
+        index[filled : filled + len(rows)] = rows
+        filled += len(rows)
+    sort_rows(index, BY_TIME)
+    if unknown := counts_of(index[:, 3]).keys() - connections.keys():
         raise ValueError(f"it has messages of connection {min(unknown)}, which the index does not list")
     return Contents(connections, chunks, index)
-
-
-def by_time(index: I64) -> I64:
-    """The rows of an index in the order of (log time, chunk, offset)."""
-    return index[np.lexsort((index[:, 2], index[:, 1], index[:, 0]))]
 
 
 def _required(stream: BinaryIO, position: int, end: int, kind: int, name: str) -> Record:

@@ -13,7 +13,7 @@ from readers.files.damage import Losses
 from readers.files.decompress import Allowance, compression_of, unpack
 from readers.files.rosbag1.chunk import check_complete
 from readers.files.rosbag1.connections import Connection, agreed, connection_of, is_same
-from readers.files.rosbag1.index import Chunk, Contents, by_time
+from readers.files.rosbag1.index import BY_TIME, Chunk, Contents
 from readers.files.rosbag1.records import (
     CHUNK,
     CHUNK_INFO,
@@ -27,6 +27,7 @@ from readers.files.rosbag1.records import (
     looks_like_record,
     read_record,
 )
+from readers.files.rows import sort_rows
 
 __all__ = ["contents_of_scan"]
 
@@ -104,7 +105,7 @@ class _Scan:
     def contents(self, because: str) -> Contents:
         """What was found; what was lost is noted."""
         losses = self._losses
-        index = np.array(self._rows, np.int64).reshape(-1, 4)
+        index = np.frombuffer(self._rows, np.int64).reshape(-1, 4)
         known = np.isin(index[:, 3], list(self._connections))
         if not known.all():
             _, chunk, offset, _ = index[~known][0].tolist()
@@ -114,6 +115,7 @@ class _Scan:
                 "messages of connections whose record was lost: their topic and type are unknown",
                 messages=lost,
             )
+            index = index[known]
         self._match_counts()
         for part in sorted({*self._gaps, *self._found, *self._listed, *self._counted}):
             self._note(part)
@@ -123,7 +125,8 @@ class _Scan:
                 losses.note(self._index_position, reason, messages=0)
             else:
                 losses.note(self._end, "it was not closed: what the recorder had not written yet is missing")
-        return Contents(self._connections, self._chunks, by_time(index[known]), "scan")
+        sort_rows(index, BY_TIME)
+        return Contents(self._connections, self._chunks, index, "scan")
 
     def _match_counts(self) -> None:
         """Give counts at the end of the file that name no chunk to the chunks without one: a position was damaged."""

@@ -18,6 +18,7 @@ from readers.files.container import Container, Source
 from readers.files.damage import LIBRARY_ERRORS
 from readers.files.decompress import decompressed
 from readers.files.passes import pass_starts
+from readers.files.rows import counts_of, in_order
 from readers.files.sqlite.index import Contents, MissingRowsError, contents_of_tables, without_early_times
 from readers.files.sqlite.recovery import check_size, contents_of_scan, read_message
 from readers.messages.header_stamp import stamp_or_log_time
@@ -75,12 +76,11 @@ class SqliteFile(Container):
     def _set_contents(self, contents: Contents) -> None:
         self._channels: dict[int, Channel] = {}
         topics = []
-        ids, counts = np.unique(contents.rows[:, 2], return_counts=True)
-        count_by_topic = dict(zip(ids.tolist(), counts.tolist(), strict=True))
+        self._counts = counts_of(contents.rows[:, 2])
         distro = contents.distro or self._source.metadata.distro
         for topic_id, topic, recorded_type, encoding in contents.topics:
             msgtype = normalize_msgtype(recorded_type)
-            count = count_by_topic.get(topic_id, 0)
+            count = self._counts[topic_id]
             if encoding not in {"cdr", ""}:
                 reason = f"its messages are serialised as {' '.join(encoding.split())[:50]}, lidcam reads cdr"
                 topics.append(TopicInfo(topic, msgtype, count, (), reason))
@@ -91,11 +91,9 @@ class SqliteFile(Container):
             channel = Channel(topic, msgtype, "cdr", text if known else "", known or "ros2msg", distro, digest)
             self._channels[topic_id] = channel
             topics.append(TopicInfo(topic, msgtype, count, (channel,)))
-        listed = np.isin(contents.rows[:, 2], [topic_id for topic_id, *_ in contents.topics])
-        if not listed.all():
-            unlisted = int((~listed).sum())
+        self._rows = self._of_topics(contents.rows[:, :3], [topic_id for topic_id, *_ in contents.topics])
+        if unlisted := len(contents.rows) - len(self._rows):
             self._losses.note(0, "messages of a topic that the file does not list", messages=unlisted)
-        self._rows = contents.rows[listed, :3]
         self._other_times_ns = contents.other_times_ns
         self._passes = _passes(self._rows)
         self.topics = merge_topics(topics)
@@ -108,7 +106,13 @@ class SqliteFile(Container):
         """See `RecordingFile`."""
         wanted = [id_ for id_, channel in self._channels.items() if topics is None or channel.topic in topics]
         for rows in self._passes:
-            yield from self._messages_of(rows[np.isin(rows[:, 2], wanted)], start_ns, stop_ns)
+            yield from self._messages_of(self._of_topics(rows, wanted), start_ns, stop_ns)
+
+    def _of_topics(self, rows: I64, topic_ids: Collection[int]) -> I64:
+        """Those of some topics; not copied where that is all."""
+        if self._counts.keys() <= {*topic_ids}:
+            return rows
+        return rows[np.isin(rows[:, 2], [*topic_ids])]
 
     def _messages_of(self, rows: I64, start_ns: int | None, stop_ns: int | None) -> Iterator[RawMessage]:
         """Those of one pass of the recorder's clock."""
@@ -168,6 +172,8 @@ class SqliteFile(Container):
 
 def _passes(rows: I64) -> list[I64]:
     """The rows of each pass of the recorder's clock, as sorted as all of them; ids rise in the order of writing."""
+    if in_order(rows, (1,)):  # log times rise through the file
+        return [rows]
     in_file = np.argsort(rows[:, 1])
     starts = pass_starts(rows[in_file, 0], rows[in_file, 2])
     if not starts:

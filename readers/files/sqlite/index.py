@@ -17,11 +17,14 @@ from pipeline.core.arrays import I64
 from pipeline.core.errors import RecordingError
 from pipeline.core.text import one_line
 from readers.files.damage import Losses
+from readers.files.rows import sort_rows
 from readers.location import Location
 
 __all__ = ["Contents", "MissingRowsError", "contents_of_tables", "text_of", "without_early_times"]
 
 ROWS_AT_ONCE = 1 << 14
+BY_TIME = (0, 1)
+"""Columns of the rows that they are sorted by: log time, id."""
 
 
 class MissingRowsError(ValueError):
@@ -113,12 +116,12 @@ def text_of(value: object) -> str:
 
 def without_early_times(rows: I64, losses: Losses) -> I64:
     """The rows of messages since 1970; the others are noted."""
-    is_early = rows[:, 0] < 0
-    if is_early.any():
-        count, (first_ns, id_) = int(is_early.sum()), rows[is_early][0, :2].tolist()
+    count = int(np.searchsorted(rows[:, 0], 0))
+    if count:
+        first_ns, id_ = rows[0, :2].tolist()
         reason = f"messages of log times before 1970, the first of them message {id_} ({first_ns} ns)"
         losses.note(0, reason, messages=count)
-    return rows[~is_early]
+    return rows[count:]
 
 
 def _topics(rows: Sequence[tuple[Any, ...]], losses: Losses) -> list[tuple[int, str, str, str]]:
@@ -148,7 +151,9 @@ def _rows(database: sqlite3.Connection, losses: Losses) -> I64:
         if any(first >= second for first, second in pairwise(ids)):  # also ends a tree that contains itself
             raise ValueError("the messages are not in the order of their ids")
         last = ids[-1]
-    return _by_time(np.array(values, np.int64).reshape(-1, 3))
+    rows = np.frombuffer(values, np.int64).reshape(-1, 3)
+    sort_rows(rows, BY_TIME)
+    return rows
 
 
 def _is_usable(row: tuple[Any, ...], losses: Losses) -> bool:
@@ -173,22 +178,43 @@ def _compared(database: sqlite3.Connection, rows: I64, losses: Losses) -> tuple[
     name = next((name for name in names if columns[name] == ["timestamp"]), None)
     if name is None:
         return rows, {}
-    values = array("q")
     try:
         found = database.execute(f"SELECT timestamp, id FROM messages INDEXED BY {_quoted(name)} ORDER BY timestamp")
-        while (block := found.fetchmany(ROWS_AT_ONCE)) and len(values) <= 4 * (len(rows) + ROWS_AT_ONCE):
-            values.extend(chain.from_iterable(block))  # not more: the tree may contain itself
+        listed = _other_listing(found, rows)
     except (sqlite3.Error, TypeError, OverflowError) as err:
         losses.note(0, f"its index on the time cannot be read ({losses.reason(err)}), and is not used", messages=0)
         return rows, {}
-    listed = _by_time(np.array(values, np.int64).reshape(-1, 2))
-    if np.array_equal(listed, rows[:, :2]):
+    if listed is None:
         return rows, {}
     missing = np.setdiff1d(listed[:, 1], rows[:, 1])
     if len(missing):
         reason = f"its index on the time names {len(missing)} messages that its table lacks"
         raise MissingRowsError(reason, listed[:, 1])
     return _with_fitting_times(rows, listed, losses)
+
+
+def _other_listing(found: sqlite3.Cursor, rows: I64) -> I64 | None:
+    """(M, 2) log times and ids that an index lists, sorted by both; None where they are those of the rows."""
+    same = 0
+    values: array[int] | None = None
+    while block := found.fetchmany(ROWS_AT_ONCE):
+        listed = array("q", chain.from_iterable(block))
+        table = np.frombuffer(listed, np.int64).reshape(-1, 2)
+        if values is None and np.array_equal(table, rows[same : same + len(table), :2]):
+            same += len(table)
+            continue
+        if values is None:  # what was the same need not be read again
+            values = array("q", rows[:same, :2].tobytes())
+        values.extend(listed)
+        if len(values) > 4 * (len(rows) + ROWS_AT_ONCE):  # the tree may contain itself
+            break
+    if values is None:
+        if same == len(rows):
+            return None
+        values = array("q", rows[:same, :2].tobytes())
+    other = np.frombuffer(values, np.int64).reshape(-1, 2)
+    sort_rows(other, BY_TIME)
+    return None if np.array_equal(other, rows[:, :2]) else other
 
 
 def _with_fitting_times(rows: I64, listed: I64, losses: Losses) -> tuple[I64, dict[int, int]]:
@@ -210,11 +236,8 @@ def _with_fitting_times(rows: I64, listed: I64, losses: Losses) -> tuple[I64, di
         losses.note(0, "its index on the time lacks messages or names them twice, and is not used", messages=0)
     in_table = dict(rows[taken][:, (1, 0)].tolist())
     rows[taken, 0] = other[taken]
-    return _by_time(rows), in_table
-
-
-def _by_time(rows: I64) -> I64:
-    return rows[np.lexsort((rows[:, 1], rows[:, 0]))]
+    sort_rows(rows, BY_TIME)
+    return rows, in_table
 
 
 def _columns(database: sqlite3.Connection, table: str) -> set[str]:

@@ -73,4 +73,4 @@ def test_sixteen_bytes_a_message() -> None:
     survey(recording)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert peak < 100 * 20_000  # with the copies that the figures need
+    assert peak < 48 * 20_000  # with one column for the figures
