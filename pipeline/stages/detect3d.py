@@ -1,8 +1,11 @@
 """Detection in the combined cloud: from an engine's proposals to the boxes of a frame."""
 
-import numpy as np
+from collections.abc import Iterator
 
-from pipeline.core.arrays import F64, Bools, Indices
+import numpy as np
+from scipy.spatial import cKDTree
+
+from pipeline.core.arrays import F64, Indices
 from pipeline.core.clouds import CombinedCloud
 from pipeline.core.detections import Boxes3D
 from pipeline.core.geometry.boxes import rotations_2d, wrap_angle
@@ -18,7 +21,7 @@ OVERLAP_SHARE = 0.25
 """If one of two boxes has more than this share of its ground inside the other, only the better one is kept."""
 
 BLOCK, PAIRS = 256, 1 << 14
-"""Boxes, and pairs of boxes, that are compared at once: a cloud can be made of any number of small clusters."""
+"""Boxes whose neighbours are sought, and pairs that are compared, at once: a cloud may hold many small clusters."""
 
 
 class Detect3D:
@@ -63,31 +66,45 @@ def _suppress_overlaps(centers: F64, sizes: F64, yaws: F64) -> Indices:
     grid = np.stack(np.meshgrid(steps, steps, indexing="ij"), -1).reshape(-1, 2)
     samples = centers[:, None, :2] + (grid * sizes[:, None, :2]) @ rotations_2d(yaws).transpose(0, 2, 1)  # (N, G, 2)
     boxes = np.column_stack([centers[:, :2], sizes[:, :2] / 2, np.cos(yaws), np.sin(yaws)])
-    kept = np.zeros(0, np.intp)
-    for start in range(0, len(centers), BLOCK):
-        rows = np.arange(start, min(start + BLOCK, len(centers)))
-        others = np.concatenate([kept, rows])
-        rivals = _rivals(rows, others, boxes, samples)
-        is_kept = others < start
-        for place in range(len(rows)):
-            is_kept[len(kept) + place] = not (rivals[place] & is_kept).any()
-        kept = others[is_kept]
-    return kept
+    kept = np.ones(len(centers), np.bool_)
+    for first, second in _rivals(boxes, samples):
+        for row, others in _by_row(first, second):
+            kept[row] = not kept[others].any()
+    return np.flatnonzero(kept)
 
 
-def _rivals(rows: Indices, others: Indices, boxes: F64, samples: F64) -> Bools:
-    """(R, O) whether a box or the other, which comes before it, has too much of its ground inside the other."""
-    gap = boxes[rows, None, :2] - boxes[others, :2]
+def _rivals(boxes: F64, samples: F64) -> Iterator[tuple[Indices, Indices]]:
+    """Boxes, and one before each of them, of which one has too much of its ground inside the other; in their order."""
+    if not len(boxes):
+        return
     reach_m = np.hypot(boxes[:, 2], boxes[:, 3])
-    near = np.hypot(gap[..., 0], gap[..., 1]) <= reach_m[rows, None] + reach_m[others]
-    first, second = np.nonzero(near & (others < rows[:, None]))
-    found = np.zeros(near.shape, np.bool_)
-    for start in range(0, len(first), PAIRS):
-        i, j = first[start : start + PAIRS], second[start : start + PAIRS]
-        a, b = rows[i], others[j]
-        inside = np.maximum(_share_inside(boxes[a], samples[b]), _share_inside(boxes[b], samples[a]))
-        found[i, j] = inside > OVERLAP_SHARE
-    return found
+    tree = cKDTree(boxes[:, :2])
+    for start in range(0, len(boxes), BLOCK):
+        rows = np.arange(start, min(start + BLOCK, len(boxes)))
+        largest_m = (reach_m[rows] + reach_m.max()) * (1 + 1e-9)
+        lists = tree.query_ball_point(boxes[rows, :2], largest_m)
+        first, second = np.repeat(rows, [len(one) for one in lists]), np.concatenate(lists).astype(np.intp)
+        is_before = second < first
+        first, second = first[is_before], second[is_before]
+        gap = boxes[first, :2] - boxes[second, :2]
+        is_near = np.hypot(gap[:, 0], gap[:, 1]) <= reach_m[first] + reach_m[second]
+        first, second = first[is_near], second[is_near]
+        inside = np.empty(len(first))
+        for begin in range(0, len(first), PAIRS):
+            i, j = first[begin : begin + PAIRS], second[begin : begin + PAIRS]
+            inside[begin : begin + PAIRS] = np.maximum(
+                _share_inside(boxes[i], samples[j]), _share_inside(boxes[j], samples[i])
+            )
+        is_rival = inside > OVERLAP_SHARE
+        yield first[is_rival], second[is_rival]
+
+
+def _by_row(first: Indices, second: Indices) -> Iterator[tuple[int, Indices]]:
+    """The second ones of each first one, which come together."""
+    rows, starts = np.unique(first, return_index=True)
+    yield from zip(
+        rows.tolist(), np.split(second, starts[1:]), strict=False
+    )  # without any, the split is one empty part
 
 
 def _share_inside(boxes: F64, samples: F64) -> F64:

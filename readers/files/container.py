@@ -10,7 +10,10 @@ from readers.files.rosbag2_folder import FolderMetadata
 from readers.location import Location
 from readers.recording import Loss, ReadOptions
 
-__all__ = ["Container", "Source"]
+__all__ = ["MAX_BYTES_AT_OPENING", "Container", "Source"]
+
+MAX_BYTES_AT_OPENING = 8 << 20
+"""Chunks that are read to compare definitions with those in an index when a file is opened; others as they are read."""
 
 
 @dataclass(frozen=True, slots=True)

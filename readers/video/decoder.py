@@ -13,7 +13,7 @@ import numpy as np
 from av.codec.context import Flags
 
 from pipeline.core.errors import MessageError, is_short_memory
-from pipeline.core.messages import Channel, RawMessage
+from pipeline.core.messages import Channel, RawMessage, time_fault
 from pipeline.core.ros.messages import ROS2
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from pipeline.core.text import one_line
@@ -32,7 +32,6 @@ MAX_HELD = 32
 JPEG_QUALITY = 95
 
 _DECODERS = {"av1": "libdav1d"}  # FFmpeg's own needs a graphics card
-_STAMP_END_NS = 2**31 * 10**9
 
 
 class VideoDecoder:
@@ -157,7 +156,7 @@ def _image(frame: Any, stamp_ns: int, frame_id: str) -> bytes:
     done, jpeg = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
     if not done:
         raise ValueError("too large")
-    stamp_ns = stamp_ns if 0 <= stamp_ns < _STAMP_END_NS else 0
+    stamp_ns = 0 if time_fault(stamp_ns) else stamp_ns
     return bytes(
         ROS2.serialize(ROS2.compressed_image(stamp_ns, frame_id, "jpeg", np.asarray(jpeg, np.uint8).reshape(-1)))
     )

@@ -258,8 +258,7 @@ def try_kill(folder: Path, chance: Random) -> Outcome:
     leftovers = [name for name in seen if name not in is_known]
     if run.is_hung:
         return fault("hang after a signal")
-    is_lost = run.code == 0 and run.err.startswith("Exception ignored in") and "_get_module_lock" in run.err
-    if "Traceback" in run.err and not is_lost:
+    if "Traceback" in run.err:
         return fault("traceback after a signal")
     if set(versions) - {"before", "new"}:
         return fault("a file under a final name is neither old nor new")
@@ -288,8 +287,6 @@ def try_kill(folder: Path, chance: Random) -> Outcome:
     if seen != sorted(kind.outputs):
         return fault("leftovers after the next run")
     ended = {0: "had ended", -number: "killed"}.get(run.code, "ended itself")
-    if is_lost:  # the interpreter calls the handler where it throws away what that raises
-        return Outcome(f"{signal.Signals(number).name} during an import of the interpreter: had no effect")
     return Outcome(f"{signal.Signals(number).name} {'at a call' if is_at_call else 'at a time'}: {ended}")
 
 

@@ -13,7 +13,7 @@ from typing import Any, Self
 
 from pipeline.core.errors import MessageError, OutputError
 from pipeline.core.frame import FrameResult
-from pipeline.core.messages import Drop, RawMessage
+from pipeline.core.messages import Drop, RawMessage, time_fault
 from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.ros.messages import ROS2
 from pipeline.core.ros.qos import LATCHED_YAML
@@ -33,9 +33,6 @@ from writers.provenance import Provenance
 from writers.viewpoint import SceneSurvey
 
 __all__ = ["McapResultWriter"]
-
-_STAMP_END_NS = 2**31 * 10**9
-"""builtin_interfaces/Time counts seconds in 31 bits."""
 
 _NOT_COPIED = "the image cannot be copied"
 
@@ -96,11 +93,10 @@ class McapResultWriter:
         log_time_ns, stamp_ns = result.bundle.log_time_ns, result.bundle.stamp_ns
         not_copied: list[Drop] = []
         stamps_ns = [stamp_ns, *(message.stamp_ns for message in result.bundle.messages.values())]
-        if not 0 <= min(stamps_ns) <= max(stamps_ns) < _STAMP_END_NS:
-            wrong_ns = next(stamp for stamp in stamps_ns if not 0 <= stamp < _STAMP_END_NS)
+        for fault in filter(None, map(time_fault, stamps_ns)):
             raise OutputError(
-                f"{self._path}: frame {result.bundle.index}: stamp {wrong_ns} ns does not fit a ROS 2 "
-                "header (1970 to 2038); cut that part off with --start and --duration"
+                f"{self._path}: frame {result.bundle.index}: a stamp does not fit a ROS 2 header, {fault}; "
+                "cut that part off with --start and --duration"
             )
         with output_errors(self._path):
             if self._messages == 0:

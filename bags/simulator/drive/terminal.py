@@ -79,15 +79,15 @@ def terminal_keys(descriptor: int) -> Iterator[TerminalKeys]:
     def end(_: int, __: FrameType | None) -> None:
         keys.end()
 
-    restore = partial(termios.tcsetattr, descriptor, termios.TCSADRAIN, before)
+    restore_now = partial(termios.tcsetattr, descriptor, termios.TCSANOW, before)
     try:
         for number in ENDINGS:
             signal.signal(number, end)
-        with undone_at_once(restore):
+        with undone_at_once(restore_now):
             tty.setcbreak(descriptor)
             yield keys
     finally:
         with contextlib.suppress(OSError, termios.error):  # the terminal may be gone
-            restore()
+            termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
         for ending, handler in handlers.items():
             signal.signal(ending, handler)

@@ -13,6 +13,7 @@ import numpy as np
 from mcap.opcode import Opcode
 
 from pipeline.core.settings.recording import LimitsConfig
+from readers.files.container import MAX_BYTES_AT_OPENING
 from readers.files.mcap.chunk import (
     CHUNK_HEAD,
     MESSAGE_HEAD,
@@ -29,9 +30,6 @@ from readers.files.mcap.passes import INDEX_HEAD, PAIR_BYTES, indexed_messages
 from readers.files.mcap.records import record_at, summary_start
 
 __all__ = ["agrees_with_index", "check_places", "confirm_definitions"]
-
-MAX_BYTES_AT_OPENING = 8 << 20
-"""Chunks that are read to compare the records of channels when a file is opened; the others as they are read."""
 
 
 def check_places(stream: BinaryIO, contents: Contents) -> None:

@@ -10,6 +10,7 @@ from rosbags.rosbag1.reader import read_bytes
 
 from pipeline.core.settings.recording import LimitsConfig
 from readers.files.chunk_cache import ChunkCache, detach
+from readers.files.container import MAX_BYTES_AT_OPENING
 from readers.files.damage import LIBRARY_ERRORS, Losses
 from readers.files.rosbag1.chunk import (
     Comparison,
@@ -27,9 +28,6 @@ from readers.files.rosbag1.records import Record
 from readers.files.rows import counts_of, least_by
 
 __all__ = ["ChunkReader"]
-
-MAX_BYTES_AT_OPENING = 8 << 20
-"""Chunks that are read to compare the records of connections when a bag is opened; the others as they are read."""
 
 
 class ChunkReader:
@@ -103,8 +101,9 @@ class ChunkReader:
                 stream, begin, end = self._opened(position)
                 found, records = messages_of(stream, begin, end, self._limits)
                 comparison = compared(entries, found)
-                for record in records:  # too late to use the other record
-                    self._confirm(stream, record, position, dict(self._contents.connections))
+                connections = dict(self._contents.connections)  # too late to use the other record
+                for record in records:
+                    self._confirm(stream, record, position, connections)
         except LIBRARY_ERRORS as err:
             self._note_chunk(position, self._losses.reason(err))
             return []

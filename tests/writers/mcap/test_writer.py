@@ -312,6 +312,6 @@ def test_a_camera_named_like_an_output_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize("stamp_ns", [-1, 2**31 * 10**9])
 def test_a_stamp_that_ros_cannot_hold_is_one_clear_line(tmp_path: Path, stamp_ns: int) -> None:
     message = image_message("/left/image", START_NS, frame_id="left")._replace(stamp_ns=stamp_ns)
-    with pytest.raises(OutputError, match=f"frame 0: stamp {stamp_ns} ns does not fit a ROS 2 header"):
+    with pytest.raises(OutputError, match=f"frame 0: a stamp does not fit a ROS 2 header, {stamp_ns} ns lies"):
         write(tmp_path / "out.mcap", [with_messages(frame(), **{"/left/image": message})])
     assert names_in(tmp_path) == []

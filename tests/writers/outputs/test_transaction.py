@@ -1,7 +1,6 @@
 """Outputs appear together or not at all, whatever ends the run."""
 
 import os
-import signal
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
@@ -256,8 +255,8 @@ from pathlib import Path
 sys.path.insert(0, {root!r})
 from writers.outputs import exchange
 from writers.outputs.transaction import OutputTransaction
-paths, left = [Path(name) for name in sys.argv[2:]], [int(sys.argv[1])]
-def killing(name):
+
+def killing(name, left):
     real = getattr(Path, name)
     def call(self, *arguments, **options):
         if left[0] == 0:
@@ -265,28 +264,53 @@ def killing(name):
         left[0] -= 1
         return real(self, *arguments, **options)
     setattr(Path, name, call)
-for name in ("rename", "replace", "unlink", "rmdir", "mkdir", "chmod"):
-    killing(name)
-with OutputTransaction(paths) as outputs:
-    for path in paths:
-        outputs[path].part.write_text("new")
-print("done")
+
+os.fsync = lambda _: None
+
+def run(step, folder):
+    left = [step]
+    for name in ("rename", "replace", "unlink", "rmdir", "mkdir", "chmod"):
+        killing(name, left)
+    paths = [Path(folder, name) for name in sys.argv[1].split()]
+    with OutputTransaction(paths) as outputs:
+        for path in paths:
+            outputs[path].part.write_text("new")
+
+for step, folder in enumerate(sys.argv[2:]):
+    pid = os.fork()
+    if not pid:
+        code = 1
+        try:
+            run(step, folder)
+            code = 0
+        finally:
+            os._exit(code)
+    print(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]))
 """
+MAX_STEPS = 60
 
 
 @pytest.mark.parametrize("old", [0, 3])
-def test_a_run_killed_at_any_step_leaves_all_or_none_to_the_next(tmp_path: Path, old: int) -> None:
+def test_a_run_killed_at_any_step_leaves_all_or_none_to_the_next(
+    tmp_path: Path, old: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """After the kill the main output is old, or all are new; after a run that fails, all are old or all are new."""
-    for step in range(60):
-        folder = tmp_path / str(step)
+    monkeypatch.setattr(os, "fsync", lambda _: None)  # a disk is slow, and a kill loses nothing of what it has
+    folders = [tmp_path / str(step) for step in range(MAX_STEPS)]
+    for folder in folders:
         folder.mkdir()
-        paths = three(folder)
-        for path in paths[:old]:
+        for path in three(folder)[:old]:
             path.write_text("older")
-        code = KILLED.format(root=str(ROOT))
-        run = subprocess.run([sys.executable, "-S", "-c", code, str(step), *paths], capture_output=True, check=False)
-        was_killed = run.returncode == -signal.SIGKILL
-        assert was_killed or run.stdout == b"done\n", run.stderr
+    names = " ".join(path.name for path in three(tmp_path))
+    command: list[str | Path] = [sys.executable, "-S", "-c", KILLED.format(root=str(ROOT)), names, *folders]
+    codes = subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()
+    assert len(codes) == MAX_STEPS
+    steps = codes.index("0")
+    assert 10 < steps < MAX_STEPS
+    assert set(codes[:steps]) == {"-9"}
+    assert set(codes[steps:]) == {"0"}
+    for step, folder in enumerate(folders[: steps + 1]):
+        paths = three(folder)
         if paths[0].exists() and paths[0].read_text() == "new":
             assert texts(paths) == ["new"] * 3
         with pytest.raises(ValueError, match="next"):
@@ -297,7 +321,3 @@ def test_a_run_killed_at_any_step_leaves_all_or_none_to_the_next(tmp_path: Path,
             write(paths, "half", ValueError("next"))
         assert found == [path.read_text() if path.exists() else None for path in paths]
         assert names_in(folder) == sorted(path.name for path in paths if path.exists())
-        if not was_killed:
-            assert step > 10
-            return
-    pytest.fail("there are more steps than that")

@@ -6,10 +6,12 @@ import signal
 import termios
 import time
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 
 from bags.simulator.drive.terminal import terminal_keys
+from pipeline.core.ending import undo_all
 
 Terminal = tuple[int, int]  # what a user's hand holds, and the program's end
 
@@ -113,3 +115,23 @@ def test_what_is_no_key_is_passed_over(terminal: Terminal) -> None:
         os.write(hand, b"\xff\xc3w")
         time.sleep(0.05)
         assert keys.pressed(0) == ("w", False)
+
+
+def test_a_stopped_terminal_does_not_hold_up_the_end(terminal: Terminal, monkeypatch: pytest.MonkeyPatch) -> None:
+    """After Ctrl-S what was printed is not written: a program that is told to end may not wait for that."""
+    _, program = terminal
+    before = termios.tcgetattr(program)
+    asked: list[int] = []
+    real = termios.tcsetattr
+
+    def setting(descriptor: int, when: int, attributes: Any) -> None:
+        asked.append(when)
+        real(descriptor, when, attributes)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(termios, "tcsetattr", setting)
+        with terminal_keys(program):
+            asked.clear()
+            undo_all()
+            assert asked == [termios.TCSANOW]
+            assert termios.tcgetattr(program) == before

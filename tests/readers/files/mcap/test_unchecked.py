@@ -117,9 +117,7 @@ def test_a_record_that_no_chunk_holds_is_told(tmp_path: Path) -> None:
     state = raw("/odom", "nav_msgs/msg/Odometry", odometry(stamp_ns=5), 5, 5)
     write_mcap(path, [state], "none", enable_crcs=False)
     content = bytearray(path.read_bytes())
-    kind = (
-        content.index(b"nav_msgs/msg/Odometry") - 15
-    )  # before the name: opcode, size, id, size of the name
+    kind = content.index(b"nav_msgs/msg/Odometry") - 15  # before the name: opcode, size, id, size of the name
     assert content[kind] == 3
     content[kind] = FOOTER
     path.write_bytes(content)
