@@ -118,7 +118,7 @@ def opened(job: Job) -> Iterator["Run"]:
 @contextmanager
 def _opened(job: Job) -> Iterator["Run"]:
     options = ReadOptions("as_needed" if job.on_bad_message == "skip" else "none", job.config.limits)
-    with sensor_messages(open_recording(job.inputs, options)) as recording:
+    with sensor_messages(open_recording(job.inputs, options), limits=options.limits) as recording:
         names = ", ".join(map(str, recording.paths))
         seconds = (recording.end_ns - recording.start_ns) / 1e9
         logger.info(
