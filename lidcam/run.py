@@ -262,9 +262,10 @@ class Run:
     def _count_early_drops(self) -> None:
         """Messages that were found bad while the rig was sought; those of the motion are met again."""
         motion_topics = self.source.motion.topics if self.source.motion else ()
-        for drop in self.found.transforms.drops:
+        for drop, count in self.found.transforms.drops:
             if drop.topic not in motion_topics:
-                self._drops.add_bad(drop)
+                for _ in range(count):
+                    self._drops.add_bad(drop)
 
 
 def check_not_empty(recording: Recording) -> None:
