@@ -41,6 +41,10 @@ ONE_COPY = {
 """What is written once and without a checksum in a container, so that no reader can tell that it was altered."""
 
 
+NO_END = {"pcap", "pcapng"}
+"""Captures: their files may end after any packet."""
+
+
 class Verdict(NamedTuple):
     """How the reading of one damaged recording went; `is_fault` if it falls short."""
 
@@ -80,6 +84,8 @@ def judge(sound: SoundRecording, path: Path, recovery: Recovery) -> Verdict:
         altered = bool(unknown) and sound.checked
         kind = " (messages twice or invented)" if more else " (among them altered ones)" if altered else ""
         return Verdict(f"different, told{kind}", is_fault=False, detail=f"{detail}; {reasons}")
+    if difference == {"loss"} and sound.kind in NO_END and messages == sound.messages[: len(messages)]:
+        return Verdict("cut between two packets, no end in this format", is_fault=False, detail=detail)
     if difference and all(sound.kind in ONE_COPY.get(part, ()) for part in difference):
         return Verdict(f"{text} only, no second copy in this format", is_fault=False, detail=detail)
     return Verdict(f"SILENT: {text}", is_fault=True, detail=detail)

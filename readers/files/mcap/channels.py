@@ -12,6 +12,7 @@ from mcap.records import Schema
 from rosbags.typesys.msg import normalize_msgtype
 
 from pipeline.core.messages import Channel
+from pipeline.core.text import one_line
 from readers.messages.foxglove import ROS_TYPES
 
 __all__ = ["channel_of", "message_type"]
@@ -49,8 +50,8 @@ def channel_of(recorded: RecordedChannel, schema: Schema | None, distro: str) ->
     if schema is None or known is None or (known[0] in {"protobuf", "json"} and msgtype not in ROS_TYPES):
         found = f"{recorded.message_encoding or 'no'} encoding, {schema.encoding if schema else 'no'} schema {msgtype}"
         return (
-            f"its messages have {found.strip()}; lidcam reads cdr (ros2msg, ros2idl), ros1 (ros1msg), and in protobuf "
-            f"and json {', '.join(ROS_TYPES)}"
+            f"its messages have {one_line(found)}; lidcam reads cdr (ros2msg, ros2idl), ros1 (ros1msg), and in "
+            f"protobuf and json {', '.join(ROS_TYPES)}"
         )
     encoding, definition_format = known
     definition = _definition(schema.data, encoding == "protobuf")

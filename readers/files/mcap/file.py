@@ -32,6 +32,9 @@ from readers.recording import RosVersion, TopicInfo, merge_topics
 
 __all__ = ["McapFile"]
 
+OUTSIDE_OF_CHUNKS = {*Opcode} - {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE}
+"""What a chunk may not hold (mcap.dev/spec). Opcodes that nobody knows yet are skipped, as the specification says."""
+
 
 class McapFile(Container):
     """One open MCAP file; see `RecordingFile`."""
@@ -198,6 +201,9 @@ class McapFile(Container):
                     entries.append(entry_of(records, at, position, at, size))
                 elif opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:  # too late to use them
                     self._definitions.add(opcode, records[at : at + size], position, is_checked=False)
+                elif opcode in OUTSIDE_OF_CHUNKS:
+                    reason = f"a record with opcode {opcode} in a chunk, where none may be: it was another one"
+                    self._losses.note(position, reason)
             is_comparable = position != self._cut_chunk and not isinstance(self.path, RemotePath)
             if is_comparable and not agrees_with_index(self._stream, place, entries):
                 reason = "the index behind this chunk does not agree with the messages in it, which are used"

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from builders import odometry, raw, write_mcap
 from sound_recordings import SoundRecording, read_all, sound_recording, write_files
 
 from pipeline.core.errors import RecordingError
@@ -108,6 +109,23 @@ def test_the_checksum_of_the_data_is_compared_where_there_are_no_chunks(tmp_path
     messages, (loss,) = read_all(path, "as_needed")
     assert len(messages) == len(sound.messages)
     assert "the checksum of its data is wrong" in loss.reason
+
+
+def test_a_record_that_no_chunk_holds_is_told(tmp_path: Path) -> None:
+    """A definition whose kind was changed is not there to be compared."""
+    path = tmp_path / "a.mcap"
+    state = raw("/odom", "nav_msgs/msg/Odometry", odometry(stamp_ns=5), 5, 5)
+    write_mcap(path, [state], "none", enable_crcs=False)
+    content = bytearray(path.read_bytes())
+    kind = (
+        content.index(b"nav_msgs/msg/Odometry") - 15
+    )  # before the name: opcode, size, id, size of the name
+    assert content[kind] == 3
+    content[kind] = FOOTER
+    path.write_bytes(content)
+    messages, losses = read_all(path, "as_needed")
+    assert len(messages) == 1
+    assert "a record with opcode 2 in a chunk, where none may be" in losses[0].reason
 
 
 def test_an_index_that_cannot_be_read_costs_nothing(tmp_path: Path) -> None:
