@@ -82,7 +82,7 @@ def bundles(source: RunInput, drops: DropTable, stats: SyncStats, clocks: Clocks
     """
     recording, window = source.recording, source.window
     topics = synchronized_topics(source.config, source.rig)
-    motion = MotionBuffer(source.motion, on_drop=drops.add_bad)
+    motion = MotionBuffer(source.motion, limits=source.config.limits, on_drop=drops.add_bad)
     video = VideoStreams(video_topics(recording, topics), limits=source.config.limits)
     if window.start_ns is not None:
         motion.read_ahead(recording, window.start_ns)
@@ -93,7 +93,7 @@ def bundles(source: RunInput, drops: DropTable, stats: SyncStats, clocks: Clocks
         found = _synchronized(motion.tap(part), source, drops, stats)
         found = video.without_blanks(found, on_drop=drops.add, on_bad=drops.add_bad)
         yield from found if source.motion is None else _with_motion(found, motion)
-        motion = MotionBuffer(source.motion, on_drop=drops.add_bad)
+        motion = MotionBuffer(source.motion, limits=source.config.limits, on_drop=drops.add_bad)
 
 
 def _synchronized(

@@ -95,9 +95,10 @@ def inspect_recording(inputs: Sequence[Location], choice: SettingsChoice, rig: R
         CalibrationError: a rig file cannot be read, or does not fit.
         RecordingError: it cannot be opened or is empty.
     """
+    limits = choice.config.limits
     with (
         short_memory_told(f"inspect {', '.join(map(str, inputs))}"),
-        sensor_messages(open_recording(inputs, ReadOptions(limits=choice.config.limits))) as recording,
+        sensor_messages(open_recording(inputs, ReadOptions(limits=limits)), limits=limits) as recording,
     ):
         return inspect_open(recording, choice, rig, _window(recording))
 

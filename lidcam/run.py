@@ -118,7 +118,7 @@ def opened(job: Job) -> Iterator["Run"]:
 @contextmanager
 def _opened(job: Job) -> Iterator["Run"]:
     options = ReadOptions("as_needed" if job.on_bad_message == "skip" else "none", job.config.limits)
-    with sensor_messages(open_recording(job.inputs, options)) as recording:
+    with sensor_messages(open_recording(job.inputs, options), limits=options.limits) as recording:
         names = ", ".join(map(str, recording.paths))
         seconds = (recording.end_ns - recording.start_ns) / 1e9
         logger.info(
@@ -262,9 +262,10 @@ class Run:
     def _count_early_drops(self) -> None:
         """Messages that were found bad while the rig was sought; those of the motion are met again."""
         motion_topics = self.source.motion.topics if self.source.motion else ()
-        for drop in self.found.transforms.drops:
+        for drop, count in self.found.transforms.drops:
             if drop.topic not in motion_topics:
-                self._drops.add_bad(drop)
+                for _ in range(count):
+                    self._drops.add_bad(drop)
 
 
 def check_not_empty(recording: Recording) -> None:

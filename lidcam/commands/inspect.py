@@ -80,7 +80,7 @@ def run_inspect(options: InspectOptions) -> None:
         else:
             with (
                 open_recording(options.inputs, ReadOptions("full_scan", options.settings.config.limits)) as recorded,
-                sensor_messages(recorded) as recording,
+                sensor_messages(recorded, limits=options.settings.config.limits) as recording,
             ):
                 check_no_input(files, recording.paths)
                 inspection = inspect_open(recording, options.settings, options.rig, TimeWindow())

@@ -7,12 +7,17 @@ import numpy as np
 
 from pipeline.core.arrays import F64, check_array
 from pipeline.core.camera import CameraModel
+from pipeline.core.errors import CalibrationError
 from pipeline.core.geometry.transform import Transform
 
 __all__ = ["BOXES_SUFFIX", "CameraSensor", "LidarSensor", "Rig", "Zone", "default_zones"]
 
 BOXES_SUFFIX = " (boxes)"
 """Follows a camera's name where its recorded boxes are meant."""
+
+
+MAX_LIDARS = 255
+"""Each point keeps the row of its lidar in one byte."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,10 +89,13 @@ class Rig:
 
     Attributes:
         site_frame: The frame in which clouds are combined and objects are reported (x forward, y left, z up; REP 103).
-        lidars: At least one.
+        lidars: At least one, at most `MAX_LIDARS`.
         cameras: Empty for a lidar-only run.
         zones: An object belongs to the first zone that contains its centre; empty where nobody asks for zones.
         ground_height_m: Expected z of the ground at the site origin; None if unknown.
+
+    Raises:
+        CalibrationError: there are more lidars than that.
     """
 
     site_frame: str
@@ -95,6 +103,10 @@ class Rig:
     cameras: tuple[CameraSensor, ...]
     zones: tuple[Zone, ...]
     ground_height_m: float | None = None
+
+    def __post_init__(self) -> None:
+        if len(self.lidars) > MAX_LIDARS:
+            raise CalibrationError(f"{len(self.lidars)} lidars, expected at most {MAX_LIDARS}: see topics.exclude")
 
     @property
     def sensor_of_topic(self) -> Mapping[str, str]:

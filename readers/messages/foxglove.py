@@ -24,6 +24,7 @@ from pipeline.core.errors import MessageError, is_short_memory
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.messages import Channel, RawMessage
 from pipeline.core.ros.messages import POINT_FIELD_DATATYPES, ROS2
+from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from pipeline.core.text import one_line
 from readers.messages.foxglove_wire import Fields, payload, read_fields, time_ns
 
@@ -51,14 +52,14 @@ def ros_channel(channel: Channel) -> Channel:
     return Channel(channel.topic, msgtype, "cdr", ROS2.definition(msgtype), "ros2msg")
 
 
-def to_ros(message: RawMessage) -> RawMessage:
+def to_ros(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS) -> RawMessage:
     """The message as a ROS 2 message of `ros_channel`; without data and with a `problem` if it cannot be read.
 
     Its stamp is the message's timestamp; for transforms, which have a timestamp each, it is the log time.
     """
     source, channel = message.channel, ros_channel(message.channel)
     try:
-        fields = read_fields(message)
+        fields = read_fields(message, limits=limits)
         stamp_ns = time_ns(fields["timestamp"]) if "timestamp" in fields else message.log_time_ns
         data = ROS2.serialize(_CONVERSIONS[source.msgtype](fields, stamp_ns))
     except Exception as err:  # JSON values of any type, and errors of protobuf and rosbags

@@ -3,6 +3,7 @@
 from pipeline.core.errors import FrameError, MessageError
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.messages import RawMessage
+from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from readers.messages.boundary.decoding import decoder
 from readers.messages.deserialize import deserialize_as
 from readers.messages.tf import clean_frame
@@ -13,13 +14,13 @@ ODOMETRY = "nav_msgs/msg/Odometry"
 
 
 @decoder
-def decode_odometry(message: RawMessage) -> Transform:
+def decode_odometry(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS) -> Transform:
     """The pose of the child frame, which is empty if the publisher does not name it, in the frame that it moves in.
 
     Raises:
         MessageError: not an Odometry, the frames are missing or equal, or the pose is invalid.
     """
-    odometry = deserialize_as(message, ODOMETRY)
+    odometry = deserialize_as(message, ODOMETRY, limits=limits)
     parent, child = clean_frame(odometry.header.frame_id), clean_frame(odometry.child_frame_id)
     if not parent or parent == child:
         raise MessageError(f"{message.topic}: expected two frame names, found frame_id {parent!r}, child {child!r}")

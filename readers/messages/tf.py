@@ -47,13 +47,13 @@ class RecordedTransforms:
         fixed: Transforms that do not change.
         moving: Parent by child, for frames that move.
         faults: What is wrong with a frame's recorded transform, by child; such transforms are not used.
-        drops: Messages that could not be decoded.
+        drops: The first message of each topic that could not be decoded, and how many there were.
     """
 
     fixed: TransformTree
     moving: Mapping[str, str] = field(default_factory=dict)
     faults: Mapping[str, str] = field(default_factory=dict)
-    drops: tuple[Drop, ...] = ()
+    drops: tuple[tuple[Drop, int], ...] = ()
 
     def lookup(self, dst: str, src: str) -> Transform:
         """T_dst_src over fixed transforms alone.
@@ -137,7 +137,7 @@ def read_transforms(
     static, dynamic = tf_topics(recording)
     fixed = TransformTree()
     faults: dict[str, str] = {}
-    drops: list[Drop] = []
+    drops: dict[str, tuple[Drop, int]] = {}
     seen: dict[str, Transform] = {}
     moving: dict[str, str] = {}
     names = _Names(limits)
@@ -158,7 +158,7 @@ def read_transforms(
         if child not in moving:
             fixed.add_static(transform)
     known = {child: reason for child, reason in faults.items() if not fixed.is_static(child)}
-    return RecordedTransforms(fixed, moving, known, tuple(drops))
+    return RecordedTransforms(fixed, moving, known, tuple(drops.values()))
 
 
 class _Names:
@@ -222,7 +222,7 @@ def _first_of(recording: Recording, topics: list[str], span_ns: int) -> Iterator
 
 
 def _transforms(
-    messages: Iterable[RawMessage], drops: list[Drop], names: _Names
+    messages: Iterable[RawMessage], drops: dict[str, tuple[Drop, int]], names: _Names
 ) -> Iterator[tuple[RawMessage, Transform | CalibrationError, str]]:
     for message in messages:
         try:
@@ -230,4 +230,6 @@ def _transforms(
                 names.take(child, message.topic)
                 yield message, transform, child
         except MessageError as err:
-            drops.append(Drop(message.topic, message.stamp_ns, "cannot be decoded", str(err)))
+            drop = Drop(message.topic, message.stamp_ns, "cannot be decoded", str(err))
+            first, count = drops.get(message.topic, (drop, 0))
+            drops[message.topic] = first, count + 1

@@ -14,6 +14,7 @@ from rosbags.interfaces import Nodetype
 
 from pipeline.core.errors import MessageError
 from pipeline.core.messages import Channel, RawMessage
+from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from readers.messages.boundary.decoding import decoder
 from readers.messages.deserialize import deserialize, typestore_for
 from readers.messages.header_stamp import stamp_or_log_time
@@ -36,7 +37,7 @@ Parts = Mapping[tuple[str, int], Channel]
 """Channel of each part, by (field, index from 0)."""
 
 
-def find_combined(recording: Recording) -> dict[Channel, Parts]:
+def find_combined(recording: Recording, *, limits: LimitsConfig = DEFAULT_LIMITS) -> dict[Channel, Parts]:
     """Channels of combined messages, with the parts found in their first messages.
 
     Raises:
@@ -44,18 +45,20 @@ def find_combined(recording: Recording) -> dict[Channel, Parts]:
     """
     channels = [channel for info in recording.topics if info.message_count for channel in info.channels]
     lists = {channel: fields for channel in channels if (fields := _lists(channel))}
-    found = {channel: _parts(channel, fields, recording) for channel, fields in lists.items()}
+    found = {channel: _parts(channel, fields, recording, limits) for channel, fields in lists.items()}
     return {channel: parts for channel, parts in found.items() if parts}
 
 
-def split(message: RawMessage, parts: Parts, wanted: Container[str]) -> Iterator[RawMessage]:
+def split(
+    message: RawMessage, parts: Parts, wanted: Container[str], *, limits: LimitsConfig = DEFAULT_LIMITS
+) -> Iterator[RawMessage]:
     """The parts of a message on the topics `wanted`, in the order of its fields and lists, with its log time.
 
     A message that cannot be decoded becomes one message with that problem on each topic. A part that none of the first
     messages had is skipped: it has no topic.
     """
     try:
-        yield from _split(message, parts, wanted)
+        yield from _split(message, parts, wanted, limits)
     except MessageError as err:
         for place, channel in enumerate(parts.values()):
             if channel.topic in wanted:
@@ -64,8 +67,8 @@ def split(message: RawMessage, parts: Parts, wanted: Container[str]) -> Iterator
 
 
 @decoder
-def _split(message: RawMessage, parts: Parts, wanted: Container[str]) -> list[RawMessage]:
-    whole, store = deserialize(message), typestore_for(message.channel)
+def _split(message: RawMessage, parts: Parts, wanted: Container[str], limits: LimitsConfig) -> list[RawMessage]:
+    whole, store = deserialize(message, limits=limits), typestore_for(message.channel)
     serialize = store.serialize_ros1 if message.channel.encoding == "ros1" else store.serialize_cdr
     found = []
     for place, ((name, index), channel) in enumerate(parts.items()):
@@ -90,12 +93,12 @@ def _lists(channel: Channel) -> dict[str, str]:
     return {name: str(item[1]) for name, item in lists.items() if item[0] == Nodetype.NAME and item[1] in PART_TYPES}
 
 
-def _parts(channel: Channel, fields: dict[str, str], recording: Recording) -> Parts:
+def _parts(channel: Channel, fields: dict[str, str], recording: Recording, limits: LimitsConfig) -> Parts:
     counts = dict.fromkeys(fields, 0)
     same = (message for message in recording.messages([channel.topic]) if message.channel == channel)
     for message in islice(same, PROBED):
         try:
-            whole = deserialize(message)
+            whole = deserialize(message, limits=limits)
         except MessageError:
             continue
         counts = {name: max(count, len(getattr(whole, name))) for name, count in counts.items()}

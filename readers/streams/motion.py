@@ -19,6 +19,7 @@ from pipeline.core.geometry.transform import Transform
 from pipeline.core.messages import Drop, RawMessage, time_fault
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
+from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from readers.messages.odometry import ODOMETRY, decode_odometry
 from readers.messages.tf import TF_TYPES, RecordedTransforms, clean_frame, decode_transforms, tf_topics
 from readers.recording import Recording
@@ -72,7 +73,7 @@ def find_motion_source(
     """
     if not config.combine.motion.enabled:
         return None
-    first = FirstMessages(recording)
+    first = FirstMessages(recording, limits=config.limits)
     infos = [
         info for info in recording.topics if info.msgtype == ODOMETRY and info.message_count and not info.unreadable
     ]
@@ -191,9 +192,16 @@ class MotionBuffer:
     extrapolated.
     """
 
-    def __init__(self, source: MotionSource | None, *, on_drop: Callable[[Drop], None] = lambda _: None) -> None:
+    def __init__(
+        self,
+        source: MotionSource | None,
+        *,
+        limits: LimitsConfig = DEFAULT_LIMITS,
+        on_drop: Callable[[Drop], None] = lambda _: None,
+    ) -> None:
         """Without a source the site stands still: no topics, no poses."""
         self._source = source or MotionSource((), "", "", ())
+        self._limits = limits
         self._on_drop = on_drop
         self._tracks = {link: _Track() for link in self._source.links if isinstance(link, str)}
         links = self._source.links
@@ -250,7 +258,7 @@ class MotionBuffer:
     def _take(self, message: RawMessage) -> None:
         if message.channel.msgtype in TF_TYPES:
             fault: FrameError | None = None
-            for stamp_ns, transform, child in decode_transforms(message):
+            for stamp_ns, transform, child in decode_transforms(message, limits=self._limits):
                 if child not in self._tracks:
                     continue
                 if not_a_time := time_fault(stamp_ns):
@@ -264,7 +272,7 @@ class MotionBuffer:
             if fault:
                 raise fault
             return
-        pose = decode_odometry(message)
+        pose = decode_odometry(message, limits=self._limits)
         if pose.dst != self._source.fixed_frame_id:
             raise FrameError(f"pose in {pose.dst!r}, expected {self._source.fixed_frame_id!r} as in the first message")
         if not self._tracks[next(iter(self._tracks))].add(message.stamp_ns, pose.matrix):

@@ -9,6 +9,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import replace
 
 from pipeline.core.messages import Channel, RawMessage
+from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from readers.location import Location
 from readers.messages.foxglove import ROS_TYPES, ros_channel, to_ros
 from readers.recording import Closing, Loss, Recording, TopicInfo, merge_topics
@@ -21,18 +22,22 @@ from readers.video.packets import VIDEO, missing_decoder
 __all__ = ["sensor_messages"]
 
 
-def sensor_messages(recording: Recording) -> Recording:
+def sensor_messages(recording: Recording, *, limits: LimitsConfig = DEFAULT_LIMITS) -> Recording:
     """The recording with one topic and a ROS type for every sensor; closing it closes `recording`.
+
+    Args:
+        recording: Open recording.
+        limits: What a message that is split or converted may hold.
 
     Raises:
         RecordingError: the recording cannot be read; it is then closed.
     """
     try:
-        combined = find_combined(recording)
+        combined = find_combined(recording, limits=limits)
     except BaseException:
         recording.close()
         raise
-    adapted = _SensorMessages(recording, combined)
+    adapted = _SensorMessages(recording, combined, limits)
     return adapted if adapted.changes_anything else recording
 
 
@@ -46,11 +51,12 @@ def _problem(channel: Channel) -> str:
 class _SensorMessages(Closing):
     """See `Recording`; `message_count` counts a combined message once."""
 
-    def __init__(self, recording: Recording, combined: Mapping[Channel, Parts]) -> None:
+    def __init__(self, recording: Recording, combined: Mapping[Channel, Parts], limits: LimitsConfig) -> None:
         channels = {channel for info in recording.topics for channel in info.channels}
         packets = {channel for channel in channels if channel.msgtype == PACKET}
         self._recording = recording
         self._combined = combined
+        self._limits = limits
         self._foreign = {channel for channel in channels if channel.encoding in {"protobuf", "json"}}
         self._closed = {channel: problem for channel in channels if (problem := _problem(channel))}
         self._packets = packets - self._closed.keys()
@@ -87,9 +93,9 @@ class _SensorMessages(Closing):
         recorded = None if topics is None else {self._whole.get(topic, topic) for topic in topics}
         for message in self._recording.messages(recorded, start_ns=start_ns, stop_ns=stop_ns):
             if message.channel in self._combined:
-                yield from split(message, self._combined[message.channel], wanted)
+                yield from split(message, self._combined[message.channel], wanted, limits=self._limits)
             elif message.channel not in self._closed and message.topic in wanted:  # a topic may be read for its parts
-                yield to_ros(message) if message.channel in self._foreign else message
+                yield to_ros(message, limits=self._limits) if message.channel in self._foreign else message
 
     def close(self) -> None:
         """Close the recording."""

@@ -80,6 +80,7 @@ LIMITS = LimitsConfig(
     max_message_mib=2,
     max_messages_per_chunk=2000,
     max_messages_in_memory=10_000,
+    max_positions_waiting=10_000,
     max_topics=20,
     max_points=100_000,
     max_image_mpx=1.0,

@@ -182,10 +182,10 @@ class McapFile(Container):
 
     def _check_waiting(self, left: Counter[int]) -> None:
         """Refuse chunks that overlap in time so far that too many messages are in memory."""
-        if left.total() > self._limits.max_messages_in_memory:
+        if left.total() > self._limits.max_positions_waiting:
             raise RecordingError(
-                f"{self.path}: more than {self._limits.max_messages_in_memory} messages of chunks that overlap in "
-                "time: rewrite it in the order of time, or raise limits.max_messages_in_memory"
+                f"{self.path}: more than {self._limits.max_positions_waiting} messages of chunks that overlap in "
+                "time: rewrite it in the order of time, or raise limits.max_positions_waiting"
             )
 
     def _entries_of(self, place: ChunkPlace, taken: Callable[[Entry], bool]) -> list[Entry]:

@@ -270,10 +270,10 @@ class _Scan:
                 self._take_doubtful(record.start)
 
     def _take_loose(self, record: Record) -> None:
-        if len(self.contents.loose) >= self._limits.max_messages_in_memory:
+        if len(self.contents.loose) >= self._limits.max_positions_waiting:
             raise RecordingError(
-                f"more than {self._limits.max_messages_in_memory} messages outside of chunks: rewrite it with chunks, "
-                "or raise limits.max_messages_in_memory"
+                f"more than {self._limits.max_positions_waiting} messages outside of chunks: rewrite it with chunks, "
+                "or raise limits.max_positions_waiting"
             )
         self._stream.seek(record.content)
         entry = entry_of(read_exactly(self._stream, MESSAGE_HEAD.size), 0, 0, record.content, record.size)

@@ -116,10 +116,10 @@ class Rosbag1File(Container):
                     continue
                 heappush(waiting, (log_time_ns, position, offset, found))
                 left[position] += 1
-            if len(waiting) > self._limits.max_messages_in_memory:
+            if 2 * len(waiting) > self._limits.max_positions_waiting:  # each takes twice as much as one of MCAP
                 raise RecordingError(
-                    f"{self.path}: more than {self._limits.max_messages_in_memory} messages of chunks that overlap in "
-                    "time: rewrite it in the order of time, or raise limits.max_messages_in_memory"
+                    f"{self.path}: more than {self._limits.max_positions_waiting // 2} messages of chunks that overlap "
+                    "in time: rewrite it in the order of time, or raise limits.max_positions_waiting"
                 )
         while waiting:
             if message := self._read(heappop(waiting), left):

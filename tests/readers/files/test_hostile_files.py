@@ -174,14 +174,16 @@ def test_a_chunk_of_too_many_messages_in_a_damaged_bag(tmp_path: Path) -> None:
 
 
 def test_more_messages_than_memory_holds(tmp_path: Path) -> None:
-    few = LimitsConfig(max_messages_in_memory=30)
+    few = LimitsConfig(max_messages_in_memory=30, max_positions_waiting=30)
     write_mcap(tmp_path / "loose.mcap", states(50), use_chunking=False)
     overlapping = [m._replace(log_time_ns=i % 5) for i, m in enumerate(states(50))]
     write_mcap(tmp_path / "overlapping.mcap", overlapping, chunk_bytes=3000)
     write_rosbag1(tmp_path / "cut.bag", states(50, "ros1"))
     (tmp_path / "cut.bag").write_bytes((tmp_path / "cut.bag").read_bytes()[:-1])
     for path in sorted(tmp_path.iterdir()):
-        with pytest.raises(RecordingError, match=r"more than 30 messages.* raise limits\.max_messages_in_memory"):
+        with pytest.raises(
+            RecordingError, match=r"more than 30 messages.* raise limits\.max_(messages_in_memory|positions_waiting)"
+        ):
             read(path, few)
 
 

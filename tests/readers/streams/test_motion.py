@@ -1,3 +1,4 @@
+from collections import deque
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from pipeline.core.errors import ConfigError
 from pipeline.core.messages import Drop, RawMessage
 from pipeline.core.settings.config import Config
+from pipeline.core.settings.recording import LimitsConfig
 from readers.rig.discovery import discover_rig
 from readers.streams.motion import MotionBuffer, MotionSource, find_motion_source
 
@@ -312,3 +314,16 @@ def test_poses_go_on_after_a_pause() -> None:
     window = buffer.window(1010 * 20 * MS)
     assert window is not None
     assert len(window.stamps_ns) == 20
+
+
+def test_a_larger_limit_of_a_message_reaches_the_motion() -> None:
+    others = [transform_stamped("base_link", f"f{i}", stamp_ns=0) for i in range(60)]
+    moves = [
+        tf(transform_stamped("odom", "base_link", stamp_ns=i * MS, translation=(i, 0, 0)), *others) for i in (1, 2)
+    ]
+    source = MotionSource(("/tf",), "base_link", "odom", ("base_link",))
+    for most, dropped in ((20, 2), (1000, 0)):
+        drops: list[Drop] = []
+        limits = LimitsConfig(max_message_items=most)
+        deque(MotionBuffer(source, limits=limits, on_drop=drops.append).tap(moves), maxlen=0)
+        assert len(drops) == dropped

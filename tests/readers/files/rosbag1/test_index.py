@@ -102,8 +102,11 @@ def test_a_changed_bit_in_a_message_is_told(
 def test_chunks_that_overlap_too_far_are_refused(tmp_path: Path) -> None:
     sound = sound_recording("rosbag1-lz4")
     path = write_files(tmp_path, sound, sound.files)
-    options = ReadOptions(limits=LimitsConfig(max_messages_in_memory=3))
-    with open_recording([path], options) as recording, pytest.raises(RecordingError, match="max_messages_in_memory"):
+    options = ReadOptions(limits=LimitsConfig(max_positions_waiting=6))
+    with (
+        open_recording([path], options) as recording,
+        pytest.raises(RecordingError, match=r"more than 3 .*max_positions_waiting"),
+    ):
         list(recording.messages())
 
 
