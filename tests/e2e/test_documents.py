@@ -198,7 +198,7 @@ def test_commands_do_what_they_say(
     assert told.out or "wrote" in told.err or ">" in words
 
 
-@pytest.mark.parametrize("command", INCOMPLETE)
+@pytest.mark.parametrize("command", sorted(INCOMPLETE))
 def test_the_page_of_a_command_that_ends_with_3_says_so(command: str) -> None:
     (page,) = (page for page in pages() if page.name == commands_of_pages()[command])
     around = page.read_text(encoding="utf-8").partition(command)

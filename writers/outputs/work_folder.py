@@ -33,6 +33,7 @@ _MAX_NAME_BYTES = 200
 
 _NO_LOCKS = {errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOTSUP, errno.EINVAL}
 _ATTEMPTS = 100
+_NOTE_ATTEMPTS = 100
 _MAX_NOTE_BYTES = 1 << 16
 
 
@@ -220,7 +221,7 @@ def _close(descriptor: int) -> None:
 
 def _who(descriptor: int, folder: Path) -> str:
     """The run that holds a lock; it writes its number a moment after it has locked."""
-    for _ in range(20):
+    for _ in range(_NOTE_ATTEMPTS):
         if found := _read_note(descriptor, folder):
             return f" (process {found.process}{'' if found.host == socket.gethostname() else f' on {found.host}'})"
         time.sleep(0.01)
