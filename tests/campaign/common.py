@@ -221,7 +221,8 @@ def run_child(
         timeout_s: When it is killed.
         cwd: Its folder.
         env: Its variables, on top of those of this process.
-        during: Called once it runs, for instance to send signals; must not wait for it.
+        during: Called once it runs, for instance to send signals, by `os.kill`: the methods of Popen wait for a
+            process that has ended, which is done here.
     """
     with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
         started = time.monotonic()
@@ -243,7 +244,7 @@ def run_child(
                 break
             if not is_hung and time.monotonic() - started > timeout_s:
                 is_hung = True
-                process.kill()
+                os.kill(process.pid, signal.SIGKILL)
             time.sleep(0.005)
         seconds = time.monotonic() - started
         process.returncode = os.waitstatus_to_exitcode(status)  # Popen must not wait for it again

@@ -5,8 +5,11 @@ away or exchanged for those of another database. What lidcam reads has to be wha
 the difference told, and no file of the folder may change.
 """
 
+import os
 import shutil
+import signal
 import sqlite3
+import subprocess
 import sys
 import time
 from collections import Counter
@@ -76,9 +79,9 @@ def _killed(folder: Path, mode: str, chance: Random) -> Path:
     path = write_files(folder, sound, sound.files)
     wait_s = chance.uniform(0.1, 0.25)
 
-    def kill(process: object) -> None:
+    def kill(process: subprocess.Popen[bytes]) -> None:
         time.sleep(wait_s)
-        process.kill()  # type: ignore[attr-defined]  # a Popen
+        os.kill(process.pid, signal.SIGKILL)  # it may have ended, but nobody has waited for it
 
     run_child([sys.executable, "-c", WRITER, path, mode], during=kill)
     return folder
