@@ -27,7 +27,7 @@ def _interrupted(
 
 _excepthook, sys.excepthook = sys.excepthook, _interrupted  # for Ctrl-C within the next lines
 
-from lidcam.packages import check_own_packages  # noqa: E402
+from lidcam.packages import check_own_packages  # noqa: E402  # behind the hook, which is for it
 
 check_own_packages()
 sys.excepthook = _excepthook

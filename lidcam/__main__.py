@@ -6,7 +6,7 @@ import lidcam
 
 sys.excepthook = lidcam._interrupted  # for Ctrl-C until signals are taken care of
 
-from lidcam.start.signals import end_at_signals  # noqa: E402
+from lidcam.start.signals import end_at_signals  # noqa: E402  # behind the hook, which is for it
 
 __all__ = ["main", "main_process"]
 

@@ -2,7 +2,7 @@
 
 Loaded before signals end a program well, so it does without pathlib and typing, which take long to load.
 """
-# ruff: noqa: PTH118, PTH120
+# ruff: noqa: PTH118, PTH120 (without pathlib, see above)
 
 import os
 import sys

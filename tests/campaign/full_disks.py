@@ -19,11 +19,8 @@ from pathlib import Path
 from random import Random
 
 from common import LIDCAM, Child, Outcome, campaign, run_child  # isort: skip
-import zstandard
-from builders import write_mcap
 from rerun.chunk import RrdReader
-from small_drive import small_drive
-from small_scenario import write_small_scenario
+from small_drive import small_inputs
 
 __all__ = ["TEST_COUNT", "main", "small_disk"]
 
@@ -123,7 +120,7 @@ def _judge(kind: Kind, out: Path, before: Files, expected: Files, child: Child) 
 
 
 def _run(kind: Kind, out: Path, wrapper: Sequence[str], env: Mapping[str, str]) -> Child:
-    found = {"in": _inputs() / kind.recording, "out": out}
+    found = {"in": small_inputs() / kind.recording, "out": out}
     arguments = [part.format_map(found) for part in kind.arguments.split()]
     return run_child([*wrapper, *LIDCAM, *arguments], timeout_s=TIMEOUT_S, env=env)
 
@@ -136,7 +133,7 @@ def _whole(kind: Kind) -> tuple[int, Files]:
         if child.returncode not in {0, 3}:
             raise RuntimeError(f"{kind} does not work with space enough: {child.stderr}")
         if kind.full == "temporary files":
-            return (_inputs() / "drive.mcap").stat().st_size, _files(Path(folder))
+            return (small_inputs() / "drive.mcap").stat().st_size, _files(Path(folder))
         return sum(path.stat().st_size for path in Path(folder).rglob("*")), _files(Path(folder))
 
 
@@ -172,23 +169,6 @@ def _rows(path: Path) -> str:
     except Exception as err:
         return f"cannot be read: {err}"
     return f"{sum(chunk.num_rows for chunk in chunks)} rows of {len({str(chunk.entity_path) for chunk in chunks})}"
-
-
-@cache
-def _inputs() -> Path:
-    """A folder with the recordings, which goes with this process."""
-    folder = tempfile.TemporaryDirectory(prefix="full_disks-")
-    _KEPT.append(folder)
-    path = Path(folder.name)
-    write_mcap(path / "drive.mcap", small_drive("cdr", frames=30, kinds=("images", "boxes")))
-    whole = (path / "drive.mcap").read_bytes()
-    (path / "damaged.mcap").write_bytes(whole[: len(whole) * 3 // 4])
-    (path / "drive.mcap.zstd").write_bytes(zstandard.compress(whole))
-    write_small_scenario(path / "small.yaml")
-    return path
-
-
-_KEPT: list[object] = []
 
 
 @contextmanager

@@ -22,10 +22,7 @@ from pathlib import Path
 from random import Random
 
 from common import LIDCAM, Child, Outcome, campaign, is_one_line, run_child  # isort: skip
-import zstandard
-from builders import write_mcap
-from small_drive import small_drive
-from small_scenario import write_small_scenario
+from small_drive import small_inputs
 
 __all__ = ["TEST_COUNT", "main"]
 
@@ -136,7 +133,7 @@ class _Sender:
 
 
 def _run(command: str, out: Path, temporary: Path, sender: _Sender | None = None) -> Child:
-    places = {"in": _inputs(), "out": out}
+    places = {"in": small_inputs(), "out": out}
     arguments = [part.format_map(places) for part in command.split()]
     try:
         return run_child([*LIDCAM, *arguments], timeout_s=TIMEOUT_S, env={"TMPDIR": str(temporary)}, during=sender)
@@ -180,23 +177,6 @@ def _processes(session: int) -> list[str]:
             break
         time.sleep(0.01)
     return found
-
-
-@cache
-def _inputs() -> Path:
-    """A folder with the recordings, which goes with this process."""
-    folder = tempfile.TemporaryDirectory(prefix="signals-")
-    _KEPT.append(folder)
-    path = Path(folder.name)
-    write_mcap(path / "drive.mcap", small_drive("cdr", frames=30, kinds=("images", "boxes")))
-    whole = (path / "drive.mcap").read_bytes()
-    (path / "damaged.mcap").write_bytes(whole[: len(whole) * 3 // 4])
-    (path / "drive.mcap.zstd").write_bytes(zstandard.compress(whole))
-    write_small_scenario(path / "small.yaml")
-    return path
-
-
-_KEPT: list[object] = []
 
 
 if __name__ == "__main__":

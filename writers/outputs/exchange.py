@@ -81,14 +81,7 @@ def sync(path: Path) -> None:
             sync(entry)
         sync_folder(path)
         return
-    descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
-    try:
-        os.fsync(descriptor)
-    except OSError as err:
-        if err.errno not in _CANNOT_SYNC:
-            raise
-    finally:
-        os.close(descriptor)
+    _sync_descriptor(os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC))
 
 
 def exchange(home: Path, exchanges: Sequence[Exchange]) -> None:
@@ -225,7 +218,11 @@ def sync_folder(folder: Path) -> None:
     Raises:
         OSError: the disk refuses.
     """
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    _sync_descriptor(os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC))
+
+
+def _sync_descriptor(descriptor: int) -> None:
+    """Wait for the disk, and close the descriptor."""
     try:
         os.fsync(descriptor)
     except OSError as err:
