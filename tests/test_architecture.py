@@ -15,6 +15,7 @@ MAX_FILES = 16
 MAY_IMPORT = {
     "pipeline.graph": set(),
     "pipeline.core": set(),
+    "pipeline.evaluation": {"pipeline.core"},
     "pipeline.filters": {"pipeline.core"},
     "pipeline.detectors": {"pipeline.core", "pipeline.filters"},
     "pipeline.stages": {"pipeline.core", "pipeline.filters", "pipeline.detectors"},

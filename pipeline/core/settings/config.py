@@ -11,6 +11,7 @@ from pydantic import Field, model_validator
 from pipeline.core.settings.classes import ROAD_CLASSES, ClassPrior
 from pipeline.core.settings.combine import CombineConfig
 from pipeline.core.settings.detect import Detect2DConfig, Detect3DConfig
+from pipeline.core.settings.evaluate import EvaluateConfig
 from pipeline.core.settings.fuse import AssociateConfig, FuseConfig
 from pipeline.core.settings.model import SettingsModel
 from pipeline.core.settings.recording import LimitsConfig, RigConfig, TopicsConfig, VelodyneConfig
@@ -36,6 +37,7 @@ class Config(SettingsModel):
     detect2d: Detect2DConfig = Detect2DConfig()
     associate: AssociateConfig = AssociateConfig()
     fuse: FuseConfig = FuseConfig()
+    evaluate: EvaluateConfig = EvaluateConfig()
     output: OutputConfig = OutputConfig()
     run: RunConfig = RunConfig()
     limits: LimitsConfig = LimitsConfig()

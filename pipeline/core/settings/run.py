@@ -16,6 +16,8 @@ class OutputConfig(SettingsModel):
         ground: Whether to write the points of the ground with it, as a topic of their own.
         layout: Whether to write a layout for Foxglove beside the MCAP.
         compression: Compression of the MCAP chunks.
+        copy_topics: Topics of the recording that are copied to the output as they are, as patterns like
+            `/ground_truth/*`; null: the topics of the truth, so that the result can be evaluated by itself.
     """
 
     images: bool = True
@@ -23,6 +25,7 @@ class OutputConfig(SettingsModel):
     ground: bool = True
     layout: bool = True
     compression: Literal["none", "lz4", "zstd"] = "lz4"
+    copy_topics: tuple[str, ...] | None = None
 
 
 class RunConfig(SettingsModel):

@@ -1,0 +1,51 @@
+"""Settings of evaluation."""
+
+from itertools import pairwise
+from typing import Annotated, Literal
+
+from pydantic import Field, field_validator
+
+from pipeline.core.settings.model import Corners, Count, NotNegative, Positive, SettingsModel
+
+__all__ = ["EvaluateConfig"]
+
+IouThreshold = Annotated[float, Field(gt=0, le=1)]
+
+
+class EvaluateConfig(SettingsModel):
+    """Comparison of results with truth.
+
+    Attributes:
+        iou: IoUs of rotated boxes from which a detection counts as right in the figures named by them (`ap_bev_r40_50`
+            is at 0.5).
+        distances: Up to which distance of the centres a detection counts as right in the figures by distance. `scaled`:
+            0.5, 1, 2 and 4 m times the length of the class (`classes.N.size_m`) over 4 m. `nuscenes`: as they are, with
+            the ranges of nuScenes, and the figures carry its name.
+        ranges_m: Edges of the ranges from the origin of the site frame by which figures are told apart; null: 0, 10,
+            20, 40 and 80 m, times the length of the first class over 4 m.
+        region: Corners x, y in the site frame of the part that is evaluated; null: everywhere.
+        max_range_m: What is farther from the origin of the site frame is not evaluated; null: no limit.
+        min_lidar_points: An object with fewer lidar points and with fewer pixels than `min_image_pixels` is neither a
+            miss nor an error. Truth without such counts is evaluated in any case.
+        min_image_pixels: See `min_lidar_points`; also of one image, for the 2D boxes of its camera.
+        truth_time: `stamp` compares with where an object was at the frame's stamp, `points` with where it was when the
+            lidars measured it, where the truth says that.
+        bootstrap: Samples drawn for intervals of 95 %.
+    """
+
+    iou: Annotated[tuple[IouThreshold, ...], Field(min_length=1)] = (0.25, 0.5, 0.7)
+    distances: Literal["scaled", "nuscenes"] = "scaled"
+    ranges_m: Annotated[tuple[NotNegative, ...], Field(min_length=2)] | None = None
+    region: Corners | None = None
+    max_range_m: Positive | None = None
+    min_lidar_points: Count = 1
+    min_image_pixels: Count = 1
+    truth_time: Literal["stamp", "points"] = "stamp"
+    bootstrap: Annotated[int, Field(ge=100)] = 1000
+
+    @field_validator("ranges_m")
+    @classmethod
+    def _ranges_rise(cls, edges: tuple[float, ...] | None) -> tuple[float, ...] | None:
+        if edges is not None and any(first >= second for first, second in pairwise(edges)):
+            raise ValueError(f"expected rising edges, found {', '.join(f'{edge:g}' for edge in edges)}")
+        return edges

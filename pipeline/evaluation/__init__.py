@@ -1,0 +1,1 @@
+"""How good results are: detection, tracking and fusion against truth, figures without truth, comparison of two runs."""

@@ -1,0 +1,193 @@
+"""What is evaluated: the results of a frame beside the truth about it."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Protocol, TypeAlias, Union
+
+import numpy as np
+import numpy.typing as npt
+
+from pipeline.core.arrays import F32, F64, I32, I64, Bools, Rows, check_array, select_rows
+from pipeline.core.detections import Boxes2D, Boxes3D
+
+__all__ = [
+    "UNKNOWN",
+    "EvaluationFrame",
+    "Evaluator",
+    "Figure",
+    "Figures",
+    "ImageBoxes",
+    "Names",
+    "SourceBoxes",
+    "TruthBoxes2D",
+    "TruthBoxes3D",
+]
+
+Names = npt.NDArray[np.str_]
+
+UNKNOWN = -1
+"""In place of a class, an id or a count that is not known."""
+
+Figure: TypeAlias = float | int | str | bool | None
+"""None: the figure is not defined, as a precision is without detections."""
+
+Figures: TypeAlias = Mapping[str, Union["Figures", Sequence["Figures"], Figure]]
+"""A tree of figures by name, as JSON has it; the names are lower case, joined by underscores."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TruthBoxes3D:
+    """True objects at one moment.
+
+    Attributes:
+        stamp_ns: The moment.
+        frame_id: Frame of `centers`.
+        centers: (N, 3) float64, centre of the box, metres.
+        sizes: (N, 3) float64, length, width, height, metres.
+        yaws: (N,) float64, about +z, in (-pi, pi].
+        class_ids: (N,) int32, row of the configured classes; `UNKNOWN` for an object of no configured class.
+        labels: (N,) str, the objects' classes as the truth names them (`van`, where the configured class is `truck`).
+        track_ids: (N,) int64, the same for the same object in all frames; `UNKNOWN` if the truth has none.
+        lidar_points: (N,) int32, lidar points on it; `UNKNOWN` if the truth does not say.
+        image_pixels: (N,) int32, pixels that show it, in all images; `UNKNOWN` if the truth does not say.
+        is_ignored: (N,) bool, neither a miss nor an error, whatever the results say about it.
+    """
+
+    stamp_ns: int
+    frame_id: str
+    centers: F64
+    sizes: F64
+    yaws: F64
+    class_ids: I32
+    labels: Names
+    track_ids: I64
+    lidar_points: I32
+    image_pixels: I32
+    is_ignored: Bools
+
+    def __post_init__(self) -> None:
+        n = len(self.yaws)
+        check_array("labels", self.labels, (n,), self.labels.dtype if self.labels.dtype.kind == "U" else np.str_)
+        check_array("centers", self.centers, (n, 3), np.float64)
+        check_array("sizes", self.sizes, (n, 3), np.float64)
+        check_array("yaws", self.yaws, (n,), np.float64)
+        check_array("class_ids", self.class_ids, (n,), np.int32)
+        check_array("track_ids", self.track_ids, (n,), np.int64)
+        check_array("lidar_points", self.lidar_points, (n,), np.int32)
+        check_array("image_pixels", self.image_pixels, (n,), np.int32)
+        check_array("is_ignored", self.is_ignored, (n,), np.bool_)
+
+    def __len__(self) -> int:
+        return len(self.yaws)
+
+    def select(self, rows: Rows) -> "TruthBoxes3D":
+        """The given rows (mask or indices), in that order."""
+        return select_rows(self, rows)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TruthBoxes2D:
+    """True objects in one image.
+
+    Attributes:
+        stamp_ns: Time of the image.
+        xyxy: (N, 4) float32, left, top, right, bottom of what the image shows of each object, pixels.
+        class_ids: (N,) int32, row of the configured classes; `UNKNOWN` for an object of no configured class.
+        labels: (N,) str, the objects' classes as the truth names them.
+        track_ids: (N,) int64, as in `TruthBoxes3D`.
+        image_pixels: (N,) int32, pixels of this image that show it; `UNKNOWN` if the truth does not say.
+        is_ignored: (N,) bool, neither a miss nor an error; regions that nobody labelled are such rows, too.
+    """
+
+    stamp_ns: int
+    xyxy: F32
+    class_ids: I32
+    labels: Names
+    track_ids: I64
+    image_pixels: I32
+    is_ignored: Bools
+
+    def __post_init__(self) -> None:
+        n = len(self.xyxy)
+        check_array("labels", self.labels, (n,), self.labels.dtype if self.labels.dtype.kind == "U" else np.str_)
+        check_array("xyxy", self.xyxy, (n, 4), np.float32)
+        check_array("class_ids", self.class_ids, (n,), np.int32)
+        check_array("track_ids", self.track_ids, (n,), np.int64)
+        check_array("image_pixels", self.image_pixels, (n,), np.int32)
+        check_array("is_ignored", self.is_ignored, (n,), np.bool_)
+
+    def __len__(self) -> int:
+        return len(self.xyxy)
+
+    def select(self, rows: Rows) -> "TruthBoxes2D":
+        """The given rows (mask or indices), in that order."""
+        return select_rows(self, rows)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SourceBoxes:
+    """What one source says about a frame.
+
+    Attributes:
+        boxes: Its objects.
+        track_ids: (N,) int64, the same for the same object in all frames; `UNKNOWN` where the result has none.
+    """
+
+    boxes: Boxes3D
+    track_ids: I64
+
+    def __post_init__(self) -> None:
+        check_array("track_ids", self.track_ids, (len(self.boxes),), np.int64)
+
+    def __len__(self) -> int:
+        return len(self.boxes)
+
+    def select(self, rows: Rows) -> "SourceBoxes":
+        """The given rows (mask or indices), in that order."""
+        return SourceBoxes(self.boxes.select(rows), self.track_ids[rows])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ImageBoxes:
+    """What was found in one image, and what it shows.
+
+    Attributes:
+        found: The 2D boxes of the camera.
+        truth: What the image shows; None if that is not known.
+    """
+
+    found: Boxes2D
+    truth: TruthBoxes2D | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EvaluationFrame:
+    """One frame of a result, with the truth at its time and in its frame of reference.
+
+    Attributes:
+        index: Number of the frame, from 0.
+        stamp_ns: Its time.
+        truth: The objects at that time, in the frame of the results; None if the truth does not cover the time.
+        sources: What was found, by source: `lidar`, `fused`, and `cameras` where a run places objects by cameras alone.
+        images: By camera name; only cameras with an image or boxes in this frame.
+        skew_ns: Largest minus smallest stamp of the messages that the frame is made of; None if not known.
+    """
+
+    index: int
+    stamp_ns: int
+    truth: TruthBoxes3D | None
+    sources: Mapping[str, SourceBoxes]
+    images: Mapping[str, ImageBoxes] = field(default_factory=dict)
+    skew_ns: int | None = None
+
+
+class Evaluator(Protocol):
+    """Takes the frames of a result in order, and says what they come to."""
+
+    def add(self, frame: EvaluationFrame) -> None:
+        """Take in one frame."""
+        ...
+
+    def figures(self) -> Figures:
+        """The figures of all frames so far."""
+        ...
