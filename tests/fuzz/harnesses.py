@@ -51,6 +51,7 @@ from pipeline.core.settings.load import dump_config, load_config
 from pipeline.core.settings.recording import LimitsConfig
 from readers.files.rosbag2_folder import recording_files
 from readers.messages.camera_info import camera_model, rectified_camera_model
+from readers.messages.conversion.to_ros2 import to_ros2
 from readers.messages.deserialize import definition_problem, deserialize, typestore_for
 from readers.messages.diagnostics import decode_diagnostics
 from readers.messages.image import decode_any_image
@@ -626,6 +627,7 @@ HARNESSES: dict[str, Harness] = {
         ),
     ),
     "odometry": Harness(_messages(ODOMETRY, decode_odometry), _message_seeds(ODOMETRY, odometry(stamp_ns=T0))),
+    "to_ros2": Harness(_messages(ODOMETRY, to_ros2), _message_seeds(ODOMETRY, odometry(stamp_ns=T0))),
     "detections2d": Harness(
         _messages(BOXES, lambda m: decode_detections2d(m, {"car": 0}, class_names=["car"])),
         _message_seeds(
