@@ -54,7 +54,8 @@ def decode_detections2d(
 ) -> Detections2D:
     """The boxes of a message, each with the class of its best hypothesis (of equal scores the first).
 
-    Classes are looked up by label, ignoring case. A number that is not a label is a row of `class_names`, the numbering
+    ROS 1's hypotheses with negative ids are no classes: lidcam's simulator has counts there. Classes are looked up by
+    label, ignoring case. A number that is not a label is a row of `class_names`, the numbering
     of the detector that wrote it. Rotated boxes (`theta`) become their upright hull. Scores are clipped to [0, 1].
 
     Args:
@@ -96,7 +97,7 @@ def _read(
 ) -> tuple[list[float], float, int] | str:
     """Left, top, right, bottom; score; class id. Or why the detection is not used."""
     hypotheses = [getattr(result, "hypothesis", result) for result in detection.results]
-    scored = [hypothesis for hypothesis in hypotheses if math.isfinite(hypothesis.score)]
+    scored = [one for one in hypotheses if math.isfinite(one.score) and not _is_negative(getattr(one, "id", 0))]
     if not scored:
         return "no class with a score"
     best = max(scored, key=lambda hypothesis: float(hypothesis.score))
@@ -108,6 +109,10 @@ def _read(
     if xyxy is None:
         return "box without an area or not finite"
     return xyxy, min(max(float(best.score), 0.0), 1.0), class_id
+
+
+def _is_negative(id: int | str) -> bool:
+    return isinstance(id, int) and id < 0
 
 
 def _name_of(label: str, class_ids: Mapping[str, int], class_names: Sequence[str]) -> str:

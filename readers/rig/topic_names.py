@@ -14,7 +14,7 @@ from itertools import chain, count, takewhile
 
 from readers.natural_order import natural_key
 
-__all__ = ["is_measured_image", "is_rectified", "pair_score", "place", "sensor_names", "transport_free"]
+__all__ = ["is_measured_image", "is_rectified", "is_truth", "pair_score", "place", "sensor_names", "transport_free"]
 
 TRANSPORTS = frozenset({"compressed", "compressedDepth", "theora", "ffmpeg", "foxglove", "zstd"})
 ROLE_WORDS = frozenset(
@@ -41,6 +41,11 @@ def transport_free(topic: str) -> str:
 def is_measured_image(topic: str) -> bool:
     """Whether a topic's name does not say depth, mask or label image."""
     return NOT_IMAGES.isdisjoint(re.split(r"[/_]", topic.lower()))
+
+
+def is_truth(topic: str) -> bool:
+    """Whether a topic's name says that it is ground truth, as those of lidcam's simulator do."""
+    return topic.startswith("/ground_truth/")
 
 
 def is_rectified(topic: str) -> bool:
