@@ -3,7 +3,7 @@ import pytest
 from builders import detection2d_array, image, pointcloud2, raw
 from velodyne import random_packets, scan
 
-from bags.simulator.recorder.messages import CLASS_NUMBERS
+from bags.simulator.recorder.hypotheses import CLASS_NUMBERS
 from pipeline.core.camera import CameraModel
 from pipeline.core.errors import MessageError
 from pipeline.core.frame import SensorBundle
