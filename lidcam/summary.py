@@ -10,13 +10,14 @@ from lidcam.build import BoxSource
 from lidcam.checks.incomplete import absent_lines, damage_lines, left_out_lines
 from lidcam.checks.missing import MissingSensor
 from lidcam.checks.warning import RunWarning
-from lidcam.settings.choice import UsedSettings, used_record
+from lidcam.settings.choice import UsedSettings
 from pipeline.core.errors import MessageError
 from pipeline.core.frame import FrameResult
 from pipeline.core.geometry.polygons import first_polygon_with
 from pipeline.core.messages import Drop
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
+from readers.input_file import InputFile
 from readers.recording import Loss
 from readers.rig.calibration import SensorSource
 from readers.rig.sensor_topics import SensorFault
@@ -161,6 +162,7 @@ class RunReport:
     """What a run did. Holds no open file: it can be pickled and sent between processes.
 
     Attributes:
+        inputs: The files that were read.
         frames: Number of frames.
         objects: Number of fused objects by (class name, zone name); the latter is empty where there are no zones.
         confirmed: Number of fused objects that at least one camera confirms.
@@ -178,6 +180,7 @@ class RunReport:
         skew_mean_ms: Mean spread of the stamps in a bundle.
         skew_max_ms: Largest spread.
         settings: Which settings were used, and why these.
+        settings_sha256: Checksum of all of them that affect the result.
         rig: The sensors, with their calibration and the zones.
         sensors: Where the calibration of each sensor was found.
         faults: Sensors that were left out, and why.
@@ -188,6 +191,7 @@ class RunReport:
         wall_seconds: For loading the stages, and from the first message to the last result.
     """
 
+    inputs: tuple[InputFile, ...]
     frames: int
     objects: Mapping[tuple[str, str], int]
     confirmed: int
@@ -205,6 +209,7 @@ class RunReport:
     skew_mean_ms: float
     skew_max_ms: float
     settings: UsedSettings
+    settings_sha256: str
     rig: Rig
     sensors: tuple[SensorSource, ...]
     faults: tuple[SensorFault, ...]
@@ -283,13 +288,15 @@ def loss_records(losses: Sequence[Loss]) -> list[dict[str, Any]]:
 
 
 def report_tree(report: RunReport) -> dict[str, Any]:
-    """The report of a run as plain values, for JSON."""
+    """The report of a run as plain values, for JSON, without what `lidcam.commands.envelope` puts around it."""
     return {
         "frames": report.frames,
-        "frames_per_second": report.frames_per_second,
-        "wall_seconds": report.wall_seconds,
-        "stage_ms": {name: 1e3 * spent / report.frames for name, spent in report.stage_seconds.items()},
-        "settings": used_record(report.settings),
+        "sync": {"skew_mean_ms": report.skew_mean_ms, "skew_max_ms": report.skew_max_ms},
+        "timing": {
+            "wall_s": report.wall_seconds,
+            "frames_per_second": report.frames_per_second,
+            "stage_ms": {name: 1e3 * spent / report.frames for name, spent in report.stage_seconds.items()},
+        },
         "box_source": report.box_source,
         "motion": {"topics": list(report.motion_topics), "compensated_frames": report.compensated},
         "objects": [{"class": c, "zone": z or None, "count": count} for (c, z), count in report.objects.items()],
@@ -302,9 +309,6 @@ def report_tree(report: RunReport) -> dict[str, Any]:
         "losses": loss_records(report.losses),
         "unused_topics": {topic.topic: topic.message_count for topic in report.unused_topics},
         "unused_boxes": dict(report.unused_boxes),
-        "sync_skew_ms": {"mean": report.skew_mean_ms, "max": report.skew_max_ms},
         "faults": [asdict(fault) for fault in report.faults],
-        "notes": list(report.notes),
-        "warnings": [asdict(warning) for warning in report.warnings],
         "outputs": [str(path) for path in report.outputs],
     }

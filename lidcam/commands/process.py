@@ -4,9 +4,11 @@ import logging
 import time
 from contextlib import ExitStack
 from dataclasses import dataclass
+from typing import Any
 
 from rich.console import Console
 
+from lidcam.commands.envelope import envelope
 from lidcam.commands.strict import Strictness
 from lidcam.commands.verdict import Verdict
 from lidcam.frames import RunInput
@@ -15,7 +17,8 @@ from lidcam.printing.console import print_detections, print_matches, print_repor
 from lidcam.printing.progress import Advance, show_progress
 from lidcam.printing.terminal import console, show_json
 from lidcam.run import RunObserver, process_recording
-from lidcam.summary import RunProgress, report_tree
+from lidcam.settings.choice import used_record
+from lidcam.summary import RunProgress, RunReport, report_tree
 from pipeline.core.frame import FrameResult
 
 __all__ = ["Printed", "run_process"]
@@ -54,12 +57,25 @@ def run_process(job: Job, printed: Printed = Printed(), strictness: Strictness |
     for warning in report.warnings:
         logger.info("warning: %s", warning)
     logger.info("done: %d frames, %.1f a second, written: %s", report.frames, report.frames_per_second, report.outputs)
-    verdict = Verdict(strictness.failure(report) if strictness else "", report.incomplete)
+    failure = strictness.failure(report) if strictness else ""
+    verdict = Verdict((failure,) if failure else (), report.incomplete)
     if printed.as_json:
-        show_json(out, report_tree(report) | verdict.tree())
+        show_json(out, _tree(report, verdict))
     else:
         print_report(out, report)
     verdict.end()
+
+
+def _tree(report: RunReport, verdict: Verdict) -> dict[str, Any]:
+    return envelope(
+        "process",
+        inputs=report.inputs,
+        settings=used_record(report.settings) | {"sha256": report.settings_sha256},
+        figures=report_tree(report),
+        verdict=verdict,
+        warnings=report.warnings,
+        notes=report.notes,
+    )
 
 
 class _Terminal(RunObserver):

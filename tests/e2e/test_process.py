@@ -165,7 +165,7 @@ def test_json_summary(lidcam: Lidcam, sandbox: Path, sandbox_config: Path, tmp_p
     summary = json.loads(run.out)
     assert summary["frames"] >= 8
     assert summary["box_source"] == "recorded"
-    assert summary["frames_per_second"] > 0
+    assert summary["timing"]["frames_per_second"] > 0
     used, dropped = summary["messages_used"], summary["drops"]
     assert set(used) >= {"/velodyne1_points", "/image_raw_11/compressed", "/detections_44"}
     assert all(drop["reason"] for drop in dropped)
