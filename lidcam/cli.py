@@ -8,9 +8,12 @@ from typing import Annotated, Literal
 import typer
 
 from lidcam.options import (
+    STDOUT,
     AsJson,
     ConfigFile,
     Format,
+    JsonCommand,
+    JsonTarget,
     Overwrite,
     RecordingOut,
     RigFile,
@@ -92,8 +95,8 @@ app = typer.Typer(
 process_app = typer.Typer(context_settings=HELP_NAMES, rich_markup_mode=None, pretty_exceptions_enable=False)
 
 
-@app.command(epilog=PROCESS_EXAMPLES)
-@process_app.command(epilog=PROCESS_EXAMPLES)
+@app.command(epilog=PROCESS_EXAMPLES, cls=JsonCommand)
+@process_app.command(epilog=PROCESS_EXAMPLES, cls=JsonCommand)
 @with_log_options
 def process(
     paths: Annotated[
@@ -135,7 +138,7 @@ def process(
     print_matches: Annotated[
         bool, typer.Option("--print-matches", help="Print which 2D box is which object, frame by frame.")
     ] = False,
-    as_json: AsJson = False,
+    json: JsonTarget = None,
     strict: Annotated[
         bool,
         typer.Option(
@@ -168,9 +171,10 @@ def process(
         raise typer.BadParameter(f"expected a name that ends in .rrd, found {rerun}", param_hint="--rerun")
     if duration == 0:
         raise typer.BadParameter("expected more than 0 seconds", param_hint="--duration")
-    if as_json and (print_detections or print_matches):
+    if json == STDOUT and (print_detections or print_matches):
         raise typer.BadParameter(
-            "prints one JSON document and nothing else: leave out --print-detections and --print-matches",
+            "prints one JSON document and nothing else: leave out --print-detections and --print-matches, or write it "
+            "to a file with --json FILE.json",
             param_hint="--json",
         )
     if max_dropped is not None and not strict:
@@ -196,7 +200,7 @@ def process(
         on_bad_message=on_bad_message,
         overwrite=overwrite,
     )
-    printed = Printed(detections=print_detections, matches=print_matches, as_json=as_json)
+    printed = Printed(detections=print_detections, matches=print_matches, json=json)
     given = {} if max_dropped is None else {"max_dropped_percent": max_dropped}
     run_process(job, printed, Strictness(**given) if strict else None)
 

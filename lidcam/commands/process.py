@@ -9,13 +9,14 @@ from typing import Any
 from rich.console import Console
 
 from lidcam.commands.envelope import envelope
+from lidcam.commands.json_output import json_output
 from lidcam.commands.strict import Strictness
 from lidcam.commands.verdict import Verdict
 from lidcam.frames import RunInput
 from lidcam.job import Job
 from lidcam.printing.console import print_detections, print_matches, print_report
 from lidcam.printing.progress import Advance, show_progress
-from lidcam.printing.terminal import console, show_json
+from lidcam.printing.terminal import console
 from lidcam.run import RunObserver, process_recording
 from lidcam.settings.choice import used_record
 from lidcam.summary import RunProgress, RunReport, report_tree
@@ -33,12 +34,12 @@ class Printed:
     Attributes:
         detections: What the lidars saw, frame by frame.
         matches: Which 2D box is which object, frame by frame.
-        as_json: The final tables as JSON.
+        json: Where the final tables go as JSON: None, `-` for standard output in place of the tables, or a file.
     """
 
     detections: bool = False
     matches: bool = False
-    as_json: bool = False
+    json: str | None = None
 
 
 def run_process(job: Job, printed: Printed = Printed(), strictness: Strictness | None = None) -> None:
@@ -50,19 +51,19 @@ def run_process(job: Job, printed: Printed = Printed(), strictness: Strictness |
         LidcamError: the input, the calibration, the settings or an output is at fault; no output is left behind.
     """
     out = console()
-    with ExitStack() as stack:
-        report = process_recording(job, _Terminal(printed, out, stack))
+    others = (*job.inputs, *job.outputs, *job.read_files)
+    with json_output(printed.json, inputs=others, overwrite=job.overwrite) as json:
+        with ExitStack() as stack:
+            report = process_recording(job, _Terminal(printed, out, stack))
+        failure = strictness.failure(report) if strictness else ""
+        verdict = Verdict((failure,) if failure else (), report.incomplete)
+        json.tree = _tree(report, verdict)
     for drop in report.drops:
         logger.info("dropped: %s: %d messages: %s %s", drop.topic, drop.count, drop.reason, drop.example)
     for warning in report.warnings:
         logger.info("warning: %s", warning)
     logger.info("done: %d frames, %.1f a second, written: %s", report.frames, report.frames_per_second, report.outputs)
-    failure = strictness.failure(report) if strictness else ""
-    verdict = Verdict((failure,) if failure else (), report.incomplete)
-    if printed.as_json:
-        show_json(out, _tree(report, verdict))
-    else:
-        print_report(out, report)
+    json.show(out, lambda: print_report(out, report))
     verdict.end()
 
 

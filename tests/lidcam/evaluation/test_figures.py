@@ -75,7 +75,8 @@ def test_an_unknown_name_is_answered_with_the_nearest(name: str, told: str) -> N
 
 
 def test_what_is_no_text_is_no_name() -> None:
-    assert 3 not in FIGURES
+    number: object = 3
+    assert number not in FIGURES
 
 
 def test_figures_beside_one() -> None:
