@@ -67,6 +67,7 @@ bench: $(INSTALLED_ALL)
 	$(BIN)/python benchmarks/end_to_end.py
 	$(BIN)/python benchmarks/filters.py
 	$(BIN)/python benchmarks/synchronisation.py
+	$(BIN)/python benchmarks/rotated_iou.py
 	$(BIN)/python benchmarks/velodyne.py
 	$(BIN)/python benchmarks/simulator.py
 

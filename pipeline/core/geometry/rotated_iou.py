@@ -1,0 +1,154 @@
+"""Intersection over union of upright boxes of any yaw: of their ground (bird's eye) and of their volume."""
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from pipeline.core.arrays import F64
+
+__all__ = ["BoxArrays", "Ious", "OrientedBoxes", "ious", "pair_ious", "shared_ground"]
+
+BLOCK = 1 << 12
+"""Pairs that are clipped at once: what is computed on the way stays in the cache of a core, and memory is bounded."""
+
+ROUNDING = 16 * np.finfo(np.float64).eps
+"""Boxes that share less than this part of their ground share nothing: sums of the size of a box are not finer."""
+
+_ALONG, _ACROSS = np.array([[1, -1, -1, 1], [1, 1, -1, -1]])[:, :, None]
+"""The corners of a rectangle, counter-clockwise, in halves of its length and width."""
+
+
+class OrientedBoxes(Protocol):
+    """Boxes that stand upright: `Boxes3D`, `TruthBoxes3D`, `BoxArrays`."""
+
+    @property
+    def centers(self) -> F64:
+        """(N, 3) centre of the box, metres."""
+        ...
+
+    @property
+    def sizes(self) -> F64:
+        """(N, 3) length, width, height, metres."""
+        ...
+
+    @property
+    def yaws(self) -> F64:
+        """(N,) about +z, radians; any turn."""
+        ...
+
+
+class BoxArrays(NamedTuple):
+    """Bare `OrientedBoxes`, to select or join the rows of others."""
+
+    centers: F64
+    sizes: F64
+    yaws: F64
+
+
+class Ious(NamedTuple):
+    """Intersection over union in [0, 1], of pairs (P,) or of each box with each (N, M).
+
+    Attributes:
+        bev: Of the ground that the boxes cover, whatever their height ("bird's eye view").
+        volume: Of the boxes.
+    """
+
+    bev: F64
+    volume: F64
+
+
+def ious(first: OrientedBoxes, second: OrientedBoxes) -> Ious:
+    """IoU of each of N boxes with each of M, (N, M); only pairs that are near each other are clipped.
+
+    See `pair_ious`.
+    """
+    reach_m = [np.hypot(boxes.sizes[:, 0], boxes.sizes[:, 1]) / 2 for boxes in (first, second)]
+    with np.errstate(invalid="ignore", over="ignore"):
+        gap_m = first.centers[:, None, :2] - second.centers[None, :, :2]
+        is_near = np.hypot(gap_m[..., 0], gap_m[..., 1]) <= reach_m[0][:, None] + reach_m[1]
+    rows, columns = np.nonzero(is_near)
+    near = pair_ious(
+        BoxArrays(first.centers[rows], first.sizes[rows], first.yaws[rows]),
+        BoxArrays(second.centers[columns], second.sizes[columns], second.yaws[columns]),
+    )
+    found = Ious(np.zeros(is_near.shape), np.zeros(is_near.shape))
+    found.bev[rows, columns], found.volume[rows, columns] = near
+    return found
+
+
+def pair_ious(first: OrientedBoxes, second: OrientedBoxes) -> Ious:
+    """IoU of the P boxes of `first` with those of the same rows of `second`, (P,).
+
+    Exact up to rounding; 0, never NaN, if one of the two has no extent or is not finite. Boxes without height have a
+    bird's eye IoU all the same.
+    """
+    shared_m2 = shared_ground(first, second)
+    with np.errstate(invalid="ignore", over="ignore"):
+        ground_m2 = [boxes.sizes[:, 0] * boxes.sizes[:, 1] for boxes in (first, second)]
+        height_m, other_height_m = first.sizes[:, 2], second.sizes[:, 2]
+        rise_m = second.centers[:, 2] - first.centers[:, 2]
+        top_m = np.minimum(height_m / 2, rise_m + other_height_m / 2)
+        bottom_m = np.maximum(-height_m / 2, rise_m - other_height_m / 2)
+        common_m = np.clip(top_m - bottom_m, 0.0, np.minimum(height_m, other_height_m))
+        volumes_m3 = ground_m2[0] * height_m, ground_m2[1] * other_height_m
+        shared_m3 = np.where((height_m > 0) & (other_height_m > 0), shared_m2 * common_m, 0.0)
+        return Ious(_iou(shared_m2, *ground_m2), _iou(shared_m3, *volumes_m3))
+
+
+def shared_ground(first: OrientedBoxes, second: OrientedBoxes) -> F64:
+    """(P,) square metres that each box of `first` has in common with that of `second` in the same row, seen from above.
+
+    0 if one of the two has no ground or is not finite.
+    """
+    shared_m2 = np.zeros(len(first.yaws))
+    with np.errstate(invalid="ignore", over="ignore"):
+        for start in range(0, len(shared_m2), BLOCK):
+            rows = slice(start, start + BLOCK)
+            shared_m2[rows] = _shared_ground(
+                BoxArrays(first.centers[rows], first.sizes[rows], first.yaws[rows]),
+                BoxArrays(second.centers[rows], second.sizes[rows], second.yaws[rows]),
+            )
+    return shared_m2
+
+
+def _iou(shared: F64, first: F64, second: F64) -> F64:
+    union = first + second - shared
+    is_sound = (shared > 0) & np.isfinite(union)
+    return np.where(is_sound, shared / np.where(is_sound, union, 1.0), 0.0)
+
+
+def _shared_ground(first: BoxArrays, second: BoxArrays) -> F64:
+    """(P,) the integral over x, in the frame of the first box, of the height y that lies in both rectangles.
+
+    Above each x, the second rectangle reaches from one of its edges up to another; both are cut off where the first one
+    ends. So what its edges contribute, each with the sign of its direction, adds up to the area. No polygon is made
+    whose corners could be confused where edges and corners meet: the area is continuous in what is given.
+    """
+    half_length, half_width = first.sizes[:, 0] / 2, first.sizes[:, 1] / 2
+    cos, sin = np.cos(first.yaws), np.sin(first.yaws)
+    east, north = (second.centers[:, :2] - first.centers[:, :2]).T
+    turn = second.yaws - first.yaws
+    along, across = _ALONG * (second.sizes[:, 0] / 2), _ACROSS * (second.sizes[:, 1] / 2)
+    x = east * cos + north * sin + along * np.cos(turn) - across * np.sin(turn)  # (4, P), as all below
+    y = north * cos - east * sin + along * np.sin(turn) + across * np.cos(turn)
+
+    end_x, end_y = np.roll(x, -1, 0), np.roll(y, -1, 0)
+    left, right = np.clip(x, -half_length, half_length), np.clip(end_x, -half_length, half_length)
+    way_x, way_y = np.where(end_x == x, 1.0, end_x - x), end_y - y
+    left_y = y + np.clip((left - x) / way_x, 0.0, 1.0) * way_y
+    right_y = end_y - np.clip((end_x - right) / way_x, 0.0, 1.0) * way_y
+    edges_m2 = (left - right) * _mean_clipped(left_y, right_y, half_width)
+
+    grounds_m2 = first.sizes[:, 0] * first.sizes[:, 1], second.sizes[:, 0] * second.sizes[:, 1]
+    shared_m2 = np.minimum(edges_m2.sum(0), np.minimum(*grounds_m2))
+    has_ground = (first.sizes[:, :2] > 0).all(1) & (second.sizes[:, :2] > 0).all(1)
+    return np.where(has_ground & (shared_m2 > ROUNDING * (grounds_m2[0] + grounds_m2[1])), shared_m2, 0.0)
+
+
+def _mean_clipped(start: F64, end: F64, limit: F64) -> F64:
+    """Mean of the numbers from `start` to `end`, each of them clipped to -`limit` .. `limit`."""
+    low, high = np.minimum(start, end), np.maximum(start, end)
+    within_low, within_high = np.clip(low, -limit, limit), np.clip(high, -limit, limit)
+    above, below = np.maximum(high, limit) - np.maximum(low, limit), np.minimum(high, -limit) - np.minimum(low, -limit)
+    integral = (within_high - within_low) * (within_high + within_low) / 2 + limit * (above - below)
+    return np.where(high > low, integral / np.where(high > low, high - low, 1.0), within_low)
