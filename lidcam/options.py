@@ -18,11 +18,13 @@ __all__ = [
     "STDOUT",
     "AsJson",
     "ConfigFile",
+    "EvaluateConfigFile",
     "Format",
     "JsonCommand",
     "JsonTarget",
     "Overwrite",
     "RecordingOut",
+    "Require",
     "RigFile",
     "Scenario",
     "Seed",
@@ -138,6 +140,18 @@ JsonTarget = Annotated[
         callback=_json_target,
         help="Print the result as JSON; with a file, write it there beside the tables.",
     ),
+]
+Require = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--require",
+        metavar='"FIGURE >= N"',
+        help="Exit with 1 if a figure is not so; @FILE has one in a line. May be repeated.",
+    ),
+]
+EvaluateConfigFile = Annotated[
+    str | None,
+    typer.Option("--config", metavar="FILE", help="Take the section evaluate of these settings, not the result's."),
 ]
 Scenario = Annotated[
     str,

@@ -1,18 +1,21 @@
 """What an evaluation takes and gives."""
 
-from collections.abc import Sequence
+import json
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from lidcam.checks.warning import RunWarning
 from lidcam.evaluation.figures import NamedFigures
-from lidcam.evaluation.requirement import Outcome, Requirement
+from lidcam.evaluation.requirement import Outcome, Requirement, read_requirements
+from lidcam.job import FilePath, PathOrUrl, RigSource, Settings, locations, read_rig
+from pipeline.core.settings.load import load_config
 from readers.input_file import InputFile
 from readers.location import Location
 from readers.rig.schema import RigFile
 
-__all__ = ["Evaluation", "EvaluationJob", "Truth"]
+__all__ = ["Evaluation", "EvaluationJob", "Truth", "make_evaluation_job"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +37,49 @@ class EvaluationJob:
     rig: RigFile | None = None
     settings: Sequence[str] = ()
     requirements: tuple[Requirement, ...] = ()
+
+
+def make_evaluation_job(
+    result: FilePath,
+    *,
+    truth: PathOrUrl | Sequence[PathOrUrl] = (),
+    truth_topics: Sequence[str] = (),
+    requirements: Sequence[str | Requirement] = (),
+    rig: RigSource | None = None,
+    config: FilePath | None = None,
+    settings: Settings = (),
+) -> EvaluationJob:
+    """An evaluation, with its rig file, its settings and its requirements read; arguments as of `lidcam.evaluate`.
+
+    Raises:
+        RequirementError: a requirement is not written as one.
+        LidcamError: a file cannot be read or does not fit.
+    """
+    texts = [one for one in requirements if isinstance(one, str)]
+    return EvaluationJob(
+        Path(result),
+        locations(truth),
+        tuple(truth_topics),
+        read_rig(rig),
+        (*_of_config(config), *_as_texts(settings)),
+        (*(one for one in requirements if isinstance(one, Requirement)), *read_requirements(texts)),
+    )
+
+
+def _of_config(config: FilePath | None) -> Iterator[str]:
+    """The section `evaluate` of a file, setting by setting."""
+    if config is not None:
+        yield from _as_texts(
+            {f"evaluate.{key}": value for key, value in load_config(config).evaluate.model_dump(mode="json").items()}
+        )
+
+
+def _as_texts(settings: Settings) -> Iterator[str]:
+    if isinstance(settings, Mapping):
+        for key, value in settings.items():
+            yield f"{key}={json.dumps(value)}"  # JSON is YAML
+    else:
+        yield from [settings] if isinstance(settings, str) else settings
 
 
 @dataclass(frozen=True, slots=True)

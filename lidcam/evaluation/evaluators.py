@@ -1,6 +1,6 @@
 """All that is measured of the frames of a result, in one pass over them."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -20,22 +20,11 @@ def evaluators_of(config: Config, zones: Sequence[Zone], cameras: Sequence[Camer
     return (FrameCounts(config),)
 
 
-def measure(
-    frames: Iterable[EvaluationFrame],
-    evaluators: Sequence[Evaluator],
-    advanced: Callable[[EvaluationFrame], None] = lambda _: None,
-) -> dict[str, Any]:
-    """The figures of frames, as one tree.
-
-    Args:
-        frames: In their order; read once.
-        evaluators: What measures them.
-        advanced: Called after each frame.
-    """
+def measure(frames: Iterable[EvaluationFrame], evaluators: Sequence[Evaluator]) -> dict[str, Any]:
+    """The figures of frames, as one tree; the frames come in their order and are read once."""
     for frame in frames:
         for evaluator in evaluators:
             evaluator.add(frame)
-        advanced(frame)
     return merged([evaluator.figures() for evaluator in evaluators])
 
 
