@@ -129,6 +129,15 @@ def process(
         Literal["skip", "fail"],
         typer.Option(help="What to do about a message that cannot be decoded, or a damaged file."),
     ] = "skip",
+    copy_topics: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--copy-topics",
+            metavar="PATTERN",
+            help="Topics to copy to the output, as /map or '/ground_truth/*'; may be repeated. Without it, those of "
+            "the truth.",
+        ),
+    ] = None,
     print_detections: Annotated[
         bool, typer.Option("--print-detections", help="Print what the lidars saw, frame by frame.")
     ] = False,
@@ -190,6 +199,7 @@ def process(
         settings=settings or (),
         rig=rig_files,
         model_2d=model_2d,
+        copy_topics=copy_topics or None,
         workers=workers,
         start_s=start,
         duration_s=duration,

@@ -16,7 +16,7 @@ from pipeline.core.settings.recording import TopicsConfig
 from readers.natural_order import natural_key
 from readers.recording import Recording, TopicInfo
 from readers.rig.first_messages import FirstMessages
-from readers.rig.topic_names import is_measured_image, pair_score, place, transport_free
+from readers.rig.topic_names import is_measured_image, is_truth, pair_score, place, transport_free
 from readers.velodyne.scan import SCAN
 from readers.video.packets import VIDEO
 
@@ -123,7 +123,8 @@ def find_camera_topics(
 ) -> list[CameraTopics]:
     """Cameras, in natural order or as configured; those with boxes but no images come last."""
     notes = findings.notes
-    boxes = [info.topic for info in _with_messages(recording, BOXES, config) if not info.unreadable]
+    found = [info for info in _with_messages(recording, BOXES, config) if not info.unreadable]
+    boxes = [info.topic for info in found if not is_truth(info.topic, info.msgtype)]
     if config.cameras:
         images = _configured(recording, config.cameras, IMAGE | BOXES, "camera", findings)
         named = [t for t in images if _types(recording, t) <= BOXES]
