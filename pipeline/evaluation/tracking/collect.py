@@ -16,7 +16,7 @@ from pipeline.core.geometry.rotated_iou import BoxArrays, pair_ious
 from pipeline.core.settings.config import Config
 from pipeline.evaluation.ignoring import is_evaluated, is_within
 from pipeline.evaluation.records import UNKNOWN, EvaluationFrame, SourceBoxes, TruthBoxes3D
-from pipeline.evaluation.scales import length_scale
+from pipeline.evaluation.scales import length_scales
 from pipeline.evaluation.tracking.assignment import assign_nearest
 from pipeline.evaluation.tracking.table import TrackTable
 
@@ -40,6 +40,7 @@ class _Truth:
     class_ids: I64
     tracks: I64
     yaws: F64
+    ranges_m: F64
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,6 +51,7 @@ class _Found:
     class_ids: I64
     tracks: I64
     yaws: F64
+    ranges_m: F64
     scores: F64
 
 
@@ -67,7 +69,7 @@ class _Source:
     """What was found by one source so far."""
 
     def __init__(self, class_count: int) -> None:
-        self.found = [_Found(_NO_ROWS, _NO_ROWS, _NO_ROWS, _NO_VALUES, _NO_VALUES)]
+        self.found = [_Found(_NO_ROWS, _NO_ROWS, _NO_ROWS, _NO_VALUES, _NO_VALUES, _NO_VALUES)]
         self.pairs = [_Pairs(_NO_ROWS, _NO_ROWS, _NO_VALUES, _NO_VALUES)]
         self.count = 0
         self.without_track = np.zeros(class_count, np.int64)
@@ -79,12 +81,10 @@ class Collection:
 
     def __init__(self, config: Config) -> None:
         self._config = config
-        self._max_distances_m = np.array(
-            [MAX_DISTANCE_M * length_scale(config, class_id) for class_id in range(len(config.classes))]
-        )
+        self._max_distances_m = MAX_DISTANCE_M * length_scales(config)
         self._frames: list[tuple[TruthBoxes3D, dict[str, SourceBoxes]]] = []
         self._stamps_ns: list[int] = []
-        self._truth = [_Truth(_NO_ROWS, _NO_ROWS, _NO_ROWS, _NO_VALUES)]
+        self._truth = [_Truth(_NO_ROWS, _NO_ROWS, _NO_ROWS, _NO_VALUES, _NO_VALUES)]
         self._truth_count = 0
         self._sources: dict[str, _Source] = {}
 
@@ -126,7 +126,8 @@ class Collection:
         repeated = _is_repeated(truth_frames[rows], class_ids[rows], tracks[rows])
         counting[rows[repeated]] = False
         rows = rows[~repeated]
-        truth = _Truth(truth_frames[rows], class_ids[rows], tracks[rows], boxes.yaws[rows])
+        ranges_m = np.hypot(*boxes.centers[rows, :2].T)
+        truth = _Truth(truth_frames[rows], class_ids[rows], tracks[rows], boxes.yaws[rows], ranges_m)
         ignored = np.flatnonzero(~counting)
         for name in {name for _, sources in frames for name in sources}:
             self._sources.setdefault(name, _Source(len(self._config.classes)))
@@ -174,7 +175,10 @@ class Collection:
             held = kept[pairs.second]
             pairs = _Pairs(pairs.first[held], renumbered[pairs.second[held]], pairs.distances_m[held], pairs.ious[held])
             rows = rows[kept]
-        source.found.append(_Found(frames[rows], class_ids[rows], tracks[rows], boxes.yaws[rows], scores[rows]))
+        ranges_m = np.hypot(*boxes.centers[rows, :2].T)
+        source.found.append(
+            _Found(frames[rows], class_ids[rows], tracks[rows], boxes.yaws[rows], ranges_m, scores[rows])
+        )
         shifted = pairs.first + self._truth_count, pairs.second + source.count
         source.pairs.append(_Pairs(*shifted, pairs.distances_m, pairs.ious))
         source.count += len(rows)
@@ -210,9 +214,11 @@ class Collection:
             truth.frames[truth_rows],
             np.unique(truth.tracks[truth_rows], return_inverse=True)[1].astype(np.int64),
             truth.yaws[truth_rows],
+            truth.ranges_m[truth_rows],
             found.frames[found_rows],
             np.unique(found.tracks[found_rows], return_inverse=True)[1].astype(np.int64),
             found.yaws[found_rows],
+            found.ranges_m[found_rows],
             found.scores[found_rows],
             truth_numbers[pairs.first[held]],
             found_numbers[pairs.second[held]],
