@@ -15,15 +15,9 @@ from pipeline.core.arrays import F64, I64, U8
 from pipeline.core.camera import CameraModel
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.ros.messages import RosMessages
+from pipeline.core.ros.vision_numbers import CLASS_NUMBERS, COUNT_NUMBERS
 
-__all__ = ["CLASS_NUMBERS", "MessageFactory", "TrueObject"]
-
-
-CLASS_NUMBERS = {"car": 1, "pedestrian": 2, "cyclist": 3, "van": 4, "truck": 5, "bus": 6}
-"""ROS 1: the first three as in the predecessor system."""
-
-COUNT_NUMBERS = {"lidar_points": -1, "image_pixels": -2, "instance": -3}
-"""ROS 1: `id` of hypotheses whose score is a count."""
+__all__ = ["MessageFactory", "TrueObject"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
