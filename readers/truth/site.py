@@ -133,7 +133,7 @@ class _Motion:
             self._read(lambda newest_ns: newest_ns < self._latest_ns - STEP_BACK_NS)
             self._latest_ns = stamp_ns
         self._latest_ns = max(self._latest_ns, stamp_ns)
-        self._read(lambda newest_ns: newest_ns >= stamp_ns)
+        self._read(lambda newest_ns: newest_ns > stamp_ns)  # two poses make a motion
         motion = self._buffer.window(stamp_ns)
         if motion is None or not motion.covers(
             stamp_ns, stamp_ns, max_extrapolation_s=MAX_EXTRAPOLATION_S, max_gap_s=MAX_GAP_S
