@@ -1,6 +1,7 @@
 """What stands where a result reports an object that is not there: names for its false detections."""
 
 from collections import Counter
+from typing import Any
 
 import numpy as np
 
@@ -34,11 +35,11 @@ class Surroundings:
         import open3d
 
         self._mesh = static_mesh(world)
-        self._tensor = open3d.core.Tensor
+        core: Any = open3d.core
+        self._tensor = core.Tensor
         self._scene = open3d.t.geometry.RaycastingScene(nthreads=1)
-        self._scene.add_triangles(
-            self._tensor(self._mesh.vertices.astype(np.float32)), self._tensor(self._mesh.triangles.astype(np.uint32))
-        )
+        vertices, triangles = self._mesh.vertices.astype(np.float32), self._mesh.triangles.astype(np.uint32)
+        self._scene.add_triangles(self._tensor(vertices), self._tensor(triangles))
 
     def name(self, center: F64, size_m: F64, yaw: float) -> str:
         """What fills most of a box: the thing with most of the surfaces that are nearest to points in the box.

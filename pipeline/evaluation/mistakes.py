@@ -1,7 +1,7 @@
 """The worst errors of a result, to look at: what it reports that is not there, and what it misses.
 
-An error lasts: a bench that is taken for a car is so in every frame. Errors of successive frames at one place, or of one
-true object, are told together as one mistake.
+An error lasts: a bench that is taken for a car is taken for one in every frame. Errors of successive frames at one
+place, or of one true object, count as one mistake.
 """
 
 from collections.abc import Iterator
@@ -48,8 +48,8 @@ class Mistake:
         size_m: Its length, width, height.
         yaw: Its heading, radians.
         score: Score of a false detection in that frame; 0 for a missed object.
-        lidar_points: Lidar points of a missed object in that frame; `UNKNOWN` if the truth does not say, and for a false
-            detection.
+        lidar_points: Lidar points of a missed object in that frame; `UNKNOWN` if the truth does not say, and of a
+            false detection.
         weight: By which mistakes are ranked: the sum of the scores over the frames, or the number of frames.
     """
 
@@ -82,8 +82,8 @@ class Mistake:
             "last_ns": self.last_ns,
             "worst_ns": self.worst_ns,
             "worst_frame": self.worst_frame,
-            "center_m": [round(float(value), 3) for value in self.center],
-            "size_m": [round(float(value), 3) for value in self.size_m],
+            **dict(zip(("x_m", "y_m", "z_m"), np.round(self.center, 3).tolist(), strict=True)),
+            **dict(zip(("length_m", "width_m", "height_m"), np.round(self.size_m, 3).tolist(), strict=True)),
             "yaw_deg": round(float(np.degrees(self.yaw)), 1),
             "score": round(self.score, 4) if self.kind == "false" else None,
             "lidar_points": None if self.lidar_points == UNKNOWN else self.lidar_points,
@@ -202,8 +202,8 @@ class Mistakes:
     def _is_same(self, old: Mistake, new: Mistake) -> bool:
         if (old.kind, old.class_name) != (new.kind, new.class_name):
             return False
-        if UNKNOWN not in (old.track_id, new.track_id) or old.kind == "missed":
-            return old.track_id == new.track_id != UNKNOWN
+        if new.kind == "missed" and (old.track_id, new.track_id) != (UNKNOWN, UNKNOWN):
+            return old.track_id == new.track_id
         class_id = self._config.class_names.index(new.class_name)
         return bool(_gap_m(old, new) <= self._criteria.position.limits[class_id])
 
