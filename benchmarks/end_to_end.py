@@ -49,8 +49,8 @@ def run_lidcam(case: Case, out: Path) -> Timing:
     """One run of the installed command."""
     program = Path(sys.executable).with_name("lidcam-process")
     text, peak_mib = _run([str(program), str(case.recording), str(out / "l.mcap"), "--json", *case.lidcam])
-    summary = json.loads(text)
-    return Timing(summary["frames_per_second"], summary["stage_ms"], peak_mib)
+    timing = json.loads(text)["timing"]
+    return Timing(timing["frames_per_second"], timing["stage_ms"], peak_mib)
 
 
 def run_peer(case: Case, out: Path, shared: Path) -> Timing:

@@ -1,9 +1,10 @@
 """Running a program: known errors become one line and an exit code; the only place that exits.
 
 Exit codes: 0 done, and nothing that was asked for is missing; 1 failed, with one line on stderr: nothing was written,
-or a check failed and the outputs are there; 2 wrong usage; 3 done, the outputs are complete, but part of the recording
-could not be used: the last line on stderr says what; 128 + N ended by signal N, see `lidcam.start.signals`; anything
-else is a bug and shows its traceback. Results go to stdout, progress and log to stderr.
+or checks failed, with a line each, and the outputs are there; 2 wrong usage; 3 done, the outputs are complete, but part
+of the recording could not be used: the last line on stderr says what; 128 + N ended by signal N, see
+`lidcam.start.signals`; anything else is a bug and shows its traceback. Results go to stdout, progress and log to
+stderr.
 """
 
 import errno
@@ -18,7 +19,7 @@ from typer.exceptions import TyperException
 from lidcam.commands.verdict import FAILED, INCOMPLETE
 from lidcam.printing.log import configure_logging, verdict_log
 from lidcam.printing.usage import print_usage_error
-from pipeline.core.errors import IncompleteError, LidcamError, short_memory_told
+from pipeline.core.errors import CheckError, IncompleteError, LidcamError, short_memory_told
 from pipeline.core.text import one_line
 
 __all__ = ["run_program"]
@@ -46,6 +47,8 @@ def run_program(program: Callable[..., object], name: str) -> None:
     except IncompleteError as err:
         verdict_log.warning("incomplete: %s; exit code %d", err, INCOMPLETE)
         sys.exit(INCOMPLETE)
+    except CheckError as err:
+        _fail(*err.lines)
     except LidcamError as err:
         notes = "".join(f" ({note})" for note in getattr(err, "__notes__", ()))
         _fail(one_line(err) + notes)
@@ -59,6 +62,7 @@ def run_program(program: Callable[..., object], name: str) -> None:
         sys.exit(code)
 
 
-def _fail(message: str) -> NoReturn:
-    logger.error("%s", message)
+def _fail(*lines: str) -> NoReturn:
+    for line in lines:
+        logger.error("%s", line)
     sys.exit(FAILED)

@@ -33,7 +33,9 @@ from lidcam.frames import (
 )
 from lidcam.job import Job
 from lidcam.outputs.allowed import check_no_input
+from lidcam.outputs.copied import choose_copied
 from lidcam.outputs.open import open_outputs, open_writers, written_files
+from lidcam.settings.lasting import settings_sha256
 from lidcam.settings.settle import settle, with_zones
 from lidcam.summary import DropTable, RunProgress, RunReport, Tally, UnusedTopic
 from pipeline.core.errors import ConfigError, RecordingError, short_memory_told
@@ -41,6 +43,7 @@ from pipeline.core.frame import FrameResult, SensorBundle
 from pipeline.core.settings.config import Config
 from pipeline.graph import Graph, Node
 from pipeline.stages.sync.synchronize import SyncStats
+from readers.input_file import InputFile, read_input_file
 from readers.messages.tf import TF_TYPES
 from readers.open import open_recording
 from readers.recording import ReadOptions, Recording
@@ -86,12 +89,14 @@ def process_recording(job: Job, observer: RunObserver | None = None) -> RunRepor
     with open_outputs(job) as outputs, opened(job) as run:
         with ExitStack() as stack:
             observer.opened(run.source)
+            inputs = tuple(map(read_input_file if job.outputs else InputFile.unread, run.source.recording.paths))
+            writers = open_writers(job, run.source, inputs, outputs, stack)
             # Closed before the writers are, also when the observer raises: then no stage is at work any more.
-            frames = stack.enter_context(closing(run.frames(open_writers(job, run.source, outputs, stack))))
+            frames = stack.enter_context(closing(run.frames(writers)))
             for frame in frames:
                 observer.frame(frame)
                 observer.advanced(run.progress)
-        return run.report(written_files(job))
+        return run.report(inputs, written_files(job))
 
 
 def iter_frames(job: Job) -> Generator[FrameResult, None, None]:
@@ -138,8 +143,10 @@ def _opened(job: Job) -> Iterator["Run"]:
         config, used = settle(job.choice, recording, found, moves=motion is not None)
         found = with_zones(found, job.rig, config)
         logger.info("settings: %s", used)
+        copied, notes = choose_copied(job.outputs, recording, found.rig, config)
+        found = replace(found, notes=(*found.notes, *notes))
         drops = DropTable(job.on_bad_message)
-        yield Run(RunInput(recording, found.rig, config, motion, window, used), found, drops)
+        yield Run(RunInput(recording, found.rig, config, motion, window, used, copied), found, drops)
 
 
 class Run:
@@ -213,21 +220,23 @@ class Run:
         """How far the run is."""
         return RunProgress(self._tally.frames, self._tally.objects.total(), self._drops.total)
 
-    def report(self, outputs: Sequence[Path] = ()) -> RunReport:
-        """What was done so far; `outputs` are the files that were written."""
+    def report(self, inputs: Sequence[InputFile] = (), outputs: Sequence[Path] = ()) -> RunReport:
+        """What was done so far; `inputs` are the files that were read, `outputs` those that were written."""
         source, found, tally, drops = self.source, self.found, self._tally, self._drops.rows
         motion_topics = source.motion.topics if source.motion else ()
-        used = {*tally.messages, *(drop.topic for drop in drops), *motion_topics}
+        used = {*tally.messages, *(drop.topic for drop in drops), *motion_topics, *source.copied}
         absences = self._stats.attendance.absences(synchronized_topics(source.config, source.rig))
         start_ns = source.recording.start_ns
         missing = missing_sensors(absences, source.rig, of_frames=self._stats.sets, start_ns=start_ns)
         return RunReport(
+            inputs=tuple(inputs),
             frames=tally.frames,
             objects=dict(sorted(tally.objects.items())),
             confirmed=tally.confirmed,
             frames_without_boxes=tally.frames_without_boxes,
             points=dict(tally.points),
             messages_used=dict(sorted(tally.messages.items())),
+            copied={topic: tally.copied[topic] for topic in sorted(source.copied)},
             drops=drops,
             missing=tuple(missing),
             unused_boxes=dict(sorted(tally.unused_boxes.items())),
@@ -239,6 +248,7 @@ class Run:
             skew_mean_ms=self._stats.skew_mean_ns / 1e6,
             skew_max_ms=self._stats.skew_max_ns / 1e6,
             settings=source.settings,
+            settings_sha256=settings_sha256(source.config),
             rig=source.rig,
             sensors=found.sources,
             faults=found.faults,
@@ -317,10 +327,11 @@ def _results(
 
 def _memory_of(bundle: SensorBundle) -> int:
     """About how many bytes the work on a frame holds."""
-    return sum(
+    in_work = sum(
         len(message.data) * (CLOUD_GROWTH if message.channel.msgtype in CLOUD else IMAGE_GROWTH)
         for message in bundle.messages.values()
     )
+    return in_work + sum(len(message.data) for message in bundle.copied)
 
 
 def _write(writer: ResultWriter, result: FrameResult) -> FrameResult:

@@ -10,13 +10,14 @@ from lidcam.build import BoxSource
 from lidcam.checks.incomplete import absent_lines, damage_lines, left_out_lines
 from lidcam.checks.missing import MissingSensor
 from lidcam.checks.warning import RunWarning
-from lidcam.settings.choice import UsedSettings, used_record
+from lidcam.settings.choice import UsedSettings
 from pipeline.core.errors import MessageError
 from pipeline.core.frame import FrameResult
 from pipeline.core.geometry.polygons import first_polygon_with
 from pipeline.core.messages import Drop
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
+from readers.input_file import InputFile
 from readers.recording import Loss
 from readers.rig.calibration import SensorSource
 from readers.rig.sensor_topics import SensorFault
@@ -161,12 +162,14 @@ class RunReport:
     """What a run did. Holds no open file: it can be pickled and sent between processes.
 
     Attributes:
+        inputs: The files that were read.
         frames: Number of frames.
         objects: Number of fused objects by (class name, zone name); the latter is empty where there are no zones.
         confirmed: Number of fused objects that at least one camera confirms.
         frames_without_boxes: Number of frames for which no camera sent an image or boxes.
         points: Lidar points by step of the combination, summed over the frames.
         messages_used: Number of messages used, by topic.
+        copied: Number of messages copied to the output, by topic.
         drops: Messages that were not used, by topic and reason.
         missing: Sensors without which frames had to do.
         unused_boxes: Recorded 2D boxes that could not be used, by reason.
@@ -178,6 +181,7 @@ class RunReport:
         skew_mean_ms: Mean spread of the stamps in a bundle.
         skew_max_ms: Largest spread.
         settings: Which settings were used, and why these.
+        settings_sha256: Checksum of all of them that affect the result.
         rig: The sensors, with their calibration and the zones.
         sensors: Where the calibration of each sensor was found.
         faults: Sensors that were left out, and why.
@@ -188,12 +192,14 @@ class RunReport:
         wall_seconds: For loading the stages, and from the first message to the last result.
     """
 
+    inputs: tuple[InputFile, ...]
     frames: int
     objects: Mapping[tuple[str, str], int]
     confirmed: int
     frames_without_boxes: int
     points: Mapping[str, int]
     messages_used: Mapping[str, int]
+    copied: Mapping[str, int]
     drops: tuple[DropCount, ...]
     missing: tuple[MissingSensor, ...]
     unused_boxes: Mapping[str, int]
@@ -205,6 +211,7 @@ class RunReport:
     skew_mean_ms: float
     skew_max_ms: float
     settings: UsedSettings
+    settings_sha256: str
     rig: Rig
     sensors: tuple[SensorSource, ...]
     faults: tuple[SensorFault, ...]
@@ -248,6 +255,7 @@ class Tally:
         self.objects: Counter[tuple[str, str]] = Counter()
         self.points: Counter[str] = Counter()
         self.messages: Counter[str] = Counter()
+        self.copied: Counter[str] = Counter()
         self.unused_boxes: Counter[str] = Counter()
 
     def add(self, frame: FrameResult) -> None:
@@ -264,6 +272,7 @@ class Tally:
             self.objects[self._class_names[class_id], zone] += 1
         self.points.update(dict(frame.combined.counts))
         self.unused_boxes.update(dict(frame.unused_boxes))
+        self.copied.update(message.topic for message in frame.bundle.copied)
         unused = {(drop.topic, drop.stamp_ns) for drop in frame.drops if not drop.parts}
         self.messages.update(topic for topic, m in frame.bundle.messages.items() if (topic, m.stamp_ns) not in unused)
 
@@ -283,13 +292,15 @@ def loss_records(losses: Sequence[Loss]) -> list[dict[str, Any]]:
 
 
 def report_tree(report: RunReport) -> dict[str, Any]:
-    """The report of a run as plain values, for JSON."""
+    """The report of a run as plain values, for JSON, without what `lidcam.commands.envelope` puts around it."""
     return {
         "frames": report.frames,
-        "frames_per_second": report.frames_per_second,
-        "wall_seconds": report.wall_seconds,
-        "stage_ms": {name: 1e3 * spent / report.frames for name, spent in report.stage_seconds.items()},
-        "settings": used_record(report.settings),
+        "sync": {"skew_mean_ms": report.skew_mean_ms, "skew_max_ms": report.skew_max_ms},
+        "timing": {
+            "wall_s": report.wall_seconds,
+            "frames_per_second": report.frames_per_second,
+            "stage_ms": {name: 1e3 * spent / report.frames for name, spent in report.stage_seconds.items()},
+        },
         "box_source": report.box_source,
         "motion": {"topics": list(report.motion_topics), "compensated_frames": report.compensated},
         "objects": [{"class": c, "zone": z or None, "count": count} for (c, z), count in report.objects.items()],
@@ -297,14 +308,12 @@ def report_tree(report: RunReport) -> dict[str, Any]:
         "frames_without_boxes": report.frames_without_boxes,
         "points": dict(report.points),
         "messages_used": dict(report.messages_used),
+        "copied": dict(report.copied),
         "drops": [asdict(drop) for drop in report.drops],
         "missing": [asdict(sensor) for sensor in report.missing],
         "losses": loss_records(report.losses),
         "unused_topics": {topic.topic: topic.message_count for topic in report.unused_topics},
         "unused_boxes": dict(report.unused_boxes),
-        "sync_skew_ms": {"mean": report.skew_mean_ms, "max": report.skew_max_ms},
         "faults": [asdict(fault) for fault in report.faults],
-        "notes": list(report.notes),
-        "warnings": [asdict(warning) for warning in report.warnings],
         "outputs": [str(path) for path in report.outputs],
     }

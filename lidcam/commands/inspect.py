@@ -90,15 +90,15 @@ def run_inspect(options: InspectOptions) -> None:
                 lost += [*damage_lines(recorded.losses), *_not_copied(recorded)]
     for remark in remarks:  # the files have their names now
         remark_log.info("%s", remark)
-    _report(inspection, _verdict(inspection, options) if options.repair is None else Verdict("", lost), options)
+    _report(inspection, _verdict(inspection, options) if options.repair is None else Verdict((), lost), options)
 
 
 def _verdict(inspection: Inspection, options: InspectOptions) -> Verdict:
     """Of an inspection; one that wrote a rig to start from has not failed."""
     problem = f"lidcam could not process it: {inspection.problem}" if inspection.problem else ""
     if problem and options.write_rig is None:
-        return Verdict(f"{', '.join(map(str, inspection.files))}: {problem}")
-    return Verdict("", (*([problem] * bool(problem)), *inspection.incomplete))
+        return Verdict((f"{', '.join(map(str, inspection.files))}: {problem}",))
+    return Verdict((), (*([problem] * bool(problem)), *inspection.incomplete))
 
 
 def _report(inspection: Inspection, verdict: Verdict, options: InspectOptions) -> None:
@@ -110,7 +110,7 @@ def _report(inspection: Inspection, verdict: Verdict, options: InspectOptions) -
         print_inspection(out, inspection)
         sound = "every message was copied" if options.repair else "sound, and all of its sensors can be used"
         failed = "lidcam could not process it"  # the line before says why
-        show_line(out, f"verdict: {failed if verdict.failure else first_of(verdict.incomplete) or sound}")
+        show_line(out, f"verdict: {failed if verdict.failures else first_of(verdict.incomplete) or sound}")
     verdict.end()
 
 
@@ -118,7 +118,7 @@ def _write_rig(inspection: Inspection, options: InspectOptions, outputs: OutputT
     """Write the rig that was asked for; without one, print what was found and end without any output."""
     if options.write_rig is not None:
         if inspection.draft is None:
-            _report(inspection, Verdict(f"{options.write_rig}: no rig to write: {inspection.problem}"), options)
+            _report(inspection, Verdict((f"{options.write_rig}: no rig to write: {inspection.problem}",)), options)
         else:
             text = marked_yaml(draft_yaml(inspection.draft))
             with output_errors(options.write_rig):

@@ -26,21 +26,21 @@ class Verdict:
     """How a command ends that has done its work.
 
     Attributes:
-        failure: Why it failed, although its outputs are there; empty if it did not.
+        failures: Why it failed, although its outputs are there, one line each; empty if it did not.
         incomplete: What of the recording could not be used.
     """
 
-    failure: str = ""
+    failures: tuple[str, ...] = ()
     incomplete: Sequence[str] = ()
 
     @property
     def exit_code(self) -> int:
         """What the program will exit with."""
-        return FAILED if self.failure else INCOMPLETE if self.incomplete else DONE
+        return FAILED if self.failures else INCOMPLETE if self.incomplete else DONE
 
     def tree(self) -> dict[str, Any]:
         """As plain values, for JSON."""
-        return {"failure": self.failure, "incomplete": [*self.incomplete], "exit_code": self.exit_code}
+        return {"failure": "; ".join(self.failures), "incomplete": [*self.incomplete], "exit_code": self.exit_code}
 
     def end(self) -> None:
         """End the command.
@@ -49,8 +49,8 @@ class Verdict:
             CheckError: it failed, and its outputs are there.
             IncompleteError: part of the recording could not be used.
         """
-        if self.failure:
-            raise CheckError(self.failure)
+        if self.failures:
+            raise CheckError(*self.failures)
         if self.incomplete:
             raise IncompleteError(first_of(self.incomplete))
 

@@ -1,19 +1,17 @@
 """The outputs of a run: checked before it begins, opened together, and named together when all of them are whole."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from functools import partial
-from hashlib import file_digest
 from importlib.metadata import version
 from pathlib import Path
 
 from lidcam.frames import RunInput
 from lidcam.job import Job
 from lidcam.outputs.allowed import check_no_input, check_replaced
+from lidcam.settings.lasting import lasting_settings
 from pipeline.core.errors import OutputError
-from pipeline.core.settings.load import dump_config
-from pipeline.core.settings.run import RunConfig
-from readers.location import Location, RemotePath
+from readers.input_file import InputFile
 from readers.messages.image import decode_any_image
 from readers.rig.rig_file import rig_yaml
 from writers.base import ResultWriter
@@ -49,15 +47,24 @@ def written_files(job: Job) -> tuple[Path, ...]:
     return (*job.outputs, *map(layout_path, with_layout))
 
 
-def open_writers(job: Job, source: RunInput, outputs: OutputTransaction, stack: ExitStack) -> list[ResultWriter]:
+def open_writers(
+    job: Job, source: RunInput, inputs: Sequence[InputFile], outputs: OutputTransaction, stack: ExitStack
+) -> list[ResultWriter]:
     """The writers of a job's outputs, open; they end with `stack`, before the outputs get their names.
+
+    Args:
+        job: What is to be written.
+        source: The recording, its sensors and the settings.
+        inputs: Its files.
+        outputs: Where they are written.
+        stack: Ends them.
 
     Raises:
         OutputError: an output cannot be written.
     """
     if not job.outputs:
         return []
-    provenance = _provenance(source)
+    provenance = _provenance(source, inputs)
     return [stack.enter_context(WRITERS[path.suffix](path, outputs, source, provenance)) for path in job.outputs]
 
 
@@ -79,21 +86,12 @@ WRITERS: Mapping[str, Callable[[Path, OutputTransaction, RunInput, Provenance], 
 """What writes a file, by the ending of its name."""
 
 
-def _provenance(source: RunInput) -> Provenance:
-    config = source.config.model_copy(update={"run": RunConfig()})  # how it is run does not change the result
+def _provenance(source: RunInput, inputs: Sequence[InputFile]) -> Provenance:
     return Provenance(
         version=version("lidcam"),
-        inputs=tuple(_identity(path) for path in source.recording.paths),
+        inputs=tuple(file.provenance for file in inputs),
         settings=str(source.settings),
-        config_yaml=dump_config(config),
+        config_yaml=lasting_settings(source.config),
         rig_yaml=rig_yaml(source.rig),
         start_ns=source.recording.start_ns,
     )
-
-
-def _identity(path: Location) -> dict[str, str]:
-    """What tells an input file from others; a file on a server is not fetched as a whole for its checksum."""
-    if isinstance(path, RemotePath):
-        return {"name": path.name, "url": str(path), **dict(path.facts)}
-    with path.open("rb") as file:
-        return {"name": path.name, "sha256": file_digest(file, "sha256").hexdigest()}

@@ -9,7 +9,7 @@
     ├── ModelError         a network cannot be loaded or does not have the expected layout
     ├── OutputError        a result cannot be written
     ├── ShortMemoryError   the machine has too little memory; no input is at fault
-    ├── CheckError         a run went through, and used less of the recording than it had to
+    ├── CheckError         a command went through, and its result is less than what was asked for
     └── IncompleteError    a command went through, and part of the recording could not be used
 
 Each message is one line: what was expected, what was found, what to do. The command line prints it and exits with 1,
@@ -99,7 +99,15 @@ class ShortMemoryError(LidcamError):
 
 
 class CheckError(LidcamError):
-    """A run went through, and used less of the recording than it had to."""
+    """A command went through, and its result is less than what was asked for.
+
+    Attributes:
+        lines: What falls short, one line each.
+    """
+
+    def __init__(self, *lines: str) -> None:
+        super().__init__("; ".join(lines))
+        self.lines = lines
 
 
 class IncompleteError(LidcamError):

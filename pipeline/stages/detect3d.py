@@ -5,10 +5,11 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.spatial import cKDTree
 
-from pipeline.core.arrays import F64, Indices
+from pipeline.core.arrays import Indices
 from pipeline.core.clouds import CombinedCloud
 from pipeline.core.detections import Boxes3D
-from pipeline.core.geometry.boxes import rotations_2d, wrap_angle
+from pipeline.core.geometry.boxes import wrap_angle
+from pipeline.core.geometry.rotated_iou import BoxArrays, shared_ground
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.detectors.cluster.detector import ClusterDetector
@@ -38,7 +39,7 @@ class Detect3D:
         found = self._detector(combined)
         order = np.lexsort((found.centers[:, 1], found.centers[:, 0], -found.scores))
         order = order[(found.scores[order] >= self._min_score) & (found.class_ids[order] >= 0)]
-        order = order[_suppress_overlaps(found.centers[order], found.sizes[order], found.yaws[order])]
+        order = order[_suppress_overlaps(BoxArrays(found.centers[order], found.sizes[order], found.yaws[order]))]
         return Boxes3D(
             combined.cloud.stamp_ns,
             self._site_frame,
@@ -60,43 +61,43 @@ def _detector(rig: Rig, config: Config) -> Detector3D:
             return lambda _: Candidates3D.empty()
 
 
-def _suppress_overlaps(centers: F64, sizes: F64, yaws: F64) -> Indices:
+def _suppress_overlaps(boxes: BoxArrays) -> Indices:
     """Rows of the boxes that share little ground with any box kept before them."""
-    steps = (np.arange(8) + 0.5) / 8 - 0.5
-    grid = np.stack(np.meshgrid(steps, steps, indexing="ij"), -1).reshape(-1, 2)
-    samples = centers[:, None, :2] + (grid * sizes[:, None, :2]) @ rotations_2d(yaws).transpose(0, 2, 1)  # (N, G, 2)
-    boxes = np.column_stack([centers[:, :2], sizes[:, :2] / 2, np.cos(yaws), np.sin(yaws)])
-    kept = np.ones(len(centers), np.bool_)
-    for first, second in _rivals(boxes, samples):
+    kept = np.ones(len(boxes.yaws), np.bool_)
+    for first, second in _rivals(boxes):
         for row, others in _by_row(first, second):
             kept[row] = not kept[others].any()
     return np.flatnonzero(kept)
 
 
-def _rivals(boxes: F64, samples: F64) -> Iterator[tuple[Indices, Indices]]:
+def _rivals(boxes: BoxArrays) -> Iterator[tuple[Indices, Indices]]:
     """Boxes, and one before each of them, of which one has too much of its ground inside the other; in their order."""
-    if not len(boxes):
+    count = len(boxes.yaws)
+    if not count:
         return
-    reach_m = np.hypot(boxes[:, 2], boxes[:, 3])
-    tree = cKDTree(boxes[:, :2])
-    for start in range(0, len(boxes), BLOCK):
-        rows = np.arange(start, min(start + BLOCK, len(boxes)))
+    places, ground_m2 = boxes.centers[:, :2], boxes.sizes[:, 0] * boxes.sizes[:, 1]
+    reach_m = np.hypot(boxes.sizes[:, 0], boxes.sizes[:, 1]) / 2
+    tree = cKDTree(places)
+    for start in range(0, count, BLOCK):
+        rows = np.arange(start, min(start + BLOCK, count))
         largest_m = (reach_m[rows] + reach_m.max()) * (1 + 1e-9)
-        lists = tree.query_ball_point(boxes[rows, :2], largest_m)
+        lists = tree.query_ball_point(places[rows], largest_m)
         first, second = np.repeat(rows, [len(one) for one in lists]), np.concatenate(lists).astype(np.intp)
         is_before = second < first
         first, second = first[is_before], second[is_before]
-        gap = boxes[first, :2] - boxes[second, :2]
+        gap = places[first] - places[second]
         is_near = np.hypot(gap[:, 0], gap[:, 1]) <= reach_m[first] + reach_m[second]
         first, second = first[is_near], second[is_near]
-        inside = np.empty(len(first))
+        shared_m2 = np.empty(len(first))
         for begin in range(0, len(first), PAIRS):
-            i, j = first[begin : begin + PAIRS], second[begin : begin + PAIRS]
-            inside[begin : begin + PAIRS] = np.maximum(
-                _share_inside(boxes[i], samples[j]), _share_inside(boxes[j], samples[i])
-            )
-        is_rival = inside > OVERLAP_SHARE
+            pairs = slice(begin, begin + PAIRS)
+            shared_m2[pairs] = shared_ground(_select(boxes, first[pairs]), _select(boxes, second[pairs]))
+        is_rival = shared_m2 > OVERLAP_SHARE * np.minimum(ground_m2[first], ground_m2[second])
         yield first[is_rival], second[is_rival]
+
+
+def _select(boxes: BoxArrays, rows: Indices) -> BoxArrays:
+    return BoxArrays(boxes.centers[rows], boxes.sizes[rows], boxes.yaws[rows])
 
 
 def _by_row(first: Indices, second: Indices) -> Iterator[tuple[int, Indices]]:
@@ -105,11 +106,3 @@ def _by_row(first: Indices, second: Indices) -> Iterator[tuple[int, Indices]]:
     yield from zip(
         rows.tolist(), np.split(second, starts[1:]), strict=False
     )  # without any, the split is one empty part
-
-
-def _share_inside(boxes: F64, samples: F64) -> F64:
-    """(P,) share of the samples (P, G, 2) that lie inside of each box: centre, half its size, cosine, sine of yaw."""
-    x, y = (samples - boxes[:, None, :2]).transpose(2, 0, 1)
-    half_length, half_width, cos, sin = boxes[:, 2:].T[..., None]
-    within = (np.abs(x * cos + y * sin) <= half_length) & (np.abs(y * cos - x * sin) <= half_width)
-    return np.asarray(within.mean(1))

@@ -14,7 +14,7 @@ from itertools import chain, count, takewhile
 
 from readers.natural_order import natural_key
 
-__all__ = ["is_measured_image", "is_rectified", "pair_score", "place", "sensor_names", "transport_free"]
+__all__ = ["is_measured_image", "is_rectified", "is_truth", "pair_score", "place", "sensor_names", "transport_free"]
 
 TRANSPORTS = frozenset({"compressed", "compressedDepth", "theora", "ffmpeg", "foxglove", "zstd"})
 ROLE_WORDS = frozenset(
@@ -29,7 +29,20 @@ NOT_IMAGES = frozenset(
     {"depth", "disparity", "mask", "masks", "label", "labels", "segmentation", "semantic", "confidence"}
     | {"compresseddepth"}
 )
+TRUTH_FOLDER = "/ground_truth/"
+"""All below it is truth, whatever its type."""
+
+BOX_TYPES = frozenset({"vision_msgs/msg/Detection2DArray", "vision_msgs/msg/Detection3DArray"})
+_TRUTH = re.compile(r"(?:^|[/_])(?:ground_?truth|truth|gt|annotations?)(?:$|[/_])", re.IGNORECASE)
 _NUMBERED = re.compile(r"^(?:camera|cam|image|img)?_?(\d+)$")
+
+
+def is_truth(topic: str, msgtype: str) -> bool:
+    """Whether a topic is truth and no measurement: all below `/ground_truth/`, and boxes whose name says so.
+
+    The words are `ground_truth`, `truth`, `gt` and `annotations`, between slashes or underscores.
+    """
+    return topic.startswith(TRUTH_FOLDER) or (msgtype in BOX_TYPES and bool(_TRUTH.search(topic)))
 
 
 def transport_free(topic: str) -> str:

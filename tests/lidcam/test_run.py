@@ -211,7 +211,7 @@ def test_a_lidar_without_points_is_warned_of() -> None:
     messages = [empty(m) if m.topic == REAR else m for m in periodic()]
     report, _ = run(messages, config())
     assert [warning.subject for warning in report.warnings] == ["rear", "no objects"]
-    assert report_tree(report)["warnings"][0]["finding"] == "6 messages without a single point in range"
+    assert report.warnings[0].finding == "6 messages without a single point in range"
     with StringIO() as text:
         print_report(Console(file=text), report)
         assert "warning: rear: 6 messages without a single point in range; the lidar may be" in text.getvalue()

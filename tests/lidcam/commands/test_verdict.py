@@ -29,7 +29,8 @@ def test_something_is_missing(reasons: list[str], line: str) -> None:
 
 
 def test_a_failure_counts_more() -> None:
-    verdict = Verdict("it failed", ["a"])
-    assert verdict.tree() == {"failure": "it failed", "incomplete": ["a"], "exit_code": 1}
-    with pytest.raises(CheckError, match="it failed"):
+    verdict = Verdict(("it failed", "twice"), ["a"])
+    assert verdict.tree() == {"failure": "it failed; twice", "incomplete": ["a"], "exit_code": 1}
+    with pytest.raises(CheckError, match=r"^it failed; twice$") as raised:
         verdict.end()
+    assert raised.value.lines == ("it failed", "twice")

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import shapely
 from helpers import shared
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -14,6 +15,8 @@ from pipeline.core.arrays import F64
 from pipeline.core.clouds import CombinedCloud, Plane, PointCloud
 from pipeline.core.detections import Boxes3D
 from pipeline.core.frame import SensorBundle
+from pipeline.core.geometry.boxes import box_corners
+from pipeline.core.geometry.rotated_iou import BoxArrays
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.load import load_config
 from pipeline.detectors.protocols import Candidates3D
@@ -250,42 +253,52 @@ def test_kitti_cars_parked_along_a_street() -> None:
     assert len(boxes) < 20
 
 
-def overlaps_by_pairs(centers: F64, sizes: F64, yaws: F64) -> list[int]:
-    """Greedy suppression, pair by pair."""
-    steps = (np.arange(8) + 0.5) / 8 - 0.5
-    grid = np.stack(np.meshgrid(steps, steps, indexing="ij"), -1).reshape(-1, 2)
-
-    def share(a: int, b: int) -> float:
-        cos, sin = np.cos(yaws[b]), np.sin(yaws[b])
-        samples = centers[b, :2] + (grid * sizes[b, :2]) @ np.array([[cos, sin], [-sin, cos]]) - centers[a, :2]
-        cos, sin = np.cos(yaws[a]), np.sin(yaws[a])
-        along, across = samples[:, 0] * cos + samples[:, 1] * sin, samples[:, 1] * cos - samples[:, 0] * sin
-        return float(((abs(along) <= sizes[a, 0] / 2) & (abs(across) <= sizes[a, 1] / 2)).mean())
-
+def overlaps_by_pairs(boxes: BoxArrays) -> list[int]:
+    """Greedy suppression, pair by pair, by shapely."""
+    grounds = shapely.polygons(box_corners(*boxes)[:, :4, :2])
     kept: list[int] = []
-    for row in range(len(centers)):
-        if all(max(share(row, other), share(other, row)) <= detect3d.OVERLAP_SHARE for other in kept):
+    for row, ground in enumerate(grounds):
+        others = grounds[kept]
+        smaller_m2 = np.minimum(shapely.area(ground), shapely.area(others))
+        if (shapely.area(shapely.intersection(ground, others)) <= detect3d.OVERLAP_SHARE * smaller_m2).all():
             kept.append(row)
     return kept
+
+
+def scattered(count: int, spread_m: float) -> BoxArrays:
+    rng = np.random.default_rng(count)
+    centers, sizes = rng.uniform(-spread_m, spread_m, (count, 3)), rng.uniform(0.3, 6, (count, 3))
+    return BoxArrays(centers, sizes, rng.uniform(-3, 3, count))
 
 
 @pytest.mark.parametrize(("count", "spread_m"), [(0, 1), (1, 1), (2, 1), (60, 4), (60, 20), (90, 60)])
 def test_overlaps_are_those_of_all_pairs(count: int, spread_m: float, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(detect3d, "BLOCK", 16)
     monkeypatch.setattr(detect3d, "PAIRS", 50)
-    rng = np.random.default_rng(count)
-    centers, sizes = rng.uniform(-spread_m, spread_m, (count, 3)), rng.uniform(0.3, 6, (count, 3))
-    yaws = rng.uniform(-3, 3, count)
-    kept = detect3d._suppress_overlaps(centers, sizes, yaws)
-    assert kept.tolist() == overlaps_by_pairs(centers, sizes, yaws)
+    boxes = scattered(count, spread_m)
+    assert detect3d._suppress_overlaps(boxes).tolist() == overlaps_by_pairs(boxes)
+
+
+@pytest.mark.parametrize(
+    ("ahead_m", "kept"),
+    [
+        pytest.param(0.0, [0], id="same place"),
+        pytest.param(2.99, [0], id="more than a quarter"),
+        pytest.param(3.01, [0, 1], id="less than a quarter"),
+        pytest.param(4.0, [0, 1], id="end to end"),
+    ],
+)
+def test_share_of_the_ground_that_two_boxes_may_have_in_common(ahead_m: float, kept: list[int]) -> None:
+    yaw, width_m = 0.7, np.array([1.8, 30.0])  # the share is that of the smaller one
+    centers = np.array([[0.0, 0.0, 1.0], [ahead_m * np.cos(yaw), ahead_m * np.sin(yaw), 5.0]])
+    sizes = np.column_stack([[4.0, 4.0], width_m, [1.5, 1.5]])
+    assert detect3d._suppress_overlaps(BoxArrays(centers, sizes, np.full(2, yaw))).tolist() == kept
 
 
 def test_thousands_of_boxes_are_compared_with_their_neighbours_only() -> None:
-    rng = np.random.default_rng(1)
-    count = 8000
-    centers, sizes = rng.uniform(-400, 400, (count, 3)), rng.uniform(0.3, 6, (count, 3))
+    boxes = scattered(8000, 400)
     tracemalloc.start()
-    detect3d._suppress_overlaps(centers, sizes, rng.uniform(-3, 3, count))
+    detect3d._suppress_overlaps(boxes)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 30 << 20  # 8000 boxes against 256 at a time: 67 MiB

@@ -1,0 +1,186 @@
+"""What is required of figures: `fused.car.ap_bev_r40_50 >= 0.9`."""
+
+import operator
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+from lidcam.evaluation.figures import LABELS, NamedFigures
+from pipeline.core.errors import ConfigError
+from pipeline.evaluation.records import Figure
+
+__all__ = ["EXAMPLE", "Outcome", "Requirement", "RequirementError", "check_names", "read_requirements"]
+
+EXAMPLE = "fused.car.ap_bev_r40_50 >= 0.9"
+
+OPERATORS: Mapping[str, Callable[[float, float], bool]] = {
+    ">=": operator.ge,
+    "<=": operator.le,
+    "==": operator.eq,
+    "!=": operator.ne,
+    ">": operator.gt,
+    "<": operator.lt,
+}
+
+TRACKING = "tracking."
+"""How the names of figures begin that only results with track ids have."""
+
+MAX_FILE_BYTES = 1 << 20
+FEWEST_DIGITS, MOST_DIGITS = 4, 17
+
+_FORM = re.compile(r"(?P<name>[^\s<>=!][^<>=!]*?)\s*(?P<sign>[<>=!]+)\s*(?P<limit>[^\s<>=!]+)")
+
+
+class RequirementError(ConfigError):
+    """A requirement is not written as one, or names a figure that there is not, or a file of them cannot be read."""
+
+
+@dataclass(frozen=True, slots=True)
+class Requirement:
+    """A limit for a figure.
+
+    Attributes:
+        name: Its dotted name.
+        sign: How the figure is compared with the limit; a key of `OPERATORS`.
+        limit: The limit, in the unit of the figure.
+    """
+
+    name: str
+    sign: str
+    limit: float
+
+    @classmethod
+    def parse(cls, text: str) -> "Requirement":
+        """The requirement that a text states.
+
+        Raises:
+            RequirementError: it states none.
+        """
+        parts = _FORM.fullmatch(text.strip())
+        if parts is None:
+            raise RequirementError(f"expected a figure, a comparison and a number, as in {EXAMPLE!r}, found {text!r}")
+        if parts["sign"] not in OPERATORS:
+            raise RequirementError(f"{text!r}: expected one of {', '.join(OPERATORS)}, found {parts['sign']!r}")
+        try:
+            limit = float(parts["limit"])
+        except ValueError:
+            limit = float("nan")
+        if not isfinite(limit):
+            hint = "; shares are numbers from 0 to 1" if parts["limit"].endswith("%") else ""
+            raise RequirementError(f"{text!r}: expected a number after {parts['sign']}, found {parts['limit']!r}{hint}")
+        return cls(parts["name"], parts["sign"], limit)
+
+    def __str__(self) -> str:
+        return f"{self.name} {self.sign} {self.limit:g}"
+
+    def check(self, figures: NamedFigures) -> "Outcome":
+        """What comes of it. A figure that is not defined fails, and so does one that there is not."""
+        expected = f"{self.name}: expected {self.sign} {self.limit:g}"
+        if self.name not in figures:
+            return Outcome(self, None, f"{expected}, found no such figure: {figures.unknown(self.name)}")
+        found = figures[self.name]
+        if found is None:
+            return Outcome(self, None, f"{expected}, found that it is not defined{why_undefined(figures, self.name)}")
+        if isinstance(found, str):
+            return Outcome(self, found, f"{expected}, found the text {found!r}")
+        if OPERATORS[self.sign](found, self.limit):
+            return Outcome(self, found, "")
+        return Outcome(self, found, f"{expected}, found {_told(found, self.limit)}")
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What comes of a requirement.
+
+    Attributes:
+        requirement: The requirement.
+        found: The figure; None if it is not defined, or there is none of that name.
+        failure: Why it is not met, in one line; empty if it is.
+    """
+
+    requirement: Requirement
+    found: Figure
+    failure: str
+
+    def tree(self) -> dict[str, Any]:
+        """As plain values, for JSON."""
+        named = {"figure": self.requirement.name, "comparison": self.requirement.sign, "limit": self.requirement.limit}
+        return {**named, "found": self.found, "is_met": not self.failure}
+
+
+def read_requirements(texts: Iterable[str]) -> tuple[Requirement, ...]:
+    """Requirements as given on the command line; `@FILE` stands for those of a file.
+
+    A file has one in a line; empty lines count for nothing, and neither does what follows a `#`.
+
+    Raises:
+        RequirementError: one is not written as a requirement, or a file cannot be read or has none.
+    """
+    found: list[Requirement] = []
+    for text in texts:
+        found += _of_file(Path(text[1:])) if text.startswith("@") else [Requirement.parse(text)]
+    return tuple(found)
+
+
+def check_names(requirements: Sequence[Requirement], known: NamedFigures) -> None:
+    """Whether there can be figures of these names.
+
+    Args:
+        requirements: The requirements.
+        known: The figures of a result without objects: names that depend on the words of the truth are not among them,
+            and neither are those of tracks, which a result may not have.
+
+    Raises:
+        RequirementError: there is no such figure.
+    """
+    for name in dict.fromkeys(one.name for one in requirements):
+        if name not in known and f".{LABELS}." not in name and not name.startswith(TRACKING):
+            raise RequirementError(known.unknown(name))
+
+
+def why_undefined(figures: NamedFigures, name: str) -> str:
+    """Why a figure is not defined, as far as counts beside it or above it tell; begins with a colon, or is empty."""
+    if figures.get("frames_with_truth") == 0:
+        return ": there is no truth"
+    for count, reason in _REASONS.items():
+        if figures.nearest_count(name, count) == 0:
+            return f": {reason}"
+    return ""
+
+
+_REASONS = {"truth": "there is no truth of it", "found": "nothing of it was found", "right": "nothing of it was right"}
+"""Counts that leave the figures beside them without a meaning where they are 0."""
+
+
+def _of_file(path: Path) -> list[Requirement]:
+    try:
+        with path.open("rb") as file:
+            content = file.read(MAX_FILE_BYTES + 1)
+        if len(content) > MAX_FILE_BYTES:
+            raise RequirementError(f"{path}: expected at most {MAX_FILE_BYTES >> 20} MiB of requirements")
+        lines = content.decode().splitlines()
+    except OSError as err:
+        raise RequirementError(f"{path}: expected a file with requirements: {err.strerror or err}") from err
+    except UnicodeDecodeError as err:
+        raise RequirementError(f"{path}: expected a text with requirements, found bytes that are none") from err
+    found = []
+    for number, line in enumerate(lines, 1):
+        if text := line.partition("#")[0].strip():
+            try:
+                found.append(Requirement.parse(text))
+            except RequirementError as err:
+                raise RequirementError(f"{path}, line {number}: {err}") from err
+    if not found:
+        raise RequirementError(f"{path}: expected at least one requirement, as {EXAMPLE!r}, found none")
+    return found
+
+
+def _told(found: float, limit: float) -> str:
+    """A figure with as many digits as it takes to tell it from the limit."""
+    if isinstance(found, int):
+        return str(found)
+    texts = (f"{found:.{digits}g}" for digits in range(FEWEST_DIGITS, MOST_DIGITS + 1))
+    return next((text for text in texts if float(text) != limit), repr(found))

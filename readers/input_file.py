@@ -1,0 +1,64 @@
+"""What tells an input from others: its size and its checksum."""
+
+from dataclasses import dataclass
+from hashlib import file_digest
+from typing import Any
+
+from pipeline.core.errors import RecordingError
+from readers.location import Location, RemotePath
+
+__all__ = ["InputFile", "read_input_file"]
+
+
+@dataclass(frozen=True, slots=True)
+class InputFile:
+    """An input file.
+
+    Attributes:
+        path: As it was given, without credentials; a ROS 2 folder and a split recording are the files that they hold.
+        name: Name of the file.
+        bytes: Its size; None where it was not asked for, and where a server does not say it.
+        sha256: Of its content, hexadecimal; None where it was not read as a whole, as of a file on a server.
+        server: What the server says of it: `size`, `etag`, `last_modified`.
+    """
+
+    path: str
+    name: str
+    bytes: int | None = None
+    sha256: str | None = None
+    server: tuple[tuple[str, str], ...] = ()
+
+    @classmethod
+    def unread(cls, path: Location) -> "InputFile":
+        """Only what its path says, and the server that was asked when it was opened."""
+        facts = path.facts if isinstance(path, RemotePath) else ()
+        size = dict(facts).get("size", "")
+        return cls(str(path), path.name, int(size) if size.isdecimal() else None, None, facts)
+
+    @property
+    def provenance(self) -> dict[str, str]:
+        """What a result says of it: not where it lay."""
+        if self.sha256 is None:
+            return {"name": self.name, "url": self.path, **dict(self.server)}
+        return {"name": self.name, "sha256": self.sha256}
+
+    def tree(self) -> dict[str, Any]:
+        """As plain values, for JSON."""
+        facts = {key: value for key, value in self.server if key != "size"}
+        return {"path": self.path, "bytes": self.bytes, "sha256": self.sha256, **facts}
+
+
+def read_input_file(path: Location) -> InputFile:
+    """A file with its checksum; one on a server is not fetched as a whole for it.
+
+    Raises:
+        RecordingError: it cannot be read.
+    """
+    if isinstance(path, RemotePath):
+        return InputFile.unread(path)
+    try:
+        with path.open("rb") as file:
+            digest = file_digest(file, "sha256").hexdigest()
+            return InputFile(str(path), path.name, file.tell(), digest)
+    except OSError as err:
+        raise RecordingError(f"{path}: expected a file that can be read: {err.strerror or err}") from err

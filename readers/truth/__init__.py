@@ -1,0 +1,1 @@
+"""The truth that results are compared with: recorded topics, odometry, label files."""

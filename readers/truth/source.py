@@ -1,0 +1,54 @@
+"""What every kind of truth gives: the true objects at a moment, and in an image."""
+
+from collections.abc import Sequence
+from typing import Protocol, runtime_checkable
+
+from pipeline.evaluation.records import TruthBoxes2D, TruthBoxes3D
+from readers.truth.moment import STEP_BACK_NS, Moment
+
+__all__ = ["STEP_BACK_NS", "CountingSource", "TruthSource"]
+
+
+class TruthSource(Protocol):
+    """Truth from one place.
+
+    Sources are read once, from the beginning to the end: the stamps that they are asked for rise, apart from steps
+    back of at most `STEP_BACK_NS`, and memory does not grow with the length of the truth.
+    """
+
+    @property
+    def description(self) -> str:
+        """Which truth this is, for the user: `/ground_truth/objects of crossing.mcap`."""
+
+    @property
+    def notes(self) -> Sequence[str]:
+        """What the user should know of what was read so far, one line each: what was not used, and why."""
+
+    def at(self, stamp_ns: int, *, frame: int) -> TruthBoxes3D | None:
+        """The true objects at a time; None if the truth does not cover it.
+
+        Args:
+            stamp_ns: The time.
+            frame: Number of the result's frame that is meant, for truth that is numbered and has no stamps.
+
+        Returns:
+            The objects at `stamp_ns`, in any frame of reference (`frame_id`): the reader of the truth brings them to
+            the site frame by the transforms that were recorded.
+        """
+
+    def in_image(self, camera: str, stamp_ns: int, *, frame: int) -> TruthBoxes2D | None:
+        """The true objects in an image; None if the source knows of none, then those of `at` are projected.
+
+        Args:
+            camera: Name of the camera in the rig of the result.
+            stamp_ns: Stamp of the image.
+            frame: As for `at`.
+        """
+
+
+@runtime_checkable
+class CountingSource(TruthSource, Protocol):
+    """Truth that says how much of an object each camera sees."""
+
+    def moment(self, stamp_ns: int) -> Moment | None:
+        """As `at`, always at the time itself, with the pixels by camera; for what is projected into images."""

@@ -1,0 +1,119 @@
+"""Figures by their names."""
+
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lidcam.evaluation.figures import NamedFigures, merged
+
+TREE: dict[str, Any] = {
+    "sources": {
+        "fused": {
+            "car": {"recall": 0.84, "ap_bev_r40_50": 0.9, "ap_bev_r11_50": None, "ranges": {"0_20": {"recall": 1}}}
+        },
+        "lidar": {"car": {"recall": 0.5}},
+    },
+    "thresholds": {"car_m": [0.5, 1.0]},
+    "frames": 3,
+}
+FIGURES = NamedFigures(TREE)
+
+
+@pytest.mark.parametrize(
+    ("name", "figure"),
+    [
+        ("sources.fused.car.recall", 0.84),
+        ("fused.car.recall", 0.84),
+        ("fused.car.ranges.0_20.recall", 1),
+        ("fused.car.ap_bev_r11_50", None),
+        ("thresholds.car_m.1", 1.0),
+        ("frames", 3),
+    ],
+)
+def test_a_figure_by_its_name(name: str, figure: float | None) -> None:
+    assert name in FIGURES
+    assert FIGURES[name] == figure
+    assert FIGURES.get(name, "none") == figure
+
+
+def test_all_names_in_their_order() -> None:
+    assert [*FIGURES] == [
+        "sources.fused.car.recall",
+        "sources.fused.car.ap_bev_r40_50",
+        "sources.fused.car.ap_bev_r11_50",
+        "sources.fused.car.ranges.0_20.recall",
+        "sources.lidar.car.recall",
+        "thresholds.car_m.0",
+        "thresholds.car_m.1",
+        "frames",
+    ]
+    assert len(FIGURES) == 8
+    assert len(NamedFigures({})) == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("fused.car.recal", "unknown figure 'fused.car.recal': did you mean 'fused.car.recall'"),
+        ("fused.cars.recall", "did you mean 'fused.car.recall'"),
+        ("sources.fused.car.ap_bev_r40", "did you mean 'sources.fused.car.ap_bev_r40_50'"),
+        ("fuzed.car.ap_bev_50", "'fused.car.ap_bev_r40_50'"),
+        ("frame", "unknown figure 'frame': did you mean 'frames'?"),
+        ("fused.car", "'fused.car' names 4 figures: expected one of them, such as 'fused.car.recall'"),
+        ("xyz", "unknown figure 'xyz': known are those of sources, thresholds, frames"),
+        ("", "unknown figure '': known are"),
+    ],
+)
+def test_an_unknown_name_is_answered_with_the_nearest(name: str, told: str) -> None:
+    assert name not in FIGURES
+    assert FIGURES.get(name) is None
+    assert told in FIGURES.unknown(name)
+    with pytest.raises(KeyError, match="figure"):
+        FIGURES[name]
+
+
+def test_what_is_no_text_is_no_name() -> None:
+    number: object = 3
+    assert number not in FIGURES
+
+
+@pytest.mark.parametrize(
+    ("name", "count", "figure"),
+    [
+        ("fused.car.ap_bev_r40_50", "recall", 0.84),
+        ("fused.car.ranges.0_20.recall", "recall", 1),
+        ("fused.car.ranges.0_20.recall", "ap_bev_r40_50", 0.9),
+        ("lidar.car.recall", "ap_bev_r40_50", None),
+        ("frames", "recall", None),
+        ("unknown.name", "recall", None),
+    ],
+)
+def test_a_count_beside_or_above_a_figure(name: str, count: str, figure: float | None) -> None:
+    assert FIGURES.nearest_count(name, count) == figure
+
+
+def test_trees_are_merged_in_their_order() -> None:
+    assert [*merged([{"b": 1}, {}, {"a": 2}])] == ["b", "a"]
+    with pytest.raises(ValueError, match="found a, b twice"):
+        merged([{"a": 1, "b": 2}, {"b": {}, "a": 3}])
+
+
+NAMES = st.text("abc_0", min_size=1, max_size=4)
+
+
+@given(
+    st.recursive(
+        st.none() | st.integers() | st.booleans() | st.text("x", max_size=2),
+        lambda inner: st.dictionaries(NAMES, inner, max_size=3) | st.lists(inner, max_size=2),
+        max_leaves=8,
+    ).map(lambda node: {"top": node})
+)
+def test_every_figure_is_found_by_the_name_that_it_is_listed_with(tree: dict[str, Any]) -> None:
+    figures = NamedFigures(tree)
+    for name in figures:
+        node: Any = tree
+        for part in name.split("."):
+            node = node[int(part)] if isinstance(node, list) else node[part]
+        assert figures[name] is node
