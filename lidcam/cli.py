@@ -8,11 +8,16 @@ from typing import Annotated, Literal
 import typer
 
 from lidcam.options import (
+    STDOUT,
     AsJson,
     ConfigFile,
+    EvaluateConfigFile,
     Format,
+    JsonCommand,
+    JsonTarget,
     Overwrite,
     RecordingOut,
+    Require,
     RigFile,
     Scenario,
     Seed,
@@ -39,6 +44,7 @@ Examples:
   lidcam-process drive.bag out.mcap --rig site.yaml --start 30 --duration 10
   lidcam-process part_0.mcap part_1.mcap out.mcap --set sync.slop_s=0.05
   lidcam-process https://host/drive.mcap out.mcap --start 30 --duration 10
+  lidcam-process drive.bag out.mcap --evaluate --require "frames > 3"
 """
 
 INSPECT_EXAMPLES = """\b
@@ -53,6 +59,20 @@ Examples:
   lidcam inspect bag_folder --json
   lidcam inspect broken.bag --repair whole.mcap
   lidcam inspect s3://bucket/drive.mcap
+"""
+
+EVALUATE_EXAMPLES = """\b
+Exit codes: 0 done, and all requirements are met; 1 a requirement is not met,
+with a line each, or nothing could be evaluated; 2 wrong usage; 3 done, but
+part of the result is damaged.
+
+\b
+Examples:
+  lidcam evaluate out.mcap
+  lidcam evaluate out.mcap --truth drive.mcap --json figures.json
+  lidcam evaluate out.mcap --require "fused.car.recall >= 0.8"
+  lidcam evaluate out.mcap --require @gate.txt
+  lidcam evaluate out.mcap --set evaluate.max_range_m=40
 """
 
 SIMULATE_EXAMPLES = """\b
@@ -92,8 +112,8 @@ app = typer.Typer(
 process_app = typer.Typer(context_settings=HELP_NAMES, rich_markup_mode=None, pretty_exceptions_enable=False)
 
 
-@app.command(epilog=PROCESS_EXAMPLES)
-@process_app.command(epilog=PROCESS_EXAMPLES)
+@app.command(epilog=PROCESS_EXAMPLES, cls=JsonCommand)
+@process_app.command(epilog=PROCESS_EXAMPLES, cls=JsonCommand)
 @with_log_options
 def process(
     paths: Annotated[
@@ -129,13 +149,26 @@ def process(
         Literal["skip", "fail"],
         typer.Option(help="What to do about a message that cannot be decoded, or a damaged file."),
     ] = "skip",
+    copy_topics: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--copy-topics",
+            metavar="PATTERN",
+            help="Topics to copy to the output, as /map or '/ground_truth/*'; may be repeated. Without it, those of "
+            "the truth.",
+        ),
+    ] = None,
     print_detections: Annotated[
         bool, typer.Option("--print-detections", help="Print what the lidars saw, frame by frame.")
     ] = False,
     print_matches: Annotated[
         bool, typer.Option("--print-matches", help="Print which 2D box is which object, frame by frame.")
     ] = False,
-    as_json: AsJson = False,
+    json: JsonTarget = None,
+    evaluate_: Annotated[
+        bool, typer.Option("--evaluate", help="Then measure the result, as `lidcam evaluate` does.")
+    ] = False,
+    requirements: Require = None,
     strict: Annotated[
         bool,
         typer.Option(
@@ -168,9 +201,10 @@ def process(
         raise typer.BadParameter(f"expected a name that ends in .rrd, found {rerun}", param_hint="--rerun")
     if duration == 0:
         raise typer.BadParameter("expected more than 0 seconds", param_hint="--duration")
-    if as_json and (print_detections or print_matches):
+    if json == STDOUT and (print_detections or print_matches):
         raise typer.BadParameter(
-            "prints one JSON document and nothing else: leave out --print-detections and --print-matches",
+            "prints one JSON document and nothing else: leave out --print-detections and --print-matches, or write it "
+            "to a file with --json FILE.json",
             param_hint="--json",
         )
     if max_dropped is not None and not strict:
@@ -179,10 +213,14 @@ def process(
         # Stages of several frames already fill the cores; OpenMP threads inside of one would only wait for each other.
         # Read once, when the libraries are loaded.
         os.environ.setdefault("OMP_NUM_THREADS", "1")
-    from lidcam.commands.process import Printed, run_process  # heavy: after the arguments are known to be right
+    from lidcam.commands.evaluate import requirement_errors  # heavy: after the arguments are known to be right
+    from lidcam.commands.process import Printed, run_process
     from lidcam.commands.strict import Strictness
+    from lidcam.evaluation.requirement import read_requirements
     from lidcam.job import make_job
 
+    with requirement_errors():
+        required = read_requirements(requirements or ())
     job = make_job(
         inputs,
         [output] if rerun is None else [output, rerun],
@@ -190,15 +228,19 @@ def process(
         settings=settings or (),
         rig=rig_files,
         model_2d=model_2d,
+        copy_topics=copy_topics or None,
         workers=workers,
         start_s=start,
         duration_s=duration,
         on_bad_message=on_bad_message,
         overwrite=overwrite,
     )
-    printed = Printed(detections=print_detections, matches=print_matches, as_json=as_json)
+    printed = Printed(detections=print_detections, matches=print_matches, json=json)
     given = {} if max_dropped is None else {"max_dropped_percent": max_dropped}
-    run_process(job, printed, Strictness(**given) if strict else None)
+    with requirement_errors():
+        run_process(
+            job, printed, Strictness(**given) if strict else None, required if evaluate_ or requirements else None
+        )
 
 
 @app.command(epilog=INSPECT_EXAMPLES)
@@ -238,6 +280,54 @@ def inspect(
             read_files=read_files(config_file, rig_files),
         )
     )
+
+
+@app.command(epilog=EVALUATE_EXAMPLES, cls=JsonCommand)
+@with_log_options
+def evaluate(
+    result: Annotated[Path, typer.Argument(metavar="RESULT.mcap", help="What `lidcam process` wrote.")],
+    truth: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="PATH",
+            help="A recording with topics of truth, or labels; without it, what was copied into the result. May be "
+            "repeated.",
+        ),
+    ] = None,
+    truth_topics: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--truth-topic",
+            metavar="TOPIC",
+            help="A topic of truth; without it, those with a name like /ground_truth. May be repeated.",
+        ),
+    ] = None,
+    requirements: Require = None,
+    rig_files: RigFile = None,
+    config_file: EvaluateConfigFile = None,
+    settings: Setting = None,
+    json: JsonTarget = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Measure a result: against truth, and without it.
+
+    Detection, calibration of scores, gain by fusion, tracks; by class, range
+    and zone.
+    """
+    from lidcam.commands.evaluate import EvaluateOptions, requirement_errors, run_evaluate
+    from lidcam.evaluation.evaluation import make_evaluation_job
+
+    with requirement_errors():
+        job = make_evaluation_job(
+            result,
+            truth=truth or (),
+            truth_topics=truth_topics or (),
+            requirements=requirements or (),
+            rig=rig_files,
+            config=config_file,
+            settings=settings or (),
+        )
+        run_evaluate(EvaluateOptions(job, json, overwrite))
 
 
 @app.command()

@@ -14,6 +14,7 @@ from pipeline.core.settings.config import Config
 from pipeline.stages.sync.clocks import Clocks
 from pipeline.stages.sync.synchronize import SyncStats, synchronize
 from readers.recording import Recording
+from readers.streams.copied import CopiedMessages
 from readers.streams.motion import MotionBuffer, MotionSource
 from readers.video.streams import VideoStreams, video_topics
 
@@ -47,6 +48,7 @@ class RunInput:
         motion: Where the motion of the site frame comes from; None if it stands still.
         window: Part of the recording.
         settings: Why these settings.
+        copied: Topics whose messages are handed on with the bundles, for an output that copies them.
     """
 
     recording: Recording
@@ -55,6 +57,7 @@ class RunInput:
     motion: MotionSource | None = None
     window: TimeWindow = TimeWindow()
     settings: UsedSettings = AS_GIVEN
+    copied: tuple[str, ...] = ()
 
 
 def sensor_clocks(rig: Rig, drops: DropTable) -> Clocks:
@@ -66,7 +69,7 @@ def sensor_clocks(rig: Rig, drops: DropTable) -> Clocks:
 
 
 def bundles(source: RunInput, drops: DropTable, stats: SyncStats, clocks: Clocks) -> Iterator[SensorBundle]:
-    """The bundles of a recording, in order, with the motion of the site frame around each.
+    """The bundles of a recording, in order, with the motion of the site frame around each and the messages to copy.
 
     Where time jumps back, synchronisation and motion begin anew: no bundle mixes both sides.
 
@@ -80,15 +83,42 @@ def bundles(source: RunInput, drops: DropTable, stats: SyncStats, clocks: Clocks
         RecordingError: reading fails.
         MessageError: a message cannot be decoded, and `drops` does not skip bad ones.
     """
+    config, recording, window = source.config, source.recording, source.window
+    if not source.copied:
+        yield from _bundles(source, drops, stats, clocks, _messages(source))
+        return
+    copied = CopiedMessages(
+        source.copied, config.classes, limits=config.limits, on_drop=drops.add, on_bad=drops.add_bad
+    )
+    if window.start_ns is not None:
+        copied.read_ahead(recording, window.start_ns)
+    messages = copied.tap(_messages(source), _used_topics(source))
+    yield from copied.handed_on(_bundles(source, drops, stats, clocks, messages), recording, window.stop_ns)
+
+
+def _used_topics(source: RunInput) -> frozenset[str]:
+    """Topics that bundles are made from."""
+    motion_topics = source.motion.topics if source.motion else ()
+    return frozenset((*synchronized_topics(source.config, source.rig), *motion_topics))
+
+
+def _messages(source: RunInput) -> Iterator[RawMessage]:
+    """The messages of the window, for the bundles and to be copied."""
+    topics, window = {*_used_topics(source), *source.copied}, source.window
+    return source.recording.messages(topics, start_ns=window.start_ns, stop_ns=window.stop_ns)
+
+
+def _bundles(
+    source: RunInput, drops: DropTable, stats: SyncStats, clocks: Clocks, messages: Iterable[RawMessage]
+) -> Iterator[SensorBundle]:
     recording, window = source.recording, source.window
-    topics = synchronized_topics(source.config, source.rig)
     motion = MotionBuffer(source.motion, limits=source.config.limits, on_drop=drops.add_bad)
+    topics = synchronized_topics(source.config, source.rig)
     video = VideoStreams(video_topics(recording, topics), limits=source.config.limits)
     if window.start_ns is not None:
         motion.read_ahead(recording, window.start_ns)
         video.look_back(recording, window.start_ns)
 
-    messages = recording.messages({*topics, *motion.topics}, start_ns=window.start_ns, stop_ns=window.stop_ns)
     for part in clocks.parts(video.decoded(messages)):
         found = _synchronized(motion.tap(part), source, drops, stats)
         found = video.without_blanks(found, on_drop=drops.add, on_bad=drops.add_bad)

@@ -99,6 +99,7 @@ class JobOptions(TypedDict, total=False):
         rig: Rig file, loaded, by its path or by the name of a preset; or several, of which later ones add to and
             replace what earlier ones say. Without it sensors and calibration are found in the recording.
         model_2d: 2D network (ONNX, YOLOX layout).
+        copy_topics: Topics that are copied to the MCAP output, by name or shell pattern; None: those of the truth.
         workers: 1 runs stage after stage; more overlap stages of several frames. The result is the same.
         start_s: Seconds to skip.
         duration_s: Seconds to process; None: to the end.
@@ -110,6 +111,7 @@ class JobOptions(TypedDict, total=False):
     settings: Settings
     rig: RigSource | None
     model_2d: FilePath | None
+    copy_topics: Sequence[str] | None
     workers: int | None
     start_s: float
     duration_s: float | None
@@ -125,6 +127,7 @@ def make_job(
     settings: Settings = (),
     rig: RigSource | None = None,
     model_2d: FilePath | None = None,
+    copy_topics: Sequence[str] | None = None,
     workers: int | None = None,
     start_s: float = 0.0,
     duration_s: float | None = None,
@@ -141,7 +144,11 @@ def make_job(
     outputs = locations([] if output is None else output)
     if remote := [path for path in outputs if isinstance(path, RemotePath)]:
         raise OutputError(f"{remote[0]}: expected the name of a local file as output")
-    given = {"detect2d.model": model_2d, "run.workers": workers}
+    given = {
+        "detect2d.model": model_2d,
+        "output.copy_topics": None if copy_topics is None else list(copy_topics),
+        "run.workers": workers,
+    }
     more = {key: value for key, value in given.items() if value is not None}
     choice = choose_settings(config, settings, more)
     return Job(

@@ -33,6 +33,7 @@ from lidcam.frames import (
 )
 from lidcam.job import Job
 from lidcam.outputs.allowed import check_no_input
+from lidcam.outputs.copied import choose_copied
 from lidcam.outputs.open import open_outputs, open_writers, written_files
 from lidcam.settings.lasting import settings_sha256
 from lidcam.settings.settle import settle, with_zones
@@ -142,8 +143,10 @@ def _opened(job: Job) -> Iterator["Run"]:
         config, used = settle(job.choice, recording, found, moves=motion is not None)
         found = with_zones(found, job.rig, config)
         logger.info("settings: %s", used)
+        copied, notes = choose_copied(job.outputs, recording, found.rig, config)
+        found = replace(found, notes=(*found.notes, *notes))
         drops = DropTable(job.on_bad_message)
-        yield Run(RunInput(recording, found.rig, config, motion, window, used), found, drops)
+        yield Run(RunInput(recording, found.rig, config, motion, window, used, copied), found, drops)
 
 
 class Run:
@@ -221,7 +224,7 @@ class Run:
         """What was done so far; `inputs` are the files that were read, `outputs` those that were written."""
         source, found, tally, drops = self.source, self.found, self._tally, self._drops.rows
         motion_topics = source.motion.topics if source.motion else ()
-        used = {*tally.messages, *(drop.topic for drop in drops), *motion_topics}
+        used = {*tally.messages, *(drop.topic for drop in drops), *motion_topics, *source.copied}
         absences = self._stats.attendance.absences(synchronized_topics(source.config, source.rig))
         start_ns = source.recording.start_ns
         missing = missing_sensors(absences, source.rig, of_frames=self._stats.sets, start_ns=start_ns)
@@ -233,6 +236,7 @@ class Run:
             frames_without_boxes=tally.frames_without_boxes,
             points=dict(tally.points),
             messages_used=dict(sorted(tally.messages.items())),
+            copied={topic: tally.copied[topic] for topic in sorted(source.copied)},
             drops=drops,
             missing=tuple(missing),
             unused_boxes=dict(sorted(tally.unused_boxes.items())),
@@ -323,10 +327,11 @@ def _results(
 
 def _memory_of(bundle: SensorBundle) -> int:
     """About how many bytes the work on a frame holds."""
-    return sum(
+    in_work = sum(
         len(message.data) * (CLOUD_GROWTH if message.channel.msgtype in CLOUD else IMAGE_GROWTH)
         for message in bundle.messages.values()
     )
+    return in_work + sum(len(message.data) for message in bundle.copied)
 
 
 def _write(writer: ResultWriter, result: FrameResult) -> FrameResult:

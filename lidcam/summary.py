@@ -169,6 +169,7 @@ class RunReport:
         frames_without_boxes: Number of frames for which no camera sent an image or boxes.
         points: Lidar points by step of the combination, summed over the frames.
         messages_used: Number of messages used, by topic.
+        copied: Number of messages copied to the output, by topic.
         drops: Messages that were not used, by topic and reason.
         missing: Sensors without which frames had to do.
         unused_boxes: Recorded 2D boxes that could not be used, by reason.
@@ -198,6 +199,7 @@ class RunReport:
     frames_without_boxes: int
     points: Mapping[str, int]
     messages_used: Mapping[str, int]
+    copied: Mapping[str, int]
     drops: tuple[DropCount, ...]
     missing: tuple[MissingSensor, ...]
     unused_boxes: Mapping[str, int]
@@ -253,6 +255,7 @@ class Tally:
         self.objects: Counter[tuple[str, str]] = Counter()
         self.points: Counter[str] = Counter()
         self.messages: Counter[str] = Counter()
+        self.copied: Counter[str] = Counter()
         self.unused_boxes: Counter[str] = Counter()
 
     def add(self, frame: FrameResult) -> None:
@@ -269,6 +272,7 @@ class Tally:
             self.objects[self._class_names[class_id], zone] += 1
         self.points.update(dict(frame.combined.counts))
         self.unused_boxes.update(dict(frame.unused_boxes))
+        self.copied.update(message.topic for message in frame.bundle.copied)
         unused = {(drop.topic, drop.stamp_ns) for drop in frame.drops if not drop.parts}
         self.messages.update(topic for topic, m in frame.bundle.messages.items() if (topic, m.stamp_ns) not in unused)
 
@@ -304,6 +308,7 @@ def report_tree(report: RunReport) -> dict[str, Any]:
         "frames_without_boxes": report.frames_without_boxes,
         "points": dict(report.points),
         "messages_used": dict(report.messages_used),
+        "copied": dict(report.copied),
         "drops": [asdict(drop) for drop in report.drops],
         "missing": [asdict(sensor) for sensor in report.missing],
         "losses": loss_records(report.losses),

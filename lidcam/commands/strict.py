@@ -47,7 +47,7 @@ class Strictness:
                 dropped[drop.topic] += drop.count
         findings = []
         for topic, count in sorted(dropped.items()):
-            used = report.messages_used.get(topic, 0)
+            used = report.messages_used.get(topic, 0) + report.copied.get(topic, 0)
             total = count + used
             if 100 * count > self.max_dropped_percent * total and (count > ENDS or not used):
                 share = f"{100 * count / total:.1f} %"

@@ -58,13 +58,13 @@ class NamedFigures(Mapping[str, Figure]):
         sections = dict.fromkeys(key.partition(".")[0] for key in self._found)
         return f"unknown figure {name!r}: known are those of {', '.join(sections)}"
 
-    def beside(self, name: str) -> dict[str, Figure]:
-        """The figures of the section that holds a figure, by the last part of their names."""
-        key = self._key(name) or name
-        section = key.rpartition(".")[0]
-        beginning = f"{section}." if section else ""
-        last = {known: known.removeprefix(beginning) for known in self._found if known.startswith(beginning)}
-        return {part: self._found[known] for known, part in last.items() if "." not in part}
+    def nearest_count(self, name: str, count: str) -> Figure:
+        """The figure of a given last name in the section of a figure, or else in the closest section around it."""
+        section = self._key(name) or name
+        while section := section.rpartition(".")[0]:
+            if f"{section}.{count}" in self._found:
+                return self._found[f"{section}.{count}"]
+        return None
 
     def _key(self, name: str) -> str | None:
         return next((key for key in (name, LEFT_OUT + name) if key in self._found), None)

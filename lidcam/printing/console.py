@@ -99,6 +99,7 @@ def print_report(out: Console, report: RunReport) -> None:
         "motion": f"{compensated}, from {', '.join(report.motion_topics)}" if report.motion_topics else _NO_MOTION,
         "2D boxes": _BOX_SOURCES[report.box_source],
         "confirmed": _confirmed(report),
+        **({"copied": _copied(report)} if report.copied else {}),
         "settings": str(report.settings),
         "written": ", ".join(map(str, report.outputs)),
         **_how_to_look(report.outputs),
@@ -113,6 +114,12 @@ def print_report(out: Console, report: RunReport) -> None:
         more = f" and {len(names) - MAX_LISTED} more" if len(names) > MAX_LISTED else ""
         show_line(out, f"not used: {', '.join(names[:MAX_LISTED])}{more}")
     _print_warnings(out, report.warnings)
+
+
+def _copied(report: RunReport) -> str:
+    counts = [f"{topic} {count}" for topic, count in report.copied.items()]
+    more = f" and {len(counts) - MAX_LISTED} more topics" if len(counts) > MAX_LISTED else ""
+    return f"{sum(report.copied.values())} messages: {', '.join(counts[:MAX_LISTED])}{more}"
 
 
 def _confirmed(report: RunReport) -> str:

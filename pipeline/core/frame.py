@@ -35,6 +35,7 @@ class SensorBundle:
         motion: Poses of the site frame around `stamp_ns`; None without odometry.
         dropped_before: Number of messages dropped since the previous bundle, by (topic, reason).
         missing: Why there is no message, by synchronised topic without one.
+        copied: Recorded messages that an output takes over as they are, in the order in which they were recorded.
     """
 
     index: int
@@ -44,6 +45,7 @@ class SensorBundle:
     motion: PoseSamples | None = None
     dropped_before: Mapping[tuple[str, str], int] = field(default_factory=dict)
     missing: Mapping[str, Missing] = field(default_factory=dict)
+    copied: tuple[RawMessage, ...] = ()
 
     @property
     def skew_ns(self) -> int:

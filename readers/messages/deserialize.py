@@ -25,7 +25,7 @@ from pipeline.core.text import one_line
 from readers.messages.boundary.layouts import layout_fault
 from readers.messages.size_limits import count_items, size_fault
 
-__all__ = ["definition_problem", "deserialize", "deserialize_as", "typestore_for"]
+__all__ = ["definition_problem", "deserialize", "deserialize_as", "type_parts", "typestore_for"]
 
 # rosbag2 joins the IDL texts of a type and its dependencies under such headings.
 IDL_HEADING = re.compile(r"^={80}\nIDL: .*\n", re.MULTILINE)
@@ -130,7 +130,7 @@ def _typestore(channel: Channel) -> Typestore | str:
                 if name not in known:
                     return f"the recording has no definition of {name}" + _needed_by(name, channel)
                 types[name] = known[name]
-            wanted += _parts(types[name])
+            wanted += type_parts(types[name])
         if fault := size_fault(channel.msgtype, {**store.fielddefs, **types}):
             return f"the recorded definition of {channel.msgtype} is unusable: {fault}"
         if fault := layout_fault(channel.msgtype, {**store.fielddefs, **types}, known):
@@ -192,7 +192,7 @@ def _recorded_types(channel: Channel) -> Typesdict:
     return types
 
 
-def _parts(definition: Any) -> Iterator[str]:
+def type_parts(definition: Any) -> Iterator[str]:
     """Names of the message types among a definition's fields."""
     for _, (node, detail) in definition[1]:
         if node in {Nodetype.ARRAY, Nodetype.SEQUENCE}:

@@ -169,7 +169,7 @@ def _with_messages(recording: Recording, msgtypes: frozenset[str], config: Topic
         for info in recording.topics
         if info.msgtype in msgtypes
         and info.message_count > 0
-        and not is_truth(info.topic)
+        and not is_truth(info.topic, info.msgtype)
         and not any(fnmatchcase(info.topic, pattern) for pattern in config.exclude)
     ]
     return sorted(infos, key=lambda info: natural_key(info.topic))

@@ -29,7 +29,20 @@ NOT_IMAGES = frozenset(
     {"depth", "disparity", "mask", "masks", "label", "labels", "segmentation", "semantic", "confidence"}
     | {"compresseddepth"}
 )
+TRUTH_FOLDER = "/ground_truth/"
+"""All below it is truth, whatever its type."""
+
+BOX_TYPES = frozenset({"vision_msgs/msg/Detection2DArray", "vision_msgs/msg/Detection3DArray"})
+_TRUTH = re.compile(r"(?:^|[/_])(?:ground_?truth|truth|gt|annotations?)(?:$|[/_])", re.IGNORECASE)
 _NUMBERED = re.compile(r"^(?:camera|cam|image|img)?_?(\d+)$")
+
+
+def is_truth(topic: str, msgtype: str) -> bool:
+    """Whether a topic is truth and no measurement: all below `/ground_truth/`, and boxes whose name says so.
+
+    The words are `ground_truth`, `truth`, `gt` and `annotations`, between slashes or underscores.
+    """
+    return topic.startswith(TRUTH_FOLDER) or (msgtype in BOX_TYPES and bool(_TRUTH.search(topic)))
 
 
 def transport_free(topic: str) -> str:
@@ -41,11 +54,6 @@ def transport_free(topic: str) -> str:
 def is_measured_image(topic: str) -> bool:
     """Whether a topic's name does not say depth, mask or label image."""
     return NOT_IMAGES.isdisjoint(re.split(r"[/_]", topic.lower()))
-
-
-def is_truth(topic: str) -> bool:
-    """Whether a topic's name says that it is ground truth, as those of lidcam's simulator do."""
-    return topic.startswith("/ground_truth/")
 
 
 def is_rectified(topic: str) -> bool:

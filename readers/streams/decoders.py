@@ -14,9 +14,9 @@ from pipeline.core.messages import Drop, RawMessage
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.detectors.onnx.coco import COCO_LABELS
-from readers.messages.detections2d import Detections2D, decode_detections2d
 from readers.messages.image import decode_any_image
 from readers.messages.pointcloud2 import decode_pointcloud2
+from readers.messages.vision.detections2d import Detections2D, decode_detections2d
 from readers.velodyne.decoder import VelodyneDecoders
 from readers.velodyne.scan import PACKET_BYTES, SCAN
 

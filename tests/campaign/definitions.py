@@ -42,11 +42,11 @@ from pipeline.core.ros.typestores import extra_types
 from pipeline.core.settings.config import Config
 from readers.messages.camera_info import camera_model, rectified_camera_model
 from readers.messages.deserialize import definition_problem, deserialize
-from readers.messages.detections2d import decode_detections2d
 from readers.messages.image import decode_any_image
 from readers.messages.odometry import decode_odometry
 from readers.messages.pointcloud2 import decode_pointcloud2
 from readers.messages.tf import decode_transforms
+from readers.messages.vision.detections2d import decode_detections2d
 from readers.rig.discovery import discover_rig
 from readers.streams.motion import MotionBuffer, find_motion_source
 from readers.streams.per_sensor import sensor_messages

@@ -1,6 +1,7 @@
 """The main job on the sample recording: the right objects, in every container, with the same bytes every time."""
 
 import json
+import re
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -8,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from command import Lidcam
+from mcap.reader import make_reader
 from results import Found, fused_objects, messages_of, topics_of
 from rosbags.convert import convert
 from rosbags.highlevel import AnyReader
@@ -170,8 +172,32 @@ def test_json_summary(lidcam: Lidcam, sandbox: Path, sandbox_config: Path, tmp_p
     assert set(used) >= {"/velodyne1_points", "/image_raw_11/compressed", "/detections_44"}
     assert all(drop["reason"] for drop in dropped)
     assert summary["motion"] == {"topics": [], "compensated_frames": 0}
-    assert {"/car1/base_pose_ground_truth", "/ground_truth/objects"} <= set(summary["unused_topics"])
-    assert not set(summary["unused_topics"]) & set(used)
+    assert "/car1/base_pose_ground_truth" in summary["unused_topics"]
+    assert not set(summary["unused_topics"]) & {*used, *summary["copied"]}
+    assert summary["copied"] == {"/ground_truth/objects": 20}  # of the second, and of the two after it at most
+
+
+def test_truth_is_copied_around_the_window_with_names_for_numbers(
+    lidcam: Lidcam, sandbox: Path, sandbox_config: Path, tmp_path: Path
+) -> None:
+    out, given = tmp_path / "o.mcap", ("--config", sandbox_config, "--start", "0.5", "--duration", "0.5")
+    run = lidcam("process", sandbox, out, *given)
+    assert run.code == 0, run.err
+    assert re.search(r"copied +20 messages: /ground_truth/objects 20\n", run.out)
+    truth = messages_of(out, "/ground_truth/objects")
+    objects = truth[0][1].detections
+    assert {one.results[0].hypothesis.class_id for one in objects} == {"car"}
+    assert [one.id for one in objects] == [str(row) for row in range(len(objects))]
+    assert {one.hypothesis.class_id for one in objects[0].results[1:]} == {"lidar_points", "image_pixels"}
+    frames = messages_of(out, "/fused/detections")
+    assert truth[0][0] < frames[0][0] < frames[-1][0] < truth[-1][0]
+    with out.open("rb") as file:
+        logged = [message.log_time for _, _, message in make_reader(file).iter_messages(log_time_order=False)]
+    assert logged == sorted(logged)
+    run = lidcam("process", sandbox, tmp_path / "p.mcap", *given, "--copy-topics", "/car?/base_pose*")
+    assert run.code == 0, run.err
+    assert {"/car1/base_pose_ground_truth", "/car2/base_pose_ground_truth"} <= set(topics_of(tmp_path / "p.mcap"))
+    assert "/ground_truth/objects" not in topics_of(tmp_path / "p.mcap")
 
 
 def test_without_images_and_boxes_it_is_lidar_only_and_says_so(

@@ -45,17 +45,21 @@ from video import CODECS, compressed_video, encode, ffmpeg_packet, moving
 
 from pipeline.core.errors import LidcamError
 from pipeline.core.messages import Channel, RawMessage
+from pipeline.core.ros.typestores import message_types
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.load import dump_config, load_config
 from pipeline.core.settings.recording import LimitsConfig
 from readers.files.rosbag2_folder import recording_files
 from readers.messages.camera_info import camera_model, rectified_camera_model
+from readers.messages.conversion.to_ros2 import to_ros2
 from readers.messages.deserialize import definition_problem, deserialize, typestore_for
-from readers.messages.detections2d import decode_detections2d
+from readers.messages.diagnostics import decode_diagnostics
 from readers.messages.image import decode_any_image
 from readers.messages.odometry import decode_odometry
 from readers.messages.pointcloud2 import decode_pointcloud2
 from readers.messages.tf import decode_transforms, read_transforms
+from readers.messages.vision.detections2d import decode_detections2d
+from readers.messages.vision.detections3d import decode_detections3d
 from readers.open import open_recording
 from readers.recording import ReadOptions, Recording
 from readers.rig.discovery import discover_rig
@@ -263,7 +267,7 @@ def _message_seeds(msgtype: str, *messages: Fields) -> Callable[[], list[bytes]]
     ]
 
 
-CLOUD, IMAGE, COMPRESSED, INFO, TF, ODOMETRY, BOXES, SCAN = (
+CLOUD, IMAGE, COMPRESSED, INFO, TF, ODOMETRY, BOXES, OBJECTS, STATUS, SCAN = (
     "sensor_msgs/msg/PointCloud2",
     "sensor_msgs/msg/Image",
     "sensor_msgs/msg/CompressedImage",
@@ -271,6 +275,8 @@ CLOUD, IMAGE, COMPRESSED, INFO, TF, ODOMETRY, BOXES, SCAN = (
     "tf2_msgs/msg/TFMessage",
     "nav_msgs/msg/Odometry",
     "vision_msgs/msg/Detection2DArray",
+    "vision_msgs/msg/Detection3DArray",
+    "diagnostic_msgs/msg/DiagnosticArray",
     "velodyne_msgs/msg/VelodyneScan",
 )
 
@@ -317,6 +323,31 @@ def _decode_info(message: RawMessage) -> None:
     with suppress(LidcamError):
         camera_model(info)
     rectified_camera_model(info)
+
+
+def _objects(data: bytes) -> None:
+    """Objects in the layouts of ROS 1, with numbers as classes and clouds, and of ROS 2."""
+    version: Literal[1, 2] = 1 if data and data[0] & 1 else 2
+    encoding, form = ("ros1", "ros1msg") if version == 1 else ("cdr", "ros2msg")
+    definition, _ = message_types(version).generate_msgdef(OBJECTS, ros_version=version)
+    channel = Channel("/objects", OBJECTS, encoding, definition, form)  # type: ignore[arg-type]  # of these words
+    _hold(lambda message: decode_detections3d(message, limits=LIMITS), RawMessage(T0, T0, (0, 0), data[1:], channel))
+
+
+def _object_seeds() -> list[bytes]:
+    box = {"center": {"position": {"x": 1.0}, "orientation": {"w": 1.0}}, "size": {"x": 4.0, "y": 2.0, "z": 1.5}}
+    of_ros1 = {
+        "results": [{"id": 1, "score": 1.0}, {"id": -1, "score": 9.0}],
+        "bbox": box,
+        "source_cloud": _clouds()[0],
+    }
+    of_ros2 = {"results": [{"hypothesis": {"class_id": name}} for name in ("car", "lidar_points")], "bbox": box}
+    seeds = []
+    for count in (0, 1, 3):
+        head = {"header": header(T0, "site")}
+        ros1, ros2 = {**head, "detections": [of_ros1] * count}, {**head, "detections": [of_ros2] * count}
+        seeds += [b"\1" + serialize(OBJECTS, ros1, "ros1", message_types(1)), b"\0" + serialize(OBJECTS, ros2)]
+    return seeds
 
 
 def _decode_tf(message: RawMessage) -> None:
@@ -596,11 +627,17 @@ HARNESSES: dict[str, Harness] = {
         ),
     ),
     "odometry": Harness(_messages(ODOMETRY, decode_odometry), _message_seeds(ODOMETRY, odometry(stamp_ns=T0))),
+    "to_ros2": Harness(_messages(ODOMETRY, to_ros2), _message_seeds(ODOMETRY, odometry(stamp_ns=T0))),
     "detections2d": Harness(
         _messages(BOXES, lambda m: decode_detections2d(m, {"car": 0}, class_names=["car"])),
         _message_seeds(
             BOXES, detection2d_array([[0, 0, 5, 5]] * 2, class_names=["car", "0"], scores=[0.5, 0.6], stamp_ns=T0)
         ),
+    ),
+    "detections3d": Harness(_objects, _object_seeds),
+    "diagnostics": Harness(
+        _messages(STATUS, lambda m: decode_diagnostics(m, limits=LIMITS)),
+        _message_seeds(STATUS, {"status": [{"name": "a", "values": [{"key": "skew_ms", "value": "1.5"}]}]}),
     ),
     "velodyne_scan": Harness(
         _messages(SCAN, lambda m: VelodyneDecoders(Config().velodyne)[m.topic](m)),

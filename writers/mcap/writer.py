@@ -1,25 +1,26 @@
 """Writes FrameResults to one MCAP file for Foxglove, Lichtblick, rosbag2 and ROS tools.
 
 Profile `ros2`: CDR messages, definitions as `ros2msg` text with all dependencies (mcap.dev/spec/registry). Every
-message of a frame has the log time of the frame's reference message. Headers have the frame's stamp; an image and its
-camera_info, annotations and detections have the image's own stamp, because viewers pair them by equality. Equal
-results give equal bytes.
+message of a frame has the log time of the frame's reference message; copied messages keep theirs. Headers have the
+frame's stamp; an image and its camera_info, annotations and detections have the image's own stamp, because viewers pair
+them by equality. Equal results give equal bytes.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from types import TracebackType
 from typing import Any, Self
 
 from pipeline.core.errors import MessageError, OutputError
 from pipeline.core.frame import FrameResult
-from pipeline.core.messages import Drop, RawMessage, time_fault
+from pipeline.core.messages import Channel, Drop, RawMessage, time_fault
 from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.ros.messages import ROS2
 from pipeline.core.ros.qos import LATCHED_YAML
 from pipeline.core.settings.config import Config
 from writers.foxglove.layout import foxglove_layout
 from writers.mcap.file import McapOutput, mcap_file
+from writers.mcap.topics import written_topics
 from writers.messages.annotations import image_annotations
 from writers.messages.detections import detections_2d, detections_3d, lidcam_objects
 from writers.messages.diagnostics import diagnostics
@@ -57,6 +58,7 @@ class McapResultWriter:
         self._rig, self._config, self._provenance = rig, config, provenance
         self._resources = ExitStack()
         self._channels: dict[str, int] = {}
+        self._copied: dict[Channel, int] = {}
         self._filled: set[str] = set()
         self._messages = 0
         self._survey = SceneSurvey(rig)
@@ -69,7 +71,7 @@ class McapResultWriter:
             compression = self._config.output.compression
             self._file = resources.enter_context(mcap_file(self._output.part, profile="ros2", compression=compression))
             self._attach()
-            for topic, msgtype in self._topics():
+            for topic, msgtype in written_topics(self._rig, self._config.output):
                 self._register(topic, msgtype)
             self._resources = resources.pop_all()
         return self
@@ -98,8 +100,11 @@ class McapResultWriter:
                 f"{self._path}: frame {result.bundle.index}: a stamp does not fit a ROS 2 header, {fault}; "
                 "cut that part off with --start and --duration"
             )
+        before = [message for message in result.bundle.copied if message.log_time_ns <= log_time_ns]
+        after = [message for message in result.bundle.copied if message.log_time_ns > log_time_ns]
         with output_errors(self._path):
-            if self._messages == 0:
+            self._copy(before)
+            if not self._filled:
                 self._put("/tf_static", static_transforms(self._rig, min(stamps_ns)), log_time_ns)
             motion, limits = result.bundle.motion, self._config.combine.motion
             if motion is not None and motion.covers(
@@ -111,25 +116,8 @@ class McapResultWriter:
             for camera in self._rig.cameras:
                 not_copied += self._put_camera(camera, result)
             self._put("/diagnostics", diagnostics(result, self._rig, not_copied), log_time_ns)
+            self._copy(after)
         return tuple(not_copied)
-
-    def _topics(self) -> Iterator[tuple[str, str]]:
-        """Topics of every file; `/tf` and images are added with their first message, which tells their type."""
-        yield "/tf_static", "tf2_msgs/msg/TFMessage"
-        yield "/lidar_camera_fused", "msgs/msg/MsgLidCam"
-        yield "/fused/detections", "vision_msgs/msg/Detection3DArray"
-        yield "/fused/scene", "foxglove_msgs/msg/SceneUpdate"
-        yield "/fused/markers", "visualization_msgs/msg/MarkerArray"
-        yield "/lidar/detections", "vision_msgs/msg/Detection3DArray"
-        if self._config.output.clouds:
-            yield "/point_cloud_combined", "sensor_msgs/msg/PointCloud2"
-            if self._config.output.ground:
-                yield "/ground_cloud", "sensor_msgs/msg/PointCloud2"
-        for camera in self._rig.cameras:
-            yield f"/{camera.name}/camera_info", "sensor_msgs/msg/CameraInfo"
-            yield f"/{camera.name}/annotations", "foxglove_msgs/msg/ImageAnnotations"
-            yield f"/{camera.name}/detections", "vision_msgs/msg/Detection2DArray"
-        yield "/diagnostics", "diagnostic_msgs/msg/DiagnosticArray"
 
     def _site_messages(self, result: FrameResult) -> Iterator[tuple[str, Any]]:
         names, stamp_ns, objects = self._config.class_names, result.bundle.stamp_ns, result.fused.objects
@@ -178,6 +166,16 @@ class McapResultWriter:
             return (Drop(image.topic, image.stamp_ns, _NOT_COPIED, str(err)),)
         self._put_bytes(topic, msgtype, cdr, log_time_ns)
         return ()
+
+    def _copy(self, messages: Iterable[RawMessage]) -> None:
+        """Write recorded messages as they are, at the times at which they were recorded."""
+        for message in messages:
+            channel = message.channel
+            if channel not in self._copied:
+                schema = channel.msgtype, channel.definition_format, channel.definition.encode()
+                self._copied[channel] = self._file.add_channel(channel.topic, channel.encoding, schema)
+            self._file.add_message(self._copied[channel], message.log_time_ns, message.data, self._messages)
+            self._messages += 1
 
     def _put(self, topic: str, message: Any, log_time_ns: int) -> None:
         self._put_bytes(topic, message.__msgtype__, ROS2.serialize(message), log_time_ns)

@@ -84,7 +84,7 @@ class LimitsConfig(SettingsModel):
         max_topics: Topics of one recording.
         max_message_items: Strings and messages in the lists of one message, as boxes or transforms; each takes
             kilobytes of memory once it is decoded.
-        max_boxes: 2D boxes in one message.
+        max_boxes: Boxes in one message.
         max_frames: Coordinate frames that transforms name.
         max_points: Points in one cloud.
         max_frame_points: Points in the clouds of one frame.

@@ -83,6 +83,8 @@ HYPOTHESIS = _Either(
         {"id": WHOLE, "score": NUMBER},
     )
 )
+POSED = {"pose": {"covariance": _Values("float64[36]", _FLOATS, 36)}}
+POSED_HYPOTHESIS = _Either(tuple({**need, **POSED} for need in HYPOTHESIS.needs if isinstance(need, Mapping)))
 CENTER = _Either(
     ({"position": {"x": NUMBER, "y": NUMBER}, "theta": NUMBER}, dict.fromkeys(("x", "y", "theta"), NUMBER))
 )
@@ -113,10 +115,23 @@ NEEDS: dict[str, Mapping[str, Any]] = {
         "child_frame_id": TEXT,
         "pose": {"pose": {"position": POINT, "orientation": QUATERNION}},
     },
+    "diagnostic_msgs/msg/DiagnosticArray": {
+        "header": HEADER,
+        "status": _List({"name": TEXT, "values": _List({"key": TEXT, "value": TEXT})}),
+    },
     "vision_msgs/msg/Detection2DArray": {
         "header": HEADER,
         "detections": _List(
             {"results": _List(HYPOTHESIS), "bbox": {"center": CENTER, "size_x": NUMBER, "size_y": NUMBER}}
+        ),
+    },
+    "vision_msgs/msg/Detection3DArray": {
+        "header": HEADER,
+        "detections": _List(
+            {
+                "results": _List(POSED_HYPOTHESIS),
+                "bbox": {"center": {"position": POINT, "orientation": QUATERNION}, "size": POINT},
+            }
         ),
     },
     "foxglove_msgs/msg/CompressedVideo": {"timestamp": TIME, "frame_id": TEXT, "data": BYTES, "format": TEXT},

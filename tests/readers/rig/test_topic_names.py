@@ -5,6 +5,7 @@ from hypothesis import strategies as st
 from readers.rig.topic_names import (
     is_measured_image,
     is_rectified,
+    is_truth,
     pair_score,
     place,
     sensor_names,
@@ -97,3 +98,21 @@ def test_rectified_and_transport() -> None:
     assert not is_rectified("/rect/image_raw")
     assert transport_free("/cam/image/compressed") == "/cam/image"
     assert transport_free("/compressed") == "/compressed"
+
+
+@pytest.mark.parametrize(
+    ("topic", "msgtype", "expected"),
+    [
+        ("/ground_truth/objects", "vision_msgs/msg/Detection3DArray", True),
+        ("/ground_truth/map", "nav_msgs/msg/OccupancyGrid", True),
+        ("/ground_truth", "nav_msgs/msg/Odometry", False),
+        ("/car1/base_pose_ground_truth", "nav_msgs/msg/Odometry", False),
+        ("/groundtruth/left", "vision_msgs/msg/Detection2DArray", True),
+        ("/left/detections_GT", "vision_msgs/msg/Detection2DArray", True),
+        ("/left/annotations", "vision_msgs/msg/Detection2DArray", True),
+        ("/left/detections", "vision_msgs/msg/Detection2DArray", False),
+        ("/gtx_camera/detections", "vision_msgs/msg/Detection2DArray", False),
+    ],
+)
+def test_truth_is_told_by_name_and_type(topic: str, msgtype: str, expected: bool) -> None:
+    assert is_truth(topic, msgtype) is expected

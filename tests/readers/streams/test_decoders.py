@@ -3,13 +3,13 @@ import pytest
 from builders import detection2d_array, image, pointcloud2, raw
 from velodyne import random_packets, scan
 
-from bags.simulator.recorder.hypotheses import CLASS_NUMBERS
 from pipeline.core.camera import CameraModel
 from pipeline.core.errors import MessageError
 from pipeline.core.frame import SensorBundle
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.messages import RawMessage
 from pipeline.core.rig import CameraSensor, LidarSensor, Rig
+from pipeline.core.ros.vision_numbers import CLASS_NUMBERS
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.load import load_config
 from readers.streams.decoders import CloudDecoder, ImageDecoder, RecordedBoxes

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from builders import odometry, raw
 from frames import CONFIG, PERIOD_NS, PROVENANCE, RIG, START_NS, frame, image_message
 from mcap.reader import make_reader
 from results import messages_of, topics_of
@@ -16,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.core.errors import OutputError
 from pipeline.core.frame import FrameResult
-from pipeline.core.messages import Drop
+from pipeline.core.messages import Channel, Drop, RawMessage
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from writers.base import ResultWriter
@@ -315,3 +316,25 @@ def test_a_stamp_that_ros_cannot_hold_is_one_clear_line(tmp_path: Path, stamp_ns
     with pytest.raises(OutputError, match=f"frame 0: a stamp does not fit a ROS 2 header, {stamp_ns} ns lies"):
         write(tmp_path / "out.mcap", [with_messages(frame(), **{"/left/image": message})])
     assert names_in(tmp_path) == []
+
+
+def test_copied_messages_keep_bytes_definition_and_time(tmp_path: Path) -> None:
+    result = frame(0)
+    at_ns = result.bundle.log_time_ns
+    recorded = [raw("/truth", "nav_msgs/msg/Odometry", odometry(stamp_ns=at), at) for at in (at_ns - 5, at_ns + 5)]
+    idl = Channel("/idl", "own_msgs/msg/Thing", "cdr", "module own_msgs {};", "ros2idl")
+    recorded.append(RawMessage(at_ns, at_ns, (0, 0), b"\x00\x01\x00\x00", idl))
+    result = replace(result, bundle=replace(result.bundle, copied=tuple(recorded)))
+    write(tmp_path / "out.mcap", [result])
+    with (tmp_path / "out.mcap").open("rb") as file:
+        reader = make_reader(file)
+        found = list(reader.iter_messages(log_time_order=False))
+        written = {(c.topic, m.log_time): (m.data, s.name, s.encoding, s.data) for s, c, m in found if s is not None}
+    for one in recorded:
+        data, name, encoding, text = written[one.topic, one.log_time_ns]
+        channel = one.channel
+        assert (data, name, encoding) == (one.data, channel.msgtype, channel.definition_format)
+        assert text.decode() == channel.definition
+    order = [channel.topic for _, channel, _ in found]
+    assert order[:3] == ["/truth", "/idl", "/tf_static"]
+    assert order[-1] == "/truth"

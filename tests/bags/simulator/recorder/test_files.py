@@ -29,11 +29,11 @@ from pipeline.core.geometry.transform import Transform
 from pipeline.core.messages import RawMessage
 from readers.messages.camera_info import camera_model
 from readers.messages.deserialize import deserialize
-from readers.messages.detections2d import decode_detections2d
 from readers.messages.image import decode_any_image
 from readers.messages.odometry import decode_odometry
 from readers.messages.pointcloud2 import decode_pointcloud2
 from readers.messages.tf import decode_transforms
+from readers.messages.vision.detections2d import decode_detections2d
 from readers.open import open_recording
 from readers.velodyne.scan import parse_velodyne_scan
 from writers.outputs.marked_text import is_unchanged_text

@@ -14,14 +14,17 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from pipeline.core.arrays import F64
 from pipeline.core.detections import Boxes2D
 from pipeline.core.errors import MessageError
 from pipeline.core.messages import RawMessage
+from pipeline.core.ros.vision_numbers import count_of
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
+from pipeline.evaluation.records import Names
 from readers.messages.boundary.decoding import decoder
 from readers.messages.deserialize import deserialize_as
 from readers.messages.tf import clean_frame
@@ -37,10 +40,16 @@ class Detections2D:
 
     Attributes:
         boxes: Boxes of known classes, in recorded order.
+        labels: (N,) str, classes as recorded; a number as text in ROS 1.
+        ids: (N,) str, what the message calls each box; empty where it says nothing, as in ROS 1.
+        counts: (N,) float64 by name, hypotheses that count something (see `count_of`); NaN where a box has no such.
         unused: Number of other detections by reason, sorted by reason.
     """
 
     boxes: Boxes2D
+    labels: Names
+    ids: Names
+    counts: Mapping[str, F64]
     unused: Mapping[str, int]
 
 
@@ -50,18 +59,20 @@ def decode_detections2d(
     class_id_of_label: Mapping[str, int],
     *,
     class_names: Sequence[str] = (),
+    other_class_id: int | None = None,
     limits: LimitsConfig = DEFAULT_LIMITS,
 ) -> Detections2D:
     """The boxes of a message, each with the class of its best hypothesis (of equal scores the first).
 
-    ROS 1's hypotheses with negative ids are no classes: lidcam's simulator has counts there. Classes are looked up by
-    label, ignoring case. A number that is not a label is a row of `class_names`, the numbering
-    of the detector that wrote it. Rotated boxes (`theta`) become their upright hull. Scores are clipped to [0, 1].
+    Hypotheses that count something are no classes (see `count_of`). Classes are looked up by label, ignoring case. A
+    number that is not a label is a row of `class_names`, the numbering of the detector that wrote it. Rotated boxes
+    (`theta`) become their upright hull. Scores are clipped to [0, 1].
 
     Args:
         message: Detection2DArray of any version.
         class_id_of_label: Class id by each name that a detector may use.
         class_names: Labels of a detector that records numbers.
+        other_class_id: Class id of boxes of any other class; None: they are not used.
         limits: How many boxes a message may hold.
 
     Raises:
@@ -69,7 +80,7 @@ def decode_detections2d(
     """
     array = deserialize_as(message, DETECTIONS_2D, limits=limits)
     class_ids = {label.strip().lower(): class_id for label, class_id in class_id_of_label.items()}
-    rows: list[tuple[list[float], float, int]] = []
+    rows: list[_Row] = []
     unused: Counter[str] = Counter()
     if len(array.detections) > limits.max_boxes:
         raise MessageError(
@@ -77,7 +88,7 @@ def decode_detections2d(
             "limits.max_boxes"
         )
     for detection in array.detections:
-        found = _read(detection, class_ids, class_names)
+        found = _read(detection, class_ids, class_names, other_class_id)
         if isinstance(found, str):
             unused[found] += 1
         else:
@@ -85,34 +96,57 @@ def decode_detections2d(
     boxes = Boxes2D(
         message.stamp_ns,
         clean_frame(array.header.frame_id),
-        np.array([xyxy for xyxy, _, _ in rows], np.float32).reshape(-1, 4),
-        np.array([score for _, score, _ in rows], np.float32),
-        np.array([class_id for _, _, class_id in rows], np.int32),
+        np.array([row.xyxy for row in rows], np.float32).reshape(-1, 4),
+        np.array([row.score for row in rows], np.float32),
+        np.array([row.class_id for row in rows], np.int32),
     )
-    return Detections2D(boxes, dict(sorted(unused.items())))
+    names = sorted({name for row in rows for name in row.counts})
+    return Detections2D(
+        boxes,
+        np.array([row.label for row in rows], np.str_),
+        np.array([row.id for row in rows], np.str_),
+        {name: np.array([row.counts.get(name, math.nan) for row in rows], np.float64) for name in names},
+        dict(sorted(unused.items())),
+    )
+
+
+class _Row(NamedTuple):
+    """One box, by the attributes of `Detections2D`."""
+
+    xyxy: list[float]
+    score: float
+    class_id: int
+    label: str
+    id: str
+    counts: Mapping[str, float]
 
 
 def _read(
-    detection: Any, class_ids: Mapping[str, int], class_names: Sequence[str]
-) -> tuple[list[float], float, int] | str:
-    """Left, top, right, bottom; score; class id. Or why the detection is not used."""
-    hypotheses = [getattr(result, "hypothesis", result) for result in detection.results]
-    scored = [one for one in hypotheses if math.isfinite(one.score) and not _is_negative(getattr(one, "id", 0))]
-    if not scored:
+    detection: Any, class_ids: Mapping[str, int], class_names: Sequence[str], other_class_id: int | None
+) -> _Row | str:
+    """The box, or why the detection is not used."""
+    best, highest = "", -math.inf
+    counts: dict[str, float] = {}
+    for result in detection.results:
+        hypothesis = getattr(result, "hypothesis", result)
+        label = str(hypothesis.class_id if hasattr(hypothesis, "class_id") else hypothesis.id).strip()
+        score = float(hypothesis.score)
+        if not math.isfinite(score):
+            continue
+        if name := count_of(label):
+            counts[name] = score
+        elif score > highest:
+            best, highest = label, score
+    if highest == -math.inf:
         return "no class with a score"
-    best = max(scored, key=lambda hypothesis: float(hypothesis.score))
-    label = str(best.class_id if hasattr(best, "class_id") else best.id).strip()
-    class_id = class_ids.get(_name_of(label, class_ids, class_names))
+    class_id = class_ids.get(_name_of(best, class_ids, class_names), other_class_id)
     if class_id is None:
-        return f"class {label!r} is not configured"
+        return f"class {best!r} is not configured"
     xyxy = _hull(detection.bbox)
     if xyxy is None:
         return "box without an area or not finite"
-    return xyxy, min(max(float(best.score), 0.0), 1.0), class_id
-
-
-def _is_negative(id: int | str) -> bool:
-    return isinstance(id, int) and id < 0
+    id_ = str(getattr(detection, "id", "") or getattr(detection, "tracking_id", ""))
+    return _Row(xyxy, min(max(highest, 0.0), 1.0), class_id, best, id_, counts)
 
 
 def _name_of(label: str, class_ids: Mapping[str, int], class_names: Sequence[str]) -> str:

@@ -11,7 +11,7 @@ from pipeline.core.errors import MessageError
 from pipeline.core.messages import Channel, RawMessage
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.recording import LimitsConfig
-from readers.messages.detections2d import Detections2D, decode_detections2d
+from readers.messages.vision.detections2d import Detections2D, decode_detections2d
 
 STAMP_NS = 1_700_000_000_123_456_789
 MSGTYPE = "vision_msgs/msg/Detection2DArray"
@@ -64,6 +64,16 @@ def test_labels_of_the_configuration() -> None:
     assert [Config().class_names[class_id] for class_id in found.boxes.class_ids] == ["bicycle", "pedestrian"]
 
 
+def test_ids_counts_and_other_classes() -> None:
+    seen = {**detection(("car", 1.0), ("image_pixels", 250.0), ("occlusion", 0.25)), "id": "car7"}
+    found = decode(seen, detection(("dog", 0.5), ("image_pixels", 9.0)), detection(("person", 1.0)), other_class_id=-1)
+    assert (found.labels.tolist(), found.ids.tolist()) == (["car", "dog", "person"], ["car7", "", ""])
+    np.testing.assert_array_equal(found.boxes.class_ids, [0, -1, 1])
+    np.testing.assert_array_equal(found.boxes.scores, [1.0, 0.5, 1.0])
+    np.testing.assert_array_equal(found.counts["image_pixels"], [250, 9, np.nan])
+    np.testing.assert_array_equal(found.counts["occlusion"], [0.25, np.nan, np.nan])
+
+
 def test_what_is_left_out_is_counted() -> None:
     found = decode(
         detection(("dog", 0.9)),
@@ -107,7 +117,7 @@ def test_numbers_as_classes() -> None:
     assert (len(unknown.boxes), sum(unknown.unused.values())) == (0, 4)
     known = decode(*numbered, class_names=("person", "bicycle", "Car"))
     np.testing.assert_array_equal(known.boxes.class_ids, [0, 1])
-    assert list(known.unused) == ["class '-1' is not configured", "class '7' is not configured"]
+    assert list(known.unused) == ["class '7' is not configured", "no class with a score"]
 
 
 def test_number_that_is_a_label() -> None:
@@ -178,6 +188,20 @@ def test_older_layouts(definitions: dict[str, str], encoding: builders.Encoding,
     np.testing.assert_allclose(found.boxes.xyxy, [[25, 30, 35, 50]], atol=1e-5)
     np.testing.assert_array_equal(found.boxes.scores, [0.5])
     np.testing.assert_array_equal(found.boxes.class_ids, [0])
+    assert found.ids.tolist() == [""]
+
+
+def test_negative_numbers_of_ros1_count_something() -> None:
+    results = [{"id": 1, "score": 1.0}, {"id": -2, "score": 99.0}, {"id": -3, "score": 4.0}, {"id": -77, "score": 5.0}]
+    raw = old_message(ROS1, "ros1", [{"results": results, "bbox": OLD_BOX}])
+    found = decode_detections2d(raw, {"1": 0})
+    np.testing.assert_array_equal(found.boxes.class_ids, [0])
+    np.testing.assert_array_equal(found.boxes.scores, [1.0])
+    assert {name: values.tolist() for name, values in found.counts.items()} == {
+        "image_pixels": [99.0],
+        "instance": [4.0],
+        "-77": [5.0],
+    }
 
 
 def test_negative_numbers_are_counts_and_no_classes() -> None:

@@ -1,0 +1,63 @@
+"""Which topics of a recording a run copies to its output."""
+
+from collections.abc import Iterable, Sequence
+from fnmatch import fnmatchcase
+from pathlib import Path
+
+from pipeline.core.rig import Rig
+from pipeline.core.settings.config import Config
+from readers.recording import Recording, TopicInfo
+from readers.rig.topic_names import is_truth
+from writers.mcap.topics import reserved_topics
+
+__all__ = ["choose_copied"]
+
+ROS_ENCODINGS = frozenset({"ros1", "cdr"})
+
+
+def choose_copied(
+    outputs: Iterable[Path], recording: Recording, rig: Rig, config: Config
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """The topics to copy, in order of name, and what the user should know of those that are not.
+
+    Without an MCAP output nothing is copied.
+    """
+    if not any(path.suffix == ".mcap" for path in outputs):
+        return (), ()
+    notes: list[str] = []
+    patterns = config.output.copy_topics
+    recorded = [info for info in recording.topics if info.message_count]
+    if patterns is None:
+        of_rig = {vehicle.topic for vehicle in rig.truth.values()}
+        wanted = [info for info in recorded if info.topic in of_rig or is_truth(info.topic, info.msgtype)]
+    else:
+        wanted, notes = _matching(recorded, patterns)
+    reserved = reserved_topics(rig)
+    copied: dict[str, None] = {}
+    for info in wanted:
+        if problem := _problem(info, reserved):
+            notes.append(f"{info.topic} is not copied to the output: {problem}")
+        else:
+            copied[info.topic] = None
+    return tuple(copied), tuple(notes)
+
+
+def _matching(recorded: Sequence[TopicInfo], patterns: Sequence[str]) -> tuple[list[TopicInfo], list[str]]:
+    wanted = [info for info in recorded if any(fnmatchcase(info.topic, pattern) for pattern in patterns)]
+    notes = [
+        f"output.copy_topics: no topic with messages is called {pattern}"
+        for pattern in dict.fromkeys(patterns)
+        if not any(fnmatchcase(info.topic, pattern) for info in recorded)
+    ]
+    return wanted, notes
+
+
+def _problem(info: TopicInfo, reserved: frozenset[str]) -> str:
+    """Why a topic cannot be copied; empty if it can."""
+    if info.topic in reserved:
+        return "the result has a topic of that name"
+    if info.unreadable:
+        return info.unreadable
+    if foreign := [channel.encoding for channel in info.channels if channel.encoding not in ROS_ENCODINGS]:
+        return f"its messages are {foreign[0]}, expected ROS messages"
+    return ""

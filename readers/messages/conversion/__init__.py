@@ -1,0 +1,1 @@
+"""Recorded messages in the form of ROS 2."""

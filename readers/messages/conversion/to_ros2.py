@@ -1,0 +1,102 @@
+"""Recorded ROS messages as CDR with definitions of ROS 2, to be written to a ROS 2 file.
+
+CDR messages stay byte for byte as they are. A ROS 1 type takes the definition that ROS 2 Humble has under its name if
+that holds all of its fields (`sensor_msgs/CameraInfo`: `D` becomes `d`), else it keeps its own; a header loses `seq`.
+ROS 1's vision_msgs do not fit those of ROS 2: see `vision`.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any
+
+from rosbags.convert.converter import STATIC_MSGTYPE_RENAMES, migrate_message
+from rosbags.interfaces.typing import Typesdict
+from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys.store import Typestore
+
+from pipeline.core.errors import MessageError
+from pipeline.core.messages import Channel, RawMessage
+from pipeline.core.ros.messages import ROS2
+from pipeline.core.ros.typestores import message_types
+from pipeline.core.settings.classes import ClassPrior
+from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
+from readers.messages.boundary.decoding import decoder
+from readers.messages.conversion.vision import VISION_ARRAYS, vision_message
+from readers.messages.deserialize import deserialize, type_parts, typestore_for
+
+__all__ = ["to_ros2"]
+
+HEADER = "std_msgs/msg/Header"
+
+
+@decoder
+def to_ros2(
+    message: RawMessage, classes: Sequence[ClassPrior] = (), *, limits: LimitsConfig = DEFAULT_LIMITS
+) -> RawMessage:
+    """The message as CDR, with the definition that its channel needs in a file; times and order are kept.
+
+    Args:
+        message: Any ROS message.
+        classes: Names of the numbers in ROS 1's vision_msgs.
+        limits: What a message that is converted may hold.
+
+    Raises:
+        MessageError: the message could not be read, is none of ROS, or does not fit its definition.
+    """
+    channel = message.channel
+    if message.problem:
+        raise MessageError(f"{channel.topic}: {message.problem}")
+    if channel.encoding == "cdr":
+        return message._replace(channel=_defined(channel))
+    if channel.encoding != "ros1":
+        raise MessageError(f"{channel.topic}: {channel.msgtype} in {channel.encoding} is not a ROS message")
+    recorded = deserialize(message, limits=limits)
+    if channel.msgtype in VISION_ARRAYS:
+        converted = vision_message(recorded, channel.msgtype, classes)
+        definition = ROS2.definition(channel.msgtype)
+        in_ros2 = replace(channel, encoding="cdr", definition=definition, definition_format="ros2msg", digest="")
+        return message._replace(channel=in_ros2, data=ROS2.serialize(converted))
+    store, in_ros2 = _in_ros2(channel)
+    moved: Any = migrate_message(typestore_for(channel), store, channel.msgtype, in_ros2.msgtype, {}, recorded)
+    return message._replace(channel=in_ros2, data=store.serialize_cdr(moved, in_ros2.msgtype))
+
+
+@lru_cache(maxsize=1024)
+def _defined(channel: Channel) -> Channel:
+    """The channel with the definition that it was recorded with, or that of its release if it was recorded without."""
+    if channel.definition.strip():
+        return channel
+    definition, _ = typestore_for(channel).generate_msgdef(channel.msgtype, ros_version=2)
+    return replace(channel, definition=definition, definition_format="ros2msg")
+
+
+@lru_cache(maxsize=1024)
+def _in_ros2(channel: Channel) -> tuple[Typestore, Channel]:
+    """The types of ROS 2 for a ROS 1 channel, and the channel that has them."""
+    recorded, humble = typestore_for(channel).fielddefs, message_types(2).fielddefs
+    msgtype = STATIC_MSGTYPE_RENAMES.get(channel.msgtype, channel.msgtype)
+    types: Typesdict = {}
+    wanted = [(channel.msgtype, msgtype)]
+    while wanted:
+        name, renamed = wanted.pop()
+        if renamed in types:
+            continue
+        types[renamed] = humble[renamed] if _holds(humble, renamed, recorded[name]) else recorded[name]
+        wanted += [(part, part) for part in type_parts(types[renamed])]
+    store = get_typestore(Stores.EMPTY)
+    store.register({name: definition for name, definition in types.items() if name not in store.fielddefs})
+    definition, _ = store.generate_msgdef(msgtype, ros_version=2)
+    return store, replace(
+        channel, msgtype=msgtype, encoding="cdr", definition=definition, definition_format="ros2msg", digest=""
+    )
+
+
+def _holds(humble: Typesdict, name: str, recorded: Any) -> bool:
+    """Whether Humble's definition of a type has every field of the recorded one; the case of names may differ."""
+    if name not in humble:
+        return False
+    if name == HEADER:
+        return True
+    fields = {field.lower(): kind for field, kind in humble[name][1]}
+    return all(fields.get(field.lower()) == kind for field, kind in recorded[1])

@@ -1,0 +1,106 @@
+"""Arrays of boxes of ROS 1's vision_msgs in the layout of ROS 2 Humble.
+
+ROS 1 numbers classes where ROS 2 names them, and has no field for whose box it is. The simulator therefore records
+counts and the instance as hypotheses with negative numbers (docs/simulator.md); in ROS 2 these are hypotheses with
+names, and the instance is `id`. The empty `source_cloud` and `source_img` of ROS 1 have no place in ROS 2.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from pipeline.core.ros.messages import ROS2
+from pipeline.core.settings.classes import ClassPrior
+
+__all__ = ["VISION_ARRAYS", "class_name_of_number", "vision_message"]
+
+_BOXES_3D, _BOXES_2D = "vision_msgs/msg/Detection3DArray", "vision_msgs/msg/Detection2DArray"
+
+VISION_ARRAYS = frozenset({_BOXES_2D, _BOXES_3D})
+
+INSTANCE = -3
+"""Number of the hypothesis whose score is the row of the object in the scenario, from 0; -1 for none."""
+
+_COUNTS = {-1: "lidar_points", -2: "image_pixels", -4: "occlusion", -5: "truncation"}
+_SENSOR_COUNTS = {-1000: "lidar_points", -2000: "image_pixels"}
+"""Minus the row of the sensor in the scenario."""
+
+_SENSORS = 1000
+"""Rows of sensors of one kind that there is a number for."""
+
+_SIMULATED = {1: "car", 2: "pedestrian", 3: "cyclist", 4: "van", 5: "truck", 6: "bus"}
+"""Classes of the simulator; the first three as in the predecessor system."""
+
+
+def class_name_of_number(number: int, classes: Sequence[ClassPrior]) -> str:
+    """Name of a class that a recording numbers.
+
+    The class is the one that has the number among its labels. Where the simulator's name for that number is one of the
+    labels, too, it is the name (4 is `van`, although vans count as trucks); else the name of the class is; the number
+    itself if no class has it.
+    """
+    for prior in classes:
+        if str(number) in prior.labels:
+            simulated = _SIMULATED.get(number, prior.name)
+            return simulated if simulated in prior.labels else prior.name
+    return str(number)
+
+
+def vision_message(recorded: Any, msgtype: str, classes: Sequence[ClassPrior]) -> Any:
+    """A Detection2DArray or Detection3DArray of ROS 2 from one of ROS 1.
+
+    Args:
+        recorded: The message of ROS 1.
+        msgtype: Its type, one of `VISION_ARRAYS`.
+        classes: Names of the numbers.
+    """
+    convert: Callable[[Any], Any] = _box_3d if msgtype == _BOXES_3D else _box_2d
+    element = msgtype.removesuffix("Array")
+    detections = []
+    for detection in recorded.detections:
+        instances = [int(result.score) for result in detection.results if result.id == INSTANCE]
+        detections.append(
+            ROS2.new(
+                element,
+                header=_header(detection.header),
+                results=[_hypothesis(result, classes) for result in detection.results if result.id != INSTANCE],
+                bbox=convert(detection.bbox),
+                id=str(instances[0]) if instances and instances[0] >= 0 else "",
+            )
+        )
+    return ROS2.new(msgtype, header=_header(recorded.header), detections=detections)
+
+
+def _hypothesis(result: Any, classes: Sequence[ClassPrior]) -> Any:
+    hypothesis = ROS2.new("vision_msgs/msg/ObjectHypothesis", class_id=_name(result.id, classes), score=result.score)
+    pose = ROS2.pose_with_covariance(_pose(result.pose.pose), result.pose.covariance)
+    return ROS2.new("vision_msgs/msg/ObjectHypothesisWithPose", hypothesis=hypothesis, pose=pose)
+
+
+def _name(number: int, classes: Sequence[ClassPrior]) -> str:
+    if number >= 0:
+        return class_name_of_number(number, classes)
+    for first, name in _SENSOR_COUNTS.items():
+        if first - _SENSORS < number <= first:
+            return f"{name}/{first - number}"
+    return _COUNTS.get(number, str(number))
+
+
+def _box_3d(bbox: Any) -> Any:
+    size = ROS2.vector(bbox.size.x, bbox.size.y, bbox.size.z)
+    return ROS2.new("vision_msgs/msg/BoundingBox3D", center=_pose(bbox.center), size=size)
+
+
+def _box_2d(bbox: Any) -> Any:
+    position = ROS2.new("vision_msgs/msg/Point2D", x=bbox.center.x, y=bbox.center.y)
+    center = ROS2.new("vision_msgs/msg/Pose2D", position=position, theta=bbox.center.theta)
+    return ROS2.new("vision_msgs/msg/BoundingBox2D", center=center, size_x=bbox.size_x, size_y=bbox.size_y)
+
+
+def _header(recorded: Any) -> Any:
+    stamp_ns = recorded.stamp.sec * 10**9 + recorded.stamp.nanosec
+    return ROS2.header(stamp_ns, recorded.frame_id)
+
+
+def _pose(recorded: Any) -> Any:
+    position, orientation = recorded.position, recorded.orientation
+    return ROS2.pose((position.x, position.y, position.z), (orientation.x, orientation.y, orientation.z, orientation.w))

@@ -1,0 +1,25 @@
+"""Decodes diagnostic_msgs/DiagnosticArray."""
+
+from collections.abc import Mapping
+
+from pipeline.core.messages import RawMessage
+from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
+from readers.messages.boundary.decoding import decoder
+from readers.messages.deserialize import deserialize_as
+
+__all__ = ["DIAGNOSTICS", "decode_diagnostics"]
+
+DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
+
+
+@decoder
+def decode_diagnostics(
+    message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS
+) -> Mapping[str, Mapping[str, str]]:
+    """The values of each status by its name; of equal names and keys the last.
+
+    Raises:
+        MessageError: not a DiagnosticArray, or its bytes do not fit it.
+    """
+    array = deserialize_as(message, DIAGNOSTICS, limits=limits)
+    return {status.name: {pair.key: pair.value for pair in status.values} for status in array.status}

@@ -1,0 +1,1 @@
+"""vision_msgs: boxes in images and in space."""

@@ -1,0 +1,1 @@
+"""Results of lidcam, read back."""

@@ -1,0 +1,129 @@
+"""The settings and the rig of a result, from the texts that are attached to it."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from pydantic import ValidationError
+
+from pipeline.core.arrays import F64
+from pipeline.core.camera import CameraModel
+from pipeline.core.errors import CalibrationError, RecordingError
+from pipeline.core.geometry.transform import Transform
+from pipeline.core.rig import CameraSensor, LidarSensor, Rig
+from pipeline.core.settings.bounded_yaml import parse_yaml
+from pipeline.core.settings.config import Config
+from readers.results.records import CONFIG, RIG
+from readers.rig.schema import CameraEntry, LidarEntry, parse_rig
+from readers.rig.search import zones_of
+
+__all__ = ["attached_config", "attached_rig"]
+
+MAX_ROUNDS = 20
+"""Times that settings are judged anew after those that do not fit were left out."""
+
+
+def attached_config(text: str, path: Path, version: str) -> tuple[Config, tuple[str, ...]]:
+    """The settings of a result, and what the user should know of them.
+
+    Other versions of lidcam have other settings: a key that is missing gets its default, one that is unknown, or has a
+    value that does not fit any more, is left out.
+
+    Args:
+        text: The attached YAML.
+        path: The result, for messages.
+        version: The version of lidcam that wrote it.
+
+    Raises:
+        RecordingError: the text is not a tree of settings.
+    """
+    tree = _tree(text, path, CONFIG)
+    left_out: list[str] = []
+    for _ in range(MAX_ROUNDS):
+        try:
+            config = Config.model_validate(tree)
+        except ValidationError as err:
+            left_out += [key for fault in err.errors(include_url=False) if (key := _without(tree, fault["loc"]))]
+        else:
+            note = f"{path.name} is of lidcam {version}, whose settings differ: not used: {', '.join(left_out)}"
+            return config, (note,) if left_out else ()
+    raise RecordingError(
+        f"{path}: expected settings of lidcam in the attached {CONFIG}, found others (written by version {version})"
+    )
+
+
+def attached_rig(text: str, path: Path, config: Config) -> Rig:
+    """The rig of a result.
+
+    Raises:
+        RecordingError: the text is not a rig file.
+        CalibrationError: it does not fit, or a sensor is not fully calibrated, as a result's always are.
+    """
+    rig_file = parse_rig(_tree(text, path, RIG), path)
+    site = rig_file.site_frame
+    lidars = [_lidar(name, entry, site, path) for name, entry in (rig_file.lidars or {}).items()]
+    cameras = [_camera(name, entry, site, path) for name, entry in (rig_file.cameras or {}).items()]
+    return Rig(site, tuple(lidars), tuple(cameras), zones_of(rig_file, config), rig_file.ground_height_m)
+
+
+def _tree(text: str, path: Path, name: str) -> dict[str, Any]:
+    try:
+        tree = parse_yaml(text)
+    except yaml.YAMLError as err:
+        raise RecordingError(f"{path}: the attached {name} is not YAML: {' '.join(str(err).split())}") from err
+    if not isinstance(tree, dict):
+        raise RecordingError(f"{path}: expected a mapping in the attached {name}, found {type(tree).__name__}")
+    return tree
+
+
+def _without(tree: Any, place: tuple[int | str, ...]) -> str:
+    """Take the value at a place out of a tree, or the deepest part of it that there is: its dotted key."""
+    path: list[int | str] = []
+    holders = []
+    for part in place:
+        is_there = (isinstance(tree, dict) and part in tree) or (
+            isinstance(tree, list) and isinstance(part, int) and part < len(tree)
+        )
+        if not is_there:
+            break
+        holders.append(tree)
+        path.append(part)
+        tree = tree[part]
+    while path and isinstance(holders[-1], list):  # an item of a list cannot have a default: the list is left out
+        holders.pop()
+        path.pop()
+    if not path:
+        return ""
+    del holders[-1][path[-1]]
+    return ".".join(map(str, path))
+
+
+def _lidar(name: str, entry: LidarEntry, site: str, path: Path) -> LidarSensor:
+    if entry.T_site_lidar is None:
+        raise CalibrationError(f"{path}: expected T_site_lidar of {name} in the attached {RIG}, found none")
+    pose = Transform(site, entry.frame_id or name, _matrix(entry.T_site_lidar))
+    return LidarSensor(name, entry.topic, pose, entry.time_offset_ns)
+
+
+def _camera(name: str, entry: CameraEntry, site: str, path: Path) -> CameraSensor:
+    if entry.T_camera_site is None or entry.K is None or entry.width_px is None or entry.height_px is None:
+        raise CalibrationError(
+            f"{path}: expected T_camera_site, K, width_px and height_px of {name} in the attached {RIG}, found "
+            f"{', '.join(sorted(entry.model_fields_set))}"
+        )
+    frame_id = entry.frame_id or name
+    model = CameraModel(
+        frame_id,
+        entry.width_px,
+        entry.height_px,
+        np.array(entry.K, np.float64).reshape(3, 3),
+        entry.distortion_model,  # type: ignore[arg-type]  # the model checks it
+        np.array(entry.distortion, np.float64),
+    )
+    pose = Transform(frame_id, site, _matrix(entry.T_camera_site))
+    return CameraSensor(name, entry.topic, entry.boxes_topic, model, pose, entry.time_offset_ns)
+
+
+def _matrix(numbers: tuple[float, ...]) -> F64:
+    return np.array(numbers, np.float64).reshape(4, 4)

@@ -1,0 +1,113 @@
+"""What lidcam attaches to a result: where it comes from, with which settings and which rig."""
+
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO
+
+from mcap.exceptions import McapError
+from mcap.reader import SeekingReader
+from mcap.records import Attachment, Chunk, McapRecord, Metadata
+from mcap.stream_reader import StreamReader
+
+from pipeline.core.errors import RecordingError
+from readers.files.damage import library_errors
+
+__all__ = ["CONFIG", "RIG", "AttachedRecords", "read_records"]
+
+RESULT = "lidcam"
+"""Name of the metadata record of a result."""
+
+CONFIG = "lidcam.yaml"
+"""Name of the attached settings."""
+
+RIG = "rig.yaml"
+"""Name of the attached rig."""
+
+MAX_ATTACHMENT_BYTES = 1 << 20
+
+_MAGIC = b"\x89MCAP0\r\n"
+
+
+@dataclass(frozen=True, slots=True)
+class AttachedRecords:
+    """What a result says of itself.
+
+    Attributes:
+        metadata: Version of lidcam, inputs, and hashes.
+        texts: Attached texts by name.
+    """
+
+    metadata: Mapping[str, str]
+    texts: Mapping[str, str]
+
+
+def read_records(path: Path) -> AttachedRecords:
+    """The records of a result.
+
+    Raises:
+        RecordingError: the file cannot be read, or is not a result of lidcam; says what it is.
+    """
+    with library_errors(path):
+        if not path.exists():
+            raise RecordingError(f"{path}: expected a result of lidcam, found no such file")
+        if path.is_dir():
+            raise RecordingError(f"{path}: expected a result of lidcam, an .mcap file, found a folder")
+        with path.open("rb") as stream:
+            if stream.read(len(_MAGIC)) != _MAGIC:
+                raise RecordingError(
+                    f"{path}: expected a result of lidcam, an .mcap file, found another kind of file; give the file "
+                    "that `lidcam process` wrote"
+                )
+            metadata, texts = _of_summary(stream) or _of_beginning(stream)
+    if RESULT not in metadata:
+        raise RecordingError(
+            f"{path}: expected a result of lidcam, found a recording; run `lidcam process {path.name} OUT.mcap` first, "
+            "and give OUT.mcap"
+        )
+    missing = [name for name in (CONFIG, RIG) if name not in texts]
+    if missing:
+        raise RecordingError(
+            f"{path}: expected a result with {CONFIG} and {RIG} attached, found none of {', '.join(missing)}: a tool "
+            "that rewrote it left them out; give the file that `lidcam process` wrote"
+        )
+    return AttachedRecords(metadata[RESULT], texts)
+
+
+_Records = tuple[dict[str, dict[str, str]], dict[str, str]]
+
+
+def _of_summary(stream: BinaryIO) -> _Records | None:
+    """Metadata and texts by the file's index; None if it has none, or if it is damaged."""
+    stream.seek(0)
+    reader = SeekingReader(stream)
+    try:
+        if reader.get_summary() is None:
+            return None
+        return _sorted_out([*reader.iter_metadata()], [*reader.iter_attachments()])
+    except (McapError, ValueError, EOFError):
+        return None
+
+
+def _of_beginning(stream: BinaryIO) -> _Records:
+    """Metadata and texts before the first message, where lidcam writes them: of a file that was not closed."""
+    stream.seek(0)
+    before: list[McapRecord] = []
+    with suppress(McapError, ValueError, EOFError):  # the file ends there
+        for record in StreamReader(stream, emit_chunks=True).records:
+            if isinstance(record, Chunk):
+                break
+            before.append(record)
+    return _sorted_out(
+        [one for one in before if isinstance(one, Metadata)], [one for one in before if isinstance(one, Attachment)]
+    )
+
+
+def _sorted_out(metadata: list[Metadata], attachments: list[Attachment]) -> _Records:
+    texts = {
+        one.name: one.data.decode()
+        for one in attachments
+        if one.name in {CONFIG, RIG} and len(one.data) <= MAX_ATTACHMENT_BYTES
+    }
+    return {one.name: dict(one.metadata) for one in metadata}, texts

@@ -1,0 +1,209 @@
+"""A result of lidcam, frame by frame.
+
+The messages of a frame have one log time and stand together, the fused objects first (see `McapResultWriter`). Only
+the topics of boxes and `/diagnostics` are read.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.core.detections import Boxes2D, Boxes3D
+from pipeline.core.errors import MessageError
+from pipeline.core.messages import RawMessage
+from pipeline.core.rig import Rig
+from pipeline.core.settings.config import Config
+from pipeline.core.settings.load import load_config
+from pipeline.core.settings.recording import LimitsConfig
+from pipeline.evaluation.records import UNKNOWN, SourceBoxes
+from readers.messages.diagnostics import decode_diagnostics
+from readers.messages.vision.detections2d import DETECTIONS_2D, decode_detections2d
+from readers.messages.vision.detections3d import DETECTIONS_3D, Detections3D, decode_detections3d
+from readers.messages.vision.track_ids import track_ids
+from readers.notes import Notes
+from readers.open import open_recording
+from readers.recording import DEFAULT_READ_OPTIONS, Closing, ReadOptions, Recording
+from readers.results.attached import attached_config, attached_rig
+from readers.results.records import CONFIG, RIG, read_records
+
+__all__ = ["SOURCE_TOPICS", "Result", "ResultFrame", "open_result"]
+
+SOURCE_TOPICS = {
+    "lidar": "/lidar/detections",
+    "cameras": "/cameras/detections",
+    "fused": "/fused/detections",
+}
+"""Topics of 3D boxes by source."""
+
+DIAGNOSTICS, SYNCHRONISATION = "/diagnostics", "lidcam: synchronisation"
+"""Topic of the counts of each frame, and the status that has the skew."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ResultFrame:
+    """One frame of a result.
+
+    Attributes:
+        index: Its number, from 0.
+        stamp_ns: Its time.
+        log_time_ns: Log time of its messages.
+        sources: 3D boxes by source, empty where nothing was found; a source without an entry has no message.
+        cameras: 2D boxes by camera, with the stamp of the image; only cameras that were looked at in this frame.
+        skew_ns: Largest minus smallest stamp of the messages that the frame was made of; None if not known.
+    """
+
+    index: int
+    stamp_ns: int
+    log_time_ns: int
+    sources: Mapping[str, SourceBoxes]
+    cameras: Mapping[str, Boxes2D]
+    skew_ns: int | None
+
+
+class Result(Closing):
+    """An open result; `open_result` opens one.
+
+    Attributes:
+        path: The file.
+        recording: Its messages.
+        metadata: What it says of its origin: version of lidcam, inputs with their hashes, hashes of settings and rig.
+        config: Its settings.
+        rig: Its rig.
+        sources: Sources of 3D boxes that it has, in the order of `SOURCE_TOPICS`.
+        cameras: Names of the cameras that it has 2D boxes of, in the order of the rig.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        recording: Recording,
+        metadata: Mapping[str, str],
+        config: Config,
+        rig: Rig,
+        notes: Sequence[str],
+    ) -> None:
+        self.path, self.recording, self.metadata, self.config, self.rig = path, recording, metadata, config, rig
+        self._notes = tuple(notes)
+        self._unused = Notes()
+        self._class_ids = {name: class_id for class_id, name in enumerate(config.class_names)}
+        recorded = {info.topic for info in recording.topics if info.msgtype in {DETECTIONS_2D, DETECTIONS_3D}}
+        self.sources = tuple(source for source, topic in SOURCE_TOPICS.items() if topic in recorded)
+        self.cameras = tuple(camera.name for camera in rig.cameras if _boxes_topic(camera.name) in recorded)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the user should know of what was read so far, one line each."""
+        losses = [f"{loss.path}: byte {loss.position}: {loss.reason}" for loss in self.recording.losses]
+        return (*self._notes, *losses, *(f"{self.path.name}: {line}" for line in self._unused.lines()))
+
+    def frames(self) -> Iterator[ResultFrame]:
+        """The frames, in the order in which they were written."""
+        topics = [SOURCE_TOPICS[source] for source in self.sources] + [*map(_boxes_topic, self.cameras), DIAGNOSTICS]
+        messages: dict[str, RawMessage] = {}
+        log_time_ns = index = 0
+        for message in self.recording.messages(topics):
+            if messages and (message.log_time_ns != log_time_ns or message.topic in messages):
+                yield self._frame(index, messages)
+                messages, index = {}, index + 1
+            log_time_ns = message.log_time_ns
+            messages[message.topic] = message
+        if messages:
+            yield self._frame(index, messages)
+
+    def close(self) -> None:
+        """Close the file."""
+        self.recording.close()
+
+    def _frame(self, index: int, messages: Mapping[str, RawMessage]) -> ResultFrame:
+        limits = self.config.limits
+        sources, cameras = {}, {}
+        skew_ns = None
+        for source in self.sources:
+            message = messages.get(SOURCE_TOPICS[source])
+            if message is not None:
+                with self._counting(message):
+                    sources[source] = self._source(decode_detections3d(message, limits=limits))
+        for camera in self.cameras:
+            message = messages.get(_boxes_topic(camera))
+            if message is not None:
+                with self._counting(message):
+                    cameras[camera] = self._boxes(message, limits)
+        if DIAGNOSTICS in messages:
+            with self._counting(messages[DIAGNOSTICS]):
+                skew_ns = _skew_ns(messages[DIAGNOSTICS], limits)
+        of_frame = [messages[topic] for topic in (*SOURCE_TOPICS.values(), DIAGNOSTICS) if topic in messages]
+        first = (of_frame or [*messages.values()])[0]
+        return ResultFrame(index, first.stamp_ns, first.log_time_ns, sources, cameras, skew_ns)
+
+    @contextmanager
+    def _counting(self, message: RawMessage) -> Iterator[None]:
+        """Counts a message that cannot be used, by its error."""
+        try:
+            yield
+        except MessageError as err:
+            self._unused.add(f"messages of {message.topic} that are not used", str(err))
+
+    def _source(self, found: Detections3D) -> SourceBoxes:
+        """The boxes of the configured classes; others are counted."""
+        class_ids = np.array([self._class_ids.get(label, UNKNOWN) for label in found.labels.tolist()], np.int32)
+        is_known = class_ids != UNKNOWN
+        for label in found.labels[~is_known].tolist():
+            self._unused.add(f"3D boxes of class {label!r}, which the settings do not have")
+        for reason, count in found.unused.items():
+            self._unused.add(f"3D boxes that are not used, {reason}", count=count)
+        n = len(found)
+        boxes = Boxes3D(
+            found.stamp_ns,
+            found.frame_id,
+            found.centers,
+            found.sizes,
+            found.yaws,
+            found.scores,
+            class_ids,
+            np.zeros(n, np.int32),
+            found.covariances,
+        )
+        source = SourceBoxes(boxes, track_ids(found.ids))
+        return source if is_known.all() else source.select(is_known)
+
+    def _boxes(self, message: RawMessage, limits: LimitsConfig) -> Boxes2D:
+        found = decode_detections2d(message, self._class_ids, limits=limits)
+        for reason, count in found.unused.items():
+            self._unused.add(f"2D boxes that are not used, {reason}", count=count)
+        return found.boxes
+
+
+def open_result(path: Path, settings: Sequence[str] = (), options: ReadOptions = DEFAULT_READ_OPTIONS) -> Result:
+    """Open a result, to be used as a context manager.
+
+    Args:
+        path: The .mcap file that a run wrote.
+        settings: Single settings on top of those that are attached, `["evaluate.iou=[0.5]"]`.
+        options: How to read it.
+
+    Raises:
+        RecordingError: it cannot be read, or is not a result of lidcam.
+        CalibrationError: its rig cannot be used.
+        ConfigError: `settings` are wrong.
+    """
+    records = read_records(path)
+    config, notes = attached_config(records.texts[CONFIG], path, records.metadata.get("version", "unknown"))
+    config = load_config(config, settings) if settings else config
+    rig = attached_rig(records.texts[RIG], path, config)
+    return Result(path, open_recording([path], options), records.metadata, config, rig, notes)
+
+
+def _boxes_topic(camera: str) -> str:
+    return f"/{camera}/detections"
+
+
+def _skew_ns(message: RawMessage, limits: LimitsConfig) -> int | None:
+    """The skew of a frame as its diagnostics say it, to the microsecond."""
+    text = decode_diagnostics(message, limits=limits).get(SYNCHRONISATION, {}).get("skew_ms", "")
+    try:
+        return round(float(text) * 1e6)
+    except (ValueError, OverflowError):
+        return None

@@ -1,0 +1,119 @@
+"""Recorded messages that are copied to the output, taken out of the stream and handed on with the frames."""
+
+from collections import deque
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from dataclasses import replace
+
+from pipeline.core.errors import MessageError
+from pipeline.core.frame import SensorBundle
+from pipeline.core.messages import Drop, RawMessage
+from pipeline.core.settings.classes import ClassPrior
+from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
+from readers.messages.conversion.to_ros2 import to_ros2
+from readers.recording import Recording
+
+__all__ = ["MARGIN_NS", "CopiedMessages"]
+
+MARGIN_NS = 2_000_000_000
+"""Messages recorded so long before and after a window are copied, too: truth is interpolated at its first and last
+frame, and may be recorded late."""
+
+MESSAGE_BYTES = 500
+"""What a message takes in memory beside its data."""
+
+NOT_CONVERTED = "cannot be copied"
+TOO_MANY = "more than limits.max_waiting_mib waited for a frame"
+
+
+class CopiedMessages:
+    """The messages of some topics, as CDR, each handed on with the first frame that was not recorded before it.
+
+    Messages wait only while no frame is complete, and then not more than `limits` allow: memory does not grow with the
+    recording. What is handed on with which frame depends on the recording alone.
+
+    Args:
+        topics: Topics to copy.
+        classes: Names of the class numbers of ROS 1.
+        limits: How much may wait.
+        on_drop: Gets the messages that waited in vain.
+        on_bad: Gets the messages that cannot be converted.
+    """
+
+    def __init__(
+        self,
+        topics: Sequence[str],
+        classes: Sequence[ClassPrior] = (),
+        *,
+        limits: LimitsConfig = DEFAULT_LIMITS,
+        on_drop: Callable[[Drop], None] = lambda _: None,
+        on_bad: Callable[[Drop], None] = lambda _: None,
+    ) -> None:
+        self.topics = tuple(topics)
+        self._classes, self._limits, self._on_drop, self._on_bad = classes, limits, on_drop, on_bad
+        self._due: list[RawMessage] = []
+        self._waiting: deque[RawMessage] = deque()
+        self._bytes = 0
+
+    def read_ahead(self, recording: Recording, start_ns: int) -> None:
+        """Take the messages that were recorded just before a window."""
+        self._read(recording, start_ns - MARGIN_NS, start_ns)
+
+    def tap(self, messages: Iterable[RawMessage], others: Collection[str]) -> Iterator[RawMessage]:
+        """Take the messages of the topics; those of `others` pass on."""
+        for message in messages:
+            if message.topic in self.topics:
+                self._take(message)
+            if message.topic in others:
+                yield message
+
+    def handed_on(
+        self, bundles: Iterable[SensorBundle], recording: Recording, stop_ns: int | None
+    ) -> Iterator[SensorBundle]:
+        """The bundles with the messages to copy; the last one has those recorded after it, and just after a window.
+
+        Args:
+            bundles: In order, made from the stream that `tap` gives.
+            recording: The recording.
+            stop_ns: End of the window; None if the stream goes to the end of the recording.
+        """
+        last: SensorBundle | None = None
+        for bundle in bundles:
+            if last is not None:
+                yield last
+            last = replace(bundle, copied=self._until(bundle.log_time_ns))
+        if last is not None:
+            if stop_ns is not None:
+                self._read(recording, stop_ns, stop_ns + MARGIN_NS)
+            yield replace(last, copied=(*last.copied, *self._due, *self._waiting))
+
+    def _read(self, recording: Recording, start_ns: int, stop_ns: int) -> None:
+        if self.topics:
+            for message in recording.messages(self.topics, start_ns=start_ns, stop_ns=stop_ns):
+                self._take(message)
+
+    def _take(self, message: RawMessage) -> None:
+        try:
+            copied = to_ros2(message, self._classes, limits=self._limits)
+        except MessageError as err:
+            self._on_bad(Drop(message.topic, message.stamp_ns, NOT_CONVERTED, str(err)))
+            return
+        if self._bytes + _memory_of(copied) > self._limits.max_waiting_bytes:
+            self._on_drop(Drop(message.topic, message.stamp_ns, TOO_MANY))
+            return
+        if self._waiting and copied.log_time_ns < self._waiting[-1].log_time_ns:  # the recorder's time jumps back
+            self._due += self._waiting
+            self._waiting.clear()
+        self._waiting.append(copied)
+        self._bytes += _memory_of(copied)
+
+    def _until(self, log_time_ns: int) -> tuple[RawMessage, ...]:
+        """What was recorded up to a time, or before the recorder's time jumped back; it no longer waits."""
+        while self._waiting and self._waiting[0].log_time_ns <= log_time_ns:
+            self._due.append(self._waiting.popleft())
+        found, self._due = tuple(self._due), []
+        self._bytes -= sum(map(_memory_of, found))
+        return found
+
+
+def _memory_of(message: RawMessage) -> int:
+    return len(message.data) + MESSAGE_BYTES

@@ -1,0 +1,73 @@
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from builders import odometry, raw
+from frames import RIG
+from memory_recording import MemoryRecording
+
+from lidcam.outputs.copied import choose_copied
+from pipeline.core.messages import Channel, RawMessage
+from pipeline.core.rig import TruthVehicle
+from pipeline.core.settings.config import Config
+
+OUT = [Path("out.mcap"), Path("out.rrd")]
+ODOM, BOXES = "nav_msgs/msg/Odometry", "vision_msgs/msg/Detection3DArray"
+TRUTH, MAP, FUSED = "/ground_truth/objects", "/ground_truth/map", "/fused/detections"
+
+
+def recording(*more: RawMessage) -> MemoryRecording:
+    boxes = [raw(topic, BOXES, {}, 1) for topic in (TRUTH, FUSED, "/radar/objects", "/labels/gt")]
+    odom = [raw(topic, ODOM, odometry(stamp_ns=1), 1) for topic in ("/odom", MAP, "/left/image", "/truth")]
+    return MemoryRecording([*boxes, *odom, *more])
+
+
+def chosen(patterns: Any, *more: RawMessage, outputs: list[Path] = OUT) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    config = Config.model_validate({"output": {"copy_topics": patterns}})
+    return choose_copied(outputs, recording(*more), RIG, config)
+
+
+def test_by_default_the_topics_of_truth() -> None:
+    assert chosen(None) == ((MAP, TRUTH, "/labels/gt"), ())
+
+
+def test_odometry_that_the_rig_calls_truth() -> None:
+    rig = replace(RIG, truth={"car1": TruthVehicle("/odom", "car", (4, 2, 1))})
+    assert choose_copied(OUT, recording(), rig, Config())[0] == (MAP, TRUTH, "/labels/gt", "/odom")
+
+
+def test_an_empty_list_copies_nothing() -> None:
+    assert chosen([]) == ((), ())
+
+
+@pytest.mark.parametrize("patterns", [None, ["*"]])
+def test_without_an_mcap_there_is_nothing_to_copy_to(patterns: Any) -> None:
+    assert chosen(patterns, outputs=[Path("out.rrd")]) == ((), ())
+
+
+def test_patterns_replace_the_default() -> None:
+    assert chosen(["/od*", "/ground_truth/m?p"]) == ((MAP, "/odom"), ())
+
+
+def test_a_pattern_without_topic_is_told_once() -> None:
+    topics, notes = chosen(["/odom", "/odometry", "/odometry"])
+    assert topics == ("/odom",)
+    assert notes == ("output.copy_topics: no topic with messages is called /odometry",)
+
+
+def test_names_of_the_result_are_not_taken() -> None:
+    topics, notes = chosen(["*/detections", "/left/*"])
+    assert topics == ()
+    assert notes == (
+        "/fused/detections is not copied to the output: the result has a topic of that name",
+        "/left/image is not copied to the output: the result has a topic of that name",
+    )
+
+
+def test_what_is_no_ros_message_is_told() -> None:
+    grid = RawMessage(1, 1, (0, 0), b"{}", Channel("/grid", "foxglove.Grid", "json"))
+    assert chosen(["/grid"], grid) == (
+        (),
+        ("/grid is not copied to the output: its messages are json, expected ROS messages",),
+    )

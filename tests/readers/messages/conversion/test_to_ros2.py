@@ -1,0 +1,213 @@
+from typing import Any
+
+import numpy as np
+import pytest
+from builders import channel, odometry, raw, tf_message, transform_stamped
+from hypothesis import given
+from hypothesis import strategies as st
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from pipeline.core.errors import MessageError
+from pipeline.core.messages import Channel, RawMessage
+from pipeline.core.ros.messages import RosMessages
+from pipeline.core.settings.classes import ROAD_CLASSES, ClassPrior
+from readers.messages.conversion.to_ros2 import to_ros2
+from readers.messages.conversion.vision import class_name_of_number
+
+ROS1 = RosMessages(1)
+STAMP_NS = 1_600_000_000_123_456_789
+BOXES_2D, BOXES_3D = "vision_msgs/msg/Detection2DArray", "vision_msgs/msg/Detection3DArray"
+
+
+def read(message: RawMessage) -> Any:
+    """The message, decoded with nothing but the definition of its channel."""
+    assert message.channel.encoding == "cdr"
+    assert message.channel.definition_format == "ros2msg"
+    store = get_typestore(Stores.EMPTY)
+    store.register(get_types_from_msg(message.channel.definition, message.channel.msgtype))
+    return store.deserialize_cdr(message.data, message.channel.msgtype)
+
+
+def ros1(topic: str, message: Any) -> RawMessage:
+    msgtype = message.__msgtype__
+    recorded = Channel(topic, msgtype, "ros1", ROS1.definition(msgtype), "ros1msg")
+    return RawMessage(STAMP_NS, STAMP_NS + 5, (0, 7), bytes(ROS1.serialize(message)), recorded)
+
+
+def hypothesis(number: int, score: float) -> Any:
+    pose = ROS1.pose_with_covariance(ROS1.pose((1, 2, 3)), np.arange(36, dtype=np.float64))
+    return ROS1.new("vision_msgs/msg/ObjectHypothesisWithPose", id=number, score=score, pose=pose)
+
+
+def boxes_3d(*hypotheses: list[Any]) -> Any:
+    header = ROS1.header(STAMP_NS, "map")
+    detections = [
+        ROS1.new(
+            "vision_msgs/msg/Detection3D",
+            header=header,
+            results=results,
+            bbox=ROS1.new(
+                "vision_msgs/msg/BoundingBox3D",
+                center=ROS1.pose((4, 5, 6), (0, 0, 0.6, 0.8)),
+                size=ROS1.vector(4.5, 1.8, 1.5),
+            ),
+            source_cloud=ROS1.cloud(STAMP_NS, "map", {"x": np.empty(0, np.float32)}),
+        )
+        for results in hypotheses
+    ]
+    return ROS1.new(BOXES_3D, header=header, detections=detections)
+
+
+def test_cdr_stays_byte_for_byte_with_its_definition() -> None:
+    recorded = raw("/odom", "nav_msgs/msg/Odometry", odometry(stamp_ns=STAMP_NS), STAMP_NS, STAMP_NS + 9)
+    assert to_ros2(recorded) == recorded
+    assert to_ros2(recorded).data is recorded.data
+
+
+def test_cdr_without_definition_gets_that_of_its_release() -> None:
+    recorded = raw("/odom", "nav_msgs/msg/Odometry", odometry(stamp_ns=STAMP_NS), STAMP_NS)
+    bare = recorded._replace(channel=Channel("/odom", "nav_msgs/msg/Odometry", "cdr"))
+    assert read(to_ros2(bare)).child_frame_id == read(recorded).child_frame_id
+    assert to_ros2(bare).data is recorded.data
+
+
+def test_an_odometry_of_ros1_loses_nothing_but_seq() -> None:
+    fields = odometry(stamp_ns=STAMP_NS, position=(1, 2, 3), orientation_xyzw=(0, 0, 0.6, 0.8))
+    converted = to_ros2(raw("/odom", "nav_msgs/msg/Odometry", fields, STAMP_NS, STAMP_NS + 9, encoding="ros1"))
+    same = raw("/odom", "nav_msgs/msg/Odometry", fields, STAMP_NS, STAMP_NS + 9)
+    assert bytes(converted.data) == same.data
+    assert (converted.stamp_ns, converted.log_time_ns, converted.order) == (STAMP_NS, STAMP_NS + 9, (0, 0))
+    assert "seq" not in converted.channel.definition
+
+
+def test_names_of_fields_and_types_that_ros2_changed() -> None:
+    info = ROS1.camera_info(
+        STAMP_NS, "cam", width=4, height=3, distortion_model="plumb_bob", d=np.arange(5.0), k=np.arange(9.0)
+    )
+    found = read(to_ros2(ros1("/info", info)))
+    np.testing.assert_array_equal(found.d, np.arange(5.0))
+    np.testing.assert_array_equal(found.k, np.arange(9.0))
+    np.testing.assert_array_equal(found.r, np.eye(3).reshape(9))
+    np.testing.assert_array_equal(found.p, info.P)
+    moved = tf_message([transform_stamped("a", "b", stamp_ns=STAMP_NS, translation=(1, 2, 3))])
+    store = get_typestore(Stores.ROS1_NOETIC)
+    store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", "tf/msg/tfMessage"))
+    text, _ = store.generate_msgdef("tf/msg/tfMessage", ros_version=1)
+    data = raw("/tf", "tf2_msgs/msg/TFMessage", moved, STAMP_NS, encoding="ros1").data
+    old = RawMessage(STAMP_NS, STAMP_NS, (0, 0), data, Channel("/tf", "tf/msg/tfMessage", "ros1", text, "ros1msg"))
+    converted = to_ros2(old)
+    assert converted.channel.msgtype == "tf2_msgs/msg/TFMessage"
+    assert read(converted).transforms[0].transform.translation.z == 3
+
+
+def test_types_of_nobody_else_keep_their_own_definition() -> None:
+    store = get_typestore(Stores.ROS1_NOETIC)
+    text = "Header header\nint32 Speed\ntime when\nfloat32[] values\nstring[] names"
+    store.register(get_types_from_msg(text, "own_msgs/msg/Thing"))
+    recorded, _ = store.generate_msgdef("own_msgs/msg/Thing", ros_version=1)
+    types = store.types
+    stamp = types["builtin_interfaces/msg/Time"](sec=7, nanosec=8)
+    thing = types["own_msgs/msg/Thing"](
+        header=types["std_msgs/msg/Header"](seq=3, stamp=stamp, frame_id="f"),
+        Speed=-4,
+        when=stamp,
+        values=np.array([1.5], np.float32),
+        names=["a", "b"],
+    )
+    channel_ = Channel("/thing", "own_msgs/msg/Thing", "ros1", recorded, "ros1msg")
+    data = bytes(store.serialize_ros1(thing, "own_msgs/msg/Thing"))
+    found = read(to_ros2(RawMessage(0, 0, (0, 0), data, channel_)))
+    assert (found.header.frame_id, found.Speed, found.when.nanosec, found.names) == ("f", -4, 8, ["a", "b"])
+    assert found.values.tolist() == [1.5]
+
+
+def test_a_message_without_fields() -> None:
+    store = get_typestore(Stores.ROS1_NOETIC)
+    empty = store.types["std_msgs/msg/Empty"]()
+    data = bytes(store.serialize_ros1(empty, "std_msgs/msg/Empty"))
+    recorded = RawMessage(0, 0, (0, 0), data, Channel("/go", "std_msgs/msg/Empty", "ros1", "", "ros1msg"))
+    assert to_ros2(recorded).channel.encoding == "cdr"
+
+
+def test_truth_of_ros1_gets_names_and_the_instance_as_id() -> None:
+    results = [
+        (1, 1.0),
+        (-1, 55.0),
+        (-2, 70.0),
+        (-3, 4.0),
+        (-1002, 5.0),
+        (-2001, 6.0),
+        (-4, 0.25),
+        (-5, 0.5),
+        (-9, 1.0),
+    ]
+    found = read(to_ros2(ros1("/truth", boxes_3d([hypothesis(*one) for one in results], [])), ROAD_CLASSES))
+    first, second = found.detections
+    assert {one.hypothesis.class_id: one.hypothesis.score for one in first.results} == {
+        "car": 1.0,
+        "lidar_points": 55.0,
+        "image_pixels": 70.0,
+        "lidar_points/2": 5.0,
+        "image_pixels/1": 6.0,
+        "occlusion": 0.25,
+        "truncation": 0.5,
+        "-9": 1.0,
+    }
+    assert (first.id, second.id, second.results) == ("4", "", [])
+    assert first.results[0].pose.covariance.tolist() == list(range(36))
+    assert (first.bbox.center.position.y, first.bbox.center.orientation.w, first.bbox.size.x) == (5.0, 0.8, 4.5)
+    assert found.header.frame_id == "map"
+    assert found.header.stamp.nanosec == STAMP_NS % 10**9
+
+
+def test_2d_boxes_of_ros1() -> None:
+    header = ROS1.header(STAMP_NS, "cam")
+    image = ROS1.image(STAMP_NS, "cam", height=0, width=0, encoding="", step=0, data=np.zeros(0, np.uint8))
+    center = ROS1.new("geometry_msgs/msg/Pose2D", x=10.0, y=20.0, theta=0.5)
+    detection = ROS1.new(
+        "vision_msgs/msg/Detection2D",
+        header=header,
+        results=[hypothesis(2, 0.5), hypothesis(-3, -1.0)],
+        bbox=ROS1.new("vision_msgs/msg/BoundingBox2D", center=center, size_x=3.0, size_y=4.0),
+        source_img=image,
+    )
+    found = read(to_ros2(ros1("/boxes", ROS1.new(BOXES_2D, header=header, detections=[detection])), ROAD_CLASSES))
+    (box,) = found.detections
+    assert [one.hypothesis.class_id for one in box.results] == ["pedestrian"]
+    assert box.id == ""
+    assert (box.bbox.center.position.x, box.bbox.center.theta, box.bbox.size_y) == (10.0, 0.5, 4.0)
+
+
+@pytest.mark.parametrize(
+    ("number", "name"), [(1, "car"), (2, "pedestrian"), (3, "cyclist"), (4, "van"), (5, "truck"), (6, "bus"), (7, "7")]
+)
+def test_names_of_numbers(number: int, name: str) -> None:
+    assert class_name_of_number(number, ROAD_CLASSES) == name
+
+
+def test_a_number_of_the_users_own() -> None:
+    own = (ClassPrior(name="tram", size_m=(30, 2, 3), max_size_m=(60, 3, 4), labels=("tram", "1", "9")),)
+    assert [class_name_of_number(number, own) for number in (1, 2, 9)] == ["tram", "2", "tram"]
+
+
+@given(st.binary(max_size=400))
+def test_bytes_that_do_not_fit_are_a_message_error(data: bytes) -> None:
+    for message in (ros1("/truth", boxes_3d()), raw("/o", "nav_msgs/msg/Odometry", {}, 0, encoding="ros1")):
+        try:
+            converted = to_ros2(message._replace(data=data))
+        except MessageError:
+            continue
+        read(converted)
+
+
+@pytest.mark.parametrize("encoding", ["protobuf", "json"])
+def test_other_encodings_are_refused(encoding: Any) -> None:
+    recorded = RawMessage(0, 0, (0, 0), b"{}", Channel("/x", "foxglove.Grid", encoding))
+    with pytest.raises(MessageError, match=f"in {encoding} is not a ROS message"):
+        to_ros2(recorded)
+
+
+def test_a_message_that_could_not_be_read() -> None:
+    lost = RawMessage(0, 0, (0, 0), b"", channel("/odom", "nav_msgs/msg/Odometry"), problem="its chunk is damaged")
+    with pytest.raises(MessageError, match="/odom: its chunk is damaged"):
+        to_ros2(lost)

@@ -1,0 +1,279 @@
+"""Results read back: written by the writer of results itself, so that both agree on every number."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import builders
+import numpy as np
+import pytest
+import yaml
+from frames import CONFIG, PERIOD_NS, PROVENANCE, RIG, START_NS, frame
+from mcap.reader import make_reader
+from mcap.records import Chunk
+from mcap.stream_reader import StreamReader
+from mcap.writer import Writer
+
+from pipeline.core.errors import CalibrationError, ConfigError, LidcamError, RecordingError
+from pipeline.core.frame import FrameResult
+from pipeline.core.rig import Rig
+from pipeline.core.settings.config import Config
+from pipeline.core.settings.load import dump_config
+from pipeline.evaluation.records import UNKNOWN
+from readers.results.result import open_result
+from readers.rig.rig_file import rig_yaml
+from writers.mcap.writer import McapResultWriter
+from writers.outputs.transaction import OutputFile
+
+FRAMES = 3
+
+
+def written(
+    path: Path, frames: list[FrameResult], *, rig: Rig = RIG, config: Config = CONFIG, config_yaml: str = ""
+) -> Path:
+    provenance = replace(PROVENANCE, config_yaml=config_yaml or dump_config(config), rig_yaml=rig_yaml(rig))
+    with McapResultWriter(OutputFile(path, path), rig, config, provenance) as writer:
+        for one in frames:
+            writer.write(one)
+    return path
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return written(tmp_path_factory.mktemp("result") / "out.mcap", [frame(index) for index in range(FRAMES)])
+
+
+def test_frames_are_read_back(path: Path) -> None:
+    with open_result(path) as result:
+        assert (result.sources, result.cameras) == (("lidar", "fused"), ("left", "right"))
+        found = list(result.frames())
+        assert result.notes == ()
+    assert [one.index for one in found] == [0, 1, 2]
+    for index, one in enumerate(found):
+        wrote = frame(index)
+        assert (one.stamp_ns, one.log_time_ns) == (wrote.bundle.stamp_ns, wrote.bundle.log_time_ns)
+        assert one.skew_ns == round(wrote.bundle.skew_ns, -3)  # to the microsecond
+        assert [*one.sources] == ["lidar", "fused"]
+        for source, boxes in (("lidar", wrote.detections.lidar), ("fused", wrote.fused.objects)):
+            read = one.sources[source].boxes
+            assert (read.stamp_ns, read.frame_id) == (boxes.stamp_ns, "site")
+            for name in ("centers", "sizes", "yaws", "scores", "covariances"):
+                np.testing.assert_allclose(getattr(read, name), getattr(boxes, name), rtol=0, atol=1e-6)
+            np.testing.assert_array_equal(read.class_ids, boxes.class_ids)
+            np.testing.assert_array_equal(one.sources[source].track_ids, [UNKNOWN] * len(boxes))
+        assert [*one.cameras] == ["left", "right"]
+        for camera, boxes2d in wrote.detections.cameras.items():
+            assert one.cameras[camera].stamp_ns == boxes2d.stamp_ns
+            np.testing.assert_allclose(one.cameras[camera].xyxy, boxes2d.xyxy, atol=1e-4)
+            np.testing.assert_array_equal(one.cameras[camera].class_ids, boxes2d.class_ids)
+
+
+def test_rig_settings_and_origin(path: Path) -> None:
+    with open_result(path) as result:
+        assert result.config == CONFIG
+        assert result.metadata["version"] == "1.2.3"
+        assert rig_yaml(result.rig) == rig_yaml(RIG)
+        assert [camera.model.model for camera in result.rig.cameras] == ["plumb_bob", "plumb_bob"]
+        assert [zone.name for zone in result.rig.zones] == ["intersection", "circle"]
+
+
+def test_frames_without_objects_and_with_one_log_time(tmp_path: Path) -> None:
+    """A recorder with a coarse clock gives two frames one log time."""
+    same = [frame(index, objects=0) for index in range(3)]
+    same = [replace(one, bundle=replace(one.bundle, log_time_ns=START_NS)) for one in same]
+    with open_result(written(tmp_path / "a.mcap", same)) as result:
+        found = list(result.frames())
+    assert [one.stamp_ns for one in found] == [START_NS + index * PERIOD_NS for index in range(3)]
+    assert [len(one.sources["fused"]) for one in found] == [0, 0, 0]
+    assert [len(one.cameras["left"]) for one in found] == [2, 2, 2]
+
+
+def test_camera_that_was_not_looked_at_has_no_entry(tmp_path: Path) -> None:
+    first, second = frame(0), frame(1)
+    cameras = {"right": second.detections.cameras["right"]}
+    second = replace(second, detections=replace(second.detections, cameras=cameras))
+    with open_result(written(tmp_path / "a.mcap", [first, second])) as result:
+        assert [[*one.cameras] for one in result.frames()] == [["left", "right"], ["right"]]
+
+
+def test_result_without_frames(tmp_path: Path) -> None:
+    with open_result(written(tmp_path / "a.mcap", [])) as result:
+        assert list(result.frames()) == []
+
+
+def test_settings_on_top(path: Path) -> None:
+    with open_result(path, ["evaluate.iou=[0.5]"]) as result:
+        assert result.config.evaluate.iou == (0.5,)
+        assert result.config.fuse == CONFIG.fuse
+    with pytest.raises(ConfigError, match=r"evaluate\.ious"):
+        open_result(path, ["evaluate.ious=[0.5]"])
+
+
+def test_boxes_of_a_class_that_the_settings_do_not_have(path: Path) -> None:
+    only_cars = [dump for dump in CONFIG.model_dump(mode="json")["classes"] if dump["name"] == "car"]
+    with open_result(path, [f"classes={yaml.safe_dump(only_cars, default_flow_style=True)}"]) as result:
+        found = list(result.frames())
+        assert {note.split(": ", 1)[1] for note in result.notes} == {
+            "3D boxes of class 'pedestrian', which the settings do not have: 6",
+            "3D boxes of class 'truck', which the settings do not have: 6",
+            "2D boxes that are not used, class 'pedestrian' is not configured: 3",
+        }
+    assert [len(one.sources["fused"]) for one in found] == [1, 1, 1]
+
+
+def test_settings_of_other_versions(tmp_path: Path) -> None:
+    tree = CONFIG.model_dump(mode="json")
+    del tree["evaluate"], tree["fuse"]["min_score"]
+    tree["telepathy"] = {"range_m": 3}
+    tree["fuse"]["magic"] = True
+    tree["associate"]["min_iou"] = "a lot"
+    tree["classes"][0]["colour"] = "red"
+    result = open_result(written(tmp_path / "old.mcap", [frame()], config_yaml=yaml.safe_dump(tree)))
+    with result:
+        assert result.config == CONFIG
+        assert len(result.notes) == 1
+        for part in ("old.mcap is of lidcam 1.2.3", "telepathy", "fuse.magic", "associate.min_iou", "classes"):
+            assert part in result.notes[0]
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("[1, 2]", "expected a mapping in the attached lidcam.yaml, found list"),
+        ("a: [", "the attached lidcam.yaml is not YAML"),
+        ("7", "expected a mapping in the attached lidcam.yaml, found int"),
+    ],
+)
+def test_settings_that_are_none(tmp_path: Path, text: str, reason: str) -> None:
+    with pytest.raises(RecordingError, match=re.escape(reason)):
+        open_result(written(tmp_path / "a.mcap", [frame()], config_yaml=text))
+
+
+# --- files that are no results
+
+
+def records_only(path: Path, metadata: list[str], attachments: dict[str, str]) -> Path:
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start(profile="ros2", library="test")
+        for name in metadata:
+            writer.add_metadata(name, {"version": "1"})
+        for name, text in attachments.items():
+            writer.add_attachment(0, 0, name, "application/yaml", text.encode())
+        writer.finish()  # type: ignore[no-untyped-call]  # mcap annotates in part
+    return path
+
+
+SOUND = {"lidcam.yaml": "{}", "rig.yaml": rig_yaml(RIG)}
+CAMERA = {"width_px": 4, "height_px": 4, "frame_id": "c"}
+
+
+def test_recording_that_is_no_result(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    builders.write_mcap(path, [builders.raw("/a", "std_msgs/msg/String", {"data": "a"}, 1)])
+    with pytest.raises(
+        RecordingError, match=r"a\.mcap: expected a result of lidcam, found a recording; run `lidcam pro"
+    ):
+        open_result(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "reason"),
+    [
+        ("a.bag", b"#ROSBAG V2.0\n", "found another kind of file"),
+        ("a.mcap", b"", "found another kind of file"),
+        ("nothing.mcap", None, "found no such file"),
+        ("", None, "found a folder"),
+    ],
+)
+def test_other_files(tmp_path: Path, name: str, content: bytes | None, reason: str) -> None:
+    if content is not None:
+        (tmp_path / name).write_bytes(content)
+    with pytest.raises(RecordingError, match=f"expected a result of lidcam, .*{reason}"):
+        open_result(tmp_path / name)
+
+
+@pytest.mark.parametrize("missing", sorted(SOUND))
+def test_result_that_lost_an_attachment(tmp_path: Path, missing: str) -> None:
+    attachments = {name: text for name, text in SOUND.items() if name != missing}
+    path = records_only(tmp_path / "a.mcap", ["lidcam"], attachments)
+    with pytest.raises(RecordingError, match=f"found none of {missing}: a tool that rewrote it left them out"):
+        open_result(path)
+
+
+@pytest.mark.parametrize(
+    ("tree", "reason"),
+    [
+        ({"lidars": {"top": {"topic": "/a"}}}, "expected T_site_lidar of top in the attached rig.yaml"),
+        (
+            {"cameras": {"front": CAMERA}},
+            "expected T_camera_site, K, width_px and height_px of front .* found frame_id, ",
+        ),
+        ({"lidars": 5}, "a.mcap: lidars: expected"),
+    ],
+)
+def test_rig_that_is_not_complete(tmp_path: Path, tree: dict[str, object], reason: str) -> None:
+    attachments = SOUND | {"rig.yaml": yaml.safe_dump({"site_frame": "site", **tree})}
+    path = records_only(tmp_path / "a.mcap", ["lidcam"], attachments)
+    with pytest.raises(CalibrationError, match=reason):
+        open_result(path)
+
+
+def test_result_rewritten_by_another_tool(path: Path, tmp_path: Path) -> None:
+    """Metadata and attachments at the end, as `mcap filter` writes them."""
+    other = tmp_path / "filtered.mcap"
+    with path.open("rb") as source, other.open("wb") as stream:
+        reader, writer = make_reader(source), Writer(stream)
+        writer.start(profile="ros2", library="other")
+        ids: dict[int, int] = {}
+        for schema, channel, message in reader.iter_messages():
+            if channel.id not in ids:
+                assert schema is not None
+                schema_id = writer.register_schema(schema.name, schema.encoding, schema.data)
+                ids[channel.id] = writer.register_channel(channel.topic, channel.message_encoding, schema_id)
+            writer.add_message(ids[channel.id], message.log_time, message.data, message.publish_time)
+        for attachment in reader.iter_attachments():
+            writer.add_attachment(0, 0, attachment.name, attachment.media_type, attachment.data)
+        for metadata in reader.iter_metadata():
+            writer.add_metadata(metadata.name, metadata.metadata)
+        writer.finish()  # type: ignore[no-untyped-call]  # mcap annotates in part
+    with open_result(other) as result:
+        assert [one.stamp_ns for one in result.frames()] == [START_NS + index * PERIOD_NS for index in range(FRAMES)]
+
+
+def test_result_that_was_cut_off(path: Path, tmp_path: Path) -> None:
+    """Its beginning says what it is; what can still be read is read, and the loss is told."""
+    content = path.read_bytes()
+    with path.open("rb") as stream:
+        chunks = [record for record in StreamReader(stream, emit_chunks=True).records if isinstance(record, Chunk)]
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(content[: content.index(chunks[-1].data) + len(chunks[-1].data) // 2])
+    with open_result(cut) as result:
+        found = list(result.frames())
+        assert any("cut.mcap: byte" in note for note in result.notes)
+    assert len(found) <= FRAMES
+
+
+def test_message_that_cannot_be_decoded(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with open_result(path) as result:
+        messages = list(result.recording.messages(["/fused/detections", "/diagnostics", "/left/detections"]))
+        broken = [
+            one._replace(data=bytes(one.data)[:40]) if one.log_time_ns < START_NS + 9 else one for one in messages
+        ]
+        monkeypatch.setattr(result.recording, "messages", lambda topics: [m for m in broken if m.topic in topics])
+        found = list(result.frames())
+        assert len(result.notes) == 3
+        assert all(
+            re.search(r"messages of /\S+ that are not used: 1, the first: /\S+: 40 bytes", n) for n in result.notes
+        )
+    assert [[*one.sources] for one in found] == [[], ["fused"], ["fused"]]
+    assert [[*one.cameras] for one in found] == [[], ["left"], ["left"]]
+    assert (found[0].skew_ns, found[1].skew_ns is None) == (None, False)
+    assert [one.stamp_ns for one in found] == [START_NS + index * PERIOD_NS for index in range(FRAMES)]
+
+
+def test_errors_are_one_line(tmp_path: Path) -> None:
+    (tmp_path / "a\nb.mcap").write_bytes(b"x" * 50)
+    with pytest.raises(LidcamError) as caught:
+        open_result(tmp_path / "a\nb.mcap")
+    assert "\n" not in str(caught.value)
