@@ -150,7 +150,7 @@ def test_one_box_aside_leaves_the_path() -> None:
     aside = [0.1] * 10 + [1.0]
     along = [0.2 / 11] * 10 + [0.2 * 10 / 11]
     assert found["lateral_m_mean"] == pytest.approx(np.mean(aside), abs=1e-3)
-    assert found["lateral_m_p90"] == pytest.approx(np.percentile(aside, 90), abs=1e-3)
+    assert found["lateral_m_p90"] == pytest.approx(np.percentile(aside, 90), abs=2e-3)
     assert found["longitudinal_m_mean"] == pytest.approx(np.mean(along), abs=1e-3)
 
 
