@@ -17,12 +17,13 @@ from pipeline.evaluation.detection.averages import (
 )
 from pipeline.evaluation.detection.calibration import calibration_figures
 from pipeline.evaluation.detection.counts import ALL, count_figures
-from pipeline.evaluation.detection.criteria import DISTANCES_M, Criteria, decimal
+from pipeline.evaluation.detection.criteria import DISTANCES_M, Criteria
 from pipeline.evaluation.detection.curves import Curve, curve_of, ratio
 from pipeline.evaluation.detection.errors import error_figures
 from pipeline.evaluation.detection.selection import Place, Scored, by_falling_score, found_in, scored, truth_in
 from pipeline.evaluation.detection.tables import FALSE, IGNORED, FoundTable, TruthTable
 from pipeline.evaluation.records import UNKNOWN, Figures
+from pipeline.evaluation.scales import range_names
 
 __all__ = ["Site", "Source"]
 
@@ -55,11 +56,11 @@ class Site:
 
     def places(self) -> dict[Place, tuple[str, dict[str, float | None]]]:
         """The parts of the site, with the name of each and how far it reaches."""
-        ends = [*map(float, self.ranges_m[1:]), None]
-        places: dict[Place, tuple[str, dict[str, float | None]]] = {}
-        for row, (start, end) in enumerate(zip(map(float, self.ranges_m), ends, strict=True)):
-            name = f"over_{decimal(start)}" if end is None else f"{decimal(start)}_{decimal(end)}"
-            places[Place("ranges", row)] = name, {"from_m": start, "to_m": end}
+        names, ends = range_names(self.ranges_m), [*self.ranges_m[1:].tolist(), None]
+        places: dict[Place, tuple[str, dict[str, float | None]]] = {
+            Place("ranges", row): (name, {"from_m": start, "to_m": end})
+            for row, (name, start, end) in enumerate(zip(names, self.ranges_m.tolist(), ends, strict=True))
+        }
         return places | {Place("zones", row): (name, {}) for row, name in enumerate(self.zones)}
 
 

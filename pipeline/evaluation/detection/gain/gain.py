@@ -8,11 +8,11 @@ import numpy as np
 from pipeline.core.arrays import F64
 from pipeline.evaluation.detection.averages import overlap_name
 from pipeline.evaluation.detection.counts import ALL
-from pipeline.evaluation.detection.criteria import NUSCENES_RANGES_M
 from pipeline.evaluation.detection.errors import bird_eye_m
-from pipeline.evaluation.detection.resampling import Resampling, sampled_ap_by_distance, sampled_ap_by_overlap
+from pipeline.evaluation.detection.gain.resampling import Resampling, sampled_ap_by_distance, sampled_ap_by_overlap
 from pipeline.evaluation.detection.source import Source
 from pipeline.evaluation.records import Figures
+from pipeline.evaluation.scales import NUSCENES_RANGES_M
 
 __all__ = ["fusion_gain"]
 

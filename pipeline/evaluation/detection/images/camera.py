@@ -9,7 +9,7 @@ from pipeline.evaluation.detection.calibration import calibration_figures
 from pipeline.evaluation.detection.counts import ALL, count_figures, threshold_figures
 from pipeline.evaluation.detection.curves import R11, R40, Curve, average_precision, curve_of, ratio
 from pipeline.evaluation.detection.errors import bias, spread
-from pipeline.evaluation.detection.image_matching import (
+from pipeline.evaluation.detection.images.matching import (
     IMAGE_IOUS,
     ImageTable,
     is_evaluated_2d,
