@@ -92,7 +92,9 @@ class Residuals:
             np.concatenate([part.sizes for part in boxes]),
             np.concatenate([part.yaws for part in boxes]),
         )
-        projected = np.asarray(self._camera.project_boxes(corners, boxes[0].frame_id), np.float64)
+        site = self._camera.T_camera_site.src
+        frame_id = next((part.frame_id for part in boxes if len(part) and part.frame_id != site), site)
+        projected = np.asarray(self._camera.project_boxes(corners, frame_id), np.float64)
         frame_of = np.repeat(np.arange(len(frames)), [len(part) for part in boxes])
         class_ids = np.concatenate([part.class_ids for part in boxes])
         seen = ~np.isnan(projected[:, 0])

@@ -318,10 +318,14 @@ def test_residuals_of_long_recordings_are_those_of_all_blocks(monkeypatch: pytes
 
 
 def test_boxes_of_another_frame_are_refused() -> None:
-    boxes = source_boxes([AHEAD])
-    odd = replace(boxes, boxes=replace(boxes.boxes, frame_id="base_link"))
+    def named(boxes: SourceBoxes) -> SourceBoxes:
+        return replace(boxes, boxes=replace(boxes.boxes, frame_id="base_link"))
+
+    sound = frame_of(0, None, {"lidar": source_boxes([AHEAD])}, seen())
     with pytest.raises(FrameError, match="expected boxes in frame 'site', found 'base_link'"):
-        image_figures([frame_of(0, None, {"lidar": odd}, seen())])
+        image_figures([sound, frame_of(1, None, {"lidar": named(source_boxes([AHEAD]))}, seen())])
+    nothing = frame_of(1, None, {"lidar": named(source_boxes([]))}, seen())
+    assert image_figures([sound, nothing])["boxes_3d_in_view"] == 1
 
 
 def test_skews_and_missing_cameras() -> None:
