@@ -18,6 +18,9 @@ __all__ = ["Residuals"]
 BLOCK_FRAMES = 256
 """Frames are compared in blocks: projecting many boxes at once takes little longer than projecting one."""
 
+MIN_DRIFT_S = 10.0
+"""In a shorter time a drift is not told from the motion of single objects."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Fits:
@@ -134,8 +137,8 @@ def _spread(name: str, values: F64, unit: str = "") -> dict[str, float | None]:
 
 
 def _slope(stamps_ns: I64, values: F64) -> float | None:
-    """Of the line of least squares, a minute; None without two times."""
-    if len(values) < 2 or stamps_ns.min() == stamps_ns.max():
+    """Of the line of least squares, a minute; None over a time in which objects move more than calibrations."""
+    if not len(values) or stamps_ns.max() - stamps_ns.min() < MIN_DRIFT_S * 1e9:
         return None
     minutes = (stamps_ns - stamps_ns.min()) / 6e10
     minutes -= minutes.mean()

@@ -277,10 +277,13 @@ def test_residuals_drift() -> None:
         for k in range(5)
     ]
     found = image_figures(frames)
+    assert found["drift_u_px_per_min"] is None
+    frames = [replace(frame, stamp_ns=3_000_000_000 * k) for k, frame in enumerate(frames)]
+    found = image_figures(frames)
     assert found["offset_u_mean_px"] == pytest.approx(4, abs=1e-3)
     assert found["offset_v_abs_p90_px"] == pytest.approx(3, abs=1e-3)
     assert found["offset_v_mean_px"] == pytest.approx(-3, abs=1e-3)
-    assert found["drift_u_px_per_min"] == pytest.approx(2 * 600, rel=1e-4)
+    assert found["drift_u_px_per_min"] == pytest.approx(2 * 20, rel=1e-4)
     assert found["drift_v_px_per_min"] == pytest.approx(0, abs=1e-3)
 
 
