@@ -5,8 +5,8 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from pipeline.core.rig import Zone
-from pipeline.core.settings.config import Config
-from pipeline.evaluation.detection.counts import ALL, threshold_figures
+from pipeline.core.settings.config import ALL_CLASSES, Config
+from pipeline.evaluation.detection.counts import threshold_figures
 from pipeline.evaluation.detection.criteria import Criteria
 from pipeline.evaluation.detection.gain.gain import fusion_gain
 from pipeline.evaluation.detection.gain.resampling import Resampling
@@ -70,7 +70,7 @@ class DetectionEvaluation:
             "thresholds": {
                 name: {
                     class_name: threshold_figures(source.curve(class_id))
-                    for class_id, class_name in [*enumerate(class_names), (None, ALL)]
+                    for class_id, class_name in [*enumerate(class_names), (None, ALL_CLASSES)]
                 }
                 for name, source in sources.items()
             },
