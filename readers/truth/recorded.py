@@ -76,7 +76,7 @@ class RecordedTruth:
                     f"{timeline.farthest_ns / 1e6:.1f} ms off"
                 )
             if timeline.ahead:
-                notes.append(f"{topic}: {timeline.ahead} messages are not used, stamped far ahead of the others")
+                notes.append(f"{topic}: messages that are not used, stamped far ahead of the others: {timeline.ahead}")
         return (*self._notes.lines(), *notes)
 
     def at(self, stamp_ns: int, *, frame: int) -> TruthBoxes3D | None:
