@@ -28,7 +28,8 @@ def choose_copied(
     patterns = config.output.copy_topics
     recorded = [info for info in recording.topics if info.message_count]
     if patterns is None:
-        wanted = [info for info in recorded if is_truth(info.topic, info.msgtype)]
+        of_rig = {vehicle.topic for vehicle in rig.truth.values()}
+        wanted = [info for info in recorded if info.topic in of_rig or is_truth(info.topic, info.msgtype)]
     else:
         wanted, notes = _matching(recorded, patterns)
     reserved = reserved_topics(rig)

@@ -1,7 +1,7 @@
 """The sensors of a recording with their calibration, and the zones of its site."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from pipeline.core.camera import CameraModel
 from pipeline.core.errors import CalibrationError
 from pipeline.core.geometry.transform import Transform
 
-__all__ = ["BOXES_SUFFIX", "CameraSensor", "LidarSensor", "Rig", "Zone", "default_zones"]
+__all__ = ["BOXES_SUFFIX", "CameraSensor", "LidarSensor", "Rig", "TruthVehicle", "Zone", "default_zones"]
 
 BOXES_SUFFIX = " (boxes)"
 """Follows a camera's name where its recorded boxes are meant."""
@@ -74,6 +74,23 @@ class Zone:
         check_array("polygon_site", self.polygon_site, (len(self.polygon_site), 2), np.float64)
 
 
+@dataclass(frozen=True, slots=True)
+class TruthVehicle:
+    """A vehicle whose recorded odometry and box are the truth about it.
+
+    Attributes:
+        topic: Topic of its odometry.
+        label: Its class.
+        size_m: Length, width, height of its box.
+        offset_m: Centre of its box in the child frame of the odometry; the box is parallel to it.
+    """
+
+    topic: str
+    label: str
+    size_m: tuple[float, float, float]
+    offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
 def default_zones() -> tuple[Zone, ...]:
     """The zones of the predecessor system: `intersection` is y >= 0, `circle` is y < 0."""
     far_m = 1e4  # beyond the range of any lidar, and finite
@@ -93,6 +110,7 @@ class Rig:
         cameras: Empty for a lidar-only run.
         zones: An object belongs to the first zone that contains its centre; empty where nobody asks for zones.
         ground_height_m: Expected z of the ground at the site origin; None if unknown.
+        truth: Vehicles whose odometry is truth, by name.
 
     Raises:
         CalibrationError: there are more lidars than that.
@@ -103,6 +121,7 @@ class Rig:
     cameras: tuple[CameraSensor, ...]
     zones: tuple[Zone, ...]
     ground_height_m: float | None = None
+    truth: Mapping[str, TruthVehicle] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if len(self.lidars) > MAX_LIDARS:

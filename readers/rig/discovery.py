@@ -112,6 +112,7 @@ def calibrated_rig(found: FoundSensors) -> Discovery:
         tuple(camera_sensors[camera.name] for camera in found.cameras if camera.name in camera_sensors),
         found.zones,
         found.rig_file.ground_height_m,
+        found.rig_file.vehicles,
     )
     faults, notes = of_lidars.faults + of_cameras.faults, of_lidars.notes + of_cameras.notes
     names = [sensor.name for sensor in rig.lidars] + [sensor.name for sensor in rig.cameras]

@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 from pipeline.core.camera import CameraModel
 from pipeline.core.errors import LidcamError
 from pipeline.core.geometry.transform import Transform
-from pipeline.core.rig import Zone
+from pipeline.core.rig import TruthVehicle, Zone
 from readers.rig.assignment import AssignedCamera, AssignedLidar
 from readers.rig.calibration import (
     Frames,
@@ -100,6 +100,7 @@ class RigDraft:
         cameras: In the order of processing.
         zones: Parts of the site.
         transforms: Of the rig file, as it says them, by its keys `transforms` and `default_transforms`.
+        truth: Vehicles whose odometry is truth, of the rig file.
     """
 
     site_frame: str
@@ -109,6 +110,7 @@ class RigDraft:
     cameras: tuple[DraftCamera, ...]
     zones: tuple[Zone, ...]
     transforms: Mapping[str, Any]
+    truth: Mapping[str, TruthVehicle]
 
 
 def draft_rig(found: FoundSensors) -> RigDraft:
@@ -141,6 +143,7 @@ def draft_rig(found: FoundSensors) -> RigDraft:
         tuple(cameras[camera.name] for camera in found.cameras),
         found.zones,
         found.rig_file.model_dump(mode="json", include={"transforms", "default_transforms"}, exclude_none=True),
+        found.rig_file.vehicles,
     )
 
 

@@ -35,7 +35,7 @@ def merge_rigs(rigs: Sequence[tuple[str, RigFile]]) -> RigFile:
     if len(rigs) == 1:
         return rigs[0][1]
     names = [name for name, _ in rigs]
-    trees = [(name, rig.model_dump(exclude_unset=True)) for name, rig in rigs]
+    trees = [(name, rig.model_dump(exclude_unset=True, by_alias=True)) for name, rig in rigs]
     nothing: tuple[str, Entry] = "", {}
     _, merged = reduce(_merge, trees, nothing)
     return checked(RigFile, merged, " and ".join(names), CalibrationError)
@@ -52,6 +52,8 @@ def _merge(first: tuple[str, Entry], second: tuple[str, Entry]) -> tuple[str, En
             merged[kind] = _merge_sensors(files, tree.get(kind) or {}, later[kind])
     for kind in ("transforms", "default_transforms"):
         merged[kind] = _merge_edges(tree.get(kind, {}), later.get(kind, {}))
+    vehicles, more = tree.get("truth", {}), later.get("truth", {})
+    merged["truth"] = vehicles | {name: vehicles.get(name, {}) | entry for name, entry in more.items()}
     return files, merged
 
 

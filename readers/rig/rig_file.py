@@ -1,5 +1,6 @@
 """Rig files: read in every form that lidcam knows, and their text."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +9,7 @@ import yaml
 from pipeline.core.arrays import F64
 from pipeline.core.errors import CalibrationError
 from pipeline.core.geometry.transform import Transform
-from pipeline.core.rig import Rig
+from pipeline.core.rig import Rig, TruthVehicle
 from pipeline.core.settings.bounded_yaml import read_yaml
 from readers.rig.draft import DraftCamera, RigDraft
 from readers.rig.importers.autoware import import_autoware
@@ -96,6 +97,8 @@ def rig_yaml(rig: Rig) -> str:
         for camera in rig.cameras
     }
     tree["zones"] = {zone.name: _rows(zone.polygon_site) for zone in rig.zones}
+    if rig.truth:
+        tree["truth"] = _truth(rig.truth)
     return _HEADER + yaml.dump(tree, Dumper=_Dumper, sort_keys=False, width=120, allow_unicode=True)
 
 
@@ -117,6 +120,8 @@ def draft_yaml(draft: RigDraft) -> str:
     lines += ["zones:" if draft.zones else "zones: {}"]
     for zone in draft.zones:
         lines += [f"  {line}" for line in _key(zone.name, _rows(zone.polygon_site))]
+    if draft.truth:
+        lines += yaml.dump({"truth": _truth(draft.truth)}, Dumper=_Dumper, sort_keys=False, width=120).splitlines()
     for key, edges in draft.transforms.items():
         lines += yaml.safe_dump({key: edges}, sort_keys=False).splitlines() if edges else []
     return "".join(f"{line}\n" for line in lines)
@@ -157,6 +162,18 @@ def _key(key: str, value: Any, comment: str = "") -> list[str]:
     first, *more = text.splitlines()
     comment = "".join(letter if letter.isprintable() else " " for letter in comment)
     return [f"{first} # {comment}" if comment else first, *more]
+
+
+def _truth(vehicles: Mapping[str, TruthVehicle]) -> dict[str, Any]:
+    return {
+        name: {
+            "topic": vehicle.topic,
+            "size_m": _Row(vehicle.size_m),
+            "offset_m": _Row(vehicle.offset_m),
+            "class": vehicle.label,
+        }
+        for name, vehicle in vehicles.items()
+    }
 
 
 def _time_offset(offset_ns: int) -> dict[str, float]:

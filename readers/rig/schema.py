@@ -16,9 +16,10 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.core.arrays import F64
 from pipeline.core.errors import CalibrationError
+from pipeline.core.rig import TruthVehicle
 from pipeline.core.settings.validation.check import checked
 
-__all__ = ["POSE", "TODO", "CameraEntry", "LidarEntry", "Pose", "RigFile", "parse_rig"]
+__all__ = ["POSE", "TODO", "CameraEntry", "LidarEntry", "Pose", "RigFile", "TruthEntry", "parse_rig"]
 
 TODO = "TODO"
 """A value that is still to be given."""
@@ -39,6 +40,8 @@ Matrix33 = Annotated[tuple[float, ...], _shaped(3, 3)]
 Matrix34 = Annotated[tuple[float, ...], _shaped(3, 4)]
 Matrix44 = Annotated[tuple[float, ...], _shaped(4, 4)]
 Three = tuple[float, float, float]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Metres = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$")]
 
 
@@ -179,6 +182,26 @@ class CameraEntry(_Sensor):
         return self
 
 
+class TruthEntry(_Model):
+    """A vehicle of the truth: its odometry was recorded, and its box is known.
+
+    Attributes:
+        topic: Topic of its nav_msgs/Odometry.
+        size_m: Length, width, height of its box.
+        offset_m: Centre of the box in the child frame of the odometry.
+        label: Its class (`class` in the file): a class of the settings, or a label of one.
+    """
+
+    topic: Annotated[str, Field(min_length=1)]
+    size_m: tuple[Metres, Metres, Metres]
+    offset_m: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
+    label: Annotated[str, Field(alias="class", min_length=1)] = "car"
+
+    def vehicle(self) -> TruthVehicle:
+        """The same as a record."""
+        return TruthVehicle(self.topic, self.label, self.size_m, self.offset_m)
+
+
 Edges = dict[str, dict[str, Pose]]
 """Poses of frames by parent frame, then by child frame."""
 
@@ -194,6 +217,7 @@ class RigFile(_Model):
         zones: Corners x, y in the site frame, by name; left out: those of the settings (`rig.zones`).
         transforms: Fixed transforms between frames, in place of the recording's.
         default_transforms: The same, for child frames that neither `transforms` nor the recording's tf has.
+        truth: Vehicles whose odometry is truth, by name.
     """
 
     site_frame: str = ""
@@ -203,6 +227,12 @@ class RigFile(_Model):
     zones: dict[Name, Annotated[tuple[tuple[float, float], ...], Field(min_length=3)]] | None = None
     transforms: Edges = Field(default_factory=dict)
     default_transforms: Edges = Field(default_factory=dict)
+    truth: dict[Name, TruthEntry] = Field(default_factory=dict)
+
+    @property
+    def vehicles(self) -> dict[str, TruthVehicle]:
+        """`truth` as records."""
+        return {name: entry.vehicle() for name, entry in self.truth.items()}
 
     @model_validator(mode="after")
     def _names_are_unique(self) -> "RigFile":

@@ -10,6 +10,7 @@ from pydantic import Field, model_validator
 
 from pipeline.core.settings.classes import ROAD_CLASSES, ClassPrior
 from pipeline.core.settings.combine import CombineConfig
+from pipeline.core.settings.compare import CompareConfig
 from pipeline.core.settings.detect import Detect2DConfig, Detect3DConfig
 from pipeline.core.settings.evaluate import EvaluateConfig
 from pipeline.core.settings.fuse import AssociateConfig, FuseConfig
@@ -38,6 +39,7 @@ class Config(SettingsModel):
     associate: AssociateConfig = AssociateConfig()
     fuse: FuseConfig = FuseConfig()
     evaluate: EvaluateConfig = EvaluateConfig()
+    compare: CompareConfig = CompareConfig()
     output: OutputConfig = OutputConfig()
     run: RunConfig = RunConfig()
     limits: LimitsConfig = LimitsConfig()

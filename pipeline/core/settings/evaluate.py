@@ -30,6 +30,9 @@ class EvaluateConfig(SettingsModel):
         min_image_pixels: See `min_lidar_points`; also of one image, for the 2D boxes of its camera.
         truth_time: `stamp` compares with where an object was at the frame's stamp, `points` with where it was when the
             lidars measured it, where the truth says that.
+        kitti_difficulty: Level of KITTI's label files; harder objects are neither a miss nor an error. `easy`: at least
+            40 px high, fully visible, at most 15 % outside the image; `moderate`: 25 px, partly hidden, 30 %; `hard`:
+            25 px, largely hidden, 50 %; null: all objects count.
         bootstrap: Samples drawn for intervals of 95 %.
     """
 
@@ -41,6 +44,7 @@ class EvaluateConfig(SettingsModel):
     min_lidar_points: Count = 1
     min_image_pixels: Count = 1
     truth_time: Literal["stamp", "points"] = "stamp"
+    kitti_difficulty: Literal["easy", "moderate", "hard"] | None = None
     bootstrap: Annotated[int, Field(ge=100)] = 1000
 
     @field_validator("ranges_m")

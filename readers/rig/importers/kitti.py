@@ -7,6 +7,7 @@ Robotics: The KITTI Dataset", IJRR 2013, equation 8: x = P_i R0_rect Tr_velo_to_
 
 import re
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ from pipeline.core.errors import CalibrationError
 from readers.rig.importers.matrices import camera_entry, flat, shaped
 from readers.rig.schema import LidarEntry, RigFile
 
-__all__ = ["import_kitti"]
+__all__ = ["KittiCalibration", "import_kitti", "kitti_calibration"]
 
 
 KITTI_CAMERAS = (2, 3, 0, 1)
@@ -26,6 +27,21 @@ KITTI_CAMERAS = (2, 3, 0, 1)
 _KITTI_LINE = re.compile(
     r"^(P\d|P_rect_\d\d|K_\d\d|Tr|Tr_velo_(to_)?cam|R0_rect|R_rect(_\d\d)?|calib_time):", re.MULTILINE
 )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KittiCalibration:
+    """What a calibration file of KITTI says.
+
+    Attributes:
+        T_rect_velo: (4, 4) Velodyne to the rectified frame of camera 0, in which labels stand.
+        projections: (3, 4) rectified frame to pixels, by number of the camera.
+        sizes: Width and height in pixels, by number of the camera.
+    """
+
+    T_rect_velo: F64
+    projections: Mapping[int, F64]
+    sizes: Mapping[int, tuple[int, int]]
 
 
 def import_kitti(text: str, path: Path) -> RigFile | None:
@@ -39,6 +55,25 @@ def import_kitti(text: str, path: Path) -> RigFile | None:
     Raises:
         CalibrationError: an entry is missing or has the wrong number of values.
     """
+    calibration = kitti_calibration(text, path)
+    if calibration is None:
+        return None
+    cameras = {}
+    for number in KITTI_CAMERAS:
+        if number not in calibration.projections:
+            continue
+        entry = camera_entry(calibration.T_rect_velo, calibration.projections[number])
+        if size := calibration.sizes.get(number):
+            entry = entry.model_copy(update={"width_px": size[0], "height_px": size[1]})
+        cameras[f"cam{number}"] = entry
+    if not cameras:
+        raise CalibrationError(f"{path}: expected projections P0 to P3 or P_rect_00 to P_rect_03, found none")
+    velodyne = LidarEntry(T_site_lidar=flat(np.eye(4)))
+    return RigFile(site_frame="velodyne", lidars={"velodyne": velodyne}, cameras=cameras)
+
+
+def kitti_calibration(text: str, path: Path) -> KittiCalibration | None:
+    """What a KITTI file says; None if the text has another form. Arguments and errors as of `import_kitti`."""
     if not _KITTI_LINE.search(text):
         return None
     values = _kitti_values(text)
@@ -57,20 +92,18 @@ def import_kitti(text: str, path: Path) -> RigFile | None:
     T_rect_cam0 = np.eye(4)
     if "Tr" not in values or "R0_rect" in values:  # Tr of odometry leads to the rectified camera
         T_rect_cam0[:3, :3] = _kitti_matrix(path, values, ("R0_rect", "R_rect", "R_rect_00"), (3, 3))
-    cameras = {}
-    for number in KITTI_CAMERAS:
-        names = (f"P{number}", f"P_rect_0{number}")
-        if not any(name in values for name in names):
-            continue
-        entry = camera_entry(T_rect_cam0 @ T_cam0_velo, _kitti_matrix(path, values, names, (3, 4)))
-        size = values.get(f"S_rect_0{number}", [])
-        if len(size) == 2:
-            entry = entry.model_copy(update={"width_px": int(size[0]), "height_px": int(size[1])})
-        cameras[f"cam{number}"] = entry
-    if not cameras:
-        raise CalibrationError(f"{path}: expected projections P0 to P3 or P_rect_00 to P_rect_03, found none")
-    velodyne = LidarEntry(T_site_lidar=flat(np.eye(4)))
-    return RigFile(site_frame="velodyne", lidars={"velodyne": velodyne}, cameras=cameras)
+    named = {number: (f"P{number}", f"P_rect_0{number}") for number in KITTI_CAMERAS}
+    projections = {
+        number: _kitti_matrix(path, values, names, (3, 4))
+        for number, names in named.items()
+        if any(name in values for name in names)
+    }
+    sizes = {number: values.get(f"S_rect_0{number}", []) for number in projections}
+    return KittiCalibration(
+        T_rect_cam0 @ T_cam0_velo,
+        projections,
+        {number: (int(size[0]), int(size[1])) for number, size in sizes.items() if len(size) == 2},
+    )
 
 
 def _kitti_file(path: Path) -> dict[str, list[float]]:

@@ -1,3 +1,4 @@
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +9,7 @@ from memory_recording import MemoryRecording
 
 from lidcam.outputs.copied import choose_copied
 from pipeline.core.messages import Channel, RawMessage
+from pipeline.core.rig import TruthVehicle
 from pipeline.core.settings.config import Config
 
 OUT = [Path("out.mcap"), Path("out.rrd")]
@@ -28,6 +30,11 @@ def chosen(patterns: Any, *more: RawMessage, outputs: list[Path] = OUT) -> tuple
 
 def test_by_default_the_topics_of_truth() -> None:
     assert chosen(None) == ((MAP, TRUTH, "/labels/gt"), ())
+
+
+def test_odometry_that_the_rig_calls_truth() -> None:
+    rig = replace(RIG, truth={"car1": TruthVehicle("/odom", "car", (4, 2, 1))})
+    assert choose_copied(OUT, recording(), rig, Config())[0] == (MAP, TRUTH, "/labels/gt", "/odom")
 
 
 def test_an_empty_list_copies_nothing() -> None:

@@ -15,7 +15,7 @@ from pipeline.core.settings.config import Config
 from readers.rig.discovery import Discovery, discover_rig
 from readers.rig.draft import draft_rig
 from readers.rig.rig_file import draft_yaml, load_rig
-from readers.rig.schema import RigFile
+from readers.rig.schema import RigFile, parse_rig
 from readers.rig.search import find_sensors
 
 K = np.array([[500.0, 0.0, 32.0], [0.0, 500.0, 24.0], [0.0, 0.0, 1.0]])
@@ -248,3 +248,9 @@ def test_time_offsets_of_the_rig_file_stay(tmp_path: Path) -> None:
     assert again.cameras is not None
     assert [one.time_offset_ms for one in (*again.lidars.values(), *again.cameras.values())] == [12.5, -35]
     assert "time_offset_ms" not in draft(UNCALIBRATED)
+
+
+def test_vehicles_of_the_truth_are_kept(tmp_path: Path) -> None:
+    truth = {"car1": {"topic": "/odom", "size_m": [4, 2, 1.5], "class": "van"}}
+    rig = parse_rig({"truth": truth}, Path("rig.yaml"))
+    assert read(draft(UNCALIBRATED, rig), tmp_path).vehicles == rig.vehicles

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from memory_recording import MemoryRecording
 
 from pipeline.core.errors import CalibrationError
+from pipeline.core.rig import TruthVehicle
 from pipeline.core.settings.config import Config
 from readers.rig.discovery import Discovery, discover_rig
 from readers.rig.merge import merge_rigs
@@ -201,3 +202,12 @@ def test_it_does_not_matter_which_two_are_taken_together_first(
     left = merge_rigs([("ab", merge_rigs([("a", a), ("b", b)])), ("c", c)])
     right = merge_rigs([("a", a), ("bc", merge_rigs([("b", b), ("c", c)]))])
     assert left == right == merged(first, second, third)
+
+
+def test_vehicles_of_the_truth_are_merged_by_name() -> None:
+    first = {"car1": {"topic": "/a", "size_m": [4, 2, 1]}, "car2": {"topic": "/b", "size_m": [1, 1, 1]}}
+    second = {"car1": {"topic": "/c", "size_m": [5, 2, 1], "class": "bus"}}
+    assert merged({"truth": first}, {}, {"truth": second}).vehicles == {
+        "car1": TruthVehicle("/c", "bus", (5, 2, 1)),
+        "car2": TruthVehicle("/b", "car", (1, 1, 1)),
+    }

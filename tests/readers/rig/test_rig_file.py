@@ -11,7 +11,7 @@ from wrong_values import mistakes, words_of_the_library
 
 from pipeline.core.errors import CalibrationError, ConfigError, LidcamError
 from pipeline.core.messages import RawMessage
-from pipeline.core.rig import Rig
+from pipeline.core.rig import Rig, TruthVehicle
 from pipeline.core.settings.config import Config
 from readers.rig.discovery import Discovery, discover_rig
 from readers.rig.rig_file import load_rig, rig_yaml
@@ -105,6 +105,30 @@ def test_a_written_rig_reads_back_to_the_same_numbers(tmp_path: Path) -> None:
     assert {source.extrinsics for source in again.sources} == {"rig file"}
     (tmp_path / "again.yaml").write_text(rig_yaml(again.rig))
     assert (tmp_path / "again.yaml").read_bytes() == (tmp_path / "rig.yaml").read_bytes()
+
+
+def test_vehicles_of_the_truth_are_read_and_written(tmp_path: Path) -> None:
+    truth = {"car1": {"topic": "/odom", "size_m": [4, 2, 1.5], "offset_m": [1, 0, 0.7], "class": "van"}}
+    found = apply({"site_frame": "a", "lidars": {"a": {"T_site_lidar": EYE}}, "truth": truth})
+    assert found.rig.truth == {"car1": TruthVehicle("/odom", "van", (4, 2, 1.5), (1, 0, 0.7))}
+    (tmp_path / "rig.yaml").write_text(rig_yaml(found.rig))
+    assert load_rig(tmp_path / "rig.yaml").vehicles == found.rig.truth
+
+
+@pytest.mark.parametrize(
+    "entry",
+    [
+        {"topic": "/odom"},
+        {"topic": "/odom", "size_m": [1, 2]},
+        {"topic": "/odom", "size_m": [1, 2, 0]},
+        {"topic": "", "size_m": [1, 2, 3]},
+        {"topic": "/odom", "size_m": [1, 2, 3], "offset_m": [0, 0, float("inf")]},
+        {"topic": "/odom", "size_m": [1, 2, 3], "colour": "red"},
+    ],
+)
+def test_vehicles_of_the_truth_that_are_none(entry: dict[str, Any]) -> None:
+    with pytest.raises(CalibrationError, match=r"rig\.yaml: .*truth\.car1"):
+        parse_rig({"truth": {"car1": entry}}, Path("rig.yaml"))
 
 
 def test_time_offsets_are_read_and_written_where_they_are_set(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from memory_recording import MemoryRecording
 from pipeline.core.settings.config import Config
 from readers.rig.discovery import discover_rig
 from readers.rig.rig_file import load_rig
-from readers.rig.schema import CameraEntry, LidarEntry, Pose, RigFile
+from readers.rig.schema import CameraEntry, LidarEntry, Pose, RigFile, TruthEntry
 
 PAGE = (Path(__file__).parents[3] / "docs" / "rig.md").read_text(encoding="utf-8")
 EXAMPLE = PAGE.split("```yaml\n")[1].split("```")[0]
@@ -39,11 +39,11 @@ def test_the_example_is_a_rig(tmp_path: Path) -> None:
     assert found.transforms.are_joined("base_link", "imu_optical")
 
 
-@pytest.mark.parametrize("model", [RigFile, LidarEntry, CameraEntry, Pose])
+@pytest.mark.parametrize("model", [RigFile, LidarEntry, CameraEntry, Pose, TruthEntry])
 def test_every_key_is_explained_and_shown(model: Any) -> None:
     explained = set(re.findall(r"`(\w+)`", PAGE.split("| key | meaning |")[1].split("\n\n")[0]))
-    keys = {*model.model_fields} - {"missing"}
+    keys = {field.alias or name for name, field in model.model_fields.items()} - {"missing"}
     assert keys <= explained
     shown = yaml.safe_load(EXAMPLE)
-    sensors = [*shown["lidars"].values(), *shown["cameras"].values()]
+    sensors = [entry for kind in ("lidars", "cameras", "truth") for entry in shown[kind].values()]
     assert keys <= {*shown, *(key for sensor in sensors for key in sensor)}

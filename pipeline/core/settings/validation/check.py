@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from pipeline.core.errors import ConfigError, LidcamError
-from pipeline.core.settings.validation.schema import Part, Place, key_places
+from pipeline.core.settings.validation.schema import Part, Place, fields_by_key, key_places
 from pipeline.core.settings.validation.wording import expected, found
 
 __all__ = ["checked", "did_you_mean", "unknown_key"]
@@ -47,7 +47,7 @@ def unknown_key(model: type[BaseModel], path: tuple[Part, ...], more: str = "") 
     """The message about an unknown key: the one that was probably meant, else the known ones."""
     key, leaf = _dotted(path), str(path[-1])
     section = Place.of(model).at(path[:-1])[1].section or model
-    siblings, before = list(section.model_fields), _dotted(path[:-1])
+    siblings, before = list(fields_by_key(section)), _dotted(path[:-1])
     everywhere = [known for known, _ in key_places(model) if "*" not in known]
     under = {known.split(".")[-1]: known for known in everywhere if known.split(".")[0] == str(path[0])}
     beside = get_close_matches(leaf, siblings, n=1, cutoff=SIBLING_LIKENESS)

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Union, get_args, get_origin
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-__all__ = ["Part", "Place", "key_places"]
+__all__ = ["Part", "Place", "fields_by_key", "key_places"]
 
 Part = int | str
 
@@ -61,7 +61,7 @@ class Place:
     def inner(self, part: Part) -> "Place | None":
         """The place under a key, or of an element by its index; None if there is none."""
         if self.section is not None:
-            field = self.section.model_fields.get(str(part))
+            field = fields_by_key(self.section).get(str(part))
             return None if field is None else Place.of(field.annotation, tuple(field.metadata))
         is_list = all(get_origin(member.annotation) is not dict for member in self.members)
         if is_list != isinstance(part, int):
@@ -83,12 +83,17 @@ class Place:
         return path[:walked], place
 
 
+def fields_by_key(model: type[BaseModel]) -> dict[str, FieldInfo]:
+    """The fields of a model by their keys in a tree: their names, or the words that Python keeps for itself."""
+    return {field.alias or name: field for name, field in model.model_fields.items()}
+
+
 def key_places(model: type[BaseModel]) -> Iterator[tuple[str, Place]]:
     """Every key of a model with its place, sections before what they hold: `detect3d`, `detect3d.method` and so on.
 
     The elements of a list or a mapping of sections have `*` as their key: `classes.*.name`.
     """
-    for name in model.model_fields:
+    for name in fields_by_key(model):
         place = Place.of(model).inner(name)
         assert place is not None
         yield name, place

@@ -7,7 +7,7 @@ from typing import Any, Literal, NamedTuple, get_args, get_origin
 
 import yaml
 
-from pipeline.core.settings.validation.schema import Place
+from pipeline.core.settings.validation.schema import Place, fields_by_key
 
 __all__ = ["Noun", "expected", "found"]
 
@@ -61,7 +61,7 @@ def _words(place: Place) -> _Words:
         words = [_words(member) for member in place.members]
         return _Words(" or ".join(one for one, _ in words), " or ".join(many for _, many in words))
     if place.section is not None:
-        keys = ", ".join(place.section.model_fields)
+        keys = ", ".join(fields_by_key(place.section))
         return _Words(f"a section with the keys {keys}", f"sections with the keys {keys}")
     if get_origin(kind) is Literal:
         choices = ", ".join(map(_plain, arguments))

@@ -1,0 +1,178 @@
+"""The average precisions of a class, and of all classes."""
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from pipeline.core.arrays import F64
+from pipeline.evaluation.detection.by_distance import interpolated_ap, mean_errors, points_of
+from pipeline.evaluation.detection.criteria import DISTANCES_M, NUSCENES_RANGES_M, Criteria, decimal
+from pipeline.evaluation.detection.curves import R11, R40, Recalls, average_precision, curve_of, last_of_equals
+from pipeline.evaluation.detection.errors import Column, bird_eye_m
+from pipeline.evaluation.detection.selection import Scored
+from pipeline.evaluation.detection.tables import FoundTable, TruthTable
+
+__all__ = [
+    "Averages",
+    "ap_by_distance_name",
+    "distance_figures",
+    "mean_figures",
+    "mean_nuscenes_figures",
+    "nuscenes_figures",
+    "overlap_figures",
+    "overlap_name",
+]
+
+Averages = dict[str, float | None]
+
+_WEIGHT = 5.0
+"""Of the mean average precision in a detection score, where each error weighs 1."""
+
+
+def ap_by_distance_name(limit_m: float) -> str:
+    """Name of the average precision at one of `DISTANCES_M`."""
+    return f"ap_{decimal(limit_m)}"
+
+
+_AP_NAMES = tuple(map(ap_by_distance_name, DISTANCES_M))
+
+
+def overlap_name(iou: float) -> str:
+    """How an IoU ends the name of a figure: 0.5 is `50`."""
+    return decimal(100 * iou)
+
+
+def overlap_figures(
+    criteria: Criteria, by_row: Callable[[int], Scored], found: FoundTable, truth: TruthTable, count: int
+) -> Averages:
+    """Average precision at each IoU, seen from above and in 3D, and orientation similarity.
+
+    Args:
+        criteria: The criteria.
+        by_row: The detections that count, by row of the criterion.
+        found: All detections of the source.
+        truth: All true objects.
+        count: True objects of the class in this part of the site.
+    """
+    figures: Averages = {}
+    for view, row_of in (("bev", criteria.bev_row), ("3d", criteria.volume_row)):
+        for iou in criteria.ious:
+            detections = by_row(row_of(iou))
+            curve = curve_of(detections.scores, detections.is_right, count)
+            for name, recalls in (("r40", R40), ("r11", R11)):
+                key = f"ap_{view}_{name}_{overlap_name(iou)}"
+                figures[key] = average_precision(curve.right, curve.precision, count, recalls)
+    for iou in criteria.ious:
+        similarity = _orientation_similarity(by_row(criteria.bev_row(iou)), found, truth, count, R40)
+        figures[f"aos_bev_r40_{overlap_name(iou)}"] = similarity
+    return figures
+
+
+def _orientation_similarity(
+    detections: Scored, found: FoundTable, truth: TruthTable, count: int, recalls: Recalls
+) -> float | None:
+    # (1 + cos d) / 2 in place of each right detection: Geiger et al., Are we ready for autonomous driving? The KITTI
+    # vision benchmark suite, CVPR 2012, section 3.4
+    right = detections.is_right
+    turn = found.yaws[detections.rows[right]].astype(np.float64) - truth.yaws[detections.truth_rows[right]]
+    similarity = np.zeros(len(detections))
+    similarity[right] = (1 + np.cos(turn)) / 2
+    last = last_of_equals(detections.scores)
+    quality = np.cumsum(similarity)[last] / (last + 1)
+    return average_precision(np.cumsum(right, dtype=np.int64)[last], quality, count, recalls)
+
+
+def distance_figures(
+    criteria: Criteria, by_row: Mapping[int, Scored], found: FoundTable, count: int, scale: float
+) -> Averages:
+    """Average precision by distance, and errors, with distances scaled to the class.
+
+    Args:
+        criteria: The criteria.
+        by_row: The detections that count, by row of the criterion.
+        found: All detections of the source.
+        count: True objects of the class in this part of the site.
+        scale: Factor of the distances, by which an error of position is also divided in the score.
+    """
+    if not count:
+        return dict.fromkeys(("map", *_AP_NAMES, "translation_m", "scale", "orientation_deg", "score"))
+    precisions = [_ap(by_row[row], count) for row in criteria.distance_rows]
+    errors = _mean_errors(criteria, by_row, found, count)
+    mean = float(np.mean(precisions))
+    figures: Averages = {"map": mean, **dict(zip(_AP_NAMES, precisions, strict=True))}
+    names = ("translation_m", "scale", "orientation_deg")
+    if errors is None:
+        return {**figures, **dict.fromkeys(names), "score": detection_score(mean, (1.0, 1.0, 1.0))}
+    translation_m, size, turn = map(float, errors)
+    figures |= dict(zip(names, (translation_m, size, float(np.degrees(turn))), strict=True))
+    return {**figures, "score": detection_score(mean, (translation_m / scale, size, turn))}
+
+
+def detection_score(mean_ap: float, errors: Sequence[float]) -> float:
+    """Weighted mean of an average precision and of 1 - error for each error; an error above 1 counts as 1."""
+    scores = sum(max(0.0, 1.0 - error) for error in errors)
+    return (_WEIGHT * mean_ap + scores) / (_WEIGHT + len(errors))
+
+
+def nuscenes_figures(
+    criteria: Criteria, by_row: Mapping[int, Scored], found: FoundTable, count: int, class_name: str
+) -> Averages:
+    """The figures of a class as nuScenes's devkit has them; None for a class that nuScenes does not have.
+
+    Args:
+        criteria: The criteria, unscaled.
+        by_row: The detections that count, by row of the criterion.
+        found: All detections of the source.
+        count: True objects of the class.
+        class_name: Name of the class.
+    """
+    names = ("map", *_AP_NAMES, "ate", "ase", "aoe")
+    if class_name not in NUSCENES_RANGES_M:
+        return dict.fromkeys(names)
+    precisions = [_ap(by_row[row], count) if count else 0.0 for row in criteria.distance_rows]
+    errors = _mean_errors(criteria, by_row, found, count, np.pi if class_name == "barrier" else 2 * np.pi)
+    # an error that is not defined is 1: nothing is found at a recall above 0.1
+    translation_m, size, turn = (1.0, 1.0, 1.0) if errors is None else map(float, errors)
+    aoe = None if class_name == "traffic_cone" else turn
+    return dict(zip(names, (float(np.mean(precisions)), *precisions, translation_m, size, aoe), strict=True))
+
+
+def _ap(detections: Scored, count: int) -> float:
+    return interpolated_ap(*points_of(detections.is_right, count))
+
+
+def _mean_errors(
+    criteria: Criteria, by_row: Mapping[int, Scored], found: FoundTable, count: int, period: float = 2 * np.pi
+) -> F64 | None:
+    detections = by_row[criteria.error_rows[-1]]
+    errors = found.errors[-1, detections.rows[detections.is_right]].astype(np.float64)
+    turns = np.abs(errors[:, Column.YAW])
+    turns = np.minimum(turns % period, -turns % period)
+    columns = np.column_stack([bird_eye_m(errors), errors[:, Column.SCALE], turns])
+    return mean_errors(columns, detections.scores, detections.is_right, count)
+
+
+def mean_figures(classes: Sequence[Averages]) -> Averages:
+    """The mean of each figure over the classes where it is defined."""
+    return {name: _mean([figures[name] for figures in classes]) for name in classes[0]}
+
+
+def mean_nuscenes_figures(classes: dict[str, Averages]) -> Averages:
+    """The figures of nuScenes over its ten classes, and its detection score.
+
+    As in its devkit, a class without true objects and one that is not detected have a precision of 0 and errors of 1,
+    and so have the errors of velocity and attribute, which lidcam does not have: its score stays at or below 0.8.
+
+    Args:
+        classes: The figures by name of the class.
+    """
+    nothing: Averages = {**dict.fromkeys(("map", *_AP_NAMES), 0.0), **dict.fromkeys(("ate", "ase", "aoe"), 1.0)}
+    ten = [classes.get(name, {**nothing, "aoe": None if name == "traffic_cone" else 1.0}) for name in NUSCENES_RANGES_M]
+    means = mean_figures(ten)
+    errors = [1.0 if means[name] is None else float(means[name] or 0.0) for name in ("ate", "ase", "aoe")]
+    return {**means, "nds": detection_score(float(means["map"] or 0.0), (*errors, 1.0, 1.0))}
+
+
+def _mean(values: Sequence[float | None]) -> float | None:
+    defined = [value for value in values if value is not None]
+    return float(np.mean(defined)) if defined else None

@@ -1,0 +1,125 @@
+"""Criteria: when a detection counts as right."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from pipeline.core.arrays import F64, check_array
+from pipeline.core.settings.config import Config
+
+__all__ = ["DISTANCES_M", "NUSCENES_RANGES_M", "Criteria", "Criterion", "Measure", "decimal"]
+
+DISTANCES_M = (0.5, 1.0, 2.0, 4.0)
+"""Distances of the centres below which a detection counts as right (Caesar et al., nuScenes, CVPR 2020, 3.1)."""
+
+_POSITION = DISTANCES_M.index(2.0)
+_LENGTH_M = 4.0
+
+NUSCENES_RANGES_M = {
+    "car": 50.0,
+    "truck": 50.0,
+    "bus": 50.0,
+    "trailer": 50.0,
+    "construction_vehicle": 50.0,
+    "pedestrian": 40.0,
+    "motorcycle": 40.0,
+    "bicycle": 40.0,
+    "traffic_cone": 30.0,
+    "barrier": 30.0,
+}
+"""The classes of nuScenes, and how far from the vehicle each is evaluated (its `detection_cvpr_2019`)."""
+
+Measure = Literal["bev", "volume", "distance"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Criterion:
+    """When a detection counts as right.
+
+    Attributes:
+        measure: What is compared: the IoU seen from above or in 3D, which must reach the limit, or the distance of the
+            centres seen from above, which must stay below it.
+        limits: (C,) float64 by class: IoU, or metres.
+    """
+
+    measure: Measure
+    limits: F64
+
+    def __post_init__(self) -> None:
+        check_array("limits", self.limits, (len(self.limits),), np.float64)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Criteria:
+    """All criteria of a run, and which row of the matches belongs to which.
+
+    Attributes:
+        ious: IoUs that have a criterion each seen from above and in 3D.
+        scales: (C,) float64 by class, factor of all distances.
+        distances: `scaled` or `nuscenes`, which also says by whose rules the figures by distance ignore objects.
+    """
+
+    ious: tuple[float, ...]
+    scales: F64
+    distances: Literal["scaled", "nuscenes"]
+
+    def __post_init__(self) -> None:
+        check_array("scales", self.scales, (len(self.scales),), np.float64)
+
+    @classmethod
+    def of(cls, config: Config) -> "Criteria":
+        """The criteria that the settings ask for."""
+        lengths_m = np.array([prior.size_m[0] for prior in config.classes])
+        scales = lengths_m / _LENGTH_M if config.evaluate.distances == "scaled" else np.ones(len(lengths_m))
+        return cls(tuple(dict.fromkeys(config.evaluate.iou)), scales, config.evaluate.distances)
+
+    @property
+    def by_overlap(self) -> tuple[Criterion, ...]:
+        """First all IoUs seen from above, then all in 3D."""
+        measures: tuple[Measure, ...] = ("bev", "volume")
+        return tuple(Criterion(m, np.full(len(self.scales), iou)) for m in measures for iou in self.ious)
+
+    @property
+    def by_distance(self) -> tuple[Criterion, ...]:
+        """One for each of `DISTANCES_M`."""
+        return tuple(Criterion("distance", limit_m * self.scales) for limit_m in DISTANCES_M)
+
+    @property
+    def position(self) -> Criterion:
+        """That of precision, recall and errors: 2 m, scaled."""
+        return self.by_distance[_POSITION]
+
+    def bev_row(self, iou: float) -> int:
+        """Row of the matches at an IoU seen from above."""
+        return self.ious.index(iou)
+
+    def volume_row(self, iou: float) -> int:
+        """Row of the matches at an IoU in 3D."""
+        return len(self.ious) + self.ious.index(iou)
+
+    @property
+    def position_row(self) -> int:
+        """Row of the matches by `position`."""
+        return 2 * len(self.ious) + _POSITION
+
+    @property
+    def distance_rows(self) -> range:
+        """Rows of the matches from which figures by distance are made, for each of `DISTANCES_M`."""
+        first = 2 * len(self.ious) + (len(DISTANCES_M) if self.distances == "nuscenes" else 0)
+        return range(first, first + len(DISTANCES_M))
+
+    @property
+    def distances_name(self) -> str:
+        """Name of the figures by distance."""
+        return "nuscenes" if self.distances == "nuscenes" else "distance"
+
+    @property
+    def error_rows(self) -> tuple[int, ...]:
+        """Rows of the matches whose errors are kept: by `position`, and at 2 m in the figures by distance."""
+        return tuple(dict.fromkeys((self.position_row, self.distance_rows[_POSITION])))
+
+
+def decimal(number: float) -> str:
+    """A number in the name of a figure, where a point would part two names: `0.825` is `0p825`."""
+    return f"{number:.6g}".replace(".", "p")

@@ -1,0 +1,86 @@
+"""Detection: what each source found, against the truth."""
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+
+from pipeline.core.rig import Zone
+from pipeline.core.settings.config import Config
+from pipeline.evaluation.detection.counts import ALL, threshold_figures
+from pipeline.evaluation.detection.criteria import Criteria
+from pipeline.evaluation.detection.gain import fusion_gain
+from pipeline.evaluation.detection.gathering import Gathering, range_edges_m
+from pipeline.evaluation.detection.images import CameraImages
+from pipeline.evaluation.detection.resampling import Resampling
+from pipeline.evaluation.detection.source import Site, Source
+from pipeline.evaluation.records import EvaluationFrame, Figures
+
+__all__ = ["DetectionEvaluation"]
+
+_ORDER = ("lidar", "cameras", "fused")
+
+
+class DetectionEvaluation:
+    """Compares the detections of every source with the truth.
+
+    Kept of a frame is a row of numbers for each box, about 130 bytes.
+
+    Args:
+        config: Classes and settings of the evaluation.
+        zones: Parts of the site by which figures are told apart; an object belongs to the first that holds its centre.
+    """
+
+    def __init__(self, config: Config, zones: Sequence[Zone]) -> None:
+        self._config = config
+        self._zones = tuple(zone.name for zone in zones)
+        self._gathering = Gathering(config, zones)
+        self._images: dict[str, CameraImages] = {}
+
+    def add(self, frame: EvaluationFrame) -> None:
+        """Take in one frame.
+
+        Raises:
+            ValueError: a class id is none of the configured classes, or a number is not finite.
+        """
+        self._gathering.add(frame)
+        for camera, image in frame.images.items():
+            self._images.setdefault(camera, CameraImages(self._config)).add(image)
+
+    def figures(self) -> Figures:
+        """The figures of all frames so far: `sources`, `images`, `fusion_gain`, `thresholds`."""
+        gathering, class_names = self._gathering, self._config.class_names
+        found = gathering.found()
+        site = Site(
+            class_names,
+            Criteria.of(self._config),
+            gathering.truth(),
+            gathering.labels.names,
+            range_edges_m(self._config),
+            self._zones,
+            len(gathering.stamps_ns),
+            gathering.frames_without_truth,
+        )
+        sources = {name: Source(site, found[name]) for name in _in_order(found)}
+        figures = {name: source.figures() for name, source in sources.items()}
+        return {
+            "sources": figures,
+            "images": {camera: self._images[camera].figures() for camera in sorted(self._images)},
+            "fusion_gain": self._fusion_gain(sources, figures),
+            "thresholds": {
+                name: {
+                    class_name: threshold_figures(source.curve(class_id))
+                    for class_id, class_name in [*enumerate(class_names), (None, ALL)]
+                }
+                for name, source in sources.items()
+            },
+        }
+
+    def _fusion_gain(self, sources: Mapping[str, Source], figures: Mapping[str, Figures]) -> Figures:
+        stamps_ns = np.array(self._gathering.stamps_ns, np.int64)
+        if not len(stamps_ns):
+            return {}
+        return fusion_gain(sources, figures, Resampling.of(stamps_ns, self._config.evaluate.bootstrap))
+
+
+def _in_order(names: Iterable[str]) -> list[str]:
+    return sorted(names, key=lambda name: (_ORDER.index(name) if name in _ORDER else len(_ORDER), name))

@@ -1,0 +1,234 @@
+"""The figures of one source of 3D boxes."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.core.arrays import F64, I32, Bools, Indices
+from pipeline.evaluation.detection.averages import (
+    Averages,
+    ap_by_distance_name,
+    distance_figures,
+    mean_figures,
+    mean_nuscenes_figures,
+    nuscenes_figures,
+    overlap_figures,
+)
+from pipeline.evaluation.detection.calibration import calibration_figures
+from pipeline.evaluation.detection.counts import ALL, count_figures
+from pipeline.evaluation.detection.criteria import DISTANCES_M, Criteria, decimal
+from pipeline.evaluation.detection.curves import Curve, curve_of, ratio
+from pipeline.evaluation.detection.errors import error_figures
+from pipeline.evaluation.detection.selection import Place, Scored, by_falling_score, found_in, scored, truth_in
+from pipeline.evaluation.detection.tables import FALSE, IGNORED, FoundTable, TruthTable
+from pipeline.evaluation.records import UNKNOWN, Figures
+
+__all__ = ["Site", "Source"]
+
+_POINTS = {"0": (0, 0), "1_5": (1, 5), "6_20": (6, 20), "21_50": (21, 50), "51_200": (51, 200), "over_200": (201, None)}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Site:
+    """What the figures of all sources share.
+
+    Attributes:
+        class_names: By class id.
+        criteria: When a detection counts as right.
+        truth: All true objects.
+        labels: The truth's own names of classes, by number.
+        ranges_m: (B,) edges of the ranges, rising; the last range has no end.
+        zones: Names of the zones.
+        frames: Frames that are evaluated.
+        frames_without_truth: Frames that are not.
+    """
+
+    class_names: tuple[str, ...]
+    criteria: Criteria
+    truth: TruthTable
+    labels: tuple[str, ...]
+    ranges_m: F64
+    zones: tuple[str, ...]
+    frames: int
+    frames_without_truth: int
+
+    def places(self) -> dict[Place, tuple[str, dict[str, float | None]]]:
+        """The parts of the site, with the name of each and how far it reaches."""
+        ends = [*map(float, self.ranges_m[1:]), None]
+        places: dict[Place, tuple[str, dict[str, float | None]]] = {}
+        for row, (start, end) in enumerate(zip(map(float, self.ranges_m), ends, strict=True)):
+            name = f"over_{decimal(start)}" if end is None else f"{decimal(start)}_{decimal(end)}"
+            places[Place("ranges", row)] = name, {"from_m": start, "to_m": end}
+        return places | {Place("zones", row): (name, {}) for row, name in enumerate(self.zones)}
+
+
+class Source:
+    """The detections of one source, and their figures.
+
+    Args:
+        site: What all sources share.
+        found: The detections.
+    """
+
+    def __init__(self, site: Site, found: FoundTable) -> None:
+        self.site = site
+        self.found = found
+        self._orders: dict[int | None, Indices] = {}
+        self._scored: dict[tuple[int | None, int], Scored] = {}
+
+    def scored(self, class_id: int | None, criterion_row: int) -> Scored:
+        """The detections of a class (None: of all) that count under a criterion, by falling score."""
+        key = class_id, criterion_row
+        if key not in self._scored:
+            self._scored[key] = scored(self.found, self.site.truth, self._order(class_id), criterion_row)
+        return self._scored[key]
+
+    def is_evaluated(self, class_id: int | None) -> Bools:
+        """(T,) which true objects of a class (None: of all) are evaluated."""
+        return self.site.truth.is_evaluated & _is_of(self.site.truth.class_ids, class_id)
+
+    def is_counted_by_distance(self, class_id: int) -> Bools:
+        """(T,) which true objects of a class the figures by distance count."""
+        if self.site.criteria.distances == "nuscenes":
+            return self.site.truth.is_nuscenes & _is_of(self.site.truth.class_ids, class_id)
+        return self.is_evaluated(class_id)
+
+    def curve(self, class_id: int | None) -> Curve:
+        """The curve by position of a class (None: of all)."""
+        detections = self.scored(class_id, self.site.criteria.position_row)
+        return curve_of(detections.scores, detections.is_right, int(self.is_evaluated(class_id).sum()))
+
+    def figures(self) -> Mapping[str, Figures]:
+        """All figures, by class."""
+        figures = self._by_class(None)
+        parts: dict[str, dict[str, dict[str, Figures]]] = {name: {"ranges": {}, "zones": {}} for name in figures}
+        for place, (name, extent) in self.site.places().items():
+            for class_name, there in self._by_class(place).items():
+                parts[class_name][place.kind][name] = {**extent, **there}
+        for class_id, class_name in [*enumerate(self.site.class_names), (None, ALL)]:
+            detections = self.scored(class_id, self.site.criteria.position_row)
+            figures[class_name] |= {
+                "frames": self.site.frames,
+                "frames_without_truth": self.site.frames_without_truth,
+                **self._recalls(class_id, detections),
+                "calibration": calibration_figures(detections.scores, detections.is_right),
+                **parts[class_name],
+            }
+        figures[ALL]["confusion"] = self._confusion()
+        return figures
+
+    def _order(self, class_id: int | None) -> Indices:
+        if class_id not in self._orders:
+            rows = np.flatnonzero(_is_of(self.found.class_ids, class_id))
+            self._orders[class_id] = by_falling_score(self.found, rows)
+        return self._orders[class_id]
+
+    def _by_class(self, place: Place | None) -> dict[str, dict[str, Figures | float | int | None]]:
+        names = self.site.class_names
+        overlaps = {name: self._overlaps(row, place) for row, name in enumerate(names)}
+        distances = {name: self._distances(row, place) for row, name in enumerate(names)}
+        by_distance = self.site.criteria.distances_name
+        means = (
+            mean_nuscenes_figures(distances) if by_distance == "nuscenes" else mean_figures(list(distances.values()))
+        )
+        figures = {
+            name: {**self._pooled(row, place), **overlaps[name], by_distance: {**distances[name], **self._limits(row)}}
+            for row, name in enumerate(names)
+        }
+        all_overlaps = mean_figures(list(overlaps.values()))
+        return {**figures, ALL: {**self._pooled(None, place), **all_overlaps, by_distance: means}}
+
+    def _limits(self, class_id: int) -> dict[str, list[Figures]]:
+        limits_m = np.array(DISTANCES_M) * self.site.criteria.scales[class_id]
+        figures = [ap_by_distance_name(limit_m) for limit_m in DISTANCES_M]
+        return {
+            "thresholds": [
+                {"figure": figure, "distance_m": float(limit_m)}
+                for figure, limit_m in zip(figures, limits_m, strict=True)
+            ]
+        }
+
+    def _overlaps(self, class_id: int, place: Place | None) -> Averages:
+        count = len(truth_in(self.site.truth, self.is_evaluated(class_id), place))
+        return overlap_figures(
+            self.site.criteria,
+            lambda row: self.scored(class_id, row).within(place),
+            self.found,
+            self.site.truth,
+            count,
+        )
+
+    def _distances(self, class_id: int, place: Place | None) -> Averages:
+        site = self.site
+        count = len(truth_in(site.truth, self.is_counted_by_distance(class_id), place))
+        detections = {row: self.scored(class_id, row).within(place) for row in site.criteria.distance_rows}
+        if site.criteria.distances == "nuscenes":
+            return nuscenes_figures(site.criteria, detections, self.found, count, site.class_names[class_id])
+        return distance_figures(site.criteria, detections, self.found, count, float(site.criteria.scales[class_id]))
+
+    def _pooled(self, class_id: int | None, place: Place | None) -> dict[str, Figures | float | int | None]:
+        site = self.site
+        evaluated = truth_in(site.truth, self.is_evaluated(class_id), place)
+        left_out = truth_in(site.truth, ~site.truth.is_evaluated & _is_of(site.truth.class_ids, class_id), place)
+        detections = self.scored(class_id, site.criteria.position_row).within(place)
+        matches = self.found.matches[site.criteria.position_row, found_in(self.found, self._order(class_id), place)]
+        curve = curve_of(detections.scores, detections.is_right, len(evaluated))
+        ignored, false = int((matches == IGNORED).sum()), int((~detections.is_right).sum())
+        return {
+            **count_figures(curve, ignored, len(left_out)),
+            "false_per_frame": ratio(false, site.frames),
+            "errors": error_figures(self.found.errors[0, detections.rows[detections.is_right]]),
+        }
+
+    def _recalls(self, class_id: int | None, detections: Scored) -> dict[str, Figures]:
+        truth = self.site.truth
+        is_counted = self.is_evaluated(class_id)
+        is_right = np.zeros(len(truth), np.bool_)
+        is_right[detections.truth_rows[detections.is_right]] = True
+        points = truth.lidar_points
+        within = {
+            name: (points >= low) & (points <= (high if high is not None else points))
+            for name, (low, high) in _POINTS.items()
+        }
+        labels = {
+            name: truth.labels == row
+            for row, name in sorted(enumerate(self.site.labels), key=lambda item: item[1])
+            if (is_counted & (truth.labels == row)).any()
+        }
+        within["unknown"] = points == UNKNOWN
+        return {
+            "points": {name: _recall(is_counted & mask, is_right) for name, mask in within.items()},
+            "labels": {name: _recall(is_counted & mask, is_right) for name, mask in labels.items()},
+        }
+
+    def _confusion(self) -> Figures:
+        """What the detections of each class show, by the truth's own labels."""
+        site, found = self.site, self.found
+        matches = found.matches[site.criteria.position_row]
+        shown = np.where(matches == FALSE, found.mistaken, matches)
+        classes, labels = len(site.class_names), len(site.labels)
+        cells = site.truth.labels[shown[shown >= 0]] * classes + found.class_ids[shown >= 0]
+        table = np.bincount(cells, minlength=classes * labels).reshape(labels, classes)
+        evaluated = np.bincount(site.truth.labels[site.truth.is_evaluated], minlength=labels)
+        nothing = np.bincount(found.class_ids[shown == FALSE], minlength=classes)
+        rows = [row for row in sorted(range(labels), key=site.labels.__getitem__) if evaluated[row]]
+        return {
+            "labels": {
+                site.labels[row]: {
+                    "found_as": dict(zip(site.class_names, map(int, table[row]), strict=True)),
+                    "missed": int(evaluated[row] - table[row].sum()),
+                }
+                for row in rows
+            },
+            "nothing": dict(zip(site.class_names, map(int, nothing), strict=True)),
+        }
+
+
+def _is_of(class_ids: I32, class_id: int | None) -> Bools:
+    return np.ones(len(class_ids), np.bool_) if class_id is None else class_ids == class_id
+
+
+def _recall(is_counted: Bools, is_right: Bools) -> Mapping[str, float | int | None]:
+    truth, right = int(is_counted.sum()), int((is_counted & is_right).sum())
+    return {"truth": truth, "right": right, "recall": ratio(right, truth)}

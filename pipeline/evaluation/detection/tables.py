@@ -1,0 +1,149 @@
+"""What is kept of all frames: one row for each true object and each detection, without the boxes."""
+
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from pipeline.core.arrays import F32, I32, Bools, check_array
+from pipeline.evaluation.records import Names
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+__all__ = ["FALSE", "I16", "IGNORED", "FoundTable", "Labels", "Pieces", "TruthTable"]
+
+I16 = npt.NDArray[np.int16]
+
+FALSE = -1
+"""In place of the row of a true object: the detection shows none."""
+
+IGNORED = -2
+"""In place of the row of a true object: the detection is neither right nor wrong."""
+
+Table = TypeVar("Table", bound="DataclassInstance")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TruthTable:
+    """The true objects of all frames.
+
+    Attributes:
+        frames: (T,) int32, number of the evaluated frame.
+        class_ids: (T,) int32, row of the configured classes, or `UNKNOWN`.
+        labels: (T,) int32, number of the label.
+        range_bins: (T,) int16, row of the ranges.
+        zones: (T,) int16, row of the zones; -1 outside of all.
+        lidar_points: (T,) int32, or `UNKNOWN`.
+        yaws: (T,) float32.
+        is_evaluated: (T,) bool; False for what is neither a miss nor an error.
+        is_nuscenes: (T,) bool, evaluated in the figures that carry the name of nuScenes.
+    """
+
+    frames: I32
+    class_ids: I32
+    labels: I32
+    range_bins: I16
+    zones: I16
+    lidar_points: I32
+    yaws: F32
+    is_evaluated: Bools
+    is_nuscenes: Bools
+
+    def __post_init__(self) -> None:
+        n = len(self.frames)
+        check_array("frames", self.frames, (n,), np.int32)
+        check_array("class_ids", self.class_ids, (n,), np.int32)
+        check_array("labels", self.labels, (n,), np.int32)
+        check_array("range_bins", self.range_bins, (n,), np.int16)
+        check_array("zones", self.zones, (n,), np.int16)
+        check_array("lidar_points", self.lidar_points, (n,), np.int32)
+        check_array("yaws", self.yaws, (n,), np.float32)
+        check_array("is_evaluated", self.is_evaluated, (n,), np.bool_)
+        check_array("is_nuscenes", self.is_nuscenes, (n,), np.bool_)
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FoundTable:
+    """The detections of one source in all frames.
+
+    Attributes:
+        frames: (N,) int32, number of the evaluated frame.
+        class_ids: (N,) int32, row of the configured classes.
+        scores: (N,) float32.
+        range_bins: (N,) int16, row of the ranges.
+        zones: (N,) int16, row of the zones; -1 outside of all.
+        yaws: (N,) float32.
+        matches: (K, N) int32 by criterion, row of the true object that the detection shows; or `FALSE`, `IGNORED`.
+        mistaken: (N,) int32, row of the true object of another class that a false detection shows; or `FALSE`.
+        errors: (E, N, M) float32, errors of the matches of E criteria; NaN without a match.
+    """
+
+    frames: I32
+    class_ids: I32
+    scores: F32
+    range_bins: I16
+    zones: I16
+    yaws: F32
+    matches: I32
+    mistaken: I32
+    errors: F32
+
+    def __post_init__(self) -> None:
+        n = len(self.frames)
+        check_array("frames", self.frames, (n,), np.int32)
+        check_array("class_ids", self.class_ids, (n,), np.int32)
+        check_array("scores", self.scores, (n,), np.float32)
+        check_array("range_bins", self.range_bins, (n,), np.int16)
+        check_array("zones", self.zones, (n,), np.int16)
+        check_array("yaws", self.yaws, (n,), np.float32)
+        check_array("matches", self.matches, (len(self.matches), n), np.int32)
+        check_array("mistaken", self.mistaken, (n,), np.int32)
+        check_array("errors", self.errors, (len(self.errors), n, self.errors.shape[-1]), np.float32)
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+
+class Pieces(Generic[Table]):
+    """A table that grows by pieces, and is put together when it is read."""
+
+    def __init__(self, empty: Table) -> None:
+        self._pieces = [empty]
+
+    def append(self, piece: Table) -> None:
+        """Add the rows of `piece` at the end."""
+        self._pieces.append(piece)
+
+    def table(self) -> Table:
+        """All rows so far."""
+        if len(self._pieces) > 1:
+            first = self._pieces[0]
+            columns: dict[str, Any] = {}
+            for column in fields(first):
+                parts = [getattr(piece, column.name) for piece in self._pieces]
+                # the rows are the second axis of arrays that hold something by criterion
+                columns[column.name] = np.concatenate(parts, axis=min(parts[0].ndim - 1, 1))
+            self._pieces = [type(first)(**columns)]
+        return self._pieces[0]
+
+
+class Labels:
+    """Numbers of the truth's own names of classes, in the order in which they appear."""
+
+    def __init__(self) -> None:
+        self._numbers: dict[str, int] = {}
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The labels by number."""
+        return tuple(self._numbers)
+
+    def numbers(self, labels: Names) -> I32:
+        """(T,) int32, the numbers of labels (T,)."""
+        names, rows = np.unique(labels, return_inverse=True)
+        return np.array([self._numbers.setdefault(str(name), len(self._numbers)) for name in names], np.int32)[rows]

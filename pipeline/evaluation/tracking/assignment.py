@@ -1,0 +1,109 @@
+"""Assignment of results to truth in all frames at once.
+
+Candidates are pairs of rows. Rows of different frames never share a pair, so the pairs of a whole recording fall into
+many small components. Most are a single pair, which needs no decision; only the others are solved one by one.
+"""
+
+from collections.abc import Iterator
+from itertools import pairwise
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from pipeline.core.arrays import F64, I64, Bools, Indices
+
+__all__ = ["assign_heaviest", "assign_nearest", "conflicts", "dense_assignment", "far_cost", "is_alone"]
+
+
+def is_alone(first: I64, second: I64) -> Bools:
+    """Whether neither row of each pair (P,) is part of another pair."""
+    return np.asarray((np.bincount(first)[first] == 1) & (np.bincount(second)[second] == 1))
+
+
+def conflicts(first: I64, second: I64) -> Iterator[Indices]:
+    """The pairs of each component, in the order of the component's first pair.
+
+    Args:
+        first: (P,) row of the one side.
+        second: (P,) row of the other.
+
+    Yields:
+        Rows of the pairs, rising.
+    """
+    if not len(first):
+        return
+    rows, first_nodes = np.unique(first, return_inverse=True)
+    columns, second_nodes = np.unique(second, return_inverse=True)
+    count = len(rows) + len(columns)
+    edges = (np.ones(len(first), np.int8), (first_nodes, second_nodes + len(rows)))
+    _, labels = connected_components(coo_array(edges, shape=(count, count)), directed=False)
+    _, earliest, component = np.unique(labels[first_nodes], return_index=True, return_inverse=True)
+    order = np.lexsort((np.arange(len(first)), earliest[component]))
+    starts = np.flatnonzero(np.diff(earliest[component][order])) + 1
+    for start, end in pairwise([0, *starts.tolist(), len(first)]):
+        yield order[start:end]
+
+
+def dense_assignment(first: I64, second: I64, costs: F64, missing: float) -> Bools:
+    """Which of the pairs (P,) of one component are part of the assignment of smallest cost.
+
+    Args:
+        first: (P,) row of the one side.
+        second: (P,) row of the other.
+        costs: (P,) of each pair.
+        missing: Cost of two rows that are not a pair; they are assigned to nothing.
+    """
+    # Most components have two or three pairs: sets are faster than sorted arrays there.
+    first_rows, second_rows = first.tolist(), second.tolist()
+    rows = {row: k for k, row in enumerate(sorted(set(first_rows)))}
+    columns = {row: k for k, row in enumerate(sorted(set(second_rows)))}
+    row_of, column_of = [rows[row] for row in first_rows], [columns[row] for row in second_rows]
+    matrix = np.full((len(rows), len(columns)), missing)
+    matrix[row_of, column_of] = costs
+    chosen = np.zeros(matrix.shape, np.bool_)
+    chosen[linear_sum_assignment(matrix)] = True
+    return np.asarray(chosen[row_of, column_of])
+
+
+def assign_nearest(first: I64, second: I64, distances: F64) -> Bools:
+    """As many pairs as possible, of these sets the one with the smallest sum of distances.
+
+    Args:
+        first: (P,) row of the one side; each is part of one pair at most.
+        second: (P,) row of the other; likewise.
+        distances: (P,), not negative.
+
+    Returns:
+        (P,) bool.
+    """
+    return _assign(first, second, distances, far_cost(distances))
+
+
+def assign_heaviest(first: I64, second: I64, weights: F64) -> Bools:
+    """The pairs with the largest sum of weights, of which each row is part of one at most.
+
+    Args:
+        first: (P,) row of the one side.
+        second: (P,) row of the other.
+        weights: (P,), positive.
+
+    Returns:
+        (P,) bool.
+    """
+    return _assign(first, second, -weights, 0.0)
+
+
+def far_cost(distances: F64) -> float:
+    """A cost that outweighs all distances of one component, so that more pairs are better than nearer ones."""
+    return 1e4 * float(distances.max(initial=0.0)) + 1.0
+
+
+def _assign(first: I64, second: I64, costs: F64, missing: float) -> Bools:
+    chosen = is_alone(first, second)
+    open_pairs = np.flatnonzero(~chosen)
+    for component in conflicts(first[open_pairs], second[open_pairs]):
+        pairs = open_pairs[component]
+        chosen[pairs] = dense_assignment(first[pairs], second[pairs], costs[pairs], missing)
+    return chosen

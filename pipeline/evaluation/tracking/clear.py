@@ -1,0 +1,174 @@
+"""CLEAR MOT (Bernardin and Stiefelhagen, "Evaluating multiple object tracking performance", EURASIP JIVP, 2008).
+
+An object keeps the track that it was matched with last, as long as that is near enough; only then the others are
+assigned, as many as possible, at the smallest sum of distances. Mostly tracked and mostly lost: Wu and Nevatia,
+"Tracking of multiple, partially occluded humans based on static body part detection", CVPR 2006.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from pipeline.core.arrays import F64, I64, Bools, check_array
+from pipeline.evaluation.tracking.assignment import conflicts, dense_assignment, far_cost, is_alone
+from pipeline.evaluation.tracking.table import TrackTable
+
+__all__ = ["ClearCounts", "Matches", "clear_figures", "count_clear", "match_clear", "total_clear"]
+
+MOSTLY_TRACKED, MOSTLY_LOST = 0.8, 0.2
+"""Shares of its frames in which an object is matched: from the one on, and below the other."""
+
+
+NEVER = (-1, -1)
+"""In place of the frame and the track of a match."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Matches:
+    """Which box each true object is matched with.
+
+    Attributes:
+        pairs: (K,) int64, rows of the table's pairs, ordered by true track, then by frame.
+        is_switch: (K,) bool, whether the object's match before this one had another track.
+    """
+
+    pairs: I64
+    is_switch: Bools
+
+    def __post_init__(self) -> None:
+        check_array("pairs", self.pairs, (len(self.pairs),), np.int64)
+        check_array("is_switch", self.is_switch, (len(self.pairs),), np.bool_)
+
+
+@dataclass(frozen=True, slots=True)
+class ClearCounts:
+    """Sums over all frames, and over all true tracks."""
+
+    truth: int
+    found: int
+    matches: int
+    switches: int
+    distance_m: float
+    fragmentations: int
+    mostly_tracked: int
+    partly_tracked: int
+    mostly_lost: int
+
+
+def match_clear(table: TrackTable, kept: Bools) -> Matches:
+    """Match the objects of each frame, in the order of time.
+
+    Args:
+        table: The class.
+        kept: (M,) the boxes found that take part.
+    """
+    pairs = np.flatnonzero((table.distances_m < table.max_distance_m) & kept[table.second])
+    first, second = table.first[pairs], table.second[pairs]
+    chosen = is_alone(first, second)
+    if not chosen.all():
+        chosen |= _decided(table, first, second, table.distances_m[pairs], chosen)
+    pairs, first = pairs[chosen], first[chosen]
+    order = np.lexsort((table.truth_frames[first], table.truth_tracks[first]))
+    truth_tracks, found_tracks = table.truth_tracks[first[order]], table.found_tracks[second[chosen][order]]
+    is_switch = np.zeros(len(order), np.bool_)
+    is_switch[1:] = (np.diff(truth_tracks) == 0) & (np.diff(found_tracks) != 0)
+    return Matches(pairs[order], is_switch)
+
+
+def _decided(table: TrackTable, first: I64, second: I64, distances_m: F64, clear: Bools) -> Bools:
+    """The pairs that are chosen where a row is part of several; `clear` are the pairs that need no decision."""
+    before = _last_clear_matches(table, first[clear], second[clear])
+    decided: dict[int, tuple[int, int]] = {}
+    chosen = np.zeros(len(first), np.bool_)
+    truth_rows, found_rows = first.tolist(), second.tolist()
+    truth_tracks, found_tracks = table.truth_tracks[first].tolist(), table.found_tracks[second].tolist()
+    frames = table.truth_frames[first].tolist()
+    rows = np.flatnonzero(~clear)
+    for component in conflicts(first[rows], second[rows]):
+        pairs = rows[component].tolist()
+        done: set[int] = set()
+        taken: set[int] = set()
+        kept = []
+        for pair in pairs:
+            truth, found = truth_rows[pair], found_rows[pair]
+            last = max(decided.get(truth_tracks[pair], NEVER), before[truth])
+            if last[1] == found_tracks[pair] and truth not in done and found not in taken:
+                done.add(truth)
+                taken.add(found)
+                kept.append(pair)
+        rest = [pair for pair in pairs if truth_rows[pair] not in done and found_rows[pair] not in taken]
+        if len(rest) > 1:
+            costs = distances_m[rest]
+            is_best = dense_assignment(first[rest], second[rest], costs, far_cost(costs))
+            rest = [pair for pair, best in zip(rest, is_best.tolist(), strict=True) if best]
+        chosen[kept + rest] = True
+        decided |= {truth_tracks[pair]: (frames[pair], found_tracks[pair]) for pair in kept + rest}
+    return chosen
+
+
+def _last_clear_matches(table: TrackTable, first: I64, second: I64) -> list[tuple[int, int]]:
+    """For each true object the frame and track of the last match of its track that needed no decision, or `NEVER`."""
+    matched = np.full(len(table.truth_tracks), -1, np.int64)
+    matched[first] = table.found_tracks[second]
+    order = np.lexsort((table.truth_frames, table.truth_tracks))
+    places = np.arange(len(order))
+    starts = np.searchsorted(table.truth_tracks[order], table.truth_tracks[order], "left")
+    last = np.maximum.accumulate(np.where(matched[order] >= 0, places, -1))
+    known = last >= starts
+    frames, tracks = np.full(len(order), -1, np.int64), np.full(len(order), -1, np.int64)
+    frames[order[known]] = table.truth_frames[order[last[known]]]
+    tracks[order[known]] = matched[order[last[known]]]
+    return list(zip(frames.tolist(), tracks.tolist(), strict=True))
+
+
+def count_clear(table: TrackTable, matches: Matches) -> ClearCounts:
+    """The counts of one class."""
+    rows = table.first[matches.pairs]
+    order = np.lexsort((table.truth_frames, table.truth_tracks))
+    is_matched = np.zeros(len(order), np.bool_)
+    is_matched[rows] = True
+    is_matched, tracks = is_matched[order], table.truth_tracks[order]
+    count = table.truth_track_count
+    lengths, tracked = np.bincount(tracks, minlength=count), np.bincount(tracks, is_matched, count)
+    share = tracked / lengths
+    # Every loss counts but the last of a track that is not found again.
+    losses = int((is_matched[:-1] & ~is_matched[1:] & (np.diff(tracks) == 0)).sum())
+    ends = np.flatnonzero(np.diff(tracks, append=-1))
+    lost_for_good = int(((tracked > 0) & ~is_matched[ends]).sum())
+    mostly_tracked, mostly_lost = int((share >= MOSTLY_TRACKED).sum()), int((share < MOSTLY_LOST).sum())
+    return ClearCounts(
+        truth=len(order),
+        found=len(table.found_frames),
+        matches=len(rows),
+        switches=int(matches.is_switch.sum()),
+        distance_m=float(table.distances_m[matches.pairs].sum()),
+        fragmentations=losses - lost_for_good,
+        mostly_tracked=mostly_tracked,
+        partly_tracked=count - mostly_tracked - mostly_lost,
+        mostly_lost=mostly_lost,
+    )
+
+
+def total_clear(parts: Sequence[ClearCounts]) -> ClearCounts:
+    """The counts of all classes together."""
+    return ClearCounts(*(sum(getattr(part, f.name) for part in parts) for f in fields(ClearCounts)))
+
+
+def clear_figures(counts: ClearCounts) -> dict[str, float | int | None]:
+    """MOTA and what it is made of; None where there is nothing to measure."""
+    misses, false_positives = counts.truth - counts.matches, counts.found - counts.matches
+    errors = misses + false_positives + counts.switches
+    return {
+        "mota": 1 - errors / counts.truth if counts.truth else None,
+        "motp_m": counts.distance_m / counts.matches if counts.matches else None,
+        "recall": counts.matches / counts.truth if counts.truth else None,
+        "precision": counts.matches / counts.found if counts.found else None,
+        "false_positives": false_positives,
+        "misses": misses,
+        "id_switches": counts.switches,
+        "fragmentations": counts.fragmentations,
+        "mostly_tracked": counts.mostly_tracked,
+        "partly_tracked": counts.partly_tracked,
+        "mostly_lost": counts.mostly_lost,
+    }

@@ -1,0 +1,102 @@
+"""What becomes of tracks over time: how long they are, how soon an object has one, and how often they turn around."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.core.arrays import F64, I64, check_array
+from pipeline.core.geometry.boxes import wrap_angle
+from pipeline.evaluation.tracking.clear import Matches
+from pipeline.evaluation.tracking.table import TrackTable
+
+__all__ = ["Courses", "course_figures", "follow", "total_courses"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Courses:
+    """Tracks of one or all classes.
+
+    Attributes:
+        boxes: (H,) int64, boxes of each track found.
+        durations_s: (H,) float64, from its first box to its last.
+        delays_s: (T,) float64, from a true track's first frame to its first match; NaN if there is none.
+        heading_flips: Turns of more than 90 degrees that an object did not make.
+        without_track: Boxes found that are part of no track.
+    """
+
+    boxes: I64
+    durations_s: F64
+    delays_s: F64
+    heading_flips: int
+    without_track: int
+
+    def __post_init__(self) -> None:
+        check_array("boxes", self.boxes, (len(self.durations_s),), np.int64)
+        check_array("durations_s", self.durations_s, (len(self.durations_s),), np.float64)
+        check_array("delays_s", self.delays_s, (len(self.delays_s),), np.float64)
+
+
+def follow(table: TrackTable, matches: Matches) -> Courses:
+    """Follow the tracks of one class."""
+    first_ns, last_ns = _spans(table, table.found_tracks, table.found_frames)
+    start_ns, _ = _spans(table, table.truth_tracks, table.truth_frames)
+    rows = table.first[matches.pairs]
+    matched_tracks, earliest = np.unique(table.truth_tracks[rows], return_index=True)
+    delays_s = np.full(len(start_ns), np.nan)
+    matched_ns = table.stamps_ns[table.truth_frames[rows[earliest]]]
+    delays_s[matched_tracks] = (matched_ns - start_ns[matched_tracks]) / 1e9
+    return Courses(
+        np.bincount(table.found_tracks).astype(np.int64),
+        (last_ns - first_ns) / 1e9,
+        delays_s,
+        _flips(table, matches),
+        table.without_track,
+    )
+
+
+def total_courses(parts: Sequence[Courses]) -> Courses:
+    """The tracks of all classes together."""
+    return Courses(
+        np.concatenate([part.boxes for part in parts]),
+        np.concatenate([part.durations_s for part in parts]),
+        np.concatenate([part.delays_s for part in parts]),
+        sum(part.heading_flips for part in parts),
+        sum(part.without_track for part in parts),
+    )
+
+
+def course_figures(courses: Courses) -> dict[str, float | int | None]:
+    """Figures of the tracks; None where there are none."""
+    matched = courses.delays_s[~np.isnan(courses.delays_s)]
+    some = len(courses.boxes) > 0
+    return {
+        "truth_tracks": len(courses.delays_s),
+        "found_tracks": len(courses.boxes),
+        "boxes_without_track": courses.without_track,
+        "track_frames_mean": float(courses.boxes.mean()) if some else None,
+        "track_frames_median": float(np.median(courses.boxes)) if some else None,
+        "track_s_mean": float(courses.durations_s.mean()) if some else None,
+        "track_s_median": float(np.median(courses.durations_s)) if some else None,
+        "first_match_s_mean": float(matched.mean()) if len(matched) else None,
+        "never_matched": len(courses.delays_s) - len(matched),
+        "heading_flips": courses.heading_flips,
+    }
+
+
+def _spans(table: TrackTable, tracks: I64, frames: I64) -> tuple[I64, I64]:
+    """Times of the first and of the last row of each track; frames rise."""
+    first = np.unique(tracks, return_index=True)[1]
+    last = len(tracks) - 1 - np.unique(tracks[::-1], return_index=True)[1]
+    return table.stamps_ns[frames[first]], table.stamps_ns[frames[last]]
+
+
+def _flips(table: TrackTable, matches: Matches) -> int:
+    """Turns of more than 90 degrees of a track between two of its matches in a row that its object does not make."""
+    truth, found = table.first[matches.pairs], table.second[matches.pairs]
+    order = np.lexsort((table.found_frames[found], table.found_tracks[found]))
+    truth, found = truth[order], found[order]
+    same = (np.diff(table.found_tracks[found]) == 0) & (np.diff(table.truth_tracks[truth]) == 0)
+    turn = np.abs(wrap_angle(np.diff(table.found_yaws[found])))
+    true_turn = np.abs(wrap_angle(np.diff(table.truth_yaws[truth])))
+    return int((same & (turn > np.pi / 2) & (true_turn <= np.pi / 2)).sum())

@@ -1,0 +1,98 @@
+"""Figures of tracks against truth."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pipeline.core.rig import Zone
+from pipeline.core.settings.config import Config
+from pipeline.evaluation.records import EvaluationFrame, Figure, Figures
+from pipeline.evaluation.scales import nuscenes_ranges_m
+from pipeline.evaluation.tracking.amota import amota_figures
+from pipeline.evaluation.tracking.clear import ClearCounts, clear_figures, count_clear, match_clear, total_clear
+from pipeline.evaluation.tracking.collect import Collection
+from pipeline.evaluation.tracking.courses import Courses, course_figures, follow, total_courses
+from pipeline.evaluation.tracking.hota import (
+    HotaCounts,
+    count_hota,
+    hota_figures,
+    similarity_of_distance,
+    total_hota,
+)
+from pipeline.evaluation.tracking.identity import (
+    IdentityCounts,
+    count_identity,
+    identity_figures,
+    total_identity,
+)
+from pipeline.evaluation.tracking.table import TrackTable
+
+__all__ = ["TrackingEvaluation"]
+
+
+class TrackingEvaluation:
+    """Tracks of every source that has any, by class and of all classes.
+
+    An object is only compared with boxes of its own class. `all` sums what was counted by class, and has the means of
+    AMOTA and AMOTP over the classes with truth. With the distances of nuScenes, AMOTA and AMOTP also have its ranges.
+    """
+
+    def __init__(self, config: Config, zones: Sequence[Zone]) -> None:  # noqa: ARG002 (as every evaluator is built)
+        self._config = config
+        self._collection = Collection(config)
+
+    def add(self, frame: EvaluationFrame) -> None:
+        """Take in one frame; one without truth plays no part."""
+        self._collection.add(frame)
+
+    def figures(self) -> Figures:
+        """`tracking.SOURCE.CLASS.NAME`; empty without a source that has tracks."""
+        sources = {name: self._source_figures(tables) for name, tables in self._collection.tables().items()}
+        return {"tracking": sources}
+
+    def _source_figures(self, tables: Sequence[TrackTable]) -> Figures:
+        counts = [_Counts(table) for table in tables]
+        group, compared = "distance", tables
+        if self._config.evaluate.distances == "nuscenes":
+            ranges_m = nuscenes_ranges_m(self._config).tolist()
+            group = "nuscenes"
+            compared = [table.within(range_m) for table, range_m in zip(tables, ranges_m, strict=True)]
+        averages = [amota_figures(table) for table in compared]
+        by_class: dict[str, Figures] = {
+            name: {
+                "match_distance_m": table.max_distance_m,
+                **_figures([count]),
+                group: average,
+            }
+            for name, table, count, average in zip(self._config.class_names, tables, counts, averages, strict=True)
+        }
+        mean = {name: _mean([average[name] for average in averages]) for name in averages[0]}
+        return {**by_class, "all": {"match_distance_m": None, **_figures(counts), group: mean}}
+
+
+class _Counts:
+    """All that is counted in one class."""
+
+    def __init__(self, table: TrackTable) -> None:
+        matches = match_clear(table, np.ones(len(table.found_frames), np.bool_))
+        self.clear: ClearCounts = count_clear(table, matches)
+        self.courses: Courses = follow(table, matches)
+        self.identity: IdentityCounts = count_identity(table)
+        self.hota: HotaCounts = count_hota(table, similarity_of_distance(table))
+        self.hota_iou: HotaCounts = count_hota(table, table.ious)
+
+
+def _figures(parts: Sequence[_Counts]) -> dict[str, Figure]:
+    by_iou = hota_figures(total_hota([part.hota_iou for part in parts]))
+    return {
+        **hota_figures(total_hota([part.hota for part in parts])),
+        **{f"{name}_iou": value for name, value in by_iou.items()},
+        **clear_figures(total_clear([part.clear for part in parts])),
+        **identity_figures(total_identity([part.identity for part in parts])),
+        **course_figures(total_courses([part.courses for part in parts])),
+    }
+
+
+def _mean(values: Sequence[float | None]) -> float | None:
+    known = [value for value in values if value is not None]
+    return sum(known) / len(known) if known else None

@@ -1,0 +1,135 @@
+"""Labelled objects as arrays of truth."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.core.arrays import F64
+from pipeline.core.errors import RecordingError
+from pipeline.core.settings.classes import ClassPrior
+from pipeline.evaluation.records import UNKNOWN, TruthBoxes2D, TruthBoxes3D
+
+__all__ = [
+    "MIN_HEADING",
+    "Labelled",
+    "Labelled2D",
+    "class_ids_of_labels",
+    "read_label_text",
+    "truth_boxes_2d",
+    "truth_boxes_3d",
+    "yaw_of",
+]
+
+MIN_HEADING = 1e-3
+"""Shortest projection of a box's length axis (of length 1) on the ground that still has a heading."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Labelled:
+    """One object in 3D.
+
+    Attributes:
+        label: Its class as the truth names it.
+        T_frame_box: (4, 4) pose of the centre of its box.
+        size_m: Length, width, height.
+        track_id: The same in all frames.
+        lidar_points: Points on it.
+        is_ignored: Neither a miss nor an error.
+    """
+
+    label: str
+    T_frame_box: F64
+    size_m: tuple[float, float, float]
+    track_id: int = UNKNOWN
+    lidar_points: int = UNKNOWN
+    is_ignored: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Labelled2D:
+    """One object, or region, in an image.
+
+    Attributes:
+        label: Its class as the truth names it.
+        xyxy: Left, top, right, bottom, pixels.
+        track_id: The same in all frames.
+        is_ignored: Neither a miss nor an error.
+    """
+
+    label: str
+    xyxy: tuple[float, float, float, float]
+    track_id: int = UNKNOWN
+    is_ignored: bool = False
+
+
+def class_ids_of_labels(classes: Sequence[ClassPrior]) -> dict[str, int]:
+    """Row of the classes by each name that they have, in lower case; of two with one name the first."""
+    rows: dict[str, int] = {}
+    for row, prior in enumerate(classes):
+        for name in (prior.name, *prior.labels):
+            rows.setdefault(name.strip().lower(), row)
+    return rows
+
+
+def truth_boxes_3d(
+    stamp_ns: int, frame_id: str, objects: Sequence[Labelled], class_ids: Mapping[str, int]
+) -> TruthBoxes3D:
+    """Objects at one moment; `class_ids` are those of `class_ids_of_labels`."""
+    return TruthBoxes3D(
+        stamp_ns=stamp_ns,
+        frame_id=frame_id,
+        centers=np.array([one.T_frame_box[:3, 3] for one in objects], np.float64).reshape(-1, 3),
+        sizes=np.array([one.size_m for one in objects], np.float64).reshape(-1, 3),
+        yaws=np.array([yaw_of(one.T_frame_box) for one in objects], np.float64),
+        class_ids=_class_ids([one.label for one in objects], class_ids),
+        labels=np.array([one.label for one in objects], np.str_),
+        track_ids=np.array([one.track_id for one in objects], np.int64),
+        lidar_points=np.array([one.lidar_points for one in objects], np.int32),
+        image_pixels=np.full(len(objects), UNKNOWN, np.int32),
+        is_ignored=np.array([one.is_ignored for one in objects], np.bool_),
+    )
+
+
+def truth_boxes_2d(stamp_ns: int, objects: Sequence[Labelled2D], class_ids: Mapping[str, int]) -> TruthBoxes2D:
+    """Objects in one image; `class_ids` are those of `class_ids_of_labels`."""
+    return TruthBoxes2D(
+        stamp_ns=stamp_ns,
+        xyxy=np.array([one.xyxy for one in objects], np.float32).reshape(-1, 4),
+        class_ids=_class_ids([one.label for one in objects], class_ids),
+        labels=np.array([one.label for one in objects], np.str_),
+        track_ids=np.array([one.track_id for one in objects], np.int64),
+        image_pixels=np.full(len(objects), UNKNOWN, np.int32),
+        is_ignored=np.array([one.is_ignored for one in objects], np.bool_),
+    )
+
+
+def yaw_of(pose: F64) -> float:
+    """Heading of the x axis of a pose (4, 4) about +z, in (-pi, pi]; of a tilted one, of its projection."""
+    yaw = float(np.arctan2(pose[1, 0], pose[0, 0]))
+    return yaw if yaw > -np.pi else float(np.pi)
+
+
+def read_label_text(path: Path, max_bytes: int) -> str:
+    """The text of a label file.
+
+    Raises:
+        RecordingError: it cannot be read, or is larger than `max_bytes`.
+    """
+    try:
+        with path.open("rb") as stream:
+            data = stream.read(max_bytes + 1)
+        if len(data) > max_bytes:
+            raise RecordingError(f"{path}: expected labels of at most {max_bytes >> 20} MiB, found a larger file")
+        return data.decode()
+    except FileNotFoundError as err:
+        raise RecordingError(f"{path}: no such file; expected labels") from err
+    except UnicodeDecodeError as err:
+        raise RecordingError(f"{path}: expected labels as UTF-8 text, found other bytes at {err.start}") from err
+    except OSError as err:
+        raise RecordingError(f"{path}: cannot be read: {err.strerror or err}") from err
+
+
+def _class_ids(labels: Iterable[str], class_ids: Mapping[str, int]) -> np.ndarray[tuple[int], np.dtype[np.int32]]:
+    return np.array([class_ids.get(label.strip().lower(), UNKNOWN) for label in labels], np.int32)

@@ -1,0 +1,348 @@
+"""Truth from KITTI's label files: of the object benchmark (label_2), and of the tracking benchmark (label_02).
+
+A line is `type truncated occluded alpha left top right bottom height width length x y z rotation_y`, in the tracking
+benchmark with `frame track_id` before it; x, y, z is the middle of the bottom of the box in the rectified frame of
+camera 0 (x right, y down, z forward), rotation_y the heading about its y axis (readme.txt of the development kits).
+`DontCare` are parts of the image that nobody labelled. Calibration is that of `calib/` beside the labels.
+
+As in the benchmark, `Van` and `Person_sitting` are neither a miss nor an error, and so are objects harder than
+`evaluate.kitti_difficulty`.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from pipeline.core.arrays import F64
+from pipeline.core.errors import RecordingError
+from pipeline.core.rig import CameraSensor, LidarSensor, Rig
+from pipeline.core.settings.config import Config
+from pipeline.evaluation.records import UNKNOWN, TruthBoxes2D, TruthBoxes3D
+from readers.natural_order import natural_key
+from readers.rig.importers.kitti import KittiCalibration, kitti_calibration
+from readers.truth.boxes import (
+    Labelled,
+    Labelled2D,
+    class_ids_of_labels,
+    read_label_text,
+    truth_boxes_2d,
+    truth_boxes_3d,
+)
+
+__all__ = ["KittiFile", "KittiLabel", "KittiTruth", "is_kitti_text", "parse_kitti_labels"]
+
+DONT_CARE = "DontCare"
+
+NEUTRAL = frozenset({"Van", "Person_sitting"})
+"""Too like a class to be an error of it, and not of it."""
+
+LEFT_COLOUR_CAMERA = 2
+"""The camera in whose images objects are labelled."""
+
+MAX_LABEL_BYTES = 64 << 20
+"""The tracking benchmark's largest file has 2 MB."""
+
+MAX_REPROJECTION_PX = 2.0
+"""How far a camera of the rig may be from the labelled one: nobody calibrates worse for labels."""
+
+MAX_ID = 2**53
+"""Ids beyond this are none that a benchmark gives."""
+
+_COLUMNS, _TRACKING_COLUMNS = 15, 17
+
+_LEVELS: Final = {"easy": (40.0, 0, 0.15), "moderate": (25.0, 1, 0.30), "hard": (25.0, 2, 0.50)}
+"""Least height in pixels, largest occlusion and truncation (cvlibs.net/datasets/kitti/eval_object.php)."""
+
+
+@dataclass(frozen=True, slots=True)
+class KittiLabel:
+    """One line of a label file.
+
+    Attributes:
+        label: Class.
+        truncated: Share of the object outside the image.
+        occluded: 0 visible, 1 partly hidden, 2 largely hidden, 3 unknown.
+        xyxy: Left, top, right, bottom, pixels.
+        size_m: Length, width, height.
+        bottom_m: Middle of the bottom in the rectified frame of camera 0.
+        rotation_y: Heading about its y axis, radians.
+        frame: Number of the frame; 0 in the object benchmark.
+        track_id: Number of the object; `UNKNOWN` in the object benchmark.
+    """
+
+    label: str
+    truncated: float
+    occluded: int
+    xyxy: tuple[float, float, float, float]
+    size_m: tuple[float, float, float]
+    bottom_m: tuple[float, float, float]
+    rotation_y: float
+    frame: int = 0
+    track_id: int = UNKNOWN
+
+    def T_rect_box(self) -> F64:
+        """(4, 4) pose of the centre of the box: x forward along its length, y left, z up."""
+        along, across = math.cos(self.rotation_y), math.sin(self.rotation_y)
+        x, y, z = self.bottom_m
+        pose = np.eye(4)
+        pose[:3, 0] = along, 0.0, -across
+        pose[:3, 1] = across, 0.0, along
+        pose[:3, 2] = 0.0, -1.0, 0.0
+        pose[:3, 3] = x, y - self.size_m[2] / 2, z
+        return pose
+
+    def is_harder_than(self, level: str | None) -> bool:
+        """Whether it is harder to find than a level of difficulty allows."""
+        if level is None:
+            return False
+        height_px, occluded, truncated = _LEVELS[level]
+        height = self.xyxy[3] - self.xyxy[1]
+        return height < height_px or self.occluded > occluded or self.truncated > truncated
+
+
+class KittiFile(NamedTuple):
+    """The content of a label file.
+
+    Attributes:
+        labels: In order.
+        is_tracking: Whether it is one of the tracking benchmark, with numbers of frames and objects.
+    """
+
+    labels: tuple[KittiLabel, ...]
+    is_tracking: bool
+
+
+def is_kitti_text(text: str) -> bool:
+    """Whether the first line of a text is a KITTI label."""
+    words = next((line.split() for line in text.splitlines() if line.strip()), [])
+    if len(words) not in (_COLUMNS, _TRACKING_COLUMNS):
+        return False
+    try:
+        _label(words)
+    except ValueError:
+        return False
+    return True
+
+
+def parse_kitti_labels(text: str, path: Path) -> KittiFile:
+    """The labels of a file.
+
+    Args:
+        text: Its content.
+        path: Named in errors.
+
+    Raises:
+        RecordingError: a line is no label, or of another benchmark than the first.
+    """
+    found = []
+    columns = 0
+    for number, line in enumerate(text.splitlines(), 1):
+        words = line.split()
+        if not words:
+            continue
+        columns = columns or len(words)
+        if len(words) != columns or columns not in (_COLUMNS, _TRACKING_COLUMNS):
+            raise RecordingError(
+                f"{path}: line {number}: expected {_COLUMNS} columns as in label_2 or {_TRACKING_COLUMNS} as in "
+                f"label_02, the same in all lines, found {len(words)}"
+            )
+        try:
+            found.append(_label(words))
+        except ValueError as err:
+            raise RecordingError(f"{path}: line {number}: expected a KITTI label, found {err}") from err
+    return KittiFile(tuple(found), columns == _TRACKING_COLUMNS)
+
+
+def _label(words: Sequence[str]) -> KittiLabel:
+    """The label of a line.
+
+    Raises:
+        ValueError: the line is none; says what was found in place of it.
+    """
+    frame, track_id = 0, UNKNOWN
+    if len(words) == _TRACKING_COLUMNS:
+        frame, track_id, words = _whole(words[0]), int(words[1]), words[2:]
+        if abs(track_id) > MAX_ID:
+            raise ValueError(f"the track {track_id}")
+    label = words[0]
+    numbers = [float(word) for word in words[1:]]
+    if not all(map(math.isfinite, numbers)):
+        raise ValueError("numbers that are not finite")
+    truncated, occluded, _, left, top, right, bottom, height, width, length, x, y, z, rotation_y = numbers
+    if not (left < right and top < bottom):
+        raise ValueError(f"an image box from {left:g}, {top:g} to {right:g}, {bottom:g}")
+    if label != DONT_CARE and not min(height, width, length) > 0:
+        raise ValueError(f"a {label} of {length:g} x {width:g} x {height:g} m")
+    return KittiLabel(
+        label,
+        truncated,
+        int(occluded),
+        (left, top, right, bottom),
+        (length, width, height),
+        (x, y, z),
+        rotation_y,
+        frame,
+        track_id,
+    )
+
+
+def _whole(word: str) -> int:
+    number = int(word)
+    if number < 0:
+        raise ValueError(f"the frame {number}")
+    return number
+
+
+class KittiTruth:
+    """KITTI's labels as a source of truth; see `TruthSource`.
+
+    Of a folder, the k-th file in order of its number belongs to the k-th frame of the result. A file of the tracking
+    benchmark numbers its frames itself, from 0.
+
+    Args:
+        path: A label file, or a folder of those of the object benchmark; or one that has `label_2`.
+        rig: The rig of the result; its lidar is KITTI's.
+        config: Classes and difficulty.
+
+    Raises:
+        RecordingError: the labels or their calibration cannot be read, or the rig has several lidars.
+    """
+
+    def __init__(self, path: Path, rig: Rig, config: Config) -> None:
+        folder = path / "label_2" if (path / "label_2").is_dir() else path
+        self._files = _files_of(folder) if folder.is_dir() else [path]
+        self._rig, self._lidar = rig, _lidar_of(rig, path)
+        self._level = config.evaluate.kitti_difficulty
+        self._class_ids = class_ids_of_labels(config.classes)
+        first = parse_kitti_labels(read_label_text(self._files[0], MAX_LABEL_BYTES), self._files[0])
+        if first.is_tracking and len(self._files) > 1:
+            raise RecordingError(
+                f"{path}: labels of the tracking benchmark, one file a sequence: name the file of the sequence"
+            )
+        self._tracked = _by_frame(first.labels) if first.is_tracking else None
+        self._count = len(self._files) if self._tracked is None else max(self._tracked) + 1
+        self._beyond = 0
+        self._last: tuple[int, Sequence[KittiLabel], KittiCalibration] | None = None
+        self.description = f"KITTI labels of {path}"
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """See `TruthSource`."""
+        what = "files" if self._tracked is None else "frames"
+        notes = [f"{self.description}: {self._count} {what}, matched with the frames of the result in their order"]
+        if self._beyond:
+            notes.append(f"{self.description}: frames of the result from {self._count} on have no labels")
+        return tuple(notes)
+
+    def at(self, stamp_ns: int, *, frame: int) -> TruthBoxes3D | None:
+        """See `TruthSource`: the labels of the frame, in the site frame."""
+        if frame >= self._count:
+            self._beyond += 1
+            return None
+        labels, calibration = self._labels(frame)
+        T_site_rect = self._lidar.T_site_lidar.matrix @ np.linalg.inv(calibration.T_rect_velo)
+        objects = [
+            Labelled(
+                label.label,
+                T_site_rect @ label.T_rect_box(),
+                label.size_m,
+                label.track_id,
+                is_ignored=self._is_ignored(label),
+            )
+            for label in labels
+            if label.label != DONT_CARE
+        ]
+        return truth_boxes_3d(stamp_ns, self._rig.site_frame, objects, self._class_ids)
+
+    def in_image(self, camera: str, stamp_ns: int, *, frame: int) -> TruthBoxes2D | None:
+        """See `TruthSource`: the labels of the left colour camera."""
+        if frame >= self._count:
+            return None
+        labels, calibration = self._labels(frame)
+        sensor = next((one for one in self._rig.cameras if one.name == camera), None)
+        if sensor is None or not self._is_labelled(sensor, calibration):
+            return None
+        objects = [Labelled2D(label.label, label.xyxy, label.track_id, self._is_ignored(label)) for label in labels]
+        return truth_boxes_2d(stamp_ns, objects, self._class_ids)
+
+    def _labels(self, frame: int) -> tuple[Sequence[KittiLabel], KittiCalibration]:
+        """The labels of a frame, and their calibration; kept for the images of the frame."""
+        if self._last is None or self._last[0] != frame:
+            file = self._files[0 if self._tracked is not None else frame]
+            calibration = _calibration(file) if self._last is None or self._tracked is None else self._last[2]
+            self._last = frame, self._read(file, frame), calibration
+        return self._last[1:]
+
+    def _read(self, file: Path, frame: int) -> Sequence[KittiLabel]:
+        if self._tracked is not None:
+            return self._tracked.get(frame, ())
+        found = parse_kitti_labels(read_label_text(file, MAX_LABEL_BYTES), file)
+        if found.is_tracking:
+            raise RecordingError(f"{file}: expected labels as in {self._files[0].name}, found the tracking benchmark's")
+        return found.labels
+
+    def _is_ignored(self, label: KittiLabel) -> bool:
+        return label.label == DONT_CARE or label.label in NEUTRAL or label.is_harder_than(self._level)
+
+    def _is_labelled(self, camera: CameraSensor, calibration: KittiCalibration) -> bool:
+        """Whether a camera of the rig is the one whose images were labelled: both see the same at the same pixels."""
+        projection = calibration.projections.get(LEFT_COLOUR_CAMERA)
+        if projection is None:
+            return False
+        points_velo = np.array([[20.0, y, z, 1.0] for y in (-6.0, 0.0, 6.0) for z in (-1.5, 1.0)])
+        labelled = (projection @ calibration.T_rect_velo @ points_velo.T).T
+        in_camera = camera.T_camera_site.matrix @ self._lidar.T_site_lidar.matrix @ points_velo.T
+        if (in_camera[2] <= 0).any() or (labelled[:, 2] <= 0).any():
+            return False
+        seen = (camera.model.K @ in_camera[:3]).T
+        apart = labelled[:, :2] / labelled[:, 2:] - seen[:, :2] / seen[:, 2:]
+        return bool(np.linalg.norm(apart, axis=1).max() <= MAX_REPROJECTION_PX)
+
+
+def _files_of(folder: Path) -> list[Path]:
+    files = sorted(folder.glob("*.txt"), key=lambda path: natural_key(path.name))
+    if not files:
+        raise RecordingError(f"{folder}: expected KITTI labels (000000.txt, ...), found none")
+    return files
+
+
+def _lidar_of(rig: Rig, path: Path) -> LidarSensor:
+    named = [lidar for lidar in rig.lidars if "velo" in f"{lidar.name} {lidar.T_site_lidar.src}".lower()]
+    for found in (rig.lidars, named):
+        if len(found) == 1:
+            return found[0]
+    raise RecordingError(
+        f"{path}: KITTI's labels go with its one Velodyne, found the lidars {', '.join(one.name for one in rig.lidars)}"
+    )
+
+
+def _by_frame(labels: Sequence[KittiLabel]) -> dict[int, list[KittiLabel]]:
+    frames: dict[int, list[KittiLabel]] = {}
+    for label in labels:
+        frames.setdefault(label.frame, []).append(label)
+    return frames
+
+
+def _calibration(labels: Path) -> KittiCalibration:
+    """The calibration that goes with a label file."""
+    places = list(_calibration_places(labels))
+    place = next((place for place in places if place.is_file()), None)
+    if place is None:
+        raise RecordingError(
+            f"{labels}: KITTI's labels stand in the frame of a camera; expected its calibration {places[0]}, found no "
+            "such file"
+        )
+    found = kitti_calibration(read_label_text(place, MAX_LABEL_BYTES), place)
+    if found is None:
+        raise RecordingError(f"{place}: expected a calibration of KITTI with R0_rect and Tr_velo_to_cam")
+    return found
+
+
+def _calibration_places(labels: Path) -> Iterator[Path]:
+    folder = labels.absolute().parent
+    yield folder.parent / "calib" / labels.name
+    yield folder / "calib" / labels.name

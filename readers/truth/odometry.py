@@ -1,0 +1,189 @@
+"""Truth from the odometry of vehicles whose boxes the rig file gives, as the predecessor system has it."""
+
+from collections import Counter, deque
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from pipeline.core.arrays import F64
+from pipeline.core.errors import ConfigError, FrameError, MessageError, RecordingError
+from pipeline.core.geometry.poses import interpolate_poses
+from pipeline.core.messages import RawMessage
+from pipeline.core.rig import TruthVehicle
+from pipeline.core.settings.config import Config
+from pipeline.evaluation.records import TruthBoxes2D, TruthBoxes3D
+from readers.messages.odometry import ODOMETRY, decode_odometry
+from readers.messages.tf import RecordedTransforms
+from readers.recording import Recording
+from readers.truth.boxes import Labelled, class_ids_of_labels, truth_boxes_3d
+from readers.truth.source import STEP_BACK_NS
+
+__all__ = ["LEAD_NS", "MAX_GAP_NS", "OdometryTruth"]
+
+MAX_GAP_NS = 1_000_000_000
+"""Poses farther apart than this say nothing of the time between them."""
+
+LEAD_NS = 5_000_000_000
+"""How far the messages of one vehicle are read ahead of those of another: one that is silent ends there."""
+
+
+@dataclass(slots=True)
+class _Track:
+    """The last poses of one vehicle, in the order of their stamps."""
+
+    stamps_ns: deque[int] = field(default_factory=deque)
+    poses: deque[F64] = field(default_factory=deque)
+    frame_id: str = ""
+
+    def add(self, stamp_ns: int, frame_id: str, pose: F64) -> str:
+        """Why a pose is not used; empty if it is."""
+        if self.stamps_ns and stamp_ns <= self.stamps_ns[-1]:
+            return "stamp not after that of the message before"
+        if self.frame_id and frame_id != self.frame_id:
+            return f"pose in {frame_id!r}, expected {self.frame_id!r} as in the first message"
+        self.frame_id = frame_id
+        self.stamps_ns.append(stamp_ns)
+        self.poses.append(pose)
+        return ""
+
+    def forget(self, before_ns: int) -> None:
+        """Forget the poses that no time from `before_ns` on needs."""
+        while len(self.stamps_ns) > 1 and self.stamps_ns[1] <= before_ns:
+            self.stamps_ns.popleft()
+            self.poses.popleft()
+
+    def at(self, stamp_ns: int) -> F64 | None:
+        """(4, 4) pose at a time; None if it is not between two poses that are near each other."""
+        after = next((row for row, known in enumerate(self.stamps_ns) if known >= stamp_ns), None)
+        if after is None:
+            return None
+        if self.stamps_ns[after] == stamp_ns:
+            return self.poses[after]
+        if after == 0 or self.stamps_ns[after] - self.stamps_ns[after - 1] > MAX_GAP_NS:
+            return None
+        stamps_ns = np.array([self.stamps_ns[after - 1], self.stamps_ns[after]], np.int64)
+        poses = np.stack([self.poses[after - 1], self.poses[after]])
+        found: F64 = interpolate_poses(stamps_ns, poses, np.array([stamp_ns], np.int64))[0]
+        return found
+
+
+class OdometryTruth:
+    """The boxes of the vehicles whose odometry was recorded; see `TruthSource`.
+
+    A moment is covered if the poses of all vehicles are known at it, interpolated between two messages.
+
+    Args:
+        recording: Has the odometry: the recording, or a result that its topics were copied to.
+        vehicles: What the rig says of them; at least one.
+        transforms: Join the frames in which vehicles move, where these are several.
+        config: Classes and limits.
+
+    Raises:
+        RecordingError: a topic was not recorded, or is no odometry.
+        ConfigError: a vehicle is of no configured class.
+    """
+
+    def __init__(
+        self,
+        recording: Recording,
+        vehicles: Mapping[str, TruthVehicle],
+        transforms: RecordedTransforms,
+        config: Config,
+    ) -> None:
+        recorded = {info.topic: info for info in recording.topics if info.message_count and not info.unreadable}
+        for name, vehicle in vehicles.items():
+            found = recorded.get(vehicle.topic)
+            if found is None or found.msgtype != ODOMETRY:
+                names = ", ".join(sorted(one.topic for one in recorded.values() if one.msgtype == ODOMETRY)) or "none"
+                what = "no such topic" if found is None else found.msgtype
+                raise RecordingError(
+                    f"{', '.join(map(str, recording.paths))}: truth.{name} of the rig: expected {ODOMETRY} on "
+                    f"{vehicle.topic}, found {what}; recorded odometry: {names}"
+                )
+        self._class_ids = class_ids_of_labels(config.classes)
+        for name, vehicle in vehicles.items():
+            if vehicle.label.strip().lower() not in self._class_ids:
+                raise ConfigError(
+                    f"truth.{name}.class of the rig: expected a class of the settings, or a label of one "
+                    f"({', '.join(self._class_ids)}), found {vehicle.label!r}"
+                )
+        self._vehicles, self._transforms = dict(vehicles), transforms
+        self._limits = config.limits
+        self._names: dict[str, list[str]] = {}
+        for name, vehicle in vehicles.items():
+            self._names.setdefault(vehicle.topic, []).append(name)
+        self._tracks = {topic: _Track() for topic in self._names}
+        self._messages: Iterator[RawMessage] | None = recording.messages(self._names)
+        self._unused: Counter[str] = Counter()
+        self._first: dict[str, str] = {}
+        self.description = f"odometry {', '.join(self._names)} of {', '.join(path.name for path in recording.paths)}"
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """See `TruthSource`."""
+        return tuple(
+            f"{topic}: {count} messages of the truth are not used, the first: {self._first[topic]}"
+            for topic, count in self._unused.items()
+        )
+
+    def at(self, stamp_ns: int, *, frame: int) -> TruthBoxes3D | None:
+        """See `TruthSource`: the boxes in the frame that the vehicles move in."""
+        del frame
+        self._read_to(stamp_ns)
+        objects = []
+        frame_id = ""
+        for row, vehicle in enumerate(self._vehicles.values()):
+            track = self._tracks[vehicle.topic]
+            pose = track.at(stamp_ns)
+            if pose is None:
+                return None
+            frame_id = frame_id or track.frame_id
+            if track.frame_id != frame_id:
+                pose = self._joined(frame_id, track.frame_id) @ pose
+            T_fixed_box = pose.copy()
+            T_fixed_box[:3, 3] += pose[:3, :3] @ np.array(vehicle.offset_m)
+            objects.append(Labelled(vehicle.label, T_fixed_box, vehicle.size_m, track_id=row))
+        return truth_boxes_3d(stamp_ns, frame_id, objects, self._class_ids)
+
+    def in_image(self, camera: str, stamp_ns: int, *, frame: int) -> TruthBoxes2D | None:
+        """See `TruthSource`: odometry says nothing of images."""
+        del camera, stamp_ns, frame
+        return None
+
+    def _joined(self, frame_id: str, other: str) -> F64:
+        try:
+            return self._transforms.lookup(frame_id, other).matrix
+        except FrameError as err:
+            raise RecordingError(
+                f"{self.description}: the vehicles move in {frame_id!r} and {other!r}, which no fixed transform joins: "
+                f"{err}"
+            ) from err
+
+    def _read_to(self, stamp_ns: int) -> None:
+        """Read until all vehicles' poses after a time are known, or one is known long after it."""
+        for track in self._tracks.values():
+            track.forget(stamp_ns - STEP_BACK_NS)
+        while self._messages is not None and not self._is_known(stamp_ns):
+            message = next(self._messages, None)
+            if message is None:
+                self._messages = None
+                return
+            self._take(message)
+
+    def _is_known(self, stamp_ns: int) -> bool:
+        lasts = [track.stamps_ns[-1] if track.stamps_ns else -1 for track in self._tracks.values()]
+        return min(lasts) >= stamp_ns or max(lasts) >= stamp_ns + LEAD_NS
+
+    def _take(self, message: RawMessage) -> None:
+        try:
+            pose = decode_odometry(message, limits=self._limits)
+        except MessageError as err:
+            self._leave_out(message.topic, str(err))
+            return
+        if fault := self._tracks[message.topic].add(message.stamp_ns, pose.dst, pose.matrix):
+            self._leave_out(message.topic, fault)
+
+    def _leave_out(self, topic: str, why: str) -> None:
+        self._unused[topic] += 1
+        self._first.setdefault(topic, why)

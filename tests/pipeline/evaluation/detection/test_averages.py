@@ -1,0 +1,137 @@
+"""Average precision against its definition, written out in loops."""
+
+import numpy as np
+import pytest
+from evaluation_scenes import boxes3d, evaluated, truth3d
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pipeline.core.geometry.rotated_iou import ious
+from pipeline.core.settings.classes import ClassPrior
+from pipeline.core.settings.config import Config
+from pipeline.core.settings.evaluate import EvaluateConfig
+from pipeline.evaluation.detection.curves import R11, R40, average_precision, curve_of
+from pipeline.evaluation.records import EvaluationFrame
+
+NAMES = ("car", "van")
+CONFIG = Config(
+    classes=tuple(ClassPrior(name=name, size_m=(4.0, 2.0, 1.5), max_size_m=(9.0, 9.0, 9.0)) for name in NAMES),
+    evaluate=EvaluateConfig(iou=(0.3, 0.6), bootstrap=100),
+)
+Detections = list[tuple[float, float | None]]
+RECALLS = {"r40": [k / 40 for k in range(1, 41)], "r11": [k / 10 for k in range(11)]}
+
+
+def plain_ap(detections: Detections, truth: int, recalls: list[float]) -> float | None:
+    """Mean of the best precision (or similarity) at each recall or above.
+
+    Args:
+        detections: Score, and what a right one counts (None: it is false).
+        truth: True objects.
+        recalls: Where the curve is read.
+    """
+    if truth == 0:
+        return None
+    read = []
+    for recall in recalls:
+        best = 0.0
+        for threshold in {score for score, _ in detections}:
+            reported = [worth for score, worth in detections if score >= threshold]
+            right = [worth for worth in reported if worth is not None]
+            if len(right) / truth >= recall - 1e-12:
+                best = max(best, sum(right) / len(reported))
+        read.append(best)
+    return sum(read) / len(read)
+
+
+def plain_matches(
+    frame: EvaluationFrame, class_id: int, measure: str, limit: float
+) -> list[tuple[float, float | None]]:
+    """Score of each detection of a frame, and (1 + cos d) / 2 to the object that it shows, or None."""
+    truth, boxes = frame.truth, frame.sources["lidar"].boxes
+    assert truth is not None
+    overlaps = getattr(ious(boxes, truth), measure)
+    rows = [row for row in range(len(boxes)) if boxes.class_ids[row] == class_id]
+    free = {row for row in range(len(truth)) if truth.class_ids[row] == class_id}
+    matches: Detections = []
+    for row in sorted(rows, key=lambda row: (boxes.scores[row], row), reverse=True):
+        possible = [column for column in free if overlaps[row, column] >= limit]
+        best = max(possible, key=lambda column: (overlaps[row, column], -column), default=None)
+        worth = None
+        if best is not None:
+            free.remove(best)
+            worth = (1 + float(np.cos(boxes.yaws[row] - truth.yaws[best]))) / 2
+        matches.append((float(boxes.scores[row]), worth))
+    return matches
+
+
+def random_frames(seed: int, score_steps: int) -> list[EvaluationFrame]:
+    rng = np.random.default_rng(seed)
+    frames = []
+    for index in range(int(rng.integers(1, 5))):
+        n, extra = int(rng.integers(0, 6)), int(rng.integers(0, 4))
+        ids = rng.integers(0, 2, n)
+        centers = rng.uniform(-6, 6, (n, 3)) * (1, 1, 0.05)
+        sizes = rng.uniform(0.7, 1.3, (n, 3)) * (4, 2, 1.5)
+        yaws = rng.uniform(-3, 3, n)
+        truth = truth3d(centers, sizes, yaws, ids)
+        rows = np.flatnonzero(rng.random(n) < 0.8)
+        found = boxes3d(
+            np.concatenate([centers[rows] + rng.normal(0, 0.3, (len(rows), 3)), rng.uniform(-6, 6, (extra, 3))]),
+            np.concatenate([sizes[rows] * rng.uniform(0.8, 1.2, (len(rows), 3)), np.full((extra, 3), 2.0)]),
+            np.concatenate([yaws[rows] + rng.normal(0, 0.3, len(rows)), np.zeros(extra)]),
+            np.round(rng.random(len(rows) + extra) * score_steps) / score_steps,
+            np.concatenate([ids[rows], rng.integers(0, 2, extra)]),
+        )
+        frames.append(EvaluationFrame(index, index, truth, {"lidar": found}))
+    return frames
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), score_steps=st.sampled_from([4, 1000]))
+def test_equal_to_the_definition(seed: int, score_steps: int) -> None:
+    frames = random_frames(seed, score_steps)
+    figures = evaluated(frames, CONFIG)["sources"]["lidar"]
+    means: dict[str, list[float]] = {}
+    for class_id, name in enumerate(NAMES):
+        count = sum(int((frame.truth.class_ids == class_id).sum()) for frame in frames if frame.truth is not None)
+        for view, measure in (("bev", "bev"), ("3d", "volume")):
+            for iou in (0.3, 0.6):
+                matches = [match for frame in frames for match in plain_matches(frame, class_id, measure, iou)]
+                right = [(score, None if worth is None else 1.0) for score, worth in matches]
+                for recalls in ("r40", "r11"):
+                    key = f"ap_{view}_{recalls}_{100 * iou:.0f}"
+                    expected = plain_ap(right, count, RECALLS[recalls])
+                    assert figures[name][key] == pytest.approx(expected, abs=1e-6), (name, key)
+                    means.setdefault(key, []).extend([] if expected is None else [expected])
+                if view == "bev":
+                    expected = plain_ap(matches, count, RECALLS["r40"])
+                    assert figures[name][f"aos_bev_r40_{100 * iou:.0f}"] == pytest.approx(expected, abs=1e-6)
+    for key, values in means.items():
+        assert figures["all"][key] == (pytest.approx(np.mean(values), abs=1e-6) if values else None)
+
+
+@pytest.mark.parametrize(
+    ("is_right", "truth", "r40", "r11"),
+    [
+        ([], 0, None, None),
+        ([True], 0, None, None),
+        ([], 3, 0.0, 0.0),
+        ([False, False], 3, 0.0, 0.0),
+        ([True, True], 2, 1.0, 1.0),
+        ([True], 2, 0.5, 6 / 11),
+        ([False, True], 1, 0.5, 0.5),
+    ],
+)
+def test_small_curves(is_right: list[bool], truth: int, r40: float | None, r11: float | None) -> None:
+    scores = np.linspace(0.9, 0.1, len(is_right)).astype(np.float32)
+    curve = curve_of(scores, np.array(is_right, np.bool_), truth)
+    for recalls, expected in ((R40, r40), (R11, r11)):
+        assert average_precision(curve.right, curve.precision, truth, recalls) == pytest.approx(expected)
+
+
+def test_equal_scores_count_together() -> None:
+    scores = np.array([0.5, 0.5, 0.5], np.float32)
+    for is_right in ([True, False, False], [False, False, True]):
+        curve = curve_of(scores, np.array(is_right), 1)
+        assert (curve.right.tolist(), curve.false.tolist()) == ([1], [2])

@@ -1,0 +1,172 @@
+"""Ask the judges of tracking about the cases of `track_cases`, and record what they say.
+
+Not run by the tests: the judges bring libraries that do not go together with those of lidcam. To run it again:
+
+    python -m venv judges && judges/bin/pip install trackeval==1.3.0 motmetrics==1.4.0
+    python -m venv devkit && devkit/bin/pip install nuscenes-devkit==1.2.0 motmetrics==1.4.0 pandas
+    cd tests/pipeline/evaluation/tracking
+    PYTHONPATH=../../../support ../../../../judges/bin/python record_answers.py trackeval motmetrics
+    PYTHONPATH=../../../support ../../../../devkit/bin/python record_answers.py nuscenes
+"""
+
+import json
+import sys
+from collections.abc import Callable
+from importlib import import_module
+from importlib.metadata import version
+from math import isnan
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from track_cases import CASES, LENGTH_M, TIES_OF_TRACKS, WIDTH_M, Found, TrackCase, True_
+
+MAX_DISTANCE_M = 2.0
+
+Answer = dict[str, Any]
+
+
+def distances(truth: tuple[True_, ...], found: tuple[Found, ...]) -> Any:
+    rows = [[float(np.hypot(t.x - f.x, t.y - f.y)) for f in found] for t in truth]
+    return np.array(rows).reshape(len(truth), len(found))
+
+
+def overlaps(truth: tuple[True_, ...], found: tuple[Found, ...]) -> Any:
+    def iou(t: True_, f: Found) -> float:
+        shared = max(0.0, LENGTH_M - abs(t.x - f.x)) * max(0.0, WIDTH_M - abs(t.y - f.y))
+        return shared / (2 * LENGTH_M * WIDTH_M - shared)
+
+    return np.array([[iou(t, f) for f in found] for t in truth]).reshape(len(truth), len(found))
+
+
+def trackeval_data(case: TrackCase, similarity: Callable[[Any, Any], Any]) -> dict[str, Any]:
+    def numbered(frames: tuple[tuple[Any, ...], ...]) -> tuple[list[Any], int]:
+        number = {track: k for k, track in enumerate(sorted({row.track for rows in frames for row in rows}))}
+        return [np.array([number[row.track] for row in rows], int) for rows in frames], len(number)
+
+    truth, truth_tracks = numbered(case.truth)
+    found, found_tracks = numbered(case.found)
+    return {
+        "num_timesteps": len(truth),
+        "num_gt_dets": sum(map(len, truth)),
+        "num_tracker_dets": sum(map(len, found)),
+        "num_gt_ids": truth_tracks,
+        "num_tracker_ids": found_tracks,
+        "gt_ids": truth,
+        "tracker_ids": found,
+        "similarity_scores": [similarity(t, f) for t, f in zip(case.truth, case.found, strict=True)],
+    }
+
+
+def by_distance(truth: tuple[True_, ...], found: tuple[Found, ...]) -> Any:
+    return np.maximum(0, 1 - distances(truth, found) / MAX_DISTANCE_M)
+
+
+def by_half_distance(truth: tuple[True_, ...], found: tuple[Found, ...]) -> Any:
+    """Above 0.5 where the distance is below the largest of a match, as CLEAR and Identity have their threshold."""
+    return np.maximum(0, 1 - distances(truth, found) / (2 * MAX_DISTANCE_M))
+
+
+def ask_trackeval(cases: dict[str, TrackCase]) -> Answer:
+    metrics = import_module("trackeval.metrics")
+    quiet = {"PRINT_CONFIG": False, "THRESHOLD": 0.5 + 1e-12}
+    hota, clear, identity = metrics.HOTA(), metrics.CLEAR(quiet), metrics.Identity(quiet)
+    names = {
+        "hota": ("HOTA", "DetA", "AssA", "LocA", "DetRe", "DetPr", "AssRe", "AssPr"),
+        "clear": ("MOTA", "CLR_TP", "CLR_FN", "CLR_FP", "IDSW", "MT", "PT", "ML", "Frag", "MOTP_sum"),
+        "identity": ("IDF1", "IDP", "IDR"),
+    }
+    asked = {
+        name: {
+            "hota": hota.eval_sequence(trackeval_data(case, by_distance)),
+            "hota_iou": hota.eval_sequence(trackeval_data(case, overlaps)),
+            "clear": clear.eval_sequence(trackeval_data(case, by_half_distance)),
+            "identity": identity.eval_sequence(trackeval_data(case, by_half_distance)),
+        }
+        for name, case in cases.items()
+    }
+    judges = {"hota": hota, "hota_iou": hota, "clear": clear, "identity": identity}
+    asked["all"] = {
+        group: judge.combine_classes_det_averaged(
+            {name: asked[name][group] for name in cases if name not in TIES_OF_TRACKS}
+        )
+        for group, judge in judges.items()
+    }
+    return {
+        name: {
+            group: {key: float(np.mean(values[key])) for key in names[group.removesuffix("_iou")]}
+            for group, values in groups.items()
+        }
+        for name, groups in asked.items()
+    }
+
+
+def ask_motmetrics(cases: dict[str, TrackCase]) -> Answer:
+    motmetrics = import_module("motmetrics")
+    names = (
+        *("mota", "motp", "num_matches", "num_switches", "num_false_positives", "num_misses", "num_fragmentations"),
+        *("mostly_tracked", "partially_tracked", "mostly_lost", "idf1", "idp", "idr"),
+    )
+    answers = {}
+    for name, case in cases.items():
+        accumulator = motmetrics.MOTAccumulator(auto_id=True)
+        for truth, found in zip(case.truth, case.found, strict=True):
+            apart = distances(truth, found)
+            apart[apart >= MAX_DISTANCE_M] = np.nan
+            accumulator.update([row.track for row in truth], [row.track for row in found], apart)
+        summary = motmetrics.metrics.create().compute(accumulator, metrics=names)
+        answers[name] = {key: number(summary[key].iloc[0]) for key in names}
+    return answers
+
+
+def ask_nuscenes(cases: dict[str, TrackCase]) -> Answer:
+    data_classes = import_module("nuscenes.eval.tracking.data_classes")
+    factory = import_module("nuscenes.eval.common.config").config_factory
+    evaluate = import_module("nuscenes.eval.tracking.evaluate")
+    config = factory("tracking_nips_2019")
+    answers = {}
+    for name, case in cases.items():
+        scores: dict[int, list[float]] = {}
+        for rows in case.found:
+            for row in rows:
+                scores.setdefault(row.track, []).append(row.score)
+
+        def box(row: True_ | Found, score: float) -> Any:
+            return data_classes.TrackingBox(
+                translation=(row.x, row.y, 0.0),
+                size=(WIDTH_M, LENGTH_M, 1.5),
+                rotation=(1.0, 0.0, 0.0, 0.0),
+                tracking_id=str(row.track),
+                tracking_name="car",
+                tracking_score=score,
+            )
+
+        truth = {k: [box(row, -1.0) for row in rows] for k, rows in enumerate(case.truth)}
+        found = {k: [box(row, float(np.mean(scores[row.track]))) for row in rows] for k, rows in enumerate(case.found)}
+        judge = evaluate.TrackingEval.__new__(evaluate.TrackingEval)
+        judge.cfg, judge.verbose, judge.output_dir, judge.render_classes = config, False, None, None
+        judge.tracks_gt, judge.tracks_pred = {"scene": truth}, {"scene": found}
+        metrics, _ = judge.evaluate()
+        answers[name] = {key: number(metrics.label_metrics[key]["car"]) for key in ("amota", "amotp")}
+    return answers
+
+
+def number(value: Any) -> float | None:
+    return None if isnan(value) else float(value)
+
+
+JUDGES: dict[str, tuple[Callable[[dict[str, TrackCase]], Answer], tuple[str, ...]]] = {
+    "trackeval": (ask_trackeval, ("trackeval", "numpy", "scipy")),
+    "motmetrics": (ask_motmetrics, ("motmetrics", "numpy", "scipy")),
+    "nuscenes": (ask_nuscenes, ("nuscenes-devkit", "motmetrics", "numpy", "scipy")),
+}
+
+if __name__ == "__main__":
+    for judge_name in sys.argv[1:]:
+        ask, packages = JUDGES[judge_name]
+        said = {
+            "versions": {name: version(name) for name in packages},
+            "cases": ask({k: v() for k, v in CASES.items()}),
+        }
+        text = json.dumps(said, indent=1, sort_keys=True)
+        (Path(__file__).parent / "recorded" / f"{judge_name}.json").write_text(text + "\n", encoding="utf-8")

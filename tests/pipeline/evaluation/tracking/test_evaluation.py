@@ -1,0 +1,255 @@
+from dataclasses import replace
+from math import pi
+from typing import Any
+
+import numpy as np
+import pytest
+from evaluation_frames import frame_of, source_boxes, truth_boxes
+
+from pipeline.core.settings.config import Config
+from pipeline.core.settings.evaluate import EvaluateConfig
+from pipeline.evaluation.records import EvaluationFrame, TruthBoxes3D
+from pipeline.evaluation.tracking.evaluation import TrackingEvaluation
+
+CAR, PEDESTRIAN = (4.0, 1.7, 1.5), (0.6, 0.6, 1.7)
+ERRORS = ("misses", "false_positives", "id_switches", "fragmentations", "heading_flips")
+SQUARE = ((0.0, -5.0), (50.0, -5.0), (50.0, 5.0), (0.0, 5.0))
+
+
+def car(x: float, y: float = 0.0, yaw: float = 0.0) -> list[float]:
+    return [x, y, 0.8, *CAR, yaw]
+
+
+def followed(frames: int = 10, *, yaws: tuple[float, ...] = (), tracks: tuple[int, ...] = ()) -> list[EvaluationFrame]:
+    """One car that drives along x at 0.5 m a frame and is found where it is, under the given yaws and tracks."""
+    return [
+        frame_of(
+            k,
+            truth_boxes([car(0.5 * k)], [7]),
+            {"fused": source_boxes([car(0.5 * k, 0.0, yaws[k] if yaws else 0.0)], [tracks[k] if tracks else 3])},
+        )
+        for k in range(frames)
+    ]
+
+
+def tracking(frames: list[EvaluationFrame], config: Config | None = None) -> dict[str, Any]:
+    evaluation = TrackingEvaluation(config or Config(), ())
+    for frame in frames:
+        evaluation.add(frame)
+    figures: Any = evaluation.figures()
+    sources: dict[str, Any] = figures["tracking"]
+    return sources
+
+
+def fused(frames: list[EvaluationFrame], config: Config | None = None, name: str = "car") -> dict[str, Any]:
+    figures: dict[str, Any] = tracking(frames, config)["fused"][name]
+    return figures
+
+
+def errors(figures: dict[str, Any]) -> dict[str, int]:
+    return {name: figures[name] for name in ERRORS if figures[name]}
+
+
+def test_without_tracks_there_is_nothing() -> None:
+    assert tracking([]) == {}
+    assert tracking([frame_of(0, truth_boxes([car(0)], [1]), {"lidar": source_boxes([car(0)])})]) == {}
+    assert tracking([frame_of(0, None, {"fused": source_boxes([car(0)], [1])})]) == {}
+
+
+def test_a_perfect_track() -> None:
+    figures = fused(followed())
+    assert errors(figures) == {}
+    assert {figures[name] for name in ("hota", "det_a", "ass_a", "hota_iou", "mota", "idf1")} == {1.0}
+    assert figures["motp_m"] == 0
+    assert (figures["truth_tracks"], figures["found_tracks"], figures["mostly_tracked"]) == (1, 1, 1)
+    assert (figures["track_frames_mean"], figures["track_s_mean"]) == (10, pytest.approx(0.9))
+    assert (figures["first_match_s_mean"], figures["never_matched"]) == (0, 0)
+    assert figures["match_distance_m"] == 2
+    assert figures["distance"] == {"amota": 1, "amotp_m": 0}
+
+
+def test_only_sources_with_tracks_are_told_by_name() -> None:
+    frames = [
+        replace(frame, sources={"lidar": source_boxes([car(0)]), "cameras": frame.sources["fused"], **frame.sources})
+        for frame in followed(3)
+    ]
+    sources = tracking(frames)
+    assert list(sources) == ["cameras", "fused"]
+    assert sources["cameras"] == sources["fused"]
+
+
+def test_a_class_without_objects_has_figures_that_are_not_defined() -> None:
+    figures = fused(followed(), name="bus")
+    assert figures["match_distance_m"] == pytest.approx(2 * 11.5 / 4)
+    undefined = {name for name, value in figures.items() if value is None}
+    assert {"hota", "hota_iou", "loc_a", "mota", "motp_m", "idf1", "recall", "track_s_mean"} <= undefined
+    assert figures["distance"] == {"amota": None, "amotp_m": None}
+    assert figures["misses"] == figures["false_positives"] == figures["truth_tracks"] == 0
+
+
+def test_names_are_those_of_nuscenes_only_with_its_distances() -> None:
+    config = Config(evaluate=EvaluateConfig(distances="nuscenes"))
+    assert "nuscenes" not in fused(followed())
+    figures = fused(followed(), config)
+    assert "distance" not in figures
+    assert set(figures["nuscenes"]) == {"amota", "amotp_m"}
+    assert fused(followed(), config, "pedestrian")["match_distance_m"] == 2
+
+
+def test_with_the_distances_of_nuscenes_its_ranges_hold_for_its_figures() -> None:
+    config = Config(evaluate=EvaluateConfig(distances="nuscenes"))
+    truth = truth_boxes([car(30), car(60), car(49)], [5, 1, 9])
+    found = source_boxes([car(30), car(70), car(51)], [2, 3, 4], scores=[0.5, 0.5, 0.5])
+    figures = fused([frame_of(0, truth, {"fused": found})], config)
+    assert errors(figures) == {"misses": 2, "false_positives": 2}
+    # Two objects within 50 m, one found: the recalls up to 0.5 are reached, 18 of 40.
+    assert figures["nuscenes"]["amota"] == pytest.approx(18 / 40)
+
+
+@pytest.mark.parametrize(
+    ("tracks", "expected"),
+    [
+        ((1, 1, 1, 1), {}),
+        ((1, 1, 2, 2), {"id_switches": 1}),
+        ((1, 2, 1, 2), {"id_switches": 3}),
+    ],
+)
+def test_switches(tracks: tuple[int, ...], expected: dict[str, int]) -> None:
+    assert errors(fused(followed(4, tracks=tracks))) == expected
+
+
+def test_a_gap_is_a_fragmentation_and_not_a_switch() -> None:
+    frames = followed(6)
+    frames[2] = replace(frames[2], sources={"fused": source_boxes([])})
+    frames[3] = replace(frames[3], sources={})
+    frames[5] = replace(frames[5], sources={})
+    assert errors(fused(frames)) == {"misses": 3, "fragmentations": 1}
+
+
+def test_an_object_is_first_found_after_a_while() -> None:
+    frames = followed(6)
+    frames[0] = replace(frames[0], sources={})
+    frames[1] = replace(frames[1], sources={})
+    figures = fused(frames)
+    assert figures["first_match_s_mean"] == pytest.approx(0.2)
+    assert errors(figures) == {"misses": 2}
+
+
+def test_flips_are_turns_that_the_object_does_not_make() -> None:
+    assert errors(fused(followed(4, yaws=(0, pi, 0, 0)))) == {"heading_flips": 2}
+    assert errors(fused(followed(4, yaws=(0, 1.5, 3.0, pi)))) == {}
+    turning = [
+        replace(frame, truth=truth_boxes([car(0.5 * k, 0, [0, pi, 0, 0][k])], [7]))
+        for k, frame in enumerate(followed(4, yaws=(0, pi, 0, 0)))
+    ]
+    assert errors(fused(turning)) == {}
+
+
+def test_a_turn_from_one_object_to_another_is_no_flip() -> None:
+    two = truth_boxes([car(0), car(0, 9, pi)], [1, 2])
+    frames = [frame_of(0, two, {"fused": source_boxes([car(0)], [5])})]
+    frames += [frame_of(1, two, {"fused": source_boxes([car(0, 9, pi)], [5])})]
+    assert fused(frames)["heading_flips"] == 0
+
+
+def test_classes_are_kept_apart_and_their_counts_summed() -> None:
+    person = [20.0, 0, 0.9, *PEDESTRIAN, 0]
+    frames = [
+        frame_of(
+            k,
+            truth_boxes([car(0), person], [1, 1], class_ids=[0, 1]),
+            {"fused": source_boxes([car(0), [0, 0, 0.9, *PEDESTRIAN, 0]], [1, 2], class_ids=[0, 1])},
+        )
+        for k in range(4)
+    ]
+    assert errors(fused(frames)) == {}
+    assert errors(fused(frames, name="pedestrian")) == {"misses": 4, "false_positives": 4}
+    total = fused(frames, name="all")
+    assert errors(total) == {"misses": 4, "false_positives": 4}
+    assert (total["mota"], total["idf1"], total["truth_tracks"]) == (0, 0.5, 2)
+    assert total["distance"]["amota"] == pytest.approx(0.5)
+    assert total["match_distance_m"] is None
+
+
+def seen(**counts: list[Any]) -> TruthBoxes3D:
+    return truth_boxes([car(0), car(30)], [1, 2], **counts)
+
+
+@pytest.mark.parametrize(
+    "truth",
+    [
+        seen(lidar_points=[5, 0], image_pixels=[0, 0]),
+        seen(is_ignored=[False, True]),
+        seen(class_ids=[0, -1]),
+        truth_boxes([car(0), car(30)], [1, -1]),
+    ],
+    ids=["unseen", "marked", "of no class", "without a track"],
+)
+def test_ignored_truth_is_neither_a_miss_nor_an_error(truth: TruthBoxes3D) -> None:
+    missed = frame_of(0, truth, {"fused": source_boxes([car(0)], [1])})
+    found = frame_of(1, truth, {"fused": source_boxes([car(0), car(31), car(29)], [1, 2, 3], class_ids=[0, 0, 0])})
+    assert errors(fused([missed, found], name="all")) == {}
+    other_class = frame_of(2, truth, {"fused": source_boxes([car(0), car(31)], [1, 2], class_ids=[0, 3])})
+    assert errors(fused([other_class], name="all")) == {}
+    elsewhere = frame_of(3, truth, {"fused": source_boxes([car(0), car(40)], [1, 2])})
+    assert errors(fused([elsewhere], name="all")) == {"false_positives": 1}
+
+
+def test_what_lies_outside_the_region_is_ignored() -> None:
+    config = Config(evaluate=EvaluateConfig(region=SQUARE))
+    truth = truth_boxes([car(10), car(10, 20), car(49.9)], [1, 2, 3])
+    found = source_boxes([car(10), car(-20), car(50.5), car(30, 30)], [1, 2, 3, 4])
+    figures = fused([frame_of(0, truth, {"fused": found})], config)
+    assert errors(figures) == {}
+    # A box on the other side of the edge still finds the object on this side.
+    assert figures["found_tracks"] == 2
+
+
+def test_an_ignored_object_does_not_take_the_box_of_another() -> None:
+    truth = truth_boxes([car(0), car(1)], [1, 2], is_ignored=[False, True])
+    frames = [frame_of(0, truth, {"fused": source_boxes([car(0.9)], [1])})]
+    assert errors(fused(frames)) == {}
+    assert fused(frames)["recall"] == 1
+
+
+def test_boxes_without_a_track_of_their_own_are_counted() -> None:
+    found = source_boxes([car(0), car(0.1), car(20), car(60)], [1, 1, -1, 2], scores=[0.5, 0.9, 0.5, 0.5])
+    figures = fused([frame_of(0, truth_boxes([car(0)], [1]), {"fused": found})])
+    assert figures["boxes_without_track"] == 2
+    assert figures["motp_m"] == pytest.approx(0.1)  # of two boxes of one track that with the higher score counts
+    assert errors(figures) == {"false_positives": 1}
+
+
+def test_two_objects_with_one_track_are_one_object() -> None:
+    truth = truth_boxes([car(0), car(30)], [1, 1])
+    figures = fused([frame_of(0, truth, {"fused": source_boxes([car(0), car(30)], [1, 2])})])
+    assert errors(figures) == {}
+    assert figures["truth_tracks"] == 1
+
+
+def test_long_recordings_are_those_of_all_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
+    frames = followed(30, tracks=(3,) * 13 + (4,) * 17)
+    frames[20] = replace(frames[20], sources={})
+    whole = tracking(frames)
+    monkeypatch.setattr("pipeline.evaluation.tracking.collect.BLOCK_FRAMES", 7)
+    assert tracking(frames) == whole
+    assert errors(whole["fused"]["car"]) == {"misses": 1, "fragmentations": 1, "id_switches": 1}
+
+
+def test_figures_may_be_asked_for_at_any_time() -> None:
+    evaluation = TrackingEvaluation(Config(), ())
+    frames = followed(8)
+    for frame in frames:
+        evaluation.add(frame)
+        evaluation.figures()
+    assert evaluation.figures()["tracking"] == tracking(frames)
+
+
+def test_numbers_of_tracks_do_not_matter() -> None:
+    frames = followed(9, tracks=(3, 3, 3, 9, 9, 9, 3, 3, 3))
+    other = [
+        replace(frame, sources={"fused": replace(boxes, track_ids=np.int64(2**40) - boxes.track_ids)})
+        for frame in frames
+        for boxes in [frame.sources["fused"]]
+    ]
+    assert tracking(other) == tracking(frames)

@@ -1,0 +1,267 @@
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pipeline.core.camera import CameraModel
+from pipeline.core.errors import RecordingError
+from pipeline.core.geometry.transform import Transform
+from pipeline.core.rig import CameraSensor, LidarSensor, Rig
+from pipeline.core.settings.config import Config
+from pipeline.evaluation.records import UNKNOWN
+from readers.rig.importers.kitti import import_kitti
+from readers.truth.kitti import KittiTruth, is_kitti_text, parse_kitti_labels
+
+K = np.array([[700.0, 0, 600], [0, 700, 180], [0, 0, 1]])
+T_RECT_VELO = np.array([[0.0, -1, 0, 0.01], [0, 0, -1, -0.08], [1, 0, 0, -0.27], [0, 0, 0, 1]])
+SHIFT_M = 0.06
+"""Of camera 2 against camera 0: the last column of P2 over fx."""
+
+
+def row(matrix: Any) -> str:
+    return " ".join(f"{value:.12g}" for value in np.asarray(matrix).ravel())
+
+
+P2 = np.c_[K, [700 * SHIFT_M, 0, 0]]
+P0 = np.c_[K, np.zeros(3)]
+CALIB = f"P0: {row(P0)}\nP2: {row(P2)}\nR0_rect: {row(np.eye(3))}\nTr_velo_to_cam: {row(T_RECT_VELO[:3])}\n"
+
+CAR = "Car 0.10 1 -1.57 500.0 150.0 600.0 220.0 1.50 1.80 4.20 2.0 1.6 20.0 -1.570796"
+VAN = "Van 0.00 0 0.0 100.0 150.0 180.0 220.0 2.0 2.0 5.0 -8.0 1.6 15.0 0.0"
+SITTING = "Person_sitting 0.00 0 0.0 100.0 150.0 180.0 220.0 1.2 0.6 0.8 -8.0 1.6 15.0 0.0"
+FAR = "Pedestrian 0.00 2 0.0 700.0 170.0 710.0 196.0 1.75 0.6 0.8 4.0 1.6 40.0 3.0"
+TRAM = "Tram 0.60 0 0.0 100.0 150.0 180.0 220.0 3 2 15 -8.0 1.6 15.0 0.0"
+NOBODY = "DontCare -1 -1 -10 10.0 20.0 30.0 40.0 -1 -1 -1 -1000 -1000 -1000 -10"
+
+
+def rig(*, lidar_yaw_deg: float = 0.0, lidars: tuple[str, ...] = ("velodyne",)) -> Rig:
+    """A site in which the Velodyne stands 1.7 m high, with camera 2, and camera 3 half a metre beside it."""
+    angle = np.radians(lidar_yaw_deg)
+    T_site_lidar = np.eye(4)
+    T_site_lidar[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    T_site_lidar[:3, 3] = 0.5, 0.0, 1.7
+    cameras = []
+    for name, shift in (("left", SHIFT_M), ("right", SHIFT_M - 0.54)):
+        T_camera_velo = T_RECT_VELO.copy()
+        T_camera_velo[0, 3] += shift
+        pose = Transform(name, "site", T_camera_velo @ np.linalg.inv(T_site_lidar))
+        model = CameraModel(name, 1242, 375, K, "plumb_bob", np.zeros(0))
+        cameras.append(CameraSensor(name, f"/{name}", "", model, pose))
+    sensors = tuple(LidarSensor(name, f"/{name}", Transform("site", name, T_site_lidar)) for name in lidars)
+    return Rig("site", sensors, tuple(cameras), ())
+
+
+def folder(tmp_path: Path, *files: str, calib: str = CALIB) -> Path:
+    (tmp_path / "label_2").mkdir()
+    (tmp_path / "calib").mkdir()
+    for number, text in enumerate(files):
+        (tmp_path / "label_2" / f"{number:06}.txt").write_text(text)
+        (tmp_path / "calib" / f"{number:06}.txt").write_text(calib)
+    return tmp_path
+
+
+def test_a_box_stands_where_the_calibration_puts_it(tmp_path: Path) -> None:
+    truth = KittiTruth(folder(tmp_path, CAR), rig(), Config())
+    found = truth.at(123, frame=0)
+    assert found is not None
+    assert (found.stamp_ns, found.frame_id, found.labels.tolist()) == (123, "site", ["Car"])
+    # 20 m ahead of the camera, 2 m to its right; the bottom 1.6 m below it, the centre 0.75 m above that
+    expected = [20 + 0.27 + 0.5, -(2 - 0.01), -(1.6 - 0.75) - 0.08 + 1.7]
+    np.testing.assert_allclose(found.centers, [expected], atol=1e-9)
+    np.testing.assert_allclose(found.sizes, [[4.2, 1.8, 1.5]])
+    np.testing.assert_allclose(found.yaws, [0.0], atol=1e-6)  # rotation_y of -90 degrees looks ahead
+    assert Config().class_names[found.class_ids[0]] == "car"
+    assert (found.track_ids[0], found.lidar_points[0], found.is_ignored[0]) == (UNKNOWN, UNKNOWN, False)
+
+
+@pytest.mark.parametrize(("rotation_y", "yaw_deg"), [(0.0, -90.0), (np.pi / 2, 180.0), (-2.0, 24.591559)])
+def test_headings_in_a_turned_site(tmp_path: Path, rotation_y: float, yaw_deg: float) -> None:
+    words = CAR.split()
+    words[-1] = str(rotation_y)
+    found = KittiTruth(folder(tmp_path, " ".join(words)), rig(lidar_yaw_deg=30), Config()).at(0, frame=0)
+    assert found is not None
+    turned = (yaw_deg + 30 + 180) % 360 - 180
+    np.testing.assert_allclose(np.degrees(found.yaws), [turned], atol=1e-4)
+
+
+def test_neutral_classes_and_others(tmp_path: Path) -> None:
+    text = "\n".join([CAR, VAN, SITTING, TRAM, NOBODY])
+    truth = KittiTruth(folder(tmp_path, text), rig(), Config())
+    found, image = truth.at(0, frame=0), truth.in_image("left", 7, frame=0)
+    assert found is not None
+    assert image is not None
+    names = ["Car", "Van", "Person_sitting", "Tram"]
+    assert found.labels.tolist() == names
+    assert found.is_ignored.tolist() == [False, True, True, False]
+    assert found.class_ids[2:].tolist() == [UNKNOWN, UNKNOWN]
+    assert image.labels.tolist() == [*names, "DontCare"]
+    assert image.is_ignored.tolist() == [False, True, True, False, True]
+    assert image.xyxy[4].tolist() == [10, 20, 30, 40]
+    assert image.stamp_ns == 7
+
+
+@pytest.mark.parametrize(
+    ("level", "ignored"),
+    [
+        (None, [False, False, False]),
+        ("easy", [True, True, True]),
+        ("moderate", [False, True, True]),
+        ("hard", [False, False, True]),
+    ],
+)
+def test_levels_of_difficulty(tmp_path: Path, level: str | None, ignored: list[bool]) -> None:
+    config = Config.model_validate({"evaluate": {"kitti_difficulty": level}})
+    found = KittiTruth(folder(tmp_path, "\n".join([CAR, FAR, TRAM])), rig(), config).at(0, frame=0)
+    assert found is not None
+    assert found.is_ignored.tolist() == ignored
+
+
+def test_only_images_of_the_labelled_camera_have_boxes(tmp_path: Path) -> None:
+    truth = KittiTruth(folder(tmp_path, CAR), rig(), Config())
+    assert truth.in_image("left", 0, frame=0) is not None
+    assert truth.in_image("right", 0, frame=0) is None
+    assert truth.in_image("none", 0, frame=0) is None
+    behind = rig()
+    turned = Transform("left", "site", np.diag([-1.0, 1, -1, 1]) @ behind.cameras[0].T_camera_site.matrix)
+    behind = replace(behind, cameras=(replace(behind.cameras[0], T_camera_site=turned),))
+    assert KittiTruth(tmp_path, behind, Config()).in_image("left", 0, frame=0) is None
+
+
+def test_without_the_projection_of_the_camera_images_have_no_boxes(tmp_path: Path) -> None:
+    calib = "\n".join(line for line in CALIB.splitlines() if not line.startswith("P2"))
+    truth = KittiTruth(folder(tmp_path, CAR, calib=calib), rig(), Config())
+    assert truth.at(0, frame=0) is not None
+    assert truth.in_image("left", 0, frame=0) is None
+
+
+def test_files_belong_to_frames_in_their_order(tmp_path: Path) -> None:
+    truth = KittiTruth(folder(tmp_path, CAR, "", f"{CAR}\n\n{VAN}\n") / "label_2", rig(), Config())
+    assert [len(found) for k in (0, 1, 2, 0) if (found := truth.at(0, frame=k)) is not None] == [1, 0, 2, 1]
+    assert truth.notes == (
+        f"KITTI labels of {tmp_path / 'label_2'}: 3 files, matched with the frames of the result in their order",
+    )
+    assert truth.at(0, frame=3) is None
+    assert truth.in_image("left", 0, frame=3) is None
+    assert truth.notes[-1] == f"KITTI labels of {tmp_path / 'label_2'}: frames of the result from 3 on have no labels"
+
+
+def test_one_file_is_one_frame(tmp_path: Path) -> None:
+    path = folder(tmp_path, CAR, VAN) / "label_2" / "000001.txt"
+    truth = KittiTruth(path, rig(), Config())
+    found = truth.at(0, frame=0)
+    assert found is not None
+    assert found.labels.tolist() == ["Van"]
+    assert truth.at(0, frame=1) is None
+
+
+def test_the_tracking_benchmark_numbers_frames_and_objects(tmp_path: Path) -> None:
+    text = "\n".join([f"0 -1 {NOBODY}", f"0 3 {CAR}", f"2 3 {CAR}", f"2 5 {VAN}"])
+    path = folder(tmp_path, text) / "label_2" / "000000.txt"
+    truth = KittiTruth(path, rig(), Config())
+    found = [truth.at(0, frame=k) for k in range(4)]
+    assert [None if one is None else one.track_ids.tolist() for one in found] == [[3], [], [3, 5], None]
+    image = truth.in_image("left", 0, frame=0)
+    assert image is not None
+    assert image.track_ids.tolist() == [-1, 3]
+
+
+@pytest.mark.parametrize(
+    ("files", "problem"),
+    [
+        (
+            [CAR + " 0.9"],
+            "line 1: expected 15 columns as in label_2 or 17 as in label_02, the same in all lines, found 16",
+        ),
+        ([f"{CAR}\n{CAR[:-9]}"], "line 2: expected 15 columns"),
+        (
+            [CAR.replace(" 20.0", " far")],
+            "line 1: expected a KITTI label, found could not convert string to float: 'far'",
+        ),
+        ([CAR.replace(" 20.0", " nan")], "numbers that are not finite"),
+        ([CAR.replace("4.20", "0")], "a Car of 0 x 1.8 x 1.5 m"),
+        ([CAR.replace("600.0", "500.0")], "an image box from 500, 150 to 500, 220"),
+        ([f"-1 2 {CAR}"], "the frame -1"),
+        ([f"0 {10**30} {CAR}"], f"the track {10**30}"),
+        ([f"0 2 {CAR}", f"0 2 {CAR}"], "one file a sequence: name the file of the sequence"),
+        ([], "expected KITTI labels (000000.txt, ...), found none"),
+    ],
+)
+def test_malformed_labels(tmp_path: Path, files: list[str], problem: str) -> None:
+    with pytest.raises(RecordingError) as caught:
+        KittiTruth(folder(tmp_path, *files), rig(), Config())
+    assert problem in str(caught.value)
+
+
+def test_files_of_both_benchmarks(tmp_path: Path) -> None:
+    truth = KittiTruth(folder(tmp_path, CAR, f"0 2 {CAR}"), rig(), Config())
+    with pytest.raises(RecordingError, match=r"000001\.txt: expected labels as in 000000\.txt, found the tracking"):
+        truth.at(0, frame=1)
+
+
+def test_calibration_is_needed(tmp_path: Path) -> None:
+    path = folder(tmp_path, CAR)
+    (path / "calib" / "000000.txt").write_text("nothing")
+    with pytest.raises(RecordingError, match=r"calib/000000\.txt: expected a calibration of KITTI"):
+        KittiTruth(path, rig(), Config()).at(0, frame=0)
+    (path / "calib" / "000000.txt").unlink()
+    with pytest.raises(RecordingError, match=r"expected its calibration .*calib/000000\.txt, found no such file"):
+        KittiTruth(path, rig(), Config()).at(0, frame=0)
+
+
+def test_calibration_beside_the_labels(tmp_path: Path) -> None:
+    (tmp_path / "calib").mkdir()
+    (tmp_path / "calib" / "7.txt").write_text(CALIB)
+    (tmp_path / "7.txt").write_text(CAR)
+    assert KittiTruth(tmp_path / "7.txt", rig(), Config()).at(0, frame=0) is not None
+
+
+def test_which_lidar_is_the_velodyne(tmp_path: Path) -> None:
+    path = folder(tmp_path, CAR)
+    assert KittiTruth(path, rig(lidars=("front", "velo_top")), Config()).at(0, frame=0) is not None
+    with pytest.raises(RecordingError, match="go with its one Velodyne, found the lidars front, rear"):
+        KittiTruth(path, rig(lidars=("front", "rear")), Config())
+
+
+def test_what_is_no_text(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match=r"none\.txt: no such file"):
+        KittiTruth(tmp_path / "none.txt", rig(), Config())
+    (tmp_path / "a.txt").write_bytes(b"\xff\xfe")
+    with pytest.raises(RecordingError, match="expected labels as UTF-8 text"):
+        KittiTruth(tmp_path / "a.txt", rig(), Config())
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        (CAR, True),
+        (f"\n0 1 {CAR}", True),
+        (NOBODY, True),
+        ("", False),
+        ("1 2 3", False),
+        (CAR.replace(" 20.0", " x"), False),
+    ],
+)
+def test_what_looks_like_labels(text: str, expected: bool) -> None:
+    assert is_kitti_text(text) is expected
+
+
+@given(
+    st.text(max_size=300) | st.lists(st.sampled_from([*CAR.split(), *NOBODY.split(), "\n"]), max_size=40).map(" ".join)
+)
+def test_any_text_is_labels_or_one_error(text: str) -> None:
+    try:
+        found = parse_kitti_labels(text, Path("a.txt"))
+    except RecordingError:
+        return
+    assert all(label.label for label in found.labels)
+
+
+def test_the_calibration_is_that_of_the_importer() -> None:
+    imported = import_kitti(CALIB, Path("calib.txt"))
+    assert imported is not None
+    assert imported.cameras is not None
+    assert list(imported.cameras) == ["cam2", "cam0"]

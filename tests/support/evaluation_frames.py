@@ -1,0 +1,67 @@
+"""Frames for tests of evaluation, from plain rows."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import numpy.typing as npt
+from detections import boxes3d
+
+from pipeline.evaluation.records import UNKNOWN, EvaluationFrame, ImageBoxes, SourceBoxes, TruthBoxes3D
+
+__all__ = ["frame_of", "source_boxes", "truth_boxes"]
+
+FRAME_NS = 100_000_000
+
+
+def truth_boxes(
+    rows: npt.ArrayLike,
+    tracks: Sequence[int] | None = None,
+    *,
+    class_ids: Sequence[int] | None = None,
+    lidar_points: Sequence[int] | None = None,
+    image_pixels: Sequence[int] | None = None,
+    is_ignored: Sequence[bool] | None = None,
+) -> TruthBoxes3D:
+    """Truth from rows x, y, z, length, width, height, yaw; class 0, counts not known, not ignored unless given."""
+    table = np.array(rows, np.float64).reshape(-1, 7)
+    n = len(table)
+    return TruthBoxes3D(
+        0,
+        "site",
+        table[:, :3].copy(),
+        table[:, 3:6].copy(),
+        table[:, 6].copy(),
+        np.zeros(n, np.int32) if class_ids is None else np.array(class_ids, np.int32),
+        np.array(["any"] * n, np.str_),
+        np.full(n, UNKNOWN, np.int64) if tracks is None else np.array(tracks, np.int64),
+        np.full(n, UNKNOWN, np.int32) if lidar_points is None else np.array(lidar_points, np.int32),
+        np.full(n, UNKNOWN, np.int32) if image_pixels is None else np.array(image_pixels, np.int32),
+        np.zeros(n, np.bool_) if is_ignored is None else np.array(is_ignored, np.bool_),
+    )
+
+
+def source_boxes(
+    rows: npt.ArrayLike,
+    tracks: Sequence[int] | None = None,
+    *,
+    scores: Sequence[float] | None = None,
+    class_ids: Sequence[int] | None = None,
+) -> SourceBoxes:
+    """Results from rows x, y, z, length, width, height, yaw; score 0.5, class 0 and no tracks unless given."""
+    boxes = boxes3d(rows, scores=scores, class_ids=class_ids)
+    n = len(boxes)
+    return SourceBoxes(boxes, np.full(n, UNKNOWN, np.int64) if tracks is None else np.array(tracks, np.int64))
+
+
+def frame_of(
+    index: int,
+    truth: TruthBoxes3D | None,
+    sources: Mapping[str, SourceBoxes],
+    images: Mapping[str, ImageBoxes] | None = None,
+    *,
+    stamp_ns: int | None = None,
+    skew_ns: int | None = None,
+) -> EvaluationFrame:
+    """A frame; ten a second unless a stamp is given."""
+    stamp_ns = index * FRAME_NS if stamp_ns is None else stamp_ns
+    return EvaluationFrame(index, stamp_ns, truth, sources, images or {}, skew_ns)
