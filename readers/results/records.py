@@ -14,7 +14,7 @@ from mcap.stream_reader import StreamReader
 from pipeline.core.errors import RecordingError
 from readers.files.damage import library_errors
 
-__all__ = ["CONFIG", "RIG", "AttachedRecords", "read_records"]
+__all__ = ["CONFIG", "RIG", "AttachedRecords", "is_result", "read_records"]
 
 RESULT = "lidcam"
 """Name of the metadata record of a result."""
@@ -60,7 +60,7 @@ def read_records(path: Path) -> AttachedRecords:
                     f"{path}: expected a result of lidcam, an .mcap file, found another kind of file; give the file "
                     "that `lidcam process` wrote"
                 )
-            metadata, texts = _of_summary(stream) or _of_beginning(stream)
+            metadata, texts = _records(stream)
     if RESULT not in metadata:
         raise RecordingError(
             f"{path}: expected a result of lidcam, found a recording; run `lidcam process {path.name} OUT.mcap` first, "
@@ -75,7 +75,24 @@ def read_records(path: Path) -> AttachedRecords:
     return AttachedRecords(metadata[RESULT], texts)
 
 
+def is_result(path: Path) -> bool:
+    """Whether a file is a result of lidcam, whatever else it may be.
+
+    Raises:
+        RecordingError: it cannot be read.
+    """
+    with library_errors(path):
+        if not path.is_file():
+            return False
+        with path.open("rb") as stream:
+            return stream.read(len(_MAGIC)) == _MAGIC and RESULT in _records(stream)[0]
+
+
 _Records = tuple[dict[str, dict[str, str]], dict[str, str]]
+
+
+def _records(stream: BinaryIO) -> _Records:
+    return _of_summary(stream) or _of_beginning(stream)
 
 
 def _of_summary(stream: BinaryIO) -> _Records | None:

@@ -29,7 +29,7 @@ from readers.recording import DEFAULT_READ_OPTIONS, Closing, ReadOptions, Record
 from readers.results.attached import attached_config, attached_rig
 from readers.results.records import CONFIG, RIG, read_records
 
-__all__ = ["SOURCE_TOPICS", "Result", "ResultFrame", "open_result"]
+__all__ = ["RESULT_TOPICS", "SOURCE_TOPICS", "Result", "ResultFrame", "open_result"]
 
 SOURCE_TOPICS = {
     "lidar": "/lidar/detections",
@@ -37,6 +37,9 @@ SOURCE_TOPICS = {
     "fused": "/fused/detections",
 }
 """Topics of 3D boxes by source."""
+
+RESULT_TOPICS = frozenset(SOURCE_TOPICS.values())
+"""Topics of 3D boxes that are results, not truth."""
 
 DIAGNOSTICS, SYNCHRONISATION = "/diagnostics", "lidcam: synchronisation"
 """Topic of the counts of each frame, and the status that has the skew."""

@@ -214,6 +214,14 @@ class MotionBuffer:
         """Topics that the stream must contain."""
         return self._source.topics
 
+    @property
+    def newest_ns(self) -> int | None:
+        """Stamp up to which the motion of all frames of the chain is known; None if that of one is not known at all."""
+        tracks = self._tracks.values()
+        return (
+            min((track.stamps_ns[-1] for track in tracks), default=None) if all(t.stamps_ns for t in tracks) else None
+        )
+
     def read_ahead(self, recording: Recording, start_ns: int) -> None:
         """Take in the poses that were recorded just before a window: its first sweeps began there."""
         if self.topics:

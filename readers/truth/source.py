@@ -1,14 +1,12 @@
 """What every kind of truth gives: the true objects at a moment, and in an image."""
 
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from pipeline.evaluation.records import TruthBoxes2D, TruthBoxes3D
+from readers.truth.moment import STEP_BACK_NS, Moment
 
-__all__ = ["STEP_BACK_NS", "TruthSource"]
-
-STEP_BACK_NS = 2_000_000_000
-"""How far stamps that a source is asked for may step back: the images of a frame lie before and after its stamp."""
+__all__ = ["STEP_BACK_NS", "CountingSource", "TruthSource"]
 
 
 class TruthSource(Protocol):
@@ -46,3 +44,11 @@ class TruthSource(Protocol):
             stamp_ns: Stamp of the image.
             frame: As for `at`.
         """
+
+
+@runtime_checkable
+class CountingSource(TruthSource, Protocol):
+    """Truth that says how much of an object each camera sees."""
+
+    def moment(self, stamp_ns: int) -> Moment | None:
+        """As `at`, always at the time itself, with the pixels by camera; for what is projected into images."""

@@ -1,0 +1,98 @@
+"""The frames of a result beside the truth, in the site frame and at each frame's time."""
+
+from collections.abc import Iterator
+
+from pipeline.core.detections import Boxes2D
+from pipeline.evaluation.records import EvaluationFrame, ImageBoxes, TruthBoxes2D, TruthBoxes3D
+from readers.notes import Notes
+from readers.results.result import Result, ResultFrame
+from readers.truth.images import projected_truth
+from readers.truth.open import OpenTruth
+from readers.truth.site import SitePoses, boxes_in_site
+from readers.truth.source import CountingSource
+
+__all__ = ["EvaluationFrames"]
+
+NOT_COVERED = "frames without truth at their time"
+NO_POSE = "frames without truth, because where the site frame was at their time is not recorded"
+
+
+class EvaluationFrames:
+    """A result beside the truth.
+
+    Args:
+        result: The open result.
+        truth: The truth, or that there is none.
+
+    Attributes:
+        compared: Number of frames with truth so far.
+        frames: Number of frames so far.
+    """
+
+    def __init__(self, result: Result, truth: OpenTruth) -> None:
+        self._result, self._truth, self._reason = result, truth.source, truth.reason
+        self._poses = SitePoses(truth.poses, result.rig, result.config)
+        self._cameras = {camera.name: camera for camera in result.rig.cameras}
+        self._notes = Notes()
+        self.frames = self.compared = 0
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the user should know of what was read so far, one line each."""
+        no_truth = f"no truth: {self._reason}"
+        of_truth = (no_truth,) if self._truth is None else (f"truth: {self._truth.description}", *self._truth.notes)
+        return (*self._result.notes, *of_truth, *self._notes.lines())
+
+    def __iter__(self) -> Iterator[EvaluationFrame]:
+        """The frames in order; to be read once.
+
+        Raises:
+            FrameError: nothing recorded joins the truth's frame with the site frame.
+            RecordingError: a file cannot be read.
+        """
+        for frame in self._result.frames():
+            truth = self._truth_at(frame)
+            self.frames += 1
+            self.compared += truth is not None
+            yield EvaluationFrame(
+                frame.index,
+                frame.stamp_ns,
+                truth,
+                frame.sources,
+                {name: ImageBoxes(found, self._in_image(name, found, frame)) for name, found in frame.cameras.items()},
+                frame.skew_ns,
+            )
+
+    def _truth_at(self, frame: ResultFrame) -> TruthBoxes3D | None:
+        if self._truth is None:
+            return None
+        boxes = self._truth.at(frame.stamp_ns, frame=frame.index)
+        if boxes is None:
+            self._notes.add(NOT_COVERED)
+            return None
+        in_site = self._in_site(boxes)
+        if in_site is None:
+            self._notes.add(NO_POSE)
+        return in_site
+
+    def _in_site(self, boxes: TruthBoxes3D) -> TruthBoxes3D | None:
+        """Objects in the site frame; None if the motion of the site is not known at their time."""
+        T_site_truth = self._poses.T_site_frame(boxes.frame_id, boxes.stamp_ns)
+        return None if T_site_truth is None else boxes_in_site(boxes, T_site_truth)
+
+    def _in_image(self, name: str, found: Boxes2D, frame: ResultFrame) -> TruthBoxes2D | None:
+        """What an image shows: as the truth says it, else its objects at the time of the image, projected."""
+        if self._truth is None:
+            return None
+        shown = self._truth.in_image(name, found.stamp_ns, frame=frame.index)
+        if shown is not None:
+            return shown
+        pixels = None
+        if isinstance(self._truth, CountingSource):
+            moment = self._truth.moment(found.stamp_ns)
+            boxes = None if moment is None else moment.boxes
+            pixels = None if moment is None else moment.camera_pixels.get(name)
+        else:
+            boxes = self._truth.at(found.stamp_ns, frame=frame.index)
+        in_site = None if boxes is None else self._in_site(boxes)
+        return None if in_site is None else projected_truth(in_site, self._cameras[name], pixels)

@@ -1,0 +1,115 @@
+"""The true objects at one moment, as a message tells them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from pipeline.core.arrays import F64, I32, Rows
+from pipeline.core.ros.vision_numbers import CLASS_OF_NUMBER, IMAGE_PIXELS, LIDAR_POINTS
+from pipeline.evaluation.records import UNKNOWN, Names, TruthBoxes3D
+from readers.messages.vision.detections3d import Detections3D
+from readers.messages.vision.track_ids import track_ids
+
+__all__ = ["INSTANCE", "STEP_BACK_NS", "Moment", "TruthClasses", "counted", "moment_of", "total"]
+
+STEP_BACK_NS = 2_000_000_000
+"""How far stamps that truth is asked for may step back: the images of a frame lie before and after its stamp."""
+
+INSTANCE = "instance"
+"""What ROS 1 has in place of an id."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Moment:
+    """True objects at one moment.
+
+    Attributes:
+        boxes: The objects.
+        camera_pixels: (N,) int32 by camera, pixels of its image that show each object; `UNKNOWN` where not told.
+    """
+
+    boxes: TruthBoxes3D
+    camera_pixels: Mapping[str, I32] = field(default_factory=dict)
+
+    @property
+    def stamp_ns(self) -> int:
+        """The moment."""
+        return self.boxes.stamp_ns
+
+    def select(self, rows: Rows) -> "Moment":
+        """The given rows (mask or indices), in that order."""
+        pixels = {camera: counts[rows] for camera, counts in self.camera_pixels.items()}
+        return Moment(self.boxes.select(rows), pixels)
+
+    def ignoring_all(self) -> "Moment":
+        """The same objects, all neither misses nor errors."""
+        return replace(self, boxes=replace(self.boxes, is_ignored=np.ones(len(self.boxes), np.bool_)))
+
+
+class TruthClasses:
+    """Classes of objects by the labels of the truth: names, or the numbers of ROS 1.
+
+    Args:
+        class_id_of_label: Row of the configured classes by each name and number that they go by.
+    """
+
+    def __init__(self, class_id_of_label: Mapping[str, int]) -> None:
+        self._ids = {label.strip().lower(): class_id for label, class_id in class_id_of_label.items()}
+
+    def ids(self, labels: Names) -> I32:
+        """(N,) int32, rows of the configured classes; `UNKNOWN` for a label of none of them."""
+        found = [
+            self._ids.get(label.lower(), self._ids.get(CLASS_OF_NUMBER.get(label, ""), UNKNOWN))
+            for label in labels.tolist()
+        ]
+        return np.array(found, np.int32)
+
+    @staticmethod
+    def names(labels: Names) -> Names:
+        """(N,) the labels, numbers of ROS 1 as the names that they stand for."""
+        return np.array([CLASS_OF_NUMBER.get(label, label) for label in labels.tolist()], np.str_)
+
+
+def moment_of(found: Detections3D, classes: TruthClasses) -> Moment:
+    """The objects of a message."""
+    counts = found.counts
+    ids = track_ids(found.ids)
+    if INSTANCE in counts:
+        ids = np.where(ids == UNKNOWN, counted(counts[INSTANCE]), ids).astype(np.int64)
+    pixels = f"{IMAGE_PIXELS}/"
+    return Moment(
+        TruthBoxes3D(
+            found.stamp_ns,
+            found.frame_id,
+            found.centers,
+            found.sizes,
+            found.yaws,
+            classes.ids(found.labels),
+            classes.names(found.labels),
+            ids,
+            total(counts, LIDAR_POINTS, len(found)),
+            total(counts, IMAGE_PIXELS, len(found)),
+            np.zeros(len(found), np.bool_),
+        ),
+        {name.removeprefix(pixels): counted(counts[name]) for name in sorted(counts) if name.startswith(pixels)},
+    )
+
+
+def counted(values: F64) -> I32:
+    """(N,) int32 of counts; `UNKNOWN` where there is none."""
+    is_known = np.isfinite(values)
+    whole = np.clip(np.where(is_known, values, UNKNOWN), UNKNOWN, np.iinfo(np.int32).max)
+    return np.asarray(np.rint(whole), np.int32)
+
+
+def total(counts: Mapping[str, F64], name: str, n: int) -> I32:
+    """(N,) int32, what is counted under a name, else the sum of the sensors; `UNKNOWN` where neither is told."""
+    if name in counts:
+        return counted(counts[name])
+    of_sensors = [values for key, values in sorted(counts.items()) if key.startswith(f"{name}/")]
+    if not of_sensors:
+        return np.full(n, UNKNOWN, np.int32)
+    stacked = np.array(of_sensors)
+    told = np.isfinite(stacked)
+    return counted(np.where(told.any(0), np.where(told, stacked, 0.0).sum(0), np.nan))

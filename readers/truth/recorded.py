@@ -1,0 +1,190 @@
+"""Truth from recorded topics: boxes in space, and boxes of what images show.
+
+The topics are read in one pass, as far as the objects are needed; boxes of images are read along with them.
+"""
+
+from bisect import bisect_left
+from collections import deque
+
+import numpy as np
+
+from pipeline.core.errors import MessageError
+from pipeline.core.messages import RawMessage
+from pipeline.core.ros.vision_numbers import IMAGE_PIXELS
+from pipeline.core.settings.config import Config
+from pipeline.evaluation.records import UNKNOWN, TruthBoxes2D, TruthBoxes3D
+from readers.messages.vision.detections2d import decode_detections2d
+from readers.messages.vision.detections3d import decode_detections3d
+from readers.messages.vision.track_ids import track_ids
+from readers.notes import Notes
+from readers.recording import Recording
+from readers.truth.moment import INSTANCE, STEP_BACK_NS, Moment, TruthClasses, counted, moment_of, total
+from readers.truth.timeline import Timeline
+from readers.truth.topics import TruthTopics
+
+__all__ = ["RecordedTruth"]
+
+READ_ALONG_NS = 1_000_000_000
+"""How long after the objects of a time the boxes of its images are recorded at the latest: cameras deliver late."""
+
+MAX_OFF_NS = 20_000_000
+"""How far the stamp of an image's truth may be from the image's: clocks of cameras are corrected by as much."""
+
+MAX_IMAGES = 1000
+"""Images of one camera whose boxes wait at most."""
+
+
+class RecordedTruth:
+    """Truth of the topics of a recording; see `CountingSource`.
+
+    Args:
+        recording: Open recording, which is read as far as it is needed and not closed.
+        topics: Its topics of truth.
+        config: Settings: classes, and at which time of a frame objects are compared.
+    """
+
+    def __init__(self, recording: Recording, topics: TruthTopics, config: Config) -> None:
+        self._topics, self._limits = topics, config.limits
+        self._class_id_of_label, self._classes = config.class_id_of_label, TruthClasses(config.class_id_of_label)
+        self._notes = Notes()
+        self._wanted = topics.objects
+        if config.evaluate.truth_time == "points":
+            self._wanted = topics.when_measured or topics.objects
+            if not topics.when_measured:
+                self._notes.add(f"no {topics.objects}_when_measured was recorded: compared at the stamp of each frame")
+        self._timelines = {topic: Timeline() for topic in dict.fromkeys((self._wanted, topics.objects))}
+        self._images = {camera: _Images() for camera in topics.visible}
+        self._camera_of = {topic: camera for camera, topic in topics.visible.items()}
+        self._messages = recording.messages([*self._timelines, *self._camera_of])
+        self._held: tuple[str, Moment] | None = None
+        self._latest_ns = 0
+        self._names = ", ".join(path.name for path in recording.paths)
+
+    @property
+    def description(self) -> str:
+        """See `TruthSource`."""
+        return f"{self._wanted} of {self._names} ({self._topics.why})"
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """See `TruthSource`."""
+        notes = []
+        for topic, timeline in self._timelines.items():
+            if timeline.nearest:
+                notes.append(
+                    f"{topic}: its objects have no ids of their own: taken as the nearest message has them, up to "
+                    f"{timeline.farthest_ns / 1e6:.1f} ms off"
+                )
+            if timeline.ahead:
+                notes.append(f"{topic}: messages that are not used, stamped far ahead of the others: {timeline.ahead}")
+        return (*self._notes.lines(), *notes)
+
+    def at(self, stamp_ns: int, *, frame: int) -> TruthBoxes3D | None:
+        """See `TruthSource`."""
+        del frame
+        self._read(stamp_ns)
+        moment = self._timelines[self._wanted].at(stamp_ns)
+        return None if moment is None else moment.boxes
+
+    def moment(self, stamp_ns: int) -> Moment | None:
+        """See `CountingSource`."""
+        self._read(stamp_ns)
+        return self._timelines[self._topics.objects].at(stamp_ns)
+
+    def in_image(self, camera: str, stamp_ns: int, *, frame: int) -> TruthBoxes2D | None:
+        """See `TruthSource`."""
+        del frame
+        if camera not in self._images:
+            return None
+        self._read(stamp_ns)
+        return self._images[camera].at(stamp_ns)
+
+    def _read(self, stamp_ns: int) -> None:
+        """Read on until the objects of a time are known, and the boxes of its images."""
+        if stamp_ns < self._latest_ns - STEP_BACK_NS:
+            self._pass_jump()
+            self._latest_ns = stamp_ns
+        self._latest_ns = max(self._latest_ns, stamp_ns)
+        until_ns = stamp_ns + (READ_ALONG_NS if self._images else 0)
+        while self._held is None and not all(timeline.reaches(until_ns) for timeline in self._timelines.values()):
+            message = next(self._messages, None)
+            if message is None:
+                return
+            self._take(message)
+            for timeline in self._timelines.values():
+                timeline.forget(self._latest_ns - STEP_BACK_NS)
+
+    def _take(self, message: RawMessage) -> None:
+        try:
+            if message.topic in self._camera_of:
+                self._images[self._camera_of[message.topic]].add(self._shown(message), self._latest_ns - STEP_BACK_NS)
+                return
+            found = decode_detections3d(message, limits=self._limits)
+        except MessageError as err:
+            self._notes.add(f"messages of {message.topic} that are not used", str(err))
+            return
+        for reason, count in found.unused.items():
+            self._notes.add(f"{message.topic}: objects that are not used, {reason}", count=count)
+        moment = moment_of(found, self._classes)
+        if message.topic == self._wanted:
+            for label in moment.boxes.labels[moment.boxes.class_ids == UNKNOWN].tolist():
+                self._notes.add(f"{message.topic}: objects of class {label!r}, which is no class of the settings")
+        if not self._timelines[message.topic].add(moment):
+            self._held = message.topic, moment
+
+    def _shown(self, message: RawMessage) -> TruthBoxes2D:
+        found = decode_detections2d(message, self._class_id_of_label, other_class_id=UNKNOWN, limits=self._limits)
+        ids, n = track_ids(found.ids), len(found.boxes)
+        if INSTANCE in found.counts:
+            ids = np.where(ids == UNKNOWN, counted(found.counts[INSTANCE]), ids).astype(np.int64)
+        return TruthBoxes2D(
+            message.stamp_ns,
+            found.boxes.xyxy,
+            self._classes.ids(found.labels),
+            self._classes.names(found.labels),
+            ids,
+            total(found.counts, IMAGE_PIXELS, n),
+            np.zeros(n, np.bool_),
+        )
+
+    def _pass_jump(self) -> None:
+        """Pass over what is left before the next step back of time, and begin anew behind it."""
+        while self._held is None and (message := next(self._messages, None)) is not None:
+            self._take(message)
+            for timeline in self._timelines.values():
+                timeline.forget(self._latest_ns)
+        for timeline in self._timelines.values():
+            timeline.begin_anew()
+        for images in self._images.values():
+            images.begin_anew()
+        if self._held is not None:
+            topic, moment = self._held
+            self._timelines[topic].add(moment)
+            self._held = None
+
+
+class _Images:
+    """What the images of one camera show, in the order of their stamps."""
+
+    def __init__(self) -> None:
+        self._kept: deque[TruthBoxes2D] = deque()
+
+    def add(self, shown: TruthBoxes2D, before_ns: int) -> None:
+        """Take the boxes of an image, and forget those of images before a time."""
+        while self._kept and (self._kept[0].stamp_ns < before_ns or len(self._kept) >= MAX_IMAGES):
+            self._kept.popleft()
+        if not self._kept or shown.stamp_ns > self._kept[-1].stamp_ns:
+            self._kept.append(shown)
+        elif shown.stamp_ns < self._kept[-1].stamp_ns - STEP_BACK_NS:
+            self._kept = deque([shown])
+
+    def begin_anew(self) -> None:
+        """Forget all."""
+        self._kept.clear()
+
+    def at(self, stamp_ns: int) -> TruthBoxes2D | None:
+        """The boxes of the image of a time; None if there are none near it."""
+        stamps = [shown.stamp_ns for shown in self._kept]
+        row = bisect_left(stamps, stamp_ns)
+        near = [at for at in (row - 1, row) if 0 <= at < len(stamps) and abs(stamps[at] - stamp_ns) <= MAX_OFF_NS]
+        return self._kept[min(near, key=lambda at: abs(stamps[at] - stamp_ns))] if near else None

@@ -1,0 +1,157 @@
+"""Truth in the site frame: by fixed transforms, or by the recorded motion of the site frame."""
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from pipeline.core.errors import FrameError, LidcamError
+from pipeline.core.geometry.boxes import wrap_angle
+from pipeline.core.geometry.poses import interpolate_poses
+from pipeline.core.geometry.transform import Transform
+from pipeline.core.rig import Rig
+from pipeline.core.settings.config import Config
+from pipeline.core.settings.recording import LimitsConfig
+from pipeline.evaluation.records import TruthBoxes3D
+from readers.messages.tf import RecordedTransforms, read_transforms, tf_topics
+from readers.recording import Recording
+from readers.streams.motion import MotionBuffer, MotionSource, find_motion_source
+from readers.truth.source import STEP_BACK_NS
+
+__all__ = ["SitePoses", "boxes_in_site"]
+
+MAX_EXTRAPOLATION_S, MAX_GAP_S = 0.2, 1.0
+"""As for clouds: beyond the poses, or between two that are farther apart, the motion is not known."""
+
+
+class SitePoses:
+    """Where the site frame is in the frames of the truth.
+
+    Args:
+        recordings: Recordings with transforms and odometry; the first one that joins two frames is used.
+        rig: The rig of the result.
+        config: Its settings.
+    """
+
+    def __init__(self, recordings: Sequence[Recording], rig: Rig, config: Config) -> None:
+        self._recordings, self._rig, self._config = recordings, rig, config
+        self._ways: dict[str, Transform | _Motion | str] = {}
+
+    def T_site_frame(self, frame_id: str, stamp_ns: int) -> Transform | None:
+        """The transform from a frame to the site frame at a time; None if the motion is not known at that time.
+
+        Times rise, apart from steps back as of `TruthSource`.
+
+        Raises:
+            FrameError: nothing recorded joins the frames.
+        """
+        if frame_id not in self._ways:
+            self._ways[frame_id] = self._way(frame_id)
+        way = self._ways[frame_id]
+        if isinstance(way, str):
+            raise FrameError(way)
+        return way if isinstance(way, Transform) else way.at(stamp_ns)
+
+    def _way(self, frame_id: str) -> "Transform | _Motion | str":
+        site = self._rig.site_frame
+        if frame_id in ("", site):
+            return Transform.identity(site, frame_id or site)
+        known: dict[str, None] = {}
+        for recording in self._recordings:
+            transforms = read_transforms(recording, limits=self._config.limits)
+            known |= dict.fromkeys((*sorted(transforms.fixed.frames), *sorted(transforms.moving)))
+            if transforms.are_joined(site, frame_id):
+                return transforms.lookup(site, frame_id)
+            if motion := _motion_in(frame_id, recording, self._rig, transforms, self._config):
+                return motion
+        return (
+            f"expected transforms or odometry that join the truth's frame {frame_id!r} with the site frame {site!r}, "
+            f"found {'those of ' + ', '.join(known) if known else 'none'}; give the recording that has them (--truth)"
+        )
+
+
+def boxes_in_site(boxes: TruthBoxes3D, T_site_frame: Transform) -> TruthBoxes3D:
+    """Objects brought to the site frame, headings as seen from above."""
+    along = np.stack([np.cos(boxes.yaws), np.sin(boxes.yaws), np.zeros(len(boxes))], -1) @ T_site_frame.matrix[:3, :3].T
+    return replace(
+        boxes,
+        frame_id=T_site_frame.dst,
+        centers=T_site_frame.apply(boxes.centers),
+        yaws=wrap_angle(np.arctan2(along[:, 1], along[:, 0])),
+    )
+
+
+def _motion_in(
+    frame_id: str, recording: Recording, rig: Rig, transforms: RecordedTransforms, config: Config
+) -> "_Motion | None":
+    """The motion of the site frame in a frame: over tf, else by odometry; None if neither is recorded."""
+    links: list[Transform | str] = []
+    frame = rig.site_frame
+    passed = {frame}
+    while not transforms.are_joined(frame_id, frame):
+        if frame in transforms.moving:
+            links.append(frame)
+            frame = transforms.moving[frame]
+        elif transforms.fixed.is_static(frame):
+            edge = transforms.fixed.lookup(transforms.fixed.chain(frame)[1], frame)
+            links.append(edge)
+            frame = edge.dst
+        else:
+            break
+        if frame in passed:
+            return None
+        passed.add(frame)
+    if transforms.are_joined(frame_id, frame):
+        source = MotionSource(tuple(tf_topics(recording)[1]), rig.site_frame, frame, tuple(links))
+        return _Motion(recording, source, transforms.lookup(frame_id, frame), config.limits)
+    try:
+        found = find_motion_source(recording, rig, transforms, config)
+    except LidcamError:  # odometry that is configured and was not recorded here
+        return None
+    if found is None or not transforms.are_joined(frame_id, found.fixed_frame_id):
+        return None
+    return _Motion(recording, found, transforms.lookup(frame_id, found.fixed_frame_id), config.limits)
+
+
+class _Motion:
+    """The motion of the site frame in one frame, read as it is needed.
+
+    Args:
+        recording: Open recording.
+        source: Where the motion is recorded, in some fixed frame.
+        T_frame_fixed: From that fixed frame to the one that is wanted.
+        limits: How many frames transforms may name.
+    """
+
+    def __init__(
+        self, recording: Recording, source: MotionSource, T_frame_fixed: Transform, limits: LimitsConfig
+    ) -> None:
+        self._buffer = MotionBuffer(source, limits=limits)
+        self._messages = recording.messages(source.topics)
+        self._source, self._T_frame_fixed = source, T_frame_fixed
+        self._latest_ns = 0
+
+    def at(self, stamp_ns: int) -> Transform | None:
+        """T_site_frame at a time; None if it is not known."""
+        if stamp_ns < self._latest_ns - STEP_BACK_NS:
+            self._read(lambda newest_ns: newest_ns < self._latest_ns - STEP_BACK_NS)
+            self._latest_ns = stamp_ns
+        self._latest_ns = max(self._latest_ns, stamp_ns)
+        self._read(lambda newest_ns: newest_ns > stamp_ns)  # two poses make a motion
+        motion = self._buffer.window(stamp_ns)
+        if motion is None or not motion.covers(
+            stamp_ns, stamp_ns, max_extrapolation_s=MAX_EXTRAPOLATION_S, max_gap_s=MAX_GAP_S
+        ):
+            return None
+        pose = interpolate_poses(motion.stamps_ns, motion.T_fixed_moving, np.array([stamp_ns], np.int64))[0]
+        T_fixed_site = Transform(self._source.fixed_frame_id, self._source.frame_id, pose)
+        return (self._T_frame_fixed @ T_fixed_site).inverse()
+
+    def _read(self, is_enough: Callable[[int], bool]) -> None:
+        """Read on until the motion is known as far as is wanted, or to the end."""
+        while (newest_ns := self._buffer.newest_ns) is None or not is_enough(newest_ns):
+            message = next(self._messages, None)
+            if message is None:
+                return
+            deque(self._buffer.tap([message]), maxlen=0)

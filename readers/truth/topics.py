@@ -1,0 +1,83 @@
+"""Which topics of a recording are truth."""
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+
+from pipeline.core.errors import ConfigError
+from readers.messages.vision.detections2d import DETECTIONS_2D
+from readers.messages.vision.detections3d import DETECTIONS_3D
+from readers.recording import Recording
+from readers.rig.topic_names import is_truth
+
+__all__ = ["TruthTopics", "find_truth_topics"]
+
+WHEN_MEASURED = "_when_measured"
+"""Ends the name of the topic that has the same objects where the lidars measured them."""
+
+
+@dataclass(frozen=True, slots=True)
+class TruthTopics:
+    """The topics of one truth.
+
+    Attributes:
+        objects: Objects at their stamp.
+        when_measured: The same objects where the lidars measured them; empty if that was not recorded.
+        visible: Boxes of what each image shows, by camera.
+        why: Why this is the truth, for the user.
+    """
+
+    objects: str
+    when_measured: str
+    visible: Mapping[str, str]
+    why: str
+
+
+def find_truth_topics(
+    recording: Recording, results: Collection[str], cameras: Collection[str], wanted: str = ""
+) -> TruthTopics | str:
+    """The topics of the truth, or why there is none.
+
+    Truth is what is called so (see `is_truth`), of several topics that with the most messages, then the first by name;
+    else the only topic of 3D boxes that is no result.
+
+    Args:
+        recording: Open recording.
+        results: Topics that are results, not truth.
+        cameras: Names of the cameras, whose truth lies beside the objects: `/ground_truth/CAMERA/visible`.
+        wanted: The topic to take, whatever it is called.
+
+    Raises:
+        ConfigError: there is no such topic of 3D boxes.
+    """
+    infos = {
+        info.topic: info
+        for info in recording.topics
+        if info.msgtype == DETECTIONS_3D and info.message_count and not info.unreadable
+    }
+    others = sorted(topic for topic in infos if topic not in results and not topic.endswith(WHEN_MEASURED))
+    names = ", ".join(map(str, recording.paths))
+    if wanted:
+        if wanted not in infos:
+            raise ConfigError(
+                f"--truth-topic: expected a topic of {DETECTIONS_3D} in {names} ({', '.join(others) or 'it has none'})"
+                f", found {wanted!r}"
+            )
+        chosen, why = wanted, "as asked for"
+    elif named := [topic for topic in others if is_truth(topic, DETECTIONS_3D)]:
+        chosen = min(named, key=lambda topic: (-infos[topic].message_count, topic))
+        more = [topic for topic in named if topic != chosen]
+        why = f"by its name; --truth-topic takes another one ({', '.join(more)})" if more else "by its name"
+    elif len(others) == 1:
+        chosen, why = others[0], "the only 3D boxes that are no result"
+    elif others:
+        return f"{names}: {', '.join(others)} may be truth, none is called so: name one with --truth-topic"
+    else:
+        return f"{names}: expected truth, a topic of {DETECTIONS_3D} that is no result, found none"
+    folder = chosen.rsplit("/", 1)[0]
+    seen = {info.topic for info in recording.topics if info.msgtype == DETECTIONS_2D and info.message_count}
+    return TruthTopics(
+        chosen,
+        chosen + WHEN_MEASURED if chosen + WHEN_MEASURED in infos else "",
+        {camera: topic for camera in cameras if (topic := f"{folder}/{camera}/visible") in seen},
+        why,
+    )
