@@ -79,10 +79,12 @@ def test_the_workflow_runs(sandbox: Path, sandbox_config: Path, lidcam: Lidcam, 
     shutil.copy(sandbox_config, samples / "site.yaml")
     (samples / "gate.txt").write_text("fused.car.recall >= 0.5\n", encoding="utf-8")
     assert lidcam("inspect", sandbox, "--write-rig", samples / "rig.yaml").code == 0
+    text = WORKFLOW.read_text(encoding="utf-8")
+    golden = " ".join(re.findall(r"#     (lidcam process .*)\\\n#       (.*)\n", text)[0])
     commands = [step["run"] for step in steps() if "run" in step]
     assert commands[0].startswith("pip install lidcam==")
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    for command in commands[1:]:
+    for command in (golden, *commands[1:]):
         done = subprocess.run(
             ["bash", "-e", "-o", "pipefail", "-c", command],
             cwd=tmp_path,
