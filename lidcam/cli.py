@@ -46,7 +46,7 @@ Examples:
   lidcam-process drive.bag out.mcap --rig site.yaml --start 30 --duration 10
   lidcam-process part_0.mcap part_1.mcap out.mcap --set sync.slop_s=0.05
   lidcam-process https://host/drive.mcap out.mcap --start 30 --duration 10
-  lidcam-process drive.bag out.mcap --evaluate --require "frames > 3"
+  lidcam-process drive.bag out.mcap --require "fused.car.recall > 0.8"
 """
 
 INSPECT_EXAMPLES = """\b
@@ -71,7 +71,7 @@ part of the result is damaged.
 \b
 Examples:
   lidcam evaluate out.mcap
-  lidcam evaluate out.mcap --truth drive.mcap --json figures.json
+  lidcam evaluate out.mcap --truth drive.bag --json figures.json
   lidcam evaluate out.mcap --require "fused.car.recall >= 0.8"
   lidcam evaluate out.mcap --require @gate.txt
   lidcam evaluate out.mcap --set evaluate.max_range_m=40
@@ -309,14 +309,12 @@ def evaluate(
             "repeated.",
         ),
     ] = None,
-    truth_topics: Annotated[
-        list[str] | None,
+    truth_topic: Annotated[
+        str,
         typer.Option(
-            "--truth-topic",
-            metavar="TOPIC",
-            help="A topic of truth; without it, those with a name like /ground_truth. May be repeated.",
+            metavar="TOPIC", help="The topic of the truth; without it, the one that is called so.", show_default=False
         ),
-    ] = None,
+    ] = "",
     requirements: Require = None,
     rig_files: RigFile = None,
     config_file: EvaluateConfigFile = None,
@@ -336,7 +334,7 @@ def evaluate(
         job = make_evaluation_job(
             result,
             truth=truth or (),
-            truth_topics=truth_topics or (),
+            truth_topic=truth_topic,
             requirements=requirements or (),
             rig=rig_files,
             config=config_file,
