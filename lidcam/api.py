@@ -188,7 +188,7 @@ def evaluate(
     result: FilePath,
     *,
     truth: PathOrUrl | Sequence[PathOrUrl] = (),
-    truth_topics: Sequence[str] = (),
+    truth_topic: str = "",
     requirements: Sequence[str | Requirement] = (),
     rig: RigSource | None = None,
     config: FilePath | None = None,
@@ -199,7 +199,7 @@ def evaluate(
     Args:
         result: The .mcap file that a run wrote.
         truth: A recording with topics of truth, or labels; several add up. Without it, what was copied into the result.
-        truth_topics: Topics of truth; without them, those that are truth by their names.
+        truth_topic: The topic of the truth, whatever it is called; without it, the one that is truth by its name.
         requirements: What is required of the figures, `["fused.car.recall >= 0.8"]`; `Evaluation.failures` says what
             is not met.
         rig: Rig files with topics of truth, as of `process`.
@@ -214,7 +214,7 @@ def evaluate(
         make_evaluation_job(
             result,
             truth=truth,
-            truth_topics=truth_topics,
+            truth_topic=truth_topic,
             requirements=requirements,
             rig=rig,
             config=config,

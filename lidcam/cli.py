@@ -294,14 +294,12 @@ def evaluate(
             "repeated.",
         ),
     ] = None,
-    truth_topics: Annotated[
-        list[str] | None,
+    truth_topic: Annotated[
+        str,
         typer.Option(
-            "--truth-topic",
-            metavar="TOPIC",
-            help="A topic of truth; without it, those with a name like /ground_truth. May be repeated.",
+            metavar="TOPIC", help="The topic of the truth; without it, the one that is called so.", show_default=False
         ),
-    ] = None,
+    ] = "",
     requirements: Require = None,
     rig_files: RigFile = None,
     config_file: EvaluateConfigFile = None,
@@ -321,7 +319,7 @@ def evaluate(
         job = make_evaluation_job(
             result,
             truth=truth or (),
-            truth_topics=truth_topics or (),
+            truth_topic=truth_topic,
             requirements=requirements or (),
             rig=rig_files,
             config=config_file,

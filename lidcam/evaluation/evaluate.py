@@ -2,19 +2,23 @@
 
 import logging
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import ExitStack
 
 from lidcam.checks.incomplete import damage_lines
 from lidcam.evaluation.doubts import doubts
 from lidcam.evaluation.evaluation import Evaluation, EvaluationJob, Truth
 from lidcam.evaluation.evaluators import evaluators_of, known_figures, measure
 from lidcam.evaluation.figures import NamedFigures
+from lidcam.evaluation.frames import EvaluationFrames
 from lidcam.evaluation.requirement import check_names
 from lidcam.settings.lasting import settings_sha256
 from pipeline.core.errors import RecordingError
-from pipeline.evaluation.records import EvaluationFrame, ImageBoxes
+from pipeline.evaluation.records import EvaluationFrame
 from readers.input_file import read_input_file
+from readers.location import Location
 from readers.results.result import Result, open_result
+from readers.truth.open import OpenTruth, open_truth
 
 __all__ = ["EvaluationObserver", "evaluate_result"]
 
@@ -44,17 +48,18 @@ def evaluate_result(job: EvaluationJob, observer: EvaluationObserver | None = No
     """
     observer = observer or EvaluationObserver()
     started = time.perf_counter()
-    with open_result(job.result, job.settings) as result:
+    with open_result(job.result, job.settings) as result, ExitStack() as stack:
         config, rig = result.config, result.rig
         observer.opened((result.recording.end_ns - result.recording.start_ns) / 1e9)
         cameras = [camera for camera in rig.cameras if camera.name in result.cameras]
         check_names(job.requirements, known_figures(config, rig.zones, cameras, result.sources))
-        truth: Truth | None = None
-        frames = _told(_without_truth(result), observer)
-        tree = measure(frames, evaluators_of(config, rig.zones, cameras))
+        found, files = _find_truth(job, result, stack)
+        frames = EvaluationFrames(result, found)
+        tree = measure(_told(frames, observer), evaluators_of(config, rig.zones, cameras))
         if not tree["frames"]:
             raise RecordingError(f"{job.result}: expected a result with frames, found none")
         figures = NamedFigures({**tree, "timing": {"evaluation_s": time.perf_counter() - started}})
+        truth = Truth((found.source.description,), tuple(map(read_input_file, files))) if found.source else None
         return Evaluation(
             figures=figures,
             inputs=(read_input_file(job.result),),
@@ -63,9 +68,18 @@ def evaluate_result(job: EvaluationJob, observer: EvaluationObserver | None = No
             truth=truth,
             outcomes=tuple(requirement.check(figures) for requirement in job.requirements),
             warnings=doubts(tree, has_truth=truth is not None),
-            notes=result.notes,
+            notes=tuple(note for note in frames.notes if not (truth and note == f"truth: {truth.sources[0]}")),
             incomplete=tuple(damage_lines(result.recording.losses)),
         )
+
+
+def _find_truth(job: EvaluationJob, result: Result, stack: ExitStack) -> tuple[OpenTruth, Sequence[Location]]:
+    """The truth, open until `stack` ends, and the files that it stands in."""
+    if job.truth:
+        found = stack.enter_context(open_truth(result, job.truth, topic=job.truth_topic))
+        return found, found.poses[0].paths
+    found = stack.enter_context(open_truth(result, topic=job.truth_topic))
+    return found, (job.result,)
 
 
 def _told(frames: Iterable[EvaluationFrame], observer: EvaluationObserver) -> Iterator[EvaluationFrame]:
@@ -75,9 +89,3 @@ def _told(frames: Iterable[EvaluationFrame], observer: EvaluationObserver) -> It
         start_ns = frame.stamp_ns if start_ns is None else start_ns
         yield frame
         observer.advanced((frame.stamp_ns - start_ns) / 1e9, frame.index + 1)
-
-
-def _without_truth(result: Result) -> Iterator[EvaluationFrame]:
-    for frame in result.frames():
-        images = {name: ImageBoxes(boxes) for name, boxes in frame.cameras.items()}
-        yield EvaluationFrame(frame.index, frame.stamp_ns, None, frame.sources, images, frame.skew_ns)

@@ -25,7 +25,7 @@ class EvaluationJob:
     Attributes:
         result: The .mcap file that `lidcam process` wrote.
         truth: Recordings or files of labels; empty: what the result holds.
-        truth_topics: Topics of truth; empty: those that are truth by their names.
+        truth_topic: The topic of the truth, whatever it is called; empty: the one that is truth by its name.
         rig: Rig file with topics of truth.
         settings: Single settings on top of those of the result.
         requirements: What is required of the figures.
@@ -33,7 +33,7 @@ class EvaluationJob:
 
     result: Path
     truth: tuple[Location, ...] = ()
-    truth_topics: tuple[str, ...] = ()
+    truth_topic: str = ""
     rig: RigFile | None = None
     settings: Sequence[str] = ()
     requirements: tuple[Requirement, ...] = ()
@@ -43,7 +43,7 @@ def make_evaluation_job(
     result: FilePath,
     *,
     truth: PathOrUrl | Sequence[PathOrUrl] = (),
-    truth_topics: Sequence[str] = (),
+    truth_topic: str = "",
     requirements: Sequence[str | Requirement] = (),
     rig: RigSource | None = None,
     config: FilePath | None = None,
@@ -59,7 +59,7 @@ def make_evaluation_job(
     return EvaluationJob(
         Path(result),
         locations(truth),
-        tuple(truth_topics),
+        truth_topic,
         read_rig(rig),
         (*_of_config(config), *_as_texts(settings)),
         (*(one for one in requirements if isinstance(one, Requirement)), *read_requirements(texts)),

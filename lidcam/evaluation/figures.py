@@ -52,8 +52,8 @@ class NamedFigures(Mapping[str, Figure]):
         known = [key.removeprefix(LEFT_OUT) if is_short else key for key in self._found]
         if under := [key.removeprefix(f"{name}.") for key in known if key.startswith(f"{name}.")]:
             return f"{name!r} names {len(under)} figures: expected one of them, such as {f'{name}.{under[0]}'!r}"
-        nearest = get_close_matches(name, known, n=MAX_NEAREST, cutoff=LIKENESS)
-        if nearest:
+        begun = [key for key in known if name and key.startswith(name)]
+        if nearest := begun[:MAX_NEAREST] or get_close_matches(name, known, n=MAX_NEAREST, cutoff=LIKENESS):
             return f"unknown figure {name!r}: did you mean {_either([repr(one) for one in nearest])}?"
         sections = dict.fromkeys(key.partition(".")[0] for key in self._found)
         return f"unknown figure {name!r}: known are those of {', '.join(sections)}"

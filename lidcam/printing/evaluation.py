@@ -47,7 +47,7 @@ def print_evaluation(out: Console, evaluation: Evaluation) -> None:
 def _subject(tree: Tree, evaluation: Evaluation) -> str:
     result, frames = evaluation.inputs[0].name, tree["frames"]
     if evaluation.truth is None:
-        return f"{result}: {frames} frames, without truth; --truth RECORDING or LABELS gives the figures that need it"
+        return f"{result}: {frames} frames, without truth: what needs it is not measured"
     counts = tree["truth_objects"]
     reasons = {"without_class": "of no class", "marked_as_ignored": "marked", "outside": "outside", "unseen": "unseen"}
     ignored = [f"{counts[name]} {words}" for name, words in reasons.items() if counts[name]]
@@ -169,11 +169,17 @@ def _distances(sources: Tree, by_distance: str) -> dict[str, str]:
 def _rows(sources: Tree, count: str = "truth") -> Iterator[tuple[str, str, Tree]]:
     """Class, source and figures, of classes that the truth or a source has; the class is named once."""
     ordered = sorted(sources, key=lambda source: (ORDER.index(source) if source in ORDER else len(ORDER), source))
-    for name in sources[ordered[0]]:
-        figures = {source: sources[source][name] for source in ordered}
-        if any(one[count] or one.get("found") for one in figures.values()):
-            for row, (source, one) in enumerate(figures.items()):
-                yield "" if row else name, source, one
+    by_class = {name: {source: sources[source][name] for source in ordered} for name in sources[ordered[0]]}
+    shown = {
+        name: figures
+        for name, figures in by_class.items()
+        if any(one[count] or one.get("found") for one in figures.values())
+    }
+    if ALL in shown and len(shown) == 2:  # what is said of the only class is said of all
+        del shown[ALL]
+    for name, figures in shown.items():
+        for row, (source, one) in enumerate(figures.items()):
+            yield "" if row else name, source, one
 
 
 def _overlap(sources: Tree, beginning: str = "ap_bev_r40_") -> str:

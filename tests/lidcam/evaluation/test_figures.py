@@ -60,6 +60,7 @@ def test_all_names_in_their_order() -> None:
         ("fused.cars.recall", "did you mean 'fused.car.recall'"),
         ("sources.fused.car.ap_bev_r40", "did you mean 'sources.fused.car.ap_bev_r40_50'"),
         ("fuzed.car.ap_bev_50", "'fused.car.ap_bev_r40_50'"),
+        ("fused.car.ap", "did you mean 'fused.car.ap_bev_r40_50' or 'fused.car.ap_bev_r11_50'?"),
         ("frame", "unknown figure 'frame': did you mean 'frames'?"),
         ("fused.car", "'fused.car' names 4 figures: expected one of them, such as 'fused.car.recall'"),
         ("xyz", "unknown figure 'xyz': known are those of sources, thresholds, frames"),
