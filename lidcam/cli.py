@@ -9,7 +9,9 @@ import typer
 
 from lidcam.options import (
     STDOUT,
+    AllowedDifference,
     AsJson,
+    CompareConfigFile,
     ConfigFile,
     EvaluateConfigFile,
     Format,
@@ -73,6 +75,18 @@ Examples:
   lidcam evaluate out.mcap --require "fused.car.recall >= 0.8"
   lidcam evaluate out.mcap --require @gate.txt
   lidcam evaluate out.mcap --set evaluate.max_range_m=40
+"""
+
+COMPARE_EXAMPLES = """\b
+Exit codes: 0 equal within the tolerances, or as far as is allowed; 1 they
+differ more, or cannot be compared; 2 wrong usage; 3 equal, but a file is
+damaged.
+
+\b
+Examples:
+  lidcam compare golden.mcap new.mcap
+  lidcam compare golden.mcap new.mcap --only fused --max-different 1
+  lidcam compare golden.mcap new.mcap --set compare.yaw_deg=5 --allow rescored
 """
 
 SIMULATE_EXAMPLES = """\b
@@ -326,6 +340,64 @@ def evaluate(
             settings=settings or (),
         )
         run_evaluate(EvaluateOptions(job, json, overwrite))
+
+
+@app.command(epilog=COMPARE_EXAMPLES, cls=JsonCommand)
+@with_log_options
+def compare(
+    first: Annotated[Path, typer.Argument(metavar="A.mcap", help="A result of process.")],
+    second: Annotated[Path, typer.Argument(metavar="B.mcap", help="Another one, of the same recording or scene.")],
+    config_file: CompareConfigFile = None,
+    settings: Setting = None,
+    only: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--only",
+            metavar="NAME",
+            help="A source (fused, lidar, cameras) or camera; without it, all. May be repeated.",
+        ),
+    ] = None,
+    allow: Annotated[
+        list[AllowedDifference] | None,
+        typer.Option("--allow", help="What may differ, however much. Repeatable."),
+    ] = None,
+    max_different: Annotated[
+        float,
+        typer.Option(
+            "--max-different",
+            min=0,
+            max=100,
+            metavar="PERCENT",
+            help="How many of the objects of a source or camera, and of the frames, may differ.",
+        ),
+    ] = 0.0,
+    lines: Annotated[int, typer.Option("--lines", min=0, metavar="N", help="Differences that are printed.")] = 10,
+    json: JsonTarget = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Show what differs between two results, object by object.
+
+    Objects that are lost, new, moved, turned, resized, relabelled, rescored, or go on under another id; B against A.
+    """
+    from lidcam.commands.compare import CompareOptions, run_compare
+    from lidcam.job import read_files
+    from pipeline.core.settings.load import load_config
+
+    run_compare(
+        CompareOptions(
+            first=first,
+            second=second,
+            config=load_config(config_file, settings or ()),
+            settings_name=config_file or "defaults",
+            only=tuple(only or ()),
+            allowed=tuple(allow or ()),
+            max_different_percent=max_different,
+            lines=lines,
+            json=json,
+            overwrite=overwrite,
+            read_files=read_files(config_file, None),
+        )
+    )
 
 
 @app.command()

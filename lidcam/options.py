@@ -3,6 +3,7 @@
 import inspect
 import logging
 from collections.abc import Callable
+from enum import StrEnum
 from functools import wraps
 from importlib.metadata import version
 from pathlib import Path
@@ -16,7 +17,9 @@ from lidcam.printing.log import Verbosity, configure_logging
 
 __all__ = [
     "STDOUT",
+    "AllowedDifference",
     "AsJson",
+    "CompareConfigFile",
     "ConfigFile",
     "EvaluateConfigFile",
     "Format",
@@ -42,6 +45,20 @@ LOG_SUFFIXES = (".log", ".txt")
 
 MAX_SECONDS = 1e9
 """Thirty years: longer than any recording, and well within 64 bits of nanoseconds."""
+
+
+class AllowedDifference(StrEnum):
+    """What two results may differ in: the kinds of `pipeline.evaluation.comparison.records`, and frames."""
+
+    LOST = "lost"
+    NEW = "new"
+    MOVED = "moved"
+    TURNED = "turned"
+    RESIZED = "resized"
+    RELABELLED = "relabelled"
+    RESCORED = "rescored"
+    REIDENTIFIED = "reidentified"
+    FRAMES = "frames"
 
 
 def seconds(value: float | None) -> float | None:
@@ -113,6 +130,10 @@ ConfigFile = Annotated[
         metavar="PRESET|FILE",
         help="Settings: sandbox, crossing, road, or a YAML file; without it, what suits the recording.",
     ),
+]
+CompareConfigFile = Annotated[
+    str | None,
+    typer.Option("--config", metavar="PRESET|FILE", help="Settings, of which `compare` counts: the tolerances."),
 ]
 Setting = Annotated[list[str] | None, typer.Option("--set", metavar="A.B=C", help="One setting; may be repeated.")]
 RigFile = Annotated[

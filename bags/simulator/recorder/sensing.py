@@ -5,18 +5,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bags.simulator.recorder.hypotheses import Hypothesis, class_of, image_pixels, occlusion, truncation
-from bags.simulator.recorder.messages import MessageFactory, ViewedObject
+from bags.simulator.recorder.messages import MessageFactory
 from bags.simulator.recorder.recorded import Measured, Recorded, SensingTask
 from bags.simulator.recorder.stage import Stage
+from bags.simulator.recorder.viewed import detected_objects, visible_objects, whole_objects
 from bags.simulator.scenario.scenario import camera_truth_topics
 from bags.simulator.scenario.sensors import CameraScenario, LidarScenario
 from bags.simulator.sensors.camera import Camera, CameraImage
-from bags.simulator.sensors.detector2d import Detected, detect
+from bags.simulator.sensors.detector2d import detect
 from bags.simulator.sensors.lidar import Lidar, Sweep
 from bags.simulator.sensors.timing import Measurement, Timing
-from bags.simulator.sensors.visibility import Visibility, visibility
-from pipeline.core.arrays import F64, Array
+from bags.simulator.sensors.visibility import visibility
+from pipeline.core.arrays import Array
 
 __all__ = ["Sensing"]
 
@@ -109,52 +109,19 @@ class Sensing:
             message = make.rgb_image(stamp_ns, model.frame_id, image.rgb)
         yield make.recorded(log_ns, settings.image_topic, stamp_ns, message)
         yield make.recorded(log_ns, settings.info_topic, stamp_ns, make.intrinsics(stamp_ns, model))
+        movers, name = self._stage.scene.movers, camera.device.name
         if settings.detector is not None:
-            classes = [mover.class_name for mover in self._stage.scene.movers]
-            name, number = camera.device.name, measurement.number
-            found = detect(settings.detector, image, classes, name=name, number=number, seed=self._seed)
-            boxes = make.detections_2d(stamp_ns, model.frame_id, self._detected(found))
+            classes = [mover.class_name for mover in movers]
+            found = detect(settings.detector, image, classes, name=name, number=measurement.number, seed=self._seed)
+            boxes = make.detections_2d(stamp_ns, model.frame_id, detected_objects(found, movers))
             late_ns = log_ns + round(settings.detector.delay_ms * 1e6)
             yield make.recorded(late_ns, settings.detector.topic, stamp_ns, boxes)
         if self._stage.scenario.recording.truth_rate_hz:
-            shown = visibility(image, camera.device, self._stage.scene.movers, measurement.begin_ns)
-            truths = (self._visible(shown), self._whole(shown))
-            for topic, objects in zip(camera_truth_topics(camera.device.name), truths, strict=True):
+            shown = visibility(image, camera.device, movers, measurement.begin_ns)
+            truths = visible_objects(shown, movers), whole_objects(shown, movers)
+            for topic, objects in zip(camera_truth_topics(name), truths, strict=True):
                 truth = make.detections_2d(stamp_ns, model.frame_id, objects)
                 yield make.recorded(log_ns, topic, stamp_ns, truth)
-
-    def _detected(self, found: Detected) -> list[ViewedObject]:
-        """What the simulated detector found."""
-        names = [*(mover.name for mover in self._stage.scene.movers), ""]  # the last one is that of `NO_MOVER`
-        return [
-            ViewedObject(names[mover], mover, _box(box), (class_of(class_name, score),))
-            for box, score, class_name, mover in zip(
-                found.xyxy, found.scores.tolist(), found.class_names, found.movers.tolist(), strict=True
-            )
-        ]
-
-    def _visible(self, shown: Visibility) -> list[ViewedObject]:
-        """The movers that an image shows."""
-        hidden, outside = shown.occlusion.tolist(), shown.truncation.tolist()
-        return [
-            self._viewed(row, shown, shown.visible_xyxy, occlusion(hidden[row]), truncation(outside[row]))
-            for row in np.flatnonzero(shown.visible_px).tolist()
-        ]
-
-    def _whole(self, shown: Visibility) -> list[ViewedObject]:
-        """The movers that an image would show if nothing hid them."""
-        rows = np.flatnonzero(np.isfinite(shown.truncation)).tolist()
-        return [self._viewed(row, shown, shown.whole_xyxy) for row in rows]
-
-    def _viewed(self, row: int, shown: Visibility, boxes: F64, *shares: Hypothesis) -> ViewedObject:
-        mover = self._stage.scene.movers[row]
-        hypotheses = (class_of(mover.class_name), image_pixels(int(shown.visible_px[row])), *shares)
-        return ViewedObject(mover.name, row, _box(boxes[row]), hypotheses)
-
-
-def _box(xyxy: F64) -> tuple[float, float, float, float]:
-    left, top, right, bottom = xyxy.tolist()
-    return left, top, right, bottom
 
 
 def _due(sensor: _Lidar | _Camera, until_ns: int, begun_ns: int) -> Iterator[Measurement]:

@@ -88,12 +88,18 @@ class Source:
         """(T,) which true objects of a class (None: of all) are evaluated."""
         return self.site.truth.is_evaluated & _is_of(self.site.truth.class_ids, class_id)
 
+    def is_counted_by_distance(self, class_id: int) -> Bools:
+        """(T,) which true objects of a class the figures by distance count."""
+        if self.site.criteria.distances == "nuscenes":
+            return self.site.truth.is_nuscenes & _is_of(self.site.truth.class_ids, class_id)
+        return self.is_evaluated(class_id)
+
     def curve(self, class_id: int | None) -> Curve:
         """The curve by position of a class (None: of all)."""
         detections = self.scored(class_id, self.site.criteria.position_row)
         return curve_of(detections.scores, detections.is_right, int(self.is_evaluated(class_id).sum()))
 
-    def figures(self) -> Figures:
+    def figures(self) -> Mapping[str, Figures]:
         """All figures, by class."""
         figures = self._by_class(None)
         parts: dict[str, dict[str, dict[str, Figures]]] = {name: {"ranges": {}, "zones": {}} for name in figures}
@@ -122,7 +128,7 @@ class Source:
         names = self.site.class_names
         overlaps = {name: self._overlaps(row, place) for row, name in enumerate(names)}
         distances = {name: self._distances(row, place) for row, name in enumerate(names)}
-        by_distance = "nuscenes" if self.site.criteria.distances == "nuscenes" else "distance"
+        by_distance = self.site.criteria.distances_name
         means = (
             mean_nuscenes_figures(distances) if by_distance == "nuscenes" else mean_figures(list(distances.values()))
         )
@@ -155,11 +161,9 @@ class Source:
 
     def _distances(self, class_id: int, place: Place | None) -> Averages:
         site = self.site
-        is_nuscenes = site.criteria.distances == "nuscenes"
-        is_counted = site.truth.is_nuscenes & (site.truth.class_ids == class_id)
-        count = len(truth_in(site.truth, is_counted if is_nuscenes else self.is_evaluated(class_id), place))
+        count = len(truth_in(site.truth, self.is_counted_by_distance(class_id), place))
         detections = {row: self.scored(class_id, row).within(place) for row in site.criteria.distance_rows}
-        if is_nuscenes:
+        if site.criteria.distances == "nuscenes":
             return nuscenes_figures(site.criteria, detections, self.found, count, site.class_names[class_id])
         return distance_figures(site.criteria, detections, self.found, count, float(site.criteria.scales[class_id]))
 

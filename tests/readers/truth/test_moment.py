@@ -1,0 +1,82 @@
+import numpy as np
+import pytest
+from truth_messages import true_object, truth_message
+
+from pipeline.core.settings.config import Config
+from pipeline.evaluation.records import UNKNOWN
+from readers.messages.vision.detections3d import decode_detections3d
+from readers.messages.vision.track_ids import track_ids
+from readers.truth.moment import Moment, TruthClasses, counted, moment_of, total
+
+CONFIG = Config()
+CLASSES = TruthClasses(CONFIG.class_id_of_label)
+NAMES = CONFIG.class_names
+STAMP_NS = 1_700_000_000_000_000_000
+
+
+def found(*objects: dict[str, object], **options: object) -> Moment:
+    return moment_of(decode_detections3d(truth_message(STAMP_NS, objects, **options)), CLASSES)  # type: ignore[arg-type]  # as given
+
+
+def test_objects_of_ros2() -> None:
+    moment = found(
+        true_object("van", (1, 2, 0.5), yaw=1.0, name="van_1", counts={"lidar_points": 12, "image_pixels": 900}),
+        true_object("Cyclist", (3, 4, 0.5), name="7", counts={"image_pixels/left": 5, "lidar_points/top": 0}),
+        true_object("tram", (5, 6, 0.5)),
+        frame_id="/odom",
+    )
+    boxes = moment.boxes
+    assert (moment.stamp_ns, boxes.frame_id) == (STAMP_NS, "odom")
+    assert [NAMES[row] if row != UNKNOWN else "" for row in boxes.class_ids] == ["truck", "bicycle", ""]
+    assert boxes.labels.tolist() == ["van", "Cyclist", "tram"]
+    assert boxes.track_ids.tolist() == [int(track_ids(np.array(["van_1"]))[0]), 7, UNKNOWN]
+    assert boxes.lidar_points.tolist() == [12, UNKNOWN, UNKNOWN]
+    assert boxes.image_pixels.tolist() == [900, UNKNOWN, UNKNOWN]
+    assert {camera: pixels.tolist() for camera, pixels in moment.camera_pixels.items()} == {
+        "left": [UNKNOWN, 5, UNKNOWN]
+    }
+    assert not boxes.is_ignored.any()
+    np.testing.assert_allclose(boxes.yaws, [1, 0, 0])
+
+
+def test_objects_of_ros1() -> None:
+    moment = found(
+        true_object("van", (1, 2, 0.5), name="0", counts={"lidar_points": 3, "image_pixels": 0}),
+        true_object("cyclist", (3, 4, 0.5), name="1"),
+        encoding="ros1",
+    )
+    assert moment.boxes.labels.tolist() == ["van", "cyclist"]
+    assert [NAMES[row] for row in moment.boxes.class_ids] == ["truck", "bicycle"]
+    assert moment.boxes.track_ids.tolist() == [0, 1]
+    assert moment.boxes.lidar_points.tolist() == [3, UNKNOWN]
+    assert moment.boxes.image_pixels.tolist() == [0, UNKNOWN]
+
+
+def test_numbers_that_the_settings_do_not_list_are_known_by_their_names() -> None:
+    classes = TruthClasses({"Truck": 0, "van": 0, "2": 1})
+    assert classes.ids(np.array(["4", "5", "2", "3", "van"])).tolist() == [0, 0, 1, UNKNOWN, 0]
+
+
+def test_no_objects() -> None:
+    assert len(found().boxes) == 0
+
+
+@pytest.mark.parametrize(
+    ("value", "count"), [(0.0, 0), (12.4, 12), (np.nan, UNKNOWN), (np.inf, UNKNOWN), (-5.0, UNKNOWN), (1e20, 2**31 - 1)]
+)
+def test_counts(value: float, count: int) -> None:
+    assert counted(np.array([value])).tolist() == [count]
+
+
+def test_total_of_the_sensors() -> None:
+    counts = {"lidar_points/a": np.array([1.0, np.nan, np.nan]), "lidar_points/b": np.array([2.0, 3.0, np.nan])}
+    assert total(counts, "lidar_points", 3).tolist() == [3, 3, UNKNOWN]
+    assert total({**counts, "lidar_points": np.array([9.0, 9, 9])}, "lidar_points", 3).tolist() == [9, 9, 9]
+
+
+def test_rows_are_selected_with_their_pixels() -> None:
+    moment = found(*(true_object("car", (x, 0, 0), counts={"image_pixels/left": x}) for x in (1, 2, 3)))
+    chosen = moment.select(np.array([2, 0]))
+    assert chosen.boxes.centers[:, 0].tolist() == [3, 1]
+    assert chosen.camera_pixels["left"].tolist() == [3, 1]
+    assert chosen.ignoring_all().boxes.is_ignored.tolist() == [True, True]
