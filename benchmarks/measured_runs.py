@@ -55,11 +55,18 @@ def measured_run(scenario: str, folder: Path) -> MeasuredRun:
         for old in folder.glob(f"{scenario}-*.mcap"):
             old.unlink()
         _lidcam("simulate", scenario, recording, "--duration", SECONDS[scenario], *RECORDED)
-    result, processed, figures = (folder / f"{scenario}.{ending}" for ending in ("mcap", "process.json", "figures.json"))
+    result, processed, figures = (
+        folder / f"{scenario}.{ending}" for ending in ("mcap", "process.json", "figures.json")
+    )
     _lidcam("process", recording, result, "--overwrite", "--json", processed, *WRITTEN)
     _lidcam("evaluate", result, "--json", figures)
     return MeasuredRun(
-        scenario, SECONDS[scenario], recording, result, json.loads(processed.read_bytes()), json.loads(figures.read_bytes())
+        scenario,
+        SECONDS[scenario],
+        recording,
+        result,
+        json.loads(processed.read_bytes()),
+        json.loads(figures.read_bytes()),
     )
 
 
