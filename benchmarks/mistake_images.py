@@ -60,27 +60,33 @@ def looks(run: MeasuredRun) -> list[Look]:
     """The worst errors of the fused objects, with a look at each."""
     scenario = load_scenario(run.scenario)
     surroundings = Surroundings(scenario.world)
-    found = []
+    mistakes = [(kind, one) for kind in KINDS for one in run.figures["mistakes"]["fused"][kind]]
+    found: dict[int, Look] = {}
     with open_result(run.result) as result, open_recording([run.recording]) as recording:
-        for kind in KINDS:
-            for mistake in run.figures["mistakes"]["fused"][kind]:
-                # Poses are read forward in time: each error begins anew.
-                poses = SitePoses([recording], result.rig, result.config)
-                T_site_world = poses.T_site_frame(scenario.site_frame, mistake["worst_ns"])
-                assert T_site_world is not None
-                name = _name(kind, mistake, surroundings, T_site_world.inverse())
-                camera, tile = _tile(kind, mistake, result.rig, recording)
-                found.append(Look(kind, mistake, name, camera, tile))
-    return found
+        poses = SitePoses([recording], result.rig, result.config)
+        for row in sorted(range(len(mistakes)), key=lambda row: mistakes[row][1]["worst_ns"]):  # poses are read forward
+            kind, mistake = mistakes[row]
+            T_site_world = poses.T_site_frame(scenario.site_frame, mistake["worst_ns"])
+            assert T_site_world is not None
+            name = _name(kind, mistake, surroundings, T_site_world.inverse())
+            found[row] = Look(kind, mistake, name, *_tile(kind, mistake, result.rig, recording))
+    return [found[row] for row in range(len(mistakes))]
 
 
 def write_images(path: Path, shown: Sequence[Look]) -> None:
     """All looks in one image: the false ones first, numbered row by row as in the tables."""
-    tiles = [look.tile for look in shown]
+    tiles = [_numbered(look.tile, number) for number, look in enumerate(shown, 1)]
     blank = np.full_like(tiles[0], 255)
     tiles += [blank] * (-len(tiles) % COLUMNS)
     rows = [np.hstack(tiles[first : first + COLUMNS]) for first in range(0, len(tiles), COLUMNS)]
     cv2.imwrite(str(path), np.vstack(rows), [cv2.IMWRITE_JPEG_QUALITY, 70])
+
+
+def _numbered(tile: U8, number: int) -> U8:
+    tile = tile.copy()
+    for thickness, color in ((4, (0, 0, 0)), (1, (255, 255, 255))):
+        cv2.putText(tile, str(number), (6, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.6, color, thickness, cv2.LINE_AA)
+    return tile
 
 
 def _name(kind: str, mistake: dict[str, Any], surroundings: Surroundings, T_world_site: Transform) -> str:

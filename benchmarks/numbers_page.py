@@ -57,7 +57,7 @@ def main() -> None:
 def section(run: MeasuredRun, shown: Sequence[Look]) -> Iterator[str]:
     """The lines about one scenario."""
     figures = run.figures
-    settings = figures["settings"]["name"] or "the defaults"
+    settings = (figures["settings"]["name"] or "the defaults").partition(",")[0]
     yield f"## {run.scenario}\n"
     yield (
         f"{run.seconds} s, {figures['frames']} frames, settings `{settings}`, "
@@ -72,8 +72,8 @@ def section(run: MeasuredRun, shown: Sequence[Look]) -> Iterator[str]:
                 f"{one['truth']}",
                 *_numbers(one, "ap_bev_r40_50", "ap_3d_r40_50"),
                 _number(one["distance"]["map"]),
+                *_numbers(one, "recall", "precision", "false_per_frame"),
             ]
-            + [*_numbers(one, "recall", "precision"), _number(one["false_per_frame"])]
             for name, source, one in _by_class(figures)
         ],
     )
@@ -138,8 +138,8 @@ def _gains(figures: Tree) -> list[list[str]]:
 def _gain(gain: Tree) -> str:
     if gain["value"] is None:
         return "-"
-    interval = "" if gain["low"] is None else f" ({gain['low']:+.2f} to {gain['high']:+.2f})"
-    return f"{gain['value']:+.2f}{interval}{' takes away' if gain['takes_away'] else ''}"
+    interval = "" if gain["low"] is None else f" ({gain['low']:+z.2f} to {gain['high']:+z.2f})"
+    return f"{gain['value']:+z.2f}{interval}{' takes away' if gain['takes_away'] else ''}"
 
 
 def _cameras(figures: Tree) -> list[list[str]]:
@@ -157,8 +157,8 @@ def _cameras(figures: Tree) -> list[list[str]]:
 
 def _mistakes(run: MeasuredRun, shown: Sequence[Look]) -> Iterator[str]:
     yield (
-        f"The worst errors, numbered as in the image below, row by row. To see one in the viewer: `lidcam simulate {run.scenario} r.mcap "
-        f"--duration {run.seconds}`, then `lidcam process r.mcap o.mcap --rerun o.rrd`.\n"
+        "The worst errors, numbered as in the image below, row by row. To see one in the viewer: `lidcam simulate "
+        f"{run.scenario} r.mcap --duration {run.seconds}`, then `lidcam process r.mcap o.mcap --rerun o.rrd`.\n"
     )
     for kind, title in zip(KINDS, ("reported, and not there", "there, and not reported"), strict=True):
         rows = [[f"{number}", *_mistake(look)] for number, look in enumerate(shown, 1) if look.kind == kind]
@@ -194,7 +194,7 @@ def _numbers(one: Tree, *names: str) -> list[str]:
 
 
 def _number(value: float | None, digits: int = 2, *, signed: str = "") -> str:
-    return "-" if value is None else f"{value:{signed}.{digits}f}"
+    return "-" if value is None else f"{value:{signed}z.{digits}f}"
 
 
 def _percent(value: float | None) -> str:
