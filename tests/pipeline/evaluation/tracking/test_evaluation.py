@@ -58,6 +58,13 @@ def test_without_tracks_there_is_nothing() -> None:
     assert tracking([frame_of(0, None, {"fused": source_boxes([car(0)], [1])})]) == {}
 
 
+def test_truth_without_tracks_says_nothing_of_tracks() -> None:
+    found = {"fused": source_boxes([car(0)], [1])}
+    assert tracking([frame_of(0, truth_boxes([car(0)]), found)]) == {}
+    # Where nothing is, nothing can be followed: that needs no tracks.
+    assert errors(fused([frame_of(0, truth_boxes([]), found)])) == {"false_positives": 1}
+
+
 def test_a_perfect_track() -> None:
     figures = fused(followed())
     assert errors(figures) == {}
