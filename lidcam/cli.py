@@ -46,7 +46,7 @@ Examples:
   lidcam-process drive.bag out.mcap --rig site.yaml --start 30 --duration 10
   lidcam-process part_0.mcap part_1.mcap out.mcap --set sync.slop_s=0.05
   lidcam-process https://host/drive.mcap out.mcap --start 30 --duration 10
-  lidcam-process drive.bag out.mcap --evaluate --require "frames > 3"
+  lidcam-process drive.bag out.mcap --require "fused.car.recall > 0.8"
 """
 
 INSPECT_EXAMPLES = """\b
@@ -71,7 +71,7 @@ part of the result is damaged.
 \b
 Examples:
   lidcam evaluate out.mcap
-  lidcam evaluate out.mcap --truth drive.mcap --json figures.json
+  lidcam evaluate out.mcap --truth drive.bag --json figures.json
   lidcam evaluate out.mcap --require "fused.car.recall >= 0.8"
   lidcam evaluate out.mcap --require @gate.txt
   lidcam evaluate out.mcap --set evaluate.max_range_m=40

@@ -99,6 +99,8 @@ STAND_INS: dict[str, Callable[[Path], object]] = {
     "broken.bag": lambda path: path.write_bytes(SANDBOX.read_bytes()[:3_000_000]),
     "golden.mcap": lambda path: path.write_bytes(result()),
     "new.mcap": lambda path: path.write_bytes(result()),
+    "out.mcap": lambda path: path.write_bytes(result()),
+    "@gate.txt": lambda path: path.with_name("gate.txt").write_text("fused.car.recall >= 0.5\n"),
     "drive.mcap": lambda path: path.symlink_to(CROSSING),
     "drive.pcap": capture,
     "bag_folder": folder,
@@ -184,7 +186,8 @@ def outputs_of(words: list[str]) -> set[str]:
     """Names of the files that a command writes."""
     named = {after for option, after in pairwise(words) if option in {"--write-rig", "--repair", "--rerun"}}
     redirected = {after for sign, after in pairwise(words) if sign == ">"}
-    return named | redirected | set(words[3:4] if words[1] in {"simulate", "drive"} else [])
+    made = {"process": ["out.mcap"], "simulate": words[3:4], "drive": words[3:4]}
+    return named | redirected | set(made.get("process" if words[0] == "lidcam-process" else words[1], []))
 
 
 @pytest.mark.parametrize("command", COMMANDS)
