@@ -7,6 +7,10 @@ from typing import Unpack
 
 from lidcam.checks.missing import MissingSensor
 from lidcam.checks.warning import RunWarning
+from lidcam.evaluation.evaluate import evaluate_result
+from lidcam.evaluation.evaluation import Evaluation, make_evaluation_job
+from lidcam.evaluation.figures import NamedFigures
+from lidcam.evaluation.requirement import Requirement, RequirementError
 from lidcam.frames import RunInput
 from lidcam.inspection import Inspection, inspect_recording
 from lidcam.job import FilePath, Job, JobOptions, PathOrUrl, RigSource, Settings, locations, make_job
@@ -47,6 +51,7 @@ __all__ = [
     "ConfigError",
     "Detections",
     "DropCount",
+    "Evaluation",
     "FrameError",
     "FrameResult",
     "Fused",
@@ -59,12 +64,15 @@ __all__ = [
     "MessageError",
     "MissingSensor",
     "ModelError",
+    "NamedFigures",
     "Objects",
     "OutputError",
     "PointCloud",
     "RawMessage",
     "Recording",
     "RecordingError",
+    "Requirement",
+    "RequirementError",
     "Rig",
     "RigFile",
     "RunInput",
@@ -78,6 +86,7 @@ __all__ = [
     "UnusedTopic",
     "UsedSettings",
     "__version__",
+    "evaluate",
     "inspect",
     "iter_frames",
     "load_config",
@@ -173,6 +182,45 @@ def inspect(
         LidcamError: the recording cannot be opened or is empty, or the settings or the rig are at fault.
     """
     return inspect_recording(locations(recording), choose_settings(config, settings), rig)
+
+
+def evaluate(
+    result: FilePath,
+    *,
+    truth: PathOrUrl | Sequence[PathOrUrl] = (),
+    truth_topic: str = "",
+    requirements: Sequence[str | Requirement] = (),
+    rig: RigSource | None = None,
+    config: FilePath | None = None,
+    settings: Settings = (),
+) -> Evaluation:
+    """Measure a result: against truth, and without it.
+
+    Args:
+        result: The .mcap file that a run wrote.
+        truth: A recording with topics of truth, or labels; several add up. Without it, what was copied into the result.
+        truth_topic: The topic of the truth, whatever it is called; without it, the one that is truth by its name.
+        requirements: What is required of the figures, `["fused.car.recall >= 0.8"]`; `Evaluation.failures` says what
+            is not met.
+        rig: Rig files with topics of truth, as of `process`.
+        config: A preset or a YAML file whose section `evaluate` counts, in place of the result's.
+        settings: Single settings on top: `{"evaluate.max_range_m": 40}`.
+
+    Raises:
+        RequirementError: a requirement is none, or names a figure that there cannot be.
+        LidcamError: the result, the truth, the rig or the settings are at fault.
+    """
+    return evaluate_result(
+        make_evaluation_job(
+            result,
+            truth=truth,
+            truth_topic=truth_topic,
+            requirements=requirements,
+            rig=rig,
+            config=config,
+            settings=settings,
+        )
+    )
 
 
 def open_recording(recording: PathOrUrl | Sequence[PathOrUrl]) -> Recording:

@@ -8,11 +8,18 @@ from typing import Annotated, Literal
 import typer
 
 from lidcam.options import (
+    STDOUT,
+    AllowedDifference,
     AsJson,
+    CompareConfigFile,
     ConfigFile,
+    EvaluateConfigFile,
     Format,
+    JsonCommand,
+    JsonTarget,
     Overwrite,
     RecordingOut,
+    Require,
     RigFile,
     Scenario,
     Seed,
@@ -39,6 +46,7 @@ Examples:
   lidcam-process drive.bag out.mcap --rig site.yaml --start 30 --duration 10
   lidcam-process part_0.mcap part_1.mcap out.mcap --set sync.slop_s=0.05
   lidcam-process https://host/drive.mcap out.mcap --start 30 --duration 10
+  lidcam-process drive.bag out.mcap --require "fused.car.recall > 0.8"
 """
 
 INSPECT_EXAMPLES = """\b
@@ -53,6 +61,32 @@ Examples:
   lidcam inspect bag_folder --json
   lidcam inspect broken.bag --repair whole.mcap
   lidcam inspect s3://bucket/drive.mcap
+"""
+
+EVALUATE_EXAMPLES = """\b
+Exit codes: 0 done, and all requirements are met; 1 a requirement is not met,
+with a line each, or nothing could be evaluated; 2 wrong usage; 3 done, but
+part of the result is damaged.
+
+\b
+Examples:
+  lidcam evaluate out.mcap
+  lidcam evaluate out.mcap --truth drive.bag --json figures.json
+  lidcam evaluate out.mcap --require "fused.car.recall >= 0.8"
+  lidcam evaluate out.mcap --require @gate.txt
+  lidcam evaluate out.mcap --set evaluate.max_range_m=40
+"""
+
+COMPARE_EXAMPLES = """\b
+Exit codes: 0 equal within the tolerances, or as far as is allowed; 1 they
+differ more, or cannot be compared; 2 wrong usage; 3 equal, but a file is
+damaged.
+
+\b
+Examples:
+  lidcam compare golden.mcap new.mcap
+  lidcam compare golden.mcap new.mcap --only fused --max-different 1
+  lidcam compare golden.mcap new.mcap --set compare.yaw_deg=5 --allow rescored
 """
 
 SIMULATE_EXAMPLES = """\b
@@ -92,8 +126,8 @@ app = typer.Typer(
 process_app = typer.Typer(context_settings=HELP_NAMES, rich_markup_mode=None, pretty_exceptions_enable=False)
 
 
-@app.command(epilog=PROCESS_EXAMPLES)
-@process_app.command(epilog=PROCESS_EXAMPLES)
+@app.command(epilog=PROCESS_EXAMPLES, cls=JsonCommand)
+@process_app.command(epilog=PROCESS_EXAMPLES, cls=JsonCommand)
 @with_log_options
 def process(
     paths: Annotated[
@@ -144,7 +178,11 @@ def process(
     print_matches: Annotated[
         bool, typer.Option("--print-matches", help="Print which 2D box is which object, frame by frame.")
     ] = False,
-    as_json: AsJson = False,
+    json: JsonTarget = None,
+    evaluate_: Annotated[
+        bool, typer.Option("--evaluate", help="Then measure the result, as `lidcam evaluate` does.")
+    ] = False,
+    requirements: Require = None,
     strict: Annotated[
         bool,
         typer.Option(
@@ -177,9 +215,10 @@ def process(
         raise typer.BadParameter(f"expected a name that ends in .rrd, found {rerun}", param_hint="--rerun")
     if duration == 0:
         raise typer.BadParameter("expected more than 0 seconds", param_hint="--duration")
-    if as_json and (print_detections or print_matches):
+    if json == STDOUT and (print_detections or print_matches):
         raise typer.BadParameter(
-            "prints one JSON document and nothing else: leave out --print-detections and --print-matches",
+            "prints one JSON document and nothing else: leave out --print-detections and --print-matches, or write it "
+            "to a file with --json FILE.json",
             param_hint="--json",
         )
     if max_dropped is not None and not strict:
@@ -188,10 +227,14 @@ def process(
         # Stages of several frames already fill the cores; OpenMP threads inside of one would only wait for each other.
         # Read once, when the libraries are loaded.
         os.environ.setdefault("OMP_NUM_THREADS", "1")
-    from lidcam.commands.process import Printed, run_process  # heavy: after the arguments are known to be right
+    from lidcam.commands.evaluate import requirement_errors  # heavy: after the arguments are known to be right
+    from lidcam.commands.process import Printed, run_process
     from lidcam.commands.strict import Strictness
+    from lidcam.evaluation.requirement import read_requirements
     from lidcam.job import make_job
 
+    with requirement_errors():
+        required = read_requirements(requirements or ())
     job = make_job(
         inputs,
         [output] if rerun is None else [output, rerun],
@@ -206,9 +249,12 @@ def process(
         on_bad_message=on_bad_message,
         overwrite=overwrite,
     )
-    printed = Printed(detections=print_detections, matches=print_matches, as_json=as_json)
+    printed = Printed(detections=print_detections, matches=print_matches, json=json)
     given = {} if max_dropped is None else {"max_dropped_percent": max_dropped}
-    run_process(job, printed, Strictness(**given) if strict else None)
+    with requirement_errors():
+        run_process(
+            job, printed, Strictness(**given) if strict else None, required if evaluate_ or requirements else None
+        )
 
 
 @app.command(epilog=INSPECT_EXAMPLES)
@@ -246,6 +292,110 @@ def inspect(
             overwrite=overwrite,
             as_json=as_json,
             read_files=read_files(config_file, rig_files),
+        )
+    )
+
+
+@app.command(epilog=EVALUATE_EXAMPLES, cls=JsonCommand)
+@with_log_options
+def evaluate(
+    result: Annotated[Path, typer.Argument(metavar="RESULT.mcap", help="What `lidcam process` wrote.")],
+    truth: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="PATH",
+            help="A recording with topics of truth, or labels; without it, what was copied into the result. May be "
+            "repeated.",
+        ),
+    ] = None,
+    truth_topic: Annotated[
+        str,
+        typer.Option(
+            metavar="TOPIC", help="The topic of the truth; without it, the one that is called so.", show_default=False
+        ),
+    ] = "",
+    requirements: Require = None,
+    rig_files: RigFile = None,
+    config_file: EvaluateConfigFile = None,
+    settings: Setting = None,
+    json: JsonTarget = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Measure a result: against truth, and without it.
+
+    Detection, calibration of scores, gain by fusion, tracks; by class, range
+    and zone.
+    """
+    from lidcam.commands.evaluate import EvaluateOptions, requirement_errors, run_evaluate
+    from lidcam.evaluation.evaluation import make_evaluation_job
+
+    with requirement_errors():
+        job = make_evaluation_job(
+            result,
+            truth=truth or (),
+            truth_topic=truth_topic,
+            requirements=requirements or (),
+            rig=rig_files,
+            config=config_file,
+            settings=settings or (),
+        )
+        run_evaluate(EvaluateOptions(job, json, overwrite))
+
+
+@app.command(epilog=COMPARE_EXAMPLES, cls=JsonCommand)
+@with_log_options
+def compare(
+    first: Annotated[Path, typer.Argument(metavar="A.mcap", help="A result of process.")],
+    second: Annotated[Path, typer.Argument(metavar="B.mcap", help="Another one, of the same recording or scene.")],
+    config_file: CompareConfigFile = None,
+    settings: Setting = None,
+    only: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--only",
+            metavar="NAME",
+            help="A source (fused, lidar, cameras) or camera; without it, all. May be repeated.",
+        ),
+    ] = None,
+    allow: Annotated[
+        list[AllowedDifference] | None,
+        typer.Option("--allow", help="What may differ, however much. Repeatable."),
+    ] = None,
+    max_different: Annotated[
+        float,
+        typer.Option(
+            "--max-different",
+            min=0,
+            max=100,
+            metavar="PERCENT",
+            help="How many of the objects of a source or camera, and of the frames, may differ.",
+        ),
+    ] = 0.0,
+    lines: Annotated[int, typer.Option("--lines", min=0, metavar="N", help="Differences that are printed.")] = 10,
+    json: JsonTarget = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Show what differs between two results, object by object.
+
+    Objects that are lost, new, moved, turned, resized, relabelled, rescored, or go on under another id; B against A.
+    """
+    from lidcam.commands.compare import CompareOptions, run_compare
+    from lidcam.job import read_files
+    from pipeline.core.settings.load import load_config
+
+    run_compare(
+        CompareOptions(
+            first=first,
+            second=second,
+            config=load_config(config_file, settings or ()),
+            settings_name=config_file or "defaults",
+            only=tuple(only or ()),
+            allowed=tuple(allow or ()),
+            max_different_percent=max_different,
+            lines=lines,
+            json=json,
+            overwrite=overwrite,
+            read_files=read_files(config_file, None),
         )
     )
 

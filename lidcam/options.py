@@ -3,22 +3,31 @@
 import inspect
 import logging
 from collections.abc import Callable
+from enum import StrEnum
 from functools import wraps
 from importlib.metadata import version
 from pathlib import Path
 from platform import platform, python_version
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
+from typer.core import TyperCommand
 
 from lidcam.printing.log import Verbosity, configure_logging
 
 __all__ = [
+    "STDOUT",
+    "AllowedDifference",
     "AsJson",
+    "CompareConfigFile",
     "ConfigFile",
+    "EvaluateConfigFile",
     "Format",
+    "JsonCommand",
+    "JsonTarget",
     "Overwrite",
     "RecordingOut",
+    "Require",
     "RigFile",
     "Scenario",
     "Seed",
@@ -36,6 +45,20 @@ LOG_SUFFIXES = (".log", ".txt")
 
 MAX_SECONDS = 1e9
 """Thirty years: longer than any recording, and well within 64 bits of nanoseconds."""
+
+
+class AllowedDifference(StrEnum):
+    """What two results may differ in: the kinds of `pipeline.evaluation.comparison.records`, and frames."""
+
+    LOST = "lost"
+    NEW = "new"
+    MOVED = "moved"
+    TURNED = "turned"
+    RESIZED = "resized"
+    RELABELLED = "relabelled"
+    RESCORED = "rescored"
+    REIDENTIFIED = "reidentified"
+    FRAMES = "frames"
 
 
 def seconds(value: float | None) -> float | None:
@@ -61,6 +84,38 @@ def _log_file(value: Path | None) -> Path | None:
     return value
 
 
+STDOUT = "-"
+JSON_SUFFIX = ".json"
+
+
+class JsonCommand(TyperCommand):
+    """A command whose --json may be followed by the name of a file."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Parse arguments; --json without a file means standard output."""
+        return super().parse_args(ctx, _with_json_target(args))
+
+
+def _with_json_target(args: list[str]) -> list[str]:
+    """The arguments, with `-` behind each --json that names no file: click knows no options whose value may be missing.
+
+    Only a name that ends in .json is one: what follows may as well be an argument.
+    """
+    end = args.index("--") if "--" in args else len(args)
+    options = []
+    for arg, after in zip(args[:end], [*args[1:end], ""], strict=False):
+        options.append(arg)
+        if arg == "--json" and after != STDOUT and not after.endswith(JSON_SUFFIX):
+            options.append(STDOUT)
+    return options + args[end:]
+
+
+def _json_target(value: str | None) -> str | None:
+    if value not in (None, STDOUT) and not str(value).endswith(JSON_SUFFIX):
+        raise typer.BadParameter(f"expected a name that ends in {JSON_SUFFIX}, found {value}")
+    return value
+
+
 def _scenarios(incomplete: str) -> list[str]:
     from bags.simulator.scenario.load import scenario_names  # the shell asks; other commands do without
 
@@ -75,6 +130,10 @@ ConfigFile = Annotated[
         metavar="PRESET|FILE",
         help="Settings: sandbox, crossing, road, or a YAML file; without it, what suits the recording.",
     ),
+]
+CompareConfigFile = Annotated[
+    str | None,
+    typer.Option("--config", metavar="PRESET|FILE", help="Settings, of which `compare` counts: the tolerances."),
 ]
 Setting = Annotated[list[str] | None, typer.Option("--set", metavar="A.B=C", help="One setting; may be repeated.")]
 RigFile = Annotated[
@@ -94,6 +153,27 @@ Overwrite = Annotated[
     ),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
+JsonTarget = Annotated[
+    str | None,
+    typer.Option(
+        "--json",
+        metavar="[FILE.json]",
+        callback=_json_target,
+        help="Print the result as JSON; with a file, write it there beside the tables.",
+    ),
+]
+Require = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--require",
+        metavar='"FIGURE >= N"',
+        help="Exit with 1 if a figure is not so; @FILE has one in a line. May be repeated.",
+    ),
+]
+EvaluateConfigFile = Annotated[
+    str | None,
+    typer.Option("--config", metavar="FILE", help="Take the section evaluate of these settings, not the result's."),
+]
 Scenario = Annotated[
     str,
     typer.Argument(metavar="SCENARIO", help="Name of a scenario, or a YAML file.", autocompletion=_scenarios),

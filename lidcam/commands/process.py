@@ -2,6 +2,7 @@
 
 import logging
 import time
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Any
@@ -9,13 +10,20 @@ from typing import Any
 from rich.console import Console
 
 from lidcam.commands.envelope import envelope
+from lidcam.commands.evaluate import Shown
+from lidcam.commands.json_output import json_output
 from lidcam.commands.strict import Strictness
 from lidcam.commands.verdict import Verdict
+from lidcam.evaluation.evaluate import evaluate_result
+from lidcam.evaluation.evaluation import Evaluation, EvaluationJob
+from lidcam.evaluation.evaluators import known_figures
+from lidcam.evaluation.requirement import Requirement, check_names
 from lidcam.frames import RunInput
 from lidcam.job import Job
 from lidcam.printing.console import print_detections, print_matches, print_report
+from lidcam.printing.evaluation import print_evaluation
 from lidcam.printing.progress import Advance, show_progress
-from lidcam.printing.terminal import console, show_json
+from lidcam.printing.terminal import console
 from lidcam.run import RunObserver, process_recording
 from lidcam.settings.choice import used_record
 from lidcam.summary import RunProgress, RunReport, report_tree
@@ -25,6 +33,9 @@ __all__ = ["Printed", "run_process"]
 
 logger = logging.getLogger(__name__)
 
+SOURCES = ("lidar", "fused")
+"""Of 3D boxes, in every result."""
+
 
 @dataclass(frozen=True, slots=True)
 class Printed:
@@ -33,58 +44,95 @@ class Printed:
     Attributes:
         detections: What the lidars saw, frame by frame.
         matches: Which 2D box is which object, frame by frame.
-        as_json: The final tables as JSON.
+        json: Where the final tables go as JSON: None, `-` for standard output in place of the tables, or a file.
     """
 
     detections: bool = False
     matches: bool = False
-    as_json: bool = False
+    json: str | None = None
 
 
-def run_process(job: Job, printed: Printed = Printed(), strictness: Strictness | None = None) -> None:
+def run_process(
+    job: Job,
+    printed: Printed = Printed(),
+    strictness: Strictness | None = None,
+    requirements: Sequence[Requirement] | None = None,
+) -> None:
     """Process a recording and print the final tables.
 
+    Args:
+        job: What to process, and what to write.
+        printed: What is printed.
+        strictness: How much of the recording the run has to use; None: that does not matter.
+        requirements: What is required of the figures of the result, which is then evaluated; None: it is not.
+
     Raises:
-        CheckError: the run used less of the recording than `strictness` asks for; the outputs stay.
+        RequirementError: a requirement names a figure that there cannot be; nothing is processed.
+        CheckError: the run used less of the recording than `strictness` asks for, or a requirement is not met; the
+            outputs stay.
         IncompleteError: part of the recording could not be used; the outputs stay.
         LidcamError: the input, the calibration, the settings or an output is at fault; no output is left behind.
     """
     out = console()
-    with ExitStack() as stack:
-        report = process_recording(job, _Terminal(printed, out, stack))
+    others = (*job.inputs, *job.outputs, *job.read_files)
+    with json_output(printed.json, inputs=others, overwrite=job.overwrite) as json:
+        with ExitStack() as stack:
+            report = process_recording(job, _Terminal(printed, out, stack, requirements or ()))
+        evaluation = None if requirements is None else _evaluated(job, requirements)
+        failure = strictness.failure(report) if strictness else ""
+        failures = ((failure,) if failure else ()) + (evaluation.failures if evaluation else ())
+        verdict = Verdict(failures, report.incomplete)
+        json.tree = _tree(report, evaluation, verdict)
     for drop in report.drops:
         logger.info("dropped: %s: %d messages: %s %s", drop.topic, drop.count, drop.reason, drop.example)
     for warning in report.warnings:
         logger.info("warning: %s", warning)
     logger.info("done: %d frames, %.1f a second, written: %s", report.frames, report.frames_per_second, report.outputs)
-    failure = strictness.failure(report) if strictness else ""
-    verdict = Verdict((failure,) if failure else (), report.incomplete)
-    if printed.as_json:
-        show_json(out, _tree(report, verdict))
-    else:
-        print_report(out, report)
+    json.show(out, lambda: _print(out, report, evaluation))
     verdict.end()
 
 
-def _tree(report: RunReport, verdict: Verdict) -> dict[str, Any]:
+def _evaluated(job: Job, requirements: Sequence[Requirement]) -> Evaluation:
+    (result,) = (path for path in job.outputs if path.suffix == ".mcap")
+    with ExitStack() as stack:
+        return evaluate_result(EvaluationJob(result, requirements=tuple(requirements)), Shown(stack))
+
+
+def _print(out: Console, report: RunReport, evaluation: Evaluation | None) -> None:
+    print_report(out, report)
+    if evaluation is not None:
+        out.print()
+        print_evaluation(out, evaluation)
+
+
+def _tree(report: RunReport, evaluation: Evaluation | None, verdict: Verdict) -> dict[str, Any]:
+    figures = report_tree(report)
+    if evaluation is not None:
+        measured = evaluation.tree()
+        both = {key: figures[key] | measured.get(key, {}) for key in ("sync", "timing")}
+        figures = {**figures, **measured, **both}
     return envelope(
         "process",
         inputs=report.inputs,
         settings=used_record(report.settings) | {"sha256": report.settings_sha256},
-        figures=report_tree(report),
+        truth=evaluation.truth.tree() if evaluation and evaluation.truth else None,
+        figures=figures,
         verdict=verdict,
-        warnings=report.warnings,
-        notes=report.notes,
+        warnings=(*report.warnings, *(evaluation.warnings if evaluation else ())),
+        notes=(*report.notes, *(evaluation.notes if evaluation else ())),
     )
 
 
 class _Terminal(RunObserver):
     """Shows progress, and frames where that is asked for."""
 
-    def __init__(self, printed: Printed, out: Console, stack: ExitStack) -> None:
-        self._printed, self._out, self._stack = printed, out, stack
+    def __init__(self, printed: Printed, out: Console, stack: ExitStack, requirements: Sequence[Requirement]) -> None:
+        self._printed, self._out, self._stack, self._requirements = printed, out, stack, requirements
 
     def opened(self, source: RunInput) -> None:
+        if self._requirements:
+            known = known_figures(source.config, source.rig.zones, source.rig.cameras, SOURCES)
+            check_names(self._requirements, known)
         recording, window = source.recording, source.window
         self._config = source.config
         self._start_ns = window.start_ns or recording.start_ns

@@ -52,19 +52,19 @@ class NamedFigures(Mapping[str, Figure]):
         known = [key.removeprefix(LEFT_OUT) if is_short else key for key in self._found]
         if under := [key.removeprefix(f"{name}.") for key in known if key.startswith(f"{name}.")]:
             return f"{name!r} names {len(under)} figures: expected one of them, such as {f'{name}.{under[0]}'!r}"
-        nearest = get_close_matches(name, known, n=MAX_NEAREST, cutoff=LIKENESS)
-        if nearest:
+        begun = [key for key in known if name and key.startswith(name)]
+        if nearest := begun[:MAX_NEAREST] or get_close_matches(name, known, n=MAX_NEAREST, cutoff=LIKENESS):
             return f"unknown figure {name!r}: did you mean {_either([repr(one) for one in nearest])}?"
         sections = dict.fromkeys(key.partition(".")[0] for key in self._found)
         return f"unknown figure {name!r}: known are those of {', '.join(sections)}"
 
-    def beside(self, name: str) -> dict[str, Figure]:
-        """The figures of the section that holds a figure, by the last part of their names."""
-        key = self._key(name) or name
-        section = key.rpartition(".")[0]
-        beginning = f"{section}." if section else ""
-        last = {known: known.removeprefix(beginning) for known in self._found if known.startswith(beginning)}
-        return {part: self._found[known] for known, part in last.items() if "." not in part}
+    def nearest_count(self, name: str, count: str) -> Figure:
+        """The figure of a given last name in the section of a figure, or else in the closest section around it."""
+        section = self._key(name) or name
+        while section := section.rpartition(".")[0]:
+            if f"{section}.{count}" in self._found:
+                return self._found[f"{section}.{count}"]
+        return None
 
     def _key(self, name: str) -> str | None:
         return next((key for key in (name, LEFT_OUT + name) if key in self._found), None)

@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from lidcam.evaluation.figures import LABELS, NamedFigures
+from pipeline.core.errors import ConfigError
 from pipeline.evaluation.records import Figure
 
-__all__ = ["EXAMPLE", "Outcome", "Requirement", "RequirementError", "read_requirements", "unknown_names"]
+__all__ = ["EXAMPLE", "Outcome", "Requirement", "RequirementError", "check_names", "read_requirements"]
 
 EXAMPLE = "fused.car.ap_bev_r40_50 >= 0.9"
 
@@ -24,14 +25,17 @@ OPERATORS: Mapping[str, Callable[[float, float], bool]] = {
     "<": operator.lt,
 }
 
+TRACKING = "tracking."
+"""How the names of figures begin that only results with track ids have."""
+
 MAX_FILE_BYTES = 1 << 20
 FEWEST_DIGITS, MOST_DIGITS = 4, 17
 
 _FORM = re.compile(r"(?P<name>[^\s<>=!][^<>=!]*?)\s*(?P<sign>[<>=!]+)\s*(?P<limit>[^\s<>=!]+)")
 
 
-class RequirementError(ValueError):
-    """A requirement is not written as one, or a file of them cannot be read."""
+class RequirementError(ConfigError):
+    """A requirement is not written as one, or names a figure that there is not, or a file of them cannot be read."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,27 +125,33 @@ def read_requirements(texts: Iterable[str]) -> tuple[Requirement, ...]:
     return tuple(found)
 
 
-def unknown_names(requirements: Sequence[Requirement], figures: NamedFigures) -> list[str]:
-    """What to say of requirements whose figures there cannot be.
+def check_names(requirements: Sequence[Requirement], known: NamedFigures) -> None:
+    """Whether there can be figures of these names.
 
     Args:
         requirements: The requirements.
-        figures: Those of a result without frames: names that depend on the words of the truth are not among them.
+        known: The figures of a result without objects: names that depend on the words of the truth are not among them,
+            and neither are those of tracks, which a result may not have.
+
+    Raises:
+        RequirementError: there is no such figure.
     """
-    names = [one.name for one in requirements if f".{LABELS}." not in one.name]
-    return [figures.unknown(name) for name in dict.fromkeys(names) if name not in figures]
+    for name in dict.fromkeys(one.name for one in requirements):
+        if name not in known and f".{LABELS}." not in name and not name.startswith(TRACKING):
+            raise RequirementError(known.unknown(name))
 
 
 def why_undefined(figures: NamedFigures, name: str) -> str:
-    """Why a figure is not defined, as far as the counts beside it tell; begins with a colon, or is empty."""
-    beside = figures.beside(name)
+    """Why a figure is not defined, as far as counts beside it or above it tell; begins with a colon, or is empty."""
+    if figures.get("frames_with_truth") == 0:
+        return ": there is no truth"
     for count, reason in _REASONS.items():
-        if beside.get(count) == 0:
+        if figures.nearest_count(name, count) == 0:
             return f": {reason}"
     return ""
 
 
-_REASONS = {"truth": "there is no truth of it", "detections": "nothing of it was found"}
+_REASONS = {"truth": "there is no truth of it", "found": "nothing of it was found", "right": "nothing of it was right"}
 """Counts that leave the figures beside them without a meaning where they are 0."""
 
 

@@ -44,5 +44,6 @@ def console(*, stderr: bool = False) -> Console:
 
 
 def show_json(out: Console, tree: Any) -> None:
-    """Print one JSON document: in colours on a terminal."""
-    out.print(JSONHighlighter()(json_text(tree)), soft_wrap=True)
+    """Print one JSON document: in colours on a terminal, which take a while where there are thousands of figures."""
+    text = json_text(tree)
+    out.print(JSONHighlighter()(text) if out.is_terminal else Text(text), soft_wrap=True)

@@ -2,6 +2,7 @@
 
 from hashlib import sha256
 
+from pipeline.core.settings.compare import CompareConfig
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.load import dump_config
 from pipeline.core.settings.run import RunConfig
@@ -10,8 +11,8 @@ __all__ = ["lasting_settings", "settings_sha256"]
 
 
 def lasting_settings(config: Config) -> str:
-    """All settings that affect a result, as YAML: how it is run does not."""
-    return dump_config(config.model_copy(update={"run": RunConfig()}))
+    """All settings that affect a result, as YAML: how it is run or compared with another one does not."""
+    return dump_config(config.model_copy(update={"run": RunConfig(), "compare": CompareConfig()}))
 
 
 def settings_sha256(config: Config) -> str:

@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from pipeline.core.arrays import F64, Bools
+from pipeline.core.arrays import F64, I32, Bools
 from pipeline.core.geometry.polygons import first_polygon_with
 from pipeline.core.settings.evaluate import EvaluateConfig
 from pipeline.evaluation.records import UNKNOWN, TruthBoxes3D
 
-__all__ = ["is_evaluated", "is_within"]
+__all__ = ["is_evaluated", "is_seen", "is_within"]
 
 
 def is_within(centers: F64, config: EvaluateConfig) -> Bools:
@@ -33,13 +33,28 @@ def is_evaluated(truth: TruthBoxes3D, config: EvaluateConfig) -> Bools:
 
     The others are ignored: who misses them has no miss, and a result that matches one of them is no error. These are
     objects marked as such, of no configured class, outside the region or the range, and those that no sensor saw: with
-    fewer lidar points than `min_lidar_points` and fewer pixels than `min_image_pixels`. Where the truth does not say
-    how many points or pixels an object has, it may have been seen.
+    fewer lidar points than `min_lidar_points` and fewer pixels than `min_image_pixels`.
 
     Returns:
         (N,) bool.
     """
-    few_points = (truth.lidar_points != UNKNOWN) & (truth.lidar_points < config.min_lidar_points)
-    few_pixels = (truth.image_pixels != UNKNOWN) & (truth.image_pixels < config.min_image_pixels)
     known = (truth.class_ids != UNKNOWN) & ~truth.is_ignored
-    return np.asarray(known & ~(few_points & few_pixels) & is_within(truth.centers, config))
+    seen = is_seen(truth.lidar_points, truth.image_pixels, config)
+    return np.asarray(known & seen & is_within(truth.centers, config))
+
+
+def is_seen(lidar_points: I32, image_pixels: I32, config: EvaluateConfig) -> Bools:
+    """Whether each object has as many lidar points or pixels as the settings ask for.
+
+    A count that the truth does not give decides nothing; without any, the object is taken to be seen.
+
+    Args:
+        lidar_points: (N,) or `UNKNOWN`.
+        image_pixels: (N,) or `UNKNOWN`.
+        config: `min_lidar_points` and `min_image_pixels`.
+
+    Returns:
+        (N,) bool.
+    """
+    seen = (lidar_points >= config.min_lidar_points) | (image_pixels >= config.min_image_pixels)
+    return np.asarray(seen | ((lidar_points == UNKNOWN) & (image_pixels == UNKNOWN)))

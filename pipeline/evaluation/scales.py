@@ -1,4 +1,4 @@
-"""Distances by which results are judged: as long as the objects are, or those of nuScenes."""
+"""Distances and ranges by which results are judged: as long as the objects are, or those of nuScenes."""
 
 from itertools import pairwise
 
@@ -7,31 +7,60 @@ import numpy as np
 from pipeline.core.arrays import F64, I64
 from pipeline.core.settings.config import Config
 
-__all__ = ["REFERENCE_LENGTH_M", "length_scale", "range_edges_m", "range_names", "range_rows"]
+__all__ = [
+    "NUSCENES_RANGES_M",
+    "REFERENCE_LENGTH_M",
+    "decimal",
+    "length_scales",
+    "nuscenes_ranges_m",
+    "range_edges_m",
+    "range_names",
+    "range_rows",
+]
 
 REFERENCE_LENGTH_M = 4.0
 """Length of the car for which the distances of nuScenes were chosen."""
 
+NUSCENES_RANGES_M = {
+    "car": 50.0,
+    "truck": 50.0,
+    "bus": 50.0,
+    "trailer": 50.0,
+    "construction_vehicle": 50.0,
+    "pedestrian": 40.0,
+    "motorcycle": 40.0,
+    "bicycle": 40.0,
+    "traffic_cone": 30.0,
+    "barrier": 30.0,
+}
+"""The classes of nuScenes, and how far from the vehicle each is evaluated (its `detection_cvpr_2019`)."""
+
 DEFAULT_RANGES_M = (0.0, 10.0, 20.0, 40.0, 80.0)
 
 
-def length_scale(config: Config, class_id: int) -> float:
-    """What distances of nuScenes are multiplied with for a class: its length over 4 m, or 1 where they are unscaled."""
+def length_scales(config: Config) -> F64:
+    """(C,) what distances of nuScenes are multiplied with: a class's length over 4 m, or 1 where they are unscaled."""
     if config.evaluate.distances == "nuscenes":
-        return 1.0
-    return config.classes[class_id].size_m[0] / REFERENCE_LENGTH_M
+        return np.ones(len(config.classes))
+    return np.array([prior.size_m[0] for prior in config.classes]) / REFERENCE_LENGTH_M
+
+
+def nuscenes_ranges_m(config: Config) -> F64:
+    """(C,) metres below which nuScenes evaluates each class; 0 for a class that it does not have."""
+    return np.array([NUSCENES_RANGES_M.get(name, 0.0) for name in config.class_names])
 
 
 def range_edges_m(config: Config) -> F64:
-    """(K + 1,) edges of the K ranges from the origin by which figures are told apart, metres."""
+    """(K,) where the K ranges from the origin begin by which figures are told apart, metres; the last has no end."""
     if config.evaluate.ranges_m is not None:
         return np.array(config.evaluate.ranges_m, np.float64)
     return np.array(DEFAULT_RANGES_M) * (config.classes[0].size_m[0] / REFERENCE_LENGTH_M)
 
 
 def range_names(edges_m: F64) -> tuple[str, ...]:
-    """Names of the ranges in figures, as `0_10`; `0p75_1p5` in a miniature, as points part the names of figures."""
-    return tuple(f"{near:g}_{far:g}".replace(".", "p") for near, far in pairwise(edges_m))
+    """(K,) names of the ranges in figures, as `0_10` and `over_80`."""
+    closed = (f"{decimal(near)}_{decimal(far)}" for near, far in pairwise(edges_m.tolist()))
+    return (*closed, f"over_{decimal(float(edges_m[-1]))}")
 
 
 def range_rows(centers: F64, edges_m: F64) -> I64:
@@ -39,10 +68,15 @@ def range_rows(centers: F64, edges_m: F64) -> I64:
 
     Args:
         centers: (N, 3) in the site frame, metres.
-        edges_m: (K + 1,) rising.
+        edges_m: (K,) rising.
 
     Returns:
-        (N,) row of the range, -1 outside all; a range holds its nearer edge and not its farther.
+        (N,) row of the range, which holds its nearer edge and not its farther; -1 before the first.
     """
-    rows = np.searchsorted(edges_m, np.hypot(centers[:, 0], centers[:, 1]), side="right") - 1
-    return np.where(rows < len(edges_m) - 1, rows, -1).astype(np.int64)
+    ranges_m = np.hypot(centers[:, 0], centers[:, 1])
+    return (np.searchsorted(edges_m, ranges_m, side="right") - 1).astype(np.int64)
+
+
+def decimal(number: float) -> str:
+    """A number in the name of a figure, where a point would part two names: `0.825` is `0p825`."""
+    return f"{number:.6g}".replace(".", "p")

@@ -1,7 +1,7 @@
 """Which topics of a recording are lidars and cameras, and which calibration and boxes belong to which camera.
 
-A topic is used if it has messages, the settings do not exclude it, and its name does not say depth or mask. Topics made
-of other topics (combined messages, combined clouds) are used only where those were not recorded.
+A topic is used if it has messages, the settings do not exclude it, and its name does not say ground truth, depth or
+mask. Topics made of other topics (combined messages, combined clouds) are used only where those were not recorded.
 Images of one camera that were recorded several times (raw and compressed, raw and rectified) count once. CameraInfo
 and recorded boxes go to the camera of the same place (see `topic_names`), else to the one whose messages name the same
 frame; among several by frame, then by the longest common beginning, then in order of name; a single one goes to a
@@ -123,8 +123,7 @@ def find_camera_topics(
 ) -> list[CameraTopics]:
     """Cameras, in natural order or as configured; those with boxes but no images come last."""
     notes = findings.notes
-    found = [info for info in _with_messages(recording, BOXES, config) if not info.unreadable]
-    boxes = [info.topic for info in found if not is_truth(info.topic, info.msgtype)]
+    boxes = [info.topic for info in _with_messages(recording, BOXES, config) if not info.unreadable]
     if config.cameras:
         images = _configured(recording, config.cameras, IMAGE | BOXES, "camera", findings)
         named = [t for t in images if _types(recording, t) <= BOXES]
@@ -164,12 +163,13 @@ def find_camera_topics(
 
 
 def _with_messages(recording: Recording, msgtypes: frozenset[str], config: TopicsConfig) -> list[TopicInfo]:
-    """Topics of these types that have messages and are not excluded, in natural order."""
+    """Topics of these types that have messages and neither are truth nor excluded, in natural order."""
     infos = [
         info
         for info in recording.topics
         if info.msgtype in msgtypes
         and info.message_count > 0
+        and not is_truth(info.topic, info.msgtype)
         and not any(fnmatchcase(info.topic, pattern) for pattern in config.exclude)
     ]
     return sorted(infos, key=lambda info: natural_key(info.topic))

@@ -60,10 +60,10 @@ def open_truth(result: Result, paths: Sequence[Location] = (), *, topic: str = "
     if not paths:
         if odometry := _odometry(result.recording, result, topic):
             return OpenTruth(odometry, "", (result.recording,))
-        found = find_truth_topics(result.recording, RESULT_TOPICS, result.cameras, topic)
+        found = find_truth_topics(result.recording, RESULT_TOPICS, topic)
         if isinstance(found, str):
             return OpenTruth(None, f"{found}; give the recording that has it (--truth)", (result.recording,))
-        truth = RecordedTruth(result.recording, found, result.config)
+        truth = RecordedTruth(result.recording, found, result.rig.cameras, result.config)
         return OpenTruth(truth, "", (result.recording,))
     results = RESULT_TOPICS if any(isinstance(path, Path) and is_result(path) for path in paths) else frozenset()
     recording = open_recording(paths, ReadOptions(limits=result.config.limits))
@@ -99,7 +99,7 @@ def _recorded(recording: Recording, results: frozenset[str], result: Result, top
     """
     if odometry := _odometry(recording, result, topic):
         return odometry
-    found = find_truth_topics(recording, results, [camera.name for camera in result.rig.cameras], topic)
+    found = find_truth_topics(recording, results, topic)
     if isinstance(found, str):
         raise RecordingError(found)
-    return RecordedTruth(recording, found, result.config)
+    return RecordedTruth(recording, found, result.rig.cameras, result.config)

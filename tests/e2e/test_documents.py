@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
@@ -83,9 +84,23 @@ def calibration(parent: str, child: str) -> Callable[[Path], object]:
     return lambda path: path.write_text(f"{parent}: {{{child}: {pose}}}\n")
 
 
+@cache
+def result() -> bytes:
+    """A small result: that of a command that every page may name."""
+    with TemporaryDirectory() as home:
+        path = Path(home) / "result.mcap"
+        less = ("--duration", "0.2", "--set", "output.images=false", "--set", "output.clouds=false", "-q")
+        assert call("lidcam", "process", SANDBOX, path, *less) == 0
+        return path.read_bytes()
+
+
 STAND_INS: dict[str, Callable[[Path], object]] = {
     "drive.bag": lambda path: path.symlink_to(SANDBOX),
     "broken.bag": lambda path: path.write_bytes(SANDBOX.read_bytes()[:3_000_000]),
+    "golden.mcap": lambda path: path.write_bytes(result()),
+    "new.mcap": lambda path: path.write_bytes(result()),
+    "out.mcap": lambda path: path.write_bytes(result()),
+    "@gate.txt": lambda path: path.with_name("gate.txt").write_text("fused.car.recall >= 0.5\n"),
     "drive.mcap": lambda path: path.symlink_to(CROSSING),
     "drive.pcap": capture,
     "bag_folder": folder,
@@ -171,7 +186,8 @@ def outputs_of(words: list[str]) -> set[str]:
     """Names of the files that a command writes."""
     named = {after for option, after in pairwise(words) if option in {"--write-rig", "--repair", "--rerun"}}
     redirected = {after for sign, after in pairwise(words) if sign == ">"}
-    return named | redirected | set(words[3:4] if words[1] in {"simulate", "drive"} else [])
+    made = {"process": ["out.mcap"], "simulate": words[3:4], "drive": words[3:4]}
+    return named | redirected | set(made.get("process" if words[0] == "lidcam-process" else words[1], []))
 
 
 @pytest.mark.parametrize("command", COMMANDS)

@@ -174,7 +174,10 @@ def test_json_summary(lidcam: Lidcam, sandbox: Path, sandbox_config: Path, tmp_p
     assert summary["motion"] == {"topics": [], "compensated_frames": 0}
     assert "/car1/base_pose_ground_truth" in summary["unused_topics"]
     assert not set(summary["unused_topics"]) & {*used, *summary["copied"]}
-    assert summary["copied"] == {"/ground_truth/objects": 20}  # of the second, and of the two after it at most
+    truth = {f"/ground_truth/{name}" for name in ("objects", "objects_when_measured")}
+    truth |= {f"/ground_truth/cam{n}/{kind}" for n in (11, 12, 13, 14, 41, 42, 43, 44) for kind in ("visible", "whole")}
+    # Of the second, and of the two after it at most.
+    assert summary["copied"] == dict.fromkeys(sorted(truth), 20)
 
 
 def test_truth_is_copied_around_the_window_with_names_for_numbers(
@@ -183,12 +186,14 @@ def test_truth_is_copied_around_the_window_with_names_for_numbers(
     out, given = tmp_path / "o.mcap", ("--config", sandbox_config, "--start", "0.5", "--duration", "0.5")
     run = lidcam("process", sandbox, out, *given)
     assert run.code == 0, run.err
-    assert re.search(r"copied +20 messages: /ground_truth/objects 20\n", run.out)
+    assert re.search(r"copied +360 messages: /ground_truth/cam11/visible 20, ", run.out)
     truth = messages_of(out, "/ground_truth/objects")
     objects = truth[0][1].detections
     assert {one.results[0].hypothesis.class_id for one in objects} == {"car"}
     assert [one.id for one in objects] == [str(row) for row in range(len(objects))]
-    assert {one.hypothesis.class_id for one in objects[0].results[1:]} == {"lidar_points", "image_pixels"}
+    counts = {"lidar_points", *(f"lidar_points/{row}" for row in range(3))}
+    counts |= {"image_pixels", *(f"image_pixels/{row}" for row in range(8))}
+    assert {one.hypothesis.class_id for one in objects[0].results[1:]} == counts
     frames = messages_of(out, "/fused/detections")
     assert truth[0][0] < frames[0][0] < frames[-1][0] < truth[-1][0]
     with out.open("rb") as file:

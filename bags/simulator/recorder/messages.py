@@ -1,7 +1,4 @@
-"""The messages of a simulated recording, for ROS 1 or ROS 2.
-
-The vision_msgs of ROS 2 name classes (`car`), those of ROS 1 number them: see `CLASS_NUMBERS`.
-"""
+"""The messages of a simulated recording, for ROS 1 or ROS 2."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,14 +7,16 @@ from typing import Any
 import cv2
 import numpy as np
 
+from bags.simulator.recorder.hypotheses import Hypothesis, instance
 from bags.simulator.recorder.recorded import Recorded
-from pipeline.core.arrays import F64, I64, U8
+from pipeline.core.arrays import I64, U8
 from pipeline.core.camera import CameraModel
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.ros.messages import RosMessages
-from pipeline.core.ros.vision_numbers import CLASS_NUMBERS, COUNT_NUMBERS
 
-__all__ = ["MessageFactory", "TrueObject"]
+__all__ = ["MessageFactory", "TrueObject", "ViewedObject"]
+
+NO_POSE = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,19 +25,34 @@ class TrueObject:
 
     Attributes:
         name: Name in the scenario.
-        class_name: A key of `CLASS_NUMBERS`.
+        row: Row in the ground truth.
         T_site_box: Pose of the box's centre.
         size_m: Length, width, height.
-        lidar_points: Points on it from all lidars, in the sweeps of that moment.
-        image_pixels: Pixels that show it in all cameras' images of that moment.
+        hypotheses: Its class, then counts.
     """
 
     name: str
-    class_name: str
+    row: int
     T_site_box: Transform
     size_m: tuple[float, float, float]
-    lidar_points: int
-    image_pixels: int
+    hypotheses: tuple[Hypothesis, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ViewedObject:
+    """One box in an image.
+
+    Attributes:
+        name: Name in the scenario of the object that it shows; empty for none.
+        row: Its row in the ground truth; -1 for none.
+        xyxy: Left, top, right, bottom in pixels, counted from the image's corner.
+        hypotheses: Its class, then counts and shares.
+    """
+
+    name: str
+    row: int
+    xyxy: tuple[float, float, float, float]
+    hypotheses: tuple[Hypothesis, ...]
 
 
 class MessageFactory(RosMessages):
@@ -115,14 +129,15 @@ class MessageFactory(RosMessages):
         """std_msgs/Float64."""
         return self.new("std_msgs/msg/Float64", data=float(value))
 
-    def detections_2d(
-        self, stamp_ns: int, frame_id: str, boxes_xyxy: F64, scores: F64, class_names: Sequence[str]
-    ) -> Any:
-        """vision_msgs/Detection2DArray of boxes (M, 4): left, top, right, bottom in pixels."""
+    def detections_2d(self, stamp_ns: int, frame_id: str, objects: Sequence[ViewedObject]) -> Any:
+        """vision_msgs/Detection2DArray.
+
+        In ROS 2 `id` is the object's name; ROS 1 has no such field and gets the object's row as the last hypothesis.
+        """
         header = self.header(stamp_ns, frame_id)
         detections = []
-        for index, (box, score, name) in enumerate(zip(boxes_xyxy, scores, class_names, strict=True)):
-            left, top, right, bottom = (float(edge) for edge in box)
+        for viewed in objects:
+            left, top, right, bottom = viewed.xyxy
             x, y = (left + right) / 2, (top + bottom) / 2
             if self.ros_version == 1:
                 center = self.new("geometry_msgs/msg/Pose2D", x=x, y=y, theta=0.0)
@@ -132,13 +147,13 @@ class MessageFactory(RosMessages):
             else:
                 position = self.new("vision_msgs/msg/Point2D", x=x, y=y)
                 center = self.new("vision_msgs/msg/Pose2D", position=position, theta=0.0)
-                more = {"id": str(index)}
+                more = {"id": viewed.name}
             size = {"size_x": right - left, "size_y": bottom - top}
             detections.append(
                 self.new(
                     "vision_msgs/msg/Detection2D",
                     header=header,
-                    results=[self._hypothesis(name, float(score), self.pose((0.0, 0.0, 0.0)))],
+                    results=self._results(viewed, self.pose(NO_POSE)),
                     bbox=self.new("vision_msgs/msg/BoundingBox2D", center=center, **size),
                     **more,
                 )
@@ -146,35 +161,38 @@ class MessageFactory(RosMessages):
         return self.new("vision_msgs/msg/Detection2DArray", header=header, detections=detections)
 
     def truth(self, stamp_ns: int, frame_id: str, objects: Sequence[TrueObject]) -> Any:
-        """vision_msgs/Detection3DArray of the ground truth, each object's class and counts as hypotheses.
-
-        In ROS 2 `id` is the object's name; ROS 1 has no such field and gets the object's row as a further count.
-        """
+        """vision_msgs/Detection3DArray of the ground truth; which object it is, is told as by `detections_2d`."""
         header = self.header(stamp_ns, frame_id)
         detections = []
-        for row, true in enumerate(objects):
+        for true in objects:
             pose = self._pose(true.T_site_box)
-            counts = {"lidar_points": true.lidar_points, "image_pixels": true.image_pixels}
             if self.ros_version == 1:
-                counts["instance"] = row
                 more = {"source_cloud": self.cloud(stamp_ns, frame_id, {"x": np.empty(0, np.float32)})}
             else:
                 more = {"id": true.name}
-            results = [self._hypothesis(true.class_name, 1.0, pose)]
-            results += [self._hypothesis(key, float(count), pose) for key, count in counts.items()]
+            results = self._results(true, pose)
             bbox = self.new("vision_msgs/msg/BoundingBox3D", center=pose, size=self.vector(*true.size_m))
             detections.append(
                 self.new("vision_msgs/msg/Detection3D", header=header, results=results, bbox=bbox, **more)
             )
         return self.new("vision_msgs/msg/Detection3DArray", header=header, detections=detections)
 
-    def _hypothesis(self, class_name: str, score: float, pose: Any) -> Any:
+    def _results(self, thing: TrueObject | ViewedObject, pose: Any) -> list[Any]:
+        """vision_msgs/ObjectHypothesisWithPose, each with the same pose."""
         posed = self.pose_with_covariance(pose)
         if self.ros_version == 1:
-            number = COUNT_NUMBERS.get(class_name) or CLASS_NUMBERS[class_name]
-            return self.new("vision_msgs/msg/ObjectHypothesisWithPose", id=number, score=score, pose=posed)
-        hypothesis = self.new("vision_msgs/msg/ObjectHypothesis", class_id=class_name, score=score)
-        return self.new("vision_msgs/msg/ObjectHypothesisWithPose", hypothesis=hypothesis, pose=posed)
+            return [
+                self.new("vision_msgs/msg/ObjectHypothesisWithPose", id=one.number, score=one.score, pose=posed)
+                for one in (*thing.hypotheses, instance(thing.row))
+            ]
+        return [
+            self.new(
+                "vision_msgs/msg/ObjectHypothesisWithPose",
+                hypothesis=self.new("vision_msgs/msg/ObjectHypothesis", class_id=one.name, score=one.score),
+                pose=posed,
+            )
+            for one in thing.hypotheses
+        ]
 
     def _pose(self, pose: Transform) -> Any:
         return self.pose(pose.translation.tolist(), pose.quaternion_xyzw.tolist())

@@ -11,7 +11,7 @@ from bags.simulator.world.bodies.dimensions import SHAPES
 from bags.simulator.world.bodies.hulls import front_wheel
 from bags.simulator.world.bodies.joints import RaisedPath, steered_wheel
 from bags.simulator.world.bodies.pedestrian import pedestrian_parts
-from bags.simulator.world.mover import Mover, Part
+from bags.simulator.world.mover import BodyBox, FittedBox, Mover, Part, RigidBox, UprightBox
 from pipeline.core.arrays import F64
 
 __all__ = ["build_mover"]
@@ -33,9 +33,11 @@ def build_mover(
     """
     shape = SHAPES[vehicle.shape]
     path: Trajectory | RaisedPath = trajectory
+    body: BodyBox = RigidBox(UprightBox(shape.box_center_m, shape.body_size_m))
     if vehicle.shape == "pedestrian":
         path = trajectory if height is None else RaisedPath(trajectory, height)
         parts = pedestrian_parts(name, vehicle.color, path)
+        body = FittedBox(path, parts)
     elif vehicle.shape == "cyclist":
         parts = cyclist_parts(name, vehicle.color, trajectory)
     else:
@@ -44,4 +46,4 @@ def build_mover(
             Part(BODIES[vehicle.shape](vehicle.color), trajectory),
             *(Part(wheel, steered_wheel(trajectory, shape, side)) for side in (1, -1)),
         )
-    return Mover(name, shape.class_name, path, shape.box_center_m, shape.size_m, parts)
+    return Mover(name, shape.class_name, path, shape.box_center_m, shape.size_m, parts, body)

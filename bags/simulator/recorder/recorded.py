@@ -52,15 +52,17 @@ class Measured(NamedTuple):
     """One measurement of a sensor.
 
     Attributes:
-        by_lidar: Whether a lidar took it, not a camera.
+        sensor: Full name of the sensor, as in `Scenario.sensors`.
         from_ns: Start of the time that it represents.
         until_ns: End of that time.
         hits: (M,) int64 points or pixels on each mover.
+        hit_offsets_ns: (M,) int64 sum of the times of a mover's points after `from_ns`; 0 for pixels.
         recorded: Its messages; empty if it was lost.
     """
 
-    by_lidar: bool
+    sensor: str
     from_ns: int
     until_ns: int
     hits: I64
+    hit_offsets_ns: I64
     recorded: tuple[Recorded, ...]

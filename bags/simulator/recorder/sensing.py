@@ -8,11 +8,14 @@ import numpy as np
 from bags.simulator.recorder.messages import MessageFactory
 from bags.simulator.recorder.recorded import Measured, Recorded, SensingTask
 from bags.simulator.recorder.stage import Stage
+from bags.simulator.recorder.viewed import detected_objects, visible_objects, whole_objects
+from bags.simulator.scenario.scenario import camera_truth_topics
 from bags.simulator.scenario.sensors import CameraScenario, LidarScenario
 from bags.simulator.sensors.camera import Camera, CameraImage
 from bags.simulator.sensors.detector2d import detect
 from bags.simulator.sensors.lidar import Lidar, Sweep
 from bags.simulator.sensors.timing import Measurement, Timing
+from bags.simulator.sensors.visibility import visibility
 from pipeline.core.arrays import Array
 
 __all__ = ["Sensing"]
@@ -20,8 +23,9 @@ __all__ = ["Sensing"]
 
 @dataclass(slots=True)
 class _Lidar:
-    """A running lidar: settings, timing, simulated device, next measurement."""
+    """A running lidar: full name, settings, timing, simulated device, next measurement."""
 
+    name: str
     settings: LidarScenario
     timing: Timing
     device: Lidar
@@ -32,6 +36,7 @@ class _Lidar:
 class _Camera:
     """A running camera; see `_Lidar`."""
 
+    name: str
     settings: CameraScenario
     timing: Timing
     device: Camera
@@ -61,26 +66,27 @@ class Sensing:
     def _lidar(self, name: str, lidar: LidarScenario) -> _Lidar:
         device = Lidar(name, lidar, self._stage.sensor_path(lidar), self._stage.scene, self._seed)
         timing = Timing(name, lidar, self._seed, trigger_jitter=False)
-        return _Lidar(lidar, timing, device, _measurement(timing, device, 0))
+        return _Lidar(f"lidars.{name}", lidar, timing, device, _measurement(timing, device, 0))
 
     def _camera(self, name: str, camera: CameraScenario) -> _Camera:
         path, sun = self._stage.sensor_path(camera), self._stage.scenario.sun
         device = Camera(name, camera, path, self._stage.scene, sun, self._seed)
         timing = Timing(name, camera, self._seed, trigger_jitter=True)
-        return _Camera(camera, timing, device, _measurement(timing, device, 0))
+        return _Camera(f"cameras.{name}", camera, timing, device, _measurement(timing, device, 0))
 
     def _measured(self, sensor: _Lidar | _Camera, measurement: Measurement) -> Measured:
         # An image stands for the time that is nearer to it than to its neighbours.
         around_ns = sensor.timing.period_ns // 2 if isinstance(sensor, _Camera) else 0
         times = (measurement.begin_ns - around_ns, measurement.end_ns + around_ns)
-        by_lidar = isinstance(sensor, _Lidar)
+        none = np.zeros(len(self._stage.scene.movers), np.int64)
         if measurement.lost:
-            return Measured(by_lidar, *times, np.zeros(len(self._stage.scene.movers), np.int64), ())
+            return Measured(sensor.name, *times, none, none, ())
         if isinstance(sensor, _Lidar):
             sweep = sensor.device.sweep(measurement.number)
-            return Measured(by_lidar, *times, sweep.hits_per_mover, tuple(self._of_sweep(sensor, measurement, sweep)))
+            recorded = tuple(self._of_sweep(sensor, measurement, sweep))
+            return Measured(sensor.name, *times, sweep.hits_per_mover, sweep.hit_offsets_ns, recorded)
         image = sensor.device.image(measurement.number, measurement.begin_ns)
-        return Measured(by_lidar, *times, image.seen_px, tuple(self._of_image(sensor, measurement, image)))
+        return Measured(sensor.name, *times, image.seen_px, none, tuple(self._of_image(sensor, measurement, image)))
 
     def _of_sweep(self, lidar: _Lidar, measurement: Measurement, sweep: Sweep) -> Iterator[Recorded]:
         settings, stamp_ns, make = lidar.settings, measurement.stamp_ns, self._messages
@@ -103,13 +109,19 @@ class Sensing:
             message = make.rgb_image(stamp_ns, model.frame_id, image.rgb)
         yield make.recorded(log_ns, settings.image_topic, stamp_ns, message)
         yield make.recorded(log_ns, settings.info_topic, stamp_ns, make.intrinsics(stamp_ns, model))
+        movers, name = self._stage.scene.movers, camera.device.name
         if settings.detector is not None:
-            classes = [mover.class_name for mover in self._stage.scene.movers]
-            name, number = camera.device.name, measurement.number
-            found = detect(settings.detector, image, classes, name=name, number=number, seed=self._seed)
-            boxes = make.detections_2d(stamp_ns, model.frame_id, found.xyxy, found.scores, found.class_names)
+            classes = [mover.class_name for mover in movers]
+            found = detect(settings.detector, image, classes, name=name, number=measurement.number, seed=self._seed)
+            boxes = make.detections_2d(stamp_ns, model.frame_id, detected_objects(found, movers))
             late_ns = log_ns + round(settings.detector.delay_ms * 1e6)
             yield make.recorded(late_ns, settings.detector.topic, stamp_ns, boxes)
+        if self._stage.scenario.recording.truth_rate_hz:
+            shown = visibility(image, camera.device, movers, measurement.begin_ns)
+            truths = visible_objects(shown, movers), whole_objects(shown, movers)
+            for topic, objects in zip(camera_truth_topics(name), truths, strict=True):
+                truth = make.detections_2d(stamp_ns, model.frame_id, objects)
+                yield make.recorded(log_ns, topic, stamp_ns, truth)
 
 
 def _due(sensor: _Lidar | _Camera, until_ns: int, begun_ns: int) -> Iterator[Measurement]:

@@ -109,4 +109,4 @@ class Simulation:
     def _record_truths(self, until_ns: int) -> None:
         """Record the ground truth of times for which all measurements are complete."""
         while self._truths and self._truths[0] + self._stage.longest_ns <= until_ns:
-            self._waiting.append(self._states.truth(self._truths.popleft(), self._measured))
+            self._waiting += self._states.truth(self._truths.popleft(), self._measured)

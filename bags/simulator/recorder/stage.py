@@ -68,9 +68,18 @@ class Stage:
         return Transform(self.scenario.site_frame, frame, matrix)
 
     def T_site_box(self, vehicle: str, frame: str, time_ns: int) -> Transform:
-        """Pose of the centre of a vehicle's box, which the transform names `frame`."""
+        """Pose of the centre of the box that holds a vehicle at all times, which the transform names `frame`."""
+        return self._centred(vehicle, frame, time_ns, SHAPES[self.scenario.vehicles[vehicle].shape].box_center_m)
+
+    def body_box(self, row: int, time_ns: int) -> tuple[Transform, tuple[float, float, float]]:
+        """Pose of the centre of a mover's ground truth box, and its length, width, height."""
+        mover = self.scene.movers[row]
+        box = mover.body.at(time_ns)
+        return self._centred(mover.name, mover.name, time_ns, box.center_m), box.size_m
+
+    def _centred(self, vehicle: str, frame: str, time_ns: int, center_m: tuple[float, float, float]) -> Transform:
         center = np.eye(4)
-        center[:3, 3] = SHAPES[self.scenario.vehicles[vehicle].shape].box_center_m
+        center[:3, 3] = center_m
         base = self.T_site_base(vehicle, frame, time_ns)
         return Transform(base.dst, frame, base.matrix @ center)
 

@@ -1,21 +1,24 @@
 """Messages that come from no sensor: odometry, tf, commands and ground truth."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
+from bags.simulator.recorder.hypotheses import Hypothesis, class_of, image_pixels, lidar_points
 from bags.simulator.recorder.messages import MessageFactory, TrueObject
 from bags.simulator.recorder.recorded import Measured, Recorded
 from bags.simulator.recorder.stage import Stage
 from bags.simulator.scenario.scenario import EGO_FRAME
 from bags.simulator.scenario.traffic import command_topic, controller_topics
 from bags.simulator.world.bodies.dimensions import SHAPES
+from pipeline.core.arrays import I64
 
-__all__ = ["TRUTH_TOPIC", "States", "moments"]
+__all__ = ["MEASURED_TRUTH_TOPIC", "TRUTH_TOPIC", "States", "moments"]
 
 
 TRUTH_TOPIC = "/ground_truth/objects"
+MEASURED_TRUTH_TOPIC = "/ground_truth/objects_when_measured"
 
 LATENCY_NS = 1_000_000
 """From a vehicle's state to the recording of its message."""
@@ -29,6 +32,8 @@ class States:
 
     def __init__(self, stage: Stage, messages: MessageFactory) -> None:
         self._stage, self._messages = stage, messages
+        self._lidars = [f"lidars.{name}" for name in stage.scenario.lidars]
+        self._cameras = [f"cameras.{name}" for name in stage.scenario.cameras]
 
     def between(self, begin_ns: int, until_ns: int) -> Iterator[Recorded]:
         """Odometry, tf and commands of all vehicles, at times after `begin_ns` up to `until_ns`."""
@@ -43,31 +48,47 @@ class States:
                 for time_ns in moments(settings.command_rate_hz, begin_ns, until_ns):
                     yield from self._commands(name, time_ns)
 
-    def truth(self, time_ns: int, measured: Iterable[Measured]) -> Recorded:
+    def truth(self, time_ns: int, measured: Iterable[Measured]) -> Iterator[Recorded]:
         """The ground truth at one time, recorded once all measurements of that time are complete.
+
+        It comes twice: as things were at that time, and each where it was at the mean time of the lidar points on it.
 
         Args:
             time_ns: The time.
             measured: Measurements, including all that span the time.
         """
         stage = self._stage
-        points, pixels = (np.zeros(len(stage.vehicles), np.int64) for _ in range(2))
+        count = len(stage.scene.movers)
+        hits = {name: np.zeros(count, np.int64) for name in stage.scenario.sensors}
+        late_ns = np.zeros(count, np.int64)
         for one in measured:
             if one.from_ns <= time_ns < one.until_ns:
-                (points if one.by_lidar else pixels)[:] += one.hits
-        objects = [
-            TrueObject(
-                name,
-                SHAPES[vehicle.shape].class_name,
-                stage.T_site_box(name, name, time_ns),
-                SHAPES[vehicle.shape].size_m,
-                int(points[row]),
-                int(pixels[row]),
-            )
-            for row, (name, vehicle) in enumerate(stage.vehicles.items())
-        ]
-        message = self._messages.truth(time_ns, stage.scenario.site_frame, objects)
-        return self._messages.recorded(time_ns + stage.longest_ns, TRUTH_TOPIC, time_ns, message)
+                hits[one.sensor] += one.hits
+                late_ns += one.hit_offsets_ns
+                if one.sensor in self._lidars:
+                    late_ns += (one.from_ns - time_ns) * one.hits
+        points = sum((hits[name] for name in self._lidars), np.zeros(count, np.int64))
+        hypotheses = [self._hypotheses(row, hits) for row in range(count)]
+        times_ns = (time_ns + np.rint(late_ns / np.maximum(points, 1)).astype(np.int64)).tolist()
+        for topic, moments_ns in ((TRUTH_TOPIC, [time_ns] * count), (MEASURED_TRUTH_TOPIC, times_ns)):
+            objects = [
+                TrueObject(mover.name, row, *stage.body_box(row, moments_ns[row]), hypotheses[row])
+                for row, mover in enumerate(stage.scene.movers)
+            ]
+            message = self._messages.truth(time_ns, stage.scenario.site_frame, objects)
+            yield self._messages.recorded(time_ns + stage.longest_ns, topic, time_ns, message)
+
+    def _hypotheses(self, row: int, hits: Mapping[str, I64]) -> tuple[Hypothesis, ...]:
+        """Class and counts of a mover, from the hits of each sensor on all movers."""
+        points = {name: int(hits[name][row]) for name in self._lidars}
+        pixels = {name: int(hits[name][row]) for name in self._cameras}
+        return (
+            class_of(self._stage.scene.movers[row].class_name),
+            lidar_points(sum(points.values())),
+            image_pixels(sum(pixels.values())),
+            *(lidar_points(count, name.partition(".")[2], k) for k, (name, count) in enumerate(points.items())),
+            *(image_pixels(count, name.partition(".")[2], k) for k, (name, count) in enumerate(pixels.items())),
+        )
 
     def _message(self, topic: str, time_ns: int, message: Any, *, after: int = 1) -> Recorded:
         return self._messages.recorded(time_ns + after * LATENCY_NS, topic, time_ns, message)

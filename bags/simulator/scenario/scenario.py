@@ -14,18 +14,18 @@ from bags.simulator.scenario.sensors import COEFFICIENTS, CameraScenario, LidarS
 from bags.simulator.scenario.traffic import RouteScenario, VehicleScenario
 from pipeline.core.settings.model import NotNegative, Positive, SettingsModel
 
-__all__ = ["EGO_FRAME", "RecordingScenario", "Scenario", "SunScenario", "listed"]
+__all__ = ["EGO_FRAME", "RecordingScenario", "Scenario", "SunScenario", "camera_truth_topics", "listed"]
 
 EGO_FRAME = "base_link"
 """Base frame of the vehicle that carries sensors (REP 105)."""
-OWN_TOPICS = ("/tf", "/tf_static", "/odom", "/ground_truth/objects")
+OWN_TOPICS = ("/tf", "/tf_static", "/odom", "/ground_truth/objects", "/ground_truth/objects_when_measured")
 
 
 class RecordingScenario(SettingsModel):
     """Rates of the messages that come from no sensor.
 
     Attributes:
-        truth_rate_hz: Rate of /ground_truth/objects; 0 records none.
+        truth_rate_hz: Rate of /ground_truth/objects; 0 records no ground truth at all, not that of images, either.
         odometry_rate_hz: Rate of the vehicles' odometry and tf.
         command_rate_hz: Rate of the vehicles' commands.
     """
@@ -132,6 +132,7 @@ class Scenario(SettingsModel):
     @model_validator(mode="after")
     def _names_are_unique(self) -> "Scenario":
         topics = [("the simulator", topic) for topic in OWN_TOPICS]
+        topics += [("the simulator", topic) for name in self.cameras for topic in camera_truth_topics(name)]
         topics += [(name, topic) for name, sensor in self.sensors.items() for topic in sensor.topics]
         topics += [(name, topic) for name, vehicle in self.vehicles.items() for topic in vehicle.topics(name)]
         frames = [("the simulator", frame) for frame in (self.site_frame, EGO_FRAME, *self.vehicles)]
@@ -159,6 +160,11 @@ class Scenario(SettingsModel):
     def start_ns(self) -> int:
         """Start time."""
         return self.start_unix_s * 10**9
+
+
+def camera_truth_topics(camera: str) -> tuple[str, str]:
+    """Topics of the ground truth in a camera's images: boxes of what is visible, and of whole objects."""
+    return f"/ground_truth/{camera}/visible", f"/ground_truth/{camera}/whole"
 
 
 def listed(names: Iterable[str]) -> str:

@@ -8,9 +8,10 @@ import numpy as np
 from bags.simulator.scenario.sensors import Detector2DScenario
 from bags.simulator.sensors.camera import CameraImage
 from bags.simulator.sensors.timing import random_numbers
+from bags.simulator.sensors.visibility import visible_boxes
 from pipeline.core.arrays import F64, I64, check_array
 
-__all__ = ["NO_MOVER", "Detected", "detect", "visible_boxes"]
+__all__ = ["NO_MOVER", "Detected", "detect"]
 
 
 NO_MOVER = -1
@@ -46,17 +47,6 @@ class Detected:
 
     def __len__(self) -> int:
         return len(self.class_names)
-
-
-def visible_boxes(image: CameraImage) -> F64:
-    """(M, 4) left, top, right, bottom of the visible pixels of each mover; NaN for none."""
-    boxes = np.full((len(image.alone_px), 4), np.nan)
-    for row in np.flatnonzero(image.seen_px):
-        left, top, right, bottom = image.alone_xyxy[row].astype(int)
-        shown = image.movers[top:bottom, left:right] == row
-        columns, rows = np.flatnonzero(shown.any(0)), np.flatnonzero(shown.any(1))
-        boxes[row] = left + columns[0], top + rows[0], left + columns[-1] + 1, top + rows[-1] + 1
-    return boxes
 
 
 def detect(

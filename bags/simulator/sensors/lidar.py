@@ -63,6 +63,7 @@ class Sweep:
         time_offset_ns: (N,) int64 after `begin_ns`.
         return_type: (N,) 1 the strongest echo, 2 the last, 3 both; None with one echo per beam.
         hits_per_mover: (M,) int64 number of points on each mover of the scene.
+        hit_offsets_ns: (M,) int64 sum of the time offsets of these points.
         packets: The sweep as data packets, by a clock that started with the scenario; None without packet output.
     """
 
@@ -74,6 +75,7 @@ class Sweep:
     time_offset_ns: I64
     return_type: U8 | None
     hits_per_mover: I64
+    hit_offsets_ns: I64
     packets: EncodedPackets | None
 
     def __len__(self) -> int:
@@ -143,15 +145,20 @@ class Lidar:
             xyz[:, axis] *= kept_m
         xyz += beams.origins.take(laser, 0)
         hit = mover.reshape(-1)[kept]
+        time_offset_ns = beams.times_ns.reshape(-1)[beam] - self.begin_ns(number)
+        on_mover, count = np.flatnonzero(hit >= 0), len(self._scene.movers)
+        offsets_ns = np.zeros(count, np.int64)
+        np.add.at(offsets_ns, hit.take(on_mover), time_offset_ns.take(on_mover))
         return Sweep(
             self.begin_ns(number),
             self.end_ns(number),
             xyz.astype(np.float32),
             brightness.reshape(-1)[kept].astype(np.float32),
             self._rings[laser],
-            beams.times_ns.reshape(-1)[beam] - self.begin_ns(number),
+            time_offset_ns,
             None if return_type is None else return_type.reshape(-1)[kept].astype(np.uint8),
-            np.bincount(hit[hit >= 0], minlength=len(self._scene.movers)).astype(np.int64),
+            np.bincount(hit.take(on_mover), minlength=count).astype(np.int64),
+            offsets_ns,
             packets,
         )
 

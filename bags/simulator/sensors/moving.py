@@ -360,10 +360,13 @@ def _slices(window: Window) -> tuple[slice, slice]:
 
 
 def _extent(parts: Sequence[I64], lens: Lens) -> tuple[int, F64]:
-    """Number of pixels in the union of several sets, and left, top, right, bottom of their bounding box."""
+    """Number of pixels in the union of several sets, and left, top, right, bottom of their bounding box.
+
+    Pixels that the lens does not cover show nothing.
+    """
     shown = np.zeros((lens.height, lens.width), np.bool_)
     for pixels in parts:
-        shown.reshape(-1)[pixels] = True
+        shown.reshape(-1)[pixels.compress(lens.covered.take(pixels))] = True
     columns, rows = np.flatnonzero(shown.any(0)), np.flatnonzero(shown.any(1))
     if not len(columns):
         return 0, np.full(4, np.nan)

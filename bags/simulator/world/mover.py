@@ -1,11 +1,18 @@
 """Moving things: rigid parts on paths, and the box that is the ground truth about each of them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import numpy as np
 
 from bags.simulator.world.meshes.mesh import Mesh
-from bags.simulator.world.motion import Path
+from bags.simulator.world.motion import Path, turned
+from pipeline.core.arrays import F64
 
-__all__ = ["Mover", "Part"]
+__all__ = ["BodyBox", "FittedBox", "Mover", "Part", "RigidBox", "UprightBox", "placed_vertices"]
+
+Vector = tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -21,6 +28,58 @@ class Part:
     path: Path
 
 
+class UprightBox(NamedTuple):
+    """An upright box in the base frame of a mover.
+
+    Attributes:
+        center_m: Its centre.
+        size_m: Length, width, height.
+    """
+
+    center_m: Vector
+    size_m: Vector
+
+
+class BodyBox(Protocol):
+    """The ground truth box of a mover."""
+
+    def at(self, time_ns: int) -> UprightBox:
+        """The box at a time."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class RigidBox:
+    """A box that does not change."""
+
+    box: UprightBox
+
+    def at(self, time_ns: int) -> UprightBox:  # noqa: ARG002  # the same at all times
+        """The box."""
+        return self.box
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FittedBox:
+    """The smallest box around all parts at each moment: for people, whose limbs swing.
+
+    Attributes:
+        path: Path of the base frame.
+        parts: The parts.
+    """
+
+    path: Path
+    parts: Sequence[Part]
+
+    def at(self, time_ns: int) -> UprightBox:
+        """The box at a time."""
+        to_base = self.path.poses(np.array([time_ns], np.int64)).inverse()
+        vertices = to_base.apply(np.concatenate([placed_vertices(part, time_ns) for part in self.parts]))
+        low, high = vertices.min(0), vertices.max(0)
+        (x, y, z), (length, width, height) = ((low + high) / 2).tolist(), (high - low).tolist()
+        return UprightBox((x, y, z), (length, width, height))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Mover:
     """A moving thing and its ground truth box.
@@ -29,14 +88,22 @@ class Mover:
         name: Unique in the scenario.
         class_name: Ground truth class (`car`, `truck`, `bus`, `cyclist`, `pedestrian`...).
         path: Path of its base frame: on the ground, x forward.
-        box_center_m: Centre of the box in the base frame.
-        size_m: Length, width, height of the box; no part sticks out of it by more than a centimetre.
+        box_center_m: Centre of a box that holds it at all times, in the base frame.
+        size_m: Length, width, height of that box; no part sticks out of it by more than a centimetre.
         parts: Its rigid parts.
+        body: Its ground truth box, which need not hold mirrors, nor limbs at other times.
     """
 
     name: str
     class_name: str
     path: Path
-    box_center_m: tuple[float, float, float]
-    size_m: tuple[float, float, float]
+    box_center_m: Vector
+    size_m: Vector
     parts: tuple[Part, ...]
+    body: BodyBox
+
+
+def placed_vertices(part: Part, time_ns: int) -> F64:
+    """The vertices (V, 3) of a part in the world at a time."""
+    pose = part.path.poses(np.array([time_ns], np.int64))
+    return np.asarray(turned(pose.rotation, part.mesh.vertices) + pose.translation)

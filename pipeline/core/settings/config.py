@@ -10,6 +10,7 @@ from pydantic import Field, model_validator
 
 from pipeline.core.settings.classes import ROAD_CLASSES, ClassPrior
 from pipeline.core.settings.combine import CombineConfig
+from pipeline.core.settings.compare import CompareConfig
 from pipeline.core.settings.detect import Detect2DConfig, Detect3DConfig
 from pipeline.core.settings.evaluate import EvaluateConfig
 from pipeline.core.settings.fuse import AssociateConfig, FuseConfig
@@ -18,7 +19,10 @@ from pipeline.core.settings.recording import LimitsConfig, RigConfig, TopicsConf
 from pipeline.core.settings.run import OutputConfig, RunConfig
 from pipeline.core.settings.sync import SyncConfig
 
-__all__ = ["Config"]
+__all__ = ["ALL_CLASSES", "Config"]
+
+ALL_CLASSES = "all"
+"""In place of a class, in the names of figures."""
 
 
 class Config(SettingsModel):
@@ -38,6 +42,7 @@ class Config(SettingsModel):
     associate: AssociateConfig = AssociateConfig()
     fuse: FuseConfig = FuseConfig()
     evaluate: EvaluateConfig = EvaluateConfig()
+    compare: CompareConfig = CompareConfig()
     output: OutputConfig = OutputConfig()
     run: RunConfig = RunConfig()
     limits: LimitsConfig = LimitsConfig()
@@ -48,6 +53,8 @@ class Config(SettingsModel):
         names = [prior.name for prior in self.classes]
         if len(set(names)) < len(names):
             raise ValueError(f"classes: a name is used twice in {', '.join(names)}")
+        if ALL_CLASSES in names:
+            raise ValueError(f"classes: {ALL_CLASSES!r} names the figures of all classes; expected another name")
         return self
 
     @property

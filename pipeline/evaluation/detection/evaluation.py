@@ -1,15 +1,20 @@
 """Detection: what each source found, against the truth."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
 
 from pipeline.core.rig import Zone
-from pipeline.core.settings.config import Config
-from pipeline.evaluation.detection.counts import ALL, threshold_figures
+from pipeline.core.settings.config import ALL_CLASSES, Config
+from pipeline.evaluation.detection.counts import threshold_figures
 from pipeline.evaluation.detection.criteria import Criteria
-from pipeline.evaluation.detection.gathering import Gathering, range_edges_m
-from pipeline.evaluation.detection.images import CameraImages
+from pipeline.evaluation.detection.gain.gain import fusion_gain
+from pipeline.evaluation.detection.gain.resampling import Resampling
+from pipeline.evaluation.detection.gathering import Gathering
+from pipeline.evaluation.detection.images.camera import CameraImages
 from pipeline.evaluation.detection.source import Site, Source
 from pipeline.evaluation.records import EvaluationFrame, Figures
+from pipeline.evaluation.scales import range_edges_m
 
 __all__ = ["DetectionEvaluation"]
 
@@ -57,17 +62,25 @@ class DetectionEvaluation:
             gathering.frames_without_truth,
         )
         sources = {name: Source(site, found[name]) for name in _in_order(found)}
+        figures = {name: source.figures() for name, source in sources.items()}
         return {
-            "sources": {name: source.figures() for name, source in sources.items()},
+            "sources": figures,
             "images": {camera: self._images[camera].figures() for camera in sorted(self._images)},
+            "fusion_gain": self._fusion_gain(sources, figures),
             "thresholds": {
                 name: {
                     class_name: threshold_figures(source.curve(class_id))
-                    for class_id, class_name in [*enumerate(class_names), (None, ALL)]
+                    for class_id, class_name in [*enumerate(class_names), (None, ALL_CLASSES)]
                 }
                 for name, source in sources.items()
             },
         }
+
+    def _fusion_gain(self, sources: Mapping[str, Source], figures: Mapping[str, Figures]) -> Figures:
+        stamps_ns = np.array(self._gathering.stamps_ns, np.int64)
+        if not len(stamps_ns):
+            return {}
+        return fusion_gain(sources, figures, Resampling.of(stamps_ns, self._config.evaluate.bootstrap))
 
 
 def _in_order(names: Iterable[str]) -> list[str]:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.core.arrays import F64, I32, Bools, Indices
+from pipeline.core.settings.config import ALL_CLASSES
 from pipeline.evaluation.detection.averages import (
     Averages,
     ap_by_distance_name,
@@ -16,13 +17,14 @@ from pipeline.evaluation.detection.averages import (
     overlap_figures,
 )
 from pipeline.evaluation.detection.calibration import calibration_figures
-from pipeline.evaluation.detection.counts import ALL, count_figures
-from pipeline.evaluation.detection.criteria import DISTANCES_M, Criteria, decimal
+from pipeline.evaluation.detection.counts import count_figures
+from pipeline.evaluation.detection.criteria import DISTANCES_M, Criteria
 from pipeline.evaluation.detection.curves import Curve, curve_of, ratio
 from pipeline.evaluation.detection.errors import error_figures
 from pipeline.evaluation.detection.selection import Place, Scored, by_falling_score, found_in, scored, truth_in
 from pipeline.evaluation.detection.tables import FALSE, IGNORED, FoundTable, TruthTable
 from pipeline.evaluation.records import UNKNOWN, Figures
+from pipeline.evaluation.scales import range_names
 
 __all__ = ["Site", "Source"]
 
@@ -55,11 +57,11 @@ class Site:
 
     def places(self) -> dict[Place, tuple[str, dict[str, float | None]]]:
         """The parts of the site, with the name of each and how far it reaches."""
-        ends = [*map(float, self.ranges_m[1:]), None]
-        places: dict[Place, tuple[str, dict[str, float | None]]] = {}
-        for row, (start, end) in enumerate(zip(map(float, self.ranges_m), ends, strict=True)):
-            name = f"over_{decimal(start)}" if end is None else f"{decimal(start)}_{decimal(end)}"
-            places[Place("ranges", row)] = name, {"from_m": start, "to_m": end}
+        names, ends = range_names(self.ranges_m), [*self.ranges_m[1:].tolist(), None]
+        places: dict[Place, tuple[str, dict[str, float | None]]] = {
+            Place("ranges", row): (name, {"from_m": start, "to_m": end})
+            for row, (name, start, end) in enumerate(zip(names, self.ranges_m.tolist(), ends, strict=True))
+        }
         return places | {Place("zones", row): (name, {}) for row, name in enumerate(self.zones)}
 
 
@@ -88,19 +90,25 @@ class Source:
         """(T,) which true objects of a class (None: of all) are evaluated."""
         return self.site.truth.is_evaluated & _is_of(self.site.truth.class_ids, class_id)
 
+    def is_counted_by_distance(self, class_id: int) -> Bools:
+        """(T,) which true objects of a class the figures by distance count."""
+        if self.site.criteria.distances == "nuscenes":
+            return self.site.truth.is_nuscenes & _is_of(self.site.truth.class_ids, class_id)
+        return self.is_evaluated(class_id)
+
     def curve(self, class_id: int | None) -> Curve:
         """The curve by position of a class (None: of all)."""
         detections = self.scored(class_id, self.site.criteria.position_row)
         return curve_of(detections.scores, detections.is_right, int(self.is_evaluated(class_id).sum()))
 
-    def figures(self) -> Figures:
+    def figures(self) -> Mapping[str, Figures]:
         """All figures, by class."""
         figures = self._by_class(None)
         parts: dict[str, dict[str, dict[str, Figures]]] = {name: {"ranges": {}, "zones": {}} for name in figures}
         for place, (name, extent) in self.site.places().items():
             for class_name, there in self._by_class(place).items():
                 parts[class_name][place.kind][name] = {**extent, **there}
-        for class_id, class_name in [*enumerate(self.site.class_names), (None, ALL)]:
+        for class_id, class_name in [*enumerate(self.site.class_names), (None, ALL_CLASSES)]:
             detections = self.scored(class_id, self.site.criteria.position_row)
             figures[class_name] |= {
                 "frames": self.site.frames,
@@ -109,7 +117,7 @@ class Source:
                 "calibration": calibration_figures(detections.scores, detections.is_right),
                 **parts[class_name],
             }
-        figures[ALL]["confusion"] = self._confusion()
+        figures[ALL_CLASSES]["confusion"] = self._confusion()
         return figures
 
     def _order(self, class_id: int | None) -> Indices:
@@ -122,7 +130,7 @@ class Source:
         names = self.site.class_names
         overlaps = {name: self._overlaps(row, place) for row, name in enumerate(names)}
         distances = {name: self._distances(row, place) for row, name in enumerate(names)}
-        by_distance = "nuscenes" if self.site.criteria.distances == "nuscenes" else "distance"
+        by_distance = self.site.criteria.distances_name
         means = (
             mean_nuscenes_figures(distances) if by_distance == "nuscenes" else mean_figures(list(distances.values()))
         )
@@ -131,7 +139,7 @@ class Source:
             for row, name in enumerate(names)
         }
         all_overlaps = mean_figures(list(overlaps.values()))
-        return {**figures, ALL: {**self._pooled(None, place), **all_overlaps, by_distance: means}}
+        return {**figures, ALL_CLASSES: {**self._pooled(None, place), **all_overlaps, by_distance: means}}
 
     def _limits(self, class_id: int) -> dict[str, list[Figures]]:
         limits_m = np.array(DISTANCES_M) * self.site.criteria.scales[class_id]
@@ -155,11 +163,9 @@ class Source:
 
     def _distances(self, class_id: int, place: Place | None) -> Averages:
         site = self.site
-        is_nuscenes = site.criteria.distances == "nuscenes"
-        is_counted = site.truth.is_nuscenes & (site.truth.class_ids == class_id)
-        count = len(truth_in(site.truth, is_counted if is_nuscenes else self.is_evaluated(class_id), place))
+        count = len(truth_in(site.truth, self.is_counted_by_distance(class_id), place))
         detections = {row: self.scored(class_id, row).within(place) for row in site.criteria.distance_rows}
-        if is_nuscenes:
+        if site.criteria.distances == "nuscenes":
             return nuscenes_figures(site.criteria, detections, self.found, count, site.class_names[class_id])
         return distance_figures(site.criteria, detections, self.found, count, float(site.criteria.scales[class_id]))
 

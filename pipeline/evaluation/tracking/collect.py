@@ -14,10 +14,10 @@ from pipeline.core.arrays import F64, I64, Bools, Indices
 from pipeline.core.detections import Boxes3D
 from pipeline.core.geometry.rotated_iou import BoxArrays, pair_ious
 from pipeline.core.settings.config import Config
+from pipeline.evaluation.assignment import assign_nearest, pairs_of_equal
 from pipeline.evaluation.ignoring import is_evaluated, is_within
 from pipeline.evaluation.records import UNKNOWN, EvaluationFrame, SourceBoxes, TruthBoxes3D
-from pipeline.evaluation.scales import length_scale
-from pipeline.evaluation.tracking.assignment import assign_nearest
+from pipeline.evaluation.scales import length_scales
 from pipeline.evaluation.tracking.table import TrackTable
 
 __all__ = ["MAX_DISTANCE_M", "Collection"]
@@ -40,6 +40,7 @@ class _Truth:
     class_ids: I64
     tracks: I64
     yaws: F64
+    ranges_m: F64
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,6 +51,7 @@ class _Found:
     class_ids: I64
     tracks: I64
     yaws: F64
+    ranges_m: F64
     scores: F64
 
 
@@ -67,7 +69,7 @@ class _Source:
     """What was found by one source so far."""
 
     def __init__(self, class_count: int) -> None:
-        self.found = [_Found(_NO_ROWS, _NO_ROWS, _NO_ROWS, _NO_VALUES, _NO_VALUES)]
+        self.found = [_Found(_NO_ROWS, _NO_ROWS, _NO_ROWS, _NO_VALUES, _NO_VALUES, _NO_VALUES)]
         self.pairs = [_Pairs(_NO_ROWS, _NO_ROWS, _NO_VALUES, _NO_VALUES)]
         self.count = 0
         self.without_track = np.zeros(class_count, np.int64)
@@ -79,12 +81,10 @@ class Collection:
 
     def __init__(self, config: Config) -> None:
         self._config = config
-        self._max_distances_m = np.array(
-            [MAX_DISTANCE_M * length_scale(config, class_id) for class_id in range(len(config.classes))]
-        )
+        self._max_distances_m = MAX_DISTANCE_M * length_scales(config)
         self._frames: list[tuple[TruthBoxes3D, dict[str, SourceBoxes]]] = []
         self._stamps_ns: list[int] = []
-        self._truth = [_Truth(_NO_ROWS, _NO_ROWS, _NO_ROWS, _NO_VALUES)]
+        self._truth = [_Truth(_NO_ROWS, _NO_ROWS, _NO_ROWS, _NO_VALUES, _NO_VALUES)]
         self._truth_count = 0
         self._sources: dict[str, _Source] = {}
 
@@ -126,7 +126,8 @@ class Collection:
         repeated = _is_repeated(truth_frames[rows], class_ids[rows], tracks[rows])
         counting[rows[repeated]] = False
         rows = rows[~repeated]
-        truth = _Truth(truth_frames[rows], class_ids[rows], tracks[rows], boxes.yaws[rows])
+        ranges_m = np.hypot(*boxes.centers[rows, :2].T)
+        truth = _Truth(truth_frames[rows], class_ids[rows], tracks[rows], boxes.yaws[rows], ranges_m)
         ignored = np.flatnonzero(~counting)
         for name in {name for _, sources in frames for name in sources}:
             self._sources.setdefault(name, _Source(len(self._config.classes)))
@@ -174,7 +175,10 @@ class Collection:
             held = kept[pairs.second]
             pairs = _Pairs(pairs.first[held], renumbered[pairs.second[held]], pairs.distances_m[held], pairs.ious[held])
             rows = rows[kept]
-        source.found.append(_Found(frames[rows], class_ids[rows], tracks[rows], boxes.yaws[rows], scores[rows]))
+        ranges_m = np.hypot(*boxes.centers[rows, :2].T)
+        source.found.append(
+            _Found(frames[rows], class_ids[rows], tracks[rows], boxes.yaws[rows], ranges_m, scores[rows])
+        )
         shifted = pairs.first + self._truth_count, pairs.second + source.count
         source.pairs.append(_Pairs(*shifted, pairs.distances_m, pairs.ious))
         source.count += len(rows)
@@ -184,7 +188,7 @@ class Collection:
     ) -> _Pairs:
         """Pairs of one frame and class that may be one object."""
         classes = len(self._config.classes)
-        first, second = _same_key(frames * classes + class_ids, found_frames * classes + found_class_ids)
+        first, second = pairs_of_equal(frames * classes + class_ids, found_frames * classes + found_class_ids)
         distances_m = np.hypot(*(boxes.centers[first, :2] - found.centers[second, :2]).T)
         reach_m = np.hypot(*boxes.sizes[first, :2].T) / 2 + np.hypot(*found.sizes[second, :2].T) / 2
         near = (distances_m < self._max_distances_m[class_ids[first]]) | (distances_m < reach_m)
@@ -196,7 +200,7 @@ class Collection:
     ) -> Indices:
         """The boxes found, of whatever class, that are near one of the given objects of their frame."""
         order = np.argsort(frames, kind="stable")
-        first, second = _same_key(frames[order], found_frames)
+        first, second = pairs_of_equal(frames[order], found_frames)
         distances_m = np.hypot(*(boxes.centers[order[first], :2] - found.centers[second, :2]).T)
         return np.asarray(second[distances_m < self._max_distances_m[found_class_ids[second]]])
 
@@ -210,9 +214,11 @@ class Collection:
             truth.frames[truth_rows],
             np.unique(truth.tracks[truth_rows], return_inverse=True)[1].astype(np.int64),
             truth.yaws[truth_rows],
+            truth.ranges_m[truth_rows],
             found.frames[found_rows],
             np.unique(found.tracks[found_rows], return_inverse=True)[1].astype(np.int64),
             found.yaws[found_rows],
+            found.ranges_m[found_rows],
             found.scores[found_rows],
             truth_numbers[pairs.first[held]],
             found_numbers[pairs.second[held]],
@@ -240,15 +246,6 @@ def _is_repeated(frames: I64, class_ids: I64, tracks: I64) -> Bools:
     same = np.zeros(len(frames), np.bool_)
     same[1:] = (np.diff(frames) == 0) & (np.diff(class_ids) == 0) & (np.diff(tracks) == 0)
     return same
-
-
-def _same_key(first: I64, second: I64) -> tuple[I64, I64]:
-    """All pairs of rows with the same key; both keys rise."""
-    start, end = np.searchsorted(second, first, "left"), np.searchsorted(second, first, "right")
-    counts = end - start
-    rows = np.repeat(np.arange(len(first)), counts)
-    within = np.arange(len(rows)) - np.repeat(np.cumsum(counts) - counts, counts)
-    return rows, np.repeat(start, counts) + within
 
 
 def _joined(parts: Sequence[Part]) -> Part:

@@ -7,6 +7,7 @@ import numpy as np
 from pipeline.core.rig import Zone
 from pipeline.core.settings.config import Config
 from pipeline.evaluation.records import EvaluationFrame, Figure, Figures
+from pipeline.evaluation.scales import nuscenes_ranges_m
 from pipeline.evaluation.tracking.amota import amota_figures
 from pipeline.evaluation.tracking.clear import ClearCounts, clear_figures, count_clear, match_clear, total_clear
 from pipeline.evaluation.tracking.collect import Collection
@@ -33,7 +34,7 @@ class TrackingEvaluation:
     """Tracks of every source that has any, by class and of all classes.
 
     An object is only compared with boxes of its own class. `all` sums what was counted by class, and has the means of
-    AMOTA and AMOTP over the classes with truth.
+    AMOTA and AMOTP over the classes with truth. With the distances of nuScenes, AMOTA and AMOTP also have its ranges.
     """
 
     def __init__(self, config: Config, zones: Sequence[Zone]) -> None:  # noqa: ARG002 (as every evaluator is built)
@@ -51,8 +52,12 @@ class TrackingEvaluation:
 
     def _source_figures(self, tables: Sequence[TrackTable]) -> Figures:
         counts = [_Counts(table) for table in tables]
-        averages = [amota_figures(table) for table in tables]
-        group = "nuscenes" if self._config.evaluate.distances == "nuscenes" else "distance"
+        group, compared = "distance", tables
+        if self._config.evaluate.distances == "nuscenes":
+            ranges_m = nuscenes_ranges_m(self._config).tolist()
+            group = "nuscenes"
+            compared = [table.within(range_m) for table, range_m in zip(tables, ranges_m, strict=True)]
+        averages = [amota_figures(table) for table in compared]
         by_class: dict[str, Figures] = {
             name: {
                 "match_distance_m": table.max_distance_m,

@@ -1,6 +1,8 @@
 """Truth and results of one class in all frames, and which of them are near each other."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from pipeline.core.arrays import F64, I64, check_array
 
@@ -19,9 +21,11 @@ class TrackTable:
         truth_frames: (N,) int64, frame of each true object.
         truth_tracks: (N,) int64, its track.
         truth_yaws: (N,) float64.
+        truth_ranges_m: (N,) float64, from the origin, along the ground.
         found_frames: (M,) int64, frame of each box found.
         found_tracks: (M,) int64, its track.
         found_yaws: (M,) float64.
+        found_ranges_m: (M,) float64, from the origin, along the ground.
         found_scores: (M,) float64.
         first: (P,) int64, row of the truth of each candidate: a pair of one frame near enough to be one object, or
             with an overlap. Ordered by `first`, then `second`.
@@ -36,9 +40,11 @@ class TrackTable:
     truth_frames: I64
     truth_tracks: I64
     truth_yaws: F64
+    truth_ranges_m: F64
     found_frames: I64
     found_tracks: I64
     found_yaws: F64
+    found_ranges_m: F64
     found_scores: F64
     first: I64
     second: I64
@@ -56,11 +62,33 @@ class TrackTable:
             check_array(name, getattr(self, name), (m,), "int64")
         for name in ("first", "second"):
             check_array(name, getattr(self, name), (p,), "int64")
-        check_array("truth_yaws", self.truth_yaws, (n,), "float64")
-        for name in ("found_yaws", "found_scores"):
+        for name in ("truth_yaws", "truth_ranges_m"):
+            check_array(name, getattr(self, name), (n,), "float64")
+        for name in ("found_yaws", "found_ranges_m", "found_scores"):
             check_array(name, getattr(self, name), (m,), "float64")
         for name in ("distances_m", "ious"):
             check_array(name, getattr(self, name), (p,), "float64")
+
+    def within(self, max_range_m: float) -> "TrackTable":
+        """What lies nearer to the origin than that; the rest is gone, as where it was never looked for."""
+        truth, found = self.truth_ranges_m < max_range_m, self.found_ranges_m < max_range_m
+        pairs = truth[self.first] & found[self.second]
+        return replace(
+            self,
+            truth_frames=self.truth_frames[truth],
+            truth_tracks=np.unique(self.truth_tracks[truth], return_inverse=True)[1].astype(np.int64),
+            truth_yaws=self.truth_yaws[truth],
+            truth_ranges_m=self.truth_ranges_m[truth],
+            found_frames=self.found_frames[found],
+            found_tracks=np.unique(self.found_tracks[found], return_inverse=True)[1].astype(np.int64),
+            found_yaws=self.found_yaws[found],
+            found_ranges_m=self.found_ranges_m[found],
+            found_scores=self.found_scores[found],
+            first=(np.cumsum(truth) - 1)[self.first[pairs]],
+            second=(np.cumsum(found) - 1)[self.second[pairs]],
+            distances_m=self.distances_m[pairs],
+            ious=self.ious[pairs],
+        )
 
     @property
     def truth_track_count(self) -> int:

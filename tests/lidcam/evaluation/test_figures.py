@@ -60,6 +60,7 @@ def test_all_names_in_their_order() -> None:
         ("fused.cars.recall", "did you mean 'fused.car.recall'"),
         ("sources.fused.car.ap_bev_r40", "did you mean 'sources.fused.car.ap_bev_r40_50'"),
         ("fuzed.car.ap_bev_50", "'fused.car.ap_bev_r40_50'"),
+        ("fused.car.ap", "did you mean 'fused.car.ap_bev_r40_50' or 'fused.car.ap_bev_r11_50'?"),
         ("frame", "unknown figure 'frame': did you mean 'frames'?"),
         ("fused.car", "'fused.car' names 4 figures: expected one of them, such as 'fused.car.recall'"),
         ("xyz", "unknown figure 'xyz': known are those of sources, thresholds, frames"),
@@ -79,9 +80,19 @@ def test_what_is_no_text_is_no_name() -> None:
     assert number not in FIGURES
 
 
-def test_figures_beside_one() -> None:
-    assert FIGURES.beside("fused.car.recall") == {"recall": 0.84, "ap_bev_r40_50": 0.9, "ap_bev_r11_50": None}
-    assert FIGURES.beside("frames") == {"frames": 3}
+@pytest.mark.parametrize(
+    ("name", "count", "figure"),
+    [
+        ("fused.car.ap_bev_r40_50", "recall", 0.84),
+        ("fused.car.ranges.0_20.recall", "recall", 1),
+        ("fused.car.ranges.0_20.recall", "ap_bev_r40_50", 0.9),
+        ("lidar.car.recall", "ap_bev_r40_50", None),
+        ("frames", "recall", None),
+        ("unknown.name", "recall", None),
+    ],
+)
+def test_a_count_beside_or_above_a_figure(name: str, count: str, figure: float | None) -> None:
+    assert FIGURES.nearest_count(name, count) == figure
 
 
 def test_trees_are_merged_in_their_order() -> None:

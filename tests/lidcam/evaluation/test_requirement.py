@@ -12,16 +12,16 @@ from lidcam.evaluation.requirement import (
     OPERATORS,
     Requirement,
     RequirementError,
+    check_names,
     read_requirements,
-    unknown_names,
 )
 
 TREE: dict[str, Any] = {
     "sources": {
         "fused": {
-            "car": {"recall": 0.84, "exact": 0.9, "truth": 12, "detections": 10, "name": "x", "close": 0.89999999},
-            "bus": {"recall": None, "truth": 0, "detections": 1},
-            "van": {"precision": None, "truth": 3, "detections": 0},
+            "car": {"recall": 0.84, "exact": 0.9, "truth": 12, "found": 10, "name": "x", "close": 0.89999999},
+            "bus": {"recall": None, "truth": 0, "found": 1},
+            "van": {"precision": None, "truth": 3, "found": 0, "errors": {"z_m": {"mean": None}}},
             "all": {"nds": None},
         }
     },
@@ -89,12 +89,22 @@ def test_what_is_no_requirement(text: str, told: str) -> None:
             "fused.van.precision > 0",
             "fused.van.precision: expected > 0, found that it is not defined: nothing of it was found",
         ),
+        (
+            "fused.van.errors.z_m.mean < 1",
+            "fused.van.errors.z_m.mean: expected < 1, found that it is not defined: nothing of it was found",
+        ),
         ("fused.all.nds > 0", "fused.all.nds: expected > 0, found that it is not defined"),
         ("fused.car.name > 0", "fused.car.name: expected > 0, found the text 'x'"),
     ],
 )
 def test_a_requirement_is_met_or_not(text: str, failure: str) -> None:
     assert Requirement.parse(text).check(FIGURES).failure == failure
+
+
+def test_without_truth_nothing_about_it_is_defined() -> None:
+    figures = NamedFigures({"frames_with_truth": 0, "sources": {"fused": {"car": {"recall": None, "truth": 0}}}})
+    failure = Requirement.parse("fused.car.recall >= 0.5").check(figures).failure
+    assert failure == "fused.car.recall: expected >= 0.5, found that it is not defined: there is no truth"
 
 
 def test_a_figure_that_there_is_not_fails() -> None:
@@ -121,10 +131,10 @@ def test_what_fails_is_told_with_a_number_that_fails_too(found: float, limit: fl
 
 
 def test_names_that_there_cannot_be_are_told_before() -> None:
-    asked = ["fused.car.recall > 0", "fused.car.recal > 0", "fused.car.recal < 1", "fused.car.labels.van.recall > 0"]
-    told = unknown_names(read_requirements(asked), FIGURES)
-    assert len(told) == 1  # each name once; the words of the truth are not known yet
-    assert "'fused.car.recal'" in told[0]
+    later = ["fused.car.labels.van.recall > 0", "tracking.fused.car.hota > 0"]
+    check_names(read_requirements([*later, "fused.car.recall > 0", "frames > 0"]), FIGURES)
+    with pytest.raises(RequirementError, match=r"unknown figure 'fused.car.recal': did you mean 'fused.car.recall'"):
+        check_names(read_requirements(["frames > 0", "fused.car.recal > 0"]), FIGURES)
 
 
 def test_a_file_of_requirements(tmp_path: Path) -> None:

@@ -50,8 +50,8 @@ def test_what_lies_outside_is_not_within(
         (0, 0, False),
         (1, 0, True),
         (0, 1, True),
-        (UNKNOWN, 0, True),
-        (0, UNKNOWN, True),
+        (UNKNOWN, 0, False),
+        (0, UNKNOWN, False),
         (UNKNOWN, UNKNOWN, True),
     ],
 )

@@ -3,28 +3,35 @@ import pytest
 
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.evaluate import EvaluateConfig
-from pipeline.evaluation.scales import length_scale, range_edges_m, range_names, range_rows
+from pipeline.evaluation.scales import length_scales, nuscenes_ranges_m, range_edges_m, range_names, range_rows
 
 NUSCENES = Config(evaluate=EvaluateConfig(distances="nuscenes"))
 
 
 def test_distances_are_as_long_as_the_class() -> None:
     names = Config().class_names
-    assert length_scale(Config(), names.index("car")) == 1
-    assert length_scale(Config(), names.index("pedestrian")) == pytest.approx(0.15)
-    assert {length_scale(NUSCENES, class_id) for class_id in range(len(names))} == {1.0}
+    scales = dict(zip(names, length_scales(Config()), strict=True))
+    assert scales["car"] == 1
+    assert scales["pedestrian"] == pytest.approx(0.15)
+    assert set(length_scales(NUSCENES)) == {1.0}
+
+
+def test_nuscenes_evaluates_its_own_classes_up_to_a_range() -> None:
+    config = Config()
+    odd = config.model_copy(update={"classes": (config.classes[0], config.classes[1].model_copy(update={"name": "x"}))})
+    assert nuscenes_ranges_m(odd).tolist() == [50, 0]
 
 
 def test_ranges_are_as_long_as_the_first_class() -> None:
     config = Config()
     small = config.model_copy(update={"classes": (config.classes[0].model_copy(update={"size_m": (0.3, 0.1, 0.1)}),)})
-    assert range_names(range_edges_m(config)) == ("0_10", "10_20", "20_40", "40_80")
-    assert range_names(range_edges_m(small)) == ("0_0p75", "0p75_1p5", "1p5_3", "3_6")
+    assert range_names(range_edges_m(config)) == ("0_10", "10_20", "20_40", "40_80", "over_80")
+    assert range_names(range_edges_m(small)) == ("0_0p75", "0p75_1p5", "1p5_3", "3_6", "over_6")
     given = Config(evaluate=EvaluateConfig(ranges_m=(5, 7.5)))
-    assert range_names(range_edges_m(given)) == ("5_7p5",)
+    assert range_names(range_edges_m(given)) == ("5_7p5", "over_7p5")
 
 
 def test_a_range_holds_its_nearer_edge() -> None:
     centers = np.array([[0.0, 0, 50], [5, 0, 0], [0, 10, 0], [6, 8, 0], [20, 0, 0], [25, 0, 0]])
-    assert range_rows(centers, np.array([5.0, 10, 20])).tolist() == [-1, 0, 1, 1, -1, -1]
+    assert range_rows(centers, np.array([5.0, 10, 20])).tolist() == [-1, 0, 1, 1, 2, 2]
     assert range_rows(centers[:0], np.array([5.0, 10])).tolist() == []

@@ -378,6 +378,18 @@ def test_numbered_topics_pair_up() -> None:
     ]
 
 
+@pytest.mark.parametrize("detections", [["/camera/detections"], []])
+def test_true_boxes_are_not_those_of_a_detector(detections: list[str]) -> None:
+    truths = [f"/ground_truth/camera/{kind}" for kind in ("visible", "whole")]
+    found = rig_with(
+        an_image("/camera/image_raw", "cam"),
+        info("/camera/camera_info", "cam"),
+        *(boxes(topic, "cam") for topic in (*detections, *truths)),
+    )
+    assert found.rig is not None
+    assert [camera.boxes_topic for camera in found.rig.cameras] == [*(detections or [""])]
+
+
 def test_topics_of_other_places_pair_by_frame() -> None:
     found = rig_with(
         *(an_image(f"/{side}/image", f"cam_{side}") for side in ("left", "right")),

@@ -3,6 +3,7 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 from builders import Encoding
+from detections import forward_camera
 from memory_recording import MemoryRecording
 from truth_messages import true_object, truth_message, visible_message
 
@@ -37,9 +38,9 @@ def messages(
 
 def truth(raws: Sequence[RawMessage], config: Config | None = None) -> RecordedTruth:
     recording = MemoryRecording(raws)
-    topics = find_truth_topics(recording, (), ["left", "right"])
+    topics = find_truth_topics(recording, ())
     assert isinstance(topics, TruthTopics)
-    return RecordedTruth(recording, topics, config or Config())
+    return RecordedTruth(recording, topics, [forward_camera("left"), forward_camera("right")], config or Config())
 
 
 def x_at(source: RecordedTruth, stamp_ns: int) -> float | None:
@@ -125,6 +126,18 @@ def test_what_images_show() -> None:
     assert near.xyxy[0, 3] == 65
     assert source.in_image("left", START_NS + 25 * STEP_NS + 50_000_000, frame=0) is None
     assert source.in_image("right", START_NS, frame=0) is None
+
+
+def test_cameras_are_told_by_their_frames_then_by_their_names() -> None:
+    """The scenario may call a camera otherwise than the result does, where it is called after its topic."""
+    raws = [
+        visible_message(START_NS, [("car", (0, 0, 9, 9), "", 1.0)], camera=name, frame_id=frame_id)
+        for name, frame_id in (("front", "left"), ("right", "elsewhere"), ("rear", "rear_optical"))
+    ]
+    source = truth([*messages(), *raws])
+    assert source.in_image("left", START_NS, frame=0) is not None
+    assert source.in_image("right", START_NS, frame=0) is not None
+    assert source.notes == ("images of /ground_truth/rear/visible, a camera that the result does not have: 1",)
 
 
 def test_images_after_the_last_objects() -> None:

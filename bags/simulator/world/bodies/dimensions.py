@@ -18,8 +18,9 @@ class Shape:
 
     Attributes:
         class_name: Ground truth class.
-        size_m: Length, width (mirrors included), height of its box.
-        box_center_m: Centre of its box.
+        size_m: Length, width, height of what it needs: mirrors and a walker's whole stride included.
+        box_center_m: Centre of that box, and of the body's.
+        body_width_m: Width of a motor vehicle without mirrors; None for people.
         wheel_base_m: From axle to axle; 0 for a pedestrian.
         track_width_m: Between the centres of the front wheels; 0 without two of them.
         wheel_radius_m: Radius of all wheels; 0 for a pedestrian.
@@ -29,10 +30,17 @@ class Shape:
     class_name: str
     size_m: Vector
     box_center_m: Vector
+    body_width_m: float | None = None
     wheel_base_m: float = 0.0
     track_width_m: float = 0.0
     wheel_radius_m: float = 0.0
     max_steering_rad: float = 0.0
+
+    @property
+    def body_size_m(self) -> Vector:
+        """Length, width, height without mirrors."""
+        length, width, height = self.size_m
+        return length, width if self.body_width_m is None else self.body_width_m, height
 
     @property
     def rear_m(self) -> float:
@@ -53,12 +61,12 @@ class Shape:
 SHAPES: Mapping[str, Shape] = MappingProxyType(
     {
         # 1:14, as in the predecessor system: the box starts 7 mm above the table, controllers turn 28 rad per metre.
-        "model_car": Shape("car", (0.33, 0.22, 0.21), (0.105, 0.0, 0.112), 0.21, 0.165, 1 / 28, 0.6),
-        "car": Shape("car", (4.50, 1.92, 1.48), (1.30, 0.0, 0.74), 2.70, 1.44, 0.31, 0.48),
-        "van": Shape("van", (5.90, 2.34, 2.50), (1.85, 0.0, 1.25), 3.60, 1.64, 0.34, 0.50),
-        "truck": Shape("truck", (8.60, 2.78, 3.50), (2.10, 0.0, 1.75), 4.80, 1.98, 0.48, 0.50),
-        "bus": Shape("bus", (12.0, 2.88, 3.10), (2.60, 0.0, 1.55), 5.90, 2.04, 0.48, 0.55),
-        "cyclist": Shape("cyclist", (1.73, 0.58, 1.72), (0.525, 0.0, 0.86), 1.05, 0.0, 0.34, 0.7),
+        "model_car": Shape("car", (0.33, 0.22, 0.21), (0.105, 0.0, 0.112), 0.206, 0.21, 0.165, 1 / 28, 0.6),
+        "car": Shape("car", (4.50, 1.92, 1.48), (1.30, 0.0, 0.74), 1.80, 2.70, 1.44, 0.31, 0.48),
+        "van": Shape("van", (5.90, 2.34, 2.50), (1.85, 0.0, 1.25), 2.02, 3.60, 1.64, 0.34, 0.50),
+        "truck": Shape("truck", (8.60, 2.78, 3.50), (2.10, 0.0, 1.75), 2.54, 4.80, 1.98, 0.48, 0.50),
+        "bus": Shape("bus", (12.0, 2.88, 3.10), (2.60, 0.0, 1.55), 2.58, 5.90, 2.04, 0.48, 0.55),
+        "cyclist": Shape("cyclist", (1.73, 0.58, 1.72), (0.525, 0.0, 0.86), None, 1.05, 0.0, 0.34, 0.7),
         "pedestrian": Shape("pedestrian", (0.96, 0.54, 1.78), (-0.03, 0.0, 0.89)),
     }
 )

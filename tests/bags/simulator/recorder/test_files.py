@@ -20,7 +20,8 @@ from bags.simulator.recorder.files import (
     recording_outputs,
     ros_version_of,
 )
-from bags.simulator.recorder.messages import MessageFactory, TrueObject
+from bags.simulator.recorder.hypotheses import class_of, image_pixels, lidar_points, occlusion, truncation
+from bags.simulator.recorder.messages import MessageFactory, TrueObject, ViewedObject
 from pipeline.core.arrays import Array
 from pipeline.core.camera import CameraModel
 from pipeline.core.errors import OutputError
@@ -54,11 +55,18 @@ POINTS: dict[str, Array] = {
 }
 RGB = np.random.default_rng(0).integers(0, 255, (48, 64, 3), np.uint8)
 PAYLOAD = np.arange(2 * 1206, dtype=np.uint32).astype(np.uint8).reshape(2, 1206)
-BOXES = np.array([[10.0, 20.0, 30.0, 45.5], [0.0, 0.0, 5.0, 5.0]])
+BOXES = ((10.0, 20.0, 30.0, 45.5), (0.0, 0.0, 5.0, 5.0))
 
 
 def all_messages(make: MessageFactory) -> dict[str, Any]:
-    thing = TrueObject("car1", "van", POSE, (4.0, 2.0, 1.5), lidar_points=12, image_pixels=3456)
+    counts = (lidar_points(12), image_pixels(3456), lidar_points(5, "top", 0), lidar_points(7, "side", 1))
+    thing = TrueObject("car1", 6, POSE, (4.0, 2.0, 1.5), (class_of("van"), *counts, image_pixels(3456, "front", 2)))
+    found = [
+        ViewedObject("car1", 6, BOXES[0], (class_of("car", 0.9),)),
+        ViewedObject("", -1, BOXES[1], (class_of("pedestrian", 0.4),)),
+    ]
+    shares = (image_pixels(70), occlusion(0.25), truncation(0.5))
+    shown = [ViewedObject("bike", 3, BOXES[0], (class_of("cyclist"), *shares))]
     return {
         "/tf_static": make.transforms(STAMP_NS, [POSE]),
         "/points": make.cloud(STAMP_NS, "lidar", POINTS),
@@ -69,8 +77,9 @@ def all_messages(make: MessageFactory) -> dict[str, Any]:
         "/odometry": make.odometry(STAMP_NS, POSE, (3.0, 0.1, 0.2)),
         "/drive": make.drive(STAMP_NS, "car", speed_m_s=0.5, steering_rad=-0.25),
         "/wheel": make.number(14.0),
-        "/boxes": make.detections_2d(STAMP_NS, "cam", BOXES, np.array([0.9, 0.4]), ["car", "pedestrian"]),
-        "/nothing": make.detections_2d(STAMP_NS, "cam", np.empty((0, 4)), np.empty(0), []),
+        "/boxes": make.detections_2d(STAMP_NS, "cam", found),
+        "/nothing": make.detections_2d(STAMP_NS, "cam", []),
+        "/visible": make.detections_2d(STAMP_NS, "cam", shown),
         "/truth": make.truth(STAMP_NS, "site", [thing]),
     }
 
@@ -160,22 +169,44 @@ def test_truth_tells_class_box_and_how_often_it_was_hit(recording: Path) -> None
     size, center = thing.bbox.size, thing.bbox.center.position
     assert (size.x, size.y, size.z, center.x, center.y, center.z) == (4.0, 2.0, 1.5, 1.0, -2.0, 0.5)
     if recording.suffix == ".bag":
-        assert [(one.id, one.score) for one in thing.results] == [(4, 1.0), (-1, 12.0), (-2, 3456.0), (-3, 0.0)]
+        totals, each = [(4, 1.0), (-1, 12.0), (-2, 3456.0)], [(-1000, 5.0), (-1001, 7.0), (-2002, 3456.0)]
+        assert told(thing) == [*totals, *each, (-3, 6.0)]
     else:
-        told = [(one.hypothesis.class_id, one.hypothesis.score) for one in thing.results]
-        assert told == [("van", 1.0), ("lidar_points", 12.0), ("image_pixels", 3456.0)]
+        assert told(thing) == [
+            *[("van", 1.0), ("lidar_points", 12.0), ("image_pixels", 3456.0)],
+            *[("lidar_points/top", 5.0), ("lidar_points/side", 7.0), ("image_pixels/front", 3456.0)],
+        ]
         assert thing.id == "car1"
+
+
+def told(detection: Any) -> list[tuple[str | int, float]]:
+    """Name or number, and score, of each hypothesis."""
+    hypotheses = [getattr(one, "hypothesis", one) for one in detection.results]
+    return [(one.class_id if hasattr(one, "class_id") else one.id, one.score) for one in hypotheses]
+
+
+def test_boxes_in_images_tell_whose_they_are_and_how_much_is_seen(recording: Path) -> None:
+    found = messages_of(recording)
+    ours, nobodys = deserialize(found["/boxes"]).detections
+    [shown] = deserialize(found["/visible"]).detections
+    if recording.suffix == ".bag":
+        assert told(ours) == [(1, 0.9), (-3, 6.0)]
+        assert told(nobodys) == [(2, 0.4), (-3, -1.0)]
+        assert told(shown) == [(3, 1.0), (-2, 70.0), (-4, 0.25), (-5, 0.5), (-3, 3.0)]
+    else:
+        assert [one.id for one in (ours, nobodys, shown)] == ["car1", "", "bike"]
+        assert told(shown) == [("cyclist", 1.0), ("image_pixels", 70.0), ("occlusion", 0.25), ("truncation", 0.5)]
 
 
 def test_rosbags_reads_every_message(recording: Path) -> None:
     if recording.suffix == ".mcap":
         with recording.open("rb") as stream:
-            assert sum(1 for _ in make_reader(stream).iter_messages()) == 12
+            assert sum(1 for _ in make_reader(stream).iter_messages()) == 13
         return
     with AnyReader([recording]) as reader:
         for connection, _, data in reader.messages():
             reader.deserialize(data, connection.msgtype)
-        assert reader.message_count == 12
+        assert reader.message_count == 13
 
 
 def test_the_true_calibration_goes_with_it(recording: Path) -> None:

@@ -53,7 +53,8 @@ def test_a_process_measures_what_this_one_would() -> None:
     assert len(here) == len(there) > 1
     for mine, its in zip(here, there, strict=True):
         np.testing.assert_array_equal(mine.hits, its.hits)
-        assert mine._replace(hits=its.hits) == its
+        np.testing.assert_array_equal(mine.hit_offsets_ns, its.hit_offsets_ns)
+        assert mine._replace(hits=its.hits, hit_offsets_ns=its.hit_offsets_ns) == its
 
 
 def test_its_errors_come_out() -> None:

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 from scipy.spatial.transform import Rotation
-from small_scenario import write_small_scenario
+from small_scenario import SMALL, write_small_scenario
 
 from lidcam.commands.simulate import SimulateOptions, run_simulate
+from pipeline.core.arrays import F64
 from pipeline.core.ros.typestores import message_types
 
 MS = 1_000_000
@@ -80,6 +81,8 @@ def test_topics_rates_and_order(simulate: Simulate) -> None:
         ):
             assert counts[f"/{name}/{controller}/command"] == 21
     assert counts["/ground_truth/objects"] == 5  # at 0.0 ... 0.8 s: at 1.0 s nothing measures
+    assert counts["/ground_truth/objects_when_measured"] == 5
+    assert counts["/ground_truth/front/visible"] == counts["/ground_truth/front/whole"] == 10
 
 
 def test_a_car_that_is_driven_by_itself_moves_as_its_commands_say(simulate: Simulate) -> None:
@@ -94,15 +97,143 @@ def test_a_car_that_is_driven_by_itself_moves_as_its_commands_say(simulate: Simu
     assert wheel.data == pytest.approx(28 * drive.drive.speed)
 
 
+def told(detection: Any) -> dict[int | str, float]:
+    """The score of each hypothesis of a detection, by number or name."""
+    hypotheses = [getattr(one, "hypothesis", one) for one in detection.results]
+    return {one.class_id if hasattr(one, "class_id") else one.id: one.score for one in hypotheses}
+
+
+def by_row(message: Any) -> dict[float, dict[int | str, float]]:
+    """What a ROS 1 message tells of each object, by its row."""
+    return {told(one)[-3]: told(one) for one in message.detections}
+
+
 def test_the_truth_tells_how_often_things_are_hit(simulate: Simulate) -> None:
     path = simulate()
     [(_, truth), *_] = stamped(path, "/ground_truth/objects")
-    told = {one.results[3].score: {result.id: result.score for result in one.results} for one in truth.detections}
-    assert set(told) == {0.0, 1.0}
-    for counts in told.values():
+    counted = by_row(truth)
+    assert set(counted) == {0.0, 1.0}
+    for counts in counted.values():
         assert counts[1] == 1.0  # a car
         assert counts[-1] > 0  # lidar points
-    assert told[0.0][-2] + told[1.0][-2] > 0  # image pixels
+    assert counted[0.0][-2] + counted[1.0][-2] > 0  # image pixels
+
+
+def test_counts_of_each_sensor_are_those_that_add_up(simulate: Simulate) -> None:
+    """A second camera beside the first sees nothing else, and one that looks away sees nothing at all."""
+    front = SMALL["cameras"]["front"]
+    more = {
+        name: front | {"topic": f"/{name}", "info_topic": f"/{name}/info", "frame_id": name, "rpy_deg": rpy_deg}
+        for name, rpy_deg in (("twin", front["rpy_deg"]), ("away", [0, 15, -150]))
+    }
+    more["twin"]["detector"] = more["away"]["detector"] = None
+    path = simulate("out.mcap", duration=0.35, cameras={"front": front} | more)
+    for _, truth in stamped(path, "/ground_truth/objects"):
+        assert [one.id for one in truth.detections] == ["car1", "car2"]
+        for one in truth.detections:
+            counts = told(one)
+            each = ["lidar_points/top", *(f"image_pixels/{name}" for name in ("away", "front", "twin"))]
+            assert list(counts)[3:] == each  # in the order of the file, which is sorted
+            assert counts["lidar_points"] == counts["lidar_points/top"] > 0
+            assert counts["image_pixels"] == 2 * counts["image_pixels/front"] == 2 * counts["image_pixels/twin"]
+            assert counts["image_pixels/away"] == 0
+    assert counts["image_pixels"] > 0
+
+
+def placed(detection: Any) -> list[float]:
+    center, size = detection.bbox.center.position, detection.bbox.size
+    return [center.x, center.y, center.z, size.x, size.y, size.z]
+
+
+def test_the_truth_at_the_time_of_the_points_is_where_they_lie(simulate: Simulate) -> None:
+    """Judged by the cloud and the odometry: the points in a car's box at their own times, and their mean time."""
+    path = simulate("out.mcap", vehicles__car2__speed_m_s=1.5, lidars__top__firing_stride=1)
+    clouds = {stamp_ns(message): fields_of(message) for _, message in stamped(path, "/points")}
+    steady = {stamp_ns(message): message for _, message in stamped(path, "/ground_truth/objects")}
+    moved = {stamp_ns(message): message for _, message in stamped(path, "/ground_truth/objects_when_measured")}
+    assert steady.keys() == moved.keys()
+    odometry = stamped(path, "/car2/base_pose_ground_truth")
+    way = np.array([(stamp_ns(one), one.pose.pose.position.x) for _, one in odometry])
+    checked = 0
+    for time_ns, cloud in clouds.items():
+        moment = next((moment for moment in steady if 0 <= moment - time_ns < 100 * MS), None)
+        if moment is None:
+            continue
+        still, still_then = (message.detections[0] for message in (steady[moment], moved[moment]))
+        assert placed(still) == placed(still_then)
+        now, then = (message.detections[1] for message in (steady[moment], moved[moment]))
+        assert (now.id, told(now)) == ("car2", told(then))
+        assert placed(now)[1:] == pytest.approx(placed(then)[1:], abs=1e-6)
+        times_ns = time_ns + cloud["time"] * 1e9
+        y, z = cloud["y"] + 0.3, cloud["z"] + 0.4  # the lidar stands upright at (0, 0.3, 0.4)
+        own = (np.abs(y - placed(now)[1]) < 0.14) & (z > 0.012) & (z < 0.24)
+        own &= np.abs(cloud["x"] - np.interp(times_ns, *way.T)) < 0.19
+        assert own.sum() == pytest.approx(told(now)["lidar_points"], rel=0.1)  # the lowest ones are left out
+        assert placed(then)[0] == pytest.approx(np.interp(times_ns[own].mean(), *way.T), abs=2e-3)
+        checked += 1
+    assert checked >= 8
+
+
+def fields_of(cloud: Any) -> dict[str, F64]:
+    kinds = {4: "<u2", 7: "<f4"}
+    dtype = np.dtype(
+        {
+            "names": [field.name for field in cloud.fields],
+            "formats": [kinds[field.datatype] for field in cloud.fields],
+            "offsets": [field.offset for field in cloud.fields],
+            "itemsize": cloud.point_step,
+        }
+    )
+    points = np.frombuffer(bytes(cloud.data), dtype)
+    return {name: points[name].astype(np.float64) for name in dtype.names or ()}
+
+
+def edges_of(detection: Any) -> list[float]:
+    center, x, y = getattr(detection.bbox.center, "position", detection.bbox.center), *size_of(detection)
+    return [center.x - x / 2, center.y - y / 2, center.x + x / 2, center.y + y / 2]
+
+
+def size_of(detection: Any) -> tuple[float, float]:
+    return detection.bbox.size_x, detection.bbox.size_y
+
+
+@pytest.mark.parametrize("name", ["out.bag", "out.mcap"])
+def test_every_image_has_its_truth_and_boxes_say_whose_they_are(simulate: Simulate, name: str) -> None:
+    """An exact detector finds what the truth calls visible."""
+    exact = {"pixel_noise_px": 0.0, "miss_rate": 0.0, "min_visible": 0.0, "min_height_px": 0.0}
+    detector = {"topic": "/boxes", "false_per_image": 1.0, **exact}
+    path = simulate(name, cameras__front__detector=detector, vehicles__car1__start=[-0.9, 1.35, 0], duration=0.6)
+    topics = ("/image/compressed", "/boxes", "/ground_truth/front/visible", "/ground_truth/front/whole")
+    images, boxes, visible, whole = ([message for _, message in stamped(path, topic)] for topic in topics)
+    assert len(images) == 6
+    times = [[(stamp_ns(one), one.header.frame_id) for one in messages] for messages in (boxes, visible, whole)]
+    assert times == [[(stamp_ns(image), "front") for image in images]] * 3
+    false_boxes = 0
+    for found, shown, complete in zip(boxes, visible, whole, strict=True):
+        who = [told(one).get(-3, getattr(one, "id", None)) for one in found.detections]
+        nobody = -1.0 if name == "out.bag" else ""
+        false_boxes += who.count(nobody)
+        own = [one for one, owner in zip(found.detections, who, strict=True) if owner != nobody]
+        assert [edges_of(one) for one in own] == [pytest.approx(edges_of(one)) for one in shown.detections]
+        assert len(shown.detections) == len(complete.detections) == 2
+        for part, all_of_it in zip(shown.detections, complete.detections, strict=True):
+            inside, around = edges_of(part), edges_of(all_of_it)
+            assert around[0] <= inside[0] < inside[2] <= around[2]
+            assert around[1] <= inside[1] < inside[3] <= around[3]
+            if name == "out.mcap":
+                assert part.id == all_of_it.id in {"car1", "car2"}
+                assert [*told(part)] == ["car", "image_pixels", "occlusion", "truncation"]
+                assert [*told(all_of_it)] == ["car", "image_pixels"]
+            else:
+                assert [*told(part)] == [1, -2, -4, -5, -3]
+                assert [*told(all_of_it)] == [1, -2, -3]
+    assert false_boxes > 0
+
+
+def test_without_truth_there_is_none_of_images(simulate: Simulate) -> None:
+    path = simulate(recording__truth_rate_hz=0.0, duration=0.2)
+    with AnyReader([path]) as reader:
+        assert not [connection.topic for connection in reader.connections if "ground_truth/" in connection.topic]
 
 
 def test_clock_offset_and_death(simulate: Simulate) -> None:

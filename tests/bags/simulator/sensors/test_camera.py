@@ -13,7 +13,7 @@ from bags.simulator.sensors.film import Film, srgb_from_linear
 from bags.simulator.vehicles.trajectory import State, Trajectory
 from bags.simulator.world.meshes.mesh import Material, Mesh, box, merged, polygon
 from bags.simulator.world.motion import T_BODY_OPTICAL, FixedPath, MountedPath, Path
-from bags.simulator.world.mover import Mover, Part
+from bags.simulator.world.mover import Mover, Part, RigidBox, UprightBox
 from bags.simulator.world.scene import Scene
 from pipeline.core.arrays import F64
 from pipeline.core.geometry.boxes import box_corners
@@ -65,7 +65,8 @@ def box_mover(
     end = (x + 10 * speed_m_s * np.cos(yaw), y + 10 * speed_m_s * np.sin(yaw))
     path.append(10**10, State(float(end[0]), float(end[1]), yaw))
     center = (0.0, 0.0, size[2] / 2)
-    return Mover(name, "car", path, center, size, (Part(box(center, size, material), path),))
+    body = RigidBox(UprightBox(center, size))
+    return Mover(name, "car", path, center, size, (Part(box(center, size, material), path),), body)
 
 
 def brightness(image: CameraImage) -> F64:

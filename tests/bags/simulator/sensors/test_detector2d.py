@@ -5,7 +5,8 @@ import pytest
 
 from bags.simulator.scenario.sensors import Detector2DScenario
 from bags.simulator.sensors.camera import CameraImage
-from bags.simulator.sensors.detector2d import NO_MOVER, Detected, detect, visible_boxes
+from bags.simulator.sensors.detector2d import NO_MOVER, Detected, detect
+from bags.simulator.sensors.visibility import visible_boxes
 
 CLASSES = ("car", "pedestrian", "truck")
 

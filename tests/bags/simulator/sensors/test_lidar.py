@@ -296,6 +296,8 @@ def test_points_are_counted_for_the_movers_that_they_lie_on() -> None:
     x = sweep.xyz[:, 0]
     assert sweep.hits_per_mover.tolist() == [((x > 8) & (x < 12)).sum(), 0, (x < 0).sum()]
     assert min(sweep.hits_per_mover[[0, 2]]) > 100
+    offsets = sweep.time_offset_ns
+    assert sweep.hit_offsets_ns.tolist() == [offsets[(x > 8) & (x < 12)].sum(), 0, offsets[x < 0].sum()]
     assert lidar(scene([wall(30, WHITE)]), model="VLP-16").sweep(0).hits_per_mover.tolist() == []
 
 

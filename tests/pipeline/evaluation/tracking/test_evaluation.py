@@ -96,6 +96,16 @@ def test_names_are_those_of_nuscenes_only_with_its_distances() -> None:
     assert fused(followed(), config, "pedestrian")["match_distance_m"] == 2
 
 
+def test_with_the_distances_of_nuscenes_its_ranges_hold_for_its_figures() -> None:
+    config = Config(evaluate=EvaluateConfig(distances="nuscenes"))
+    truth = truth_boxes([car(30), car(60), car(49)], [5, 1, 9])
+    found = source_boxes([car(30), car(70), car(51)], [2, 3, 4], scores=[0.5, 0.5, 0.5])
+    figures = fused([frame_of(0, truth, {"fused": found})], config)
+    assert errors(figures) == {"misses": 2, "false_positives": 2}
+    # Two objects within 50 m, one found: the recalls up to 0.5 are reached, 18 of 40.
+    assert figures["nuscenes"]["amota"] == pytest.approx(18 / 40)
+
+
 @pytest.mark.parametrize(
     ("tracks", "expected"),
     [

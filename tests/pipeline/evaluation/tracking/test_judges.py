@@ -10,14 +10,12 @@ from evaluation_frames import frame_of, source_boxes, truth_boxes
 from track_cases import CASES, LENGTH_M, TIES, TIES_OF_TRACKS, WIDTH_M, TrackCase
 
 from pipeline.core.settings.config import Config
-from pipeline.core.settings.evaluate import EvaluateConfig
 from pipeline.evaluation.tracking.evaluation import TrackingEvaluation
 
 APART = {"perfect", "nothing_found", "barely_found", *(name for name in CASES if name.startswith("separated"))}
 
 SIZE = (LENGTH_M, WIDTH_M, 1.5)
 TOLERANCE = 1e-9
-NUSCENES = Config(evaluate=EvaluateConfig(distances="nuscenes"))
 
 
 def said(judge: str) -> dict[str, Any]:
@@ -29,7 +27,7 @@ def said(judge: str) -> dict[str, Any]:
 @cache
 def figures_of(name: str) -> dict[str, Any]:
     case = CASES[name]()
-    evaluation = TrackingEvaluation(NUSCENES, ())
+    evaluation = TrackingEvaluation(Config(), ())
     add_case(evaluation, case)
     # Without a box there is no track, and without a track there are no figures: a track of another class brings them.
     found = source_boxes([[900, 900, 0, *SIZE, 0]], [0], class_ids=[1])
@@ -119,7 +117,7 @@ def test_clear_is_that_of_trackeval_where_objects_are_apart(name: str) -> None:
 
 @pytest.mark.parametrize("name", sorted(CASES.keys() - TIES))
 def test_amota_is_that_of_nuscenes(name: str) -> None:
-    ours, theirs = figures_of(name)["nuscenes"], said("nuscenes")[name]
+    ours, theirs = figures_of(name)["distance"], said("nuscenes")[name]
     assert ours["amota"] == pytest.approx(theirs["amota"], abs=TOLERANCE)
     assert ours["amotp_m"] == pytest.approx(theirs["amotp"], abs=TOLERANCE)
 

@@ -204,6 +204,15 @@ def test_negative_numbers_of_ros1_count_something() -> None:
     }
 
 
+def test_negative_numbers_are_counts_and_no_classes() -> None:
+    results = [{"id": number, "score": score} for number, score in ((-3, 7.0), (2, 0.4), (-2, 900.0))]
+    raw = old_message(ROS1, "ros1", [{"results": results, "bbox": OLD_BOX}, {"results": results[:1], "bbox": OLD_BOX}])
+    found = decode_detections2d(raw, CLASS_IDS, class_names=("person", "bicycle", "car"))
+    np.testing.assert_array_equal(found.boxes.class_ids, [0])
+    np.testing.assert_allclose(found.boxes.scores, [0.4])
+    assert dict(found.unused) == {"no class with a score": 1}
+
+
 def test_unknown_layout() -> None:
     raw = old_message(NO_BOX, "cdr", [{"results": [{"id": "car", "score": 0.5}]}])
     with pytest.raises(MessageError, match=r"/boxes: .* is another than lidcam reads: .*bbox"):

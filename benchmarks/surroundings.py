@@ -1,0 +1,70 @@
+"""What stands where a result reports an object that is not there: names for its false detections."""
+
+from collections import Counter
+from typing import Any
+
+import numpy as np
+
+from bags.simulator.world.open3d_runtime import load_libusb
+from bags.simulator.world.places.places import World, static_mesh
+from pipeline.core.arrays import F64
+from pipeline.core.geometry.boxes import rotations_2d
+
+__all__ = ["NOTHING", "Surroundings"]
+
+NOTHING = "nothing that stands there"
+
+GROUNDS = ("crossing ground", "street ground", "paving", "table top", "room floor", "kerb", "model kerb", "island")
+"""Materials that lie below everything: named only where there is nothing else."""
+
+NOUNS = {"bark": "tree", "leaves": "tree", "needles": "conifer", "galvanised pole": "pole", "lamp": "lamp post"}
+"""What is made of a material whose name is not that of the thing."""
+
+STEPS = 9
+
+
+class Surroundings:
+    """The static part of a simulated world.
+
+    Args:
+        world: Its name.
+    """
+
+    def __init__(self, world: World) -> None:
+        load_libusb()
+        import open3d
+
+        self._mesh = static_mesh(world)
+        core: Any = open3d.core
+        self._tensor = core.Tensor
+        self._scene = open3d.t.geometry.RaycastingScene(nthreads=1)
+        vertices, triangles = self._mesh.vertices.astype(np.float32), self._mesh.triangles.astype(np.uint32)
+        self._scene.add_triangles(self._tensor(vertices), self._tensor(triangles))
+
+    def name(self, center: F64, size_m: F64, yaw: float) -> str:
+        """What fills most of a box: the thing with most of the surfaces that are nearest to points in the box.
+
+        Args:
+            center: (3,) metres in the world.
+            size_m: (3,) length, width, height.
+            yaw: About +z, radians.
+        """
+        steps = (np.arange(STEPS) + 0.5) / STEPS - 0.5
+        grid = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), -1).reshape(-1, 3) * size_m
+        (turn,) = rotations_2d(np.array([yaw]))
+        points = np.column_stack([grid[:, :2] @ turn.T, grid[:, 2]]) + center
+        nearest = self._scene.compute_closest_points(self._tensor(points.astype(np.float32)))
+        surfaces, triangles = nearest["points"].numpy(), nearest["primitive_ids"].numpy().astype(np.int64)
+        local = (surfaces - center)[:, :2] @ turn
+        inside = (np.abs(np.column_stack([local, (surfaces - center)[:, 2]])) <= size_m / 2 + 1e-3).all(1)
+        materials = (self._mesh.palette[row].name for row in self._mesh.materials[triangles[inside]])
+        found = Counter(_noun(material) for material in materials)
+        things = [name for name, _ in found.most_common() if name not in GROUNDS] or [
+            f"the ground ({name})" for name, _ in found.most_common(1)
+        ]
+        return things[0] if things else NOTHING
+
+
+def _noun(material: str) -> str:
+    plain = material.rstrip(" 0123456789")
+    return NOUNS.get(plain, plain)

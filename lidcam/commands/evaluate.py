@@ -1,0 +1,99 @@
+"""What `lidcam evaluate` does."""
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import typer
+
+from lidcam.commands.envelope import envelope
+from lidcam.commands.json_output import json_output
+from lidcam.commands.verdict import Verdict
+from lidcam.evaluation.evaluate import EvaluationObserver, evaluate_result
+from lidcam.evaluation.evaluation import Evaluation, EvaluationJob
+from lidcam.evaluation.requirement import RequirementError
+from lidcam.printing.evaluation import print_evaluation
+from lidcam.printing.progress import show_progress
+from lidcam.printing.terminal import console
+
+__all__ = ["EvaluateOptions", "Shown", "requirement_errors", "run_evaluate"]
+
+
+@dataclass(frozen=True, slots=True)
+class EvaluateOptions:
+    """The command line of `evaluate`.
+
+    Attributes:
+        job: What to evaluate, and against what.
+        json: Where the figures go as JSON: None, `-` for standard output in place of the tables, or a file.
+        overwrite: Replace what no earlier run wrote, too.
+        read_files: Files that were read for the settings, the rig and the requirements.
+    """
+
+    job: EvaluationJob
+    json: str | None = None
+    overwrite: bool = False
+    read_files: tuple[Path, ...] = ()
+
+
+def run_evaluate(options: EvaluateOptions) -> None:
+    """Evaluate a result and print the figures.
+
+    Raises:
+        CheckError: a requirement is not met.
+        IncompleteError: part of the result or of the truth could not be used.
+        LidcamError: the result, the truth or the settings are at fault.
+    """
+    job = options.job
+    inputs = (job.result, *job.truth, *options.read_files)
+    with json_output(options.json, inputs=inputs, overwrite=options.overwrite) as json:
+        with ExitStack() as stack:
+            evaluation = evaluate_result(job, Shown(stack))
+        verdict = Verdict(evaluation.failures, evaluation.incomplete)
+        json.tree = _tree(evaluation, verdict)
+    out = console()
+    json.show(out, lambda: print_evaluation(out, evaluation))
+    verdict.end()
+
+
+class Shown(EvaluationObserver):
+    """Shows the progress of an evaluation; the bar ends with `stack`."""
+
+    def __init__(self, stack: ExitStack) -> None:
+        self._stack = stack
+
+    def opened(self, seconds: float) -> None:
+        """Begin the bar."""
+        self._advance = self._stack.enter_context(show_progress(seconds))
+
+    def advanced(self, done_s: float, frames: int) -> None:
+        """Move it on."""
+        self._advance(done_s, f"{frames} frames evaluated")
+
+
+@contextmanager
+def requirement_errors() -> Iterator[None]:
+    """Turn requirements that are none, or name no figure, into wrong usage.
+
+    Raises:
+        typer.BadParameter: one is.
+    """
+    try:
+        yield
+    except RequirementError as err:
+        raise typer.BadParameter(str(err), param_hint="--require") from err
+
+
+def _tree(evaluation: Evaluation, verdict: Verdict) -> dict[str, Any]:
+    return envelope(
+        "evaluate",
+        inputs=evaluation.inputs,
+        settings={"name": evaluation.settings_name, "sha256": evaluation.settings_sha256},
+        truth=evaluation.truth.tree() if evaluation.truth else None,
+        figures=evaluation.tree(),
+        verdict=verdict,
+        warnings=evaluation.warnings,
+        notes=evaluation.notes,
+    )

@@ -1,0 +1,78 @@
+"""What makes the figures of an evaluation doubtful, or empty, and what to try."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from lidcam.checks.warning import RunWarning
+
+__all__ = ["doubts"]
+
+ALL = "all"
+"""In place of a class: the figures of all objects."""
+
+MIN_COVERED = 0.5
+"""Share of the frames that truth should cover."""
+
+MAX_LABELS = 5
+
+
+def doubts(tree: Mapping[str, Any], *, has_truth: bool) -> tuple[RunWarning, ...]:
+    """What to mind about figures.
+
+    Args:
+        tree: The figures.
+        has_truth: Whether there is truth, at whatever time.
+    """
+    if not has_truth:
+        return ()
+    return (*_times(tree), *_objects(tree["truth_objects"]), *_places(tree))
+
+
+def _times(tree: Mapping[str, Any]) -> Iterator[RunWarning]:
+    frames, covered = tree["frames"], tree["frames_with_truth"]
+    if frames and covered < MIN_COVERED * frames:
+        yield RunWarning(
+            "truth",
+            f"it covers the time of {covered or 'none'} of {frames} frames",
+            "check that it is of the same recording, and that its stamps are of the same clock"
+            if not covered
+            else "only frames with truth count",
+        )
+
+
+def _objects(counts: Mapping[str, Any]) -> Iterator[RunWarning]:
+    reasons = {
+        "without_class": "of no configured class",
+        "marked_as_ignored": "marked as ignored",
+        "outside": "outside of evaluate.region or evaluate.max_range_m",
+        "unseen": "without a lidar point and without a pixel",
+    }
+    found = [f"{counts[name]} {words}" for name, words in reasons.items() if counts[name]]
+    if found and not counts["evaluated"]:
+        yield RunWarning(
+            "truth",
+            f"none of its objects is evaluated: {', '.join(found)}",
+            "look at the section evaluate of the settings",
+        )
+    labels = sorted(counts["labels_without_class"].items(), key=lambda item: (-item[1], item[0]))
+    if labels:
+        told = ", ".join(f"{label} ({count})" for label, count in labels[:MAX_LABELS])
+        more = f" and {len(labels) - MAX_LABELS} more" if len(labels) > MAX_LABELS else ""
+        yield RunWarning(
+            "truth",
+            f"objects of no configured class are ignored: {told}{more}",
+            "add the words to classes.N.labels if they mean one of the classes",
+        )
+
+
+def _places(tree: Mapping[str, Any]) -> Iterator[RunWarning]:
+    for source, classes in tree.get("sources", {}).items():
+        figures = classes[ALL]
+        if figures["truth"] and not figures["found"]:
+            yield RunWarning(source, "nothing was found in any frame with truth", "look at the warnings of the run")
+        elif figures["truth"] and not figures["right"]:
+            yield RunWarning(
+                source,
+                f"none of {figures['found']} boxes lies where one of {figures['truth']} true objects of its class does",
+                "check that truth and result are of the same recording and in the same frame of reference",
+            )

@@ -1,0 +1,91 @@
+"""An evaluation: open a result, find the truth, measure all frames in one pass. Nothing is printed here."""
+
+import logging
+import time
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import ExitStack
+
+from lidcam.checks.incomplete import damage_lines
+from lidcam.evaluation.doubts import doubts
+from lidcam.evaluation.evaluation import Evaluation, EvaluationJob, Truth
+from lidcam.evaluation.evaluators import evaluators_of, known_figures, measure
+from lidcam.evaluation.figures import NamedFigures
+from lidcam.evaluation.frames import EvaluationFrames
+from lidcam.evaluation.requirement import check_names
+from lidcam.settings.lasting import settings_sha256
+from pipeline.core.errors import RecordingError
+from pipeline.evaluation.records import EvaluationFrame
+from readers.input_file import read_input_file
+from readers.location import Location
+from readers.results.result import Result, open_result
+from readers.truth.open import OpenTruth, open_truth
+
+__all__ = ["EvaluationObserver", "evaluate_result"]
+
+logger = logging.getLogger(__name__)
+
+
+class EvaluationObserver:
+    """Looks on while an evaluation goes on; the methods of this one do nothing."""
+
+    def opened(self, seconds: float) -> None:
+        """The result is open, and lasts so long."""
+
+    def advanced(self, done_s: float, frames: int) -> None:
+        """The evaluation is so far now; called after each frame."""
+
+
+def evaluate_result(job: EvaluationJob, observer: EvaluationObserver | None = None) -> Evaluation:
+    """Evaluate a result of lidcam.
+
+    Args:
+        job: What to evaluate, and against what.
+        observer: Looks on.
+
+    Raises:
+        RequirementError: a requirement names a figure that there cannot be; nothing is measured.
+        LidcamError: the result, the truth or the settings are at fault.
+    """
+    observer = observer or EvaluationObserver()
+    started = time.perf_counter()
+    with open_result(job.result, job.settings) as result, ExitStack() as stack:
+        config, rig = result.config, result.rig
+        observer.opened((result.recording.end_ns - result.recording.start_ns) / 1e9)
+        cameras = [camera for camera in rig.cameras if camera.name in result.cameras]
+        check_names(job.requirements, known_figures(config, rig.zones, cameras, result.sources))
+        found, files = _find_truth(job, result, stack)
+        frames = EvaluationFrames(result, found)
+        tree = measure(_told(frames, observer), evaluators_of(config, rig.zones, cameras))
+        if not tree["frames"]:
+            raise RecordingError(f"{job.result}: expected a result with frames, found none")
+        figures = NamedFigures({**tree, "timing": {"evaluation_s": time.perf_counter() - started}})
+        truth = Truth((found.source.description,), tuple(map(read_input_file, files))) if found.source else None
+        return Evaluation(
+            figures=figures,
+            inputs=(read_input_file(job.result),),
+            settings_name=result.metadata.get("settings", ""),
+            settings_sha256=settings_sha256(config),
+            truth=truth,
+            outcomes=tuple(requirement.check(figures) for requirement in job.requirements),
+            warnings=doubts(tree, has_truth=truth is not None),
+            notes=tuple(note for note in frames.notes if not (truth and note == f"truth: {truth.sources[0]}")),
+            incomplete=tuple(damage_lines(result.recording.losses)),
+        )
+
+
+def _find_truth(job: EvaluationJob, result: Result, stack: ExitStack) -> tuple[OpenTruth, Sequence[Location]]:
+    """The truth, open until `stack` ends, and the files that it stands in."""
+    if job.truth:
+        found = stack.enter_context(open_truth(result, job.truth, topic=job.truth_topic))
+        return found, found.poses[0].paths
+    found = stack.enter_context(open_truth(result, topic=job.truth_topic))
+    return found, (job.result,)
+
+
+def _told(frames: Iterable[EvaluationFrame], observer: EvaluationObserver) -> Iterator[EvaluationFrame]:
+    """The frames, each told when it was measured."""
+    start_ns: int | None = None
+    for frame in frames:
+        start_ns = frame.stamp_ns if start_ns is None else start_ns
+        yield frame
+        observer.advanced((frame.stamp_ns - start_ns) / 1e9, frame.index + 1)

@@ -1,0 +1,135 @@
+"""What an evaluation takes and gives."""
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from lidcam.checks.warning import RunWarning
+from lidcam.evaluation.figures import NamedFigures
+from lidcam.evaluation.requirement import Outcome, Requirement, read_requirements
+from lidcam.job import FilePath, PathOrUrl, RigSource, Settings, locations, read_rig
+from pipeline.core.settings.load import load_config
+from readers.input_file import InputFile
+from readers.location import Location
+from readers.rig.schema import RigFile
+
+__all__ = ["Evaluation", "EvaluationJob", "Truth", "make_evaluation_job"]
+
+
+@dataclass(frozen=True, slots=True)
+class EvaluationJob:
+    """What to evaluate, and against what.
+
+    Attributes:
+        result: The .mcap file that `lidcam process` wrote.
+        truth: Recordings or files of labels; empty: what the result holds.
+        truth_topic: The topic of the truth, whatever it is called; empty: the one that is truth by its name.
+        rig: Rig file with topics of truth.
+        settings: Single settings on top of those of the result.
+        requirements: What is required of the figures.
+    """
+
+    result: Path
+    truth: tuple[Location, ...] = ()
+    truth_topic: str = ""
+    rig: RigFile | None = None
+    settings: Sequence[str] = ()
+    requirements: tuple[Requirement, ...] = ()
+
+
+def make_evaluation_job(
+    result: FilePath,
+    *,
+    truth: PathOrUrl | Sequence[PathOrUrl] = (),
+    truth_topic: str = "",
+    requirements: Sequence[str | Requirement] = (),
+    rig: RigSource | None = None,
+    config: FilePath | None = None,
+    settings: Settings = (),
+) -> EvaluationJob:
+    """An evaluation, with its rig file, its settings and its requirements read; arguments as of `lidcam.evaluate`.
+
+    Raises:
+        RequirementError: a requirement is not written as one.
+        LidcamError: a file cannot be read or does not fit.
+    """
+    texts = [one for one in requirements if isinstance(one, str)]
+    return EvaluationJob(
+        Path(result),
+        locations(truth),
+        truth_topic,
+        read_rig(rig),
+        (*_of_config(config), *_as_texts(settings)),
+        (*(one for one in requirements if isinstance(one, Requirement)), *read_requirements(texts)),
+    )
+
+
+def _of_config(config: FilePath | None) -> Iterator[str]:
+    """The section `evaluate` of a file, setting by setting."""
+    if config is not None:
+        yield from _as_texts(
+            {f"evaluate.{key}": value for key, value in load_config(config).evaluate.model_dump(mode="json").items()}
+        )
+
+
+def _as_texts(settings: Settings) -> Iterator[str]:
+    if isinstance(settings, Mapping):
+        for key, value in settings.items():
+            yield f"{key}={json.dumps(value)}"  # JSON is YAML
+    else:
+        yield from [settings] if isinstance(settings, str) else settings
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """What figures compare with.
+
+    Attributes:
+        sources: Each place that it was taken from, in words.
+        inputs: The files that it stands in.
+    """
+
+    sources: tuple[str, ...]
+    inputs: tuple[InputFile, ...]
+
+    def tree(self) -> dict[str, Any]:
+        """As plain values, for JSON."""
+        return {"from": list(self.sources), "inputs": [file.tree() for file in self.inputs]}
+
+
+@dataclass(frozen=True, slots=True)
+class Evaluation:
+    """What comes of an evaluation. Holds no open file: it can be pickled.
+
+    Attributes:
+        figures: All figures by name: `evaluation.figures["fused.car.recall"]`.
+        inputs: The result.
+        settings_name: What the result says of its settings.
+        settings_sha256: Checksum of the settings of the evaluation.
+        truth: What the figures compare with; None without truth.
+        outcomes: What comes of the requirements.
+        warnings: What makes the figures doubtful.
+        notes: Remarks on the result and the truth.
+        incomplete: What of the result could not be used.
+    """
+
+    figures: NamedFigures
+    inputs: tuple[InputFile, ...]
+    settings_name: str
+    settings_sha256: str
+    truth: Truth | None
+    outcomes: tuple[Outcome, ...] = ()
+    warnings: tuple[RunWarning, ...] = ()
+    notes: tuple[str, ...] = ()
+    incomplete: tuple[str, ...] = ()
+
+    @property
+    def failures(self) -> tuple[str, ...]:
+        """Requirements that are not met, a line each."""
+        return tuple(outcome.failure for outcome in self.outcomes if outcome.failure)
+
+    def tree(self) -> dict[str, Any]:
+        """The figures and what was required of them, as plain values, for JSON."""
+        return {**self.figures.tree, "requirements": [outcome.tree() for outcome in self.outcomes]}

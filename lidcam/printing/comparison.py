@@ -1,0 +1,114 @@
+"""What `lidcam compare` prints."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from rich.console import Console
+
+from lidcam.printing.folding import show_line, show_table
+from lidcam.printing.tables import columns_table
+from pipeline.core.settings.compare import CompareConfig
+from pipeline.evaluation.comparison.records import KINDS
+
+__all__ = ["print_comparison"]
+
+ALL = "all"
+_UNITS = {"moved": " m", "turned": " deg", "resized": " m"}
+
+
+def print_comparison(
+    out: Console, figures: Mapping[str, Any], names: Sequence[str], config: CompareConfig, *, lines: int
+) -> None:
+    """The tables of a comparison.
+
+    Args:
+        out: Where to print.
+        figures: Of the comparison.
+        names: Of A and of B.
+        config: What counts as equal.
+        lines: Differences that are listed.
+    """
+    show_line(out, f"A  {names[0]}")
+    show_line(out, f"B  {names[1]}")
+    show_line(
+        out,
+        f"frames: {figures['frames']} in both, {figures['frames_different']} of them differ; "
+        f"{figures['frames_only_in_a']} only in A, {figures['frames_only_in_b']} only in B",
+    )
+    show_line(
+        out,
+        f"equal is what differs by at most {config.position_m:g} m, {config.yaw_deg:g} deg, {config.size_m:g} m in "
+        f"size, {config.score:g} in score, {config.pixels:g} px (settings: compare)",
+        "dim",
+    )
+    out.print()
+    _print_counts(out, "objects", "source", figures["sources"])
+    if figures["images"]:
+        _print_counts(out, "2D boxes", "camera", figures["images"])
+    _print_differences(out, figures["differences"], lines)
+
+
+def _print_counts(out: Console, title: str, first: str, channels: Mapping[str, Any]) -> None:
+    """The objects by source or camera and class; kinds of differences that do not occur have no column."""
+    kinds = [kind for kind in KINDS if any(counts[ALL][kind] for counts in channels.values())]
+    table = columns_table(title, first, "class", "A", "B", "equal", *kinds, text_columns=("class",))
+    for name, by_class in channels.items():
+        shown = by_class if len(by_class) > 2 else {key: row for key, row in by_class.items() if key != ALL} or by_class
+        for class_name, row in shown.items():
+            counts = [row["a"], row["b"], row["equal"], *(row[kind] or "" for kind in kinds)]
+            table.add_row(name, class_name, *map(str, counts))
+    show_table(out, table)
+    out.print()
+
+
+def _print_differences(out: Console, differences: Mapping[str, Any], lines: int) -> None:
+    listed, count = differences["listed"][:lines], differences["count"]
+    if not count or not lines:
+        return
+    title = "differences" if len(listed) == count else f"the first {len(listed)} of {count} differences"
+    columns = ("class", "difference", "frames", "from s", "to s", "at")
+    table = columns_table(title, "in", *columns, text_columns=("class", "difference", "at"))
+    for told in listed:
+        frames = f"{told['first_frame']}-{told['last_frame']}" if told["frames"] > 1 else str(told["first_frame"])
+        span = f"{told['first_s']:.3f}", f"{told['last_s']:.3f}"
+        table.add_row(_channel(told), told["class"], _what(told), frames, *span, _place(told["place"]))
+    show_table(out, table)
+    out.print()
+    table = columns_table(
+        "the largest of each kind", "kind", "by", "in", "class", "frame", "s", "at", text_columns=("in", "class", "at")
+    )
+    for kind, told in differences["largest"].items():
+        where = _channel(told), told["class"], str(told["frame"]), f"{told['s']:.3f}", _place(told["place"])
+        table.add_row(kind, _amount(kind, told["amount"], is_image="camera" in told), *where)
+    if differences["largest"]:
+        show_table(out, table)
+        out.print()
+
+
+def _what(told: Mapping[str, Any]) -> str:
+    """All that differs, and in how many of the frames if not in all of them."""
+    parts = []
+    for kind, found in told["kinds"].items():
+        amount = told["new_class"] if kind == "relabelled" else ""
+        if found["largest"] is not None:
+            amount = _amount(kind, found["largest"], is_image="camera" in told)
+        sometimes = f" in {found['frames']} frames" if found["frames"] < told["frames"] else ""
+        parts.append(f"{kind} {amount}".rstrip() + sometimes)
+    return ", ".join(parts)
+
+
+def _amount(kind: str, amount: float, *, is_image: bool) -> str:
+    if kind in {"lost", "new"}:
+        return f"(score {amount:.2f})"
+    if is_image and kind == "moved":
+        return f"{amount:.1f} px"
+    return f"{amount:.3f}{_UNITS.get(kind, '')}"
+
+
+def _channel(told: Mapping[str, Any]) -> str:
+    return str(told.get("source") or told["camera"])
+
+
+def _place(place: Sequence[float]) -> str:
+    digits = 2 if len(place) == 3 else 0
+    return ", ".join(f"{value:.{digits}f}" for value in place)

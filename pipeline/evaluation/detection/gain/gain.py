@@ -1,0 +1,156 @@
+"""What fusion adds to the better single source."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from pipeline.core.arrays import F64
+from pipeline.core.settings.config import ALL_CLASSES
+from pipeline.evaluation.detection.averages import overlap_name
+from pipeline.evaluation.detection.errors import bird_eye_m
+from pipeline.evaluation.detection.gain.resampling import Resampling, sampled_ap_by_distance, sampled_ap_by_overlap
+from pipeline.evaluation.detection.source import Source
+from pipeline.evaluation.records import Figures
+from pipeline.evaluation.scales import NUSCENES_RANGES_M
+
+__all__ = ["fusion_gain"]
+
+_FUSED = "fused"
+_IOU = 0.5
+_PERCENTILES = (2.5, 97.5)
+_POSITION = "errors.position_bev_m.mean"
+
+Samples = dict[str, F64]
+
+
+def fusion_gain(sources: Mapping[str, Source], figures: Mapping[str, Figures], resampling: Resampling) -> Figures:
+    """What `fused` adds to the better of the other sources, by class and figure, with an interval of 95 %.
+
+    A gain is positive where fusion is better, also of the error of position. The better source is chosen on the whole
+    recording. The interval is that of the percentiles of the bootstrap (Efron and Tibshirani, An introduction to the
+    bootstrap, 1993, chapter 13), in which both are measured on the same samples.
+
+    Args:
+        sources: All sources.
+        figures: The figures of each.
+        resampling: Samples of the recording.
+
+    Returns:
+        By class; nothing without fused objects or without another source.
+    """
+    singles = [name for name in sources if name != _FUSED]
+    if _FUSED not in sources or not singles:
+        return {}
+    samples = {name: _samples_by_class(source, resampling) for name, source in sources.items()}
+    gains: dict[str, Figures] = {}
+    for class_name, by_figure in samples[_FUSED].items():
+        gain: dict[str, Any] = {"blocks": resampling.block_count}
+        for name in by_figure:
+            values = {source: _value(figures[source], class_name, name) for source in sources}
+            drawn = {source: samples[source][class_name][name] for source in sources}
+            _set(gain, name, _gain(values, drawn, singles, sign=-1 if name == _POSITION else 1))
+        gains[class_name] = gain
+    return gains
+
+
+def _gain(
+    values: Mapping[str, float | None], drawn: Mapping[str, F64], singles: list[str], sign: int
+) -> dict[str, float | str | bool | None]:
+    fused = values[_FUSED]
+    by_single = {name: value for name in singles if (value := values[name]) is not None}
+    over = max(by_single, key=lambda name: sign * by_single[name], default=None)
+    if over is None or fused is None:
+        return {**dict.fromkeys(("value", "low", "high")), "fused": fused, "over": over, "takes_away": None}
+    differences = sign * (drawn[_FUSED] - drawn[over])
+    defined = differences[np.isfinite(differences)]
+    low, high = map(float, np.percentile(defined, _PERCENTILES)) if len(defined) else (None, None)
+    gain = sign * (fused - by_single[over])
+    return {
+        "value": gain,
+        "low": low,
+        "high": high,
+        "fused": fused,
+        "over": over,
+        "takes_away": None if high is None else high < 0,
+    }
+
+
+def _samples_by_class(source: Source, resampling: Resampling) -> dict[str, Samples]:
+    """Figures of the samples, by class and name; NaN where one is not defined."""
+    criteria, names = source.site.criteria, source.site.class_names
+    iou = _IOU if _IOU in criteria.ious else criteria.ious[-1]
+    overlaps = {
+        f"ap_bev_r40_{overlap_name(iou)}": criteria.bev_row(iou),
+        f"ap_3d_r40_{overlap_name(iou)}": criteria.volume_row(iou),
+    }
+    samples: dict[str, Samples] = {}
+    for class_id, name in enumerate(names):
+        of_class = {figure: _by_overlap(source, resampling, class_id, row) for figure, row in overlaps.items()}
+        of_class[f"{criteria.distances_name}.map"] = _map(source, resampling, class_id)
+        samples[name] = of_class | _pooled(source, resampling, class_id)
+    means = {figure: _mean([samples[name][figure] for name in names]) for figure in overlaps}
+    by_distance = [samples[name][f"{criteria.distances_name}.map"] for name in names]
+    means[f"{criteria.distances_name}.map"] = (
+        _mean(by_distance)
+        if criteria.distances == "scaled"
+        else np.nansum(by_distance, axis=0) / len(NUSCENES_RANGES_M)
+    )
+    return {**samples, ALL_CLASSES: means | _pooled(source, resampling, None)}
+
+
+def _by_overlap(source: Source, resampling: Resampling, class_id: int, row: int) -> F64:
+    detections = source.scored(class_id, row)
+    frames = source.found.frames[detections.rows]
+    truth_frames = source.site.truth.frames[source.is_evaluated(class_id)]
+    return sampled_ap_by_overlap(resampling, frames, detections.scores, detections.is_right, truth_frames)
+
+
+def _map(source: Source, resampling: Resampling, class_id: int) -> F64:
+    truth_frames = source.site.truth.frames[source.is_counted_by_distance(class_id)]
+    precisions = []
+    for row in source.site.criteria.distance_rows:
+        detections = source.scored(class_id, row)
+        frames = source.found.frames[detections.rows]
+        precisions.append(sampled_ap_by_distance(resampling, frames, detections.is_right, truth_frames))
+    mean: F64 = np.mean(precisions, axis=0)
+    return mean
+
+
+def _pooled(source: Source, resampling: Resampling, class_id: int | None) -> Samples:
+    detections = source.scored(class_id, source.site.criteria.position_row)
+    frames, is_right = source.found.frames[detections.rows], detections.is_right
+    errors_m = bird_eye_m(source.found.errors[0, detections.rows[is_right]])
+    found, right = resampling.sums(frames), resampling.sums(frames[is_right])
+    truth = resampling.sums(source.site.truth.frames[source.is_evaluated(class_id)])
+    return {
+        "precision": _ratio(right, found),
+        "recall": _ratio(right, truth),
+        "f1": _ratio(2 * right, np.where(truth > 0, truth + found, 0.0)),
+        _POSITION: _ratio(resampling.sums(frames[is_right], errors_m), right),
+    }
+
+
+def _ratio(part: F64, whole: F64) -> F64:
+    shares: F64 = np.divide(part, whole, out=np.full(len(part), np.nan), where=whole > 0)
+    return shares
+
+
+def _mean(values: list[F64]) -> F64:
+    defined = np.isfinite(values)
+    return _ratio(np.where(defined, values, 0.0).sum(0), defined.sum(0).astype(np.float64))
+
+
+def _value(figures: Figures, class_name: str, name: str) -> float | None:
+    value: Any = figures[class_name]
+    for part in name.split("."):
+        value = value[part]
+    found: float | None = value
+    return found
+
+
+def _set(tree: dict[str, Any], name: str, value: object) -> None:
+    *branches, leaf = name.split(".")
+    for branch in branches:
+        tree = tree.setdefault(branch, {})
+    tree[leaf] = value

@@ -1,0 +1,147 @@
+"""Figures of resampled recordings, for intervals: the bootstrap over blocks of neighbouring frames.
+
+Neighbouring frames show the same objects and share their errors: drawn one by one, they would make an interval look far
+too narrow. So blocks of about a second are drawn with replacement, as many as there are (Carlstein, The use of
+subseries values for estimating the variance of a general statistic from a stationary sequence, Annals of Statistics 14,
+1986). A recording shorter than some ten blocks gives intervals that are too narrow all the same.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.core.arrays import F32, F64, I32, I64, Bools, Indices, check_array
+from pipeline.evaluation.detection.by_distance import interpolated_ap
+from pipeline.evaluation.detection.curves import R40, average_precision, last_of_equals
+
+__all__ = ["Resampling", "sampled_ap_by_distance", "sampled_ap_by_overlap"]
+
+_BLOCK_NS = 1_000_000_000
+_MAX_BLOCKS = 1000
+"""In long recordings blocks are longer, so that there are no more of them than that."""
+
+_MAX_POINTS = 256
+"""Scores at which the curve of a sample is read, evenly spread over the detections that are right: a thousand samples
+are drawn, and their spread is far wider than what is lost between two of these points."""
+
+_SEED = 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Resampling:
+    """Samples of a recording, as how often each holds each block of frames.
+
+    Attributes:
+        blocks: (F,) int64, block of each frame.
+        weights: (S, B) float64, times that a sample holds a block; a sample holds B blocks.
+    """
+
+    blocks: I64
+    weights: F64
+
+    def __post_init__(self) -> None:
+        check_array("blocks", self.blocks, (len(self.blocks),), np.int64)
+        check_array("weights", self.weights, (len(self.weights), self.weights.shape[-1]), np.float64)
+
+    @classmethod
+    def of(cls, stamps_ns: I64, samples: int) -> "Resampling":
+        """Draw samples of a recording; the same ones whenever it is called.
+
+        Args:
+            stamps_ns: (F,) time of each frame, at least one.
+            samples: How many to draw.
+        """
+        since_ns = stamps_ns - stamps_ns.min()
+        length_ns = max(_BLOCK_NS, -(-(int(since_ns.max()) + 1) // _MAX_BLOCKS))
+        _, blocks = np.unique(since_ns // length_ns, return_inverse=True)
+        count = int(blocks.max()) + 1
+        draws = np.random.default_rng(_SEED).multinomial(count, np.full(count, 1 / count), size=samples)
+        return cls(blocks.astype(np.int64), draws.astype(np.float64))
+
+    @property
+    def block_count(self) -> int:
+        """B."""
+        return int(self.weights.shape[1])
+
+    def sums(self, frames: I32, values: F64 | None = None) -> F64:
+        """(S,) sum over each sample of values (R,), or of 1, that stand in the given frames (R,)."""
+        return self.weights @ np.bincount(self.blocks[frames], values, self.block_count)
+
+    def running_sums(self, frames: I32, counted: Bools, ends: Indices) -> F64:
+        """(S, P) how many of the rows before each end are counted, in each sample.
+
+        Args:
+            frames: (N,) frame of each row.
+            counted: (N,) which rows count.
+            ends: (P,) rising, at most N: the rows before it are meant.
+        """
+        parts = np.searchsorted(ends, np.flatnonzero(counted), side="right")
+        inside = parts < len(ends)
+        cells = self.blocks[frames[counted][inside]] * len(ends) + parts[inside]
+        table = np.bincount(cells, minlength=self.block_count * len(ends)).reshape(self.block_count, len(ends))
+        return np.cumsum(self.weights @ table.astype(np.float64), axis=1)
+
+
+def sampled_ap_by_overlap(resampling: Resampling, frames: I32, scores: F32, is_right: Bools, truth_frames: I32) -> F64:
+    """(S,) average precision at 40 recalls of each sample; NaN without true objects.
+
+    Args:
+        resampling: The samples.
+        frames: (N,) frame of each detection that counts, by falling score.
+        scores: (N,) falling.
+        is_right: (N,) which of them show an object.
+        truth_frames: (T,) frame of each true object.
+    """
+    last = last_of_equals(scores)
+    # precision is highest where a right detection has just come in
+    gains = np.diff(np.cumsum(is_right)[last], prepend=0) > 0
+    ends = _thinned(last[gains] + 1)
+
+    def precision(right: F64, all_found: F64, truth: int) -> float | None:
+        counts = np.rint(right).astype(np.int64)
+        quality = np.divide(right, all_found, out=np.zeros(len(right)), where=all_found > 0)
+        return average_precision(counts, quality, truth, R40)
+
+    return _by_sample(resampling, frames, is_right, truth_frames, ends, precision)
+
+
+def sampled_ap_by_distance(resampling: Resampling, frames: I32, is_right: Bools, truth_frames: I32) -> F64:
+    """(S,) average precision as nuScenes has it of each sample; NaN without true objects.
+
+    Args:
+        resampling: The samples.
+        frames: (N,) frame of each detection that counts, by falling score.
+        is_right: (N,) which of them show an object.
+        truth_frames: (T,) frame of each true object.
+    """
+    # between two right detections the curve is a straight line: it is read before and after each one, and at its end
+    right = _thinned(np.flatnonzero(is_right))
+    ends = np.unique(np.concatenate([right, right + 1, [len(is_right)]]))
+
+    def precision(right: F64, all_found: F64, truth: int) -> float | None:
+        rows = np.flatnonzero(all_found)
+        return interpolated_ap(right[rows] / truth, right[rows] / all_found[rows]) if truth else None
+
+    return _by_sample(resampling, frames, is_right, truth_frames, ends[ends > 0], precision)
+
+
+def _by_sample(
+    resampling: Resampling,
+    frames: I32,
+    is_right: Bools,
+    truth_frames: I32,
+    ends: Indices,
+    precision: Callable[[F64, F64, int], float | None],
+) -> F64:
+    right = resampling.running_sums(frames, is_right, ends)
+    all_found = resampling.running_sums(frames, np.ones(len(frames), np.bool_), ends)
+    truth = np.rint(resampling.sums(truth_frames)).astype(np.int64)
+    values = [precision(*sample) for sample in zip(right, all_found, truth.tolist(), strict=True)]
+    return np.array([np.nan if value is None else value for value in values])
+
+
+def _thinned(places: Indices) -> Indices:
+    if len(places) <= _MAX_POINTS:
+        return places
+    return places[np.linspace(0, len(places) - 1, _MAX_POINTS).round().astype(np.intp)]

@@ -1,0 +1,97 @@
+"""Figures of a result through the installed command, and the workflow that users copy."""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from command import Lidcam
+from document_commands import ROOT
+
+WORKFLOW = ROOT / "docs" / "workflow.yml"
+PART = ("--duration", "0.4")
+
+
+@pytest.fixture(scope="module")
+def result(lidcam: Lidcam, sandbox: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("result") / "out.mcap"
+    assert lidcam("process", sandbox, path, "--config", "sandbox", *PART).code == 0
+    return path
+
+
+def test_requirements_that_are_met_and_not(lidcam: Lidcam, result: Path, tmp_path: Path) -> None:
+    gate = tmp_path / "gate.txt"
+    gate.write_text(
+        "fused.car.recall > 2  # cannot be\nframes > 100\nfused.car.ap_bev_r40_50 > 0.1\n", encoding="utf-8"
+    )
+    missed = lidcam("evaluate", result, "--require", f"@{gate}", "--json", tmp_path / "figures.json")
+    assert missed.code == 1
+    assert re.fullmatch(
+        r"lidcam: error: fused\.car\.recall: expected > 2, found [\d.]+\n"
+        r"lidcam: error: frames: expected > 100, found \d\n",
+        missed.err.removeprefix(f"wrote {tmp_path / 'figures.json'}\n"),
+    )
+    assert "detection\n" in missed.out
+    tree = json.loads((tmp_path / "figures.json").read_text(encoding="utf-8"))
+    assert [outcome["is_met"] for outcome in tree["requirements"]] == [False, False, True]
+
+
+def test_wrong_requirements_are_wrong_usage(lidcam: Lidcam, sandbox: Path, result: Path, tmp_path: Path) -> None:
+    for arguments in ((result,), (sandbox, tmp_path / "out.mcap")):
+        command = "evaluate" if len(arguments) == 1 else "process"
+        run = lidcam(command, *arguments, "--require", "fused.car.recal >= 0.9")
+        assert (run.code, run.out) == (2, "")
+        told = "Invalid value for --require: unknown figure 'fused.car.recal': did you mean 'fused.car.recall'?"
+        assert told in " ".join(run.err.split())
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_recording_is_no_result(lidcam: Lidcam, crossing: Path) -> None:
+    run = lidcam("evaluate", crossing)
+    assert run.code == 1
+    assert "expected a result of lidcam, found a recording" in run.error_line
+
+
+def steps() -> Iterator[dict[str, Any]]:
+    workflow = yaml.safe_load(WORKFLOW.read_text(encoding="utf-8"))
+    for job in workflow["jobs"].values():
+        yield from job["steps"]
+
+
+def test_the_workflow_pins_what_it_uses() -> None:
+    used = [step["uses"] for step in steps() if "uses" in step]
+    assert len(used) >= 3
+    assert all(re.fullmatch(r"[\w-]+/[\w-]+@[0-9a-f]{40}", one) for one in used)
+
+
+def test_the_workflow_runs(sandbox: Path, sandbox_config: Path, lidcam: Lidcam, tmp_path: Path) -> None:
+    """All steps but the installation, in the shell that GitHub takes."""
+    samples = tmp_path / "samples"
+    samples.mkdir()
+    shutil.copy(sandbox, samples / "drive.bag")
+    shutil.copy(sandbox_config, samples / "site.yaml")
+    (samples / "gate.txt").write_text("fused.car.recall >= 0.5\n", encoding="utf-8")
+    assert lidcam("inspect", sandbox, "--write-rig", samples / "rig.yaml").code == 0
+    text = WORKFLOW.read_text(encoding="utf-8")
+    golden = " ".join(re.findall(r"#     (lidcam process .*)\\\n#       (.*)\n", text)[0])
+    commands = [step["run"] for step in steps() if "run" in step]
+    assert commands[0].startswith("pip install lidcam==")
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    for command in (golden, *commands[1:]):
+        done = subprocess.run(
+            ["bash", "-e", "-o", "pipefail", "-c", command],
+            cwd=tmp_path,
+            env={**os.environ, "PATH": path},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert done.returncode == 0, f"{command}\n{done.stderr}"
+    assert (tmp_path / "figures.json").is_file()

@@ -1,0 +1,220 @@
+"""Comparison of results of a sample recording, and of copies of them with known faults."""
+
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jsonschema
+import pytest
+from perturbed_results import (
+    Change,
+    doubled,
+    dropped,
+    flipped,
+    followed,
+    in_turn,
+    nearest_to,
+    numbered,
+    of_class,
+    perturbed,
+    shifted,
+    swapped_ids,
+    turned,
+)
+from results import fused_objects
+
+import lidcam
+from lidcam.commands.compare import FRAMES, CompareOptions, run_compare
+from lidcam.options import AllowedDifference
+from pipeline.core.errors import CheckError, IncompleteError, LidcamError, RecordingError
+from pipeline.core.settings.load import load_config
+from pipeline.evaluation.comparison.records import KINDS
+
+ROOT = Path(__file__).parents[3]
+FUSED = "/fused/detections"
+
+
+class Outcome(NamedTuple):
+    """What a comparison printed, and the lines that it failed with."""
+
+    out: str
+    failures: tuple[str, ...]
+
+    @property
+    def tree(self) -> Any:
+        return json.loads(self.out)
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    output = tmp_path_factory.mktemp("compare") / "result.mcap"
+    settings = {"output.images": False, "output.clouds": False, "output.layout": False}
+    lidcam.process(ROOT / "bags/crossing.mcap", output, config="crossing", settings=settings)
+    return output
+
+
+@pytest.fixture(scope="module")
+def car(result: Path) -> tuple[float, float]:
+    """Where the best car is in the first frame; it drives at 7 m/s and is seen in all frames."""
+    first = next(iter(fused_objects(result).values()))
+    best = max((one for one in first if one.label == "car"), key=lambda one: one.score)
+    return best.x, best.y
+
+
+@pytest.fixture
+def compare(capsys: pytest.CaptureFixture[str]) -> Any:
+    def compared(first: Path, second: Path, *settings: str, **options: Any) -> Outcome:
+        failures: tuple[str, ...] = ()
+        try:
+            run_compare(CompareOptions(first, second, load_config(None, settings), **options))
+        except CheckError as err:
+            failures = err.lines
+        return Outcome(capsys.readouterr().out, failures)
+
+    return compared
+
+
+@pytest.fixture
+def faulty(result: Path, tmp_path: Path) -> Any:
+    def changed(change: Change, topic: str = FUSED, frames: Sequence[int] = ()) -> Path:
+        return perturbed(result, tmp_path / "faulty.mcap", {topic: change}, without_frames=frames)
+
+    return changed
+
+
+def kinds_of(counts: dict[str, Any]) -> dict[str, int]:
+    return {kind: counts[kind] for kind in KINDS if counts[kind]}
+
+
+def test_a_result_and_itself(compare: Any, result: Path) -> None:
+    same = compare(result, result)
+    assert not same.failures
+    assert "frames: 14 in both, 0 of them differ; 0 only in A, 0 only in B" in same.out
+    assert "difference" not in same.out
+    assert same.out.splitlines()[-1] == "verdict: equal within the tolerances"
+    tree = compare(result, result, json="-").tree
+    assert (tree["command"], tree["exit_code"], tree["differences"]["count"]) == ("compare", 0, 0)
+    assert [one["path"] for one in tree["inputs"]] == [str(result)] * 2
+    channels = [*tree["sources"].values(), *tree["images"].values()]
+    for counts in channels:
+        assert counts["all"]["equal"] == counts["all"]["a"] == counts["all"]["b"]
+    assert list(tree["sources"]) == ["lidar", "fused"]
+    assert sum(counts["all"]["equal"] for counts in channels) > 500
+
+
+def test_yaw_shifted_by_5_degrees(compare: Any, result: Path, faulty: Any) -> None:
+    other = faulty(turned(5))
+    found = compare(result, other)
+    assert found.failures == ("fused: expected at most 0 % of the objects to differ, found 100 %",)
+    assert sum("turned 5.000 deg" in line and "0-13" in line for line in found.out.splitlines()) >= 5
+    assert "the first 10 of" in found.out
+    assert found.out.splitlines()[-1] == "verdict: differs more than it may"
+    sources = compare(result, other, json="-").tree["sources"]
+    assert kinds_of(sources["fused"]["all"]) == {"turned": sources["fused"]["all"]["a"]}
+    assert sources["fused"]["all"]["largest_turned_deg"] == pytest.approx(5)
+    assert not kinds_of(sources["lidar"]["all"])
+    assert not compare(result, other, "compare.yaw_deg=5").failures
+    assert not compare(result, other, only=("lidar",)).failures
+    allowed = compare(result, other, allowed=("turned",), lines=0)
+    assert not allowed.failures
+    assert allowed.out.splitlines()[-1] == "verdict: differs no more than it may"
+    assert "the first" not in allowed.out
+
+
+def test_json_is_as_the_schema_says(compare: Any, result: Path, faulty: Any) -> None:
+    schema = json.loads((ROOT / "docs/figures.schema.json").read_text(encoding="utf-8"))
+    jsonschema.validate(compare(result, faulty(turned(5)), json="-").tree, schema)
+    jsonschema.validate(compare(result, result, json="-").tree, schema)
+
+
+def test_a_class_lost(compare: Any, result: Path, faulty: Any) -> None:
+    other = faulty(dropped(of_class("bus")))
+    found = compare(result, other)
+    assert len(found.failures) == 1
+    assert any(line.split()[:4] == ["fused", "bus", "lost", "(score"] for line in found.out.splitlines())
+    counts = compare(result, other, json="-").tree["sources"]["fused"]
+    assert kinds_of(counts["bus"]) == kinds_of(counts["all"]) == {"lost": counts["bus"]["a"]}
+    assert counts["bus"]["a"] >= 14
+    assert (counts["bus"]["b"], counts["bus"]["different_percent"]) == (0, 100)
+    back = compare(other, result, json="-").tree["sources"]["fused"]
+    assert kinds_of(back["all"]) == {"new": counts["bus"]["a"]}
+
+
+def test_a_car_missing_for_a_second(compare: Any, result: Path, faulty: Any, car: tuple[float, float]) -> None:
+    other = faulty(dropped(followed(*car, gate_m=1), range(2, 12)))
+    (line,) = (line for line in compare(result, other).out.splitlines() if "2-11" in line)
+    assert line.split()[:4] == ["fused", "car", "lost", "(score"]
+    tree = compare(result, other, json="-").tree
+    (only,) = tree["differences"]["listed"]
+    assert (only["first_frame"], only["last_frame"], only["frames"]) == (2, 11, 10)
+    assert only["last_s"] - only["first_s"] == pytest.approx(0.9, abs=0.01)
+    assert math.dist(only["place"][:2], car) < 2
+    assert kinds_of(tree["sources"]["fused"]["all"]) == {"lost": 10}
+    share = tree["sources"]["fused"]["all"]["different_percent"]
+    assert not compare(result, other, max_different_percent=share + 0.01).failures
+    assert compare(result, other, max_different_percent=share - 0.01).failures
+
+
+def test_each_fault_has_its_kind(compare: Any, result: Path, faulty: Any, car: tuple[float, float]) -> None:
+    def kinds(change: Change) -> dict[str, int]:
+        return kinds_of(compare(result, faulty(change), json="-").tree["sources"]["fused"]["all"])
+
+    of_frame_5 = len([*fused_objects(result).values()][5])
+    assert kinds(flipped(nearest_to(*car), [3])) == {"turned": 1}
+    assert kinds(shifted((0.1, 0, 0), frames=[5])) == {"moved": of_frame_5}
+    assert kinds(doubled(nearest_to(*car), [6, 7])) == {"new": 2}
+    assert kinds(dropped(nearest_to(*car), [0])) == {"lost": 1}
+
+
+def test_swapped_ids(compare: Any, result: Path, tmp_path: Path) -> None:
+    first = perturbed(result, tmp_path / "first.mcap", {FUSED: numbered(2)})
+    swap = in_turn(numbered(2), swapped_ids("1", "2", range(7, 14)))
+    second = perturbed(result, tmp_path / "second.mcap", {FUSED: swap})
+    tree = compare(first, second, json="-").tree
+    assert kinds_of(tree["sources"]["fused"]["all"]) == {"reidentified": 2}
+    assert "reidentified" in compare(first, second).out
+
+
+def test_2d_boxes(compare: Any, result: Path, faulty: Any) -> None:
+    other = faulty(dropped(of_class("car")), "/camera_north_east/detections")
+    found = compare(result, other)
+    (failure,) = found.failures
+    assert failure.startswith("camera_north_east: expected at most 0 %")
+    lines = [line.split()[:4] for line in found.out.splitlines()]
+    assert ["camera_north_east", "car", "lost", "(score"] in lines
+
+
+def test_frames_of_one_alone(compare: Any, result: Path, faulty: Any) -> None:
+    other = faulty(in_turn(), frames=[4, 5])
+    found = compare(result, other)
+    assert found.failures == ("frames: expected at most 0 % in one result alone, found 14.3 %",)
+    assert "frames: 12 in both, 0 of them differ; 2 only in A, 0 only in B" in found.out
+    assert not compare(result, other, allowed=("frames",)).failures
+
+
+def test_what_cannot_be_compared(compare: Any, result: Path) -> None:
+    with pytest.raises(RecordingError, match="expected a result of lidcam, found a recording"):
+        compare(result, ROOT / "bags/crossing.mcap")
+    with pytest.raises(LidcamError, match=r"--only fusd: expected one of lidar, fused, camera_north_east"):
+        compare(result, result, only=("fusd",))
+
+
+def test_results_of_two_sites_are_not_compared(compare: Any, result: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other.mcap"
+    settings = {"output.images": False, "output.clouds": False, "output.layout": False}
+    lidcam.process(ROOT / "bags/sandbox.bag", other, config="sandbox", duration_s=0.2, settings=settings)
+    found = compare(result, other)
+    assert "note: A and B are results of different recordings: crossing.mcap, sandbox.bag" in found.out
+
+
+def test_a_damaged_result_is_incomplete(result: Path, tmp_path: Path) -> None:
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(result.read_bytes()[: result.stat().st_size // 2])
+    with pytest.raises(IncompleteError, match=r"cut.mcap: damaged, .* lost"):
+        run_compare(CompareOptions(cut, cut, load_config()))
+
+
+def test_every_kind_can_be_allowed() -> None:
+    assert [*AllowedDifference] == [*KINDS, FRAMES]

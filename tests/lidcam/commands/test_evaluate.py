@@ -1,0 +1,179 @@
+"""What `lidcam evaluate` and `process --evaluate` print and write, and how they end."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import pytest
+from document_commands import ROOT
+from logging_state import kept_logging
+
+from lidcam.commands.evaluate import EvaluateOptions, run_evaluate
+from lidcam.commands.process import Printed, run_process
+from lidcam.evaluation.evaluation import make_evaluation_job
+from lidcam.evaluation.requirement import RequirementError, read_requirements
+from lidcam.job import make_job
+from pipeline.core.errors import CheckError, IncompleteError
+
+SANDBOX = ROOT / "bags" / "sandbox.bag"
+SCHEMA = json.loads((ROOT / "docs" / "figures.schema.json").read_text(encoding="utf-8"))
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Half a second of the sample, with its truth and without images and clouds."""
+    path = tmp_path_factory.mktemp("result") / "out.mcap"
+    settings = ["output.images=false", "output.clouds=false", "output.layout=false"]
+    with kept_logging():
+        run_process(make_job(SANDBOX, path, config="sandbox", settings=settings, duration_s=0.5, workers=1))
+    return path
+
+
+def valid(text: str) -> dict[str, Any]:
+    """A document of the schema, without the constants that JSON does not have."""
+
+    def refuse(constant: str) -> None:
+        raise AssertionError(constant)
+
+    tree: dict[str, Any] = json.loads(text, parse_constant=refuse)
+    jsonschema.Draft202012Validator(SCHEMA).validate(tree)
+    return tree
+
+
+def options(result: Path, *requirements: str, json: str | None = None, **more: Any) -> EvaluateOptions:
+    return EvaluateOptions(make_evaluation_job(result, requirements=requirements, **more), json)
+
+
+def test_the_schema_is_one() -> None:
+    jsonschema.Draft202012Validator.check_schema(SCHEMA)
+
+
+def test_tables(result: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run_evaluate(options(result, "fused.car.recall >= 0.9", "frames > 1"))
+    out = capsys.readouterr().out
+    assert out.startswith(
+        "out.mcap: 4 of 4 frames have truth, from /ground_truth/objects of out.mcap (by its name); 8 true objects count"
+    )
+    assert "\ndetection\nclass  source  truth  found  recall  prec.  false  AP bev  AP 3D   mAP\ncar    lidar" in out
+    assert "errors of what was found (metres, degrees)" in out
+    assert "  car: 0.0413, 0.0825, 0.165, 0.33 m\n" in out
+    assert "\nall " not in out  # the only class says it
+    assert "fused.car.recall    >= 0.9      1  met\nframes" in out
+    assert max(map(len, out.partition("false: ")[0].splitlines()[1:])) <= 80
+
+
+def test_json_in_a_file(result: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "figures.json"
+    with pytest.raises(CheckError) as raised:
+        run_evaluate(options(result, "fused.car.precision > 2", "frames > 1", "frames < 1", json=str(file)))
+    assert len(raised.value.lines) == 2
+    assert raised.value.lines[0] == "fused.car.precision: expected > 2, found 1"
+    assert raised.value.lines[1] == "frames: expected < 1, found 4"
+    assert "detection" in capsys.readouterr().out
+    tree = valid(file.read_text(encoding="utf-8"))
+    assert (tree["command"], tree["exit_code"], tree["frames"]) == ("evaluate", 1, 4)
+    assert [outcome["is_met"] for outcome in tree["requirements"]] == [False, True, False]
+    assert tree["truth"]["from"] == ["/ground_truth/objects of out.mcap (by its name)"]
+    assert tree["truth"]["inputs"] == tree["inputs"]
+    assert tree["sources"]["fused"]["car"]["truth"] == 8
+    assert tree["settings"]["name"] == "sandbox"
+
+
+def test_json_on_standard_output(result: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run_evaluate(options(result, json="-"))
+    first = valid(capsys.readouterr().out)
+    run_evaluate(options(result, json="-"))
+    second = valid(capsys.readouterr().out)
+    assert first.pop("timing").keys() == second.pop("timing").keys()
+    assert first == second
+
+
+def test_truth_in_another_file(result: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "figures.json"
+    run_evaluate(options(result, json=str(file), truth=SANDBOX))
+    assert "/ground_truth/objects of sandbox.bag (by its name)" in capsys.readouterr().out
+    tree = valid(file.read_text(encoding="utf-8"))
+    assert [Path(one["path"]).name for one in tree["truth"]["inputs"]] == ["sandbox.bag"]
+    assert tree["sources"]["fused"]["car"]["truth"] == 8
+
+
+def test_settings_of_the_evaluation(result: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "mine.yaml").write_text("evaluate: {iou: [0.25, 0.75]}\nfuse: {min_score: 0.99}\n", encoding="utf-8")
+    run_evaluate(options(result, config=tmp_path / "mine.yaml", settings={"evaluate.max_range_m": 0.1}, json="-"))
+    tree = valid(capsys.readouterr().out)
+    assert "ap_bev_r40_75" in tree["sources"]["fused"]["car"]
+    assert "ap_bev_r40_50" not in tree["sources"]["fused"]["car"]
+    assert tree["truth_objects"]["outside"] == 8
+    assert [warning["subject"] for warning in tree["warnings"]] == ["truth"]
+
+
+def test_unknown_figures_are_told_before_anything_is_measured(result: Path, tmp_path: Path) -> None:
+    file = tmp_path / "figures.json"
+    with pytest.raises(RequirementError, match=r"unknown figure 'fused.car.recal': did you mean 'fused.car.recall'\?"):
+        run_evaluate(options(result, "fused.car.recal > 0", json=str(file)))
+    assert not file.exists()
+
+
+def test_without_truth(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "out.mcap"
+    settings = ["output.images=false", "output.clouds=false", "output.layout=false", "output.copy_topics=[]"]
+    run_process(make_job(SANDBOX, path, config="sandbox", settings=settings, duration_s=0.3, workers=1))
+    capsys.readouterr()
+    with pytest.raises(
+        CheckError, match=r"^fused.car.recall: expected >= 0, found that it is not defined: there is no"
+    ):
+        run_evaluate(options(path, "fused.car.recall >= 0"))
+    out = capsys.readouterr().out
+    assert out.startswith("out.mcap: 2 frames, without truth: what needs it is not measured\n")
+    assert "note: no truth: " in out
+    assert "(--truth)" in out
+    run_evaluate(options(path, json="-"))
+    tree = valid(capsys.readouterr().out)
+    assert tree["truth"] is None
+    assert tree["frames_with_truth"] == 0
+
+
+def test_a_damaged_result_is_incomplete(result: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(result.read_bytes()[:33_000])
+    with pytest.raises(IncompleteError, match=r"cut.mcap: damaged"):
+        run_evaluate(options(cut, json="-"))
+    tree = valid(capsys.readouterr().out)
+    assert tree["exit_code"] == 3
+
+
+def test_process_and_evaluate_in_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path, file = tmp_path / "out.mcap", tmp_path / "figures.json"
+    settings = ["output.images=false", "output.clouds=false"]
+    job = make_job(SANDBOX, path, config="sandbox", settings=settings, duration_s=0.3, workers=1)
+    required = read_requirements(["fused.car.recall > 0.1", "frames > 100"])
+    with pytest.raises(CheckError, match=r"^frames: expected > 100, found 2$"):
+        run_process(job, Printed(json=str(file)), requirements=required)
+    out = capsys.readouterr().out
+    assert out.startswith("objects, sum over 2 frames")
+    assert "\n\nout.mcap: 2 of 2 frames have truth" in out
+    tree = valid(file.read_text(encoding="utf-8"))
+    assert (tree["command"], tree["exit_code"]) == ("process", 1)
+    assert tree["timing"].keys() == {"wall_s", "frames_per_second", "stage_ms", "evaluation_s"}
+    assert tree["objects"]
+    run_evaluate(options(path, json="-"))
+    alone = valid(capsys.readouterr().out)
+    assert alone["sources"] == tree["sources"]
+    assert alone["settings"]["sha256"] == tree["settings"]["sha256"]
+
+
+def test_process_tells_unknown_figures_before_it_begins(tmp_path: Path) -> None:
+    with pytest.raises(RequirementError, match=r"unknown figure 'fused.kar.recall'"):
+        run_process(
+            make_job(SANDBOX, tmp_path / "out.mcap", config="sandbox"),
+            requirements=read_requirements(["fused.kar.recall > 0"]),
+        )
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_process_without_evaluation_is_of_the_schema_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run_process(make_job(SANDBOX, tmp_path / "out.mcap", config="sandbox", duration_s=0.3), Printed(json="-"))
+    tree = valid(capsys.readouterr().out)
+    assert "requirements" not in tree
+    assert tree["truth"] is None

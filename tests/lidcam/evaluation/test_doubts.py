@@ -1,0 +1,75 @@
+"""What makes figures doubtful is said with what to try."""
+
+from typing import Any
+
+import pytest
+
+from lidcam.evaluation.doubts import doubts
+
+SOUND: dict[str, Any] = {
+    "frames": 20,
+    "frames_with_truth": 19,
+    "truth_objects": {
+        "evaluated": 40,
+        "without_class": 0,
+        "marked_as_ignored": 3,
+        "outside": 0,
+        "unseen": 2,
+        "labels_without_class": {},
+    },
+    "sources": {"fused": {"all": {"truth": 40, "found": 38, "right": 37}}},
+}
+NONE_EVALUATED = SOUND["truth_objects"] | {"evaluated": 0}
+LABELS = {"tram": 12, "animal": 30, "a": 1, "b": 1, "c": 1, "d": 1}
+
+
+def of_all(**figures: int) -> dict[str, Any]:
+    return {"sources": {"fused": {"all": {"truth": 40, "found": 38, "right": 37} | figures}}}
+
+
+@pytest.mark.parametrize(
+    ("changed", "told"),
+    [
+        ({}, []),
+        ({"frames": 0, "frames_with_truth": 0}, []),
+        ({"frames_with_truth": 10}, []),
+        ({"frames_with_truth": 9}, ["truth: it covers the time of 9 of 20 frames; only frames with truth count"]),
+        (
+            {"frames_with_truth": 0},
+            [
+                "truth: it covers the time of none of 20 frames; check that it is of the same recording, and that its "
+                "stamps are of the same clock"
+            ],
+        ),
+        (
+            {"truth_objects": NONE_EVALUATED},
+            [
+                "truth: none of its objects is evaluated: 3 marked as ignored, 2 without a lidar point and without a "
+                "pixel; look at the section evaluate of the settings"
+            ],
+        ),
+        (
+            {"truth_objects": SOUND["truth_objects"] | {"without_class": 46, "labels_without_class": LABELS}},
+            [
+                "truth: objects of no configured class are ignored: animal (30), tram (12), a (1), b (1), c (1) and 1 "
+                "more; add the words to classes.N.labels if they mean one of the classes"
+            ],
+        ),
+        (
+            of_all(found=0, right=0),
+            ["fused: nothing was found in any frame with truth; look at the warnings of the run"],
+        ),
+        (
+            of_all(right=0),
+            [
+                "fused: none of 38 boxes lies where one of 40 true objects of its class does; check that truth and "
+                "result are of the same recording and in the same frame of reference"
+            ],
+        ),
+        (of_all(truth=0, right=0), []),
+        ({"sources": {}}, []),
+    ],
+)
+def test_doubts(changed: dict[str, Any], told: list[str]) -> None:
+    assert list(map(str, doubts(SOUND | changed, has_truth=True))) == told
+    assert doubts(SOUND | changed, has_truth=False) == ()

@@ -1,0 +1,27 @@
+"""Frames are measured in one pass, and the names of figures are known before it."""
+
+from frames_at_places import evaluation_frame, source_boxes, true_boxes
+
+from lidcam.evaluation.evaluators import evaluators_of, known_figures, measure
+from lidcam.evaluation.figures import NamedFigures
+from pipeline.core.settings.config import Config
+
+
+def test_frames_are_read_once() -> None:
+    frames = (evaluation_frame(k, true_boxes([(5, 0)]), {"fused": source_boxes([(5, 0)])}) for k in range(3))
+    tree = measure(frames, evaluators_of(Config(), (), ()))
+    assert tree["frames"] == 3
+
+
+def test_the_names_of_figures_do_not_depend_on_what_is_found() -> None:
+    known = known_figures(Config(), (), (), ["lidar", "fused"])
+    frames = [
+        evaluation_frame(
+            k,
+            true_boxes([(5, 0), (9, 9)]),
+            {"lidar": source_boxes([(5, 0)]), "fused": source_boxes([(5, 0), (2, 2)])},
+        )
+        for k in range(3)
+    ]
+    found = NamedFigures(measure(frames, evaluators_of(Config(), (), ())))
+    assert [name for name in found if ".labels." not in name] == [*known]

@@ -1,0 +1,302 @@
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from compared_frames import Frame, Row, objects, run_of
+from detections import boxes2d
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pipeline.core.settings.classes import ROAD_CLASSES, ClassPrior
+from pipeline.core.settings.compare import CompareConfig
+from pipeline.evaluation.comparison import comparison as module
+from pipeline.evaluation.comparison.comparison import Comparison
+from pipeline.evaluation.comparison.frames import paired_frames
+from pipeline.evaluation.comparison.records import KINDS, Channel, Kind
+from pipeline.evaluation.records import SourceBoxes
+
+CAR, PEDESTRIAN, BICYCLE = 0, 1, 2
+CHANNELS: tuple[Channel, ...] = (("sources", "fused"), ("images", "cam"))
+DEFAULTS = CompareConfig()
+CARS: tuple[Row, Row] = ((10, 5, 0.8, 4.2, 1.8, 1.5, 0.3), (-10, -5, 0.8, 4.2, 1.8, 1.5, -0.3))
+
+
+def compared(
+    first: list[Frame],
+    second: list[Frame],
+    config: CompareConfig = DEFAULTS,
+    *,
+    classes: tuple[ClassPrior, ...] = ROAD_CLASSES,
+    allowed: tuple[Kind, ...] = (),
+) -> Comparison:
+    found = Comparison(ROAD_CLASSES, classes, config, CHANNELS, allowed)
+    for pair in paired_frames(first, second, max_apart_ns=round(config.stamp_s * 1e9)):
+        found.add(pair)
+    found.close()
+    return found
+
+
+def figures(first: list[Frame], second: list[Frame], config: CompareConfig = DEFAULTS) -> Any:
+    return compared(first, second, config).figures()
+
+
+def kinds_of(counts: dict[str, Any]) -> dict[str, int]:
+    return {kind: counts[kind] for kind in KINDS if counts[kind]}
+
+
+def frames_of(tree: dict[str, Any]) -> list[int]:
+    return [tree[name] for name in ("frames", "frames_different", "frames_only_in_a", "frames_only_in_b")]
+
+
+def changed_in(frames: list[Frame], rows: range, found: SourceBoxes) -> list[Frame]:
+    return [replace(frame, sources={"fused": found}) if frame.index in rows else frame for frame in frames]
+
+
+def test_a_result_differs_in_nothing_from_itself() -> None:
+    run = run_of(5, objects(*CARS))
+    tree = figures(run, run)
+    assert frames_of(tree) == [5, 0, 0, 0]
+    assert tree["sources"]["fused"]["all"]["equal"] == tree["sources"]["fused"]["car"]["both"] == 10
+    assert tree["images"]["cam"]["all"]["equal"] == 5
+    assert tree["differences"] == {"count": 0, "listed": [], "largest": {}}
+    assert tree["sources"]["fused"]["all"]["largest_moved_m"] == 0.0
+
+
+CLOSE = st.tuples(
+    *[st.sampled_from([0.0, 0.3, 5.0])] * 2,
+    st.just(0.8),
+    *[st.sampled_from([0.0, 1.0, 4.0])] * 3,
+    st.sampled_from([0.0, np.pi]),
+)
+
+
+@given(rows=st.lists(CLOSE, max_size=8), seed=st.integers(0, 9))
+@settings(max_examples=100, deadline=None, derandomize=True)
+def test_objects_on_top_of_each_other_differ_in_nothing_from_themselves(rows: list[Row], seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    found = objects(
+        *rows,
+        class_ids=rng.integers(0, 3, len(rows)).tolist(),
+        scores=rng.choice([0.2, 0.9], len(rows)).tolist(),
+        ids=rng.integers(-1, 3, len(rows)).tolist(),
+    )
+    flat = boxes2d([(x, y, x + length, y + width, 0.5, 0) for x, y, _, length, width, _, _ in rows])
+    order = rng.permutation(len(rows))
+    first, second = run_of(2, found, camera=flat), run_of(2, found.select(order), camera=flat.select(order))
+    tree = figures(first, second)
+    assert set(kinds_of(tree["sources"]["fused"]["all"])) <= {"reidentified"}
+    assert not kinds_of(tree["images"]["cam"]["all"])
+
+
+@pytest.mark.parametrize(
+    ("row", "changes", "kinds"),
+    [
+        pytest.param((0.009, 0, 0, 0, 0, 0, 0), {}, set(), id="moved a little"),
+        pytest.param((0.3, 0.4, 0, 0, 0, 0, 0), {}, {"moved"}, id="moved"),
+        pytest.param((0, 0, 0.02, 0, 0, 0, 0), {}, {"moved"}, id="lifted"),
+        pytest.param((0, 0, 0, 0, 0, 0, np.radians(5)), {}, {"turned"}, id="turned"),
+        pytest.param((0, 0, 0, 0, 0, 0, np.pi), {}, {"turned"}, id="turned by half"),
+        pytest.param((0, 0, 0, 0, 0, 0, 2 * np.pi), {}, set(), id="turned all the way"),
+        pytest.param((0, 0, 0, 0, 0.2, 0, 0), {}, {"resized"}, id="wider"),
+        pytest.param((0, 0, 0, 0, 0, 0, 0), {"class_ids": [BICYCLE, CAR]}, {"relabelled"}, id="relabelled"),
+        pytest.param((0, 0, 0, 0, 0, 0, 0), {"scores": [0.8, 0.5]}, {"rescored"}, id="rescored"),
+        pytest.param(
+            (0.5, 0, 0, 0.3, 0, 0, 0.2),
+            {"class_ids": [BICYCLE, CAR], "scores": [0.1, 0.5]},
+            {"moved", "turned", "resized", "relabelled", "rescored"},
+            id="all of it",
+        ),
+        pytest.param((3.9, 0, 0, 0, 0, 0, 0), {}, {"moved"}, id="moved nearly as far as it may"),
+        pytest.param((4.1, 0, 0, 0, 0, 0, 0), {}, {"lost", "new"}, id="moved farther"),
+    ],
+)
+def test_how_an_object_differs(row: Row, changes: dict[str, Any], kinds: set[str]) -> None:
+    there = tuple(float(a + b) for a, b in zip(CARS[0], row, strict=True))
+    tree = figures(run_of(1, objects(*CARS)), run_of(1, objects(there, CARS[1], **changes)))  # type: ignore[arg-type]
+    counts = tree["sources"]["fused"]["all"]
+    assert kinds_of(counts) == dict.fromkeys(kinds, 1)
+    assert counts["different"] == (2 if "lost" in kinds else bool(kinds))
+    assert counts["equal"] == (2 if not kinds else 1)
+    assert tree["frames_different"] == bool(kinds)
+
+
+def test_what_is_told_of_an_object_that_differs_for_a_while() -> None:
+    run = run_of(12, objects(*CARS))
+    turned = objects(CARS[0], (*CARS[1][:6], CARS[1][6] + np.radians(5)))
+    more = objects(CARS[0], (*CARS[1][:6], CARS[1][6] - np.radians(7)), class_ids=[CAR, BICYCLE])
+    second = changed_in(changed_in(run, range(3, 6), turned), range(6, 8), more)
+    tree = figures(run, second)
+    (told,) = tree["differences"]["listed"]
+    assert {key: told[key] for key in ("source", "class", "new_class", "frames", "first_frame", "last_frame")} == {
+        "source": "fused",
+        "class": "car",
+        "new_class": "bicycle",
+        "frames": 5,
+        "first_frame": 3,
+        "last_frame": 7,
+    }
+    assert (told["first_s"], told["last_s"], told["first_stamp_ns"]) == (0.3, 0.7, 1_300_000_000)
+    assert told["place"] == list(CARS[1][:3])
+    assert told["kinds"]["turned"] == {"frames": 5, "largest": pytest.approx(7)}
+    assert told["kinds"]["relabelled"] == {"frames": 2, "largest": None}
+    assert tree["differences"]["largest"]["turned"]["frame"] == 6
+    assert tree["sources"]["fused"]["car"]["turned"] == 5
+
+
+def test_object_that_is_missing_for_a_second() -> None:
+    run = run_of(20, objects(*CARS))
+    tree = figures(run, changed_in(run, range(5, 15), objects(CARS[0])))
+    (told,) = tree["differences"]["listed"]
+    assert (told["first_frame"], told["last_frame"], told["frames"]) == (5, 14, 10)
+    assert told["kinds"] == {"lost": {"frames": 10, "largest": 0.5}}
+    assert told["place"] == list(CARS[1][:3])
+    assert kinds_of(tree["sources"]["fused"]["car"]) == {"lost": 10}
+    back = figures(changed_in(run, range(5, 15), objects(CARS[0])), run)
+    assert kinds_of(back["sources"]["fused"]["car"]) == {"new": 10}
+
+
+def test_an_object_that_drives_is_one_difference_and_two_are_two() -> None:
+    def driving(frame: int, lane: float) -> Row:
+        return (frame * 2.0, lane, 0.8, 4.2, 1.8, 1.5, 0)
+
+    first = [Frame(k, 10**9 + k * 10**8, {"fused": objects(driving(k, 0), driving(k, 3))}) for k in range(10)]
+    tree = figures(first, [replace(frame, sources={"fused": objects()}) for frame in first])
+    assert [(told["frames"], told["place"][1]) for told in tree["differences"]["listed"]] == [(10, 0), (10, 3)]
+
+
+def test_a_difference_that_goes_away_and_comes_back_is_two() -> None:
+    run = run_of(9, objects(*CARS))
+    without = objects(CARS[0])
+    second = changed_in(changed_in(run, range(1, 3), without), range(3, 5), objects())
+    second = changed_in(second, range(7, 8), without)
+    told = figures(run, second)["differences"]["listed"]
+    assert [(one["place"][0], one["first_frame"], one["frames"]) for one in told] == [
+        (-10, 1, 4),
+        (10, 3, 2),
+        (-10, 7, 1),
+    ]
+
+
+def test_a_difference_ends_where_a_frame_is_missing() -> None:
+    run = run_of(6, objects(*CARS))
+    without = changed_in(run, range(6), objects(CARS[0]))
+    tree = figures(run, [*without[:2], *without[3:]])
+    assert [(told["first_frame"], told["frames"]) for told in tree["differences"]["listed"]] == [(0, 2), (3, 3)]
+    assert frames_of(tree) == [5, 5, 1, 0]
+    assert tree["sources"]["fused"]["all"]["a"] == 10, "objects of frames that one result alone has do not count"
+
+
+def test_the_nearest_partners_for_all_together_and_nobody_moves_to_make_room() -> None:
+    row = [(x, 0.0, 0.8, 4.2, 1.8, 1.5, 0.0) for x in (0.0, 3.0, 6.0)]
+    tree = figures(run_of(1, objects(row[0], row[1])), run_of(1, objects(row[1], row[2])))
+    assert kinds_of(tree["sources"]["fused"]["all"]) == {"lost": 1, "new": 1}
+
+
+def test_gates_are_those_of_the_longer_class() -> None:
+    at: Row = (0, 0, 0.8, 0.6, 0.6, 1.7, 0)
+    near: Row = (0.7, 0, 0.8, 0.6, 0.6, 1.7, 0)
+    walkers = objects(at, class_ids=[PEDESTRIAN]), objects(near, class_ids=[PEDESTRIAN])
+    assert kinds_of(figures(run_of(1, walkers[0]), run_of(1, walkers[1]))["sources"]["fused"]["all"]) == {
+        "lost": 1,
+        "new": 1,
+    }
+    wide = CompareConfig(gate=2)
+    assert kinds_of(figures(run_of(1, walkers[0]), run_of(1, walkers[1]), wide)["sources"]["fused"]["all"]) == {
+        "moved": 1
+    }
+    assert kinds_of(figures(run_of(1, walkers[0]), run_of(1, objects(near)))["sources"]["fused"]["all"]) == {
+        "moved": 1,
+        "relabelled": 1,
+    }
+
+
+def test_tracks_that_swap_their_ids_are_told_once() -> None:
+    run = run_of(6, objects(*CARS, ids=[1, 2]))
+    swapped = changed_in(run, range(3, 6), objects(*CARS, ids=[2, 1]))
+    tree = figures(run, swapped)
+    assert kinds_of(tree["sources"]["fused"]["all"]) == {"reidentified": 2}
+    assert [told["first_frame"] for told in tree["differences"]["listed"]] == [3, 3]
+    renamed = run_of(6, objects(*CARS, ids=[7, 9]))
+    assert not kinds_of(figures(run, renamed)["sources"]["fused"]["all"]), "other ids for the same tracks are no change"
+
+
+def test_boxes_of_images() -> None:
+    first = run_of(1, objects(), camera=boxes2d([(0, 0, 40, 40, 0.9, 0), (100, 0, 140, 40, 0.9, 0)]))
+    second = run_of(1, objects(), camera=boxes2d([(0, 0, 43, 40, 0.8, 1), (120, 0, 160, 40, 0.9, 0)]))
+    counts = figures(first, second)["images"]["cam"]["all"]
+    assert kinds_of(counts) == {"moved": 2, "relabelled": 1, "rescored": 1}
+    assert counts["largest_moved_px"] == 20
+    assert "largest_turned_deg" not in counts
+    apart = figures(first, second, CompareConfig(min_iou=0.5, pixels=3, score=0.2))["images"]["cam"]["all"]
+    assert kinds_of(apart) == {"lost": 1, "new": 1, "relabelled": 1}
+
+
+def test_what_only_one_result_has_is_lost_or_new() -> None:
+    run = run_of(3, objects(*CARS))
+    bare = [replace(frame, sources={}, cameras={}) for frame in run]
+    tree = figures(run, bare)
+    assert kinds_of(tree["sources"]["fused"]["all"]) == {"lost": 6}
+    assert kinds_of(tree["images"]["cam"]["all"]) == {"lost": 3}
+    assert kinds_of(figures(bare, run)["images"]["cam"]["all"]) == {"new": 3}
+    nothing = figures(bare, bare)["sources"]["fused"]["all"]
+    assert (nothing["both"], nothing["different_percent"], nothing["largest_moved_m"]) == (0, None, None)
+
+
+def test_classes_are_compared_by_name() -> None:
+    others = (ROAD_CLASSES[1], ROAD_CLASSES[0].model_copy(update={"name": "automobile"}), ROAD_CLASSES[0])
+    found = objects(*CARS, class_ids=[CAR, CAR])
+    as_named = compared(run_of(1, found), run_of(1, objects(*CARS, class_ids=[2, 1])), classes=others)
+    assert as_named.class_names == ("car", "pedestrian", "bicycle", "truck", "bus", "automobile")
+    (told,) = (told for told in as_named.figures()["differences"]["listed"] if "source" in told)
+    assert (told["class"], told["new_class"]) == ("car", "automobile")
+
+
+@pytest.mark.parametrize(
+    ("allowed", "share"),
+    [((), 50.0), (("turned",), 0.0), (("lost",), 50.0), (("turned", "moved"), 0.0)],
+)
+def test_share_of_what_is_not_allowed(allowed: tuple[Kind, ...], share: float) -> None:
+    run = run_of(4, objects(*CARS))
+    second = changed_in(run, range(4), objects(CARS[0], (*CARS[1][:6], 0.5)))
+    found = compared(run, second, allowed=allowed)
+    assert found.not_allowed_percent(frames_may_differ=False) == {"frames": 0.0, "fused": share, "cam": 0.0}
+    assert found.figures()["sources"]["fused"]["car"]["different_percent"] == 50.0
+
+
+def test_frames_of_one_result_alone_are_a_share_of_their_own() -> None:
+    run = run_of(4, objects(*CARS))
+    found = compared(run, run[:3])
+    assert found.not_allowed_percent(frames_may_differ=False)["frames"] == 25.0
+    assert found.not_allowed_percent(frames_may_differ=True) == {"frames": 0.0, "fused": 0.0, "cam": 0.0}
+
+
+def test_only_the_earliest_differences_are_kept_and_all_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "MAX_LISTED", 3)
+    run = run_of(40, objects(*CARS))
+    second = [frame if frame.index % 2 else replace(frame, sources={"fused": objects(CARS[0])}) for frame in run]
+    found = figures(run, second)["differences"]
+    assert found["count"] == 20
+    assert [told["first_frame"] for told in found["listed"]] == [0, 2, 4]
+
+
+def test_the_largest_of_each_kind_is_the_first_of_equal_ones() -> None:
+    run = run_of(6, objects(*CARS))
+    moved = objects(CARS[0], (CARS[1][0] + 1, *CARS[1][1:]))
+    second = changed_in(changed_in(run, range(1, 2), moved), range(4, 5), moved)
+    tree = figures(run, second)
+    assert tree["differences"]["largest"]["moved"] == {
+        "source": "fused",
+        "class": "car",
+        "frame": 1,
+        "s": 0.1,
+        "stamp_ns": 1_100_000_000,
+        "place": [CARS[1][0] + 1, *CARS[1][1:3]],
+        "amount": 1.0,
+    }
+
+
+def test_nothing_to_compare() -> None:
+    tree = figures([], [])
+    assert frames_of(tree) == [0, 0, 0, 0]
+    assert compared([], []).not_allowed_percent(frames_may_differ=False) == {"frames": 0.0, "fused": 0.0, "cam": 0.0}

@@ -1,0 +1,161 @@
+"""What fusion adds, against figures of recordings that are resampled frame by frame."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from evaluation_scenes import boxes3d, evaluated, truth3d
+
+from pipeline.core.settings.classes import ClassPrior
+from pipeline.core.settings.config import Config
+from pipeline.core.settings.evaluate import EvaluateConfig
+from pipeline.evaluation.detection.gain.resampling import Resampling
+from pipeline.evaluation.records import EvaluationFrame
+
+SAMPLES = 100
+CLASSES = tuple(ClassPrior(name=name, size_m=(4.0, 2.0, 1.5), max_size_m=(9.0, 9.0, 9.0)) for name in ("car", "bus"))
+CONFIG = Config(classes=CLASSES, evaluate=EvaluateConfig(bootstrap=SAMPLES, ranges_m=(0, 100), iou=(0.5,)))
+FIGURES = (
+    "ap_bev_r40_50",
+    "ap_3d_r40_50",
+    "distance.map",
+    "precision",
+    "recall",
+    "f1",
+    "errors.position_bev_m.mean",
+)
+SOURCES = ("fused", "lidar")
+PERIOD_NS = 250_000_000
+
+
+def drive(frames: int, noise_m: dict[str, float], seed: int = 0) -> list[EvaluationFrame]:
+    """Frames of a quarter of a second with some objects; each source places them with its own noise."""
+    rng = np.random.default_rng(seed)
+    made = []
+    for index in range(frames):
+        n = int(rng.integers(1, 5))
+        ids, centers, yaws = rng.integers(0, 2, n), rng.uniform(-30, 30, (n, 3)) * (1, 1, 0.01), rng.uniform(-3, 3, n)
+        sources = {}
+        for name, noise in noise_m.items():
+            rows, false = np.flatnonzero(rng.random(n) < 0.85), int(rng.integers(0, 3))
+            sources[name] = boxes3d(
+                np.concatenate(
+                    [centers[rows] + rng.normal(0, noise, (len(rows), 3)), rng.uniform(-30, 30, (false, 3))]
+                ),
+                np.full((len(rows) + false, 3), (4.0, 2.0, 1.5)),
+                np.concatenate([yaws[rows] + rng.normal(0, 0.1, len(rows)), np.zeros(false)]),
+                # all different, or the order of repeated frames would matter by distance
+                (np.concatenate([rng.beta(5, 2, len(rows)), rng.beta(2, 4, false)]) + 1) / 2,
+                np.concatenate([ids[rows], rng.integers(0, 2, false)]),
+            )
+        truth = truth3d(centers, np.full((n, 3), (4.0, 2.0, 1.5)), yaws, ids)
+        made.append(EvaluationFrame(index, index * PERIOD_NS, truth, sources))
+    return made
+
+
+def figure(tree: Any, name: str) -> Any:
+    for part in name.split("."):
+        tree = tree[part]
+    return tree
+
+
+def only(source: str, frames: list[EvaluationFrame]) -> list[EvaluationFrame]:
+    return [replace(frame, sources={source: frame.sources[source]}) for frame in frames]
+
+
+def test_equal_to_recordings_put_together_from_the_drawn_blocks() -> None:
+    frames = drive(40, {"lidar": 0.4, "fused": 0.2})
+    figures = evaluated(frames, CONFIG)
+    drawn = Resampling.of(np.array([frame.stamp_ns for frame in frames]), SAMPLES)
+    assert drawn.block_count == 10
+    assert drawn.blocks.tolist() == [frame.stamp_ns // 10**9 for frame in frames]
+    assert (drawn.weights.sum(1) == 10).all()
+    samples = []
+    for weights in drawn.weights:
+        rows = np.repeat(np.arange(len(frames)), weights[drawn.blocks].astype(int))
+        samples.append({name: evaluated(only(name, [frames[row] for row in rows]), CONFIG) for name in SOURCES})
+    for class_name in ("car", "bus", "all"):
+        for name in FIGURES:
+            gain = figure(figures["fusion_gain"][class_name], name)
+            sign = -1 if name.startswith("errors") else 1
+            values = {
+                source: [figure(sample[source]["sources"][source][class_name], name) for sample in samples]
+                for source in SOURCES
+            }
+            low, high = np.percentile(sign * np.subtract(values["fused"], values["lidar"]), [2.5, 97.5])
+            # by distance, detections that come twice count one by one in nuScenes's curve, and together in a sample
+            tolerance = 5e-3 if name == "distance.map" else 1e-6
+            assert gain["low"] == pytest.approx(low, abs=tolerance), (class_name, name)
+            assert gain["high"] == pytest.approx(high, abs=tolerance), (class_name, name)
+            fused, lidar = (figure(figures["sources"][source][class_name], name) for source in SOURCES)
+            assert gain["value"] == pytest.approx(sign * (fused - lidar), abs=1e-12)
+            assert (gain["fused"], gain["over"]) == (fused, "lidar")
+
+
+def test_fusion_that_takes_away_is_said_so() -> None:
+    worse = evaluated(drive(80, {"lidar": 0.1, "fused": 1.0}), CONFIG)["fusion_gain"]
+    better = evaluated(drive(80, {"lidar": 1.0, "fused": 0.1}), CONFIG)["fusion_gain"]
+    for name in ("ap_bev_r40_50", "errors.position_bev_m.mean"):
+        assert figure(worse["all"], name)["high"] < 0
+        assert figure(worse["all"], name)["takes_away"] is True
+        assert figure(better["all"], name)["low"] > 0
+        assert figure(better["all"], name)["takes_away"] is False
+
+
+def test_each_figure_is_compared_with_the_source_that_is_better_in_it() -> None:
+    frames = drive(40, {"lidar": 1.0, "cameras": 0.1, "fused": 0.1})
+    # the cameras place better, the lidar finds more
+    for row, frame in enumerate(frames):
+        found = {**frame.sources, "cameras": frame.sources["cameras"].select(np.arange(min(1, row % 2)))}
+        frames[row] = replace(frame, sources=found)
+    gain = evaluated(frames, CONFIG)["fusion_gain"]["all"]
+    assert gain["recall"]["over"] == "lidar"
+    assert gain["errors"]["position_bev_m"]["mean"]["over"] == "cameras"
+
+
+def test_nothing_to_compare() -> None:
+    assert evaluated(drive(4, {"lidar": 0.1}), CONFIG)["fusion_gain"] == {}
+    assert evaluated(drive(4, {"fused": 0.1}), CONFIG)["fusion_gain"] == {}
+    assert evaluated([], CONFIG)["fusion_gain"] == {}
+
+
+def test_a_class_that_never_occurs_has_no_gain() -> None:
+    frames = drive(8, {"lidar": 0.1, "fused": 0.1})
+    classes = (*CLASSES, ClassPrior(name="tram", size_m=(30, 3, 3), max_size_m=(40, 4, 4)))
+    gain = evaluated(frames, CONFIG.model_copy(update={"classes": classes}))["fusion_gain"]["tram"]
+    for name in FIGURES:
+        assert set(figure(gain, name).values()) == {None}
+
+
+def test_one_block_still_gives_the_value() -> None:
+    gain = evaluated(drive(3, {"lidar": 0.4, "fused": 0.1}), CONFIG)["fusion_gain"]["all"]
+    assert gain["blocks"] == 1
+    assert gain["recall"]["low"] == gain["recall"]["high"] == gain["recall"]["value"]
+
+
+def test_figures_by_distance_carry_the_name_that_is_theirs() -> None:
+    config = Config(evaluate=EvaluateConfig(distances="nuscenes", bootstrap=SAMPLES, iou=(0.3,)))
+    figures = evaluated(drive(20, {"lidar": 0.4, "fused": 0.1}), config)
+    gain = figures["fusion_gain"]["all"]
+    assert "distance" not in gain
+    assert "ap_bev_r40_30" in gain
+    assert gain["nuscenes"]["map"]["low"] <= gain["nuscenes"]["map"]["value"] <= gain["nuscenes"]["map"]["high"]
+    assert gain["nuscenes"]["map"]["fused"] == figures["sources"]["fused"]["all"]["nuscenes"]["map"]
+
+
+def test_long_recordings_have_longer_blocks() -> None:
+    stamps_ns = np.arange(0, 3600 * 10**9, 10**9, dtype=np.int64)
+    drawn = Resampling.of(stamps_ns, 5)
+    assert 900 <= drawn.block_count <= 1000
+    assert (np.diff(drawn.blocks) >= 0).all()
+
+
+def test_gaps_hold_no_blocks() -> None:
+    drawn = Resampling.of(np.array([0, 10, 50_000_000_000], np.int64), 5)
+    assert drawn.blocks.tolist() == [0, 0, 1]
+
+
+def test_the_same_samples_every_time() -> None:
+    frames = drive(12, {"lidar": 0.4, "fused": 0.2})
+    assert evaluated(frames, CONFIG) == evaluated(frames, CONFIG)

@@ -1,0 +1,164 @@
+"""2D boxes against what the images show."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from evaluation_scenes import evaluated, image, truth2d
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pipeline.core.geometry.boxes import iou_xyxy
+from pipeline.core.settings.config import Config
+from pipeline.core.settings.evaluate import EvaluateConfig
+from pipeline.evaluation.records import UNKNOWN, EvaluationFrame, ImageBoxes
+
+CAR, PEDESTRIAN = 0, 1
+CONFIG = Config(evaluate=EvaluateConfig(min_image_pixels=50))
+BOX = (100.0, 100.0, 200.0, 150.0)
+
+
+def figures(*images: ImageBoxes) -> Any:
+    frames = [EvaluationFrame(row, row, None, {}, {"cam": shown}) for row, shown in enumerate(images)]
+    return evaluated(frames, CONFIG)["images"]["cam"]
+
+
+def counts(tree: Any) -> dict[str, int]:
+    names = ("truth", "truth_ignored", "found", "right", "missed", "false", "ignored")
+    return {name: tree[name] for name in names if tree[name]}
+
+
+def moved(right_px: float, down_px: float = 0.0) -> tuple[float, ...]:
+    return (BOX[0] + right_px, BOX[1] + down_px, BOX[2] + right_px, BOX[3] + down_px)
+
+
+def test_edges_and_overlap_of_what_is_found() -> None:
+    tree = figures(image([102.0, 99, 200, 150], [0.9], [CAR], truth2d(BOX, [CAR])))["car"]
+    assert counts(tree) == {"truth": 1, "found": 1, "right": 1}
+    assert {name: part["bias"] for name, part in tree["edges"].items()} == {
+        "left_px": 2,
+        "top_px": -1,
+        "right_px": 0,
+        "bottom_px": 0,
+    }
+    assert tree["edges"]["top_px"]["mean"] == 1
+    assert tree["mean_iou"] == pytest.approx(98 * 50 / (100 * 50 + 98))
+    assert (tree["ap_2d_r40_50"], tree["ap_2d_r11_70"], tree["false_per_image"]) == (1.0, 1.0, 0.0)
+
+
+def test_overlap_decides() -> None:
+    # moved by a fifth: IoU 80 / 120
+    tree = figures(image(moved(20), [0.9], [CAR], truth2d(BOX, [CAR])))["car"]
+    assert (tree["ap_2d_r40_50"], tree["ap_2d_r40_70"], tree["right"]) == (1.0, 0.0, 1)
+
+
+@pytest.mark.parametrize(
+    "columns",
+    [{"is_ignored": [True]}, {"image_pixels": [49]}, {"class_ids": [UNKNOWN]}],
+)
+def test_what_is_ignored_is_neither_missed_nor_an_error(columns: dict[str, Any]) -> None:
+    shown = truth2d(BOX, columns.pop("class_ids", [CAR]), **columns)
+    both = [*moved(5), *moved(-5)]
+    assert counts(figures(image(both, [0.9, 0.8], [CAR, PEDESTRIAN], shown))["all"]) == {
+        "truth_ignored": 1,
+        "found": 2,
+        "ignored": 2,
+    }
+    assert counts(figures(image([], [], [], shown))["all"]) == {"truth_ignored": 1}
+
+
+@pytest.mark.parametrize("pixels", [50, UNKNOWN])
+def test_enough_pixels_or_no_count_of_them(pixels: int) -> None:
+    assert counts(figures(image([], [], [], truth2d(BOX, [CAR], image_pixels=[pixels])))["car"]) == {
+        "truth": 1,
+        "missed": 1,
+    }
+
+
+def test_a_region_that_nobody_labelled_holds_many() -> None:
+    region = truth2d([0, 0, 1000, 1000], [UNKNOWN], is_ignored=[True])
+    tree = figures(image([*BOX, *moved(300), *moved(960)], [0.9, 0.8, 0.7], [CAR, CAR, CAR], region))["car"]
+    assert counts(tree) == {"found": 3, "ignored": 2, "false": 1}  # the last one reaches out of it
+
+
+def test_images_without_truth_are_counted_and_not_evaluated() -> None:
+    tree = figures(image(BOX, [0.9], [CAR], None), image(moved(500), [0.9], [CAR], truth2d([], [])))
+    for name in ("car", "all"):
+        assert (tree[name]["images"], tree[name]["images_without_truth"], tree[name]["false"]) == (1, 1, 1)
+        assert tree[name]["false_per_image"] == 1.0
+
+
+def test_cameras_stand_in_order_and_apart() -> None:
+    shown = truth2d(BOX, [CAR])
+    frame = EvaluationFrame(0, 0, None, {}, {"b": image(BOX, [0.9], [CAR], shown), "a": image([], [], [], shown)})
+    tree = evaluated([frame], CONFIG)["images"]
+    assert {name: camera["car"]["recall"] for name, camera in tree.items()} == {"a": 0.0, "b": 1.0}
+    assert list(tree) == ["a", "b"]
+
+
+def test_boxes_without_extent_overlap_nothing() -> None:
+    nothing = (150.0, 120.0, 150.0, 120.0)
+    assert counts(figures(image(nothing, [0.9], [CAR], truth2d(nothing, [CAR])))["car"]) == {
+        "truth": 1,
+        "found": 1,
+        "missed": 1,
+        "false": 1,
+    }
+
+
+@pytest.mark.parametrize(
+    ("shown", "message"),
+    [
+        (image(BOX, [0.9], [5], truth2d([], [])), "found: class ids 5 to 5, expected 0 to 4"),
+        (image([], [], [], truth2d(BOX, [5])), "truth: class ids 5 to 5, expected -1 to 4"),
+        (image(BOX, [np.nan], [CAR], truth2d([], [])), "found: expected finite numbers"),
+        (image([], [], [], truth2d((0, 0, np.inf, 1), [CAR])), "truth: expected finite numbers"),
+    ],
+)
+def test_what_cannot_be_compared_is_refused(shown: ImageBoxes, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        figures(shown)
+
+
+def plain_counts(shown: ImageBoxes, limit: float) -> tuple[int, int]:
+    """Right and false detections of the class 0, by falling score, each object once."""
+    assert shown.truth is not None
+    overlaps = iou_xyxy(shown.found.xyxy, shown.truth.xyxy)
+    free = {row for row in range(len(shown.truth)) if shown.truth.class_ids[row] == CAR}
+    right = false = 0
+    rows = [row for row in range(len(shown.found)) if shown.found.class_ids[row] == CAR]
+    for row in sorted(rows, key=lambda row: (shown.found.scores[row], row), reverse=True):
+        best = max(free, key=lambda column: (overlaps[row, column], -column), default=None)
+        if best is not None and overlaps[row, best] >= limit:
+            free.remove(best)
+            right += 1
+        else:
+            false += 1
+    return right, false
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_equal_to_matching_image_by_image(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    images = []
+    for _ in range(4):
+        n, m = rng.integers(0, 6, 2)
+        true_xy, xy = rng.integers(0, 60, (n, 2)), rng.integers(0, 60, (m, 2))
+        images.append(
+            image(
+                np.column_stack([xy, xy + rng.integers(20, 60, (m, 2))]),
+                rng.integers(0, 5, m) / 8,
+                rng.integers(0, 2, m),
+                truth2d(np.column_stack([true_xy, true_xy + rng.integers(20, 60, (n, 2))]), rng.integers(0, 2, n)),
+            )
+        )
+    tree = figures(*images)["car"]
+    assert (tree["right"], tree["false"]) == tuple(np.sum([plain_counts(shown, 0.5) for shown in images], axis=0))
+
+
+def test_images_matched_together_are_as_if_matched_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    images = [image(moved(row), [0.9], [CAR], truth2d(BOX, [CAR])) for row in range(0, 50, 10)]
+    together = figures(*images)
+    monkeypatch.setattr("pipeline.evaluation.detection.images.camera._MAX_IMAGES", 2)
+    assert figures(*images) == together

@@ -1,0 +1,313 @@
+"""What counts as right, false, missed or ignored, and where."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from evaluation_scenes import boxes3d, evaluated, truth3d
+
+from pipeline.core.rig import Zone
+from pipeline.core.settings.classes import ClassPrior
+from pipeline.core.settings.config import Config
+from pipeline.core.settings.evaluate import EvaluateConfig
+from pipeline.evaluation.detection.evaluation import DetectionEvaluation
+from pipeline.evaluation.records import UNKNOWN, EvaluationFrame, SourceBoxes, TruthBoxes3D
+
+CAR, VAN = 0, 1
+SIZE_M = (4.0, 2.0, 1.5)
+CLASSES = (
+    ClassPrior(name="car", size_m=SIZE_M, max_size_m=(9.0, 9.0, 9.0)),
+    ClassPrior(name="van", size_m=(8.0, 2.0, 2.0), max_size_m=(9.0, 9.0, 9.0)),
+)
+COUNTS = ("truth", "truth_ignored", "found", "right", "missed", "false", "ignored")
+
+
+def config(**settings: Any) -> Config:
+    return Config(classes=CLASSES, evaluate=EvaluateConfig(bootstrap=100, **settings))
+
+
+def truth(*xy: tuple[float, float], **columns: Any) -> TruthBoxes3D:
+    centers = [(x, y, 1.0) for x, y in xy]
+    ids = columns.pop("class_ids", np.zeros(len(xy)))
+    return truth3d(centers, np.full((len(xy), 3), SIZE_M), np.zeros(len(xy)), ids, **columns)
+
+
+def found(*xys: tuple[float, float, float], class_ids: Any = None, yaws: Any = None) -> SourceBoxes:
+    n = len(xys)
+    return boxes3d(
+        [(x, y, 1.0) for x, y, _ in xys],
+        np.full((n, 3), SIZE_M),
+        np.zeros(n) if yaws is None else yaws,
+        [score for _, _, score in xys],
+        np.zeros(n) if class_ids is None else class_ids,
+    )
+
+
+def figures(true: TruthBoxes3D | None, boxes: SourceBoxes, settings: Config | None = None, zones: Any = ()) -> Any:
+    frame = EvaluationFrame(0, 0, true, {"lidar": boxes})
+    return evaluated([frame], config() if settings is None else settings, zones)["sources"]["lidar"]
+
+
+def counts(tree: Any) -> dict[str, int]:
+    return {name: tree[name] for name in COUNTS if tree[name]}
+
+
+def test_each_true_object_is_found_once() -> None:
+    both = figures(truth((10, 0)), found((10.1, 0, 0.5), (10.2, 0, 0.9)))["car"]
+    assert counts(both) == {"truth": 1, "found": 2, "right": 1, "false": 1}
+    # the higher score is right, though it is farther away
+    assert both["errors"]["position_bev_m"]["mean"] == pytest.approx(0.2)
+    assert (both["precision"], both["recall"], both["f1"], both["false_per_frame"]) == (0.5, 1.0, 2 / 3, 1.0)
+    assert (both["best_f1"], both["best_f1_score"]) == (1.0, pytest.approx(0.9))
+
+
+def test_a_detection_shows_the_nearest_object_that_is_free() -> None:
+    errors = figures(truth((10, 0), (11, 0)), found((10.2, 0, 0.9), (10.3, 0, 0.8)))["car"]["errors"]
+    assert errors["along_m"]["bias"] == pytest.approx((0.2 - 0.7) / 2)
+
+
+@pytest.mark.parametrize(("offset_m", "right"), [(1.99, 1), (2.01, 0)])
+def test_two_metres_for_a_class_of_four(offset_m: float, right: int) -> None:
+    assert figures(truth((10, 0)), found((10 + offset_m, 0, 0.9)))["car"]["right"] == right
+
+
+@pytest.mark.parametrize(("offset_m", "right"), [(3.99, 1), (4.01, 0)])
+def test_four_metres_for_a_class_of_eight(offset_m: float, right: int) -> None:
+    tree = figures(truth((10, 0), class_ids=[VAN]), found((10 + offset_m, 0, 0.9), class_ids=[VAN]))["van"]
+    assert tree["right"] == right
+    assert [row["distance_m"] for row in tree["distance"]["thresholds"]] == [1.0, 2.0, 4.0, 8.0]
+    assert (tree["distance"]["ap_2"] > 0) == bool(right)
+
+
+IGNORED: list[dict[str, Any]] = [
+    {"is_ignored": [True]},
+    {"class_ids": [UNKNOWN]},
+    {"lidar_points": [0], "image_pixels": [0]},
+    {"lidar_points": [0]},
+    {"image_pixels": [0]},
+]
+
+
+@pytest.mark.parametrize("columns", IGNORED)
+@pytest.mark.parametrize("class_id", [CAR, VAN])
+def test_what_is_ignored_is_neither_missed_nor_an_error(columns: dict[str, Any], class_id: int) -> None:
+    boxes = found((10.5, 0, 0.9), (9.5, 0.3, 0.8), class_ids=[class_id, class_id])
+    tree = figures(truth((10, 0), **columns), boxes)
+    assert counts(tree["all"]) == {"truth_ignored": 1, "found": 2, "ignored": 2}
+    assert tree["all"]["precision"] is tree["all"]["recall"] is tree["all"]["ap_bev_r40_50"] is None
+    assert counts(figures(truth((10, 0), **columns), found())["all"]) == {"truth_ignored": 1}
+
+
+@pytest.mark.parametrize(
+    "columns",
+    [{}, {"lidar_points": [1], "image_pixels": [0]}, {"lidar_points": [0], "image_pixels": [1]}, {"lidar_points": [5]}],
+)
+def test_what_a_sensor_sees_is_evaluated(columns: dict[str, Any]) -> None:
+    assert counts(figures(truth((10, 0), **columns), found())["car"]) == {"truth": 1, "missed": 1}
+
+
+def test_the_settings_say_how_much_a_sensor_has_to_see() -> None:
+    columns = {"lidar_points": [4, 4, 5], "image_pixels": [99, 100, 0]}
+    tree = figures(
+        truth((10, 0), (20, 0), (30, 0), **columns), found(), config(min_lidar_points=5, min_image_pixels=100)
+    )
+    assert counts(tree["car"]) == {"truth": 2, "truth_ignored": 1, "missed": 2}
+
+
+def test_an_evaluated_object_comes_before_an_ignored_one() -> None:
+    boxes = found((10.9, 0, 0.9))  # nearer to the ignored one
+    assert counts(figures(truth((10, 0), (11, 0), is_ignored=[False, True]), boxes)["car"])["right"] == 1
+
+
+@pytest.mark.parametrize("settings", [{"max_range_m": 20.0}, {"region": ((-20, -20), (20, -20), (20, 20), (-20, 20))}])
+def test_what_lies_outside_is_not_evaluated(settings: dict[str, Any]) -> None:
+    true = truth((10, 0), (19.5, 0), (20.5, 5), (60, 0))
+    boxes = found((10, 0, 0.9), (20.4, 0, 0.8), (19.8, 5, 0.7), (60, 0, 0.6), (40, 0, 0.5), (0, 10, 0.4))
+    # at the border, what shows an object inside is right, and what shows one outside is ignored
+    expected = {"truth": 2, "truth_ignored": 2, "found": 6, "right": 2, "ignored": 3, "false": 1}
+    tree = figures(true, boxes, config(**settings))["car"]
+    assert counts(tree) == expected
+    assert tree["ap_bev_r40_50"] is not None
+
+
+def test_the_wrong_class_is_a_miss_and_a_false_detection_and_both_are_told() -> None:
+    tree = figures(
+        truth((10, 0), (20, 0), labels=["taxi", "taxi"]), found((10, 0, 0.9), (20, 0, 0.8), class_ids=[1, 0])
+    )
+    assert counts(tree["car"]) == {"truth": 2, "found": 1, "right": 1, "missed": 1}
+    assert counts(tree["van"]) == {"found": 1, "false": 1}
+    assert tree["all"]["confusion"] == {
+        "labels": {"taxi": {"found_as": {"car": 1, "van": 1}, "missed": 0}},
+        "nothing": {"car": 0, "van": 0},
+    }
+
+
+def test_confusion_counts_every_object_and_every_detection_once() -> None:
+    rng = np.random.default_rng(1)
+    n, m = 40, 60
+    true = truth(*rng.uniform(-15, 15, (n, 2)), class_ids=rng.integers(0, 2, n), is_ignored=rng.random(n) < 0.1)
+    boxes = found(*np.column_stack([rng.uniform(-15, 15, (m, 2)), rng.random(m)]), class_ids=rng.integers(0, 2, m))
+    everything = figures(true, boxes)["all"]
+    rows = everything["confusion"]["labels"].values()
+    found_as = sum(sum(row["found_as"].values()) for row in rows)
+    assert found_as + sum(row["missed"] for row in rows) == everything["truth"]
+    assert found_as + sum(everything["confusion"]["nothing"].values()) == everything["found"] - everything["ignored"]
+
+
+def test_errors_of_a_turned_object() -> None:
+    # it looks to +y and is found 0.3 m ahead, 0.1 m to its left, 0.2 m too high, longer, and turned by 170 degrees
+    true = truth3d([[10, 0, 1]], [[4, 2, 1.5]], [np.pi / 2], [CAR])
+    boxes = boxes3d([[9.9, 0.3, 1.2]], [[4.4, 1.9, 1.5]], [np.pi / 2 + np.radians(170)], [0.9], [CAR])
+    errors = figures(true, boxes)["car"]["errors"]
+    biases = {"along_m": 0.3, "across_m": 0.1, "z_m": 0.2, "length_m": 0.4, "width_m": -0.1, "height_m": 0.0}
+    for name, bias in biases.items():
+        assert errors[name]["bias"] == pytest.approx(bias, abs=1e-6)
+        assert errors[name]["mean"] == pytest.approx(abs(bias), abs=1e-6)
+    assert errors["position_bev_m"]["max"] == pytest.approx(np.hypot(0.3, 0.1), abs=1e-6)
+    assert errors["heading_deg"]["rmse"] == pytest.approx(170, abs=1e-4)
+    assert errors["heading_mod_180_deg"]["p50"] == pytest.approx(10, abs=1e-4)
+    assert errors["flips"] == 1.0
+
+
+def test_spread_of_errors() -> None:
+    offsets_m = np.linspace(-1, 1, 21)
+    xs = 10.0 * np.arange(21)
+    tree = figures(truth(*((x, 0) for x in xs)), found(*((x + o, 0, 0.5) for x, o in zip(xs, offsets_m, strict=True))))
+    along = tree["car"]["errors"]["along_m"]
+    expected = {"bias": 0.0, "mean": np.abs(offsets_m).mean(), "rmse": np.sqrt(np.mean(offsets_m**2)), "max": 1.0}
+    expected |= {f"p{p}": np.percentile(np.abs(offsets_m), p) for p in (50, 90, 95)}
+    assert along == pytest.approx(expected, abs=1e-6)
+
+
+def test_ranges_hold_everything_once_and_matches_count_where_the_object_is() -> None:
+    true = truth((9.9, 0), (50, 0), (100, 0))
+    tree = figures(true, found((10.1, 0, 0.9), (19.9, 0, 0.8), (100, 0, 0.7)))["car"]["ranges"]
+    assert list(tree) == ["0_10", "10_20", "20_40", "40_80", "over_80"]
+    assert {name: counts(part) for name, part in tree.items()} == {
+        "0_10": {"truth": 1, "found": 0 + 1, "right": 1},
+        "10_20": {"found": 1, "false": 1},
+        "20_40": {},
+        "40_80": {"truth": 1, "missed": 1},
+        "over_80": {"truth": 1, "found": 1, "right": 1},
+    }
+    assert (tree["0_10"]["ap_bev_r40_50"], tree["40_80"]["ap_bev_r40_50"]) == (1.0, 0.0)
+    assert tree["20_40"]["ap_bev_r40_50"] is None
+    assert (tree["40_80"]["from_m"], tree["40_80"]["to_m"], tree["over_80"]["to_m"]) == (40.0, 80.0, None)
+
+
+def test_ranges_of_a_model_site() -> None:
+    small = (ClassPrior(name="car", size_m=(0.33, 0.22, 0.21), max_size_m=(0.4, 0.3, 0.3)),)
+    frame = EvaluationFrame(0, 0, truth((0.3, 0)), {"lidar": found()})
+    tree = evaluated([frame], Config(classes=small))["sources"]["lidar"]["car"]
+    assert list(tree["ranges"]) == ["0_0p825", "0p825_1p65", "1p65_3p3", "3p3_6p6", "over_6p6"]
+    given = Config(classes=small, evaluate=EvaluateConfig(ranges_m=(1, 5)))
+    assert list(evaluated([frame], given)["sources"]["lidar"]["car"]["ranges"]) == ["1_5", "over_5"]
+
+
+def test_zones() -> None:
+    zones = [
+        Zone("north", np.array([[-99.0, 0.0], [99.0, 0.0], [99.0, 99.0], [-99.0, 99.0]])),
+        Zone("everywhere", np.array([[-99.0, -99.0], [99.0, -99.0], [99.0, 99.0], [-99.0, 99.0]])),
+    ]
+    true = truth((10, 0.2), (10, -8))
+    tree = figures(true, found((10, -0.2, 0.9), (0, -30, 0.5), (300, 0, 0.4)), zones=zones)["car"]["zones"]
+    assert counts(tree["north"]) == {"truth": 1, "found": 0 + 1, "right": 1}
+    assert counts(tree["everywhere"]) == {"truth": 1, "found": 1, "missed": 1, "false": 1}
+    assert tree["everywhere"]["recall"] == 0.0
+
+
+def test_recall_by_label_and_by_lidar_points() -> None:
+    columns = {"labels": ["taxi", "car", "car"], "lidar_points": [5, 6, 300], "image_pixels": [9, 9, 9]}
+    tree = figures(truth((10, 0), (20, 0), (30, 0), **columns), found((20, 0, 0.9), (30, 0, 0.8)))
+    for name in ("car", "all"):
+        assert tree[name]["labels"] == {
+            "car": {"truth": 2, "right": 2, "recall": 1.0},
+            "taxi": {"truth": 1, "right": 0, "recall": 0.0},
+        }
+        assert {bin: part["truth"] for bin, part in tree[name]["points"].items() if part["truth"]} == {
+            "1_5": 1,
+            "6_20": 1,
+            "over_200": 1,
+        }
+        assert tree[name]["points"]["1_5"]["recall"] == 0.0
+        assert tree[name]["points"]["0"]["recall"] is None
+    assert tree["van"]["labels"] == {}
+    assert figures(truth((10, 0)), found())["car"]["points"]["unknown"] == {"truth": 1, "right": 0, "recall": 0.0}
+
+
+def test_all_is_the_mean_of_the_classes_that_occur() -> None:
+    tree = figures(truth((10, 0), (20, 0)), found((10, 0, 0.9), (50, 0, 0.8), class_ids=[CAR, VAN]))
+    assert tree["van"]["ap_bev_r40_50"] is tree["van"]["distance"]["map"] is None
+    for name in ("ap_bev_r40_50", "ap_3d_r11_70", "aos_bev_r40_25"):
+        assert tree["all"][name] == tree["car"][name]
+    assert (tree["all"]["precision"], tree["car"]["precision"]) == (0.5, 1.0)
+
+
+def test_frames_without_truth_are_counted_and_not_evaluated() -> None:
+    boxes = found((10, 0, 0.9))
+    frames = [EvaluationFrame(0, 0, None, {"lidar": boxes}), EvaluationFrame(1, 1, truth(), {"lidar": boxes})]
+    for name in ("car", "all"):
+        tree = evaluated(frames, config())["sources"]["lidar"][name]
+        assert (tree["frames"], tree["frames_without_truth"], tree["false"]) == (1, 1, 1)
+    tree = evaluated(frames[:1], config())["sources"]["lidar"]["car"]
+    assert (tree["frames"], tree["found"], tree["precision"], tree["false_per_frame"]) == (0, 0, None, None)
+
+
+def test_a_source_that_is_silent_for_a_frame_misses_what_is_there() -> None:
+    here = truth((10, 0))
+    frames = [
+        EvaluationFrame(0, 0, here, {"lidar": found((10, 0, 0.9))}),
+        EvaluationFrame(1, 1, here, {"lidar": found((10, 0, 0.9)), "fused": found((10, 0, 0.9))}),
+        EvaluationFrame(2, 2, here, {}),
+    ]
+    sources = evaluated(frames, config())["sources"]
+    assert {name: tree["car"]["recall"] for name, tree in sources.items()} == {"lidar": 2 / 3, "fused": 1 / 3}
+
+
+def test_order_of_sources_and_cameras() -> None:
+    frame = EvaluationFrame(0, 0, truth(), dict.fromkeys(("radar", "fused", "cameras", "lidar"), found()))
+    assert list(evaluated([frame], config())["sources"]) == ["lidar", "cameras", "fused", "radar"]
+
+
+def test_nothing_at_all() -> None:
+    assert evaluated([], config()) == {"sources": {}, "images": {}, "fusion_gain": {}, "thresholds": {}}
+
+
+def test_frames_matched_together_are_as_if_matched_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(5)
+    frames = [
+        EvaluationFrame(
+            row,
+            row * 10**8,
+            truth(*rng.uniform(-20, 20, (4, 2)), class_ids=rng.integers(0, 2, 4), labels=rng.choice(["a", "b"], 4)),
+            {"lidar": found(*np.column_stack([rng.uniform(-20, 20, (5, 2)), rng.random(5)]))},
+        )
+        for row in range(9)
+    ]
+    together = evaluated(frames, config())
+    for name, limit in (("_MAX_FRAMES", 2), ("_MAX_PAIRS", 1)):
+        monkeypatch.setattr(f"pipeline.evaluation.detection.gathering.{name}", limit)
+        assert evaluated(frames, config()) == together
+
+
+def test_figures_may_be_asked_for_at_any_time() -> None:
+    evaluation = DetectionEvaluation(config(), ())
+    frame = EvaluationFrame(0, 0, truth((10, 0)), {"lidar": found((10, 0, 0.9))})
+    for count in (1, 2):
+        evaluation.add(frame)
+        sources: Any = evaluation.figures()["sources"]
+        assert sources["lidar"]["car"]["truth"] == count
+
+
+@pytest.mark.parametrize(
+    ("true", "boxes", "message"),
+    [
+        (truth((1, 0), class_ids=[2]), found(), "truth: class ids 2 to 2, expected -1 to 1"),
+        (truth(), found((1, 0, 0.5), class_ids=[-1]), "lidar: class ids -1 to -1, expected 0 to 1"),
+        (truth((np.nan, 0)), found(), "truth: expected finite numbers"),
+        (truth(), found((1, 0, np.nan)), "lidar: expected finite numbers"),
+    ],
+)
+def test_what_cannot_be_compared_is_refused(true: TruthBoxes3D, boxes: SourceBoxes, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        figures(true, boxes)

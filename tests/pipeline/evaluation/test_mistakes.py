@@ -1,0 +1,131 @@
+import numpy as np
+from evaluation_frames import frame_of, source_boxes, truth_boxes
+
+from pipeline.core.settings.config import Config
+from pipeline.evaluation.mistakes import Mistakes
+from pipeline.evaluation.records import EvaluationFrame, TruthBoxes3D
+
+CONFIG = Config()
+CAR, TRUCK = 0, 3
+SIZE = (4.0, 1.7, 1.5)
+
+
+def row(x: float, y: float = 0.0) -> tuple[float, ...]:
+    return (x, y, 0.75, *SIZE, 0.0)
+
+
+def truth(*places: float, ids: list[int] | None = None, points: list[int] | None = None) -> TruthBoxes3D:
+    return truth_boxes([row(x) for x in places], ids or list(range(len(places))), lidar_points=points)
+
+
+def collected(*frames: EvaluationFrame) -> Mistakes:
+    mistakes = Mistakes(CONFIG)
+    for frame in frames:
+        mistakes.add(frame)
+    return mistakes
+
+
+def frame(
+    index: int,
+    true: TruthBoxes3D | None,
+    *found: float,
+    scores: list[float] | None = None,
+    class_ids: list[int] | None = None,
+) -> EvaluationFrame:
+    boxes = source_boxes([row(x) for x in found], scores=scores, class_ids=class_ids)
+    return frame_of(index, true, {"fused": boxes})
+
+
+def test_what_is_right_is_no_mistake() -> None:
+    mistakes = collected(frame(0, truth(0, 10), 0.5, 10.0), frame(1, truth(0, 10), 10.0, 0.0))
+    assert mistakes.figures() == {"false": [], "missed": []}
+
+
+def test_without_frames_truth_or_source_there_is_none() -> None:
+    assert collected().figures() == {"false": [], "missed": []}
+    assert collected(frame(0, None, 3.0)).figures() == {"false": [], "missed": []}
+    assert collected(frame_of(0, truth(1), {})).worst("missed", 3) == []
+
+
+def test_a_bench_taken_for_a_car_in_many_frames_is_one_mistake() -> None:
+    scores = [0.2, 0.8, 0.3]
+    mistakes = collected(*(frame(n, truth(), 20.0 + 0.2 * n, scores=[score]) for n, score in enumerate(scores)))
+    (bench,) = mistakes.worst("false", 10)
+    assert (bench.frames, bench.worst_frame, bench.first_ns, bench.last_ns) == (3, 1, 0, 200_000_000)
+    assert (bench.class_name, bench.label, bench.track_id) == ("car", "", -1)
+    assert np.isclose([bench.score, bench.weight, bench.center[0]], [0.8, 1.3, 20.2]).all()
+
+
+def test_two_benches_are_two_mistakes_the_worse_one_first() -> None:
+    frames = [frame(n, truth(), 20.0, 40.0, scores=[0.3, 0.6]) for n in range(3)]
+    assert [one.center[0] for one in collected(*frames).worst("false", 10)] == [40.0, 20.0]
+    assert [one.center[0] for one in collected(*frames).worst("false", 1)] == [40.0]
+
+
+def test_an_error_that_comes_back_later_is_another_mistake() -> None:
+    mistakes = collected(*(frame(n, truth(), 20.0) for n in (0, 1, 5, 40)))
+    assert [one.frames for one in mistakes.worst("false", 9)] == [3, 1]
+
+
+def test_misses_of_one_object_are_one_mistake_wherever_it_drives() -> None:
+    frames = [frame(n, truth(50.0 * n, ids=[7], points=[10 + n])) for n in range(4)]
+    (miss,) = collected(*frames).worst("missed", 10)
+    assert (miss.frames, miss.track_id, miss.lidar_points, miss.worst_frame, miss.label) == (4, 7, 13, 3, "any")
+    assert collected(*frames).worst("false", 10) == []
+
+
+def test_objects_without_ids_are_told_apart_by_their_places() -> None:
+    frames = [frame(n, truth(0.0, 30.0, ids=[-1, -1])) for n in range(2)]
+    assert [(one.frames, one.center[0]) for one in collected(*frames).worst("missed", 10)] == [(2, 0.0), (2, 30.0)]
+
+
+def test_a_false_detection_names_the_object_at_its_place() -> None:
+    second = collected(frame(0, truth(0, ids=[4]), 0.0, 1.0, scores=[0.9, 0.8])).worst("false", 10)
+    assert [(one.is_second, one.track_id, one.label) for one in second] == [(True, 4, "any")]
+    other = collected(frame(0, truth(0, ids=[4]), 0.0, class_ids=[TRUCK])).worst("false", 10)
+    assert [(one.class_name, one.is_second, one.track_id) for one in other] == [("truck", False, 4)]
+    missed = collected(frame(0, truth(0, ids=[4]), 0.0, class_ids=[TRUCK])).worst("missed", 10)
+    assert [one.class_name for one in missed] == ["car"]
+
+
+def test_what_is_ignored_is_neither_missed_nor_false() -> None:
+    true = truth_boxes([row(0), row(20)], [0, 1], is_ignored=[True, False], lidar_points=[9, 0], image_pixels=[9, 0])
+    assert collected(frame(0, true, 0.0)).figures() == {"false": [], "missed": []}
+
+
+def test_figures_are_plain_values() -> None:
+    told = collected(frame(3, truth(60.0, points=[12]), 20.0)).figures(5)
+    assert told == {
+        "false": [
+            {
+                "class": "car",
+                "label": None,
+                "is_second": False,
+                "frames": 1,
+                "first_ns": 300_000_000,
+                "last_ns": 300_000_000,
+                "worst_ns": 300_000_000,
+                "worst_frame": 3,
+                **{"x_m": 20.0, "y_m": 0.0, "z_m": 0.75, "length_m": 4.0, "width_m": 1.7, "height_m": 1.5},
+                "yaw_deg": 0.0,
+                "score": 0.5,
+                "lidar_points": None,
+            }
+        ],
+        "missed": [
+            {
+                "class": "car",
+                "label": "any",
+                "is_second": False,
+                "frames": 1,
+                "first_ns": 300_000_000,
+                "last_ns": 300_000_000,
+                "worst_ns": 300_000_000,
+                "worst_frame": 3,
+                **{"x_m": 60.0, "y_m": 0.0, "z_m": 0.75, "length_m": 4.0, "width_m": 1.7, "height_m": 1.5},
+                "yaw_deg": 0.0,
+                "score": None,
+                "lidar_points": 12,
+            }
+        ],
+    }
