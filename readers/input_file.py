@@ -1,7 +1,8 @@
 """What tells an input from others: its size and its checksum."""
 
 from dataclasses import dataclass
-from hashlib import file_digest
+from hashlib import file_digest, sha256
+from pathlib import Path
 from typing import Any
 
 from pipeline.core.errors import RecordingError
@@ -18,7 +19,8 @@ class InputFile:
         path: As it was given, without credentials; a ROS 2 folder and a split recording are the files that they hold.
         name: Name of the file.
         bytes: Its size; None where it was not asked for, and where a server does not say it.
-        sha256: Of its content, hexadecimal; None where it was not read as a whole, as of a file on a server.
+        sha256: Of its content, hexadecimal; of an evaluation folder, of the names and sizes of its files. None where it
+            was not read as a whole, as of a file on a server.
         server: What the server says of it: `size`, `etag`, `last_modified`.
     """
 
@@ -57,8 +59,17 @@ def read_input_file(path: Location) -> InputFile:
     if isinstance(path, RemotePath):
         return InputFile.unread(path)
     try:
+        if path.is_dir():
+            return InputFile(str(path), path.name, None, _listing_sha256(path))
         with path.open("rb") as file:
             digest = file_digest(file, "sha256").hexdigest()
             return InputFile(str(path), path.name, file.tell(), digest)
     except OSError as err:
         raise RecordingError(f"{path}: expected a file that can be read: {err.strerror or err}") from err
+
+
+def _listing_sha256(folder: Path) -> str:
+    digest = sha256()
+    for file in sorted(file for file in folder.rglob("*") if file.is_file()):
+        digest.update(f"{file.relative_to(folder).as_posix()} {file.stat().st_size}\n".encode())
+    return digest.hexdigest()

@@ -16,6 +16,7 @@ from pipeline.core.messages import RawMessage
 from pipeline.core.settings.recording import LimitsConfig
 from readers.files.container import Source
 from readers.files.damage import DamageError, Losses, library_errors
+from readers.files.evaluation_folder import EvaluationFolder, is_evaluation_folder
 from readers.files.mcap.file import McapFile
 from readers.files.pcap.file import PcapFile
 from readers.files.pcap.packets import is_capture
@@ -48,7 +49,10 @@ PIECE = 1 << 20
 DISK_RESERVE = 1 << 28
 """Bytes of the temporary folder's disk that are left free."""
 
-EXPECTED = "a ROS 1 .bag (format 2.0), a ROS 2 .mcap or .db3 file, a ROS 2 bag folder, or a .pcap or .pcapng capture"
+EXPECTED = (
+    "a ROS 1 .bag (format 2.0), a ROS 2 .mcap or .db3 file, a ROS 2 bag folder, a .pcap or .pcapng capture, or an "
+    "evaluation folder of the predecessor system (pcd/0.txt, ...)"
+)
 
 
 def open_recording(paths: Sequence[Location], options: ReadOptions = DEFAULT_READ_OPTIONS) -> Recording:
@@ -175,7 +179,8 @@ def _all_files(paths: Sequence[Location]) -> list[Location]:
         with library_errors(path):
             if not path.exists():
                 raise RecordingError(f"{path}: no such file or folder; expected {EXPECTED}")
-            files += recording_files(path) if path.is_dir() else (path,)
+            is_bag = path.is_dir() and not is_evaluation_folder(path)
+            files += recording_files(path) if is_bag else (path,)
     seen: dict[object, Location] = {}
     for file in files:
         identity = file.url if isinstance(file, RemotePath) else _inode(file)
@@ -216,6 +221,8 @@ def _open_file(path: Location, index: int, stack: ExitStack, options: ReadOption
             _check_is_mcap(path, stream)
             return McapFile(Source(path, index, options, Losses(path, options)), stream)
     with library_errors(path, is_recovering=is_recovering):
+        if path.is_dir():
+            return EvaluationFolder(path, index, options.limits)
         content, losses = path, Losses(path, options)
         magic = _first_bytes(path)
         if magic.startswith(ZSTD_MAGIC):

@@ -3,9 +3,11 @@
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
+import yaml
 from rich.console import Console
 
 from lidcam.checks.incomplete import damage_lines
@@ -152,9 +154,11 @@ def _failures(comparison: Comparison, options: CompareOptions) -> tuple[str, ...
 def _tree(
     figures: Mapping[str, Any], verdict: Verdict, notes: Sequence[str], options: CompareOptions
 ) -> dict[str, Any]:
+    tolerances = options.config.compare.model_dump(mode="json")
     settings = {
         "name": options.settings_name,
-        "compare": options.config.compare.model_dump(mode="json"),
+        "sha256": sha256(yaml.safe_dump(tolerances).encode()).hexdigest(),
+        "compare": tolerances,
         "only": [*options.only],
         "allowed": [*options.allowed],
         "max_different_percent": options.max_different_percent,
@@ -174,6 +178,5 @@ def _print(
 
 
 def _equal(figures: Mapping[str, Any]) -> str:
-    frames = figures["frames"]
-    is_equal = not (figures["differences"]["count"] or frames["only_a"] or frames["only_b"])
+    is_equal = not any((figures["differences"]["count"], figures["frames_only_in_a"], figures["frames_only_in_b"]))
     return "equal within the tolerances" if is_equal else "differs no more than it may"

@@ -28,13 +28,12 @@ def print_comparison(
         config: What counts as equal.
         lines: Differences that are listed.
     """
-    frames = figures["frames"]
     show_line(out, f"A  {names[0]}")
     show_line(out, f"B  {names[1]}")
     show_line(
         out,
-        f"frames: {frames['both']} in both, {frames['different']} of them differ; "
-        f"{frames['only_a']} only in A, {frames['only_b']} only in B",
+        f"frames: {figures['frames']} in both, {figures['frames_different']} of them differ; "
+        f"{figures['frames_only_in_a']} only in A, {figures['frames_only_in_b']} only in B",
     )
     show_line(
         out,

@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pipeline.core.arrays import F64, check_array
+from pipeline.core.arrays import F32, F64, check_array
 from pipeline.core.camera import CameraModel
-from pipeline.core.errors import CalibrationError
+from pipeline.core.errors import CalibrationError, FrameError
 from pipeline.core.geometry.transform import Transform
 
 __all__ = ["BOXES_SUFFIX", "CameraSensor", "LidarSensor", "Rig", "TruthVehicle", "Zone", "default_zones"]
@@ -56,6 +56,25 @@ class CameraSensor:
     model: CameraModel
     T_camera_site: Transform
     time_offset_ns: int = 0
+
+    def project_boxes(self, corners_site: F64, frame_id: str) -> F32:
+        """Upright rectangles around boxes in this camera's image, clipped to it.
+
+        Args:
+            corners_site: (N, 8, 3) corners in the order of `geometry.box_corners`, metres.
+            frame_id: Their frame.
+
+        Returns:
+            (N, 4) left, top, right, bottom in pixels; NaN if no part of a box is in the image.
+
+        Raises:
+            FrameError: the boxes are not in the site frame of the camera.
+        """
+        if frame_id != self.T_camera_site.src:
+            raise FrameError(
+                f"camera {self.name}: expected boxes in frame {self.T_camera_site.src!r}, found {frame_id!r}"
+            )
+        return self.model.project_boxes(np.asarray(self.T_camera_site.apply(corners_site), np.float64))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -12,9 +12,9 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from pipeline.core.arrays import F32, F64, Indices
+from pipeline.core.arrays import F32, Indices
+from pipeline.core.association import worth_of_pairs
 from pipeline.core.detections import Boxes2D, Boxes3D, Matches
-from pipeline.core.errors import FrameError
 from pipeline.core.geometry.boxes import box_corners, iou_xyxy
 from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.settings.config import Config
@@ -39,7 +39,7 @@ class Associate:
         rows3d = _rank3d(boxes3d)
         matches = {}
         for camera in self._cameras:
-            projected = _project(camera, corners, boxes3d.frame_id)
+            projected = camera.project_boxes(corners, boxes3d.frame_id)
             found = boxes2d.get(camera.name, Boxes2D.empty(boxes3d.stamp_ns, camera.T_camera_site.dst))
             matches[camera.name] = self._match(camera, boxes3d, rows3d, projected, found)
         return matches
@@ -52,24 +52,14 @@ class Associate:
         rows2d = _rank2d(boxes2d)
         iou = iou_xyxy(projected[rows3d], np.clip(boxes2d.xyxy, 0, size)[rows2d])
         differs = boxes3d.class_ids[rows3d][:, None] != boxes2d.class_ids[rows2d]
-        worth = iou - self._config.class_penalty * differs
         # Pairs that are not allowed have value 0, like no pair, and are removed from the assignment afterwards.
-        allowed = (iou >= self._config.min_iou) & (worth > 0)
-        first, second = linear_sum_assignment(np.where(allowed, worth, 0.0), maximize=True)
-        taken = allowed[first, second]
+        worth = worth_of_pairs(iou, differs, self._config)
+        first, second = linear_sum_assignment(worth, maximize=True)
+        taken = worth[first, second] > 0
         first, second = first[taken], second[taken]
         pairs = np.stack([rows3d[first], rows2d[second]], 1).astype(np.int64)
         order = np.argsort(pairs[:, 0])
         return Matches(pairs[order], iou[first, second][order].astype(np.float32), projected)
-
-
-def _project(camera: CameraSensor, corners: F64, frame_id: str) -> F32:
-    """(N, 4) upright rectangles in the camera's image, clipped to it; NaN if a box (N, 8, 3) is not visible."""
-    if frame_id != camera.T_camera_site.src:
-        raise FrameError(
-            f"camera {camera.name}: expected boxes in frame {camera.T_camera_site.src!r}, found {frame_id!r}"
-        )
-    return camera.model.project_boxes(np.asarray(camera.T_camera_site.apply(corners), np.float64))
 
 
 def _rank3d(boxes: Boxes3D) -> Indices:

@@ -64,7 +64,8 @@ def attached_rig(text: str, path: Path, config: Config) -> Rig:
     site = rig_file.site_frame
     lidars = [_lidar(name, entry, site, path) for name, entry in (rig_file.lidars or {}).items()]
     cameras = [_camera(name, entry, site, path) for name, entry in (rig_file.cameras or {}).items()]
-    return Rig(site, tuple(lidars), tuple(cameras), zones_of(rig_file, config), rig_file.ground_height_m)
+    zones, ground_height_m = zones_of(rig_file, config), rig_file.ground_height_m
+    return Rig(site, tuple(lidars), tuple(cameras), zones, ground_height_m, rig_file.vehicles)
 
 
 def _tree(text: str, path: Path, name: str) -> dict[str, Any]:

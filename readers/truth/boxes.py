@@ -12,7 +12,6 @@ from pipeline.core.settings.classes import ClassPrior
 from pipeline.evaluation.records import UNKNOWN, TruthBoxes2D, TruthBoxes3D
 
 __all__ = [
-    "MIN_HEADING",
     "Labelled",
     "Labelled2D",
     "class_ids_of_labels",
@@ -21,9 +20,6 @@ __all__ = [
     "truth_boxes_3d",
     "yaw_of",
 ]
-
-MIN_HEADING = 1e-3
-"""Shortest projection of a box's length axis (of length 1) on the ground that still has a heading."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

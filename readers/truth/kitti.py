@@ -225,7 +225,7 @@ class KittiTruth:
             )
         self._tracked = _by_frame(first.labels) if first.is_tracking else None
         self._count = len(self._files) if self._tracked is None else max(self._tracked) + 1
-        self._beyond = 0
+        self._is_short = False
         self._last: tuple[int, Sequence[KittiLabel], KittiCalibration] | None = None
         self.description = f"KITTI labels of {path}"
 
@@ -234,14 +234,14 @@ class KittiTruth:
         """See `TruthSource`."""
         what = "files" if self._tracked is None else "frames"
         notes = [f"{self.description}: {self._count} {what}, matched with the frames of the result in their order"]
-        if self._beyond:
+        if self._is_short:
             notes.append(f"{self.description}: frames of the result from {self._count} on have no labels")
         return tuple(notes)
 
     def at(self, stamp_ns: int, *, frame: int) -> TruthBoxes3D | None:
         """See `TruthSource`: the labels of the frame, in the site frame."""
         if frame >= self._count:
-            self._beyond += 1
+            self._is_short = True
             return None
         labels, calibration = self._labels(frame)
         T_site_rect = self._lidar.T_site_lidar.matrix @ np.linalg.inv(calibration.T_rect_velo)

@@ -1,14 +1,17 @@
-"""Finding the truth about a result: in the result itself, or in another recording."""
+"""Finding the truth about a result: in the result itself, in another recording, or in label files."""
 
 from collections.abc import Sequence
 from pathlib import Path
 
 from pipeline.core.errors import RecordingError
 from readers.location import Location
+from readers.messages.tf import read_transforms
 from readers.open import open_recording
 from readers.recording import Closing, ReadOptions, Recording
 from readers.results.records import is_result
 from readers.results.result import RESULT_TOPICS, Result
+from readers.truth.labels import open_labels
+from readers.truth.odometry import OdometryTruth
 from readers.truth.recorded import RecordedTruth
 from readers.truth.source import TruthSource
 from readers.truth.topics import find_truth_topics
@@ -42,18 +45,25 @@ def open_truth(result: Result, paths: Sequence[Location] = (), *, topic: str = "
 
     Args:
         result: The open result.
-        paths: The files of a recording with the truth, in any container; none: the truth that the result carries.
+        paths: The files of a recording with the truth, in any container, or labels (see `open_labels`); none: the truth
+            that the result carries.
         topic: The topic to take, whatever it is called.
 
     Raises:
-        ConfigError: there is no such topic.
-        RecordingError: the recording cannot be read, or has no truth. A result without truth is no error.
+        ConfigError: there is no such topic, or a vehicle of the rig's truth has no configured class.
+        RecordingError: the truth cannot be read, or there is none at `paths`. A result without truth is no error.
     """
+    if len(paths) == 1 and isinstance(paths[0], Path) and not topic:
+        labels = open_labels(paths[0], result.rig, result.config)
+        if labels is not None:
+            return OpenTruth(labels, "", (result.recording,))
     if not paths:
-        found = find_truth_topics(result.recording, RESULT_TOPICS, result.cameras, topic)
+        if odometry := _odometry(result.recording, result, topic):
+            return OpenTruth(odometry, "", (result.recording,))
+        found = find_truth_topics(result.recording, RESULT_TOPICS, topic)
         if isinstance(found, str):
             return OpenTruth(None, f"{found}; give the recording that has it (--truth)", (result.recording,))
-        truth = RecordedTruth(result.recording, found, result.config)
+        truth = RecordedTruth(result.recording, found, result.rig.cameras, result.config)
         return OpenTruth(truth, "", (result.recording,))
     results = RESULT_TOPICS if any(isinstance(path, Path) and is_result(path) for path in paths) else frozenset()
     recording = open_recording(paths, ReadOptions(limits=result.config.limits))
@@ -65,14 +75,31 @@ def open_truth(result: Result, paths: Sequence[Location] = (), *, topic: str = "
     return OpenTruth(source, "", (recording, result.recording), (recording,))
 
 
-def _recorded(recording: Recording, results: frozenset[str], result: Result, topic: str) -> RecordedTruth:
+def _odometry(recording: Recording, result: Result, topic: str) -> OdometryTruth | None:
+    """The vehicles that the rig calls truth, if the odometry of one was recorded, and no topic is asked for.
+
+    Raises:
+        ConfigError: one of them has no configured class.
+        RecordingError: the odometry of another one was not recorded.
+    """
+    vehicles = result.rig.truth
+    recorded = {info.topic for info in recording.topics if info.message_count}
+    if topic or not any(vehicle.topic in recorded for vehicle in vehicles.values()):
+        return None
+    transforms = read_transforms(recording, limits=result.config.limits)
+    return OdometryTruth(recording, vehicles, transforms, result.config)
+
+
+def _recorded(recording: Recording, results: frozenset[str], result: Result, topic: str) -> TruthSource:
     """The truth of another recording.
 
     Raises:
         ConfigError: it does not have that topic.
         RecordingError: it has no truth.
     """
-    found = find_truth_topics(recording, results, [camera.name for camera in result.rig.cameras], topic)
+    if odometry := _odometry(recording, result, topic):
+        return odometry
+    found = find_truth_topics(recording, results, topic)
     if isinstance(found, str):
         raise RecordingError(found)
-    return RecordedTruth(recording, found, result.config)
+    return RecordedTruth(recording, found, result.rig.cameras, result.config)

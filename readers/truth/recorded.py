@@ -5,11 +5,13 @@ The topics are read in one pass, as far as the objects are needed; boxes of imag
 
 from bisect import bisect_left
 from collections import deque
+from collections.abc import Sequence
 
 import numpy as np
 
 from pipeline.core.errors import MessageError
 from pipeline.core.messages import RawMessage
+from pipeline.core.rig import CameraSensor
 from pipeline.core.ros.vision_numbers import IMAGE_PIXELS
 from pipeline.core.settings.config import Config
 from pipeline.evaluation.records import UNKNOWN, TruthBoxes2D, TruthBoxes3D
@@ -40,10 +42,13 @@ class RecordedTruth:
     Args:
         recording: Open recording, which is read as far as it is needed and not closed.
         topics: Its topics of truth.
+        cameras: The cameras of the result, whose optical frames or names tell whose images were labelled.
         config: Settings: classes, and at which time of a frame objects are compared.
     """
 
-    def __init__(self, recording: Recording, topics: TruthTopics, config: Config) -> None:
+    def __init__(
+        self, recording: Recording, topics: TruthTopics, cameras: Sequence[CameraSensor], config: Config
+    ) -> None:
         self._topics, self._limits = topics, config.limits
         self._class_id_of_label, self._classes = config.class_id_of_label, TruthClasses(config.class_id_of_label)
         self._notes = Notes()
@@ -53,9 +58,9 @@ class RecordedTruth:
             if not topics.when_measured:
                 self._notes.add(f"no {topics.objects}_when_measured was recorded: compared at the stamp of each frame")
         self._timelines = {topic: Timeline() for topic in dict.fromkeys((self._wanted, topics.objects))}
-        self._images = {camera: _Images() for camera in topics.visible}
-        self._camera_of = {topic: camera for camera, topic in topics.visible.items()}
-        self._messages = recording.messages([*self._timelines, *self._camera_of])
+        self._images = {camera.name: _Images() for camera in cameras} if topics.visible else {}
+        self._camera_of_frame = {camera.T_camera_site.dst: camera.name for camera in cameras}
+        self._messages = recording.messages([*self._timelines, *topics.visible])
         self._held: tuple[str, Moment] | None = None
         self._latest_ns = 0
         self._names = ", ".join(path.name for path in recording.paths)
@@ -76,7 +81,7 @@ class RecordedTruth:
                     f"{timeline.farthest_ns / 1e6:.1f} ms off"
                 )
             if timeline.ahead:
-                notes.append(f"{topic}: {timeline.ahead} messages are not used, stamped far ahead of the others")
+                notes.append(f"{topic}: messages that are not used, stamped far ahead of the others: {timeline.ahead}")
         return (*self._notes.lines(), *notes)
 
     def at(self, stamp_ns: int, *, frame: int) -> TruthBoxes3D | None:
@@ -116,8 +121,8 @@ class RecordedTruth:
 
     def _take(self, message: RawMessage) -> None:
         try:
-            if message.topic in self._camera_of:
-                self._images[self._camera_of[message.topic]].add(self._shown(message), self._latest_ns - STEP_BACK_NS)
+            if message.topic not in self._timelines:
+                self._take_image(message)
                 return
             found = decode_detections3d(message, limits=self._limits)
         except MessageError as err:
@@ -132,12 +137,17 @@ class RecordedTruth:
         if not self._timelines[message.topic].add(moment):
             self._held = message.topic, moment
 
-    def _shown(self, message: RawMessage) -> TruthBoxes2D:
+    def _take_image(self, message: RawMessage) -> None:
         found = decode_detections2d(message, self._class_id_of_label, other_class_id=UNKNOWN, limits=self._limits)
+        name = message.topic.split("/")[-2]
+        images = self._images.get(self._camera_of_frame.get(found.boxes.frame_id, name))
+        if images is None:
+            self._notes.add(f"images of {message.topic}, a camera that the result does not have")
+            return
         ids, n = track_ids(found.ids), len(found.boxes)
         if INSTANCE in found.counts:
             ids = np.where(ids == UNKNOWN, counted(found.counts[INSTANCE]), ids).astype(np.int64)
-        return TruthBoxes2D(
+        shown = TruthBoxes2D(
             message.stamp_ns,
             found.boxes.xyxy,
             self._classes.ids(found.labels),
@@ -146,6 +156,7 @@ class RecordedTruth:
             total(found.counts, IMAGE_PIXELS, n),
             np.zeros(n, np.bool_),
         )
+        images.add(shown, self._latest_ns - STEP_BACK_NS)
 
     def _pass_jump(self) -> None:
         """Pass over what is left before the next step back of time, and begin anew behind it."""

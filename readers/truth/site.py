@@ -63,9 +63,8 @@ class SitePoses:
             known |= dict.fromkeys((*sorted(transforms.fixed.frames), *sorted(transforms.moving)))
             if transforms.are_joined(site, frame_id):
                 return transforms.lookup(site, frame_id)
-            source = _motion_in(frame_id, recording, self._rig, transforms, self._config)
-            if source is not None:
-                return _Motion(recording, source, self._config.limits)
+            if motion := _motion_in(frame_id, recording, self._rig, transforms, self._config):
+                return motion
         return (
             f"expected transforms or odometry that join the truth's frame {frame_id!r} with the site frame {site!r}, "
             f"found {'those of ' + ', '.join(known) if known else 'none'}; give the recording that has them (--truth)"
@@ -85,12 +84,12 @@ def boxes_in_site(boxes: TruthBoxes3D, T_site_frame: Transform) -> TruthBoxes3D:
 
 def _motion_in(
     frame_id: str, recording: Recording, rig: Rig, transforms: RecordedTransforms, config: Config
-) -> MotionSource | None:
+) -> "_Motion | None":
     """The motion of the site frame in a frame: over tf, else by odometry; None if neither is recorded."""
     links: list[Transform | str] = []
     frame = rig.site_frame
     passed = {frame}
-    while frame != frame_id:
+    while not transforms.are_joined(frame_id, frame):
         if frame in transforms.moving:
             links.append(frame)
             frame = transforms.moving[frame]
@@ -101,30 +100,36 @@ def _motion_in(
         else:
             break
         if frame in passed:
-            break
+            return None
         passed.add(frame)
-    if frame != frame_id and transforms.are_joined(frame_id, frame):
-        links.append(transforms.lookup(frame_id, frame))
-        frame = frame_id
-    if frame == frame_id:
-        return MotionSource(tuple(tf_topics(recording)[1]), rig.site_frame, frame_id, tuple(links))
+    if transforms.are_joined(frame_id, frame):
+        source = MotionSource(tuple(tf_topics(recording)[1]), rig.site_frame, frame, tuple(links))
+        return _Motion(recording, source, transforms.lookup(frame_id, frame), config.limits)
     try:
         found = find_motion_source(recording, rig, transforms, config)
     except LidcamError:  # odometry that is configured and was not recorded here
         return None
     if found is None or not transforms.are_joined(frame_id, found.fixed_frame_id):
-        return found if found is not None and found.fixed_frame_id == frame_id else None
-    last = transforms.lookup(frame_id, found.fixed_frame_id)
-    return MotionSource(found.topics, found.frame_id, frame_id, (*found.links, last))
+        return None
+    return _Motion(recording, found, transforms.lookup(frame_id, found.fixed_frame_id), config.limits)
 
 
 class _Motion:
-    """The motion of the site frame in one frame, read as it is needed."""
+    """The motion of the site frame in one frame, read as it is needed.
 
-    def __init__(self, recording: Recording, source: MotionSource, limits: LimitsConfig) -> None:
+    Args:
+        recording: Open recording.
+        source: Where the motion is recorded, in some fixed frame.
+        T_frame_fixed: From that fixed frame to the one that is wanted.
+        limits: How many frames transforms may name.
+    """
+
+    def __init__(
+        self, recording: Recording, source: MotionSource, T_frame_fixed: Transform, limits: LimitsConfig
+    ) -> None:
         self._buffer = MotionBuffer(source, limits=limits)
         self._messages = recording.messages(source.topics)
-        self._source = source
+        self._source, self._T_frame_fixed = source, T_frame_fixed
         self._latest_ns = 0
 
     def at(self, stamp_ns: int) -> Transform | None:
@@ -140,7 +145,8 @@ class _Motion:
         ):
             return None
         pose = interpolate_poses(motion.stamps_ns, motion.T_fixed_moving, np.array([stamp_ns], np.int64))[0]
-        return Transform(self._source.fixed_frame_id, self._source.frame_id, pose).inverse()
+        T_fixed_site = Transform(self._source.fixed_frame_id, self._source.frame_id, pose)
+        return (self._T_frame_fixed @ T_fixed_site).inverse()
 
     def _read(self, is_enough: Callable[[int], bool]) -> None:
         """Read on until the motion is known as far as is wanted, or to the end."""

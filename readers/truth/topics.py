@@ -1,6 +1,7 @@
 """Which topics of a recording are truth."""
 
-from collections.abc import Collection, Mapping
+import re
+from collections.abc import Collection
 from dataclasses import dataclass
 
 from pipeline.core.errors import ConfigError
@@ -22,28 +23,26 @@ class TruthTopics:
     Attributes:
         objects: Objects at their stamp.
         when_measured: The same objects where the lidars measured them; empty if that was not recorded.
-        visible: Boxes of what each image shows, by camera.
+        visible: Boxes of what each image shows: one topic for each camera.
         why: Why this is the truth, for the user.
     """
 
     objects: str
     when_measured: str
-    visible: Mapping[str, str]
+    visible: tuple[str, ...]
     why: str
 
 
-def find_truth_topics(
-    recording: Recording, results: Collection[str], cameras: Collection[str], wanted: str = ""
-) -> TruthTopics | str:
+def find_truth_topics(recording: Recording, results: Collection[str], wanted: str = "") -> TruthTopics | str:
     """The topics of the truth, or why there is none.
 
     Truth is what is called so (see `is_truth`), of several topics that with the most messages, then the first by name;
-    else the only topic of 3D boxes that is no result.
+    else the only topic of 3D boxes that is no result. What images show lies beside the objects:
+    `/ground_truth/CAMERA/visible`.
 
     Args:
         recording: Open recording.
         results: Topics that are results, not truth.
-        cameras: Names of the cameras, whose truth lies beside the objects: `/ground_truth/CAMERA/visible`.
         wanted: The topic to take, whatever it is called.
 
     Raises:
@@ -73,11 +72,11 @@ def find_truth_topics(
         return f"{names}: {', '.join(others)} may be truth, none is called so: name one with --truth-topic"
     else:
         return f"{names}: expected truth, a topic of {DETECTIONS_3D} that is no result, found none"
-    folder = chosen.rsplit("/", 1)[0]
-    seen = {info.topic for info in recording.topics if info.msgtype == DETECTIONS_2D and info.message_count}
+    folder = re.escape(chosen.rsplit("/", 1)[0])
+    images = [info for info in recording.topics if info.msgtype == DETECTIONS_2D and info.message_count]
     return TruthTopics(
         chosen,
         chosen + WHEN_MEASURED if chosen + WHEN_MEASURED in infos else "",
-        {camera: topic for camera in cameras if (topic := f"{folder}/{camera}/visible") in seen},
+        tuple(info.topic for info in images if re.fullmatch(f"{folder}/[^/]+/visible", info.topic)),
         why,
     )

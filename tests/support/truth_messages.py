@@ -56,6 +56,7 @@ def visible_message(
     boxes: Sequence[tuple[str, Sequence[float], str, float]],
     *,
     camera: str = "left",
+    frame_id: str = "",
     log_time_ns: int | None = None,
 ) -> RawMessage:
     """A Detection2DArray of boxes (label, left top right bottom, name, pixels)."""
@@ -74,7 +75,7 @@ def visible_message(
         }
         for label, (left, top, right, bottom), name, pixels in boxes
     ]
-    body = {"header": header(stamp_ns, camera), "detections": detections}
+    body = {"header": header(stamp_ns, frame_id or camera), "detections": detections}
     topic = f"/ground_truth/{camera}/visible"
     return raw(topic, "vision_msgs/msg/Detection2DArray", body, stamp_ns, log_time_ns)
 

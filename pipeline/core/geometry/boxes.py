@@ -5,7 +5,7 @@ import numpy.typing as npt
 
 from pipeline.core.arrays import F64, Array
 
-__all__ = ["box_corners", "iou_xyxy", "rotations_2d", "wrap_angle"]
+__all__ = ["box_corners", "iou_xyxy", "pair_iou_xyxy", "rotations_2d", "wrap_angle"]
 
 _CORNERS = np.array(
     [[1, 1, -1], [-1, 1, -1], [-1, -1, -1], [1, -1, -1], [1, 1, 1], [-1, 1, 1], [-1, -1, 1], [1, -1, 1]]
@@ -56,7 +56,20 @@ def iou_xyxy(first: Array, second: Array) -> F64:
     Returns:
         (N, M) in [0, 1]; 0 if a rectangle is empty, inverted or not finite.
     """
-    a, b = np.asarray(first, np.float64)[:, None], np.asarray(second, np.float64)[None]
+    return pair_iou_xyxy(np.asarray(first)[:, None], np.asarray(second)[None])
+
+
+def pair_iou_xyxy(first: Array, second: Array) -> F64:
+    """Intersection over union of upright rectangles, of each pair.
+
+    Args:
+        first: (..., 4) left, top, right, bottom.
+        second: (..., 4), in the same form.
+
+    Returns:
+        (...) in [0, 1]; 0 if a rectangle is empty, inverted or not finite.
+    """
+    a, b = np.asarray(first, np.float64), np.asarray(second, np.float64)
     with np.errstate(invalid="ignore"):
         extent_a, extent_b = a[..., 2:] - a[..., :2], b[..., 2:] - b[..., :2]
         shared = np.minimum(a[..., 2:], b[..., 2:]) - np.maximum(a[..., :2], b[..., :2])

@@ -19,7 +19,10 @@ from pipeline.core.settings.recording import LimitsConfig, RigConfig, TopicsConf
 from pipeline.core.settings.run import OutputConfig, RunConfig
 from pipeline.core.settings.sync import SyncConfig
 
-__all__ = ["Config"]
+__all__ = ["ALL_CLASSES", "Config"]
+
+ALL_CLASSES = "all"
+"""In place of a class, in the names of figures."""
 
 
 class Config(SettingsModel):
@@ -50,6 +53,8 @@ class Config(SettingsModel):
         names = [prior.name for prior in self.classes]
         if len(set(names)) < len(names):
             raise ValueError(f"classes: a name is used twice in {', '.join(names)}")
+        if ALL_CLASSES in names:
+            raise ValueError(f"classes: {ALL_CLASSES!r} names the figures of all classes; expected another name")
         return self
 
     @property

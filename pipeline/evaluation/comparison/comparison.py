@@ -40,7 +40,7 @@ class Comparison:
         self.class_names = names
         self._channels = {one: ChannelComparison(one, known, names, config, allowed) for one in channels}
         self._listing = Listing(MAX_LISTED)
-        self._frames = {"both": 0, "only_a": 0, "only_b": 0, "different": 0}
+        self._frames = {"frames": 0, "frames_different": 0, "frames_only_in_a": 0, "frames_only_in_b": 0}
         self._start_ns: int | None = None
         self._pairs = 0
 
@@ -50,17 +50,17 @@ class Comparison:
             self._start_ns = min(frame.stamp_ns for frame in (pair.first, pair.second) if frame is not None)
         found: dict[Channel, Compared] = {}
         if pair.first is None or pair.second is None:
-            self._frames["only_a" if pair.second is None else "only_b"] += 1
+            self._frames["frames_only_in_a" if pair.second is None else "frames_only_in_b"] += 1
             self.close()
         else:
-            self._frames["both"] += 1
+            self._frames["frames"] += 1
             for row, (channel, comparison) in enumerate(self._channels.items()):
                 compared = comparison.add(pair.first, pair.second)
                 if compared is not None:
                     found[channel] = compared
                 told = comparison.tell(compared, pair.first, pair.second, pair=self._pairs, is_next=pair.is_next)
                 self._listing.take(told, row)
-            self._frames["different"] += any(compared.changes.are_any for compared in found.values())
+            self._frames["frames_different"] += any(compared.changes.are_any for compared in found.values())
         self._pairs += 1
         return found
 
@@ -76,12 +76,12 @@ class Comparison:
             frames_may_differ: Otherwise `frames` has the share of the frames that one result alone has.
         """
         found = {name: comparison.tally.not_allowed_percent for (_, name), comparison in self._channels.items()}
-        alone = 0 if frames_may_differ else self._frames["only_a"] + self._frames["only_b"]
-        return {"frames": 100 * alone / max(alone + self._frames["both"], 1)} | found
+        alone = 0 if frames_may_differ else self._frames["frames_only_in_a"] + self._frames["frames_only_in_b"]
+        return {"frames": 100 * alone / max(alone + self._frames["frames"], 1)} | found
 
     def figures(self) -> dict[str, Any]:
         """Figures by source and camera and class; the differences, and the largest of each kind."""
-        tree: dict[str, Any] = {"frames": dict(self._frames), "sources": {}, "images": {}}
+        tree: dict[str, Any] = {**self._frames, "sources": {}, "images": {}}
         for (kind, name), comparison in self._channels.items():
             tree[kind][name] = comparison.tally.figures()
         return tree | {"differences": self._listing.figures(self._start_ns or 0)}

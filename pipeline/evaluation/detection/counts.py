@@ -5,10 +5,7 @@ import numpy as np
 from pipeline.evaluation.detection.curves import Curve, ratio
 from pipeline.evaluation.records import Figures
 
-__all__ = ["ALL", "count_figures", "threshold_figures"]
-
-ALL = "all"
-"""Name of the figures of all classes together."""
+__all__ = ["count_figures", "threshold_figures"]
 
 _PRECISIONS = (0.5, 0.8, 0.9)
 

@@ -7,28 +7,14 @@ import numpy as np
 
 from pipeline.core.arrays import F64, check_array
 from pipeline.core.settings.config import Config
+from pipeline.evaluation.scales import length_scales
 
-__all__ = ["DISTANCES_M", "NUSCENES_RANGES_M", "Criteria", "Criterion", "Measure", "decimal"]
+__all__ = ["DISTANCES_M", "Criteria", "Criterion", "Measure"]
 
 DISTANCES_M = (0.5, 1.0, 2.0, 4.0)
 """Distances of the centres below which a detection counts as right (Caesar et al., nuScenes, CVPR 2020, 3.1)."""
 
 _POSITION = DISTANCES_M.index(2.0)
-_LENGTH_M = 4.0
-
-NUSCENES_RANGES_M = {
-    "car": 50.0,
-    "truck": 50.0,
-    "bus": 50.0,
-    "trailer": 50.0,
-    "construction_vehicle": 50.0,
-    "pedestrian": 40.0,
-    "motorcycle": 40.0,
-    "bicycle": 40.0,
-    "traffic_cone": 30.0,
-    "barrier": 30.0,
-}
-"""The classes of nuScenes, and how far from the vehicle each is evaluated (its `detection_cvpr_2019`)."""
 
 Measure = Literal["bev", "volume", "distance"]
 
@@ -70,9 +56,7 @@ class Criteria:
     @classmethod
     def of(cls, config: Config) -> "Criteria":
         """The criteria that the settings ask for."""
-        lengths_m = np.array([prior.size_m[0] for prior in config.classes])
-        scales = lengths_m / _LENGTH_M if config.evaluate.distances == "scaled" else np.ones(len(lengths_m))
-        return cls(tuple(dict.fromkeys(config.evaluate.iou)), scales, config.evaluate.distances)
+        return cls(tuple(dict.fromkeys(config.evaluate.iou)), length_scales(config), config.evaluate.distances)
 
     @property
     def by_overlap(self) -> tuple[Criterion, ...]:
@@ -118,8 +102,3 @@ class Criteria:
     def error_rows(self) -> tuple[int, ...]:
         """Rows of the matches whose errors are kept: by `position`, and at 2 m in the figures by distance."""
         return tuple(dict.fromkeys((self.position_row, self.distance_rows[_POSITION])))
-
-
-def decimal(number: float) -> str:
-    """A number in the name of a figure, where a point would part two names: `0.825` is `0p825`."""
-    return f"{number:.6g}".replace(".", "p")

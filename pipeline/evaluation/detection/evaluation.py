@@ -5,15 +5,16 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from pipeline.core.rig import Zone
-from pipeline.core.settings.config import Config
-from pipeline.evaluation.detection.counts import ALL, threshold_figures
+from pipeline.core.settings.config import ALL_CLASSES, Config
+from pipeline.evaluation.detection.counts import threshold_figures
 from pipeline.evaluation.detection.criteria import Criteria
-from pipeline.evaluation.detection.gain import fusion_gain
-from pipeline.evaluation.detection.gathering import Gathering, range_edges_m
-from pipeline.evaluation.detection.images import CameraImages
-from pipeline.evaluation.detection.resampling import Resampling
+from pipeline.evaluation.detection.gain.gain import fusion_gain
+from pipeline.evaluation.detection.gain.resampling import Resampling
+from pipeline.evaluation.detection.gathering import Gathering
+from pipeline.evaluation.detection.images.camera import CameraImages
 from pipeline.evaluation.detection.source import Site, Source
 from pipeline.evaluation.records import EvaluationFrame, Figures
+from pipeline.evaluation.scales import range_edges_m
 
 __all__ = ["DetectionEvaluation"]
 
@@ -69,7 +70,7 @@ class DetectionEvaluation:
             "thresholds": {
                 name: {
                     class_name: threshold_figures(source.curve(class_id))
-                    for class_id, class_name in [*enumerate(class_names), (None, ALL)]
+                    for class_id, class_name in [*enumerate(class_names), (None, ALL_CLASSES)]
                 }
                 for name, source in sources.items()
             },

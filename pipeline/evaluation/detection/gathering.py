@@ -18,28 +18,20 @@ from pipeline.evaluation.detection.objects import (
     check_class_ids,
     check_numbers,
     errors_of_pairs,
-    is_seen,
-    is_within,
-    nuscenes_ranges,
     pairs_near,
 )
 from pipeline.evaluation.detection.tables import FALSE, I16, FoundTable, Labels, Pieces, TruthTable
+from pipeline.evaluation.ignoring import is_seen, is_within
 from pipeline.evaluation.records import UNKNOWN, EvaluationFrame
+from pipeline.evaluation.scales import nuscenes_ranges_m, range_edges_m, range_rows
 
-__all__ = ["Gathering", "range_edges_m"]
+__all__ = ["Gathering"]
 
 _MAX_FRAMES = 128
 _MAX_PAIRS = 1 << 18
 """Frames are matched together up to so many of them and up to so many pairs of boxes: memory stays bounded."""
 
 _ERRORS = len(Column)
-
-
-def range_edges_m(config: Config) -> F64:
-    """Edges of the ranges, metres, rising."""
-    if config.evaluate.ranges_m is not None:
-        return np.array(config.evaluate.ranges_m)
-    return np.array([0.0, 10.0, 20.0, 40.0, 80.0]) * (config.classes[0].size_m[0] / 4.0)
 
 
 class Gathering:
@@ -59,7 +51,7 @@ class Gathering:
         self._edges_m = range_edges_m(config)
         self._polygons = [zone.polygon_site for zone in zones]
         self._class_count = len(config.classes)
-        self._nuscenes_m = nuscenes_ranges(config.class_names)
+        self._nuscenes_m = nuscenes_ranges_m(config)
         self._truth = Pieces(_no_truth())
         self._truth_count = 0
         self._found: dict[str, Pieces[FoundTable]] = {}
@@ -185,7 +177,7 @@ class Gathering:
         )
 
     def _places(self, centers: F64) -> tuple[I16, I16]:
-        bins = np.searchsorted(self._edges_m, _ranges(centers), side="right") - 1
+        bins = range_rows(centers, self._edges_m)
         return bins.astype(np.int16), first_polygon_with(self._polygons, centers[:, :2]).astype(np.int16)
 
 

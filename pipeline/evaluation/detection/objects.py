@@ -7,12 +7,10 @@ import numpy as np
 
 from pipeline.core.arrays import F32, F64, I32, Bools, Indices
 from pipeline.core.geometry.boxes import wrap_angle
-from pipeline.core.geometry.polygons import first_polygon_with
 from pipeline.core.geometry.rotated_iou import BoxArrays, OrientedBoxes, pair_ious
-from pipeline.core.settings.evaluate import EvaluateConfig
-from pipeline.evaluation.detection.criteria import DISTANCES_M, NUSCENES_RANGES_M
+from pipeline.evaluation.detection.criteria import DISTANCES_M
 from pipeline.evaluation.detection.matching import Candidates
-from pipeline.evaluation.records import UNKNOWN, Names, SourceBoxes, TruthBoxes3D
+from pipeline.evaluation.records import Names, SourceBoxes, TruthBoxes3D
 
 __all__ = [
     "FoundObjects",
@@ -20,9 +18,6 @@ __all__ = [
     "check_class_ids",
     "check_numbers",
     "errors_of_pairs",
-    "is_seen",
-    "is_within",
-    "nuscenes_ranges",
     "pairs_by_frame",
     "pairs_near",
 ]
@@ -111,31 +106,6 @@ class FoundObjects:
 
     def __len__(self) -> int:
         return len(self.frames)
-
-
-def is_within(centers: F64, settings: EvaluateConfig) -> Bools:
-    """(N,) which centres (N, 3) lie in the part of the site that is evaluated."""
-    within = np.ones(len(centers), np.bool_)
-    if settings.region is not None:
-        within &= first_polygon_with([np.array(settings.region)], centers[:, :2]) == 0
-    if settings.max_range_m is not None:
-        within &= np.hypot(centers[:, 0], centers[:, 1]) <= settings.max_range_m
-    return within
-
-
-def is_seen(lidar_points: I32, image_pixels: I32, settings: EvaluateConfig) -> Bools:
-    """(T,) which objects have as many lidar points or pixels as the settings ask for.
-
-    A count that the truth does not give decides nothing; without any, the object is taken to be seen.
-    """
-    seen = (lidar_points >= settings.min_lidar_points) | (image_pixels >= settings.min_image_pixels)
-    seen |= (lidar_points == UNKNOWN) & (image_pixels == UNKNOWN)
-    return seen
-
-
-def nuscenes_ranges(class_names: Sequence[str]) -> F64:
-    """(C,) metres up to which nuScenes evaluates each class; 0 for a class that it does not have."""
-    return np.array([NUSCENES_RANGES_M.get(name, 0.0) for name in class_names])
 
 
 def pairs_by_frame(found_frames: I32, truth_frames: I32) -> tuple[Indices, Indices]:

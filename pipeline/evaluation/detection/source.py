@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.core.arrays import F64, I32, Bools, Indices
+from pipeline.core.settings.config import ALL_CLASSES
 from pipeline.evaluation.detection.averages import (
     Averages,
     ap_by_distance_name,
@@ -16,13 +17,14 @@ from pipeline.evaluation.detection.averages import (
     overlap_figures,
 )
 from pipeline.evaluation.detection.calibration import calibration_figures
-from pipeline.evaluation.detection.counts import ALL, count_figures
-from pipeline.evaluation.detection.criteria import DISTANCES_M, Criteria, decimal
+from pipeline.evaluation.detection.counts import count_figures
+from pipeline.evaluation.detection.criteria import DISTANCES_M, Criteria
 from pipeline.evaluation.detection.curves import Curve, curve_of, ratio
 from pipeline.evaluation.detection.errors import error_figures
 from pipeline.evaluation.detection.selection import Place, Scored, by_falling_score, found_in, scored, truth_in
 from pipeline.evaluation.detection.tables import FALSE, IGNORED, FoundTable, TruthTable
 from pipeline.evaluation.records import UNKNOWN, Figures
+from pipeline.evaluation.scales import range_names
 
 __all__ = ["Site", "Source"]
 
@@ -55,11 +57,11 @@ class Site:
 
     def places(self) -> dict[Place, tuple[str, dict[str, float | None]]]:
         """The parts of the site, with the name of each and how far it reaches."""
-        ends = [*map(float, self.ranges_m[1:]), None]
-        places: dict[Place, tuple[str, dict[str, float | None]]] = {}
-        for row, (start, end) in enumerate(zip(map(float, self.ranges_m), ends, strict=True)):
-            name = f"over_{decimal(start)}" if end is None else f"{decimal(start)}_{decimal(end)}"
-            places[Place("ranges", row)] = name, {"from_m": start, "to_m": end}
+        names, ends = range_names(self.ranges_m), [*self.ranges_m[1:].tolist(), None]
+        places: dict[Place, tuple[str, dict[str, float | None]]] = {
+            Place("ranges", row): (name, {"from_m": start, "to_m": end})
+            for row, (name, start, end) in enumerate(zip(names, self.ranges_m.tolist(), ends, strict=True))
+        }
         return places | {Place("zones", row): (name, {}) for row, name in enumerate(self.zones)}
 
 
@@ -106,7 +108,7 @@ class Source:
         for place, (name, extent) in self.site.places().items():
             for class_name, there in self._by_class(place).items():
                 parts[class_name][place.kind][name] = {**extent, **there}
-        for class_id, class_name in [*enumerate(self.site.class_names), (None, ALL)]:
+        for class_id, class_name in [*enumerate(self.site.class_names), (None, ALL_CLASSES)]:
             detections = self.scored(class_id, self.site.criteria.position_row)
             figures[class_name] |= {
                 "frames": self.site.frames,
@@ -115,7 +117,7 @@ class Source:
                 "calibration": calibration_figures(detections.scores, detections.is_right),
                 **parts[class_name],
             }
-        figures[ALL]["confusion"] = self._confusion()
+        figures[ALL_CLASSES]["confusion"] = self._confusion()
         return figures
 
     def _order(self, class_id: int | None) -> Indices:
@@ -137,7 +139,7 @@ class Source:
             for row, name in enumerate(names)
         }
         all_overlaps = mean_figures(list(overlaps.values()))
-        return {**figures, ALL: {**self._pooled(None, place), **all_overlaps, by_distance: means}}
+        return {**figures, ALL_CLASSES: {**self._pooled(None, place), **all_overlaps, by_distance: means}}
 
     def _limits(self, class_id: int) -> dict[str, list[Figures]]:
         limits_m = np.array(DISTANCES_M) * self.site.criteria.scales[class_id]

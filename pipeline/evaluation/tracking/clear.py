@@ -11,7 +11,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from pipeline.core.arrays import F64, I64, Bools, check_array
-from pipeline.evaluation.tracking.assignment import conflicts, dense_assignment, far_cost, is_alone
+from pipeline.evaluation.assignment import conflicts, dense_assignment, far_cost, is_alone
 from pipeline.evaluation.tracking.table import TrackTable
 
 __all__ = ["ClearCounts", "Matches", "clear_figures", "count_clear", "match_clear", "total_clear"]

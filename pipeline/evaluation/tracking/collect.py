@@ -14,10 +14,10 @@ from pipeline.core.arrays import F64, I64, Bools, Indices
 from pipeline.core.detections import Boxes3D
 from pipeline.core.geometry.rotated_iou import BoxArrays, pair_ious
 from pipeline.core.settings.config import Config
+from pipeline.evaluation.assignment import assign_nearest, pairs_of_equal
 from pipeline.evaluation.ignoring import is_evaluated, is_within
 from pipeline.evaluation.records import UNKNOWN, EvaluationFrame, SourceBoxes, TruthBoxes3D
 from pipeline.evaluation.scales import length_scales
-from pipeline.evaluation.tracking.assignment import assign_nearest
 from pipeline.evaluation.tracking.table import TrackTable
 
 __all__ = ["MAX_DISTANCE_M", "Collection"]
@@ -188,7 +188,7 @@ class Collection:
     ) -> _Pairs:
         """Pairs of one frame and class that may be one object."""
         classes = len(self._config.classes)
-        first, second = _same_key(frames * classes + class_ids, found_frames * classes + found_class_ids)
+        first, second = pairs_of_equal(frames * classes + class_ids, found_frames * classes + found_class_ids)
         distances_m = np.hypot(*(boxes.centers[first, :2] - found.centers[second, :2]).T)
         reach_m = np.hypot(*boxes.sizes[first, :2].T) / 2 + np.hypot(*found.sizes[second, :2].T) / 2
         near = (distances_m < self._max_distances_m[class_ids[first]]) | (distances_m < reach_m)
@@ -200,7 +200,7 @@ class Collection:
     ) -> Indices:
         """The boxes found, of whatever class, that are near one of the given objects of their frame."""
         order = np.argsort(frames, kind="stable")
-        first, second = _same_key(frames[order], found_frames)
+        first, second = pairs_of_equal(frames[order], found_frames)
         distances_m = np.hypot(*(boxes.centers[order[first], :2] - found.centers[second, :2]).T)
         return np.asarray(second[distances_m < self._max_distances_m[found_class_ids[second]]])
 
@@ -246,15 +246,6 @@ def _is_repeated(frames: I64, class_ids: I64, tracks: I64) -> Bools:
     same = np.zeros(len(frames), np.bool_)
     same[1:] = (np.diff(frames) == 0) & (np.diff(class_ids) == 0) & (np.diff(tracks) == 0)
     return same
-
-
-def _same_key(first: I64, second: I64) -> tuple[I64, I64]:
-    """All pairs of rows with the same key; both keys rise."""
-    start, end = np.searchsorted(second, first, "left"), np.searchsorted(second, first, "right")
-    counts = end - start
-    rows = np.repeat(np.arange(len(first)), counts)
-    within = np.arange(len(rows)) - np.repeat(np.cumsum(counts) - counts, counts)
-    return rows, np.repeat(start, counts) + within
 
 
 def _joined(parts: Sequence[Part]) -> Part:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.core.arrays import F64, check_array
-from pipeline.evaluation.tracking.assignment import assign_heaviest
+from pipeline.evaluation.assignment import assign_heaviest
 from pipeline.evaluation.tracking.table import TrackTable
 
 __all__ = ["ALPHAS", "HotaCounts", "count_hota", "hota_figures", "similarity_of_distance", "total_hota"]

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import jsonschema
 import pytest
 from perturbed_results import (
     Change,
@@ -120,6 +121,12 @@ def test_yaw_shifted_by_5_degrees(compare: Any, result: Path, faulty: Any) -> No
     assert not allowed.failures
     assert allowed.out.splitlines()[-1] == "verdict: differs no more than it may"
     assert "the first" not in allowed.out
+
+
+def test_json_is_as_the_schema_says(compare: Any, result: Path, faulty: Any) -> None:
+    schema = json.loads((ROOT / "docs/figures.schema.json").read_text(encoding="utf-8"))
+    jsonschema.validate(compare(result, faulty(turned(5)), json="-").tree, schema)
+    jsonschema.validate(compare(result, result, json="-").tree, schema)
 
 
 def test_a_class_lost(compare: Any, result: Path, faulty: Any) -> None:

@@ -95,7 +95,7 @@ def test_headings_turn_the_shortest_way() -> None:
     np.testing.assert_allclose(found.boxes.yaws, [3.0 + turn / 4, -0.1], atol=1e-12)
     found = line.at(3 * PERIOD_NS // 4)
     assert found is not None
-    np.testing.assert_allclose(found.boxes.yaws, [0.1, wrap_angle(3.0 + 3 * turn / 4)], atol=1e-12)
+    np.testing.assert_allclose(found.boxes.yaws, [0.1, float(wrap_angle(3.0 + 3 * turn / 4))], atol=1e-12)
 
 
 @settings(max_examples=60, deadline=None)

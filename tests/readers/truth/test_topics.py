@@ -19,7 +19,7 @@ def recording(*topics: str, counts: dict[str, int] | None = None) -> MemoryRecor
 
 
 def chosen(*topics: str, wanted: str = "", **options: dict[str, int]) -> TruthTopics:
-    found = find_truth_topics(recording(*topics, **options), RESULT_TOPICS, ["left", "right"], wanted)
+    found = find_truth_topics(recording(*topics, **options), RESULT_TOPICS, wanted)
     assert isinstance(found, TruthTopics)
     return found
 
@@ -59,9 +59,9 @@ def test_a_topic_that_is_asked_for() -> None:
 def test_topics_that_lie_beside_the_objects() -> None:
     found = chosen("/ground_truth/objects", "/ground_truth/objects_when_measured")
     assert found.when_measured == "/ground_truth/objects_when_measured"
-    assert found.visible == {"left": "/ground_truth/left/visible"}
+    assert found.visible == ("/ground_truth/left/visible",)
     elsewhere = chosen("/truth/objects")
-    assert (elsewhere.when_measured, elsewhere.visible) == ("", {})
+    assert (elsewhere.when_measured, elsewhere.visible) == ("", ())
 
 
 @pytest.mark.parametrize(
@@ -73,12 +73,12 @@ def test_topics_that_lie_beside_the_objects() -> None:
     ],
 )
 def test_no_truth(topics: list[str], reason: str) -> None:
-    found = find_truth_topics(recording(*topics), RESULT_TOPICS, [])
+    found = find_truth_topics(recording(*topics), RESULT_TOPICS)
     assert isinstance(found, str)
     assert reason in found
 
 
 def test_results_of_other_programs_may_be_truth() -> None:
-    found = find_truth_topics(recording("/fused/detections"), (), [])
+    found = find_truth_topics(recording("/fused/detections"), ())
     assert isinstance(found, TruthTopics)
     assert found.objects == "/fused/detections"

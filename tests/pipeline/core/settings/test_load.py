@@ -83,6 +83,11 @@ def test_class_names_are_unique() -> None:
         load_config(None, (f"classes=[{yaml.safe_dump(prior, default_flow_style=True).strip()}, {prior}]",))
 
 
+def test_no_class_takes_the_name_of_all() -> None:
+    with pytest.raises(ConfigError, match="'all' names the figures of all classes; expected another name"):
+        load_config(None, ("classes=[{name: all, size_m: [4, 2, 1.5], max_size_m: [5, 2.2, 2]}]",))
+
+
 def test_labels_lead_to_classes() -> None:
     config = Config()
     assert config.class_names[config.class_id_of_label["person"]] == "pedestrian"

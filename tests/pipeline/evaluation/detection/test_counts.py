@@ -19,9 +19,8 @@ def plain_points(detections: list[tuple[float, bool]], truth: int) -> list[dict[
     for threshold in sorted({score for score, _ in detections}, reverse=True):
         reported = [right for score, right in detections if score >= threshold]
         right = sum(reported)
-        precision, recall = right / len(reported), right / truth
-        f1 = 2 * precision * recall / (precision + recall) if right else 0.0
-        points.append({"score": threshold, "precision": precision, "recall": recall, "f1": f1})
+        f1 = 2 * right / (len(reported) + truth)  # the harmonic mean, so that equal ones are equal
+        points.append({"score": threshold, "precision": right / len(reported), "recall": right / truth, "f1": f1})
     return points
 
 

@@ -11,8 +11,8 @@ from evaluation_scenes import boxes3d, evaluated, truth3d
 from pipeline.core.settings.classes import ClassPrior
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.evaluate import EvaluateConfig
-from pipeline.evaluation.detection.criteria import NUSCENES_RANGES_M
 from pipeline.evaluation.records import EvaluationFrame
+from pipeline.evaluation.scales import NUSCENES_RANGES_M
 
 RECORDED = json.loads((Path(__file__).parent / "recorded" / "nuscenes.json").read_text())
 SIZE_M = (4.0, 2.0, 1.5)

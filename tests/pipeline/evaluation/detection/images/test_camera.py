@@ -160,5 +160,5 @@ def test_equal_to_matching_image_by_image(seed: int) -> None:
 def test_images_matched_together_are_as_if_matched_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     images = [image(moved(row), [0.9], [CAR], truth2d(BOX, [CAR])) for row in range(0, 50, 10)]
     together = figures(*images)
-    monkeypatch.setattr("pipeline.evaluation.detection.images._MAX_IMAGES", 2)
+    monkeypatch.setattr("pipeline.evaluation.detection.images.camera._MAX_IMAGES", 2)
     assert figures(*images) == together

@@ -5,7 +5,7 @@ import pytest
 
 from pipeline.evaluation.detection.by_distance import interpolated_ap, points_of
 from pipeline.evaluation.detection.curves import R40, average_precision, curve_of
-from pipeline.evaluation.detection.resampling import Resampling, sampled_ap_by_distance, sampled_ap_by_overlap
+from pipeline.evaluation.detection.gain.resampling import Resampling, sampled_ap_by_distance, sampled_ap_by_overlap
 
 
 def detections(count: int, truth: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

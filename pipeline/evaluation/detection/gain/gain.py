@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 
 from pipeline.core.arrays import F64
+from pipeline.core.settings.config import ALL_CLASSES
 from pipeline.evaluation.detection.averages import overlap_name
-from pipeline.evaluation.detection.counts import ALL
-from pipeline.evaluation.detection.criteria import NUSCENES_RANGES_M
 from pipeline.evaluation.detection.errors import bird_eye_m
-from pipeline.evaluation.detection.resampling import Resampling, sampled_ap_by_distance, sampled_ap_by_overlap
+from pipeline.evaluation.detection.gain.resampling import Resampling, sampled_ap_by_distance, sampled_ap_by_overlap
 from pipeline.evaluation.detection.source import Source
 from pipeline.evaluation.records import Figures
+from pipeline.evaluation.scales import NUSCENES_RANGES_M
 
 __all__ = ["fusion_gain"]
 
@@ -96,7 +96,7 @@ def _samples_by_class(source: Source, resampling: Resampling) -> dict[str, Sampl
         if criteria.distances == "scaled"
         else np.nansum(by_distance, axis=0) / len(NUSCENES_RANGES_M)
     )
-    return {**samples, ALL: means | _pooled(source, resampling, None)}
+    return {**samples, ALL_CLASSES: means | _pooled(source, resampling, None)}
 
 
 def _by_overlap(source: Source, resampling: Resampling, class_id: int, row: int) -> F64:

@@ -3,13 +3,13 @@
 import numpy as np
 
 from pipeline.core.arrays import F32, I32, Bools, Indices
-from pipeline.core.settings.config import Config
+from pipeline.core.settings.config import ALL_CLASSES, Config
 from pipeline.evaluation.detection.averages import Averages, mean_figures, overlap_name
 from pipeline.evaluation.detection.calibration import calibration_figures
-from pipeline.evaluation.detection.counts import ALL, count_figures, threshold_figures
+from pipeline.evaluation.detection.counts import count_figures, threshold_figures
 from pipeline.evaluation.detection.curves import R11, R40, Curve, average_precision, curve_of, ratio
 from pipeline.evaluation.detection.errors import bias, spread
-from pipeline.evaluation.detection.image_matching import (
+from pipeline.evaluation.detection.images.matching import (
     IMAGE_IOUS,
     ImageTable,
     is_evaluated_2d,
@@ -92,7 +92,7 @@ class CameraImages:
             figures[name] = {**self._pooled(found, rows[class_id], truth, left_out), **averages[class_id]}
         everything = np.ones(len(found), np.bool_)
         pooled = self._pooled(found, everything, int(self._truth_counts.sum()), int(self._ignored_counts.sum()))
-        return {**figures, ALL: {**pooled, **mean_figures(averages)}}
+        return {**figures, ALL_CLASSES: {**pooled, **mean_figures(averages)}}
 
     def _averages(self, found: ImageTable, mask: Bools, truth: int) -> Averages:
         averages: Averages = {}

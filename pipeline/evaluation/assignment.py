@@ -14,7 +14,15 @@ from scipy.sparse.csgraph import connected_components
 
 from pipeline.core.arrays import F64, I64, Bools, Indices
 
-__all__ = ["assign_heaviest", "assign_nearest", "conflicts", "dense_assignment", "far_cost", "is_alone"]
+__all__ = [
+    "assign_heaviest",
+    "assign_nearest",
+    "conflicts",
+    "dense_assignment",
+    "far_cost",
+    "is_alone",
+    "pairs_of_equal",
+]
 
 
 def is_alone(first: I64, second: I64) -> Bools:
@@ -107,3 +115,20 @@ def _assign(first: I64, second: I64, costs: F64, missing: float) -> Bools:
         pairs = open_pairs[component]
         chosen[pairs] = dense_assignment(first[pairs], second[pairs], costs[pairs], missing)
     return chosen
+
+
+def pairs_of_equal(first: I64, second: I64) -> tuple[I64, I64]:
+    """All pairs of rows with equal values, by rising `first`, then `second`.
+
+    Args:
+        first: (N,) rising.
+        second: (M,) rising.
+
+    Returns:
+        (P,) rows of `first` and (P,) rows of `second`.
+    """
+    start, end = np.searchsorted(second, first, "left"), np.searchsorted(second, first, "right")
+    counts = end - start
+    rows = np.repeat(np.arange(len(first)), counts)
+    within = np.arange(len(rows)) - np.repeat(np.cumsum(counts) - counts, counts)
+    return rows, np.repeat(start, counts) + within

@@ -10,7 +10,7 @@ from evaluation_scenes import boxes3d, evaluated, truth3d
 from pipeline.core.settings.classes import ClassPrior
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.evaluate import EvaluateConfig
-from pipeline.evaluation.detection.resampling import Resampling
+from pipeline.evaluation.detection.gain.resampling import Resampling
 from pipeline.evaluation.records import EvaluationFrame
 
 SAMPLES = 100

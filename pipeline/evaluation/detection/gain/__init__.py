@@ -1,0 +1,1 @@
+"""What fusion adds, and how sure that is."""

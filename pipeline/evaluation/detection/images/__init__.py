@@ -1,0 +1,1 @@
+"""2D boxes of the cameras against what their images show."""

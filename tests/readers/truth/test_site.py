@@ -1,0 +1,208 @@
+import numpy as np
+import pytest
+from builders import odometry, raw, tf_message, transform_stamped
+from memory_recording import MemoryRecording
+from scipy.spatial.transform import Rotation
+
+from pipeline.core.errors import FrameError
+from pipeline.core.geometry.transform import Transform
+from pipeline.core.messages import RawMessage
+from pipeline.core.rig import LidarSensor, Rig
+from pipeline.core.settings.config import Config
+from pipeline.core.settings.load import load_config
+from pipeline.evaluation.records import UNKNOWN, TruthBoxes3D
+from readers.truth.site import SitePoses, boxes_in_site
+
+S = 10**9
+STEP_NS = 100_000_000
+RIG = Rig("base_link", (LidarSensor("top", "/points", Transform.identity("base_link", "base_link")),), (), ())
+
+
+def turn(yaw: float) -> tuple[float, float, float, float]:
+    return (0.0, 0.0, float(np.sin(yaw / 2)), float(np.cos(yaw / 2)))
+
+
+def transform(parent: str, child: str, shift: tuple[float, float, float], yaw: float) -> Transform:
+    return Transform.from_quaternion(parent, child, shift, turn(yaw))
+
+
+def tf(stamp_ns: int, *edges: tuple[str, str, tuple[float, float, float], float], topic: str = "/tf") -> RawMessage:
+    items = [
+        transform_stamped(parent, child, stamp_ns=stamp_ns, translation=shift, rotation_xyzw=turn(yaw))
+        for parent, child, shift, yaw in edges
+    ]
+    return raw(topic, "tf2_msgs/msg/TFMessage", tf_message(items), stamp_ns)
+
+
+def pose(stamp_ns: int) -> Transform:
+    """Where base_link is in odom: it drives 10 m/s along a curve."""
+    t = stamp_ns / 1e9
+    matrix = np.eye(4)
+    matrix[:3, :3] = Rotation.from_euler("z", 0.3 * t).as_matrix()
+    matrix[:3, 3] = [10 * t, t * t, 0.2]
+    return Transform("odom", "base_link", matrix)
+
+
+def drive(until: int = 20, *, over: str = "odom") -> list[RawMessage]:
+    found = []
+    for number in range(until):
+        stamp_ns = number * STEP_NS
+        t = stamp_ns / 1e9
+        found.append(tf(stamp_ns, (over, "base_link", (10 * t, t * t, 0.2), 0.3 * t)))
+    return found
+
+
+def poses(*recordings: list[RawMessage], config: Config | None = None) -> SitePoses:
+    return SitePoses([MemoryRecording(messages) for messages in recordings], RIG, config or Config())
+
+
+def assert_pose(found: Transform | None, stamp_ns: int, *, atol: float = 1e-9) -> None:
+    assert found is not None
+    assert (found.dst, found.src) == ("base_link", "odom")
+    np.testing.assert_allclose(found.matrix, pose(stamp_ns).inverse().matrix, atol=atol)
+
+
+def test_frame_of_the_site_itself() -> None:
+    for frame_id in ("base_link", ""):
+        found = poses([]).T_site_frame(frame_id, 5)
+        assert found is not None
+        np.testing.assert_array_equal(found.matrix, np.eye(4))
+        assert found.dst == "base_link"
+
+
+def test_frames_that_are_fixed() -> None:
+    static = tf(0, ("map", "base_link", (1, 2, 3), 0.5), topic="/tf_static")
+    found = poses([], [static]).T_site_frame("map", 123 * S)
+    assert found is not None
+    np.testing.assert_allclose(found.matrix, transform("map", "base_link", (1, 2, 3), 0.5).inverse().matrix)
+
+
+def test_a_site_that_moves() -> None:
+    site = poses(drive())
+    for stamp_ns in (0, STEP_NS, 8 * STEP_NS, 19 * STEP_NS):
+        assert_pose(site.T_site_frame("odom", stamp_ns), stamp_ns)
+    between = poses(drive())
+    assert_pose(between.T_site_frame("odom", 550_000_000), 550_000_000, atol=0.01)
+    assert_pose(between.T_site_frame("odom", 450_000_000), 450_000_000, atol=0.01)  # images step back a little
+
+
+def test_beyond_the_poses_and_in_a_gap() -> None:
+    site = poses(drive(3))
+    assert_pose(site.T_site_frame("odom", 2 * STEP_NS + 50_000_000), 250_000_000, atol=0.02)
+    assert site.T_site_frame("odom", 2 * STEP_NS + 250_000_000) is None
+    gap = poses([*drive(3), tf(10 * S, ("odom", "base_link", (0, 0, 0), 0))])
+    assert gap.T_site_frame("odom", 5 * S) is None
+    assert poses(drive(1)).T_site_frame("odom", 0) is None
+
+
+def test_a_chain_of_fixed_and_moving_frames() -> None:
+    """map <- world (fixed) <- odom <- chassis (moving) <- base_link (fixed)."""
+    static = tf(
+        0,
+        ("map", "world", (0, 0, 7), 0),
+        ("world", "odom", (0, 0, 1), 1.0),
+        ("chassis", "base_link", (0.5, 0, 0), 0),
+        topic="/tf_static",
+    )
+    moving = [tf(n * STEP_NS, ("odom", "chassis", (float(n), 0, 0), 0)) for n in range(5)]
+    expected = (
+        transform("map", "world", (0, 0, 7), 0)
+        @ transform("world", "odom", (0, 0, 1), 1.0)
+        @ transform("odom", "chassis", (2, 0, 0), 0)
+        @ transform("chassis", "base_link", (0.5, 0, 0), 0)
+    )
+    found = poses([static, *moving]).T_site_frame("map", 2 * STEP_NS)
+    assert found is not None
+    np.testing.assert_allclose(found.matrix, expected.inverse().matrix, atol=1e-9)
+
+
+def states(until: int = 20) -> list[RawMessage]:
+    found = []
+    for number in range(until):
+        stamp_ns, t = number * STEP_NS, number / 10
+        fields = odometry(
+            stamp_ns=stamp_ns,
+            frame_id="odom",
+            child_frame_id="base_link",
+            position=(10 * t, t * t, 0.2),
+            orientation_xyzw=turn(0.3 * t),
+        )
+        found.append(raw("/odom", "nav_msgs/msg/Odometry", fields, stamp_ns))
+    return found
+
+
+def test_motion_by_odometry() -> None:
+    site = poses(states())
+    assert_pose(site.T_site_frame("odom", 7 * STEP_NS), 7 * STEP_NS)
+    static = tf(0, ("map", "odom", (1, 0, 0), 0), topic="/tf_static")
+    found = poses([static, *states()]).T_site_frame("map", 7 * STEP_NS)
+    assert found is not None
+    expected = transform("map", "odom", (1, 0, 0), 0) @ pose(7 * STEP_NS)
+    np.testing.assert_allclose(found.matrix, expected.inverse().matrix, atol=1e-9)
+
+
+def test_the_first_recording_that_joins_the_frames_is_used() -> None:
+    other = [tf(n * STEP_NS, ("odom", "base_link", (0, 0, 5), 0)) for n in range(20)]
+    assert_pose(poses([], drive(), other).T_site_frame("odom", STEP_NS), STEP_NS)
+
+
+@pytest.mark.parametrize(
+    ("messages", "found"),
+    [
+        ([], "found none"),
+        (drive(over="world"), "found those of base_link"),
+        (states(), "found none"),
+        ([tf(0, ("a", "b", (0, 0, 0), 0), topic="/tf_static")], "found those of a, b"),
+    ],
+)
+def test_frames_that_nothing_joins(messages: list[RawMessage], found: str) -> None:
+    site = poses(messages)
+    for _ in range(2):
+        with pytest.raises(FrameError, match=f"join the truth's frame 'map' with the site frame 'base_link', {found}"):
+            site.T_site_frame("map", 0)
+
+
+def test_odometry_that_the_settings_name_and_that_is_not_here() -> None:
+    with pytest.raises(FrameError, match="found none"):
+        poses([], config=load_config(settings=["combine.motion.topic=/odom"])).T_site_frame("odom", 0)
+
+
+def test_transforms_that_run_in_a_circle() -> None:
+    circle = [tf(n, ("a", "base_link", (n, 0, 0), 0), ("base_link", "a", (n, 0, 0), 0)) for n in range(3)]
+    with pytest.raises(FrameError):
+        poses(circle).T_site_frame("map", 0)
+
+
+def test_a_recording_that_is_played_twice() -> None:
+    """The clock steps back; the motion of the second pass is that of the second pass."""
+    far = 100 * S
+    first = [tf(far + n * STEP_NS, ("odom", "base_link", (5, 0, 0), 0)) for n in range(30)]
+    second = [m._replace(log_time_ns=2 * far + m.log_time_ns) for m in drive(30)]
+    site = poses([*first, *second])
+    found = site.T_site_frame("odom", far + 2 * STEP_NS)
+    assert found is not None
+    assert found.inverse().matrix[0, 3] == pytest.approx(5)
+    assert_pose(site.T_site_frame("odom", 9 * STEP_NS), 9 * STEP_NS)
+
+
+def test_boxes_in_the_site() -> None:
+    T = transform("site", "odom", (10, 0, 1), 1.0)
+    boxes = TruthBoxes3D(
+        5,
+        "odom",
+        np.array([[1.0, 0, 0], [0, 2, 0]]),
+        np.ones((2, 3)),
+        np.array([0.25, 3.0]),
+        np.zeros(2, np.int32),
+        np.array(["car", "van"]),
+        np.array([1, 2]),
+        np.full(2, UNKNOWN, np.int32),
+        np.full(2, UNKNOWN, np.int32),
+        np.array([False, True]),
+    )
+    found = boxes_in_site(boxes, T)
+    assert (found.frame_id, found.stamp_ns) == ("site", 5)
+    np.testing.assert_allclose(found.yaws, [1.25, 4.0 - 2 * np.pi])
+    np.testing.assert_allclose(found.centers, T.apply(boxes.centers))
+    assert found.labels.tolist() == ["car", "van"]
+    assert len(boxes_in_site(boxes.select(np.zeros(2, np.bool_)), T)) == 0
