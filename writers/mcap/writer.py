@@ -172,8 +172,7 @@ class McapResultWriter:
         for message in messages:
             channel = message.channel
             if channel not in self._copied:
-                schema = channel.msgtype, channel.definition_format, channel.definition.encode()
-                self._copied[channel] = self._file.add_channel(channel.topic, channel.encoding, schema)
+                self._copied[channel] = self._file.add_recorded(channel)
             self._file.add_message(self._copied[channel], message.log_time_ns, message.data, self._messages)
             self._messages += 1
 

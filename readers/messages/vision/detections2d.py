@@ -10,24 +10,21 @@ The layout changed several times; the recorded definition says which one a messa
 | ROS 2 since Humble | results[].hypothesis.class_id | results[].hypothesis.score | bbox.center.position.x, .y |
 """
 
-import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from pipeline.core.arrays import F64
+from pipeline.core.arrays import F32, F64, Bools
 from pipeline.core.detections import Boxes2D
-from pipeline.core.errors import MessageError
 from pipeline.core.messages import RawMessage
-from pipeline.core.ros.vision_numbers import count_of
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from pipeline.evaluation.records import Names
 from readers.messages.boundary.decoding import decoder
-from readers.messages.deserialize import deserialize_as
 from readers.messages.tf import clean_frame
+from readers.messages.vision.hypotheses import best_and_counts, box_rows
 
 __all__ = ["DETECTIONS_2D", "Detections2D", "decode_detections2d"]
 
@@ -78,75 +75,41 @@ def decode_detections2d(
     Raises:
         MessageError: not a Detection2DArray of a known layout, or more boxes than `limits` allow.
     """
-    array = deserialize_as(message, DETECTIONS_2D, limits=limits)
+    rows = box_rows(message, DETECTIONS_2D, _numbers, 5, limits)
     class_ids = {label.strip().lower(): class_id for label, class_id in class_id_of_label.items()}
-    rows: list[_Row] = []
+    best, counts = best_and_counts(rows)
+    xyxy, has_area = _hulls(rows.boxes)
+    kept: list[int] = []
+    chosen: list[int] = []
     unused: Counter[str] = Counter()
-    if len(array.detections) > limits.max_boxes:
-        raise MessageError(
-            f"{message.topic}: {len(array.detections)} boxes, expected at most {limits.max_boxes}: raise "
-            "limits.max_boxes"
-        )
-    for detection in array.detections:
-        found = _read(detection, class_ids, class_names, other_class_id)
-        if isinstance(found, str):
-            unused[found] += 1
+    for row, (hypothesis, is_box) in enumerate(zip(best.tolist(), has_area.tolist(), strict=True)):
+        if hypothesis < 0:
+            unused["no class with a score"] += 1
+            continue
+        label = rows.labels[hypothesis].strip()
+        class_id = class_ids.get(_name_of(label, class_ids, class_names), other_class_id)
+        if class_id is None:
+            unused[f"class {label!r} is not configured"] += 1
+        elif not is_box:
+            unused["box without an area or not finite"] += 1
         else:
-            rows.append(found)
+            kept.append(row)
+            chosen.append(class_id)
+    at = np.array(kept, np.intp)
     boxes = Boxes2D(
         message.stamp_ns,
-        clean_frame(array.header.frame_id),
-        np.array([row.xyxy for row in rows], np.float32).reshape(-1, 4),
-        np.array([row.score for row in rows], np.float32),
-        np.array([row.class_id for row in rows], np.int32),
+        clean_frame(rows.frame_id),
+        xyxy[at],
+        np.clip(rows.scores[best[at]], 0.0, 1.0).astype(np.float32),
+        np.array(chosen, np.int32),
     )
-    names = sorted({name for row in rows for name in row.counts})
     return Detections2D(
         boxes,
-        np.array([row.label for row in rows], np.str_),
-        np.array([row.id for row in rows], np.str_),
-        {name: np.array([row.counts.get(name, math.nan) for row in rows], np.float64) for name in names},
+        np.array([rows.labels[row].strip() for row in best[at].tolist()], np.str_),
+        np.array([rows.ids[row] for row in kept], np.str_),
+        {name: values[at] for name, values in counts.items()},
         dict(sorted(unused.items())),
     )
-
-
-class _Row(NamedTuple):
-    """One box, by the attributes of `Detections2D`."""
-
-    xyxy: list[float]
-    score: float
-    class_id: int
-    label: str
-    id: str
-    counts: Mapping[str, float]
-
-
-def _read(
-    detection: Any, class_ids: Mapping[str, int], class_names: Sequence[str], other_class_id: int | None
-) -> _Row | str:
-    """The box, or why the detection is not used."""
-    best, highest = "", -math.inf
-    counts: dict[str, float] = {}
-    for result in detection.results:
-        hypothesis = getattr(result, "hypothesis", result)
-        label = str(hypothesis.class_id if hasattr(hypothesis, "class_id") else hypothesis.id).strip()
-        score = float(hypothesis.score)
-        if not math.isfinite(score):
-            continue
-        if name := count_of(label):
-            counts[name] = score
-        elif score > highest:
-            best, highest = label, score
-    if highest == -math.inf:
-        return "no class with a score"
-    class_id = class_ids.get(_name_of(best, class_ids, class_names), other_class_id)
-    if class_id is None:
-        return f"class {best!r} is not configured"
-    xyxy = _hull(detection.bbox)
-    if xyxy is None:
-        return "box without an area or not finite"
-    id_ = str(getattr(detection, "id", "") or getattr(detection, "tracking_id", ""))
-    return _Row(xyxy, min(max(highest, 0.0), 1.0), class_id, best, id_, counts)
 
 
 def _name_of(label: str, class_ids: Mapping[str, int], class_names: Sequence[str]) -> str:
@@ -155,16 +118,18 @@ def _name_of(label: str, class_ids: Mapping[str, int], class_names: Sequence[str
     return label.lower()
 
 
-def _hull(bbox: Any) -> list[float] | None:
-    """Left, top, right, bottom in pixels; None if not finite or without an area."""
+def _numbers(bbox: Any) -> list[float]:
+    """The numbers of a box in the order of `BoxRows.boxes`."""
     center = getattr(bbox.center, "position", bbox.center)
-    theta, size_x, size_y = bbox.center.theta, bbox.size_x, bbox.size_y
-    if not (size_x > 0 and size_y > 0 and math.isfinite(theta)):
-        return None
-    cos, sin = abs(math.cos(theta)), abs(math.sin(theta))
-    half_x, half_y = (size_x * cos + size_y * sin) / 2, (size_x * sin + size_y * cos) / 2
-    xyxy = [center.x - half_x, center.y - half_y, center.x + half_x, center.y + half_y]
-    with np.errstate(over="ignore"):
-        left, top, right, bottom = np.array(xyxy, np.float32).tolist()
-    finite = all(math.isfinite(edge) for edge in (left, top, right, bottom))
-    return xyxy if finite and left < right and top < bottom else None
+    return [center.x, center.y, bbox.center.theta, bbox.size_x, bbox.size_y]
+
+
+def _hulls(boxes: F64) -> tuple[F32, Bools]:
+    """Left, top, right, bottom in pixels (N, 4); and which of them are finite and have an area."""
+    centers, theta, sizes = boxes[:, :2], boxes[:, 2], boxes[:, 3:]
+    with np.errstate(over="ignore", invalid="ignore"):
+        cos, sin = np.abs(np.cos(theta)), np.abs(np.sin(theta))
+        half = np.stack([sizes[:, 0] * cos + sizes[:, 1] * sin, sizes[:, 0] * sin + sizes[:, 1] * cos], -1) / 2
+        xyxy = np.concatenate([centers - half, centers + half], -1).astype(np.float32)
+        is_right = np.hstack([sizes > 0, np.isfinite(xyxy), xyxy[:, :2] < xyxy[:, 2:]])
+    return xyxy, np.asarray(is_right.all(1))

@@ -3,7 +3,7 @@
 Neighbouring frames show the same objects and share their errors: drawn one by one, they would make an interval look far
 too narrow. So blocks of about a second are drawn with replacement, as many as there are (Carlstein, The use of
 subseries values for estimating the variance of a general statistic from a stationary sequence, Annals of Statistics 14,
-1986). A recording shorter than some ten blocks gives intervals that are too narrow all the same.
+1986). A recording of fewer than some ten blocks gives intervals that are too narrow all the same.
 """
 
 from collections.abc import Callable

@@ -17,6 +17,7 @@ from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from readers.messages.deserialize import deserialize
 from readers.messages.vision import detections3d
 from readers.messages.vision.detections3d import Detections3D, decode_detections3d
+from readers.messages.vision.hypotheses import rows_of_objects
 from readers.messages.vision.in_place import rows_in_place
 from writers.messages.detections import detections_3d
 
@@ -299,7 +300,7 @@ def test_reading_in_place_says_what_rosbags_says(name: str, data: st.DataObject)
         return {**of_box([result() for _ in range(data.draw(st.integers(0, 3)))]), **more, **frame}
 
     raw = old_message(definitions, encoding, [box() for _ in range(data.draw(st.integers(0, 3)))])
-    ours, theirs = rows_in_place(raw, DEFAULT_LIMITS), detections3d._rows(deserialize(raw))
+    ours, theirs = rows_in_place(raw, DEFAULT_LIMITS), rows_of_objects(deserialize(raw), detections3d._numbers, 10)
     assert ours is not None
     assert (ours.frame_id, ours.ids, ours.of_box, ours.labels) == (
         theirs.frame_id,

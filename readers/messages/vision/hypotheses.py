@@ -1,0 +1,94 @@
+"""The rows of boxes and their hypotheses: from any layout, and what the hypotheses say."""
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from pipeline.core.arrays import F64, Indices
+from pipeline.core.errors import MessageError
+from pipeline.core.messages import RawMessage
+from pipeline.core.ros.vision_numbers import count_of
+from pipeline.core.settings.recording import LimitsConfig
+from readers.messages.deserialize import deserialize
+from readers.messages.vision.in_place import BoxRows, rows_in_place
+
+__all__ = ["best_and_counts", "box_rows", "rows_of_objects"]
+
+_NO_COVARIANCE = np.zeros(36)
+
+
+def box_rows(
+    message: RawMessage, msgtype: str, box_of: Callable[[Any], Sequence[float]], numbers: int, limits: LimitsConfig
+) -> BoxRows:
+    """The content of an array of boxes.
+
+    Args:
+        message: The message.
+        msgtype: The type that it must be of.
+        box_of: The numbers of a box as in `BoxRows.boxes`, from its `bbox` as rosbags decodes it.
+        numbers: How many these are.
+        limits: How many boxes it may hold.
+
+    Raises:
+        MessageError: the message is of another type, cannot be decoded, or holds more boxes.
+    """
+    if message.channel.msgtype != msgtype:
+        raise MessageError(f"{message.topic}: expected {msgtype}, found {message.channel.msgtype}")
+    rows = rows_in_place(message, limits)
+    if rows is not None:
+        return rows
+    array = deserialize(message, limits=limits)
+    if len(array.detections) > limits.max_boxes:
+        raise MessageError(
+            f"{message.topic}: {len(array.detections)} boxes, expected at most {limits.max_boxes}: raise "
+            "limits.max_boxes"
+        )
+    return rows_of_objects(array, box_of, numbers)
+
+
+def rows_of_objects(array: Any, box_of: Callable[[Any], Sequence[float]], numbers: int) -> BoxRows:
+    """The content of a message that rosbags has decoded; arguments as of `box_rows`."""
+    results = [(row, result) for row, detection in enumerate(array.detections) for result in detection.results]
+    hypotheses = [getattr(result, "hypothesis", result) for _, result in results]
+    covariances = [_covariance(result) for _, result in results]
+    boxes = np.array([box_of(detection.bbox) for detection in array.detections], np.float64).reshape(-1, numbers)
+    return BoxRows(
+        array.header.frame_id,
+        boxes,
+        [str(getattr(one, "id", "") or getattr(one, "tracking_id", "")) for one in array.detections],
+        [row for row, _ in results],
+        [str(one.class_id if hasattr(one, "class_id") else one.id) for one in hypotheses],
+        np.array([one.score for one in hypotheses], np.float64),
+        np.array(covariances, np.float64).reshape(-1, 36),
+    )
+
+
+def _covariance(result: Any) -> F64:
+    """(36,) of a hypothesis' pose; zeros where the layout has none, as it may in images."""
+    found = np.asarray(getattr(getattr(result, "pose", None), "covariance", _NO_COVARIANCE), np.float64)
+    return found if found.shape == _NO_COVARIANCE.shape else _NO_COVARIANCE
+
+
+def best_and_counts(rows: BoxRows) -> tuple[Indices, dict[str, F64]]:
+    """The best hypothesis of each box, and what the others count.
+
+    Returns:
+        (N,) row of the hypothesis with the highest score that is a class, of equal ones the first, -1 without one; and
+        (N,) float64 by what is counted (see `count_of`), NaN where a box has no such hypothesis. Scores that are not
+        finite say nothing.
+    """
+    n = len(rows.boxes)
+    best, highest = [-1] * n, [-math.inf] * n
+    counts: dict[str, F64] = {}
+    for row, (box, label, score) in enumerate(zip(rows.of_box, rows.labels, rows.scores.tolist(), strict=True)):
+        if not math.isfinite(score):
+            continue
+        if name := count_of(label.strip()):
+            if name not in counts:
+                counts[name] = np.full(n, np.nan)
+            counts[name][box] = score
+        elif score > highest[box]:
+            best[box], highest[box] = row, score
+    return np.array(best, np.intp), counts
