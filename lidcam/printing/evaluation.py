@@ -17,7 +17,7 @@ ALL = "all"
 """In place of a class: the figure of all objects, or the mean of the classes."""
 
 MIN_BLOCKS = 10
-"""From which on an interval means something."""
+"""From which on an interval is as wide as it should be."""
 
 NONE = "-"
 """In place of a figure that is not defined."""
@@ -71,13 +71,16 @@ def _headline(tree: Tree) -> str:
     gain = gains.get(_gain_name(gains), {}) if gains else {}
     if gain.get("value") is None:
         return ""
+    value, over = gain["value"], f"{gain['over']} alone, seen from above"
+    if gain["low"] is None:
+        does = f"adds {value:.2f} AP over" if value >= 0 else f"takes away {-value:.2f} AP from"
+        return f"Fusion {does} {over}; the recording is too short to say how sure that is."
     interval = f"{gain['low']:+.2f} to {gain['high']:+.2f}"
-    over = f"{gain['over']} alone, seen from above"
     if gain["low"] > 0:
-        return f"Fusion adds {gain['value']:.2f} AP ({interval}) over {over}."
+        return f"Fusion adds {value:.2f} AP ({interval}) over {over}."
     if gain["takes_away"]:
-        return f"Fusion takes away {-gain['value']:.2f} AP ({interval}) from {over}."
-    return f"Fusion neither adds nor takes away AP for sure: {gain['value']:+.2f} ({interval}) over {over}."
+        return f"Fusion takes away {-value:.2f} AP ({interval}) from {over}."
+    return f"Fusion neither adds nor takes away AP for sure: {value:+.2f} ({interval}) over {over}."
 
 
 def _tables(tree: Tree) -> Iterator[tuple[Table, Iterable[str]]]:
@@ -253,10 +256,12 @@ def _detection_explained(sources: Tree) -> Iterator[str]:
 
 
 def _gain_explained(gains: Tree) -> Iterator[str]:
-    blocks = gains[ALL]["blocks"]
-    few = "; fewer than ten make it too narrow" if blocks < MIN_BLOCKS else ""
     yield "over: the better single sensor. + is better, also of the position."
-    yield f"The interval is of {blocks} blocks of time{few}."
+    one, blocks = gains[ALL], gains[ALL]["blocks"]
+    if one[_gain_name(one)]["low"] is None:
+        yield f"There is no interval: {blocks} blocks of a second are too few to draw samples from."
+    elif blocks < MIN_BLOCKS:
+        yield f"The interval is too narrow: {blocks} blocks of time are few to draw samples from."
 
 
 def _distances(sources: Tree, by_distance: str) -> dict[str, str]:
@@ -293,10 +298,10 @@ def _gain_name(gains: Tree, beginning: str = "ap_bev_r40_") -> str:
 
 
 def _overlap(sources: Tree, beginning: str = "ap_bev_r40_") -> str:
-    """The IoU that is shown, in percent: 50 if that is among them."""
+    """The IoU that is shown, in percent: 50 if that is among them, else the last, as in the gain by fusion."""
     figures = next(iter(sources.values()))[ALL]
     known = [key.removeprefix(beginning) for key in figures if key.startswith(beginning)]
-    return "50" if "50" in known else known[0]
+    return "50" if "50" in known else known[-1]
 
 
 def _by_distance(sources: Tree) -> str:
