@@ -7,6 +7,7 @@
 # make golden   write the golden results anew, after a change that is meant
 # make samples  record the sample recordings in bags/ anew
 # make bench    what is measured against what
+# make numbers  docs/numbers.md anew: how good the results are on simulated recordings
 # Each installs what it needs into .venv the first time, and only then: the demo lidcam alone, the others all extras and the tools of tests, too.
 # make locks docs/licences.md    after a change of dependencies: constraints*.txt anew (needs uv; UPGRADE=--upgrade takes newer versions), the page of licences
 
@@ -22,7 +23,7 @@ UV ?= uv
 UPGRADE ?=
 COMPILE = UV_CUSTOM_COMPILE_COMMAND='make locks' $(UV) pip compile --quiet --universal --python-version 3.11 --no-build --generate-hashes --no-annotate $(UPGRADE)
 
-.PHONY: demo gate golden test check fuzz campaign samples bench locks
+.PHONY: demo gate golden test check fuzz campaign samples bench numbers locks
 .DELETE_ON_ERROR:
 
 $(INSTALLED): pyproject.toml constraints-run.txt
@@ -84,6 +85,9 @@ bench: $(INSTALLED_ALL)
 	$(BIN)/python benchmarks/rotated_iou.py
 	$(BIN)/python benchmarks/velodyne.py
 	$(BIN)/python benchmarks/simulator.py
+
+numbers: $(INSTALLED_ALL)
+	$(BIN)/python benchmarks/numbers_page.py
 
 config/default.yaml: $(wildcard pipeline/core/settings/*.py) $(INSTALLED_ALL)
 	@printf '# The defaults of every setting: a printed copy of pipeline/core/settings/, which explains each one.\n# Copy the part that you want to change into a file of your own and pass it with --config.\n\n' > $@

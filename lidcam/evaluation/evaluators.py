@@ -11,6 +11,7 @@ from pipeline.core.detections import Boxes2D, Boxes3D
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.evaluation.detection.evaluation import DetectionEvaluation
+from pipeline.evaluation.mistakes import Mistakes
 from pipeline.evaluation.records import EvaluationFrame, Evaluator, ImageBoxes, SourceBoxes, TruthBoxes2D, TruthBoxes3D
 from pipeline.evaluation.tracking.evaluation import TrackingEvaluation
 from pipeline.evaluation.unlabelled.evaluation import UnlabelledEvaluation
@@ -25,6 +26,7 @@ def evaluators_of(config: Config, rig: Rig) -> tuple[Evaluator, ...]:
         DetectionEvaluation(config, rig.zones),
         TrackingEvaluation(config, rig.zones),
         UnlabelledEvaluation(config, rig.zones, rig.cameras),
+        Mistakes(config),
     )
 
 

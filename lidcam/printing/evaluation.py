@@ -9,6 +9,7 @@ from rich.table import Table
 from lidcam.evaluation.evaluation import Evaluation
 from lidcam.evaluation.requirement import Outcome
 from lidcam.printing.folding import show_line, show_table
+from lidcam.printing.mistakes import mistakes_table
 from lidcam.printing.tables import columns_table
 
 __all__ = ["print_evaluation"]
@@ -95,6 +96,9 @@ def _tables(tree: Tree) -> Iterator[tuple[Table, Iterable[str]]]:
         yield _images_table({name: tree["images"][name] for name in images}), ()
     if tree["frames_with_truth"] and tree["tracking"]:
         yield _tracking_table(tree["tracking"]), ()
+    for source, kinds in tree["mistakes"].items():
+        if any(kinds.values()):
+            yield mistakes_table(source, kinds), ()
     yield _chains_table(tree["unlabelled"]), _CHAINS
     if residuals := _residuals(tree["unlabelled"]):
         yield _residuals_table(residuals), _RESIDUALS
