@@ -87,7 +87,7 @@ bench: $(INSTALLED_ALL)
 	$(BIN)/python benchmarks/simulator.py
 
 numbers: $(INSTALLED_ALL)
-	$(BIN)/python benchmarks/numbers_page.py
+	$(BIN)/python benchmarks/measured/numbers_page.py
 
 config/default.yaml: $(wildcard pipeline/core/settings/*.py) $(INSTALLED_ALL)
 	@printf '# The defaults of every setting: a printed copy of pipeline/core/settings/, which explains each one.\n# Copy the part that you want to change into a file of your own and pass it with --config.\n\n' > $@
