@@ -80,6 +80,7 @@ samples: $(INSTALLED_ALL)
 
 bench: $(INSTALLED_ALL)
 	$(BIN)/python benchmarks/end_to_end.py
+	$(BIN)/python benchmarks/evaluation.py
 	$(BIN)/python benchmarks/filters.py
 	$(BIN)/python benchmarks/synchronisation.py
 	$(BIN)/python benchmarks/rotated_iou.py
