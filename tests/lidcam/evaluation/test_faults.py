@@ -116,7 +116,7 @@ def without_error(frame: EvaluationFrame) -> EvaluationFrame:
 
 def figures(frames: Sequence[EvaluationFrame]) -> NamedFigures:
     config, rig, _ = scene()
-    return NamedFigures(measure(frames, evaluators_of(config, rig.zones, ())))
+    return NamedFigures(measure(frames, evaluators_of(config, rig)))
 
 
 def with_fused(frame: EvaluationFrame, fused: SourceBoxes) -> EvaluationFrame:
