@@ -25,7 +25,7 @@ def doubts(tree: Mapping[str, Any], *, has_truth: bool) -> tuple[RunWarning, ...
     """
     if not has_truth:
         return ()
-    return (*_times(tree), *_objects(tree["truth_objects"]), *_places(tree))
+    return (*_times(tree), *_objects(tree["truth_objects"]), *_places(tree), *_taken_away(tree))
 
 
 def _times(tree: Mapping[str, Any]) -> Iterator[RunWarning]:
@@ -75,4 +75,17 @@ def _places(tree: Mapping[str, Any]) -> Iterator[RunWarning]:
                 source,
                 f"none of {figures['found']} boxes lies where one of {figures['truth']} true objects of its class does",
                 "check that truth and result are of the same recording and in the same frame of reference",
+            )
+
+
+def _taken_away(tree: Mapping[str, Any]) -> Iterator[RunWarning]:
+    """Classes for which fusion is worse than a single sensor, beyond chance."""
+    for name, gains in tree["fusion_gain"].items():
+        gain = next(one for figure, one in gains.items() if figure.startswith("ap_bev"))
+        if gain["takes_away"]:
+            yield RunWarning(
+                "fused",
+                f"{name}: fusion takes away {-gain['value']:.2f} AP ({gain['low']:+.2f} to {gain['high']:+.2f}) from "
+                f"{gain['over']} alone",
+                "look at the calibration and the 2D boxes of the cameras, and at the settings associate and fuse",
             )

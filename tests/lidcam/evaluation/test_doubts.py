@@ -17,10 +17,12 @@ SOUND: dict[str, Any] = {
         "unseen": 2,
         "labels_without_class": {},
     },
+    "fusion_gain": {"car": {"blocks": 2, "ap_bev_r40_50": {"value": 0.1, "takes_away": False}}},
     "sources": {"fused": {"all": {"truth": 40, "found": 38, "right": 37}}},
 }
 NONE_EVALUATED = SOUND["truth_objects"] | {"evaluated": 0}
 LABELS = {"tram": 12, "animal": 30, "a": 1, "b": 1, "c": 1, "d": 1}
+TAKES_AWAY = {"value": -0.1, "low": -0.15, "high": -0.05, "over": "lidar", "takes_away": True}
 
 
 def of_all(**figures: int) -> dict[str, Any]:
@@ -68,6 +70,13 @@ def of_all(**figures: int) -> dict[str, Any]:
         ),
         (of_all(truth=0, right=0), []),
         ({"sources": {}}, []),
+        (
+            {"fusion_gain": {"car": {"blocks": 2, "ap_bev_r40_50": TAKES_AWAY}}},
+            [
+                "fused: car: fusion takes away 0.10 AP (-0.15 to -0.05) from lidar alone; look at the calibration and "
+                "the 2D boxes of the cameras, and at the settings associate and fuse"
+            ],
+        ),
     ],
 )
 def test_doubts(changed: dict[str, Any], told: list[str]) -> None:
