@@ -1,10 +1,13 @@
 # make demo     process the sample recordings into out/
+# make gate     measure the outputs of the demo, and compare them with golden results
 # make test     lint, types, tests
 # make check    lint and types only
 # make fuzz     hostile inputs for every decoder, MINUTES=15 of them (Linux)
 # make campaign kills, full disks, damaged and hostile inputs: MINUTES=30 of them (Linux)
+# make golden   write the golden results anew, after a change that is meant
 # make samples  record the sample recordings in bags/ anew
 # make bench    what is measured against what
+# make numbers  docs/numbers.md anew: how good the results are on simulated recordings
 # Each installs what it needs into .venv the first time, and only then: the demo lidcam alone, the others all extras and the tools of tests, too.
 # make locks docs/licences.md    after a change of dependencies: constraints*.txt anew (needs uv; UPGRADE=--upgrade takes newer versions), the page of licences
 
@@ -15,11 +18,12 @@ INSTALLED_ALL := .venv/installed-all
 PIP = $(BIN)/python -m pip --disable-pip-version-check
 # Everything by its hash, and nothing that is not listed.
 LOCKED = $(PIP) install --require-hashes --no-deps --requirement
+WITHOUT_CLOUDS = --set output.images=false --set output.clouds=false --set output.layout=false --set 'output.copy_topics=[]' --set output.compression=zstd
 UV ?= uv
 UPGRADE ?=
 COMPILE = UV_CUSTOM_COMPILE_COMMAND='make locks' $(UV) pip compile --quiet --universal --python-version 3.11 --no-build --generate-hashes --no-annotate $(UPGRADE)
 
-.PHONY: demo test check fuzz campaign samples bench locks
+.PHONY: demo gate golden test check fuzz campaign samples bench numbers locks
 .DELETE_ON_ERROR:
 
 $(INSTALLED): pyproject.toml constraints-run.txt
@@ -44,6 +48,17 @@ demo: $(INSTALLED)
 	$(BIN)/lidcam-process bags/crossing.mcap out/crossing.mcap --config config/crossing.yaml --rerun out/crossing.rrd
 	@echo
 	@echo 'The second recording: $(BIN)/rerun out/crossing.rrd, or out/crossing.mcap in Foxglove or Lichtblick'
+
+gate: $(INSTALLED)
+	@test -f out/sandbox.mcap -a -f out/crossing.mcap || $(MAKE) demo
+	@for sample in sandbox crossing; do \
+		$(BIN)/lidcam evaluate out/$$sample.mcap --require @tests/golden/$$sample.txt --json out/$$sample.figures.json && \
+		$(BIN)/lidcam compare tests/golden/$$sample.mcap out/$$sample.mcap --max-different 2 || exit 1; \
+	done
+
+golden: $(INSTALLED)
+	$(BIN)/lidcam process bags/sandbox.bag tests/golden/sandbox.mcap --config sandbox $(WITHOUT_CLOUDS)
+	$(BIN)/lidcam process bags/crossing.mcap tests/golden/crossing.mcap --config crossing $(WITHOUT_CLOUDS)
 
 check: $(INSTALLED_ALL)
 	$(BIN)/ruff check .
@@ -70,6 +85,9 @@ bench: $(INSTALLED_ALL)
 	$(BIN)/python benchmarks/rotated_iou.py
 	$(BIN)/python benchmarks/velodyne.py
 	$(BIN)/python benchmarks/simulator.py
+
+numbers: $(INSTALLED_ALL)
+	$(BIN)/python benchmarks/numbers_page.py
 
 config/default.yaml: $(wildcard pipeline/core/settings/*.py) $(INSTALLED_ALL)
 	@printf '# The defaults of every setting: a printed copy of pipeline/core/settings/, which explains each one.\n# Copy the part that you want to change into a file of your own and pass it with --config.\n\n' > $@

@@ -66,5 +66,5 @@ class Surroundings:
 
 
 def _noun(material: str) -> str:
-    plain = material.rstrip(" 0123456789")
+    plain = material.partition(" (")[0].rstrip(" 0123456789")
     return NOUNS.get(plain, plain)

@@ -87,6 +87,7 @@ Examples:
   lidcam compare golden.mcap new.mcap
   lidcam compare golden.mcap new.mcap --only fused --max-different 1
   lidcam compare golden.mcap new.mcap --set compare.yaw_deg=5 --allow rescored
+  lidcam compare golden.mcap new.mcap --merged both.mcap
 """
 
 SIMULATE_EXAMPLES = """\b
@@ -359,7 +360,12 @@ def compare(
     ] = None,
     allow: Annotated[
         list[AllowedDifference] | None,
-        typer.Option("--allow", help="What may differ, however much. Repeatable."),
+        typer.Option(
+            "--allow",
+            metavar="KIND",
+            help="What may differ, however much: lost, new, moved, turned, resized, relabelled, rescored, reidentified "
+            "(objects) or frames (of one result alone). May be repeated.",
+        ),
     ] = None,
     max_different: Annotated[
         float,
@@ -372,6 +378,10 @@ def compare(
         ),
     ] = 0.0,
     lines: Annotated[int, typer.Option("--lines", min=0, metavar="N", help="Differences that are printed.")] = 10,
+    merged: Annotated[
+        Path | None,
+        typer.Option(metavar="OUT.mcap", help="Also write both into one file, to look at them side by side."),
+    ] = None,
     json: JsonTarget = None,
     overwrite: Overwrite = False,
 ) -> None:
@@ -379,6 +389,8 @@ def compare(
 
     Objects that are lost, new, moved, turned, resized, relabelled, rescored, or go on under another id; B against A.
     """
+    if merged is not None and merged.suffix != ".mcap":
+        raise typer.BadParameter(f"expected a name that ends in .mcap, found {merged}", param_hint="--merged")
     from lidcam.commands.compare import CompareOptions, run_compare
     from lidcam.job import read_files
     from pipeline.core.settings.load import load_config
@@ -393,6 +405,7 @@ def compare(
             allowed=tuple(allow or ()),
             max_different_percent=max_different,
             lines=lines,
+            merged=merged,
             json=json,
             overwrite=overwrite,
             read_files=read_files(config_file, None),

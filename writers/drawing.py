@@ -14,6 +14,7 @@ from writers.palette import CAMERA_ONLY, MATCHED, Rgb, class_color
 
 __all__ = [
     "ARROW_SHARE",
+    "STRONG_SCORE",
     "DrawnBoxes2D",
     "drawn_boxes_2d",
     "labels_in_the_clear",

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-__all__ = ["CAMERA_ONLY", "MATCHED", "Rgb", "class_color"]
+__all__ = ["CAMERA_ONLY", "CHANGED", "EQUAL", "LOST", "MATCHED", "NEW", "Rgb", "class_color"]
 
 
 class Rgb(NamedTuple):
@@ -28,11 +28,26 @@ _CLASS_COLORS = (
     Rgb(0.80, 0.80, 0.80),
 )
 
+TRUTH = Rgb(0.88, 0.90, 0.93)
+"""A box of the truth: brighter than any class, and drawn by its edges alone."""
+
 MATCHED = Rgb(0.20, 0.95, 0.35)
 """A 2D box that belongs to an object."""
 
 CAMERA_ONLY = Rgb(1.00, 0.76, 0.10)
 """A 2D box of no object."""
+
+LOST = Rgb(0.98, 0.30, 0.25)
+"""Of two results, an object that only the first one has."""
+
+NEW = Rgb(0.20, 0.95, 0.35)
+"""One that only the second one has."""
+
+CHANGED = Rgb(1.00, 0.76, 0.10)
+"""One that differs."""
+
+EQUAL = Rgb(0.50, 0.52, 0.56)
+"""One that does not."""
 
 
 def class_color(class_id: int) -> Rgb:

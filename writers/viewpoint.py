@@ -5,7 +5,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pipeline.core.arrays import F64
+from pipeline.core.arrays import F64, Array, Bools
+from pipeline.core.detections import Boxes3D
 from pipeline.core.frame import FrameResult
 from pipeline.core.geometry.boxes import box_corners
 from pipeline.core.rig import CameraSensor, Rig
@@ -90,11 +91,14 @@ class SceneSurvey:
 
     def add(self, result: FrameResult) -> None:
         """Take one frame in, unless the survey is complete."""
+        points = np.concatenate([result.combined.cloud.xyz[:, :2], result.combined.ground_cloud.xyz[:, :2]])
+        self.take(result.fused.objects, strong_objects(result), points)
+
+    def take(self, objects: Boxes3D, strong: Bools, points: Array) -> None:
+        """Take in the objects of a frame, which of them are drawn strong, and points (N, 2) of the site."""
         if self.is_complete:
             return
         self.frames += 1
-        objects, strong = result.fused.objects, strong_objects(result)
-        points = np.concatenate([result.combined.cloud.xyz[:, :2], result.combined.ground_cloud.xyz[:, :2]])
         if not len(objects) and not len(points):  # the lidars may begin late
             return
         corners = box_corners(objects.centers, objects.sizes, objects.yaws)

@@ -14,8 +14,11 @@ from lidcam.checks.incomplete import damage_lines
 from lidcam.commands.envelope import envelope
 from lidcam.commands.json_output import json_output
 from lidcam.commands.verdict import Verdict
+from lidcam.outputs.allowed import check_no_input, check_replaced
+from lidcam.outputs.merged import write_both
 from lidcam.printing.comparison import print_comparison
 from lidcam.printing.folding import show_line
+from lidcam.printing.log import remark_log
 from lidcam.printing.progress import show_progress
 from lidcam.printing.terminal import console
 from pipeline.core.errors import LidcamError
@@ -26,6 +29,8 @@ from pipeline.evaluation.comparison.frames import paired_frames
 from pipeline.evaluation.comparison.records import KINDS, Channel, FramePair, Kind
 from readers.input_file import read_input_file
 from readers.results.result import Result, open_result
+from writers.foxglove.layout import layout_path
+from writers.outputs.transaction import OutputTransaction
 
 __all__ = ["FRAMES", "CompareOptions", "run_compare"]
 
@@ -46,6 +51,7 @@ class CompareOptions:
         allowed: Kinds of differences that may be, and `frames`.
         max_different_percent: Share of the objects of a source or camera, and of the frames, that may differ otherwise.
         lines: Differences that are printed.
+        merged: MCAP to write, with both results in it.
         json: Where the figures go as JSON: None, `-` for standard output in place of the tables, or a file.
         overwrite: Replace what no earlier run wrote, too.
         read_files: Files that were read for the settings.
@@ -59,6 +65,7 @@ class CompareOptions:
     allowed: tuple[str, ...] = ()
     max_different_percent: float = 0.0
     lines: int = 10
+    merged: Path | None = None
     json: str | None = None
     overwrite: bool = False
     read_files: tuple[Path, ...] = ()
@@ -73,18 +80,30 @@ def run_compare(options: CompareOptions) -> None:
         LidcamError: a result cannot be read, or the two cannot be compared.
     """
     inputs = options.first, options.second, *options.read_files
-    with json_output(options.json, inputs=inputs, overwrite=options.overwrite) as json:
+    written = () if options.merged is None else (options.merged, layout_path(options.merged))
+    check_no_input(written, inputs)
+    check_old = check_replaced("merged", overwrite=options.overwrite)
+    with (
+        json_output(options.json, inputs=(*inputs, *written), overwrite=options.overwrite) as json,
+        OutputTransaction(written, check_old=check_old) as outputs,
+    ):
         with open_result(options.first) as first, open_result(options.second) as second, ExitStack() as stack:
             _check_frames(first, second)
             comparison = _comparison(first, second, options)
-            for pair in _pairs(first, second, options.config.compare, stack):
-                comparison.add(pair)
+            pairs = _pairs(first, second, options.config.compare, stack)
+            if options.merged is None:
+                for pair in pairs:
+                    comparison.add(pair)
+            else:
+                write_both(outputs, options.merged, (first, second), comparison, pairs)
             comparison.close()
             losses = *first.recording.losses, *second.recording.losses
             verdict = Verdict(_failures(comparison, options), damage_lines(losses))
             notes = [*_recordings_note(first, second), *first.notes, *second.notes]
         figures = comparison.figures()
         json.tree = _tree(figures, verdict, notes, options)
+    for path in written:
+        remark_log.info("wrote %s", path)
     out = console()
     json.show(out, lambda: _print(out, figures, verdict, notes, options))
     verdict.end()

@@ -11,6 +11,7 @@ from pipeline.core.detections import Boxes2D, Boxes3D
 from pipeline.core.rig import CameraSensor, Zone
 from pipeline.core.settings.config import Config
 from pipeline.evaluation.detection.evaluation import DetectionEvaluation
+from pipeline.evaluation.mistakes import Mistakes
 from pipeline.evaluation.records import EvaluationFrame, Evaluator, ImageBoxes, SourceBoxes, TruthBoxes2D, TruthBoxes3D
 from pipeline.evaluation.tracking.evaluation import TrackingEvaluation
 
@@ -19,7 +20,12 @@ __all__ = ["evaluators_of", "known_figures", "measure"]
 
 def evaluators_of(config: Config, zones: Sequence[Zone], cameras: Sequence[CameraSensor]) -> tuple[Evaluator, ...]:  # noqa: ARG001
     """What measures a result with these settings, in the order of its sections."""
-    return (FrameCounts(config), DetectionEvaluation(config, zones), TrackingEvaluation(config, zones))
+    return (
+        FrameCounts(config),
+        DetectionEvaluation(config, zones),
+        TrackingEvaluation(config, zones),
+        Mistakes(config),
+    )
 
 
 def measure(frames: Iterable[EvaluationFrame], evaluators: Sequence[Evaluator]) -> dict[str, Any]:

@@ -77,6 +77,7 @@ _FOUND: dict[Made, str] = {
     "result": "exists and is no result of an earlier run (a recording? the output comes last)",
     "repaired": "exists and was not written by an earlier --repair",
     "simulated": "exists and is no simulated recording",
+    "merged": "exists and was not written by an earlier --merged",
     "text": "exists and is not as this version writes it (edited, or written by an earlier version)",
 }
 

@@ -14,13 +14,13 @@ from rosbags.rosbag1 import Reader
 from pipeline.core.settings.bounded_yaml import MAX_YAML_BYTES, parse_yaml
 from readers.files.mcap.index import FOOTER, MAGIC_BYTES, summary_checksum
 from writers.outputs.marked_text import is_unchanged_text
-from writers.outputs.marks import APPLICATION, BAG_CALLER, FOLDER_DATA, LIBRARY, REPAIRED, RESULT, SIMULATED
+from writers.outputs.marks import APPLICATION, BAG_CALLER, FOLDER_DATA, LIBRARY, MERGED, REPAIRED, RESULT, SIMULATED
 
 __all__ = ["Made", "made_by_lidcam"]
 
-Made = Literal["result", "repaired", "simulated", "text"]
-"""A result of `process` (MCAP, .rrd); what `inspect --repair` wrote; a simulated recording; a text that is unchanged:
-a layout, a draft of a rig, the rig and the scenario beside a simulated recording."""
+Made = Literal["result", "repaired", "simulated", "merged", "text"]
+"""A result of `process` (MCAP, .rrd); what `inspect --repair` wrote; a simulated recording; what `compare --merged`
+wrote; a text that is unchanged: a layout, a draft of a rig, the rig and the scenario beside a simulated recording."""
 
 _MCAP, _BAG, _RRD = b"\x89MCAP0\r\n", b"#ROSBAG V2.0\n", b"RRF2"
 _MAX_SUMMARY_BYTES = 256 << 20
@@ -30,7 +30,7 @@ _RRD_HEAD_BYTES = 1 << 12
 _RRD_STORE = re.compile(rb"\x12\x20[0-9a-f]{32}\x1a.\n" + re.escape(bytes([len(APPLICATION)]) + APPLICATION.encode()))
 """Of the first message of an .rrd: recording id and application id, as protobuf."""
 
-_BY_METADATA: dict[str, Made] = {RESULT: "result", REPAIRED: "repaired", SIMULATED: "simulated"}
+_BY_METADATA: dict[str, Made] = {RESULT: "result", REPAIRED: "repaired", SIMULATED: "simulated", MERGED: "merged"}
 
 
 def made_by_lidcam(path: Path) -> Made | None:

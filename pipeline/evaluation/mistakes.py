@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from pipeline.core.arrays import F64, Indices
+from pipeline.core.arrays import F64, I32, Indices
 from pipeline.core.detections import Boxes3D
 from pipeline.core.settings.config import Config
 from pipeline.evaluation.detection.criteria import Criteria
@@ -25,7 +25,11 @@ __all__ = ["Mistake", "Mistakes"]
 MAX_PAUSE_NS = 2_000_000_000
 """An error that comes back at the same place after a longer pause is another mistake."""
 
+MAX_TOLD = 10
+"""Mistakes of each kind among the figures."""
+
 Kind = Literal["false", "missed"]
+Cause = Literal["", "nothing", "class", "second", "place"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,7 +41,8 @@ class Mistake:
         class_name: Class of the detection, or of the missed object.
         label: The class as the truth names it; of a false one, that of the object at the place, if there is one.
         track_id: Id of the true object; of a false one, of the object at the place; `UNKNOWN` if there is none.
-        is_second: Of a false one: the object at the place is of this class, and another detection shows it already.
+        cause: Why it is false: there is `nothing`, the object at the place is of another `class`, it is shown by a
+            better detection already (`second`), or the detection is too far from its `place`. Empty of a missed one.
         frames: Number of frames with the error.
         first_ns: Stamp of the first of them.
         last_ns: Stamp of the last of them.
@@ -57,7 +62,7 @@ class Mistake:
     class_name: str
     label: str
     track_id: int
-    is_second: bool
+    cause: Cause
     frames: int
     first_ns: int
     last_ns: int
@@ -71,15 +76,16 @@ class Mistake:
     lidar_points: int
     weight: float
 
-    def figures(self) -> Figures:
-        """As JSON has it."""
+    def figures(self, start_ns: int) -> Figures:
+        """As JSON has it, with times in seconds since `start_ns`, too."""
         return {
             "class": self.class_name,
             "label": self.label or None,
-            "is_second": self.is_second,
+            "cause": self.cause or None,
             "frames": self.frames,
-            "first_ns": self.first_ns,
-            "last_ns": self.last_ns,
+            "first_s": round((self.first_ns - start_ns) / 1e9, 3),
+            "last_s": round((self.last_ns - start_ns) / 1e9, 3),
+            "worst_s": round((self.worst_ns - start_ns) / 1e9, 3),
             "worst_ns": self.worst_ns,
             "worst_frame": self.worst_frame,
             **dict(zip(("x_m", "y_m", "z_m"), np.round(self.center, 3).tolist(), strict=True)),
@@ -104,11 +110,15 @@ class Mistakes:
     def __init__(self, config: Config, source: str = "fused") -> None:
         self._config, self._source = config, source
         self._criteria = Criteria.of(config)
+        self._start_ns = 0
+        self._is_empty = True
         self._open: list[Mistake] = []
         self._closed: list[Mistake] = []
 
     def add(self, frame: EvaluationFrame) -> None:
         """Take in one frame; those without truth, or without the source, have no errors."""
+        if self._is_empty:
+            self._start_ns, self._is_empty = frame.stamp_ns, False
         source = frame.sources.get(self._source)
         if frame.truth is None or source is None:
             return
@@ -130,7 +140,7 @@ class Mistakes:
         )
         at_place = np.where(mistaken >= 0, mistaken, _most_overlapped(pairs, len(found)))
         now = [
-            *self._false(frame, source.boxes, frame.truth, np.flatnonzero(matches == FALSE), at_place),
+            *self._false(frame, source.boxes, frame.truth, matches, at_place),
             *self._missed(frame, frame.truth, np.setdiff1d(np.flatnonzero(counted), matches)),
         ]
         before = self._open
@@ -144,15 +154,18 @@ class Mistakes:
         known = [mistake for mistake in (*self._closed, *self._open) if mistake.kind == kind]
         return sorted(known, key=lambda one: (-one.weight, one.first_ns, *one.center.tolist()))[:count]
 
-    def figures(self, count: int = 10) -> Figures:
-        """The worst `count` mistakes of each kind."""
+    def figures(self) -> Figures:
+        """The worst mistakes of each kind, `MAX_TOLD` at most."""
         kinds: tuple[Kind, ...] = ("false", "missed")
-        return {kind: [mistake.figures() for mistake in self.worst(kind, count)] for kind in kinds}
+        told: Figures = {
+            kind: [mistake.figures(self._start_ns) for mistake in self.worst(kind, MAX_TOLD)] for kind in kinds
+        }
+        return {"mistakes": {self._source: told}}
 
     def _false(
-        self, frame: EvaluationFrame, boxes: Boxes3D, truth: TruthBoxes3D, rows: Indices, at_place: Indices
+        self, frame: EvaluationFrame, boxes: Boxes3D, truth: TruthBoxes3D, matches: I32, at_place: Indices
     ) -> Iterator[Mistake]:
-        for row in rows.tolist():
+        for row in np.flatnonzero(matches == FALSE).tolist():
             other = int(at_place[row])
             score = float(boxes.scores[row])
             yield Mistake(
@@ -160,7 +173,7 @@ class Mistakes:
                 class_name=self._config.class_names[boxes.class_ids[row]],
                 label=str(truth.labels[other]) if other >= 0 else "",
                 track_id=int(truth.track_ids[other]) if other >= 0 else UNKNOWN,
-                is_second=other >= 0 and bool(truth.class_ids[other] == boxes.class_ids[row]),
+                cause=_cause(other, int(boxes.class_ids[row]), truth, matches),
                 score=score,
                 lidar_points=UNKNOWN,
                 weight=score,
@@ -174,7 +187,7 @@ class Mistakes:
                 class_name=self._config.class_names[truth.class_ids[row]],
                 label=str(truth.labels[row]),
                 track_id=int(truth.track_ids[row]),
-                is_second=False,
+                cause="",
                 score=0.0,
                 lidar_points=int(truth.lidar_points[row]),
                 weight=1.0,
@@ -222,6 +235,15 @@ def _moment(frame: EvaluationFrame, boxes: Boxes3D | TruthBoxes3D, row: int) -> 
         "size_m": boxes.sizes[row],
         "yaw": float(boxes.yaws[row]),
     }
+
+
+def _cause(other: int, class_id: int, truth: TruthBoxes3D, matches: I32) -> Cause:
+    """Why a detection is false, by the object at its place, if there is one."""
+    if other < 0:
+        return "nothing"
+    if truth.class_ids[other] != class_id:
+        return "class"
+    return "second" if other in matches else "place"
 
 
 def _gap_m(old: Mistake, new: Mistake) -> float:

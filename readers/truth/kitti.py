@@ -232,8 +232,9 @@ class KittiTruth:
     @property
     def notes(self) -> tuple[str, ...]:
         """See `TruthSource`."""
-        what = "files" if self._tracked is None else "frames"
-        notes = [f"{self.description}: {self._count} {what}, matched with the frames of the result in their order"]
+        what = "file" if self._tracked is None else "frame"
+        count = f"{self._count} {what}{'s' * (self._count != 1)}"
+        notes = [f"{self.description}: {count}, matched with the frames of the result in their order"]
         if self._is_short:
             notes.append(f"{self.description}: frames of the result from {self._count} on have no labels")
         return tuple(notes)

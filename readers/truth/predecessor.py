@@ -125,7 +125,7 @@ def parse_odometry_rows(text: str, path: Path) -> tuple[F64, F64 | None]:
             raise RecordingError(
                 f"{path}: expected a quaternion, or a size and a yaw, in columns 4 to 7, found neither"
             )
-    poses[:, :3, :3] = Rotation.from_euler("z", rows[:, -1]).as_matrix()
+    poses[:, :3, :3] = Rotation.from_euler("z", rows[:, -1:]).as_matrix()
     return poses, sizes
 
 

@@ -49,7 +49,9 @@ from video import CODECS, compressed_video, encode, ffmpeg_packet, moving
 from lidcam.evaluation.frames import EvaluationFrames
 from pipeline.core.errors import LidcamError
 from pipeline.core.frame import FrameResult
+from pipeline.core.geometry.transform import Transform
 from pipeline.core.messages import Channel, RawMessage
+from pipeline.core.rig import LidarSensor, Rig
 from pipeline.core.ros.typestores import message_types
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.load import dump_config, load_config
@@ -73,7 +75,10 @@ from readers.rig.rig_file import load_rig, rig_yaml
 from readers.streams.motion import find_motion_source
 from readers.streams.per_sensor import sensor_messages
 from readers.streams.survey import survey
+from readers.truth.kitti import KittiTruth
 from readers.truth.open import open_truth
+from readers.truth.openlabel import OpenLabelTruth
+from readers.truth.predecessor import PredecessorTruth
 from readers.velodyne.calibration import read_velodyne_calibration
 from readers.velodyne.decoder import VelodyneDecoders
 from readers.velodyne.models import MODELS
@@ -563,6 +568,36 @@ def _use_folder(path: Path) -> None:
             raise AssertionError(f"{file} is not in the folder")
 
 
+def _use_kitti_labels(path: Path) -> None:
+    calibration = path.parents[1] / "calib" / path.name
+    calibration.parent.mkdir(exist_ok=True)
+    calibration.write_text(KITTI)
+    truth = KittiTruth(path, LABELLED, Config())
+    truth.at(T0, frame=0)
+    truth.in_image("camera", T0, frame=0)
+
+
+def _use_evaluation_folder(path: Path) -> None:
+    _open(path.parents[1], ReadOptions(limits=LIMITS))
+
+
+LABELLED = Rig("lidar", (LidarSensor("lidar", "/points", Transform.identity("lidar", "lidar")),), (), ())
+KITTI_LABELS = "Car 0.10 1 -1.57 500.0 150.0 600.0 220.0 1.50 1.80 4.20 2.0 1.6 20.0 -1.57"
+OPENLABEL = json.dumps(
+    {
+        "openlabel": {
+            "coordinate_systems": {"lidar": {"parent": "", "pose_wrt_parent": {"quaternion": [0, 0, 0, 1]}}},
+            "frames": {
+                "0": {
+                    "frame_properties": {"timestamp": T0},
+                    "objects": {
+                        "a": {"object_data": {"type": "car", "cuboid": {"val": [1, 2, 3, 0, 0, 0, 1, 4, 2, 1]}}}
+                    },
+                }
+            },
+        }
+    }
+)
 RIG = """site_frame: lidar
 lidars: {lidar: {topic: /points, T_site_lidar: [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 2], [0, 0, 0, 1]]}}
 cameras:
@@ -695,6 +730,15 @@ HARNESSES: dict[str, Harness] = {
     "protobuf_schema": Harness(_protobuf_schema, _protobuf_schema_seeds),
     "definition": Harness(_definition, _definition_seeds),
     "rig": Harness(_text("rig.yaml", _use_rig), _texts(RIG, GEOMETRY, KITTI, CALIB_TXT, CAMCHAIN, SENSOR_KIT, TO_DO)),
+    "kitti_labels": Harness(_text("label_2/0.txt", _use_kitti_labels), _texts(KITTI_LABELS, f"0 1 {KITTI_LABELS}")),
+    "openlabel": Harness(
+        _text("a.json", lambda path: OpenLabelTruth(path, LABELLED, Config()).at(T0, frame=0)), _texts(OPENLABEL)
+    ),
+    "predecessor_odometry": Harness(
+        _text("odom/30000.txt", lambda path: PredecessorTruth(path.parents[1], LABELLED, Config()).at(T0, frame=0)),
+        _texts("1 2 3 0 0 0 1\n", "1 2 3 4 5 6 7\n", "1 2 3\n4 5 6\n"),
+    ),
+    "predecessor_cloud": Harness(_text("pcd/0.txt", _use_evaluation_folder), _texts("1 2 3 4\n5 6 7 8\n", "1,2,3,4\n")),
     "config": Harness(_text("config.yaml", load_config), lambda: _texts(dump_config(Config())[:600])()),
     "metadata": Harness(_text("folder/metadata.yaml", _use_folder), _texts(METADATA)),
     "velodyne_calibration": Harness(

@@ -43,7 +43,12 @@ ALWAYS: range = range(1 << 62)
 
 
 def perturbed(
-    source: Path, target: Path, changes: Mapping[str, Change], *, without_frames: Container[int] = ()
+    source: Path,
+    target: Path,
+    changes: Mapping[str, Change],
+    *,
+    without_frames: Container[int] = (),
+    texts: Mapping[str, Callable[[str], str]] | None = None,
 ) -> Path:
     """Write a copy of a result with the detections of some topics changed.
 
@@ -52,6 +57,7 @@ def perturbed(
         target: The file to write.
         changes: By topic of 3D boxes or of 2D boxes.
         without_frames: Frames that are left out, with all of their messages.
+        texts: What changes the attached texts, by name.
     """
     with source.open("rb") as read, target.open("wb") as write:
         reader = make_reader(read)
@@ -77,10 +83,11 @@ def perturbed(
                 array.detections = change(frame, list(array.detections))  # type: ignore[attr-defined]
                 data = bytes(store.serialize_cdr(array, schema.name))
             writer.add_message(channels[channel.id], message.log_time, data, message.publish_time, message.sequence)
-        for attachment in reader.iter_attachments():
-            writer.add_attachment(
-                attachment.create_time, attachment.log_time, attachment.name, attachment.media_type, attachment.data
-            )
+        for one in reader.iter_attachments():
+            data = one.data
+            if texts and one.name in texts:
+                data = texts[one.name](data.decode()).encode()
+            writer.add_attachment(one.create_time, one.log_time, one.name, one.media_type, data)
         for metadata in reader.iter_metadata():
             writer.add_metadata(metadata.name, metadata.metadata)
         writer.finish()  # type: ignore[no-untyped-call]
@@ -166,11 +173,12 @@ def doubled(which: Which = _all, frames: Collection[int] = ALWAYS, *, by_m: floa
 
 
 def shifted(by_m: Sequence[float], which: Which = _all, frames: Collection[int] = ALWAYS) -> Change:
-    """Objects are found at another place."""
+    """Objects are found at another place; 2D boxes, by pixels, have two numbers."""
 
     def move(one: Any) -> None:
         place = _center(one).position
-        place.x, place.y, place.z = place.x + by_m[0], place.y + by_m[1], place.z + by_m[2]
+        for axis, by in zip("xyz", by_m, strict=False):
+            setattr(place, axis, getattr(place, axis) + by)
 
     return _each(move, which, frames)
 

@@ -14,11 +14,15 @@ from typing import Any, Literal
 import numpy as np
 
 from pipeline.core.rig import CameraSensor, Rig
+from writers.messages.truth_scene import truth_scene_topic
 from writers.outputs.marked_text import marked_json
 from writers.panels import arrange
 from writers.viewpoint import SceneSurvey, Viewpoint, cameras_in_order
 
-__all__ = ["LAYOUT_SUFFIX", "foxglove_layout", "layout_path"]
+__all__ = ["COMPARED", "LAYOUT_SUFFIX", "foxglove_layout", "layout_path", "merged_layout"]
+
+COMPARED = "/compare/scene"
+"""Topic of what differs between two results."""
 
 LAYOUT_SUFFIX = ".foxglove.json"
 
@@ -31,6 +35,7 @@ _EXTRA_SHARE = 0.27
 _GROUND_COLOR, _FRUSTUM_COLOR, _TRANSFORM_LINE_COLOR = "#5a626eff", "#8d96a3ff", "#39414dff"
 _OBJECTS_COLOR, _CONFIRMED_COLOR, _SKEW_COLOR = "#57b5fa", "#33f259", "#ffc21a"
 
+_CLOUD = {"colorField": "z", "colorMode": "colormap", "colorMap": "turbo", "pointSize": 2}
 _PRELOADED = {"scene": {"transforms": {"enablePreloading": True}}}
 
 Config = dict[str, Any]
@@ -46,6 +51,58 @@ class _Panel:
 def layout_path(path: Path) -> Path:
     """Where the layout that belongs to an MCAP file is written: beside it."""
     return path.with_suffix(LAYOUT_SUFFIX)
+
+
+def merged_layout(rig: Rig, survey: SceneSurvey, topics: Collection[str], names: Sequence[str]) -> str:
+    """The layout of two results in one file, marked like that of one.
+
+    One view of the scene has both, with the clouds of the first; each camera has the image of the first result that has
+    one, with what both have found in it.
+
+    Args:
+        rig: The rig of the first result.
+        survey: What the first frames showed: places the eye.
+        topics: Topics of the file that have messages; no other is named.
+        names: What the topics of each result begin with, without the slash.
+    """
+    viewpoint = survey.viewpoint(aspect=1.5, fov_y_deg=FOV_Y_DEG)
+    scene = _Panel("3D!scene", _scene(rig, viewpoint, topics))
+    shown = scene.config["topics"]
+    clouds = [topic for name in names if (topic := f"/{name}/point_cloud_combined") in topics]
+    shown |= {topic: {**_CLOUD, "visible": topic == clouds[0]} for topic in clouds}
+    for topic in sorted(topics):
+        if topic.endswith("/fused/scene") or topic == COMPARED:
+            shown[topic] = {"visible": True, "showOutlines": False}
+        elif topic.endswith(("/fused/markers", "/ground_cloud")):
+            shown[topic] = {"visible": False}
+    cameras = []
+    for camera in cameras_in_order(rig):
+        images = [f"/{name}/{camera.name}/image{suffix}" for name in names for suffix in ("", "/compressed")]
+        if image := next((topic for topic in images if topic in topics), None):
+            found = [f"/{name}/{camera.name}/annotations" for name in names]
+            mode: Config = {"imageTopic": image, "synchronize": False}
+            if (calibration := f"{image.removesuffix('/compressed').removesuffix('/image')}/camera_info") in topics:
+                mode["calibrationTopic"] = calibration
+            mode["annotations"] = {topic: {"visible": True} for topic in found if topic in topics}
+            cameras.append(_Panel(f"Image!{camera.name}", {**_titled(camera.name), "imageMode": mode, **_PRELOADED}))
+    layout: Split = scene.id
+    if cameras:
+        ids = [panel.id for panel in cameras]
+        columns = max(1, round(len(ids) ** 0.5))
+        rows = [_row("row", ids[first : first + columns]) for first in range(0, len(ids), columns)]
+        layout = _split("row", layout, _row("column", rows), 0.6)
+    return _exported((scene, *cameras), layout)
+
+
+def _exported(panels: Sequence[_Panel], layout: Split) -> str:
+    tree = {
+        "configById": {panel.id: panel.config for panel in panels},
+        "globalVariables": {},
+        "userNodes": {},
+        "playbackConfig": {"speed": 1},
+        "layout": layout,
+    }
+    return marked_json(json.dumps(tree, indent=2) + "\n")
 
 
 def foxglove_layout(rig: Rig, survey: SceneSurvey, topics: Collection[str]) -> str:
@@ -82,20 +139,13 @@ def foxglove_layout(rig: Rig, survey: SceneSurvey, topics: Collection[str]) -> s
             layout = _split("row", layout, grid, 1 - panels.image_share)
         else:
             layout = _split("column", grid, layout, panels.image_share)
-    tree = {
-        "configById": {panel.id: panel.config for panel in (scene, *cameras, *extra)},
-        "globalVariables": {},
-        "userNodes": {},
-        "playbackConfig": {"speed": 1},
-        "layout": layout,
-    }
-    return marked_json(json.dumps(tree, indent=2) + "\n")
+    return _exported((scene, *cameras, *extra), layout)
 
 
 def _scene(rig: Rig, viewpoint: Viewpoint, topics: Collection[str]) -> Config:
     size_m = viewpoint.size_m
     settings: Mapping[str, Config] = {
-        "/point_cloud_combined": {"colorField": "z", "colorMode": "colormap", "colorMap": "turbo", "pointSize": 2},
+        "/point_cloud_combined": _CLOUD,
         "/ground_cloud": {"colorField": "z", "colorMode": "flat", "flatColor": _GROUND_COLOR, "pointSize": 1.5},
         "/fused/scene": {"showOutlines": False},  # white ones; the objects bring their own
         **{
@@ -104,6 +154,7 @@ def _scene(rig: Rig, viewpoint: Viewpoint, topics: Collection[str]) -> Config:
         },
     }
     shown = {topic: {"visible": True, **config} for topic, config in settings.items() if topic in topics}
+    shown |= {topic: {"visible": True, "showOutlines": False} for topic in sorted(topics) if _is_truth_scene(topic)}
     if "/fused/markers" in topics:
         shown["/fused/markers"] = {"visible": False}  # the same objects once more, for RViz
     return {
@@ -126,6 +177,11 @@ def _scene(rig: Rig, viewpoint: Viewpoint, topics: Collection[str]) -> Config:
         "layers": {},
         "imageMode": {},
     }
+
+
+def _is_truth_scene(topic: str) -> bool:
+    """Whether truth is drawn on a topic of the file."""
+    return topic.endswith(truth_scene_topic("")) and topic != "/fused/scene"
 
 
 def _camera_state(viewpoint: Viewpoint) -> Config:

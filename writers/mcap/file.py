@@ -1,5 +1,6 @@
 """One MCAP file that is being written."""
 
+import base64
 import contextlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -7,6 +8,7 @@ from typing import Literal
 
 from mcap.writer import CompressionType, Writer
 
+from pipeline.core.messages import Channel
 from writers.outputs.marks import LIBRARY
 
 __all__ = ["McapOutput", "mcap_file"]
@@ -29,6 +31,15 @@ class McapOutput:
         if schema not in self._schemas:
             self._schemas[schema] = self._writer.register_schema(*schema)
         return self._writer.register_channel(topic, encoding, self._schemas[schema], dict(metadata or {}))
+
+    def add_recorded(self, channel: Channel, topic: str = "") -> int:
+        """The id of a new channel for messages as they were recorded, under another topic if one is given."""
+        metadata = {}
+        if channel.digest:
+            metadata["md5sum" if channel.encoding == "ros1" else "topic_type_hash"] = channel.digest
+        if channel.encoding == "cdr":
+            metadata["offered_qos_profiles"] = ""
+        return self.add_channel(topic or channel.topic, channel.encoding, _schema(channel), metadata)
 
     def add_message(self, channel: int, log_time_ns: int, data: bytes | memoryview, sequence: int = 0) -> None:
         """Add a message, published when it was logged."""
@@ -57,3 +68,15 @@ def mcap_file(
         writer.start(profile=profile, library=LIBRARY)
         yield McapOutput(writer)
         writer.finish()  # type: ignore[no-untyped-call]  # mcap annotates in part
+
+
+def _schema(channel: Channel) -> tuple[str, str, bytes]:
+    """Name, encoding and data of the schema (mcap.dev/spec/registry)."""
+    name, definition_format = channel.msgtype, str(channel.definition_format)
+    if channel.encoding == "ros1":
+        return name.replace("/msg/", "/"), definition_format, channel.definition.encode()
+    if channel.encoding == "protobuf":
+        return name, definition_format, base64.b64decode(channel.definition)
+    if not channel.definition:
+        definition_format = ""  # as rosbag2 writes a type whose definition it does not know
+    return name, definition_format, channel.definition.encode()

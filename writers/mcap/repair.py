@@ -1,10 +1,9 @@
 """What could be recovered of a damaged recording as an intact MCAP file, its messages neither decoded nor changed."""
 
-import base64
 from collections.abc import Iterable, Iterator, Mapping
 
 from pipeline.core.messages import Channel, RawMessage
-from writers.mcap.file import McapOutput, mcap_file
+from writers.mcap.file import mcap_file
 from writers.outputs.errors import output_errors
 from writers.outputs.marks import REPAIRED
 from writers.outputs.transaction import OutputFile
@@ -40,10 +39,10 @@ def write_repaired(
     profile = PROFILES.get(frozenset(channel.encoding for channel in channels), "")
     count = 0
     with output_errors(output.path), mcap_file(output.part, profile=profile) as file:
-        ids = {channel: _add_channel(file, channel) for channel in channels}
+        ids = {channel: file.add_recorded(channel) for channel in channels}
         for message in messages:
             if message.channel not in ids:
-                ids[message.channel] = _add_channel(file, message.channel)
+                ids[message.channel] = file.add_recorded(message.channel)
             file.add_message(ids[message.channel], message.log_time_ns, message.data, count)
             count += 1
         losses = list(lost)
@@ -51,24 +50,3 @@ def write_repaired(
         for record in losses:
             file.add_metadata(REPAIRED, record)
     return count
-
-
-def _add_channel(file: McapOutput, channel: Channel) -> int:
-    metadata = {}
-    if channel.digest:
-        metadata["md5sum" if channel.encoding == "ros1" else "topic_type_hash"] = channel.digest
-    if channel.encoding == "cdr":
-        metadata["offered_qos_profiles"] = ""
-    return file.add_channel(channel.topic, channel.encoding, _schema(channel), metadata)
-
-
-def _schema(channel: Channel) -> tuple[str, str, bytes]:
-    """Name, encoding and data of the schema (mcap.dev/spec/registry)."""
-    name, definition_format = channel.msgtype, str(channel.definition_format)
-    if channel.encoding == "ros1":
-        return name.replace("/msg/", "/"), definition_format, channel.definition.encode()
-    if channel.encoding == "protobuf":
-        return name, definition_format, base64.b64decode(channel.definition)
-    if not channel.definition:
-        definition_format = ""  # as rosbag2 writes a type whose definition it does not know
-    return name, definition_format, channel.definition.encode()

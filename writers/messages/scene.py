@@ -3,7 +3,7 @@
 Each message first deletes what the one before it drew, so nothing stale stays, however long the gap between frames.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,7 +15,7 @@ from pipeline.core.ros.messages import ROS2
 from writers.drawing import ARROW_SHARE, object_colors, object_labels, strong_objects
 from writers.messages.detections import box_poses
 
-__all__ = ["marker_array", "scene_update"]
+__all__ = ["LABEL_SHARE", "label", "marker_array", "outline", "scene_entity", "scene_update", "whole_scene"]
 
 LABEL_PX = 13.0
 LABEL_SHARE = 0.35
@@ -24,6 +24,7 @@ LABEL_SHARE = 0.35
 
 ALPHA_STRONG, ALPHA_FAINT = 0.5, 0.1
 _EDGE_PX = 2.0
+_WHITE = (1.0, 1.0, 1.0)
 _EDGES = BOX_EDGES.reshape(-1).astype(np.uint32)
 _LINE_LIST = 2  # LinePrimitive
 _DELETE_ALL_ENTITIES = 1  # SceneEntityDeletion.ALL
@@ -33,40 +34,54 @@ _ADD, _DELETE_ALL, _CUBE, _TEXT_VIEW_FACING = 0, 3, 1, 9  # visualization_msgs/M
 def scene_update(result: FrameResult, class_names: Sequence[str]) -> Any:
     """foxglove_msgs/SceneUpdate: a cube and an arrow per fused object, with a label unless it is faint."""
     objects, stamp = result.fused.objects, ROS2.time(result.bundle.stamp_ns)
-    white = _foxglove("Color", 1.0, 1.0, 1.0, 1.0)
     strong = strong_objects(result).tolist()
     details = zip(objects.class_ids.tolist(), objects.scores.tolist(), objects.point_counts.tolist(), strict=True)
     entities = []
     for row, (drawn, (class_id, score, points)) in enumerate(zip(_drawn(result, class_names), details, strict=True)):
-        text = _foxglove("TextPrimitive", drawn.label_pose, True, LABEL_PX, True, white, drawn.label)
+        text = label(drawn.label, drawn.label_pose, _WHITE)
         metadata = {
             "class": class_names[class_id],
             "score": f"{score:.4f}",
             "cameras": str(result.fused.matched[row]),
             "points": str(points),
         }
+        cube = _foxglove("CubePrimitive", drawn.pose, ROS2.vector(*drawn.size), _foxglove("Color", *drawn.rgba))
         entities.append(
-            _foxglove(
-                "SceneEntity",
-                timestamp=stamp,
-                frame_id=objects.frame_id,
-                id=f"object-{row}",
-                lifetime=_forever(),
-                frame_locked=False,
-                metadata=[_foxglove("KeyValuePair", key, value) for key, value in metadata.items()],
+            scene_entity(
+                f"object-{row}",
+                stamp,
+                objects.frame_id,
+                metadata,
                 arrows=[_arrow(drawn, opaque=strong[row])],
-                cubes=[
-                    _foxglove("CubePrimitive", drawn.pose, ROS2.vector(*drawn.size), _foxglove("Color", *drawn.rgba))
-                ],
-                spheres=[],
-                cylinders=[],
-                lines=[_outline(drawn, _EDGE_PX if strong[row] else _EDGE_PX / 2)],
-                triangles=[],
+                cubes=[cube],
+                lines=[outline(drawn.pose, drawn.size, drawn.rgba[:3], _EDGE_PX if strong[row] else _EDGE_PX / 2)],
                 texts=[text] if strong[row] else [],
-                models=[],
             )
         )
-    return _foxglove("SceneUpdate", [_foxglove("SceneEntityDeletion", stamp, _DELETE_ALL_ENTITIES, "")], entities)
+    return whole_scene(stamp, entities)
+
+
+def scene_entity(
+    entity_id: str, stamp: Any, frame_id: str, metadata: Mapping[str, str], **primitives: Sequence[Any]
+) -> Any:
+    """foxglove_msgs/SceneEntity that stays until it is deleted; `primitives` by name, `cubes=[...]`."""
+    kinds = ("arrows", "cubes", "spheres", "cylinders", "lines", "triangles", "texts", "models")
+    return _foxglove(
+        "SceneEntity",
+        timestamp=stamp,
+        frame_id=frame_id,
+        id=entity_id,
+        lifetime=_forever(),
+        frame_locked=False,
+        metadata=[_foxglove("KeyValuePair", key, value) for key, value in metadata.items()],
+        **{kind: list(primitives.get(kind, ())) for kind in kinds},
+    )
+
+
+def whole_scene(stamp: Any, entities: Sequence[Any]) -> Any:
+    """foxglove_msgs/SceneUpdate that leaves nothing of the scene before it."""
+    deletion = _foxglove("SceneEntityDeletion", stamp, _DELETE_ALL_ENTITIES, "")
+    return _foxglove("SceneUpdate", [deletion], list(entities))
 
 
 def marker_array(result: FrameResult, class_names: Sequence[str]) -> Any:
@@ -115,12 +130,17 @@ def _arrow(drawn: _Drawn, *, opaque: bool) -> Any:
     return _foxglove("ArrowPrimitive", drawn.pose, shaft, 0.06 * height, head, 0.15 * height, color)
 
 
-def _outline(drawn: _Drawn, thickness_px: float) -> Any:
-    """The edges of an object's box in its colour."""
-    corners = box_corners(np.zeros((1, 3)), np.array([drawn.size]), np.zeros(1))[0]
+def outline(pose: Any, size: Sequence[float], rgb: Sequence[float], thickness_px: float) -> Any:
+    """foxglove_msgs/LinePrimitive: the edges of a box."""
+    corners = box_corners(np.zeros((1, 3)), np.array([size]), np.zeros(1))[0]
     points = [ROS2.new("geometry_msgs/msg/Point", *corner) for corner in corners.tolist()]
-    color = _foxglove("Color", *drawn.rgba[:3], 1.0)
-    return _foxglove("LinePrimitive", _LINE_LIST, drawn.pose, thickness_px, True, points, color, [], _EDGES)
+    color = _foxglove("Color", *rgb, 1.0)
+    return _foxglove("LinePrimitive", _LINE_LIST, pose, thickness_px, True, points, color, [], _EDGES)
+
+
+def label(text: str, pose: Any, rgb: Sequence[float]) -> Any:
+    """foxglove_msgs/TextPrimitive that faces the viewer."""
+    return _foxglove("TextPrimitive", pose, True, LABEL_PX, True, _foxglove("Color", *rgb, 1.0), text)
 
 
 def _foxglove(name: str, *values: Any, **fields: Any) -> Any:

@@ -1,6 +1,6 @@
 """By what lidcam knows its own files: a run replaces those of earlier runs, and no others."""
 
-__all__ = ["APPLICATION", "BAG_CALLER", "FOLDER_DATA", "LIBRARY", "REPAIRED", "RESULT", "SIMULATED"]
+__all__ = ["APPLICATION", "BAG_CALLER", "FOLDER_DATA", "LIBRARY", "MERGED", "REPAIRED", "RESULT", "SIMULATED"]
 
 LIBRARY = "lidcam"
 """In the header of an MCAP. Without a version: the same results have the same bytes whichever version of the MCAP
@@ -9,7 +9,8 @@ library wrote them."""
 RESULT = "lidcam"
 REPAIRED = "lidcam.repair"
 SIMULATED = "lidcam_truth"
-"""Names of metadata records of an MCAP: a result, a repaired recording, a simulated one."""
+MERGED = "lidcam.merged"
+"""Names of metadata records of an MCAP: a result, a repaired recording, a simulated one, two results side by side."""
 
 APPLICATION = "lidcam"
 """Application of an .rrd."""

@@ -41,6 +41,7 @@ class Simulation:
         self._waiting: list[Recorded] = [self._messages.recorded(0, "/tf_static", 0, static, latched=True)]
         self._measured: list[Measured] = []
         self._truths: deque[int] = deque()
+        self._truths_when_measured: deque[int] = deque()
         self._commands: dict[str, AckermannCommand] = {}
 
     @property
@@ -73,10 +74,12 @@ class Simulation:
         begin_ns, self._now_ns = self._now_ns, until_ns
         self._measure(until_ns, begun_ns=until_ns)
         self._waiting += self._states.between(begin_ns, until_ns)
-        self._truths += moments(self.scenario.recording.truth_rate_hz, begin_ns, until_ns)
+        times_ns = list(moments(self.scenario.recording.truth_rate_hz, begin_ns, until_ns))
+        self._truths += times_ns
+        self._truths_when_measured += times_ns
         self._record_truths(until_ns)
         self._stage.forget(until_ns)
-        self._measured = [one for one in self._measured if one.until_ns > until_ns - 2 * self._stage.longest_ns]
+        self._measured = [one for one in self._measured if one.until_ns > until_ns - 3 * self._stage.longest_ns]
         self._waiting.sort(key=lambda recorded: recorded[:3])
         ready = sum(recorded.log_ns <= until_ns for recorded in self._waiting)
         done, self._waiting = self._waiting[:ready], self._waiting[ready:]
@@ -86,8 +89,11 @@ class Simulation:
         """End the simulation; returns the messages not yet recorded, of all measurements begun by now."""
         end_ns = self._now_ns + self._stage.longest_ns
         self._measure(end_ns, begun_ns=self._now_ns)
-        while self._truths and self._truths[-1] >= self._now_ns:  # no sensor measures at the end itself
-            self._truths.pop()
+        for times_ns in (self._truths, self._truths_when_measured):
+            while times_ns and times_ns[-1] >= self._now_ns:  # no sensor measures at the end itself
+                times_ns.pop()
+        end_ns += self._stage.longest_ns
+        self._stage.traffic.advance(end_ns)
         self._record_truths(end_ns)
         done, self._waiting = sorted(self._waiting, key=lambda recorded: recorded[:3]), []
         return done
@@ -108,5 +114,9 @@ class Simulation:
 
     def _record_truths(self, until_ns: int) -> None:
         """Record the ground truth of times for which all measurements are complete."""
-        while self._truths and self._truths[0] + self._stage.longest_ns <= until_ns:
-            self._waiting += self._states.truth(self._truths.popleft(), self._measured)
+        longest_ns = self._stage.longest_ns
+        while self._truths and self._truths[0] + longest_ns <= until_ns:
+            self._waiting.append(self._states.truth(self._truths.popleft(), self._measured))
+        while self._truths_when_measured and self._truths_when_measured[0] + 2 * longest_ns <= until_ns:
+            time_ns = self._truths_when_measured.popleft()
+            self._waiting.append(self._states.truth_when_measured(time_ns, self._measured))

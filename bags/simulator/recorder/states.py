@@ -1,6 +1,6 @@
 """Messages that come from no sensor: odometry, tf, commands and ground truth."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -48,35 +48,55 @@ class States:
                 for time_ns in moments(settings.command_rate_hz, begin_ns, until_ns):
                     yield from self._commands(name, time_ns)
 
-    def truth(self, time_ns: int, measured: Iterable[Measured]) -> Iterator[Recorded]:
+    def truth(self, time_ns: int, measured: Sequence[Measured]) -> Recorded:
         """The ground truth at one time, recorded once all measurements of that time are complete.
-
-        It comes twice: as things were at that time, and each where it was at the mean time of the lidar points on it.
 
         Args:
             time_ns: The time.
             measured: Measurements, including all that span the time.
         """
+        times_ns = [time_ns] * len(self._stage.scene.movers)
+        return self._objects(TRUTH_TOPIC, time_ns, times_ns, measured, log_ns=time_ns + self._stage.longest_ns)
+
+    def truth_when_measured(self, time_ns: int, measured: Sequence[Measured]) -> Recorded:
+        """The same objects, each where sweeps that begin at that time have its points in the mean.
+
+        A frame of several lidars has the stamp of the first, and of each other one the sweep that begins nearest to it.
+        So the times of points count from the beginning of the first lidar's sweep, and the other sweeps are shifted by
+        whole turns until they begin within half a turn of it.
+
+        Args:
+            time_ns: The time; the traffic must have advanced further by twice the longest measurement.
+            measured: As for `truth`.
+        """
+        count = len(self._stage.scene.movers)
+        sweeps = [one for one in measured if one.sensor in self._lidars and one.from_ns <= time_ns < one.until_ns]
+        sweeps.sort(key=lambda one: self._lidars.index(one.sensor))
+        points, late_ns = np.zeros(count, np.int64), np.zeros(count, np.int64)
+        for one in sweeps:
+            turn_ns, after_ns = one.until_ns - one.from_ns, one.from_ns - sweeps[0].from_ns
+            after_ns -= (after_ns + turn_ns // 2) // turn_ns * turn_ns
+            points += one.hits
+            late_ns += one.hit_offsets_ns + after_ns * one.hits
+        times_ns = (time_ns + np.rint(late_ns / np.maximum(points, 1)).astype(np.int64)).tolist()
+        log_ns = time_ns + 2 * self._stage.longest_ns
+        return self._objects(MEASURED_TRUTH_TOPIC, time_ns, times_ns, measured, log_ns=log_ns)
+
+    def _objects(
+        self, topic: str, time_ns: int, times_ns: Sequence[int], measured: Iterable[Measured], *, log_ns: int
+    ) -> Recorded:
+        """All objects, each with the hits of one time and where it is at its own time."""
         stage = self._stage
-        count = len(stage.scene.movers)
-        hits = {name: np.zeros(count, np.int64) for name in stage.scenario.sensors}
-        late_ns = np.zeros(count, np.int64)
+        hits = {name: np.zeros(len(stage.scene.movers), np.int64) for name in stage.scenario.sensors}
         for one in measured:
             if one.from_ns <= time_ns < one.until_ns:
                 hits[one.sensor] += one.hits
-                late_ns += one.hit_offsets_ns
-                if one.sensor in self._lidars:
-                    late_ns += (one.from_ns - time_ns) * one.hits
-        points = sum((hits[name] for name in self._lidars), np.zeros(count, np.int64))
-        hypotheses = [self._hypotheses(row, hits) for row in range(count)]
-        times_ns = (time_ns + np.rint(late_ns / np.maximum(points, 1)).astype(np.int64)).tolist()
-        for topic, moments_ns in ((TRUTH_TOPIC, [time_ns] * count), (MEASURED_TRUTH_TOPIC, times_ns)):
-            objects = [
-                TrueObject(mover.name, row, *stage.body_box(row, moments_ns[row]), hypotheses[row])
-                for row, mover in enumerate(stage.scene.movers)
-            ]
-            message = self._messages.truth(time_ns, stage.scenario.site_frame, objects)
-            yield self._messages.recorded(time_ns + stage.longest_ns, topic, time_ns, message)
+        objects = [
+            TrueObject(mover.name, row, *stage.body_box(row, times_ns[row]), self._hypotheses(row, hits))
+            for row, mover in enumerate(stage.scene.movers)
+        ]
+        message = self._messages.truth(time_ns, stage.scenario.site_frame, objects)
+        return self._messages.recorded(log_ns, topic, time_ns, message)
 
     def _hypotheses(self, row: int, hits: Mapping[str, I64]) -> tuple[Hypothesis, ...]:
         """Class and counts of a mover, from the hits of each sensor on all movers."""

@@ -43,6 +43,11 @@ class RosMessages:
         serialize = self._types.serialize_ros1 if self.ros_version == 1 else self._types.serialize_cdr
         return serialize(message, message.__msgtype__)
 
+    def deserialize(self, data: bytes | memoryview, msgtype: str) -> Any:
+        """The message of bytes that `serialize` made."""
+        read = self._types.deserialize_ros1 if self.ros_version == 1 else self._types.deserialize_cdr
+        return read(data, msgtype)
+
     def definition(self, msgtype: str) -> str:
         """A type's definition with those of all types that it contains, as MCAP's `ros1msg` and `ros2msg`."""
         return self._types.generate_msgdef(msgtype, ros_version=self.ros_version)[0]

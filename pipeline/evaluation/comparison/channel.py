@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Generic, TypeGuard, TypeVar
 
 import numpy as np
 
@@ -12,13 +13,16 @@ from pipeline.evaluation.comparison.objects import ImageObjects, KnownClasses, S
 from pipeline.evaluation.comparison.records import PAIR_KINDS, Changes, Channel, ComparedFrame, Kind
 from pipeline.evaluation.comparison.tally import Tally
 
-__all__ = ["ChannelComparison", "Compared"]
+__all__ = ["ChannelComparison", "Compared", "is_of_source"]
 
 _NO_ROWS = np.zeros(0, np.intp)
 
 
+Objects = TypeVar("Objects", SourceObjects, ImageObjects)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
-class Compared:
+class Compared(Generic[Objects]):
     """A channel in one frame of both results.
 
     Attributes:
@@ -27,9 +31,17 @@ class Compared:
         changes: What differs.
     """
 
-    first: SourceObjects | ImageObjects
-    second: SourceObjects | ImageObjects
+    first: Objects
+    second: Objects
     changes: Changes
+
+
+AnyCompared = Compared[SourceObjects] | Compared[ImageObjects]
+
+
+def is_of_source(compared: AnyCompared) -> TypeGuard[Compared[SourceObjects]]:
+    """Whether these are objects of a source, not boxes of a camera."""
+    return isinstance(compared.first, SourceObjects)
 
 
 class ChannelComparison:
@@ -59,7 +71,7 @@ class ChannelComparison:
         self._episodes = Episodes(channel)
         self._tracks = Tracks()
 
-    def add(self, first: ComparedFrame, second: ComparedFrame) -> Compared | None:
+    def add(self, first: ComparedFrame, second: ComparedFrame) -> AnyCompared | None:
         """Take in two frames; None if neither has a message of the channel. What only one has, is empty in the other.
 
         Returns:
@@ -71,7 +83,7 @@ class ChannelComparison:
         return compared
 
     def tell(
-        self, compared: Compared | None, first: ComparedFrame, second: ComparedFrame, *, pair: int, is_next: bool
+        self, compared: AnyCompared | None, first: ComparedFrame, second: ComparedFrame, *, pair: int, is_next: bool
     ) -> list[Episode]:
         """Join what differs with the frames before: the episodes that are over."""
         differences = [] if compared is None else [*self._differences(compared, first, second, pair)]
@@ -81,7 +93,7 @@ class ChannelComparison:
         """Take in that the next frames do not follow, if there are any: the episodes that are over."""
         return self._episodes.add((), is_next=False)
 
-    def _sources(self, first: ComparedFrame, second: ComparedFrame) -> Compared | None:
+    def _sources(self, first: ComparedFrame, second: ComparedFrame) -> Compared[SourceObjects] | None:
         a, b = first.sources.get(self._channel[1]), second.sources.get(self._channel[1])
         one = a or b
         if one is None:
@@ -93,7 +105,7 @@ class ChannelComparison:
         )
         return Compared(*objects, source_changes(*objects, self._config, self._tracks))
 
-    def _images(self, first: ComparedFrame, second: ComparedFrame) -> Compared | None:
+    def _images(self, first: ComparedFrame, second: ComparedFrame) -> Compared[ImageObjects] | None:
         a, b = first.cameras.get(self._channel[1]), second.cameras.get(self._channel[1])
         one = a or b
         if one is None:
@@ -106,7 +118,7 @@ class ChannelComparison:
         return Compared(*objects, image_changes(*objects, self._config))
 
     def _differences(
-        self, compared: Compared, first: ComparedFrame, second: ComparedFrame, pair: int
+        self, compared: AnyCompared, first: ComparedFrame, second: ComparedFrame, pair: int
     ) -> Iterator[Difference]:
         """The objects that differ: those that both have, those of A alone, those of B alone."""
         changes, a, b = compared.changes, compared.first, compared.second

@@ -5,9 +5,9 @@ from typing import Any
 
 from pipeline.core.settings.classes import ClassPrior
 from pipeline.core.settings.compare import CompareConfig
-from pipeline.evaluation.comparison.channel import ChannelComparison, Compared
+from pipeline.evaluation.comparison.channel import ChannelComparison, Compared, is_of_source
 from pipeline.evaluation.comparison.listing import Listing
-from pipeline.evaluation.comparison.objects import KnownClasses
+from pipeline.evaluation.comparison.objects import KnownClasses, SourceObjects
 from pipeline.evaluation.comparison.records import Channel, FramePair, Kind
 
 __all__ = ["Comparison"]
@@ -44,11 +44,16 @@ class Comparison:
         self._start_ns: int | None = None
         self._pairs = 0
 
-    def add(self, pair: FramePair) -> Mapping[Channel, Compared]:
-        """Take in two frames, and say what differs between them; nothing if one result alone has a frame."""
+    def add(self, pair: FramePair) -> Mapping[str, Compared[SourceObjects]]:
+        """Take in two frames.
+
+        Returns:
+            What differs, by source; nothing if one result alone has a frame.
+        """
         if self._start_ns is None:
             self._start_ns = min(frame.stamp_ns for frame in (pair.first, pair.second) if frame is not None)
-        found: dict[Channel, Compared] = {}
+        found: dict[str, Compared[SourceObjects]] = {}
+        is_any = False
         if pair.first is None or pair.second is None:
             self._frames["frames_only_in_a" if pair.second is None else "frames_only_in_b"] += 1
             self.close()
@@ -57,10 +62,12 @@ class Comparison:
             for row, (channel, comparison) in enumerate(self._channels.items()):
                 compared = comparison.add(pair.first, pair.second)
                 if compared is not None:
-                    found[channel] = compared
+                    is_any |= compared.changes.are_any
+                    if is_of_source(compared):
+                        found[channel[1]] = compared
                 told = comparison.tell(compared, pair.first, pair.second, pair=self._pairs, is_next=pair.is_next)
                 self._listing.take(told, row)
-            self._frames["frames_different"] += any(compared.changes.are_any for compared in found.values())
+            self._frames["frames_different"] += is_any
         self._pairs += 1
         return found
 

@@ -170,8 +170,8 @@ def mean_nuscenes_figures(classes: dict[str, Averages]) -> Averages:
     nothing: Averages = {**dict.fromkeys(("map", *_AP_NAMES), 0.0), **dict.fromkeys(("ate", "ase", "aoe"), 1.0)}
     ten = [classes.get(name, {**nothing, "aoe": None if name == "traffic_cone" else 1.0}) for name in NUSCENES_RANGES_M]
     means = mean_figures(ten)
-    errors = [1.0 if means[name] is None else float(means[name] or 0.0) for name in ("ate", "ase", "aoe")]
-    return {**means, "nds": detection_score(float(means["map"] or 0.0), (*errors, 1.0, 1.0))}
+    known = {name: value for name, value in means.items() if value is not None}
+    return {**means, "nds": detection_score(known["map"], (known["ate"], known["ase"], known["aoe"], 1.0, 1.0))}
 
 
 def _mean(values: Sequence[float | None]) -> float | None:

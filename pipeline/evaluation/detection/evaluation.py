@@ -24,7 +24,7 @@ _ORDER = ("lidar", "cameras", "fused")
 class DetectionEvaluation:
     """Compares the detections of every source with the truth.
 
-    Kept of a frame is a row of numbers for each box, about 130 bytes.
+    Kept of a frame is a row of numbers for each box, about 100 bytes.
 
     Args:
         config: Classes and settings of the evaluation.

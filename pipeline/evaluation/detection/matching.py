@@ -30,9 +30,6 @@ class Candidates:
     volume: F64
     distance: F64
 
-    def __len__(self) -> int:
-        return len(self.found)
-
     def fulfil(self, criterion: Criterion, class_ids: I32) -> Bools:
         """(P,) where the criterion holds, with the limits of the given classes (P,)."""
         if criterion.measure == "distance":

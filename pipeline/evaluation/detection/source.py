@@ -127,29 +127,18 @@ class Source:
         return self._orders[class_id]
 
     def _by_class(self, place: Place | None) -> dict[str, dict[str, Figures | float | int | None]]:
-        names = self.site.class_names
+        names, by_distance = self.site.class_names, self.site.criteria.distances_name
         overlaps = {name: self._overlaps(row, place) for row, name in enumerate(names)}
         distances = {name: self._distances(row, place) for row, name in enumerate(names)}
-        by_distance = self.site.criteria.distances_name
+        figures: dict[str, dict[str, Figures | float | int | None]] = {}
+        for row, name in enumerate(names):
+            limits = {"thresholds": self._distances_m(row)} if place is None else {}
+            figures[name] = {**self._pooled(row, place), **overlaps[name], by_distance: {**distances[name], **limits}}
         means = (
             mean_nuscenes_figures(distances) if by_distance == "nuscenes" else mean_figures(list(distances.values()))
         )
-        figures = {
-            name: {**self._pooled(row, place), **overlaps[name], by_distance: {**distances[name], **self._limits(row)}}
-            for row, name in enumerate(names)
-        }
-        all_overlaps = mean_figures(list(overlaps.values()))
-        return {**figures, ALL_CLASSES: {**self._pooled(None, place), **all_overlaps, by_distance: means}}
-
-    def _limits(self, class_id: int) -> dict[str, list[Figures]]:
-        limits_m = np.array(DISTANCES_M) * self.site.criteria.scales[class_id]
-        figures = [ap_by_distance_name(limit_m) for limit_m in DISTANCES_M]
-        return {
-            "thresholds": [
-                {"figure": figure, "distance_m": float(limit_m)}
-                for figure, limit_m in zip(figures, limits_m, strict=True)
-            ]
-        }
+        overlap_means = mean_figures(list(overlaps.values()))
+        return {**figures, ALL_CLASSES: {**self._pooled(None, place), **overlap_means, by_distance: means}}
 
     def _overlaps(self, class_id: int, place: Place | None) -> Averages:
         count = len(truth_in(self.site.truth, self.is_evaluated(class_id), place))
@@ -203,6 +192,12 @@ class Source:
             "points": {name: _recall(is_counted & mask, is_right) for name, mask in within.items()},
             "labels": {name: _recall(is_counted & mask, is_right) for name, mask in labels.items()},
         }
+
+    def _distances_m(self, class_id: int) -> list[Figures]:
+        scale = self.site.criteria.scales[class_id]
+        return [
+            {"figure": ap_by_distance_name(limit_m), "distance_m": float(limit_m * scale)} for limit_m in DISTANCES_M
+        ]
 
     def _confusion(self) -> Figures:
         """What the detections of each class show, by the truth's own labels."""

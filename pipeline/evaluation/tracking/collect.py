@@ -10,14 +10,13 @@ from typing import TypeVar
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64, Bools, Indices
-from pipeline.core.detections import Boxes3D
-from pipeline.core.geometry.rotated_iou import BoxArrays, pair_ious
+from pipeline.core.arrays import F64, I64
 from pipeline.core.settings.config import Config
-from pipeline.evaluation.assignment import assign_nearest, pairs_of_equal
+from pipeline.evaluation.assignment import assign_nearest
 from pipeline.evaluation.ignoring import is_evaluated, is_within
 from pipeline.evaluation.records import UNKNOWN, EvaluationFrame, SourceBoxes, TruthBoxes3D
 from pipeline.evaluation.scales import length_scales
+from pipeline.evaluation.tracking.candidates import Candidates, Objects, near_pairs, near_rows
 from pipeline.evaluation.tracking.table import TrackTable
 
 __all__ = ["MAX_DISTANCE_M", "Collection"]
@@ -29,23 +28,12 @@ BLOCK_FRAMES = 256
 
 _NO_ROWS, _NO_VALUES = np.zeros(0, np.int64), np.zeros(0)
 
-Part = TypeVar("Part", "_Truth", "_Found", "_Pairs")
+Part = TypeVar("Part", "_Kept", Candidates)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Truth:
-    """True objects that have to be found; `frames` are positions among the frames with truth."""
-
-    frames: I64
-    class_ids: I64
-    tracks: I64
-    yaws: F64
-    ranges_m: F64
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Found:
-    """Boxes of one source that count."""
+class _Kept:
+    """True objects, or boxes found, that count; `frames` are positions among the frames with truth."""
 
     frames: I64
     class_ids: I64
@@ -54,23 +42,29 @@ class _Found:
     ranges_m: F64
     scores: F64
 
+    @classmethod
+    def of(cls, objects: Objects, scores: F64) -> "_Kept":
+        yaws, ranges_m = objects.boxes.yaws, objects.ranges_m
+        return cls(objects.frames, objects.class_ids, objects.tracks, yaws, ranges_m, scores)
+
+
+_NONE_KEPT = _Kept(_NO_ROWS, _NO_ROWS, _NO_ROWS, _NO_VALUES, _NO_VALUES, _NO_VALUES)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Pairs:
-    """Pairs of rows of all truth and all boxes found."""
+class _BlockTruth:
+    """The truth of a block: what has to be found, and what is ignored."""
 
-    first: I64
-    second: I64
-    distances_m: F64
-    ious: F64
+    counting: Objects
+    ignored: Objects
 
 
 class _Source:
     """What was found by one source so far."""
 
     def __init__(self, class_count: int) -> None:
-        self.found = [_Found(_NO_ROWS, _NO_ROWS, _NO_ROWS, _NO_VALUES, _NO_VALUES, _NO_VALUES)]
-        self.pairs = [_Pairs(_NO_ROWS, _NO_ROWS, _NO_VALUES, _NO_VALUES)]
+        self.found = [_NONE_KEPT]
+        self.pairs = [Candidates(_NO_ROWS, _NO_ROWS, _NO_VALUES, _NO_VALUES)]
         self.count = 0
         self.without_track = np.zeros(class_count, np.int64)
         self.has_tracks = False
@@ -84,8 +78,9 @@ class Collection:
         self._max_distances_m = MAX_DISTANCE_M * length_scales(config)
         self._frames: list[tuple[TruthBoxes3D, dict[str, SourceBoxes]]] = []
         self._stamps_ns: list[int] = []
-        self._truth = [_Truth(_NO_ROWS, _NO_ROWS, _NO_ROWS, _NO_VALUES, _NO_VALUES)]
+        self._truth = [_NONE_KEPT]
         self._truth_count = 0
+        self._tracked_truth = self._untracked_truth = 0
         self._sources: dict[str, _Source] = {}
 
     def add(self, frame: EvaluationFrame) -> None:
@@ -98,11 +93,18 @@ class Collection:
             self._close_block()
 
     def tables(self) -> dict[str, tuple[TrackTable, ...]]:
-        """By source, in the order of their names, a table for each class; only sources that have tracks."""
+        """By source, in the order of their names, a table for each class; only sources that have tracks.
+
+        Empty if there is truth and none of it has a track: nobody knows then who is who.
+        """
         self._close_block()
-        truth = _joined(self._truth)
+        if self._untracked_truth and not self._tracked_truth:
+            return {}
+        truth, stamps_ns = _joined(self._truth), np.array(self._stamps_ns, np.int64)
         return {
-            name: tuple(self._table(truth, source, class_id) for class_id in range(len(self._config.classes)))
+            name: tuple(
+                self._table(stamps_ns, truth, source, class_id) for class_id in range(len(self._config.classes))
+            )
             for name, source in sorted(self._sources.items())
             if source.has_tracks
         }
@@ -111,141 +113,76 @@ class Collection:
         frames, self._frames = self._frames, []
         if not frames:
             return
-        first_frame = len(self._stamps_ns) - len(frames)
-        truths = [truth for truth, _ in frames]
-        counts = np.array([len(truth) for truth in truths])
-        truth_frames = np.repeat(np.arange(first_frame, first_frame + len(frames)), counts)
-        class_ids = np.concatenate([truth.class_ids for truth in truths]).astype(np.int64)
-        tracks = np.concatenate([truth.track_ids for truth in truths])
-        boxes = _boxes(truths)
-        counting = np.concatenate([is_evaluated(truth, self._config.evaluate) for truth in truths])
-        # An object whose track is not known cannot be followed.
-        counting &= tracks != UNKNOWN
-        rows = np.flatnonzero(counting)
-        rows = rows[np.lexsort((tracks[rows], class_ids[rows], truth_frames[rows]))]
-        repeated = _is_repeated(truth_frames[rows], class_ids[rows], tracks[rows])
-        counting[rows[repeated]] = False
-        rows = rows[~repeated]
-        ranges_m = np.hypot(*boxes.centers[rows, :2].T)
-        truth = _Truth(truth_frames[rows], class_ids[rows], tracks[rows], boxes.yaws[rows], ranges_m)
-        ignored = np.flatnonzero(~counting)
-        for name in {name for _, sources in frames for name in sources}:
-            self._sources.setdefault(name, _Source(len(self._config.classes)))
-        for name in self._sources:
-            given = [(first_frame + k, sources[name]) for k, (_, sources) in enumerate(frames) if name in sources]
-            if given:
-                self._add_found(name, given, truth, _rows(boxes, rows), truth_frames[ignored], _rows(boxes, ignored))
-        self._truth.append(truth)
-        self._truth_count += len(rows)
+        numbers = range(len(self._stamps_ns) - len(frames), len(self._stamps_ns))
+        truth = self._block_truth([truth for truth, _ in frames], numbers)
+        for name in dict.fromkeys(name for _, sources in frames for name in sources):
+            source = self._sources.setdefault(name, _Source(len(self._config.classes)))
+            given = {n: sources[name] for n, (_, sources) in zip(numbers, frames, strict=True) if name in sources}
+            self._add_found(source, given, truth)
+        self._truth.append(_Kept.of(truth.counting, np.zeros(len(truth.counting))))
+        self._truth_count += len(truth.counting)
 
-    def _add_found(
-        self,
-        name: str,
-        given: Sequence[tuple[int, SourceBoxes]],
-        truth: _Truth,
-        truth_boxes: BoxArrays,
-        ignored_frames: I64,
-        ignored_boxes: BoxArrays,
-    ) -> None:
-        source = self._sources[name]
-        parts = [part.boxes for _, part in given]
-        boxes = _boxes(parts)
-        tracks = np.concatenate([part.track_ids for _, part in given])
-        class_ids = np.concatenate([part.class_ids for part in parts]).astype(np.int64)
-        scores = np.concatenate([part.scores for part in parts]).astype(np.float64)
-        frames = np.repeat([frame for frame, _ in given], [len(part) for part in parts]).astype(np.int64)
+    def _block_truth(self, parts: Sequence[TruthBoxes3D], numbers: Sequence[int]) -> _BlockTruth:
+        objects = Objects.of(parts, numbers, np.concatenate([part.track_ids for part in parts]))
+        # An object whose track is not known cannot be followed.
+        is_tracked = objects.tracks != UNKNOWN
+        self._tracked_truth += int(is_tracked.sum())
+        self._untracked_truth += int((~is_tracked).sum())
+        counting = is_tracked & np.concatenate([is_evaluated(part, self._config.evaluate) for part in parts])
+        rows = np.flatnonzero(counting)
+        rows = rows[np.lexsort((objects.tracks[rows], objects.class_ids[rows], objects.frames[rows]))]
+        repeated = objects.select(rows).is_repeated
+        counting[rows[repeated]] = False
+        return _BlockTruth(objects.select(rows[~repeated]), objects.select(~counting))
+
+    def _add_found(self, source: _Source, given: dict[int, SourceBoxes], truth: _BlockTruth) -> None:
+        parts = list(given.values())
+        tracks = np.concatenate([part.track_ids for part in parts])
+        objects = Objects.of([part.boxes for part in parts], list(given), tracks)
+        scores = np.concatenate([part.boxes.scores for part in parts]).astype(np.float64)
+        order = np.lexsort((-scores, tracks, objects.class_ids, objects.frames))
+        objects, scores = objects.select(order), scores[order]
         source.has_tracks |= bool((tracks != UNKNOWN).any())
-        order = np.lexsort((-scores, tracks, class_ids, frames))
-        keys = frames[order], class_ids[order], tracks[order]
-        lost = (keys[2] == UNKNOWN) | _is_repeated(*keys)
-        source.without_track += np.bincount(keys[1][lost], minlength=len(source.without_track))
-        rows = order[~lost]
-        pairs = self._near_pairs(
-            truth.frames, truth.class_ids, truth_boxes, frames[rows], class_ids[rows], _rows(boxes, rows)
-        )
-        optional = ~is_within(boxes.centers[rows], self._config.evaluate)
-        near = self._near_rows(ignored_frames, ignored_boxes, frames[rows], class_ids[rows], _rows(boxes, rows))
-        optional[near] = True
-        if optional.any():
-            kept = ~optional
-            close = np.flatnonzero(pairs.distances_m < self._max_distances_m[truth.class_ids[pairs.first]])
+        lost = (objects.tracks == UNKNOWN) | objects.is_repeated
+        source.without_track += np.bincount(objects.class_ids[lost], minlength=len(source.without_track))
+        objects, scores = objects.select(~lost), scores[~lost]
+        pairs = near_pairs(truth.counting, objects, self._max_distances_m)
+        kept = is_within(objects.boxes.centers, self._config.evaluate)
+        kept &= ~near_rows(truth.ignored, objects, self._max_distances_m)
+        if not kept.all():
+            # What is matched counts, also if it lies outside or beside something that is ignored.
+            limits_m = self._max_distances_m[truth.counting.class_ids[pairs.first]]
+            close = np.flatnonzero(pairs.distances_m < limits_m)
             matched = assign_nearest(pairs.first[close], pairs.second[close], pairs.distances_m[close])
             kept[pairs.second[close[matched]]] = True
-            renumbered = np.cumsum(kept) - 1
-            held = kept[pairs.second]
-            pairs = _Pairs(pairs.first[held], renumbered[pairs.second[held]], pairs.distances_m[held], pairs.ious[held])
-            rows = rows[kept]
-        ranges_m = np.hypot(*boxes.centers[rows, :2].T)
-        source.found.append(
-            _Found(frames[rows], class_ids[rows], tracks[rows], boxes.yaws[rows], ranges_m, scores[rows])
-        )
-        shifted = pairs.first + self._truth_count, pairs.second + source.count
-        source.pairs.append(_Pairs(*shifted, pairs.distances_m, pairs.ious))
-        source.count += len(rows)
+            objects, scores, pairs = objects.select(kept), scores[kept], pairs.of_found(kept)
+        source.found.append(_Kept.of(objects, scores))
+        first, second = pairs.first + self._truth_count, pairs.second + source.count
+        source.pairs.append(Candidates(first, second, pairs.distances_m, pairs.ious))
+        source.count += len(objects)
 
-    def _near_pairs(
-        self, frames: I64, class_ids: I64, boxes: BoxArrays, found_frames: I64, found_class_ids: I64, found: BoxArrays
-    ) -> _Pairs:
-        """Pairs of one frame and class that may be one object."""
-        classes = len(self._config.classes)
-        first, second = pairs_of_equal(frames * classes + class_ids, found_frames * classes + found_class_ids)
-        distances_m = np.hypot(*(boxes.centers[first, :2] - found.centers[second, :2]).T)
-        reach_m = np.hypot(*boxes.sizes[first, :2].T) / 2 + np.hypot(*found.sizes[second, :2].T) / 2
-        near = (distances_m < self._max_distances_m[class_ids[first]]) | (distances_m < reach_m)
-        first, second, distances_m = first[near], second[near], distances_m[near]
-        return _Pairs(first, second, distances_m, pair_ious(_rows(boxes, first), _rows(found, second)).bev)
-
-    def _near_rows(
-        self, frames: I64, boxes: BoxArrays, found_frames: I64, found_class_ids: I64, found: BoxArrays
-    ) -> Indices:
-        """The boxes found, of whatever class, that are near one of the given objects of their frame."""
-        order = np.argsort(frames, kind="stable")
-        first, second = pairs_of_equal(frames[order], found_frames)
-        distances_m = np.hypot(*(boxes.centers[order[first], :2] - found.centers[second, :2]).T)
-        return np.asarray(second[distances_m < self._max_distances_m[found_class_ids[second]]])
-
-    def _table(self, truth: _Truth, source: _Source, class_id: int) -> TrackTable:
+    def _table(self, stamps_ns: I64, truth: _Kept, source: _Source, class_id: int) -> TrackTable:
         found, pairs = _joined(source.found), _joined(source.pairs)
-        truth_rows, found_rows = truth.class_ids == class_id, found.class_ids == class_id
-        held = truth_rows[pairs.first]
-        truth_numbers, found_numbers = np.cumsum(truth_rows) - 1, np.cumsum(found_rows) - 1
+        true_rows, found_rows = truth.class_ids == class_id, found.class_ids == class_id
+        rows = true_rows[pairs.first]
         return TrackTable(
-            np.array(self._stamps_ns, np.int64),
-            truth.frames[truth_rows],
-            np.unique(truth.tracks[truth_rows], return_inverse=True)[1].astype(np.int64),
-            truth.yaws[truth_rows],
-            truth.ranges_m[truth_rows],
-            found.frames[found_rows],
-            np.unique(found.tracks[found_rows], return_inverse=True)[1].astype(np.int64),
-            found.yaws[found_rows],
-            found.ranges_m[found_rows],
-            found.scores[found_rows],
-            truth_numbers[pairs.first[held]],
-            found_numbers[pairs.second[held]],
-            pairs.distances_m[held],
-            pairs.ious[held],
-            float(self._max_distances_m[class_id]),
-            int(source.without_track[class_id]),
+            stamps_ns=stamps_ns,
+            truth_frames=truth.frames[true_rows],
+            truth_tracks=np.unique(truth.tracks[true_rows], return_inverse=True)[1].astype(np.int64),
+            truth_yaws=truth.yaws[true_rows],
+            truth_ranges_m=truth.ranges_m[true_rows],
+            found_frames=found.frames[found_rows],
+            found_tracks=np.unique(found.tracks[found_rows], return_inverse=True)[1].astype(np.int64),
+            found_yaws=found.yaws[found_rows],
+            found_ranges_m=found.ranges_m[found_rows],
+            found_scores=found.scores[found_rows],
+            first=(np.cumsum(true_rows) - 1)[pairs.first[rows]],
+            second=(np.cumsum(found_rows) - 1)[pairs.second[rows]],
+            distances_m=pairs.distances_m[rows],
+            ious=pairs.ious[rows],
+            max_distance_m=float(self._max_distances_m[class_id]),
+            without_track=int(source.without_track[class_id]),
         )
-
-
-def _boxes(parts: Sequence[TruthBoxes3D] | Sequence[Boxes3D]) -> BoxArrays:
-    return BoxArrays(
-        np.concatenate([part.centers for part in parts]),
-        np.concatenate([part.sizes for part in parts]),
-        np.concatenate([part.yaws for part in parts]),
-    )
-
-
-def _rows(boxes: BoxArrays, rows: Indices | I64) -> BoxArrays:
-    return BoxArrays(boxes.centers[rows], boxes.sizes[rows], boxes.yaws[rows])
-
-
-def _is_repeated(frames: I64, class_ids: I64, tracks: I64) -> Bools:
-    """Whether a row, of rows in this order, has the frame, class and track of the row before it."""
-    same = np.zeros(len(frames), np.bool_)
-    same[1:] = (np.diff(frames) == 0) & (np.diff(class_ids) == 0) & (np.diff(tracks) == 0)
-    return same
 
 
 def _joined(parts: Sequence[Part]) -> Part:

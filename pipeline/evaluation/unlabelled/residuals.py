@@ -15,7 +15,7 @@ from pipeline.evaluation.records import Figures
 
 __all__ = ["Residuals"]
 
-BLOCK_FRAMES = 256
+BLOCK_FRAMES = 64
 """Frames are compared in blocks: projecting many boxes at once takes little longer than projecting one."""
 
 MIN_DRIFT_S = 10.0

@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from pipeline.core.ros.messages import ROS2
+from pipeline.core.ros.vision_numbers import CLASS_OF_NUMBER, COUNT_NUMBERS, count_of
 from pipeline.core.settings.classes import ClassPrior
 
 __all__ = ["VISION_ARRAYS", "class_name_of_number", "vision_message"]
@@ -17,18 +18,7 @@ _BOXES_3D, _BOXES_2D = "vision_msgs/msg/Detection3DArray", "vision_msgs/msg/Dete
 
 VISION_ARRAYS = frozenset({_BOXES_2D, _BOXES_3D})
 
-INSTANCE = -3
-"""Number of the hypothesis whose score is the row of the object in the scenario, from 0; -1 for none."""
-
-_COUNTS = {-1: "lidar_points", -2: "image_pixels", -4: "occlusion", -5: "truncation"}
-_SENSOR_COUNTS = {-1000: "lidar_points", -2000: "image_pixels"}
-"""Minus the row of the sensor in the scenario."""
-
-_SENSORS = 1000
-"""Rows of sensors of one kind that there is a number for."""
-
-_SIMULATED = {1: "car", 2: "pedestrian", 3: "cyclist", 4: "van", 5: "truck", 6: "bus"}
-"""Classes of the simulator; the first three as in the predecessor system."""
+INSTANCE = COUNT_NUMBERS["instance"]
 
 
 def class_name_of_number(number: int, classes: Sequence[ClassPrior]) -> str:
@@ -40,7 +30,7 @@ def class_name_of_number(number: int, classes: Sequence[ClassPrior]) -> str:
     """
     for prior in classes:
         if str(number) in prior.labels:
-            simulated = _SIMULATED.get(number, prior.name)
+            simulated = CLASS_OF_NUMBER.get(str(number), prior.name)
             return simulated if simulated in prior.labels else prior.name
     return str(number)
 
@@ -77,12 +67,7 @@ def _hypothesis(result: Any, classes: Sequence[ClassPrior]) -> Any:
 
 
 def _name(number: int, classes: Sequence[ClassPrior]) -> str:
-    if number >= 0:
-        return class_name_of_number(number, classes)
-    for first, name in _SENSOR_COUNTS.items():
-        if first - _SENSORS < number <= first:
-            return f"{name}/{first - number}"
-    return _COUNTS.get(number, str(number))
+    return count_of(str(number)) or class_name_of_number(number, classes)
 
 
 def _box_3d(bbox: Any) -> Any:

@@ -23,12 +23,12 @@ from perturbed_results import (
     swapped_ids,
     turned,
 )
-from results import fused_objects
+from results import fused_objects, messages_of, topics_of
 
 import lidcam
 from lidcam.commands.compare import FRAMES, CompareOptions, run_compare
 from lidcam.options import AllowedDifference
-from pipeline.core.errors import CheckError, IncompleteError, LidcamError, RecordingError
+from pipeline.core.errors import CheckError, IncompleteError, LidcamError, OutputError, RecordingError
 from pipeline.core.settings.load import load_config
 from pipeline.evaluation.comparison.records import KINDS
 
@@ -52,6 +52,14 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
     output = tmp_path_factory.mktemp("compare") / "result.mcap"
     settings = {"output.images": False, "output.clouds": False, "output.layout": False}
     lidcam.process(ROOT / "bags/crossing.mcap", output, config="crossing", settings=settings)
+    return output
+
+
+@pytest.fixture(scope="module")
+def sandbox(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Three frames with all that is written."""
+    output = tmp_path_factory.mktemp("compare") / "sandbox.mcap"
+    lidcam.process(ROOT / "bags/sandbox.bag", output, config="sandbox", duration_s=0.35)
     return output
 
 
@@ -184,6 +192,11 @@ def test_2d_boxes(compare: Any, result: Path, faulty: Any) -> None:
     assert failure.startswith("camera_north_east: expected at most 0 %")
     lines = [line.split()[:4] for line in found.out.splitlines()]
     assert ["camera_north_east", "car", "lost", "(score"] in lines
+    moved = compare(result, faulty(shifted((1.5, 0)), "/camera_north_east/detections"))
+    assert sum("moved 1.5 px" in line for line in moved.out.splitlines()) > 0
+    assert not compare(
+        result, faulty(shifted((1.5, 0)), "/camera_north_east/detections"), "compare.pixels=1.5"
+    ).failures
 
 
 def test_frames_of_one_alone(compare: Any, result: Path, faulty: Any) -> None:
@@ -194,6 +207,45 @@ def test_frames_of_one_alone(compare: Any, result: Path, faulty: Any) -> None:
     assert not compare(result, other, allowed=("frames",)).failures
 
 
+def test_both_in_one_file(compare: Any, sandbox: Path, tmp_path: Path) -> None:
+    other = perturbed(sandbox, tmp_path / "other.mcap", {FUSED: dropped()}, without_frames=[2])
+    merged = tmp_path / "both.mcap"
+    assert compare(sandbox, other, merged=merged).failures
+    topics = topics_of(merged)
+    assert {name: topics[f"/{name}/fused/detections"][1] for name in "ab"} == {"a": 3, "b": 2}
+    assert topics["/compare/scene"][1] == 3
+    assert [len(scene.entities) for _, scene in messages_of(merged, "/compare/scene")][2] == 0, "a frame of A alone"
+    lost = [entity for _, scene in messages_of(merged, "/compare/scene") for entity in scene.entities]
+    assert len(lost) == sum(map(len, [*fused_objects(sandbox).values()][:2])) > 0
+    layout = json.loads((tmp_path / "both.foxglove.json").read_text(encoding="utf-8"))["configById"]
+    assert {"/compare/scene", "/a/fused/scene", "/b/fused/scene", "/a/point_cloud_combined"} <= set(
+        layout["3D!scene"]["topics"]
+    )
+    images = [panel["imageMode"] for name, panel in layout.items() if name.startswith("Image!")]
+    named = {*layout["3D!scene"]["topics"], *(one["imageTopic"] for one in images)}
+    named |= {topic for one in images for topic in (*one["annotations"], one["calibrationTopic"])}
+    assert named <= set(topics)
+    assert len(images) == 8
+    first_bytes = merged.read_bytes()
+    compare(sandbox, other, merged=merged)
+    assert merged.read_bytes() == first_bytes, "its own output is replaced, by the same bytes"
+
+
+def test_what_a_merged_file_must_not_replace(compare: Any, sandbox: Path, result: Path, tmp_path: Path) -> None:
+    with pytest.raises(OutputError, match="is an input of this run"):
+        compare(sandbox, sandbox, merged=sandbox)
+    taken = tmp_path / "taken.mcap"
+    taken.write_bytes(b"mine")
+    with pytest.raises(OutputError, match="exists and was not written by an earlier --merged"):
+        compare(sandbox, sandbox, merged=taken)
+    assert taken.read_bytes() == b"mine"
+    compare(sandbox, sandbox, merged=taken, overwrite=True, only=("cam11",))
+    assert [len(scene.entities) for _, scene in messages_of(taken, "/compare/scene")] == [0, 0, 0]
+    both = CompareOptions(result, sandbox, load_config(), merged=tmp_path / "both.mcap")
+    with pytest.raises(CheckError):
+        run_compare(both)
+
+
 def test_what_cannot_be_compared(compare: Any, result: Path) -> None:
     with pytest.raises(RecordingError, match="expected a result of lidcam, found a recording"):
         compare(result, ROOT / "bags/crossing.mcap")
@@ -201,12 +253,18 @@ def test_what_cannot_be_compared(compare: Any, result: Path) -> None:
         compare(result, result, only=("fusd",))
 
 
-def test_results_of_two_sites_are_not_compared(compare: Any, result: Path, tmp_path: Path) -> None:
-    other = tmp_path / "other.mcap"
-    settings = {"output.images": False, "output.clouds": False, "output.layout": False}
-    lidcam.process(ROOT / "bags/sandbox.bag", other, config="sandbox", duration_s=0.2, settings=settings)
-    found = compare(result, other)
+def test_results_of_two_recordings_are_compared_with_a_remark(compare: Any, result: Path, sandbox: Path) -> None:
+    found = compare(result, sandbox)
     assert "note: A and B are results of different recordings: crossing.mcap, sandbox.bag" in found.out
+
+
+def test_results_of_two_sites_are_not_compared(compare: Any, sandbox: Path, tmp_path: Path) -> None:
+    def moved(rig: str) -> str:
+        return rig.replace("site_frame: site", "site_frame: hall")
+
+    other = perturbed(sandbox, tmp_path / "other.mcap", {}, texts={"rig.yaml": moved})
+    with pytest.raises(LidcamError, match=r"other.mcap: expected objects in the frame of .*, 'site', found 'hall'"):
+        compare(sandbox, other)
 
 
 def test_a_damaged_result_is_incomplete(result: Path, tmp_path: Path) -> None:

@@ -24,4 +24,5 @@ def test_the_names_of_figures_do_not_depend_on_what_is_found() -> None:
         for k in range(3)
     ]
     found = NamedFigures(measure(frames, evaluators_of(Config(), (), ())))
-    assert [name for name in found if ".labels." not in name] == [*known]
+    named = [name for name in found if ".labels." not in name and not name.startswith("mistakes.")]
+    assert named == [*known]

@@ -1,3 +1,5 @@
+from typing import Any
+
 import numpy as np
 from evaluation_frames import frame_of, source_boxes, truth_boxes
 
@@ -6,7 +8,8 @@ from pipeline.evaluation.mistakes import Mistakes
 from pipeline.evaluation.records import EvaluationFrame, TruthBoxes3D
 
 CONFIG = Config()
-CAR, TRUCK = 0, 3
+TRUCK = 3
+NONE: Any = {"mistakes": {"fused": {"false": [], "missed": []}}}
 SIZE = (4.0, 1.7, 1.5)
 
 
@@ -38,12 +41,12 @@ def frame(
 
 def test_what_is_right_is_no_mistake() -> None:
     mistakes = collected(frame(0, truth(0, 10), 0.5, 10.0), frame(1, truth(0, 10), 10.0, 0.0))
-    assert mistakes.figures() == {"false": [], "missed": []}
+    assert mistakes.figures() == NONE
 
 
 def test_without_frames_truth_or_source_there_is_none() -> None:
-    assert collected().figures() == {"false": [], "missed": []}
-    assert collected(frame(0, None, 3.0)).figures() == {"false": [], "missed": []}
+    assert collected().figures() == NONE
+    assert collected(frame(0, None, 3.0)).figures() == NONE
     assert collected(frame_of(0, truth(1), {})).worst("missed", 3) == []
 
 
@@ -81,30 +84,29 @@ def test_objects_without_ids_are_told_apart_by_their_places() -> None:
 
 def test_a_false_detection_names_the_object_at_its_place() -> None:
     second = collected(frame(0, truth(0, ids=[4]), 0.0, 1.0, scores=[0.9, 0.8])).worst("false", 10)
-    assert [(one.is_second, one.track_id, one.label) for one in second] == [(True, 4, "any")]
-    other = collected(frame(0, truth(0, ids=[4]), 0.0, class_ids=[TRUCK])).worst("false", 10)
-    assert [(one.class_name, one.is_second, one.track_id) for one in other] == [("truck", False, 4)]
-    missed = collected(frame(0, truth(0, ids=[4]), 0.0, class_ids=[TRUCK])).worst("missed", 10)
-    assert [one.class_name for one in missed] == ["car"]
+    assert [(one.cause, one.track_id, one.label) for one in second] == [("second", 4, "any")]
+    other = collected(frame(0, truth(0, ids=[4]), 0.0, class_ids=[TRUCK]))
+    assert [(one.class_name, one.cause, one.track_id) for one in other.worst("false", 10)] == [("truck", "class", 4)]
+    assert [(one.class_name, one.cause) for one in other.worst("missed", 10)] == [("car", "")]
+    misplaced = collected(frame(0, truth(0, ids=[4]), 2.5)).worst("false", 10)
+    assert [(one.cause, one.track_id) for one in misplaced] == [("place", 4)]
 
 
 def test_what_is_ignored_is_neither_missed_nor_false() -> None:
     true = truth_boxes([row(0), row(20)], [0, 1], is_ignored=[True, False], lidar_points=[9, 0], image_pixels=[9, 0])
-    assert collected(frame(0, true, 0.0)).figures() == {"false": [], "missed": []}
+    assert collected(frame(0, true, 0.0)).figures() == NONE
 
 
 def test_figures_are_plain_values() -> None:
-    told = collected(frame(3, truth(60.0, points=[12]), 20.0)).figures(5)
-    assert told == {
+    told: Any = collected(frame(2, truth()), frame(3, truth(60.0, points=[12]), 20.0)).figures()
+    assert told["mistakes"]["fused"] == {
         "false": [
             {
                 "class": "car",
                 "label": None,
-                "is_second": False,
+                "cause": "nothing",
                 "frames": 1,
-                "first_ns": 300_000_000,
-                "last_ns": 300_000_000,
-                "worst_ns": 300_000_000,
+                **{"first_s": 0.1, "last_s": 0.1, "worst_s": 0.1, "worst_ns": 300_000_000},
                 "worst_frame": 3,
                 **{"x_m": 20.0, "y_m": 0.0, "z_m": 0.75, "length_m": 4.0, "width_m": 1.7, "height_m": 1.5},
                 "yaw_deg": 0.0,
@@ -116,11 +118,9 @@ def test_figures_are_plain_values() -> None:
             {
                 "class": "car",
                 "label": "any",
-                "is_second": False,
+                "cause": None,
                 "frames": 1,
-                "first_ns": 300_000_000,
-                "last_ns": 300_000_000,
-                "worst_ns": 300_000_000,
+                **{"first_s": 0.1, "last_s": 0.1, "worst_s": 0.1, "worst_ns": 300_000_000},
                 "worst_frame": 3,
                 **{"x_m": 60.0, "y_m": 0.0, "z_m": 0.75, "length_m": 4.0, "width_m": 1.7, "height_m": 1.5},
                 "yaw_deg": 0.0,

@@ -44,6 +44,12 @@ def test_rows_in_every_form(tmp_path: Path, text: str, center: list[float], yaw:
     np.testing.assert_allclose(found.sizes, [CAR.size_m])
 
 
+def test_several_rows_of_a_plane_pose(tmp_path: Path) -> None:
+    source = truth(tmp_path, "1 2 0.5\n3 4 -0.5\n5 6 3\n")
+    yaws = [found.yaws[0] for frame in range(3) if (found := source.at(0, frame=frame)) is not None]
+    np.testing.assert_allclose(yaws, [0.5, -0.5, 3])
+
+
 def test_rows_that_are_boxes(tmp_path: Path) -> None:
     source = truth(tmp_path, "1 2 0.3 4 2 1.5 0.5")
     found = source.at(0, frame=0)

@@ -19,6 +19,9 @@ __all__ = ["fusion_gain"]
 _FUSED = "fused"
 _IOU = 0.5
 _PERCENTILES = (2.5, 97.5)
+_MIN_BLOCKS = 5
+"""From fewer blocks an interval would say nothing, and look as if it did."""
+
 _POSITION = "errors.position_bev_m.mean"
 
 Samples = dict[str, F64]
@@ -43,12 +46,13 @@ def fusion_gain(sources: Mapping[str, Source], figures: Mapping[str, Figures], r
     if _FUSED not in sources or not singles:
         return {}
     samples = {name: _samples_by_class(source, resampling) for name, source in sources.items()}
+    has_interval = resampling.block_count >= _MIN_BLOCKS
     gains: dict[str, Figures] = {}
     for class_name, by_figure in samples[_FUSED].items():
         gain: dict[str, Any] = {"blocks": resampling.block_count}
         for name in by_figure:
             values = {source: _value(figures[source], class_name, name) for source in sources}
-            drawn = {source: samples[source][class_name][name] for source in sources}
+            drawn = {source: samples[source][class_name][name] for source in sources} if has_interval else {}
             _set(gain, name, _gain(values, drawn, singles, sign=-1 if name == _POSITION else 1))
         gains[class_name] = gain
     return gains
@@ -62,18 +66,13 @@ def _gain(
     over = max(by_single, key=lambda name: sign * by_single[name], default=None)
     if over is None or fused is None:
         return {**dict.fromkeys(("value", "low", "high")), "fused": fused, "over": over, "takes_away": None}
-    differences = sign * (drawn[_FUSED] - drawn[over])
+    gain = {"value": sign * (fused - by_single[over]), "low": None, "high": None, "fused": fused, "over": over}
+    differences = sign * (drawn[_FUSED] - drawn[over]) if drawn else np.zeros(0)
     defined = differences[np.isfinite(differences)]
-    low, high = map(float, np.percentile(defined, _PERCENTILES)) if len(defined) else (None, None)
-    gain = sign * (fused - by_single[over])
-    return {
-        "value": gain,
-        "low": low,
-        "high": high,
-        "fused": fused,
-        "over": over,
-        "takes_away": None if high is None else high < 0,
-    }
+    if not len(defined):
+        return {**gain, "takes_away": None}
+    low, high = map(float, np.percentile(defined, _PERCENTILES))
+    return {**gain, "low": low, "high": high, "takes_away": high < 0}
 
 
 def _samples_by_class(source: Source, resampling: Resampling) -> dict[str, Samples]:

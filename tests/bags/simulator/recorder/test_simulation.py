@@ -145,31 +145,52 @@ def placed(detection: Any) -> list[float]:
     return [center.x, center.y, center.z, size.x, size.y, size.z]
 
 
-def test_the_truth_at_the_time_of_the_points_is_where_they_lie(simulate: Simulate) -> None:
-    """Judged by the cloud and the odometry: the points in a car's box at their own times, and their mean time."""
-    path = simulate("out.mcap", vehicles__car2__speed_m_s=1.5, lidars__top__firing_stride=1)
-    clouds = {stamp_ns(message): fields_of(message) for _, message in stamped(path, "/points")}
-    steady = {stamp_ns(message): message for _, message in stamped(path, "/ground_truth/objects")}
-    moved = {stamp_ns(message): message for _, message in stamped(path, "/ground_truth/objects_when_measured")}
+@pytest.mark.parametrize("others", [[], [("late", 60.0, 10.0)], [("later", 20.0, 10.0), ("fast", 0.0, 20.0)]])
+def test_the_truth_at_the_time_of_the_points_is_where_they_lie(
+    simulate: Simulate, others: list[tuple[str, float, float]]
+) -> None:
+    """Judged by the clouds and the odometry: the points in a car's box at their own times, and their mean time.
+
+    As in a frame of the pipeline: at the stamp of the first lidar's sweep, with the nearest sweep of each other one.
+    """
+    top = SMALL["lidars"]["top"] | {"firing_stride": 2}
+    more = {
+        name: top | {"topic": f"/{name}", "frame_id": name, "phase_ms": phase_ms, "rate_hz": rate_hz}
+        for name, phase_ms, rate_hz in others
+    }
+    changes = {"lidars": {"a_top": top} | more, "cameras": {}, "vehicles__car2__speed_m_s": 1.5}
+    path = simulate("out.mcap", **changes)
+    clouds = [
+        {stamp_ns(one): fields_of(one) for _, one in stamped(path, topic)}
+        for topic in ("/points", *(f"/{o[0]}" for o in others))
+    ]
+    steady, moved = (
+        {stamp_ns(message): message for _, message in stamped(path, topic)}
+        for topic in ("/ground_truth/objects", "/ground_truth/objects_when_measured")
+    )
     assert steady.keys() == moved.keys()
-    odometry = stamped(path, "/car2/base_pose_ground_truth")
-    way = np.array([(stamp_ns(one), one.pose.pose.position.x) for _, one in odometry])
-    checked = 0
-    for time_ns, cloud in clouds.items():
-        moment = next((moment for moment in steady if 0 <= moment - time_ns < 100 * MS), None)
-        if moment is None:
-            continue
-        still, still_then = (message.detections[0] for message in (steady[moment], moved[moment]))
+    for moment, message in steady.items():
+        (still, now), (still_then, then) = message.detections, moved[moment].detections
         assert placed(still) == placed(still_then)
-        now, then = (message.detections[1] for message in (steady[moment], moved[moment]))
         assert (now.id, told(now)) == ("car2", told(then))
         assert placed(now)[1:] == pytest.approx(placed(then)[1:], abs=1e-6)
-        times_ns = time_ns + cloud["time"] * 1e9
-        y, z = cloud["y"] + 0.3, cloud["z"] + 0.4  # the lidar stands upright at (0, 0.3, 0.4)
-        own = (np.abs(y - placed(now)[1]) < 0.14) & (z > 0.012) & (z < 0.24)
-        own &= np.abs(cloud["x"] - np.interp(times_ns, *way.T)) < 0.19
-        assert own.sum() == pytest.approx(told(now)["lidar_points"], rel=0.1)  # the lowest ones are left out
-        assert placed(then)[0] == pytest.approx(np.interp(times_ns[own].mean(), *way.T), abs=2e-3)
+    way = np.array([(stamp_ns(m), m.pose.pose.position.x) for _, m in stamped(path, "/car2/base_pose_ground_truth")])
+    expected = np.array([(moment, placed(message.detections[1])[0]) for moment, message in moved.items()])
+    checked = 0
+    for time_ns in clouds[0]:
+        if not 80 * MS <= time_ns <= expected[-1, 0]:  # by then every lidar measures
+            continue
+        times_ns = []
+        for sweeps in clouds:
+            nearest_ns = min(sweeps, key=lambda other_ns: abs(other_ns - time_ns))
+            cloud = sweeps[nearest_ns]
+            at_ns = nearest_ns + cloud["time"] * 1e9
+            y, z = cloud["y"] + 0.3, cloud["z"] + 0.4  # the lidars stand upright at (0, 0.3, 0.4)
+            own = (np.abs(y - placed(now)[1]) < 0.14) & (z > 0.012) & (z < 0.24)
+            own &= np.abs(cloud["x"] - np.interp(at_ns, *way.T)) < 0.19
+            times_ns.append(at_ns[own])
+        found = float(np.interp(time_ns, *expected.T))
+        assert found == pytest.approx(np.interp(np.concatenate(times_ns).mean(), *way.T), abs=6e-3)
         checked += 1
     assert checked >= 8
 

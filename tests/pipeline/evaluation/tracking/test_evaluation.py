@@ -5,6 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 from evaluation_frames import frame_of, source_boxes, truth_boxes
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.evaluate import EvaluateConfig
@@ -54,6 +56,13 @@ def test_without_tracks_there_is_nothing() -> None:
     assert tracking([]) == {}
     assert tracking([frame_of(0, truth_boxes([car(0)], [1]), {"lidar": source_boxes([car(0)])})]) == {}
     assert tracking([frame_of(0, None, {"fused": source_boxes([car(0)], [1])})]) == {}
+
+
+def test_truth_without_tracks_says_nothing_of_tracks() -> None:
+    found = {"fused": source_boxes([car(0)], [1])}
+    assert tracking([frame_of(0, truth_boxes([car(0)]), found)]) == {}
+    # Where nothing is, nothing can be followed: that needs no tracks.
+    assert errors(fused([frame_of(0, truth_boxes([]), found)])) == {"false_positives": 1}
 
 
 def test_a_perfect_track() -> None:
@@ -253,3 +262,53 @@ def test_numbers_of_tracks_do_not_matter() -> None:
         for boxes in [frame.sources["fused"]]
     ]
     assert tracking(other) == tracking(frames)
+
+
+def test_a_source_that_begins_late_has_missed_what_was_there_before() -> None:
+    frames = followed(9)
+    late = [replace(frame, sources={} if k < 4 else frame.sources) for k, frame in enumerate(frames)]
+    assert errors(fused(late)) == {"misses": 4}
+
+
+def test_a_source_that_ends_early_has_missed_what_came_after(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pipeline.evaluation.tracking.collect.BLOCK_FRAMES", 3)
+    early = [replace(frame, sources={} if k > 4 else frame.sources) for k, frame in enumerate(followed(9))]
+    assert errors(fused(early)) == {"misses": 4}
+
+
+# Eighths are exact, so that no distance is rounded to the other side of a limit.
+EIGHTHS = st.integers(0, 48).map(lambda count: count / 8)
+OBJECTS = st.lists(
+    st.tuples(st.booleans(), st.integers(0, 4), EIGHTHS, EIGHTHS, st.floats(0, 1, width=32)),
+    max_size=6,
+    unique_by=lambda row: row[:2],
+)
+
+
+@settings(max_examples=40)
+@given(st.lists(OBJECTS, min_size=1, max_size=5), st.integers(-500, 500))
+def test_counts_add_up_wherever_the_site_lies(crowd: list[list[tuple[Any, ...]]], shift: int) -> None:
+    def frames(shift: int) -> list[EvaluationFrame]:
+        made = []
+        for k, rows in enumerate(crowd):
+            true = [(car(x + shift, y), track) for is_true, track, x, y, _ in rows if is_true]
+            found = [(car(x + shift, y), track, score) for is_true, track, x, y, score in rows if not is_true]
+            boxes = source_boxes([row for row, *_ in found], [t for _, t, _ in found], scores=[s for *_, s in found])
+            made.append(frame_of(k, truth_boxes([row for row, _ in true], [t for _, t in true]), {"fused": boxes}))
+        return made
+
+    truth = sum(is_true for rows in crowd for is_true, *_ in rows)
+    found = sum(map(len, crowd)) - truth
+    if not found:
+        assert tracking(frames(0)) == {}
+        return
+    here, there = fused(frames(0)), fused(frames(shift))
+    assert truth - here["misses"] == found - here["false_positives"] >= 0
+    assert here["mostly_tracked"] + here["partly_tracked"] + here["mostly_lost"] == here["truth_tracks"]
+    if truth:
+        mistakes = here["misses"] + here["false_positives"] + here["id_switches"]
+        assert here["mota"] == pytest.approx(1 - mistakes / truth)
+        assert 0 <= here["hota"] <= max(here["det_a"], here["ass_a"]) + 1e-9
+        assert 0 <= here["distance"]["amota"] <= 1
+    for name in ("misses", "false_positives", "id_switches", "idf1", "mota", "hota", "heading_flips"):
+        assert there[name] == pytest.approx(here[name]), name

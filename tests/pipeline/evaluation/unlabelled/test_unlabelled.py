@@ -340,3 +340,15 @@ def test_skews_and_missing_cameras() -> None:
     assert sync["skew_p95_ms"] == pytest.approx(np.percentile([1, 2, 9], 95))
     assert sync["cameras"] == {"cam": {"missing_share": 0.25}, "other": {"missing_share": 1.0}}
     assert figures([frame_of(0, None, {})])["sync"]["skew_mean_ms"] is None
+
+
+def test_figures_may_be_asked_for_at_any_time() -> None:
+    frames = [
+        frame_of(k, None, {"lidar": source_boxes([AHEAD])}, seen([LEFT + k, TOP, RIGHT, BOTTOM, 0.9, CAR_ID]))
+        for k in range(6)
+    ]
+    evaluation = UnlabelledEvaluation(Config(), (), (CAMERA,))
+    for frame in frames:
+        evaluation.add(frame)
+        evaluation.figures()
+    assert evaluation.figures() == evaluation.figures() == figures(frames, cameras=(CAMERA,))

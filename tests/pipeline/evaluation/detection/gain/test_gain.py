@@ -65,12 +65,12 @@ def only(source: str, frames: list[EvaluationFrame]) -> list[EvaluationFrame]:
 
 
 def test_equal_to_recordings_put_together_from_the_drawn_blocks() -> None:
-    frames = drive(40, {"lidar": 0.4, "fused": 0.2})
+    frames = drive(24, {"lidar": 0.4, "fused": 0.2})
     figures = evaluated(frames, CONFIG)
     drawn = Resampling.of(np.array([frame.stamp_ns for frame in frames]), SAMPLES)
-    assert drawn.block_count == 10
+    assert drawn.block_count == 6
     assert drawn.blocks.tolist() == [frame.stamp_ns // 10**9 for frame in frames]
-    assert (drawn.weights.sum(1) == 10).all()
+    assert (drawn.weights.sum(1) == 6).all()
     samples = []
     for weights in drawn.weights:
         rows = np.repeat(np.arange(len(frames)), weights[drawn.blocks].astype(int))
@@ -128,10 +128,13 @@ def test_a_class_that_never_occurs_has_no_gain() -> None:
         assert set(figure(gain, name).values()) == {None}
 
 
-def test_one_block_still_gives_the_value() -> None:
-    gain = evaluated(drive(3, {"lidar": 0.4, "fused": 0.1}), CONFIG)["fusion_gain"]["all"]
-    assert gain["blocks"] == 1
-    assert gain["recall"]["low"] == gain["recall"]["high"] == gain["recall"]["value"]
+@pytest.mark.parametrize("blocks", [1, 4, 5])
+def test_few_blocks_give_the_value_and_no_interval(blocks: int) -> None:
+    gain = evaluated(drive(4 * blocks, {"lidar": 0.4, "fused": 0.1}), CONFIG)["fusion_gain"]["all"]
+    assert gain["blocks"] == blocks
+    assert gain["precision"]["value"] is not None
+    for name in ("low", "high", "takes_away"):
+        assert (gain["precision"][name] is None) == (blocks < 5)
 
 
 def test_figures_by_distance_carry_the_name_that_is_theirs() -> None:

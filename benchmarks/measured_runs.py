@@ -1,0 +1,91 @@
+"""Simulated recordings for measuring, and what lidcam makes of them: recorded once, processed and evaluated anew."""
+
+import hashlib
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parent.parent
+
+SECONDS = {"sandbox": 20, "crossing": 10, "vehicle": 10}
+"""Scenarios, and how long each is."""
+
+RECORDED = ("--set", "cameras.*.jpeg_quality=40")
+"""Images are looked at and not measured."""
+
+WRITTEN = ("--set", "output.images=false", "--set", "output.clouds=false")
+"""Boxes alone are evaluated."""
+
+
+@dataclass(frozen=True)
+class MeasuredRun:
+    """A simulated recording and its result.
+
+    Attributes:
+        scenario: Its name.
+        seconds: How long it is.
+        recording: The simulated recording.
+        result: What `lidcam process` made of it with the settings that it chose itself.
+        processed: What `lidcam process --json` says.
+        figures: What `lidcam evaluate --json` says.
+    """
+
+    scenario: str
+    seconds: int
+    recording: Path
+    result: Path
+    processed: dict[str, Any]
+    figures: dict[str, Any]
+
+
+def measured_run(scenario: str, folder: Path) -> MeasuredRun:
+    """Simulate a scenario unless the folder holds its recording, process it, evaluate the result.
+
+    Args:
+        scenario: A key of `SECONDS`.
+        folder: Where recordings are kept from one time to the next.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    recording = folder / f"{scenario}-{_origin(scenario)}.mcap"
+    if not recording.exists():
+        for old in folder.glob(f"{scenario}-*.mcap"):
+            old.unlink()
+        _lidcam("simulate", scenario, recording, "--duration", SECONDS[scenario], *RECORDED)
+    result, processed, figures = (
+        folder / f"{scenario}.{ending}" for ending in ("mcap", "process.json", "figures.json")
+    )
+    _lidcam("process", recording, result, "--overwrite", "--json", processed, *WRITTEN)
+    _lidcam("evaluate", result, "--json", figures)
+    return MeasuredRun(
+        scenario,
+        SECONDS[scenario],
+        recording,
+        result,
+        json.loads(processed.read_bytes()),
+        json.loads(figures.read_bytes()),
+    )
+
+
+def _origin(scenario: str) -> str:
+    """A checksum of all that a simulated recording is made from: another one is simulated when it changes."""
+    digest = hashlib.sha256(repr((scenario, SECONDS[scenario], RECORDED)).encode())
+    for path in _sources(scenario):
+        digest.update(path.relative_to(ROOT).as_posix().encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()[:12]
+
+
+def _sources(scenario: str) -> Iterator[Path]:
+    yield from sorted((ROOT / "bags" / "simulator").rglob("*.py"))
+    yield ROOT / "config" / "scenarios" / f"{scenario}.yaml"
+
+
+def _lidcam(*arguments: object) -> None:
+    """Run the installed program; what it prints is shown only if it fails."""
+    command = [sys.executable, "-m", "lidcam", *map(str, arguments)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode not in (0, 3):
+        raise RuntimeError(f"{' '.join(command)}: exit {done.returncode}\n{done.stdout}\n{done.stderr}")

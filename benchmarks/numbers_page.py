@@ -1,0 +1,205 @@
+"""Writes docs/numbers.md: how good lidcam is on simulated recordings, class by class and source by source.
+
+    python benchmarks/numbers_page.py [--scenario NAME] [--folder out/numbers]
+
+Recordings are simulated once and kept in the folder; another one is simulated when the simulator or the scenario
+changes. They are processed with the settings that lidcam chooses itself and evaluated anew each time. With --scenario
+the tables of that scenario are printed and the page stays as it is.
+"""
+
+import argparse
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from measured_runs import ROOT, SECONDS, MeasuredRun, measured_run
+from mistake_images import KINDS, Look, looks, write_images
+
+PAGE = ROOT / "docs" / "numbers.md"
+SOURCES = ("lidar", "cameras", "fused")
+Tree = Mapping[str, Any]
+
+HEAD = """# Numbers
+
+How good lidcam is today, on simulated recordings whose truth is exact. `make numbers` writes this page anew: it
+simulates, processes with the settings that lidcam chooses itself, and evaluates. [figures.md](figures.md) defines every
+figure, [evaluation.md](evaluation.md) says how to get them for your own recordings. These are scenes of a simulator,
+with a simulated 2D detector: they show what changes from one version to the next, not what you will get.
+
+- *AP bev*, *AP 3D*: average precision at an IoU of 0.5, 40 recall points. *mAP*: by distance of the centres, with
+  thresholds scaled by the length of the class. *recall*, *precision*, *false* (boxes a frame): of all that is reported.
+- *position*, *95 %*: mean and 95th percentile of the error in metres; *heading*: median error in degrees, a turn by 180
+  degrees counted as right; *flips*: headings that are wrong by more than 90 degrees; *length*, *width*: mean error in
+  metres. Truth is where the object is at the frame's stamp; a sweep takes 0.1 s.
+- *ECE*: how far scores are from the share that is right.
+"""
+
+
+def main() -> None:
+    """Measure all scenarios and write the page, or print one."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--scenario", choices=[*SECONDS])
+    parser.add_argument("--folder", type=Path, default=ROOT / "out" / "numbers")
+    options = parser.parse_args()
+    if options.scenario:
+        print("\n".join(section(measured_run(options.scenario, options.folder), [])))
+        return
+    lines = [HEAD]
+    for scenario in SECONDS:
+        run = measured_run(scenario, options.folder)
+        shown = looks(run)
+        if shown:
+            write_images(PAGE.with_name(f"numbers-{scenario}.jpg"), shown)
+        lines += section(run, shown)
+    PAGE.write_text("\n".join(lines).rstrip() + "\n", encoding="utf-8")
+
+
+def section(run: MeasuredRun, shown: Sequence[Look]) -> Iterator[str]:
+    """The lines about one scenario."""
+    figures = run.figures
+    settings = (figures["settings"]["name"] or "the defaults").partition(",")[0]
+    yield f"## {run.scenario}\n"
+    yield (
+        f"{run.seconds} s, {figures['frames']} frames, settings `{settings}`, "
+        f"{figures['truth_objects']['evaluated']} true objects that a sensor saw.\n"
+    )
+    yield from table(
+        ["class", "source", "truth", "AP bev", "AP 3D", "mAP", "recall", "precision", "false"],
+        [
+            [
+                name,
+                source,
+                f"{one['truth']}",
+                *_numbers(one, "ap_bev_r40_50", "ap_3d_r40_50"),
+                _number(one["distance"]["map"]),
+                *_numbers(one, "recall", "precision", "false_per_frame"),
+            ]
+            for name, source, one in _by_class(figures)
+        ],
+    )
+    yield from table(
+        ["class", "source", "position", "95 %", "heading", "flips", "length", "width", "ECE"],
+        [_errors(name, source, one) for name, source, one in _by_class(figures)],
+    )
+    yield "What was found of each kind of object, whatever class lidcam has for it:\n"
+    yield from table(["object", "truth", *(f"recall, {source}" for source in _sources(figures))], _by_label(figures))
+    yield "What fusion adds to the lidars alone, with the interval of 95 % from resampled blocks of frames:\n"
+    yield from table(["class", "AP bev", "AP 3D", "recall", "precision"], _gains(figures))
+    if cameras := _cameras(figures):
+        yield "2D boxes of all classes against what the images show:\n"
+        yield from table(["camera", "truth", "AP 2D", "recall", "precision", "false an image"], cameras)
+    if shown:
+        yield from _mistakes(run, shown)
+
+
+def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> Iterator[str]:
+    """The lines of a table, and an empty one; nothing without rows."""
+    if rows:
+        yield f"| {' | '.join(head)} |"
+        yield f"|{' --- |' * len(head)}"
+        yield from (f"| {' | '.join(row)} |" for row in rows)
+        yield ""
+
+
+def _errors(name: str, source: str, one: Tree) -> list[str]:
+    errors = one["errors"]
+    return [
+        name,
+        source,
+        *(_number(errors["position_bev_m"][key]) for key in ("mean", "p95")),
+        _number(errors["heading_mod_180_deg"]["p50"], 1),
+        _percent(errors["flips"]),
+        *(_number(errors[side]["bias"], signed="+") for side in ("length_m", "width_m")),
+        _number(one["calibration"]["ece"]),
+    ]
+
+
+def _by_label(figures: Tree) -> list[list[str]]:
+    found: dict[str, dict[str, Any]] = {}
+    for name, source, one in _by_class(figures):
+        for label, counted in one["labels"].items() if name != "all" else ():
+            found.setdefault(label, {})[source] = counted
+    return [
+        [label, f"{next(iter(by_source.values()))['truth']}"]
+        + [_number(by_source[source]["recall"]) if source in by_source else "-" for source in _sources(figures)]
+        for label, by_source in sorted(found.items())
+    ]
+
+
+def _gains(figures: Tree) -> list[list[str]]:
+    rows = []
+    for name, gain in figures["fusion_gain"].items():
+        if gain["recall"]["value"] is not None:
+            told = [gain[key] for key in ("ap_bev_r40_50", "ap_3d_r40_50", "recall", "precision")]
+            rows.append([name, *map(_gain, told)])
+    return rows
+
+
+def _gain(gain: Tree) -> str:
+    if gain["value"] is None:
+        return "-"
+    interval = "" if gain["low"] is None else f" ({gain['low']:+z.2f} to {gain['high']:+z.2f})"
+    return f"{gain['value']:+z.2f}{interval}{' takes away' if gain['takes_away'] else ''}"
+
+
+def _cameras(figures: Tree) -> list[list[str]]:
+    return [
+        [
+            camera,
+            f"{one['truth']}",
+            *_numbers(one, "ap_2d_r40_50", "recall", "precision"),
+            _number(one["false_per_image"]),
+        ]
+        for camera, classes in figures["images"].items()
+        if (one := classes["all"])["truth"]
+    ]
+
+
+def _mistakes(run: MeasuredRun, shown: Sequence[Look]) -> Iterator[str]:
+    yield (
+        "The worst errors, numbered as in the image below, row by row. To see one in the viewer: `lidcam simulate "
+        f"{run.scenario} r.mcap --duration {run.seconds}`, then `lidcam process r.mcap o.mcap --rerun o.rrd`.\n"
+    )
+    for kind, title in zip(KINDS, ("reported, and not there", "there, and not reported"), strict=True):
+        rows = [[f"{number}", *_mistake(look)] for number, look in enumerate(shown, 1) if look.kind == kind]
+        yield from table(
+            [title, "class", "what it is", "frames", "at (s)", "x, y (m)", "score or points", "camera"], rows
+        )
+    yield f"![the worst errors of {run.scenario}](numbers-{run.scenario}.jpg)\n"
+
+
+def _mistake(look: Look) -> list[str]:
+    one = look.mistake
+    points = "-" if one["lidar_points"] is None else f"{one['lidar_points']} points"
+    weight = f"{one['score']:.2f}" if look.kind == "false" else points
+    place = f"{one['x_m']:.1f}, {one['y_m']:.1f}"
+    return [one["class"], look.name, f"{one['frames']}", f"{one['worst_s']:.1f}", place, weight, look.camera or "none"]
+
+
+def _by_class(figures: Tree) -> Iterator[tuple[str, str, Tree]]:
+    """Classes with truth or detections, and all of them; each with its sources."""
+    sources = _sources(figures)
+    for name in figures["sources"][sources[0]]:
+        found = [(source, figures["sources"][source][name]) for source in sources]
+        if any(one["truth"] or one["found"] for _, one in found):
+            yield from ((name, source, one) for source, one in found)
+
+
+def _sources(figures: Tree) -> list[str]:
+    return [source for source in SOURCES if source in figures["sources"]]
+
+
+def _numbers(one: Tree, *names: str) -> list[str]:
+    return [_number(one[name]) for name in names]
+
+
+def _number(value: float | None, digits: int = 2, *, signed: str = "") -> str:
+    return "-" if value is None else f"{value:{signed}z.{digits}f}"
+
+
+def _percent(value: float | None) -> str:
+    return "-" if value is None else f"{100 * value:.0f} %"
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,52 @@
+"""Odometry with a box of the rig file is the same truth as the simulator's objects, and travels with the result."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import lidcam
+from lidcam.evaluation.frames import EvaluationFrames
+from readers.results.result import open_result
+from readers.rig.schema import parse_rig
+from readers.truth.open import open_truth
+
+ROOT = Path(__file__).resolve().parents[3]
+TRUTH = {
+    name: {"topic": f"/{name}/base_pose_ground_truth", "size_m": [0.33, 0.22, 0.21], "class": "car"}
+    for name in ("car1", "car2")
+}
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("rig_truth") / "out.mcap"
+    rig = parse_rig({"truth": TRUTH}, Path("rig.yaml"))
+    settings = {"output.images": False, "output.clouds": False, "output.layout": False}
+    report = lidcam.process(
+        ROOT / "bags" / "sandbox.bag", out, config="sandbox", rig=rig, settings=settings, start_s=0.5, duration_s=0.6
+    ).report
+    assert {*report.copied} >= {"/ground_truth/objects", *(entry["topic"] for entry in TRUTH.values())}
+    return out
+
+
+def test_it_agrees_with_the_simulators_objects(result: Path) -> None:
+    with (
+        open_result(result) as opened,
+        open_truth(opened) as of_odometry,
+        open_result(result) as again,
+        open_truth(again, topic="/ground_truth/objects") as of_topic,
+    ):
+        assert {*opened.rig.truth} == {*TRUTH}
+        pairs = list(zip(EvaluationFrames(opened, of_odometry), EvaluationFrames(again, of_topic), strict=True))
+    assert len(pairs) >= 5
+    for first, second in pairs:
+        assert first.truth is not None
+        assert second.truth is not None
+        order = np.argsort(second.truth.centers[:, 0])
+        mine = np.argsort(first.truth.centers[:, 0])
+        np.testing.assert_allclose(first.truth.centers[mine], second.truth.centers[order], atol=0.005)
+        turn = first.truth.yaws[mine] - second.truth.yaws[order]
+        np.testing.assert_allclose(np.sin(turn), 0, atol=0.02)
+        assert (np.cos(turn) > 0).all()
+        assert first.truth.labels.tolist() == second.truth.labels.tolist() == ["car", "car"]

@@ -1,0 +1,78 @@
+"""Which truth is taken: labels, odometry that the rig calls truth, topics."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from builders import odometry, raw, write_mcap
+from frames import CONFIG, PERIOD_NS, PROVENANCE, RIG, START_NS, frame
+
+from pipeline.core.errors import RecordingError
+from pipeline.core.messages import RawMessage
+from pipeline.core.rig import Rig, TruthVehicle
+from pipeline.core.settings.load import dump_config
+from readers.results.result import Result, open_result
+from readers.rig.rig_file import rig_yaml
+from readers.truth.kitti import KittiTruth
+from readers.truth.odometry import OdometryTruth
+from readers.truth.open import open_truth
+from writers.mcap.writer import McapResultWriter
+from writers.outputs.transaction import OutputFile
+
+CAR = TruthVehicle("/car/odom", "car", (4, 2, 1.5), (0, 0, 0.75))
+LABEL = "Car 0.10 1 -1.57 500.0 150.0 600.0 220.0 1.50 1.80 4.20 2.0 1.6 20.0 -1.570796"
+
+
+def pose(k: int) -> RawMessage:
+    stamp_ns = START_NS + k * PERIOD_NS
+    fields = odometry(stamp_ns=stamp_ns, position=(k, 2, 0), frame_id=RIG.site_frame, child_frame_id="car")
+    return raw(CAR.topic, "nav_msgs/msg/Odometry", fields, stamp_ns)
+
+
+def result(folder: Path, rig: Rig, copied: tuple[RawMessage, ...] = ()) -> Result:
+    path = folder / "out.mcap"
+    provenance = replace(PROVENANCE, config_yaml=dump_config(CONFIG), rig_yaml=rig_yaml(rig))
+    one = frame(0)
+    with McapResultWriter(OutputFile(path, path), rig, CONFIG, provenance) as writer:
+        writer.write(replace(one, bundle=replace(one.bundle, copied=copied)))
+    return open_result(path)
+
+
+def test_odometry_that_was_copied_into_the_result(tmp_path: Path) -> None:
+    rig = replace(RIG, truth={"car": CAR})
+    with result(tmp_path, rig, (pose(0), pose(1))) as opened, open_truth(opened) as truth:
+        assert isinstance(truth.source, OdometryTruth)
+        found = truth.source.at(START_NS + PERIOD_NS // 2, frame=0)
+    assert found is not None
+    np.testing.assert_allclose(found.centers, [[0.5, 2, 0.75]])
+
+
+def test_odometry_of_another_recording(tmp_path: Path) -> None:
+    write_mcap(tmp_path / "drive.mcap", [pose(0), pose(1)])
+    with (
+        result(tmp_path, replace(RIG, truth={"car": CAR})) as opened,
+        open_truth(opened, [tmp_path / "drive.mcap"]) as truth,
+    ):
+        assert isinstance(truth.source, OdometryTruth)
+        assert truth.source.at(START_NS, frame=0) is not None
+
+
+def test_without_the_odometry_topics_count(tmp_path: Path) -> None:
+    with result(tmp_path, replace(RIG, truth={"car": CAR})) as opened, open_truth(opened) as truth:
+        assert truth.source is None
+        assert "expected truth" in truth.reason
+
+
+def test_odometry_of_some_vehicles_only(tmp_path: Path) -> None:
+    rig = replace(RIG, truth={"car": CAR, "van": replace(CAR, topic="/van/odom")})
+    with result(tmp_path, rig, (pose(0),)) as opened, pytest.raises(RecordingError, match=r"truth\.van of the rig"):
+        open_truth(opened)
+
+
+def test_labels(tmp_path: Path) -> None:
+    (tmp_path / "0.txt").write_text(LABEL)
+    rig = replace(RIG, lidars=RIG.lidars[:1])
+    with result(tmp_path, rig) as opened, open_truth(opened, [tmp_path / "0.txt"]) as truth:
+        assert isinstance(truth.source, KittiTruth)
+        assert truth.poses == (opened.recording,)

@@ -1,0 +1,67 @@
+from typing import Any
+
+import numpy as np
+from compared_frames import Row, objects
+
+from pipeline.core.settings.classes import ROAD_CLASSES
+from pipeline.core.settings.compare import CompareConfig
+from pipeline.evaluation.comparison.changes import Tracks, source_changes
+from pipeline.evaluation.comparison.objects import KnownClasses, SourceObjects
+from pipeline.evaluation.records import SourceBoxes
+from writers.messages.compared import compared_scene, empty_scene
+from writers.palette import CHANGED, EQUAL, LOST, NEW
+
+NAMES = [prior.name for prior in ROAD_CLASSES]
+KNOWN = KnownClasses.of(ROAD_CLASSES, NAMES)
+
+
+def car(x: float, yaw: float = 0.0) -> Row:
+    return (x, 0.0, 0.8, 4.0, 1.8, 1.5, yaw)
+
+
+def drawn(first: SourceBoxes, second: SourceBoxes) -> Any:
+    sides = SourceObjects(first, KNOWN), SourceObjects(second, KNOWN)
+    changes = source_changes(*sides, CompareConfig(), Tracks())
+    return compared_scene(*sides, changes, NAMES, stamp_ns=7)
+
+
+def test_colours_say_what_became_of_an_object() -> None:
+    first, second = objects(car(0), car(20), car(40)), objects(car(0), car(20.5, 1.0), car(60))
+    scene = drawn(first, second)
+    assert [one.type for one in scene.deletions] == [1], "all that was drawn before"
+    found = {
+        entity.id: (
+            entity.lines[0].pose.position.x,
+            [round(value, 2) for value in (entity.lines[0].color.r, entity.lines[0].color.g, entity.lines[0].color.b)],
+            [text.text for text in entity.texts],
+        )
+        for entity in scene.entities
+    }
+    assert found == {
+        "equal-0": (0.0, list(EQUAL), []),
+        "before-0": (20.0, list(CHANGED), []),
+        "lost-0": (40.0, list(LOST), ["car lost"]),
+        "new-0": (60.0, list(NEW), ["car new"]),
+        "changed-0": (20.5, list(CHANGED), ["car moved, turned"]),
+    }
+    assert {entity.frame_id for entity in scene.entities} == {"site"}
+    assert {entity.metadata[1].value for entity in scene.entities} == {
+        "equal",
+        "before",
+        "lost",
+        "new",
+        "moved, turned",
+    }
+
+
+def test_nothing_is_drawn_of_no_objects() -> None:
+    for scene in (drawn(objects(), objects()), empty_scene(7)):
+        assert not scene.entities
+        assert len(scene.deletions) == 1
+        assert scene.deletions[0].timestamp.nanosec == 7
+
+
+def test_outline_is_that_of_the_box() -> None:
+    (entity,) = drawn(objects(), objects(car(3))).entities
+    corners = np.array([(point.x, point.y, point.z) for point in entity.lines[0].points])
+    assert np.ptp(corners, axis=0).tolist() == [4.0, 1.8, 1.5]

@@ -1,0 +1,183 @@
+"""Two results in one MCAP file, to look at side by side.
+
+The topics of the first one stand under `/a`, those of the second one under `/b`. Both have the site frame in common, so
+that one 3D view shows both; the frames of their sensors are told apart by the same names, because a rig may differ.
+What moves the site frame itself is taken from the first result that says it.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from heapq import merge
+from typing import Any
+
+from pipeline.core.errors import MessageError
+from pipeline.core.messages import Channel, RawMessage
+from pipeline.core.rig import Rig
+from pipeline.core.ros.messages import ROS2
+from pipeline.core.ros.qos import LATCHED_YAML
+from writers.foxglove.layout import COMPARED
+from writers.mcap.file import McapOutput, mcap_file
+from writers.messages.images import COMPRESSED
+from writers.outputs.errors import output_errors
+from writers.outputs.marks import MERGED
+from writers.outputs.transaction import OutputFile
+
+__all__ = ["MergedSide", "write_merged"]
+
+_TF, _TF_STATIC, _TF_TYPE = "/tf", "/tf_static", "tf2_msgs/msg/TFMessage"
+_CAMERA_TYPES = {
+    "image": "sensor_msgs/msg/Image",
+    "image/compressed": COMPRESSED,
+    "camera_info": "sensor_msgs/msg/CameraInfo",
+    "detections": "vision_msgs/msg/Detection2DArray",
+}
+"""Types of the topics below a camera's name that have its frame in their headers."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MergedSide:
+    """One of the results.
+
+    Attributes:
+        name: What its topics and frames begin with.
+        rig: Its rig.
+        channels: Its channels.
+        messages: All of its messages, in the order of log time.
+    """
+
+    name: str
+    rig: Rig
+    channels: Sequence[Channel]
+    messages: Iterator[RawMessage]
+
+
+def write_merged(
+    output: OutputFile,
+    sides: Sequence[MergedSide],
+    scenes: Iterator[tuple[int, Any]],
+    metadata: Mapping[str, str],
+) -> frozenset[str]:
+    """Write two results to one new file.
+
+    Args:
+        output: The file to write.
+        sides: The results, of one site frame.
+        scenes: What differs, with log times that do not fall; read along with the messages.
+        metadata: Says what was merged.
+
+    Returns:
+        The topics that have messages.
+
+    Raises:
+        OutputError: the file cannot be written.
+        MessageError: a message of a result cannot be read.
+    """
+    with output_errors(output.path), mcap_file(output.part, profile="ros2") as file:
+        file.add_metadata(MERGED, metadata)
+        merged = _Merged(file)
+        moving = next((side.name for side in sides if any(one.topic == _TF for one in side.channels)), "")
+        sources = [merged.of_side(side, is_moving=side.name == moving) for side in sides]
+        for log_time_ns, _, channel, data in merge(*sources, merged.of_scenes(scenes), key=lambda one: one[:2]):
+            merged.put(channel, log_time_ns, data)
+        return frozenset(merged.topics)
+
+
+_Placed = tuple[int, str, int, bytes | memoryview]
+"""Log time, name of the side, channel, data."""
+
+
+class _Merged:
+    """The file, and what it has so far."""
+
+    def __init__(self, file: McapOutput) -> None:
+        self._file = file
+        self._ids: dict[tuple[str, Channel], int] = {}
+        self._own: dict[str, int] = {}
+        self._names: dict[int, str] = {}
+        self._count = 0
+        self.topics: set[str] = set()
+
+    def put(self, channel: int, log_time_ns: int, data: bytes | memoryview) -> None:
+        """Write one message."""
+        self._file.add_message(channel, log_time_ns, data, self._count)
+        self.topics.add(self._names[channel])
+        self._count += 1
+
+    def of_side(self, side: MergedSide, *, is_moving: bool) -> Iterator[_Placed]:
+        """The messages of one result, under its names."""
+        frames = _Frames(side, is_moving=is_moving)
+        for message in side.messages:
+            if message.problem:
+                raise MessageError(f"{message.topic}: cannot be merged: {message.problem}")
+            data: bytes | memoryview | None
+            if message.topic in {_TF, _TF_STATIC}:
+                data = frames.transforms(message)
+                channel = self._of_own(message.topic, _TF_TYPE)
+            else:
+                data = frames.renamed(message)
+                channel = self._of_recorded(side.name, message.channel)
+            if data is not None:
+                yield message.log_time_ns, side.name, channel, data
+
+    def of_scenes(self, scenes: Iterator[tuple[int, Any]]) -> Iterator[_Placed]:
+        """What differs; of one log time it comes last."""
+        for log_time_ns, scene in scenes:
+            yield log_time_ns, "~", self._of_own(COMPARED, scene.__msgtype__), ROS2.serialize(scene)
+
+    def _of_recorded(self, name: str, channel: Channel) -> int:
+        key = name, channel
+        if key not in self._ids:
+            topic = f"/{name}{channel.topic}"
+            self._ids[key] = self._file.add_recorded(channel, topic)
+            self._names[self._ids[key]] = topic
+        return self._ids[key]
+
+    def _of_own(self, topic: str, msgtype: str) -> int:
+        if topic not in self._own:
+            schema = msgtype, "ros2msg", ROS2.definition(msgtype).encode()
+            metadata = {"offered_qos_profiles": LATCHED_YAML if topic == _TF_STATIC else ""}
+            self._own[topic] = self._file.add_channel(topic, "cdr", schema, metadata)
+            self._names[self._own[topic]] = topic
+        return self._own[topic]
+
+
+class _Frames:
+    """Gives the frames of a result its name, but for the site frame and those that it moves in."""
+
+    def __init__(self, side: MergedSide, *, is_moving: bool) -> None:
+        self._name, self._site, self._is_moving = side.name, side.rig.site_frame, is_moving
+        self._types = {
+            f"/{camera.name}/{topic}": msgtype
+            for camera in side.rig.cameras
+            for topic, msgtype in _CAMERA_TYPES.items()
+        }
+
+    def renamed(self, message: RawMessage) -> bytes | memoryview:
+        """A message, with another frame in its header if that is the frame of a camera."""
+        msgtype = self._types.get(message.topic)
+        if (msgtype, "cdr") != (message.channel.msgtype, message.channel.encoding):
+            return message.data
+        read = _read(message)
+        for part in (read, *getattr(read, "detections", ())):
+            part.header.frame_id = self._renamed(part.header.frame_id)
+        return ROS2.serialize(read)
+
+    def transforms(self, message: RawMessage) -> memoryview | None:
+        """The transforms, with the new names of the frames; None if nothing is left of them."""
+        read = _read(message)
+        read.transforms = [one for one in read.transforms if self._is_moving or one.child_frame_id != self._site]
+        for one in read.transforms:
+            if one.child_frame_id != self._site:
+                one.header.frame_id = self._renamed(one.header.frame_id)
+                one.child_frame_id = self._renamed(one.child_frame_id)
+        return ROS2.serialize(read) if read.transforms else None
+
+    def _renamed(self, frame_id: str) -> str:
+        return frame_id if frame_id == self._site else f"{self._name}/{frame_id}"
+
+
+def _read(message: RawMessage) -> Any:
+    try:
+        return ROS2.deserialize(message.data, message.channel.msgtype)
+    except Exception as err:  # whatever the library raises about bytes that do not fit
+        raise MessageError(f"{message.topic}: cannot be merged: {err or type(err).__name__}") from err
