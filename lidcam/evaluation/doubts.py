@@ -15,6 +15,9 @@ MIN_COVERED = 0.5
 
 MAX_LABELS = 5
 
+TRADED = ("precision", "recall")
+"""What a threshold trades one for the other: either may fall where fusion does good."""
+
 
 def doubts(tree: Mapping[str, Any], *, has_truth: bool) -> tuple[RunWarning, ...]:
     """What to mind about figures.
@@ -25,7 +28,7 @@ def doubts(tree: Mapping[str, Any], *, has_truth: bool) -> tuple[RunWarning, ...
     """
     if not has_truth:
         return ()
-    return (*_times(tree), *_objects(tree["truth_objects"]), *_places(tree))
+    return (*_times(tree), *_objects(tree["truth_objects"]), *_places(tree), *_gains(tree))
 
 
 def _times(tree: Mapping[str, Any]) -> Iterator[RunWarning]:
@@ -76,3 +79,27 @@ def _places(tree: Mapping[str, Any]) -> Iterator[RunWarning]:
                 f"none of {figures['found']} boxes lies where one of {figures['truth']} true objects of its class does",
                 "check that truth and result are of the same recording and in the same frame of reference",
             )
+
+
+def _gains(tree: Mapping[str, Any]) -> Iterator[RunWarning]:
+    for name, gains in tree.get("fusion_gain", {}).items():
+        worse = [
+            f"{figure} ({gain['low']:+.3f} to {gain['high']:+.3f} against {gain['over']})"
+            for figure, gain in _compared(gains)
+            if gain["takes_away"] and figure not in TRADED
+        ]
+        if worse:
+            yield RunWarning(
+                "fused",
+                f"fusion takes away from {'all classes together' if name == ALL else name}: {', '.join(worse)}",
+                "look at the calibration of the cameras, and at associate and fuse in the settings",
+            )
+
+
+def _compared(gains: Mapping[str, Any], beginning: str = "") -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """The figures that have a gain, by name."""
+    for name, value in gains.items():
+        if isinstance(value, Mapping) and "takes_away" in value:
+            yield f"{beginning}{name}", value
+        elif isinstance(value, Mapping):
+            yield from _compared(value, f"{beginning}{name}.")
