@@ -1,6 +1,7 @@
 """What `lidcam evaluate` and `process --evaluate` print and write, and how they end."""
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -57,6 +58,7 @@ def test_tables(result: Path, capsys: pytest.CaptureFixture[str]) -> None:
     )
     assert "\ndetection\nclass  source  truth  found  recall  prec.  false  AP bev  AP 3D   mAP\ncar    lidar" in out
     assert "errors of what was found (metres, degrees)" in out
+    assert re.search(r"\nwhat fusion adds\nclass +AP bev +mAP +F1\ncar( +[+-]\d\.\d\d){3}\n", out)
     assert "  car: 0.0413, 0.0825, 0.165, 0.33 m\n" in out
     assert "\nFusion " in out.partition("\ndetection")[0]
     assert "\nall " not in out  # the only class says it

@@ -66,7 +66,9 @@ class Resampling:
 
     def sums(self, frames: I32, values: F64 | None = None) -> F64:
         """(S,) sum over each sample of values (R,), or of 1, that stand in the given frames (R,)."""
-        return self.weights @ np.bincount(self.blocks[frames], values, self.block_count)
+        by_block = np.bincount(self.blocks[frames], values, self.block_count)
+        # no matrix product: its order of summation, which does not matter for counts, differs from machine to machine
+        return np.asarray((self.weights * by_block).sum(1))
 
     def running_sums(self, frames: I32, counted: Bools, ends: Indices) -> F64:
         """(S, P) how many of the rows before each end are counted, in each sample.

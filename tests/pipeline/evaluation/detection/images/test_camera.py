@@ -86,6 +86,8 @@ def test_images_without_truth_are_counted_and_not_evaluated() -> None:
     for name in ("car", "all"):
         assert (tree[name]["images"], tree[name]["images_without_truth"], tree[name]["false"]) == (1, 1, 1)
         assert tree[name]["false_per_image"] == 1.0
+    tree = figures(image(BOX, [0.9], [CAR], None))["car"]
+    assert (tree["images"], tree["images_without_truth"], tree["precision"]) == (0, 1, None)
 
 
 def test_cameras_stand_in_order_and_apart() -> None:
