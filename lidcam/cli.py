@@ -360,7 +360,12 @@ def compare(
     ] = None,
     allow: Annotated[
         list[AllowedDifference] | None,
-        typer.Option("--allow", help="What may differ, however much. Repeatable."),
+        typer.Option(
+            "--allow",
+            metavar="KIND",
+            help="What may differ, however much: lost, new, moved, turned, resized, relabelled, rescored, reidentified "
+            "(objects) or frames (of one result alone). May be repeated.",
+        ),
     ] = None,
     max_different: Annotated[
         float,

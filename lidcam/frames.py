@@ -49,6 +49,7 @@ class RunInput:
         window: Part of the recording.
         settings: Why these settings.
         copied: Topics whose messages are handed on with the bundles, for an output that copies them.
+        drawn: Those of them that are drawn beside the results: boxes of the truth.
     """
 
     recording: Recording
@@ -58,6 +59,7 @@ class RunInput:
     window: TimeWindow = TimeWindow()
     settings: UsedSettings = AS_GIVEN
     copied: tuple[str, ...] = ()
+    drawn: tuple[str, ...] = ()
 
 
 def sensor_clocks(rig: Rig, drops: DropTable) -> Clocks:
@@ -88,7 +90,12 @@ def bundles(source: RunInput, drops: DropTable, stats: SyncStats, clocks: Clocks
         yield from _bundles(source, drops, stats, clocks, _messages(source))
         return
     copied = CopiedMessages(
-        source.copied, config.classes, limits=config.limits, on_drop=drops.add, on_bad=drops.add_bad
+        source.copied,
+        config.classes,
+        drawn=source.drawn,
+        limits=config.limits,
+        on_drop=drops.add,
+        on_bad=drops.add_bad,
     )
     if window.start_ns is not None:
         copied.read_ahead(recording, window.start_ns)

@@ -33,7 +33,7 @@ from lidcam.frames import (
 )
 from lidcam.job import Job
 from lidcam.outputs.allowed import check_no_input
-from lidcam.outputs.copied import choose_copied
+from lidcam.outputs.copied import choose_copied, choose_drawn
 from lidcam.outputs.open import open_outputs, open_writers, written_files
 from lidcam.settings.lasting import settings_sha256
 from lidcam.settings.settle import settle, with_zones
@@ -146,7 +146,8 @@ def _opened(job: Job) -> Iterator["Run"]:
         copied, notes = choose_copied(job.outputs, recording, found.rig, config)
         found = replace(found, notes=(*found.notes, *notes))
         drops = DropTable(job.on_bad_message)
-        yield Run(RunInput(recording, found.rig, config, motion, window, used, copied), found, drops)
+        drawn = choose_drawn(recording, copied)
+        yield Run(RunInput(recording, found.rig, config, motion, window, used, copied, drawn), found, drops)
 
 
 class Run:

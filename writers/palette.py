@@ -28,6 +28,9 @@ _CLASS_COLORS = (
     Rgb(0.80, 0.80, 0.80),
 )
 
+TRUTH = Rgb(0.88, 0.90, 0.93)
+"""A box of the truth: brighter than any class, and drawn by its edges alone."""
+
 MATCHED = Rgb(0.20, 0.95, 0.35)
 """A 2D box that belongs to an object."""
 

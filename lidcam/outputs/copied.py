@@ -1,16 +1,19 @@
 """Which topics of a recording a run copies to its output."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
 
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
+from readers.messages.vision.detections3d import DETECTIONS_3D
 from readers.recording import Recording, TopicInfo
 from readers.rig.topic_names import is_truth
+from readers.truth.topics import WHEN_MEASURED
 from writers.mcap.topics import reserved_topics
+from writers.messages.truth_scene import truth_scene_topic
 
-__all__ = ["choose_copied"]
+__all__ = ["choose_copied", "choose_drawn"]
 
 ROS_ENCODINGS = frozenset({"ros1", "cdr"})
 
@@ -32,7 +35,10 @@ def choose_copied(
         wanted = [info for info in recorded if info.topic in of_rig or is_truth(info.topic, info.msgtype)]
     else:
         wanted, notes = _matching(recorded, patterns)
-    reserved = reserved_topics(rig)
+    drawn = {truth_scene_topic(topic) for topic in choose_drawn(recording, {info.topic for info in wanted})}
+    if patterns is None:
+        wanted = [info for info in wanted if info.topic not in drawn]  # the recording is a result: drawn anew
+    reserved = reserved_topics(rig) | drawn
     copied: dict[str, None] = {}
     for info in wanted:
         if problem := _problem(info, reserved):
@@ -40,6 +46,18 @@ def choose_copied(
         else:
             copied[info.topic] = None
     return tuple(copied), tuple(notes)
+
+
+def choose_drawn(recording: Recording, copied: Collection[str]) -> tuple[str, ...]:
+    """Of the topics that are copied, those whose boxes are drawn: truth in 3D, each object once."""
+    return tuple(
+        info.topic
+        for info in recording.topics
+        if info.topic in copied
+        and info.msgtype == DETECTIONS_3D
+        and is_truth(info.topic, info.msgtype)
+        and not info.topic.endswith(WHEN_MEASURED)
+    )
 
 
 def _matching(recorded: Sequence[TopicInfo], patterns: Sequence[str]) -> tuple[list[TopicInfo], list[str]]:

@@ -9,6 +9,7 @@ from pipeline.core.clouds import CombinedCloud
 from pipeline.core.detections import Detections, Fused, Matches
 from pipeline.core.geometry.pose_samples import PoseSamples
 from pipeline.core.messages import Drop, RawMessage
+from pipeline.core.true_boxes import TrueBoxes
 
 __all__ = ["Decoded", "FrameResult", "Missing", "SensorBundle"]
 
@@ -36,6 +37,7 @@ class SensorBundle:
         dropped_before: Number of messages dropped since the previous bundle, by (topic, reason).
         missing: Why there is no message, by synchronised topic without one.
         copied: Recorded messages that an output takes over as they are, in the order in which they were recorded.
+        truth: What those of them say that are truth, to be drawn.
     """
 
     index: int
@@ -46,6 +48,7 @@ class SensorBundle:
     dropped_before: Mapping[tuple[str, str], int] = field(default_factory=dict)
     missing: Mapping[str, Missing] = field(default_factory=dict)
     copied: tuple[RawMessage, ...] = ()
+    truth: tuple[TrueBoxes, ...] = ()
 
     @property
     def skew_ns(self) -> int:

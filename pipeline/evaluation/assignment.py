@@ -12,7 +12,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from pipeline.core.arrays import F64, I64, Bools, Indices
+from pipeline.core.arrays import F64, I32, I64, Bools, Indices
 
 __all__ = [
     "assign_heaviest",
@@ -117,7 +117,7 @@ def _assign(first: I64, second: I64, costs: F64, missing: float) -> Bools:
     return chosen
 
 
-def pairs_of_equal(first: I64, second: I64) -> tuple[I64, I64]:
+def pairs_of_equal(first: I32 | I64, second: I32 | I64) -> tuple[Indices, Indices]:
     """All pairs of rows with equal values, by rising `first`, then `second`.
 
     Args:

@@ -6,10 +6,13 @@ from dataclasses import replace
 
 from pipeline.core.errors import MessageError
 from pipeline.core.frame import SensorBundle
-from pipeline.core.messages import Drop, RawMessage
+from pipeline.core.messages import Drop, RawMessage, time_fault
+from pipeline.core.ros.vision_numbers import CLASS_OF_NUMBER
 from pipeline.core.settings.classes import ClassPrior
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
+from pipeline.core.true_boxes import TrueBoxes
 from readers.messages.conversion.to_ros2 import to_ros2
+from readers.messages.vision.detections3d import decode_detections3d
 from readers.recording import Recording
 
 __all__ = ["MARGIN_NS", "CopiedMessages"]
@@ -34,6 +37,7 @@ class CopiedMessages:
     Args:
         topics: Topics to copy.
         classes: Names of the class numbers of ROS 1.
+        drawn: Those of the topics whose boxes are drawn, too.
         limits: How much may wait.
         on_drop: Gets the messages that waited in vain.
         on_bad: Gets the messages that cannot be converted.
@@ -44,11 +48,12 @@ class CopiedMessages:
         topics: Sequence[str],
         classes: Sequence[ClassPrior] = (),
         *,
+        drawn: Collection[str] = (),
         limits: LimitsConfig = DEFAULT_LIMITS,
         on_drop: Callable[[Drop], None] = lambda _: None,
         on_bad: Callable[[Drop], None] = lambda _: None,
     ) -> None:
-        self.topics = tuple(topics)
+        self.topics, self._drawn = tuple(topics), frozenset(drawn)
         self._classes, self._limits, self._on_drop, self._on_bad = classes, limits, on_drop, on_bad
         self._due: list[RawMessage] = []
         self._waiting: deque[RawMessage] = deque()
@@ -80,11 +85,27 @@ class CopiedMessages:
         for bundle in bundles:
             if last is not None:
                 yield last
-            last = replace(bundle, copied=self._until(bundle.log_time_ns))
+            last = self._with(bundle, self._until(bundle.log_time_ns))
         if last is not None:
             if stop_ns is not None:
                 self._read(recording, stop_ns, stop_ns + MARGIN_NS)
-            yield replace(last, copied=(*last.copied, *self._due, *self._waiting))
+            yield self._with(last, (*last.copied, *self._due, *self._waiting))
+
+    def _with(self, bundle: SensorBundle, copied: tuple[RawMessage, ...]) -> SensorBundle:
+        drawn = (self._true_boxes(message) for message in copied if message.topic in self._drawn)
+        return replace(bundle, copied=copied, truth=tuple(boxes for boxes in drawn if boxes is not None))
+
+    def _true_boxes(self, message: RawMessage) -> TrueBoxes | None:
+        """What a message says; None if it cannot be drawn: it is copied all the same, and told when it is evaluated."""
+        try:
+            found = decode_detections3d(message, limits=self._limits)
+        except MessageError:
+            return None
+        if time_fault(message.stamp_ns):
+            return None
+        labels = [CLASS_OF_NUMBER.get(label, label) for label in found.labels.tolist()]
+        times = message.stamp_ns, message.log_time_ns
+        return TrueBoxes(message.topic, *times, found.frame_id, found.centers, found.sizes, found.yaws, labels)
 
     def _read(self, recording: Recording, start_ns: int, stop_ns: int) -> None:
         if self.topics:

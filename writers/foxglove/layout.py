@@ -14,6 +14,7 @@ from typing import Any, Literal
 import numpy as np
 
 from pipeline.core.rig import CameraSensor, Rig
+from writers.messages.truth_scene import truth_scene_topic
 from writers.outputs.marked_text import marked_json
 from writers.panels import arrange
 from writers.viewpoint import SceneSurvey, Viewpoint, cameras_in_order
@@ -153,6 +154,7 @@ def _scene(rig: Rig, viewpoint: Viewpoint, topics: Collection[str]) -> Config:
         },
     }
     shown = {topic: {"visible": True, **config} for topic, config in settings.items() if topic in topics}
+    shown |= {topic: {"visible": True, "showOutlines": False} for topic in sorted(topics) if _is_truth_scene(topic)}
     if "/fused/markers" in topics:
         shown["/fused/markers"] = {"visible": False}  # the same objects once more, for RViz
     return {
@@ -175,6 +177,11 @@ def _scene(rig: Rig, viewpoint: Viewpoint, topics: Collection[str]) -> Config:
         "layers": {},
         "imageMode": {},
     }
+
+
+def _is_truth_scene(topic: str) -> bool:
+    """Whether truth is drawn on a topic of the file."""
+    return topic.endswith(truth_scene_topic("")) and topic != "/fused/scene"
 
 
 def _camera_state(viewpoint: Viewpoint) -> Config:

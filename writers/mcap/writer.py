@@ -18,6 +18,7 @@ from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.ros.messages import ROS2
 from pipeline.core.ros.qos import LATCHED_YAML
 from pipeline.core.settings.config import Config
+from pipeline.core.true_boxes import TrueBoxes
 from writers.foxglove.layout import foxglove_layout
 from writers.mcap.file import McapOutput, mcap_file
 from writers.mcap.topics import written_topics
@@ -27,6 +28,7 @@ from writers.messages.diagnostics import diagnostics
 from writers.messages.images import COMPRESSED, image_cdr
 from writers.messages.scene import marker_array, scene_update
 from writers.messages.sensors import camera_info, moving_transform, point_cloud2, static_transforms
+from writers.messages.truth_scene import truth_scene, truth_scene_topic
 from writers.outputs.errors import output_errors
 from writers.outputs.marks import RESULT
 from writers.outputs.transaction import OutputFile
@@ -103,8 +105,8 @@ class McapResultWriter:
         before = [message for message in result.bundle.copied if message.log_time_ns <= log_time_ns]
         after = [message for message in result.bundle.copied if message.log_time_ns > log_time_ns]
         with output_errors(self._path):
-            self._copy(before)
-            if not self._filled:
+            self._copy(before, result.bundle.truth)
+            if "/tf_static" not in self._filled:
                 self._put("/tf_static", static_transforms(self._rig, min(stamps_ns)), log_time_ns)
             motion, limits = result.bundle.motion, self._config.combine.motion
             if motion is not None and motion.covers(
@@ -116,7 +118,7 @@ class McapResultWriter:
             for camera in self._rig.cameras:
                 not_copied += self._put_camera(camera, result)
             self._put("/diagnostics", diagnostics(result, self._rig, not_copied), log_time_ns)
-            self._copy(after)
+            self._copy(after, result.bundle.truth)
         return tuple(not_copied)
 
     def _site_messages(self, result: FrameResult) -> Iterator[tuple[str, Any]]:
@@ -167,14 +169,17 @@ class McapResultWriter:
         self._put_bytes(topic, msgtype, cdr, log_time_ns)
         return ()
 
-    def _copy(self, messages: Iterable[RawMessage]) -> None:
-        """Write recorded messages as they are, at the times at which they were recorded."""
+    def _copy(self, messages: Iterable[RawMessage], truth: Iterable[TrueBoxes]) -> None:
+        """Write recorded messages as they are, at the times at which they were recorded, and truth also drawn."""
+        drawn = {(boxes.topic, boxes.log_time_ns, boxes.stamp_ns): boxes for boxes in truth}
         for message in messages:
             channel = message.channel
             if channel not in self._copied:
                 self._copied[channel] = self._file.add_recorded(channel)
             self._file.add_message(self._copied[channel], message.log_time_ns, message.data, self._messages)
             self._messages += 1
+            if boxes := drawn.get((message.topic, message.log_time_ns, message.stamp_ns)):
+                self._put(truth_scene_topic(message.topic), truth_scene(boxes), message.log_time_ns)
 
     def _put(self, topic: str, message: Any, log_time_ns: int) -> None:
         self._put_bytes(topic, message.__msgtype__, ROS2.serialize(message), log_time_ns)

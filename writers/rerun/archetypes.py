@@ -9,7 +9,9 @@ from pipeline.core.arrays import F32, F64, U8, Array, Bools
 from pipeline.core.clouds import CombinedCloud
 from pipeline.core.frame import FrameResult
 from pipeline.core.rig import CameraSensor
+from pipeline.core.true_boxes import TrueBoxes
 from writers.drawing import ARROW_SHARE, DrawnBoxes2D, labels_in_the_clear, object_colors, object_edges, strong_objects
+from writers.palette import TRUTH
 
 __all__ = [
     "boxes_2d",
@@ -20,6 +22,7 @@ __all__ = [
     "height_range",
     "labels_2d",
     "objects_3d",
+    "truth_boxes",
 ]
 
 MAX_POINTS = 100_000
@@ -69,6 +72,22 @@ def objects_3d(result: FrameResult, labels: Sequence[str], rows: Bools, *, stron
         show_labels=strong,
         fill_mode="TransparentFillMajorWireframe" if strong else "MajorWireframe",
         radii=rr.Radius.ui_points(1.5 if strong else 0.7),
+    )
+
+
+def truth_boxes(truth: TrueBoxes) -> rr.Boxes3D:
+    """Objects of the truth: their edges and classes."""
+    half = truth.yaws / 2
+    zeros = np.zeros_like(half)
+    return rr.Boxes3D(
+        centers=truth.centers,
+        sizes=truth.sizes,
+        quaternions=np.stack([zeros, zeros, np.sin(half), np.cos(half)], -1),
+        colors=TRUTH.bytes_rgb,
+        labels=[*truth.labels],
+        show_labels=False,
+        fill_mode="MajorWireframe",
+        radii=rr.Radius.ui_points(1.0),
     )
 
 

@@ -139,6 +139,7 @@ class RerunResultWriter:
         if self._config.output.clouds:
             self._log_clouds(result)
         self._log_objects(result)
+        self._log_truth(result)
         drops: list[Drop] = []
         for camera in self._rig.cameras:
             drops += self._log_camera(camera, result)
@@ -224,6 +225,17 @@ class RerunResultWriter:
         self._recording.log("world/objects", archetypes.objects_3d(result, labels, strong, strong=True))
         self._recording.log("world/objects/heading", archetypes.heading_arrows(result, strong))
         self._recording.log("world/faint", archetypes.objects_3d(result, labels, ~strong, strong=False))
+
+    def _log_truth(self, result: FrameResult) -> None:
+        """The truth that is nearest to the frame in time, if it stands in the site frame or in the one it moves in."""
+        motion, stamp_ns = result.bundle.motion, result.bundle.stamp_ns
+        places = {self._rig.site_frame: "world/truth"}
+        if motion is not None:
+            places[motion.fixed_frame_id] = f"{FIXED}/truth"
+        known = [boxes for boxes in result.bundle.truth if boxes.frame_id in places]
+        if known:
+            nearest = min(known, key=lambda boxes: (abs(boxes.stamp_ns - stamp_ns), boxes.topic))
+            self._recording.log(places[nearest.frame_id], archetypes.truth_boxes(nearest))
 
     def _log_camera(self, camera: CameraSensor, result: FrameResult) -> tuple[Drop, ...]:
         """The image and what is drawn on it; a camera slower than the frames keeps its last image."""

@@ -12,8 +12,8 @@ from pipeline.evaluation.records import UNKNOWN
 
 __all__ = ["Tracks", "image_changes", "source_changes"]
 
-ROUNDING = 1e-9
-"""Added to what counts as equal: 0.3 - 0.2 is less than 0.1 in floating point, and 0.2 - 0.1 is not."""
+ROUNDING, ROUNDING_PX = 1e-6, 1e-3
+"""Added to what counts as equal: scores and pixels are of single precision, where 0.2 - 0.1 is more than 0.1."""
 
 
 class Tracks:
@@ -65,7 +65,7 @@ def image_changes(first: ImageObjects, second: ImageObjects, config: CompareConf
     a, b = first.found, second.found
     nothing = np.zeros(len(i)), 0.0
     measured = [
-        (_apart(a.xyxy[i], b.xyxy[j]).max(1, initial=0.0), config.pixels),
+        (_apart(a.xyxy[i], b.xyxy[j]).max(1, initial=0.0), config.pixels + ROUNDING_PX),
         nothing,
         nothing,
         (first.classes[i] != second.classes[j], 0.0),

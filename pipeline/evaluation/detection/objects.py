@@ -8,6 +8,7 @@ import numpy as np
 from pipeline.core.arrays import F32, F64, I32, Bools, Indices
 from pipeline.core.geometry.boxes import wrap_angle
 from pipeline.core.geometry.rotated_iou import BoxArrays, OrientedBoxes, pair_ious
+from pipeline.evaluation.assignment import pairs_of_equal
 from pipeline.evaluation.detection.criteria import DISTANCES_M
 from pipeline.evaluation.detection.matching import Candidates
 from pipeline.evaluation.records import Names, SourceBoxes, TruthBoxes3D
@@ -18,7 +19,6 @@ __all__ = [
     "check_class_ids",
     "check_numbers",
     "errors_of_pairs",
-    "pairs_by_frame",
     "pairs_near",
 ]
 
@@ -108,20 +108,6 @@ class FoundObjects:
         return len(self.frames)
 
 
-def pairs_by_frame(found_frames: I32, truth_frames: I32) -> tuple[Indices, Indices]:
-    """All pairs of a detection and a true object of the same frame, as rows (P,) of each; both ascending.
-
-    Args:
-        found_frames: (N,) frame of each detection, ascending.
-        truth_frames: (T,) frame of each true object, ascending.
-    """
-    first = np.searchsorted(truth_frames, found_frames, side="left")
-    counts = np.searchsorted(truth_frames, found_frames, side="right") - first
-    found = np.repeat(np.arange(len(found_frames)), counts)
-    offsets = np.arange(len(found)) - np.repeat(np.cumsum(counts) - counts, counts)
-    return found, first[found] + offsets
-
-
 def pairs_near(found: FoundObjects, truth: TrueObjects, scales: F64) -> Candidates:
     """Pairs of the same frame that overlap or are no farther from each other than the largest distance of a criterion.
 
@@ -130,7 +116,7 @@ def pairs_near(found: FoundObjects, truth: TrueObjects, scales: F64) -> Candidat
         truth: The true objects of the same frames.
         scales: (C,) by class, factor of the distances.
     """
-    rows, columns = pairs_by_frame(found.frames, truth.frames)
+    rows, columns = pairs_of_equal(found.frames, truth.frames)
     gap_m = found.centers[rows, :2] - truth.centers[columns, :2]
     distances_m = np.hypot(gap_m[:, 0], gap_m[:, 1])
     # an object of no class takes the limits of the detection's

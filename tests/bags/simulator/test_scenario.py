@@ -73,6 +73,10 @@ def test_a_sensors_body_is_turned_about_the_axes_of_what_carries_it() -> None:
         ({"lidars": {"a": LIDAR, "b": LIDAR | {"topic": "/b"}}}, "lidars.b: 'lidar' is also a frame of lidars.a"),
         ({"cameras": {"a": CAMERA | {"topic": "/info", "output": "raw"}}}, "'/info' is also a topic of cameras.a"),
         ({"cameras": {"a": CAMERA | {"info_topic": "/tf"}}}, "cameras.a: '/tf' is also a topic of the simulator"),
+        (
+            {"cameras": {"a": CAMERA | {"info_topic": "/ground_truth/a/whole"}}},
+            "cameras.a: '/ground_truth/a/whole' is also a topic of the simulator",
+        ),
         ({"cameras": {"a": CAMERA | {"frame_id": "site"}}}, "cameras.a: 'site' is also a frame of the simulator"),
         ({"cameras": {"a": CAMERA | {"topic": "not a topic!"}}}, "cameras.a.topic"),
         (

@@ -192,9 +192,11 @@ def test_2d_boxes(compare: Any, result: Path, faulty: Any) -> None:
     assert failure.startswith("camera_north_east: expected at most 0 %")
     lines = [line.split()[:4] for line in found.out.splitlines()]
     assert ["camera_north_east", "car", "lost", "(score"] in lines
-    moved = compare(result, faulty(shifted((3, 0)), "/camera_north_east/detections"))
-    assert sum("moved 3.0 px" in line for line in moved.out.splitlines()) > 0
-    assert not compare(result, faulty(shifted((3, 0)), "/camera_north_east/detections"), "compare.pixels=3").failures
+    moved = compare(result, faulty(shifted((1.5, 0)), "/camera_north_east/detections"))
+    assert sum("moved 1.5 px" in line for line in moved.out.splitlines()) > 0
+    assert not compare(
+        result, faulty(shifted((1.5, 0)), "/camera_north_east/detections"), "compare.pixels=1.5"
+    ).failures
 
 
 def test_frames_of_one_alone(compare: Any, result: Path, faulty: Any) -> None:

@@ -262,3 +262,16 @@ def test_truth_in_odom_and_results_of_a_vehicle(truth_is: str) -> None:
     found = [image.found.xyxy for image in images]
     ious = [iou_xyxy(ours.xyxy, theirs).max(initial=0) for ours, theirs in zip(shown, found, strict=True)]
     assert np.median(ious) > 0.7
+    assert all((truth.image_pixels > 0).all() for truth in shown)  # as recorded for each image, not projected
+
+
+def test_truth_when_the_lidars_measured_it() -> None:
+    """The other car is parked: it is at one place at both times."""
+    _, result = simulated()
+    at_stamp, _ = compared(result)
+    measured, of = compared(result, settings=["evaluate.truth_time=points"])
+    assert of.notes == ("truth: /ground_truth/objects_when_measured of out.mcap (by its name)",)
+    for one, other in zip(at_stamp, measured, strict=True):
+        assert one.truth is not None
+        assert other.truth is not None
+        np.testing.assert_allclose(other.truth.centers, one.truth.centers, atol=1e-6)

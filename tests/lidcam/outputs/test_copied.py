@@ -7,7 +7,7 @@ from builders import odometry, raw
 from frames import RIG
 from memory_recording import MemoryRecording
 
-from lidcam.outputs.copied import choose_copied
+from lidcam.outputs.copied import choose_copied, choose_drawn
 from pipeline.core.messages import Channel, RawMessage
 from pipeline.core.rig import TruthVehicle
 from pipeline.core.settings.config import Config
@@ -71,3 +71,23 @@ def test_what_is_no_ros_message_is_told() -> None:
         (),
         ("/grid is not copied to the output: its messages are json, expected ROS messages",),
     )
+
+
+def test_which_truth_is_drawn() -> None:
+    measured = raw("/ground_truth/objects_when_measured", BOXES, {}, 1)
+    found = recording(measured)
+    copied, _ = choose_copied(OUT, found, RIG, Config())
+    assert measured.topic in copied
+    assert choose_drawn(found, copied) == (TRUTH, "/labels/gt")
+    assert choose_drawn(found, ("/odom", FUSED)) == ()
+
+
+def test_what_a_result_has_drawn_is_drawn_anew() -> None:
+    channel = Channel("/ground_truth/objects/scene", "foxglove_msgs/msg/SceneUpdate", "cdr")
+    drawn = RawMessage(1, 1, (0, 0), b"", channel)
+    assert chosen(None, drawn) == ((MAP, TRUTH, "/labels/gt"), ())
+    assert chosen(["/ground_truth/o*"], drawn) == (
+        (TRUTH,),
+        ("/ground_truth/objects/scene is not copied to the output: the result has a topic of that name",),
+    )
+    assert chosen(["/ground_truth/objects/*"], drawn) == (("/ground_truth/objects/scene",), ())

@@ -12,6 +12,7 @@ from readers.streams.copied import MARGIN_NS, MESSAGE_BYTES, CopiedMessages
 
 SEC = 1_000_000_000
 ODOM = "nav_msgs/msg/Odometry"
+UPRIGHT = {"orientation": {"w": 1.0}}
 
 
 def message(topic: str, log_time_ns: int) -> RawMessage:
@@ -125,3 +126,18 @@ def test_no_topics_read_nothing() -> None:
     assert [one.topic for one in copied.tap(stream, {"/sensor"})] == ["/sensor"]
     (found,) = copied.handed_on([bundle(0, 2)], MemoryRecording(stream), 2)
     assert found.copied == ()
+
+
+def test_truth_is_drawn_if_it_can_be_read() -> None:
+    def boxes(topic: str, at: int) -> RawMessage:
+        fields = {"detections": [{"bbox": {"size": {"x": 4.0, "y": 2.0, "z": 1.5}, "center": UPRIGHT}}]}
+        return raw(topic, "vision_msgs/msg/Detection3DArray", fields, at)
+
+    whole = boxes("/truth", 0)
+    stream = [whole, boxes("/other", 0), whole._replace(data=bytes(whole.data)[:20]), whole._replace(stamp_ns=-1)]
+    copied = CopiedMessages(("/truth", "/other"), drawn=("/truth",))
+    found = handed_on(copied, [*stream, message("/sensor", 1)])
+    assert len(found[0].copied) == 4
+    (drawn,) = found[0].truth
+    assert (drawn.topic, drawn.stamp_ns, drawn.log_time_ns, list(drawn.labels)) == ("/truth", 0, 0, [""])
+    assert drawn.sizes.tolist() == [[4, 2, 1.5]]

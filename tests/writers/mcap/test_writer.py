@@ -1,4 +1,5 @@
 import hashlib
+import json
 import re
 from collections.abc import Iterable
 from dataclasses import replace
@@ -20,6 +21,7 @@ from pipeline.core.frame import FrameResult
 from pipeline.core.messages import Channel, Drop, RawMessage
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
+from pipeline.core.true_boxes import TrueBoxes
 from writers.base import ResultWriter
 from writers.foxglove.layout import layout_path
 from writers.mcap.writer import McapResultWriter
@@ -338,3 +340,19 @@ def test_copied_messages_keep_bytes_definition_and_time(tmp_path: Path) -> None:
     order = [channel.topic for _, channel, _ in found]
     assert order[:3] == ["/truth", "/idl", "/tf_static"]
     assert order[-1] == "/truth"
+
+
+def test_truth_is_drawn_beside_its_messages(tmp_path: Path) -> None:
+    result = frame(0)
+    at_ns = result.bundle.log_time_ns
+    copied = [raw("/gt", "vision_msgs/msg/Detection3DArray", {}, at, at) for at in (at_ns - 5, at_ns + 5)]
+    nothing = np.zeros((0, 3))
+    truth = [TrueBoxes("/gt", at, at, "site", nothing, nothing, np.zeros(0), ()) for at in (at_ns - 5, at_ns + 5)]
+    result = replace(result, bundle=replace(result.bundle, copied=tuple(copied), truth=tuple(truth)))
+    write(tmp_path / "out.mcap", [result])
+    with (tmp_path / "out.mcap").open("rb") as file:
+        found = [(c.topic, m.log_time) for _, c, m in make_reader(file).iter_messages(log_time_order=False)]
+    assert found[:3] == [("/gt", at_ns - 5), ("/gt/scene", at_ns - 5), ("/tf_static", at_ns)]
+    assert found[-2:] == [("/gt", at_ns + 5), ("/gt/scene", at_ns + 5)]
+    layout = json.loads(layout_path(tmp_path / "out.mcap").read_text())
+    assert layout["configById"]["3D!scene"]["topics"]["/gt/scene"]["visible"]

@@ -16,6 +16,7 @@ from pipeline.core.frame import FrameResult, Missing
 from pipeline.core.images import Image
 from pipeline.core.messages import Drop, RawMessage
 from pipeline.core.settings.config import Config
+from pipeline.core.true_boxes import TrueBoxes
 from writers.base import ResultWriter
 from writers.drawing import DrawnBoxes2D
 from writers.outputs.transaction import OutputFile, OutputTransaction
@@ -80,6 +81,24 @@ def test_rerun_reads_it(tmp_path: Path) -> None:
     assert entities(printed) == cameras | others | lidars | metrics
     assert "log_time" not in printed
     assert "log_tick" not in printed
+
+
+@pytest.mark.parametrize(
+    ("frame_id", "drawn"), [("site", "/world/truth"), ("odom", "/world/fixed/truth"), ("other", "")]
+)
+def test_the_truth_that_is_nearest_is_drawn(tmp_path: Path, frame_id: str, drawn: str) -> None:
+    one = frame(0, motion=True)
+    stamp_ns, place = one.bundle.stamp_ns, np.zeros((1, 3))
+    truth = tuple(
+        TrueBoxes("/gt", stamp_ns + at, stamp_ns, frame_id, place, place + 1, np.zeros(1), (label,))
+        for at, label in ((-9, "premature"), (4, "nearest"), (9, "tardy"))
+    )
+    write(tmp_path / "out.rrd", [replace(one, bundle=replace(one.bundle, truth=truth))])
+    printed = rerun(tmp_path, "rrd", "print", "-vvv", tmp_path / "out.rrd").stdout
+    assert {path for path in entities(printed) if path.endswith("truth")} == ({drawn} if drawn else set())
+    assert ("nearest" in printed) == bool(drawn)
+    assert "premature" not in printed
+    assert "tardy" not in printed
 
 
 def test_the_recording_has_the_names_of_the_inputs(tmp_path: Path) -> None:

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.core.arrays import F32, F64, I32, Bools, check_array
+from pipeline.evaluation.assignment import pairs_of_equal
 from pipeline.evaluation.detection.matching import match_by_score, ranks_by_score
-from pipeline.evaluation.detection.objects import pairs_by_frame
 from pipeline.evaluation.detection.tables import FALSE, IGNORED
 from pipeline.evaluation.records import UNKNOWN, ImageBoxes, TruthBoxes2D
 
@@ -75,7 +75,7 @@ def match_images(images: Sequence[ImageBoxes], truths: Sequence[TruthBoxes2D], m
     true_xyxy = np.concatenate([truth.xyxy for truth in truths]).astype(np.float64)
     true_ids = np.concatenate([truth.class_ids for truth in truths])
     evaluated = np.concatenate([is_evaluated_2d(truth, min_pixels) for truth in truths])
-    found, shown = pairs_by_frame(_numbers([len(image.found) for image in images]), _numbers(list(map(len, truths))))
+    found, shown = pairs_of_equal(_numbers([len(image.found) for image in images]), _numbers(list(map(len, truths))))
     iou, share = _overlaps(xyxy[found], true_xyxy[shown])
 
     same = evaluated[shown] & (class_ids[found] == true_ids[shown])

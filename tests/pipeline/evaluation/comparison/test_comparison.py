@@ -232,6 +232,13 @@ def test_boxes_of_images() -> None:
     assert kinds_of(apart) == {"lost": 1, "new": 1, "relabelled": 1}
 
 
+def test_what_differs_by_just_as_much_as_it_may_is_equal() -> None:
+    first = run_of(1, objects(*CARS, scores=[0.1, 0.7]), camera=boxes2d([(600.1, 7, 640, 40, 0.2, 0)]))
+    second = run_of(1, objects(*CARS, scores=[0.2, 0.6]), camera=boxes2d([(603.1, 7, 643, 40, 0.3, 0)]))
+    tree = figures(first, second, CompareConfig(score=0.1, pixels=3))
+    assert not tree["differences"]["count"]
+
+
 def test_what_only_one_result_has_is_lost_or_new() -> None:
     run = run_of(3, objects(*CARS))
     bare = [replace(frame, sources={}, cameras={}) for frame in run]
