@@ -80,6 +80,7 @@ samples: $(INSTALLED_ALL)
 
 bench: $(INSTALLED_ALL)
 	$(BIN)/python benchmarks/end_to_end.py
+	$(BIN)/python benchmarks/evaluation.py
 	$(BIN)/python benchmarks/filters.py
 	$(BIN)/python benchmarks/synchronisation.py
 	$(BIN)/python benchmarks/rotated_iou.py
@@ -87,7 +88,7 @@ bench: $(INSTALLED_ALL)
 	$(BIN)/python benchmarks/simulator.py
 
 numbers: $(INSTALLED_ALL)
-	$(BIN)/python benchmarks/numbers_page.py
+	$(BIN)/python benchmarks/measured/numbers_page.py
 
 config/default.yaml: $(wildcard pipeline/core/settings/*.py) $(INSTALLED_ALL)
 	@printf '# The defaults of every setting: a printed copy of pipeline/core/settings/, which explains each one.\n# Copy the part that you want to change into a file of your own and pass it with --config.\n\n' > $@

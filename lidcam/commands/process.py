@@ -131,8 +131,7 @@ class _Terminal(RunObserver):
 
     def opened(self, source: RunInput) -> None:
         if self._requirements:
-            known = known_figures(source.config, source.rig.zones, source.rig.cameras, SOURCES)
-            check_names(self._requirements, known)
+            check_names(self._requirements, known_figures(source.config, source.rig, SOURCES))
         recording, window = source.recording, source.window
         self._config = source.config
         self._start_ns = window.start_ns or recording.start_ns

@@ -15,9 +15,6 @@ MIN_COVERED = 0.5
 
 MAX_LABELS = 5
 
-TRADED = ("precision", "recall")
-"""What a threshold trades one for the other: either may fall where fusion does good."""
-
 
 def doubts(tree: Mapping[str, Any], *, has_truth: bool) -> tuple[RunWarning, ...]:
     """What to mind about figures.
@@ -28,7 +25,7 @@ def doubts(tree: Mapping[str, Any], *, has_truth: bool) -> tuple[RunWarning, ...
     """
     if not has_truth:
         return ()
-    return (*_times(tree), *_objects(tree["truth_objects"]), *_places(tree), *_gains(tree))
+    return (*_times(tree), *_objects(tree["truth_objects"]), *_places(tree), *_taken_away(tree))
 
 
 def _times(tree: Mapping[str, Any]) -> Iterator[RunWarning]:
@@ -81,25 +78,14 @@ def _places(tree: Mapping[str, Any]) -> Iterator[RunWarning]:
             )
 
 
-def _gains(tree: Mapping[str, Any]) -> Iterator[RunWarning]:
-    for name, gains in tree.get("fusion_gain", {}).items():
-        worse = [
-            f"{figure} ({gain['low']:+.3f} to {gain['high']:+.3f} against {gain['over']})"
-            for figure, gain in _compared(gains)
-            if gain["takes_away"] and figure not in TRADED
-        ]
-        if worse:
+def _taken_away(tree: Mapping[str, Any]) -> Iterator[RunWarning]:
+    """Classes for which fusion is worse than a single sensor, beyond chance."""
+    for name, gains in tree["fusion_gain"].items():
+        gain = next(one for figure, one in gains.items() if figure.startswith("ap_bev"))
+        if gain["takes_away"]:
             yield RunWarning(
                 "fused",
-                f"fusion takes away from {'all classes together' if name == ALL else name}: {', '.join(worse)}",
-                "look at the calibration of the cameras, and at associate and fuse in the settings",
+                f"{name}: fusion takes away {-gain['value']:.2f} AP ({gain['low']:+.2f} to {gain['high']:+.2f}) from "
+                f"{gain['over']} alone",
+                "look at the calibration and the 2D boxes of the cameras, and at the settings associate and fuse",
             )
-
-
-def _compared(gains: Mapping[str, Any], beginning: str = "") -> Iterator[tuple[str, Mapping[str, Any]]]:
-    """The figures that have a gain, by name."""
-    for name, value in gains.items():
-        if isinstance(value, Mapping) and "takes_away" in value:
-            yield f"{beginning}{name}", value
-        elif isinstance(value, Mapping):
-            yield from _compared(value, f"{beginning}{name}.")

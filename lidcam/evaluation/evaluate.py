@@ -4,6 +4,8 @@ import logging
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
 
 from lidcam.checks.incomplete import damage_lines
 from lidcam.evaluation.doubts import doubts
@@ -15,7 +17,7 @@ from lidcam.evaluation.requirement import check_names
 from lidcam.settings.lasting import settings_sha256
 from pipeline.core.errors import RecordingError
 from pipeline.evaluation.records import EvaluationFrame
-from readers.input_file import read_input_file
+from readers.input_file import InputFile, read_input_file
 from readers.location import Location
 from readers.results.result import Result, open_result
 from readers.truth.open import OpenTruth, open_truth
@@ -49,17 +51,19 @@ def evaluate_result(job: EvaluationJob, observer: EvaluationObserver | None = No
     observer = observer or EvaluationObserver()
     started = time.perf_counter()
     with open_result(job.result, job.settings) as result, ExitStack() as stack:
-        config, rig = result.config, result.rig
+        if job.rig is not None:
+            result.rig = replace(result.rig, truth=job.rig.vehicles)
+        config = result.config
         observer.opened((result.recording.end_ns - result.recording.start_ns) / 1e9)
-        cameras = [camera for camera in rig.cameras if camera.name in result.cameras]
-        check_names(job.requirements, known_figures(config, rig.zones, cameras, result.sources))
+        seen = replace(result.rig, cameras=tuple(one for one in result.rig.cameras if one.name in result.cameras))
+        check_names(job.requirements, known_figures(config, seen, result.sources))
         found, files = _find_truth(job, result, stack)
         frames = EvaluationFrames(result, found)
-        tree = measure(_told(frames, observer), evaluators_of(config, rig.zones, cameras))
+        tree = measure(_told(frames, observer), evaluators_of(config, seen))
         if not tree["frames"]:
             raise RecordingError(f"{job.result}: expected a result with frames, found none")
         figures = NamedFigures({**tree, "timing": {"evaluation_s": time.perf_counter() - started}})
-        truth = Truth((found.source.description,), tuple(map(read_input_file, files))) if found.source else None
+        truth = Truth((found.source.description,), tuple(map(_identity, files))) if found.source else None
         return Evaluation(
             figures=figures,
             inputs=(read_input_file(job.result),),
@@ -77,9 +81,15 @@ def _find_truth(job: EvaluationJob, result: Result, stack: ExitStack) -> tuple[O
     """The truth, open until `stack` ends, and the files that it stands in."""
     if job.truth:
         found = stack.enter_context(open_truth(result, job.truth, topic=job.truth_topic))
-        return found, found.poses[0].paths
+        paths = found.poses[0].paths
+        return found, job.truth if paths == result.recording.paths else paths  # labels are no recording
     found = stack.enter_context(open_truth(result, topic=job.truth_topic))
     return found, (job.result,)
+
+
+def _identity(path: Location) -> InputFile:
+    """What tells a file from others; a folder of labels by its name alone: it may hold thousands of clouds."""
+    return InputFile.unread(path) if isinstance(path, Path) and path.is_dir() else read_input_file(path)
 
 
 def _told(frames: Iterable[EvaluationFrame], observer: EvaluationObserver) -> Iterator[EvaluationFrame]:

@@ -8,22 +8,24 @@ import numpy as np
 from lidcam.evaluation.counts import FrameCounts
 from lidcam.evaluation.figures import NamedFigures, merged
 from pipeline.core.detections import Boxes2D, Boxes3D
-from pipeline.core.rig import CameraSensor, Zone
+from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.evaluation.detection.evaluation import DetectionEvaluation
 from pipeline.evaluation.mistakes import Mistakes
 from pipeline.evaluation.records import EvaluationFrame, Evaluator, ImageBoxes, SourceBoxes, TruthBoxes2D, TruthBoxes3D
 from pipeline.evaluation.tracking.evaluation import TrackingEvaluation
+from pipeline.evaluation.unlabelled.evaluation import UnlabelledEvaluation
 
 __all__ = ["evaluators_of", "known_figures", "measure"]
 
 
-def evaluators_of(config: Config, zones: Sequence[Zone], cameras: Sequence[CameraSensor]) -> tuple[Evaluator, ...]:  # noqa: ARG001
-    """What measures a result with these settings, in the order of its sections."""
+def evaluators_of(config: Config, rig: Rig) -> tuple[Evaluator, ...]:
+    """What measures a result with these settings and of this rig, in the order of its sections."""
     return (
         FrameCounts(config),
-        DetectionEvaluation(config, zones),
-        TrackingEvaluation(config, zones),
+        DetectionEvaluation(config, rig.zones),
+        TrackingEvaluation(config, rig.zones),
+        UnlabelledEvaluation(config, rig.zones, rig.cameras),
         Mistakes(config),
     )
 
@@ -36,22 +38,30 @@ def measure(frames: Iterable[EvaluationFrame], evaluators: Sequence[Evaluator]) 
     return merged([evaluator.figures() for evaluator in evaluators])
 
 
-def known_figures(
-    config: Config, zones: Sequence[Zone], cameras: Sequence[CameraSensor], sources: Sequence[str]
-) -> NamedFigures:
+def known_figures(config: Config, rig: Rig, sources: Sequence[str]) -> NamedFigures:
     """The figures that a result of these sources will have, by their names: those of a frame without any object.
 
     What is named by the words of the truth, and what needs track ids, is not among them.
     """
     none, no_ids = np.zeros(0, np.int32), np.zeros(0, np.int64)
     names, marks = np.zeros(0, np.str_), np.zeros(0, np.bool_)
-    truth = TruthBoxes3D(0, "", np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), none, names, no_ids, none, none, marks)
+    truth = TruthBoxes3D(
+        0, rig.site_frame, np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), none, names, no_ids, none, none, marks
+    )
     boxes = Boxes3D(
-        0, "", np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0, np.float32), none, none, np.zeros((0, 3, 3))
+        0,
+        rig.site_frame,
+        np.zeros((0, 3)),
+        np.zeros((0, 3)),
+        np.zeros(0),
+        np.zeros(0, np.float32),
+        none,
+        none,
+        np.zeros((0, 3, 3)),
     )
     image = ImageBoxes(
         Boxes2D.empty(0, ""), TruthBoxes2D(0, np.zeros((0, 4), np.float32), none, names, no_ids, none, marks)
     )
     found = {source: SourceBoxes(boxes, no_ids) for source in sources}
-    frame = EvaluationFrame(0, 0, truth, found, {camera.name: image for camera in cameras}, 0)
-    return NamedFigures(measure([frame], evaluators_of(config, zones, cameras)))
+    frame = EvaluationFrame(0, 0, truth, found, {camera.name: image for camera in rig.cameras}, 0)
+    return NamedFigures(measure([frame], evaluators_of(config, rig)))

@@ -131,13 +131,14 @@ def check_names(requirements: Sequence[Requirement], known: NamedFigures) -> Non
     Args:
         requirements: The requirements.
         known: The figures of a result without objects: names that depend on the words of the truth are not among them,
-            and neither are those of tracks, which a result may not have.
+            nor those of tracks, which a result may not have, nor those of all elements of lists.
 
     Raises:
         RequirementError: there is no such figure.
     """
     for name in dict.fromkeys(one.name for one in requirements):
-        if name not in known and f".{LABELS}." not in name and not name.startswith(TRACKING):
+        depends = f".{LABELS}." in name or name.startswith(TRACKING) or any(map(str.isdecimal, name.split(".")))
+        if name not in known and not depends:
             raise RequirementError(known.unknown(name))
 
 

@@ -1,6 +1,6 @@
 """What `lidcam evaluate` prints: what it comes to in a sentence, then tables, then what to mind."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from rich.console import Console
@@ -17,6 +17,9 @@ __all__ = ["print_evaluation"]
 ALL = "all"
 """In place of a class: the figure of all objects, or the mean of the classes."""
 
+MIN_BLOCKS = 10
+"""From which on an interval is as wide as it should be."""
+
 NONE = "-"
 """In place of a figure that is not defined."""
 
@@ -30,12 +33,16 @@ def print_evaluation(out: Console, evaluation: Evaluation) -> None:
     """The report of an evaluation."""
     tree: Tree = evaluation.figures.tree
     show_line(out, _subject(tree, evaluation))
-    for table in _tables(tree):
+    if headline := _headline(tree):
+        show_line(out, headline, "bold")
+    for table, explanation in _tables(tree):
         out.print()
         show_table(out, table)
-    out.print()
-    for line in _explained(tree):
-        show_line(out, line, "dim")
+        for line in explanation:
+            show_line(out, line, "dim")
+    if (skew_ms := tree["sync"]["skew_mean_ms"]) is not None:
+        out.print()
+        show_line(out, f"sync skew: {skew_ms:.1f} ms mean, {tree['sync']['skew_max_ms']:.1f} ms at most")
     if evaluation.outcomes:
         out.print()
         show_table(out, _requirements_table(evaluation.outcomes))
@@ -59,20 +66,56 @@ def _subject(tree: Tree, evaluation: Evaluation) -> str:
     )
 
 
-def _tables(tree: Tree) -> Iterator[Table]:
-    sources: Tree = tree.get("sources", {})
+def _headline(tree: Tree) -> str:
+    """What the fusion adds, in a sentence; nothing where there are not two sources to compare."""
+    gains = tree["fusion_gain"].get(ALL, {})
+    gain = gains.get(_gain_name(gains), {}) if gains else {}
+    if gain.get("value") is None:
+        return ""
+    value, over = gain["value"], f"{gain['over']} alone, seen from above"
+    if gain["low"] is None:
+        does = f"adds {value:.2f} AP over" if value >= 0 else f"takes away {-value:.2f} AP from"
+        return f"Fusion {does} {over}; the recording is too short to say how sure that is."
+    interval = f"{gain['low']:+.2f} to {gain['high']:+.2f}"
+    if gain["low"] > 0:
+        return f"Fusion adds {value:.2f} AP ({interval}) over {over}."
+    if gain["takes_away"]:
+        return f"Fusion takes away {-value:.2f} AP ({interval}) from {over}."
+    return f"Fusion neither adds nor takes away AP for sure: {value:+.2f} ({interval}) over {over}."
+
+
+def _tables(tree: Tree) -> Iterator[tuple[Table, Iterable[str]]]:
+    """Each table with the lines that explain it."""
+    sources: Tree = tree["sources"]
     if tree["frames_with_truth"] and sources:
-        yield _found_table(sources)
-        yield _errors_table(sources)
-    if tree["frames_with_truth"] and tree.get("fusion_gain"):
-        yield _gain_table(tree["fusion_gain"], sources)
-    if images := [name for name, classes in tree.get("images", {}).items() if classes[ALL]["truth"]]:
-        yield _images_table({name: tree["images"][name] for name in images})
-    if tree["frames_with_truth"] and tree.get("tracking"):
-        yield _tracking_table(tree["tracking"])
-    for source, kinds in tree.get("mistakes", {}).items():
+        yield _found_table(sources), _detection_explained(sources)
+        if any(gains[_gain_name(gains)]["value"] is not None for gains in tree["fusion_gain"].values()):
+            yield _gain_table(tree["fusion_gain"]), _gain_explained(tree["fusion_gain"])
+        yield _errors_table(sources), _ERRORS
+    if images := [name for name, classes in tree["images"].items() if classes[ALL]["truth"]]:
+        yield _images_table({name: tree["images"][name] for name in images}), ()
+    if tree["frames_with_truth"] and tree["tracking"]:
+        yield _tracking_table(tree["tracking"]), ()
+    for source, kinds in tree["mistakes"].items():
         if any(kinds.values()):
-            yield mistakes_table(source, kinds)
+            yield mistakes_table(source, kinds), ()
+    yield _chains_table(tree["unlabelled"]), _CHAINS
+    if residuals := _residuals(tree["unlabelled"]):
+        yield _residuals_table(residuals), _RESIDUALS
+
+
+_ERRORS = (
+    "95 %: of the errors are smaller. flips: headings wrong by more than 90 degrees. length, width: by how much too "
+    "long and too wide. ECE: how far scores are from the share that is right.",
+)
+_CHAINS = (
+    "missing: of the frames between the first and the last of a chain. flickers: gaps of a frame or few. relabelled, "
+    "flips: from one frame to the next.",
+)
+_RESIDUALS = (
+    "alone: without a partner. right, down: where the 2D box lies of the projected one, in the median. off: 90 % are "
+    "less off to a side.",
+)
 
 
 def _found_table(sources: Tree) -> Table:
@@ -91,6 +134,27 @@ def _found_table(sources: Tree) -> Table:
             _share(figures[f"ap_bev_r40_{overlap}"]),
             _share(figures[f"ap_3d_r40_{overlap}"]),
             _share(figures[_by_distance(sources)]["map"]),
+        )
+    return table
+
+
+def _gain_table(gains: Tree) -> Table:
+    columns = ("AP bev", "from", "to", "AP 3D", "prec.", "recall", "position")
+    table = columns_table(
+        "gain by fusion, with its interval of 95 %", "class", "over", *columns, text_columns=("over",)
+    )
+    shown = {name: one for name, one in gains.items() if one[_gain_name(one)]["value"] is not None}
+    if len(shown) == 2:
+        shown.pop(ALL, None)
+    for name, one in shown.items():
+        best = one[_gain_name(one)]
+        others = (one[_gain_name(one, "ap_3d_r40_")], one["precision"], one["recall"])
+        table.add_row(
+            name,
+            best["over"],
+            *(_signed(best[key], 2) for key in ("value", "low", "high")),
+            *(_signed(other["value"], 2) for other in others),
+            _signed(one["errors"]["position_bev_m"]["mean"]["value"], 3),
         )
     return table
 
@@ -114,18 +178,6 @@ def _errors_table(sources: Tree) -> Table:
     return table
 
 
-def _gain_table(gains: Tree, sources: Tree) -> Table:
-    overlap, by_distance = _overlap({"fused": gains}), _by_distance(sources)
-    table = columns_table("what fusion adds", "class", "AP bev", "mAP", "F1")
-    shown = {name: gain for name, gain in gains.items() if gain["f1"]["value"] is not None}
-    if len(shown) == 2:  # what is said of the only class is said of all
-        del shown[ALL]
-    for name, gain in shown.items():
-        compared = (gain[f"ap_bev_r40_{overlap}"], gain[by_distance]["map"], gain["f1"])
-        table.add_row(name, *map(_interval, compared))
-    return table
-
-
 def _images_table(images: Tree) -> Table:
     overlap = _overlap(images, "ap_2d_r40_")
     table = columns_table("2D boxes of all classes", "camera", "truth", "recall", "precision", f"AP 2D {overlap}")
@@ -146,6 +198,45 @@ def _tracking_table(tracking: Tree) -> Table:
     return table
 
 
+def _chains_table(unlabelled: Tree) -> Table:
+    columns = ("objects/frame", "chains", "seconds", "missing", "flickers", "relabelled", "flips")
+    table = columns_table("without truth: chains of one object", "source", *columns)
+    for source in _ordered(unlabelled):
+        figures = unlabelled[source]
+        chains = figures["chains"][ALL]
+        table.add_row(
+            source,
+            _number(figures["objects"].get("per_frame_mean"), 1),
+            str(chains["chains"]),
+            _number(chains["seconds_mean"], 1),
+            _percent(chains["missing_share"]),
+            *(str(chains[key]) for key in ("flickers", "class_changes", "heading_flips")),
+        )
+    return table
+
+
+def _residuals(unlabelled: Tree) -> Tree:
+    """By camera, of the last source: what is printed of the others would be much the same."""
+    source = _ordered(unlabelled)[-1] if unlabelled else ""
+    images = unlabelled[source]["images"] if source else {}
+    return {camera: figures for camera, figures in images.items() if figures["boxes_2d"]}
+
+
+def _residuals_table(residuals: Tree) -> Table:
+    columns = ("matches", "alone 3D", "alone 2D", "right", "down", "off", "IoU")
+    table = columns_table("projected 3D boxes against 2D boxes (pixels)", "camera", *columns)
+    for camera, figures in residuals.items():
+        table.add_row(
+            camera,
+            str(figures["matches"]),
+            *(_percent(figures[key]) for key in ("unmatched_3d_share", "unmatched_2d_share")),
+            *(_signed(figures[key], 1) for key in ("offset_u_p50_px", "offset_v_p50_px")),
+            _number(figures["offset_u_abs_p90_px"], 1),
+            _share(figures["iou_p50"]),
+        )
+    return table
+
+
 def _requirements_table(outcomes: Sequence[Outcome]) -> Table:
     table = columns_table("required", "figure", "expected", "found", "", text_columns=("",))
     for outcome in outcomes:
@@ -155,29 +246,26 @@ def _requirements_table(outcomes: Sequence[Outcome]) -> Table:
     return table
 
 
-def _explained(tree: Tree) -> Iterator[str]:
+def _detection_explained(sources: Tree) -> Iterator[str]:
     """What the names above columns mean, and what counts as right."""
-    sources: Tree = tree.get("sources", {})
-    if not (tree["frames_with_truth"] and sources):
-        return
     by_distance = _by_distance(sources)
     at = "as nuScenes has it." if by_distance == "nuscenes" else "at four that go with the length of the class:"
     yield (
-        "false: false boxes a frame. AP bev, AP 3D: average precision from above and in 3D at an IoU of "
+        "false: boxes a frame. AP bev, AP 3D: average precision from above and in 3D at an IoU of "
         f"{_overlap(sources)} %, 40 recalls. mAP: the mean of those by distance of the centres, {at}"
     )
     for name, classes in _distances(sources, by_distance).items():
         yield f"  {name}: {classes}"
-    yield (
-        "recall, prec., errors: of what lies within the third of these. 95 %: of the errors are smaller. flips: "
-        "headings wrong by more than 90 degrees. length, width: by how much too long and too wide. ECE: how far scores "
-        "are from the share that is right."
-    )
-    if tree.get("fusion_gain"):
-        yield (
-            "what fusion adds: to the better of the other sources; F1 is that of precision and recall. The interval of "
-            "95 % comes from drawing seconds of the result anew, and is left out where there are fewer than five."
-        )
+    yield "recall, prec. and the errors below: of what lies within the third of these."
+
+
+def _gain_explained(gains: Tree) -> Iterator[str]:
+    yield "over: the better single sensor. + is better, also of the position."
+    one, blocks = gains[ALL], gains[ALL]["blocks"]
+    if one[_gain_name(one)]["low"] is None:
+        yield f"There is no interval: {blocks} blocks of a second are too few to draw samples from."
+    elif blocks < MIN_BLOCKS:
+        yield f"The interval is too narrow: {blocks} blocks of time are few to draw samples from."
 
 
 def _distances(sources: Tree, by_distance: str) -> dict[str, str]:
@@ -191,7 +279,7 @@ def _distances(sources: Tree, by_distance: str) -> dict[str, str]:
 
 def _rows(sources: Tree, count: str = "truth") -> Iterator[tuple[str, str, Tree]]:
     """Class, source and figures, of classes that the truth or a source has; the class is named once."""
-    ordered = sorted(sources, key=lambda source: (ORDER.index(source) if source in ORDER else len(ORDER), source))
+    ordered = _ordered(sources)
     by_class = {name: {source: sources[source][name] for source in ordered} for name in sources[ordered[0]]}
     shown = {
         name: figures
@@ -205,11 +293,19 @@ def _rows(sources: Tree, count: str = "truth") -> Iterator[tuple[str, str, Tree]
             yield "" if row else name, source, one
 
 
+def _ordered(sources: Tree) -> list[str]:
+    return sorted(sources, key=lambda source: (ORDER.index(source) if source in ORDER else len(ORDER), source))
+
+
+def _gain_name(gains: Tree, beginning: str = "ap_bev_r40_") -> str:
+    return next(name for name in gains if name.startswith(beginning))
+
+
 def _overlap(sources: Tree, beginning: str = "ap_bev_r40_") -> str:
-    """The IoU that is shown, in percent: 50 if that is among them."""
+    """The IoU that is shown, in percent: 50 if that is among them, else the last, as in the gain by fusion."""
     figures = next(iter(sources.values()))[ALL]
     known = [key.removeprefix(beginning) for key in figures if key.startswith(beginning)]
-    return "50" if "50" in known else known[0]
+    return "50" if "50" in known else known[-1]
 
 
 def _by_distance(sources: Tree) -> str:
@@ -228,11 +324,5 @@ def _number(value: float | None, digits: int) -> str:
     return NONE if value is None else f"{value:.{digits}f}"
 
 
-def _interval(gain: Tree) -> str:
-    if gain["low"] is None:
-        return _signed(gain["value"], 2)
-    return f"{gain['value']:+.2f} ({gain['low']:+.2f}, {gain['high']:+.2f})"
-
-
 def _signed(value: float | None, digits: int) -> str:
-    return NONE if value is None else f"{value:+.{digits}f}"
+    return NONE if value is None else f"{round(value, digits) + 0.0:+.{digits}f}"  # no -0.00

@@ -46,9 +46,10 @@ def source_boxes(
     *,
     stamp_ns: int = 0,
     class_ids: Sequence[int] | None = None,
+    track_ids: Sequence[int] | None = None,
     size_m: tuple[float, float, float] = (4.0, 1.7, 1.5),
 ) -> SourceBoxes:
-    """Boxes at x, y of the first class, without ids."""
+    """Boxes at x, y; of the first class and without ids where nothing else is said."""
     n = len(places)
     boxes = Boxes3D(
         stamp_ns,
@@ -61,7 +62,7 @@ def source_boxes(
         np.zeros(n, np.int32),
         np.zeros((n, 3, 3)),
     )
-    return SourceBoxes(boxes, np.full(n, UNKNOWN, np.int64))
+    return SourceBoxes(boxes, np.array([UNKNOWN] * n if track_ids is None else track_ids, np.int64))
 
 
 def evaluation_frame(

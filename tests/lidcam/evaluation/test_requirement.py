@@ -131,7 +131,11 @@ def test_what_fails_is_told_with_a_number_that_fails_too(found: float, limit: fl
 
 
 def test_names_that_there_cannot_be_are_told_before() -> None:
-    later = ["fused.car.labels.van.recall > 0", "tracking.fused.car.hota > 0"]
+    later = [
+        "fused.car.labels.van.recall > 0",
+        "tracking.fused.car.hota > 0",
+        "unlabelled.fused.over_time.3.frames > 0",
+    ]
     check_names(read_requirements([*later, "fused.car.recall > 0", "frames > 0"]), FIGURES)
     with pytest.raises(RequirementError, match=r"unknown figure 'fused.car.recal': did you mean 'fused.car.recall'"):
         check_names(read_requirements(["frames > 0", "fused.car.recal > 0"]), FIGURES)

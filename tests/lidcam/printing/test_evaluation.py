@@ -1,57 +1,153 @@
-"""The gain of fusion in the report of an evaluation of made-up frames."""
+"""What is printed of an evaluation."""
 
+from collections.abc import Sequence
 from io import StringIO
+from typing import Any
 
-import numpy as np
-from evaluation_scenes import boxes3d, truth3d
-from rich.console import Console
+import pytest
+from frames_at_places import evaluation_frame, source_boxes, true_boxes
 
-from lidcam.evaluation.counts import FrameCounts
+from lidcam.checks.warning import RunWarning
 from lidcam.evaluation.evaluation import Evaluation, Truth
-from lidcam.evaluation.figures import NamedFigures, merged
+from lidcam.evaluation.evaluators import evaluators_of, measure
+from lidcam.evaluation.figures import NamedFigures
+from lidcam.evaluation.requirement import read_requirements
 from lidcam.printing.evaluation import print_evaluation
+from lidcam.printing.terminal import console
+from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
-from pipeline.evaluation.detection.evaluation import DetectionEvaluation
 from pipeline.evaluation.records import EvaluationFrame
 from readers.input_file import InputFile
 
-SIZE_M = (4.0, 1.7, 1.55)
+RIG = Rig("site", (), (), ())
+CAR_AT, VAN_AT = (5.0, 0.0), (20.0, 5.0)
+Place = tuple[float, float]
 
 
-def report(seconds: int, class_ids: tuple[int, ...] = (0,)) -> list[str]:
-    """Fusion finds all cars, and the lidar every second one."""
-    n = len(class_ids)
-    evaluators = (FrameCounts(Config()), DetectionEvaluation(Config(), ()))
-    for index in range(2 * seconds):
-        centers = [[10.0 * row, 0.0, 1.0] for row in range(n)]
-        truth = truth3d(centers, np.full((n, 3), SIZE_M), np.zeros(n), class_ids)
-        found = boxes3d(centers, np.full((n, 3), SIZE_M), np.zeros(n), np.full(n, 0.9), class_ids)
-        seen = found.select(np.arange(n * (index % 2)))
-        frame = EvaluationFrame(index, index * 500_000_000, truth, {"lidar": seen, "fused": found})
-        for evaluator in evaluators:
-            evaluator.add(frame)
-    figures = NamedFigures(merged([evaluator.figures() for evaluator in evaluators]))
-    with StringIO() as out:
-        file = InputFile("out.mcap", "out.mcap", 1, "ab" * 32)
-        print_evaluation(Console(file=out, width=80), Evaluation(figures, (file,), "", "", Truth(("here",), ())))
-        return out.getvalue().splitlines()
+def frames(
+    *, lidar: Sequence[Place], fused: Sequence[Place], truth: Sequence[Place] | None, count: int = 20, ids: bool = False
+) -> list[EvaluationFrame]:
+    """The same places in every frame: the first of them a car, the others of the second class."""
+
+    def classes(places: Sequence[Place]) -> list[int]:
+        return [int(place != CAR_AT) for place in places]
+
+    def found(places: Sequence[Place]) -> Any:
+        tracks = list(range(len(places))) if ids else None
+        return source_boxes(places, class_ids=classes(places), track_ids=tracks)
+
+    return [
+        evaluation_frame(
+            k,
+            None if truth is None else true_boxes(truth, class_ids=classes(truth)),
+            {"lidar": found(lidar), "fused": found(fused)},
+        )
+        for k in range(count)
+    ]
 
 
-def test_gain_with_its_interval() -> None:
-    lines = report(20)
-    row = lines.index("what fusion adds")
-    assert lines[row + 1].split() == ["class", "AP", "bev", "mAP", "F1"]
-    assert lines[row + 2].startswith("car    +0.50 (+0.50, +0.50)")
-    assert lines[row + 3] == ""  # the only class says it for all
-    assert max(map(len, lines[row : row + 3])) <= 80
-    assert any("The interval of 95 % comes from" in line for line in lines)
+def printed(
+    measured: list[EvaluationFrame], *, requirements: Sequence[str] = (), warnings: Sequence[str] = (), **evaluate: Any
+) -> str:
+    config = Config.model_validate({"evaluate": {"bootstrap": 100, **evaluate}})
+    figures = NamedFigures(measure(measured, evaluators_of(config, RIG)))
+    has_truth = any(frame.truth is not None for frame in measured)
+    evaluation = Evaluation(
+        figures,
+        (InputFile("a/out.mcap", "out.mcap", 1, "0" * 64),),
+        "defaults",
+        "0" * 64,
+        Truth(("/truth of out.mcap",), ()) if has_truth else None,
+        tuple(requirement.check(figures) for requirement in read_requirements(requirements)),
+        tuple(RunWarning("fused", warning, "try this") for warning in warnings),
+        ("a note",),
+    )
+    out = console()
+    with StringIO() as text:
+        out.file = text
+        print_evaluation(out, evaluation)
+        return text.getvalue()
 
 
-def test_gain_of_several_classes_in_a_short_result() -> None:
-    lines = report(2, (0, 0, 4))
-    row = lines.index("what fusion adds")
-    assert [line.split()[:2] for line in lines[row + 2 : row + 5]] == [
-        ["car", "+0.50"],
-        ["bus", "+0.50"],
-        ["all", "+0.50"],
+def test_one_class_is_not_said_twice() -> None:
+    text = printed(frames(lidar=[], fused=[CAR_AT], truth=[CAR_AT]))
+    assert "20 of 20 frames have truth, from /truth of out.mcap; 20 true objects count\n" in text
+    assert "\ncar    lidar      20      0    0.00      -   0.00    0.00   0.00  0.00\n" in text
+    assert "\n       fused      20     20    1.00   1.00   0.00    1.00   1.00  1.00\n" in text
+    assert "\nall " not in text
+    assert "\npedestrian" not in text
+    assert "\nnote: a note\n" in text
+
+
+def test_all_classes_are_said_where_there_are_two() -> None:
+    text = printed(frames(lidar=[CAR_AT], fused=[CAR_AT, VAN_AT], truth=[CAR_AT, VAN_AT]))
+    assert "\npedestrian" in text
+    assert "\nall " in text
+
+
+OVER = "lidar alone, seen from above"
+SHORT = "; the recording is too short to say how sure that is."
+
+
+@pytest.mark.parametrize(
+    ("lidar", "fused", "count", "told"),
+    [
+        ([], [CAR_AT], 20, f"Fusion adds 1.00 AP over {OVER}{SHORT}"),
+        ([CAR_AT], [], 20, f"Fusion takes away 1.00 AP from {OVER}{SHORT}"),
+        ([], [CAR_AT], 60, f"Fusion adds 1.00 AP (+1.00 to +1.00) over {OVER}."),
+        ([CAR_AT], [], 60, f"Fusion takes away 1.00 AP (-1.00 to -1.00) from {OVER}."),
+        (
+            [CAR_AT],
+            [CAR_AT],
+            60,
+            f"Fusion neither adds nor takes away AP for sure: +0.00 (+0.00 to +0.00) over {OVER}.",
+        ),
+    ],
+)
+def test_the_headline(lidar: list[Place], fused: list[Place], count: int, told: str) -> None:
+    text = printed(frames(lidar=lidar, fused=fused, truth=[CAR_AT], count=count))
+    assert text.splitlines()[1] == told
+    assert ("There is no interval: 2 blocks of a second" in text) == (count == 20)
+    assert ("The interval is too narrow: 6 blocks of time" in text) == (count == 60)
+
+
+def test_without_truth() -> None:
+    text = printed(frames(lidar=[CAR_AT], fused=[CAR_AT], truth=None))
+    assert text.startswith("out.mcap: 20 frames, without truth: what needs it is not measured\n")
+    assert "detection" not in text
+    assert "Fusion" not in text
+    assert "without truth: chains of one object\n" in text
+    assert "\nfused             1.0       1" in text
+
+
+def test_nothing_found_and_nothing_there() -> None:
+    text = printed(frames(lidar=[], fused=[], truth=[]))
+    assert "\nFusion" not in text
+    assert "gain by fusion" not in text
+
+
+def test_tracks_are_printed_where_there_are_ids() -> None:
+    assert "\ntracks\n" not in printed(frames(lidar=[CAR_AT], fused=[CAR_AT], truth=[CAR_AT]))
+    text = printed(frames(lidar=[CAR_AT], fused=[CAR_AT], truth=[CAR_AT], ids=True))
+    assert "\ntracks\nclass  source  HOTA  DetA  AssA  MOTA  IDF1  switches  fragments  flips\n" in text
+    assert "\ncar    lidar   1.00  1.00  1.00  1.00  1.00         0          0      0\n" in text
+
+
+def test_other_settings_have_other_names() -> None:
+    text = printed(frames(lidar=[CAR_AT], fused=[CAR_AT], truth=[CAR_AT]), iou=[0.25, 0.75], distances="nuscenes")
+    assert "at an IoU of 75 %, 40 recalls" in text
+    assert "as nuScenes has it." in text
+
+
+def test_requirements_and_warnings_come_last() -> None:
+    found = frames(lidar=[CAR_AT], fused=[CAR_AT], truth=[CAR_AT])
+    required = ["fused.car.recall > 0.5", "frames > 100", "fused.bus.recall > 0"]
+    lines = printed(found, requirements=required, warnings=["something"]).splitlines()
+    at = lines.index("required")
+    assert lines[at + 2 :] == [
+        "fused.car.recall     > 0.5      1  met",
+        "frames               > 100     20  not met",
+        "fused.bus.recall       > 0      -  not met",
+        "note: a note",
+        "warning: fused: something; try this",
     ]

@@ -1,6 +1,6 @@
 """Writes docs/numbers.md: how good lidcam is on simulated recordings, class by class and source by source.
 
-    python benchmarks/numbers_page.py [--scenario NAME] [--folder out/numbers]
+    python benchmarks/measured/numbers_page.py [--scenario NAME] [--folder out/numbers]
 
 Recordings are simulated once and kept in the folder; another one is simulated when the simulator or the scenario
 changes. They are processed with the settings that lidcam chooses itself and evaluated anew each time. With --scenario

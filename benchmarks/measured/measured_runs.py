@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 
 SECONDS = {"sandbox": 20, "crossing": 10, "vehicle": 10}
 """Scenarios, and how long each is."""
