@@ -14,6 +14,7 @@ from pipeline.core.messages import Channel, RawMessage
 from pipeline.core.rig import TruthVehicle
 from pipeline.core.settings.config import Config
 from readers.messages.tf import RecordedTransforms
+from readers.recording import TopicInfo
 from readers.rig.discovery import Discovery
 
 OUT = [Path("out.mcap"), Path("out.rrd")]
@@ -113,3 +114,10 @@ def test_fixed_frames_of_the_truth_are_known() -> None:
     assert truth_frames(messages, (), found, Config()) == ()
     later = MemoryRecording([raw("/image", "sensor_msgs/msg/Image", {"header": header(1, "map")}, 1)])
     assert truth_frames(later, {"/image"}, found, Config()) == ()
+
+
+def test_what_cannot_be_read_is_not_copied() -> None:
+    found = recording()
+    found.topics = (TopicInfo("/gt/lost", BOXES, 3, (), "its chunk index is damaged"), *found.topics)
+    _, notes = choose_copied(OUT, found, RIG, Config())
+    assert notes == ("/gt/lost is not copied to the output: its chunk index is damaged",)
