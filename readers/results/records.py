@@ -1,18 +1,16 @@
 """What lidcam attaches to a result: where it comes from, with which settings and which rig."""
 
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
-from mcap.exceptions import McapError
 from mcap.reader import SeekingReader
 from mcap.records import Attachment, Chunk, McapRecord, Metadata
 from mcap.stream_reader import StreamReader
 
 from pipeline.core.errors import RecordingError
-from readers.files.damage import library_errors
+from readers.files.damage import DamageGuard, library_errors
 
 __all__ = ["CONFIG", "RIG", "AttachedRecords", "is_result", "read_records"]
 
@@ -99,19 +97,17 @@ def _of_summary(stream: BinaryIO) -> _Records | None:
     """Metadata and texts by the file's index; None if it has none, or if it is damaged."""
     stream.seek(0)
     reader = SeekingReader(stream)
-    try:
-        if reader.get_summary() is None:
-            return None
-        return _sorted_out([*reader.iter_metadata()], [*reader.iter_attachments()])
-    except (McapError, ValueError, EOFError):
-        return None
+    with DamageGuard(is_active=True):
+        if reader.get_summary() is not None:
+            return _sorted_out([*reader.iter_metadata()], [*reader.iter_attachments()])
+    return None
 
 
 def _of_beginning(stream: BinaryIO) -> _Records:
     """Metadata and texts before the first message, where lidcam writes them: of a file that was not closed."""
     stream.seek(0)
     before: list[McapRecord] = []
-    with suppress(McapError, ValueError, EOFError):  # the file ends there
+    with DamageGuard(is_active=True):  # the file ends there
         for record in StreamReader(stream, emit_chunks=True).records:
             if isinstance(record, Chunk):
                 break

@@ -28,7 +28,7 @@ MAX_MEMORY_MIB = 2048
 MAX_SECONDS_PER_INPUT = 20
 MAX_BYTES = 1 << 16
 
-CONTAINERS = frozenset({"rosbag1", "mcap", "sqlite", "zstd", "capture"})
+CONTAINERS = frozenset({"rosbag1", "mcap", "result", "sqlite", "zstd", "capture"})
 CONTAINER_SHARE = 0.2
 WAYS = ("guided", "fast")
 

@@ -8,8 +8,9 @@ line, and memory and time stay bounded. A new decoder gets a line in `HARNESSES`
 import json
 import sqlite3
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from functools import cache, partial
 from itertools import islice
 from pathlib import Path
@@ -40,10 +41,14 @@ from builders import (
 from captures import capture_of, interface, ng_packet, pcap, section
 from combined_messages import CAMERAS, combined
 from foxglove_messages import SCHEMA_OF, foxglove_raw, twin
+from frames import PROVENANCE, frame
+from frames import RIG as FRAMES_RIG
 from memory_recording import MemoryRecording
 from video import CODECS, compressed_video, encode, ffmpeg_packet, moving
 
+from lidcam.evaluation.frames import EvaluationFrames
 from pipeline.core.errors import LidcamError
+from pipeline.core.frame import FrameResult
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.messages import Channel, RawMessage
 from pipeline.core.rig import LidarSensor, Rig
@@ -64,18 +69,22 @@ from readers.messages.vision.detections2d import decode_detections2d
 from readers.messages.vision.detections3d import decode_detections3d
 from readers.open import open_recording
 from readers.recording import ReadOptions, Recording
+from readers.results.result import open_result
 from readers.rig.discovery import discover_rig
-from readers.rig.rig_file import load_rig
+from readers.rig.rig_file import load_rig, rig_yaml
 from readers.streams.motion import find_motion_source
 from readers.streams.per_sensor import sensor_messages
 from readers.streams.survey import survey
 from readers.truth.kitti import KittiTruth
+from readers.truth.open import open_truth
 from readers.truth.openlabel import OpenLabelTruth
 from readers.truth.predecessor import PredecessorTruth
 from readers.velodyne.calibration import read_velodyne_calibration
 from readers.velodyne.decoder import VelodyneDecoders
 from readers.velodyne.models import MODELS
 from readers.video.decoder import VideoDecoder
+from writers.mcap.writer import McapResultWriter
+from writers.outputs.transaction import OutputFile
 
 __all__ = ["HARNESSES", "Harness"]
 
@@ -248,6 +257,35 @@ def _zstd(data: bytes) -> None:
 def _zstd_seeds() -> list[bytes]:
     seeds = [*_rosbag1_seeds()[:1], *_mcap_seeds()[:1], *_sqlite_seeds()[-1:]]
     return [*map(zstandard.compress, seeds), zstandard.compress(seeds[0] + bytes(1 << 16))]
+
+
+def _result(data: bytes) -> None:
+    _hold(_read_result, _file("out.mcap", data))
+
+
+def _read_result(path: Path) -> None:
+    with open_result(path, options=ReadOptions(limits=LIMITS)) as result, open_truth(result) as truth:
+        frames = EvaluationFrames(result, truth)
+        for _ in islice(frames, MAX_MESSAGES):
+            pass
+        if any("\n" in note for note in frames.notes):
+            raise AssertionError(f"notes of one line each were expected, found {frames.notes}")
+
+
+def _result_seeds() -> list[bytes]:
+    frames = [frame(index, motion=True) for index in range(2)]
+    return [
+        _written("out.mcap", partial(_write_result, frames=[])),
+        _written("out.mcap", partial(_write_result, frames=frames)),
+    ]
+
+
+def _write_result(path: Path, frames: Sequence[FrameResult]) -> None:
+    config = load_config(settings=["output.clouds=false", "output.images=false", "output.compression=none"])
+    provenance = replace(PROVENANCE, config_yaml=dump_config(config), rig_yaml=rig_yaml(FRAMES_RIG))
+    with McapResultWriter(OutputFile(path, path), FRAMES_RIG, config, provenance) as writer:
+        for one in frames:
+            writer.write(one)
 
 
 # --- messages
@@ -637,6 +675,7 @@ HARNESSES: dict[str, Harness] = {
     "rosbag1": Harness(_recording("a.bag"), _rosbag1_seeds),
     "mcap": Harness(_recording("a.mcap"), _mcap_seeds),
     "sqlite": Harness(_recording("a.db3"), _sqlite_seeds),
+    "result": Harness(_result, _result_seeds),
     "zstd": Harness(_zstd, _zstd_seeds),
     "capture": Harness(_recording("a.pcap"), _capture_seeds),
     "pointcloud2": Harness(

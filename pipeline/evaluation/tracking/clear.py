@@ -76,15 +76,15 @@ def match_clear(table: TrackTable, kept: Bools) -> Matches:
     return Matches(pairs[order], is_switch)
 
 
-def _decided(table: TrackTable, first: I64, second: I64, distances_m: F64, clear: Bools) -> Bools:
-    """The pairs that are chosen where a row is part of several; `clear` are the pairs that need no decision."""
-    before = _last_clear_matches(table, first[clear], second[clear])
+def _decided(table: TrackTable, first: I64, second: I64, distances_m: F64, sure: Bools) -> Bools:
+    """The pairs that are chosen where a row is part of several; `sure` are the pairs that need no decision."""
+    before = _last_sure_matches(table, first[sure], second[sure])
     decided: dict[int, tuple[int, int]] = {}
     chosen = np.zeros(len(first), np.bool_)
     truth_rows, found_rows = first.tolist(), second.tolist()
     truth_tracks, found_tracks = table.truth_tracks[first].tolist(), table.found_tracks[second].tolist()
     frames = table.truth_frames[first].tolist()
-    rows = np.flatnonzero(~clear)
+    rows = np.flatnonzero(~sure)
     for component in conflicts(first[rows], second[rows]):
         pairs = rows[component].tolist()
         done: set[int] = set()
@@ -107,7 +107,7 @@ def _decided(table: TrackTable, first: I64, second: I64, distances_m: F64, clear
     return chosen
 
 
-def _last_clear_matches(table: TrackTable, first: I64, second: I64) -> list[tuple[int, int]]:
+def _last_sure_matches(table: TrackTable, first: I64, second: I64) -> list[tuple[int, int]]:
     """For each true object the frame and track of the last match of its track that needed no decision, or `NEVER`."""
     matched = np.full(len(table.truth_tracks), -1, np.int64)
     matched[first] = table.found_tracks[second]

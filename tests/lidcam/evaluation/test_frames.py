@@ -26,11 +26,13 @@ from pipeline.core.geometry.boxes import iou_xyxy, wrap_angle
 from pipeline.core.messages import RawMessage
 from pipeline.core.ros.typestores import message_types
 from pipeline.core.settings.load import dump_config
-from pipeline.evaluation.records import EvaluationFrame
+from pipeline.evaluation.records import EvaluationFrame, TruthBoxes3D
+from readers.messages.vision.detections3d import decode_detections3d
 from readers.messages.vision.track_ids import track_ids
 from readers.results.result import open_result
 from readers.rig.rig_file import rig_yaml
-from readers.truth.open import open_truth
+from readers.truth.moment import TruthClasses, moment_of
+from readers.truth.open import OpenTruth, open_truth
 from writers.mcap.writer import McapResultWriter
 from writers.outputs.transaction import OutputFile
 
@@ -174,6 +176,31 @@ def test_a_recording_without_truth(tmp_path: Path) -> None:
         compared(result, other)
     with pytest.raises(RecordingError, match=r"out\.mcap: expected truth, .* found none"):
         compared(result, result)  # its own topics are results
+
+
+class Still:
+    """Truth of another kind, which knows nothing of images: a car that stands ahead."""
+
+    description = "a car"
+    notes = ("it stands",)
+
+    def at(self, stamp_ns: int, *, frame: int) -> TruthBoxes3D | None:
+        del frame
+        message = truth_message(stamp_ns, [true_object("car", (10, 0, 0), name="a")])
+        return moment_of(decode_detections3d(message), TruthClasses(CONFIG.class_id_of_label)).boxes
+
+    def in_image(self, camera: str, stamp_ns: int, *, frame: int) -> None:
+        del camera, stamp_ns, frame
+
+
+def test_truth_of_another_kind_is_projected_into_images(tmp_path: Path) -> None:
+    with open_result(result_file(tmp_path / "out.mcap", [frame()])) as result:
+        frames = EvaluationFrames(result, OpenTruth(Still(), "", ()))
+        (one,) = frames
+    shown = one.images["left"].truth
+    assert shown is not None
+    assert (shown.stamp_ns, shown.labels.tolist()) == (START_NS + 1_000_001, ["car"])
+    assert frames.notes == ("truth: a car", "it stands")
 
 
 def test_a_topic_that_is_asked_for(tmp_path: Path) -> None:

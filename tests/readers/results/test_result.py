@@ -20,6 +20,7 @@ from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.load import dump_config
 from pipeline.evaluation.records import UNKNOWN
+from readers.results.records import is_result
 from readers.results.result import open_result
 from readers.rig.rig_file import rig_yaml
 from writers.mcap.writer import McapResultWriter
@@ -134,6 +135,24 @@ def test_settings_of_other_versions(tmp_path: Path) -> None:
         assert len(result.notes) == 1
         for part in ("old.mcap is of lidcam 1.2.3", "telepathy", "fuse.magic", "associate.min_iou", "classes"):
             assert part in result.notes[0]
+
+
+def test_settings_of_other_versions_whose_classes_lack_something(tmp_path: Path) -> None:
+    tree = CONFIG.model_dump(mode="json")
+    del tree["classes"][1]["size_m"]
+    with open_result(written(tmp_path / "a.mcap", [frame()], config_yaml=yaml.safe_dump(tree))) as result:
+        assert result.config == CONFIG  # the default classes
+        assert result.notes[0].endswith("not used: classes")
+
+
+def test_settings_that_contradict_each_other(tmp_path: Path) -> None:
+    tree = CONFIG.model_dump(mode="json")
+    tree["classes"][1]["name"] = "car"
+    path = written(tmp_path / "a.mcap", [frame()], config_yaml=yaml.safe_dump(tree))
+    with pytest.raises(
+        RecordingError, match=r"expected settings of lidcam in the attached .* \(written by version 1.2.3"
+    ):
+        open_result(path)
 
 
 @pytest.mark.parametrize(
@@ -254,6 +273,22 @@ def test_result_that_was_cut_off(path: Path, tmp_path: Path) -> None:
     assert len(found) <= FRAMES
 
 
+def test_result_whose_index_is_damaged(path: Path, tmp_path: Path) -> None:
+    content = bytearray(path.read_bytes())
+    at = content.rindex(b"lidcam.yaml")  # in the index of attachments
+    content[at - 12 : at] = b"\xff" * 12
+    (tmp_path / "bad.mcap").write_bytes(content)
+    with open_result(tmp_path / "bad.mcap") as result:
+        assert len([*result.frames()]) == FRAMES
+
+
+def test_what_is_a_result(path: Path, tmp_path: Path) -> None:
+    (tmp_path / "a.txt").write_text("no")
+    assert is_result(path)
+    assert not is_result(records_only(tmp_path / "b.mcap", ["other"], {}))
+    assert not any(map(is_result, (tmp_path, tmp_path / "a.txt", tmp_path / "nothing")))
+
+
 def test_message_that_cannot_be_decoded(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with open_result(path) as result:
         messages = list(result.recording.messages(["/fused/detections", "/diagnostics", "/left/detections"]))
@@ -270,6 +305,21 @@ def test_message_that_cannot_be_decoded(path: Path, monkeypatch: pytest.MonkeyPa
     assert [[*one.cameras] for one in found] == [[], ["left"], ["left"]]
     assert (found[0].skew_ns, found[1].skew_ns is None) == (None, False)
     assert [one.stamp_ns for one in found] == [START_NS + index * PERIOD_NS for index in range(FRAMES)]
+
+
+def test_boxes_that_cannot_be_used_are_noted(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    box = {"center": {"orientation": {"w": 1.0}}, "size": {"x": 4.0, "y": 0.0, "z": 1.5}}
+    boxes = {"detections": [{"results": [{"hypothesis": {"class_id": "car", "score": 1.0}}], "bbox": box}] * 2}
+    status = [{"name": "lidcam: synchronisation", "values": [{"key": "skew_ms", "value": "a lot"}]}]
+    raws = [
+        builders.raw("/fused/detections", "vision_msgs/msg/Detection3DArray", boxes, 5),
+        builders.raw("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", {"status": status}, 5),
+    ]
+    with open_result(path) as result:
+        monkeypatch.setattr(result.recording, "messages", lambda _: raws)
+        (found,) = result.frames()
+        assert (len(found.sources["fused"]), found.skew_ns) == (0, None)
+        assert result.notes == ("out.mcap: 3D boxes that are not used, box without a volume or not finite: 2",)
 
 
 def test_errors_are_one_line(tmp_path: Path) -> None:

@@ -2,12 +2,13 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from builders import Encoding
+from builders import Encoding, header, serialize
 from detections import forward_camera
 from memory_recording import MemoryRecording
 from truth_messages import true_object, truth_message, visible_message
 
-from pipeline.core.messages import RawMessage
+from pipeline.core.messages import Channel, RawMessage
+from pipeline.core.ros.typestores import message_types
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.load import load_config
 from pipeline.evaluation.records import UNKNOWN
@@ -17,6 +18,7 @@ from readers.truth.source import CountingSource
 from readers.truth.topics import TruthTopics, find_truth_topics
 
 S = 10**9
+BOXES_2D = "vision_msgs/msg/Detection2DArray"
 STEP_NS = 100_000_000
 START_NS = 1_700_000_000 * S
 POINTS = load_config(settings=["evaluate.truth_time=points"])
@@ -140,6 +142,20 @@ def test_cameras_are_told_by_their_frames_then_by_their_names() -> None:
     assert source.notes == ("images of /ground_truth/rear/visible, a camera that the result does not have: 1",)
 
 
+def test_images_of_ros1() -> None:
+    """Whose a box is says the instance; the class is a number."""
+    store = message_types(1)
+    box = {"center": {"x": 5.0, "y": 6.0}, "size_x": 4.0, "size_y": 2.0}
+    results = [{"id": 4, "score": 1.0}, {"id": -2, "score": 33.0}, {"id": -3, "score": 12.0}]
+    body = {"header": header(START_NS, "left"), "detections": [{"results": results, "bbox": box}]}
+    definition, _ = store.generate_msgdef(BOXES_2D, ros_version=1)
+    channel = Channel("/ground_truth/left/visible", BOXES_2D, "ros1", definition, "ros1msg")
+    raw = RawMessage(START_NS, START_NS, (0, 0), serialize(BOXES_2D, body, "ros1", store), channel)
+    found = truth([*messages(encoding="ros1"), raw]).in_image("left", START_NS, frame=0)
+    assert found is not None
+    assert (found.labels.tolist(), found.track_ids.tolist(), found.image_pixels.tolist()) == (["van"], [12], [33])
+
+
 def test_images_after_the_last_objects() -> None:
     source = truth([*messages(20), *(shown(number) for number in range(25))])
     assert source.in_image("left", START_NS + 24 * STEP_NS, frame=0) is not None
@@ -190,6 +206,7 @@ def test_stamps_far_ahead_are_noted() -> None:
 
 def test_a_recording_that_is_played_twice() -> None:
     """The clock steps back; each pass is compared with its own truth."""
+    late_images = [shown(n)._replace(log_time_ns=START_NS + 999 * S + n) for n in range(30)]
     second = [
         truth_message(
             START_NS + n * STEP_NS, [true_object("car", (-n, 0, 0), name="1")], log_time_ns=START_NS + 999 * S + n
@@ -197,9 +214,10 @@ def test_a_recording_that_is_played_twice() -> None:
         for n in range(30)
     ]
     images = [shown(number) for number in range(30)]
-    source = truth([*messages(), *images, *second])
+    source = truth([*messages(), *images, *second, *late_images])
     assert x_at(source, START_NS + 29 * STEP_NS) == 29
     assert x_at(source, START_NS + 35 * STEP_NS) is None
     assert x_at(source, START_NS + 5 * STEP_NS) == -5
     assert x_at(source, START_NS + 29 * STEP_NS) == -29
+    assert source.in_image("left", START_NS + 20 * STEP_NS, frame=0) is not None
     assert x_at(source, START_NS) is None  # there is no third pass

@@ -1,3 +1,5 @@
+from typing import Any
+
 import numpy as np
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -19,7 +21,7 @@ def test_the_edges_of_every_object_with_its_class() -> None:
     message = truth_scene(boxes(("car", "van")))
     store = get_typestore(Stores.EMPTY)
     store.register(get_types_from_msg(ROS2.definition(message.__msgtype__), message.__msgtype__))
-    read = store.deserialize_cdr(ROS2.serialize(message), message.__msgtype__)
+    read: Any = store.deserialize_cdr(ROS2.serialize(message), message.__msgtype__)
     assert [one.type for one in read.deletions] == [1]
     assert [one.texts[0].text for one in read.entities] == ["car", "van"]
     for row, entity in enumerate(read.entities):

@@ -180,6 +180,11 @@ OWN = {  # fields in another order and of other types: read by its definition
         "string id\nstd_msgs/Header header\nBoundingBox3D bbox\nObjectHypothesisWithPose[] results\nuint8[] more"
     ),
 }
+MORE = {**HUMBLE, "vision_msgs/msg/Detection3DArray": f"{HUMBLE['vision_msgs/msg/Detection3DArray']}\nuint8 more"}
+COARSE = {**HUMBLE, "vision_msgs/msg/ObjectHypothesis": "string class_id\nfloat32 score"}
+NUMBERED = {**FOXY, "vision_msgs/msg/ObjectHypothesisWithPose": ROS1["vision_msgs/msg/ObjectHypothesisWithPose"]}
+ROS1_ID = {**ROS1, "vision_msgs/msg/Detection3D": HUMBLE["vision_msgs/msg/Detection3D"].replace("std_msgs/", "")}
+ROS1_TRACKING = {**ROS1, "vision_msgs/msg/Detection3D": FOXY["vision_msgs/msg/Detection3D"].replace("std_msgs/", "")}
 ROS1_NAMED = {**ROS1, "vision_msgs/msg/ObjectHypothesisWithPose": f"string id\nfloat64 score\n{POSED}"}
 NO_BOX = {
     **FOXY,
@@ -242,6 +247,35 @@ LAYOUTS: dict[str, tuple[dict[str, str], builders.Encoding, Fields, str, bool]] 
         "",
         True,
     ),
+    "numbered": (
+        NUMBERED,
+        "cdr",
+        of_box([{"id": 4, "score": 0.5, "pose": COVARIANCE}], tracking_id="a1"),
+        "a1",
+        True,
+    ),
+    "ros1_id": (ROS1_ID, "ros1", of_box([{"id": 4, "score": 0.5, "pose": COVARIANCE}], id="a1"), "a1", True),
+    "ros1_tracking": (
+        ROS1_TRACKING,
+        "ros1",
+        of_box([{"id": 4, "score": 0.5, "pose": COVARIANCE}], tracking_id="a1"),
+        "a1",
+        True,
+    ),
+    "more": (
+        MORE,
+        "cdr",
+        of_box([{"hypothesis": {"class_id": "4", "score": 0.5}, "pose": COVARIANCE}], id="a1"),
+        "a1",
+        False,
+    ),
+    "coarse": (
+        COARSE,
+        "cdr",
+        of_box([{"hypothesis": {"class_id": "4", "score": 0.5}, "pose": COVARIANCE}], id="a1"),
+        "a1",
+        False,
+    ),
     "own": (
         OWN,
         "cdr",
@@ -281,7 +315,7 @@ def test_reading_in_place_says_what_rosbags_says(name: str, data: st.DataObject)
 
     def result() -> Fields:
         score, posed = data.draw(NUMBERS), {"covariance": np.full(36, data.draw(NUMBERS))}
-        if definitions is ROS1:
+        if definitions in (ROS1, NUMBERED, ROS1_ID, ROS1_TRACKING):
             return {"id": data.draw(st.integers(-(2**63), 2**63 - 1)), "score": score, "pose": posed}
         label = data.draw(TEXTS)
         if definitions in (FOXY, ROS1_NAMED):
@@ -290,9 +324,9 @@ def test_reading_in_place_says_what_rosbags_says(name: str, data: st.DataObject)
 
     def box() -> Fields:
         more: Fields = {}
-        if name in ("foxy", "galactic"):
+        if name in ("foxy", "galactic", "numbered", "ros1_tracking"):
             more = {"tracking_id": data.draw(TEXTS), "is_tracking": data.draw(st.booleans())}
-        elif name == "humble":
+        elif name in ("humble", "ros1_id"):
             more = {"id": data.draw(TEXTS)}
         elif encoding == "ros1" and data.draw(st.booleans()):
             more = {"source_cloud": CLOUD}
@@ -367,10 +401,13 @@ def test_other_type() -> None:
         decode_detections3d(builders.raw("/image", "sensor_msgs/msg/Image", {}, STAMP_NS))
 
 
-def test_more_boxes_than_a_message_may_hold() -> None:
-    raw = message(*[detection(("car", 1.0))] * 5)
+@pytest.mark.parametrize("name", ["ros1", "humble", "own"])
+def test_more_boxes_than_a_message_may_hold(name: str) -> None:
+    definitions, encoding, box, _, _ = LAYOUTS[name]
+    raw = old_message(definitions, encoding, [box] * 5)
     assert len(decode_detections3d(raw, limits=LimitsConfig(max_boxes=5))) == 5
     with pytest.raises(MessageError, match=r"/objects: 5 boxes, expected at most 4: raise limits.max_boxes"):
         decode_detections3d(raw, limits=LimitsConfig(max_boxes=4))
-    with pytest.raises(MessageError, match="max_message_items"):
-        decode_detections3d(raw, limits=LimitsConfig(max_message_items=9))
+    for most in (4, 9):
+        with pytest.raises(MessageError, match="max_message_items"):
+            decode_detections3d(raw, limits=LimitsConfig(max_message_items=most))
