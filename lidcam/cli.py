@@ -329,6 +329,7 @@ def evaluate(
     """
     from lidcam.commands.evaluate import EvaluateOptions, requirement_errors, run_evaluate
     from lidcam.evaluation.evaluation import make_evaluation_job
+    from lidcam.job import read_files
 
     with requirement_errors():
         job = make_evaluation_job(
@@ -340,7 +341,8 @@ def evaluate(
             config=config_file,
             settings=settings or (),
         )
-        run_evaluate(EvaluateOptions(job, json, overwrite))
+        gates = tuple(Path(one[1:]) for one in requirements or () if one.startswith("@"))
+        run_evaluate(EvaluateOptions(job, json, overwrite, (*read_files(config_file, rig_files), *gates)))
 
 
 @app.command(epilog=COMPARE_EXAMPLES, cls=JsonCommand)

@@ -114,7 +114,9 @@ def test_wrong_usage_of_the_log(lidcam: Lidcam, sandbox: Path, arguments: tuple[
     assert "expected" in run.err
 
 
-@pytest.mark.parametrize("command", [(), ("process",), ("inspect",), ("simulate",), ("drive",), ("config", "show")])
+@pytest.mark.parametrize(
+    "command", [(), ("process",), ("inspect",), ("evaluate",), ("simulate",), ("drive",), ("config", "show")]
+)
 def test_short_help(lidcam: Lidcam, command: tuple[str, ...]) -> None:
     short = lidcam(*command, "-h")
     assert short.code == 0

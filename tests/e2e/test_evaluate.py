@@ -41,6 +41,10 @@ def test_requirements_that_are_met_and_not(lidcam: Lidcam, result: Path, tmp_pat
     assert "detection\n" in missed.out
     tree = json.loads((tmp_path / "figures.json").read_text(encoding="utf-8"))
     assert [outcome["is_met"] for outcome in tree["requirements"]] == [False, False, True]
+    renamed = gate.rename(tmp_path / "gate.json")  # a gate, and not the place for figures
+    refused = lidcam("evaluate", result, "--require", f"@{renamed}", "--json", renamed, "--overwrite")
+    assert refused.code == 1
+    assert "gate.json: is an input of this run" in refused.error_line
 
 
 def test_wrong_requirements_are_wrong_usage(lidcam: Lidcam, sandbox: Path, result: Path, tmp_path: Path) -> None:

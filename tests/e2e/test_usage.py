@@ -16,7 +16,7 @@ from results import fused_objects
 PROGRAM = Path(sys.executable).with_name("lidcam-process")
 
 
-@pytest.mark.parametrize("command", ["process", "inspect"])
+@pytest.mark.parametrize("command", ["process", "inspect", "evaluate"])
 def test_examples_stand_on_lines_of_their_own(lidcam: Lidcam, command: str) -> None:
     run = lidcam(command, "--help")
     assert run.code == 0
