@@ -3,9 +3,7 @@
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
-from tempfile import mkdtemp
 from typing import Any
 
 import builders
@@ -214,10 +212,10 @@ def test_a_topic_that_is_asked_for(tmp_path: Path) -> None:
 # --- simulated and sample recordings
 
 
-@cache
-def simulated() -> tuple[Path, Path]:
+@pytest.fixture(scope="module")
+def simulated(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """A recording of an ego vehicle that turns, and the result of it, which carries the truth."""
-    folder = Path(mkdtemp(prefix="lidcam-test-"))
+    folder = tmp_path_factory.mktemp("ego")
     bend = {"points_m": [[-1.6, 1.85], [-0.9, 1.3], [0.0, 1.2], [0.6, 0.6]]}
     vehicle = {"shape": "model_car", "odometry": True}
     scenario = write_small_scenario(
@@ -255,9 +253,9 @@ def pose_of(message: Any) -> tuple[int, np.ndarray[Any, np.dtype[np.float64]]]:
 
 
 @pytest.mark.parametrize("truth_is", ["carried by the result", "in the recording"])
-def test_truth_in_odom_and_results_of_a_vehicle(truth_is: str) -> None:
+def test_truth_in_odom_and_results_of_a_vehicle(truth_is: str, simulated: tuple[Path, Path]) -> None:
     """Against the poses that the simulator recorded, multiplied out here."""
-    recording, result = simulated()
+    recording, result = simulated
     frames, of = compared(result, *([recording] if truth_is == "in the recording" else []))
     ego = dict(map(pose_of, read(recording, "/odom")))
     (parked, *_), *_ = (message.detections for message in read(recording, "/ground_truth/objects"))
@@ -292,9 +290,9 @@ def test_truth_in_odom_and_results_of_a_vehicle(truth_is: str) -> None:
     assert all((truth.image_pixels > 0).all() for truth in shown)  # as recorded for each image, not projected
 
 
-def test_truth_when_the_lidars_measured_it() -> None:
+def test_truth_when_the_lidars_measured_it(simulated: tuple[Path, Path]) -> None:
     """The other car is parked: it is at one place at both times."""
-    _, result = simulated()
+    _, result = simulated
     at_stamp, _ = compared(result)
     measured, of = compared(result, settings=["evaluate.truth_time=points"])
     assert of.notes == ("truth: /ground_truth/objects_when_measured of out.mcap (by its name)",)
