@@ -8,6 +8,7 @@ from lidcam.settings.choice import AS_GIVEN, UsedSettings
 from lidcam.summary import DropTable
 from pipeline.core.errors import ConfigError
 from pipeline.core.frame import SensorBundle
+from pipeline.core.geometry.transform import Transform
 from pipeline.core.messages import RawMessage
 from pipeline.core.rig import CameraSensor, LidarSensor, Rig
 from pipeline.core.settings.config import Config
@@ -50,6 +51,7 @@ class RunInput:
         settings: Why these settings.
         copied: Topics whose messages are handed on with the bundles, for an output that copies them.
         drawn: Those of them that are drawn beside the results: boxes of the truth.
+        truth_frames: T_site_frame of the fixed frames in which they stand, beside those of the sensors.
     """
 
     recording: Recording
@@ -60,6 +62,7 @@ class RunInput:
     settings: UsedSettings = AS_GIVEN
     copied: tuple[str, ...] = ()
     drawn: tuple[str, ...] = ()
+    truth_frames: tuple[Transform, ...] = ()
 
 
 def sensor_clocks(rig: Rig, drops: DropTable) -> Clocks:

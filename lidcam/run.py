@@ -33,7 +33,7 @@ from lidcam.frames import (
 )
 from lidcam.job import Job
 from lidcam.outputs.allowed import check_no_input
-from lidcam.outputs.copied import choose_copied, choose_drawn
+from lidcam.outputs.copied import choose_copied, choose_drawn, truth_frames
 from lidcam.outputs.open import open_outputs, open_writers, written_files
 from lidcam.settings.lasting import settings_sha256
 from lidcam.settings.settle import settle, with_zones
@@ -147,7 +147,9 @@ def _opened(job: Job) -> Iterator["Run"]:
         found = replace(found, notes=(*found.notes, *notes))
         drops = DropTable(job.on_bad_message)
         drawn = choose_drawn(recording, copied)
-        yield Run(RunInput(recording, found.rig, config, motion, window, used, copied, drawn), found, drops)
+        frames = truth_frames(recording, copied, found, config)
+        source = RunInput(recording, found.rig, config, motion, window, used, copied, drawn, frames)
+        yield Run(source, found, drops)
 
 
 class Run:

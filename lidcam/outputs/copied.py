@@ -4,16 +4,20 @@ from collections.abc import Collection, Iterable, Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
 
+from pipeline.core.geometry.transform import Transform
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
+from readers.messages.odometry import ODOMETRY
 from readers.messages.vision.detections3d import DETECTIONS_3D
 from readers.recording import Recording, TopicInfo
+from readers.rig.discovery import Discovery
+from readers.rig.first_messages import FirstMessages
 from readers.rig.topic_names import is_truth
 from readers.truth.topics import WHEN_MEASURED
 from writers.mcap.topics import reserved_topics
 from writers.messages.truth_scene import truth_scene_topic
 
-__all__ = ["choose_copied", "choose_drawn"]
+__all__ = ["choose_copied", "choose_drawn", "truth_frames"]
 
 ROS_ENCODINGS = frozenset({"ros1", "cdr"})
 
@@ -58,6 +62,26 @@ def choose_drawn(recording: Recording, copied: Collection[str]) -> tuple[str, ..
         and is_truth(info.topic, info.msgtype)
         and not info.topic.endswith(WHEN_MEASURED)
     )
+
+
+def truth_frames(
+    recording: Recording, copied: Collection[str], found: Discovery, config: Config
+) -> tuple[Transform, ...]:
+    """T_site_frame of the fixed frames in which copied boxes and odometry stand, so that the result joins them, too."""
+    rig, first = found.rig, FirstMessages(recording, limits=config.limits)
+    known = {
+        rig.site_frame,
+        *(one.T_site_lidar.src for one in rig.lidars),
+        *(one.T_camera_site.dst for one in rig.cameras),
+    }
+    frames: dict[str, Transform] = {}
+    for info in recording.topics:
+        if info.topic not in copied or info.msgtype not in (DETECTIONS_3D, ODOMETRY):
+            continue
+        frame = first.frame(info.topic, {info.msgtype})
+        if frame and frame not in known and found.transforms.are_joined(rig.site_frame, frame):
+            frames[frame] = found.transforms.lookup(rig.site_frame, frame)
+    return tuple(frames.values())
 
 
 def _matching(recorded: Sequence[TopicInfo], patterns: Sequence[str]) -> tuple[list[TopicInfo], list[str]]:

@@ -69,7 +69,8 @@ def open_writers(
 
 
 def _mcap(path: Path, outputs: OutputTransaction, source: RunInput, provenance: Provenance) -> ResultWriter:
-    return McapResultWriter(outputs[path], source.rig, source.config, provenance, outputs.get(layout_path(path)))
+    layout = outputs.get(layout_path(path))
+    return McapResultWriter(outputs[path], source.rig, source.config, provenance, layout, frames=source.truth_frames)
 
 
 def _rerun(path: Path, outputs: OutputTransaction, source: RunInput, provenance: Provenance) -> ResultWriter:

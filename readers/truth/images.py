@@ -22,14 +22,15 @@ def projected_truth(boxes: TruthBoxes3D, camera: CameraSensor, pixels: I32 | Non
         camera: The camera.
         pixels: (N,) int32, pixels of this image that show each object; `UNKNOWN` or None where the truth does not say.
     """
-    corners = camera.T_camera_site.apply(box_corners(boxes.centers, boxes.sizes, boxes.yaws))
-    xyxy = camera.model.project_boxes(corners)
     of_image = np.full(len(boxes), UNKNOWN, np.int32) if pixels is None else pixels
-    told = np.where(of_image == UNKNOWN, boxes.image_pixels, of_image)
-    seen = np.flatnonzero(np.isfinite(xyxy).all(1) & (told != 0))
+    told = np.flatnonzero(np.where(of_image == UNKNOWN, boxes.image_pixels, of_image) != 0)
+    corners = box_corners(boxes.centers[told], boxes.sizes[told], boxes.yaws[told])
+    xyxy = camera.model.project_boxes(camera.T_camera_site.apply(corners))
+    is_seen = np.isfinite(xyxy).all(1)
+    seen = told[is_seen]
     return TruthBoxes2D(
         boxes.stamp_ns,
-        xyxy[seen],
+        xyxy[is_seen],
         boxes.class_ids[seen],
         boxes.labels[seen],
         boxes.track_ids[seen],

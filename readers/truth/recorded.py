@@ -166,8 +166,6 @@ class RecordedTruth:
                 timeline.forget(self._latest_ns)
         for timeline in self._timelines.values():
             timeline.begin_anew()
-        for images in self._images.values():
-            images.begin_anew()
         if self._held is not None:
             topic, moment = self._held
             self._timelines[topic].add(moment)
@@ -181,17 +179,13 @@ class _Images:
         self._kept: deque[TruthBoxes2D] = deque()
 
     def add(self, shown: TruthBoxes2D, before_ns: int) -> None:
-        """Take the boxes of an image, and forget those of images before a time."""
+        """Take the boxes of an image; forget those of images before a time, or all where time steps back."""
         while self._kept and (self._kept[0].stamp_ns < before_ns or len(self._kept) >= MAX_IMAGES):
             self._kept.popleft()
         if not self._kept or shown.stamp_ns > self._kept[-1].stamp_ns:
             self._kept.append(shown)
         elif shown.stamp_ns < self._kept[-1].stamp_ns - STEP_BACK_NS:
             self._kept = deque([shown])
-
-    def begin_anew(self) -> None:
-        """Forget all."""
-        self._kept.clear()
 
     def at(self, stamp_ns: int) -> TruthBoxes2D | None:
         """The boxes of the image of a time; None if there are none near it."""

@@ -6,13 +6,14 @@ frame's stamp; an image and its camera_info, annotations and detections have the
 them by equality. Equal results give equal bytes.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from types import TracebackType
 from typing import Any, Self
 
 from pipeline.core.errors import MessageError, OutputError
 from pipeline.core.frame import FrameResult
+from pipeline.core.geometry.transform import Transform
 from pipeline.core.messages import Channel, Drop, RawMessage, time_fault
 from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.ros.messages import ROS2
@@ -49,15 +50,23 @@ class McapResultWriter:
         config: The settings of the run; `output` selects topics and compression.
         provenance: Written as metadata and attachments.
         layout: Where the layout that belongs to the file is written, if it is.
+        frames: T_site_frame of frames that copied messages stand in.
     """
 
     name = "mcap"
 
     def __init__(
-        self, output: OutputFile, rig: Rig, config: Config, provenance: Provenance, layout: OutputFile | None = None
+        self,
+        output: OutputFile,
+        rig: Rig,
+        config: Config,
+        provenance: Provenance,
+        layout: OutputFile | None = None,
+        *,
+        frames: Sequence[Transform] = (),
     ) -> None:
         self._output, self._layout, self._path = output, layout, output.path
-        self._rig, self._config, self._provenance = rig, config, provenance
+        self._rig, self._config, self._provenance, self._frames = rig, config, provenance, frames
         self._resources = ExitStack()
         self._channels: dict[str, int] = {}
         self._copied: dict[Channel, int] = {}
@@ -107,7 +116,7 @@ class McapResultWriter:
         with output_errors(self._path):
             self._copy(before, result.bundle.truth)
             if "/tf_static" not in self._filled:
-                self._put("/tf_static", static_transforms(self._rig, min(stamps_ns)), log_time_ns)
+                self._put("/tf_static", static_transforms(self._rig, min(stamps_ns), self._frames), log_time_ns)
             motion, limits = result.bundle.motion, self._config.combine.motion
             if motion is not None and motion.covers(
                 stamp_ns, stamp_ns, max_extrapolation_s=limits.max_extrapolation_s, max_gap_s=limits.max_gap_s

@@ -1,5 +1,6 @@
 """Clouds, the poses of sensors, and how cameras project, as ROS messages."""
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -16,12 +17,18 @@ __all__ = ["camera_info", "moving_transform", "point_cloud2", "static_transforms
 _COEFFICIENTS = {"plumb_bob": 5, "rational_polynomial": 8, "equidistant": 4}
 
 
-def static_transforms(rig: Rig, stamp_ns: int) -> Any:
-    """TFMessage from the site frame to every sensor's frame, each child once; the site frame itself needs none."""
+def static_transforms(rig: Rig, stamp_ns: int, others: Iterable[Transform] = ()) -> Any:
+    """TFMessage from the site frame to every sensor's frame, each child once; the site frame itself needs none.
+
+    Args:
+        rig: The sensors.
+        stamp_ns: Stamp of the transforms.
+        others: T_site_frame of further frames.
+    """
     edges = [lidar.T_site_lidar for lidar in rig.lidars]
     edges += [camera.T_camera_site.inverse() for camera in rig.cameras]
     by_child: dict[str, Transform] = {}
-    for edge in edges:
+    for edge in (*edges, *others):
         if edge.src != edge.dst:
             by_child.setdefault(edge.src, edge)
     return ROS2.transforms(stamp_ns, by_child.values())

@@ -3,14 +3,19 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from builders import odometry, raw
+from builders import header, odometry, raw
 from frames import RIG
 from memory_recording import MemoryRecording
 
-from lidcam.outputs.copied import choose_copied, choose_drawn
+from lidcam.outputs.copied import choose_copied, choose_drawn, truth_frames
+from pipeline.core.geometry.transform import Transform
+from pipeline.core.geometry.transform_tree import TransformTree
 from pipeline.core.messages import Channel, RawMessage
 from pipeline.core.rig import TruthVehicle
 from pipeline.core.settings.config import Config
+from readers.messages.tf import RecordedTransforms
+from readers.recording import TopicInfo
+from readers.rig.discovery import Discovery
 
 OUT = [Path("out.mcap"), Path("out.rrd")]
 ODOM, BOXES = "nav_msgs/msg/Odometry", "vision_msgs/msg/Detection3DArray"
@@ -91,3 +96,28 @@ def test_what_a_result_has_drawn_is_drawn_anew() -> None:
         ("/ground_truth/objects/scene is not copied to the output: the result has a topic of that name",),
     )
     assert chosen(["/ground_truth/objects/*"], drawn) == (("/ground_truth/objects/scene",), ())
+
+
+def test_fixed_frames_of_the_truth_are_known() -> None:
+    tree = TransformTree()
+    tree.add_static(Transform.from_quaternion("map", RIG.site_frame, [1, 2, 3], [0, 0, 0, 1]))
+    found = Discovery(RIG, (), (), (), RecordedTransforms(tree))
+    boxes = [
+        raw(f"/gt/{frame}", BOXES, {"header": header(1, frame)}, 1)
+        for frame in ("map", RIG.site_frame, RIG.lidars[0].T_site_lidar.src, "unknown")
+    ]
+    odom = raw("/odom", ODOM, odometry(stamp_ns=1, frame_id="map"), 1)
+    messages = MemoryRecording([*boxes, odom])
+    copied = {info.topic for info in messages.topics}
+    (frame,) = truth_frames(messages, copied, found, Config())
+    assert (frame.dst, frame.src, frame.translation.tolist()) == (RIG.site_frame, "map", [-1, -2, -3])
+    assert truth_frames(messages, (), found, Config()) == ()
+    later = MemoryRecording([raw("/image", "sensor_msgs/msg/Image", {"header": header(1, "map")}, 1)])
+    assert truth_frames(later, {"/image"}, found, Config()) == ()
+
+
+def test_what_cannot_be_read_is_not_copied() -> None:
+    found = recording()
+    found.topics = (TopicInfo("/gt/lost", BOXES, 3, (), "its chunk index is damaged"), *found.topics)
+    _, notes = choose_copied(OUT, found, RIG, Config())
+    assert notes == ("/gt/lost is not copied to the output: its chunk index is damaged",)

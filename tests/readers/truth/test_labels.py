@@ -6,6 +6,7 @@ from frames import RIG
 
 from pipeline.core.errors import RecordingError
 from pipeline.core.settings.config import Config
+from readers.truth.boxes import read_label_text
 from readers.truth.kitti import KittiTruth
 from readers.truth.labels import open_labels
 from readers.truth.openlabel import OpenLabelTruth
@@ -66,3 +67,21 @@ def test_what_is_no_truth(tmp_path: Path, files: dict[str, str], given: str, pro
     with pytest.raises(RecordingError) as caught:
         opened(tmp_path / given)
     assert problem in str(caught.value)
+
+
+def test_a_file_that_cannot_be_opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "a.txt").write_text(CAR)
+
+    def refused(*_: object) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "open", refused)
+    for read in (opened, lambda path: read_label_text(path, 10)):
+        with pytest.raises(RecordingError, match=r"a\.txt: cannot be read: Permission denied"):
+            read(tmp_path / "a.txt")
+
+
+def test_labels_that_are_too_large(tmp_path: Path) -> None:
+    (tmp_path / "a.txt").write_text("x" * ((1 << 20) + 1))
+    with pytest.raises(RecordingError, match=r"a\.txt: expected labels of at most 1 MiB, found a larger file"):
+        read_label_text(tmp_path / "a.txt", 1 << 20)

@@ -221,3 +221,16 @@ def test_a_recording_that_is_played_twice() -> None:
     assert x_at(source, START_NS + 29 * STEP_NS) == -29
     assert source.in_image("left", START_NS + 20 * STEP_NS, frame=0) is not None
     assert x_at(source, START_NS) is None  # there is no third pass
+
+
+def test_a_recording_that_is_played_again_before_its_end() -> None:
+    """What is left of the first pass is passed over, and images of the second one may come before its objects."""
+    again = [m._replace(log_time_ns=m.log_time_ns + 999 * S) for m in messages(60)]
+    early = shown(5)._replace(log_time_ns=START_NS + 500 * S)
+    odd = shown(58)._replace(log_time_ns=START_NS + 60 * S)  # out of order, as a camera that delivers late
+    source = truth([*messages(60), *(shown(number) for number in range(60)), odd, early, *again])
+    assert x_at(source, START_NS + 40 * STEP_NS) == 40
+    assert x_at(source, START_NS + 5 * STEP_NS) == 5
+    assert source.in_image("left", START_NS + 5 * STEP_NS, frame=0) is not None
+    assert source.in_image("left", START_NS + 7 * STEP_NS, frame=0) is None
+    assert x_at(source, START_NS + 30 * STEP_NS) == 30

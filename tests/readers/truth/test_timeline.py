@@ -98,7 +98,7 @@ def test_headings_turn_the_shortest_way() -> None:
     np.testing.assert_allclose(found.boxes.yaws, [0.1, float(wrap_angle(3.0 + 3 * turn / 4))], atol=1e-12)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(st.integers(1, PERIOD_NS - 1), st.floats(-3.1, 3.1), st.floats(-1.5, 1.5), st.permutations([1, 2, 3]))
 def test_interpolation_is_that_of_each_object(stamp_ns: int, yaw: float, turn: float, ids: list[int]) -> None:
     share = stamp_ns / PERIOD_NS

@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.core.errors import OutputError
 from pipeline.core.frame import FrameResult
+from pipeline.core.geometry.transform import Transform
 from pipeline.core.messages import Channel, Drop, RawMessage
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
@@ -25,7 +26,7 @@ from pipeline.core.true_boxes import TrueBoxes
 from writers.base import ResultWriter
 from writers.foxglove.layout import layout_path
 from writers.mcap.writer import McapResultWriter
-from writers.outputs.transaction import OutputTransaction
+from writers.outputs.transaction import OutputFile, OutputTransaction
 
 PER_CAMERA = {
     "camera_info": "sensor_msgs/msg/CameraInfo",
@@ -356,3 +357,13 @@ def test_truth_is_drawn_beside_its_messages(tmp_path: Path) -> None:
     assert found[-2:] == [("/gt", at_ns + 5), ("/gt/scene", at_ns + 5)]
     layout = json.loads(layout_path(tmp_path / "out.mcap").read_text())
     assert layout["configById"]["3D!scene"]["topics"]["/gt/scene"]["visible"]
+
+
+def test_frames_of_the_truth_are_joined_with_the_site(tmp_path: Path) -> None:
+    frames = [Transform.from_quaternion(RIG.site_frame, "map", [1, 2, 3], [0, 0, 0, 1])]
+    path = tmp_path / "out.mcap"
+    with McapResultWriter(OutputFile(path, path), RIG, CONFIG, PROVENANCE, frames=frames) as writer:
+        writer.write(frame(0))
+    ((_, message),) = messages_of(path, "/tf_static")
+    last = message.transforms[-1]
+    assert (last.header.frame_id, last.child_frame_id, last.transform.translation.z) == (RIG.site_frame, "map", 3)

@@ -98,9 +98,9 @@ def test_the_order_in_a_frame_does_not_matter(seed: int) -> None:
 def test_scores_matter_by_their_order_alone(seed: int) -> None:
     shown = frame(seed)
     changed = with_boxes(shown, scores=(shown.sources["lidar"].boxes.scores ** 2).astype(np.float32))
-    of_scores = {"best_f1_score", "ece", "mce", "brier"}
     # nuScenes reads its errors at scores between those of detections
-    of_scores |= {"translation_m", "scale", "orientation_deg", "score"}
+    of_errors = ("translation_m", "scale", "orientation_deg", "score")
+    of_scores = ("best_f1_score", "ece", "mce", "brier", *of_errors)
     differing = changed_figures(figures(shown), figures(changed))
     assert {name for name in differing if name.rpartition(".")[2] not in of_scores} == set()
 

@@ -248,7 +248,7 @@ LAYOUTS: dict[str, tuple[dict[str, str], builders.Encoding]] = {
 IMAGE = dict(builders.image(np.ones((3, 5, 3), np.uint8), stamp_ns=STAMP_NS))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(st.sampled_from(sorted(LAYOUTS)), st.data())
 def test_reading_in_place_says_what_rosbags_says(name: str, data: st.DataObject) -> None:
     definitions, encoding = LAYOUTS[name]

@@ -306,7 +306,7 @@ NUMBERS = st.floats(allow_nan=True, width=64)
 TEXTS = st.text(st.characters(blacklist_categories=["Cs"], blacklist_characters="\0"), max_size=9)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(st.sampled_from(sorted(LAYOUTS)), st.data())
 def test_reading_in_place_says_what_rosbags_says(name: str, data: st.DataObject) -> None:
     definitions, encoding, _, _, in_place = LAYOUTS[name]
