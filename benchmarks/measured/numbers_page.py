@@ -133,7 +133,9 @@ def _by_label(figures: Tree) -> list[list[str]]:
 
 def _gains(figures: Tree) -> list[list[str]]:
     rows = []
-    for name, gain in figures["fusion_gain"].items():
+    names = dict.fromkeys(name for name, _, _ in _by_class(figures))
+    for name in names:
+        gain = figures["fusion_gain"][name]
         if gain["recall"]["value"] is not None:
             told = [gain[key] for key in ("ap_bev_r40_50", "ap_3d_r40_50", "recall", "precision")]
             rows.append([name, *map(_gain, told)])
@@ -177,17 +179,20 @@ def _mistake(look: Look) -> list[str]:
     one = look.mistake
     points = "-" if one["lidar_points"] is None else f"{one['lidar_points']} points"
     weight = f"{one['score']:.2f}" if look.kind == "false" else points
-    place = f"{one['x_m']:.1f}, {one['y_m']:.1f}"
+    place = f"{one['x_m']:z.1f}, {one['y_m']:z.1f}"
     return [one["class"], look.name, f"{one['frames']}", f"{one['worst_s']:.1f}", place, weight, look.camera or "none"]
 
 
 def _by_class(figures: Tree) -> Iterator[tuple[str, str, Tree]]:
-    """Classes with truth or detections, and all of them; each with its sources."""
-    sources = _sources(figures)
-    for name in figures["sources"][sources[0]]:
-        found = [(source, figures["sources"][source][name]) for source in sources]
-        if any(one["truth"] or one["found"] for _, one in found):
-            yield from ((name, source, one) for source, one in found)
+    """Classes with truth or detections, and all of them if there are several; each with its sources."""
+    sources, by_class = _sources(figures), figures["sources"]
+    met = [
+        name
+        for name in by_class[sources[0]]
+        if any(by_class[source][name][count] for source in sources for count in ("truth", "found"))
+    ]
+    for name in met[:1] if len(met) == 2 else met:
+        yield from ((name, source, by_class[source][name]) for source in sources)
 
 
 def _sources(figures: Tree) -> list[str]:
