@@ -164,8 +164,8 @@ def _cameras(figures: Tree) -> list[list[str]]:
 
 def _mistakes(run: MeasuredRun, shown: Sequence[Look]) -> Iterator[str]:
     yield (
-        "The worst errors, numbered as in the image below, row by row. To see one in the viewer: `lidcam simulate "
-        f"{run.scenario} r.mcap --duration {run.seconds}`, then `lidcam process r.mcap o.mcap --rerun o.rrd`.\n"
+        "The worst errors, numbered as in the image below, row by row. After `make numbers` the recording is in "
+        "`out/numbers/`: process it with `--rerun FILE.rrd`, and go to the time.\n"
     )
     for kind, title in zip(KINDS, ("reported, and not there", "there, and not reported"), strict=True):
         rows = [[f"{number}", *_mistake(look)] for number, look in enumerate(shown, 1) if look.kind == kind]
