@@ -35,9 +35,10 @@ __all__ = ["app", "process_app"]
 
 # \b keeps the lines of a paragraph as they are.
 PROCESS_EXAMPLES = """\b
-Exit codes: 0 done, and nothing is missing; 1 failed, nothing was written;
-2 wrong usage; 3 done, but part of the recording could not be used: the last
-line on stderr says what.
+Exit codes: 0 done, and nothing is missing; 1 failed, nothing was written (or
+--strict or --require is not met, and the outputs are kept); 2 wrong usage;
+3 done, but part of the recording could not be used. The last lines on stderr
+say what.
 
 \b
 Examples:
