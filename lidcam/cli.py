@@ -14,6 +14,7 @@ from lidcam.options import (
     CompareConfigFile,
     ConfigFile,
     EvaluateConfigFile,
+    EvaluateRigFile,
     Format,
     JsonCommand,
     JsonTarget,
@@ -317,7 +318,7 @@ def evaluate(
         ),
     ] = "",
     requirements: Require = None,
-    rig_files: RigFile = None,
+    rig_files: EvaluateRigFile = None,
     config_file: EvaluateConfigFile = None,
     settings: Setting = None,
     json: JsonTarget = None,
@@ -396,8 +397,10 @@ def compare(
         raise typer.BadParameter(f"expected a name that ends in .mcap, found {merged}", param_hint="--merged")
     from lidcam.commands.compare import CompareOptions, run_compare
     from lidcam.job import read_files
+    from lidcam.settings.effect import COMPARING, check_effect
     from pipeline.core.settings.load import load_config
 
+    check_effect(settings or (), COMPARING)
     run_compare(
         CompareOptions(
             first=first,
