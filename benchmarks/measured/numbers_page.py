@@ -28,9 +28,10 @@ with a simulated 2D detector: they show what changes from one version to the nex
 
 - *AP bev*, *AP 3D*: average precision at an IoU of 0.5, 40 recall points. *mAP*: by distance of the centres, with
   thresholds scaled by the length of the class. *recall*, *precision*, *false* (boxes a frame): of all that is reported.
-- *position*, *95 %*: mean and 95th percentile of the error in metres; *heading*: median error in degrees, a turn by 180
-  degrees counted as right; *flips*: headings that are wrong by more than 90 degrees; *length*, *width*: mean error in
-  metres. Truth is where the object is at the frame's stamp; a sweep takes 0.1 s.
+- *position*, *95 %*: mean and 95th percentile of the error in metres, against where the object is at the frame's stamp;
+  *when measured*: the mean against where it was when the lidars saw it, up to 0.1 s later. *heading*: median error in
+  degrees, a turn by 180 degrees counted as right; *flips*: headings that are wrong by more than 90 degrees; *length*,
+  *width*: mean error in metres.
 - *ECE*: how far scores are from the share that is right.
 """
 
@@ -78,8 +79,11 @@ def section(run: MeasuredRun, shown: Sequence[Look]) -> Iterator[str]:
         ],
     )
     yield from table(
-        ["class", "source", "position", "95 %", "heading", "flips", "length", "width", "ECE"],
-        [_errors(name, source, one) for name, source, one in _by_class(figures)],
+        ["class", "source", "position", "95 %", "when measured", "heading", "flips", "length", "width", "ECE"],
+        [
+            _errors(name, source, one, run.when_measured["sources"][source][name])
+            for name, source, one in _by_class(figures)
+        ],
     )
     yield "What was found of each kind of object, whatever class lidcam has for it:\n"
     yield from table(["object", "truth", *(f"recall, {source}" for source in _sources(figures))], _by_label(figures))
@@ -101,12 +105,13 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> Iterator[str]:
         yield ""
 
 
-def _errors(name: str, source: str, one: Tree) -> list[str]:
+def _errors(name: str, source: str, one: Tree, when_measured: Tree) -> list[str]:
     errors = one["errors"]
     return [
         name,
         source,
         *(_number(errors["position_bev_m"][key]) for key in ("mean", "p95")),
+        _number(when_measured["errors"]["position_bev_m"]["mean"]),
         _number(errors["heading_mod_180_deg"]["p50"], 1),
         _percent(errors["flips"]),
         *(_number(errors[side]["bias"], signed="+") for side in ("length_m", "width_m")),
@@ -128,7 +133,9 @@ def _by_label(figures: Tree) -> list[list[str]]:
 
 def _gains(figures: Tree) -> list[list[str]]:
     rows = []
-    for name, gain in figures["fusion_gain"].items():
+    names = dict.fromkeys(name for name, _, _ in _by_class(figures))
+    for name in names:
+        gain = figures["fusion_gain"][name]
         if gain["recall"]["value"] is not None:
             told = [gain[key] for key in ("ap_bev_r40_50", "ap_3d_r40_50", "recall", "precision")]
             rows.append([name, *map(_gain, told)])
@@ -157,8 +164,8 @@ def _cameras(figures: Tree) -> list[list[str]]:
 
 def _mistakes(run: MeasuredRun, shown: Sequence[Look]) -> Iterator[str]:
     yield (
-        "The worst errors, numbered as in the image below, row by row. To see one in the viewer: `lidcam simulate "
-        f"{run.scenario} r.mcap --duration {run.seconds}`, then `lidcam process r.mcap o.mcap --rerun o.rrd`.\n"
+        "The worst errors, numbered as in the image below, row by row. After `make numbers` the recording is in "
+        "`out/numbers/`: process it with `--rerun FILE.rrd`, and go to the time.\n"
     )
     for kind, title in zip(KINDS, ("reported, and not there", "there, and not reported"), strict=True):
         rows = [[f"{number}", *_mistake(look)] for number, look in enumerate(shown, 1) if look.kind == kind]
@@ -172,17 +179,20 @@ def _mistake(look: Look) -> list[str]:
     one = look.mistake
     points = "-" if one["lidar_points"] is None else f"{one['lidar_points']} points"
     weight = f"{one['score']:.2f}" if look.kind == "false" else points
-    place = f"{one['x_m']:.1f}, {one['y_m']:.1f}"
+    place = f"{one['x_m']:z.1f}, {one['y_m']:z.1f}"
     return [one["class"], look.name, f"{one['frames']}", f"{one['worst_s']:.1f}", place, weight, look.camera or "none"]
 
 
 def _by_class(figures: Tree) -> Iterator[tuple[str, str, Tree]]:
-    """Classes with truth or detections, and all of them; each with its sources."""
-    sources = _sources(figures)
-    for name in figures["sources"][sources[0]]:
-        found = [(source, figures["sources"][source][name]) for source in sources]
-        if any(one["truth"] or one["found"] for _, one in found):
-            yield from ((name, source, one) for source, one in found)
+    """Classes with truth or detections, and all of them if there are several; each with its sources."""
+    sources, by_class = _sources(figures), figures["sources"]
+    met = [
+        name
+        for name in by_class[sources[0]]
+        if any(by_class[source][name][count] for source in sources for count in ("truth", "found"))
+    ]
+    for name in met[:1] if len(met) == 2 else met:
+        yield from ((name, source, by_class[source][name]) for source in sources)
 
 
 def _sources(figures: Tree) -> list[str]:

@@ -45,6 +45,7 @@ def test_the_judgement_depends_on_the_recording_alone(lidcam: Lidcam, tmp_path: 
     found = json.loads(done.out)["settings"]
     assert found.pop("extent_m") == pytest.approx([5.48, 3.88], abs=0.05)
     assert found.pop("lidar_height_m") == pytest.approx(0.256, abs=0.01)
+    assert len(found.pop("sha256")) == 64
     assert found == {"name": "sandbox", "how": "judged", "moves": False}
 
 
