@@ -1,13 +1,44 @@
 """What of a frame is evaluated, and what is neither a miss nor an error."""
 
+from typing import Protocol
+
 import numpy as np
 
 from pipeline.core.arrays import F64, I32, Bools
 from pipeline.core.geometry.polygons import first_polygon_with
 from pipeline.core.settings.evaluate import EvaluateConfig
-from pipeline.evaluation.records import UNKNOWN, TruthBoxes3D
+from pipeline.evaluation.records import UNKNOWN
 
-__all__ = ["is_evaluated", "is_seen", "is_within"]
+__all__ = ["is_counted", "is_evaluated", "is_within"]
+
+
+class TrueRows(Protocol):
+    """True objects of one frame or of several: `TruthBoxes3D`, `TrueObjects`."""
+
+    @property
+    def centers(self) -> F64:
+        """(N, 3) in the site frame, metres."""
+        ...
+
+    @property
+    def class_ids(self) -> I32:
+        """(N,) or `UNKNOWN`."""
+        ...
+
+    @property
+    def lidar_points(self) -> I32:
+        """(N,) or `UNKNOWN`."""
+        ...
+
+    @property
+    def image_pixels(self) -> I32:
+        """(N,) in all images, or `UNKNOWN`."""
+        ...
+
+    @property
+    def is_ignored(self) -> Bools:
+        """(N,) by the truth itself."""
+        ...
 
 
 def is_within(centers: F64, config: EvaluateConfig) -> Bools:
@@ -28,33 +59,27 @@ def is_within(centers: F64, config: EvaluateConfig) -> Bools:
     return within
 
 
-def is_evaluated(truth: TruthBoxes3D, config: EvaluateConfig) -> Bools:
+def is_evaluated(truth: TrueRows, config: EvaluateConfig) -> Bools:
     """Whether each object has to be found.
 
     The others are ignored: who misses them has no miss, and a result that matches one of them is no error. These are
-    objects marked as such, of no configured class, outside the region or the range, and those that no sensor saw: with
-    fewer lidar points than `min_lidar_points` and fewer pixels than `min_image_pixels`.
+    objects that do not count (`is_counted`), and those that no sensor saw: with fewer lidar points than
+    `min_lidar_points` and fewer pixels than `min_image_pixels`. A count that the truth does not give decides nothing;
+    without any, the object is taken to be seen.
 
     Returns:
         (N,) bool.
     """
-    known = (truth.class_ids != UNKNOWN) & ~truth.is_ignored
-    seen = is_seen(truth.lidar_points, truth.image_pixels, config)
-    return np.asarray(known & seen & is_within(truth.centers, config))
-
-
-def is_seen(lidar_points: I32, image_pixels: I32, config: EvaluateConfig) -> Bools:
-    """Whether each object has as many lidar points or pixels as the settings ask for.
-
-    A count that the truth does not give decides nothing; without any, the object is taken to be seen.
-
-    Args:
-        lidar_points: (N,) or `UNKNOWN`.
-        image_pixels: (N,) or `UNKNOWN`.
-        config: `min_lidar_points` and `min_image_pixels`.
-
-    Returns:
-        (N,) bool.
-    """
+    lidar_points, image_pixels = truth.lidar_points, truth.image_pixels
     seen = (lidar_points >= config.min_lidar_points) | (image_pixels >= config.min_image_pixels)
-    return np.asarray(seen | ((lidar_points == UNKNOWN) & (image_pixels == UNKNOWN)))
+    seen |= (lidar_points == UNKNOWN) & (image_pixels == UNKNOWN)
+    return np.asarray(seen & is_counted(truth, config))
+
+
+def is_counted(truth: TrueRows, config: EvaluateConfig) -> Bools:
+    """Whether each object counts, seen or not: not marked as ignored, of a configured class, and `is_within`.
+
+    Returns:
+        (N,) bool.
+    """
+    return np.asarray((truth.class_ids != UNKNOWN) & ~truth.is_ignored & is_within(truth.centers, config))

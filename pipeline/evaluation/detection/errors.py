@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pipeline.core.arrays import F64
+from pipeline.evaluation.headings import is_flip
 from pipeline.evaluation.records import Figures
 
 __all__ = ["Column", "bias", "bird_eye_m", "error_figures", "spread"]
@@ -61,7 +62,7 @@ def error_figures(errors: npt.NDArray[np.floating]) -> Figures:
         figures[name] = {"bias": bias(errors[:, column]), **spread(errors[:, column])}
     figures["heading_deg"] = spread(turns_deg)
     figures["heading_mod_180_deg"] = spread(np.minimum(turns_deg, 180 - turns_deg))
-    figures["flips"] = float(np.mean(turns_deg > 90)) if len(errors) else None
+    figures["flips"] = float(is_flip(errors[:, Column.YAW]).mean()) if len(errors) else None
     return figures
 
 

@@ -21,7 +21,7 @@ from pipeline.evaluation.detection.objects import (
     pairs_near,
 )
 from pipeline.evaluation.detection.tables import FALSE, I16, FoundTable, Labels, Pieces, TruthTable
-from pipeline.evaluation.ignoring import is_seen, is_within
+from pipeline.evaluation.ignoring import is_counted, is_evaluated, is_within
 from pipeline.evaluation.records import UNKNOWN, EvaluationFrame
 from pipeline.evaluation.scales import nuscenes_ranges_m, range_edges_m, range_rows
 
@@ -104,9 +104,6 @@ class Gathering:
         self._truth_count += len(truth)
 
     def _truth_table(self, truth: TrueObjects) -> TruthTable:
-        within = is_within(truth.centers, self._settings)
-        is_seen_enough = is_seen(truth.lidar_points, truth.image_pixels, self._settings)
-        is_counted = within & ~truth.is_ignored & (truth.class_ids >= 0)
         ranges_m = np.append(self._nuscenes_m, 0.0)[truth.class_ids]
         return TruthTable(
             truth.frames,
@@ -115,8 +112,8 @@ class Gathering:
             *self._places(truth.centers),
             truth.lidar_points,
             truth.yaws.astype(np.float32),
-            is_counted & is_seen_enough,
-            is_counted & (truth.lidar_points != 0) & (_ranges(truth.centers) < ranges_m),
+            is_evaluated(truth, self._settings),
+            is_counted(truth, self._settings) & (truth.lidar_points != 0) & (_ranges(truth.centers) < ranges_m),
         )
 
     def _found_table(self, found: FoundObjects, truth: TrueObjects, table: TruthTable) -> FoundTable:

@@ -7,6 +7,7 @@ import numpy as np
 
 from pipeline.core.arrays import F64, I64, check_array
 from pipeline.core.geometry.boxes import wrap_angle
+from pipeline.evaluation.headings import is_flip
 from pipeline.evaluation.tracking.clear import Matches
 from pipeline.evaluation.tracking.table import TrackTable
 
@@ -97,6 +98,6 @@ def _flips(table: TrackTable, matches: Matches) -> int:
     order = np.lexsort((table.found_frames[found], table.found_tracks[found]))
     truth, found = truth[order], found[order]
     same = (np.diff(table.found_tracks[found]) == 0) & (np.diff(table.truth_tracks[truth]) == 0)
-    turn = np.abs(wrap_angle(np.diff(table.found_yaws[found])))
-    true_turn = np.abs(wrap_angle(np.diff(table.truth_yaws[truth])))
-    return int((same & (turn > np.pi / 2) & (true_turn <= np.pi / 2)).sum())
+    turns_rad = wrap_angle(np.diff(table.found_yaws[found]))
+    true_turns_rad = wrap_angle(np.diff(table.truth_yaws[truth]))
+    return int((same & is_flip(turns_rad) & ~is_flip(true_turns_rad)).sum())

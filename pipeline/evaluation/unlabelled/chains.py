@@ -6,6 +6,7 @@ import numpy as np
 
 from pipeline.core.arrays import F64, I64, Bools, Rows, check_array, select_rows
 from pipeline.core.geometry.boxes import wrap_angle
+from pipeline.evaluation.headings import is_flip
 from pipeline.evaluation.unlabelled.linking import MAX_GAP_FRAMES
 
 __all__ = ["ChainTable", "chain_figures", "steps_within"]
@@ -80,7 +81,7 @@ def chain_figures(table: ChainTable) -> dict[str, float | int | None]:
     spans = table.frames[last] - table.frames[first] + 1
     same = steps_within(table)
     missing = np.diff(table.frames)[same] - 1
-    turns = np.abs(wrap_angle(np.diff(table.yaws)))
+    turns_rad = wrap_angle(np.diff(table.yaws))
     several = lengths >= 2
     spread = _spread(table.sizes, table.chains, lengths)[several]
     return {
@@ -93,7 +94,7 @@ def chain_figures(table: ChainTable) -> dict[str, float | int | None]:
         "flickers": int(((missing > 0) & (missing <= MAX_GAP_FRAMES)).sum()),
         "missing_share": float(1 - lengths.sum() / spans.sum()) if len(lengths) else None,
         "class_changes": int((same & (np.diff(table.class_ids) != 0)).sum()),
-        "heading_flips": int((same & (turns > np.pi / 2)).sum()),
+        "heading_flips": int((same & is_flip(turns_rad)).sum()),
         "length_spread": _mean(spread[:, 0]),
         "width_spread": _mean(spread[:, 1]),
         "height_spread": _mean(spread[:, 2]),

@@ -9,8 +9,7 @@ The layout changed several times; the recorded definition says which one a messa
 | ROS 2 Galactic | results[].hypothesis.class_id | results[].hypothesis.score | tracking_id or id |
 | ROS 2 since Humble | results[].hypothesis.class_id | results[].hypothesis.score | id |
 
-Messages of these layouts are read in place (see `in_place`), which takes a sixth of the time that rosbags needs to
-make objects of them; others are read by rosbags.
+Messages of these layouts are read in place (see `in_place`), others by rosbags, which makes objects of them first.
 """
 
 from collections import Counter

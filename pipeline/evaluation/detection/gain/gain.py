@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from pipeline.core.arrays import F64
 from pipeline.core.settings.config import ALL_CLASSES
@@ -22,6 +23,10 @@ _PERCENTILES = (2.5, 97.5)
 _MIN_BLOCKS = 5
 """From fewer blocks an interval would say nothing, and look as if it did."""
 
+_ROUNDING = 1e-9
+"""Figures that differ by no more than this part of the larger are equal: means of the same errors, summed in another
+order, differ in their last digits, and would show a gain or a loss that nothing stands behind."""
+
 _POSITION = "errors.position_bev_m.mean"
 
 Samples = dict[str, F64]
@@ -30,9 +35,10 @@ Samples = dict[str, F64]
 def fusion_gain(sources: Mapping[str, Source], figures: Mapping[str, Figures], resampling: Resampling) -> Figures:
     """What `fused` adds to the better of the other sources, by class and figure, with an interval of 95 %.
 
-    A gain is positive where fusion is better, also of the error of position. The better source is chosen on the whole
-    recording. The interval is that of the percentiles of the bootstrap (Efron and Tibshirani, An introduction to the
-    bootstrap, 1993, chapter 13), in which both are measured on the same samples.
+    A gain is positive where fusion is better, also of the error of position, and exactly 0 where the figures differ by
+    their rounding alone. The better source is chosen on the whole recording. The interval is that of the percentiles of
+    the bootstrap (Efron and Tibshirani, An introduction to the bootstrap, 1993, chapter 13), in which both are measured
+    on the same samples.
 
     Args:
         sources: All sources.
@@ -66,13 +72,21 @@ def _gain(
     over = max(by_single, key=lambda name: sign * by_single[name], default=None)
     if over is None or fused is None:
         return {**dict.fromkeys(("value", "low", "high")), "fused": fused, "over": over, "takes_away": None}
-    gain = {"value": sign * (fused - by_single[over]), "low": None, "high": None, "fused": fused, "over": over}
-    differences = sign * (drawn[_FUSED] - drawn[over]) if drawn else np.zeros(0)
+    value = sign * float(_difference(fused, by_single[over]))
+    gain = {"value": value, "low": None, "high": None, "fused": fused, "over": over}
+    differences = sign * _difference(drawn[_FUSED], drawn[over]) if drawn else np.zeros(0)
     defined = differences[np.isfinite(differences)]
     if not len(defined):
         return {**gain, "takes_away": None}
     low, high = map(float, np.percentile(defined, _PERCENTILES))
     return {**gain, "low": low, "high": high, "takes_away": high < 0}
+
+
+def _difference(first: npt.ArrayLike, second: npt.ArrayLike) -> F64:
+    """`first` less `second`; 0 where they are equal but for rounding."""
+    first, second = np.asarray(first, np.float64), np.asarray(second, np.float64)
+    is_equal = np.abs(first - second) <= _ROUNDING * np.maximum(np.abs(first), np.abs(second))
+    return np.where(is_equal, 0.0, first - second) + 0.0
 
 
 def _samples_by_class(source: Source, resampling: Resampling) -> dict[str, Samples]:

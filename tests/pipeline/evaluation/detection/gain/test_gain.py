@@ -103,6 +103,18 @@ def test_fusion_that_takes_away_is_said_so() -> None:
         assert figure(better["all"], name)["takes_away"] is False
 
 
+def test_what_differs_by_rounding_alone_is_no_gain() -> None:
+    frames = drive(80, {"lidar": 0.4})
+    random = np.random.default_rng(4)
+    for row, frame in enumerate(frames):
+        boxes = frame.sources["lidar"].boxes
+        scores = boxes.scores[random.permutation(len(boxes))]  # the same errors, summed in another order
+        fused = replace(frame.sources["lidar"], boxes=replace(boxes, scores=scores))
+        frames[row] = replace(frame, sources={**frame.sources, "fused": fused})
+    gain = evaluated(frames, CONFIG)["fusion_gain"]["all"]["errors"]["position_bev_m"]["mean"]
+    assert (gain["value"], gain["low"], gain["high"], gain["takes_away"]) == (0.0, 0.0, 0.0, False)
+
+
 def test_each_figure_is_compared_with_the_source_that_is_better_in_it() -> None:
     frames = drive(40, {"lidar": 1.0, "cameras": 0.1, "fused": 0.1})
     # the cameras place better, the lidar finds more
