@@ -2,7 +2,7 @@
 
 from frames_at_places import evaluation_frame, source_boxes, true_boxes
 
-from lidcam.evaluation.evaluators import evaluators_of, known_figures, measure
+from lidcam.evaluation.evaluators import evaluators_of, known_figures, measure, timed
 from lidcam.evaluation.figures import NamedFigures
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
@@ -32,5 +32,5 @@ def test_the_names_of_figures_do_not_depend_on_what_is_found() -> None:
         )
         for k in range(3)
     ]
-    found = NamedFigures(measure(frames, evaluators_of(Config(), RIG)))
+    found = NamedFigures({**measure(frames, evaluators_of(Config(), RIG)), **timed(1.5)})
     assert fixed(found) == fixed(known)
