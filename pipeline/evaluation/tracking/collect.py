@@ -14,7 +14,7 @@ from pipeline.core.arrays import F64, I64
 from pipeline.core.settings.config import Config
 from pipeline.evaluation.assignment import assign_nearest
 from pipeline.evaluation.ignoring import is_evaluated, is_within
-from pipeline.evaluation.records import UNKNOWN, EvaluationFrame, SourceBoxes, TruthBoxes3D
+from pipeline.evaluation.records import UNKNOWN, EvaluationFrame, SourceBoxes, TruthBoxes3D, in_order
 from pipeline.evaluation.scales import length_scales
 from pipeline.evaluation.tracking.candidates import Candidates, Objects, near_pairs, near_rows
 from pipeline.evaluation.tracking.table import TrackTable
@@ -93,7 +93,7 @@ class Collection:
             self._close_block()
 
     def tables(self) -> dict[str, tuple[TrackTable, ...]]:
-        """By source, in the order of their names, a table for each class; only sources that have tracks.
+        """By source, in their order, a table for each class; only sources that have tracks.
 
         Empty if there is truth and none of it has a track: nobody knows then who is who.
         """
@@ -101,12 +101,11 @@ class Collection:
         if self._untracked_truth and not self._tracked_truth:
             return {}
         truth, stamps_ns = _joined(self._truth), np.array(self._stamps_ns, np.int64)
+        classes = range(len(self._config.classes))
+        tracked = {name: self._sources[name] for name in in_order(self._sources) if self._sources[name].has_tracks}
         return {
-            name: tuple(
-                self._table(stamps_ns, truth, source, class_id) for class_id in range(len(self._config.classes))
-            )
-            for name, source in sorted(self._sources.items())
-            if source.has_tracks
+            name: tuple(self._table(stamps_ns, truth, source, class_id) for class_id in classes)
+            for name, source in tracked.items()
         }
 
     def _close_block(self) -> None:

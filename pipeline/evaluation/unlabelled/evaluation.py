@@ -9,7 +9,7 @@ from pipeline.core.arrays import I64, Indices
 from pipeline.core.rig import CameraSensor, Zone
 from pipeline.core.settings.config import Config
 from pipeline.evaluation.ignoring import is_within
-from pipeline.evaluation.records import UNKNOWN, EvaluationFrame, Figures, SourceBoxes
+from pipeline.evaluation.records import UNKNOWN, EvaluationFrame, Figures, SourceBoxes, in_order
 from pipeline.evaluation.unlabelled.chains import ChainTable, chain_figures
 from pipeline.evaluation.unlabelled.counts import ObjectCounts
 from pipeline.evaluation.unlabelled.linking import Linker
@@ -60,10 +60,10 @@ class UnlabelledEvaluation:
         return {
             "unlabelled": {
                 name: {
-                    **source.figures(),
+                    **self._sources[name].figures(),
                     "images": {camera.name: self._residuals[name, camera.name].figures() for camera in self._cameras},
                 }
-                for name, source in sorted(self._sources.items())
+                for name in in_order(self._sources)
             },
             "sync": self._synchrony.figures(),
         }
