@@ -15,8 +15,9 @@ from typing import Any
 from measured_runs import ROOT, SECONDS, MeasuredRun, measured_run
 from mistake_images import KINDS, Look, looks, write_images
 
+from lidcam.printing.numbers import NONE, number, percent, share, signed
+
 PAGE = ROOT / "docs" / "numbers.md"
-SOURCES = ("lidar", "cameras", "fused")
 Tree = Mapping[str, Any]
 
 HEAD = """# Numbers
@@ -71,9 +72,9 @@ def section(run: MeasuredRun, shown: Sequence[Look]) -> Iterator[str]:
                 name,
                 source,
                 f"{one['truth']}",
-                *_numbers(one, "ap_bev_r40_50", "ap_3d_r40_50"),
-                _number(one["distance"]["map"]),
-                *_numbers(one, "recall", "precision", "false_per_frame"),
+                *_shares(one, "ap_bev_r40_50", "ap_3d_r40_50"),
+                share(one["distance"]["map"]),
+                *_shares(one, "recall", "precision", "false_per_frame"),
             ]
             for name, source, one in _by_class(figures)
         ],
@@ -86,7 +87,7 @@ def section(run: MeasuredRun, shown: Sequence[Look]) -> Iterator[str]:
         ],
     )
     yield "What was found of each kind of object, whatever class lidcam has for it:\n"
-    yield from table(["object", "truth", *(f"recall, {source}" for source in _sources(figures))], _by_label(figures))
+    yield from table(["object", "truth", *(f"recall, {source}" for source in figures["sources"])], _by_label(figures))
     yield "What fusion adds to the lidars alone, with the interval of 95 % from resampled blocks of frames:\n"
     yield from table(["class", "AP bev", "AP 3D", "recall", "precision"], _gains(figures))
     if cameras := _cameras(figures):
@@ -110,12 +111,12 @@ def _errors(name: str, source: str, one: Tree, when_measured: Tree) -> list[str]
     return [
         name,
         source,
-        *(_number(errors["position_bev_m"][key]) for key in ("mean", "p95")),
-        _number(when_measured["errors"]["position_bev_m"]["mean"]),
-        _number(errors["heading_mod_180_deg"]["p50"], 1),
-        _percent(errors["flips"]),
-        *(_number(errors[side]["bias"], signed="+") for side in ("length_m", "width_m")),
-        _number(one["calibration"]["ece"]),
+        *(number(errors["position_bev_m"][key], 2) for key in ("mean", "p95")),
+        number(when_measured["errors"]["position_bev_m"]["mean"], 2),
+        number(errors["heading_mod_180_deg"]["p50"], 1),
+        percent(errors["flips"]),
+        *(signed(errors[side]["bias"], 2) for side in ("length_m", "width_m")),
+        share(one["calibration"]["ece"]),
     ]
 
 
@@ -126,7 +127,7 @@ def _by_label(figures: Tree) -> list[list[str]]:
             found.setdefault(label, {})[source] = counted
     return [
         [label, f"{next(iter(by_source.values()))['truth']}"]
-        + [_number(by_source[source]["recall"]) if source in by_source else "-" for source in _sources(figures)]
+        + [share(by_source[source]["recall"]) if source in by_source else NONE for source in figures["sources"]]
         for label, by_source in sorted(found.items())
     ]
 
@@ -144,9 +145,9 @@ def _gains(figures: Tree) -> list[list[str]]:
 
 def _gain(gain: Tree) -> str:
     if gain["value"] is None:
-        return "-"
-    interval = "" if gain["low"] is None else f" ({gain['low']:+z.2f} to {gain['high']:+z.2f})"
-    return f"{gain['value']:+z.2f}{interval}{' takes away' if gain['takes_away'] else ''}"
+        return NONE
+    interval = "" if gain["low"] is None else f" ({signed(gain['low'], 2)} to {signed(gain['high'], 2)})"
+    return f"{signed(gain['value'], 2)}{interval}{' takes away' if gain['takes_away'] else ''}"
 
 
 def _cameras(figures: Tree) -> list[list[str]]:
@@ -154,8 +155,8 @@ def _cameras(figures: Tree) -> list[list[str]]:
         [
             camera,
             f"{one['truth']}",
-            *_numbers(one, "ap_2d_r40_50", "recall", "precision"),
-            _number(one["false_per_image"]),
+            *_shares(one, "ap_2d_r40_50", "recall", "precision"),
+            number(one["false_per_image"], 2),
         ]
         for camera, classes in figures["images"].items()
         if (one := classes["all"])["truth"]
@@ -168,7 +169,7 @@ def _mistakes(run: MeasuredRun, shown: Sequence[Look]) -> Iterator[str]:
         "`out/numbers/`: process it with `--rerun FILE.rrd`, and go to the time.\n"
     )
     for kind, title in zip(KINDS, ("reported, and not there", "there, and not reported"), strict=True):
-        rows = [[f"{number}", *_mistake(look)] for number, look in enumerate(shown, 1) if look.kind == kind]
+        rows = [[f"{row}", *_mistake(look)] for row, look in enumerate(shown, 1) if look.kind == kind]
         yield from table(
             [title, "class", "what it is", "frames", "at (s)", "x, y (m)", "score or points", "camera"], rows
         )
@@ -177,7 +178,7 @@ def _mistakes(run: MeasuredRun, shown: Sequence[Look]) -> Iterator[str]:
 
 def _mistake(look: Look) -> list[str]:
     one = look.mistake
-    points = "-" if one["lidar_points"] is None else f"{one['lidar_points']} points"
+    points = NONE if one["lidar_points"] is None else f"{one['lidar_points']} points"
     weight = f"{one['score']:.2f}" if look.kind == "false" else points
     place = f"{one['x_m']:z.1f}, {one['y_m']:z.1f}"
     return [one["class"], look.name, f"{one['frames']}", f"{one['worst_s']:.1f}", place, weight, look.camera or "none"]
@@ -185,30 +186,18 @@ def _mistake(look: Look) -> list[str]:
 
 def _by_class(figures: Tree) -> Iterator[tuple[str, str, Tree]]:
     """Classes with truth or detections, and all of them if there are several; each with its sources."""
-    sources, by_class = _sources(figures), figures["sources"]
+    sources: Tree = figures["sources"]
     met = [
         name
-        for name in by_class[sources[0]]
-        if any(by_class[source][name][count] for source in sources for count in ("truth", "found"))
+        for name in next(iter(sources.values()))
+        if any(classes[name][count] for classes in sources.values() for count in ("truth", "found"))
     ]
     for name in met[:1] if len(met) == 2 else met:
-        yield from ((name, source, by_class[source][name]) for source in sources)
+        yield from ((name, source, classes[name]) for source, classes in sources.items())
 
 
-def _sources(figures: Tree) -> list[str]:
-    return [source for source in SOURCES if source in figures["sources"]]
-
-
-def _numbers(one: Tree, *names: str) -> list[str]:
-    return [_number(one[name]) for name in names]
-
-
-def _number(value: float | None, digits: int = 2, *, signed: str = "") -> str:
-    return "-" if value is None else f"{value:{signed}z.{digits}f}"
-
-
-def _percent(value: float | None) -> str:
-    return "-" if value is None else f"{100 * value:.0f} %"
+def _shares(one: Tree, *names: str) -> list[str]:
+    return [share(one[name]) for name in names]
 
 
 if __name__ == "__main__":

@@ -10,6 +10,7 @@ from lidcam.evaluation.evaluation import Evaluation
 from lidcam.evaluation.requirement import Outcome
 from lidcam.printing.folding import show_line, show_table
 from lidcam.printing.mistakes import mistakes_table
+from lidcam.printing.numbers import NONE, number, percent, share, signed
 from lidcam.printing.tables import columns_table
 
 __all__ = ["print_evaluation"]
@@ -19,12 +20,6 @@ ALL = "all"
 
 MIN_BLOCKS = 10
 """From which on an interval is as wide as it should be."""
-
-NONE = "-"
-"""In place of a figure that is not defined."""
-
-ORDER = ("lidar", "cameras", "fused")
-"""Of the sources: what is made of others comes last."""
 
 Tree = Mapping[str, Any]
 
@@ -71,16 +66,16 @@ def _whole(tree: Tree) -> str:
     sources: Tree = tree["sources"]
     if not tree["frames_with_truth"] or not sources:
         return ""
-    source = _ordered(sources)[-1]
+    source = [*sources][-1]
     figures = sources[source][ALL]
     if figures["recall"] is None:
         return ""
     right = (
         "it reports no box"
         if figures["precision"] is None
-        else f"{_percent(figures['precision'])} of its boxes are right"
+        else f"{percent(figures['precision'])} of its boxes are right"
     )
-    return f"{source} finds {_percent(figures['recall'])} of the true objects; {right}."
+    return f"{source} finds {percent(figures['recall'])} of the true objects; {right}."
 
 
 def _headline(tree: Tree) -> str:
@@ -93,12 +88,12 @@ def _headline(tree: Tree) -> str:
     if gain["low"] is None:
         does = f"takes away {-value:.2f} AP from" if value <= -0.005 else f"adds {max(value, 0.0):.2f} AP over"
         return f"Fusion {does} {over}; the recording is too short to say how sure that is."
-    interval = f"{gain['low']:+.2f} to {gain['high']:+.2f}"
+    interval = f"{signed(gain['low'], 2)} to {signed(gain['high'], 2)}"
     if gain["low"] > 0:
         return f"Fusion adds {value:.2f} AP ({interval}) over {over}."
     if gain["takes_away"]:
         return f"Fusion takes away {-value:.2f} AP ({interval}) from {over}."
-    return f"Fusion neither adds nor takes away AP for sure: {value:+.2f} ({interval}) over {over}."
+    return f"Fusion neither adds nor takes away AP for sure: {signed(value, 2)} ({interval}) over {over}."
 
 
 def _tables(tree: Tree) -> Iterator[tuple[Table, Iterable[str]]]:
@@ -148,12 +143,12 @@ def _found_table(sources: Tree) -> Table:
             source,
             str(figures["truth"]),
             str(figures["found"]),
-            _share(figures["recall"]),
-            _share(figures["precision"]),
-            _number(figures["false_per_frame"], 2),
-            _share(figures[f"ap_bev_r40_{overlap}"]),
-            _share(figures[f"ap_3d_r40_{overlap}"]),
-            _share(figures[_by_distance(sources)]["map"]),
+            share(figures["recall"]),
+            share(figures["precision"]),
+            number(figures["false_per_frame"], 2),
+            share(figures[f"ap_bev_r40_{overlap}"]),
+            share(figures[f"ap_3d_r40_{overlap}"]),
+            share(figures[_by_distance(sources)]["map"]),
         )
     return table
 
@@ -172,9 +167,9 @@ def _gain_table(gains: Tree) -> Table:
         table.add_row(
             name,
             best["over"],
-            *(_signed(best[key], 2) for key in ("value", "low", "high")),
-            *(_signed(other["value"], 2) for other in others),
-            _signed(one["errors"]["position_bev_m"]["mean"]["value"], 3),
+            *(signed(best[key], 2) for key in ("value", "low", "high")),
+            *(signed(other["value"], 2) for other in others),
+            signed(one["errors"]["position_bev_m"]["mean"]["value"], 3),
         )
     return table
 
@@ -189,12 +184,12 @@ def _errors_table(sources: Tree) -> Table:
         table.add_row(
             name,
             source,
-            *(_number(errors["position_bev_m"][key], 3) for key in ("mean", "p95")),
-            _number(errors["heading_deg"]["mean"], 1),
-            _percent(errors["flips"]),
-            _number(errors["heading_mod_180_deg"]["mean"], 1),
-            *(_signed(errors[key]["bias"], 2) for key in ("length_m", "width_m")),
-            _share(figures["calibration"]["ece"]),
+            *(number(errors["position_bev_m"][key], 3) for key in ("mean", "p95")),
+            number(errors["heading_deg"]["mean"], 1),
+            percent(errors["flips"]),
+            number(errors["heading_mod_180_deg"]["mean"], 1),
+            *(signed(errors[key]["bias"], 2) for key in ("length_m", "width_m")),
+            share(figures["calibration"]["ece"]),
         )
     return table
 
@@ -205,7 +200,7 @@ def _images_table(images: Tree) -> Table:
     for camera, classes in images.items():
         figures = classes[ALL]
         shares = (figures["recall"], figures["precision"], figures[f"ap_2d_r40_{overlap}"])
-        table.add_row(camera, str(figures["truth"]), *map(_share, shares))
+        table.add_row(camera, str(figures["truth"]), *map(share, shares))
     return table
 
 
@@ -215,22 +210,21 @@ def _tracking_table(tracking: Tree) -> Table:
     for name, source, figures in _rows(tracking, count="truth_tracks"):
         shares = (figures[key] for key in ("hota", "det_a", "ass_a", "mota", "idf1"))
         counts = (figures[key] for key in ("id_switches", "fragmentations", "heading_flips"))
-        table.add_row(name, source, *map(_share, shares), *map(str, counts))
+        table.add_row(name, source, *map(share, shares), *map(str, counts))
     return table
 
 
 def _chains_table(unlabelled: Tree) -> Table:
     columns = ("objects/frame", "chains", "seconds", "missing", "flickers", "relabelled", "flips")
     table = columns_table("without truth: chains of one object", "source", *columns)
-    for source in _ordered(unlabelled):
-        figures = unlabelled[source]
+    for source, figures in unlabelled.items():
         chains = figures["chains"][ALL]
         table.add_row(
             source,
-            _number(figures["objects"].get("per_frame_mean"), 1),
+            number(figures["objects"].get("per_frame_mean"), 1),
             str(chains["chains"]),
-            _number(chains["seconds_mean"], 1),
-            _percent(chains["missing_share"]),
+            number(chains["seconds_mean"], 1),
+            percent(chains["missing_share"]),
             *(str(chains[key]) for key in ("flickers", "class_changes", "heading_flips")),
         )
     return table
@@ -238,8 +232,7 @@ def _chains_table(unlabelled: Tree) -> Table:
 
 def _residuals(unlabelled: Tree) -> Tree:
     """By camera, of the last source: what is printed of the others would be much the same."""
-    source = _ordered(unlabelled)[-1] if unlabelled else ""
-    images = unlabelled[source]["images"] if source else {}
+    images = [*unlabelled.values()][-1]["images"] if unlabelled else {}
     return {camera: figures for camera, figures in images.items() if figures["boxes_2d"]}
 
 
@@ -250,10 +243,10 @@ def _residuals_table(residuals: Tree) -> Table:
         table.add_row(
             camera,
             str(figures["matches"]),
-            *(_percent(figures[key]) for key in ("unmatched_3d_share", "unmatched_2d_share")),
-            *(_signed(figures[key], 1) for key in ("offset_u_p50_px", "offset_v_p50_px")),
-            _number(figures["offset_u_abs_p90_px"], 1),
-            _share(figures["iou_p50"]),
+            *(percent(figures[key]) for key in ("unmatched_3d_share", "unmatched_2d_share")),
+            *(signed(figures[key], 1) for key in ("offset_u_p50_px", "offset_v_p50_px")),
+            number(figures["offset_u_abs_p90_px"], 1),
+            share(figures["iou_p50"]),
         )
     return table
 
@@ -303,8 +296,8 @@ def _distances(sources: Tree, by_distance: str) -> dict[str, str]:
 
 def _rows(sources: Tree, count: str = "truth") -> Iterator[tuple[str, str, Tree]]:
     """Class, source and figures, of classes that the truth or a source has; the class is named once."""
-    ordered = _ordered(sources)
-    by_class = {name: {source: sources[source][name] for source in ordered} for name in sources[ordered[0]]}
+    names = next(iter(sources.values()))
+    by_class = {name: {source: classes[name] for source, classes in sources.items()} for name in names}
     shown = {
         name: figures
         for name, figures in by_class.items()
@@ -315,10 +308,6 @@ def _rows(sources: Tree, count: str = "truth") -> Iterator[tuple[str, str, Tree]
     for name, figures in shown.items():
         for row, (source, one) in enumerate(figures.items()):
             yield "" if row else name, source, one
-
-
-def _ordered(sources: Tree) -> list[str]:
-    return sorted(sources, key=lambda source: (ORDER.index(source) if source in ORDER else len(ORDER), source))
 
 
 def _gain_name(gains: Tree, beginning: str = "ap_bev_r40_") -> str:
@@ -334,19 +323,3 @@ def _overlap(sources: Tree, beginning: str = "ap_bev_r40_") -> str:
 
 def _by_distance(sources: Tree) -> str:
     return "nuscenes" if "nuscenes" in next(iter(sources.values()))[ALL] else "distance"
-
-
-def _share(value: float | None) -> str:
-    return _number(value, 2)
-
-
-def _percent(value: float | None) -> str:
-    return NONE if value is None else f"{100 * value:.0f} %"
-
-
-def _number(value: float | None, digits: int) -> str:
-    return NONE if value is None else f"{value:.{digits}f}"
-
-
-def _signed(value: float | None, digits: int) -> str:
-    return NONE if value is None else f"{round(value, digits) + 0.0:+.{digits}f}"  # no -0.00

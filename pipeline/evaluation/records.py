@@ -1,6 +1,6 @@
 """What is evaluated: the results of a frame beside the truth about it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol, TypeAlias, Union
 
@@ -11,6 +11,7 @@ from pipeline.core.arrays import F32, F64, I32, I64, Bools, Rows, check_array, s
 from pipeline.core.detections import Boxes2D, Boxes3D
 
 __all__ = [
+    "SOURCES",
     "UNKNOWN",
     "EvaluationFrame",
     "Evaluator",
@@ -21,12 +22,16 @@ __all__ = [
     "SourceBoxes",
     "TruthBoxes2D",
     "TruthBoxes3D",
+    "in_order",
 ]
 
 Names = npt.NDArray[np.str_]
 
 UNKNOWN = -1
 """In place of a class, an id or a count that is not known."""
+
+SOURCES = ("lidar", "cameras", "fused")
+"""Sources of 3D boxes in the order in which they are told: what is made of others comes last."""
 
 Figure: TypeAlias = float | int | str | bool | None
 """None: the figure is not defined, as a precision is without detections."""
@@ -179,6 +184,11 @@ class EvaluationFrame:
     sources: Mapping[str, SourceBoxes]
     images: Mapping[str, ImageBoxes] = field(default_factory=dict)
     skew_ns: int | None = None
+
+
+def in_order(sources: Iterable[str]) -> list[str]:
+    """Names of sources in the order of `SOURCES`; others follow by name."""
+    return sorted(sources, key=lambda name: (SOURCES.index(name) if name in SOURCES else len(SOURCES), name))
 
 
 class Evaluator(Protocol):

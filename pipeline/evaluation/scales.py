@@ -9,7 +9,6 @@ from pipeline.core.settings.config import Config
 
 __all__ = [
     "NUSCENES_RANGES_M",
-    "REFERENCE_LENGTH_M",
     "decimal",
     "length_scales",
     "nuscenes_ranges_m",

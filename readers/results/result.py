@@ -18,7 +18,7 @@ from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.load import load_config
 from pipeline.core.settings.recording import LimitsConfig
-from pipeline.evaluation.records import UNKNOWN, SourceBoxes
+from pipeline.evaluation.records import SOURCES, UNKNOWN, SourceBoxes
 from readers.messages.diagnostics import decode_diagnostics
 from readers.messages.vision.detections2d import DETECTIONS_2D, decode_detections2d
 from readers.messages.vision.detections3d import DETECTIONS_3D, Detections3D, decode_detections3d
@@ -29,13 +29,9 @@ from readers.recording import DEFAULT_READ_OPTIONS, Closing, ReadOptions, Record
 from readers.results.attached import attached_config, attached_rig
 from readers.results.records import CONFIG, RIG, read_records
 
-__all__ = ["RESULT_TOPICS", "SOURCE_TOPICS", "Result", "ResultFrame", "open_result"]
+__all__ = ["RESULT_TOPICS", "Result", "ResultFrame", "open_result"]
 
-SOURCE_TOPICS = {
-    "lidar": "/lidar/detections",
-    "cameras": "/cameras/detections",
-    "fused": "/fused/detections",
-}
+SOURCE_TOPICS = {source: f"/{source}/detections" for source in SOURCES}
 """Topics of 3D boxes by source."""
 
 RESULT_TOPICS = frozenset(SOURCE_TOPICS.values())
@@ -75,7 +71,7 @@ class Result(Closing):
         metadata: What it says of its origin: version of lidcam, inputs with their hashes, hashes of settings and rig.
         config: Its settings.
         rig: Its rig.
-        sources: Sources of 3D boxes that it has, in the order of `SOURCE_TOPICS`.
+        sources: Sources of 3D boxes that it has, in the order of `SOURCES`.
         cameras: Names of the cameras that it has 2D boxes of, in the order of the rig.
     """
 

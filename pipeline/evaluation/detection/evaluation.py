@@ -1,6 +1,6 @@
 """Detection: what each source found, against the truth."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -13,12 +13,10 @@ from pipeline.evaluation.detection.gain.resampling import Resampling
 from pipeline.evaluation.detection.gathering import Gathering
 from pipeline.evaluation.detection.images.camera import CameraImages
 from pipeline.evaluation.detection.source import Site, Source
-from pipeline.evaluation.records import EvaluationFrame, Figures
+from pipeline.evaluation.records import EvaluationFrame, Figures, in_order
 from pipeline.evaluation.scales import range_edges_m
 
 __all__ = ["DetectionEvaluation"]
-
-_ORDER = ("lidar", "cameras", "fused")
 
 
 class DetectionEvaluation:
@@ -61,7 +59,7 @@ class DetectionEvaluation:
             len(gathering.stamps_ns),
             gathering.frames_without_truth,
         )
-        sources = {name: Source(site, found[name]) for name in _in_order(found)}
+        sources = {name: Source(site, found[name]) for name in in_order(found)}
         figures = {name: source.figures() for name, source in sources.items()}
         return {
             "sources": figures,
@@ -81,7 +79,3 @@ class DetectionEvaluation:
         if not len(stamps_ns):
             return {}
         return fusion_gain(sources, figures, Resampling.of(stamps_ns, self._config.evaluate.bootstrap))
-
-
-def _in_order(names: Iterable[str]) -> list[str]:
-    return sorted(names, key=lambda name: (_ORDER.index(name) if name in _ORDER else len(_ORDER), name))

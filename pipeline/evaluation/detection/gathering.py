@@ -20,8 +20,9 @@ from pipeline.evaluation.detection.objects import (
     errors_of_pairs,
     pairs_near,
 )
-from pipeline.evaluation.detection.tables import FALSE, I16, FoundTable, Labels, Pieces, TruthTable
+from pipeline.evaluation.detection.tables import FALSE, I16, FoundTable, Labels, TruthTable
 from pipeline.evaluation.ignoring import is_counted, is_evaluated, is_within
+from pipeline.evaluation.pieces import Pieces
 from pipeline.evaluation.records import UNKNOWN, EvaluationFrame
 from pipeline.evaluation.scales import nuscenes_ranges_m, range_edges_m, range_rows
 
@@ -66,7 +67,9 @@ class Gathering:
         """
         rows = self._criteria.distance_rows.stop
         for source in frame.sources:
-            self._found.setdefault(source, Pieces(_no_detections(rows, len(self._criteria.error_rows))))
+            if source not in self._found:
+                nothing = _no_detections(rows, len(self._criteria.error_rows))
+                self._found[source] = Pieces(nothing, by_criterion=("matches", "errors"))
         if frame.truth is None:
             self.frames_without_truth += 1
             return

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -65,6 +66,13 @@ class Site:
         return places | {Place("zones", row): (name, {}) for row, name in enumerate(self.zones)}
 
 
+class _ClassAverages(NamedTuple):
+    """Average precisions by name of the class: by overlap, and by distance."""
+
+    overlaps: dict[str, Averages]
+    distances: dict[str, Averages]
+
+
 class Source:
     """The detections of one source, and their figures.
 
@@ -77,14 +85,16 @@ class Source:
         self.site = site
         self.found = found
         self._orders: dict[int | None, Indices] = {}
-        self._scored: dict[tuple[int | None, int], Scored] = {}
+        self._scored: dict[int, Scored] = {}
+        self._scored_class: int | None = None
 
     def scored(self, class_id: int | None, criterion_row: int) -> Scored:
         """The detections of a class (None: of all) that count under a criterion, by falling score."""
-        key = class_id, criterion_row
-        if key not in self._scored:
-            self._scored[key] = scored(self.found, self.site.truth, self._order(class_id), criterion_row)
-        return self._scored[key]
+        if class_id != self._scored_class:  # kept of one class at a time: those of all classes take much memory
+            self._scored, self._scored_class = {}, class_id
+        if criterion_row not in self._scored:
+            self._scored[criterion_row] = scored(self.found, self.site.truth, self._order(class_id), criterion_row)
+        return self._scored[criterion_row]
 
     def is_evaluated(self, class_id: int | None) -> Bools:
         """(T,) which true objects of a class (None: of all) are evaluated."""
@@ -103,19 +113,21 @@ class Source:
 
     def figures(self) -> Mapping[str, Figures]:
         """All figures, by class."""
-        figures = self._by_class(None)
-        parts: dict[str, dict[str, dict[str, Figures]]] = {name: {"ranges": {}, "zones": {}} for name in figures}
-        for place, (name, extent) in self.site.places().items():
-            for class_name, there in self._by_class(place).items():
-                parts[class_name][place.kind][name] = {**extent, **there}
+        figures: dict[str, dict[str, Figures | float | int | None]] = {}
+        places = self.site.places()
+        averages = {place: _ClassAverages({}, {}) for place in (None, *places)}
         for class_id, class_name in [*enumerate(self.site.class_names), (None, ALL_CLASSES)]:
+            parts: dict[str, dict[str, Figures]] = {"ranges": {}, "zones": {}}
+            for place, (name, extent) in places.items():
+                parts[place.kind][name] = {**extent, **self._at(class_id, place, averages[place])}
             detections = self.scored(class_id, self.site.criteria.position_row)
-            figures[class_name] |= {
+            figures[class_name] = {
+                **self._at(class_id, None, averages[None]),
                 "frames": self.site.frames,
                 "frames_without_truth": self.site.frames_without_truth,
                 **self._recalls(class_id, detections),
                 "calibration": calibration_figures(detections.scores, detections.is_right),
-                **parts[class_name],
+                **parts,
             }
         figures[ALL_CLASSES]["confusion"] = self._confusion()
         return figures
@@ -126,19 +138,25 @@ class Source:
             self._orders[class_id] = by_falling_score(self.found, rows)
         return self._orders[class_id]
 
-    def _by_class(self, place: Place | None) -> dict[str, dict[str, Figures | float | int | None]]:
-        names, by_distance = self.site.class_names, self.site.criteria.distances_name
-        overlaps = {name: self._overlaps(row, place) for row, name in enumerate(names)}
-        distances = {name: self._distances(row, place) for row, name in enumerate(names)}
-        figures: dict[str, dict[str, Figures | float | int | None]] = {}
-        for row, name in enumerate(names):
-            limits = {"thresholds": self._distances_m(row)} if place is None else {}
-            figures[name] = {**self._pooled(row, place), **overlaps[name], by_distance: {**distances[name], **limits}}
-        means = (
-            mean_nuscenes_figures(distances) if by_distance == "nuscenes" else mean_figures(list(distances.values()))
-        )
-        overlap_means = mean_figures(list(overlaps.values()))
-        return {**figures, ALL_CLASSES: {**self._pooled(None, place), **overlap_means, by_distance: means}}
+    def _at(
+        self, class_id: int | None, place: Place | None, averages: "_ClassAverages"
+    ) -> dict[str, Figures | float | int | None]:
+        """The figures in a part of the site of a class, or of all (None), which has the means of the classes before."""
+        by_distance = self.site.criteria.distances_name
+        if class_id is None:
+            overlaps, distances = (list(one.values()) for one in averages)
+            is_nuscenes = by_distance == "nuscenes"
+            means = mean_nuscenes_figures(averages.distances) if is_nuscenes else mean_figures(distances)
+            return {**self._pooled(None, place), **mean_figures(overlaps), by_distance: means}
+        name = self.site.class_names[class_id]
+        averages.overlaps[name] = self._overlaps(class_id, place)
+        averages.distances[name] = self._distances(class_id, place)
+        limits = {"thresholds": self._distances_m(class_id)} if place is None else {}
+        return {
+            **self._pooled(class_id, place),
+            **averages.overlaps[name],
+            by_distance: {**averages.distances[name], **limits},
+        }
 
     def _overlaps(self, class_id: int, place: Place | None) -> Averages:
         count = len(truth_in(self.site.truth, self.is_evaluated(class_id), place))

@@ -1,7 +1,6 @@
 """What is kept of all frames: one row for each true object and each detection, without the boxes."""
 
-from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -9,10 +8,7 @@ import numpy.typing as npt
 from pipeline.core.arrays import F32, I32, Bools, check_array
 from pipeline.evaluation.records import Names
 
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
-
-__all__ = ["FALSE", "I16", "IGNORED", "FoundTable", "Labels", "Pieces", "TruthTable"]
+__all__ = ["FALSE", "I16", "IGNORED", "FoundTable", "Labels", "TruthTable"]
 
 I16 = npt.NDArray[np.int16]
 
@@ -21,8 +17,6 @@ FALSE = -1
 
 IGNORED = -2
 """In place of the row of a true object: the detection is neither right nor wrong."""
-
-Table = TypeVar("Table", bound="DataclassInstance")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,29 +101,6 @@ class FoundTable:
 
     def __len__(self) -> int:
         return len(self.frames)
-
-
-class Pieces(Generic[Table]):
-    """A table that grows by pieces, and is put together when it is read."""
-
-    def __init__(self, empty: Table) -> None:
-        self._pieces = [empty]
-
-    def append(self, piece: Table) -> None:
-        """Add the rows of `piece` at the end."""
-        self._pieces.append(piece)
-
-    def table(self) -> Table:
-        """All rows so far."""
-        if len(self._pieces) > 1:
-            first = self._pieces[0]
-            columns: dict[str, Any] = {}
-            for column in fields(first):
-                parts = [getattr(piece, column.name) for piece in self._pieces]
-                # the rows are the second axis of arrays that hold something by criterion
-                columns[column.name] = np.concatenate(parts, axis=min(parts[0].ndim - 1, 1))
-            self._pieces = [type(first)(**columns)]
-        return self._pieces[0]
 
 
 class Labels:

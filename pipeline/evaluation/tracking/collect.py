@@ -5,8 +5,7 @@ only what the figures need is kept: a few numbers a box, and the pairs that are 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
-from typing import TypeVar
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,7 +13,8 @@ from pipeline.core.arrays import F64, I64
 from pipeline.core.settings.config import Config
 from pipeline.evaluation.assignment import assign_nearest
 from pipeline.evaluation.ignoring import is_evaluated, is_within
-from pipeline.evaluation.records import UNKNOWN, EvaluationFrame, SourceBoxes, TruthBoxes3D
+from pipeline.evaluation.pieces import Pieces
+from pipeline.evaluation.records import UNKNOWN, EvaluationFrame, SourceBoxes, TruthBoxes3D, in_order
 from pipeline.evaluation.scales import length_scales
 from pipeline.evaluation.tracking.candidates import Candidates, Objects, near_pairs, near_rows
 from pipeline.evaluation.tracking.table import TrackTable
@@ -27,8 +27,6 @@ MAX_DISTANCE_M = 2.0
 BLOCK_FRAMES = 256
 
 _NO_ROWS, _NO_VALUES = np.zeros(0, np.int64), np.zeros(0)
-
-Part = TypeVar("Part", "_Kept", Candidates)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,8 +61,8 @@ class _Source:
     """What was found by one source so far."""
 
     def __init__(self, class_count: int) -> None:
-        self.found = [_NONE_KEPT]
-        self.pairs = [Candidates(_NO_ROWS, _NO_ROWS, _NO_VALUES, _NO_VALUES)]
+        self.found = Pieces(_NONE_KEPT)
+        self.pairs = Pieces(Candidates(_NO_ROWS, _NO_ROWS, _NO_VALUES, _NO_VALUES))
         self.count = 0
         self.without_track = np.zeros(class_count, np.int64)
         self.has_tracks = False
@@ -78,7 +76,7 @@ class Collection:
         self._max_distances_m = MAX_DISTANCE_M * length_scales(config)
         self._frames: list[tuple[TruthBoxes3D, dict[str, SourceBoxes]]] = []
         self._stamps_ns: list[int] = []
-        self._truth = [_NONE_KEPT]
+        self._truth = Pieces(_NONE_KEPT)
         self._truth_count = 0
         self._tracked_truth = self._untracked_truth = 0
         self._sources: dict[str, _Source] = {}
@@ -93,20 +91,19 @@ class Collection:
             self._close_block()
 
     def tables(self) -> dict[str, tuple[TrackTable, ...]]:
-        """By source, in the order of their names, a table for each class; only sources that have tracks.
+        """By source, in their order, a table for each class; only sources that have tracks.
 
         Empty if there is truth and none of it has a track: nobody knows then who is who.
         """
         self._close_block()
         if self._untracked_truth and not self._tracked_truth:
             return {}
-        truth, stamps_ns = _joined(self._truth), np.array(self._stamps_ns, np.int64)
+        truth, stamps_ns = self._truth.table(), np.array(self._stamps_ns, np.int64)
+        classes = range(len(self._config.classes))
+        tracked = {name: self._sources[name] for name in in_order(self._sources) if self._sources[name].has_tracks}
         return {
-            name: tuple(
-                self._table(stamps_ns, truth, source, class_id) for class_id in range(len(self._config.classes))
-            )
-            for name, source in sorted(self._sources.items())
-            if source.has_tracks
+            name: tuple(self._table(stamps_ns, truth, source, class_id) for class_id in classes)
+            for name, source in tracked.items()
         }
 
     def _close_block(self) -> None:
@@ -162,7 +159,7 @@ class Collection:
         source.count += len(objects)
 
     def _table(self, stamps_ns: I64, truth: _Kept, source: _Source, class_id: int) -> TrackTable:
-        found, pairs = _joined(source.found), _joined(source.pairs)
+        found, pairs = source.found.table(), source.pairs.table()
         true_rows, found_rows = truth.class_ids == class_id, found.class_ids == class_id
         rows = true_rows[pairs.first]
         return TrackTable(
@@ -183,8 +180,3 @@ class Collection:
             max_distance_m=float(self._max_distances_m[class_id]),
             without_track=int(source.without_track[class_id]),
         )
-
-
-def _joined(parts: Sequence[Part]) -> Part:
-    kind = type(parts[0])
-    return kind(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(kind)))

@@ -9,7 +9,7 @@ from pipeline.core.arrays import F64, check_array
 from pipeline.evaluation.assignment import assign_heaviest
 from pipeline.evaluation.tracking.table import TrackTable
 
-__all__ = ["ALPHAS", "HotaCounts", "count_hota", "hota_figures", "similarity_of_distance", "total_hota"]
+__all__ = ["HotaCounts", "count_hota", "hota_figures", "similarity_of_distance", "total_hota"]
 
 ALPHAS = np.arange(1, 20) / 20
 """Similarities from which a pair is a match: 0.05 to 0.95."""

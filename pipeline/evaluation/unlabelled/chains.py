@@ -45,6 +45,12 @@ class ChainTable:
     def __len__(self) -> int:
         return len(self.chains)
 
+    @classmethod
+    def empty(cls) -> "ChainTable":
+        """No boxes."""
+        none = np.zeros(0, np.int64)
+        return cls(none, none, none, np.zeros((0, 2)), np.zeros((0, 3)), np.zeros(0), none)
+
     @property
     def count(self) -> int:
         """Number of chains."""

@@ -12,7 +12,7 @@ from pipeline.core.settings.config import Config
 from pipeline.evaluation.records import Figures
 from pipeline.evaluation.scales import range_edges_m, range_names, range_rows
 
-__all__ = ["MAX_BINS", "ObjectCounts"]
+__all__ = ["ObjectCounts"]
 
 MAX_BINS = 60
 """Into so many parts of equal time a recording is divided at most."""

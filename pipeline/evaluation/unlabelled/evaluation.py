@@ -1,7 +1,7 @@
 """Figures without truth."""
 
 from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -9,7 +9,8 @@ from pipeline.core.arrays import I64, Indices
 from pipeline.core.rig import CameraSensor, Zone
 from pipeline.core.settings.config import Config
 from pipeline.evaluation.ignoring import is_within
-from pipeline.evaluation.records import UNKNOWN, EvaluationFrame, Figures, SourceBoxes
+from pipeline.evaluation.pieces import Pieces
+from pipeline.evaluation.records import UNKNOWN, EvaluationFrame, Figures, SourceBoxes, in_order
 from pipeline.evaluation.unlabelled.chains import ChainTable, chain_figures
 from pipeline.evaluation.unlabelled.counts import ObjectCounts
 from pipeline.evaluation.unlabelled.linking import Linker
@@ -60,13 +61,20 @@ class UnlabelledEvaluation:
         return {
             "unlabelled": {
                 name: {
-                    **source.figures(),
+                    **self._sources[name].figures(),
                     "images": {camera.name: self._residuals[name, camera.name].figures() for camera in self._cameras},
                 }
-                for name, source in sorted(self._sources.items())
+                for name in in_order(self._sources)
             },
             "sync": self._synchrony.figures(),
         }
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Tracks:
+    """(N,) int64, track of each box, or `UNKNOWN`."""
+
+    ids: I64
 
 
 class _Source:
@@ -77,15 +85,15 @@ class _Source:
         self._lengths_m = np.array([prior.size_m[0] for prior in config.classes])
         self._counts = ObjectCounts(config, zones)
         self._linker = Linker(self._lengths_m)
-        self._links: list[ChainTable] = []
-        self._tracks: list[I64] = []
+        self._boxes = Pieces(ChainTable.empty())
+        self._tracks = Pieces(_Tracks(np.zeros(0, np.int64)))
 
     def add(self, frame: EvaluationFrame, found: SourceBoxes) -> None:
         found = found.select(is_within(found.boxes.centers, self._config.evaluate))
         boxes = found.boxes
         self._counts.add(frame.stamp_ns, boxes)
-        self._tracks.append(found.track_ids)
-        self._links.append(
+        self._tracks.append(_Tracks(found.track_ids))
+        self._boxes.append(
             ChainTable(
                 self._linker.link(frame.index, boxes, frame.stamp_ns),
                 np.full(len(boxes), frame.index, np.int64),
@@ -98,8 +106,7 @@ class _Source:
         )
 
     def figures(self) -> Figures:
-        joined = {f.name: np.concatenate([getattr(part, f.name) for part in self._links]) for f in fields(ChainTable)}
-        boxes, tracks = ChainTable(**joined), np.concatenate(self._tracks)
+        boxes, tracks = self._boxes.table(), self._tracks.table().ids
         has_tracks = bool((tracks != UNKNOWN).any())
         table = _chained(boxes, tracks if has_tracks else boxes.chains)
         main = table.main_classes()

@@ -1,6 +1,6 @@
 """How well 3D boxes and the 2D boxes of a camera fit: projected, matched as the fusion does it, and compared."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from pipeline.core.geometry.boxes import box_corners, pair_iou_xyxy
 from pipeline.core.rig import CameraSensor
 from pipeline.core.settings.fuse import AssociateConfig
 from pipeline.evaluation.assignment import assign_heaviest, pairs_of_equal
+from pipeline.evaluation.pieces import Pieces
 from pipeline.evaluation.records import Figures
 
 __all__ = ["Residuals"]
@@ -50,7 +51,7 @@ class Residuals:
     def __init__(self, camera: CameraSensor, config: AssociateConfig) -> None:
         self._camera, self._config = camera, config
         self._frames: list[tuple[int, Boxes3D, Boxes2D]] = []
-        self._fits = [_Fits(np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0), np.zeros(0))]
+        self._fits = Pieces(_Fits(np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0), np.zeros(0)))
         self._in_view = self._found = 0
 
     def add(self, stamp_ns: int, boxes: Boxes3D, found: Boxes2D) -> None:
@@ -66,7 +67,7 @@ class Residuals:
     def figures(self) -> Figures:
         """Residuals in pixels of the camera; None where nothing is matched."""
         self._close_block()
-        fits = _Fits(*(np.concatenate([getattr(part, f.name) for part in self._fits]) for f in fields(_Fits)))
+        fits = self._fits.table()
         count = len(fits.ious)
         u, v = fits.offsets_px.T
         return {

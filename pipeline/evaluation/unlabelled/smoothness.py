@@ -88,15 +88,15 @@ def _windows(table: ChainTable, lengths_m: F64) -> _Windows:
     half = WINDOW // 2
     rows = _middles(table)
     before, after = rows - half, rows + half
-    around = rows[:, None] + np.arange(-half, half + 1)
-    path = table.xy[rows] + (table.xy[around] - table.xy[rows, None]).mean(1)
+    away = np.zeros((len(rows), 2))  # from the path; summed box by box: all windows at once would be eleven tables
+    for step in range(-half, half + 1):
+        away -= (table.xy[rows + step] - table.xy[rows]) / WINDOW
     passed_s = (table.stamps_ns[after] - table.stamps_ns[before])[:, None] / 1e9
     velocities = (table.xy[after] - table.xy[before]) / passed_s
     speeds = np.linalg.norm(velocities, axis=-1)
     is_stopped = speeds < STOPPED_LENGTHS_PER_S * lengths_m[table.class_ids[rows]]
     # What stands still has no path: there, the box says where it looks.
     course = np.where(is_stopped, table.yaws[rows], np.arctan2(velocities[:, 1], velocities[:, 0]))
-    away = table.xy[rows] - path
     cos, sin = np.cos(course), np.sin(course)
     turned = np.abs(wrap_angle(table.yaws[rows] - course))
     first_s, second_s = (

@@ -17,7 +17,8 @@ from pipeline.evaluation.detection.images.matching import (
     no_image_boxes,
 )
 from pipeline.evaluation.detection.objects import check_class_ids, check_numbers
-from pipeline.evaluation.detection.tables import IGNORED, Pieces
+from pipeline.evaluation.detection.tables import IGNORED
+from pipeline.evaluation.pieces import Pieces
 from pipeline.evaluation.records import UNKNOWN, Figure, Figures, ImageBoxes, TruthBoxes2D
 
 __all__ = ["CameraImages"]
@@ -38,7 +39,7 @@ class CameraImages:
     def __init__(self, config: Config) -> None:
         self._class_names = config.class_names
         self._min_pixels = config.evaluate.min_image_pixels
-        self._found: Pieces[ImageTable] = Pieces(no_image_boxes())
+        self._found: Pieces[ImageTable] = Pieces(no_image_boxes(), by_criterion=("matches", "errors"))
         self._truth_counts = np.zeros(len(config.classes), np.int64)
         self._ignored_counts = np.zeros(len(config.classes) + 1, np.int64)  # the last one: of no configured class
         self._images = 0
