@@ -9,7 +9,7 @@ from typing import TypedDict, get_args
 
 from lidcam.presets.rigs import rig_path
 from lidcam.settings.choice import GIVEN, SettingsChoice, choose_settings
-from pipeline.core.errors import ConfigError, LidcamError, OutputError
+from pipeline.core.errors import ConfigError, OutputError
 from pipeline.core.settings.config import Config
 from readers.location import Location, RemotePath, location
 from readers.rig.merge import merge_rigs
@@ -170,11 +170,9 @@ def locations(recording: PathOrUrl | Sequence[PathOrUrl]) -> tuple[Location, ...
     """Where the files of a recording lie.
 
     Raises:
-        LidcamError: a name is empty, as of a variable that is not set; it would be the folder that one is in.
+        RecordingError: a name is empty.
     """
     given = [recording] if isinstance(recording, str | PathLike | RemotePath) else recording
-    if "" in given:
-        raise LidcamError("expected a path or a URL, found an empty name; is a variable not set?")
     return tuple(one if isinstance(one, RemotePath) else location(fspath(one)) for one in given)
 
 

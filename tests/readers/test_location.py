@@ -2,6 +2,7 @@ from pathlib import Path
 
 import pytest
 
+from pipeline.core.errors import RecordingError
 from readers.location import Location, RemotePath, location
 
 
@@ -47,3 +48,8 @@ def test_secrets_are_not_shown(url: str, shown: str, name: str) -> None:
     assert str(path) == shown
     assert repr(path) == f"RemotePath({shown!r})"
     assert path.name == name
+
+
+def test_an_empty_name_is_not_the_folder_that_one_is_in() -> None:
+    with pytest.raises(RecordingError, match="expected a path or a URL, found an empty name"):
+        location("")
