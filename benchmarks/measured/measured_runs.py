@@ -32,6 +32,7 @@ class MeasuredRun:
         result: What `lidcam process` made of it with the settings that it chose itself.
         processed: What `lidcam process --json` says.
         figures: What `lidcam evaluate --json` says.
+        when_measured: The same against where objects were at the time of their lidar points.
     """
 
     scenario: str
@@ -40,6 +41,7 @@ class MeasuredRun:
     result: Path
     processed: dict[str, Any]
     figures: dict[str, Any]
+    when_measured: dict[str, Any]
 
 
 def measured_run(scenario: str, folder: Path) -> MeasuredRun:
@@ -55,19 +57,13 @@ def measured_run(scenario: str, folder: Path) -> MeasuredRun:
         for old in folder.glob(f"{scenario}-*.mcap"):
             old.unlink()
         _lidcam("simulate", scenario, recording, "--duration", SECONDS[scenario], *RECORDED)
-    result, processed, figures = (
-        folder / f"{scenario}.{ending}" for ending in ("mcap", "process.json", "figures.json")
-    )
-    _lidcam("process", recording, result, "--overwrite", "--json", processed, *WRITTEN)
-    _lidcam("evaluate", result, "--json", figures)
-    return MeasuredRun(
-        scenario,
-        SECONDS[scenario],
-        recording,
-        result,
-        json.loads(processed.read_bytes()),
-        json.loads(figures.read_bytes()),
-    )
+    result = folder / f"{scenario}.mcap"
+    told = {name: folder / f"{scenario}.{name}.json" for name in ("processed", "figures", "when_measured")}
+    _lidcam("process", recording, result, "--overwrite", "--json", told["processed"], *WRITTEN)
+    _lidcam("evaluate", result, "--json", told["figures"])
+    _lidcam("evaluate", result, "--json", told["when_measured"], "--set", "evaluate.truth_time=points")
+    trees = {name: json.loads(path.read_bytes()) for name, path in told.items()}
+    return MeasuredRun(scenario, SECONDS[scenario], recording, result, **trees)
 
 
 def _origin(scenario: str) -> str:

@@ -29,9 +29,10 @@ with a simulated 2D detector: they show what changes from one version to the nex
 
 - *AP bev*, *AP 3D*: average precision at an IoU of 0.5, 40 recall points. *mAP*: by distance of the centres, with
   thresholds scaled by the length of the class. *recall*, *precision*, *false* (boxes a frame): of all that is reported.
-- *position*, *95 %*: mean and 95th percentile of the error in metres; *heading*: median error in degrees, a turn by 180
-  degrees counted as right; *flips*: headings that are wrong by more than 90 degrees; *length*, *width*: mean error in
-  metres. Truth is where the object is at the frame's stamp; a sweep takes 0.1 s.
+- *position*, *95 %*: mean and 95th percentile of the error in metres, against where the object is at the frame's stamp;
+  *when measured*: the mean against where it was when the lidars saw it, up to 0.1 s later. *heading*: median error in
+  degrees, a turn by 180 degrees counted as right; *flips*: headings that are wrong by more than 90 degrees; *length*,
+  *width*: mean error in metres.
 - *ECE*: how far scores are from the share that is right.
 """
 
@@ -79,8 +80,11 @@ def section(run: MeasuredRun, shown: Sequence[Look]) -> Iterator[str]:
         ],
     )
     yield from table(
-        ["class", "source", "position", "95 %", "heading", "flips", "length", "width", "ECE"],
-        [_errors(name, source, one) for name, source, one in _by_class(figures)],
+        ["class", "source", "position", "95 %", "when measured", "heading", "flips", "length", "width", "ECE"],
+        [
+            _errors(name, source, one, run.when_measured["sources"][source][name])
+            for name, source, one in _by_class(figures)
+        ],
     )
     yield "What was found of each kind of object, whatever class lidcam has for it:\n"
     yield from table(["object", "truth", *(f"recall, {source}" for source in figures["sources"])], _by_label(figures))
@@ -102,12 +106,13 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> Iterator[str]:
         yield ""
 
 
-def _errors(name: str, source: str, one: Tree) -> list[str]:
+def _errors(name: str, source: str, one: Tree, when_measured: Tree) -> list[str]:
     errors = one["errors"]
     return [
         name,
         source,
         *(number(errors["position_bev_m"][key], 2) for key in ("mean", "p95")),
+        number(when_measured["errors"]["position_bev_m"]["mean"], 2),
         number(errors["heading_mod_180_deg"]["p50"], 1),
         percent(errors["flips"]),
         *(signed(errors[side]["bias"], 2) for side in ("length_m", "width_m")),
@@ -129,7 +134,9 @@ def _by_label(figures: Tree) -> list[list[str]]:
 
 def _gains(figures: Tree) -> list[list[str]]:
     rows = []
-    for name, gain in figures["fusion_gain"].items():
+    names = dict.fromkeys(name for name, _, _ in _by_class(figures))
+    for name in names:
+        gain = figures["fusion_gain"][name]
         if gain["recall"]["value"] is not None:
             told = [gain[key] for key in ("ap_bev_r40_50", "ap_3d_r40_50", "recall", "precision")]
             rows.append([name, *map(_gain, told)])
@@ -158,8 +165,8 @@ def _cameras(figures: Tree) -> list[list[str]]:
 
 def _mistakes(run: MeasuredRun, shown: Sequence[Look]) -> Iterator[str]:
     yield (
-        "The worst errors, numbered as in the image below, row by row. To see one in the viewer: `lidcam simulate "
-        f"{run.scenario} r.mcap --duration {run.seconds}`, then `lidcam process r.mcap o.mcap --rerun o.rrd`.\n"
+        "The worst errors, numbered as in the image below, row by row. After `make numbers` the recording is in "
+        "`out/numbers/`: process it with `--rerun FILE.rrd`, and go to the time.\n"
     )
     for kind, title in zip(KINDS, ("reported, and not there", "there, and not reported"), strict=True):
         rows = [[f"{row}", *_mistake(look)] for row, look in enumerate(shown, 1) if look.kind == kind]
@@ -173,16 +180,20 @@ def _mistake(look: Look) -> list[str]:
     one = look.mistake
     points = NONE if one["lidar_points"] is None else f"{one['lidar_points']} points"
     weight = f"{one['score']:.2f}" if look.kind == "false" else points
-    place = f"{one['x_m']:.1f}, {one['y_m']:.1f}"
+    place = f"{one['x_m']:z.1f}, {one['y_m']:z.1f}"
     return [one["class"], look.name, f"{one['frames']}", f"{one['worst_s']:.1f}", place, weight, look.camera or "none"]
 
 
 def _by_class(figures: Tree) -> Iterator[tuple[str, str, Tree]]:
-    """Classes with truth or detections, and all of them; each with its sources."""
-    for name in next(iter(figures["sources"].values())):
-        found = [(source, classes[name]) for source, classes in figures["sources"].items()]
-        if any(one["truth"] or one["found"] for _, one in found):
-            yield from ((name, source, one) for source, one in found)
+    """Classes with truth or detections, and all of them if there are several; each with its sources."""
+    by_source = figures["sources"]
+    met = [
+        name
+        for name in next(iter(by_source.values()))
+        if any(classes[name][count] for classes in by_source.values() for count in ("truth", "found"))
+    ]
+    for name in met[:1] if len(met) == 2 else met:
+        yield from ((name, source, classes[name]) for source, classes in by_source.items())
 
 
 def _shares(one: Tree, *names: str) -> list[str]:

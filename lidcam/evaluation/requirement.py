@@ -73,9 +73,6 @@ class Requirement:
             raise RequirementError(f"{text!r}: expected a number after {parts['sign']}, found {parts['limit']!r}{hint}")
         return cls(parts["name"], parts["sign"], limit)
 
-    def __str__(self) -> str:
-        return f"{self.name} {self.sign} {self.limit:g}"
-
     def check(self, figures: NamedFigures) -> "Outcome":
         """What comes of it. A figure that is not defined fails, and so does one that there is not."""
         expected = f"{self.name}: expected {self.sign} {self.limit:g}"

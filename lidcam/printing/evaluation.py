@@ -69,7 +69,7 @@ def _headline(tree: Tree) -> str:
         return ""
     value, over = gain["value"], f"{gain['over']} alone, seen from above"
     if gain["low"] is None:
-        does = f"adds {value:.2f} AP over" if value >= 0 else f"takes away {-value:.2f} AP from"
+        does = f"takes away {-value:.2f} AP from" if value <= -0.005 else f"adds {max(value, 0.0):.2f} AP over"
         return f"Fusion {does} {over}; the recording is too short to say how sure that is."
     interval = f"{signed(gain['low'], 2)} to {signed(gain['high'], 2)}"
     if gain["low"] > 0:
@@ -256,9 +256,9 @@ def _gain_explained(gains: Tree) -> Iterator[str]:
     yield "over: the better single sensor. + is better, also of the position."
     one, blocks = gains[ALL], gains[ALL]["blocks"]
     if one[_gain_name(one)]["low"] is None:
-        yield f"There is no interval: {blocks} blocks of a second are too few to draw samples from."
+        yield f"There is no interval: a recording of {blocks} s is too short to draw samples from."
     elif blocks < MIN_BLOCKS:
-        yield f"The interval is too narrow: {blocks} blocks of time are few to draw samples from."
+        yield f"The interval is too narrow: a recording of {blocks} s is short to draw samples from."
 
 
 def _distances(sources: Tree, by_distance: str) -> dict[str, str]:

@@ -74,7 +74,7 @@ def test_wheel_runs_elsewhere(tmp_path: Path, sandbox: Path) -> None:
     assert failed.returncode == 1
     assert "which is not installed: pip install 'lidcam[sim]'" in failed.stderr
     code = f"import lidcam; run = lidcam.process({str(sandbox)!r}); print(run.objects)"
-    assert "46 objects, site frame 'site'" in run(python, "-c", code, cwd=elsewhere)
+    assert "40 objects, site frame 'site'" in run(python, "-c", code, cwd=elsewhere)
     assert "distance_m: 0.06" in run(python.with_name("lidcam"), "config", "show", "sandbox", cwd=elsewhere)
     (elsewhere / "pipeline").mkdir()
     (elsewhere / "pipeline" / "__init__.py").touch()

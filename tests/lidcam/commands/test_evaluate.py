@@ -9,13 +9,14 @@ import jsonschema
 import pytest
 from document_commands import ROOT
 from logging_state import kept_logging
+from perturbed_results import perturbed
 
 from lidcam.commands.evaluate import EvaluateOptions, run_evaluate
 from lidcam.commands.process import Printed, run_process
 from lidcam.evaluation.evaluation import make_evaluation_job
 from lidcam.evaluation.requirement import RequirementError, read_requirements
 from lidcam.job import make_job
-from pipeline.core.errors import CheckError, IncompleteError
+from pipeline.core.errors import CheckError, IncompleteError, RecordingError
 
 SANDBOX = ROOT / "bags" / "sandbox.bag"
 SCHEMA = json.loads((ROOT / "docs" / "figures.schema.json").read_text(encoding="utf-8"))
@@ -58,7 +59,8 @@ def test_tables(result: Path, capsys: pytest.CaptureFixture[str]) -> None:
     )
     assert "\ndetection\nclass  source  truth  found  recall  prec.  false  AP bev  AP 3D   mAP\ncar    lidar" in out
     assert "errors of what was found (metres, degrees)" in out
-    assert re.search(r"\nwhat fusion adds\nclass +AP bev +mAP +F1\ncar( +[+-]\d\.\d\d){3}\n", out)
+    assert "\ngain by fusion, with its interval of 95 %\nclass  over   AP bev" in out
+    assert re.search(r"\ncar    lidar   [+-]\d\.\d\d     -   -  ", out)  # too short for an interval
     assert "  car: 0.0413, 0.0825, 0.165, 0.33 m\n" in out
     assert "\nFusion " in out.partition("\ndetection")[0]
     assert "\nall " not in out  # the only class says it
@@ -137,6 +139,24 @@ def test_without_truth(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> No
     tree = valid(capsys.readouterr().out)
     assert tree["truth"] is None
     assert tree["frames_with_truth"] == 0
+
+
+def test_a_rig_file_says_which_odometry_is_truth(
+    result: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rig = tmp_path / "truth.yaml"
+    entry = "{topic: /%s/base_pose_ground_truth, size_m: [0.33, 0.22, 0.21], class: car}"
+    rig.write_text(f"truth: {{car1: {entry % 'car1'}, car2: {entry % 'car2'}}}\n", encoding="utf-8")
+    run_evaluate(options(result, json="-", truth=SANDBOX, rig=rig))
+    tree = valid(capsys.readouterr().out)
+    assert tree["truth"]["from"][0].startswith("odometry /car1/base_pose_ground_truth, /car2/base_pose_ground_truth")
+    assert tree["sources"]["fused"]["car"]["truth"] == 8
+
+
+def test_a_result_without_frames(result: Path, tmp_path: Path) -> None:
+    empty = perturbed(result, tmp_path / "empty.mcap", {}, without_frames=range(100))
+    with pytest.raises(RecordingError, match=r"empty.mcap: expected a result with frames, found none"):
+        run_evaluate(options(empty))
 
 
 def test_a_damaged_result_is_incomplete(result: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

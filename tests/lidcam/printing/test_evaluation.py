@@ -94,6 +94,7 @@ SHORT = "; the recording is too short to say how sure that is."
     [
         ([], [CAR_AT], 20, f"Fusion adds 1.00 AP over {OVER}{SHORT}"),
         ([CAR_AT], [], 20, f"Fusion takes away 1.00 AP from {OVER}{SHORT}"),
+        ([CAR_AT], [CAR_AT], 20, f"Fusion adds 0.00 AP over {OVER}{SHORT}"),
         ([], [CAR_AT], 60, f"Fusion adds 1.00 AP (+1.00 to +1.00) over {OVER}."),
         ([CAR_AT], [], 60, f"Fusion takes away 1.00 AP (-1.00 to -1.00) from {OVER}."),
         (
@@ -107,8 +108,8 @@ SHORT = "; the recording is too short to say how sure that is."
 def test_the_headline(lidar: list[Place], fused: list[Place], count: int, told: str) -> None:
     text = printed(frames(lidar=lidar, fused=fused, truth=[CAR_AT], count=count))
     assert text.splitlines()[1] == told
-    assert ("There is no interval: 2 blocks of a second" in text) == (count == 20)
-    assert ("The interval is too narrow: 6 blocks of time" in text) == (count == 60)
+    assert ("There is no interval: a recording of 2 s" in text) == (count == 20)
+    assert ("The interval is too narrow: a recording of 6 s" in text) == (count == 60)
 
 
 def test_without_truth() -> None:

@@ -4,6 +4,7 @@ import pytest
 
 from pipeline.core.errors import ConfigError
 from pipeline.core.settings.bundled import PRESETS, bundled, settings_file
+from pipeline.core.settings.config import Config
 from pipeline.core.settings.load import load_config
 
 ROOT = Path(__file__).resolve().parents[4]
@@ -15,10 +16,17 @@ def test_presets_are_files_of_config(name: str) -> None:
     load_config(name)
 
 
+@pytest.mark.parametrize("name", PRESETS)
+def test_what_is_proposed_to_the_cameras_alone_is_not_reported_by_the_lidars_alone(name: str) -> None:
+    preset, default = load_config(name), Config()
+    assert max(preset.detect3d.min_score, preset.fuse.min_score) >= default.detect3d.min_score
+    assert preset.fuse.min_score_unconfirmed > preset.fuse.min_score
+
+
 def test_a_preset_wins_over_a_file_without_an_ending(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "sandbox").write_text("fuse: {min_score: 0.7}")
     monkeypatch.chdir(tmp_path)
-    assert load_config("sandbox").fuse.min_score == 0.2
+    assert load_config("sandbox").fuse.min_score == 0.22
     assert load_config("./sandbox").fuse.min_score == 0.7
 
 
