@@ -1,6 +1,6 @@
 """Frames are measured in one pass, and the names of figures are known before it."""
 
-from frames_at_places import evaluation_frame, source_boxes, true_boxes
+from evaluation_frames import frame_of, rows_at, source_boxes, truth_boxes
 
 from lidcam.evaluation.evaluators import evaluators_of, known_figures, measure
 from lidcam.evaluation.figures import NamedFigures
@@ -17,7 +17,7 @@ def fixed(figures: NamedFigures) -> list[str]:
 
 
 def test_frames_are_read_once() -> None:
-    frames = (evaluation_frame(k, true_boxes([(5, 0)]), {"fused": source_boxes([(5, 0)])}) for k in range(3))
+    frames = (frame_of(k, truth_boxes(rows_at([(5, 0)])), {"fused": source_boxes(rows_at([(5, 0)]))}) for k in range(3))
     tree = measure(frames, evaluators_of(Config(), RIG))
     assert tree["frames"] == 3
 
@@ -25,10 +25,10 @@ def test_frames_are_read_once() -> None:
 def test_the_names_of_figures_do_not_depend_on_what_is_found() -> None:
     known = known_figures(Config(), RIG, ["lidar", "fused"])
     frames = [
-        evaluation_frame(
+        frame_of(
             k,
-            true_boxes([(5, 0), (9, 9)]),
-            {"lidar": source_boxes([(5, 0)]), "fused": source_boxes([(5, 0), (2, 2)])},
+            truth_boxes(rows_at([(5, 0), (9, 9)])),
+            {"lidar": source_boxes(rows_at([(5, 0)])), "fused": source_boxes(rows_at([(5, 0), (2, 2)]))},
         )
         for k in range(3)
     ]
