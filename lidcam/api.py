@@ -202,9 +202,9 @@ def evaluate(
         truth_topic: The topic of the truth, whatever it is called; without it, the one that is truth by its name.
         requirements: What is required of the figures, `["fused.car.recall >= 0.8"]`; `Evaluation.failures` says what
             is not met.
-        rig: Rig files with topics of truth, as of `process`.
+        rig: Rig files, of which the zones and the vehicles of the truth count, in place of those of the result.
         config: A preset or a YAML file whose section `evaluate` counts, in place of the result's.
-        settings: Single settings on top: `{"evaluate.max_range_m": 40}`.
+        settings: Single settings on top, of the sections that an evaluation reads: `{"evaluate.max_range_m": 40}`.
 
     Raises:
         RequirementError: a requirement is none, or names a figure that there cannot be.

@@ -14,6 +14,7 @@ from lidcam.options import (
     CompareConfigFile,
     ConfigFile,
     EvaluateConfigFile,
+    EvaluateRigFile,
     Format,
     JsonCommand,
     JsonTarget,
@@ -35,9 +36,10 @@ __all__ = ["app", "process_app"]
 
 # \b keeps the lines of a paragraph as they are.
 PROCESS_EXAMPLES = """\b
-Exit codes: 0 done, and nothing is missing; 1 failed, nothing was written;
-2 wrong usage; 3 done, but part of the recording could not be used: the last
-line on stderr says what.
+Exit codes: 0 done, and nothing is missing; 1 failed, nothing was written (or
+--strict or --require is not met, and the outputs are kept); 2 wrong usage;
+3 done, but part of the recording could not be used. The last lines on stderr
+say what.
 
 \b
 Examples:
@@ -316,7 +318,7 @@ def evaluate(
         ),
     ] = "",
     requirements: Require = None,
-    rig_files: RigFile = None,
+    rig_files: EvaluateRigFile = None,
     config_file: EvaluateConfigFile = None,
     settings: Setting = None,
     json: JsonTarget = None,
@@ -395,8 +397,10 @@ def compare(
         raise typer.BadParameter(f"expected a name that ends in .mcap, found {merged}", param_hint="--merged")
     from lidcam.commands.compare import CompareOptions, run_compare
     from lidcam.job import read_files
+    from lidcam.settings.effect import COMPARING, check_effect
     from pipeline.core.settings.load import load_config
 
+    check_effect(settings or (), COMPARING)
     run_compare(
         CompareOptions(
             first=first,

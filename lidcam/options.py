@@ -22,6 +22,7 @@ __all__ = [
     "CompareConfigFile",
     "ConfigFile",
     "EvaluateConfigFile",
+    "EvaluateRigFile",
     "Format",
     "JsonCommand",
     "JsonTarget",
@@ -143,6 +144,15 @@ RigFile = Annotated[
         metavar="FILE",
         help="Sensors, calibration and zones: a rig file, a preset (original), or a calibration file of KITTI, Kalibr, "
         "Autoware or the predecessor system. May be repeated: later files add and replace. Without it, as recorded.",
+    ),
+]
+EvaluateRigFile = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--rig",
+        metavar="FILE",
+        help="A rig file, of which the zones and the vehicles of the truth count; sensors are those of the result. May "
+        "be repeated.",
     ),
 ]
 Overwrite = Annotated[

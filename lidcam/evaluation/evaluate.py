@@ -16,10 +16,13 @@ from lidcam.evaluation.frames import EvaluationFrames
 from lidcam.evaluation.requirement import check_names
 from lidcam.settings.lasting import settings_sha256
 from pipeline.core.errors import RecordingError
+from pipeline.core.rig import Rig
 from pipeline.evaluation.records import EvaluationFrame
 from readers.input_file import InputFile, read_input_file
 from readers.location import Location
 from readers.results.result import Result, open_result
+from readers.rig.schema import RigFile
+from readers.rig.search import zones_of
 from readers.truth.open import OpenTruth, open_truth
 
 __all__ = ["EvaluationObserver", "evaluate_result"]
@@ -52,7 +55,7 @@ def evaluate_result(job: EvaluationJob, observer: EvaluationObserver | None = No
     started = time.perf_counter()
     with open_result(job.result, job.settings) as result, ExitStack() as stack:
         if job.rig is not None:
-            result.rig = replace(result.rig, truth=job.rig.vehicles)
+            result.rig = _with_rig(result, job.rig)
         config = result.config
         observer.opened((result.recording.end_ns - result.recording.start_ns) / 1e9)
         seen = replace(result.rig, cameras=tuple(one for one in result.rig.cameras if one.name in result.cameras))
@@ -75,6 +78,13 @@ def evaluate_result(job: EvaluationJob, observer: EvaluationObserver | None = No
             notes=tuple(note for note in frames.notes if not (truth and note == f"truth: {truth.sources[0]}")),
             incomplete=tuple(damage_lines(result.recording.losses)),
         )
+
+
+def _with_rig(result: Result, rig_file: RigFile) -> Rig:
+    """The rig of a result with the zones and the vehicles of a rig file, where that has some."""
+    rig = result.rig
+    zones = rig.zones if rig_file.zones is None else zones_of(rig_file, result.config)
+    return replace(rig, truth=rig_file.vehicles or rig.truth, zones=zones)
 
 
 def _find_truth(job: EvaluationJob, result: Result, stack: ExitStack) -> tuple[OpenTruth, Sequence[Location]]:

@@ -10,6 +10,8 @@ from lidcam.checks.warning import RunWarning
 from lidcam.evaluation.figures import NamedFigures
 from lidcam.evaluation.requirement import Outcome, Requirement, read_requirements
 from lidcam.job import FilePath, PathOrUrl, RigSource, Settings, locations, read_rig
+from lidcam.settings.effect import EVALUATING, check_effect
+from pipeline.core.errors import CalibrationError
 from pipeline.core.settings.load import load_config
 from readers.input_file import InputFile
 from readers.location import Location
@@ -26,7 +28,7 @@ class EvaluationJob:
         result: The .mcap file that `lidcam process` wrote.
         truth: Recordings or files of labels; empty: what the result holds.
         truth_topic: The topic of the truth, whatever it is called; empty: the one that is truth by its name.
-        rig: Rig file with topics of truth.
+        rig: Rig file, of which the zones and the vehicles of the truth count, in place of those of the result.
         settings: Single settings on top of those of the result.
         requirements: What is required of the figures.
     """
@@ -56,14 +58,31 @@ def make_evaluation_job(
         LidcamError: a file cannot be read or does not fit.
     """
     texts = [one for one in requirements if isinstance(one, str)]
+    given = tuple(_as_texts(settings))
+    check_effect(given, EVALUATING)
     return EvaluationJob(
         Path(result),
         locations(truth),
         truth_topic,
-        read_rig(rig),
-        (*_of_config(config), *_as_texts(settings)),
+        _read_rig(rig),
+        (*_of_config(config), *given),
         (*(one for one in requirements if isinstance(one, Requirement)), *read_requirements(texts)),
     )
+
+
+def _read_rig(rig: RigSource | None) -> RigFile | None:
+    """The rig file, if one is given.
+
+    Raises:
+        CalibrationError: it cannot be read, or says nothing that an evaluation asks for.
+    """
+    found = read_rig(rig)
+    if found is not None and not found.vehicles and found.zones is None:
+        raise CalibrationError(
+            "rig: expected `truth` or `zones` in the rig file of an evaluation, found neither; sensors and calibration "
+            "are those of the result: process with the rig to change them"
+        )
+    return found
 
 
 def _of_config(config: FilePath | None) -> Iterator[str]:

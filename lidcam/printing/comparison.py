@@ -49,16 +49,22 @@ def print_comparison(
 
 
 def _print_counts(out: Console, title: str, first: str, channels: Mapping[str, Any]) -> None:
-    """The objects by source or camera and class; kinds of differences that do not occur have no column."""
+    """The objects by source or camera, and by class where something differs; kinds that do not occur have no column."""
     kinds = [kind for kind in KINDS if any(counts[ALL][kind] for counts in channels.values())]
     table = columns_table(title, first, "class", "A", "B", "equal", *kinds, text_columns=("class",))
     for name, by_class in channels.items():
-        shown = by_class if len(by_class) > 2 else {key: row for key, row in by_class.items() if key != ALL} or by_class
-        for class_name, row in shown.items():
+        for class_name, row in _shown(by_class).items():
             counts = [row["a"], row["b"], row["equal"], *(row[kind] or "" for kind in kinds)]
             table.add_row(name, class_name, *map(str, counts))
     show_table(out, table)
     out.print()
+
+
+def _shown(by_class: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The rows of a source or camera: one where all classes are equal, or there is only one."""
+    if len(by_class) == 2:
+        return {key: row for key, row in by_class.items() if key != ALL}
+    return by_class if any(by_class[ALL][kind] for kind in KINDS) else {ALL: by_class[ALL]}
 
 
 def _print_differences(out: Console, differences: Mapping[str, Any], lines: int) -> None:

@@ -117,9 +117,13 @@ def print_report(out: Console, report: RunReport) -> None:
 
 
 def _copied(report: RunReport) -> str:
-    counts = [f"{topic} {count}" for topic, count in report.copied.items()]
-    more = f" and {len(counts) - MAX_LISTED} more topics" if len(counts) > MAX_LISTED else ""
-    return f"{sum(report.copied.values())} messages: {', '.join(counts[:MAX_LISTED])}{more}"
+    """How many messages, and of which topics; those below one name are told as one."""
+    below: dict[str, list[str]] = {}
+    for topic in report.copied:
+        below.setdefault("/".join(topic.split("/")[:2]), []).append(topic)
+    names = [f"{name}/* ({len(topics)} topics)" if len(topics) > 1 else topics[0] for name, topics in below.items()]
+    more = f" and {len(names) - MAX_LISTED} more" if len(names) > MAX_LISTED else ""
+    return f"{sum(report.copied.values())} messages: {', '.join(names[:MAX_LISTED])}{more}"
 
 
 def _confirmed(report: RunReport) -> str:

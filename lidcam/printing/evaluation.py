@@ -28,7 +28,7 @@ def print_evaluation(out: Console, evaluation: Evaluation) -> None:
     """The report of an evaluation."""
     tree: Tree = evaluation.figures.tree
     show_line(out, _subject(tree, evaluation))
-    if headline := _headline(tree):
+    for headline in filter(None, (_whole(tree), _headline(tree))):
         show_line(out, headline, "bold")
     for table, explanation in _tables(tree):
         out.print()
@@ -59,6 +59,23 @@ def _subject(tree: Tree, evaluation: Evaluation) -> str:
         f"{' and '.join(evaluation.truth.sources)}; {counts['evaluated']} true objects count"
         + (f", ignored: {', '.join(ignored)}" if ignored else "")
     )
+
+
+def _whole(tree: Tree) -> str:
+    """How much the last source finds, in a sentence; nothing without true objects."""
+    sources: Tree = tree["sources"]
+    if not tree["frames_with_truth"] or not sources:
+        return ""
+    source = [*sources][-1]
+    figures = sources[source][ALL]
+    if figures["recall"] is None:
+        return ""
+    right = (
+        "it reports no box"
+        if figures["precision"] is None
+        else f"{percent(figures['precision'])} of its boxes are right"
+    )
+    return f"{source} finds {percent(figures['recall'])} of the true objects; {right}."
 
 
 def _headline(tree: Tree) -> str:
@@ -100,12 +117,15 @@ def _tables(tree: Tree) -> Iterator[tuple[Table, Iterable[str]]]:
 
 
 _ERRORS = (
-    "95 %: of the errors are smaller. flips: headings wrong by more than 90 degrees. length, width: by how much too "
-    "long and too wide. ECE: how far scores are from the share that is right.",
+    "position, heading, axis: means. 95 %: of the boxes are nearer. flips: headings off by more than 90 degrees, as "
+    "where front and rear are exchanged; each adds up to 180 degrees to the mean. axis: the heading if front and rear "
+    "are not told apart. length, width: by how much too long and too wide. ECE: how far scores are from the share that "
+    "is right.",
 )
 _CHAINS = (
-    "missing: of the frames between the first and the last of a chain. flickers: gaps of a frame or few. relabelled, "
-    "flips: from one frame to the next.",
+    "chain: boxes that are linked from frame to frame as one object. seconds: its mean length. missing: of the frames "
+    "between the first and the last of a chain. flickers: gaps of a frame or few. relabelled, flips: from one frame to "
+    "the next.",
 )
 _RESIDUALS = (
     "alone: without a partner. right, down: where the 2D box lies of the projected one, in the median. off: 90 % are "
@@ -115,7 +135,7 @@ _RESIDUALS = (
 
 def _found_table(sources: Tree) -> Table:
     overlap = _overlap(sources)
-    columns = ("truth", "found", "recall", "prec.", "false", "AP bev", "AP 3D", "mAP")
+    columns = ("truth", "boxes", "recall", "prec.", "false", "AP bev", "AP 3D", "mAP")
     table = columns_table("detection", "class", "source", *columns, text_columns=("source",))
     for name, source, figures in _rows(sources):
         table.add_row(
@@ -155,9 +175,9 @@ def _gain_table(gains: Tree) -> Table:
 
 
 def _errors_table(sources: Tree) -> Table:
-    columns = ("position", "95 %", "heading", "95 %", "flips", "length", "width", "ECE")
+    columns = ("position", "95 %", "heading", "flips", "axis", "length", "width", "ECE")
     table = columns_table(
-        "errors of what was found (metres, degrees)", "class", "source", *columns, text_columns=("source",)
+        "errors of right boxes (metres, degrees)", "class", "source", *columns, text_columns=("source",)
     )
     for name, source, figures in _rows(sources):
         errors = figures["errors"]
@@ -165,8 +185,9 @@ def _errors_table(sources: Tree) -> Table:
             name,
             source,
             *(number(errors["position_bev_m"][key], 3) for key in ("mean", "p95")),
-            *(number(errors["heading_deg"][key], 1) for key in ("mean", "p95")),
+            number(errors["heading_deg"]["mean"], 1),
             percent(errors["flips"]),
+            number(errors["heading_mod_180_deg"]["mean"], 1),
             *(signed(errors[key]["bias"], 2) for key in ("length_m", "width_m")),
             share(figures["calibration"]["ece"]),
         )
@@ -244,12 +265,15 @@ def _detection_explained(sources: Tree) -> Iterator[str]:
     by_distance = _by_distance(sources)
     at = "as nuScenes has it." if by_distance == "nuscenes" else "at four that go with the length of the class:"
     yield (
-        "false: boxes a frame. AP bev, AP 3D: average precision from above and in 3D at an IoU of "
-        f"{_overlap(sources)} %, 40 recalls. mAP: the mean of those by distance of the centres, {at}"
+        "boxes: of the source. false: wrong boxes a frame. AP bev, AP 3D: average precision from above and in 3D at an "
+        f"IoU of {_overlap(sources)} %, 40 recalls. mAP: the mean of those by distance of the centres, {at}"
     )
     for name, classes in _distances(sources, by_distance).items():
         yield f"  {name}: {classes}"
-    yield "recall, prec. and the errors below: of what lies within the third of these."
+    yield (
+        "A box is right if its centre, seen from above, is nearer than the third of these distances to that of a true "
+        "object of its class that has no box yet. recall: true objects with a right box. prec.: boxes that are right."
+    )
 
 
 def _gain_explained(gains: Tree) -> Iterator[str]:

@@ -3,6 +3,7 @@
 import re
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from io import StringIO
 
 import numpy as np
@@ -253,6 +254,24 @@ def test_what_is_missing_is_printed() -> None:
     text = out.export_text()
     assert re.search(r"missing from frames\nsensor +frames +when\ncam +10 +in 10 of 20 frames\n", text)
     assert [warning.subject for warning in summary.warnings] == ["no objects"]
+
+
+@pytest.mark.parametrize(
+    ("copied", "told"),
+    [
+        ({"/map": 1}, "copied     1 messages: /map"),
+        ({"/gt/a": 3, "/map": 1, "/gt/b/c": 2}, "copied     6 messages: /gt/* (2 topics), /map"),
+        (
+            {f"/{n:02}": 1 for n in range(12)},
+            f"copied     12 messages: {', '.join(f'/{n:02}' for n in range(10))} and 2 more",
+        ),
+    ],
+)
+def test_what_is_copied_is_told_in_a_line(copied: dict[str, int], told: str) -> None:
+    report, _ = run(periodic(), config())
+    out = Console(width=200, record=True, file=StringIO())
+    print_report(out, replace(report, copied=copied))
+    assert told in [line.rstrip() for line in out.export_text().splitlines()]
 
 
 @pytest.mark.parametrize(

@@ -102,6 +102,9 @@ def test_a_result_and_itself(compare: Any, result: Path) -> None:
     assert "frames: 14 in both, 0 of them differ; 0 only in A, 0 only in B" in same.out
     assert "difference" not in same.out
     assert same.out.splitlines()[-1] == "verdict: equal within the tolerances"
+    lines = same.out.splitlines()
+    counted = [line.split()[:2] for line in lines if line.startswith(("lidar", "fused", "camera_"))]
+    assert [row[1] for row in counted] == ["all"] * 6  # no class has anything to say
     tree = compare(result, result, json="-").tree
     assert (tree["command"], tree["exit_code"], tree["differences"]["count"]) == ("compare", 0, 0)
     assert [one["path"] for one in tree["inputs"]] == [str(result)] * 2
@@ -118,6 +121,9 @@ def test_yaw_shifted_by_5_degrees(compare: Any, result: Path, faulty: Any) -> No
     assert found.failures == ("fused: expected at most 0 % of the objects to differ, found 100 %",)
     assert sum("turned 5.000 deg" in line and "0-13" in line for line in found.out.splitlines()) >= 5
     assert "the first 10 of" in found.out
+    counted = [line.split()[:2] for line in found.out.partition("2D boxes")[0].splitlines()]
+    assert [row for row in counted if row[:1] == ["lidar"]] == [["lidar", "all"]]
+    assert ["fused", "car"] in counted
     assert found.out.splitlines()[-1] == "verdict: differs more than it may"
     sources = compare(result, other, json="-").tree["sources"]
     assert kinds_of(sources["fused"]["all"]) == {"turned": sources["fused"]["all"]["a"]}

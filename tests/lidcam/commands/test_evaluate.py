@@ -16,7 +16,7 @@ from lidcam.commands.process import Printed, run_process
 from lidcam.evaluation.evaluation import make_evaluation_job
 from lidcam.evaluation.requirement import RequirementError, read_requirements
 from lidcam.job import make_job
-from pipeline.core.errors import CheckError, IncompleteError, RecordingError
+from pipeline.core.errors import CalibrationError, CheckError, ConfigError, IncompleteError, RecordingError
 
 SANDBOX = ROOT / "bags" / "sandbox.bag"
 SCHEMA = json.loads((ROOT / "docs" / "figures.schema.json").read_text(encoding="utf-8"))
@@ -57,15 +57,15 @@ def test_tables(result: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert out.startswith(
         "out.mcap: 4 of 4 frames have truth, from /ground_truth/objects of out.mcap (by its name); 8 true objects count"
     )
-    assert "\ndetection\nclass  source  truth  found  recall  prec.  false  AP bev  AP 3D   mAP\ncar    lidar" in out
-    assert "errors of what was found (metres, degrees)" in out
+    assert "\ndetection\nclass  source  truth  boxes  recall  prec.  false  AP bev  AP 3D   mAP\ncar    lidar" in out
+    assert "errors of right boxes (metres, degrees)" in out
     assert "\ngain by fusion, with its interval of 95 %\nclass  over   AP bev" in out
     assert re.search(r"\ncar    lidar   [+-]\d\.\d\d     -   -  ", out)  # too short for an interval
     assert "  car: 0.0413, 0.0825, 0.165, 0.33 m\n" in out
     assert "\nFusion " in out.partition("\ndetection")[0]
     assert "\nall " not in out  # the only class says it
     assert "fused.car.recall    >= 0.9      1  met\nframes" in out
-    rows = [line for line in out.splitlines()[2:] if line[:1] != " " and ". " not in line and ": " not in line]
+    rows = [line for line in out.splitlines()[3:] if line[:1] != " " and ". " not in line and ": " not in line]
     assert len(rows) > 20
     assert max(map(len, rows)) <= 80
 
@@ -113,6 +113,30 @@ def test_settings_of_the_evaluation(result: Path, tmp_path: Path, capsys: pytest
     assert "ap_bev_r40_50" not in tree["sources"]["fused"]["car"]
     assert tree["truth_objects"]["outside"] == 8
     assert [warning["subject"] for warning in tree["warnings"]] == ["truth"]
+
+
+@pytest.mark.parametrize("settings", [["fuse.min_score=0.9"], {"evaluate.max_range_m": 9, "fuse.min_score": 0.9}])
+def test_settings_that_change_nothing_are_refused(result: Path, settings: Any) -> None:
+    with pytest.raises(
+        ConfigError, match=r"^settings: fuse.min_score: expected a setting of evaluate, classes, .*proc"
+    ):
+        options(result, settings=settings)
+
+
+def test_zones_of_a_rig_file(result: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rig = tmp_path / "zones.yaml"
+    rig.write_text("zones: {all_of_it: [[-9, -9], [9, -9], [9, 9], [-9, 9]]}\n", encoding="utf-8")
+    run_evaluate(options(result, "fused.car.zones.all_of_it.truth == 8", rig=rig, json="-"))
+    tree = valid(capsys.readouterr().out)
+    assert tree["sources"]["fused"]["car"]["zones"]["all_of_it"]["truth"] == 8
+    assert tree["exit_code"] == 0
+
+
+def test_a_rig_file_without_anything_to_evaluate_by(result: Path, tmp_path: Path) -> None:
+    rig = tmp_path / "rig.yaml"
+    rig.write_text("site_frame: map\n", encoding="utf-8")
+    with pytest.raises(CalibrationError, match="expected `truth` or `zones` in the rig file of an evaluation"):
+        options(result, rig=rig)
 
 
 def test_unknown_figures_are_told_before_anything_is_measured(result: Path, tmp_path: Path) -> None:

@@ -1,9 +1,11 @@
 """What is printed of an evaluation."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from io import StringIO
 from typing import Any
 
+import numpy as np
 import pytest
 from evaluation_frames import frame_of, rows_at, source_boxes, truth_boxes
 
@@ -107,9 +109,38 @@ SHORT = "; the recording is too short to say how sure that is."
 )
 def test_the_headline(lidar: list[Place], fused: list[Place], count: int, told: str) -> None:
     text = printed(frames(lidar=lidar, fused=fused, truth=[CAR_AT], count=count))
-    assert text.splitlines()[1] == told
+    assert text.splitlines()[2] == told
     assert ("There is no interval: a recording of 2 s" in text) == (count == 20)
     assert ("The interval is too narrow: a recording of 6 s" in text) == (count == 60)
+
+
+@pytest.mark.parametrize(
+    ("fused", "told"),
+    [
+        ([CAR_AT, VAN_AT], "fused finds 50 % of the true objects; 50 % of its boxes are right."),
+        ([], "fused finds 0 % of the true objects; it reports no box."),
+    ],
+)
+def test_how_much_is_found_comes_first(fused: list[Place], told: str) -> None:
+    text = printed(frames(lidar=[CAR_AT], fused=fused, truth=[CAR_AT, (60.0, 0.0)]))
+    assert text.splitlines()[1] == told
+
+
+def test_headings_that_are_flipped_are_told_from_axes() -> None:
+    found = frames(lidar=[CAR_AT], fused=[CAR_AT], truth=[CAR_AT])
+    turned = [
+        replace(
+            frame,
+            sources={
+                name: replace(source, boxes=replace(source.boxes, yaws=source.boxes.yaws + np.float32(np.deg2rad(175))))
+                for name, source in frame.sources.items()
+            },
+        )
+        for frame in found
+    ]
+    text = printed(turned)
+    assert "\nclass  source  position   95 %  heading  flips  axis  length  width   ECE\n" in text
+    assert "\n       fused      0.000  0.000    175.0  100 %   5.0   +0.00  +0.00" in text
 
 
 def test_without_truth() -> None:
