@@ -186,14 +186,14 @@ def _mistake(look: Look) -> list[str]:
 
 def _by_class(figures: Tree) -> Iterator[tuple[str, str, Tree]]:
     """Classes with truth or detections, and all of them if there are several; each with its sources."""
-    by_source = figures["sources"]
+    sources: Tree = figures["sources"]
     met = [
         name
-        for name in next(iter(by_source.values()))
-        if any(classes[name][count] for classes in by_source.values() for count in ("truth", "found"))
+        for name in next(iter(sources.values()))
+        if any(classes[name][count] for classes in sources.values() for count in ("truth", "found"))
     ]
     for name in met[:1] if len(met) == 2 else met:
-        yield from ((name, source, classes[name]) for source, classes in by_source.items())
+        yield from ((name, source, classes[name]) for source, classes in sources.items())
 
 
 def _shares(one: Tree, *names: str) -> list[str]:
