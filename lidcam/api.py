@@ -189,7 +189,7 @@ def evaluate(
     *,
     truth: PathOrUrl | Sequence[PathOrUrl] = (),
     truth_topic: str = "",
-    requirements: Sequence[str | Requirement] = (),
+    requirements: str | Requirement | Sequence[str | Requirement] = (),
     rig: RigSource | None = None,
     config: FilePath | None = None,
     settings: Settings = (),

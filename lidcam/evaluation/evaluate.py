@@ -10,7 +10,7 @@ from pathlib import Path
 from lidcam.checks.incomplete import damage_lines
 from lidcam.evaluation.doubts import doubts
 from lidcam.evaluation.evaluation import Evaluation, EvaluationJob, Truth
-from lidcam.evaluation.evaluators import evaluators_of, known_figures, measure
+from lidcam.evaluation.evaluators import evaluators_of, known_figures, measure, timed
 from lidcam.evaluation.figures import NamedFigures
 from lidcam.evaluation.frames import EvaluationFrames
 from lidcam.evaluation.requirement import check_names
@@ -65,7 +65,7 @@ def evaluate_result(job: EvaluationJob, observer: EvaluationObserver | None = No
         tree = measure(_told(frames, observer), evaluators_of(config, seen))
         if not tree["frames"]:
             raise RecordingError(f"{job.result}: expected a result with frames, found none")
-        figures = NamedFigures({**tree, "timing": {"evaluation_s": time.perf_counter() - started}})
+        figures = NamedFigures({**tree, **timed(time.perf_counter() - started)})
         truth = Truth((found.source.description,), tuple(map(_identity, files))) if found.source else None
         return Evaluation(
             figures=figures,

@@ -46,7 +46,7 @@ def make_evaluation_job(
     *,
     truth: PathOrUrl | Sequence[PathOrUrl] = (),
     truth_topic: str = "",
-    requirements: Sequence[str | Requirement] = (),
+    requirements: str | Requirement | Sequence[str | Requirement] = (),
     rig: RigSource | None = None,
     config: FilePath | None = None,
     settings: Settings = (),
@@ -57,7 +57,8 @@ def make_evaluation_job(
         RequirementError: a requirement is not written as one.
         LidcamError: a file cannot be read or does not fit.
     """
-    texts = [one for one in requirements if isinstance(one, str)]
+    required = [requirements] if isinstance(requirements, str | Requirement) else [*requirements]
+    texts = [one for one in required if isinstance(one, str)]
     given = tuple(_as_texts(settings))
     check_effect(given, EVALUATING)
     return EvaluationJob(
@@ -66,7 +67,7 @@ def make_evaluation_job(
         truth_topic,
         _read_rig(rig),
         (*_of_config(config), *given),
-        (*(one for one in requirements if isinstance(one, Requirement)), *read_requirements(texts)),
+        (*(one for one in required if isinstance(one, Requirement)), *read_requirements(texts)),
     )
 
 

@@ -76,6 +76,8 @@ class Requirement:
     def check(self, figures: NamedFigures) -> "Outcome":
         """What comes of it. A figure that is not defined fails, and so does one that there is not."""
         expected = f"{self.name}: expected {self.sign} {self.limit:g}"
+        if self.name.startswith(TRACKING) and self.name not in figures and not figures.tree.get(TRACKING.rstrip(".")):
+            return Outcome(self, None, f"{expected}, found no tracks: result and truth need ids of tracks")
         if self.name not in figures:
             return Outcome(self, None, f"{expected}, found no such figure: {figures.unknown(self.name)}")
         found = figures[self.name]

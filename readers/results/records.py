@@ -17,6 +17,9 @@ __all__ = ["CONFIG", "RIG", "AttachedRecords", "is_result", "read_records"]
 RESULT = "lidcam"
 """Name of the metadata record of a result."""
 
+MERGED = "lidcam.merged"
+"""Name of the metadata record of a file with two results; its values `a` and `b` are their names."""
+
 CONFIG = "lidcam.yaml"
 """Name of the attached settings."""
 
@@ -59,6 +62,12 @@ def read_records(path: Path) -> AttachedRecords:
                     "that `lidcam process` wrote"
                 )
             metadata, texts = _records(stream)
+    if MERGED in metadata:
+        names = " and ".join(filter(None, map(metadata[MERGED].get, ("a", "b"))))
+        raise RecordingError(
+            f"{path}: expected a result of lidcam, found two side by side, of `lidcam compare --merged`; give one of "
+            f"them: {names}"
+        )
     if RESULT not in metadata:
         raise RecordingError(
             f"{path}: expected a result of lidcam, found a recording; run `lidcam process {path.name} OUT.mcap` first, "

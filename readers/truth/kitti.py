@@ -217,6 +217,7 @@ class KittiTruth:
         self._files = _files_of(folder) if folder.is_dir() else [path]
         self._rig, self._lidar = rig, _lidar_of(rig, path)
         self._level = config.evaluate.kitti_difficulty
+        self._has_region = config.evaluate.region is not None
         self._class_ids = class_ids_of_labels(config.classes)
         first = parse_kitti_labels(read_label_text(self._files[0], MAX_LABEL_BYTES), self._files[0])
         if first.is_tracking and len(self._files) > 1:
@@ -235,6 +236,11 @@ class KittiTruth:
         what = "file" if self._tracked is None else "frame"
         count = f"{self._count} {what}{'s' * (self._count != 1)}"
         notes = [f"{self.description}: {count}, matched with the frames of the result in their order"]
+        if not self._has_region:
+            notes.append(
+                f"{self.description}: only what camera 2 sees is labelled, and boxes elsewhere are false; leave them "
+                "out with evaluate.region=[[0,0],[70,59],[70,-59]]"
+            )
         if self._is_short:
             notes.append(f"{self.description}: frames of the result from {self._count} on have no labels")
         return tuple(notes)

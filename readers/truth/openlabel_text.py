@@ -99,11 +99,11 @@ def parse_openlabel(text: str, path: Path) -> OpenLabelFile:
     except (ValueError, RecursionError) as err:
         raise RecordingError(f"{path}: expected OpenLABEL, found no JSON: {err}") from err
     try:
-        root = _part(_mapping(tree, "the file"), "openlabel", dict, "the file")
+        root = _part(_mapping(tree, "the file"), "openlabel", "the file")
         objects = root.get("objects", {})
         frames = [
             _frame(key, content, _mapping(objects, "objects"))
-            for key, content in _part(root, "frames", dict, "openlabel").items()
+            for key, content in _part(root, "frames", "openlabel").items()
         ]
         parents, poses = _systems(_mapping(root.get("coordinate_systems", {}), "coordinate_systems"))
     except _UnfitError as err:
@@ -230,10 +230,13 @@ def _mapping(value: Any, where: str) -> dict[str, Any]:
     return value
 
 
-def _part(tree: Mapping[str, Any], key: str, kind: type, where: str) -> Any:
-    if not isinstance(tree.get(key), kind):
+def _part(tree: Mapping[str, Any], key: str, where: str) -> dict[str, Any]:
+    if key in tree and not isinstance(tree[key], dict):
+        raise _UnfitError(f"{where}: expected a mapping in {key!r}, found {_told(tree[key])}")
+    if key not in tree:
         raise _UnfitError(f"{where}: expected {key!r}, found {', '.join(sorted(tree)[:5]) or 'nothing'}")
-    return tree[key]
+    found: dict[str, Any] = tree[key]
+    return found
 
 
 def _listed(value: Any) -> list[Any]:

@@ -71,7 +71,10 @@ def find_truth_topics(recording: Recording, results: Collection[str], wanted: st
     elif others:
         return f"{names}: {', '.join(others)} may be truth, none is called so: name one with --truth-topic"
     else:
-        return f"{names}: expected truth, a topic of {DETECTIONS_3D} that is no result, found none"
+        return (
+            f"{names}: expected truth, a topic of {DETECTIONS_3D} that is no result, or odometry of vehicles that the "
+            "rig calls truth, found none"
+        )
     folder = re.escape(chosen.rsplit("/", 1)[0])
     images = [info for info in recording.topics if info.msgtype == DETECTIONS_2D and info.message_count]
     return TruthTopics(

@@ -56,8 +56,8 @@ def layout_path(path: Path) -> Path:
 def merged_layout(rig: Rig, survey: SceneSurvey, topics: Collection[str], names: Sequence[str]) -> str:
     """The layout of two results in one file, marked like that of one.
 
-    One view of the scene has both, with the clouds of the first; each camera has the image of the first result that has
-    one, with what both have found in it.
+    One view of the scene has both, with the clouds and the truth of the first; each camera has the image of the first
+    result that has one, with what both have found in it.
 
     Args:
         rig: The rig of the first result.
@@ -75,6 +75,10 @@ def merged_layout(rig: Rig, survey: SceneSurvey, topics: Collection[str], names:
             shown[topic] = {"visible": True, "showOutlines": False}
         elif topic.endswith(("/fused/markers", "/ground_cloud")):
             shown[topic] = {"visible": False}
+        elif _is_truth_scene(topic):  # that of one is that of the other, most often
+            own = topic.removeprefix("/").partition("/")[2]
+            first = next(one for name in names if (one := f"/{name}/{own}") in topics)
+            shown[topic] = {"visible": topic == first, "showOutlines": False}
     cameras = []
     for camera in cameras_in_order(rig):
         images = [f"/{name}/{camera.name}/image{suffix}" for name in names for suffix in ("", "/compressed")]

@@ -227,6 +227,8 @@ def test_both_in_one_file(compare: Any, sandbox: Path, tmp_path: Path) -> None:
     assert {"/compare/scene", "/a/fused/scene", "/b/fused/scene", "/a/point_cloud_combined"} <= set(
         layout["3D!scene"]["topics"]
     )
+    seen = {topic for topic, one in layout["3D!scene"]["topics"].items() if one["visible"]}
+    assert {topic for topic in seen if "ground_truth" in topic} == {"/a/ground_truth/objects/scene"}
     images = [panel["imageMode"] for name, panel in layout.items() if name.startswith("Image!")]
     named = {*layout["3D!scene"]["topics"], *(one["imageTopic"] for one in images)}
     named |= {topic for one in images for topic in (*one["annotations"], one["calibrationTopic"])}

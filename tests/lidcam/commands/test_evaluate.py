@@ -14,7 +14,7 @@ from perturbed_results import perturbed
 from lidcam.commands.evaluate import EvaluateOptions, run_evaluate
 from lidcam.commands.process import Printed, run_process
 from lidcam.evaluation.evaluation import make_evaluation_job
-from lidcam.evaluation.requirement import RequirementError, read_requirements
+from lidcam.evaluation.requirement import Requirement, RequirementError, read_requirements
 from lidcam.job import make_job
 from pipeline.core.errors import CalibrationError, CheckError, ConfigError, IncompleteError, RecordingError
 
@@ -113,6 +113,12 @@ def test_settings_of_the_evaluation(result: Path, tmp_path: Path, capsys: pytest
     assert "ap_bev_r40_50" not in tree["sources"]["fused"]["car"]
     assert tree["truth_objects"]["outside"] == 8
     assert [warning["subject"] for warning in tree["warnings"]] == ["truth"]
+
+
+def test_a_single_requirement(result: Path) -> None:
+    one = Requirement("frames", ">=", 3)
+    for requirements in ("frames >= 3", one, ["frames >= 3"], (one,)):
+        assert make_evaluation_job(result, requirements=requirements).requirements == (one,)
 
 
 @pytest.mark.parametrize("settings", [["fuse.min_score=0.9"], {"evaluate.max_range_m": 9, "fuse.min_score": 0.9}])

@@ -8,7 +8,7 @@ import pytest
 from detections import boxes2d, camera_rig, forward_camera
 from evaluation_frames import frame_of, rows_at, source_boxes, truth_boxes
 
-from lidcam.evaluation.evaluators import evaluators_of, known_figures, measure
+from lidcam.evaluation.evaluators import evaluators_of, known_figures, measure, timed
 from lidcam.evaluation.figures import NamedFigures
 from pipeline.core.settings.config import Config
 from pipeline.evaluation.records import SOURCES, EvaluationFrame, ImageBoxes
@@ -38,7 +38,7 @@ def test_the_names_of_figures_do_not_depend_on_what_is_found() -> None:
         )
         for k in range(3)
     ]
-    found = NamedFigures(measure(frames, evaluators_of(Config(), RIG)))
+    found = NamedFigures({**measure(frames, evaluators_of(Config(), RIG)), **timed(1.5)})
     assert fixed(found) == fixed(known)
 
 

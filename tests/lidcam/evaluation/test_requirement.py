@@ -15,6 +15,7 @@ from lidcam.evaluation.requirement import (
     check_names,
     read_requirements,
 )
+from pipeline.evaluation.records import Figures
 
 TREE: dict[str, Any] = {
     "sources": {
@@ -105,6 +106,20 @@ def test_without_truth_nothing_about_it_is_defined() -> None:
     figures = NamedFigures({"frames_with_truth": 0, "sources": {"fused": {"car": {"recall": None, "truth": 0}}}})
     failure = Requirement.parse("fused.car.recall >= 0.5").check(figures).failure
     assert failure == "fused.car.recall: expected >= 0.5, found that it is not defined: there is no truth"
+
+
+@pytest.mark.parametrize("tree", [{"frames": 3}, {"frames": 3, "tracking": {}}])
+def test_without_tracks_no_other_figure_is_offered(tree: Figures) -> None:
+    outcome = Requirement.parse("tracking.fused.car.hota > 0.5").check(NamedFigures(tree))
+    assert outcome.failure == (
+        "tracking.fused.car.hota: expected > 0.5, found no tracks: result and truth need ids of tracks"
+    )
+
+
+def test_a_wrong_name_of_a_figure_of_tracks() -> None:
+    figures = NamedFigures({"tracking": {"fused": {"car": {"hota": 0.6}}}})
+    failure = Requirement.parse("tracking.fused.car.hotta > 0.5").check(figures).failure
+    assert failure.endswith("did you mean 'tracking.fused.car.hota'?")
 
 
 def test_a_figure_that_there_is_not_fails() -> None:

@@ -24,6 +24,7 @@ from readers.results.records import is_result
 from readers.results.result import open_result
 from readers.rig.rig_file import rig_yaml
 from writers.mcap.writer import McapResultWriter
+from writers.outputs.marks import MERGED
 from writers.outputs.transaction import OutputFile
 
 FRAMES = 3
@@ -181,6 +182,17 @@ def records_only(path: Path, metadata: list[str], attachments: dict[str, str]) -
             writer.add_attachment(0, 0, name, "application/yaml", text.encode())
         writer.finish()  # type: ignore[no-untyped-call]  # mcap annotates in part
     return path
+
+
+def test_two_results_side_by_side(tmp_path: Path) -> None:
+    path = tmp_path / "both.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        writer.add_metadata(MERGED, {"a": "old.mcap", "b": "new.mcap", "a.version": "1"})
+        writer.finish()  # type: ignore[no-untyped-call]  # mcap annotates in part
+    with pytest.raises(RecordingError, match=r"expected a result .*; give one of them: old\.mcap and new\.mcap"):
+        open_result(path)
 
 
 SOUND = {"lidcam.yaml": "{}", "rig.yaml": rig_yaml(RIG)}

@@ -143,10 +143,20 @@ def test_files_belong_to_frames_in_their_order(tmp_path: Path) -> None:
     assert [len(found) for k in (0, 1, 2, 0) if (found := truth.at(0, frame=k)) is not None] == [1, 0, 2, 1]
     assert truth.notes == (
         f"KITTI labels of {tmp_path / 'label_2'}: 3 files, matched with the frames of the result in their order",
+        f"KITTI labels of {tmp_path / 'label_2'}: only what camera 2 sees is labelled, and boxes elsewhere are false; "
+        "leave them out with evaluate.region=[[0,0],[70,59],[70,-59]]",
     )
     assert truth.at(0, frame=3) is None
     assert truth.in_image("left", 0, frame=3) is None
     assert truth.notes[-1] == f"KITTI labels of {tmp_path / 'label_2'}: frames of the result from 3 on have no labels"
+
+
+def test_a_region_is_not_asked_for_where_there_is_one(tmp_path: Path) -> None:
+    config = Config.model_validate({"evaluate": {"region": [[0, 0], [70, 59], [70, -59]]}})
+    truth = KittiTruth(folder(tmp_path, CAR) / "label_2", rig(), config)
+    assert [note.partition(": ")[2] for note in truth.notes] == [
+        "1 file, matched with the frames of the result in their order"
+    ]
 
 
 def test_one_file_is_one_frame(tmp_path: Path) -> None:

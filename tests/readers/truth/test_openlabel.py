@@ -239,6 +239,7 @@ POSE = ("coordinate_systems", "south", "pose_wrt_parent")
         ("[]", "the file: expected an object, found []"),
         ({"frames": {}}, "the file: expected 'openlabel', found frames"),
         ({"openlabel": {}}, "openlabel: expected 'frames', found nothing"),
+        ({"openlabel": 5}, "the file: expected a mapping in 'openlabel', found 5"),
         (tree({}), "expected OpenLABEL with frames, found none"),
         (altered("frames", value={"x": {}}), "frames: expected numbers as keys, found 'x'"),
         (altered("frames", "0", value=[]), "frames.0: expected an object, found []"),

@@ -67,7 +67,11 @@ def test_topics_that_lie_beside_the_objects() -> None:
 @pytest.mark.parametrize(
     ("topics", "reason"),
     [
-        ([], "expected truth, a topic of vision_msgs/msg/Detection3DArray that is no result, found none"),
+        (
+            [],
+            "expected truth, a topic of vision_msgs/msg/Detection3DArray that is no result, or odometry of vehicles "
+            "that the rig calls truth, found none",
+        ),
         (["/fused/detections", "/lidar/detections", "/cameras/detections"], "found none"),
         (["/a/objects", "/b/objects"], "/a/objects, /b/objects may be truth, none is called so: name one with"),
     ],
