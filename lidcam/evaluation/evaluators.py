@@ -1,5 +1,6 @@
 """All that is measured of the frames of a result, in one pass over them."""
 
+from collections import deque
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -12,7 +13,15 @@ from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.evaluation.detection.evaluation import DetectionEvaluation
 from pipeline.evaluation.mistakes import Mistakes
-from pipeline.evaluation.records import EvaluationFrame, Evaluator, ImageBoxes, SourceBoxes, TruthBoxes2D, TruthBoxes3D
+from pipeline.evaluation.records import (
+    EvaluationFrame,
+    Evaluator,
+    Figures,
+    ImageBoxes,
+    SourceBoxes,
+    TruthBoxes2D,
+    TruthBoxes3D,
+)
 from pipeline.evaluation.tracking.evaluation import TrackingEvaluation
 from pipeline.evaluation.unlabelled.evaluation import UnlabelledEvaluation
 
@@ -32,10 +41,15 @@ def evaluators_of(config: Config, rig: Rig) -> tuple[Evaluator, ...]:
 
 def measure(frames: Iterable[EvaluationFrame], evaluators: Sequence[Evaluator]) -> dict[str, Any]:
     """The figures of frames, as one tree; the frames come in their order and are read once."""
+    waiting = deque(evaluators)
+    del evaluators
     for frame in frames:
-        for evaluator in evaluators:
+        for evaluator in waiting:
             evaluator.add(frame)
-    return merged([evaluator.figures() for evaluator in evaluators])
+    trees: list[Figures] = []
+    while waiting:  # what one has kept is freed before the next one makes its figures
+        trees.append(waiting.popleft().figures())
+    return merged(trees)
 
 
 def known_figures(config: Config, rig: Rig, sources: Sequence[str]) -> NamedFigures:

@@ -25,7 +25,7 @@ from readers.messages.tf import TF_TYPES, RecordedTransforms, clean_frame, decod
 from readers.recording import Recording
 from readers.rig.first_messages import FirstMessages
 
-__all__ = ["MotionBuffer", "MotionSource", "find_motion_source"]
+__all__ = ["MotionBuffer", "MotionSource", "find_motion_source", "links_up"]
 
 
 KEPT_NS = 5_000_000_000
@@ -110,11 +110,18 @@ def _of_odometry(
         raise ConfigError(f"{topic}: odometry of {child!r}, not of the site frame: {err}") from err
 
 
-def _of_tf(recording: Recording, rig: Rig, transforms: RecordedTransforms) -> MotionSource | None:
+def links_up(
+    frame_id: str, transforms: RecordedTransforms, *, is_end: Callable[[str], bool]
+) -> tuple[list[Transform | str], list[str]] | None:
+    """The way from a frame to its parents, to the first one that is an end, or to a root.
+
+    Returns:
+        The links (a transform, or the name of the child where it moves), and the frames that they join, one more; None
+        if the parents go round in a circle.
+    """
     links: list[Transform | str] = []
-    frames = [rig.site_frame]
-    while True:
-        frame = frames[-1]
+    frames = [frame_id]
+    while not is_end(frame := frames[-1]):
         if frame in transforms.moving:
             links.append(frame)
             parent = transforms.moving[frame]
@@ -127,6 +134,14 @@ def _of_tf(recording: Recording, rig: Rig, transforms: RecordedTransforms) -> Mo
         if parent in frames:
             return None
         frames.append(parent)
+    return links, frames
+
+
+def _of_tf(recording: Recording, rig: Rig, transforms: RecordedTransforms) -> MotionSource | None:
+    way = links_up(rig.site_frame, transforms, is_end=lambda _: False)
+    if way is None:
+        return None
+    links, frames = way
     moves = [i for i, link in enumerate(links) if isinstance(link, str)]
     if not moves:
         return None

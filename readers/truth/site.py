@@ -16,7 +16,7 @@ from pipeline.core.settings.recording import LimitsConfig
 from pipeline.evaluation.records import TruthBoxes3D
 from readers.messages.tf import RecordedTransforms, read_transforms, tf_topics
 from readers.recording import Recording
-from readers.streams.motion import MotionBuffer, MotionSource, find_motion_source
+from readers.streams.motion import MotionBuffer, MotionSource, find_motion_source, links_up
 from readers.truth.source import STEP_BACK_NS
 
 __all__ = ["SitePoses", "boxes_in_site"]
@@ -86,22 +86,10 @@ def _motion_in(
     frame_id: str, recording: Recording, rig: Rig, transforms: RecordedTransforms, config: Config
 ) -> "_Motion | None":
     """The motion of the site frame in a frame: over tf, else by odometry; None if neither is recorded."""
-    links: list[Transform | str] = []
-    frame = rig.site_frame
-    passed = {frame}
-    while not transforms.are_joined(frame_id, frame):
-        if frame in transforms.moving:
-            links.append(frame)
-            frame = transforms.moving[frame]
-        elif transforms.fixed.is_static(frame):
-            edge = transforms.fixed.lookup(transforms.fixed.chain(frame)[1], frame)
-            links.append(edge)
-            frame = edge.dst
-        else:
-            break
-        if frame in passed:
-            return None
-        passed.add(frame)
+    way = links_up(rig.site_frame, transforms, is_end=lambda frame: transforms.are_joined(frame_id, frame))
+    if way is None:
+        return None
+    links, frame = way[0], way[1][-1]
     if transforms.are_joined(frame_id, frame):
         source = MotionSource(tuple(tf_topics(recording)[1]), rig.site_frame, frame, tuple(links))
         return _Motion(recording, source, transforms.lookup(frame_id, frame), config.limits)

@@ -8,9 +8,14 @@ from detections import boxes3d
 
 from pipeline.evaluation.records import UNKNOWN, EvaluationFrame, ImageBoxes, SourceBoxes, TruthBoxes3D
 
-__all__ = ["frame_of", "source_boxes", "truth_boxes"]
+__all__ = ["frame_of", "rows_at", "source_boxes", "truth_boxes"]
 
 FRAME_NS = 100_000_000
+
+
+def rows_at(places: Sequence[tuple[float, float]]) -> list[tuple[float, ...]]:
+    """Rows of cars on the ground that look along x."""
+    return [(x, y, 0.75, 4.0, 1.7, 1.5, 0.0) for x, y in places]
 
 
 def truth_boxes(
@@ -18,6 +23,7 @@ def truth_boxes(
     tracks: Sequence[int] | None = None,
     *,
     class_ids: Sequence[int] | None = None,
+    labels: Sequence[str] | None = None,
     lidar_points: Sequence[int] | None = None,
     image_pixels: Sequence[int] | None = None,
     is_ignored: Sequence[bool] | None = None,
@@ -32,7 +38,7 @@ def truth_boxes(
         table[:, 3:6].copy(),
         table[:, 6].copy(),
         np.zeros(n, np.int32) if class_ids is None else np.array(class_ids, np.int32),
-        np.array(["any"] * n, np.str_),
+        np.array(["any"] * n if labels is None else labels, np.str_),
         np.full(n, UNKNOWN, np.int64) if tracks is None else np.array(tracks, np.int64),
         np.full(n, UNKNOWN, np.int32) if lidar_points is None else np.array(lidar_points, np.int32),
         np.full(n, UNKNOWN, np.int32) if image_pixels is None else np.array(image_pixels, np.int32),
@@ -56,7 +62,7 @@ def source_boxes(
 def frame_of(
     index: int,
     truth: TruthBoxes3D | None,
-    sources: Mapping[str, SourceBoxes],
+    sources: Mapping[str, SourceBoxes] | None = None,
     images: Mapping[str, ImageBoxes] | None = None,
     *,
     stamp_ns: int | None = None,
@@ -64,4 +70,4 @@ def frame_of(
 ) -> EvaluationFrame:
     """A frame; ten a second unless a stamp is given."""
     stamp_ns = index * FRAME_NS if stamp_ns is None else stamp_ns
-    return EvaluationFrame(index, stamp_ns, truth, sources, images or {}, skew_ns)
+    return EvaluationFrame(index, stamp_ns, truth, sources or {}, images or {}, skew_ns)

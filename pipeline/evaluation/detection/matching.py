@@ -9,7 +9,14 @@ from pipeline.core.arrays import F32, F64, I32, Bools, Indices, Rows, select_row
 from pipeline.evaluation.detection.criteria import Criterion, Measure
 from pipeline.evaluation.detection.tables import FALSE, IGNORED
 
-__all__ = ["Candidates", "match_by_score", "match_criteria", "match_other_classes", "ranks_by_score"]
+__all__ = [
+    "Candidates",
+    "by_falling_score",
+    "match_by_score",
+    "match_criteria",
+    "match_other_classes",
+    "ranks_by_score",
+]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,10 +54,15 @@ class Candidates:
         return select_rows(self, rows)
 
 
+def by_falling_score(scores: F32) -> Indices:
+    """(N,) rows by falling score; of equal scores the later row comes first, as in nuScenes's devkit."""
+    return np.argsort(scores, kind="stable")[::-1]
+
+
 def ranks_by_score(scores: F32) -> Indices:
-    """Place of each detection by falling score; of equal scores the later row comes first, as in nuScenes's devkit."""
+    """(N,) place of each row in the order `by_falling_score`."""
     ranks = np.empty(len(scores), np.intp)
-    ranks[np.argsort(scores, kind="stable")[::-1]] = np.arange(len(scores))
+    ranks[by_falling_score(scores)] = np.arange(len(scores))
     return ranks
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from pipeline.core.arrays import F32, I32, Bools, Indices, Rows, select_rows
 from pipeline.evaluation.detection.tables import FALSE, I16, IGNORED, FoundTable, TruthTable
 
-__all__ = ["Place", "Scored", "by_falling_score", "found_in", "scored", "truth_in"]
+__all__ = ["Place", "Scored", "found_in", "scored", "truth_in"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,11 +54,6 @@ class Scored:
     def within(self, place: Place | None) -> "Scored":
         """Those of a part of the site."""
         return self if place is None else self.select(_is_in(self.range_bins, self.zones, place))
-
-
-def by_falling_score(found: FoundTable, rows: Indices) -> Indices:
-    """Rows of detections, ascending, by falling score: of equal scores the later one first."""
-    return rows[np.argsort(found.scores[rows], kind="stable")[::-1]]
 
 
 def scored(found: FoundTable, truth: TruthTable, rows: Indices, criterion_row: int) -> Scored:

@@ -22,7 +22,8 @@ from pipeline.evaluation.detection.counts import count_figures
 from pipeline.evaluation.detection.criteria import DISTANCES_M, Criteria
 from pipeline.evaluation.detection.curves import Curve, curve_of, ratio
 from pipeline.evaluation.detection.errors import error_figures
-from pipeline.evaluation.detection.selection import Place, Scored, by_falling_score, found_in, scored, truth_in
+from pipeline.evaluation.detection.matching import by_falling_score
+from pipeline.evaluation.detection.selection import Place, Scored, found_in, scored, truth_in
 from pipeline.evaluation.detection.tables import FALSE, IGNORED, FoundTable, TruthTable
 from pipeline.evaluation.records import UNKNOWN, Figures
 from pipeline.evaluation.scales import range_names
@@ -135,7 +136,7 @@ class Source:
     def _order(self, class_id: int | None) -> Indices:
         if class_id not in self._orders:
             rows = np.flatnonzero(_is_of(self.found.class_ids, class_id))
-            self._orders[class_id] = by_falling_score(self.found, rows)
+            self._orders[class_id] = rows[by_falling_score(self.found.scores[rows])]
         return self._orders[class_id]
 
     def _at(

@@ -4,7 +4,7 @@ Frames are kept until a block of them is full. What of a block counts is then de
 only what the figures need is kept: a few numbers a box, and the pairs that are near each other.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -90,21 +90,20 @@ class Collection:
         if len(self._frames) == BLOCK_FRAMES:
             self._close_block()
 
-    def tables(self) -> dict[str, tuple[TrackTable, ...]]:
-        """By source, in their order, a table for each class; only sources that have tracks.
+    def tables(self) -> Iterator[tuple[str, tuple[TrackTable, ...]]]:
+        """Source by source, in their order, a table for each class; only sources that have tracks.
 
-        Empty if there is truth and none of it has a track: nobody knows then who is who.
+        Nothing if there is truth and none of it has a track: nobody knows then who is who.
         """
         self._close_block()
         if self._untracked_truth and not self._tracked_truth:
-            return {}
+            return
         truth, stamps_ns = self._truth.table(), np.array(self._stamps_ns, np.int64)
-        classes = range(len(self._config.classes))
-        tracked = {name: self._sources[name] for name in in_order(self._sources) if self._sources[name].has_tracks}
-        return {
-            name: tuple(self._table(stamps_ns, truth, source, class_id) for class_id in classes)
-            for name, source in tracked.items()
-        }
+        for name in in_order(self._sources):
+            source = self._sources[name]
+            if source.has_tracks:
+                classes = range(len(self._config.classes))
+                yield name, tuple(self._table(stamps_ns, truth, source, class_id) for class_id in classes)
 
     def _close_block(self) -> None:
         frames, self._frames = self._frames, []

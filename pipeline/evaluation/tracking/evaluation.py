@@ -47,7 +47,7 @@ class TrackingEvaluation:
 
     def figures(self) -> Figures:
         """`tracking.SOURCE.CLASS.NAME`; empty without a source that has tracks."""
-        sources = {name: self._source_figures(tables) for name, tables in self._collection.tables().items()}
+        sources = {name: self._source_figures(tables) for name, tables in self._collection.tables()}
         return {"tracking": sources}
 
     def _source_figures(self, tables: Sequence[TrackTable]) -> Figures:

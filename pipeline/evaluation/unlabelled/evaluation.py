@@ -109,21 +109,23 @@ class _Source:
         boxes, tracks = self._boxes.table(), self._tracks.table().ids
         has_tracks = bool((tracks != UNKNOWN).any())
         table = _chained(boxes, tracks if has_tracks else boxes.chains)
-        main = table.main_classes()
-        parts = {name: table.of_chains(main == k) for k, name in enumerate(self._config.class_names)} | {"all": table}
-        lengths_m = dict(zip(self._config.class_names, self._lengths_m.tolist(), strict=True))
         return {
             "objects": self._counts.figures(),
             "chains_by": "track" if has_tracks else "place",
             "boxes_without_track": int((tracks == UNKNOWN).sum()) if has_tracks else 0,
             "chains": {
-                name: {
-                    **limits_of(lengths_m.get(name)),
-                    **chain_figures(part),
-                    **smoothness_figures(part, self._lengths_m),
-                }
-                for name, part in parts.items()
+                **{name: self._of_chains(table, class_id) for class_id, name in enumerate(self._config.class_names)},
+                "all": self._of_chains(table, None),
             },
+        }
+
+    def _of_chains(self, table: ChainTable, class_id: int | None) -> Figures:
+        """The figures of the chains of a class, or of all (None)."""
+        part = table if class_id is None else table.of_chains(table.main_classes() == class_id)
+        return {
+            **limits_of(None if class_id is None else float(self._lengths_m[class_id])),
+            **chain_figures(part),
+            **smoothness_figures(part, self._lengths_m),
         }
 
 

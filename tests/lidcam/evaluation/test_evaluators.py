@@ -1,13 +1,19 @@
 """Frames are measured in one pass, and the names of figures are known before it."""
 
-from frames_at_places import evaluation_frame, source_boxes, true_boxes
+import json
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from detections import boxes2d, camera_rig, forward_camera
+from evaluation_frames import frame_of, rows_at, source_boxes, truth_boxes
 
 from lidcam.evaluation.evaluators import evaluators_of, known_figures, measure, timed
 from lidcam.evaluation.figures import NamedFigures
-from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
+from pipeline.evaluation.records import SOURCES, EvaluationFrame, ImageBoxes
 
-RIG = Rig("site", (), (), ())
+RIG, RIG_WITH_CAMERA = camera_rig(), camera_rig(forward_camera())
 
 
 def fixed(figures: NamedFigures) -> list[str]:
@@ -17,7 +23,7 @@ def fixed(figures: NamedFigures) -> list[str]:
 
 
 def test_frames_are_read_once() -> None:
-    frames = (evaluation_frame(k, true_boxes([(5, 0)]), {"fused": source_boxes([(5, 0)])}) for k in range(3))
+    frames = (frame_of(k, truth_boxes(rows_at([(5, 0)])), {"fused": source_boxes(rows_at([(5, 0)]))}) for k in range(3))
     tree = measure(frames, evaluators_of(Config(), RIG))
     assert tree["frames"] == 3
 
@@ -25,12 +31,68 @@ def test_frames_are_read_once() -> None:
 def test_the_names_of_figures_do_not_depend_on_what_is_found() -> None:
     known = known_figures(Config(), RIG, ["lidar", "fused"])
     frames = [
-        evaluation_frame(
+        frame_of(
             k,
-            true_boxes([(5, 0), (9, 9)]),
-            {"lidar": source_boxes([(5, 0)]), "fused": source_boxes([(5, 0), (2, 2)])},
+            truth_boxes(rows_at([(5, 0), (9, 9)])),
+            {"lidar": source_boxes(rows_at([(5, 0)])), "fused": source_boxes(rows_at([(5, 0), (2, 2)]))},
         )
         for k in range(3)
     ]
     found = NamedFigures({**measure(frames, evaluators_of(Config(), RIG)), **timed(1.5)})
     assert fixed(found) == fixed(known)
+
+
+def random_frames(seed: int) -> Iterator[EvaluationFrame]:
+    """Frames in which truth, sources, images and skew come and go, at times that stand still and step back."""
+    random = np.random.default_rng(seed)
+    stamp_ns, often = 10**9, random.choice([0, 0.5, 1], 3)
+    for index in range(int(random.integers(1, 30))):
+        stamp_ns += int(random.choice([10**8, 0, -5 * 10**8, 10**9], p=[0.9, 0.04, 0.02, 0.04]))
+        truth, found = (
+            np.column_stack(
+                [random.normal(0, 8, (n, 3)), random.uniform(0.5, 5, (n, 3)), random.choice([0, np.pi / 2, np.pi], n)]
+            )
+            for n in random.integers(0, 5, 2)
+        )
+        shared = min(len(truth), len(found))
+        found[:shared, :3] = truth[:shared, :3] + random.choice([0, 0.1], (shared, 3))
+        sources = {
+            source: source_boxes(
+                found,
+                random.integers(-1, 4, len(found)).tolist(),
+                scores=random.choice([0, 0.25, 0.5, 1], len(found)).tolist(),
+                class_ids=random.integers(0, 2, len(found)).tolist(),
+            )
+            for source in SOURCES
+            if random.random() < often[0]
+        }
+        seen = truth_boxes(
+            truth,
+            random.integers(-1, 4, len(truth)).tolist(),
+            class_ids=random.integers(-1, 2, len(truth)).tolist(),
+            lidar_points=random.integers(-1, 3, len(truth)).tolist(),
+            image_pixels=random.integers(-1, 3, len(truth)).tolist(),
+            is_ignored=(random.random(len(truth)) < 0.2).tolist(),
+        )
+        image = ImageBoxes(boxes2d([(10, 10, 80, 70, 0.5, 0)] * int(random.integers(0, 3))))
+        yield frame_of(
+            index,
+            seen if random.random() < often[1] else None,
+            sources,
+            {"cam": image} if random.random() < often[2] else {},
+            stamp_ns=stamp_ns,
+            skew_ns=None if random.random() < 0.5 else 5,
+        )
+
+
+@pytest.mark.parametrize("distances", ["scaled", "nuscenes"])
+@pytest.mark.parametrize("seed", range(6))
+def test_whatever_comes_the_figures_are_numbers_or_null_and_the_same_again(seed: int, distances: str) -> None:
+    config = Config.model_validate({"evaluate": {"bootstrap": 100, "distances": distances}})
+    texts = [
+        json.dumps(
+            measure(random_frames(seed), evaluators_of(config, RIG_WITH_CAMERA)), allow_nan=False
+        )  # NaN is an error
+        for _ in range(2)
+    ]
+    assert texts[0] == texts[1]

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from frames_at_places import evaluation_frame, source_boxes, true_boxes
+from evaluation_frames import frame_of, rows_at, source_boxes, truth_boxes
 
 from lidcam.checks.warning import RunWarning
 from lidcam.evaluation.evaluation import Evaluation, Truth
@@ -36,12 +36,12 @@ def frames(
 
     def found(places: Sequence[Place]) -> Any:
         tracks = list(range(len(places))) if ids else None
-        return source_boxes(places, class_ids=classes(places), track_ids=tracks)
+        return source_boxes(rows_at(places), tracks, class_ids=classes(places))
 
     return [
-        evaluation_frame(
+        frame_of(
             k,
-            None if truth is None else true_boxes(truth, class_ids=classes(truth)),
+            None if truth is None else truth_boxes(rows_at(truth), range(len(truth)), class_ids=classes(truth)),
             {"lidar": found(lidar), "fused": found(fused)},
         )
         for k in range(count)

@@ -16,6 +16,7 @@ from pipeline.evaluation.detection.images.matching import (
     match_images,
     no_image_boxes,
 )
+from pipeline.evaluation.detection.matching import by_falling_score
 from pipeline.evaluation.detection.objects import check_class_ids, check_numbers
 from pipeline.evaluation.detection.tables import IGNORED
 from pipeline.evaluation.pieces import Pieces
@@ -127,7 +128,7 @@ class CameraImages:
 def _counted(found: ImageTable, mask: Bools, row: int) -> Indices:
     """The detections that count at an IoU, by falling score."""
     rows = np.flatnonzero(mask & (found.matches[row] != IGNORED))
-    return rows[np.argsort(found.scores[rows], kind="stable")[::-1]]
+    return rows[by_falling_score(found.scores[rows])]
 
 
 def _curve(found: ImageTable, rows: Indices, row: int, truth: int) -> Curve:
