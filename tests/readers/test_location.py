@@ -13,7 +13,6 @@ from readers.location import Location, RemotePath, location
         ("/data/drive.bag", Path("/data/drive.bag")),
         ("C:\\drive.bag", Path("C:\\drive.bag")),
         ("https:/host/rec.mcap", Path("https:/host/rec.mcap")),
-        ("", Path()),
         ("file:///data/my%20drive.bag", Path("/data/my drive.bag")),
         ("https://host/rec.mcap", RemotePath("https://host/rec.mcap")),
         ("S3://bucket/rec.mcap", RemotePath("s3://bucket/rec.mcap")),
