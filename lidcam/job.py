@@ -167,7 +167,11 @@ def make_job(
 
 
 def locations(recording: PathOrUrl | Sequence[PathOrUrl]) -> tuple[Location, ...]:
-    """Where the files of a recording lie."""
+    """Where the files of a recording lie.
+
+    Raises:
+        RecordingError: a name is empty.
+    """
     given = [recording] if isinstance(recording, str | PathLike | RemotePath) else recording
     return tuple(one if isinstance(one, RemotePath) else location(fspath(one)) for one in given)
 

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from urllib.parse import unquote, urlsplit
 
+from pipeline.core.errors import RecordingError
+
 __all__ = ["Location", "RemotePath", "location"]
 
 URL = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+)://(.*)", re.DOTALL)
@@ -52,7 +54,13 @@ Location = Path | RemotePath
 
 
 def location(text: str) -> Location:
-    """The location that a command line argument names: a URL (`https://...`, `s3://...`), or a path, also `file://`."""
+    """The location that a command line argument names: a URL (`https://...`, `s3://...`), or a path, also `file://`.
+
+    Raises:
+        RecordingError: it is empty, as of a variable that is not set; as a path, that is the folder that one is in.
+    """
+    if not text:
+        raise RecordingError("expected a path or a URL, found an empty name; is a variable not set?")
     if URL.match(text) is None:
         return Path(text)
     protocol, rest = _parts(text)

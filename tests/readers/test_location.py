@@ -2,6 +2,7 @@ from pathlib import Path
 
 import pytest
 
+from pipeline.core.errors import RecordingError
 from readers.location import Location, RemotePath, location
 
 
@@ -12,7 +13,6 @@ from readers.location import Location, RemotePath, location
         ("/data/drive.bag", Path("/data/drive.bag")),
         ("C:\\drive.bag", Path("C:\\drive.bag")),
         ("https:/host/rec.mcap", Path("https:/host/rec.mcap")),
-        ("", Path()),
         ("file:///data/my%20drive.bag", Path("/data/my drive.bag")),
         ("https://host/rec.mcap", RemotePath("https://host/rec.mcap")),
         ("S3://bucket/rec.mcap", RemotePath("s3://bucket/rec.mcap")),
@@ -47,3 +47,8 @@ def test_secrets_are_not_shown(url: str, shown: str, name: str) -> None:
     assert str(path) == shown
     assert repr(path) == f"RemotePath({shown!r})"
     assert path.name == name
+
+
+def test_an_empty_name_is_not_the_folder_that_one_is_in() -> None:
+    with pytest.raises(RecordingError, match="expected a path or a URL, found an empty name"):
+        location("")

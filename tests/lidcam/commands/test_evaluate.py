@@ -16,7 +16,7 @@ from lidcam.commands.process import Printed, run_process
 from lidcam.evaluation.evaluation import make_evaluation_job
 from lidcam.evaluation.requirement import Requirement, RequirementError, read_requirements
 from lidcam.job import make_job
-from pipeline.core.errors import CalibrationError, CheckError, ConfigError, IncompleteError, RecordingError
+from pipeline.core.errors import CalibrationError, CheckError, ConfigError, IncompleteError, LidcamError, RecordingError
 
 SANDBOX = ROOT / "bags" / "sandbox.bag"
 SCHEMA = json.loads((ROOT / "docs" / "figures.schema.json").read_text(encoding="utf-8"))
@@ -113,6 +113,12 @@ def test_settings_of_the_evaluation(result: Path, tmp_path: Path, capsys: pytest
     assert "ap_bev_r40_50" not in tree["sources"]["fused"]["car"]
     assert tree["truth_objects"]["outside"] == 8
     assert [warning["subject"] for warning in tree["warnings"]] == ["truth"]
+
+
+@pytest.mark.parametrize("truth", ["", [""], [str(SANDBOX), ""]])
+def test_an_empty_name_is_not_the_folder_that_one_is_in(result: Path, truth: Any) -> None:
+    with pytest.raises(LidcamError, match="expected a path or a URL, found an empty name"):
+        options(result, truth=truth)
 
 
 def test_a_single_requirement(result: Path) -> None:
