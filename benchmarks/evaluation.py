@@ -137,7 +137,7 @@ def write_result(path: Path, frames: int, objects: int) -> None:
                         stamp_ns, places, turned, class_ids[found], random.uniform(0.3, 1, len(found)), ids[found]
                     )
                 writer.add_message(channel, stamp_ns, bytes(ROS2.serialize(message)), stamp_ns)
-        writer.finish()  # type: ignore[no-untyped-call]
+        writer.finish()  # type: ignore[no-untyped-call]  # mcap annotates in part
 
 
 def _message(stamp_ns: int, centers: F64, yaws: F64, class_ids: I64, scores: F64, ids: I64) -> Any:

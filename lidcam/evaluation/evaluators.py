@@ -33,7 +33,7 @@ def evaluators_of(config: Config, rig: Rig) -> tuple[Evaluator, ...]:
     return (
         FrameCounts(config),
         DetectionEvaluation(config, rig.zones),
-        TrackingEvaluation(config, rig.zones),
+        TrackingEvaluation(config),
         UnlabelledEvaluation(config, rig.zones, rig.cameras),
         Mistakes(config),
     )

@@ -79,8 +79,8 @@ def perturbed(
             if change := changes.get(channel.topic):
                 assert schema is not None
                 store = _store(schema.name, schema.data.decode())
-                array = store.deserialize_cdr(message.data, schema.name)
-                array.detections = change(frame, list(array.detections))  # type: ignore[attr-defined]
+                array: Any = store.deserialize_cdr(message.data, schema.name)
+                array.detections = change(frame, list(array.detections))
                 data = bytes(store.serialize_cdr(array, schema.name))
             writer.add_message(channels[channel.id], message.log_time, data, message.publish_time, message.sequence)
         for one in reader.iter_attachments():
@@ -90,7 +90,7 @@ def perturbed(
             writer.add_attachment(one.create_time, one.log_time, one.name, one.media_type, data)
         for metadata in reader.iter_metadata():
             writer.add_metadata(metadata.name, metadata.metadata)
-        writer.finish()  # type: ignore[no-untyped-call]
+        writer.finish()  # type: ignore[no-untyped-call]  # mcap annotates in part
     return target
 
 

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pipeline.core.rig import Zone
 from pipeline.core.settings.config import Config
 from pipeline.evaluation.records import EvaluationFrame, Figure, Figures
 from pipeline.evaluation.scales import nuscenes_ranges_m
@@ -37,7 +36,7 @@ class TrackingEvaluation:
     AMOTA and AMOTP over the classes with truth. With the distances of nuScenes, AMOTA and AMOTP also have its ranges.
     """
 
-    def __init__(self, config: Config, zones: Sequence[Zone]) -> None:  # noqa: ARG002 (as every evaluator is built)
+    def __init__(self, config: Config) -> None:
         self._config = config
         self._collection = Collection(config)
 

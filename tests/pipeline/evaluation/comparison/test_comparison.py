@@ -112,8 +112,8 @@ def test_objects_on_top_of_each_other_differ_in_nothing_from_themselves(rows: li
     ],
 )
 def test_how_an_object_differs(row: Row, changes: dict[str, Any], kinds: set[str]) -> None:
-    there = tuple(float(a + b) for a, b in zip(CARS[0], row, strict=True))
-    tree = figures(run_of(1, objects(*CARS)), run_of(1, objects(there, CARS[1], **changes)))  # type: ignore[arg-type]
+    there: Any = tuple(float(a + b) for a, b in zip(CARS[0], row, strict=True))
+    tree = figures(run_of(1, objects(*CARS)), run_of(1, objects(there, CARS[1], **changes)))
     counts = tree["sources"]["fused"]["all"]
     assert kinds_of(counts) == dict.fromkeys(kinds, 1)
     assert counts["different"] == (2 if "lost" in kinds else bool(kinds))

@@ -35,7 +35,7 @@ def followed(frames: int = 10, *, yaws: tuple[float, ...] = (), tracks: tuple[in
 
 
 def tracking(frames: list[EvaluationFrame], config: Config | None = None) -> dict[str, Any]:
-    evaluation = TrackingEvaluation(config or Config(), ())
+    evaluation = TrackingEvaluation(config or Config())
     for frame in frames:
         evaluation.add(frame)
     figures: Any = evaluation.figures()
@@ -246,7 +246,7 @@ def test_long_recordings_are_those_of_all_blocks(monkeypatch: pytest.MonkeyPatch
 
 
 def test_figures_may_be_asked_for_at_any_time() -> None:
-    evaluation = TrackingEvaluation(Config(), ())
+    evaluation = TrackingEvaluation(Config())
     frames = followed(8)
     for frame in frames:
         evaluation.add(frame)

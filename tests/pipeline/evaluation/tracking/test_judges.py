@@ -27,7 +27,7 @@ def said(judge: str) -> dict[str, Any]:
 @cache
 def figures_of(name: str) -> dict[str, Any]:
     case = CASES[name]()
-    evaluation = TrackingEvaluation(Config(), ())
+    evaluation = TrackingEvaluation(Config())
     add_case(evaluation, case)
     # Without a box there is no track, and without a track there are no figures: a track of another class brings them.
     found = source_boxes([[900, 900, 0, *SIZE, 0]], [0], class_ids=[1])
@@ -126,7 +126,7 @@ def test_hota_of_all_classes_is_that_of_trackeval() -> None:
     """Each case is a class of its own there; here, a scale of 1 needs classes of one length."""
     names = sorted(CASES.keys() - TIES_OF_TRACKS)
     priors = tuple(Config().classes[0].model_copy(update={"name": name}) for name in names)
-    evaluation = TrackingEvaluation(Config(classes=priors), ())
+    evaluation = TrackingEvaluation(Config(classes=priors))
     for class_id, name in enumerate(names):
         add_case(evaluation, CASES[name](), class_id)
     figures: Any = evaluation.figures()

@@ -36,7 +36,7 @@ def perfect() -> list[EvaluationFrame]:
 
 
 def figures(change: Callable[[SourceBoxes, int], SourceBoxes]) -> dict[str, Any]:
-    evaluation = TrackingEvaluation(Config(), ())
+    evaluation = TrackingEvaluation(Config())
     for frame in perfect():
         evaluation.add(replace(frame, sources={"fused": change(frame.sources["fused"], frame.index)}))
     tree: Any = evaluation.figures()
@@ -45,7 +45,7 @@ def figures(change: Callable[[SourceBoxes, int], SourceBoxes]) -> dict[str, Any]
     return car | averages
 
 
-def same(found: SourceBoxes, frame: int) -> SourceBoxes:  # noqa: ARG001
+def same(found: SourceBoxes, _: int) -> SourceBoxes:
     return found
 
 
@@ -62,7 +62,7 @@ def turned(found: SourceBoxes, frame: int) -> SourceBoxes:
     return replace(found, boxes=replace(found.boxes, yaws=yaws))
 
 
-def shifted(found: SourceBoxes, frame: int) -> SourceBoxes:  # noqa: ARG001
+def shifted(found: SourceBoxes, _: int) -> SourceBoxes:
     return replace(found, boxes=replace(found.boxes, centers=found.boxes.centers + SHIFT_M))
 
 

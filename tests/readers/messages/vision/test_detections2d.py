@@ -7,10 +7,10 @@ import pytest
 from builders import Fields
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from message_layouts import message_of_layout
 
 from pipeline.core.errors import MessageError
-from pipeline.core.messages import Channel, RawMessage
+from pipeline.core.messages import RawMessage
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from readers.messages.deserialize import deserialize
@@ -164,17 +164,8 @@ NO_BOX = {
 
 
 def old_message(definitions: dict[str, str], encoding: builders.Encoding, detections: list[Fields]) -> RawMessage:
-    store = get_typestore(Stores.ROS1_NOETIC if encoding == "ros1" else Stores.ROS2_FOXY)
-    types = {}
-    for name, text in definitions.items():
-        types.update(get_types_from_msg(text, name))
-    store.register({name: found for name, found in types.items() if name not in store.fielddefs})
-    version: Any = 1 if encoding == "ros1" else 2
-    text, _ = store.generate_msgdef(MSGTYPE, ros_version=version)
     body = {"header": builders.header(STAMP_NS, "camera"), "detections": detections}
-    data = builders.serialize(MSGTYPE, body, encoding, store)
-    channel = Channel("/boxes", MSGTYPE, encoding, text, "ros1msg" if encoding == "ros1" else "ros2msg")
-    return RawMessage(STAMP_NS, STAMP_NS, (0, 0), data, channel)
+    return message_of_layout(MSGTYPE, definitions, encoding, body, topic="/boxes", stamp_ns=STAMP_NS)
 
 
 OLD_BOX = {"center": {"x": 30.0, "y": 40.0, "theta": math.pi / 2}, "size_x": 20.0, "size_y": 10.0}

@@ -7,6 +7,7 @@ import pytest
 from builders import Fields
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from message_layouts import message_of_layout
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from pipeline.core.detections import Boxes3D
@@ -193,17 +194,8 @@ NO_BOX = {
 
 
 def old_message(definitions: dict[str, str], encoding: builders.Encoding, detections: list[Fields]) -> RawMessage:
-    store = get_typestore(Stores.ROS1_NOETIC if encoding == "ros1" else Stores.ROS2_FOXY)
-    types = {}
-    for name, text in definitions.items():
-        types.update(get_types_from_msg(text, name))
-    store.register({name: found for name, found in types.items() if name not in store.fielddefs})
-    version: Any = 1 if encoding == "ros1" else 2
-    text, _ = store.generate_msgdef(MSGTYPE, ros_version=version)
     body = {"header": builders.header(STAMP_NS, "site"), "detections": detections}
-    data = builders.serialize(MSGTYPE, body, encoding, store)
-    channel = Channel("/objects", MSGTYPE, encoding, text, "ros1msg" if encoding == "ros1" else "ros2msg")
-    return RawMessage(STAMP_NS, STAMP_NS, (0, 0), data, channel)
+    return message_of_layout(MSGTYPE, definitions, encoding, body, topic="/objects", stamp_ns=STAMP_NS)
 
 
 def of_box(results: list[Fields], **more: Any) -> Fields:

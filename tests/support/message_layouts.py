@@ -1,0 +1,33 @@
+"""Messages of types whose definitions differ from those that rosbags knows: other versions of a package."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import builders
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from pipeline.core.messages import Channel, RawMessage
+
+__all__ = ["message_of_layout"]
+
+
+def message_of_layout(
+    msgtype: str,
+    definitions: Mapping[str, str],
+    encoding: builders.Encoding,
+    body: dict[str, Any],
+    *,
+    topic: str,
+    stamp_ns: int,
+) -> RawMessage:
+    """A message of a type as the definitions have it; what they do not define is that of Noetic or Foxy."""
+    is_ros1 = encoding == "ros1"
+    store = get_typestore(Stores.ROS1_NOETIC if is_ros1 else Stores.ROS2_FOXY)
+    types = {}
+    for name, text in definitions.items():
+        types.update(get_types_from_msg(text, name))
+    store.register({name: found for name, found in types.items() if name not in store.fielddefs})
+    text, _ = store.generate_msgdef(msgtype, ros_version=1 if is_ros1 else 2)
+    data = builders.serialize(msgtype, body, encoding, store)
+    channel = Channel(topic, msgtype, encoding, text, "ros1msg" if is_ros1 else "ros2msg")
+    return RawMessage(stamp_ns, stamp_ns, (0, 0), data, channel)
