@@ -110,15 +110,14 @@ class Mistakes:
     def __init__(self, config: Config, source: str = "fused") -> None:
         self._config, self._source = config, source
         self._criteria = Criteria.of(config)
-        self._start_ns = 0
-        self._is_empty = True
+        self._start_ns: int | None = None
         self._open: list[Mistake] = []
         self._closed: list[Mistake] = []
 
     def add(self, frame: EvaluationFrame) -> None:
         """Take in one frame; those without truth, or without the source, have no errors."""
-        if self._is_empty:
-            self._start_ns, self._is_empty = frame.stamp_ns, False
+        if self._start_ns is None:
+            self._start_ns = frame.stamp_ns
         source = frame.sources.get(self._source)
         if frame.truth is None or source is None:
             return
@@ -157,9 +156,8 @@ class Mistakes:
     def figures(self) -> Figures:
         """The worst mistakes of each kind, `MAX_TOLD` at most."""
         kinds: tuple[Kind, ...] = ("false", "missed")
-        told: Figures = {
-            kind: [mistake.figures(self._start_ns) for mistake in self.worst(kind, MAX_TOLD)] for kind in kinds
-        }
+        start_ns = self._start_ns or 0  # without frames there are no mistakes
+        told: Figures = {kind: [mistake.figures(start_ns) for mistake in self.worst(kind, MAX_TOLD)] for kind in kinds}
         return {"mistakes": {self._source: told}}
 
     def _false(
