@@ -152,6 +152,8 @@ def _message(stamp_ns: int, centers: F64, yaws: F64, class_ids: I64, scores: F64
         class_ids.astype(np.int32),
         np.zeros(n, np.int32),
         np.zeros((n, 3, 3)),
+        np.zeros(n, np.uint8),
+        np.full(n, stamp_ns, np.int64),
     )
     message = detections_3d(boxes, CLASSES, stamp_ns=stamp_ns)
     for detection, number in zip(message.detections, ids.tolist(), strict=True):

@@ -1,13 +1,14 @@
 """How a bundle becomes a result: the stages of a frame; `lidcam.frames` says where bundles come from."""
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any, Literal
 
 from pipeline.core.clouds import CombinedCloud, PointCloud
-from pipeline.core.detections import Boxes2D, Boxes3D, Detections, Fused, Matches
+from pipeline.core.detections import Boxes2D, Boxes3D, Detections, Fused, Hypotheses, Matches
 from pipeline.core.errors import ModelError
 from pipeline.core.frame import Decoded, FrameResult, SensorBundle
-from pipeline.core.rig import Rig
+from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.settings.config import Config
 from pipeline.detectors.onnx.detector import OnnxDetector2D
 from pipeline.graph import Graph, Node
@@ -35,9 +36,11 @@ def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Grap
     boxes3d = graph.add("detect 3D", Detect3D(rig, config), combined)
     camera_data, boxes2d = _add_boxes2d(graph, config, rig, on_bad=on_bad)
     matches = graph.add("associate", Associate(rig, config), boxes3d, boxes2d)
-    fused = graph.add("fuse", Fuse(config), boxes3d, boxes2d, matches)
-    inputs = graph.frame, clouds, combined, boxes3d, camera_data, boxes2d, matches, fused
-    return graph, graph.add("collect", _collect, *inputs)
+    hypotheses = graph.add("propose", _propose, boxes3d, matches)
+    fused = graph.add("fuse", Fuse(config), hypotheses, boxes2d)
+    views = {camera.name: camera for camera in rig.cameras}
+    inputs = graph.frame, clouds, combined, boxes3d, camera_data, boxes2d, hypotheses, fused
+    return graph, graph.add("collect", partial(_collect, views=views), *inputs)
 
 
 def box_source(config: Config, rig: Rig) -> BoxSource:
@@ -82,6 +85,10 @@ def _nothing(_: SensorBundle) -> Decoded[Boxes2D]:
     return Decoded({})
 
 
+def _propose(boxes: Boxes3D, matches: Mapping[str, Matches]) -> Hypotheses:
+    return Hypotheses(boxes, matches, len(boxes))
+
+
 def _collect(
     bundle: SensorBundle,
     clouds: Decoded[PointCloud],
@@ -89,14 +96,17 @@ def _collect(
     lidar_boxes: Boxes3D,
     camera_data: Decoded[Any],
     camera_boxes: Mapping[str, Boxes2D],
-    matches: Mapping[str, Matches],
+    hypotheses: Hypotheses,
     fused: Fused,
+    *,
+    views: Mapping[str, CameraSensor],
 ) -> FrameResult:
     return FrameResult(
         bundle=bundle,
         combined=combined,
         detections=Detections(lidar=lidar_boxes, cameras=camera_boxes),
-        matches=matches,
+        views=views,
+        hypotheses=hypotheses,
         fused=fused,
         drops=clouds.drops + camera_data.drops,
         unused_boxes=camera_data.unused_boxes,

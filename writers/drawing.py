@@ -83,10 +83,10 @@ def drawn_boxes_2d(result: FrameResult, camera: str, class_names: Sequence[str])
     if boxes is None:
         return DrawnBoxes2D(np.zeros((0, 4), np.float32), (), ())
     objects = result.fused.objects
-    object_of_lidar_row = {row: index for index, row in enumerate(result.fused.lidar_rows.tolist())}
+    object_of_row = {row: index for index, row in enumerate(result.fused.rows.tolist())}
     matches: Matches | None = result.matches.get(camera)
     pairs = matches.pairs.tolist() if matches is not None else []
-    object_of_box = {row2d: object_of_lidar_row[row3d] for row3d, row2d in pairs if row3d in object_of_lidar_row}
+    object_of_box = {row2d: object_of_row[row3d] for row3d, row2d in pairs if row3d in object_of_row}
     labels = []
     for row, (class_id, score) in enumerate(zip(boxes.class_ids.tolist(), boxes.scores.tolist(), strict=True)):
         if (index := object_of_box.get(row)) is not None:

@@ -68,7 +68,7 @@ class ObjectCheck:
         if len(boxes) == 0:
             return self._lost_in_detection(frame, config)
         fused = Fuse(config.model_copy(update={"fuse": FuseConfig()}))
-        objects = fused(boxes, frame.detections.cameras, frame.matches).objects
+        objects = fused(frame.hypotheses, frame.detections.cameras).objects
         best = float(objects.scores.max())
         key = "min_score" if best < config.fuse.min_score else "min_score_unconfirmed"
         limit = getattr(config.fuse, key)

@@ -62,17 +62,7 @@ def known_figures(config: Config, rig: Rig, sources: Sequence[str]) -> NamedFigu
     truth = TruthBoxes3D(
         0, rig.site_frame, np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), none, names, no_ids, none, none, marks
     )
-    boxes = Boxes3D(
-        0,
-        rig.site_frame,
-        np.zeros((0, 3)),
-        np.zeros((0, 3)),
-        np.zeros(0),
-        np.zeros(0, np.float32),
-        none,
-        none,
-        np.zeros((0, 3, 3)),
-    )
+    boxes = Boxes3D.empty(0, rig.site_frame)
     image = ImageBoxes(
         Boxes2D.empty(0, ""), TruthBoxes2D(0, np.zeros((0, 4), np.float32), none, names, no_ids, none, marks)
     )

@@ -24,6 +24,7 @@ __all__ = [
     "Indices",
     "Rows",
     "check_array",
+    "join_rows",
     "select_rows",
 ]
 
@@ -61,3 +62,15 @@ def select_rows(record: Record, rows: Rows) -> Record:
     values: dict[str, Any] = {f.name: getattr(record, f.name) for f in fields(record)}
     chosen: dict[str, Any] = {name: v[rows] if isinstance(v, np.ndarray) else v for name, v in values.items()}
     return type(record)(**chosen)
+
+
+def join_rows(*records: Record) -> Record:
+    """One record of parallel arrays with the rows of each, one after another; other fields are those of the first."""
+    first = records[0]
+    names = [f.name for f in fields(first)]
+    values: dict[str, Any] = {name: getattr(first, name) for name in names}
+    joined: dict[str, Any] = {
+        name: np.concatenate([getattr(one, name) for one in records]) if isinstance(value, np.ndarray) else value
+        for name, value in values.items()
+    }
+    return type(first)(**joined)

@@ -81,8 +81,10 @@ class CombinedCloud:
     """The points of all lidars in the site frame at the frame's time.
 
     Attributes:
-        cloud: Points to detect objects in: without outliers and ground, if these steps are on.
+        cloud: The points without outliers and ground, if these steps are on; what is written and shown.
         lidar_index: (N,) uint8, row of `Rig.lidars` that measured the point.
+        detection_cloud: Points to detect objects in.
+        detection_lidar_index: (M,) uint8, row of `Rig.lidars` that measured each of them.
         ground_cloud: The points of the ground.
         plane: The ground; None if that step is off or found none.
         counts: Number of points: `input`, removed as `nan`, by `range`, as `outliers`, as `ground`, and `left`.
@@ -92,6 +94,8 @@ class CombinedCloud:
 
     cloud: PointCloud
     lidar_index: U8
+    detection_cloud: PointCloud
+    detection_lidar_index: U8
     ground_cloud: PointCloud
     plane: Plane | None
     counts: Mapping[str, int]
@@ -100,3 +104,4 @@ class CombinedCloud:
 
     def __post_init__(self) -> None:
         check_array("lidar_index", self.lidar_index, (len(self.cloud),), np.uint8)
+        check_array("detection_lidar_index", self.detection_lidar_index, (len(self.detection_cloud),), np.uint8)

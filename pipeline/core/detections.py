@@ -2,13 +2,25 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from enum import IntEnum
 from typing import Self
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, I32, I64, Rows, check_array, select_rows
+from pipeline.core.arrays import F32, F64, I32, I64, U8, Rows, check_array, join_rows, select_rows
 
-__all__ = ["Boxes2D", "Boxes3D", "Detections", "Fused", "Matches"]
+__all__ = ["Boxes2D", "Boxes3D", "Detections", "Fused", "Hypotheses", "Matches", "Source"]
+
+
+class Source(IntEnum):
+    """What the geometry of a 3D box comes from."""
+
+    LIDAR = 0
+    """Points, or boxes of a lidar detector; no camera took part."""
+    CAMERA = 1
+    """2D boxes alone: placed by the ground and the size of the class."""
+    BOTH = 2
+    """Points and 2D boxes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,6 +74,8 @@ class Boxes3D:
         class_ids: (N,) int32, row of the configured classes.
         point_counts: (N,) int32, lidar points that the box was found from; zeros where unknown.
         covariances: (N, 3, 3) float64 over x, y (m^2) and yaw (rad^2); zeros where unknown.
+        sources: (N,) uint8, the `Source` of each box.
+        measured_ns: (N,) int64, when the object was where its box says: mean time of its points or images.
     """
 
     stamp_ns: int
@@ -73,6 +87,8 @@ class Boxes3D:
     class_ids: I32
     point_counts: I32
     covariances: F64
+    sources: U8
+    measured_ns: I64
 
     def __post_init__(self) -> None:
         n = len(self.scores)
@@ -83,6 +99,8 @@ class Boxes3D:
         check_array("class_ids", self.class_ids, (n,), np.int32)
         check_array("point_counts", self.point_counts, (n,), np.int32)
         check_array("covariances", self.covariances, (n, 3, 3), np.float64)
+        check_array("sources", self.sources, (n,), np.uint8)
+        check_array("measured_ns", self.measured_ns, (n,), np.int64)
         if n and not ((self.yaws > -np.pi) & (self.yaws <= np.pi)).all():
             raise ValueError("yaws: expected radians in (-pi, pi]")
 
@@ -93,6 +111,27 @@ class Boxes3D:
         """The given rows (mask or indices), in that order."""
         return select_rows(self, rows)
 
+    def joined(self, *others: "Boxes3D") -> "Boxes3D":
+        """These boxes and then the others, which are of the same moment and frame.
+
+        Raises:
+            ValueError: they are not.
+        """
+        for other in others:
+            if (other.stamp_ns, other.frame_id) != (self.stamp_ns, self.frame_id):
+                raise ValueError(
+                    f"expected boxes at {self.stamp_ns} ns in frame {self.frame_id!r}, "
+                    f"got {other.stamp_ns} ns, {other.frame_id!r}"
+                )
+        return join_rows(self, *others)
+
+    @classmethod
+    def empty(cls, stamp_ns: int, frame_id: str) -> Self:
+        """No boxes."""
+        rows = np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0, np.float32)
+        ids = np.zeros(0, np.int32), np.zeros(0, np.int32)
+        return cls(stamp_ns, frame_id, *rows, *ids, np.zeros((0, 3, 3)), np.zeros(0, np.uint8), np.zeros(0, np.int64))
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Matches:
@@ -102,16 +141,19 @@ class Matches:
         pairs: (M, 2) int64: row of the 3D boxes, row of the camera's 2D boxes; ordered by the former.
         iou: (M,) float32, overlap of the projected 3D box and the 2D box.
         projected_xyxy: (N, 4) float32, every 3D box in this image in pixels, clipped to it; NaN if not visible.
+        hidden: (N,) float32 in [0, 1], share of that rectangle that nearer 3D boxes cover; 0 where not visible.
     """
 
     pairs: I64
     iou: F32
     projected_xyxy: F32
+    hidden: F32
 
     def __post_init__(self) -> None:
         check_array("pairs", self.pairs, (len(self.iou), 2), np.int64)
         check_array("iou", self.iou, (len(self.iou),), np.float32)
         check_array("projected_xyxy", self.projected_xyxy, (len(self.projected_xyxy), 4), np.float32)
+        check_array("hidden", self.hidden, (len(self.projected_xyxy),), np.float32)
 
     def __len__(self) -> int:
         return len(self.iou)
@@ -119,15 +161,38 @@ class Matches:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Detections:
-    """Detections of one frame, before fusion.
+    """What each sensor alone sees in one frame.
 
     Attributes:
         lidar: 3D boxes from the combined cloud, in the site frame.
         cameras: 2D boxes by camera name.
+        placed: 3D boxes that the cameras alone place, in the site frame; None where no camera has 2D boxes.
     """
 
     lidar: Boxes3D
     cameras: Mapping[str, Boxes2D]
+    placed: Boxes3D | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hypotheses:
+    """What may be an object in one frame, and the 2D boxes that speak for it.
+
+    Attributes:
+        boxes: The boxes of `Detections.lidar` in their order, then those that were begun from 2D boxes.
+        matches: By camera name, for every camera of the rig; rows refer to `boxes` and to the camera's 2D boxes.
+        lidar_count: Number of boxes of the lidars.
+    """
+
+    boxes: Boxes3D
+    matches: Mapping[str, Matches]
+    lidar_count: int
+
+    @property
+    def matched(self) -> I32:
+        """(N,) number of cameras that matched each box."""
+        rows = [matches.pairs[:, 0] for matches in self.matches.values()]
+        return np.bincount(np.concatenate([np.zeros(0, np.int64), *rows]), minlength=len(self.boxes)).astype(np.int32)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -135,15 +200,15 @@ class Fused:
     """The fused objects of a frame.
 
     Attributes:
-        objects: The fused objects, in the order of the 3D boxes.
+        objects: The fused objects, in the order of the hypotheses.
         matched: (N,) int32, number of cameras that matched each object.
-        lidar_rows: (N,) int64, row of `Detections.lidar` that each object comes from.
+        rows: (N,) int64, row of `Hypotheses.boxes` that each object comes from.
     """
 
     objects: Boxes3D
     matched: I32
-    lidar_rows: I64
+    rows: I64
 
     def __post_init__(self) -> None:
         check_array("matched", self.matched, (len(self.objects),), np.int32)
-        check_array("lidar_rows", self.lidar_rows, (len(self.objects),), np.int64)
+        check_array("rows", self.rows, (len(self.objects),), np.int64)

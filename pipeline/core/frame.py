@@ -6,9 +6,10 @@ from enum import StrEnum
 from typing import TypeVar
 
 from pipeline.core.clouds import CombinedCloud
-from pipeline.core.detections import Detections, Fused, Matches
+from pipeline.core.detections import Detections, Fused, Hypotheses, Matches
 from pipeline.core.geometry.pose_samples import PoseSamples
 from pipeline.core.messages import Drop, RawMessage
+from pipeline.core.rig import CameraSensor
 from pipeline.core.true_boxes import TrueBoxes
 
 __all__ = ["Decoded", "FrameResult", "Missing", "SensorBundle"]
@@ -91,7 +92,9 @@ class FrameResult:
         bundle: The messages of the frame; images are copied from here.
         combined: The combined cloud.
         detections: The detections before fusion.
-        matches: By camera name, for every camera of the rig; rows refer to `detections.lidar`.
+        views: By camera name, for every camera of the rig: the camera as it stood when its image was taken, in the site
+            frame at the frame's time.
+        hypotheses: What was weighed.
         fused: The fused objects, in the site frame.
         drops: Messages of the bundle that could not be used.
         unused_boxes: Recorded 2D boxes that could not be used, by reason.
@@ -100,7 +103,13 @@ class FrameResult:
     bundle: SensorBundle
     combined: CombinedCloud
     detections: Detections
-    matches: Mapping[str, Matches]
+    views: Mapping[str, CameraSensor]
+    hypotheses: Hypotheses
     fused: Fused
     drops: tuple[Drop, ...] = ()
     unused_boxes: Mapping[str, int] = field(default_factory=dict)
+
+    @property
+    def matches(self) -> Mapping[str, Matches]:
+        """By camera name, for every camera of the rig; rows refer to `hypotheses.boxes`."""
+        return self.hypotheses.matches

@@ -59,7 +59,8 @@ class Associate:
         first, second = first[taken], second[taken]
         pairs = np.stack([rows3d[first], rows2d[second]], 1).astype(np.int64)
         order = np.argsort(pairs[:, 0])
-        return Matches(pairs[order], iou[first, second][order].astype(np.float32), projected)
+        hidden = np.zeros(len(boxes3d), np.float32)
+        return Matches(pairs[order], iou[first, second][order].astype(np.float32), projected, hidden)
 
 
 def _rank3d(boxes: Boxes3D) -> Indices:

@@ -75,7 +75,15 @@ class Combine:
 
         points_by_lidar = {self._rig.lidars[index].name: len(sweep) for index, sweep in sweeps.items()}
         return CombinedCloud(
-            cloud.select(left), lidar_index[left], ground_cloud, plane, counts, tuple(compensated), points_by_lidar
+            cloud.select(left),
+            lidar_index[left],
+            cloud.select(left),
+            lidar_index[left],
+            ground_cloud,
+            plane,
+            counts,
+            tuple(compensated),
+            points_by_lidar,
         )
 
     def _motion_of(self, bundle: SensorBundle) -> PoseSamples | None:

@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 
 from pipeline.core.arrays import Indices
 from pipeline.core.clouds import CombinedCloud
-from pipeline.core.detections import Boxes3D
+from pipeline.core.detections import Boxes3D, Source
 from pipeline.core.geometry.boxes import wrap_angle
 from pipeline.core.geometry.rotated_iou import BoxArrays, shared_ground
 from pipeline.core.rig import Rig
@@ -50,6 +50,8 @@ class Detect3D:
             found.class_ids[order].astype(np.int32),
             found.point_counts[order].astype(np.int32),
             found.covariances[order],
+            np.full(len(order), Source.LIDAR, np.uint8),
+            np.full(len(order), combined.cloud.stamp_ns, np.int64),
         )
 
 

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from pipeline.core.arrays import F64, I32
-from pipeline.core.detections import Boxes2D, Boxes3D, Fused, Matches
+from pipeline.core.detections import Boxes2D, Fused, Hypotheses
 from pipeline.core.settings.config import Config
 
 __all__ = ["Fuse"]
@@ -23,9 +23,7 @@ class Fuse:
         self._class_count = len(config.classes)
         self._config = config.fuse
 
-    def __call__(
-        self, lidar_boxes: Boxes3D, camera_boxes: Mapping[str, Boxes2D], matches: Mapping[str, Matches]
-    ) -> Fused:
+    def __call__(self, hypotheses: Hypotheses, camera_boxes: Mapping[str, Boxes2D]) -> Fused:
         """The objects of a frame.
 
         Class: each matched camera votes with its score; of classes with equal votes the 3D box's own wins, then the
@@ -33,10 +31,10 @@ class Fuse:
         probability that at least one sensor is right if their errors are independent.
 
         Args:
-            lidar_boxes: N boxes in the site frame.
+            hypotheses: N boxes in the site frame, and their matches with `camera_boxes`.
             camera_boxes: By camera name.
-            matches: By camera name, for at least these cameras; rows of `lidar_boxes` and of the camera's boxes.
         """
+        lidar_boxes, matches = hypotheses.boxes, hypotheses.matches
         n = len(lidar_boxes)
         votes, missed = np.zeros((n, self._class_count)), 1.0 - lidar_boxes.scores.astype(np.float64)
         matched, in_view = np.zeros(n, np.int32), np.zeros(n, np.bool_)

@@ -164,6 +164,8 @@ class Result(Closing):
             class_ids,
             np.zeros(n, np.int32),
             found.covariances,
+            np.zeros(n, np.uint8),
+            np.full(n, found.stamp_ns, np.int64),
         )
         source = SourceBoxes(boxes, track_ids(found.ids))
         return source if is_known.all() else source.select(is_known)

@@ -37,6 +37,8 @@ def boxes3d(
         np.zeros(n, np.int32) if class_ids is None else np.array(class_ids, np.int32),
         np.arange(n, dtype=np.int32) + 10,
         np.tile(np.diag([0.01, 0.02, 0.03]), (n, 1, 1)),
+        np.zeros(n, np.uint8),
+        np.ones(n, np.int64),
     )
 
 

@@ -42,6 +42,8 @@ def boxes3d(
         np.array(class_ids, np.int32),
         np.zeros(n, np.int32),
         np.zeros((n, 3, 3)),
+        np.zeros(n, np.uint8),
+        np.full(n, stamp_ns, np.int64),
     )
     return SourceBoxes(boxes, np.full(n, -1, np.int64))
 

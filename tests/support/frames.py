@@ -8,7 +8,7 @@ from builders import header, image, raw
 from detections import boxes3d, forward_camera
 
 from pipeline.core.clouds import CombinedCloud, Plane, PointCloud
-from pipeline.core.detections import Boxes2D, Boxes3D, Detections, Fused, Matches
+from pipeline.core.detections import Boxes2D, Boxes3D, Detections, Fused, Hypotheses, Matches
 from pipeline.core.frame import FrameResult, SensorBundle
 from pipeline.core.geometry.boxes import box_corners
 from pipeline.core.geometry.pose_samples import PoseSamples
@@ -95,7 +95,12 @@ def frame(index: int = 0, *, drops: tuple[Drop, ...] = (), objects: int = 3, mot
         SensorBundle(index, stamp_ns, stamp_ns + 7, messages, samples if motion else None),
         _combined(stamp_ns, index),
         Detections(found, boxes),
-        {camera.name: _matches(row == 0 and objects > 0, found, row) for row, camera in enumerate(RIG.cameras)},
+        {camera.name: camera for camera in RIG.cameras},
+        Hypotheses(
+            found,
+            {camera.name: _matches(row == 0 and objects > 0, found, row) for row, camera in enumerate(RIG.cameras)},
+            objects,
+        ),
         Fused(found, np.arange(objects, dtype=np.int32)[::-1].copy(), np.arange(objects, dtype=np.int64)),
         drops,
     )
@@ -124,7 +129,9 @@ def _combined(stamp_ns: int, seed: int) -> CombinedCloud:
     kept, ground = cloud(500), cloud(200)
     counts = {"input": 710, "nan": 0, "range": 0, "outliers": 10, "ground": 200, "left": 500}
     plane = Plane(np.array([0.0, 0.0, 1.0]), 1.5)
-    return CombinedCloud(kept, np.zeros(500, np.uint8), ground, plane, counts, ("lidar1",))
+    return CombinedCloud(
+        kept, np.zeros(500, np.uint8), kept, np.zeros(500, np.uint8), ground, plane, counts, ("lidar1",)
+    )
 
 
 def _boxes2d(stamp_ns: int, frame_id: str) -> Boxes2D:
@@ -137,4 +144,6 @@ def _matches(matched: bool, found: Boxes3D, row: int) -> Matches:
     corners = box_corners(found.centers, found.sizes, found.yaws)
     projected = camera.model.project_boxes(camera.T_camera_site.apply(corners))
     n = int(matched)
-    return Matches(np.zeros((n, 2), np.int64), np.full(n, 0.625, np.float32), projected)
+    return Matches(
+        np.zeros((n, 2), np.int64), np.full(n, 0.625, np.float32), projected, np.zeros(len(projected), np.float32)
+    )

@@ -63,7 +63,7 @@ def combined(*clouds: F64, plane: Plane | None = None) -> CombinedCloud:
     """What `Combine` would hand on: the points of each lidar of the rig in turn, the ground taken away."""
     xyz = np.concatenate([np.asarray(cloud, np.float32).reshape(-1, 3) for cloud in clouds])
     lidar = np.repeat(np.arange(len(clouds), dtype=np.uint8), [len(cloud) for cloud in clouds])
-    return CombinedCloud(_cloud(xyz), lidar, _cloud(np.zeros((0, 3), np.float32)), plane, {})
+    return CombinedCloud(_cloud(xyz), lidar, _cloud(xyz), lidar.copy(), _cloud(np.zeros((0, 3), np.float32)), plane, {})
 
 
 def _cloud(xyz: F32) -> PointCloud:

@@ -85,10 +85,10 @@ class ClusterDetector:
         return combined.plane.height_m(xy)
 
     def _points_above_ground(self, combined: CombinedCloud) -> _Points:
-        xyz = combined.cloud.xyz.astype(np.float64)
+        xyz = combined.detection_cloud.xyz.astype(np.float64)
         height = xyz[:, 2] - self._ground_m(combined, xyz[:, :2])
         rows = np.flatnonzero((height > self._config.clearance_m) & (height < self._ceiling_m))
-        xyz, lidar = xyz.take(rows, axis=0), combined.lidar_index[rows].astype(np.int64)
+        xyz, lidar = xyz.take(rows, axis=0), combined.detection_lidar_index[rows].astype(np.int64)
         gap = xyz - self._lidar_xyz.take(lidar, axis=0)
         range_m = np.sqrt(gap[:, 0] ** 2 + gap[:, 1] ** 2 + gap[:, 2] ** 2)
         link_m = self._config.distance_m + self._config.distance_per_m * range_m

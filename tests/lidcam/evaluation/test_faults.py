@@ -110,6 +110,8 @@ def without_error(frame: EvaluationFrame) -> EvaluationFrame:
         frame.truth.class_ids.copy(),
         np.zeros(n, np.int32),
         np.zeros((n, 3, 3)),
+        np.zeros(n, np.uint8),
+        np.full(n, frame.stamp_ns, np.int64),
     )
     return replace(frame, sources={"fused": SourceBoxes(boxes, frame.truth.track_ids.copy())}, images={})
 

@@ -64,6 +64,8 @@ def test_ids_belong_to_their_boxes() -> None:
         np.zeros(2, np.int32),
         np.zeros(2, np.int32),
         np.zeros((2, 3, 3)),
+        np.zeros(2, np.uint8),
+        np.zeros(2, np.int64),
     )
     source = SourceBoxes(boxes, np.array([7, 9], np.int64))
     chosen = source.select(np.array([1]))

@@ -1,3 +1,4 @@
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -6,7 +7,7 @@ from detections import boxes2d, boxes3d
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.core.detections import Boxes2D, Matches
+from pipeline.core.detections import Boxes2D, Boxes3D, Hypotheses, Matches
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.fuse import FuseConfig
 from pipeline.stages.fuse import Fuse
@@ -20,7 +21,12 @@ def matches(*pairs: tuple[int, int], boxes: int) -> Matches:
         np.array(pairs, np.int64).reshape(-1, 2),
         np.full(len(pairs), 0.8, np.float32),
         np.zeros((boxes, 4), np.float32),
+        np.zeros(boxes, np.float32),
     )
+
+
+def of_lidar(boxes: Boxes3D, found: Mapping[str, Matches]) -> Hypotheses:
+    return Hypotheses(boxes, found, len(boxes))
 
 
 def seen(score: float, class_id: int) -> Boxes2D:
@@ -55,7 +61,7 @@ def seen(score: float, class_id: int) -> Boxes2D:
 def test_class_and_score(own: tuple[float, int], cameras: list[tuple[float, int]], class_id: int, score: float) -> None:
     lidar = boxes3d([PLACE], scores=[own[0]], class_ids=[own[1]])
     camera_boxes = {f"cam{i}": seen(*camera) for i, camera in enumerate(cameras)}
-    fused = Fuse(Config())(lidar, camera_boxes, {name: matches((0, 0), boxes=1) for name in camera_boxes})
+    fused = Fuse(Config())(of_lidar(lidar, {name: matches((0, 0), boxes=1) for name in camera_boxes}), camera_boxes)
     assert fused.objects.class_ids.tolist() == [class_id]
     assert fused.objects.scores[0] == pytest.approx(score, rel=1e-6)
     assert fused.matched.tolist() == [len(cameras)]
@@ -65,7 +71,7 @@ def test_class_and_score(own: tuple[float, int], cameras: list[tuple[float, int]
 def test_geometry_is_the_lidars() -> None:
     lidar = boxes3d([PLACE, (9, -3, 0.4, 0.6, 0.6, 1.7, -2.0)], scores=[0.5, 0.4], class_ids=[CAR, PEDESTRIAN])
     camera = boxes2d([(0, 0, 9, 9, 0.3, CAR), (5, 5, 9, 9, 0.8, BICYCLE)])
-    fused = Fuse(Config())(lidar, {"cam": camera}, {"cam": matches((1, 1), boxes=2)})
+    fused = Fuse(Config())(of_lidar(lidar, {"cam": matches((1, 1), boxes=2)}), {"cam": camera})
     for name in ("centers", "sizes", "yaws", "covariances", "point_counts"):
         np.testing.assert_array_equal(getattr(fused.objects, name), getattr(lidar, name))
     assert (fused.objects.stamp_ns, fused.objects.frame_id) == (lidar.stamp_ns, lidar.frame_id)
@@ -76,14 +82,14 @@ def test_geometry_is_the_lidars() -> None:
 
 
 def test_no_boxes() -> None:
-    fused = Fuse(Config())(boxes3d([]), {"cam": seen(0.5, CAR)}, {"cam": matches(boxes=0)})
+    fused = Fuse(Config())(of_lidar(boxes3d([]), {"cam": matches(boxes=0)}), {"cam": seen(0.5, CAR)})
     assert len(fused.objects) == len(fused.matched) == 0
 
 
 def test_min_score_counts_after_the_cameras_have_spoken() -> None:
     lidar = boxes3d([PLACE] * 3, scores=[0.2, 0.2, 0.5])
     fuse = Fuse(Config(fuse=FuseConfig(min_score=0.5)))
-    fused = fuse(lidar, {"cam": seen(0.6, CAR)}, {"cam": matches((1, 0), boxes=3)})
+    fused = fuse(of_lidar(lidar, {"cam": matches((1, 0), boxes=3)}), {"cam": seen(0.6, CAR)})
     assert fused.objects.point_counts.tolist() == [11, 12]
     assert fused.matched.tolist() == [1, 0]
 
@@ -93,7 +99,7 @@ def test_more_cameras_never_lower_a_score(cameras: list[tuple[float, int]], own:
     lidar, fuse, before = boxes3d([PLACE], scores=[own]), Fuse(Config()), own
     for count in range(1, len(cameras) + 1):
         boxes = {f"cam{i}": seen(*camera) for i, camera in enumerate(cameras[:count])}
-        fused = fuse(lidar, boxes, {name: matches((0, 0), boxes=1) for name in boxes})
+        fused = fuse(of_lidar(lidar, {name: matches((0, 0), boxes=1) for name in boxes}), boxes)
         score = float(fused.objects.scores[0])
         assert before - 1e-6 <= score <= 1
         assert score >= max(own, *(s for s, _ in cameras[:count])) - 1e-6
@@ -106,6 +112,8 @@ def test_what_cameras_look_at_and_do_not_confirm_needs_a_score() -> None:
     projected[2] = np.nan  # not in view
     found = replace(matches((1, 0), boxes=4), projected_xyxy=projected)
     fuse = Fuse(Config(fuse=FuseConfig(min_score_unconfirmed=0.3)))
-    fused = fuse(lidar, {"cam": seen(0.6, CAR)}, {"cam": found})
+    fused = fuse(of_lidar(lidar, {"cam": found}), {"cam": seen(0.6, CAR)})
     assert fused.objects.point_counts.tolist() == [11, 12, 13]
-    assert len(fuse(lidar, {}, {"cam": found}).objects) == 4, "a camera without boxes in this frame does not look"
+    assert len(fuse(of_lidar(lidar, {"cam": found}), {}).objects) == 4, (
+        "a camera without boxes in this frame does not look"
+    )

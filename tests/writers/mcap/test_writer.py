@@ -248,7 +248,14 @@ def with_messages(result: FrameResult, **messages: Any) -> FrameResult:
 
 def test_a_camera_without_image_or_boxes_is_left_out_of_the_frame(tmp_path: Path) -> None:
     bare = with_messages(frame(), **{"/left/image": None})
-    write(tmp_path / "out.mcap", [replace(bare, detections=replace(bare.detections, cameras={}), matches={})])
+    write(
+        tmp_path / "out.mcap",
+        [
+            replace(
+                bare, detections=replace(bare.detections, cameras={}), hypotheses=replace(bare.hypotheses, matches={})
+            )
+        ],
+    )
     counts = {topic: count for topic, (_, count) in topics_of(tmp_path / "out.mcap").items()}
     assert [counts[f"/left/{leaf}"] for leaf in PER_CAMERA] == [0, 0, 0]
     assert [counts[f"/right/{leaf}"] for leaf in PER_CAMERA] == [1, 1, 0]

@@ -52,6 +52,8 @@ def many_boxes(draw: st.DrawFn) -> Boxes3D:
         found.class_ids,
         found.point_counts,
         covariances,
+        found.sources,
+        found.measured_ns,
     )
 
 
@@ -73,6 +75,8 @@ def back(message: Any) -> Boxes3D:
         np.array([NAMES.index(d.results[0].hypothesis.class_id) for d in message.detections], np.int32),
         np.zeros(n, np.int32),
         full[:, [[0], [1], [5]], [0, 1, 5]].reshape(n, 3, 3),
+        np.zeros(n, np.uint8),
+        np.zeros(n, np.int64),
     )
 
 

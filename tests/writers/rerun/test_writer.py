@@ -144,13 +144,13 @@ def test_frames_without_anything_to_show(tmp_path: Path) -> None:
         np.zeros(0, np.uint16),
         np.zeros(0, np.int32),
     )
-    combined = CombinedCloud(nothing, np.zeros(0, np.uint8), nothing, None, {})
+    combined = CombinedCloud(nothing, np.zeros(0, np.uint8), nothing, np.zeros(0, np.uint8), nothing, None, {})
     lidars = {topic: m for topic, m in result.bundle.messages.items() if "lidar" in topic}
     empty = replace(
         result,
         combined=combined,
         detections=replace(result.detections, cameras={}),
-        matches={},
+        hypotheses=replace(result.hypotheses, matches={}),
         bundle=replace(result.bundle, messages=lidars),
     )
     write(tmp_path / "out.rrd", [empty])

@@ -211,7 +211,9 @@ def test_shared_ground_is_in_square_metres() -> None:
 def test_records_are_oriented_boxes() -> None:
     bare = boxes(CAR)
     zeros, ones = np.zeros(1, np.int32), np.ones(1, np.float32)
-    found = Boxes3D(0, "site", *bare, ones, zeros, zeros, np.zeros((1, 3, 3)))
+    found = Boxes3D(
+        0, "site", *bare, ones, zeros, zeros, np.zeros((1, 3, 3)), np.zeros(1, np.uint8), np.zeros(1, np.int64)
+    )
     truth = TruthBoxes3D(
         0, "site", *bare, zeros, np.array(["car"]), np.zeros(1, np.int64), zeros, zeros, np.zeros(1, np.bool_)
     )

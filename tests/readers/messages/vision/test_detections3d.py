@@ -76,6 +76,8 @@ def test_what_the_writer_wrote_is_read_back(count: int) -> None:
         rng.integers(0, len(NAMES), count).astype(np.int32),
         np.zeros(count, np.int32),
         root @ root.transpose(0, 2, 1),
+        np.zeros(count, np.uint8),
+        np.full(count, STAMP_NS, np.int64),
     )
     found = decode_detections3d(written(boxes))
     assert (found.stamp_ns, found.frame_id, len(found)) == (STAMP_NS, "site", count)
