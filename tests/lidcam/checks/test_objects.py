@@ -61,7 +61,7 @@ def warning_of(config: str | None, *settings: str) -> RunWarning:
         ("sandbox", ["fuse.min_score=1"], "less than fuse.min_score, 1", "a smaller fuse.min_score shows them"),
         (
             "sandbox",
-            ["fuse.min_score=0", "fuse.min_score_unconfirmed=1", "associate.min_iou=1", "topics.exclude=[/image*]"],
+            ["fuse.min_score=0", "fuse.min_score_unconfirmed=1", "associate.min_giou=1", "topics.exclude=[/image*]"],
             "less than fuse.min_score_unconfirmed, 1",
             "a smaller fuse.min_score_unconfirmed shows them",
         ),
