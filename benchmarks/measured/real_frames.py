@@ -1,6 +1,7 @@
 """How many cars, pedestrians and cyclists are found in labelled real frames: by the lidar, by the cameras, fused.
 
-    python benchmarks/real_frames.py DATA MODEL.onnx [--set detect2d.min_score=0.2 ...] [--frame 000008] [--json FILE]
+    python benchmarks/measured/real_frames.py DATA MODEL.onnx [--set detect2d.min_score=0.2 ...] [--frame 000008]
+                                              [--json FILE]
 
 DATA is a folder below which there are frames of KITTI's object benchmark; see `labelled_frames`. Every frame is a
 recording of its own, processed as a user would. A labelled object counts within 40 m, and is found by a box of its
