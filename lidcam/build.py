@@ -17,6 +17,7 @@ from pipeline.stages.combine import Combine
 from pipeline.stages.detect2d import Detect2D
 from pipeline.stages.detect3d import Detect3D
 from pipeline.stages.fuse import Fuse
+from pipeline.stages.reshape import Reshape
 from readers.streams.decoders import CloudDecoder, ImageDecoder, OnBadMessage, RecordedBoxes
 
 __all__ = ["BoxSource", "box_source", "build_graph", "wanted_boxes"]
@@ -37,6 +38,7 @@ def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Grap
     camera_data, boxes2d = _add_boxes2d(graph, config, rig, on_bad=on_bad)
     matches = graph.add("associate", Associate(rig, config), boxes3d, boxes2d)
     hypotheses = graph.add("propose", _propose, boxes3d, matches)
+    hypotheses = graph.add("reshape", Reshape(rig, config), combined, hypotheses, boxes3d)
     fused = graph.add("fuse", Fuse(config), hypotheses, boxes2d)
     views = {camera.name: camera for camera in rig.cameras}
     inputs = graph.frame, clouds, combined, boxes3d, camera_data, boxes2d, hypotheses, fused
