@@ -10,12 +10,14 @@ from pipeline.core.frame import Decoded, FrameResult, SensorBundle
 from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.settings.config import Config
 from pipeline.detectors.onnx.detector import OnnxDetector2D
+from pipeline.fusion.placed import Placed
 from pipeline.graph import Graph, Node
 from pipeline.stages.associate import Associate
 from pipeline.stages.combine import Combine
 from pipeline.stages.detect2d import Detect2D
 from pipeline.stages.detect3d import Detect3D
 from pipeline.stages.fuse import Fuse
+from pipeline.stages.place import Place
 from pipeline.stages.views import Views
 from readers.streams.decoders import CloudDecoder, ImageDecoder, OnBadMessage, RecordedBoxes
 
@@ -37,9 +39,10 @@ def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Grap
     camera_data, boxes2d = _add_boxes2d(graph, config, rig, on_bad=on_bad)
     views = graph.add("views", Views(rig, config), graph.frame)
     matches = graph.add("associate", Associate(rig, config), boxes3d, boxes2d, views)
+    placed = graph.add("place", Place(rig, config), combined, boxes2d, views)
     hypotheses = graph.add("propose", _propose, boxes3d, matches)
     fused = graph.add("fuse", Fuse(config), hypotheses, boxes2d)
-    inputs = graph.frame, clouds, combined, boxes3d, camera_data, boxes2d, views, hypotheses, fused
+    inputs = graph.frame, clouds, combined, boxes3d, camera_data, boxes2d, placed, views, hypotheses, fused
     return graph, graph.add("collect", _collect, *inputs)
 
 
@@ -96,6 +99,7 @@ def _collect(
     lidar_boxes: Boxes3D,
     camera_data: Decoded[Any],
     camera_boxes: Mapping[str, Boxes2D],
+    placed: Placed,
     views: Mapping[str, CameraSensor],
     hypotheses: Hypotheses,
     fused: Fused,
@@ -103,7 +107,7 @@ def _collect(
     return FrameResult(
         bundle=bundle,
         combined=combined,
-        detections=Detections(lidar=lidar_boxes, cameras=camera_boxes),
+        detections=Detections(lidar_boxes, camera_boxes, placed.boxes if camera_boxes else None),
         views=views,
         hypotheses=hypotheses,
         fused=fused,
