@@ -1,6 +1,7 @@
 """How a bundle becomes a result: the stages of a frame; `lidcam.frames` says where bundles come from."""
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any, Literal
 
 from pipeline.core.clouds import CombinedCloud, PointCloud
@@ -18,6 +19,7 @@ from pipeline.stages.detect2d import Detect2D
 from pipeline.stages.detect3d import Detect3D
 from pipeline.stages.fuse import Fuse
 from pipeline.stages.place import Place
+from pipeline.stages.propose import Propose
 from pipeline.stages.views import Views
 from readers.streams.decoders import CloudDecoder, ImageDecoder, OnBadMessage, RecordedBoxes
 
@@ -35,14 +37,16 @@ def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Grap
     graph = Graph(SensorBundle)
     clouds = graph.add("decode clouds", CloudDecoder(rig, config, on_bad=on_bad), graph.frame)
     combined = graph.add("combine", Combine(rig, config.combine), graph.frame, clouds, workers=2)
-    boxes3d = graph.add("detect 3D", Detect3D(rig, config), combined)
+    lidar = graph.add("detect 3D", Detect3D(rig, config), combined)
     camera_data, boxes2d = _add_boxes2d(graph, config, rig, on_bad=on_bad)
     views = graph.add("views", Views(rig, config), graph.frame)
-    matches = graph.add("associate", Associate(rig, config), boxes3d, boxes2d, views)
+    associate = Associate(rig, config)
+    matches = graph.add("associate", associate, lidar, boxes2d, views)
     placed = graph.add("place", Place(rig, config), combined, boxes2d, views)
-    hypotheses = graph.add("propose", _propose, boxes3d, matches)
+    boxes = graph.add("propose", Propose(rig, config), combined, lidar, matches, placed)
+    hypotheses = graph.add("associate all", partial(_hypotheses, associate), lidar, matches, boxes, boxes2d, views)
     fused = graph.add("fuse", Fuse(config), hypotheses, boxes2d)
-    inputs = graph.frame, clouds, combined, boxes3d, camera_data, boxes2d, placed, views, hypotheses, fused
+    inputs = graph.frame, clouds, combined, lidar, camera_data, boxes2d, placed, views, hypotheses, fused
     return graph, graph.add("collect", _collect, *inputs)
 
 
@@ -88,8 +92,18 @@ def _nothing(_: SensorBundle) -> Decoded[Boxes2D]:
     return Decoded({})
 
 
-def _propose(boxes: Boxes3D, matches: Mapping[str, Matches]) -> Hypotheses:
-    return Hypotheses(boxes, matches, len(boxes))
+def _hypotheses(
+    associate: Associate,
+    lidar: Boxes3D,
+    matches: Mapping[str, Matches],
+    boxes: Boxes3D,
+    boxes2d: Mapping[str, Boxes2D],
+    views: Mapping[str, CameraSensor],
+) -> Hypotheses:
+    """All boxes with their matches; those of the lidars' boxes, where there are no others."""
+    if boxes is not lidar:
+        matches = associate(boxes, boxes2d, views)
+    return Hypotheses(boxes, matches, len(lidar))
 
 
 def _collect(
