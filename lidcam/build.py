@@ -1,6 +1,7 @@
 """How a bundle becomes a result: the stages of a frame; `lidcam.frames` says where bundles come from."""
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any, Literal
 
 from pipeline.core.clouds import CombinedCloud, PointCloud
@@ -10,12 +11,15 @@ from pipeline.core.frame import Decoded, FrameResult, SensorBundle
 from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.settings.config import Config
 from pipeline.detectors.onnx.detector import OnnxDetector2D
+from pipeline.fusion.placed import Placed
 from pipeline.graph import Graph, Node
 from pipeline.stages.associate import Associate
 from pipeline.stages.combine import Combine
 from pipeline.stages.detect2d import Detect2D
 from pipeline.stages.detect3d import Detect3D
 from pipeline.stages.fuse import Fuse
+from pipeline.stages.place import Place
+from pipeline.stages.propose import Propose
 from pipeline.stages.views import Views
 from readers.streams.decoders import CloudDecoder, ImageDecoder, OnBadMessage, RecordedBoxes
 
@@ -33,13 +37,16 @@ def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Grap
     graph = Graph(SensorBundle)
     clouds = graph.add("decode clouds", CloudDecoder(rig, config, on_bad=on_bad), graph.frame)
     combined = graph.add("combine", Combine(rig, config.combine), graph.frame, clouds, workers=2)
-    boxes3d = graph.add("detect 3D", Detect3D(rig, config), combined)
+    lidar = graph.add("detect 3D", Detect3D(rig, config), combined)
     camera_data, boxes2d = _add_boxes2d(graph, config, rig, on_bad=on_bad)
     views = graph.add("views", Views(rig, config), graph.frame)
-    matches = graph.add("associate", Associate(rig, config), boxes3d, boxes2d, views)
-    hypotheses = graph.add("propose", _propose, boxes3d, matches)
+    associate = Associate(rig, config)
+    matches = graph.add("associate", associate, lidar, boxes2d, views)
+    placed = graph.add("place", Place(rig, config), combined, boxes2d, views)
+    boxes = graph.add("propose", Propose(rig, config), combined, lidar, matches, placed)
+    hypotheses = graph.add("associate all", partial(_hypotheses, associate), lidar, matches, boxes, boxes2d, views)
     fused = graph.add("fuse", Fuse(config), hypotheses, boxes2d)
-    inputs = graph.frame, clouds, combined, boxes3d, camera_data, boxes2d, views, hypotheses, fused
+    inputs = graph.frame, clouds, combined, lidar, camera_data, boxes2d, placed, views, hypotheses, fused
     return graph, graph.add("collect", _collect, *inputs)
 
 
@@ -85,8 +92,18 @@ def _nothing(_: SensorBundle) -> Decoded[Boxes2D]:
     return Decoded({})
 
 
-def _propose(boxes: Boxes3D, matches: Mapping[str, Matches]) -> Hypotheses:
-    return Hypotheses(boxes, matches, len(boxes))
+def _hypotheses(
+    associate: Associate,
+    lidar: Boxes3D,
+    matches: Mapping[str, Matches],
+    boxes: Boxes3D,
+    boxes2d: Mapping[str, Boxes2D],
+    views: Mapping[str, CameraSensor],
+) -> Hypotheses:
+    """All boxes with their matches; those of the lidars' boxes, where there are no others."""
+    if boxes is not lidar:
+        matches = associate(boxes, boxes2d, views)
+    return Hypotheses(boxes, matches, len(lidar))
 
 
 def _collect(
@@ -96,6 +113,7 @@ def _collect(
     lidar_boxes: Boxes3D,
     camera_data: Decoded[Any],
     camera_boxes: Mapping[str, Boxes2D],
+    placed: Placed,
     views: Mapping[str, CameraSensor],
     hypotheses: Hypotheses,
     fused: Fused,
@@ -103,7 +121,7 @@ def _collect(
     return FrameResult(
         bundle=bundle,
         combined=combined,
-        detections=Detections(lidar=lidar_boxes, cameras=camera_boxes),
+        detections=Detections(lidar_boxes, camera_boxes, placed.boxes if camera_boxes else None),
         views=views,
         hypotheses=hypotheses,
         fused=fused,
