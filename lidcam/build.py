@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from functools import partial
 from typing import Any, Literal
 
+from pipeline.core.arrays import F64
 from pipeline.core.clouds import CombinedCloud, PointCloud
 from pipeline.core.detections import Boxes2D, Boxes3D, Detections, Fused, Hypotheses, Matches
 from pipeline.core.errors import ModelError
@@ -13,6 +14,8 @@ from pipeline.core.settings.config import Config
 from pipeline.detectors.onnx.detector import OnnxDetector2D
 from pipeline.graph import Graph, Node
 from pipeline.stages.associate import Associate
+from pipeline.stages.believe import Believe
+from pipeline.stages.classify import Classify
 from pipeline.stages.combine import Combine
 from pipeline.stages.detect2d import Detect2D
 from pipeline.stages.detect3d import Detect3D
@@ -37,10 +40,12 @@ def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Grap
     camera_data, boxes2d = _add_boxes2d(graph, config, rig, on_bad=on_bad)
     matches = graph.add("associate", Associate(rig, config), boxes3d, boxes2d)
     hypotheses = graph.add("propose", _propose, boxes3d, matches)
-    fused = graph.add("fuse", Fuse(config), hypotheses, boxes2d)
-    views = {camera.name: camera for camera in rig.cameras}
-    inputs = graph.frame, clouds, combined, boxes3d, camera_data, boxes2d, hypotheses, fused
-    return graph, graph.add("collect", partial(_collect, views=views), *inputs)
+    hypotheses = graph.add("classify", Classify(config), hypotheses, boxes2d)
+    views = graph.add("views", partial(_views, rig), graph.frame)
+    beliefs = graph.add("believe", Believe(rig, config), hypotheses, boxes2d, views, combined)
+    fused = graph.add("fuse", Fuse(config), hypotheses, beliefs)
+    inputs = graph.frame, clouds, combined, boxes3d, camera_data, boxes2d, views, hypotheses, beliefs, fused
+    return graph, graph.add("collect", _collect, *inputs)
 
 
 def box_source(config: Config, rig: Rig) -> BoxSource:
@@ -85,6 +90,10 @@ def _nothing(_: SensorBundle) -> Decoded[Boxes2D]:
     return Decoded({})
 
 
+def _views(rig: Rig, _: SensorBundle) -> Mapping[str, CameraSensor]:
+    return {camera.name: camera for camera in rig.cameras}
+
+
 def _propose(boxes: Boxes3D, matches: Mapping[str, Matches]) -> Hypotheses:
     return Hypotheses(boxes, matches, len(boxes))
 
@@ -96,10 +105,10 @@ def _collect(
     lidar_boxes: Boxes3D,
     camera_data: Decoded[Any],
     camera_boxes: Mapping[str, Boxes2D],
-    hypotheses: Hypotheses,
-    fused: Fused,
-    *,
     views: Mapping[str, CameraSensor],
+    hypotheses: Hypotheses,
+    beliefs: F64,
+    fused: Fused,
 ) -> FrameResult:
     return FrameResult(
         bundle=bundle,
@@ -107,6 +116,7 @@ def _collect(
         detections=Detections(lidar=lidar_boxes, cameras=camera_boxes),
         views=views,
         hypotheses=hypotheses,
+        beliefs=beliefs,
         fused=fused,
         drops=clouds.drops + camera_data.drops,
         unused_boxes=camera_data.unused_boxes,
