@@ -1,7 +1,6 @@
 """How a bundle becomes a result: the stages of a frame; `lidcam.frames` says where bundles come from."""
 
 from collections.abc import Mapping
-from functools import partial
 from typing import Any, Literal
 
 from pipeline.core.arrays import F64
@@ -20,6 +19,7 @@ from pipeline.stages.combine import Combine
 from pipeline.stages.detect2d import Detect2D
 from pipeline.stages.detect3d import Detect3D
 from pipeline.stages.fuse import Fuse
+from pipeline.stages.views import Views
 from readers.streams.decoders import CloudDecoder, ImageDecoder, OnBadMessage, RecordedBoxes
 
 __all__ = ["BoxSource", "box_source", "build_graph", "wanted_boxes"]
@@ -38,10 +38,10 @@ def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Grap
     combined = graph.add("combine", Combine(rig, config.combine), graph.frame, clouds, workers=2)
     boxes3d = graph.add("detect 3D", Detect3D(rig, config), combined)
     camera_data, boxes2d = _add_boxes2d(graph, config, rig, on_bad=on_bad)
-    matches = graph.add("associate", Associate(rig, config), boxes3d, boxes2d)
+    views = graph.add("views", Views(rig, config), graph.frame)
+    matches = graph.add("associate", Associate(rig, config), boxes3d, boxes2d, views)
     hypotheses = graph.add("propose", _propose, boxes3d, matches)
     hypotheses = graph.add("classify", Classify(config), hypotheses, boxes2d)
-    views = graph.add("views", partial(_views, rig), graph.frame)
     beliefs = graph.add("believe", Believe(rig, config), hypotheses, boxes2d, views, combined)
     fused = graph.add("fuse", Fuse(config), hypotheses, beliefs)
     inputs = graph.frame, clouds, combined, boxes3d, camera_data, boxes2d, views, hypotheses, beliefs, fused
@@ -88,10 +88,6 @@ def _add_boxes2d(
 
 def _nothing(_: SensorBundle) -> Decoded[Boxes2D]:
     return Decoded({})
-
-
-def _views(rig: Rig, _: SensorBundle) -> Mapping[str, CameraSensor]:
-    return {camera.name: camera for camera in rig.cameras}
 
 
 def _propose(boxes: Boxes3D, matches: Mapping[str, Matches]) -> Hypotheses:
