@@ -17,11 +17,17 @@ from pipeline.stages.combine import Combine
 from pipeline.stages.detect2d import Detect2D
 from pipeline.stages.detect3d import Detect3D
 from pipeline.stages.fuse import Fuse
+from pipeline.stages.recorded3d import Recorded3D
 from readers.streams.decoders import CloudDecoder, ImageDecoder, OnBadMessage, RecordedBoxes
+from readers.streams.recorded3d import RecordedBoxes3D
 
-__all__ = ["BoxSource", "box_source", "build_graph", "wanted_boxes"]
+__all__ = ["BoxSource", "BoxSource3D", "box_source", "build_graph", "wanted_boxes"]
 
 BoxSource = Literal["onnx", "recorded", "none"]
+BoxSource3D = Literal["cluster", "recorded", "none"]
+
+NOTHING_RECORDED: Decoded[Boxes3D] = Decoded({})
+"""What the messages of detectors held where none are read."""
 
 
 def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Graph[SensorBundle], Node[FrameResult]]:
@@ -33,13 +39,13 @@ def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Grap
     graph = Graph(SensorBundle)
     clouds = graph.add("decode clouds", CloudDecoder(rig, config, on_bad=on_bad), graph.frame)
     combined = graph.add("combine", Combine(rig, config.combine), graph.frame, clouds, workers=2)
-    boxes3d = graph.add("detect 3D", Detect3D(rig, config), combined)
+    recorded3d, boxes3d = _add_boxes3d(graph, config, rig, combined, on_bad=on_bad)
     camera_data, boxes2d = _add_boxes2d(graph, config, rig, on_bad=on_bad)
     matches = graph.add("associate", Associate(rig, config), boxes3d, boxes2d)
     hypotheses = graph.add("propose", _propose, boxes3d, matches)
     fused = graph.add("fuse", Fuse(config), hypotheses, boxes2d)
     views = {camera.name: camera for camera in rig.cameras}
-    inputs = graph.frame, clouds, combined, boxes3d, camera_data, boxes2d, hypotheses, fused
+    inputs = graph.frame, clouds, combined, boxes3d, camera_data, boxes2d, hypotheses, fused, *recorded3d
     return graph, graph.add("collect", partial(_collect, views=views), *inputs)
 
 
@@ -61,6 +67,16 @@ def wanted_boxes(config: Config, rig: Rig) -> BoxSource:
     if config.detect2d.model is not None:
         return "onnx"
     return "recorded" if any(camera.boxes_topic for camera in rig.cameras) else "none"
+
+
+def _add_boxes3d(
+    graph: Graph[SensorBundle], config: Config, rig: Rig, combined: Node[CombinedCloud], *, on_bad: OnBadMessage
+) -> tuple[tuple[Node[Decoded[Boxes3D]], ...], Node[Boxes3D]]:
+    """What the messages of recorded 3D detectors held, if these are used; and the 3D boxes of the frame."""
+    if config.detect3d.method != "recorded":
+        return (), graph.add("detect 3D", Detect3D(rig, config), combined)
+    recorded = graph.add("read 3D boxes", RecordedBoxes3D(rig, config, on_bad=on_bad), graph.frame)
+    return (recorded,), graph.add("join 3D boxes", Recorded3D(rig), graph.frame, recorded)
 
 
 def _add_boxes2d(
@@ -98,6 +114,7 @@ def _collect(
     camera_boxes: Mapping[str, Boxes2D],
     hypotheses: Hypotheses,
     fused: Fused,
+    recorded3d: Decoded[Boxes3D] = NOTHING_RECORDED,
     *,
     views: Mapping[str, CameraSensor],
 ) -> FrameResult:
@@ -108,6 +125,7 @@ def _collect(
         views=views,
         hypotheses=hypotheses,
         fused=fused,
-        drops=clouds.drops + camera_data.drops,
+        drops=clouds.drops + recorded3d.drops + camera_data.drops,
         unused_boxes=camera_data.unused_boxes,
+        unused_boxes3d=recorded3d.unused_boxes,
     )
