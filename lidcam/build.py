@@ -1,7 +1,6 @@
 """How a bundle becomes a result: the stages of a frame; `lidcam.frames` says where bundles come from."""
 
 from collections.abc import Mapping
-from functools import partial
 from typing import Any, Literal
 
 from pipeline.core.clouds import CombinedCloud, PointCloud
@@ -18,6 +17,7 @@ from pipeline.stages.detect2d import Detect2D
 from pipeline.stages.detect3d import Detect3D
 from pipeline.stages.fuse import Fuse
 from pipeline.stages.recorded3d import Recorded3D
+from pipeline.stages.views import Views
 from readers.streams.decoders import CloudDecoder, ImageDecoder, OnBadMessage, RecordedBoxes
 from readers.streams.recorded3d import RecordedBoxes3D
 
@@ -41,12 +41,12 @@ def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Grap
     combined = graph.add("combine", Combine(rig, config.combine), graph.frame, clouds, workers=2)
     recorded3d, boxes3d = _add_boxes3d(graph, config, rig, combined, on_bad=on_bad)
     camera_data, boxes2d = _add_boxes2d(graph, config, rig, on_bad=on_bad)
-    matches = graph.add("associate", Associate(rig, config), boxes3d, boxes2d)
+    views = graph.add("views", Views(rig, config), graph.frame)
+    matches = graph.add("associate", Associate(rig, config), boxes3d, boxes2d, views)
     hypotheses = graph.add("propose", _propose, boxes3d, matches)
     fused = graph.add("fuse", Fuse(config), hypotheses, boxes2d)
-    views = {camera.name: camera for camera in rig.cameras}
-    inputs = graph.frame, clouds, combined, boxes3d, camera_data, boxes2d, hypotheses, fused, *recorded3d
-    return graph, graph.add("collect", partial(_collect, views=views), *inputs)
+    inputs = graph.frame, clouds, combined, boxes3d, camera_data, boxes2d, views, hypotheses, fused, *recorded3d
+    return graph, graph.add("collect", _collect, *inputs)
 
 
 def box_source(config: Config, rig: Rig) -> BoxSource:
@@ -112,11 +112,10 @@ def _collect(
     lidar_boxes: Boxes3D,
     camera_data: Decoded[Any],
     camera_boxes: Mapping[str, Boxes2D],
+    views: Mapping[str, CameraSensor],
     hypotheses: Hypotheses,
     fused: Fused,
     recorded3d: Decoded[Boxes3D] = NOTHING_RECORDED,
-    *,
-    views: Mapping[str, CameraSensor],
 ) -> FrameResult:
     return FrameResult(
         bundle=bundle,
