@@ -235,6 +235,7 @@ class Run:
             inputs=tuple(inputs),
             frames=tally.frames,
             objects=dict(sorted(tally.objects.items())),
+            sources=dict(tally.sources),
             confirmed=tally.confirmed,
             frames_without_boxes=tally.frames_without_boxes,
             points=dict(tally.points),
