@@ -17,7 +17,7 @@ def test_points_are_one_standard_deviation_away(factor: tuple[float, float, floa
     lower = np.array([[along, 0.0], [shear, across]])
     covariance = np.zeros((2, 3, 3))
     covariance[1, :2, :2] = lower @ lower.T
-    boxes = replace(boxes3d([[0, 0, 0, 1, 1, 1, 0], [5, -3, 2, 4, 2, 1.5, 1]]), covariances=covariance)
+    boxes = replace(boxes3d([[0.0, 0, 0, 1, 1, 1, 0], [5.0, -3, 2, 4, 2, 1.5, 1]]), covariances=covariance)
     unknown, known = ground_ellipses(boxes)
     np.testing.assert_array_equal(unknown, np.tile([0.0, 0.0, -0.5], (CORNERS, 1)))
     away = np.linalg.solve(lower, (known[:, :2] - [5, -3]).T)
