@@ -1,7 +1,6 @@
 """How a bundle becomes a result: the stages of a frame; `lidcam.frames` says where bundles come from."""
 
 from collections.abc import Mapping
-from functools import partial
 from typing import Any, Literal
 
 from pipeline.core.clouds import CombinedCloud, PointCloud
@@ -17,6 +16,7 @@ from pipeline.stages.combine import Combine
 from pipeline.stages.detect2d import Detect2D
 from pipeline.stages.detect3d import Detect3D
 from pipeline.stages.fuse import Fuse
+from pipeline.stages.views import Views
 from readers.streams.decoders import CloudDecoder, ImageDecoder, OnBadMessage, RecordedBoxes
 
 __all__ = ["BoxSource", "box_source", "build_graph", "wanted_boxes"]
@@ -35,12 +35,12 @@ def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Grap
     combined = graph.add("combine", Combine(rig, config.combine), graph.frame, clouds, workers=2)
     boxes3d = graph.add("detect 3D", Detect3D(rig, config), combined)
     camera_data, boxes2d = _add_boxes2d(graph, config, rig, on_bad=on_bad)
-    matches = graph.add("associate", Associate(rig, config), boxes3d, boxes2d)
+    views = graph.add("views", Views(rig, config), graph.frame)
+    matches = graph.add("associate", Associate(rig, config), boxes3d, boxes2d, views)
     hypotheses = graph.add("propose", _propose, boxes3d, matches)
     fused = graph.add("fuse", Fuse(config), hypotheses, boxes2d)
-    views = {camera.name: camera for camera in rig.cameras}
-    inputs = graph.frame, clouds, combined, boxes3d, camera_data, boxes2d, hypotheses, fused
-    return graph, graph.add("collect", partial(_collect, views=views), *inputs)
+    inputs = graph.frame, clouds, combined, boxes3d, camera_data, boxes2d, views, hypotheses, fused
+    return graph, graph.add("collect", _collect, *inputs)
 
 
 def box_source(config: Config, rig: Rig) -> BoxSource:
@@ -96,10 +96,9 @@ def _collect(
     lidar_boxes: Boxes3D,
     camera_data: Decoded[Any],
     camera_boxes: Mapping[str, Boxes2D],
+    views: Mapping[str, CameraSensor],
     hypotheses: Hypotheses,
     fused: Fused,
-    *,
-    views: Mapping[str, CameraSensor],
 ) -> FrameResult:
     return FrameResult(
         bundle=bundle,

@@ -7,6 +7,7 @@ from typing import TypeVar
 
 from pipeline.core.clouds import CombinedCloud
 from pipeline.core.detections import Detections, Fused, Hypotheses, Matches
+from pipeline.core.errors import FrameError
 from pipeline.core.geometry.pose_samples import PoseSamples
 from pipeline.core.messages import Drop, RawMessage
 from pipeline.core.rig import CameraSensor
@@ -56,6 +57,16 @@ class SensorBundle:
         """Largest minus smallest stamp of the set; 0 of no messages."""
         stamps = [message.stamp_ns for message in self.messages.values()]
         return max(stamps, default=0) - min(stamps, default=0)
+
+    def motion_of(self, site_frame: str) -> PoseSamples | None:
+        """The motion of that frame; None where nothing is known of it.
+
+        Raises:
+            FrameError: the motion is that of another frame.
+        """
+        if self.motion is not None and self.motion.frame_id != site_frame:
+            raise FrameError(f"motion: expected poses of the site frame {site_frame!r}, got {self.motion.frame_id!r}")
+        return self.motion
 
 
 @dataclass(frozen=True, slots=True, eq=False)

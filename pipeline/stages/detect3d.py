@@ -41,7 +41,7 @@ class Detect3D:
         order = order[(found.scores[order] >= self._min_score) & (found.class_ids[order] >= 0)]
         order = order[_suppress_overlaps(BoxArrays(found.centers[order], found.sizes[order], found.yaws[order]))]
         return Boxes3D(
-            combined.cloud.stamp_ns,
+            combined.detection_cloud.stamp_ns,
             self._site_frame,
             found.centers[order],
             found.sizes[order],
@@ -51,7 +51,7 @@ class Detect3D:
             found.point_counts[order].astype(np.int32),
             found.covariances[order],
             np.full(len(order), Source.LIDAR, np.uint8),
-            np.full(len(order), combined.cloud.stamp_ns, np.int64),
+            combined.detection_cloud.stamp_ns + found.time_offsets_ns[order],
         )
 
 

@@ -59,6 +59,11 @@ class Detect2DConfig(SettingsModel):
         method: `onnx` runs a network, `recorded` takes 2D boxes from the recording, `none` finds nothing. `auto` is
             `onnx` if a model is given, else `recorded` if there are boxes, else `none`.
         model: ONNX file (YOLOX layout), relative to the working folder.
+        input: Width and height of the pictures that the network is given, pixels. `auto`: the shape of the camera's
+            own picture, as large as `max_input_px` allows and never larger than the picture; the size that the network
+            is made for, if it takes no other.
+        max_input_px: Pixels of the pictures that the network is given, at most, where `input` is `auto`. The time that
+            a network takes grows with them, and so does the distance at which it finds things.
         min_score: Boxes with a lower score are removed.
         nms_iou: Of two boxes of one class whose IoU exceeds this, the one with the lower score is removed.
         class_numbers: What a number in the place of a class name means in recorded boxes: with `labels` the class that
@@ -70,6 +75,8 @@ class Detect2DConfig(SettingsModel):
 
     method: Literal["auto", "onnx", "recorded", "none"] = "auto"
     model: Path | None = None
+    input: Literal["auto"] | tuple[Count, Count] = "auto"
+    max_input_px: Count = 307_200
     min_score: Share = 0.3
     nms_iou: Share = 0.45
     class_numbers: Literal["labels", "coco"] = "labels"

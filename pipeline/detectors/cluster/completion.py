@@ -57,9 +57,14 @@ class CompletedBoxes:
 
 
 def complete_boxes(
-    rectangles: Rectangles, top_m: F64, lidar_share: F64, lidar_xy: F64, priors: tuple[ClassPrior, ...]
+    rectangles: Rectangles,
+    top_m: F64,
+    lidar_share: F64,
+    lidar_xy: F64,
+    priors: tuple[ClassPrior, ...],
+    given_ids: I64 | None = None,
 ) -> CompletedBoxes:
-    """Choose the class of each cluster and complete its box.
+    """Choose the class of each cluster, where it is not given, and complete its box.
 
     Args:
         rectangles: Measured extents of C clusters.
@@ -67,6 +72,7 @@ def complete_boxes(
         lidar_share: (C, L) share of each cluster's points measured by each lidar.
         lidar_xy: (L, 2) positions of the lidars, metres, in the frame of the clusters.
         priors: Sizes of the classes.
+        given_ids: (C,) class of each cluster, whatever its size; -1 where it is to be chosen. None: all of them.
     """
     axes, extent = rectangles.axes, rectangles.high - rectangles.low  # (C, axis, xy), (C, axis)
     middle = (rectangles.high + rectangles.low) / 2
@@ -85,6 +91,9 @@ def complete_boxes(
     misfit = ((long**2 + short**2) / 2).sum(2)  # (C, 2K)
     rarity = -np.log(np.repeat([p.frequency for p in priors], 2))
     cost = np.where((measured <= limit).all(2), misfit + rarity, np.inf)
+    if given_ids is not None:
+        is_given = np.repeat(np.arange(len(priors)), 2) == given_ids[:, None]
+        cost = np.where(is_given, misfit, np.where(given_ids[:, None] < 0, cost, np.inf))
     choice = cost.argmin(1)
     rows = np.arange(len(choice))
     class_ids = np.where(np.isfinite(cost[rows, choice]), choice // 2, -1)

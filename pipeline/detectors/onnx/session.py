@@ -7,16 +7,18 @@ what a network may take: a file of a few hundred bytes can hold a loop of 2^62 t
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from copy import copy
 from functools import cache
 from pathlib import Path
 from threading import Timer
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
 from pipeline.core.arrays import F32
 from pipeline.core.errors import ModelError, is_short_memory
 from pipeline.core.text import one_line
+from pipeline.detectors.onnx.free_size import with_free_size
 
 __all__ = ["MAX_BATCH_BYTES", "OnnxSession"]
 
@@ -28,6 +30,12 @@ MAX_MEMORY_BYTES = 4 << 30
 
 MAX_BATCH_BYTES = 1 << 29
 """Of the images given at once: 26 of 1280 x 1280 px."""
+
+MAX_CHANGED_BYTES = 1 << 29
+"""Of a file whose input is made free: it is in memory three times meanwhile. The largest YOLOX has 400 MB."""
+
+
+WEIGHTS_FOLDER = "session.model_external_initializers_file_folder_path"
 
 
 class OnnxSession:
@@ -50,20 +58,43 @@ class OnnxSession:
                 raise ModelError(f"{path}: expected an ONNX file, found {found}")
         except OSError as err:
             raise ModelError(f"{path}: expected an ONNX file that can be read: {err.strerror}") from err
-        self._path, ort = path, _onnxruntime()
+        self._path, self._threads = path, threads
+        self._load(str(path))
+
+    def with_free_size(self) -> Self:
+        """The same network, loaded to take images of other sizes; whether it can, only a run shows.
+
+        Raises:
+            ModelError: the file is too large, or it cannot be changed or loaded.
+        """
+        try:
+            if self._path.stat().st_size > MAX_CHANGED_BYTES:
+                raise ModelError(f"{self._path}: expected a file of {MAX_CHANGED_BYTES >> 20} MiB at most to change it")
+            changed = with_free_size(self._path.read_bytes(), self.inputs[0][0])
+        except OSError as err:
+            raise ModelError(f"{self._path}: expected an ONNX file that can be read: {err.strerror}") from err
+        free = copy(self)
+        free._load(changed)
+        return free
+
+    def _load(self, model: str | bytes) -> None:
+        """Load the network from its file, or from bytes that stand for it."""
+        path, ort = self._path, _onnxruntime()
         self._new_run: Callable[[], Any] = ort.RunOptions
         options = ort.SessionOptions()
-        options.intra_op_num_threads = threads
+        options.intra_op_num_threads = self._threads
         options.inter_op_num_threads = 1
         options.use_deterministic_compute = True
         options.log_severity_level = 4  # errors are raised; onnxruntime would also print them
         # Idle threads would otherwise spin after each run and take cores from the other stages.
         options.add_session_config_entry("session.intra_op.allow_spinning", "0")
         options.add_session_config_entry("session.use_env_allocators", "1")
+        if isinstance(model, bytes):  # weights in other files lie beside it all the same
+            options.add_session_config_entry(WEIGHTS_FOLDER, str(path.resolve().parent))
         try:
             with _after(MAX_SECONDS, lambda: options.set_load_cancellation_flag(True)):
                 self._session = ort.InferenceSession(
-                    str(path),
+                    model,
                     options,
                     providers=["CPUExecutionProvider"],
                     enable_fallback=0,  # which prints, and tries the same once more

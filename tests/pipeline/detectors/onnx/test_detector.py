@@ -7,12 +7,13 @@ import pytest
 from helpers import shared
 from onnx_files import DOUBLE, write_yolox
 
-from pipeline.core.arrays import U8, Array
+from pipeline.core.arrays import F32, U8, Array
 from pipeline.core.errors import ModelError
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.detect import Detect2DConfig
 from pipeline.detectors.onnx.coco import COCO_LABELS
 from pipeline.detectors.onnx.detector import OnnxDetector2D
+from pipeline.detectors.onnx.session import OnnxSession
 
 SIZE_PX = (64, 96)  # height, width of the networks that are made here
 ANCHORS = 8 * 12 + 4 * 6 + 2 * 3
@@ -123,13 +124,13 @@ def test_a_free_batch_runs_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     free = detector(write_yolox(tmp_path / "free.onnx", raw_rows(), size_px=SIZE_PX, batch="n"))
     fixed = detector(write_yolox(tmp_path / "fixed.onnx", raw_rows(), size_px=SIZE_PX))
     sizes: list[int] = []
-    run: Callable[[OnnxDetector2D, Array], Array] = OnnxDetector2D._run
+    run: Callable[[OnnxSession, F32], list[Array]] = OnnxSession.run
 
-    def counted(model: OnnxDetector2D, batch: Array) -> Array:
+    def counted(session: OnnxSession, batch: F32) -> list[Array]:
         sizes.append(len(batch))
-        return run(model, batch)
+        return run(session, batch)
 
-    monkeypatch.setattr(OnnxDetector2D, "_run", counted)
+    monkeypatch.setattr(OnnxSession, "run", counted)
     free([image(20, 30)] * 3)
     fixed([image(20, 30)] * 3)
     assert sizes == [3, 1, 1, 1]
@@ -232,3 +233,29 @@ def test_real_network_does_not_depend_on_threads() -> None:
     for expected, *others in zip(one, two, again, strict=True):
         for other in others:
             np.testing.assert_array_equal(other, expected)
+
+
+@pytest.mark.parametrize(
+    ("settings", "sizes"),
+    [
+        ({}, {(1, 3, 320, 960), (1, 3, 480, 640)}),
+        ({"max_input_px": 640 * 224}, {(1, 3, 224, 640), (1, 3, 320, 448)}),
+        ({"input": (416, 416)}, {(1, 3, 416, 416)}),
+        ({"input": (320, 256)}, {(1, 3, 256, 320)}),
+    ],
+)
+def test_real_network_is_given_each_pictures_shape(
+    monkeypatch: pytest.MonkeyPatch, settings: dict[str, object], sizes: set[tuple[int, ...]]
+) -> None:
+    config = Config(detect2d=Detect2DConfig.model_validate(settings))
+    model = OnnxDetector2D(shared("weights/yolox_nano.onnx"), config)
+    given: set[tuple[int, ...]] = set()
+    run: Callable[[OnnxSession, F32], list[Array]] = OnnxSession.run
+
+    def watched(session: OnnxSession, batch: F32) -> list[Array]:
+        given.add(batch.shape)
+        return run(session, batch)
+
+    monkeypatch.setattr(OnnxSession, "run", watched)
+    assert len(model([image(375, 1242), image(480, 640), image(375, 1242)])) == 3
+    assert given == sizes
