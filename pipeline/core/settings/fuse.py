@@ -20,10 +20,10 @@ class AssociateConfig(SettingsModel):
         min_giou: Smallest generalised IoU of a projected 3D box and a 2D box that may match, from -1 to 1: the IoU less
             the share of the rectangle around both that neither fills. Below 0, boxes of small objects may match that
             lie side by side, where the calibration is off.
-        gate: Largest distance of a pair that may match, in standard deviations of centre and size.
+        gate: Largest distance of a pair that may match, in standard deviations.
         pixel_sigma_px: Standard deviation of the edges of 2D boxes that does not depend on the object.
-        size_sigma: Standard deviation of the centre and of the size of 2D boxes, as a share of the box: it holds the
-            error of the size of 3D boxes, too.
+        size_sigma: Standard deviation of the edges of 2D boxes as a share of the width or height: it holds what 3D boxes
+            err in their size, too.
         calibration_sigma_deg: Standard deviation of the direction in which a camera looks.
         any_class: Share of the classes that detectors give which say nothing of the object. Beyond it, classes are
             confused by their sizes: trucks with buses, riders with pedestrians.
@@ -32,9 +32,9 @@ class AssociateConfig(SettingsModel):
     """
 
     min_giou: Annotated[float, Field(ge=-1, le=1)] = -0.3
-    gate: Positive = 5.0
+    gate: Positive = 6.0
     pixel_sigma_px: Positive = 2.0
-    size_sigma: Positive = 0.1
+    size_sigma: Positive = 0.15
     calibration_sigma_deg: NotNegative = 0.5
     any_class: Annotated[float, Field(gt=0, le=1)] = 0.1
     unseen_boxes: Positive = 3.0
@@ -44,10 +44,12 @@ class FuseConfig(SettingsModel):
     """Fusion of matched boxes.
 
     Attributes:
-        min_score: Objects with a lower fused score are not reported.
-        min_score_unconfirmed: Objects with a lower fused score are not reported if a camera with 2D boxes has them in
-            view and no camera confirms them. Objects that no camera looks at, as in a run by the lidars alone, stay.
+        min_score: Objects that are less probable are not reported. The probability is that of an object of this class
+            at this place, from what all sensors say and do not say; it means the same in every recording.
+        camera_recall: Share of large objects in plain view that the 2D detector finds; how much it speaks against an
+            object that a camera should see it and says nothing. null: learned while the run goes on, for each camera
+            and size.
     """
 
-    min_score: Share = 0.0
-    min_score_unconfirmed: Share = 0.0
+    min_score: Share = 0.4
+    camera_recall: Share | None = None
