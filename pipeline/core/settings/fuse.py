@@ -22,8 +22,8 @@ class AssociateConfig(SettingsModel):
             lie side by side, where the calibration is off.
         gate: Largest distance of a pair that may match, in standard deviations.
         pixel_sigma_px: Standard deviation of the edges of 2D boxes that does not depend on the object.
-        size_sigma: Standard deviation of the edges of 2D boxes as a share of the width or height: it holds what 3D boxes
-            err in their size, too.
+        size_sigma: Standard deviation of the edges of 2D boxes as a share of the width or height; it also covers the
+            errors of the sizes of 3D boxes.
         calibration_sigma_deg: Standard deviation of the direction in which a camera looks.
         any_class: Share of the classes that detectors give which say nothing of the object. Beyond it, classes are
             confused by their sizes: trucks with buses, riders with pedestrians.
