@@ -94,6 +94,22 @@ class CameraModel:
         falling = np.flatnonzero(np.diff(grown) <= 0)
         return float(radius[falling[0]]) if len(falling) else np.inf
 
+    @cached_property
+    def view_angle_rad(self) -> float:
+        """Half the angle of a cone about the optical axis that holds all that the image may show, and some more."""
+        wide = np.pi if self.model == "equidistant" else 20.0
+        radius = np.linspace(0.0, min(wide, self.radius_limit), 4001)
+        tangential = 0.0 if self.model == "equidistant" else 3 * float(np.abs(self.coefficients[2:4]).sum())
+        least = radius * self._radial(radius**2) - tangential * radius**2
+        corners = np.array([[0, 0], [self.width_px, 0], [0, self.height_px], [self.width_px, self.height_px]])
+        offsets = (corners - 0.5 - self.K[:2, 2]) / np.diag(self.K)[:2]
+        offsets[:, 0] -= self.K[0, 1] / self.K[0, 0] * offsets[:, 1]
+        inside = np.flatnonzero(least < np.sqrt((offsets**2).sum(1)).max())
+        widest = float(radius[min(inside[-1] + 1, len(radius) - 1)])
+        if inside[-1] == len(radius) - 1 and widest == wide:
+            return np.pi
+        return widest if self.model == "equidistant" else float(np.arctan(widest))
+
     def _radial(self, r2: F64) -> F64:
         k = self.coefficients
         if self.model == "equidistant":

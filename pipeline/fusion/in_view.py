@@ -65,7 +65,11 @@ def project_into_views(boxes: Boxes3D, views: Sequence[CameraSensor], arrays: Ca
             )
     centers_camera = np.einsum("cij,nj->cni", arrays.rotations, boxes.centers) + arrays.translations[:, None]
     radii_m = np.sqrt((boxes.sizes**2).sum(1)) / 2
-    cameras, rows = np.nonzero(_may_be_seen(centers_camera, radii_m, arrays))
+    if arrays.lenses.bends:
+        angles = np.array([view.model.view_angle_rad for view in views])
+        cameras, rows = np.nonzero(_in_cones(centers_camera, radii_m, angles))
+    else:
+        cameras, rows = np.nonzero(_in_pyramids(centers_camera, radii_m, arrays))
     edges = project_edges(boxes.centers[rows], boxes.sizes[rows], boxes.yaws[rows], arrays.select(cameras))
     limits = np.tile(arrays.image_sizes[cameras], 2)
     xyxy = np.clip(edges.xyxy, 0.0, limits)
@@ -80,11 +84,17 @@ def project_into_views(boxes: Boxes3D, views: Sequence[CameraSensor], arrays: Ca
     return InView(cameras, rows, xyxy[seen].astype(np.float32), jacobian[seen], ranges_m)
 
 
-def _may_be_seen(centers_camera: F64, radii_m: F64, arrays: CameraArrays) -> Bools:
-    """(C, N) whether the sphere around each box reaches into the view of a camera; lenses that bend see all ahead."""
-    ahead = centers_camera[..., 2] + radii_m > NEAR_M
-    if arrays.lenses.bends:
-        return np.asarray(ahead)
+def _in_cones(centers_camera: F64, radii_m: F64, angles_rad: F64) -> Bools:
+    """(C, N) whether the sphere around each box reaches into the cone that a camera sees."""
+    x, y, z = np.moveaxis(centers_camera, -1, 0)
+    range_m = np.sqrt(x * x + y * y + z * z)
+    reach = np.where(range_m > radii_m, np.arcsin(radii_m / np.maximum(range_m, radii_m)), np.pi)
+    aside = np.arctan2(np.sqrt(x * x + y * y), z)
+    return np.asarray((z + radii_m > NEAR_M) & (aside - reach < angles_rad[:, None]))
+
+
+def _in_pyramids(centers_camera: F64, radii_m: F64, arrays: CameraArrays) -> Bools:
+    """(C, N) whether the sphere around each box reaches into the pyramid that a camera with a straight lens sees."""
     # Planes through the camera and each border of the image, (C, 4, 3): positive inside.
     K = arrays.lenses.K[:, :2]
     left_top, right_bottom = K.copy(), -K
@@ -93,4 +103,4 @@ def _may_be_seen(centers_camera: F64, radii_m: F64, arrays: CameraArrays) -> Boo
     planes = np.concatenate([left_top, right_bottom], 1)
     lengths = np.sqrt((planes * planes).sum(2))
     inside = np.einsum("cbi,cni->cbn", planes, centers_camera) > -lengths[..., None] * radii_m
-    return np.asarray(ahead & inside.all(1))
+    return np.asarray((centers_camera[..., 2] + radii_m > NEAR_M) & inside.all(1))
