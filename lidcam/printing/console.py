@@ -21,6 +21,7 @@ from lidcam.printing.tables import (
 )
 from lidcam.summary import RunReport, loss_records
 from pipeline.core.frame import FrameResult
+from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from readers.recording import Loss
 from readers.rig.sensor_topics import SensorFault
@@ -39,6 +40,7 @@ _BOX_SOURCES = {
     "recorded": "as recorded",
     "none": "none: lidar-only; recorded 2D boxes, or --model-2d FILE.onnx, bring the cameras in",
 }
+_BOX_SOURCES_3D = {"cluster": "by clusters of points", "none": "none: detect3d.method is none"}
 _NO_MOTION = "none: no odometry or tf of the site frame, or switched off"
 
 
@@ -83,6 +85,8 @@ def print_report(out: Console, report: RunReport) -> None:
             show_line(out, f"  {drop.reason}: {drop.example}", "dim")
     for reason, count in report.unused_boxes.items():
         show_line(out, f"  recorded 2D boxes not used: {count}, {reason}")
+    for reason, count in report.unused_boxes3d.items():
+        show_line(out, f"  recorded 3D boxes not used: {count}, {reason}")
     if report.missing:
         out.print()
         show_table(out, missing_table(report.missing))
@@ -97,6 +101,7 @@ def print_report(out: Console, report: RunReport) -> None:
         "frames": f"{report.frames}, {report.frames_per_second:.1f} a second",
         "sync skew": f"{report.skew_mean_ms:.1f} ms mean, {report.skew_max_ms:.1f} ms at most",
         "motion": f"{compensated}, from {', '.join(report.motion_topics)}" if report.motion_topics else _NO_MOTION,
+        "3D boxes": _boxes3d(report),
         "2D boxes": _BOX_SOURCES[report.box_source],
         "confirmed": _confirmed(report),
         **({"copied": _copied(report)} if report.copied else {}),
@@ -124,6 +129,17 @@ def _copied(report: RunReport) -> str:
     names = [f"{name}/* ({len(topics)} topics)" if len(topics) > 1 else topics[0] for name, topics in below.items()]
     more = f" and {len(names) - MAX_LISTED} more" if len(names) > MAX_LISTED else ""
     return f"{sum(report.copied.values())} messages: {', '.join(names[:MAX_LISTED])}{more}"
+
+
+def _boxes3d(report: RunReport) -> str:
+    source, missing = _source_of_boxes3d(report.box_source_3d, report.rig), report.frames_without_boxes3d
+    return f"{source}; {missing} of {report.frames} frames have none" if missing else source
+
+
+def _source_of_boxes3d(source: str, rig: Rig) -> str:
+    topics = [detector.topic for detector in rig.detectors]
+    more = f" and {len(topics) - MAX_LISTED} more" if len(topics) > MAX_LISTED else ""
+    return f"recorded from {', '.join(topics[:MAX_LISTED])}{more}" if source == "recorded" else _BOX_SOURCES_3D[source]
 
 
 def _confirmed(report: RunReport) -> str:
@@ -154,6 +170,7 @@ def print_inspection(out: Console, inspection: Inspection) -> None:
     show_table(out, sensors_table(inspection.sensors))
     _print_remarks(out, inspection.faults, inspection.notes)
     show_line(out, f"motion: {', '.join(inspection.motion_topics) or _NO_MOTION}")
+    show_line(out, f"3D boxes: {_source_of_boxes3d(inspection.box_source_3d, inspection.rig)}")
     show_line(out, f"2D boxes: {_BOX_SOURCES[inspection.box_source]}")
     show_line(out, f"settings: {inspection.settings}")
     _print_warnings(out, inspection.warnings)

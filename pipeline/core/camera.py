@@ -18,7 +18,7 @@ from pipeline.core.arrays import F32, F64, Bools, Indices
 from pipeline.core.errors import CalibrationError
 from pipeline.core.geometry.box_edges import clip_segments, edges_ahead, sample_by_angle
 
-__all__ = ["CameraModel", "DistortionModel"]
+__all__ = ["NEAR_M", "CameraModel", "DistortionModel"]
 
 DistortionModel = Literal["plumb_bob", "rational_polynomial", "equidistant"]
 
@@ -79,11 +79,12 @@ class CameraModel:
         self.distortion.flags.writeable = False
 
     @cached_property
-    def _coefficients(self) -> F64:
+    def coefficients(self) -> F64:
+        """(8,) float64, the distortion coefficients with zeros for missing ones."""
         return np.concatenate([self.distortion[:8], np.zeros(8)])[:8]
 
     @cached_property
-    def _radius_limit(self) -> float:
+    def radius_limit(self) -> float:
         """Largest undistorted radius (tangent of the angle; equidistant: the angle) at which the model is one-to-one.
 
         Beyond it the polynomial folds back, and points far outside the view would land in the image.
@@ -94,7 +95,7 @@ class CameraModel:
         return float(radius[falling[0]]) if len(falling) else np.inf
 
     def _radial(self, r2: F64) -> F64:
-        k = self._coefficients
+        k = self.coefficients
         if self.model == "equidistant":
             return np.asarray(1 + r2 * (k[0] + r2 * (k[1] + r2 * (k[2] + r2 * k[3]))))
         top = 1 + r2 * (k[0] + r2 * (k[1] + r2 * k[4]))
@@ -115,16 +116,16 @@ class CameraModel:
         front = z > NEAR_M / 2
         depth = np.where(front, z, 1.0)
         x, y = x / depth, y / depth
-        k = self._coefficients
+        k = self.coefficients
         if self.model == "equidistant":
             radius = np.hypot(x, y)
             theta = np.arctan(radius)
-            inside = theta < self._radius_limit
+            inside = theta < self.radius_limit
             scale = np.where(radius > 1e-9, theta * self._radial(theta**2) / np.maximum(radius, 1e-9), 1.0)
             x_lens, y_lens = x * scale, y * scale
         else:
             r2 = x * x + y * y
-            inside = r2 < self._radius_limit**2
+            inside = r2 < self.radius_limit**2
             r2 = np.where(inside, r2, 0.0)
             scale = self._radial(r2)
             x_lens = x * scale + 2 * k[2] * x * y + k[3] * (r2 + 2 * x * x)

@@ -26,11 +26,15 @@ class Associate:
     """Association of 3D boxes with the 2D boxes of a frame."""
 
     def __init__(self, rig: Rig, config: Config) -> None:
-        self._cameras = rig.cameras
+        self._names = [camera.name for camera in rig.cameras]
         self._config = config.associate
 
-    def __call__(self, boxes3d: Boxes3D, boxes2d: Mapping[str, Boxes2D]) -> Mapping[str, Matches]:
+    def __call__(
+        self, boxes3d: Boxes3D, boxes2d: Mapping[str, Boxes2D], views: Mapping[str, CameraSensor]
+    ) -> Mapping[str, Matches]:
         """Matches by camera name, in the rig's order; a camera without an entry in `boxes2d` has no pairs.
+
+        `views` are the cameras as they stood when the boxes were measured.
 
         Raises:
             FrameError: the 3D boxes are not in the site frame of the cameras.
@@ -38,7 +42,7 @@ class Associate:
         corners = box_corners(boxes3d.centers, boxes3d.sizes, boxes3d.yaws)
         rows3d = _rank3d(boxes3d)
         matches = {}
-        for camera in self._cameras:
+        for camera in [views[name] for name in self._names]:
             projected = camera.project_boxes(corners, boxes3d.frame_id)
             found = boxes2d.get(camera.name, Boxes2D.empty(boxes3d.stamp_ns, camera.T_camera_site.dst))
             matches[camera.name] = self._match(camera, boxes3d, rows3d, projected, found)

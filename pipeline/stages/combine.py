@@ -7,7 +7,6 @@ import numpy as np
 
 from pipeline.core.arrays import F32, U8, Bools, Indices
 from pipeline.core.clouds import CombinedCloud, Plane, PointCloud
-from pipeline.core.errors import FrameError
 from pipeline.core.frame import SensorBundle
 from pipeline.core.geometry.pose_samples import PoseSamples
 from pipeline.core.rig import LidarSensor, Rig
@@ -46,7 +45,8 @@ class Combine:
             ValueError: a cloud's lidar is not in the rig.
             FrameError: the motion is that of a frame other than the site frame.
         """
-        config, motion = self._config, self._motion_of(bundle)
+        config = self._config
+        motion = bundle.motion_of(self._rig.site_frame) if config.motion.enabled else None
         unknown = set(clouds) - {lidar.name for lidar in self._rig.lidars}
         if unknown:
             raise ValueError(f"clouds: no lidar of the rig is named {', '.join(sorted(unknown))}")
@@ -90,15 +90,6 @@ class Combine:
             tuple(compensated),
             points_by_lidar,
         )
-
-    def _motion_of(self, bundle: SensorBundle) -> PoseSamples | None:
-        if bundle.motion is None or not self._config.motion.enabled:
-            return None
-        if bundle.motion.frame_id != self._rig.site_frame:
-            raise FrameError(
-                f"motion: expected poses of the site frame {self._rig.site_frame!r}, got {bundle.motion.frame_id!r}"
-            )
-        return bundle.motion
 
     def _ground_of(self, xyz_site: F32, kept: Indices) -> tuple[Plane | None, Bools]:
         """The ground plane, found among the points that are kept, and which of all points belong to it."""

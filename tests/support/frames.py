@@ -101,6 +101,7 @@ def frame(index: int = 0, *, drops: tuple[Drop, ...] = (), objects: int = 3, mot
             {camera.name: _matches(row == 0 and objects > 0, found, row) for row, camera in enumerate(RIG.cameras)},
             objects,
         ),
+        found.scores.astype(np.float64),
         Fused(found, np.arange(objects, dtype=np.int32)[::-1].copy(), np.arange(objects, dtype=np.int64)),
         drops,
     )

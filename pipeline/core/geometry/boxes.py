@@ -5,11 +5,12 @@ import numpy.typing as npt
 
 from pipeline.core.arrays import F64, Array
 
-__all__ = ["box_corners", "iou_xyxy", "pair_iou_xyxy", "rotations_2d", "wrap_angle"]
+__all__ = ["UNIT_CORNERS", "box_corners", "iou_xyxy", "pair_iou_xyxy", "rotations_2d", "wrap_angle"]
 
-_CORNERS = np.array(
-    [[1, 1, -1], [-1, 1, -1], [-1, -1, -1], [1, -1, -1], [1, 1, 1], [-1, 1, 1], [-1, -1, 1], [1, -1, 1]]
+UNIT_CORNERS = np.array(
+    [[1.0, 1, -1], [-1, 1, -1], [-1, -1, -1], [1, -1, -1], [1, 1, 1], [-1, 1, 1], [-1, -1, 1], [1, -1, 1]]
 )
+"""(8, 3) corners of a box along its own axes, in units of half its size, in the order of `box_corners`."""
 
 
 def wrap_angle(angles_rad: npt.ArrayLike) -> F64:
@@ -40,7 +41,7 @@ def box_corners(centers: F64, sizes: F64, yaws: F64) -> F64:
         sizes: (N, 3) length, width, height.
         yaws: (N,) about +z.
     """
-    local = _CORNERS / 2 * sizes[:, None]
+    local = UNIT_CORNERS / 2 * sizes[:, None]
     cos, sin = np.cos(yaws)[:, None], np.sin(yaws)[:, None]
     x, y, z = np.moveaxis(local, -1, 0)
     return np.stack([x * cos - y * sin, x * sin + y * cos, z], -1) + centers[:, None]

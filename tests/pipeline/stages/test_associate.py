@@ -32,7 +32,8 @@ def associate(
     boxes: Boxes3D, found: Mapping[str, Boxes2D], *, rig: Rig | None = None, **settings: float
 ) -> Mapping[str, Matches]:
     config = Config(associate=AssociateConfig.model_validate(settings))
-    return Associate(rig or camera_rig(forward_camera()), config)(boxes, found)
+    rig = rig or camera_rig(forward_camera())
+    return Associate(rig, config)(boxes, found, {camera.name: camera for camera in rig.cameras})
 
 
 def match(boxes: Boxes3D, rows: Sequence[Row], **settings: float) -> list[tuple[int, int]]:

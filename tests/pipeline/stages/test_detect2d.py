@@ -156,4 +156,4 @@ def test_cars_of_a_real_image() -> None:
     assert len(labelled) == 6
     overlap = iou_xyxy(np.array(labelled), cars.xyxy)
     assert (overlap.max(1) >= 0.5).sum() >= 6
-    assert len(cars) <= 9, "hardly anything but cars"
+    assert len(cars) <= 11, "hardly anything but cars; some too far away for a label are there, too"

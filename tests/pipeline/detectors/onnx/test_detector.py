@@ -1,5 +1,5 @@
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +13,7 @@ from pipeline.core.settings.config import Config
 from pipeline.core.settings.detect import Detect2DConfig
 from pipeline.detectors.onnx.coco import COCO_LABELS
 from pipeline.detectors.onnx.detector import OnnxDetector2D
+from pipeline.detectors.onnx.session import OnnxSession
 
 SIZE_PX = (64, 96)  # height, width of the networks that are made here
 ANCHORS = 8 * 12 + 4 * 6 + 2 * 3
@@ -123,13 +124,13 @@ def test_a_free_batch_runs_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     free = detector(write_yolox(tmp_path / "free.onnx", raw_rows(), size_px=SIZE_PX, batch="n"))
     fixed = detector(write_yolox(tmp_path / "fixed.onnx", raw_rows(), size_px=SIZE_PX))
     sizes: list[int] = []
-    run: Callable[[OnnxDetector2D, Array], Array] = OnnxDetector2D._run
+    run: Callable[[OnnxSession, Mapping[str, Array], int], list[Array]] = OnnxSession.run
 
-    def counted(model: OnnxDetector2D, batch: Array) -> Array:
-        sizes.append(len(batch))
-        return run(model, batch)
+    def counted(session: OnnxSession, fed: Mapping[str, Array], images: int) -> list[Array]:
+        sizes.append(len(fed["images"]))
+        return run(session, fed, images)
 
-    monkeypatch.setattr(OnnxDetector2D, "_run", counted)
+    monkeypatch.setattr(OnnxSession, "run", counted)
     free([image(20, 30)] * 3)
     fixed([image(20, 30)] * 3)
     assert sizes == [3, 1, 1, 1]
@@ -196,11 +197,11 @@ def doubles(path: Path) -> Path:
         (text, "expected an ONNX file that onnxruntime can load"),
         (empty, "expected an ONNX file that onnxruntime can load"),
         (cut, "expected an ONNX file that onnxruntime can load"),
-        (classes_20, "found an output (1, 126, 25)"),
-        (too_few_anchors, "here (1, 126, 85), found an output (1, 125, 85)"),
-        (transposed, "found an output (1, 85, 126)"),
+        (classes_20, "the network has 20 classes, and its file has no names for them: set detect2d.names"),
+        (too_few_anchors, "found output0 (1, 125, 85) for 96 x 64 px"),
+        (transposed, "the network has 81 classes"),
         (one_channel, "found images (1, 1, 64, 96)"),
-        (odd_size, "found images (1, 3, 60, 96)"),
+        (odd_size, "found output0 (1, 126, 85) for 96 x 60 px"),
         (two_outputs, "output1 (1, 126, 85)"),
         (doubles, "tensor(double)"),
     ],
@@ -232,3 +233,29 @@ def test_real_network_does_not_depend_on_threads() -> None:
     for expected, *others in zip(one, two, again, strict=True):
         for other in others:
             np.testing.assert_array_equal(other, expected)
+
+
+@pytest.mark.parametrize(
+    ("settings", "sizes"),
+    [
+        ({}, {(1, 3, 320, 960), (1, 3, 480, 640)}),
+        ({"max_input_px": 640 * 224}, {(1, 3, 224, 640), (1, 3, 320, 448)}),
+        ({"input": (416, 416)}, {(1, 3, 416, 416)}),
+        ({"input": (320, 256)}, {(1, 3, 256, 320)}),
+    ],
+)
+def test_real_network_is_given_each_pictures_shape(
+    monkeypatch: pytest.MonkeyPatch, settings: dict[str, object], sizes: set[tuple[int, ...]]
+) -> None:
+    config = Config(detect2d=Detect2DConfig.model_validate(settings))
+    model = OnnxDetector2D(shared("weights/yolox_nano.onnx"), config)
+    given: set[tuple[int, ...]] = set()
+    run: Callable[[OnnxSession, Mapping[str, Array], int], list[Array]] = OnnxSession.run
+
+    def watched(session: OnnxSession, fed: Mapping[str, Array], images: int) -> list[Array]:
+        given.add(fed["images"].shape)
+        return run(session, fed, images)
+
+    monkeypatch.setattr(OnnxSession, "run", watched)
+    assert len(model([image(375, 1242), image(480, 640), image(375, 1242)])) == 3
+    assert given == sizes
