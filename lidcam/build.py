@@ -11,13 +11,14 @@ from pipeline.core.detections import Boxes2D, Boxes3D, Detections, Fused, Hypoth
 from pipeline.core.frame import Decoded, FrameResult, SensorBundle
 from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.settings.config import Config
+from pipeline.fusion.placed import Placed
 from pipeline.graph import Graph, Node
 from pipeline.stages.associate import Associate
 from pipeline.stages.believe import Believe
 from pipeline.stages.classify import Classify
 from pipeline.stages.combine import Combine
 from pipeline.stages.fuse import Fuse
-from pipeline.stages.place import Place, Placed
+from pipeline.stages.place import Place
 from pipeline.stages.propose import Propose
 from pipeline.stages.reshape import Reshape
 from pipeline.stages.views import Views
