@@ -16,6 +16,7 @@ from pipeline.stages.combine import Combine
 from pipeline.stages.detect2d import Detect2D
 from pipeline.stages.detect3d import Detect3D
 from pipeline.stages.fuse import Fuse
+from pipeline.stages.refine import Refine
 from pipeline.stages.views import Views
 from readers.streams.decoders import CloudDecoder, ImageDecoder, OnBadMessage, RecordedBoxes
 
@@ -38,8 +39,9 @@ def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Grap
     views = graph.add("views", Views(rig, config), graph.frame)
     matches = graph.add("associate", Associate(rig, config), boxes3d, boxes2d, views)
     hypotheses = graph.add("propose", _propose, boxes3d, matches)
-    fused = graph.add("fuse", Fuse(config), hypotheses, boxes2d)
-    inputs = graph.frame, clouds, combined, boxes3d, camera_data, boxes2d, views, hypotheses, fused
+    refined = graph.add("refine", Refine(rig, config), hypotheses, boxes2d, views)
+    fused = graph.add("fuse", Fuse(config), refined, boxes2d)
+    inputs = graph.frame, clouds, combined, boxes3d, camera_data, boxes2d, views, refined, fused
     return graph, graph.add("collect", _collect, *inputs)
 
 
