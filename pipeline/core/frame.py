@@ -79,7 +79,7 @@ class Decoded(Mapping[str, T]):
     Attributes:
         by_sensor: The decoded values.
         drops: The bad messages.
-        unused_boxes: Recorded 2D boxes that could not be used, by reason.
+        unused_boxes: Recorded boxes that could not be used, by reason.
     """
 
     by_sensor: Mapping[str, T]
@@ -111,6 +111,7 @@ class FrameResult:
         fused: The fused objects, in the site frame.
         drops: Messages of the bundle that could not be used.
         unused_boxes: Recorded 2D boxes that could not be used, by reason.
+        unused_boxes3d: Recorded 3D boxes that could not be used, by reason.
     """
 
     bundle: SensorBundle
@@ -122,6 +123,7 @@ class FrameResult:
     fused: Fused
     drops: tuple[Drop, ...] = ()
     unused_boxes: Mapping[str, int] = field(default_factory=dict)
+    unused_boxes3d: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def matches(self) -> Mapping[str, Matches]:
