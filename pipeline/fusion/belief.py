@@ -69,19 +69,19 @@ class Coefficients:
 
 
 FITTED = Coefficients(
-    lidar=0.0,
-    lidar_score=1.0,
-    lidar_length=1.0,
-    lidar_score_length=0.0,
+    lidar=1.07,
+    lidar_score=1.83,
+    lidar_length=1.85,
+    lidar_score_length=1.16,
     placed=-2.0,
     led=-2.0,
     led_score=0.5,
-    match=2.0,
+    match=1.9,
     match_score=0.5,
-    match_iou=2.0,
+    match_iou=4.0,
     match_rivals=-1.0,
     missed=1.0,
-    further=0.5,
+    further=0.8,
 )
 
 
