@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from pipeline.core.arrays import F64
 from pipeline.core.settings.classes import ROAD_CLASSES, ClassPrior
 from pipeline.fusion.naming import OWN_LOG_ODDS, class_log_odds, confusion, vote_log_odds
 
@@ -8,12 +9,14 @@ CAR, PEDESTRIAN, BICYCLE, TRUCK, BUS = range(5)
 TAKEN_FOR = confusion(ROAD_CLASSES)
 
 
-def by_size(size: tuple[float, float, float], own: int) -> np.ndarray:
-    return class_log_odds(np.array([size]), np.array([own], np.int32), ROAD_CLASSES)[0]
+def by_size(size: tuple[float, float, float], own: int) -> F64:
+    (odds,) = class_log_odds(np.array([size]), np.array([own], np.int32), ROAD_CLASSES)
+    return odds
 
 
-def by_vote(class_id: int, score: float) -> np.ndarray:
-    return vote_log_odds(np.array([class_id], np.int32), np.array([score]), TAKEN_FOR)[0]
+def by_vote(class_id: int, score: float) -> F64:
+    (odds,) = vote_log_odds(np.array([class_id], np.int32), np.array([score]), TAKEN_FOR)
+    return odds
 
 
 def test_what_is_of_a_size_is_confused() -> None:
