@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 __all__ = ["Provenance"]
 
@@ -19,6 +19,8 @@ class Provenance:
         config_yaml: All settings that affect the result; not `run`, so that the number of workers does not.
         rig_yaml: The rig, as a rig file.
         start_ns: Log time of the first input message: used for the attachments in place of the wall clock.
+        network: Of the 2D network the `name` and the `sha256` of its file, and the `provider` that ran it; empty
+            without one.
     """
 
     version: str
@@ -27,12 +29,14 @@ class Provenance:
     config_yaml: str
     rig_yaml: str
     start_ns: int
+    network: Mapping[str, str] = field(default_factory=dict)
 
     def metadata(self) -> dict[str, str]:
         """The content of the metadata record `lidcam`."""
         record = {"version": self.version, "settings": self.settings}
         for row, known in enumerate(self.inputs):
             record |= {f"input.{row}.{key}": value for key, value in known.items()}
+        record |= {f"network.{key}": value for key, value in self.network.items()}
         for name, text in (("config", self.config_yaml), ("rig", self.rig_yaml)):
             record[f"{name}.sha256"] = hashlib.sha256(text.encode()).hexdigest()
         return record
