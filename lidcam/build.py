@@ -1,6 +1,7 @@
 """How a bundle becomes a result: the stages of a frame; `lidcam.frames` says where bundles come from."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, Literal
 
 from pipeline.core.clouds import CombinedCloud, PointCloud
@@ -26,9 +27,6 @@ __all__ = ["BoxSource", "BoxSource3D", "box_source", "build_graph", "wanted_boxe
 BoxSource = Literal["onnx", "recorded", "none"]
 BoxSource3D = Literal["cluster", "recorded", "none"]
 
-NOTHING_RECORDED: Decoded[Boxes3D] = Decoded({})
-"""What the messages of detectors held where none are read."""
-
 
 def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Graph[SensorBundle], Node[FrameResult]]:
     """The stages from a bundle of undecoded messages to a frame's result.
@@ -45,8 +43,9 @@ def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Grap
     matches = graph.add("associate", Associate(rig, config), boxes3d, boxes2d, views)
     hypotheses = graph.add("propose", _propose, boxes3d, matches)
     fused = graph.add("fuse", Fuse(config), hypotheses, boxes2d)
-    inputs = graph.frame, clouds, combined, boxes3d, camera_data, boxes2d, views, hypotheses, fused, *recorded3d
-    return graph, graph.add("collect", _collect, *inputs)
+    inputs = graph.frame, clouds, combined, boxes3d, camera_data, boxes2d, views, hypotheses, fused
+    result = graph.add("collect", _collect, *inputs)
+    return graph, result if recorded3d is None else graph.add("count 3D boxes", _with_recorded, result, recorded3d)
 
 
 def box_source(config: Config, rig: Rig) -> BoxSource:
@@ -71,12 +70,12 @@ def wanted_boxes(config: Config, rig: Rig) -> BoxSource:
 
 def _add_boxes3d(
     graph: Graph[SensorBundle], config: Config, rig: Rig, combined: Node[CombinedCloud], *, on_bad: OnBadMessage
-) -> tuple[tuple[Node[Decoded[Boxes3D]], ...], Node[Boxes3D]]:
+) -> tuple[Node[Decoded[Boxes3D]] | None, Node[Boxes3D]]:
     """What the messages of recorded 3D detectors held, if these are used; and the 3D boxes of the frame."""
     if config.detect3d.method != "recorded":
-        return (), graph.add("detect 3D", Detect3D(rig, config), combined)
+        return None, graph.add("detect 3D", Detect3D(rig, config), combined)
     recorded = graph.add("read 3D boxes", RecordedBoxes3D(rig, config, on_bad=on_bad), graph.frame)
-    return (recorded,), graph.add("join 3D boxes", Recorded3D(rig), graph.frame, recorded)
+    return recorded, graph.add("join 3D boxes", Recorded3D(rig), graph.frame, recorded)
 
 
 def _add_boxes2d(
@@ -115,7 +114,6 @@ def _collect(
     views: Mapping[str, CameraSensor],
     hypotheses: Hypotheses,
     fused: Fused,
-    recorded3d: Decoded[Boxes3D] = NOTHING_RECORDED,
 ) -> FrameResult:
     return FrameResult(
         bundle=bundle,
@@ -124,7 +122,10 @@ def _collect(
         views=views,
         hypotheses=hypotheses,
         fused=fused,
-        drops=clouds.drops + recorded3d.drops + camera_data.drops,
+        drops=clouds.drops + camera_data.drops,
         unused_boxes=camera_data.unused_boxes,
-        unused_boxes3d=recorded3d.unused_boxes,
     )
+
+
+def _with_recorded(result: FrameResult, recorded: Decoded[Boxes3D]) -> FrameResult:
+    return replace(result, drops=result.drops + recorded.drops, unused_boxes3d=recorded.unused_boxes)
