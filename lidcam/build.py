@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from typing import Any, Literal
 
 from pipeline.core.clouds import CombinedCloud, PointCloud
@@ -11,6 +12,7 @@ from pipeline.core.frame import Decoded, FrameResult, SensorBundle
 from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.settings.config import Config
 from pipeline.detectors.onnx.detector import OnnxDetector2D
+from pipeline.fusion.zones import select_by_zones
 from pipeline.graph import Graph, Node
 from pipeline.stages.associate import Associate
 from pipeline.stages.combine import Combine
@@ -43,6 +45,7 @@ def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Grap
     matches = graph.add("associate", Associate(rig, config), boxes3d, boxes2d, views)
     hypotheses = graph.add("propose", _propose, boxes3d, matches)
     fused = graph.add("fuse", Fuse(config), hypotheses, boxes2d)
+    fused = graph.add("zones", partial(select_by_zones, zones=rig.zones), fused)
     inputs = graph.frame, clouds, combined, boxes3d, camera_data, boxes2d, views, hypotheses, fused
     result = graph.add("collect", _collect, *inputs)
     return graph, result if recorded3d is None else graph.add("count 3D boxes", _with_recorded, result, recorded3d)
