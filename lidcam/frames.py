@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
-from lidcam.build import box_source
+from lidcam.box_sources import box_source
 from lidcam.settings.choice import AS_GIVEN, UsedSettings
 from lidcam.summary import DropTable
 from pipeline.core.errors import ConfigError

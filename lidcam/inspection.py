@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from lidcam.build import BoxSource, BoxSource3D, box_source
+from lidcam.box_sources import BoxSource, BoxSource3D, box_source
 from lidcam.checks.calibration import check_first_clouds
 from lidcam.checks.incomplete import damage_lines, left_out_lines
 from lidcam.checks.warning import RunWarning

@@ -12,7 +12,8 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from lidcam.build import box_source, build_graph, wanted_boxes
+from lidcam.box_sources import box_source, wanted_boxes
+from lidcam.build import build_graph
 from lidcam.checks.absent import absence_warnings, clocks_off
 from lidcam.checks.calibration import CalibrationCheck
 from lidcam.checks.class_numbers import class_number_warnings
@@ -235,6 +236,7 @@ class Run:
             inputs=tuple(inputs),
             frames=tally.frames,
             objects=dict(sorted(tally.objects.items())),
+            sources=dict(tally.sources),
             confirmed=tally.confirmed,
             frames_without_boxes=tally.frames_without_boxes,
             frames_without_boxes3d=tally.frames_without_boxes3d,

@@ -6,11 +6,12 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from lidcam.build import BoxSource, BoxSource3D
+from lidcam.box_sources import BoxSource, BoxSource3D
 from lidcam.checks.incomplete import absent_lines, damage_lines, left_out_lines
 from lidcam.checks.missing import MissingSensor
 from lidcam.checks.warning import RunWarning
 from lidcam.settings.choice import UsedSettings
+from pipeline.core.detections import Source, source_names
 from pipeline.core.errors import MessageError
 from pipeline.core.frame import FrameResult
 from pipeline.core.geometry.polygons import first_polygon_with
@@ -165,6 +166,7 @@ class RunReport:
         inputs: The files that were read.
         frames: Number of frames.
         objects: Number of fused objects by (class name, zone name); the latter is empty where there are no zones.
+        sources: Number of fused objects by what their geometry comes from: `lidar`, `camera`, `both`.
         confirmed: Number of fused objects that at least one camera confirms.
         frames_without_boxes: Number of frames for which no camera sent an image or boxes.
         frames_without_boxes3d: Number of frames for which no recorded 3D detector sent boxes; 0 where none is used.
@@ -199,6 +201,7 @@ class RunReport:
     inputs: tuple[InputFile, ...]
     frames: int
     objects: Mapping[tuple[str, str], int]
+    sources: Mapping[str, int]
     confirmed: int
     frames_without_boxes: int
     frames_without_boxes3d: int
@@ -258,6 +261,7 @@ class Tally:
         self._zones = rig.counted_zones
         self._detectors = frozenset(detector.topic for detector in rig.detectors)
         self.frames = 0
+        self.sources = Counter({source.name.lower(): 0 for source in Source})
         self.confirmed = 0
         self.frames_without_boxes = 0
         self.frames_without_boxes3d = 0
@@ -275,6 +279,7 @@ class Tally:
         objects = frame.fused.objects
         self.frames += 1
         self.compensated += bool(frame.combined.compensated)
+        self.sources.update(source_names(objects.sources))
         self.confirmed += int((frame.fused.matched > 0).sum())
         self.frames_without_boxes += not frame.detections.cameras
         self.frames_without_boxes3d += bool(self._detectors) and self._detectors.isdisjoint(frame.bundle.messages)
@@ -321,6 +326,7 @@ def report_tree(report: RunReport) -> dict[str, Any]:
         "boxes3d_topics": [detector.topic for detector in report.rig.detectors],
         "motion": {"topics": list(report.motion_topics), "compensated_frames": report.compensated},
         "objects": [{"class": c, "zone": z or None, "count": count} for (c, z), count in report.objects.items()],
+        "object_sources": dict(report.sources),
         "confirmed": report.confirmed,
         "frames_without_boxes": report.frames_without_boxes,
         "frames_without_boxes3d": report.frames_without_boxes3d,

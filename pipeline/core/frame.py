@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import TypeVar
 
+from pipeline.core.arrays import F64
 from pipeline.core.clouds import CombinedCloud
 from pipeline.core.detections import Detections, Fused, Hypotheses, Matches
 from pipeline.core.errors import FrameError
@@ -106,6 +107,7 @@ class FrameResult:
         views: By camera name, for every camera of the rig: the camera as it stood when its image was taken, in the site
             frame at the frame's time.
         hypotheses: What was weighed.
+        beliefs: (N,) float64, existence probability of each of them.
         fused: The fused objects, in the site frame.
         drops: Messages of the bundle that could not be used.
         unused_boxes: Recorded 2D boxes that could not be used, by reason.
@@ -117,6 +119,7 @@ class FrameResult:
     detections: Detections
     views: Mapping[str, CameraSensor]
     hypotheses: Hypotheses
+    beliefs: F64
     fused: Fused
     drops: tuple[Drop, ...] = ()
     unused_boxes: Mapping[str, int] = field(default_factory=dict)

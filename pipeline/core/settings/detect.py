@@ -7,7 +7,19 @@ from pydantic import Field
 
 from pipeline.core.settings.model import Count, NotNegative, Positive, SettingsModel, Share
 
-__all__ = ["ClusterConfig", "Detect2DConfig", "Detect3DConfig", "Recorded3DConfig"]
+__all__ = [
+    "ClusterConfig",
+    "Detect2DConfig",
+    "Detect3DConfig",
+    "NetworkColors",
+    "NetworkLayout",
+    "Provider",
+    "Recorded3DConfig",
+]
+
+NetworkLayout = Literal["yolox", "yolov5", "yolov8", "end_to_end", "rtdetr", "detr", "dfine"]
+NetworkColors = Literal["bgr_255", "rgb_255", "bgr_1", "rgb_1", "imagenet"]
+Provider = Literal["cpu", "cuda", "tensorrt", "openvino", "migraphx", "directml", "coreml"]
 
 
 class ClusterConfig(SettingsModel):
@@ -78,7 +90,17 @@ class Detect2DConfig(SettingsModel):
     Attributes:
         method: `onnx` runs a network, `recorded` takes 2D boxes from the recording, `none` finds nothing. `auto` is
             `onnx` if a model is given, else `recorded` if there are boxes, else `none`.
-        model: ONNX file (YOLOX layout), relative to the working folder.
+        model: ONNX file, relative to the working folder; docs/networks.md lists the exports that are known.
+        layout: What the network's outputs mean. `auto`: told by their shapes. `yolox`; `yolov5` (also YOLOv7), `yolov8`
+            (also YOLO11); `end_to_end`: with suppression inside (also YOLOv10, YOLO26); `rtdetr`: of Ultralytics;
+            `detr`: boxes and scores (RT-DETR, D-FINE, RF-DETR); `dfine`: labels, boxes and scores.
+        colors: Order of the channels that the network is given, and the value of white, 255 or 1; `imagenet`: red
+            first, less ImageNet's mean, by its deviation. `auto`: as its layout has it.
+        names: Names of the network's classes: `coco` (80), `coco91` (by the numbers of the annotations), or a file
+            with a name in each line, or YAML or JSON with `names`. Empty: as in the network's file, else COCO's if
+            there are 80.
+        provider: What runs the network. Only `cpu` gives the same result on every machine; the others need another
+            build of onnxruntime.
         input: Width and height of the pictures that the network is given, pixels. `auto`: the shape of the camera's
             own picture, as large as `max_input_px` allows and never larger than the picture; the size that the network
             is made for, if it takes no other.
@@ -95,6 +117,10 @@ class Detect2DConfig(SettingsModel):
 
     method: Literal["auto", "onnx", "recorded", "none"] = "auto"
     model: Path | None = None
+    layout: Literal["auto"] | NetworkLayout = "auto"
+    colors: Literal["auto"] | NetworkColors = "auto"
+    names: str = ""
+    provider: Provider = "cpu"
     input: Literal["auto"] | tuple[Count, Count] = "auto"
     max_input_px: Count = 307_200
     min_score: Share = 0.3
