@@ -49,7 +49,24 @@ class FuseConfig(SettingsModel):
         camera_recall: Share of large objects in plain view that the 2D detector finds; how much it speaks against an
             object that a camera should see it and says nothing. null: learned while the run goes on, for each camera
             and size.
+        refine: Fit the boxes to the 2D boxes that are matched with them. Off, they stay as the lidars gave them.
+        pixel_sigma_px: Standard deviation of the edges of 2D boxes, pixels: how much is taken from the cameras.
+        outline_sigma: Standard deviation that is added to it, as a share of the size of the 2D box (the root of its
+            area): objects are no cuboids, and detectors err in proportion.
+        lidar_sigma_scale: Multiplies the standard deviations that the lidar detector gives for place and heading: how
+            much is taken from the lidars. Above 1 where it is too sure.
+        size_sigma: Standard deviation of the length and the width of the boxes, as a share of them. 0: known exactly.
+        corner_rounding: Radius of the corners of an object seen from above, as a share of its width: 2D boxes enclose
+            the object, which is rounder than the box around it. 0: as large as the box.
+        underside: How far above the ground an object begins at its outline, as a share of its height.
     """
 
     min_score: Share = 0.4
     camera_recall: Share | None = None
+    refine: bool = True
+    pixel_sigma_px: Positive = 1.5
+    outline_sigma: NotNegative = 0.03
+    lidar_sigma_scale: Positive = 1.0
+    size_sigma: NotNegative = 0.1
+    corner_rounding: Annotated[float, Field(ge=0, le=0.5)] = 0.2
+    underside: Annotated[float, Field(ge=0, le=0.5)] = 0.05
