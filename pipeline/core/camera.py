@@ -84,6 +84,11 @@ class CameraModel:
         return np.concatenate([self.distortion[:8], np.zeros(8)])[:8]
 
     @cached_property
+    def is_straight(self) -> bool:
+        """Whether the image shows straight lines straight."""
+        return self.model != "equidistant" and not self.coefficients.any()
+
+    @cached_property
     def radius_limit(self) -> float:
         """Largest undistorted radius (tangent of the angle; equidistant: the angle) at which the model is one-to-one.
 
@@ -161,19 +166,27 @@ class CameraModel:
             behind the camera are cut at `NEAR_M` first.
         """
         found = np.full((len(corners_camera), 4), np.nan, np.float32)
-        ahead = (corners_camera[..., 2] >= NEAR_M).any(1)
-        if ahead.any():
-            found[ahead] = self._project_boxes_ahead(corners_camera[ahead])
+        ahead = (corners_camera[..., 2] >= NEAR_M).sum(1)
+        for rows in (ahead == 8, (ahead > 0) & (ahead < 8)):
+            if rows.any():
+                found[rows] = self._project_boxes_ahead(corners_camera[rows])
         return found
 
     def _project_boxes_ahead(self, corners_camera: F64) -> F64:
         """`project_boxes` for boxes of which at least one corner is in front of the camera."""
+        if self.is_straight and (corners_camera[..., 2] >= NEAR_M).all():  # then the corners are outermost
+            pixels, _ = self.project(corners_camera)
+            return self._clipped(pixels.min(1), pixels.max(1))
         start, end, in_front = edges_ahead(corners_camera, NEAR_M)
         samples = start[:, :, None] * (1 - _EDGE_SHARES) + end[:, :, None] * _EDGE_SHARES  # (N, 12, S, 3)
         pixels, valid = self.project(samples)
         valid &= in_front[..., None]
         low = np.where(valid[..., None], pixels, np.inf).min((1, 2))
         high = np.where(valid[..., None], pixels, -np.inf).max((1, 2))
+        return self._clipped(low, high)
+
+    def _clipped(self, low: F64, high: F64) -> F64:
+        """(N, 4) rectangles from their corners, clipped to the image; NaN where nothing is left."""
         size = np.array([self.width_px, self.height_px], np.float64)
         boxes = np.concatenate([np.clip(low, 0, size), np.clip(high, 0, size)], -1)
         seen = (boxes[:, 2] > boxes[:, 0]) & (boxes[:, 3] > boxes[:, 1])

@@ -88,7 +88,7 @@ def _in_cones(centers_camera: F64, radii_m: F64, angles_rad: F64) -> Bools:
     """(C, N) whether the sphere around each box reaches into the cone that a camera sees."""
     x, y, z = np.moveaxis(centers_camera, -1, 0)
     range_m = np.sqrt(x * x + y * y + z * z)
-    reach = np.where(range_m > radii_m, np.arcsin(radii_m / np.maximum(range_m, radii_m)), np.pi)
+    reach = np.where(range_m > radii_m, np.arcsin(radii_m / np.maximum(np.maximum(range_m, radii_m), 1e-9)), np.pi)
     aside = np.arctan2(np.sqrt(x * x + y * y), z)
     return np.asarray((z + radii_m > NEAR_M) & (aside - reach < angles_rad[:, None]))
 
