@@ -23,6 +23,7 @@ from lidcam.printing.tables import (
 from lidcam.summary import RunReport, loss_records
 from pipeline.core.detections import Boxes3D, source_names
 from pipeline.core.frame import FrameResult
+from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from readers.recording import Loss
 from readers.rig.sensor_topics import SensorFault
@@ -41,6 +42,7 @@ _BOX_SOURCES = {
     "recorded": "as recorded",
     "none": "none: lidar-only; recorded 2D boxes, or --model-2d FILE.onnx, bring the cameras in",
 }
+_BOX_SOURCES_3D = {"cluster": "by clusters of points", "none": "none: detect3d.method is none"}
 _GEOMETRY = {"lidar": "of lidars alone", "camera": "of cameras alone", "both": "of both"}
 _NO_MOTION = "none: no odometry or tf of the site frame, or switched off"
 
@@ -105,6 +107,8 @@ def print_report(out: Console, report: RunReport) -> None:
             show_line(out, f"  {drop.reason}: {drop.example}", "dim")
     for reason, count in report.unused_boxes.items():
         show_line(out, f"  recorded 2D boxes not used: {count}, {reason}")
+    for reason, count in report.unused_boxes3d.items():
+        show_line(out, f"  recorded 3D boxes not used: {count}, {reason}")
     if report.missing:
         out.print()
         show_table(out, missing_table(report.missing))
@@ -119,6 +123,7 @@ def print_report(out: Console, report: RunReport) -> None:
         "frames": f"{report.frames}, {report.frames_per_second:.1f} a second",
         "sync skew": f"{report.skew_mean_ms:.1f} ms mean, {report.skew_max_ms:.1f} ms at most",
         "motion": f"{compensated}, from {', '.join(report.motion_topics)}" if report.motion_topics else _NO_MOTION,
+        "3D boxes": _boxes3d(report),
         "2D boxes": _BOX_SOURCES[report.box_source],
         "confirmed": _confirmed(report),
         "geometry": ", ".join(f"{count} {_GEOMETRY[source]}" for source, count in report.sources.items()),
@@ -149,6 +154,17 @@ def _copied(report: RunReport) -> str:
     return f"{sum(report.copied.values())} messages: {', '.join(names[:MAX_LISTED])}{more}"
 
 
+def _boxes3d(report: RunReport) -> str:
+    source, missing = _source_of_boxes3d(report.box_source_3d, report.rig), report.frames_without_boxes3d
+    return f"{source}; {missing} of {report.frames} frames have none" if missing else source
+
+
+def _source_of_boxes3d(source: str, rig: Rig) -> str:
+    topics = [detector.topic for detector in rig.detectors]
+    more = f" and {len(topics) - MAX_LISTED} more" if len(topics) > MAX_LISTED else ""
+    return f"recorded from {', '.join(topics[:MAX_LISTED])}{more}" if source == "recorded" else _BOX_SOURCES_3D[source]
+
+
 def _confirmed(report: RunReport) -> str:
     confirmed = f"{report.confirmed} of {sum(report.objects.values())} objects by a camera"
     if report.box_source == "none" or not report.frames_without_boxes:
@@ -177,6 +193,7 @@ def print_inspection(out: Console, inspection: Inspection) -> None:
     show_table(out, sensors_table(inspection.sensors))
     _print_remarks(out, inspection.faults, inspection.notes)
     show_line(out, f"motion: {', '.join(inspection.motion_topics) or _NO_MOTION}")
+    show_line(out, f"3D boxes: {_source_of_boxes3d(inspection.box_source_3d, inspection.rig)}")
     show_line(out, f"2D boxes: {_BOX_SOURCES[inspection.box_source]}")
     show_line(out, f"settings: {inspection.settings}")
     _print_warnings(out, inspection.warnings)

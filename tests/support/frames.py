@@ -119,6 +119,7 @@ def frame(
             {camera.name: _matches(row == 0 and objects > 0, found, row) for row, camera in enumerate(RIG.cameras)},
             objects if placed is None else objects - len(placed),
         ),
+        found.scores.astype(np.float64),
         Fused(found, np.arange(objects, dtype=np.int32)[::-1].copy(), np.arange(objects, dtype=np.int64)),
         drops,
     )

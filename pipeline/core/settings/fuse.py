@@ -22,10 +22,12 @@ class FuseConfig(SettingsModel):
     """Fusion of matched boxes.
 
     Attributes:
-        min_score: Objects with a lower fused score are not reported.
-        min_score_unconfirmed: Objects with a lower fused score are not reported if a camera with 2D boxes has them in
-            view and no camera confirms them. Objects that no camera looks at, as in a run by the lidars alone, stay.
+        min_score: Objects that are less probable are not reported. The probability is that of an object of this class
+            at this place, from what all sensors say and do not say; it means the same in every recording.
+        camera_recall: Share of large objects in plain view that the 2D detector finds; how much it speaks against an
+            object that a camera should see it and says nothing. null: learned while the run goes on, for each camera
+            and size.
     """
 
-    min_score: Share = 0.0
-    min_score_unconfirmed: Share = 0.0
+    min_score: Share = 0.4
+    camera_recall: Share | None = None

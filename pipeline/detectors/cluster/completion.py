@@ -3,7 +3,7 @@
 A lidar sees only the near sides of an object. A side that faces a lidar shows its whole length; the extent behind it is
 taken from the size prior of the class. So a cluster is compared with each class, with the length along either axis of
 the rectangle; missing length counts only as far as it should have been visible. The box then keeps its near sides and
-grows away from the lidars.
+grows away from the lidars; a pedestrian's or a cyclist's grows about its middle.
 """
 
 from dataclasses import dataclass
@@ -31,6 +31,11 @@ BOTH_ENDS_SHARE = 0.1
 
 BOTH_ENDS_WHOLE_SHARE = 0.5
 """An extent with both ends seen is complete from this share of the prior on."""
+
+
+SLENDER_SHARE = 0.5
+"""A class whose width is at most this share of its height has no broad side that hides its far end: of a cyclist the
+lidar sees the rider, in the middle. Such boxes grow to both ends alike."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,6 +105,9 @@ def complete_boxes(
 
     chosen, chosen_limit = mean[choice], limit[choice]
     center, full, std = _grow(extent, middle, chosen[:, :2], chosen_limit[:, :2], seen, towards, lidar_share)
+    is_slender = chosen[:, :2].min(1) <= SLENDER_SHARE * chosen[:, 2]
+    center = np.where(is_slender[:, None], middle, center)
+    std = np.where(is_slender[:, None], (full - extent) / 4, std)
     height = np.where(top_m >= WHOLE_SHARE * chosen[:, 2], top_m, chosen[:, 2])
     swap = (choice % 2 == 1)[:, None]
     yaw = rectangles.angle_rad + np.where(swap[:, 0], np.pi / 2, 0.0)
