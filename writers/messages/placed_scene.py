@@ -14,7 +14,8 @@ from writers.uncertainty import ground_ellipses
 
 __all__ = ["PLACED", "PLACED_SCENE", "placed_scene"]
 
-PLACED, PLACED_SCENE = "/cameras/detections", "/cameras/scene"
+PLACED = "/cameras/detections"
+PLACED_SCENE = "/cameras/scene"
 """Topics of the boxes and of what is drawn of them; they have a message where a camera has 2D boxes."""
 
 EDGE_PX = 1.0
