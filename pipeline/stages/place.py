@@ -9,11 +9,11 @@ from pipeline.core.clouds import CombinedCloud
 from pipeline.core.detections import Boxes2D, Boxes3D, Source
 from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.settings.config import Config
-from pipeline.fusion.merging import merge_sightings, moments
-from pipeline.fusion.observed import Noise
-from pipeline.fusion.placed import Placed
-from pipeline.fusion.placing import SizePriors, place
-from pipeline.fusion.sightings import see
+from pipeline.fusion.cameras.merging import merge_sightings, moments
+from pipeline.fusion.cameras.observed import Noise
+from pipeline.fusion.cameras.placed import Placed
+from pipeline.fusion.cameras.placing import SizePriors, place
+from pipeline.fusion.cameras.sightings import see
 
 __all__ = ["Place"]
 

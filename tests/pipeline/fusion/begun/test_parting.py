@@ -4,10 +4,10 @@ from seen_boxes import camera_at, views_of
 
 from pipeline.core.arrays import F64
 from pipeline.detectors.protocols import Candidates3D
-from pipeline.fusion.beginning import Begun
-from pipeline.fusion.frustums import FrustumPoints
-from pipeline.fusion.parting import find_hosts, find_merged, share_points
-from pipeline.fusion.sightings import see
+from pipeline.fusion.begun.beginning import Begun
+from pipeline.fusion.begun.frustums import FrustumPoints
+from pipeline.fusion.begun.parting import find_hosts, find_merged, share_points
+from pipeline.fusion.cameras.sightings import see
 
 
 def begun(*counts: int) -> Begun:

@@ -9,7 +9,7 @@ from lens_models import LENS_MODELS, lens
 
 from pipeline.core.arrays import F64
 from pipeline.core.lenses import Lenses
-from pipeline.fusion.rays import rays_of_pixels
+from pipeline.fusion.cameras.rays import rays_of_pixels
 
 
 @pytest.mark.parametrize(("model", "distortion"), LENS_MODELS.values(), ids=LENS_MODELS)

@@ -5,7 +5,7 @@ from detections import boxes2d
 from seen_boxes import camera_at, seen_by, views_of
 
 from pipeline.core.detections import Boxes2D
-from pipeline.fusion.sightings import see
+from pipeline.fusion.cameras.sightings import see
 
 CAR = (12.0, 1.0, 0.75, 4.2, 1.75, 1.5, 0.3)
 CAMERA = camera_at("cam", (0.0, 0.0, 1.6))

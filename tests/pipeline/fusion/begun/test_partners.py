@@ -3,8 +3,8 @@ from detections import boxes2d
 from seen_boxes import camera_at, views_of
 
 from pipeline.core.detections import Matches
-from pipeline.fusion.partners import find_echoes, find_partners
-from pipeline.fusion.sightings import see
+from pipeline.fusion.begun.partners import find_echoes, find_partners
+from pipeline.fusion.cameras.sightings import see
 
 VIEWS = views_of(camera_at("a", (0.0, 0.0, 2.0)), camera_at("b", (0.0, 0.0, 2.0)))
 LOW, HIGH = (100.0, 100, 200, 200, 0.3, 0), (300.0, 100, 400, 200, 0.9, 0)

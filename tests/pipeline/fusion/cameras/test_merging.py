@@ -4,10 +4,10 @@ from seen_boxes import camera_at, seen_by, views_of
 from pipeline.core.arrays import F64
 from pipeline.core.rig import CameraSensor
 from pipeline.core.settings.classes import ROAD_CLASSES
-from pipeline.fusion.merging import Moments, merge_sightings, moments
-from pipeline.fusion.observed import Noise
-from pipeline.fusion.placing import HEADINGS, Placements, SizePriors, place
-from pipeline.fusion.sightings import see
+from pipeline.fusion.cameras.merging import Moments, merge_sightings, moments
+from pipeline.fusion.cameras.observed import Noise
+from pipeline.fusion.cameras.placing import HEADINGS, Placements, SizePriors, place
+from pipeline.fusion.cameras.sightings import see
 
 CAR, PEDESTRIAN = 0, 1
 NORTH = camera_at("north", (0.0, 20.0, 5.0), yaw_deg=-90, pitch_deg=10)

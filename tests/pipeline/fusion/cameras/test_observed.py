@@ -3,8 +3,8 @@ import pytest
 from detections import boxes2d
 from seen_boxes import camera_at, views_of
 
-from pipeline.fusion.observed import Noise, Observed, observe
-from pipeline.fusion.sightings import see
+from pipeline.fusion.cameras.observed import Noise, Observed, observe
+from pipeline.fusion.cameras.sightings import see
 
 LEVEL = camera_at("level", (0.0, 0.0, 1.6))
 NOISE = Noise(2.0, 0.0, 0.05, 0.01)

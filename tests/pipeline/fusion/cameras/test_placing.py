@@ -12,10 +12,10 @@ from seen_boxes import Box, camera_at, seen_by, views_of
 from pipeline.core.arrays import F64
 from pipeline.core.rig import CameraSensor
 from pipeline.core.settings.classes import ROAD_CLASSES
-from pipeline.fusion.merging import Moments, moments
-from pipeline.fusion.observed import Noise
-from pipeline.fusion.placing import SizePriors, place
-from pipeline.fusion.sightings import see
+from pipeline.fusion.cameras.merging import Moments, moments
+from pipeline.fusion.cameras.observed import Noise
+from pipeline.fusion.cameras.placing import SizePriors, place
+from pipeline.fusion.cameras.sightings import see
 
 PRIORS = SizePriors.of(ROAD_CLASSES)
 NOISE = Noise(1.5, 0.02, 0.05, 0.008)

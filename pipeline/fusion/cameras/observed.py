@@ -6,7 +6,7 @@ import numpy as np
 
 from pipeline.core.arrays import F64, Bools
 from pipeline.core.geometry.boxes import wrap_angle
-from pipeline.fusion.sightings import Sightings
+from pipeline.fusion.cameras.sightings import Sightings
 
 __all__ = ["CUT_SHARE", "Noise", "Observed", "observe"]
 

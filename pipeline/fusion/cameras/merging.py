@@ -13,7 +13,7 @@ from scipy.optimize import linear_sum_assignment
 
 from pipeline.core.arrays import F64, I64, join_rows
 from pipeline.core.geometry.boxes import wrap_angle
-from pipeline.fusion.placing import HEADINGS, Placements
+from pipeline.fusion.cameras.placing import HEADINGS, Placements
 
 __all__ = ["Moments", "merge_sightings", "moments"]
 

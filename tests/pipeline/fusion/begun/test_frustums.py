@@ -5,8 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from seen_boxes import camera_at, views_of
 
-from pipeline.fusion.frustums import SHRINK_SHARE, FrustumPoints, heading_of, points_in_frustums
-from pipeline.fusion.sightings import Sightings, see
+from pipeline.fusion.begun.frustums import SHRINK_SHARE, FrustumPoints, heading_of, points_in_frustums
+from pipeline.fusion.cameras.sightings import Sightings, see
 
 CAMERA = camera_at("cam", (1.0, -2.0, 4.0), yaw_deg=30, pitch_deg=12)
 ROWS = [(100.0, 200, 500, 600, 0.9, 0), (480.0, 100, 900, 300, 0.8, 0)]
