@@ -20,6 +20,9 @@ __all__ = ["Place"]
 GROUND_SHARE = 0.25
 """Standard deviation of the ground's height, as a share of `combine.ground.distance_m`."""
 
+GROUND_SLOPE_STD = 0.008
+"""Standard deviation of the slope of the ground between camera and object, which is no plane: rise over run."""
+
 
 class Place:
     """Objects in 3D from the 2D boxes of a frame, without a point of a lidar but for the ground."""
@@ -28,7 +31,12 @@ class Place:
         self._site_frame = rig.site_frame
         self._ground_height_m = rig.ground_height_m or 0.0
         self._priors = SizePriors.of(config.classes)
-        self._noise = Noise(1.5, 0.02, GROUND_SHARE * config.combine.ground.distance_m, 0.008)
+        self._noise = Noise(
+            pixel_px=config.fuse.pixel_sigma_px,
+            outline=config.fuse.outline_sigma,
+            ground_m=GROUND_SHARE * config.combine.ground.distance_m,
+            ground_slope=GROUND_SLOPE_STD,
+        )
 
     def __call__(
         self, combined: CombinedCloud, boxes2d: Mapping[str, Boxes2D], views: Mapping[str, CameraSensor]

@@ -28,7 +28,7 @@ def test_errors_are_those_of_pixels_and_of_the_box() -> None:
     assert found.stds[0, 0] == pytest.approx(2 / 100 * found.width[0])
     assert found.stds[0, 1] == found.stds[0, 3] == pytest.approx(2 / 200 * (found.upper - found.lower)[0])
     both = observed((600, 300, 700, 500, 0.9, 0), noise=Noise(2.0, 0.05, 0.05, 0.01))
-    assert both.stds[0, 0] == pytest.approx(np.hypot(0.02, 0.05) * found.width[0])
+    assert both.stds[0, 0] == pytest.approx(np.hypot(2, 0.05 * np.sqrt(100 * 200)) / 100 * found.width[0])
 
 
 def test_nothing_is_known_of_a_cut_edge() -> None:
