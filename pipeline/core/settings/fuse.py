@@ -29,5 +29,5 @@ class FuseConfig(SettingsModel):
             and size.
     """
 
-    min_score: Share = 0.4
+    min_score: Share = 0.5
     camera_recall: Share | None = None

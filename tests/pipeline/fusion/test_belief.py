@@ -6,17 +6,22 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pipeline.core.detections import Source
+from pipeline.core.settings.classes import ROAD_CLASSES
 from pipeline.fusion.belief import (
     FITTED,
+    at_its_place,
     camera_evidence,
     joined,
     log_odds_before_cameras,
     logit,
     probability,
+    reach_of_classes,
 )
 from pipeline.fusion.looks import Looks
 
 SCORE = st.floats(0, 1)
+LIDAR = np.full(3, 20, np.int32), np.zeros(3, np.uint8), np.ones(3, np.bool_)
+"""Points, sources, and whether the lidars found them."""
 
 
 def looks(
@@ -51,14 +56,28 @@ def test_probabilities_and_log_odds_are_each_others_inverse_within_limits() -> N
 @given(SCORE, SCORE)
 def test_a_higher_score_of_the_lidars_is_more_probable(one: float, two: float) -> None:
     scores = np.array(sorted((one, two)))
-    found = log_odds_before_cameras(scores, np.ones(2), np.zeros(2, np.uint8), np.ones(2, np.bool_), FITTED)
+    found = log_odds_before_cameras(scores, np.ones(2), *(column[:2] for column in LIDAR), FITTED)
     assert found[0] <= found[1]
+
+
+def test_what_is_rare_is_less_probable_and_what_has_points_more() -> None:
+    scores, points, rest = np.full(3, 0.3), np.array([10, 10, 100], np.int32), LIDAR[1:]
+    rare, common, dense = log_odds_before_cameras(scores, np.array([0.2, 1.0, 1.0]), points, *rest, FITTED)
+    assert rare < common < dense
+
+
+def test_where_an_object_is() -> None:
+    covariances = np.zeros((4, 3, 3))
+    covariances[:, [0, 1], [0, 1]] = np.array([[0.0], [0.01], [1.0], [100.0]])
+    place = at_its_place(covariances, np.full(4, 2.0))
+    assert place.tolist() == pytest.approx([1, 1, 1 - np.exp(-2), 1 - np.exp(-0.02)])
+    assert reach_of_classes(ROAD_CLASSES)[:2].tolist() == [2.0, 0.875]
 
 
 def test_what_was_begun_from_a_2d_box_has_less_behind_it_without_points() -> None:
     sources = np.array([Source.LIDAR, Source.BOTH, Source.CAMERA], np.uint8)
     is_lidar = np.array([True, False, False])
-    odds = log_odds_before_cameras(np.full(3, 0.5), np.full(3, 2.0), sources, is_lidar, FITTED)
+    odds = log_odds_before_cameras(np.full(3, 0.5), np.ones(3), LIDAR[0], sources, is_lidar, FITTED)
     assert odds[1:].tolist() == [FITTED.led, FITTED.placed]
 
 
