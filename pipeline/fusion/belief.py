@@ -20,6 +20,7 @@ __all__ = [
     "at_its_place",
     "camera_evidence",
     "joined",
+    "joined_without_each",
     "log_odds_before_cameras",
     "logit",
     "probability",
@@ -59,7 +60,6 @@ class Coefficients:
         match: Log likelihood ratio of a match with a 2D box of score 0.5 and no overlap.
         match_score: Factor of the logit of the 2D score.
         match_iou: Factor of the overlap.
-        match_rivals: Factor of the logarithm of the number of hypotheses that the 2D box may belong to.
         missed: Factor of the log likelihood of not being found by a camera that should have.
         further: Weight of each further camera that says the same as the first: cameras are not independent.
     """
@@ -74,23 +74,21 @@ class Coefficients:
     match: float
     match_score: float
     match_iou: float
-    match_rivals: float
     missed: float
     further: float
 
 
 FITTED = Coefficients(
-    lidar=0.56,
-    lidar_score=2.1,
+    lidar=0.22,
+    lidar_score=2.0,
     lidar_frequency=1.1,
-    lidar_points=0.34,
-    placed=-4.9,
-    led=-2.1,
-    led_score=0.55,
-    match=2.8,
+    lidar_points=0.36,
+    placed=-4.2,
+    led=-0.5,
+    led_score=0.46,
+    match=0.7,
     match_score=1.5,
-    match_iou=4.2,
-    match_rivals=-1.2,
+    match_iou=4.5,
     missed=1.0,
     further=1.0,
 )
@@ -153,7 +151,6 @@ def camera_evidence(looks: Looks, plain_recall: F64, by: Coefficients) -> F64:
         by: The coefficients.
     """
     ratio = by.match + by.match_score * logit(looks.scores) + by.match_iou * looks.iou
-    ratio += by.match_rivals * np.log1p(looks.rivals)
     shown = np.clip((looks.visible - HIDDEN_SHARE) / (FULL_VIEW_SHARE - HIDDEN_SHARE), 0, 1)
     recall = plain_recall * shown * np.where(looks.is_cut, CUT_RECALL, 1.0) * looks.in_view
     missed = by.missed * np.log1p(-np.minimum(recall, MOST_RECALL))
@@ -166,3 +163,15 @@ def joined(evidence: F64, by: Coefficients) -> F64:
         return np.zeros(evidence.shape[1])
     strongest = np.maximum(evidence.max(0), 0) + np.minimum(evidence.min(0), 0)
     return np.asarray((1 - by.further) * strongest + by.further * evidence.sum(0))
+
+
+def joined_without_each(evidence: F64, by: Coefficients) -> F64:
+    """(C, N) what `joined` gives without each of C cameras in turn."""
+    if len(evidence) < 2:
+        return np.zeros_like(evidence)
+    rows = np.arange(len(evidence))[:, None]
+    ranked = np.sort(evidence, axis=0)
+    most = np.where(rows == evidence.argmax(0), ranked[-2], ranked[-1])
+    least = np.where(rows == evidence.argmin(0), ranked[1], ranked[0])
+    strongest = np.maximum(most, 0) + np.minimum(least, 0)
+    return np.asarray((1 - by.further) * strongest + by.further * (evidence.sum(0) - evidence))

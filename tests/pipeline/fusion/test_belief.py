@@ -12,6 +12,7 @@ from pipeline.fusion.belief import (
     at_its_place,
     camera_evidence,
     joined,
+    joined_without_each,
     log_odds_before_cameras,
     logit,
     probability,
@@ -32,14 +33,13 @@ def looks(
     is_matched: bool = False,
     score: float = 0.0,
     iou: float = 0.0,
-    rivals: float = 0.0,
 ) -> Looks:
     """One camera that has one whole box of 60 px in plain view, without a match unless a value says so."""
     flags = (np.array([[flag]], np.bool_) for flag in (in_view, is_cut, is_matched))
-    values = (np.array([[value]], np.float64) for value in (60.0, visible, score, iou, rivals))
+    values = (np.array([[value]], np.float64) for value in (60.0, visible, score, iou))
     view, cut, matched = flags
-    size_px, shown, scores, overlap, others = values
-    return Looks(("cam",), view, size_px, shown, cut, matched, scores, overlap, others)
+    size_px, shown, scores, overlap = values
+    return Looks(("cam",), view, size_px, shown, cut, matched, scores, overlap)
 
 
 def evidence(found: Looks, recall: float = 0.9) -> float:
@@ -86,7 +86,6 @@ def test_a_match_speaks_for_and_silence_against() -> None:
     assert usual > 0 > evidence(looks())
     assert evidence(looks(is_matched=True, score=0.9, iou=0.7)) > usual
     assert evidence(looks(is_matched=True, score=0.6, iou=0.4)) < usual
-    assert evidence(looks(is_matched=True, score=0.6, iou=0.7, rivals=3)) < usual
 
 
 def test_silence_of_a_camera_that_could_not_see_it_says_nothing() -> None:
@@ -116,5 +115,13 @@ def test_further_cameras_count_less_than_the_first() -> None:
     assert two == pytest.approx(3.0)
 
 
+@given(st.lists(st.floats(-5, 5), min_size=1, max_size=6), st.sampled_from([0.3, 0.7, 1.0]))
+def test_without_each_camera_in_turn(values: list[float], further: float) -> None:
+    column, by = np.array(values)[:, None], replace(FITTED, further=further)
+    expected = [joined(np.delete(column, row, 0), by)[0] for row in range(len(values))]
+    assert joined_without_each(column, by)[:, 0].tolist() == pytest.approx(expected)
+
+
 def test_no_cameras() -> None:
+    assert joined_without_each(np.zeros((0, 3)), FITTED).shape == (0, 3)
     assert joined(np.zeros((0, 3)), FITTED).tolist() == [0, 0, 0]
