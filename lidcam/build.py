@@ -21,6 +21,7 @@ from pipeline.stages.combine import Combine
 from pipeline.stages.fuse import Fuse
 from pipeline.stages.place import Place
 from pipeline.stages.propose import Propose
+from pipeline.stages.refine import Refine
 from pipeline.stages.reshape import Reshape
 from pipeline.stages.views import Views
 from readers.streams.decoders import CloudDecoder, OnBadMessage
@@ -50,6 +51,7 @@ def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Grap
     # What it is, where it is, and whether it is there.
     hypotheses = graph.add("classify", Classify(config), hypotheses, boxes2d)
     hypotheses = graph.add("reshape", Reshape(rig, config), combined, hypotheses, lidar)
+    hypotheses = graph.add("refine", Refine(rig, config), hypotheses, boxes2d, views)
     beliefs = graph.add("believe", Believe(rig, config), hypotheses, boxes2d, views, combined)
     fused = graph.add("fuse", Fuse(config), hypotheses, beliefs)
     fused = graph.add("zones", partial(select_by_zones, zones=rig.zones), fused)
