@@ -99,7 +99,9 @@ def print_matches(out: Console, frame: FrameResult, config: Config) -> None:
 def print_report(out: Console, report: RunReport) -> None:
     """The final tables of a run."""
     show_line(out, f"objects, sum over {report.frames} frame{'s' * (report.frames != 1)}", "bold")
-    show_table(out, objects_table(report.objects, [zone.name for zone in report.rig.zones], report.frames))
+    show_table(out, objects_table(report.objects, [zone.name for zone in report.rig.counted_zones], report.frames))
+    for reason, count in report.objects_left_out.items():
+        show_line(out, f"  objects not reported: {count}, {reason}")
     out.print()
     show_table(out, drops_table(report.messages_used, report.drops))
     for drop in report.drops:

@@ -28,6 +28,9 @@ MIN_POINTS = 4
 DEPTH_STD_SHARE = 0.5
 """Standard deviation of the distance from an object's near side to its centre, as a share of it: by its heading."""
 
+MIN_IOU = 0.3
+"""Smallest IoU of an object's projected box with the 2D box that it was begun from."""
+
 CEILING_SHARE = 1.15
 """Points above this multiple of the largest height of a class are none of its objects'."""
 
@@ -67,7 +70,6 @@ class Beginner:
         self._fitter = BoxFitter(rig, config)
         self._lidar_xyz = np.array([lidar.T_site_lidar.translation for lidar in rig.lidars])
         self._config = config.detect3d.cluster
-        self._min_iou = config.associate.min_iou
         self._size = np.array([prior.size_m for prior in config.classes])
         self._max_size = np.array([prior.max_size_m for prior in config.classes])
 
@@ -95,7 +97,7 @@ class Beginner:
         boxes = self._fitter(combined, rows, segments.starts, sightings.class_ids[segments.group])
         iou = _iou_with(sightings.select(segments.group), boxes)
         begun = Begun(segments.group, boxes, iou, segments.worth, rows, segments.starts)
-        return keep_begun(begun, iou >= self._min_iou)
+        return keep_begun(begun, iou >= MIN_IOU)
 
     def _expected(self, sightings: Sightings, placements: Placements) -> Expected:
         means, heading = moments(placements), heading_of(sightings)

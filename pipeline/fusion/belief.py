@@ -34,13 +34,14 @@ CUT_RECALL = 0.7
 
 @dataclass(frozen=True, slots=True)
 class Coefficients:
-    """Of the logistic model; `benchmarks/measured/belief_fit.py` fits them.
+    """Of the logistic model; `benchmarks/belief_fit.py` fits them.
 
     Attributes:
         lidar: Log odds of a lidar box of score 0.5 whose class is as long as high.
         lidar_score: Factor of the logit of its score.
         lidar_length: Factor of the logarithm of length over height of its class: what stands upright is more often a
             pole, a trunk or a sign than what lies.
+        lidar_score_length: Factor of the product of both.
         placed: Log odds of an object that a camera alone placed, without its 2D box.
         led: Log odds of an object whose points were sought in the frustum of a 2D box, without that box.
         led_score: Factor of the logit of the score of its points.
@@ -55,6 +56,7 @@ class Coefficients:
     lidar: float
     lidar_score: float
     lidar_length: float
+    lidar_score_length: float
     placed: float
     led: float
     led_score: float
@@ -67,18 +69,19 @@ class Coefficients:
 
 
 FITTED = Coefficients(
-    lidar=0.0,
-    lidar_score=1.0,
-    lidar_length=1.0,
+    lidar=1.07,
+    lidar_score=1.83,
+    lidar_length=1.85,
+    lidar_score_length=1.16,
     placed=-2.0,
     led=-2.0,
     led_score=0.5,
-    match=2.0,
+    match=1.9,
     match_score=0.5,
-    match_iou=2.0,
+    match_iou=4.0,
     match_rivals=-1.0,
     missed=1.0,
-    further=0.5,
+    further=0.8,
 )
 
 
@@ -105,8 +108,9 @@ def log_odds_before_cameras(
         is_lidar: (N,) whether the lidars found it; the others were begun from 2D boxes.
         by: The coefficients.
     """
-    found = by.lidar + by.lidar_score * logit(scores) + by.lidar_length * np.log(length_over_height)
-    led = np.where(sources == Source.CAMERA, by.placed, by.led + by.led_score * logit(scores))
+    score, length = logit(scores), np.log(length_over_height)
+    found = by.lidar + by.lidar_score * score + by.lidar_length * length + by.lidar_score_length * score * length
+    led = np.where(sources == Source.CAMERA, by.placed, by.led + by.led_score * score)
     return np.where(is_lidar, found, led)
 
 

@@ -10,17 +10,17 @@ from pipeline.fusion.sightings import Sightings
 
 __all__ = ["CUT_SHARE", "Noise", "Observed", "observe"]
 
-CUT_SHARE = 0.5
-"""Standard deviation of an edge that the border of the image has cut, as a share of the box: the object goes on."""
+CUT_SHARE = 10.0
+"""Standard deviation of an edge that the border of the image has cut, as a share of the box: nothing is known of it."""
 
 HIDDEN_SHARE = 0.25
-"""The same of a lower edge that another object may hide."""
+"""The same of an edge that another object may hide."""
 
-HIDDEN_WIDTH_SHARE = 0.3
-"""A box that begins below another one's lower edge hides it if it covers this share of its width."""
+HIDDEN_EDGE_SHARE = 0.3
+"""A nearer object hides an edge if its box covers this share of it."""
 
-LOWER_SHARE = 0.05
-"""A lower edge counts as further down from this share of the box on."""
+NEARER_SHARE = 0.05
+"""An object is nearer than another one if its lower edge is further down by this share of the other one's box."""
 
 
 @dataclass(frozen=True)
@@ -49,20 +49,15 @@ class Observed:
         width: Bearing of the left edge minus that of the right one, radians.
         lower: Slope of the ray to the middle of the lower edge, rise over run; below 0 downwards.
         upper: The same of the upper edge.
-        side_std: Standard deviation of a bearing of one side, radians.
-        lower_std: Of `lower`.
-        upper_std: Of `upper`.
-        is_cut: (P, 2) whether the left and the right side are cut by the border.
+        stds: (P, 4) Standard deviations of left, top, right and bottom: of the bearings in radians, of the slopes as
+            `lower` and `upper`.
     """
 
     left: F64
     width: F64
     lower: F64
     upper: F64
-    side_std: F64
-    lower_std: F64
-    upper_std: F64
-    is_cut: Bools
+    stds: F64
 
     @property
     def middle(self) -> F64:
@@ -76,31 +71,27 @@ def observe(sightings: Sightings, noise: Noise) -> Observed:
     slope = sightings.rays[..., 2] / run
     bearing = np.arctan2(sightings.rays[..., 1], sightings.rays[..., 0])
     width, lower, upper = wrap_angle(bearing[:, 7] - bearing[:, 3]), slope[:, 5], slope[:, 1]
-    extent_px = sightings.xyxy[:, 2:] - sightings.xyxy[:, :2]
-    share = np.hypot(noise.pixel_px / extent_px, noise.box_share)
-    cut = np.where(sightings.cut, CUT_SHARE, 0.0)
-    hidden = np.where(_is_hidden_below(sightings), HIDDEN_SHARE, 0.0)
-    height = np.abs(upper - lower)
-    return Observed(
-        bearing[:, 7],
-        width,
-        lower,
-        upper,
-        np.abs(width) * share[:, 0],
-        height * np.sqrt(share[:, 1] ** 2 + cut[:, 3] ** 2 + hidden**2),
-        height * np.hypot(share[:, 1], cut[:, 1]),
-        sightings.cut[:, ::2],
-    )
+    extent_px = np.tile(sightings.xyxy[:, 2:] - sightings.xyxy[:, :2], 2)
+    variance = (noise.pixel_px / extent_px) ** 2 + noise.box_share**2
+    variance += np.where(sightings.cut, CUT_SHARE**2, np.where(_are_hidden(sightings), HIDDEN_SHARE**2, 0.0))
+    extent = np.stack([np.abs(width), np.abs(upper - lower)] * 2, 1)
+    return Observed(bearing[:, 7], width, lower, upper, extent * np.sqrt(variance))
 
 
-def _is_hidden_below(sightings: Sightings) -> Bools:
-    """(P,) whether a nearer object, whose box reaches further down, may hide the lower edge of each box."""
-    hidden = np.zeros(len(sightings), np.bool_)
+def _are_hidden(sightings: Sightings) -> Bools:
+    """(P, 4) whether a nearer object, whose box reaches further down, may hide each edge of each box."""
+    hidden = np.zeros((len(sightings), 4), np.bool_)
     for camera in np.unique(sightings.cameras):
         rows = np.flatnonzero(sightings.cameras == camera)
         left, top, right, bottom = sightings.xyxy[rows].T
-        common = np.minimum(right[:, None], right) - np.maximum(left[:, None], left)
-        covers = common >= HIDDEN_WIDTH_SHARE * (right - left)[:, None]
-        beyond = (top < bottom[:, None]) & (bottom > bottom[:, None] + LOWER_SHARE * (bottom - top)[:, None])
-        hidden[rows] = (covers & beyond).any(1)
+        width, height = (right - left)[:, None], (bottom - top)[:, None]
+        across = np.minimum(right[:, None], right) - np.maximum(left[:, None], left) >= HIDDEN_EDGE_SHARE * width
+        along = np.minimum(bottom[:, None], bottom) - np.maximum(top[:, None], top) >= HIDDEN_EDGE_SHARE * height
+        margin = NEARER_SHARE * width
+        nearer = bottom > bottom[:, None] + NEARER_SHARE * height
+        on_left = along & (left < left[:, None] - margin) & (right > left[:, None] - margin)
+        on_right = along & (right > right[:, None] + margin) & (left < right[:, None] + margin)
+        below = across & (top < bottom[:, None])
+        none = np.zeros_like(below)
+        hidden[rows] = (np.stack([on_left, none, on_right, below], -1) & nearer[..., None]).any(1)
     return hidden

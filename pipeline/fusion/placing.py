@@ -15,7 +15,7 @@ import numpy as np
 
 from pipeline.core.arrays import F64, Rows, select_rows
 from pipeline.core.settings.classes import ClassPrior
-from pipeline.fusion.observed import CUT_SHARE, Noise, Observed, observe
+from pipeline.fusion.observed import Noise, Observed, observe
 from pipeline.fusion.sightings import Sightings
 
 __all__ = ["HEADINGS", "Ground", "Placements", "SizePriors", "place"]
@@ -30,6 +30,9 @@ STEPS = 5
 
 MAX_STEP = 0.7
 """Largest change of the range's logarithm in one step."""
+
+FIRST_STD = 0.7
+"""Standard deviation of the range's logarithm by the height of the box alone, which holds where edges are cut."""
 
 CONTACT_SHARE = 0.8
 """Where the lower edge touches the ground: this share of the way from the centre to the box's nearest corner. Wheels
@@ -50,6 +53,9 @@ FORWARD, LEFT = np.array([1.0, -1, -1, 1]), np.array([1.0, 1, -1, -1])
 SIZE_STD_SHARE = 0.06
 """Smallest standard deviation of a class's size, as a share of it."""
 
+LENGTH_STD_SHARE = 0.4
+"""The same, as a share of that of the length."""
+
 
 @dataclass(frozen=True, eq=False)
 class SizePriors:
@@ -65,10 +71,14 @@ class SizePriors:
 
     @classmethod
     def of(cls, classes: tuple[ClassPrior, ...]) -> "SizePriors":
-        """The largest size is taken for three standard deviations from the typical one."""
+        """The largest size is taken for three standard deviations from the typical one.
+
+        A class whose lengths differ much also differs in the other extents: a van is a small truck.
+        """
         mean = np.array([prior.size_m for prior in classes])
-        most = np.array([prior.max_size_m for prior in classes])
-        return cls(mean, np.maximum((most - mean) / 3, SIZE_STD_SHARE * mean))
+        share = np.array([prior.max_size_m for prior in classes]) / mean / 3 - 1 / 3
+        least = np.maximum(SIZE_STD_SHARE, LENGTH_STD_SHARE * share[:, :1])
+        return cls(mean, np.maximum(share, least) * mean)
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,17 +173,17 @@ def place(sightings: Sightings, priors: SizePriors, ground: Ground, noise: Noise
         return ground(camera[:, None, :2] + range_m[..., None] * towards[:, None]) - camera[:, None, 2]
 
     height_seen = np.maximum(seen.upper - seen.lower, 1e-6)[:, None]
-    log_range = np.log(shape.height / height_seen + shape.depth)
+    first_m = shape.height / height_seen + shape.depth
+    range_m = first_m
     for _ in range(STEPS):
-        step, _, _ = _improve(seen, shape, np.exp(log_range), rise, noise)
-        log_range = log_range + np.clip(step, -MAX_STEP, MAX_STEP)
-    range_m = np.exp(log_range)
-    _, information, log_likelihood = _improve(seen, shape, range_m, rise, noise)
+        step, _, _ = _improve(seen, shape, range_m, first_m, rise, noise)
+        range_m = range_m * np.exp(np.clip(step, -MAX_STEP, MAX_STEP))
+    _, information, log_likelihood = _improve(seen, shape, range_m, first_m, rise, noise)
     return _laid_out(seen, shape, camera, range_m, information, log_likelihood)
 
 
 def _improve(
-    seen: Observed, shape: _Shape, range_m: F64, rise: Callable[[F64], F64], noise: Noise
+    seen: Observed, shape: _Shape, range_m: F64, first_m: F64, rise: Callable[[F64], F64], noise: Noise
 ) -> tuple[F64, F64, F64]:
     """A step of least squares in the range's logarithm, its information, and the log-likelihood, (P, H) each."""
     contact_m = np.maximum(range_m - CONTACT_SHARE * shape.depth, NEAREST_SHARE * range_m)
@@ -188,40 +198,33 @@ def _improve(
     shared = noise.ground_slope**2 + (noise.ground_m / range_m) ** 2
     depth_variance = (SHAPE_STD * shape.depth) ** 2
     contact_variance = depth_variance + (CONTACT_SHARE * shape.depth_std) ** 2
-    a = shared + (lower / contact_m) ** 2 * contact_variance + seen.lower_std[:, None] ** 2
-    c = (
-        shared
-        + (upper / top_m) ** 2 * depth_variance
-        + (shape.height_std / range_m) ** 2
-        + seen.upper_std[:, None] ** 2
-    )
-    cut = CUT_SHARE * seen.width * seen.is_cut.sum(1)
-    w = (shape.across_std / range_m) ** 2 + (2 * seen.side_std**2 + cut**2)[:, None]
+    a = shared + (lower / contact_m) ** 2 * contact_variance + seen.stds[:, 3:] ** 2
+    c = shared + (upper / top_m) ** 2 * depth_variance + (shape.height_std / range_m) ** 2 + seen.stds[:, 1:2] ** 2
+    w = (shape.across_std / range_m) ** 2 + seen.stds[:, :1] ** 2 + seen.stds[:, 2:3] ** 2
     determinant = a * c - shared * shared
 
     def inner(x: tuple[F64, F64, F64], y: tuple[F64, F64, F64]) -> F64:
         pair = c * x[0] * y[0] + a * x[1] * y[1] - shared * (x[0] * y[1] + x[1] * y[0])
         return np.asarray(pair / determinant + x[2] * y[2] / w)
 
-    information = np.maximum(inner(slopes, slopes), 1e-6)
-    log_likelihood = -(inner(errors, errors) + np.log(determinant * w * information)) / 2
-    return inner(slopes, errors) / information, information, log_likelihood
+    back = np.log(first_m / range_m)
+    information = inner(slopes, slopes) + FIRST_STD**-2
+    square = inner(errors, errors) + (back / FIRST_STD) ** 2
+    log_likelihood = -(square + np.log(determinant * w * information)) / 2
+    return (inner(slopes, errors) + back / FIRST_STD**2) / information, information, log_likelihood
 
 
 def _laid_out(
     seen: Observed, shape: _Shape, camera: F64, range_m: F64, information: F64, log_likelihood: F64
 ) -> Placements:
-    """Ranges as places. Where one side is cut, the centre is half a width from the other one."""
+    """Ranges as places: the centre is half a width from either side, and nearer to the better known one."""
     left, right, _ = shape.sides(range_m)
-    by_left = seen.left[:, None] - left
-    by_right = (seen.left - seen.width)[:, None] - right
-    side = seen.side_std[:, None]
-    one_side_std = np.hypot(side, shape.across_std / (2 * range_m))
-    no_side_std = np.hypot(one_side_std, CUT_SHARE * seen.width[:, None])
-    cases = [seen.is_cut.all(1, keepdims=True), seen.is_cut[:, :1], seen.is_cut[:, 1:]]
-    both = (by_left + by_right) / 2
-    bearing = np.select(cases, [both, by_right, by_left], both)
-    bearing_std = np.select(cases, [no_side_std, one_side_std, one_side_std], side / np.sqrt(2) + 0 * both)
+    variances = seen.stds[:, ::2, None] ** 2
+    share = variances[:, 1] / variances.sum(1)  # of the left side
+    by_left, by_right = seen.left[:, None] - left, (seen.left - seen.width)[:, None] - right
+    bearing = share * by_left + (1 - share) * by_right
+    size_std = (share - 0.5) * shape.across_std / range_m
+    bearing_std = np.sqrt(share**2 * variances[:, 0] + (1 - share) ** 2 * variances[:, 1] + size_std**2)
     cos, sin = np.cos(bearing), np.sin(bearing)
     along, across = range_m**2 / information, (range_m * bearing_std) ** 2
     covariances = np.stack(

@@ -135,7 +135,7 @@ class McapResultWriter:
 
     def _site_messages(self, result: FrameResult) -> Iterator[tuple[str, Any]]:
         names, stamp_ns, objects = self._config.class_names, result.bundle.stamp_ns, result.fused.objects
-        yield "/lidar_camera_fused", lidcam_objects(objects, self._rig.zones, stamp_ns=stamp_ns)
+        yield "/lidar_camera_fused", lidcam_objects(objects, self._rig.counted_zones, stamp_ns=stamp_ns)
         yield "/fused/detections", detections_3d(objects, names, stamp_ns=stamp_ns)
         yield "/fused/scene", scene_update(result, names)
         yield "/fused/markers", marker_array(result, names)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64
+from pipeline.core.arrays import F64, I64, Bools
 from pipeline.core.settings.classes import ClassPrior
 from pipeline.detectors.cluster.lshape import Rectangles
 
@@ -50,6 +50,7 @@ class CompletedBoxes:
         misfit: (C,) float64 squared deviation from the size prior in standard deviations, halved.
         center_std_m: (C, 2) float64 standard deviation of the centre along length and width.
         faces_m2: (C,) float64 area of the box visible to the lidars, from their mean direction.
+        is_slender: (C,) bool, the class is that of a pedestrian or a rider, by its proportions.
     """
 
     class_ids: I64
@@ -59,6 +60,7 @@ class CompletedBoxes:
     misfit: F64
     center_std_m: F64
     faces_m2: F64
+    is_slender: Bools
 
 
 def complete_boxes(
@@ -120,6 +122,7 @@ def complete_boxes(
         misfit[rows, choice],
         np.where(swap, std[:, ::-1], std),
         faces,
+        is_slender,
     )
 
 
