@@ -2,10 +2,10 @@
 
 Each 3D box is projected into the images, together with the uncertainty of its place and yaw. A pair of a 3D and a 2D
 box is worth the logarithm of how much likelier it is that both are one object than that the 2D box shows something else
-(`pipeline.core.association`), by place and size, both classes, the 2D box's score,
-and the share of the object that others hide (`pipeline.fusion.hiding`); of a hidden object the visible part is compared
-as well as the whole. In each camera the assignment with the largest sum is taken. Then each camera is looked at again
-with what the others say of place and class (`pipeline.fusion.agreement`), until nothing changes.
+(`pipeline.core.association`), by place and size, both classes, the 2D box's score, and the share of the object that
+others hide (`pipeline.fusion.matching.hiding`); of a hidden object the visible part is compared as well as the whole.
+In each camera the assignment with the largest sum is taken. Then each camera is looked at again with what the others
+say of place and class (`pipeline.fusion.matching.agreement`), until nothing changes.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,7 +24,7 @@ from pipeline.core.association import (
 from pipeline.core.detections import Boxes2D, Boxes3D, Matches
 from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.settings.config import Config
-from pipeline.fusion.agreement import (
+from pipeline.fusion.matching.agreement import (
     BoxBelief,
     MatchedPairs,
     feature_jacobian,
@@ -33,9 +33,9 @@ from pipeline.fusion.agreement import (
     what_box_says,
     what_others_say,
 )
-from pipeline.fusion.hiding import hidden_parts
-from pipeline.fusion.in_view import InView, project_into_views
-from pipeline.fusion.pairing import Pairs, best_pairs, near_pairs
+from pipeline.fusion.matching.hiding import hidden_parts
+from pipeline.fusion.matching.in_view import InView, project_into_views
+from pipeline.fusion.matching.pairing import Pairs, best_pairs, near_pairs
 from pipeline.fusion.projection import CameraArrays
 
 __all__ = ["Associate"]

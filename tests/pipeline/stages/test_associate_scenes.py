@@ -20,8 +20,8 @@ from pipeline.core.geometry.transform import Transform
 from pipeline.core.messages import Channel, RawMessage
 from pipeline.core.rig import CameraSensor
 from pipeline.core.settings.config import Config
-from pipeline.fusion.hiding import hidden_parts
-from pipeline.fusion.in_view import project_into_views
+from pipeline.fusion.matching.hiding import hidden_parts
+from pipeline.fusion.matching.in_view import project_into_views
 from pipeline.fusion.projection import CameraArrays
 from pipeline.stages.associate import Associate
 from pipeline.stages.views import Views
