@@ -72,8 +72,8 @@ def true_rows(camera: CameraSensor, truth: Boxes3D, seen: Boxes2D) -> dict[Key, 
     return {(camera.name, int(j)): int(i) for i, j in pairs if overlaps[i, j] >= 0.5}
 
 
-@pytest.mark.parametrize("is_known", [True, False])
-def test_scenes_of_the_original(is_known: bool) -> None:
+@pytest.mark.parametrize(("is_known", "most_wrong"), [(True, 3), (False, 5)])
+def test_scenes_of_the_original(is_known: bool, most_wrong: int) -> None:
     """With the covariances of the 3D boxes and without; of the predecessor's 169 pairs, 2 were wrong."""
     rig, scenes = fusion_scenes()
     views, total = {camera.name: camera for camera in rig.cameras}, Counter[str]()
@@ -84,8 +84,8 @@ def test_scenes_of_the_original(is_known: bool) -> None:
             truth |= true_rows(camera, scene.truth, scene.seen[camera.name])
         total += counted(associate(boxes, scene.seen, views), truth)
     assert total["shown"] == 326
-    assert total["right"] >= 0.99 * 326
-    assert total["wrong"] <= 3
+    assert total["right"] >= 0.985 * 326
+    assert total["wrong"] <= most_wrong
 
 
 # --- objects behind others
@@ -211,7 +211,7 @@ def test_a_camera_that_looks_two_degrees_aside() -> None:
         ours += counted(associate(measured(truth, seed), found, wrong), whose)
         old += counted(plain(measured(truth, seed), found, wrong), whose)
     assert ours["right"] >= 0.9 * ours["shown"]
-    assert ours["wrong"] <= 0.05 * ours["shown"]
+    assert ours["wrong"] <= 0.02 * ours["shown"]
     assert old["right"] < 0.7 * old["shown"]
 
 
