@@ -131,8 +131,7 @@ def test_merged_pedestrians_are_parted() -> None:
     points = cloud_of(*WALKERS)
     # What the lidar makes of the two: one box around both, matched with one of the 2D boxes.
     merged = replace(boxes3d([(8.15, -0.1, 0.87, 0.8, 1.3, 1.75, 0.0)], class_ids=[PEDESTRIAN]), stamp_ns=7)
-    config = Config.model_validate({"associate": {"min_iou": 0.2}})
-    lidar, found = propose(points, merged, boxes, CAMERA, config=config)
+    lidar, found = propose(points, merged, boxes, CAMERA)
     assert found.sources.tolist() == [Source.BOTH, Source.BOTH]
     gap = np.abs(found.centers[:, None, :2] - np.array(WALKERS)[:, :2]).max(-1)
     assert sorted(gap.argmin(1).tolist()) == [0, 1]
