@@ -12,21 +12,14 @@ from typing import Self
 import numpy as np
 
 from pipeline.core.arrays import F64, Bools, Rows, check_array
-from pipeline.core.geometry.box_edges import BOX_EDGES
-from pipeline.core.geometry.boxes import UNIT_CORNERS
 from pipeline.core.lenses import Lenses
 from pipeline.core.rig import CameraSensor
+from pipeline.fusion.outline import Outline, cuboid_outline
 
 __all__ = ["PARAMETERS", "CameraArrays", "ProjectedEdges", "edges_in_view", "project_edges"]
 
 PARAMETERS = ("x", "y", "yaw", "length", "width", "height", "z")
 """What the derivatives are by, in their order: metres and radians; x, y, z of the centre, in the site frame."""
-
-_BETWEEN = np.array([0.25, 0.5, 0.75])[:, None]
-_ALONG_EDGES = np.concatenate(
-    [UNIT_CORNERS, *(UNIT_CORNERS[a] * (1 - _BETWEEN) + UNIT_CORNERS[b] * _BETWEEN for a, b in BOX_EDGES)]
-)
-"""Points of a box that may be outermost in an image where lines are bent, as `CameraModel.project_boxes` has."""
 
 _AXES = np.array([0, 1, 0, 1])
 """Left, top, right, bottom: which of u and v each edge is."""
@@ -76,8 +69,7 @@ class ProjectedEdges:
     Attributes:
         xyxy: (P, 4) float64 left, top, right, bottom in pixels.
         jacobian: (P, 4, 7) float64, derivatives of these edges by `PARAMETERS`.
-        makers: (P, 4, 3) float64, the point of the box that makes each edge, along the box's own axes in units of half
-            its size: all are -1 or 1 for a corner.
+        makers: (P, 4, 3) float64, `Outline.signs` of the point that makes each edge: all are -1 or 1 for a corner.
         valid: (P,) whether the whole box is in front of the camera and within the lens model; other rows are
             meaningless.
     """
@@ -107,7 +99,9 @@ def edges_in_view(centers: F64, sizes: F64, yaws: F64, camera: CameraSensor) -> 
     return project_edges(centers, sizes, yaws, CameraArrays.of([camera]).select(np.zeros(len(yaws), np.intp)))
 
 
-def project_edges(centers: F64, sizes: F64, yaws: F64, cameras: CameraArrays) -> ProjectedEdges:
+def project_edges(
+    centers: F64, sizes: F64, yaws: F64, cameras: CameraArrays, outline: Outline | None = None
+) -> ProjectedEdges:
     """The rectangles of boxes, each in the image of its own camera.
 
     Args:
@@ -115,25 +109,26 @@ def project_edges(centers: F64, sizes: F64, yaws: F64, cameras: CameraArrays) ->
         sizes: (P, 3) length, width, height, metres.
         yaws: (P,) radians about +z.
         cameras: P cameras.
+        outline: What is outermost; None: the box itself.
     """
-    points = _ALONG_EDGES if cameras.lenses.bends else UNIT_CORNERS
+    outline = outline or cuboid_outline(bent=cameras.lenses.bends)
     R, half = cameras.rotations, sizes / 2
     cos, sin = np.cos(yaws)[:, None], np.sin(yaws)[:, None]
     # The directions of length, width and height, and the centre, in the optical frames.
     along = R[:, :, 0] * cos + R[:, :, 1] * sin
     across = R[:, :, 1] * cos - R[:, :, 0] * sin
-    half_axes = np.stack([along * half[:, :1], across * half[:, 1:2], R[:, :, 2] * half[:, 2:]], 1)  # (P, 3 axes, 3)
+    axes = np.stack([along, across, R[:, :, 2]], 1)  # (P, 3 axes, 3)
     origin = np.einsum("pij,pj->pi", R, centers) + cameras.translations
-    pixels, ahead = cameras.lenses.project(origin[:, None] + np.einsum("sa,pai->psi", points, half_axes))
+    points_m = outline.signs * half[:, None] + outline.offsets
+    pixels, ahead = cameras.lenses.project(origin[:, None] + _combined(points_m, axes))
     chosen = np.concatenate([pixels.argmin(1), pixels.argmax(1)], 1)  # (P, 4)
     rows = np.arange(len(yaws))[:, None]
-    makers = points[chosen]
-    made_at = origin[:, None] + np.einsum("pea,pai->pei", makers, half_axes)
+    makers, reach_m = outline.signs[chosen], points_m[rows, chosen]
+    made_at = origin[:, None] + _combined(reach_m, axes)
     by_camera = cameras.lenses.jacobians(made_at)[rows, np.arange(4), _AXES]  # (P, 4, 3)
     by_site = np.einsum("pei,pij->pej", by_camera, R)
     by_length = by_site[..., 0] * cos + by_site[..., 1] * sin  # per metre along the box's own axes
     by_width = by_site[..., 1] * cos - by_site[..., 0] * sin
-    reach_m = makers * half[:, None]
     jacobian = np.empty((len(yaws), 4, len(PARAMETERS)))
     jacobian[..., :2] = by_site[..., :2]
     jacobian[..., 2] = by_width * reach_m[..., 0] - by_length * reach_m[..., 1]
@@ -142,3 +137,8 @@ def project_edges(centers: F64, sizes: F64, yaws: F64, cameras: CameraArrays) ->
     jacobian[..., 5] = by_site[..., 2] * makers[..., 2] / 2
     jacobian[..., 6] = by_site[..., 2]
     return ProjectedEdges(pixels[rows, chosen, _AXES], jacobian, makers, np.asarray(ahead.all(1)))
+
+
+def _combined(points: F64, axes: F64) -> F64:
+    """(P, S, 3) sums of axes (P, 3, 3), as often as points (P, S, 3) say."""
+    return points[..., :1] * axes[:, None, 0] + points[..., 1:2] * axes[:, None, 1] + points[..., 2:] * axes[:, None, 2]

@@ -13,11 +13,11 @@ from pipeline.core.geometry.rotated_iou import ious
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.detectors.protocols import Candidates3D
-from pipeline.fusion.beginning import Beginner
+from pipeline.fusion.begun.beginning import Beginner
+from pipeline.fusion.begun.parting import find_hosts, find_merged, share_points
+from pipeline.fusion.begun.partners import find_echoes, find_partners
+from pipeline.fusion.cameras.placed import Placed
 from pipeline.fusion.overlaps import first_of_each, overlap_shares
-from pipeline.fusion.parting import find_hosts, find_merged, share_points
-from pipeline.fusion.partners import find_echoes, find_partners
-from pipeline.fusion.placed import Placed
 
 __all__ = ["Propose"]
 
@@ -36,11 +36,14 @@ class Propose:
 
     The points where a 2D box looks become an object of source BOTH; without points, the object stays where the cameras
     place it, with source CAMERA. Where a 2D box looks into a cluster that another 2D box of the same camera is matched
-    with, the cluster holds two objects: it is parted.
+    with, the cluster holds two objects: it is parted. An object whose place the cameras
+    know worse than to half of its size is left out: nobody could say which one it is.
     """
 
     def __init__(self, rig: Rig, config: Config) -> None:
         self._names = tuple(camera.name for camera in rig.cameras)
+        most = np.array([prior.max_size_m for prior in config.classes])
+        self._max_std_m = np.hypot(most[:, 0], most[:, 1]) / 2
         self._begin = Beginner(rig, config) if rig.lidars else None
 
     def __call__(
@@ -78,6 +81,7 @@ class Propose:
             served[seen] = True
         unserved = np.ones(len(placed.boxes), np.bool_)
         unserved[placed.objects[served]] = False
+        unserved &= _largest_std_m(placed.boxes) <= self._max_std_m[placed.boxes.class_ids]
         left = placed.boxes.select(unserved)
         there = lidar.select(is_matched).joined(begun)
         return lidar.joined(begun, left.select(np.flatnonzero((overlap_shares(left, there) <= OVERLAP_SHARE).all(1))))
@@ -146,6 +150,12 @@ def _is_known(boxes: Boxes3D, lidar: Boxes3D, is_matched: Bools) -> Bools:
     rival = is_matched & (overlap_shares(boxes, lidar) > OVERLAP_SHARE)
     same = same_class & (ious(boxes, lidar).bev > SAME_IOU)
     return np.asarray((rival | same).any(1))
+
+
+def _largest_std_m(boxes: Boxes3D) -> F64:
+    """(N,) standard deviation of each box's place in the direction in which it is largest."""
+    a, b, c = boxes.covariances[:, 0, 0], boxes.covariances[:, 0, 1], boxes.covariances[:, 1, 1]
+    return np.asarray(np.sqrt((a + c) / 2 + np.hypot((a - c) / 2, b)))
 
 
 def _with_rows(boxes: Boxes3D, rows: I64, new: Boxes3D) -> Boxes3D:
