@@ -72,8 +72,9 @@ def merge_sightings(placements: Placements, cameras: I64, class_ids: I64) -> tup
         rows = np.flatnonzero(cameras == camera)
         new = placements.select(rows)
         mine, theirs = _assign(known, known_class, new, class_ids[rows])
-        known = _combined(known, mine, new.select(theirs))
-        fresh = np.setdiff1d(np.arange(len(rows)), theirs)
+        if len(mine):
+            known = _combined(known, mine, new.select(theirs))
+        fresh = np.delete(np.arange(len(rows)), theirs)
         objects[rows[theirs]] = mine
         objects[rows[fresh]] = len(known_class) + np.arange(len(fresh))
         known = join_rows(known, new.select(fresh))
@@ -83,6 +84,8 @@ def merge_sightings(placements: Placements, cameras: I64, class_ids: I64) -> tup
 
 def _assign(known: Placements, known_class: I64, new: Placements, new_class: I64) -> tuple[I64, I64]:
     """Rows of known objects and the rows of new sightings of them."""
+    if not len(known_class):
+        return np.zeros(0, np.int64), np.zeros(0, np.int64)
     first, second = moments(known), moments(new)
     gap = second.xy - first.xy[:, None]
     a, b, c = (first.covariances[:, None, i, j] + second.covariances[:, i, j] for i, j in ((0, 0), (0, 1), (1, 1)))
