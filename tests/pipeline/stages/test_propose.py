@@ -140,6 +140,16 @@ def test_merged_pedestrians_are_parted() -> None:
     assert lidar is merged
 
 
+def test_car_behind_another_one_is_no_part_of_it() -> None:
+    behind = (26.0, 2.6, 0.775, 4.2, 1.75, 1.55, 0.2)
+    boxes = {"cam": seen_by(CAMERA, [CAR_BOX, behind], [CAR, CAR])}
+    points = cloud_of(CAR_BOX, behind)
+    lidar, found = propose(points[points[:, 0] < 20], None, boxes, CAMERA)
+    assert len(lidar) == 1
+    np.testing.assert_array_equal(found.centers[:1], lidar.centers)
+    assert all(np.hypot(*(center[:2] - CAR_BOX[:2])) > 5 for center in found.centers[1:])
+
+
 def test_hypotheses_do_not_depend_on_the_order_of_points_and_boxes() -> None:
     points = cloud_of(CAR_BOX, OTHER, *WALKERS)
     boxes = seen_by(CAMERA, [CAR_BOX, OTHER, *WALKERS], [CAR, CAR, PEDESTRIAN, PEDESTRIAN])
