@@ -27,14 +27,17 @@ OVERLAP_SHARE = 0.25
 SAME_IOU = 0.5
 """A box of the lidars and one begun from a 2D box that overlap as much are one, matched or not."""
 
+MOST = 500
+"""2D boxes without a partner that objects are begun from in a frame, the best ones; more are noise."""
+
 
 class Propose:
     """The boxes of the lidars in their order, then objects begun from 2D boxes that have no partner among them.
 
     The points where a 2D box looks become an object of source BOTH; without points, the object stays where the cameras
     place it, with source CAMERA. Where a 2D box looks into a cluster that another 2D box of the same camera is matched
-    with, the cluster holds two objects: it is parted. An object whose place the cameras
-    know worse than to half of its size is left out: nobody could say which one it is.
+    with, the cluster holds two objects: it is parted. An object whose place the cameras know worse than to half of its
+    size is left out: nobody could say which one it is.
     """
 
     def __init__(self, rig: Rig, config: Config) -> None:
@@ -61,6 +64,7 @@ class Propose:
         alone = np.flatnonzero((partner < 0) & ~echoes)
         if not len(alone):
             return lidar
+        alone = np.sort(alone[np.argsort(-sightings.scores[alone], kind="stable")[:MOST]])
         is_matched = np.zeros(len(lidar), np.bool_)
         is_matched[partner[partner >= 0]] = True
         begun = Boxes3D.empty(lidar.stamp_ns, lidar.frame_id)
@@ -79,7 +83,8 @@ class Propose:
             begun = boxes.select(first_of_each(boxes, OVERLAP_SHARE))
             served[seen[merged < 0]] = True
             served[parted] = True
-        unserved = np.ones(len(placed.boxes), np.bool_)
+        unserved = np.zeros(len(placed.boxes), np.bool_)
+        unserved[placed.objects[alone]] = True
         unserved[placed.objects[served]] = False
         unserved &= _largest_std_m(placed.boxes) <= self._max_std_m[placed.boxes.class_ids]
         left = placed.boxes.select(unserved)
