@@ -59,8 +59,8 @@ def test_covariances_of_the_scenes_are_honest() -> None:
             found = refined(rig, scene, {"pixel_sigma_px": scene.pixel_noise_px})
             error = errors(found, scene.truth)
             squared.extend(np.einsum("ni,nij,nj->n", error, np.linalg.inv(found.covariances), error)[scene.judged])
-    low, high = chi2.ppf([0.025, 0.975], 3 * len(squared)) / len(squared)
-    assert float(low) <= float(np.mean(squared)) <= float(high)
+    low, high = (float(chi2.ppf(share, 3 * len(squared))) / len(squared) for share in (0.025, 0.975))
+    assert low <= float(np.mean(squared)) <= high
 
 
 def place(error: F64) -> F64:
