@@ -18,7 +18,7 @@ MAY_IMPORT = {
     "pipeline.evaluation": {"pipeline.core"},
     "pipeline.filters": {"pipeline.core"},
     "pipeline.detectors": {"pipeline.core", "pipeline.filters"},
-    "pipeline.fusion": {"pipeline.core"},
+    "pipeline.fusion": {"pipeline.core", "pipeline.detectors"},
     "pipeline.stages": {"pipeline.core", "pipeline.filters", "pipeline.fusion", "pipeline.detectors"},
 }
 EXITS = {"lidcam.program", "lidcam.start.signals"}

@@ -95,4 +95,5 @@ def _provenance(source: RunInput, inputs: Sequence[InputFile]) -> Provenance:
         config_yaml=lasting_settings(source.config),
         rig_yaml=rig_yaml(source.rig),
         start_ns=source.recording.start_ns,
+        boxes3d_topics=tuple(detector.topic for detector in source.rig.detectors),
     )

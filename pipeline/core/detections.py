@@ -9,7 +9,7 @@ import numpy as np
 
 from pipeline.core.arrays import F32, F64, I32, I64, U8, Rows, check_array, join_rows, select_rows
 
-__all__ = ["Boxes2D", "Boxes3D", "Detections", "Fused", "Hypotheses", "Matches", "Source"]
+__all__ = ["Boxes2D", "Boxes3D", "Detections", "Fused", "Hypotheses", "Matches", "Source", "source_names"]
 
 
 class Source(IntEnum):
@@ -21,6 +21,11 @@ class Source(IntEnum):
     """2D boxes alone: placed by the ground and the size of the class."""
     BOTH = 2
     """Points and 2D boxes."""
+
+
+def source_names(sources: U8) -> list[str]:
+    """`lidar`, `camera` or `both` for each `Source` of an array (N,)."""
+    return [Source(source).name.lower() for source in sources.tolist()]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import TypeVar
 
+from pipeline.core.arrays import F64
 from pipeline.core.clouds import CombinedCloud
 from pipeline.core.detections import Detections, Fused, Hypotheses, Matches
 from pipeline.core.errors import FrameError
@@ -78,7 +79,7 @@ class Decoded(Mapping[str, T]):
     Attributes:
         by_sensor: The decoded values.
         drops: The bad messages.
-        unused_boxes: Recorded 2D boxes that could not be used, by reason.
+        unused_boxes: Recorded boxes that could not be used, by reason.
     """
 
     by_sensor: Mapping[str, T]
@@ -106,9 +107,11 @@ class FrameResult:
         views: By camera name, for every camera of the rig: the camera as it stood when its image was taken, in the site
             frame at the frame's time.
         hypotheses: What was weighed.
+        beliefs: (N,) float64, existence probability of each of them.
         fused: The fused objects, in the site frame.
         drops: Messages of the bundle that could not be used.
         unused_boxes: Recorded 2D boxes that could not be used, by reason.
+        unused_boxes3d: Recorded 3D boxes that could not be used, by reason.
     """
 
     bundle: SensorBundle
@@ -116,9 +119,11 @@ class FrameResult:
     detections: Detections
     views: Mapping[str, CameraSensor]
     hypotheses: Hypotheses
+    beliefs: F64
     fused: Fused
     drops: tuple[Drop, ...] = ()
     unused_boxes: Mapping[str, int] = field(default_factory=dict)
+    unused_boxes3d: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def matches(self) -> Mapping[str, Matches]:

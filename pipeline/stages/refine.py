@@ -1,7 +1,7 @@
 """Refinement: boxes fitted to the 2D boxes of all cameras that see them.
 
 Place, heading, length and width of a matched box become what its prior and the edges of its 2D boxes say together
-(`pipeline.fusion.refinement`), with the covariance of that. A box keeps what it has where no 2D box was matched with
+(`pipeline.fusion.refining.refinement`), with the covariance of that. A box keeps what it has where no 2D box was matched with
 it, where it is not in view as a whole, and where the fit explains the images no better than the box did, or takes it
 too far away. Height, z, score and class stay.
 """
@@ -16,11 +16,11 @@ from pipeline.core.detections import Boxes2D, Boxes3D, Hypotheses, Source
 from pipeline.core.geometry.boxes import wrap_angle
 from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.settings.config import Config
-from pipeline.fusion.box_prior import BoxPrior, box_prior
-from pipeline.fusion.camera_doubt import camera_shifts
-from pipeline.fusion.measured_edges import MeasuredEdges, measured_edges
 from pipeline.fusion.outline import Outline, cuboid_outline, rounded_outline
-from pipeline.fusion.refinement import predicted_edges, refine_boxes
+from pipeline.fusion.refining.box_prior import BoxPrior, box_prior
+from pipeline.fusion.refining.camera_doubt import camera_shifts
+from pipeline.fusion.refining.measured_edges import MeasuredEdges, measured_edges
+from pipeline.fusion.refining.refinement import predicted_edges, refine_boxes
 
 __all__ = ["Refine"]
 

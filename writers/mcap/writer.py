@@ -22,11 +22,12 @@ from pipeline.core.settings.config import Config
 from pipeline.core.true_boxes import TrueBoxes
 from writers.foxglove.layout import foxglove_layout
 from writers.mcap.file import McapOutput, mcap_file
-from writers.mcap.topics import written_topics
+from writers.mcap.topics import LATER, PLACED, PLACED_SCENE, written_topics
 from writers.messages.annotations import image_annotations
 from writers.messages.detections import detections_2d, detections_3d, lidcam_objects
 from writers.messages.diagnostics import diagnostics
 from writers.messages.images import COMPRESSED, image_cdr
+from writers.messages.placed_scene import placed_scene
 from writers.messages.scene import marker_array, scene_update
 from writers.messages.sensors import camera_info, moving_transform, point_cloud2, static_transforms
 from writers.messages.truth_scene import truth_scene, truth_scene_topic
@@ -84,6 +85,8 @@ class McapResultWriter:
             self._attach()
             for topic, msgtype in written_topics(self._rig, self._config.output):
                 self._register(topic, msgtype)
+            for topic in LATER:
+                self._check_name(topic)
             self._resources = resources.pop_all()
         return self
 
@@ -137,6 +140,9 @@ class McapResultWriter:
         yield "/fused/scene", scene_update(result, names)
         yield "/fused/markers", marker_array(result, names)
         yield "/lidar/detections", detections_3d(result.detections.lidar, names, stamp_ns=stamp_ns)
+        if (placed := result.detections.placed) is not None:
+            yield PLACED, detections_3d(placed, names, stamp_ns=stamp_ns)
+            yield PLACED_SCENE, placed_scene(placed, names, stamp_ns=stamp_ns)
         if self._config.output.clouds:
             frame_id = self._rig.site_frame
             yield "/point_cloud_combined", point_cloud2(result.combined.cloud, stamp_ns=stamp_ns, frame_id=frame_id)
@@ -200,14 +206,17 @@ class McapResultWriter:
         self._messages += 1
 
     def _register(self, topic: str, msgtype: str) -> int:
-        if topic in self._channels:
-            raise OutputError(
-                f"{self._path}: two outputs are called {topic}; rename the camera of that name in the rig"
-            )
+        self._check_name(topic)
         schema = msgtype, "ros2msg", ROS2.definition(msgtype).encode()
         metadata = {"offered_qos_profiles": LATCHED_YAML if topic == "/tf_static" else ""}
         self._channels[topic] = self._file.add_channel(topic, "cdr", schema, metadata)
         return self._channels[topic]
+
+    def _check_name(self, topic: str) -> None:
+        if topic in self._channels:
+            raise OutputError(
+                f"{self._path}: two outputs are called {topic}; rename the camera of that name in the rig"
+            )
 
     @contextmanager
     def _written_layout(self, layout: OutputFile) -> Iterator[None]:

@@ -7,7 +7,19 @@ from pydantic import Field
 
 from pipeline.core.settings.model import Count, NotNegative, Positive, SettingsModel, Share
 
-__all__ = ["ClusterConfig", "Detect2DConfig", "Detect3DConfig"]
+__all__ = [
+    "ClusterConfig",
+    "Detect2DConfig",
+    "Detect3DConfig",
+    "NetworkColors",
+    "NetworkLayout",
+    "Provider",
+    "Recorded3DConfig",
+]
+
+NetworkLayout = Literal["yolox", "yolov5", "yolov8", "end_to_end", "rtdetr", "detr", "dfine"]
+NetworkColors = Literal["bgr_255", "rgb_255", "bgr_1", "rgb_1", "imagenet"]
+Provider = Literal["cpu", "cuda", "tensorrt", "openvino", "migraphx", "directml", "coreml"]
 
 
 class ClusterConfig(SettingsModel):
@@ -38,18 +50,38 @@ class ClusterConfig(SettingsModel):
     points_per_sr: Positive = 45_000.0
 
 
-class Detect3DConfig(SettingsModel):
-    """Detection in the combined cloud.
+class Recorded3DConfig(SettingsModel):
+    """3D boxes that a detector wrote into the recording.
 
     Attributes:
-        method: `cluster` needs no weights; `none` finds nothing.
-        min_score: Boxes with a lower score are removed.
-        cluster: Settings of the method `cluster`.
+        class_numbers: What a number in the place of a class name means in vision_msgs: with `labels` the class that has
+            it among its labels, with `coco` a row of the 80 names of COCO, from 0, with `autoware` Autoware's numbers
+            (1 car, 2 truck, 3 bus, 4 trailer, 5 motorcycle, 6 bicycle, 7 pedestrian). A name is looked up in the labels
+            either way. Autoware's own messages have its numbers.
+        position_sigma_m: Standard deviation of x and of y where a message does not give their covariance.
+        yaw_sigma_deg: Standard deviation of the heading where a message does not give its variance.
     """
 
-    method: Literal["cluster", "none"] = "cluster"
+    class_numbers: Literal["labels", "coco", "autoware"] = "labels"
+    position_sigma_m: Positive = 0.3
+    yaw_sigma_deg: Positive = 10.0
+
+
+class Detect3DConfig(SettingsModel):
+    """3D boxes of the lidars.
+
+    Attributes:
+        method: `cluster` finds them in the combined cloud and needs no weights; `recorded` takes those that a detector
+            wrote into the recording (`topics.boxes3d`); `none` finds nothing.
+        min_score: Boxes with a lower score are removed.
+        cluster: Settings of the method `cluster`.
+        recorded: Settings of the method `recorded`.
+    """
+
+    method: Literal["cluster", "recorded", "none"] = "cluster"
     min_score: Share = 0.07
     cluster: ClusterConfig = ClusterConfig()
+    recorded: Recorded3DConfig = Recorded3DConfig()
 
 
 class Detect2DConfig(SettingsModel):
@@ -58,7 +90,17 @@ class Detect2DConfig(SettingsModel):
     Attributes:
         method: `onnx` runs a network, `recorded` takes 2D boxes from the recording, `none` finds nothing. `auto` is
             `onnx` if a model is given, else `recorded` if there are boxes, else `none`.
-        model: ONNX file (YOLOX layout), relative to the working folder.
+        model: ONNX file, relative to the working folder; docs/networks.md lists the exports that are known.
+        layout: What the network's outputs mean. `auto`: told by their shapes. `yolox`; `yolov5` (also YOLOv7), `yolov8`
+            (also YOLO11); `end_to_end`: with suppression inside (also YOLOv10, YOLO26); `rtdetr`: of Ultralytics;
+            `detr`: boxes and scores (RT-DETR, D-FINE, RF-DETR); `dfine`: labels, boxes and scores.
+        colors: Order of the channels that the network is given, and the value of white, 255 or 1; `imagenet`: red
+            first, less ImageNet's mean, by its deviation. `auto`: as its layout has it.
+        names: Names of the network's classes: `coco` (80), `coco91` (by the numbers of the annotations), or a file
+            with a name in each line, or YAML or JSON with `names`. Empty: as in the network's file, else COCO's if
+            there are 80.
+        provider: What runs the network. Only `cpu` gives the same result on every machine; the others need another
+            build of onnxruntime.
         input: Width and height of the pictures that the network is given, pixels. `auto`: the shape of the camera's
             own picture, as large as `max_input_px` allows and never larger than the picture; the size that the network
             is made for, if it takes no other.
@@ -75,6 +117,10 @@ class Detect2DConfig(SettingsModel):
 
     method: Literal["auto", "onnx", "recorded", "none"] = "auto"
     model: Path | None = None
+    layout: Literal["auto"] | NetworkLayout = "auto"
+    colors: Literal["auto"] | NetworkColors = "auto"
+    names: str = ""
+    provider: Provider = "cpu"
     input: Literal["auto"] | tuple[Count, Count] = "auto"
     max_input_px: Count = 307_200
     min_score: Share = 0.3

@@ -19,6 +19,8 @@ class TopicsConfig(SettingsModel):
     Attributes:
         lidars: Topics with clouds.
         cameras: Topics with images.
+        boxes3d: Topics with 3D boxes of a detector (vision_msgs/Detection3DArray or Autoware's DetectedObjects), for
+            `detect3d.method: recorded`. If empty: all that are neither truth nor what lidcam itself writes.
         exclude: Topics to ignore, by name or shell pattern.
         last_resort: Topics, by name or shell pattern, derived from other topics: used only if no other topic of their
             kind was recorded. Parts of combined messages come before them, and after topics recorded on their own.
@@ -26,6 +28,7 @@ class TopicsConfig(SettingsModel):
 
     lidars: tuple[Topic, ...] = ()
     cameras: tuple[Topic, ...] = ()
+    boxes3d: tuple[Topic, ...] = ()
     exclude: tuple[Topic, ...] = ()
     last_resort: tuple[Topic, ...] = ("/point_cloud_combined", "/ground_cloud")
 

@@ -162,7 +162,7 @@ class BoxFitter:
             box_scores(boxes, rectangles, counts, expected_per_m2),
             boxes.class_ids,
             counts,
-            box_covariances(boxes, rectangles),
+            box_covariances(boxes, rectangles, expected_per_m2),
             np.rint(np.add.reduceat(points.time_sum_ns, starts) / counts).astype(np.int64),
         )
         return candidates, boxes.misfit

@@ -1,6 +1,6 @@
 """The 80 object names of COCO 2017 (cocodataset.org), in the order of network outputs."""
 
-__all__ = ["COCO_LABELS"]
+__all__ = ["COCO91_LABELS", "COCO_LABELS"]
 
 # fmt: off
 COCO_LABELS: tuple[str, ...] = (
@@ -15,3 +15,9 @@ COCO_LABELS: tuple[str, ...] = (
     "hair drier", "toothbrush",
 )
 # fmt: on
+
+COCO91_LABELS: tuple[str, ...] = tuple(
+    dict(zip(sorted({*range(1, 91)} - {12, 26, 29, 30, 45, 66, 68, 69, 71, 83}), COCO_LABELS, strict=True)).get(row, "")
+    for row in range(91)
+)
+"""The same by the numbers of COCO's annotations, from 1 (person) to 90, of which ten have no name."""

@@ -1,27 +1,25 @@
-"""2D detection by a YOLOX network (Ge et al., arXiv:2107.08430) in an ONNX file.
+"""2D detection by a network in an ONNX file: how it is given pictures, and what is made of its outputs.
 
-The layout is that of Megvii's export: one input (N, 3, H, W) float32, BGR 0..255, the image scaled to fit, top left on
-a background of 114; one output (N, A, 85) with one row per cell of the grids of stride 8, 16 and 32: box centre and
-size, objectness, 80 COCO class scores. Centre and size are either raw (offset from the cell and logarithm, in cells)
-or, after an export with `--decode_in_inference`, in pixels. A trial run when loading finds out which.
-
-The network always runs on the CPU, so that results do not depend on the machine's accelerators.
+A trial run when loading shows which layout the network has (`layouts/recognition.py`), and a second one whether it
+takes pictures of other sizes than its own. Networks of convolutions do, whatever their file says.
 """
 
 import logging
+import re
 from collections.abc import Sequence
-from functools import lru_cache
 from pathlib import Path
 
-import cv2
 import numpy as np
 
-from pipeline.core.arrays import F32, U8
-from pipeline.core.errors import ModelError
+from pipeline.core.arrays import F32, U8, Array
+from pipeline.core.errors import ConfigError, ModelError
 from pipeline.core.settings.config import Config
-from pipeline.core.settings.detect import Detect2DConfig
-from pipeline.detectors.onnx.coco import COCO_LABELS
+from pipeline.detectors.onnx.class_names import class_names
 from pipeline.detectors.onnx.input_size import input_size
+from pipeline.detectors.onnx.inputs import read_inputs
+from pipeline.detectors.onnx.layouts.layout import Layout, Size
+from pipeline.detectors.onnx.layouts.recognition import Trial, recognise
+from pipeline.detectors.onnx.pictures import Pictures
 from pipeline.detectors.onnx.session import MAX_BATCH_BYTES, OnnxSession
 from pipeline.detectors.protocols import Candidates2D
 
@@ -29,48 +27,69 @@ __all__ = ["OnnxDetector2D"]
 
 logger = logging.getLogger(__name__)
 
-STRIDES_PX = (8, 16, 32)
-PADDING = 114.0
-COLUMNS = 5 + len(COCO_LABELS)
-EXPECTED = (
-    f"expected the YOLOX layout: one input (N, 3, H, W) float32 with H and W multiples of {STRIDES_PX[-1]}, "
-    f"one output (N, A, {COLUMNS}) float32 with A = HW/64 + HW/256 + HW/1024"
-)
-PROBES_PX = (160, 224), (192, 256)
-"""Heights and widths that show whether a network takes other sizes; one has another number of cells than its own."""
+STRIDE_PX, MAX_STRIDE_PX = 32, 128
+"""What sizes are multiples of where the file says nothing, and at most."""
 
-USUAL_PX = 640, 640
-"""Height and width where the file names none."""
+USUAL_PX: Size = (640, 640)
+"""Height and width where the file says nothing."""
+
+PROBE_CELLS = (5, 7), (6, 8)
+"""Heights and widths in strides that show whether a network takes other sizes: one of them has another number of cells
+than the network's own, so that a table for the own size does not fit."""
+
+PIXEL_BYTES = 12
+MAX_OUTPUT_BYTES = 1 << 29
+"""Of one output for one batch: more is no detection."""
 
 
 class OnnxDetector2D:
     """A loaded network; may be called from several threads at once."""
 
     def __init__(self, path: Path, config: Config) -> None:
-        """Load a network and run it once.
+        """Load a network and try it.
 
         Args:
             path: ONNX file.
             config: Settings, of which `detect2d` is used.
 
         Raises:
-            ModelError: the file does not exist, is not an ONNX file, is not a YOLOX, the trial fails, or it does not
-                take the size that is set.
+            ConfigError: the file with the names of classes cannot be read.
+            ModelError: the file does not exist, is not an ONNX file, has no known layout or no names for its classes,
+                a trial fails, or it does not take the size that is set.
         """
         self._path, self._config = path, config.detect2d
-        self._session = OnnxSession(path, self._config.threads)
-        self._batch, *declared = _input_layout(path, self._session)
-        height_px, width_px = (size or usual for size, usual in zip(declared, USUAL_PX, strict=True))
-        self._decoded = self._try(self._session, height_px, width_px)
-        self._fixed_px: tuple[int, int] | None = (height_px, width_px)
-        if self._config.input != (width_px, height_px):
-            self._free(is_declared=None in declared)
-        logger.info("%s: input %s", path, _told(self._fixed_px, self._config))
+        self._session = OnnxSession(path, threads=self._config.threads, provider=self._config.provider)
+        try:
+            self._load()
+        except (ConfigError, ModelError) as err:
+            if str(path) in str(err):
+                raise
+            raise type(err)(f"{path}: {err}") from err
+
+    def _load(self) -> None:
+        config, metadata = self._config, self._session.metadata
+        if (task := metadata.get("task", "detect")) != "detect":
+            raise ModelError(f"expected a network for detection, found one for the task {task[:40]!r}")
+        self._inputs = read_inputs(self._session.inputs)
+        self._stride_px = _stride_px(metadata)
+        usual_px = _size_px(metadata)
+        own_px = self._inputs.height_px or usual_px[0], self._inputs.width_px or usual_px[1]
+        self._layout = self._try(self._session, own_px)
+        self._labels = class_names(config.names, metadata, self._layout.class_count)
+        self._pictures = Pictures(
+            self._layout.colors if config.colors == "auto" else config.colors, self._layout.placement
+        )
+        self._fixed_px: Size | None = own_px
+        if config.input == "auto":
+            self._take_any_size(own_px)
+        elif config.input != own_px[::-1]:
+            self._take_size(own_px, (config.input[1], config.input[0]))
+        logger.info("%s: %s, %d classes, %s", self._path, self._layout.name, len(self._labels), self._input_told())
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """COCO names."""
-        return COCO_LABELS
+        """Names of the network's classes."""
+        return self._labels
 
     def __call__(self, images: Sequence[U8]) -> list[Candidates2D]:
         """Proposals for each image, in order.
@@ -82,134 +101,142 @@ class OnnxDetector2D:
             images: (H, W, 3) RGB, of any size each.
 
         Raises:
-            ModelError: the network fails.
+            ModelError: the network fails, or finds a class that has no name.
         """
-        found: list[Candidates2D | None] = [None] * len(images)
-        of_size: dict[tuple[int, int], list[int]] = {}
-        for index, image in enumerate(images):
-            of_size.setdefault(self._size_for(image), []).append(index)
-        for (height_px, width_px), indices in of_size.items():
-            size = self._batch or min(len(indices), max(MAX_BATCH_BYTES // (12 * height_px * width_px), 1))
-            for start in range(0, len(indices), size):
-                chosen = indices[start : start + size]
-                batch = np.full((size, 3, height_px, width_px), PADDING, np.float32)
-                for index, candidates in zip(chosen, self._detect([images[i] for i in chosen], batch), strict=True):
-                    found[index] = candidates
-        return [candidates for candidates in found if candidates is not None]
+        of_size: dict[Size, list[int]] = {}
+        for row, image in enumerate(images):
+            of_size.setdefault(self._size_for(image), []).append(row)
+        found: dict[int, Candidates2D] = {}
+        for size_px, rows in of_size.items():
+            most = self._inputs.batch or max(MAX_BATCH_BYTES // (PIXEL_BYTES * size_px[0] * size_px[1]), 1)
+            for start in range(0, len(rows), most):
+                chosen = rows[start : start + most]
+                found |= zip(chosen, self._detect([images[row] for row in chosen], size_px), strict=True)
+        return [found[row] for row in range(len(images))]
 
-    def _size_for(self, image: U8) -> tuple[int, int]:
+    def _size_for(self, image: U8) -> Size:
         """Height and width of the network's input for an image."""
         if self._fixed_px:
             return self._fixed_px
-        if self._config.input != "auto":
-            return self._config.input[1], self._config.input[0]
-        height, width = image.shape[:2]
-        return input_size(width, height, most_px=self._config.max_input_px, stride_px=STRIDES_PX[-1])[::-1]
+        height_px, width_px = image.shape[:2]
+        most_px = self._config.max_input_px
+        width_px, height_px = input_size(width_px, height_px, most_px=most_px, stride_px=self._stride_px)
+        return height_px, width_px
 
-    def _try(self, session: OnnxSession, height_px: int, width_px: int) -> bool:
-        """Run a network on blank images; whether what it gives is in pixels."""
-        if (taken := (self._batch or 2) * 12 * height_px * width_px) > MAX_BATCH_BYTES:
+    def _detect(self, images: Sequence[U8], size_px: Size) -> list[Candidates2D]:
+        batch = self._pictures.blank(self._inputs.batch or len(images), *size_px)
+        places = [self._pictures.put(image, into) for image, into in zip(images, batch, strict=False)]
+        outputs = self._run(self._session, batch)
+        try:
+            found = self._layout.read(outputs, len(batch), size_px)[: len(images)]
+        except ModelError as err:
+            raise ModelError(f"{self._path}: {err}") from err
+        last = max((int(one.labels.max(initial=0)) for one in found), default=0)
+        if last >= len(self._labels):
             raise ModelError(
-                f"{self._path}: an input of {self._batch or 2} x 3 x {height_px} x {width_px} px takes "
-                f"{taken / 2**30:.3g} GiB, expected at most {MAX_BATCH_BYTES / 2**30:g} GiB"
+                f"{self._path}: the network finds the class {last}, and there are names for {len(self._labels)}: "
+                "set detect2d.names to all of its names"
             )
-        trial = self._run(session, np.full((self._batch or 2, 3, height_px, width_px), PADDING, np.float32))
-        if not np.isfinite(trial).all():
-            raise ModelError(
-                f"{self._path}: expected numbers, found an output that is not finite; export the network again"
-            )
-        # Raw centres are a few cells at most; centres in pixels span the whole image, whatever its content.
-        return float(trial[..., :2].max()) > min(height_px, width_px) / 2
+        return [one._replace(xyxy=place.undo(one.xyxy)) for one, place in zip(found, places, strict=True)]
 
-    def _free(self, *, is_declared: bool) -> None:
-        """Let the network take images of other sizes, if it can.
+    def _run(self, session: OnnxSession, batch: F32) -> list[Array]:
+        """The outputs, floating-point numbers in single precision.
 
         Raises:
-            ModelError: it cannot, and a size is set.
+            ModelError: the network fails, or gives something else than numbers, or too many.
         """
-        own = self._fixed_px
-        probe = next(size for size in PROBES_PX if own is None or np.prod(size) != np.prod(own))
-        wanted = self._config.input
-        if wanted != "auto" and (wanted[0] % STRIDES_PX[-1] or wanted[1] % STRIDES_PX[-1]):
-            raise ModelError(f"detect2d.input: expected multiples of {STRIDES_PX[-1]}, found {list(wanted)}")
+        outputs = session.run(self._inputs.feed(batch), len(batch))
+        for (name, _, kind), output in zip(session.outputs, outputs, strict=True):
+            if output.dtype.kind not in "fiu" or output.nbytes > MAX_OUTPUT_BYTES:
+                raise ModelError(
+                    f"{self._path}: expected numbers, {MAX_OUTPUT_BYTES >> 20} MiB at most, found an output {name} "
+                    f"{output.shape} {kind}"
+                )
+        return [output.astype(np.float32, copy=False) if output.dtype.kind == "f" else output for output in outputs]
+
+    def _try(self, session: OnnxSession, size_px: Size) -> Layout:
+        """Run a network on blank images; the layout of what it gives."""
+        count, (height_px, width_px) = self._inputs.batch or 2, size_px
+        if (taken := count * PIXEL_BYTES * height_px * width_px) > MAX_BATCH_BYTES:
+            raise ModelError(
+                f"an input of {count} x 3 x {height_px} x {width_px} px takes {taken / 2**30:.3g} GiB, "
+                f"expected at most {MAX_BATCH_BYTES / 2**30:g} GiB"
+            )
+        outputs = self._run(session, Pictures("bgr_255", "top_left").blank(count, height_px, width_px))
+        if not all(np.isfinite(output).all() for output in outputs):
+            raise ModelError("expected numbers, found an output that is not finite; export the network again")
+        names = [name for name, _, _ in session.outputs]
+        wanted = None if self._config.layout == "auto" else self._config.layout
+        layout = recognise(Trial(size_px, names, outputs, self._inputs.sizes is not None), wanted)
+        layout.read(outputs, count, size_px)
+        return layout
+
+    def _take_any_size(self, own_px: Size) -> None:
+        """Let the network take images of other sizes than its own, if it can and is made to."""
+        is_stretched = self._layout.placement == "stretched"  # made for one size, whatever it can take
+        if is_stretched and not self._is_free:
+            return
         try:
-            session = self._session if is_declared else self._session.with_free_size()
-            self._try(session, *probe)
-            if wanted != "auto":
-                self._try(session, wanted[1], wanted[0])
+            self._session, self._fixed_px = self._tried(self._probe_px(own_px)), None
         except ModelError as err:
-            if wanted != "auto":
-                raise ModelError(f"detect2d.input: {list(wanted)} is not for this network: {err}") from err
-            logger.info("%s takes images of its own size only: %s", self._path, err)
-        else:
-            self._session, self._fixed_px = session, None
+            logger.info("%s takes %d x %d px only: %s", self._path, own_px[1], own_px[0], err)
 
-    def _detect(self, images: Sequence[U8], batch: F32) -> list[Candidates2D]:
-        scales = [_letterbox(image, into) for image, into in zip(images, batch, strict=False)]
-        rows = self._run(self._session, batch)
-        return [self._decode(row, scale, *batch.shape[2:]) for row, scale in zip(rows, scales, strict=False)]
+    def _take_size(self, own_px: Size, wanted_px: Size) -> None:
+        """Let the network take images of another size than its own.
 
-    def _run(self, session: OnnxSession, batch: F32) -> F32:
-        (rows,) = session.run(batch)
-        expected = (len(batch), len(_anchors(*batch.shape[2:])[0]), COLUMNS)
-        if rows.shape != expected or rows.dtype != np.float32:
-            raise ModelError(f"{self._path}: {EXPECTED}; here {expected}, found an output {rows.shape} {rows.dtype}")
-        return np.asarray(rows, np.float32)
+        Raises:
+            ModelError: it cannot.
+        """
+        if any(size % self._stride_px for size in wanted_px):
+            raise ModelError(
+                f"detect2d.input: expected multiples of {self._stride_px} px, found {wanted_px[1]} x {wanted_px[0]}"
+            )
+        try:
+            self._session, self._fixed_px = self._tried(self._probe_px(own_px), wanted_px), wanted_px
+        except ModelError as err:
+            raise ModelError(
+                f"detect2d.input: the network does not take {wanted_px[1]} x {wanted_px[0]} px, its own size is "
+                f"{own_px[1]} x {own_px[0]}: {err}"
+            ) from err
 
-    def _decode(self, rows: F32, scale: F32, height_px: int, width_px: int) -> Candidates2D:
-        """Proposals for one image from the network's rows (A, 85); `scale` is network pixels per image pixel."""
-        if self._decoded:
-            center, size = rows[:, :2], rows[:, 2:4]
-        else:
-            grid, stride = _anchors(height_px, width_px)
-            with np.errstate(over="ignore"):  # boxes that are not finite are left out
-                center, size = (rows[:, :2] + grid) * stride, np.exp(rows[:, 2:4]) * stride
-        xyxy = np.concatenate([center - size / 2, center + size / 2], 1) / np.tile(scale, 2)
-        labels = rows[:, 5:].argmax(1)
-        scores = rows[:, 4] * np.take_along_axis(rows[:, 5:], labels[:, None], 1)[:, 0]
-        return Candidates2D(xyxy.astype(np.float32, copy=False), scores, labels)
+    @property
+    def _is_free(self) -> bool:
+        """Whether the file leaves the size open."""
+        return self._inputs.height_px is None and self._inputs.width_px is None
 
+    def _probe_px(self, own_px: Size) -> Size:
+        """A small size with another number of cells than the network's own."""
+        probes = [(rows * self._stride_px, columns * self._stride_px) for rows, columns in PROBE_CELLS]
+        return next(probe for probe in probes if np.prod(probe) != np.prod(own_px))
 
-def _told(fixed_px: tuple[int, int] | None, config: Detect2DConfig) -> str:
-    if fixed_px:
-        return f"{fixed_px[1]} x {fixed_px[0]} px"
-    if config.input != "auto":
-        return f"{config.input[0]} x {config.input[1]} px"
-    return f"of each picture's shape, {config.max_input_px} px at most"
+    def _tried(self, *sizes_px: Size) -> OnnxSession:
+        """The network, loaded so that it takes these sizes.
 
+        Raises:
+            ModelError: it does not take them, or gives something else for them.
+        """
+        session = self._session if self._is_free else self._session.with_free_size(self._inputs.images)
+        for size_px in sizes_px:
+            found = self._try(session, size_px)
+            if (found.name, found.class_count) != (self._layout.name, self._layout.class_count):
+                raise ModelError(
+                    f"expected a {self._layout.name}, found a {found.name} for {size_px[1]} x {size_px[0]} px"
+                )
+        return session
 
-def _input_layout(path: Path, session: OnnxSession) -> tuple[int | None, int | None, int | None]:
-    """Batch size, height and width in pixels; None if free."""
-    inputs, outputs = session.inputs, session.outputs
-    match inputs:
-        case [(_, [batch, 3, height, width], "tensor(float)")] if len(outputs) == 1 and all(
-            not isinstance(n, int) or n > 0 == n % STRIDES_PX[-1] for n in (height, width)
-        ):
-            batch, height, width = (n if isinstance(n, int) and n > 0 else None for n in (batch, height, width))
-            return batch, height, width
-    found = ", ".join(f"{name} {tuple(shape)} {kind}" for name, shape, kind in [*inputs, *outputs])
-    raise ModelError(f"{path}: {EXPECTED}; found {found}")
+    def _input_told(self) -> str:
+        if self._fixed_px:
+            return f"pictures of {self._fixed_px[1]} x {self._fixed_px[0]} px"
+        return f"pictures in their own shape, {self._config.max_input_px} px at most"
 
 
-@lru_cache(maxsize=32)
-def _anchors(height_px: int, width_px: int) -> tuple[F32, F32]:
-    """Column and row of the cell (A, 2) and stride in pixels (A, 1) of each row of the output."""
-    grids, strides = [], []
-    for stride in STRIDES_PX:
-        row, column = np.indices((height_px // stride, width_px // stride))
-        grids.append(np.stack([column.ravel(), row.ravel()], 1))
-        strides.append(np.full((row.size, 1), stride))
-    return np.concatenate(grids).astype(np.float32), np.concatenate(strides).astype(np.float32)
+def _stride_px(metadata: dict[str, str]) -> int:
+    """What width and height are multiples of."""
+    told = metadata.get("stride", "")
+    return min(max(int(told), STRIDE_PX), MAX_STRIDE_PX) if told.isdecimal() and len(told) < 5 else STRIDE_PX
 
 
-def _letterbox(image: U8, into: F32) -> F32:
-    """Scale an image into the top left of a network input (3, H, W), RGB to BGR, and return the scales in x and y (2,).
-
-    The scaled size is truncated to whole pixels, as in YOLOX; the scales are those of the truncated size.
-    """
-    height, width = image.shape[:2]
-    ratio = min(into.shape[1] / height, into.shape[2] / width)
-    size = np.maximum([int(width * ratio), int(height * ratio)], 1)
-    small = cv2.resize(image, (int(size[0]), int(size[1])), interpolation=cv2.INTER_LINEAR)
-    into[:, : size[1], : size[0]] = small[..., ::-1].transpose(2, 0, 1)
-    return (size / [width, height]).astype(np.float32)
+def _size_px(metadata: dict[str, str]) -> Size:
+    """Height and width that the network was exported for; the usual ones where its file does not say."""
+    found = re.fullmatch(r"\[(\d{2,4}), (\d{2,4})\]", metadata.get("imgsz", ""))
+    return (int(found[1]), int(found[2])) if found else USUAL_PX

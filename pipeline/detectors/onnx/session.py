@@ -5,7 +5,7 @@ what a network may take: a file of a few hundred bytes can hold a loop of 2^62 t
 """
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from copy import copy
 from functools import cache
@@ -15,10 +15,13 @@ from typing import Any, Self
 
 import numpy as np
 
-from pipeline.core.arrays import F32
+from pipeline.core.arrays import Array
 from pipeline.core.errors import ModelError, is_short_memory
+from pipeline.core.settings.detect import Provider
 from pipeline.core.text import one_line
 from pipeline.detectors.onnx.free_size import with_free_size
+from pipeline.detectors.onnx.inputs import Value
+from pipeline.detectors.onnx.providers import check_runs_on, providers_for
 
 __all__ = ["MAX_BATCH_BYTES", "OnnxSession"]
 
@@ -44,13 +47,14 @@ class OnnxSession:
     Attributes:
         inputs: Name, shape and type of each input.
         outputs: The same of each output.
+        metadata: What the file says of itself.
     """
 
-    def __init__(self, path: Path, threads: int) -> None:
-        """Load a network for the CPU.
+    def __init__(self, path: Path, *, threads: int, provider: Provider) -> None:
+        """Load a network.
 
         Raises:
-            ModelError: the file does not exist, or onnxruntime cannot load it.
+            ModelError: the file does not exist, onnxruntime cannot load it, or it has no such provider.
         """
         try:
             if not path.is_file():
@@ -58,11 +62,14 @@ class OnnxSession:
                 raise ModelError(f"{path}: expected an ONNX file, found {found}")
         except OSError as err:
             raise ModelError(f"{path}: expected an ONNX file that can be read: {err.strerror}") from err
-        self._path, self._threads = path, threads
+        self._path, self._threads, self._provider = path, threads, provider
         self._load(str(path))
 
-    def with_free_size(self) -> Self:
+    def with_free_size(self, input_name: str) -> Self:
         """The same network, loaded to take images of other sizes; whether it can, only a run shows.
+
+        Args:
+            input_name: Its input for images.
 
         Raises:
             ModelError: the file is too large, or it cannot be changed or loaded.
@@ -70,7 +77,7 @@ class OnnxSession:
         try:
             if self._path.stat().st_size > MAX_CHANGED_BYTES:
                 raise ModelError(f"{self._path}: expected a file of {MAX_CHANGED_BYTES >> 20} MiB at most to change it")
-            changed = with_free_size(self._path.read_bytes(), self.inputs[0][0])
+            changed = with_free_size(self._path.read_bytes(), input_name)
         except OSError as err:
             raise ModelError(f"{self._path}: expected an ONNX file that can be read: {err.strerror}") from err
         free = copy(self)
@@ -80,6 +87,7 @@ class OnnxSession:
     def _load(self, model: str | bytes) -> None:
         """Load the network from its file, or from bytes that stand for it."""
         path, ort = self._path, _onnxruntime()
+        providers = providers_for(self._provider, ort.get_available_providers())
         self._new_run: Callable[[], Any] = ort.RunOptions
         options = ort.SessionOptions()
         options.intra_op_num_threads = self._threads
@@ -96,31 +104,37 @@ class OnnxSession:
                 self._session = ort.InferenceSession(
                     model,
                     options,
-                    providers=["CPUExecutionProvider"],
+                    providers=providers,
                     enable_fallback=0,  # which prints, and tries the same once more
                 )
         except Exception as err:  # onnxruntime's errors have no base of their own
             if is_short_memory(err):
                 raise
             raise ModelError(f"{path}: expected an ONNX file that onnxruntime can load: {one_line(err)}") from err
-        self.inputs = [(value.name, value.shape, value.type) for value in self._session.get_inputs()]
-        self.outputs = [(value.name, value.shape, value.type) for value in self._session.get_outputs()]
+        check_runs_on(self._provider, self._session.get_providers())
+        self.inputs: list[Value] = [(value.name, value.shape, value.type) for value in self._session.get_inputs()]
+        self.outputs: list[Value] = [(value.name, value.shape, value.type) for value in self._session.get_outputs()]
+        self.metadata: dict[str, str] = dict(self._session.get_modelmeta().custom_metadata_map)
 
-    def run(self, batch: F32) -> list[Any]:
-        """The outputs for a batch of images, given to the first input.
+    def run(self, fed: Mapping[str, Array], images: int) -> list[Array]:
+        """The outputs for a batch of images.
+
+        Args:
+            fed: What each input is given.
+            images: How many images that are.
 
         Raises:
-            ModelError: the network fails, or takes too long or too much memory.
+            ModelError: the network fails, takes too long or too much memory, or gives no arrays.
         """
-        options, seconds = self._new_run(), MAX_SECONDS * len(batch)
+        options, seconds = self._new_run(), MAX_SECONDS * images
         with _after(seconds, lambda: setattr(options, "terminate", True)):
             try:
-                return [np.asarray(output) for output in self._session.run(None, {self.inputs[0][0]: batch}, options)]
+                return [np.asarray(output) for output in self._session.run(None, dict(fed), options)]
             except Exception as err:  # onnxruntime's errors have no base of their own
                 if is_short_memory(err):
                     raise
                 reason = f"it did not end within {seconds} s" if options.terminate else one_line(err)
-                raise ModelError(f"{self._path}: the network fails on a batch of {len(batch)}: {reason}") from err
+                raise ModelError(f"{self._path}: the network fails on a batch of {images}: {reason}") from err
 
 
 @contextmanager

@@ -1,11 +1,9 @@
 import json
-import tracemalloc
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-import shapely
 from helpers import shared
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -15,8 +13,6 @@ from pipeline.core.arrays import F64
 from pipeline.core.clouds import CombinedCloud, Plane, PointCloud
 from pipeline.core.detections import Boxes3D
 from pipeline.core.frame import SensorBundle
-from pipeline.core.geometry.boxes import box_corners
-from pipeline.core.geometry.rotated_iou import BoxArrays
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.load import load_config
 from pipeline.detectors.protocols import Candidates3D
@@ -257,57 +253,6 @@ def test_kitti_cars_parked_along_a_street() -> None:
     assert (apart_m.min(1) < 1.0).sum() >= 5
     assert len(set(apart_m.argmin(1))) == 6
     assert len(boxes) < 25
-
-
-def overlaps_by_pairs(boxes: BoxArrays) -> list[int]:
-    """Greedy suppression, pair by pair, by shapely."""
-    grounds = shapely.polygons(box_corners(*boxes)[:, :4, :2])
-    kept: list[int] = []
-    for row, ground in enumerate(grounds):
-        others = grounds[kept]
-        smaller_m2 = np.minimum(shapely.area(ground), shapely.area(others))
-        if (shapely.area(shapely.intersection(ground, others)) <= detect3d.OVERLAP_SHARE * smaller_m2).all():
-            kept.append(row)
-    return kept
-
-
-def scattered(count: int, spread_m: float) -> BoxArrays:
-    rng = np.random.default_rng(count)
-    centers, sizes = rng.uniform(-spread_m, spread_m, (count, 3)), rng.uniform(0.3, 6, (count, 3))
-    return BoxArrays(centers, sizes, rng.uniform(-3, 3, count))
-
-
-@pytest.mark.parametrize(("count", "spread_m"), [(0, 1), (1, 1), (2, 1), (60, 4), (60, 20), (90, 60)])
-def test_overlaps_are_those_of_all_pairs(count: int, spread_m: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(detect3d, "BLOCK", 16)
-    monkeypatch.setattr(detect3d, "PAIRS", 50)
-    boxes = scattered(count, spread_m)
-    assert detect3d._suppress_overlaps(boxes).tolist() == overlaps_by_pairs(boxes)
-
-
-@pytest.mark.parametrize(
-    ("ahead_m", "kept"),
-    [
-        pytest.param(0.0, [0], id="same place"),
-        pytest.param(2.99, [0], id="more than a quarter"),
-        pytest.param(3.01, [0, 1], id="less than a quarter"),
-        pytest.param(4.0, [0, 1], id="end to end"),
-    ],
-)
-def test_share_of_the_ground_that_two_boxes_may_have_in_common(ahead_m: float, kept: list[int]) -> None:
-    yaw, width_m = 0.7, np.array([1.8, 30.0])  # the share is that of the smaller one
-    centers = np.array([[0.0, 0.0, 1.0], [ahead_m * np.cos(yaw), ahead_m * np.sin(yaw), 5.0]])
-    sizes = np.column_stack([[4.0, 4.0], width_m, [1.5, 1.5]])
-    assert detect3d._suppress_overlaps(BoxArrays(centers, sizes, np.full(2, yaw))).tolist() == kept
-
-
-def test_thousands_of_boxes_are_compared_with_their_neighbours_only() -> None:
-    boxes = scattered(8000, 400)
-    tracemalloc.start()
-    detect3d._suppress_overlaps(boxes)
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert peak < 30 << 20  # 8000 boxes against 256 at a time: 67 MiB
 
 
 def test_clusters_are_measured_in_batches(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,5 +1,5 @@
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +7,7 @@ import pytest
 from helpers import shared
 from onnx_files import DOUBLE, write_yolox
 
-from pipeline.core.arrays import F32, U8, Array
+from pipeline.core.arrays import U8, Array
 from pipeline.core.errors import ModelError
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.detect import Detect2DConfig
@@ -124,11 +124,11 @@ def test_a_free_batch_runs_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     free = detector(write_yolox(tmp_path / "free.onnx", raw_rows(), size_px=SIZE_PX, batch="n"))
     fixed = detector(write_yolox(tmp_path / "fixed.onnx", raw_rows(), size_px=SIZE_PX))
     sizes: list[int] = []
-    run: Callable[[OnnxSession, F32], list[Array]] = OnnxSession.run
+    run: Callable[[OnnxSession, Mapping[str, Array], int], list[Array]] = OnnxSession.run
 
-    def counted(session: OnnxSession, batch: F32) -> list[Array]:
-        sizes.append(len(batch))
-        return run(session, batch)
+    def counted(session: OnnxSession, fed: Mapping[str, Array], images: int) -> list[Array]:
+        sizes.append(len(fed["images"]))
+        return run(session, fed, images)
 
     monkeypatch.setattr(OnnxSession, "run", counted)
     free([image(20, 30)] * 3)
@@ -197,11 +197,11 @@ def doubles(path: Path) -> Path:
         (text, "expected an ONNX file that onnxruntime can load"),
         (empty, "expected an ONNX file that onnxruntime can load"),
         (cut, "expected an ONNX file that onnxruntime can load"),
-        (classes_20, "found an output (1, 126, 25)"),
-        (too_few_anchors, "here (1, 126, 85), found an output (1, 125, 85)"),
-        (transposed, "found an output (1, 85, 126)"),
+        (classes_20, "the network has 20 classes, and its file has no names for them: set detect2d.names"),
+        (too_few_anchors, "found output0 (1, 125, 85) for 96 x 64 px"),
+        (transposed, "the network has 81 classes"),
         (one_channel, "found images (1, 1, 64, 96)"),
-        (odd_size, "found images (1, 3, 60, 96)"),
+        (odd_size, "found output0 (1, 126, 85) for 96 x 60 px"),
         (two_outputs, "output1 (1, 126, 85)"),
         (doubles, "tensor(double)"),
     ],
@@ -250,11 +250,11 @@ def test_real_network_is_given_each_pictures_shape(
     config = Config(detect2d=Detect2DConfig.model_validate(settings))
     model = OnnxDetector2D(shared("weights/yolox_nano.onnx"), config)
     given: set[tuple[int, ...]] = set()
-    run: Callable[[OnnxSession, F32], list[Array]] = OnnxSession.run
+    run: Callable[[OnnxSession, Mapping[str, Array], int], list[Array]] = OnnxSession.run
 
-    def watched(session: OnnxSession, batch: F32) -> list[Array]:
-        given.add(batch.shape)
-        return run(session, batch)
+    def watched(session: OnnxSession, fed: Mapping[str, Array], images: int) -> list[Array]:
+        given.add(fed["images"].shape)
+        return run(session, fed, images)
 
     monkeypatch.setattr(OnnxSession, "run", watched)
     assert len(model([image(375, 1242), image(480, 640), image(375, 1242)])) == 3

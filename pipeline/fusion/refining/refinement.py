@@ -18,11 +18,11 @@ import numpy as np
 
 from pipeline.core.arrays import F64, Bools, Indices, check_array
 from pipeline.core.detections import Boxes3D
-from pipeline.fusion.box_prior import BoxPrior
-from pipeline.fusion.measured_edges import MeasuredEdges
 from pipeline.fusion.outline import Outline
 from pipeline.fusion.projection import project_edges
-from pipeline.fusion.small_matrices import solve
+from pipeline.fusion.refining.box_prior import BoxPrior
+from pipeline.fusion.refining.measured_edges import MeasuredEdges
+from pipeline.fusion.refining.small_matrices import solve
 
 __all__ = ["RefinedBoxes", "predicted_edges", "refine_boxes"]
 

@@ -1,0 +1,96 @@
+"""Names of the classes that a network tells apart."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from pipeline.core.errors import ConfigError, ModelError
+from pipeline.core.settings.bounded_yaml import MAX_YAML_BYTES, parse_yaml
+from pipeline.detectors.onnx.coco import COCO91_LABELS, COCO_LABELS
+
+__all__ = ["class_names"]
+
+KNOWN = {"coco": COCO_LABELS, "coco91": COCO91_LABELS}
+REMEDY = (
+    "set detect2d.names to a file with a name in each line, to a YAML file with `names`, to coco (80 names) or to "
+    "coco91 (the same with gaps)"
+)
+
+
+def class_names(wanted: str, metadata: Mapping[str, str], class_count: int | None) -> tuple[str, ...]:
+    """Names by number of the class.
+
+    Args:
+        wanted: `coco`, `coco91`, a file, or empty: what the network's own file says, else COCO's if there are 80.
+        metadata: What the network's file says of itself; `names` holds names as Ultralytics writes them.
+        class_count: Classes of the network; None if it does not say.
+
+    Raises:
+        ConfigError: the file that is wanted cannot be read.
+        ModelError: there are no names, or not as many as classes.
+    """
+    if wanted:
+        names, source = KNOWN.get(wanted) or _file_names(Path(wanted)), f"detect2d.names ({wanted})"
+    elif "names" in metadata:
+        names, source = _own_names(metadata["names"]), "its file"
+    elif class_count == len(COCO_LABELS):
+        return COCO_LABELS
+    else:
+        told = "does not say how many classes it has" if class_count is None else f"has {class_count} classes"
+        raise ModelError(f"the network {told}, and its file has no names for them: {REMEDY}")
+    if class_count not in (None, len(names)):
+        raise ModelError(f"the network has {class_count} classes, and {source} has {len(names)} names: {REMEDY}")
+    return names
+
+
+def _own_names(text: str) -> tuple[str, ...]:
+    """Names from a Python dictionary with plain keys, which is YAML, too."""
+    try:
+        return _listed(parse_yaml(text))
+    except yaml.YAMLError as err:
+        raise ModelError(f"its file has names for its classes that cannot be read: {REMEDY}") from err
+
+
+def _file_names(path: Path) -> tuple[str, ...]:
+    """Names from a file: lines, YAML (as data sets of Ultralytics have) or JSON (as configurations of Transformers).
+
+    Raises:
+        ConfigError: it cannot be read, or it holds none.
+    """
+    try:
+        with path.open("rb") as file:
+            text = file.read(MAX_YAML_BYTES + 1).decode()
+        found = parse_yaml(text) if path.suffix in {".yaml", ".yml", ".json"} else _lines(text)
+        if isinstance(found, dict):
+            found = next((found[key] for key in ("names", "id2label") if key in found), found)
+        return _listed(found)
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as err:
+        reason = err.strerror if isinstance(err, OSError) else "it holds none"
+        raise ConfigError(f"detect2d.names: {path}: expected names of classes: {reason}") from err
+
+
+def _lines(text: str) -> list[str]:
+    """One name a line; a line between others may be empty.
+
+    Raises:
+        yaml.YAMLError: they are more than may be.
+    """
+    if len(text) > MAX_YAML_BYTES:
+        raise yaml.YAMLError("too long")
+    return [line.strip() for line in text.rstrip().splitlines()]
+
+
+def _listed(found: Any) -> tuple[str, ...]:
+    """Names from a list, or from a mapping by number.
+
+    Raises:
+        yaml.YAMLError: they are not.
+    """
+    if isinstance(found, dict):
+        numbered = {int(key): name for key, name in found.items() if str(key).isdecimal()}
+        found = [numbered.get(row) for row in range(len(found))]
+    if not isinstance(found, list) or not found or not all(isinstance(name, str) for name in found):
+        raise yaml.YAMLError("expected names")
+    return tuple(name.strip() for name in found)

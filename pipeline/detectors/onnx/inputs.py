@@ -1,0 +1,80 @@
+"""The inputs that a network in an ONNX file takes."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from pipeline.core.arrays import F32, Array
+from pipeline.core.errors import ModelError
+
+__all__ = ["NetworkInputs", "Value", "listed", "read_inputs"]
+
+Value = tuple[str, Sequence[int | str | None], str]
+"""Name, shape and type of an input or an output."""
+
+FLOATS: dict[str, type[np.floating[Any]]] = {"tensor(float)": np.float32, "tensor(float16)": np.float16}
+
+
+@dataclass(frozen=True, slots=True)
+class NetworkInputs:
+    """What a network takes.
+
+    Attributes:
+        images: Name of the input for images (N, 3, H, W).
+        dtype: What these are made of.
+        batch: N, None if free.
+        height_px: H, None if free.
+        width_px: W, None if free.
+        sizes: Name of the input for the widths and heights (N, 2) that boxes are wanted in; None without one.
+    """
+
+    images: str
+    dtype: type[np.floating[Any]]
+    batch: int | None
+    height_px: int | None
+    width_px: int | None
+    sizes: str | None
+
+    def feed(self, batch: F32) -> Mapping[str, Array]:
+        """What the network is given for images (N, 3, H, W): boxes are wanted in pixels of these."""
+        fed: dict[str, Array] = {self.images: batch.astype(self.dtype, copy=False)}
+        if self.sizes is not None:
+            count, _, height_px, width_px = batch.shape
+            fed[self.sizes] = np.tile(np.array([width_px, height_px], np.int64), (count, 1))
+        return fed
+
+
+def read_inputs(inputs: Sequence[Value]) -> NetworkInputs:
+    """What a network takes.
+
+    Raises:
+        ModelError: it takes no images, or something else with them.
+    """
+    images = [(name, shape, kind) for name, shape, kind in inputs if len(shape) == 4]
+    others = [(name, shape, kind) for name, shape, kind in inputs if len(shape) != 4]
+    match images, others:
+        case [(name, [batch, 3, height, width], kind)], [] | [(_, [_, 2], "tensor(int64)")] if kind in FLOATS:
+            return NetworkInputs(
+                images=name,
+                dtype=FLOATS[kind],
+                batch=_number(batch),
+                height_px=_number(height),
+                width_px=_number(width),
+                sizes=others[0][0] if others else None,
+            )
+    raise ModelError(
+        "expected one input (N, 3, H, W) of float32 or float16, and with it at most one (N, 2) of int64 for the sizes; "
+        f"found {listed(inputs)}"
+    )
+
+
+def listed(values: Sequence[Value]) -> str:
+    """Inputs or outputs, in words."""
+    return ", ".join(f"{name} {tuple(shape)} {kind}" for name, shape, kind in values)
+
+
+def _number(size: int | str | None) -> int | None:
+    """A size that is given; one that is not positive is not."""
+    return size if isinstance(size, int) and size > 0 else None

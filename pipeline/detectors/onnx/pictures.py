@@ -1,0 +1,92 @@
+"""Pictures as networks take them: colours, scale, and where the picture lies in the input."""
+
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import cv2
+import numpy as np
+
+from pipeline.core.arrays import F32, U8
+from pipeline.core.settings.detect import NetworkColors
+
+__all__ = ["Pictures", "Place", "Placement"]
+
+Placement = Literal["top_left", "center", "stretched"]
+"""Scaled to fit, at the top left or in the centre; or scaled to fill, and so out of shape."""
+
+PADDING = 114
+IMAGENET_MEAN, IMAGENET_DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
+
+
+class Place(NamedTuple):
+    """Where a picture lies in a network's input: pixel of the input = pixel of the picture * scale + offset.
+
+    Attributes:
+        scale: (2,) float32, in x and y.
+        offset: (2,) float32, pixels in x and y.
+    """
+
+    scale: F32
+    offset: F32
+
+    def undo(self, xyxy: F32) -> F32:
+        """Boxes (N, 4) in pixels of the picture, from those in pixels of the input."""
+        return ((xyxy - np.tile(self.offset, 2)) / np.tile(self.scale, 2)).astype(np.float32, copy=False)
+
+
+@dataclass(frozen=True, slots=True)
+class Pictures:
+    """Puts pictures into the input of a network.
+
+    Attributes:
+        colors: Order and values of the channels.
+        placement: Where a picture lies.
+    """
+
+    colors: NetworkColors
+    placement: Placement
+
+    def blank(self, count: int, height_px: int, width_px: int) -> F32:
+        """Input (N, 3, H, W) without pictures."""
+        grey = self._values(np.full((1, 1, 3), PADDING, np.uint8))
+        batch = np.empty((count, 3, height_px, width_px), np.float32)
+        batch[:] = grey.transpose(2, 0, 1)
+        return batch
+
+    def put(self, image: U8, into: F32) -> Place:
+        """Scale a picture (H, W, 3), red first, into a blank input (3, H, W).
+
+        The scaled size is cut to whole pixels at the top left, as in YOLOX, and rounded in the centre, as in YOLOv5;
+        the scales are those of the whole pixels.
+        """
+        height, width = image.shape[:2]
+        room = np.array([into.shape[2], into.shape[1]])
+        exact = np.array([width, height]) * (room / [width, height]).min()
+        match self.placement:
+            case "stretched":
+                size, offset = room, np.zeros(2, np.intp)
+            case "top_left":
+                size, offset = exact.astype(np.intp), np.zeros(2, np.intp)
+            case "center":
+                size = np.round(exact).astype(np.intp)
+                offset = np.round((room - size) / 2 - 0.1).astype(np.intp)
+        size = np.maximum(size, 1)
+        small = cv2.resize(image, (int(size[0]), int(size[1])), interpolation=cv2.INTER_LINEAR)
+        (left, top), (right, bottom) = offset, offset + size
+        into[:, top:bottom, left:right] = self._values(small.astype(np.uint8, copy=False)).transpose(2, 0, 1)
+        return Place((size / [width, height]).astype(np.float32), offset.astype(np.float32))
+
+    def _values(self, rgb: U8) -> F32:
+        """The values of pixels (H, W, 3), red first, as the network takes them."""
+        match self.colors:
+            case "bgr_255":
+                return rgb[..., ::-1].astype(np.float32)
+            case "rgb_255":
+                return rgb.astype(np.float32)
+            case "bgr_1":
+                return rgb[..., ::-1].astype(np.float32) / np.float32(255)
+            case "rgb_1":
+                return rgb.astype(np.float32) / np.float32(255)
+            case "imagenet":
+                mean, deviation = np.array(IMAGENET_MEAN, np.float32), np.array(IMAGENET_DEVIATION, np.float32)
+                return (rgb.astype(np.float32) / np.float32(255) - mean) / deviation
