@@ -30,8 +30,17 @@ LEAST_SHARE, LEAST_RAD = 0.01, np.deg2rad(0.5)
 MOST_YAW_RAD = 0.6
 """Largest standard deviation of a heading that is refined; front and rear are not told apart here."""
 
-EXPLAINED = 0.45
-"""Share of the variance of the centre that an unknown length may explain, and an unknown width."""
+SEEN_SHARE = 0.03
+"""Standard deviation of a length, and a width, of which lidars saw both ends, as a share of it."""
+
+MOST_EXPLAINED = 0.95
+"""Largest share of the variance of the centre that comes from an unknown length, or width."""
+
+LEAST_ANCHOR = 0.25
+"""Where lidars see both ends, the length errs by four times the error of the centre at most."""
+
+CLASS_SHARE = 0.1
+"""Standard deviation of length and width of a box that has those of its class, as a share of them."""
 
 SPEED_PER_S = 2.5
 """Standard deviation of the speed along the box, in geometric means of its length and width per second: 6.5 m/s for a
@@ -77,7 +86,8 @@ def box_prior(boxes: Boxes3D, lidar_xy: F64, config: FuseConfig) -> BoxPrior:
     """The distributions of boxes.
 
     A box whose far side no lidar saw has the length of its class, and grows away from the lidars: if it is longer, its
-    centre is farther away. So length and centre are correlated as far as the lidars are beyond one end of the box.
+    centre is farther away. So length and centre are correlated as far as the lidars are beyond one end of the box. If
+    the covariance allows for more than `size_sigma` does, it is the smaller one that holds.
 
     Args:
         boxes: N boxes.
@@ -96,11 +106,17 @@ def box_prior(boxes: Boxes3D, lidar_xy: F64, config: FuseConfig) -> BoxPrior:
     covariances[:, 2, :2] *= shrunk[:, None]
     covariances[:, [0, 1], [0, 1]] += least[:, None] ** 2
 
-    # What is left of the variance along length and width once all else is known bounds what the size may explain.
-    left = 1 / np.einsum("nji,njk,nki->ni", turn, inverse(covariances[:, :3, :3])[:, :2, :2], turn)
+    # A side that no lidar saw makes the variances along length and width differ: the difference comes from the size.
+    left = _along_and_across(covariances[:, :3, :3], turn)
     anchor = _nearer_end(boxes, turn, lidar_xy) / 2
-    size = np.minimum((config.size_sigma * extent) ** 2, EXPLAINED * left / np.maximum(anchor**2, 1e-6))
-    covariances[:, [3, 4], [3, 4]] = np.maximum(size, (1e-3 * extent) ** 2)
+    grown = np.minimum(left - left.min(1, keepdims=True), MOST_EXPLAINED * left)
+    size = np.minimum(config.size_sigma**2, grown / np.maximum(np.abs(anchor), LEAST_ANCHOR) ** 2 / extent**2)
+    least_size = np.where(boxes.sources == Source.CAMERA, CLASS_SHARE, SEEN_SHARE)[:, None] ** 2
+    size = np.maximum(np.maximum(size, np.minimum(least_size, config.size_sigma**2)), 1e-6) * extent**2
+    size = np.minimum(size, np.maximum(MOST_EXPLAINED * left / np.maximum(anchor**2, 1e-9), 1e-6 * extent**2))
+    too_wide = np.where(np.abs(anchor) > LEAST_ANCHOR, np.maximum(grown - anchor**2 * size, 0.0), 0.0)
+    covariances[:, :2, :2] -= np.einsum("nij,nj,nkj->nik", turn, too_wide, turn)
+    covariances[:, [3, 4], [3, 4]] = size
     shift = -np.einsum("nij,nj->nij", turn, anchor * size)  # (N, xy, length and width)
     covariances[:, :2, 3:5] = shift
     covariances[:, 3:5, :2] = shift.transpose(0, 2, 1)
@@ -109,6 +125,19 @@ def box_prior(boxes: Boxes3D, lidar_xy: F64, config: FuseConfig) -> BoxPrior:
     covariances[:, 5, 5] = speed**2
     covariances[:, 6, 6] = (speed * extent.min(1) / extent.max(1)) ** 2
     return BoxPrior(covariances, inverse(covariances))
+
+
+def _along_and_across(covariances: F64, turn: F64) -> F64:
+    """(N, 2) variances of the centre along length and width that are independent of the yaw and of each other.
+
+    Taken away from covariances (N, 3, 3) of x, y, yaw, they leave matrices without negative eigenvalues.
+    """
+    by_yaw = covariances[:, :2, 2]
+    place = covariances[:, :2, :2] - by_yaw[:, :, None] * by_yaw[:, None] / covariances[:, 2, 2, None, None]
+    place = np.einsum("nji,njk,nkl->nil", turn, place, turn)
+    own = np.maximum(place[:, [0, 1], [0, 1]], 1e-12)
+    free: F64 = np.maximum(own - np.abs(place[:, :1, 1]) * np.sqrt(own / own[:, ::-1]), 0.0)
+    return free
 
 
 def _nearer_end(boxes: Boxes3D, turn: F64, lidar_xy: F64) -> F64:
