@@ -53,6 +53,8 @@ class FuseConfig(SettingsModel):
         pixel_sigma_px: Standard deviation of the edges of 2D boxes, pixels: how much is taken from the cameras.
         outline_sigma: Standard deviation that is added to it, as a share of the size of the 2D box (the root of its
             area): objects are no cuboids, and detectors err in proportion.
+        heading_sigma_deg: Standard deviation of the heading in which an object appears in images: as it is no cuboid, a
+            fitted cuboid is turned.
         lidar_sigma_scale: Multiplies the standard deviations that the lidar detector gives for place and heading: how
             much is taken from the lidars. Above 1 where it is too sure.
         size_sigma: Largest standard deviation of the length and the width of the boxes, as a share of them; it is less
@@ -68,6 +70,7 @@ class FuseConfig(SettingsModel):
     refine: bool = True
     pixel_sigma_px: Positive = 1.5
     outline_sigma: NotNegative = 0.04
+    heading_sigma_deg: NotNegative = 5.0
     lidar_sigma_scale: Positive = 1.0
     size_sigma: NotNegative = 0.15
     corner_rounding: Annotated[float, Field(ge=0, le=0.5)] = 0.25

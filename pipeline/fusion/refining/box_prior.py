@@ -51,18 +51,27 @@ car, 1.5 m/s for a pedestrian, and as much less in a model."""
 class BoxPrior:
     """Independent normal distributions of N boxes over `STATES`.
 
+    The yaw among them is the one that images show. A cuboid fitted to what is no cuboid is turned, in all images alike:
+    of what the images say of the yaw, the box takes a share.
+
     Attributes:
         covariances: (N, 7, 7) float64.
         information: (N, 7, 7) float64, their inverses.
+        yaw_shares: (N,) float64 in [0, 1], how far the yaw of a box follows the one that images show.
+        yaw_rests: (N,) float64, variance of the yaw of a box if the one that images show is known, rad^2.
     """
 
     covariances: F64
     information: F64
+    yaw_shares: F64
+    yaw_rests: F64
 
     def __post_init__(self) -> None:
         n = len(self.covariances)
         check_array("covariances", self.covariances, (n, 7, 7), np.float64)
         check_array("information", self.information, (n, 7, 7), np.float64)
+        check_array("yaw_shares", self.yaw_shares, (n,), np.float64)
+        check_array("yaw_rests", self.yaw_rests, (n,), np.float64)
 
 
 def known_covariances(boxes: Boxes3D, lidar_xy: F64) -> F64:
@@ -92,7 +101,7 @@ def box_prior(boxes: Boxes3D, lidar_xy: F64, config: FuseConfig) -> BoxPrior:
     Args:
         boxes: N boxes.
         lidar_xy: (L, 2) positions of the lidars, metres.
-        config: `lidar_sigma_scale` and `size_sigma`.
+        config: `lidar_sigma_scale`, `size_sigma` and `heading_sigma_deg`.
     """
     n, extent = len(boxes), boxes.sizes[:, :2]
     turn = rotations_2d(boxes.yaws)
@@ -124,7 +133,10 @@ def box_prior(boxes: Boxes3D, lidar_xy: F64, config: FuseConfig) -> BoxPrior:
     speed = SPEED_PER_S * np.sqrt(extent.prod(1))
     covariances[:, 5, 5] = speed**2
     covariances[:, 6, 6] = (speed * extent.min(1) / extent.max(1)) ** 2
-    return BoxPrior(covariances, inverse(covariances))
+    own = covariances[:, 2, 2].copy()
+    covariances[:, 2, 2] += np.deg2rad(config.heading_sigma_deg) ** 2
+    shares = own / covariances[:, 2, 2]
+    return BoxPrior(covariances, inverse(covariances), shares, own * (1 - shares))
 
 
 def _along_and_across(covariances: F64, turn: F64) -> F64:

@@ -197,6 +197,11 @@ def refine_boxes(boxes: Boxes3D, prior: BoxPrior, edges: MeasuredEdges, outline:
     accepted &= np.isfinite(mean).all(1) & np.isfinite(covariances).all((1, 2))
     mean = np.where(accepted[:, None], mean, 0.0)
     covariances = np.where(accepted[:, None, None], covariances, prior.covariances)
+    # The yaw of the box follows the one that images show by a share.
+    follows = np.ones((n, 7))
+    follows[:, _YAW] = prior.yaw_shares
+    mean, covariances = follows * mean, follows[:, :, None] * covariances * follows[:, None]
+    covariances[:, _YAW, _YAW] += prior.yaw_rests
     later_s, moved = _best_known(boxes, edges, covariances, starts)
     extent = boxes.sizes[:, :2]
     return RefinedBoxes(
