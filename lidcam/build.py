@@ -11,7 +11,8 @@ from pipeline.core.detections import Boxes2D, Boxes3D, Detections, Fused, Hypoth
 from pipeline.core.frame import Decoded, FrameResult, SensorBundle
 from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.settings.config import Config
-from pipeline.fusion.placed import Placed
+from pipeline.fusion.cameras.placed import Placed
+from pipeline.fusion.zones import select_by_zones
 from pipeline.graph import Graph, Node
 from pipeline.stages.associate import Associate
 from pipeline.stages.believe import Believe
@@ -53,6 +54,7 @@ def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Grap
     hypotheses = graph.add("refine", Refine(rig, config), hypotheses, boxes2d, views)
     beliefs = graph.add("believe", Believe(rig, config), hypotheses, boxes2d, views, combined)
     fused = graph.add("fuse", Fuse(config), hypotheses, beliefs)
+    fused = graph.add("zones", partial(select_by_zones, zones=rig.zones), fused)
     detections = graph.add("detections", _detections, lidar, boxes2d, placed)
     inputs = clouds, recorded3d, camera_data, combined, detections, views, hypotheses, beliefs, fused
     return graph, graph.add("collect", _collect, graph.frame, *inputs)

@@ -98,7 +98,7 @@ class JobOptions(TypedDict, total=False):
         settings: Single settings on top: `{"sync.slop_s": 0.05}` or `["sync.slop_s=0.05"]`.
         rig: Rig file, loaded, by its path or by the name of a preset; or several, of which later ones add to and
             replace what earlier ones say. Without it sensors and calibration are found in the recording.
-        model_2d: 2D network (ONNX, YOLOX layout).
+        model_2d: 2D network (ONNX; docs/networks.md lists the exports that are known).
         copy_topics: Topics that are copied to the MCAP output, by name or shell pattern; None: those of the truth.
         workers: 1 runs stage after stage; more overlap stages of several frames. The result is the same.
         start_s: Seconds to skip.
@@ -162,7 +162,7 @@ def make_job(
         duration_s=duration_s,
         on_bad_message=on_bad_message,
         overwrite=overwrite,
-        read_files=read_files(config, rig, choice.config.detect2d.model),
+        read_files=read_files(config, rig, choice.config.detect2d.model, choice.config.detect2d.names),
     )
 
 
@@ -176,12 +176,10 @@ def locations(recording: PathOrUrl | Sequence[PathOrUrl]) -> tuple[Location, ...
     return tuple(one if isinstance(one, RemotePath) else location(fspath(one)) for one in given)
 
 
-def read_files(
-    config: Config | FilePath | None, rig: RigSource | None, model: FilePath | None = None
-) -> tuple[Path, ...]:
-    """The files among the settings, the rig files and the network of a run."""
+def read_files(config: Config | FilePath | None, rig: RigSource | None, *networks: FilePath | None) -> tuple[Path, ...]:
+    """The files among the settings, the rig files and the network of a run, with the names of its classes."""
     rigs = [rig] if rig is None or isinstance(rig, RigFile | str | PathLike) else rig
-    named = [Path(one) for one in (config, *rigs, model) if isinstance(one, str | PathLike)]
+    named = [Path(one) for one in (config, *rigs, *networks) if isinstance(one, str | PathLike)]
     return tuple(path for path in named if path.is_file())
 
 

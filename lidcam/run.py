@@ -247,6 +247,7 @@ class Run:
             missing=tuple(missing),
             unused_boxes=dict(sorted(tally.unused_boxes.items())),
             unused_boxes3d=dict(sorted(tally.unused_boxes3d.items())),
+            objects_left_out=dict(sorted(tally.objects_left_out.items())),
             unused_topics=_unused_topics(source.recording, used),
             losses=source.recording.losses,
             box_source=box_source(source.config, source.rig),
@@ -269,7 +270,7 @@ class Run:
                     or late_warnings({(d.topic, d.reason): d.count for d in drops}, self._stats.received, source.rig)
                     or absence_warnings(missing)
                 ),
-                *class_number_warnings(tally.unused_boxes, source.config),
+                *class_number_warnings(tally.unused_boxes, source.config, tally.unused_boxes3d),
                 *(warning for check in self._checks for warning in check.warnings),
             ),
             outputs=tuple(outputs),

@@ -177,6 +177,7 @@ class RunReport:
         missing: Sensors without which frames had to do.
         unused_boxes: Recorded 2D boxes that could not be used, by reason.
         unused_boxes3d: Recorded 3D boxes that could not be used, by reason.
+        objects_left_out: Fused objects that are not reported, by reason.
         unused_topics: Topics with messages that the run did not look at.
         losses: Damaged parts of the files.
         box_source: Where 2D boxes came from.
@@ -211,6 +212,7 @@ class RunReport:
     missing: tuple[MissingSensor, ...]
     unused_boxes: Mapping[str, int]
     unused_boxes3d: Mapping[str, int]
+    objects_left_out: Mapping[str, int]
     unused_topics: tuple[UnusedTopic, ...]
     losses: tuple[Loss, ...]
     box_source: BoxSource
@@ -255,8 +257,8 @@ class Tally:
     """Running totals over the frames of a run."""
 
     def __init__(self, config: Config, rig: Rig) -> None:
-        self._class_names = config.class_names
-        self._zones = rig.zones
+        self._class_names = config.object_names
+        self._zones = rig.counted_zones
         self._detectors = frozenset(detector.topic for detector in rig.detectors)
         self.frames = 0
         self.sources = Counter({source.name.lower(): 0 for source in Source})
@@ -270,6 +272,7 @@ class Tally:
         self.copied: Counter[str] = Counter()
         self.unused_boxes: Counter[str] = Counter()
         self.unused_boxes3d: Counter[str] = Counter()
+        self.objects_left_out: Counter[str] = Counter()
 
     def add(self, frame: FrameResult) -> None:
         """Count one frame."""
@@ -287,6 +290,7 @@ class Tally:
             self.objects[self._class_names[class_id], zone] += 1
         self.points.update(dict(frame.combined.counts))
         self.unused_boxes.update(dict(frame.unused_boxes))
+        self.objects_left_out.update(dict(frame.fused.left_out))
         self.unused_boxes3d.update(dict(frame.unused_boxes3d))
         self.copied.update(message.topic for message in frame.bundle.copied)
         unused = {(drop.topic, drop.stamp_ns) for drop in frame.drops if not drop.parts}
@@ -335,6 +339,7 @@ def report_tree(report: RunReport) -> dict[str, Any]:
         "unused_topics": {topic.topic: topic.message_count for topic in report.unused_topics},
         "unused_boxes": dict(report.unused_boxes),
         "unused_boxes3d": dict(report.unused_boxes3d),
+        "objects_left_out": dict(report.objects_left_out),
         "faults": [asdict(fault) for fault in report.faults],
         "outputs": [str(path) for path in report.outputs],
     }

@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 __all__ = ["Provenance"]
 
@@ -20,6 +20,8 @@ class Provenance:
         rig_yaml: The rig, as a rig file.
         boxes3d_topics: Topics of the recorded 3D boxes that were used.
         start_ns: Log time of the first input message: used for the attachments in place of the wall clock.
+        network: Of the 2D network the `name` and the `sha256` of its file, and the `provider` that ran it; empty
+            without one.
     """
 
     version: str
@@ -29,12 +31,14 @@ class Provenance:
     rig_yaml: str
     start_ns: int
     boxes3d_topics: tuple[str, ...] = ()
+    network: Mapping[str, str] = field(default_factory=dict)
 
     def metadata(self) -> dict[str, str]:
         """The content of the metadata record `lidcam`."""
         record = {"version": self.version, "settings": self.settings}
         for row, known in enumerate(self.inputs):
             record |= {f"input.{row}.{key}": value for key, value in known.items()}
+        record |= {f"network.{key}": value for key, value in self.network.items()}
         for name, text in (("config", self.config_yaml), ("rig", self.rig_yaml)):
             record[f"{name}.sha256"] = hashlib.sha256(text.encode()).hexdigest()
         return record | {f"boxes3d.{row}.topic": topic for row, topic in enumerate(self.boxes3d_topics)}

@@ -54,7 +54,8 @@ def process(
     rig_files: RigFile = None,
     rerun: Annotated[Path | None, typer.Option(metavar="OUT.rrd", help="Also write a Rerun recording.")] = None,
     model_2d: Annotated[
-        Path | None, typer.Option("--model-2d", metavar="FILE.onnx", help="2D detector (ONNX, YOLOX layout).")
+        Path | None,
+        typer.Option("--model-2d", metavar="FILE.onnx", help="2D detector (ONNX)."),
     ] = None,
     start: Annotated[float, typer.Option(min=0, metavar="S", callback=seconds, help="Skip the first S seconds.")] = 0.0,
     duration: Annotated[

@@ -6,12 +6,13 @@ from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
+from lidcam.box_sources import box_source
 from lidcam.frames import RunInput
 from lidcam.job import Job
 from lidcam.outputs.allowed import check_no_input, check_replaced
 from lidcam.settings.lasting import lasting_settings
 from pipeline.core.errors import OutputError
-from readers.input_file import InputFile
+from readers.input_file import InputFile, read_input_file
 from readers.messages.image import decode_any_image
 from readers.rig.rig_file import rig_yaml
 from writers.base import ResultWriter
@@ -96,4 +97,13 @@ def _provenance(source: RunInput, inputs: Sequence[InputFile]) -> Provenance:
         rig_yaml=rig_yaml(source.rig),
         start_ns=source.recording.start_ns,
         boxes3d_topics=tuple(detector.topic for detector in source.rig.detectors),
+        network=_network(source),
     )
+
+
+def _network(source: RunInput) -> Mapping[str, str]:
+    """What a result says of the 2D network, if there is one."""
+    model = source.config.detect2d.model
+    if model is None or box_source(source.config, source.rig) != "onnx":
+        return {}
+    return {**read_input_file(model).provenance, "provider": source.config.detect2d.provider}

@@ -65,7 +65,7 @@ def _print_boxes(out: Console, boxes: Boxes3D, config: Config, remarks: Sequence
     for row, remark in enumerate(remarks):
         (x, y, z), (length, width, height) = boxes.centers[row], boxes.sizes[row]
         out.print(
-            f"  {row:3} {config.class_names[boxes.class_ids[row]]:10} score {boxes.scores[row]:.2f}"
+            f"  {row:3} {config.object_names[boxes.class_ids[row]]:10} score {boxes.scores[row]:.2f}"
             f"  x {x:8.2f} y {y:8.2f} z {z:6.2f}  l {length:5.2f} w {width:5.2f} h {height:5.2f}"
             f"  yaw {boxes.yaws[row]:6.3f}  {remark}",
         )
@@ -99,7 +99,9 @@ def print_matches(out: Console, frame: FrameResult, config: Config) -> None:
 def print_report(out: Console, report: RunReport) -> None:
     """The final tables of a run."""
     show_line(out, f"objects, sum over {report.frames} frame{'s' * (report.frames != 1)}", "bold")
-    show_table(out, objects_table(report.objects, [zone.name for zone in report.rig.zones], report.frames))
+    show_table(out, objects_table(report.objects, [zone.name for zone in report.rig.counted_zones], report.frames))
+    for reason, count in report.objects_left_out.items():
+        show_line(out, f"  objects not reported: {count}, {reason}")
     out.print()
     show_table(out, drops_table(report.messages_used, report.drops))
     for drop in report.drops:

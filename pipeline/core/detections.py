@@ -1,7 +1,7 @@
 """Detections of single sensors, matches between them, and fused objects."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Self
 
@@ -208,11 +208,13 @@ class Fused:
         objects: The fused objects, in the order of the hypotheses.
         matched: (N,) int32, number of cameras that matched each object.
         rows: (N,) int64, row of `Hypotheses.boxes` that each object comes from.
+        left_out: Number of other objects by the reason why they are not reported.
     """
 
     objects: Boxes3D
     matched: I32
     rows: I64
+    left_out: Mapping[str, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         check_array("matched", self.matched, (len(self.objects),), np.int32)

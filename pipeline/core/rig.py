@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 
@@ -18,6 +19,7 @@ __all__ = [
     "Rig",
     "TruthVehicle",
     "Zone",
+    "ZoneUse",
     "default_zones",
 ]
 
@@ -106,17 +108,24 @@ class RecordedDetector:
     T_fixed_frame: Mapping[str, Transform] = field(default_factory=dict)
 
 
+ZoneUse = Literal["count", "detect", "ignore"]
+"""`count`: its objects are counted. `detect`: the same, and if a rig has such zones, objects outside of all of them are
+not reported. `ignore`: objects inside are not reported."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Zone:
-    """A part of the site in which objects are counted.
+    """A part of the site.
 
     Attributes:
         name: Zones `intersection` and `circle` fill the fields of these names in MsgLidCam.
         polygon_site: (K, 2) float64, corners x, y in the site frame, metres.
+        use: What it is for.
     """
 
     name: str
     polygon_site: F64
+    use: ZoneUse = "count"
 
     def __post_init__(self) -> None:
         check_array("polygon_site", self.polygon_site, (len(self.polygon_site), 2), np.float64)
@@ -156,7 +165,7 @@ class Rig:
         site_frame: The frame in which clouds are combined and objects are reported (x forward, y left, z up; REP 103).
         lidars: At most `MAX_LIDARS`; none only where there are detectors.
         cameras: Empty for a lidar-only run.
-        zones: An object belongs to the first zone that contains its centre; empty where nobody asks for zones.
+        zones: Parts of the site; empty where nobody asks for zones.
         ground_height_m: Expected z of the ground at the site origin; None if unknown.
         truth: Vehicles whose odometry is truth, by name.
         detectors: Whose recorded 3D boxes are used.
@@ -176,6 +185,11 @@ class Rig:
     def __post_init__(self) -> None:
         if len(self.lidars) > MAX_LIDARS:
             raise CalibrationError(f"{len(self.lidars)} lidars, expected at most {MAX_LIDARS}: see topics.exclude")
+
+    @property
+    def counted_zones(self) -> tuple[Zone, ...]:
+        """The zones in which objects are counted: an object belongs to the first one that contains its centre."""
+        return tuple(zone for zone in self.zones if zone.use != "ignore")
 
     @property
     def sensor_of_topic(self) -> Mapping[str, str]:

@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I32
 from pipeline.core.detections import Boxes2D, Hypotheses
 from pipeline.core.settings.config import Config
+from pipeline.fusion.naming import class_log_odds, confusion, vote_log_odds
 
 __all__ = ["Classify"]
 
@@ -16,24 +16,29 @@ class Classify:
     """Classes of the hypotheses of a frame."""
 
     def __init__(self, config: Config) -> None:
-        self._class_count = len(config.classes)
+        self._priors = config.classes
+        self._taken_for = confusion(config.classes)
 
     def __call__(self, hypotheses: Hypotheses, boxes2d: Mapping[str, Boxes2D]) -> Hypotheses:
-        """The same hypotheses, each of the class that most speaks for.
+        """The same hypotheses, each of its most probable class; what no camera is matched with keeps its own.
 
-        Each matched camera votes with its score; of classes with equal votes the 3D box's own wins, then the lowest
-        class id.
+        Of classes that are equally probable the lowest id is taken.
+
+        Args:
+            hypotheses: N boxes, and their matches with `boxes2d`.
+            boxes2d: By camera name; each vote counts with its score.
         """
         boxes = hypotheses.boxes
-        votes = np.zeros((len(boxes), self._class_count))
-        for name, found in boxes2d.items():
-            rows, rows2d = hypotheses.matches[name].pairs.T  # each row at most once, so indexed += adds correctly
-            votes[rows, found.class_ids[rows2d]] += found.scores[rows2d]
-        return replace(hypotheses, boxes=replace(boxes, class_ids=_winners(votes, boxes.class_ids)))
-
-
-def _winners(votes: F64, own_ids: I32) -> I32:
-    """(N,) class id with the most votes (N, C); the box's own unless another has more."""
-    best = votes.argmax(1)
-    rows = np.arange(len(votes))
-    return np.where(votes[rows, own_ids] >= votes[rows, best], own_ids, best).astype(np.int32)
+        odds = class_log_odds(boxes.sizes, boxes.class_ids, self._priors)
+        is_matched = np.zeros(len(boxes), np.bool_)
+        for name, matches in hypotheses.matches.items():
+            if name not in boxes2d:
+                continue
+            rows, rows2d = matches.pairs.T  # each row at most once, so indexed += adds correctly
+            found = boxes2d[name]
+            odds[rows] += vote_log_odds(
+                found.class_ids[rows2d], found.scores[rows2d].astype(np.float64), self._taken_for
+            )
+            is_matched[rows] = True
+        class_ids = np.where(is_matched, odds.argmax(1), boxes.class_ids).astype(np.int32)
+        return replace(hypotheses, boxes=replace(boxes, class_ids=class_ids))

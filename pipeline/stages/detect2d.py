@@ -12,6 +12,7 @@ from pipeline.core.images import Image
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.detectors.protocols import Candidates2D, Detector2D
+from pipeline.detectors.riders import PERSON, RIDDEN, finds_riders_apart, join_riders
 
 __all__ = ["Detect2D", "suppress_overlaps"]
 
@@ -22,11 +23,18 @@ class Detect2D:
     def __init__(self, rig: Rig, config: Config, detector: Detector2D) -> None:
         """Map the detector's labels to the configured classes; labels of no class are ignored.
 
+        Small and capital letters are the same. Where the detector finds a rider as a person on something, as networks
+        trained on COCO do, each such pair becomes one box of the class of what is ridden.
+
         Raises:
             ConfigError: none of the detector's labels belongs to a class.
         """
-        class_ids = config.class_id_of_label
-        self._class_ids = np.array([class_ids.get(label, -1) for label in detector.labels], np.int32)
+        class_ids = {label.strip().lower(): class_id for label, class_id in config.class_id_of_label.items()}
+        labels = [label.strip().lower() for label in detector.labels]
+        self._class_ids = np.array([class_ids.get(label, -1) for label in labels], np.int32)
+        self._joins_riders = finds_riders_apart(labels)
+        self._is_person = np.array([label == PERSON for label in labels])
+        self._is_ridden = np.array([label in RIDDEN for label in labels])
         if not (self._class_ids >= 0).any():
             raise ConfigError(
                 f"classes: expected labels that the 2D detector knows ({', '.join(detector.labels[:8])}, ...), "
@@ -55,7 +63,11 @@ class Detect2D:
         wanted = (proposed.scores >= self._config.min_score) & (class_ids >= 0)
         rows = np.flatnonzero(wanted & (xyxy[:, 2] > xyxy[:, 0]) & (xyxy[:, 3] > xyxy[:, 1]))
         boxes = Boxes2D(image.stamp_ns, image.frame_id, xyxy[rows], proposed.scores[rows], class_ids[rows])
-        return boxes.select(suppress_overlaps(boxes, max_iou=self._config.nms_iou))
+        kept = suppress_overlaps(boxes, max_iou=self._config.nms_iou)
+        boxes, labels = boxes.select(kept), proposed.labels[rows[kept]]
+        if not self._joins_riders:
+            return boxes
+        return join_riders(boxes, self._is_person[labels], self._is_ridden[labels])
 
 
 def suppress_overlaps(boxes: Boxes2D, *, max_iou: float) -> Indices:

@@ -153,7 +153,7 @@ def find_sensors(
 def zones_of(rig_file: RigFile | None, config: Config) -> tuple[Zone, ...]:
     """The zones of the rig file, else those of the settings."""
     given = config.rig.zones if rig_file is None or rig_file.zones is None else rig_file.zones
-    return tuple(Zone(name, np.array(corners, np.float64)) for name, corners in given.items())
+    return tuple(Zone(name, np.array(zone.corners, np.float64), zone.use) for name, zone in given.items())
 
 
 def _with_rig(recorded: RecordedTransforms, rig_file: RigFile) -> tuple[RecordedTransforms, frozenset[str]]:

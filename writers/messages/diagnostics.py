@@ -83,6 +83,8 @@ def _objects(result: FrameResult, rig: Rig) -> Values:
         *((f"detected {name}", str(len(boxes))) for name, boxes in detected.items()),
         *((f"matched {name}", str(len(pairs))) for name, pairs in matched.items()),
         *((f"recorded boxes left out, {reason}", str(count)) for reason, count in sorted(result.unused_boxes.items())),
+        *((f"recorded 3D boxes left out, {reason}", str(n)) for reason, n in sorted(result.unused_boxes3d.items())),
+        *((f"not reported, {reason}", str(count)) for reason, count in sorted(result.fused.left_out.items())),
     ]
 
 

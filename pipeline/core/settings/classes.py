@@ -13,7 +13,8 @@ class ClassPrior(SettingsModel):
         size_m: Typical length, width, height, metres.
         max_size_m: Largest length, width, height; a larger box is not of this class.
         frequency: How common the class is, relative to the others; decides between classes that fit equally well.
-        labels: Names that 2D detectors use for it, such as COCO names; also numbers, for recorded boxes that have
+        labels: Names that detectors use for it, in small or capital letters: by default those of COCO, KITTI and
+            nuScenes, but for what is of no class, as KITTI's Tram and Misc. Also numbers, for recorded boxes that have
             numbers in place of names (vision_msgs of ROS 1). By default the numbers are those of the predecessor
             system, 1 car, 2 pedestrian, 3 bicycle, and of the simulator, 4 van, 5 truck, 6 bus; see
             `detect2d.class_numbers`.
@@ -27,27 +28,73 @@ class ClassPrior(SettingsModel):
 
 
 ROAD_CLASSES = (
-    ClassPrior(name="car", size_m=(4.0, 1.7, 1.55), max_size_m=(5.6, 2.4, 2.3), labels=("car", "1")),
+    ClassPrior(
+        name="car",
+        size_m=(4.0, 1.7, 1.55),
+        max_size_m=(5.6, 2.4, 2.3),
+        labels=("car", "1", "vehicle.car", "vehicle.emergency.police"),
+    ),
     ClassPrior(
         name="pedestrian",
         size_m=(0.6, 0.6, 1.75),
         max_size_m=(1.2, 1.2, 2.1),
         frequency=0.5,
-        labels=("person", "pedestrian", "2"),
+        labels=(
+            "person",
+            "pedestrian",
+            "2",
+            "person_sitting",
+            "human.pedestrian.adult",
+            "human.pedestrian.child",
+            "human.pedestrian.construction_worker",
+            "human.pedestrian.police_officer",
+            "human.pedestrian.personal_mobility",
+            "human.pedestrian.stroller",
+            "human.pedestrian.wheelchair",
+        ),
     ),
     ClassPrior(
         name="bicycle",
         size_m=(1.8, 0.6, 1.7),
         max_size_m=(2.3, 1.1, 2.1),
         frequency=0.2,
-        labels=("bicycle", "motorcycle", "cyclist", "3"),
+        labels=(
+            "bicycle",
+            "motorcycle",
+            "cyclist",
+            "3",
+            "rider",
+            "bicyclist",
+            "motorcyclist",
+            "bike",
+            "motorbike",
+            "vehicle.bicycle",
+            "vehicle.motorcycle",
+        ),
     ),
     ClassPrior(
         name="truck",
         size_m=(8.0, 2.5, 3.2),
         max_size_m=(16.0, 3.2, 4.2),
         frequency=0.2,
-        labels=("truck", "van", "4", "5"),
+        labels=(
+            "truck",
+            "van",
+            "4",
+            "5",
+            "trailer",
+            "construction_vehicle",
+            "vehicle.truck",
+            "vehicle.trailer",
+            "vehicle.construction",
+            "vehicle.emergency.ambulance",
+        ),
     ),
-    ClassPrior(name="bus", size_m=(11.5, 2.55, 3.2), max_size_m=(18.5, 3.2, 4.2), frequency=0.2, labels=("bus", "6")),
+    ClassPrior(
+        name="bus",
+        size_m=(11.5, 2.55, 3.2),
+        max_size_m=(18.5, 3.2, 4.2),
+        frequency=0.2,
+        labels=("bus", "6", "vehicle.bus.rigid", "vehicle.bus.bendy"),
+    ),
 )

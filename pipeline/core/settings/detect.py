@@ -102,8 +102,8 @@ class Detect2DConfig(SettingsModel):
         provider: What runs the network. Only `cpu` gives the same result on every machine; the others need another
             build of onnxruntime.
         input: Width and height of the pictures that the network is given, pixels. `auto`: the shape of the camera's
-            own picture, as large as `max_input_px` allows and never larger than the picture; the size that the network
-            is made for, if it takes no other.
+            own picture, as large as `max_input_px` allows and never larger than the picture; overlapping tiles of the
+            size that the network is made for, if it takes no other.
         max_input_px: Pixels of the pictures that the network is given, at most, where `input` is `auto`. The time that
             a network takes grows with them, and so does the distance at which it finds things.
         min_score: Boxes with a lower score are removed.

@@ -21,6 +21,7 @@ from pipeline.detectors.onnx.layouts.layout import Layout, Size
 from pipeline.detectors.onnx.layouts.recognition import Trial, recognise
 from pipeline.detectors.onnx.pictures import Pictures
 from pipeline.detectors.onnx.session import MAX_BATCH_BYTES, OnnxSession
+from pipeline.detectors.onnx.tiles import Tile, join_tiles, tiles_of
 from pipeline.detectors.protocols import Candidates2D
 
 __all__ = ["OnnxDetector2D"]
@@ -95,7 +96,8 @@ class OnnxDetector2D:
         """Proposals for each image, in order.
 
         All images that the network is given in one size run in one batch if the batch dimension is free. A network
-        with a fixed batch size B runs once per B images, with the last batch filled up with blank ones.
+        with a fixed batch size B runs once per B images, with the last batch filled up with blank ones. Of a network
+        with a fixed size, pictures of another shape become tiles (`tiles_of`).
 
         Args:
             images: (H, W, 3) RGB, of any size each.
@@ -103,6 +105,19 @@ class OnnxDetector2D:
         Raises:
             ModelError: the network fails, or finds a class that has no name.
         """
+        tiles = [self._tiles(image) for image in images]
+        found = iter(self._detect_all([t.cut(image) for image, its in zip(images, tiles, strict=True) for t in its]))
+        return [join_tiles([next(found) for _ in its], its, min_score=self._config.min_score) for its in tiles]
+
+    def _tiles(self, image: U8) -> list[Tile]:
+        """What of an image the network is given at once: all of it, unless its size is fixed and none was asked for."""
+        height_px, width_px = image.shape[:2]
+        if self._fixed_px is None or self._config.input != "auto":
+            return [Tile(0, 0, width_px, height_px)]
+        return tiles_of(height_px, width_px, self._fixed_px, self._config.max_input_px)
+
+    def _detect_all(self, images: Sequence[U8]) -> list[Candidates2D]:
+        """Proposals for each image or tile, in order."""
         of_size: dict[Size, list[int]] = {}
         for row, image in enumerate(images):
             of_size.setdefault(self._size_for(image), []).append(row)

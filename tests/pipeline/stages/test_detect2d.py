@@ -93,6 +93,49 @@ def test_proposals_to_boxes(rows: list[Row], expected: list[tuple[list[float], f
     assert detect(rows) == expected
 
 
+@pytest.mark.parametrize(
+    ("label", "expected"),
+    [
+        ("Car", "car"),
+        ("VAN", "truck"),
+        ("Truck", "truck"),
+        ("Pedestrian", "pedestrian"),
+        ("Person_sitting", "pedestrian"),
+        ("Cyclist", "bicycle"),
+        ("Tram", None),
+        ("Misc", None),
+        ("vehicle.car", "car"),
+        ("vehicle.bus.bendy", "bus"),
+        ("human.pedestrian.adult", "pedestrian"),
+        ("vehicle.motorcycle", "bicycle"),
+        ("construction_vehicle", "truck"),
+        ("trailer", "truck"),
+        ("traffic_cone", None),
+        ("movable_object.barrier", None),
+    ],
+)
+def test_names_of_kitti_and_nuscenes(label: str, expected: str | None) -> None:
+    config = Config()
+    stage = Detect2D(camera_rig(forward_camera()), config, Proposals([(10, 10, 50, 40, 0.9, label)], ("car", label)))
+    found = [config.class_names[row] for row in stage({"cam": image()})["cam"].class_ids]
+    assert found == ([] if expected is None else [expected])
+
+
+def test_a_rider_and_the_bicycle_are_one() -> None:
+    rows: list[Row] = [(20, 10, 40, 60, 0.8, "person"), (10, 40, 50, 70, 0.6, "bicycle"), CAR]
+    assert detect(rows) == [
+        ([10, 10, 50, 40], 0.9, "car"),
+        ([10, 10, 50, 70], 0.8, "bicycle"),
+    ]
+
+
+def test_networks_that_know_cyclists_are_believed() -> None:
+    labels = ("person", "bicycle", "cyclist")
+    rows: list[Row] = [(20, 10, 40, 60, 0.8, "person"), (10, 40, 50, 70, 0.6, "bicycle")]
+    stage = Detect2D(camera_rig(forward_camera()), Config(), Proposals(rows, labels))
+    assert len(stage({"cam": image()})["cam"]) == 2
+
+
 def test_equal_scores_keep_the_order_of_the_network() -> None:
     rows: list[Row] = [(x, 10, x + 20, 40, 0.5, "car") for x in (100, 0, 50)]
     assert [xyxy[0] for xyxy, _, _ in detect(rows)] == [100, 0, 50]

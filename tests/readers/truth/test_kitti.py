@@ -97,7 +97,7 @@ def test_neutral_classes_and_others(tmp_path: Path) -> None:
     names = ["Car", "Van", "Person_sitting", "Tram"]
     assert found.labels.tolist() == names
     assert found.is_ignored.tolist() == [False, True, True, False]
-    assert found.class_ids[2:].tolist() == [UNKNOWN, UNKNOWN]
+    assert found.class_ids[2:].tolist() == [1, UNKNOWN]
     assert image.labels.tolist() == [*names, "DontCare"]
     assert image.is_ignored.tolist() == [False, True, True, False, True]
     assert image.xyxy[4].tolist() == [10, 20, 30, 40]

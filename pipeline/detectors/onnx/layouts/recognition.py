@@ -62,7 +62,7 @@ def recognise(trial: Trial, wanted: NetworkLayout | None = None) -> Layout:
     """
     name = wanted or _look(trial)
     outputs, shapes = trial.outputs, [output.shape for output in trial.outputs]
-    columns = shapes[0][-1] if len(shapes[0]) == 3 else 0
+    columns = shapes[0][-1] if shapes and len(shapes[0]) == 3 else 0
     match name:
         case "yolox" if len(outputs) == 1 and columns > 5:
             reader = YoloxReader(columns - 5, is_in_pixels(outputs[0], trial.size_px))
@@ -77,9 +77,8 @@ def recognise(trial: Trial, wanted: NetworkLayout | None = None) -> Layout:
             return Layout(name, "rgb_1", "stretched", columns - 4, RtDetrReader(columns - 4))
         case "detr" if found := _boxes_and_scores(trial):
             boxes_at, scores_at = found
-            colors: NetworkColors = (
-                "imagenet" if trial.names[boxes_at] == "dets" else "rgb_1"
-            )  # RF-DETR is alone in both
+            is_rf_detr = trial.names[boxes_at] == "dets"  # whose pictures are like those of its backbone
+            colors: NetworkColors = "imagenet" if is_rf_detr else "rgb_1"
             classes = shapes[scores_at][-1]
             return Layout(name, colors, "stretched", classes, DetrReader(classes, boxes_at, scores_at))
         case "dfine" if trial.takes_sizes and (found3 := _labels_boxes_scores(trial)):

@@ -64,7 +64,8 @@ def image(height: int, width: int, rgb: tuple[int, int, int] = (0, 0, 0)) -> U8:
 
 
 def detector(path: Path, threads: int = 1) -> OnnxDetector2D:
-    return OnnxDetector2D(path, Config(detect2d=Detect2DConfig(threads=threads)))
+    """A network that is given whole pictures in its own size."""
+    return OnnxDetector2D(path, Config(detect2d=Detect2DConfig(threads=threads, input=SIZE_PX[::-1])))
 
 
 @pytest.mark.parametrize("image_px", [(64, 96), (375, 1242), (480, 640), (600, 100), (10, 12), (1, 900)])
@@ -229,7 +230,8 @@ def test_labels_are_those_of_coco() -> None:
 def test_real_network_does_not_depend_on_threads() -> None:
     path = shared("weights/yolox_nano.onnx")
     noise = np.random.default_rng(0).integers(0, 255, (375, 1242, 3), np.uint8)
-    (one,), (two,), (again,) = (detector(path, threads)([noise]) for threads in (1, 2, 1))
+    settings = (Config(detect2d=Detect2DConfig(threads=threads)) for threads in (1, 2, 1))
+    (one,), (two,), (again,) = (OnnxDetector2D(path, config)([noise]) for config in settings)
     for expected, *others in zip(one, two, again, strict=True):
         for other in others:
             np.testing.assert_array_equal(other, expected)

@@ -3,15 +3,15 @@
 from dataclasses import dataclass
 
 import numpy as np
+from labelled_frames import Label, LabelledFrame
 
-from benchmarks.real.labelled_frames import Label, LabelledFrame
 from pipeline.core.arrays import F32, F64, I32, Bools
 from pipeline.core.detections import Boxes3D
 from pipeline.core.geometry.boxes import wrap_angle
 from pipeline.core.geometry.transform import Transform
 from pipeline.evaluation.assignment import assign_nearest
 
-__all__ = ["CLASSES", "Count", "Found", "Missed", "count_frame"]
+__all__ = ["CLASSES", "RANGE_M", "Count", "Found", "Missed", "count_frame", "excused"]
 
 CLASSES = {"Car": "car", "Pedestrian": "pedestrian", "Cyclist": "bicycle"}
 """Labelled classes that are counted, and the classes of the settings that they are."""
@@ -82,7 +82,7 @@ def count_frame(
     T_lidar_site = T_site_lidar.inverse()
     centers = T_lidar_site.apply(boxes.centers)
     yaws = boxes.yaws + np.arctan2(T_lidar_site.matrix[1, 0], T_lidar_site.matrix[0, 0])
-    excused = _excused(frame, centers) | (np.hypot(centers[:, 0], centers[:, 1]) > RANGE_M)
+    is_excused = excused(frame, centers) | (np.hypot(centers[:, 0], centers[:, 1]) > RANGE_M)
     xyz = frame.points()[:, :3]
     names = np.array(class_names, object)[boxes.class_ids]
     return {
@@ -91,7 +91,7 @@ def count_frame(
             centers[names == name],
             yaws[names == name],
             boxes.point_counts[names == name],
-            excused[names == name],
+            is_excused[names == name],
             xyz,
         )
         for label, name in CLASSES.items()
@@ -133,17 +133,17 @@ def _points_inside(label: Label, xyz: F32) -> int:
     return int((np.abs(local) <= np.array(label.size_m) / 2).all(1).sum())
 
 
-def _excused(frame: LabelledFrame, centers: F64) -> Bools:
+def excused(frame: LabelledFrame, centers: F64) -> Bools:
     """Whether a box is outside the image, where nobody labelled, or on an object that is not to be found."""
     pixels, valid = frame.camera.project(frame.T_camera_lidar.apply(centers))
     inside = (pixels >= 0) & (pixels < [frame.camera.width_px, frame.camera.height_px])
-    excused = np.asarray(~(valid & inside.all(1)))
+    is_excused = np.asarray(~(valid & inside.all(1)))
     for left, top, right, bottom in frame.unlabelled_xyxy:
-        excused |= ((pixels >= [left, top]) & (pixels <= [right, bottom])).all(1)
+        is_excused |= ((pixels >= [left, top]) & (pixels <= [right, bottom])).all(1)
     for label in frame.labels:
         if label.label in CLASSES and _range_m(label) <= RANGE_M:
             continue
         local = (centers - label.T_lidar_box[:3, 3]) @ label.T_lidar_box[:3, :3]
         reach = np.array(label.size_m[:2]) / 2 + GATE_M
-        excused |= (np.abs(local[:, :2]) <= reach).all(1)
-    return excused
+        is_excused |= (np.abs(local[:, :2]) <= reach).all(1)
+    return is_excused

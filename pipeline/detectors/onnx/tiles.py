@@ -1,0 +1,99 @@
+"""Wide or high pictures for networks of one size: overlapping tiles, and their boxes put together again."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from pipeline.core.arrays import U8, Bools
+from pipeline.detectors.onnx.layouts.layout import Size
+from pipeline.detectors.protocols import Candidates2D
+
+__all__ = ["Tile", "join_tiles", "tiles_of"]
+
+OVERLAP = 0.2
+"""Of the length of a tile, which the next one shows, too."""
+
+SEAM_SHARE = 0.01
+"""Of the length of a tile: a box that ends so near to an edge within the picture may be part of an object."""
+
+SAME_SHARE = 0.6
+"""A box that may be part of an object is one if another tile's box of its class covers so much of it."""
+
+
+class Tile(NamedTuple):
+    """Part of a picture, pixels."""
+
+    left: int
+    top: int
+    right: int
+    bottom: int
+
+    def cut(self, image: U8) -> U8:
+        """What a picture (H, W, 3) shows there."""
+        return np.ascontiguousarray(image[self.top : self.bottom, self.left : self.right])
+
+
+def tiles_of(height_px: int, width_px: int, input_px: Size, most_px: int) -> list[Tile]:
+    """The tiles of a picture, side by side or one below the other; one if the input has its shape, or is larger.
+
+    So many as come closest to the pixels that the network may be given, and no more than show the picture in its own
+    size or are needed for its shape.
+
+    Args:
+        height_px: Height of the picture.
+        width_px: Its width.
+        input_px: Height and width of the network's input.
+        most_px: Pixels that the network may be given.
+    """
+    slimness = width_px * input_px[0] / (height_px * input_px[1])
+    length, room_px = (width_px, input_px[1]) if slimness > 1 else (height_px, input_px[0])
+    most = max(min(int(np.ceil(max(slimness, 1 / slimness) - 1e-9)), round(most_px / (input_px[0] * input_px[1]))), 1)
+    sides = [min(int(np.ceil(length / (count - (count - 1) * OVERLAP))), length) for count in range(1, most + 1)]
+    count = next((count for count, side in enumerate(sides, 1) if side <= room_px), most)
+    side = sides[count - 1]
+    starts = np.linspace(0, length - side, count).astype(int).tolist()
+    if slimness > 1:
+        return [Tile(start, 0, start + side, height_px) for start in starts]
+    return [Tile(0, start, width_px, start + side) for start in starts]
+
+
+def join_tiles(found: Sequence[Candidates2D], tiles: Sequence[Tile], *, min_score: float) -> Candidates2D:
+    """The proposals for a picture from those for its tiles, each in pixels of its own tile.
+
+    What is seen in two tiles as a whole is there twice, for suppression to settle. What ends where a tile ends within
+    the picture is left out if another tile shows it better.
+
+    Args:
+        found: Proposals for each tile.
+        tiles: Where the tiles lie.
+        min_score: Proposals with a lower score are left out.
+    """
+    if len(tiles) == 1:
+        return found[0]
+    width, height = max(tile.right for tile in tiles), max(tile.bottom for tile in tiles)
+    parts, may_be_cut, of_tile = [], [], []
+    for row, (candidates, tile) in enumerate(zip(found, tiles, strict=True)):
+        kept = candidates.scores >= min_score
+        xyxy = candidates.xyxy[kept] + np.array([tile.left, tile.top, tile.left, tile.top], np.float32)
+        parts.append(Candidates2D(xyxy, candidates.scores[kept], candidates.labels[kept]))
+        inner = np.array([tile.left > 0, tile.top > 0, tile.right < width, tile.bottom < height])
+        seam_px = SEAM_SHARE * max(tile.right - tile.left, tile.bottom - tile.top)
+        outside = (xyxy - np.array(tile, np.float32)) * np.array([-1, -1, 1, 1], np.float32)
+        may_be_cut.append(((outside >= -seam_px) & inner).any(1))
+        of_tile.append(np.full(len(xyxy), row))
+    joined = Candidates2D(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+    tile_of = np.concatenate(of_tile)
+    may_cover = (joined.labels[:, None] == joined.labels) & (tile_of[:, None] != tile_of)
+    is_part = np.concatenate(may_be_cut) & (may_cover & _is_covered(joined)).any(1)
+    return Candidates2D(*(column[~is_part] for column in joined))
+
+
+def _is_covered(boxes: Candidates2D) -> Bools:
+    """(N, N) whether each box is smaller than each other one and lies in it for the most part."""
+    corner, end = boxes.xyxy[:, None, :2].astype(np.float64), boxes.xyxy[:, None, 2:].astype(np.float64)
+    shared = np.minimum(end, end[:, 0]) - np.maximum(corner, corner[:, 0])
+    areas = np.prod(np.maximum(end - corner, 0), axis=2)
+    common = np.prod(np.maximum(shared, 0), axis=2)
+    covered: Bools = (common >= SAME_SHARE * areas) & (areas < areas.T) & (areas > 0)
+    return covered
