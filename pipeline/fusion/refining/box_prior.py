@@ -8,7 +8,7 @@ from pipeline.core.arrays import F64, check_array
 from pipeline.core.detections import Boxes3D, Source
 from pipeline.core.geometry.boxes import rotations_2d
 from pipeline.core.settings.fuse import FuseConfig
-from pipeline.fusion.refining.small_matrices import inverse
+from pipeline.fusion.small_matrices import inverse
 
 __all__ = ["STATES", "BoxPrior", "box_prior", "known_covariances"]
 

@@ -23,7 +23,7 @@ from pipeline.fusion.outline import Outline
 from pipeline.fusion.projection import project_edges
 from pipeline.fusion.refining.box_prior import BoxPrior
 from pipeline.fusion.refining.measured_edges import MeasuredEdges
-from pipeline.fusion.refining.small_matrices import solve
+from pipeline.fusion.small_matrices import solve
 
 __all__ = ["RefinedBoxes", "predicted_edges", "refine_boxes"]
 
