@@ -14,7 +14,7 @@ from typing import Any, Literal
 import numpy as np
 
 from pipeline.core.rig import CameraSensor, Rig
-from writers.mcap.topics import PLACED_SCENE
+from writers.messages.placed_scene import PLACED_SCENE
 from writers.messages.truth_scene import truth_scene_topic
 from writers.outputs.marked_text import marked_json
 from writers.panels import arrange

@@ -5,11 +5,9 @@ from collections.abc import Iterator
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.run import OutputConfig
+from writers.messages.placed_scene import PLACED, PLACED_SCENE
 
-__all__ = ["LATER", "PLACED", "PLACED_SCENE", "reserved_topics", "written_topics"]
-
-PLACED, PLACED_SCENE = "/cameras/detections", "/cameras/scene"
-"""What the cameras alone place in 3D, and the same drawn; they have a message where a camera has 2D boxes."""
+__all__ = ["LATER", "reserved_topics", "written_topics"]
 
 LATER = ("/tf", PLACED, PLACED_SCENE)
 """Added with their first message, like images, whose first message tells their type."""

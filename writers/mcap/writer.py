@@ -22,12 +22,12 @@ from pipeline.core.settings.config import Config
 from pipeline.core.true_boxes import TrueBoxes
 from writers.foxglove.layout import foxglove_layout
 from writers.mcap.file import McapOutput, mcap_file
-from writers.mcap.topics import LATER, PLACED, PLACED_SCENE, written_topics
+from writers.mcap.topics import LATER, written_topics
 from writers.messages.annotations import image_annotations
 from writers.messages.detections import detections_2d, detections_3d, lidcam_objects
 from writers.messages.diagnostics import diagnostics
 from writers.messages.images import COMPRESSED, image_cdr
-from writers.messages.placed_scene import placed_scene
+from writers.messages.placed_scene import PLACED, PLACED_SCENE, placed_scene
 from writers.messages.scene import marker_array, scene_update
 from writers.messages.sensors import camera_info, moving_transform, point_cloud2, static_transforms
 from writers.messages.truth_scene import truth_scene, truth_scene_topic

@@ -12,7 +12,11 @@ from writers.messages.scene import ellipse, label, outline, scene_entity, whole_
 from writers.palette import CAMERA_ONLY
 from writers.uncertainty import ground_ellipses
 
-__all__ = ["placed_scene"]
+__all__ = ["PLACED", "PLACED_SCENE", "placed_scene"]
+
+PLACED = "/cameras/detections"
+PLACED_SCENE = "/cameras/scene"
+"""Topics of the boxes and of what is drawn of them; they have a message where a camera has 2D boxes."""
 
 EDGE_PX = 1.0
 LABEL_SHARE = 0.6

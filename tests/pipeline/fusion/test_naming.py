@@ -10,13 +10,11 @@ TAKEN_FOR = confusion(ROAD_CLASSES)
 
 
 def by_size(size: tuple[float, float, float], own: int) -> F64:
-    (odds,) = class_log_odds(np.array([size]), np.array([own], np.int32), ROAD_CLASSES)
-    return odds
+    return class_log_odds(np.array([size]), np.array([own], np.int32), ROAD_CLASSES).reshape(-1)
 
 
 def by_vote(class_id: int, score: float) -> F64:
-    (odds,) = vote_log_odds(np.array([class_id], np.int32), np.array([score]), TAKEN_FOR)
-    return odds
+    return vote_log_odds(np.array([class_id], np.int32), np.array([score]), TAKEN_FOR).reshape(-1)
 
 
 def test_what_is_of_a_size_is_confused() -> None:

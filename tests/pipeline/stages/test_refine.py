@@ -11,7 +11,7 @@ from pipeline.core.detections import Boxes3D, Hypotheses
 from pipeline.core.geometry.boxes import wrap_angle
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
-from pipeline.core.settings.fuse import AssociateConfig, FuseConfig
+from pipeline.core.settings.fuse import FuseConfig
 from pipeline.stages.associate import Associate
 from pipeline.stages.refine import Refine
 
@@ -25,7 +25,7 @@ def errors(boxes: Boxes3D, truth: Boxes3D) -> F64:
 
 def refined(rig: Rig, scene: FusionScene, settings: Mapping[str, Any]) -> Boxes3D:
     views = {camera.name: camera for camera in rig.cameras}
-    associate = Associate(rig, Config(associate=AssociateConfig(min_iou=scene.min_iou)))
+    associate = Associate(rig, Config())
     hypotheses = Hypotheses(scene.lidar, associate(scene.lidar, scene.seen, views), len(scene.lidar))
     config = Config(fuse=FuseConfig.model_validate({**EXACT_CUBOIDS, **settings}))
     return Refine(rig, config)(hypotheses, scene.seen, views).boxes
@@ -59,8 +59,8 @@ def test_covariances_of_the_scenes_are_honest() -> None:
             found = refined(rig, scene, {"pixel_sigma_px": scene.pixel_noise_px})
             error = errors(found, scene.truth)
             squared.extend(np.einsum("ni,nij,nj->n", error, np.linalg.inv(found.covariances), error)[scene.judged])
-    low, high = chi2.ppf([0.025, 0.975], 3 * len(squared)) / len(squared)
-    assert float(low) <= float(np.mean(squared)) <= float(high)
+    low, high = (float(chi2.ppf(share, 3 * len(squared))) / len(squared) for share in (0.025, 0.975))
+    assert low <= float(np.mean(squared)) <= high
 
 
 def place(error: F64) -> F64:

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
+from labelled_frames import Label, LabelledFrame
 
-from benchmarks.real.labelled_frames import Label, LabelledFrame
 from pipeline.core.arrays import F32, F64, I32, Bools
 from pipeline.core.detections import Boxes3D
 from pipeline.core.geometry.boxes import wrap_angle

@@ -1,6 +1,6 @@
 """Fit the coefficients of the belief anew, from recordings whose truth is known.
 
-    python -m benchmarks.belief_fit RECORDING|DATA,MODEL.onnx ... [--check RECORDING ...] [--keep FOLDER]
+    python benchmarks/measured/belief_fit.py RECORDING|DATA,MODEL.onnx ... [--check RECORDING ...] [--keep FOLDER]
 
 A recording brings its own truth and 2D boxes; DATA is a folder of labelled real frames (`real.labelled_frames`), each
 of which is a recording of its own; together they count as one.
@@ -22,10 +22,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from counting import CLASSES, RANGE_M, excused
+from labelled_frames import LabelledFrame, labelled_frames, write_recording
 from scipy.optimize import minimize
 
-from benchmarks.real.counting import CLASSES, RANGE_M, excused
-from benchmarks.real.labelled_frames import LabelledFrame, labelled_frames, write_recording
 from lidcam.evaluation.frames import EvaluationFrames
 from lidcam.frames import RunInput
 from lidcam.job import make_job

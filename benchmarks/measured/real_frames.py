@@ -1,8 +1,9 @@
 """How many cars, pedestrians and cyclists are found in labelled real frames: by the lidar, by the cameras, fused.
 
-    python -m benchmarks.real_frames DATA MODEL.onnx [--set detect2d.min_score=0.2 ...] [--frame 000008] [--json FILE]
+    python benchmarks/measured/real_frames.py DATA MODEL.onnx [--set detect2d.min_score=0.2 ...] [--frame 000008]
+                                              [--json FILE]
 
-DATA is a folder below which there are frames of KITTI's object benchmark; see `real.labelled_frames`. Every frame is a
+DATA is a folder below which there are frames of KITTI's object benchmark; see `labelled_frames`. Every frame is a
 recording of its own, processed as a user would. A labelled object counts within 40 m, and is found by a box of its
 class whose centre is within 2 m on the ground; false are boxes in the image and within 40 m that are no object of
 their class.
@@ -18,9 +19,10 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from counting import CLASSES, Count, Found, count_frame
+from labelled_frames import LabelledFrame, labelled_frames, write_recording
+
 import lidcam
-from benchmarks.real.counting import CLASSES, Count, Found, count_frame
-from benchmarks.real.labelled_frames import LabelledFrame, labelled_frames, write_recording
 from pipeline.core.detections import Boxes3D
 
 Counts = dict[str, dict[str, dict[str, Count]]]
