@@ -2,7 +2,7 @@
 
     python benchmarks/measured/belief_fit.py RECORDING|DATA,MODEL.onnx ... [--check RECORDING ...] [--keep FOLDER]
 
-A recording brings its own truth and 2D boxes; DATA is a folder of labelled real frames (`real.labelled_frames`), each
+A recording brings its own truth and 2D boxes; DATA is a folder of labelled real frames (`labelled_frames`), each
 of which is a recording of its own; together they count as one.
 
 Each is processed with every threshold on scores open. A hypothesis is right if it lies within 2 m, scaled, of a true
