@@ -270,7 +270,7 @@ class Run:
                     or late_warnings({(d.topic, d.reason): d.count for d in drops}, self._stats.received, source.rig)
                     or absence_warnings(missing)
                 ),
-                *class_number_warnings(tally.unused_boxes, source.config),
+                *class_number_warnings(tally.unused_boxes, source.config, tally.unused_boxes3d),
                 *(warning for check in self._checks for warning in check.warnings),
             ),
             outputs=tuple(outputs),

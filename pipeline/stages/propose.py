@@ -14,10 +14,10 @@ from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.detectors.protocols import Candidates3D
 from pipeline.fusion.begun.beginning import Beginner
-from pipeline.fusion.begun.overlaps import first_of_each, overlap_shares
 from pipeline.fusion.begun.parting import find_hosts, find_merged, share_points
 from pipeline.fusion.begun.partners import find_echoes, find_partners
 from pipeline.fusion.cameras.placed import Placed
+from pipeline.fusion.overlaps import first_of_each, overlap_shares
 
 __all__ = ["Propose"]
 

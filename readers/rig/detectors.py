@@ -12,7 +12,7 @@ from readers.messages.objects.autoware import DETECTED_OBJECTS
 from readers.messages.tf import RecordedTransforms, clean_frame
 from readers.messages.vision.detections3d import DETECTIONS_3D
 from readers.recording import Recording, TopicInfo
-from readers.rig.calibration import SensorSource
+from readers.rig.calibration import OWN_SITE, SensorSource
 from readers.rig.first_messages import FirstMessages
 from readers.rig.sensor_topics import Findings, configured_topics, topics_with_messages
 from readers.rig.topic_names import is_truth
@@ -111,9 +111,7 @@ def calibrated_detectors(
             continue
         taken.add(name)
         detectors.append(RecordedDetector(name, topic, frame or site, of_site, of_fixed))
-        moving = frame not in of_site and bool(frame)
-        source = f"motion of {site} in {frame}" if moving else f"{site} <- {frame}" if frame else "site frame"
-        sources.append(SensorSource(name, topic, frame or site, "", source))
+        sources.append(SensorSource(name, topic, frame or site, "", _source(frame or site, site, of_site)))
     return tuple(detectors), tuple(sources)
 
 
@@ -121,6 +119,12 @@ def _joined(frame: str, transforms: RecordedTransforms) -> dict[str, Transform]:
     """T_frame_other of all frames that fixed transforms join with a frame, itself included."""
     others = {*transforms.fixed.frames, frame}
     return {one: transforms.lookup(frame, one) for one in sorted(others) if transforms.are_joined(frame, one)}
+
+
+def _source(frame: str, site: str, of_site: Collection[str]) -> str:
+    if frame == site:
+        return OWN_SITE
+    return f"{site} <- {frame}" if frame in of_site else f"motion of {site} in {frame}"
 
 
 def _name(topic: str, taken: Collection[str]) -> str:

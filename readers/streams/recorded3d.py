@@ -83,7 +83,7 @@ class RecordedBoxes3D:
             )
         if motion is None or not self._covers(motion, bundle.stamp_ns, bundle.stamp_ns):
             raise MessageError(
-                f"{detector.topic}: its boxes are in frame {frame!r}, where the site frame is not known to be then"
+                f"{detector.topic}: its boxes are in frame {frame!r}, and where the site frame was in it is not known"
             )
         (now,) = interpolate_poses(motion.stamps_ns, motion.T_fixed_moving, np.array([bundle.stamp_ns], np.int64))
         return np.asarray(np.linalg.inv(now) @ detector.T_fixed_frame[frame].matrix, np.float64)

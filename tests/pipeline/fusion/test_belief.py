@@ -56,7 +56,8 @@ def test_probabilities_and_log_odds_are_each_others_inverse_within_limits() -> N
 @given(SCORE, SCORE)
 def test_a_higher_score_of_the_lidars_is_more_probable(one: float, two: float) -> None:
     scores = np.array(sorted((one, two)))
-    found = log_odds_before_cameras(scores, np.ones(2), *(column[:2] for column in LIDAR), FITTED)
+    points, sources, is_lidar = LIDAR
+    found = log_odds_before_cameras(scores, np.ones(2), points[:2], sources[:2], is_lidar[:2], FITTED)
     assert found[0] <= found[1]
 
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from detections import boxes3d
 
-from pipeline.fusion.begun.overlaps import first_of_each, overlap_shares
+from pipeline.fusion.overlaps import first_of_each, overlap_shares
 
 
 def test_share_is_that_of_the_smaller_box() -> None:
