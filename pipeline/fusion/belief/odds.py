@@ -12,7 +12,7 @@ import numpy as np
 from pipeline.core.arrays import F64, I32, U8, Bools
 from pipeline.core.detections import Source
 from pipeline.core.settings.classes import ClassPrior
-from pipeline.fusion.looks import Looks
+from pipeline.fusion.belief.looks import Looks
 
 __all__ = [
     "FITTED",
