@@ -7,7 +7,7 @@ import numpy as np
 from pipeline.core.arrays import F32, F64, Bools, Indices
 from pipeline.core.detections import Boxes3D, Fused, Hypotheses
 from pipeline.core.settings.config import Config
-from pipeline.fusion.begun.overlaps import first_of_each, overlap_shares
+from pipeline.fusion.overlaps import first_of_each, overlap_shares
 
 __all__ = ["Fuse"]
 
