@@ -177,7 +177,8 @@ class OnnxDetector2D:
                 f"an input of {count} x 3 x {height_px} x {width_px} px takes {taken / 2**30:.3g} GiB, "
                 f"expected at most {MAX_BATCH_BYTES / 2**30:g} GiB"
             )
-        outputs = self._run(session, Pictures("bgr_255", "top_left").blank(count, height_px, width_px))
+        # Grey as 114 / 255, which no network takes for a light too bright: half precision ends at 65504.
+        outputs = self._run(session, Pictures("rgb_1", "top_left").blank(count, height_px, width_px))
         if not all(np.isfinite(output).all() for output in outputs):
             raise ModelError("expected numbers, found an output that is not finite; export the network again")
         names = [name for name, _, _ in session.outputs]
@@ -234,9 +235,8 @@ class OnnxDetector2D:
         for size_px in sizes_px:
             found = self._try(session, size_px)
             if (found.name, found.class_count) != (self._layout.name, self._layout.class_count):
-                raise ModelError(
-                    f"expected a {self._layout.name}, found a {found.name} for {size_px[1]} x {size_px[0]} px"
-                )
+                at = f"{size_px[1]} x {size_px[0]} px"
+                raise ModelError(f"expected the layout {self._layout.name}, found {found.name} for {at}")
         return session
 
     def _input_told(self) -> str:

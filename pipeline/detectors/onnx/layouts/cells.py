@@ -47,7 +47,7 @@ class YoloxReader:
 
 @dataclass(frozen=True, slots=True)
 class YoloV5Reader:
-    """YOLOv5, YOLOv7: (N, A, 5 + C), rows of centre and size in pixels, objectness, C scores.
+    """YOLOv5, YOLOv6, YOLOv7: (N, A, 5 + C), rows of centre and size in pixels, objectness, C scores.
 
     Attributes:
         class_count: C.

@@ -25,6 +25,7 @@ def found(*outputs: Array, names: str = "", takes_sizes: bool = False, wanted: N
     [
         ([blank(CELLS, 85)], "", ("yolox", 80, "bgr_255", "top_left")),
         ([blank(CELLS, 6)], "", ("yolox", 1, "bgr_255", "top_left")),
+        ([blank(CELLS, 85, value=1.0)], "", ("yolov5", 80, "rgb_1", "center")),
         ([blank(3 * CELLS, 85)], "", ("yolov5", 80, "rgb_1", "center")),
         ([blank(3 * (CELLS + 100), 13)], "", ("yolov5", 8, "rgb_1", "center")),
         ([blank(84, CELLS)], "", ("yolov8", 80, "rgb_1", "center")),
