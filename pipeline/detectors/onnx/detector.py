@@ -143,7 +143,9 @@ class OnnxDetector2D:
         places = [self._pictures.put(image, into) for image, into in zip(images, batch, strict=False)]
         outputs = self._run(self._session, batch)
         try:
-            found = self._layout.read(outputs, len(batch), size_px)[: len(images)]
+            with np.errstate(all="ignore"):
+                found = self._layout.read(outputs, len(batch), size_px)[: len(images)]
+                found = [one._replace(xyxy=place.undo(one.xyxy)) for one, place in zip(found, places, strict=True)]
         except ModelError as err:
             raise ModelError(f"{self._path}: {err}") from err
         last = max((int(one.labels.max(initial=0)) for one in found), default=0)
@@ -152,7 +154,7 @@ class OnnxDetector2D:
                 f"{self._path}: the network finds the class {last}, and there are names for {len(self._labels)}: "
                 "set detect2d.names to all of its names"
             )
-        return [one._replace(xyxy=place.undo(one.xyxy)) for one, place in zip(found, places, strict=True)]
+        return found
 
     def _run(self, session: OnnxSession, batch: F32) -> list[Array]:
         """The outputs, floating-point numbers in single precision.
@@ -184,7 +186,8 @@ class OnnxDetector2D:
         names = [name for name, _, _ in session.outputs]
         wanted = None if self._config.layout == "auto" else self._config.layout
         layout = recognise(Trial(size_px, names, outputs, self._inputs.sizes is not None), wanted)
-        layout.read(outputs, count, size_px)
+        with np.errstate(all="ignore"):
+            layout.read(outputs, count, size_px)
         return layout
 
     def _take_any_size(self, own_px: Size) -> None:

@@ -39,8 +39,7 @@ class YoloxReader:
         centers, sizes = rows[:, :2], rows[:, 2:4]
         if not self.is_in_pixels:
             grid, stride = _cells(size_px)
-            with np.errstate(over="ignore"):  # boxes that are not finite are left out
-                centers, sizes = (centers + grid) * stride, np.exp(sizes) * stride
+            centers, sizes = (centers + grid) * stride, np.exp(sizes) * stride
         scores, labels = best_class(rows[:, 5:])
         return Candidates2D(corners_of(centers, sizes), rows[:, 4] * scores, labels)
 
