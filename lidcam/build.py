@@ -2,26 +2,31 @@
 
 from collections.abc import Mapping
 from functools import partial
-from typing import Any, Literal
+from typing import Any
 
+from lidcam.box_sources import add_boxes2d, add_boxes3d
+from pipeline.core.arrays import F64
 from pipeline.core.clouds import CombinedCloud, PointCloud
 from pipeline.core.detections import Boxes2D, Boxes3D, Detections, Fused, Hypotheses, Matches
-from pipeline.core.errors import ModelError
 from pipeline.core.frame import Decoded, FrameResult, SensorBundle
 from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.settings.config import Config
-from pipeline.detectors.onnx.detector import OnnxDetector2D
+from pipeline.fusion.cameras.placed import Placed
+from pipeline.fusion.zones import select_by_zones
 from pipeline.graph import Graph, Node
 from pipeline.stages.associate import Associate
+from pipeline.stages.believe import Believe
+from pipeline.stages.classify import Classify
 from pipeline.stages.combine import Combine
-from pipeline.stages.detect2d import Detect2D
-from pipeline.stages.detect3d import Detect3D
 from pipeline.stages.fuse import Fuse
-from readers.streams.decoders import CloudDecoder, ImageDecoder, OnBadMessage, RecordedBoxes
+from pipeline.stages.place import Place
+from pipeline.stages.propose import Propose
+from pipeline.stages.refine import Refine
+from pipeline.stages.reshape import Reshape
+from pipeline.stages.views import Views
+from readers.streams.decoders import CloudDecoder, OnBadMessage
 
-__all__ = ["BoxSource", "box_source", "build_graph", "wanted_boxes"]
-
-BoxSource = Literal["onnx", "recorded", "none"]
+__all__ = ["build_graph"]
 
 
 def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Graph[SensorBundle], Node[FrameResult]]:
@@ -31,83 +36,69 @@ def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Grap
         ModelError: the 2D network cannot be loaded.
     """
     graph = Graph(SensorBundle)
+    # What each sensor alone sees.
     clouds = graph.add("decode clouds", CloudDecoder(rig, config, on_bad=on_bad), graph.frame)
     combined = graph.add("combine", Combine(rig, config.combine), graph.frame, clouds, workers=2)
-    boxes3d = graph.add("detect 3D", Detect3D(rig, config), combined)
-    camera_data, boxes2d = _add_boxes2d(graph, config, rig, on_bad=on_bad)
-    matches = graph.add("associate", Associate(rig, config), boxes3d, boxes2d)
-    hypotheses = graph.add("propose", _propose, boxes3d, matches)
-    fused = graph.add("fuse", Fuse(config), hypotheses, boxes2d)
-    views = {camera.name: camera for camera in rig.cameras}
-    inputs = graph.frame, clouds, combined, boxes3d, camera_data, boxes2d, hypotheses, fused
-    return graph, graph.add("collect", partial(_collect, views=views), *inputs)
+    recorded3d, lidar = add_boxes3d(graph, config, rig, combined, on_bad=on_bad)
+    camera_data, boxes2d = add_boxes2d(graph, config, rig, on_bad=on_bad)
+    views = graph.add("views", Views(rig, config), graph.frame)
+    placed = graph.add("place", Place(rig, config), combined, boxes2d, views)
+    # What may be an object.
+    associate = Associate(rig, config)
+    matches = graph.add("associate", associate, lidar, boxes2d, views)
+    boxes = graph.add("propose", Propose(rig, config), combined, lidar, matches, placed)
+    hypotheses = graph.add("associate all", partial(_hypotheses, associate), lidar, matches, boxes, boxes2d, views)
+    # What it is, where it is, and whether it is there.
+    hypotheses = graph.add("classify", Classify(config), hypotheses, boxes2d)
+    hypotheses = graph.add("reshape", Reshape(rig, config), combined, hypotheses, lidar)
+    hypotheses = graph.add("refine", Refine(rig, config), hypotheses, boxes2d, views)
+    beliefs = graph.add("believe", Believe(rig, config), hypotheses, boxes2d, views, combined)
+    fused = graph.add("fuse", Fuse(config), hypotheses, beliefs)
+    fused = graph.add("zones", partial(select_by_zones, zones=rig.zones), fused)
+    detections = graph.add("detections", _detections, lidar, boxes2d, placed)
+    inputs = clouds, recorded3d, camera_data, combined, detections, views, hypotheses, beliefs, fused
+    return graph, graph.add("collect", _collect, graph.frame, *inputs)
 
 
-def box_source(config: Config, rig: Rig) -> BoxSource:
-    """Where 2D boxes come from; `none` where no camera of the rig has them."""
-    wanted = wanted_boxes(config, rig)
-    found = {
-        "onnx": any(camera.topic for camera in rig.cameras),
-        "recorded": any(camera.boxes_topic for camera in rig.cameras),
-        "none": True,
-    }
-    return wanted if found[wanted] else "none"
+def _hypotheses(
+    associate: Associate,
+    lidar: Boxes3D,
+    matches: Mapping[str, Matches],
+    boxes: Boxes3D,
+    boxes2d: Mapping[str, Boxes2D],
+    views: Mapping[str, CameraSensor],
+) -> Hypotheses:
+    """All boxes with their matches, which are those of the lidars' boxes where there are no others."""
+    if boxes is not lidar:
+        matches = associate(boxes, boxes2d, views)
+    return Hypotheses(boxes, matches, len(lidar))
 
 
-def wanted_boxes(config: Config, rig: Rig) -> BoxSource:
-    """Where 2D boxes should come from: as set; `auto`: the model if one is given, else recorded boxes, else none."""
-    if config.detect2d.method != "auto":
-        return config.detect2d.method
-    if config.detect2d.model is not None:
-        return "onnx"
-    return "recorded" if any(camera.boxes_topic for camera in rig.cameras) else "none"
-
-
-def _add_boxes2d(
-    graph: Graph[SensorBundle], config: Config, rig: Rig, *, on_bad: OnBadMessage
-) -> tuple[Node[Decoded[Any]], Node[Mapping[str, Boxes2D]]]:
-    """What the cameras' messages held, and the 2D boxes by camera name."""
-    source = wanted_boxes(config, rig)
-    if source == "none":
-        nothing = graph.add("no 2D boxes", _nothing, graph.frame)
-        return nothing, nothing
-    if source == "recorded":
-        recorded = graph.add("read 2D boxes", RecordedBoxes(rig, config, on_bad=on_bad), graph.frame)
-        return recorded, recorded
-    if config.detect2d.model is None:
-        raise ModelError("2D detection by onnx needs a model: give --model-2d FILE.onnx or set detect2d.model")
-    images = graph.add("decode images", ImageDecoder(rig, config, on_bad=on_bad), graph.frame)
-    detect2d = Detect2D(rig, config, OnnxDetector2D(config.detect2d.model, config))
-    return images, graph.add("detect 2D", detect2d, images)
-
-
-def _nothing(_: SensorBundle) -> Decoded[Boxes2D]:
-    return Decoded({})
-
-
-def _propose(boxes: Boxes3D, matches: Mapping[str, Matches]) -> Hypotheses:
-    return Hypotheses(boxes, matches, len(boxes))
+def _detections(lidar: Boxes3D, boxes2d: Mapping[str, Boxes2D], placed: Placed) -> Detections:
+    return Detections(lidar, boxes2d, placed.boxes if boxes2d else None)
 
 
 def _collect(
     bundle: SensorBundle,
     clouds: Decoded[PointCloud],
-    combined: CombinedCloud,
-    lidar_boxes: Boxes3D,
+    recorded3d: Decoded[Boxes3D],
     camera_data: Decoded[Any],
-    camera_boxes: Mapping[str, Boxes2D],
-    hypotheses: Hypotheses,
-    fused: Fused,
-    *,
+    combined: CombinedCloud,
+    detections: Detections,
     views: Mapping[str, CameraSensor],
+    hypotheses: Hypotheses,
+    beliefs: F64,
+    fused: Fused,
 ) -> FrameResult:
     return FrameResult(
         bundle=bundle,
         combined=combined,
-        detections=Detections(lidar=lidar_boxes, cameras=camera_boxes),
+        detections=detections,
         views=views,
         hypotheses=hypotheses,
+        beliefs=beliefs,
         fused=fused,
-        drops=clouds.drops + camera_data.drops,
+        drops=clouds.drops + recorded3d.drops + camera_data.drops,
         unused_boxes=camera_data.unused_boxes,
+        unused_boxes3d=recorded3d.unused_boxes,
     )

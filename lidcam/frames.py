@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
-from lidcam.build import box_source
+from lidcam.box_sources import box_source
 from lidcam.settings.choice import AS_GIVEN, UsedSettings
 from lidcam.summary import DropTable
 from pipeline.core.errors import ConfigError
@@ -69,7 +69,8 @@ def sensor_clocks(rig: Rig, drops: DropTable) -> Clocks:
     """The clocks of the rig's sensors; `drops` gets the messages whose stamps cannot be used."""
     sensors: list[tuple[str, LidarSensor | CameraSensor]] = [(lidar.topic, lidar) for lidar in rig.lidars]
     sensors += [(topic, camera) for camera in rig.cameras for topic in (camera.topic, camera.boxes_topic)]
-    offsets_ns = {topic: sensor.time_offset_ns for topic, sensor in sensors}
+    offsets_ns = {detector.topic: 0 for detector in rig.detectors}
+    offsets_ns |= {topic: sensor.time_offset_ns for topic, sensor in sensors}
     return Clocks(offsets_ns, on_drop=drops.add_defect, on_bad=drops.add_bad)
 
 
@@ -153,9 +154,9 @@ def _synchronized(
 
 
 def synchronized_topics(config: Config, rig: Rig) -> tuple[str, ...]:
-    """Topics that make up a bundle: lidars, then images where they are used or copied, then recorded boxes."""
+    """Topics that make up a bundle: lidars, 3D boxes, then images where they are used or copied, then 2D boxes."""
     source = box_source(config, rig)
-    topics = [lidar.topic for lidar in rig.lidars]
+    topics = [lidar.topic for lidar in rig.lidars] + [detector.topic for detector in rig.detectors]
     if config.output.images or source == "onnx":
         topics += [camera.topic for camera in rig.cameras if camera.topic]
     if source == "recorded":
@@ -172,7 +173,8 @@ def required_topics(config: Config, rig: Rig) -> tuple[str, ...] | None:
     required = config.sync.required
     if required == "all":
         return None
-    wanted = {lidar.topic for lidar in rig.lidars} if required == "lidars" else {*required}
+    sensors = {sensor.topic for sensor in rig.lidars or rig.detectors}
+    wanted = sensors if required == "lidars" else {*required}
     topics = synchronized_topics(config, rig)
     if unknown := sorted(wanted - {*topics}):
         raise ConfigError(f"sync.required: {', '.join(unknown)} is not among the topics in use: {', '.join(topics)}")

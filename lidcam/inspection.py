@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from lidcam.build import BoxSource, box_source
+from lidcam.box_sources import BoxSource, BoxSource3D, box_source
 from lidcam.checks.calibration import check_first_clouds
 from lidcam.checks.incomplete import damage_lines, left_out_lines
 from lidcam.checks.warning import RunWarning
@@ -56,6 +56,7 @@ class Inspection:
         warnings: What the first messages say against the calibration.
         motion_topics: Where the motion of the site frame would come from; empty where it stands still.
         box_source: Where 2D boxes would come from.
+        box_source_3d: Where the lidars' 3D boxes would come from.
         settings: Which settings would be used, and why these; None if it could not process the recording.
     """
 
@@ -75,6 +76,7 @@ class Inspection:
     warnings: tuple[RunWarning, ...] = ()
     motion_topics: tuple[str, ...] = ()
     box_source: BoxSource = "none"
+    box_source_3d: BoxSource3D = "none"
     settings: UsedSettings | None = None
 
     @property
@@ -146,6 +148,7 @@ def inspect_open(recording: Recording, choice: SettingsChoice, rig: RigSource | 
         warnings=_warnings(recording, found.rig, config, window) if found else (),
         motion_topics=motion.topics if motion else (),
         box_source=box_source(config, found.rig) if found else "none",
+        box_source_3d=config.detect3d.method if found else "none",
         settings=used,
     )
 
@@ -171,6 +174,8 @@ def inspection_tree(inspection: Inspection) -> dict[str, Any]:
             "warnings": [asdict(warning) for warning in inspection.warnings],
             "motion": list(inspection.motion_topics),
             "box_source": inspection.box_source,
+            "box_source_3d": inspection.box_source_3d,
+            "boxes3d_topics": [detector.topic for detector in inspection.rig.detectors],
             "settings": used_record(inspection.settings) if inspection.settings else None,
         }
     return tree

@@ -9,7 +9,8 @@ import numpy as np
 
 from lidcam.frames import RunInput
 from lidcam.run import RunObserver
-from pipeline.core.arrays import F32, F64, I32, I64, Array, Rows, check_array, select_rows
+from pipeline.core.arrays import F32, F64, I32, I64, U8, Array, Rows, check_array, select_rows
+from pipeline.core.detections import source_names
 from pipeline.core.frame import FrameResult
 
 __all__ = ["ObjectCollector", "Objects"]
@@ -35,6 +36,8 @@ class Objects:
         point_counts: (N,) int32, lidar points in the object.
         matched: (N,) int32, number of cameras that confirm it.
         covariances: (N, 3, 3) float64 over x, y and yaw.
+        sources: (N,) uint8, the `Source` of each object's geometry.
+        measured_ns: (N,) int64, when the object was there: mean time of its points or images.
     """
 
     frame_id: str
@@ -49,6 +52,8 @@ class Objects:
     point_counts: I32
     matched: I32
     covariances: F64
+    sources: U8
+    measured_ns: I64
 
     def __post_init__(self) -> None:
         n = len(self.scores)
@@ -62,6 +67,8 @@ class Objects:
         check_array("point_counts", self.point_counts, (n,), np.int32)
         check_array("matched", self.matched, (n,), np.int32)
         check_array("covariances", self.covariances, (n, 3, 3), np.float64)
+        check_array("sources", self.sources, (n,), np.uint8)
+        check_array("measured_ns", self.measured_ns, (n,), np.int64)
 
     def __len__(self) -> int:
         return len(self.scores)
@@ -72,7 +79,10 @@ class Objects:
 
     @property
     def columns(self) -> Mapping[str, Array]:
-        """The table by columns, each (N,): frame, stamp_ns, class, score, x_m, y_m, z_m, length_m and so on."""
+        """The table by columns, each (N,): frame, stamp_ns, class, score, x_m, y_m, z_m, length_m and so on.
+
+        `source` is what the geometry comes from: `lidar`, `camera` or `both`.
+        """
         x, y, z = self.centers.T
         length, width, height = self.sizes.T
         return {
@@ -89,6 +99,8 @@ class Objects:
             "yaw_rad": self.yaws,
             "points": self.point_counts,
             "cameras": self.matched,
+            "source": np.array(source_names(self.sources), np.str_),
+            "measured_ns": self.measured_ns,
         }
 
     def to_pandas(self) -> Any:
@@ -138,7 +150,7 @@ class ObjectCollector(RunObserver):
 
     def opened(self, source: RunInput) -> None:
         """Learn the names of the classes."""
-        self._class_names = source.config.class_names
+        self._class_names = source.config.object_names
 
     def frame(self, result: FrameResult) -> None:
         """Keep the objects of one frame."""
@@ -166,6 +178,8 @@ class ObjectCollector(RunObserver):
             point_counts=joined("point_counts", np.zeros(0, np.int32)),
             matched=np.concatenate([np.zeros(0, np.int32), *(fused.matched for _, _, fused in self._results)]),
             covariances=joined("covariances", np.zeros((0, 3, 3))),
+            sources=joined("sources", np.zeros(0, np.uint8)),
+            measured_ns=joined("measured_ns", np.zeros(0, np.int64)),
         )
 
 

@@ -12,7 +12,8 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from lidcam.build import box_source, build_graph, wanted_boxes
+from lidcam.box_sources import box_source, wanted_boxes
+from lidcam.build import build_graph
 from lidcam.checks.absent import absence_warnings, clocks_off
 from lidcam.checks.calibration import CalibrationCheck
 from lidcam.checks.class_numbers import class_number_warnings
@@ -235,17 +236,22 @@ class Run:
             inputs=tuple(inputs),
             frames=tally.frames,
             objects=dict(sorted(tally.objects.items())),
+            sources=dict(tally.sources),
             confirmed=tally.confirmed,
             frames_without_boxes=tally.frames_without_boxes,
+            frames_without_boxes3d=tally.frames_without_boxes3d,
             points=dict(tally.points),
             messages_used=dict(sorted(tally.messages.items())),
             copied={topic: tally.copied[topic] for topic in sorted(source.copied)},
             drops=drops,
             missing=tuple(missing),
             unused_boxes=dict(sorted(tally.unused_boxes.items())),
+            unused_boxes3d=dict(sorted(tally.unused_boxes3d.items())),
+            objects_left_out=dict(sorted(tally.objects_left_out.items())),
             unused_topics=_unused_topics(source.recording, used),
             losses=source.recording.losses,
             box_source=box_source(source.config, source.rig),
+            box_source_3d=source.config.detect3d.method,
             motion_topics=motion_topics,
             compensated=tally.compensated,
             skew_mean_ms=self._stats.skew_mean_ns / 1e6,
@@ -264,7 +270,7 @@ class Run:
                     or late_warnings({(d.topic, d.reason): d.count for d in drops}, self._stats.received, source.rig)
                     or absence_warnings(missing)
                 ),
-                *class_number_warnings(tally.unused_boxes, source.config),
+                *class_number_warnings(tally.unused_boxes, source.config, tally.unused_boxes3d),
                 *(warning for check in self._checks for warning in check.warnings),
             ),
             outputs=tuple(outputs),

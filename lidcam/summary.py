@@ -6,11 +6,12 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from lidcam.build import BoxSource
+from lidcam.box_sources import BoxSource, BoxSource3D
 from lidcam.checks.incomplete import absent_lines, damage_lines, left_out_lines
 from lidcam.checks.missing import MissingSensor
 from lidcam.checks.warning import RunWarning
 from lidcam.settings.choice import UsedSettings
+from pipeline.core.detections import Source, source_names
 from pipeline.core.errors import MessageError
 from pipeline.core.frame import FrameResult
 from pipeline.core.geometry.polygons import first_polygon_with
@@ -165,17 +166,22 @@ class RunReport:
         inputs: The files that were read.
         frames: Number of frames.
         objects: Number of fused objects by (class name, zone name); the latter is empty where there are no zones.
+        sources: Number of fused objects by what their geometry comes from: `lidar`, `camera`, `both`.
         confirmed: Number of fused objects that at least one camera confirms.
         frames_without_boxes: Number of frames for which no camera sent an image or boxes.
+        frames_without_boxes3d: Number of frames for which no recorded 3D detector sent boxes; 0 where none is used.
         points: Lidar points by step of the combination, summed over the frames.
         messages_used: Number of messages used, by topic.
         copied: Number of messages copied to the output, by topic.
         drops: Messages that were not used, by topic and reason.
         missing: Sensors without which frames had to do.
         unused_boxes: Recorded 2D boxes that could not be used, by reason.
+        unused_boxes3d: Recorded 3D boxes that could not be used, by reason.
+        objects_left_out: Fused objects that are not reported, by reason.
         unused_topics: Topics with messages that the run did not look at.
         losses: Damaged parts of the files.
         box_source: Where 2D boxes came from.
+        box_source_3d: Where the lidars' 3D boxes came from.
         motion_topics: Where the motion of the site frame came from; empty where it stands still.
         compensated: Frames with a cloud that was moved to the frame's time.
         skew_mean_ms: Mean spread of the stamps in a bundle.
@@ -195,17 +201,22 @@ class RunReport:
     inputs: tuple[InputFile, ...]
     frames: int
     objects: Mapping[tuple[str, str], int]
+    sources: Mapping[str, int]
     confirmed: int
     frames_without_boxes: int
+    frames_without_boxes3d: int
     points: Mapping[str, int]
     messages_used: Mapping[str, int]
     copied: Mapping[str, int]
     drops: tuple[DropCount, ...]
     missing: tuple[MissingSensor, ...]
     unused_boxes: Mapping[str, int]
+    unused_boxes3d: Mapping[str, int]
+    objects_left_out: Mapping[str, int]
     unused_topics: tuple[UnusedTopic, ...]
     losses: tuple[Loss, ...]
     box_source: BoxSource
+    box_source_3d: BoxSource3D
     motion_topics: tuple[str, ...]
     compensated: int
     skew_mean_ms: float
@@ -246,25 +257,32 @@ class Tally:
     """Running totals over the frames of a run."""
 
     def __init__(self, config: Config, rig: Rig) -> None:
-        self._class_names = config.class_names
-        self._zones = rig.zones
+        self._class_names = config.object_names
+        self._zones = rig.counted_zones
+        self._detectors = frozenset(detector.topic for detector in rig.detectors)
         self.frames = 0
+        self.sources = Counter({source.name.lower(): 0 for source in Source})
         self.confirmed = 0
         self.frames_without_boxes = 0
+        self.frames_without_boxes3d = 0
         self.compensated = 0
         self.objects: Counter[tuple[str, str]] = Counter()
         self.points: Counter[str] = Counter()
         self.messages: Counter[str] = Counter()
         self.copied: Counter[str] = Counter()
         self.unused_boxes: Counter[str] = Counter()
+        self.unused_boxes3d: Counter[str] = Counter()
+        self.objects_left_out: Counter[str] = Counter()
 
     def add(self, frame: FrameResult) -> None:
         """Count one frame."""
         objects = frame.fused.objects
         self.frames += 1
         self.compensated += bool(frame.combined.compensated)
+        self.sources.update(source_names(objects.sources))
         self.confirmed += int((frame.fused.matched > 0).sum())
         self.frames_without_boxes += not frame.detections.cameras
+        self.frames_without_boxes3d += bool(self._detectors) and self._detectors.isdisjoint(frame.bundle.messages)
         rows = first_polygon_with([zone.polygon_site for zone in self._zones], objects.centers[:, :2])
         outside = OUTSIDE_ZONES if self._zones else ""
         for class_id, row in zip(objects.class_ids.tolist(), rows.tolist(), strict=True):
@@ -272,6 +290,8 @@ class Tally:
             self.objects[self._class_names[class_id], zone] += 1
         self.points.update(dict(frame.combined.counts))
         self.unused_boxes.update(dict(frame.unused_boxes))
+        self.objects_left_out.update(dict(frame.fused.left_out))
+        self.unused_boxes3d.update(dict(frame.unused_boxes3d))
         self.copied.update(message.topic for message in frame.bundle.copied)
         unused = {(drop.topic, drop.stamp_ns) for drop in frame.drops if not drop.parts}
         self.messages.update(topic for topic, m in frame.bundle.messages.items() if (topic, m.stamp_ns) not in unused)
@@ -302,10 +322,14 @@ def report_tree(report: RunReport) -> dict[str, Any]:
             "stage_ms": {name: 1e3 * spent / report.frames for name, spent in report.stage_seconds.items()},
         },
         "box_source": report.box_source,
+        "box_source_3d": report.box_source_3d,
+        "boxes3d_topics": [detector.topic for detector in report.rig.detectors],
         "motion": {"topics": list(report.motion_topics), "compensated_frames": report.compensated},
         "objects": [{"class": c, "zone": z or None, "count": count} for (c, z), count in report.objects.items()],
+        "object_sources": dict(report.sources),
         "confirmed": report.confirmed,
         "frames_without_boxes": report.frames_without_boxes,
+        "frames_without_boxes3d": report.frames_without_boxes3d,
         "points": dict(report.points),
         "messages_used": dict(report.messages_used),
         "copied": dict(report.copied),
@@ -314,6 +338,8 @@ def report_tree(report: RunReport) -> dict[str, Any]:
         "losses": loss_records(report.losses),
         "unused_topics": {topic.topic: topic.message_count for topic in report.unused_topics},
         "unused_boxes": dict(report.unused_boxes),
+        "unused_boxes3d": dict(report.unused_boxes3d),
+        "objects_left_out": dict(report.objects_left_out),
         "faults": [asdict(fault) for fault in report.faults],
         "outputs": [str(path) for path in report.outputs],
     }

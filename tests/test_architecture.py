@@ -18,7 +18,8 @@ MAY_IMPORT = {
     "pipeline.evaluation": {"pipeline.core"},
     "pipeline.filters": {"pipeline.core"},
     "pipeline.detectors": {"pipeline.core", "pipeline.filters"},
-    "pipeline.stages": {"pipeline.core", "pipeline.filters", "pipeline.detectors"},
+    "pipeline.fusion": {"pipeline.core", "pipeline.detectors"},
+    "pipeline.stages": {"pipeline.core", "pipeline.filters", "pipeline.fusion", "pipeline.detectors"},
 }
 EXITS = {"lidcam.program", "lidcam.start.signals"}
 SOURCES = sources(ROOT)

@@ -6,10 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.core.arrays import F32, F64, Bools, Indices
-from pipeline.core.detections import Boxes2D, Matches
+from pipeline.core.detections import Boxes2D, Matches, Source
 from pipeline.core.frame import FrameResult
 from pipeline.core.geometry.boxes import box_corners
-from pipeline.core.rig import CameraSensor
 from writers.palette import CAMERA_ONLY, MATCHED, Rgb, class_color
 
 __all__ = [
@@ -21,6 +20,7 @@ __all__ = [
     "object_colors",
     "object_edges",
     "object_labels",
+    "placed_objects",
     "strong_objects",
 ]
 
@@ -37,6 +37,11 @@ def strong_objects(result: FrameResult) -> Bools:
     return np.asarray((result.fused.matched > 0) | (result.fused.objects.scores >= STRONG_SCORE))
 
 
+def placed_objects(result: FrameResult) -> Bools:
+    """(N,) which fused objects the cameras alone place: they are drawn thinner, and with how sure their place is."""
+    return np.asarray(result.fused.objects.sources == Source.CAMERA)
+
+
 def object_colors(result: FrameResult) -> F64:
     """(N, 3) red, green, blue in [0, 1] of each fused object: its class's, darker the lower its score."""
     objects = result.fused.objects
@@ -46,18 +51,29 @@ def object_colors(result: FrameResult) -> F64:
 
 
 def object_labels(result: FrameResult, class_names: Sequence[str]) -> list[str]:
-    """The text beside each fused object: class, score, and how many cameras confirm it."""
+    """The text beside each fused object: class, score, how many cameras confirm it, whether no lidar saw it."""
     objects = result.fused.objects
-    columns = zip(objects.class_ids.tolist(), objects.scores.tolist(), result.fused.matched.tolist(), strict=True)
+    columns = zip(
+        objects.class_ids.tolist(),
+        objects.scores.tolist(),
+        result.fused.matched.tolist(),
+        placed_objects(result).tolist(),
+        strict=True,
+    )
     return [
-        f"{class_names[class_id]} {score:.2f}" + (f" ({cameras} cam)" if cameras else "")
-        for class_id, score, cameras in columns
+        f"{class_names[class_id]} {score:.2f}" + _witnesses(cameras, is_placed=is_placed)
+        for class_id, score, cameras, is_placed in columns
     ]
 
 
-def object_edges(result: FrameResult, camera: CameraSensor) -> tuple[F32, Indices]:
-    """The fused objects in a camera's image; see `CameraModel.project_edges`."""
-    objects = result.fused.objects
+def _witnesses(cameras: int, *, is_placed: bool) -> str:
+    told = [f"{cameras} cam"] * (cameras > 0) + ["no lidar"] * is_placed
+    return f" ({', '.join(told)})" if told else ""
+
+
+def object_edges(result: FrameResult, name: str) -> tuple[F32, Indices]:
+    """The fused objects in a camera's image, from where it was taken; see `CameraModel.project_edges`."""
+    objects, camera = result.fused.objects, result.views[name]
     corners = box_corners(objects.centers, objects.sizes, objects.yaws)
     return camera.model.project_edges(np.asarray(camera.T_camera_site.apply(corners), np.float64))
 

@@ -18,6 +18,7 @@ class Provenance:
         settings: Which settings these are, and why.
         config_yaml: All settings that affect the result; not `run`, so that the number of workers does not.
         rig_yaml: The rig, as a rig file.
+        boxes3d_topics: Topics of the recorded 3D boxes that were used.
         start_ns: Log time of the first input message: used for the attachments in place of the wall clock.
         network: Of the 2D network the `name` and the `sha256` of its file, and the `provider` that ran it; empty
             without one.
@@ -29,6 +30,7 @@ class Provenance:
     config_yaml: str
     rig_yaml: str
     start_ns: int
+    boxes3d_topics: tuple[str, ...] = ()
     network: Mapping[str, str] = field(default_factory=dict)
 
     def metadata(self) -> dict[str, str]:
@@ -39,7 +41,7 @@ class Provenance:
         record |= {f"network.{key}": value for key, value in self.network.items()}
         for name, text in (("config", self.config_yaml), ("rig", self.rig_yaml)):
             record[f"{name}.sha256"] = hashlib.sha256(text.encode()).hexdigest()
-        return record
+        return record | {f"boxes3d.{row}.topic": topic for row, topic in enumerate(self.boxes3d_topics)}
 
     @property
     def recording_id(self) -> str:

@@ -14,6 +14,7 @@ from typing import Any
 
 from measured_runs import ROOT, SECONDS, MeasuredRun, measured_run
 from mistake_images import KINDS, Look, looks, write_images
+from side_by_side import by_class, side_by_side, table, verdicts
 
 from lidcam.printing.numbers import NONE, number, percent, share, signed
 
@@ -27,13 +28,18 @@ simulates, processes with the settings that lidcam chooses itself, and evaluates
 figure, [evaluation.md](evaluation.md) says how to get them for your own recordings. These are scenes of a simulator,
 with a simulated 2D detector: they show what changes from one version to the next, not what you will get.
 
+- *lidar*: what the lidars alone find. *cameras*: what the cameras alone place in 3D. *fused*: the result.
 - *AP bev*, *AP 3D*: average precision at an IoU of 0.5, 40 recall points. *mAP*: by distance of the centres, with
-  thresholds scaled by the length of the class. *recall*, *precision*, *false* (boxes a frame): of all that is reported.
+  thresholds scaled by the length of the class. *recall*, *precision*, *F1* (their harmonic mean), *false* (boxes a
+  frame): of all that is reported.
 - *position*, *95 %*: mean and 95th percentile of the error in metres, against where the object is at the frame's stamp;
   *when measured*: the mean against where it was when the lidars saw it, up to 0.1 s later. *heading*: median error in
   degrees, a turn by 180 degrees counted as right; *flips*: headings that are wrong by more than 90 degrees; *length*,
   *width*: mean error in metres.
 - *ECE*: how far scores are from the share that is right.
+- *better*, *worse*, *open*: where the interval of 95 %, from resampled blocks of frames, lies above zero, below it, or
+  on both sides. A gain is positive where fusion is better, of the position too. *position* compares means, which are
+  those of what each found; *found by lidar, too* compares the objects that both found, one by one.
 """
 
 
@@ -65,31 +71,19 @@ def section(run: MeasuredRun, shown: Sequence[Look]) -> Iterator[str]:
         f"{run.seconds} s, {figures['frames']} frames, settings `{settings}`, "
         f"{figures['truth_objects']['evaluated']} true objects that a sensor saw.\n"
     )
+    yield from side_by_side(figures)
+    yield "Is fusion better than the better single sensor?\n"
+    yield from verdicts(figures)
+    yield "The rest of the figures:\n"
     yield from table(
-        ["class", "source", "truth", "AP bev", "AP 3D", "mAP", "recall", "precision", "false"],
+        ["class", "source", "AP 3D", "mAP", "recall", "precision", "95 %", "when measured", "flips", "length", "width"],
         [
-            [
-                name,
-                source,
-                f"{one['truth']}",
-                *_shares(one, "ap_bev_r40_50", "ap_3d_r40_50"),
-                share(one["distance"]["map"]),
-                *_shares(one, "recall", "precision", "false_per_frame"),
-            ]
-            for name, source, one in _by_class(figures)
-        ],
-    )
-    yield from table(
-        ["class", "source", "position", "95 %", "when measured", "heading", "flips", "length", "width", "ECE"],
-        [
-            _errors(name, source, one, run.when_measured["sources"][source][name])
-            for name, source, one in _by_class(figures)
+            _details(name, source, one, run.when_measured["sources"][source][name])
+            for name, source, one in by_class(figures)
         ],
     )
     yield "What was found of each kind of object, whatever class lidcam has for it:\n"
     yield from table(["object", "truth", *(f"recall, {source}" for source in figures["sources"])], _by_label(figures))
-    yield "What fusion adds to the lidars alone, with the interval of 95 % from resampled blocks of frames:\n"
-    yield from table(["class", "AP bev", "AP 3D", "recall", "precision"], _gains(figures))
     if cameras := _cameras(figures):
         yield "2D boxes of all classes against what the images show:\n"
         yield from table(["camera", "truth", "AP 2D", "recall", "precision", "false an image"], cameras)
@@ -97,32 +91,24 @@ def section(run: MeasuredRun, shown: Sequence[Look]) -> Iterator[str]:
         yield from _mistakes(run, shown)
 
 
-def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> Iterator[str]:
-    """The lines of a table, and an empty one; nothing without rows."""
-    if rows:
-        yield f"| {' | '.join(head)} |"
-        yield f"|{' --- |' * len(head)}"
-        yield from (f"| {' | '.join(row)} |" for row in rows)
-        yield ""
-
-
-def _errors(name: str, source: str, one: Tree, when_measured: Tree) -> list[str]:
+def _details(name: str, source: str, one: Tree, when_measured: Tree) -> list[str]:
     errors = one["errors"]
     return [
         name,
         source,
-        *(number(errors["position_bev_m"][key], 2) for key in ("mean", "p95")),
+        share(one["ap_3d_r40_50"]),
+        share(one["distance"]["map"]),
+        *_shares(one, "recall", "precision"),
+        number(errors["position_bev_m"]["p95"], 2),
         number(when_measured["errors"]["position_bev_m"]["mean"], 2),
-        number(errors["heading_mod_180_deg"]["p50"], 1),
         percent(errors["flips"]),
         *(signed(errors[side]["bias"], 2) for side in ("length_m", "width_m")),
-        share(one["calibration"]["ece"]),
     ]
 
 
 def _by_label(figures: Tree) -> list[list[str]]:
     found: dict[str, dict[str, Any]] = {}
-    for name, source, one in _by_class(figures):
+    for name, source, one in by_class(figures):
         for label, counted in one["labels"].items() if name != "all" else ():
             found.setdefault(label, {})[source] = counted
     return [
@@ -130,24 +116,6 @@ def _by_label(figures: Tree) -> list[list[str]]:
         + [share(by_source[source]["recall"]) if source in by_source else NONE for source in figures["sources"]]
         for label, by_source in sorted(found.items())
     ]
-
-
-def _gains(figures: Tree) -> list[list[str]]:
-    rows = []
-    names = dict.fromkeys(name for name, _, _ in _by_class(figures))
-    for name in names:
-        gain = figures["fusion_gain"][name]
-        if gain["recall"]["value"] is not None:
-            told = [gain[key] for key in ("ap_bev_r40_50", "ap_3d_r40_50", "recall", "precision")]
-            rows.append([name, *map(_gain, told)])
-    return rows
-
-
-def _gain(gain: Tree) -> str:
-    if gain["value"] is None:
-        return NONE
-    interval = "" if gain["low"] is None else f" ({signed(gain['low'], 2)} to {signed(gain['high'], 2)})"
-    return f"{signed(gain['value'], 2)}{interval}{' takes away' if gain['takes_away'] else ''}"
 
 
 def _cameras(figures: Tree) -> list[list[str]]:
@@ -182,18 +150,6 @@ def _mistake(look: Look) -> list[str]:
     weight = f"{one['score']:.2f}" if look.kind == "false" else points
     place = f"{one['x_m']:z.1f}, {one['y_m']:z.1f}"
     return [one["class"], look.name, f"{one['frames']}", f"{one['worst_s']:.1f}", place, weight, look.camera or "none"]
-
-
-def _by_class(figures: Tree) -> Iterator[tuple[str, str, Tree]]:
-    """Classes with truth or detections, and all of them if there are several; each with its sources."""
-    sources: Tree = figures["sources"]
-    met = [
-        name
-        for name in next(iter(sources.values()))
-        if any(classes[name][count] for classes in sources.values() for count in ("truth", "found"))
-    ]
-    for name in met[:1] if len(met) == 2 else met:
-        yield from ((name, source, classes[name]) for source, classes in sources.items())
 
 
 def _shares(one: Tree, *names: str) -> list[str]:

@@ -6,9 +6,7 @@ from lidcam.settings.measure import measure_scene
 from pipeline.core.frame import FrameResult
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
-from pipeline.core.settings.fuse import FuseConfig
 from pipeline.detectors.cluster.detector import ClusterDetector
-from pipeline.stages.fuse import Fuse
 from readers.recording import Recording
 
 __all__ = ["ObjectCheck"]
@@ -31,7 +29,7 @@ class ObjectCheck:
         if self._any:
             self._closest = None
             return
-        rank = (float(frame.detections.lidar.scores.max(initial=0)), frame.combined.counts["left"])
+        rank = (float(frame.beliefs.max(initial=0)), frame.combined.counts["left"])
         if rank > self._best:
             self._closest, self._best = frame, rank
 
@@ -45,7 +43,7 @@ class ObjectCheck:
 
     def _lost_at(self, frame: FrameResult) -> tuple[str, str]:
         """What happened at the step that left nothing, and what to try."""
-        config, counts, boxes = self._config, frame.combined.counts, frame.detections.lidar
+        config, counts, boxes = self._config, frame.combined.counts, frame.hypotheses.boxes
         measured = counts["input"] - counts["nan"]
         if config.detect3d.method == "none":
             return "detect3d.method is none, so that nothing is detected", "--set detect3d.method=cluster"
@@ -67,14 +65,10 @@ class ObjectCheck:
             )
         if len(boxes) == 0:
             return self._lost_in_detection(frame, config)
-        fused = Fuse(config.model_copy(update={"fuse": FuseConfig()}))
-        objects = fused(frame.hypotheses, frame.detections.cameras).objects
-        best = float(objects.scores.max())
-        key = "min_score" if best < config.fuse.min_score else "min_score_unconfirmed"
-        limit = getattr(config.fuse, key)
         return (
-            f"the best of its {len(boxes)} boxes scores {best:.2f}, less than fuse.{key}, {limit:g}",
-            self._remedy(f"a smaller fuse.{key} shows them"),
+            f"the most probable of its {len(boxes)} boxes has a probability of {frame.beliefs.max():.2f}, less than "
+            f"fuse.min_score, {config.fuse.min_score:g}",
+            self._remedy("a smaller fuse.min_score shows them"),
         )
 
     def _lost_in_detection(self, frame: FrameResult, config: Config) -> tuple[str, str]:

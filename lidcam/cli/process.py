@@ -86,7 +86,7 @@ def process(
         ),
     ] = None,
     print_detections: Annotated[
-        bool, typer.Option("--print-detections", help="Print what the lidars saw, frame by frame.")
+        bool, typer.Option("--print-detections", help="Print what each sensor and the fusion found, frame by frame.")
     ] = False,
     print_matches: Annotated[
         bool, typer.Option("--print-matches", help="Print which 2D box is which object, frame by frame.")

@@ -32,9 +32,9 @@ def evaluators_of(config: Config, rig: Rig) -> tuple[Evaluator, ...]:
     """What measures a result with these settings and of this rig, in the order of its sections."""
     return (
         FrameCounts(config),
-        DetectionEvaluation(config, rig.zones),
+        DetectionEvaluation(config, rig.counted_zones),
         TrackingEvaluation(config),
-        UnlabelledEvaluation(config, rig.zones, rig.cameras),
+        UnlabelledEvaluation(config, rig.counted_zones, rig.cameras),
         Mistakes(config),
     )
 

@@ -1,9 +1,11 @@
 """The frames of a result beside the truth, in the site frame and at each frame's time."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 from pipeline.core.detections import Boxes2D
 from pipeline.evaluation.records import EvaluationFrame, ImageBoxes, TruthBoxes2D, TruthBoxes3D
+from pipeline.fusion.zones import is_reported
 from readers.notes import Notes
 from readers.results.result import Result, ResultFrame
 from readers.truth.images import projected_truth
@@ -76,9 +78,16 @@ class EvaluationFrames:
         return in_site
 
     def _in_site(self, boxes: TruthBoxes3D) -> TruthBoxes3D | None:
-        """Objects in the site frame; None if the motion of the site is not known at their time."""
+        """Objects in the site frame; None if the motion of the site is not known at their time.
+
+        What the zones do not let be reported is ignored.
+        """
         T_site_truth = self._poses.T_site_frame(boxes.frame_id, boxes.stamp_ns)
-        return None if T_site_truth is None else boxes_in_site(boxes, T_site_truth)
+        if T_site_truth is None:
+            return None
+        in_site = boxes_in_site(boxes, T_site_truth)
+        is_ignored = in_site.is_ignored | ~is_reported(in_site.centers, self._result.rig.zones)
+        return replace(in_site, is_ignored=is_ignored)
 
     def _in_image(self, name: str, found: Boxes2D, frame: ResultFrame) -> TruthBoxes2D | None:
         """What an image shows: as the truth says it, else its objects at the time of the image, projected."""

@@ -6,7 +6,7 @@ from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
-from lidcam.build import box_source
+from lidcam.box_sources import box_source
 from lidcam.frames import RunInput
 from lidcam.job import Job
 from lidcam.outputs.allowed import check_no_input, check_replaced
@@ -96,6 +96,7 @@ def _provenance(source: RunInput, inputs: Sequence[InputFile]) -> Provenance:
         config_yaml=lasting_settings(source.config),
         rig_yaml=rig_yaml(source.rig),
         start_ns=source.recording.start_ns,
+        boxes3d_topics=tuple(detector.topic for detector in source.rig.detectors),
         network=_network(source),
     )
 

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 from rich.console import Console
 
 from lidcam.checks.warning import RunWarning
@@ -20,7 +21,9 @@ from lidcam.printing.tables import (
     topics_table,
 )
 from lidcam.summary import RunReport, loss_records
+from pipeline.core.detections import Boxes3D, source_names
 from pipeline.core.frame import FrameResult
+from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from readers.recording import Loss
 from readers.rig.sensor_topics import SensorFault
@@ -39,24 +42,41 @@ _BOX_SOURCES = {
     "recorded": "as recorded",
     "none": "none: lidar-only; recorded 2D boxes, or --model-2d FILE.onnx, bring the cameras in",
 }
+_BOX_SOURCES_3D = {"cluster": "by clusters of points", "none": "none: detect3d.method is none"}
+_GEOMETRY = {"lidar": "of lidars alone", "camera": "of cameras alone", "both": "of both"}
 _NO_MOTION = "none: no odometry or tf of the site frame, or switched off"
 
 
 def print_detections(out: Console, frame: FrameResult, config: Config) -> None:
-    """What the lidars saw in one frame."""
-    boxes = frame.detections.lidar
-    out.print(f"frame {frame.bundle.index}  stamp {boxes.stamp_ns} ns  {len(boxes)} lidar detections")
-    for row in range(len(boxes)):
+    """What the lidars saw in one frame, what the cameras alone place, and the fused objects with their sources."""
+    lidar, placed, fused = frame.detections.lidar, frame.detections.placed, frame.fused
+    out.print(f"frame {frame.bundle.index}  stamp {frame.bundle.stamp_ns} ns  {len(lidar)} lidar detections")
+    _print_boxes(out, lidar, config, [f"{count} points" for count in lidar.point_counts.tolist()])
+    if placed is not None:
+        out.print(f"  {len(placed)} placed by the cameras alone")
+        deviations_m = np.sqrt(placed.covariances[:, [0, 1], [0, 1]].sum(1)).tolist()
+        _print_boxes(out, placed, config, [f"+- {deviation_m:.2f} m" for deviation_m in deviations_m])
+    out.print(f"  {len(fused.objects)} fused objects")
+    columns = zip(source_names(fused.objects.sources), fused.rows.tolist(), fused.matched.tolist(), strict=True)
+    _print_boxes(out, fused.objects, config, [f"{name}, of row {row}, {cameras} cam" for name, row, cameras in columns])
+
+
+def _print_boxes(out: Console, boxes: Boxes3D, config: Config, remarks: Sequence[str]) -> None:
+    for row, remark in enumerate(remarks):
         (x, y, z), (length, width, height) = boxes.centers[row], boxes.sizes[row]
         out.print(
-            f"  {row:3} {config.class_names[boxes.class_ids[row]]:10} score {boxes.scores[row]:.2f}"
+            f"  {row:3} {config.object_names[boxes.class_ids[row]]:10} score {boxes.scores[row]:.2f}"
             f"  x {x:8.2f} y {y:8.2f} z {z:6.2f}  l {length:5.2f} w {width:5.2f} h {height:5.2f}"
-            f"  yaw {boxes.yaws[row]:6.3f}  {boxes.point_counts[row]} points",
+            f"  yaw {boxes.yaws[row]:6.3f}  {remark}",
         )
 
 
 def print_matches(out: Console, frame: FrameResult, config: Config) -> None:
-    """Which 2D box is which object in one frame, and what only one sensor saw."""
+    """Which 2D box is which object in one frame, and what only one sensor saw.
+
+    Rows of objects are those of the lidars' detections, then those that were begun from 2D boxes.
+    """
+    hypotheses = frame.hypotheses
     out.print(f"frame {frame.bundle.index}  stamp {frame.bundle.stamp_ns} ns  matches")
     matched: set[int] = set()
     for camera, boxes2d in frame.detections.cameras.items():
@@ -68,14 +88,20 @@ def print_matches(out: Console, frame: FrameResult, config: Config) -> None:
         alone = sorted(set(range(len(boxes2d))) - set(matches.pairs[:, 1].tolist()))
         if alone:
             out.print(f"  {camera}: seen by the camera alone: {', '.join(map(str, alone))}")
-    alone = sorted(set(range(len(frame.detections.lidar))) - matched)
+    begun = range(hypotheses.lidar_count, len(hypotheses.boxes))
+    for row, source in zip(begun, source_names(hypotheses.boxes.sources[hypotheses.lidar_count :]), strict=True):
+        where = "with points of the lidars" if source == "both" else "placed by the cameras alone"
+        out.print(f"  object {row}: begun from 2D boxes, {where}")
+    alone = sorted(set(range(hypotheses.lidar_count)) - matched)
     out.print(f"  seen by the lidars alone: {', '.join(map(str, alone)) or 'none'}")
 
 
 def print_report(out: Console, report: RunReport) -> None:
     """The final tables of a run."""
     show_line(out, f"objects, sum over {report.frames} frame{'s' * (report.frames != 1)}", "bold")
-    show_table(out, objects_table(report.objects, [zone.name for zone in report.rig.zones], report.frames))
+    show_table(out, objects_table(report.objects, [zone.name for zone in report.rig.counted_zones], report.frames))
+    for reason, count in report.objects_left_out.items():
+        show_line(out, f"  objects not reported: {count}, {reason}")
     out.print()
     show_table(out, drops_table(report.messages_used, report.drops))
     for drop in report.drops:
@@ -83,6 +109,8 @@ def print_report(out: Console, report: RunReport) -> None:
             show_line(out, f"  {drop.reason}: {drop.example}", "dim")
     for reason, count in report.unused_boxes.items():
         show_line(out, f"  recorded 2D boxes not used: {count}, {reason}")
+    for reason, count in report.unused_boxes3d.items():
+        show_line(out, f"  recorded 3D boxes not used: {count}, {reason}")
     if report.missing:
         out.print()
         show_table(out, missing_table(report.missing))
@@ -97,8 +125,10 @@ def print_report(out: Console, report: RunReport) -> None:
         "frames": f"{report.frames}, {report.frames_per_second:.1f} a second",
         "sync skew": f"{report.skew_mean_ms:.1f} ms mean, {report.skew_max_ms:.1f} ms at most",
         "motion": f"{compensated}, from {', '.join(report.motion_topics)}" if report.motion_topics else _NO_MOTION,
+        "3D boxes": _boxes3d(report),
         "2D boxes": _BOX_SOURCES[report.box_source],
         "confirmed": _confirmed(report),
+        "geometry": ", ".join(f"{count} {_GEOMETRY[source]}" for source, count in report.sources.items()),
         **({"copied": _copied(report)} if report.copied else {}),
         "settings": str(report.settings),
         "written": ", ".join(map(str, report.outputs)),
@@ -124,6 +154,17 @@ def _copied(report: RunReport) -> str:
     names = [f"{name}/* ({len(topics)} topics)" if len(topics) > 1 else topics[0] for name, topics in below.items()]
     more = f" and {len(names) - MAX_LISTED} more" if len(names) > MAX_LISTED else ""
     return f"{sum(report.copied.values())} messages: {', '.join(names[:MAX_LISTED])}{more}"
+
+
+def _boxes3d(report: RunReport) -> str:
+    source, missing = _source_of_boxes3d(report.box_source_3d, report.rig), report.frames_without_boxes3d
+    return f"{source}; {missing} of {report.frames} frames have none" if missing else source
+
+
+def _source_of_boxes3d(source: str, rig: Rig) -> str:
+    topics = [detector.topic for detector in rig.detectors]
+    more = f" and {len(topics) - MAX_LISTED} more" if len(topics) > MAX_LISTED else ""
+    return f"recorded from {', '.join(topics[:MAX_LISTED])}{more}" if source == "recorded" else _BOX_SOURCES_3D[source]
 
 
 def _confirmed(report: RunReport) -> str:
@@ -154,6 +195,7 @@ def print_inspection(out: Console, inspection: Inspection) -> None:
     show_table(out, sensors_table(inspection.sensors))
     _print_remarks(out, inspection.faults, inspection.notes)
     show_line(out, f"motion: {', '.join(inspection.motion_topics) or _NO_MOTION}")
+    show_line(out, f"3D boxes: {_source_of_boxes3d(inspection.box_source_3d, inspection.rig)}")
     show_line(out, f"2D boxes: {_BOX_SOURCES[inspection.box_source]}")
     show_line(out, f"settings: {inspection.settings}")
     _print_warnings(out, inspection.warnings)

@@ -1,20 +1,117 @@
-"""What it is worth to take a projected 3D box and a 2D box for one object."""
+"""How likely a projected 3D box and a 2D box show one object.
+
+A rectangle counts as four numbers: its centre in pixels and the logarithms of its width and height. Their differences
+are compared with what the covariance of the 3D box, the 2D detector and the calibration allow, by a multivariate t
+distribution: a 2D box around a part of an object lies far out, and still is that object's. Against this stands that the
+2D box belongs to something else, which may lie anywhere in the image and be of any class. The logarithm of the ratio of
+both is what a pair is worth, and the pairs with the largest sum are the likeliest together (Blackman and Popoli, Design
+and Analysis of Modern Tracking Systems, 1999, chapter 6).
+
+Detectors confuse classes of similar size: a truck is called a bus, a rider a pedestrian. So the sizes of the configured
+classes say how likely each confusion is.
+"""
+
+from collections.abc import Sequence
 
 import numpy as np
 
-from pipeline.core.arrays import F64, Bools
+from pipeline.core.arrays import F32, F64
+from pipeline.core.settings.classes import ClassPrior
 from pipeline.core.settings.fuse import AssociateConfig
 
-__all__ = ["worth_of_pairs"]
+__all__ = [
+    "FREEDOM",
+    "class_confusion",
+    "class_ratios",
+    "detector_variances",
+    "fit_ratios",
+    "rectangle_features",
+    "squared_distances",
+]
+
+FREEDOM = 4.0
+"""Degrees of freedom of the t distribution."""
+
+LOG_SIZES = 4.0
+"""Widths, and heights, of things in images spread over this range of logarithms: from 10 to 550 pixels."""
+
+ALIKE = 0.6
+"""Difference of the sizes (root of the summed squares of the logarithms of the ratios of length, width and height) at
+which two classes are confused 0.6 times as often as classes of equal size."""
 
 
-def worth_of_pairs(iou: F64, differs: Bools, config: AssociateConfig) -> F64:
-    """The IoU of each pair, less a penalty where the classes differ; 0 where the boxes are no pair.
+def rectangle_features(xyxy: F32) -> F64:
+    """(P, 4) u, v of the centre in pixels, logarithms of width and height; sides under a pixel count as one."""
+    edges = xyxy.astype(np.float64)
+    return np.concatenate([(edges[:, :2] + edges[:, 2:]) / 2, np.log(_extent(edges))], 1)
+
+
+def detector_variances(xyxy: F32, focal_px: F64, config: AssociateConfig) -> F64:
+    """(P, 4) variances of the features of 2D boxes that show what is projected to rectangles.
 
     Args:
-        iou: Overlap of the boxes, of any shape.
-        differs: Whether their classes differ, of the same shape.
-        config: `min_iou` and `class_penalty`.
+        xyxy: (P, 4) the rectangles, pixels.
+        focal_px: (P, 2) focal lengths of their cameras.
+        config: Standard deviations.
     """
-    worth = iou - config.class_penalty * differs
-    return np.where((iou >= config.min_iou) & (worth > 0), worth, 0.0)
+    extent = _extent(xyxy.astype(np.float64))
+    edge = config.pixel_sigma_px**2 + (config.size_sigma * extent) ** 2
+    center = edge / 2 + (np.deg2rad(config.calibration_sigma_deg) * focal_px) ** 2
+    return np.concatenate([center, 2 * edge / extent**2], 1)
+
+
+def squared_distances(differences: F64, variances: F64) -> F64:
+    """(Q,) squared distances in standard deviations, of differences of features (Q, 4)."""
+    # Added in this order on every machine.
+    a, b, c, d = (differences * differences / variances).T
+    return np.asarray(a + b + c + d)
+
+
+def fit_ratios(squared: F64, variances: F64, area_px: F64, unseen_boxes: float) -> F64:
+    """How much likelier the places of pairs are if they show one object than if they do not.
+
+    Args:
+        squared: (Q,) `squared_distances` of the 2D box from the projected 3D box.
+        variances: (Q, 4) of the features if both show one object.
+        area_px: (Q,) area of the image.
+        unseen_boxes: Expected number of 2D boxes in an image that belong to no 3D box.
+
+    Returns:
+        (Q,) logarithms of the ratio.
+    """
+    half = FREEDOM / 2
+    a, b, c, d = variances.T
+    peak = np.log(half * (half + 1)) - 2 * np.log(np.pi * FREEDOM) - 0.5 * np.log(a * b * c * d)
+    elsewhere = np.log(unseen_boxes / LOG_SIZES**2) - np.log(area_px)
+    return np.asarray(peak - (half + 2) * np.log1p(squared / FREEDOM) - elsewhere)
+
+
+def class_confusion(classes: Sequence[ClassPrior], any_class: float) -> F64:
+    """(K, K) probability that a detector calls an object of the row's class by the column's; rows sum to 1.
+
+    Args:
+        classes: K classes.
+        any_class: Share of the calls that have nothing to do with the object's class.
+    """
+    sizes = np.log(np.array([prior.size_m for prior in classes]))
+    apart = ((sizes[:, None] - sizes[None]) ** 2).sum(-1) / ALIKE**2
+    alike = np.exp(-apart / 2)
+    return np.asarray((1 - any_class) * alike / alike.sum(1, keepdims=True) + any_class / len(classes))
+
+
+def class_ratios(confusion: F64) -> F64:
+    """(K, K) how much likelier a pair's classes are if it is one object than if it is not, as logarithms.
+
+    Args:
+        confusion: (K, K) of `class_confusion`, taken for both detectors.
+
+    Returns:
+        By the class of the 3D box and that of the 2D box; something else may be of any class.
+    """
+    true = (confusion / confusion.sum(0)).T  # by the class of the 3D box
+    return np.asarray(np.log(np.einsum("ik,kj->ij", true, confusion) * len(confusion)))
+
+
+def _extent(edges: F64) -> F64:
+    """(P, 2) width and height, at least a pixel."""
+    return np.maximum(edges[:, 2:] - edges[:, :2], 1.0)

@@ -83,7 +83,7 @@ class CombinedCloud:
     Attributes:
         cloud: The points without outliers and ground, if these steps are on; what is written and shown.
         lidar_index: (N,) uint8, row of `Rig.lidars` that measured the point.
-        detection_cloud: Points to detect objects in.
+        detection_cloud: Points to detect objects in: without ground, and with what outlier removal takes.
         detection_lidar_index: (M,) uint8, row of `Rig.lidars` that measured each of them.
         ground_cloud: The points of the ground.
         plane: The ground; None if that step is off or found none.

@@ -1,7 +1,7 @@
 """Detections of single sensors, matches between them, and fused objects."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Self
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from pipeline.core.arrays import F32, F64, I32, I64, U8, Rows, check_array, join_rows, select_rows
 
-__all__ = ["Boxes2D", "Boxes3D", "Detections", "Fused", "Hypotheses", "Matches", "Source"]
+__all__ = ["Boxes2D", "Boxes3D", "Detections", "Fused", "Hypotheses", "Matches", "Source", "source_names"]
 
 
 class Source(IntEnum):
@@ -21,6 +21,11 @@ class Source(IntEnum):
     """2D boxes alone: placed by the ground and the size of the class."""
     BOTH = 2
     """Points and 2D boxes."""
+
+
+def source_names(sources: U8) -> list[str]:
+    """`lidar`, `camera` or `both` for each `Source` of an array (N,)."""
+    return [Source(source).name.lower() for source in sources.tolist()]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -203,11 +208,13 @@ class Fused:
         objects: The fused objects, in the order of the hypotheses.
         matched: (N,) int32, number of cameras that matched each object.
         rows: (N,) int64, row of `Hypotheses.boxes` that each object comes from.
+        left_out: Number of other objects by the reason why they are not reported.
     """
 
     objects: Boxes3D
     matched: I32
     rows: I64
+    left_out: Mapping[str, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         check_array("matched", self.matched, (len(self.objects),), np.int32)

@@ -5,8 +5,10 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import TypeVar
 
+from pipeline.core.arrays import F64
 from pipeline.core.clouds import CombinedCloud
 from pipeline.core.detections import Detections, Fused, Hypotheses, Matches
+from pipeline.core.errors import FrameError
 from pipeline.core.geometry.pose_samples import PoseSamples
 from pipeline.core.messages import Drop, RawMessage
 from pipeline.core.rig import CameraSensor
@@ -57,6 +59,16 @@ class SensorBundle:
         stamps = [message.stamp_ns for message in self.messages.values()]
         return max(stamps, default=0) - min(stamps, default=0)
 
+    def motion_of(self, site_frame: str) -> PoseSamples | None:
+        """The motion of that frame; None where nothing is known of it.
+
+        Raises:
+            FrameError: the motion is that of another frame.
+        """
+        if self.motion is not None and self.motion.frame_id != site_frame:
+            raise FrameError(f"motion: expected poses of the site frame {site_frame!r}, got {self.motion.frame_id!r}")
+        return self.motion
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Decoded(Mapping[str, T]):
@@ -67,7 +79,7 @@ class Decoded(Mapping[str, T]):
     Attributes:
         by_sensor: The decoded values.
         drops: The bad messages.
-        unused_boxes: Recorded 2D boxes that could not be used, by reason.
+        unused_boxes: Recorded boxes that could not be used, by reason.
     """
 
     by_sensor: Mapping[str, T]
@@ -95,9 +107,11 @@ class FrameResult:
         views: By camera name, for every camera of the rig: the camera as it stood when its image was taken, in the site
             frame at the frame's time.
         hypotheses: What was weighed.
+        beliefs: (N,) float64, existence probability of each of them.
         fused: The fused objects, in the site frame.
         drops: Messages of the bundle that could not be used.
         unused_boxes: Recorded 2D boxes that could not be used, by reason.
+        unused_boxes3d: Recorded 3D boxes that could not be used, by reason.
     """
 
     bundle: SensorBundle
@@ -105,9 +119,11 @@ class FrameResult:
     detections: Detections
     views: Mapping[str, CameraSensor]
     hypotheses: Hypotheses
+    beliefs: F64
     fused: Fused
     drops: tuple[Drop, ...] = ()
     unused_boxes: Mapping[str, int] = field(default_factory=dict)
+    unused_boxes3d: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def matches(self) -> Mapping[str, Matches]:

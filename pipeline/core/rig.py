@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 
@@ -10,7 +11,17 @@ from pipeline.core.camera import CameraModel
 from pipeline.core.errors import CalibrationError, FrameError
 from pipeline.core.geometry.transform import Transform
 
-__all__ = ["BOXES_SUFFIX", "CameraSensor", "LidarSensor", "Rig", "TruthVehicle", "Zone", "default_zones"]
+__all__ = [
+    "BOXES_SUFFIX",
+    "CameraSensor",
+    "LidarSensor",
+    "RecordedDetector",
+    "Rig",
+    "TruthVehicle",
+    "Zone",
+    "ZoneUse",
+    "default_zones",
+]
 
 BOXES_SUFFIX = " (boxes)"
 """Follows a camera's name where its recorded boxes are meant."""
@@ -78,16 +89,43 @@ class CameraSensor:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class RecordedDetector:
+    """A 3D detector whose boxes were recorded.
+
+    Attributes:
+        name: Short name, unique in the rig.
+        topic: Topic of its boxes.
+        frame_id: The frame of boxes whose message names none.
+        T_site_frame: By frame that boxes may be in: the frames that are fixed to the site frame.
+        T_fixed_frame: The same by frame that is fixed to the one in which the site frame moves (`PoseSamples`); empty
+            where the site frame stands still.
+    """
+
+    name: str
+    topic: str
+    frame_id: str
+    T_site_frame: Mapping[str, Transform]
+    T_fixed_frame: Mapping[str, Transform] = field(default_factory=dict)
+
+
+ZoneUse = Literal["count", "detect", "ignore"]
+"""`count`: its objects are counted. `detect`: the same, and if a rig has such zones, objects outside of all of them are
+not reported. `ignore`: objects inside are not reported."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Zone:
-    """A part of the site in which objects are counted.
+    """A part of the site.
 
     Attributes:
         name: Zones `intersection` and `circle` fill the fields of these names in MsgLidCam.
         polygon_site: (K, 2) float64, corners x, y in the site frame, metres.
+        use: What it is for.
     """
 
     name: str
     polygon_site: F64
+    use: ZoneUse = "count"
 
     def __post_init__(self) -> None:
         check_array("polygon_site", self.polygon_site, (len(self.polygon_site), 2), np.float64)
@@ -125,11 +163,12 @@ class Rig:
 
     Attributes:
         site_frame: The frame in which clouds are combined and objects are reported (x forward, y left, z up; REP 103).
-        lidars: At least one, at most `MAX_LIDARS`.
+        lidars: At most `MAX_LIDARS`; none only where there are detectors.
         cameras: Empty for a lidar-only run.
-        zones: An object belongs to the first zone that contains its centre; empty where nobody asks for zones.
+        zones: Parts of the site; empty where nobody asks for zones.
         ground_height_m: Expected z of the ground at the site origin; None if unknown.
         truth: Vehicles whose odometry is truth, by name.
+        detectors: Whose recorded 3D boxes are used.
 
     Raises:
         CalibrationError: there are more lidars than that.
@@ -141,14 +180,21 @@ class Rig:
     zones: tuple[Zone, ...]
     ground_height_m: float | None = None
     truth: Mapping[str, TruthVehicle] = field(default_factory=dict)
+    detectors: tuple[RecordedDetector, ...] = ()
 
     def __post_init__(self) -> None:
         if len(self.lidars) > MAX_LIDARS:
             raise CalibrationError(f"{len(self.lidars)} lidars, expected at most {MAX_LIDARS}: see topics.exclude")
 
     @property
+    def counted_zones(self) -> tuple[Zone, ...]:
+        """The zones in which objects are counted: an object belongs to the first one that contains its centre."""
+        return tuple(zone for zone in self.zones if zone.use != "ignore")
+
+    @property
     def sensor_of_topic(self) -> Mapping[str, str]:
         """Name of the sensor by topic; recorded boxes are called as their camera, with a suffix."""
         lidars = {lidar.topic: lidar.name for lidar in self.lidars}
+        lidars |= {detector.topic: detector.name for detector in self.detectors}
         boxes = {camera.boxes_topic: f"{camera.name}{BOXES_SUFFIX}" for camera in self.cameras if camera.boxes_topic}
         return lidars | boxes | {camera.topic: camera.name for camera in self.cameras if camera.topic}

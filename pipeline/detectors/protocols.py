@@ -48,6 +48,7 @@ class Candidates3D(NamedTuple):
             `Config.class_id_of_label`.
         point_counts: (N,) lidar points that the box was found from; zeros where unknown.
         covariances: (N, 3, 3) over x, y (m^2) and yaw (rad^2); zeros where unknown.
+        time_offsets_ns: (N,) mean time of the points of each box, minus the cloud's stamp; zeros where unknown.
     """
 
     centers: F64
@@ -57,12 +58,13 @@ class Candidates3D(NamedTuple):
     class_ids: I64
     point_counts: I64
     covariances: F64
+    time_offsets_ns: I64
 
     @classmethod
     def empty(cls) -> Self:
         """No proposals."""
         none = np.zeros(0, np.int64)
-        return cls(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0), none, none, np.zeros((0, 3, 3)))
+        return cls(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0), none, none, np.zeros((0, 3, 3)), none)
 
 
 class Detector3D(Protocol):

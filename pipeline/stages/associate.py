@@ -1,77 +1,184 @@
-"""Association of 3D boxes with 2D boxes, for each camera on its own.
+"""Association of 3D boxes with the 2D boxes of all cameras.
 
-Each 3D box is projected into the image. The value of a pair is its IoU with a 2D box, less a penalty if their classes
-differ. The assignment with the largest sum of values is taken (Crouse, "On implementing 2D rectangular assignment
-algorithms", IEEE TAES 52(4), 2016). Pairs with too little overlap are excluded.
-
-Depth is not used to find hidden boxes: the visible box has the larger overlap with the 2D box.
+Each 3D box is projected into the images, together with the uncertainty of its place and yaw. A pair of a 3D and a 2D
+box is worth the logarithm of how much likelier it is that both are one object than that the 2D box shows something else
+(`pipeline.core.association`), by place and size, both classes, the 2D box's score,
+and the share of the object that others hide (`pipeline.fusion.hiding`); of a hidden object the visible part is compared
+as well as the whole. In each camera the assignment with the largest sum is taken. Then each camera is looked at again
+with what the others say of place and class (`pipeline.fusion.agreement`), until nothing changes.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
-from pipeline.core.arrays import F32, Indices
-from pipeline.core.association import worth_of_pairs
+from pipeline.core.arrays import F32, F64, I32, I64, Bools, Indices
+from pipeline.core.association import (
+    class_confusion,
+    detector_variances,
+    fit_ratios,
+    rectangle_features,
+    squared_distances,
+)
 from pipeline.core.detections import Boxes2D, Boxes3D, Matches
-from pipeline.core.geometry.boxes import box_corners, iou_xyxy
 from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.settings.config import Config
+from pipeline.fusion.agreement import (
+    BoxBelief,
+    MatchedPairs,
+    feature_jacobian,
+    prior_covariances,
+    spread,
+    what_box_says,
+    what_others_say,
+)
+from pipeline.fusion.hiding import hidden_parts
+from pipeline.fusion.in_view import InView, project_into_views
+from pipeline.fusion.pairing import Pairs, best_pairs, near_pairs
+from pipeline.fusion.projection import CameraArrays
 
 __all__ = ["Associate"]
+
+ROUNDS = 3
+"""How often the cameras are asked, at most."""
+
+LEAST_VISIBLE, LEAST_SCORE = 0.02, 0.01
+"""No object counts as hidden wholly, and no 2D box as wrong for sure."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Found:
+    """The M 2D boxes of all cameras, camera by camera, in an order that does not depend on that of the input.
+
+    Attributes:
+        cameras: (M,) int64.
+        rows: (M,) int64, row of `Boxes2D`.
+        xyxy: (M, 4) float32, clipped to the image: detected boxes may reach beyond it, projected ones do not.
+        class_ids: (M,) int32.
+        log_scores: (M,) float64.
+    """
+
+    cameras: I64
+    rows: I64
+    xyxy: F32
+    class_ids: I32
+    log_scores: F64
 
 
 class Associate:
     """Association of 3D boxes with the 2D boxes of a frame."""
 
     def __init__(self, rig: Rig, config: Config) -> None:
-        self._cameras = rig.cameras
+        self._names = tuple(camera.name for camera in rig.cameras)
+        self._standing, self._standing_arrays = rig.cameras, CameraArrays.of(rig.cameras)
         self._config = config.associate
+        self._confusion = class_confusion(config.classes, config.associate.any_class)
 
-    def __call__(self, boxes3d: Boxes3D, boxes2d: Mapping[str, Boxes2D]) -> Mapping[str, Matches]:
+    def __call__(
+        self, boxes3d: Boxes3D, boxes2d: Mapping[str, Boxes2D], views: Mapping[str, CameraSensor]
+    ) -> Mapping[str, Matches]:
         """Matches by camera name, in the rig's order; a camera without an entry in `boxes2d` has no pairs.
+
+        Args:
+            boxes3d: N boxes in the site frame.
+            boxes2d: By camera name.
+            views: The cameras of the rig as they stood when these boxes were measured.
 
         Raises:
             FrameError: the 3D boxes are not in the site frame of the cameras.
         """
-        corners = box_corners(boxes3d.centers, boxes3d.sizes, boxes3d.yaws)
-        rows3d = _rank3d(boxes3d)
-        matches = {}
-        for camera in self._cameras:
-            projected = camera.project_boxes(corners, boxes3d.frame_id)
-            found = boxes2d.get(camera.name, Boxes2D.empty(boxes3d.stamp_ns, camera.T_camera_site.dst))
-            matches[camera.name] = self._match(camera, boxes3d, rows3d, projected, found)
-        return matches
+        cameras = tuple(views[name] for name in self._names)
+        arrays = self._standing_arrays if cameras == self._standing else CameraArrays.of(cameras)
+        rows3d = _rank3d(boxes3d)  # row order decides between assignments of equal value
+        ranked = boxes3d.select(rows3d)
+        seen = project_into_views(ranked, cameras, arrays)
+        positions = -np.einsum("cij,ci->cj", arrays.rotations, arrays.translations)
+        hidden, rest = hidden_parts(ranked, seen, positions)
+        found = _found(boxes2d, self._names, arrays.image_sizes)
+        pairs = near_pairs(seen.xyxy, seen.cameras, found.xyxy, found.cameras, min_giou=self._config.min_giou)
+        taken = self._taken(ranked, seen, (hidden, rest), found, pairs, arrays)
+        return self._matches(rows3d, seen, hidden, found, pairs.select(taken))
 
-    def _match(
-        self, camera: CameraSensor, boxes3d: Boxes3D, rows3d: Indices, projected: F32, boxes2d: Boxes2D
-    ) -> Matches:
-        # Detected boxes may reach beyond the image, projections are clipped to it: clip both before comparing.
-        size = np.array([camera.model.width_px, camera.model.height_px] * 2, np.float32)
-        rows2d = _rank2d(boxes2d)
-        iou = iou_xyxy(projected[rows3d], np.clip(boxes2d.xyxy, 0, size)[rows2d])
-        differs = boxes3d.class_ids[rows3d][:, None] != boxes2d.class_ids[rows2d]
-        # Pairs that are not allowed have value 0, like no pair, and are removed from the assignment afterwards.
-        worth = worth_of_pairs(iou, differs, self._config)
-        first, second = linear_sum_assignment(worth, maximize=True)
-        taken = worth[first, second] > 0
-        first, second = first[taken], second[taken]
-        pairs = np.stack([rows3d[first], rows2d[second]], 1).astype(np.int64)
-        order = np.argsort(pairs[:, 0])
-        hidden = np.zeros(len(boxes3d), np.float32)
-        return Matches(pairs[order], iou[first, second][order].astype(np.float32), projected, hidden)
+    def _matches(self, rows3d: Indices, seen: InView, hidden: F32, found: _Found, pairs: Pairs) -> dict[str, Matches]:
+        """The records of all cameras, with the rows of the boxes as they were given."""
+        shape = len(self._names), len(rows3d)
+        projected, covered = np.full((*shape, 4), np.nan, np.float32), np.zeros(shape, np.float32)
+        projected[seen.cameras, rows3d[seen.rows]] = seen.xyxy
+        covered[seen.cameras, rows3d[seen.rows]] = hidden
+        cameras, in_3d = seen.cameras[pairs.seen], rows3d[seen.rows[pairs.seen]]
+        order = np.lexsort([in_3d, cameras])
+        table = np.stack([in_3d, found.rows[pairs.found]], 1).astype(np.int64)[order]
+        iou = pairs.iou.astype(np.float32)[order]
+        ends = np.searchsorted(cameras[order], np.arange(len(self._names) + 1))
+        return {
+            name: Matches(table[start:end], iou[start:end], rectangles, shares)
+            for name, start, end, rectangles, shares in zip(
+                self._names, ends[:-1], ends[1:], projected, covered, strict=True
+            )
+        }
+
+    def _taken(
+        self,
+        boxes: Boxes3D,
+        seen: InView,
+        hiding: tuple[F32, F32],
+        found: _Found,
+        pairs: Pairs,
+        arrays: CameraArrays,
+    ) -> Bools:
+        """(Q,) which pairs are matches."""
+        taken = np.zeros(len(pairs), np.bool_)
+        if not len(pairs):
+            return taken
+        config, (hidden, rest) = self._config, hiding
+        jacobians = feature_jacobian(seen.xyxy, seen.jacobian)
+        noise = detector_variances(seen.xyxy, arrays.lenses.K[:, [0, 1], [0, 1]][seen.cameras], config)
+        in_image, class_ids = rectangle_features(found.xyxy)[pairs.found], found.class_ids[pairs.found]
+        area_px = (arrays.image_sizes[:, 0] * arrays.image_sizes[:, 1])[seen.cameras[pairs.seen]]
+        always = found.log_scores[pairs.found] + np.log(np.maximum(1 - hidden, LEAST_VISIBLE))[pairs.seen]
+        always += np.log(len(self._confusion))  # something else may be of any class
+        belief = BoxBelief(prior_covariances(boxes), np.log(self._confusion).T[boxes.class_ids], self._confusion)
+        others = what_box_says(belief, seen.rows)
+
+        differences = in_image - rectangle_features(seen.xyxy)[pairs.seen]
+        variances = (noise + spread(others.covariances, jacobians))[pairs.seen]
+        parts = in_image - rectangle_features(rest)[pairs.seen]
+        visible = squared_distances(parts, variances) < squared_distances(differences, variances)
+        differences = np.where(visible[:, None], parts, differences)
+        for _ in range(ROUNDS):
+            moved = np.einsum("pfa,pa->pf", jacobians, others.shifts)[pairs.seen]
+            variances = (noise + spread(others.covariances, jacobians))[pairs.seen]
+            squared = squared_distances(differences - moved, variances)
+            ratio = fit_ratios(squared, variances, area_px, config.unseen_boxes)
+            worth = ratio + always + others.log_classes[pairs.seen, class_ids]
+            before, taken = taken, best_pairs(pairs, np.where(squared <= config.gate**2, worth, 0.0), seen.cameras)
+            if (before == taken).all():
+                break
+            rows = pairs.seen[taken]
+            matched = MatchedPairs(
+                rows, class_ids[taken], differences[taken], noise[rows], squared[taken], jacobians[rows]
+            )
+            others = what_others_say(belief, seen.rows, matched)
+        return taken
+
+
+def _found(boxes: Mapping[str, Boxes2D], names: Sequence[str], image_sizes: F64) -> _Found:
+    """The 2D boxes of all cameras."""
+    parts = [boxes[name] for name in names if name in boxes]
+    numbers = [number for number, name in enumerate(names) if name in boxes]
+    cameras = np.repeat(np.array(numbers, np.int64), [len(part) for part in parts])
+    rows = np.concatenate([np.zeros(0, np.int64), *(np.arange(len(part)) for part in parts)])
+    scores = np.concatenate([np.zeros(0, np.float32), *(part.scores for part in parts)])
+    class_ids = np.concatenate([np.zeros(0, np.int32), *(part.class_ids for part in parts)])
+    xyxy = np.concatenate([np.zeros((0, 4), np.float32), *(part.xyxy for part in parts)])
+    order = np.lexsort([*xyxy.T, class_ids, -scores, cameras])
+    cameras, log_scores = cameras[order], np.log(np.maximum(scores[order].astype(np.float64), LEAST_SCORE))
+    clipped = np.clip(xyxy[order], 0, np.tile(image_sizes.astype(np.float32), 2)[cameras])
+    return _Found(cameras, rows[order], clipped, class_ids[order], log_scores)
 
 
 def _rank3d(boxes: Boxes3D) -> Indices:
-    """Indices by falling score, then by all other fields.
-
-    Row order decides between assignments of equal value; this one does not depend on the order of the input.
-    """
-    columns = [boxes.class_ids, boxes.yaws, *boxes.sizes.T, *boxes.centers.T, -boxes.scores]
-    return np.lexsort(columns)
-
-
-def _rank2d(boxes: Boxes2D) -> Indices:
-    """Indices by falling score, then by class and position."""
-    return np.lexsort([*boxes.xyxy.T, boxes.class_ids, -boxes.scores])
+    """Indices by falling score, then by all other fields that matter here."""
+    upper = boxes.covariances[:, [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]
+    return np.lexsort([*upper.T, boxes.class_ids, boxes.yaws, *boxes.sizes.T, *boxes.centers.T, -boxes.scores])

@@ -5,9 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from pipeline.core.arrays import F32, U8, Bools
+from pipeline.core.arrays import F32, U8, Bools, Indices
 from pipeline.core.clouds import CombinedCloud, Plane, PointCloud
-from pipeline.core.errors import FrameError
 from pipeline.core.frame import SensorBundle
 from pipeline.core.geometry.pose_samples import PoseSamples
 from pipeline.core.rig import LidarSensor, Rig
@@ -24,6 +23,10 @@ class Combine:
 
     Every step but the extrinsics can be switched off in the settings. All fields of the points are kept. Points are in
     the order of `Rig.lidars`, and within a lidar in that of its message.
+
+    Objects are detected in the points before outlier removal: its one limit for all ranges takes far and thin objects,
+    whose points lie as far apart as stray ones do near the lidar. Clustering judges points by a distance that grows
+    with range, and leaves single ones out.
     """
 
     def __init__(self, rig: Rig, config: CombineConfig) -> None:
@@ -42,7 +45,8 @@ class Combine:
             ValueError: a cloud's lidar is not in the rig.
             FrameError: the motion is that of a frame other than the site frame.
         """
-        config, motion = self._config, self._motion_of(bundle)
+        config = self._config
+        motion = bundle.motion_of(self._rig.site_frame) if config.motion.enabled else None
         unknown = set(clouds) - {lidar.name for lidar in self._rig.lidars}
         if unknown:
             raise ValueError(f"clouds: no lidar of the rig is named {', '.join(sorted(unknown))}")
@@ -67,18 +71,19 @@ class Combine:
             kept = np.flatnonzero(statistical_inliers(cloud.xyz, neighbors=neighbors, std_ratio=std_ratio))
         counts["outliers"] = len(cloud) - len(kept)
 
-        plane, on_ground = None, np.zeros(len(kept), np.bool_)
+        plane, on_ground = None, np.zeros(len(cloud), np.bool_)
         if config.ground.enabled:
-            plane, on_ground = self._ground_of(cloud.xyz[kept])
-        ground_cloud, left = cloud.select(kept[on_ground]), kept[~on_ground]
+            plane, on_ground = self._ground_of(cloud.xyz, kept)
+        ground_cloud, left = cloud.select(kept[on_ground[kept]]), kept[~on_ground[kept]]
         counts |= {"ground": len(ground_cloud), "left": len(left)}
+        above = np.flatnonzero(~on_ground)
 
         points_by_lidar = {self._rig.lidars[index].name: len(sweep) for index, sweep in sweeps.items()}
         return CombinedCloud(
             cloud.select(left),
             lidar_index[left],
-            cloud.select(left),
-            lidar_index[left],
+            cloud.select(above),
+            lidar_index[above],
             ground_cloud,
             plane,
             counts,
@@ -86,20 +91,11 @@ class Combine:
             points_by_lidar,
         )
 
-    def _motion_of(self, bundle: SensorBundle) -> PoseSamples | None:
-        if bundle.motion is None or not self._config.motion.enabled:
-            return None
-        if bundle.motion.frame_id != self._rig.site_frame:
-            raise FrameError(
-                f"motion: expected poses of the site frame {self._rig.site_frame!r}, got {bundle.motion.frame_id!r}"
-            )
-        return bundle.motion
-
-    def _ground_of(self, xyz_site: F32) -> tuple[Plane | None, Bools]:
-        """The ground plane, and which points belong to it."""
+    def _ground_of(self, xyz_site: F32, kept: Indices) -> tuple[Plane | None, Bools]:
+        """The ground plane, found among the points that are kept, and which of all points belong to it."""
         config = self._config.ground
         plane = find_ground(
-            xyz_site, self._lidar_origins_site, config=config, ground_height_m=self._rig.ground_height_m
+            xyz_site[kept], self._lidar_origins_site, config=config, ground_height_m=self._rig.ground_height_m
         )
         if plane is None:
             return None, np.zeros(len(xyz_site), np.bool_)

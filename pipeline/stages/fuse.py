@@ -1,61 +1,61 @@
-"""Fusion: geometry from the lidars, class from the cameras, score from both.
+"""Fusion, the last step: the hypotheses that are probable enough become the objects of the frame."""
 
-Position, size, yaw and covariance of the 3D box are kept, even if the class from a camera does not suit the size. An
-object without a match keeps class and score of its 3D box.
-"""
-
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I32
-from pipeline.core.detections import Boxes2D, Fused, Hypotheses
+from pipeline.core.arrays import F32, F64, Bools, Indices
+from pipeline.core.detections import Boxes3D, Fused, Hypotheses
 from pipeline.core.settings.config import Config
+from pipeline.fusion.overlaps import first_of_each, overlap_shares
 
 __all__ = ["Fuse"]
 
 
+HALF_SCORE_POINTS = 10.0
+"""Something unknown of so many points scores 0.5, of three times as many 0.75."""
+
+OVERLAP_SHARE = 0.25
+"""What shares more of its ground with an object, or with something unknown of more points, is a part of that."""
+
+
 class Fuse:
-    """Fusion of the 3D boxes of a frame with the matched 2D boxes."""
+    """Choice of the objects of a frame."""
 
     def __init__(self, config: Config) -> None:
-        self._class_count = len(config.classes)
-        self._config = config.fuse
+        self._min_score = np.float32(config.fuse.min_score)
+        self._unknown_id = len(config.classes) if config.fuse.unknown else None
 
-    def __call__(self, hypotheses: Hypotheses, camera_boxes: Mapping[str, Boxes2D]) -> Fused:
-        """The objects of a frame.
+    def __call__(self, hypotheses: Hypotheses, beliefs: F64) -> Fused:
+        """The objects of a frame, in the order of the hypotheses; the score of each is its probability.
 
-        Class: each matched camera votes with its score; of classes with equal votes the 3D box's own wins, then the
-        lowest class id. Score: 1 - (1 - lidar) x product of (1 - camera) over the matched cameras (noisy-or), the
-        probability that at least one sensor is right if their errors are independent.
+        With `fuse.unknown`, what the lidars found and what is too improbable of its class follows where it stands
+        apart from all objects, as of no class; its score grows with its points.
 
         Args:
-            hypotheses: N boxes in the site frame, and their matches with `camera_boxes`.
-            camera_boxes: By camera name.
+            hypotheses: N boxes in the site frame, and their matches.
+            beliefs: (N,) existence probability of each.
         """
-        lidar_boxes, matches = hypotheses.boxes, hypotheses.matches
-        n = len(lidar_boxes)
-        votes, missed = np.zeros((n, self._class_count)), 1.0 - lidar_boxes.scores.astype(np.float64)
-        matched, in_view = np.zeros(n, np.int32), np.zeros(n, np.bool_)
-        for name, boxes in camera_boxes.items():
-            rows, rows2d = matches[name].pairs.T  # each row at most once, so indexed += adds correctly
-            scores = boxes.scores[rows2d].astype(np.float64)
-            votes[rows, boxes.class_ids[rows2d]] += scores
-            missed[rows] *= 1.0 - scores
-            matched[rows] += 1
-            in_view |= np.isfinite(matches[name].projected_xyxy[:, 0])
-        fused_scores = np.where(matched > 0, 1.0 - missed, lidar_boxes.scores).astype(np.float32)
-        class_ids = _winners(votes, lidar_boxes.class_ids)
-        objects = replace(lidar_boxes, scores=fused_scores, class_ids=class_ids)
-        doubted = in_view & (matched == 0)
-        kept = fused_scores >= np.where(doubted, self._config.min_score_unconfirmed, 0.0)
-        kept &= fused_scores >= self._config.min_score
-        return Fused(objects.select(kept), matched[kept], np.flatnonzero(kept).astype(np.int64))
+        boxes, scores, class_ids = hypotheses.boxes, beliefs.astype(np.float32), hypotheses.boxes.class_ids
+        is_chosen = scores >= self._min_score
+        if self._unknown_id is not None:
+            there = (boxes.point_counts / (boxes.point_counts + HALF_SCORE_POINTS)).astype(np.float32)
+            rows = self._unknown(hypotheses, is_chosen, there)
+            scores[rows], is_chosen[rows] = there[rows], True
+            class_ids = class_ids.copy()
+            class_ids[rows] = self._unknown_id
+        rows = np.flatnonzero(is_chosen)
+        objects = replace(boxes, scores=scores, class_ids=class_ids).select(rows)
+        return Fused(objects, hypotheses.matched[rows], rows.astype(np.int64))
+
+    def _unknown(self, hypotheses: Hypotheses, is_chosen: Bools, there: F32) -> Indices:
+        boxes = hypotheses.boxes
+        is_lidar = np.arange(len(boxes)) < hypotheses.lidar_count
+        rows = np.flatnonzero(is_lidar & ~is_chosen & (there >= self._min_score) & (boxes.point_counts > 0))
+        rows = rows[np.lexsort((rows, -boxes.point_counts[rows]))]
+        rows = rows[_apart(boxes.select(rows), boxes.select(is_chosen))]
+        return rows[first_of_each(boxes.select(rows), OVERLAP_SHARE)]
 
 
-def _winners(votes: F64, own_ids: I32) -> I32:
-    """(N,) class id with the most votes (N, C); the box's own unless another has more."""
-    best = votes.argmax(1)
-    rows = np.arange(len(votes))
-    return np.where(votes[rows, own_ids] >= votes[rows, best], own_ids, best).astype(np.int32)
+def _apart(boxes: Boxes3D, others: Boxes3D) -> Bools:
+    return np.asarray((overlap_shares(boxes, others) <= OVERLAP_SHARE).all(1))

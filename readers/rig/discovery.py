@@ -1,7 +1,7 @@
 """The rig of a recording: the sensors whose calibration is valid, and why the others are left out."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from pipeline.core.errors import CalibrationError, LidcamError
 from pipeline.core.rig import CameraSensor, LidarSensor, Rig
@@ -10,6 +10,7 @@ from readers.messages.tf import RecordedTransforms
 from readers.recording import Recording
 from readers.rig.assignment import AssignedCamera, AssignedLidar
 from readers.rig.calibration import OWN_SITE, Frames, SensorSource, calibrate_camera, calibrate_lidar
+from readers.rig.detectors import calibrated_detectors
 from readers.rig.schema import RigFile
 from readers.rig.search import FoundSensors, find_sensors
 from readers.rig.sensor_topics import Findings, SensorFault
@@ -29,7 +30,7 @@ class Discovery:
     Attributes:
         rig: Sensors with a valid calibration.
         faults: Sensors that are left out.
-        sources: One per sensor of the rig, lidars first.
+        sources: One per sensor of the rig: lidars, recorded 3D detectors, cameras.
         notes: Topics that are not used, and topics that were assigned by order.
         transforms: Transforms of the recording.
     """
@@ -64,7 +65,8 @@ def discover_rig(
         stop_ns: Its end (exclusive).
 
     Raises:
-        CalibrationError: no lidar is usable, with the reason for each; or the poses of several lidars are unknown.
+        CalibrationError: no lidar is usable, nor a detector's boxes, with the reason for each; or the poses of several
+            lidars are unknown.
         RecordingError: the recording has no clouds, or cannot be read.
     """
     return calibrated_rig(find_sensors(recording, config, rig_file, start_ns=start_ns, stop_ns=stop_ns))
@@ -74,7 +76,8 @@ def calibrated_rig(found: FoundSensors) -> Discovery:
     """The rig of the sensors that were found.
 
     Raises:
-        CalibrationError: no lidar is usable, with the reason for each; or the poses of several lidars are unknown.
+        CalibrationError: no lidar is usable, nor a detector's boxes, with the reason for each; or the poses of several
+            lidars are unknown.
     """
     _check_site_is_named(found)
     of_lidars = Findings([*found.of_lidars.faults], [*found.of_lidars.notes])
@@ -99,7 +102,7 @@ def calibrated_rig(found: FoundSensors) -> Discovery:
                 of_cameras.leave_out(sensor.name, sensor.topics.topic, err)
         else:
             sources[sensor.name] = source
-    if not lidar_sensors:
+    if not lidar_sensors and not found.detectors:
         raise CalibrationError(_no_lidar(of_lidars.faults, found.site))
     used = [lidar.topic for lidar in lidar_sensors.values()]
     apart = [lidar.topic for lidar in found.lidars if found.named.get(lidar.name) == "" and lidar.topic not in used]
@@ -114,9 +117,30 @@ def calibrated_rig(found: FoundSensors) -> Discovery:
         found.rig_file.ground_height_m,
         found.rig_file.vehicles,
     )
-    faults, notes = of_lidars.faults + of_cameras.faults, of_lidars.notes + of_cameras.notes
-    names = [sensor.name for sensor in rig.lidars] + [sensor.name for sensor in rig.cameras]
-    return Discovery(rig, tuple(faults), tuple(sources[name] for name in names), tuple(notes), found.transforms)
+    of_boxes = Findings([*found.of_detectors.faults], [*found.of_detectors.notes])
+    rig, of_detectors = _with_detectors(found, rig, of_boxes)
+    if not rig.lidars and not rig.detectors:
+        raise CalibrationError(_no_lidar([*of_lidars.faults, *of_boxes.faults], found.site))
+    found_ones = of_lidars, of_boxes, of_cameras
+    return Discovery(
+        rig,
+        tuple(fault for findings in found_ones for fault in findings.faults),
+        (
+            *(sources[lidar.name] for lidar in rig.lidars),
+            *of_detectors,
+            *(sources[camera.name] for camera in rig.cameras),
+        ),
+        tuple(note for findings in found_ones for note in findings.notes),
+        found.transforms,
+    )
+
+
+def _with_detectors(found: FoundSensors, rig: Rig, findings: Findings) -> tuple[Rig, tuple[SensorSource, ...]]:
+    """The rig with the recorded 3D detectors, and where the frames of their boxes are known from."""
+    detectors, sources = calibrated_detectors(
+        found.detectors, rig, found.recording, found.transforms, found.config, found.first, findings
+    )
+    return replace(rig, detectors=detectors), sources
 
 
 def parents_first(sensors: Sequence[Assigned]) -> list[Assigned]:

@@ -9,7 +9,7 @@ import yaml
 from pipeline.core.arrays import F64
 from pipeline.core.errors import CalibrationError
 from pipeline.core.geometry.transform import Transform
-from pipeline.core.rig import Rig, TruthVehicle
+from pipeline.core.rig import Rig, TruthVehicle, Zone
 from pipeline.core.settings.bounded_yaml import read_yaml
 from readers.rig.draft import DraftCamera, RigDraft
 from readers.rig.importers.autoware import import_autoware
@@ -96,7 +96,7 @@ def rig_yaml(rig: Rig) -> str:
         }
         for camera in rig.cameras
     }
-    tree["zones"] = {zone.name: _rows(zone.polygon_site) for zone in rig.zones}
+    tree["zones"] = {zone.name: _zone(zone) for zone in rig.zones}
     if rig.truth:
         tree["truth"] = _truth(rig.truth)
     return _HEADER + yaml.dump(tree, Dumper=_Dumper, sort_keys=False, width=120, allow_unicode=True)
@@ -119,7 +119,7 @@ def draft_yaml(draft: RigDraft) -> str:
         lines += [f"  {camera.name}:", *(f"    {line}" for line in _camera_lines(camera))]
     lines += ["zones:" if draft.zones else "zones: {}"]
     for zone in draft.zones:
-        lines += [f"  {line}" for line in _key(zone.name, _rows(zone.polygon_site))]
+        lines += [f"  {line}" for line in _key(zone.name, _zone(zone))]
     if draft.truth:
         lines += yaml.dump({"truth": _truth(draft.truth)}, Dumper=_Dumper, sort_keys=False, width=120).splitlines()
     for key, edges in draft.transforms.items():
@@ -162,6 +162,11 @@ def _key(key: str, value: Any, comment: str = "") -> list[str]:
     first, *more = text.splitlines()
     comment = "".join(letter if letter.isprintable() else " " for letter in comment)
     return [f"{first} # {comment}" if comment else first, *more]
+
+
+def _zone(zone: Zone) -> list[_Row] | dict[str, Any]:
+    corners = _rows(zone.polygon_site)
+    return corners if zone.use == "count" else {"corners": corners, "use": zone.use}
 
 
 def _truth(vehicles: Mapping[str, TruthVehicle]) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from pipeline.core.arrays import F64
 from pipeline.core.errors import CalibrationError
 from pipeline.core.rig import TruthVehicle
+from pipeline.core.settings.recording import ZoneConfig
 from pipeline.core.settings.validation.check import checked
 
 __all__ = ["POSE", "TODO", "CameraEntry", "LidarEntry", "Pose", "RigFile", "TruthEntry", "parse_rig"]
@@ -214,7 +215,7 @@ class RigFile(_Model):
         ground_height_m: Expected z of the ground at the site's origin.
         lidars: By name.
         cameras: By name.
-        zones: Corners x, y in the site frame, by name; left out: those of the settings (`rig.zones`).
+        zones: Parts of the site, by name; left out: those of the settings (`rig.zones`).
         transforms: Fixed transforms between frames, in place of the recording's.
         default_transforms: The same, for child frames that neither `transforms` nor the recording's tf has.
         truth: Vehicles whose odometry is truth, by name.
@@ -224,7 +225,7 @@ class RigFile(_Model):
     ground_height_m: float | None = None
     lidars: dict[Name, LidarEntry] | None = None
     cameras: dict[Name, CameraEntry] | None = None
-    zones: dict[Name, Annotated[tuple[tuple[float, float], ...], Field(min_length=3)]] | None = None
+    zones: dict[Name, ZoneConfig] | None = None
     transforms: Edges = Field(default_factory=dict)
     default_transforms: Edges = Field(default_factory=dict)
     truth: dict[Name, TruthEntry] = Field(default_factory=dict)

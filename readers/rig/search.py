@@ -12,6 +12,7 @@ from pipeline.core.settings.config import Config
 from readers.messages.tf import RecordedTransforms, clean_frame, read_transforms
 from readers.recording import Recording, TopicInfo
 from readers.rig.assignment import AssignedCamera, AssignedLidar, assign_cameras, assign_lidars
+from readers.rig.detectors import BOXES_3D, boxes_frame, find_detector_topics, usable_boxes
 from readers.rig.extrinsics import rigid_transform
 from readers.rig.first_messages import FirstMessages
 from readers.rig.schema import Edges, RigFile
@@ -53,6 +54,8 @@ class FoundSensors:
         of_rig: Child frames whose transform the rig file gives.
         lidars: In the order of processing.
         cameras: In the order of processing.
+        detectors: Topics of recorded 3D boxes.
+        config: The settings.
         named: Frame by name of a lidar whose messages can be decoded; empty if neither they nor the rig name one.
         frames: Frame by name of a lidar, found by its name in tf where it has none.
         site: The site frame.
@@ -60,6 +63,7 @@ class FoundSensors:
         zones: The zones of the rig file or the settings.
         of_lidars: Faults and notes.
         of_cameras: Faults and notes.
+        of_detectors: Faults and notes.
     """
 
     recording: Recording
@@ -69,6 +73,8 @@ class FoundSensors:
     of_rig: frozenset[str]
     lidars: Sequence[AssignedLidar]
     cameras: Sequence[AssignedCamera]
+    detectors: Sequence[str]
+    config: Config
     named: Mapping[str, str]
     frames: Mapping[str, str]
     site: str
@@ -76,6 +82,7 @@ class FoundSensors:
     zones: tuple[Zone, ...]
     of_lidars: Findings
     of_cameras: Findings
+    of_detectors: Findings
 
 
 def find_sensors(
@@ -90,19 +97,20 @@ def find_sensors(
 
     Raises:
         CalibrationError: the rig file says that there is no lidar, or a transform of it is not valid.
-        RecordingError: the recording has no clouds, or cannot be read.
+        RecordingError: the recording has no clouds, nor boxes of a 3D detector that are to be used; or cannot be read.
     """
     rig_file = rig_file or RigFile()
     first = FirstMessages(recording, config.velodyne, limits=config.limits)
     recorded = read_transforms(recording, start_ns=start_ns, stop_ns=stop_ns, limits=config.limits)
     transforms, of_rig = _with_rig(recorded, rig_file)
-    of_lidars, of_cameras = Findings(), Findings()
+    of_lidars, of_cameras, of_detectors = Findings(), Findings(), Findings()
+    detectors = find_detector_topics(recording, config, first, of_detectors)
     lidar_topics = find_lidar_topics(recording, config.topics, first, of_lidars)
     lidars = assign_lidars(rig_file.lidars, lidar_topics, recording, of_lidars)
-    if not lidars and rig_file.lidars == {}:
+    if not lidars and not detectors and rig_file.lidars == {}:
         raise CalibrationError("the rig file says `lidars: {}`, no lidar: name one, or leave `lidars` out to use all")
-    if not lidars and not of_lidars.faults:
-        raise RecordingError(_no_clouds(recording, config))
+    if not lidars and not detectors and not of_lidars.faults:
+        raise RecordingError(_no_clouds(recording, config, of_detectors))
     camera_topics = find_camera_topics(recording, config.topics, first, of_cameras)
     taken = {lidar.name for lidar in lidars} | {"lidar", "fused"}
     cameras = assign_cameras(rig_file.cameras, camera_topics, recording, of_cameras, taken=taken)
@@ -115,7 +123,12 @@ def find_sensors(
     frames = _lidar_frames(lidars, named, transforms)
     camera_frames = {first.frame(camera.topics.info, CAMERA_INFO) for camera in cameras if camera.topics.info}
     wanted = clean_frame(config.rig.site_frame or rig_file.site_frame)
-    site = wanted or _site_frame(list(frames.values()), camera_frames, transforms)
+    if wanted:
+        site = wanted
+    elif detectors and not frames:
+        site = _site_of_boxes([boxes_frame(topic, first) for topic in detectors], camera_frames, transforms)
+    else:
+        site = _site_frame(list(frames.values()), camera_frames, transforms)
     return FoundSensors(
         recording,
         rig_file,
@@ -124,6 +137,8 @@ def find_sensors(
         of_rig,
         lidars,
         cameras,
+        detectors,
+        config,
         named,
         frames,
         site,
@@ -131,13 +146,14 @@ def find_sensors(
         zones_of(rig_file, config),
         of_lidars,
         of_cameras,
+        of_detectors,
     )
 
 
 def zones_of(rig_file: RigFile | None, config: Config) -> tuple[Zone, ...]:
     """The zones of the rig file, else those of the settings."""
     given = config.rig.zones if rig_file is None or rig_file.zones is None else rig_file.zones
-    return tuple(Zone(name, np.array(corners, np.float64)) for name, corners in given.items())
+    return tuple(Zone(name, np.array(zone.corners, np.float64), zone.use) for name, zone in given.items())
 
 
 def _with_rig(recorded: RecordedTransforms, rig_file: RigFile) -> tuple[RecordedTransforms, frozenset[str]]:
@@ -208,12 +224,29 @@ def _site_frame(lidar_frames: Sequence[str], camera_frames: set[str], transforms
     return root
 
 
-def _no_clouds(recording: Recording, config: Config) -> str:
+def _site_of_boxes(boxes_frames: Sequence[str], camera_frames: set[str], transforms: RecordedTransforms) -> str:
+    """The site frame of a recording without lidars: the vehicle, if there is one, else where the boxes are."""
+    if "base_link" in transforms.fixed.frames or "base_link" in transforms.moving:
+        return "base_link"
+    return _site_frame([frame for frame in boxes_frames if frame], camera_frames, transforms) or "site"
+
+
+def _no_clouds(recording: Recording, config: Config, of_detectors: Findings) -> str:
     apart = f", apart from {', '.join(config.topics.exclude)}" if config.topics.exclude else ""
     expected = (
         f"{', '.join(str(path) for path in recording.paths)}: expected a topic of lidar clouds "
         f"({' or '.join(sorted(CLOUD))}){apart}"
     )
+    if config.detect3d.method == "recorded":
+        return (
+            f"{expected}, or of 3D boxes ({' or '.join(sorted(BOXES_3D))}) that are neither truth nor lidcam's own, "
+            f"found neither{_because(of_detectors)}; name one with topics.boxes3d"
+        )
+    if boxes := usable_boxes(recording, config.topics):
+        return (
+            f"{expected}; found 3D boxes: {_listed(boxes)}; --set detect3d.method=recorded goes by the boxes of "
+            "a detector"
+        )
     if raw := [info for info in recording.topics if info.msgtype in RAW_LIDAR]:
         return (
             f"{expected}; found {_listed(raw)}, which lidcam does not read yet: play the recording through the lidar's "
@@ -222,6 +255,10 @@ def _no_clouds(recording: Recording, config: Config) -> str:
     there = any(info.msgtype in CLOUD for info in recording.topics)
     remedy = "see topics.exclude and topics.lidars of the settings" if there else "record the clouds of the driver, too"
     return f"{expected}; found topics: {_listed(recording.topics) or 'none'}; {remedy}"
+
+
+def _because(findings: Findings) -> str:
+    return "".join(f"; {fault.topic}: {fault.reason}" for fault in findings.faults[:MAX_LISTED])
 
 
 def _listed(topics: Sequence[TopicInfo]) -> str:

@@ -28,9 +28,11 @@ __all__ = [
     "CameraTopics",
     "Findings",
     "SensorFault",
+    "configured_topics",
     "find_camera_topics",
     "find_lidar_topics",
     "readable_topics",
+    "topics_with_messages",
 ]
 
 CLOUD = frozenset({"sensor_msgs/msg/PointCloud2", SCAN})
@@ -104,8 +106,8 @@ def find_lidar_topics(
     Packets are not used where the clouds that the driver made of them were recorded.
     """
     if config.lidars:
-        return _configured(recording, config.lidars, CLOUD, "lidar", findings)
-    infos = _readable(_with_messages(recording, CLOUD, config), "lidar", findings)
+        return configured_topics(recording, config.lidars, CLOUD, "lidar", findings)
+    infos = _readable(topics_with_messages(recording, CLOUD, config), "lidar", findings)
     measured = [info for info in infos if is_measured_image(info.topic)]
     notes = findings.notes
     notes += [f"{info.topic}: a depth camera's cloud, not used" for info in infos if info not in measured]
@@ -123,15 +125,15 @@ def find_camera_topics(
 ) -> list[CameraTopics]:
     """Cameras, in natural order or as configured; those with boxes but no images come last."""
     notes = findings.notes
-    boxes = [info.topic for info in _with_messages(recording, BOXES, config) if not info.unreadable]
+    boxes = [info.topic for info in topics_with_messages(recording, BOXES, config) if not info.unreadable]
     if config.cameras:
-        images = _configured(recording, config.cameras, IMAGE | BOXES, "camera", findings)
+        images = configured_topics(recording, config.cameras, IMAGE | BOXES, "camera", findings)
         named = [t for t in images if _types(recording, t) <= BOXES]
         images = [t for t in images if t not in named]
         boxes = [*dict.fromkeys([*named, *boxes])]
         only_boxes_allowed = set(config.cameras)
     else:
-        infos = _readable(_with_messages(recording, IMAGE, config), "camera", findings)
+        infos = _readable(topics_with_messages(recording, IMAGE, config), "camera", findings)
         images = _one_per_camera(_first_hand(infos, config, notes), first, notes)
         only_boxes_allowed = set(boxes)
     calibrations = sorted(readable_topics(recording, CAMERA_INFO), key=natural_key)
@@ -162,7 +164,7 @@ def find_camera_topics(
     return cameras
 
 
-def _with_messages(recording: Recording, msgtypes: frozenset[str], config: TopicsConfig) -> list[TopicInfo]:
+def topics_with_messages(recording: Recording, msgtypes: frozenset[str], config: TopicsConfig) -> list[TopicInfo]:
     """Topics of these types that have messages and neither are truth nor excluded, in natural order."""
     infos = [
         info
@@ -186,9 +188,10 @@ def _readable(infos: Iterable[TopicInfo], kind: str, findings: Findings) -> list
     return readable
 
 
-def _configured(
+def configured_topics(
     recording: Recording, topics: Iterable[str], msgtypes: frozenset[str], kind: str, findings: Findings
 ) -> list[str]:
+    """Those of the topics in the settings that the recording has; the others become faults."""
     there = readable_topics(recording, msgtypes)
     names = ", ".join(sorted(there, key=natural_key)) or "none"
     wanted = " or ".join(sorted(msgtypes))

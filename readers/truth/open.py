@@ -1,5 +1,6 @@
 """Finding the truth about a result: in the result itself, in another recording, or in label files."""
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -60,7 +61,7 @@ def open_truth(result: Result, paths: Sequence[Location] = (), *, topic: str = "
     if not paths:
         if odometry := _odometry(result.recording, result, topic):
             return OpenTruth(odometry, "", (result.recording,))
-        found = find_truth_topics(result.recording, RESULT_TOPICS, topic)
+        found = find_truth_topics(result.recording, RESULT_TOPICS, topic, sources=_sources(result))
         if isinstance(found, str):
             return OpenTruth(None, f"{found}; give the recording that has it (--truth)", (result.recording,))
         truth = RecordedTruth(result.recording, found, result.rig.cameras, result.config)
@@ -73,6 +74,11 @@ def open_truth(result: Result, paths: Sequence[Location] = (), *, topic: str = "
         recording.close()
         raise
     return OpenTruth(source, "", (recording, result.recording), (recording,))
+
+
+def _sources(result: Result) -> frozenset[str]:
+    """Topics of the recorded 3D boxes that a result was made from."""
+    return frozenset(text for key, text in result.metadata.items() if re.fullmatch(r"boxes3d\.\d+\.topic", key))
 
 
 def _odometry(recording: Recording, result: Result, topic: str) -> OdometryTruth | None:
@@ -99,7 +105,7 @@ def _recorded(recording: Recording, results: frozenset[str], result: Result, top
     """
     if odometry := _odometry(recording, result, topic):
         return odometry
-    found = find_truth_topics(recording, results, topic)
+    found = find_truth_topics(recording, results, topic, sources=_sources(result))
     if isinstance(found, str):
         raise RecordingError(found)
     return RecordedTruth(recording, found, result.rig.cameras, result.config)

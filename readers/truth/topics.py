@@ -33,7 +33,9 @@ class TruthTopics:
     why: str
 
 
-def find_truth_topics(recording: Recording, results: Collection[str], wanted: str = "") -> TruthTopics | str:
+def find_truth_topics(
+    recording: Recording, results: Collection[str], wanted: str = "", *, sources: Collection[str] = ()
+) -> TruthTopics | str:
     """The topics of the truth, or why there is none.
 
     Truth is what is called so (see `is_truth`), of several topics that with the most messages, then the first by name;
@@ -44,6 +46,7 @@ def find_truth_topics(recording: Recording, results: Collection[str], wanted: st
         recording: Open recording.
         results: Topics that are results, not truth.
         wanted: The topic to take, whatever it is called.
+        sources: Topics of boxes that the result was made from: truth only if they are called so.
 
     Raises:
         ConfigError: there is no such topic of 3D boxes.
@@ -66,10 +69,10 @@ def find_truth_topics(recording: Recording, results: Collection[str], wanted: st
         chosen = min(named, key=lambda topic: (-infos[topic].message_count, topic))
         more = [topic for topic in named if topic != chosen]
         why = f"by its name; --truth-topic takes another one ({', '.join(more)})" if more else "by its name"
-    elif len(others) == 1:
-        chosen, why = others[0], "the only 3D boxes that are no result"
-    elif others:
-        return f"{names}: {', '.join(others)} may be truth, none is called so: name one with --truth-topic"
+    elif len(unused := [topic for topic in others if topic not in sources]) == 1:
+        chosen, why = unused[0], "the only 3D boxes that are no result"
+    elif unused:
+        return f"{names}: {', '.join(unused)} may be truth, none is called so: name one with --truth-topic"
     else:
         return (
             f"{names}: expected truth, a topic of {DETECTIONS_3D} that is no result, or odometry of vehicles that the "

@@ -44,18 +44,20 @@ from foxglove_messages import SCHEMA_OF, foxglove_raw, twin
 from frames import PROVENANCE, frame
 from frames import RIG as FRAMES_RIG
 from memory_recording import MemoryRecording
+from object_messages import Recorded, autoware_message, autoware_object
 from video import CODECS, compressed_video, encode, ffmpeg_packet, moving
 
 from lidcam.evaluation.frames import EvaluationFrames
 from pipeline.core.errors import LidcamError
-from pipeline.core.frame import FrameResult
+from pipeline.core.frame import FrameResult, SensorBundle
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.messages import Channel, RawMessage
-from pipeline.core.rig import LidarSensor, Rig
+from pipeline.core.rig import LidarSensor, RecordedDetector, Rig
 from pipeline.core.ros.typestores import message_types
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.load import dump_config, load_config
 from pipeline.core.settings.recording import LimitsConfig
+from pipeline.stages.recorded3d import Recorded3D
 from readers.files.rosbag2_folder import recording_files
 from readers.messages.camera_info import camera_model, rectified_camera_model
 from readers.messages.conversion.to_ros2 import to_ros2
@@ -74,6 +76,7 @@ from readers.rig.discovery import discover_rig
 from readers.rig.rig_file import load_rig, rig_yaml
 from readers.streams.motion import find_motion_source
 from readers.streams.per_sensor import sensor_messages
+from readers.streams.recorded3d import RecordedBoxes3D
 from readers.streams.survey import survey
 from readers.truth.kitti import KittiTruth
 from readers.truth.open import open_truth
@@ -374,7 +377,35 @@ def _objects(data: bytes) -> None:
     encoding, form = ("ros1", "ros1msg") if version == 1 else ("cdr", "ros2msg")
     definition, _ = message_types(version).generate_msgdef(OBJECTS, ros_version=version)
     channel = Channel("/objects", OBJECTS, encoding, definition, form)  # type: ignore[arg-type]  # of these words
-    _hold(lambda message: decode_detections3d(message, limits=LIMITS), RawMessage(T0, T0, (0, 0), data[1:], channel))
+    message = RawMessage(T0, T0, (0, 0), data[1:], channel)
+    _hold(lambda message: decode_detections3d(message, limits=LIMITS), message)
+    _detected(message)
+
+
+def _detected_objects(data: bytes) -> None:
+    """Objects of Autoware."""
+    source = autoware_message(T0, [], topic="/objects")
+    _detected(source._replace(data=data))
+
+
+def _detected(message: RawMessage) -> None:
+    """The boxes of a detector, up to those of the frame."""
+    site = {name: Transform.identity("site", name) for name in ("site", "a")}
+    rig = Rig("site", (), (), (), detectors=(RecordedDetector("objects", "/objects", "site", site),))
+    config = Config(limits=LIMITS)
+    bundle = SensorBundle(0, T0, T0, {"/objects": message})
+    _hold(lambda one: Recorded3D(rig)(one, RecordedBoxes3D(rig, config, on_bad="fail")(one)), bundle)
+
+
+def _detected_seeds() -> list[bytes]:
+    one = Recorded((1.0, 2.0, 3.0), covariance=np.eye(6))
+    polygon = autoware_object(one, type=2, footprint={"points": [{"x": 1.0, "y": 2.0}, {"x": -1.0, "y": -2.0}]})
+    lists: list[list[Fields]] = [
+        [],
+        [autoware_object(one)],
+        [polygon, autoware_object(one, orientation_availability=0)],
+    ]
+    return [bytes(autoware_message(T0, objects).data) for objects in lists]
 
 
 def _object_seeds() -> list[bytes]:
@@ -603,7 +634,7 @@ lidars: {lidar: {topic: /points, T_site_lidar: [[1, 0, 0, 0], [0, 1, 0, 0], [0, 
 cameras:
   camera: {topic: /camera/image_raw, width_px: 4, height_px: 4, K: [5, 0, 2, 0, 5, 2, 0, 0, 1], distortion: [0.1, 0],
     translation_m: [0, 0, 1], rpy_deg: [0, 0, 90]}
-zones: {all: [[0, 0], [10, 0], [10, 10]]}
+zones: {all: [[0, 0], [10, 0], [10, 10]], yard: {corners: [[0, 0], [1, 0], [1, 1]], use: ignore}}
 """
 GEOMETRY = """cameras:
   11: {w2c: [[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]], c2p: [[5, 0, 2, 0], [0, 5, 2, 0], [0, 0, 1, 0]]}
@@ -709,6 +740,7 @@ HARNESSES: dict[str, Harness] = {
         ),
     ),
     "detections3d": Harness(_objects, _object_seeds),
+    "detected_objects": Harness(_detected_objects, _detected_seeds),
     "diagnostics": Harness(
         _messages(STATUS, lambda m: decode_diagnostics(m, limits=LIMITS)),
         _message_seeds(STATUS, {"status": [{"name": "a", "values": [{"key": "skew_ms", "value": "1.5"}]}]}),

@@ -17,6 +17,7 @@ from results import fused_objects
 
 import lidcam
 from lidcam import api
+from pipeline.core.detections import source_names
 
 ROOT = Path(__file__).resolve().parents[2]
 SANDBOX, CONFIG = ROOT / "bags" / "sandbox.bag", ROOT / "config" / "sandbox.yaml"
@@ -152,6 +153,8 @@ def test_tables(run: lidcam.RunResult, library: str, monkeypatch: pytest.MonkeyP
     assert list(table.columns if library != "pyarrow" else table.column_names) == list(objects.columns)
     assert np.array_equal(np.asarray(table["x_m"]), objects.centers[:, 0])
     assert [str(name) for name in table["class"]] == ["car"] * len(objects)
+    assert [str(name) for name in table["source"]] == source_names(objects.sources)
+    assert np.array_equal(np.asarray(table["measured_ns"]), objects.measured_ns)
     monkeypatch.setitem(sys.modules, library, None)
     with pytest.raises(ImportError, match=f"pip install {library}"):
         convert()

@@ -23,8 +23,12 @@ def boxes3d(
     scores: Sequence[float] | None = None,
     class_ids: Sequence[int] | None = None,
     frame_id: str = "site",
+    deviations: npt.ArrayLike = (0.1, 2**0.5 / 10, 3**0.5 / 10),
 ) -> Boxes3D:
-    """Boxes from rows x, y, z, length, width, height, yaw; scores 0.5 and class 0 unless given."""
+    """Boxes from rows x, y, z, length, width, height, yaw; scores 0.5 and class 0 unless given.
+
+    Their standard deviations are those of x, y and yaw.
+    """
     table = np.array(rows, np.float64).reshape(-1, 7)
     n = len(table)
     return Boxes3D(
@@ -36,7 +40,7 @@ def boxes3d(
         np.full(n, 0.5, np.float32) if scores is None else np.array(scores, np.float32),
         np.zeros(n, np.int32) if class_ids is None else np.array(class_ids, np.int32),
         np.arange(n, dtype=np.int32) + 10,
-        np.tile(np.diag([0.01, 0.02, 0.03]), (n, 1, 1)),
+        np.tile(np.diag(np.square(deviations)), (n, 1, 1)),
         np.zeros(n, np.uint8),
         np.ones(n, np.int64),
     )

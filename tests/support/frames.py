@@ -1,5 +1,6 @@
 """Whole FrameResults for tests of writers: two lidars, two cameras, a handful of objects."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Literal
 
@@ -8,7 +9,7 @@ from builders import header, image, raw
 from detections import boxes3d, forward_camera
 
 from pipeline.core.clouds import CombinedCloud, Plane, PointCloud
-from pipeline.core.detections import Boxes2D, Boxes3D, Detections, Fused, Hypotheses, Matches
+from pipeline.core.detections import Boxes2D, Boxes3D, Detections, Fused, Hypotheses, Matches, Source
 from pipeline.core.frame import FrameResult, SensorBundle
 from pipeline.core.geometry.boxes import box_corners
 from pipeline.core.geometry.pose_samples import PoseSamples
@@ -18,11 +19,14 @@ from pipeline.core.rig import LidarSensor, Rig, Zone
 from pipeline.core.settings.config import Config
 from writers.provenance import Provenance
 
-__all__ = ["CONFIG", "PERIOD_NS", "PROVENANCE", "RIG", "START_NS", "frame", "image_message"]
+__all__ = ["CONFIG", "COVARIANCE", "PERIOD_NS", "PROVENANCE", "RIG", "START_NS", "frame", "image_message"]
 
 START_NS = 1_700_000_000_123_456_789
 PERIOD_NS = 100_000_000
 CONFIG = Config()
+COVARIANCE = np.array([[4.0, 1.2, 0.0], [1.2, 1.0, 0.0], [0.0, 0.0, 0.25]])
+"""Of the place and heading of objects whose sources are given."""
+
 PROVENANCE = Provenance(
     "1.2.3",
     ({"name": "a.bag", "sha256": "aa" * 32}, {"name": "b.bag", "sha256": "bb" * 32}),
@@ -70,8 +74,18 @@ def image_message(
     return raw(topic, "sensor_msgs/msg/Image", fields, stamp_ns, encoding=encoding)
 
 
-def frame(index: int = 0, *, drops: tuple[Drop, ...] = (), objects: int = 3, motion: bool = False) -> FrameResult:
-    """Frame `index` of a run: `left` has an Image in ROS 1 bytes, `right` a CompressedImage in CDR, stamps differ."""
+def frame(
+    index: int = 0,
+    *,
+    drops: tuple[Drop, ...] = (),
+    objects: int = 3,
+    motion: bool = False,
+    sources: Sequence[Source] | None = None,
+) -> FrameResult:
+    """Frame `index` of a run: `left` has an Image in ROS 1 bytes, `right` a CompressedImage in CDR, stamps differ.
+
+    With `sources`, one for each object, those of `Source.CAMERA` are also what the cameras place.
+    """
     stamp_ns = START_NS + index * PERIOD_NS
     lidar = [
         RawMessage(stamp_ns + skew, stamp_ns + 7, (0, index), b"", Channel(topic, "sensor_msgs/msg/PointCloud2", "cdr"))
@@ -90,17 +104,22 @@ def frame(index: int = 0, *, drops: tuple[Drop, ...] = (), objects: int = 3, mot
     found = replace(
         boxes3d(rows[:objects], scores=[0.9, 0.5, 0.25][:objects], class_ids=[0, 1, 3][:objects]), stamp_ns=stamp_ns
     )
+    placed = None
+    if sources is not None:
+        found = replace(found, sources=np.array(sources, np.uint8), covariances=np.tile(COVARIANCE, (objects, 1, 1)))
+        placed = found.select(found.sources == Source.CAMERA)
     boxes = {"left": _boxes2d(left.stamp_ns, "left"), "right": Boxes2D.empty(right.stamp_ns, "right")}
     return FrameResult(
         SensorBundle(index, stamp_ns, stamp_ns + 7, messages, samples if motion else None),
         _combined(stamp_ns, index),
-        Detections(found, boxes),
+        Detections(found if placed is None else found.select(found.sources != Source.CAMERA), boxes, placed),
         {camera.name: camera for camera in RIG.cameras},
         Hypotheses(
             found,
             {camera.name: _matches(row == 0 and objects > 0, found, row) for row, camera in enumerate(RIG.cameras)},
-            objects,
+            objects if placed is None else objects - len(placed),
         ),
+        found.scores.astype(np.float64),
         Fused(found, np.arange(objects, dtype=np.int32)[::-1].copy(), np.arange(objects, dtype=np.int64)),
         drops,
     )

@@ -6,10 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 from detections import forward_camera
-from frames import CONFIG, RIG, START_NS, frame
+from frames import CONFIG, COVARIANCE, RIG, START_NS, frame
 
-from pipeline.core.detections import Fused
+from pipeline.core.detections import Fused, Source
 from pipeline.core.frame import FrameResult, Missing
+from pipeline.core.geometry.boxes import box_corners
+from pipeline.core.geometry.transform import Transform
 from pipeline.core.messages import Drop
 from pipeline.core.rig import CameraSensor
 from pipeline.core.ros.typestores import message_types
@@ -53,6 +55,36 @@ def test_confirmed_objects_are_denser_and_say_by_how_many_cameras() -> None:
     assert thickness[0] == thickness[1] > thickness[2] > 0
     labels = [[text.text for text in entity.texts] for entity in entities]
     assert labels == [["car 0.90 (2 cam)"], ["pedestrian 0.50 (1 cam)"], []]
+
+
+MIXED = (Source.BOTH, Source.CAMERA, Source.LIDAR)
+
+
+def test_what_the_cameras_alone_place_is_thinner_and_says_how_sure_its_place_is() -> None:
+    result = frame(sources=MIXED)
+    both, placed, faint = through_cdr(scene_update(result, NAMES)).entities
+    assert both.cubes[0].color.a > placed.cubes[0].color.a > faint.cubes[0].color.a
+    assert [len(entity.lines) for entity in (both, placed, faint)] == [1, 2, 1]
+    assert both.lines[0].thickness > placed.lines[0].thickness == placed.lines[1].thickness
+    ellipse = np.array([(point.x, point.y, point.z) for point in placed.lines[1].points])
+    objects = result.fused.objects
+    away = ellipse[:, :2] - objects.centers[1, :2]
+    np.testing.assert_allclose(np.einsum("ni,ij,nj->n", away, np.linalg.inv(COVARIANCE[:2, :2]), away), 1.0)
+    np.testing.assert_allclose(ellipse[:, 2], objects.centers[1, 2] - objects.sizes[1, 2] / 2)
+    assert [text.text for text in placed.texts] == ["pedestrian 0.50 (1 cam, no lidar)"]
+
+
+def test_viewers_say_what_the_geometry_of_an_object_comes_from() -> None:
+    result = frame(sources=MIXED)
+    told = [
+        {pair.key: pair.value for pair in entity.metadata}
+        for entity in through_cdr(scene_update(result, NAMES)).entities
+    ]
+    assert [one["source"] for one in told] == ["both", "camera", "lidar"]
+    assert [one["cameras"] for one in told] == ["2", "1", "0"]
+    markers = through_cdr(marker_array(result, NAMES)).markers
+    assert [marker.ns for marker in markers[1::2]] == ["objects/both", "objects/camera", "objects/lidar"]
+    assert [marker.id for marker in markers[1::2]] == [0, 1, 2]
 
 
 def test_a_high_score_makes_an_object_strong_without_cameras() -> None:
@@ -132,16 +164,51 @@ def test_a_box_whose_object_is_not_reported_is_the_camera_s_alone() -> None:
 @pytest.mark.parametrize("height_px", [480, 2160])
 def test_letters_and_lines_grow_with_the_image(height_px: int) -> None:
     camera = forward_camera("left", size_px=(height_px * 4 // 3, height_px))
-    drawn = annotations(frame(), camera)
+    result = frame()
+    drawn = annotations(replace(result, views={**result.views, "left": camera}), camera)
     assert {text.font_size for text in drawn.texts} == {height_px / 24}
     assert all(text.position.y >= text.font_size for text in drawn.texts)
     assert {part.thickness for part in drawn.points} == {height_px / 300}
     assert len(drawn.texts) == (2 if height_px == 480 else 1)  # a box of 40 px is lower than letters of 90
 
 
+def test_objects_that_the_cameras_alone_place_have_thinner_lines() -> None:
+    edges = annotations(frame(sources=MIXED)).points[:2]
+    assert edges[0].thickness == 2 * edges[1].thickness
+
+
+def test_objects_are_drawn_from_where_the_image_was_taken() -> None:
+    result, camera = frame(), RIG.cameras[0]
+    nearer = Transform(camera.T_camera_site.dst, "site", camera.T_camera_site.matrix @ _shift(2.0))
+    moved = replace(result, views={**result.views, camera.name: replace(camera, T_camera_site=nearer)})
+    still, drawn = (np.array([(p.x, p.y) for p in annotations(one).points[0].points]) for one in (result, moved))
+    objects = result.fused.objects.select(np.array([0]))
+    corners = nearer.apply(box_corners(objects.centers, objects.sizes, objects.yaws))
+    expected, _ = camera.model.project_edges(np.asarray(corners, np.float64))
+    np.testing.assert_allclose(drawn, expected.reshape(-1, 2), atol=1e-3)
+    assert np.abs(np.ptp(drawn, axis=0)).min() > 1.1 * np.abs(np.ptp(still, axis=0)).min()
+
+
+def _shift(x_m: float) -> np.ndarray[Any, np.dtype[np.float64]]:
+    matrix = np.eye(4)
+    matrix[0, 3] = -x_m
+    return matrix
+
+
 def test_annotations_without_boxes() -> None:
     drawn = annotations(frame(objects=0), RIG.cameras[1])
     assert (drawn.points, drawn.texts, drawn.timestamp.nanosec) == ([], [], (START_NS + 5) % 10**9)
+
+
+def test_diagnostics_count_objects_by_source() -> None:
+    def told(result: FrameResult) -> dict[str, str]:
+        return {pair.key: pair.value for pair in through_cdr(diagnostics(result, RIG, ())).status[2].values}
+
+    found = told(frame(sources=MIXED))
+    sources = {name: found[f"fused from {name}"] for name in ("lidars alone", "cameras alone", "both")}
+    assert sources == {"lidars alone": "1", "cameras alone": "1", "both": "1"}
+    assert (found["detected lidar"], found["placed by cameras"], found["begun from cameras"]) == ("2", "1", "1")
+    assert "placed by cameras" not in told(frame())
 
 
 def test_diagnostics() -> None:

@@ -14,6 +14,7 @@ from typing import Any, Literal
 import numpy as np
 
 from pipeline.core.rig import CameraSensor, Rig
+from writers.messages.placed_scene import PLACED_SCENE
 from writers.messages.truth_scene import truth_scene_topic
 from writers.outputs.marked_text import marked_json
 from writers.panels import arrange
@@ -73,7 +74,7 @@ def merged_layout(rig: Rig, survey: SceneSurvey, topics: Collection[str], names:
     for topic in sorted(topics):
         if topic.endswith("/fused/scene") or topic == COMPARED:
             shown[topic] = {"visible": True, "showOutlines": False}
-        elif topic.endswith(("/fused/markers", "/ground_cloud")):
+        elif topic.endswith(("/fused/markers", "/ground_cloud", PLACED_SCENE)):
             shown[topic] = {"visible": False}
         elif _is_truth_scene(topic):  # that of one is that of the other, most often
             own = topic.removeprefix("/").partition("/")[2]
@@ -161,6 +162,8 @@ def _scene(rig: Rig, viewpoint: Viewpoint, topics: Collection[str]) -> Config:
     shown |= {topic: {"visible": True, "showOutlines": False} for topic in sorted(topics) if _is_truth_scene(topic)}
     if "/fused/markers" in topics:
         shown["/fused/markers"] = {"visible": False}  # the same objects once more, for RViz
+    if PLACED_SCENE in topics:
+        shown[PLACED_SCENE] = {"visible": False, "showOutlines": False}  # most of them are objects, too
     return {
         **_titled("Scene"),
         "followTf": rig.site_frame,
@@ -185,7 +188,7 @@ def _scene(rig: Rig, viewpoint: Viewpoint, topics: Collection[str]) -> Config:
 
 def _is_truth_scene(topic: str) -> bool:
     """Whether truth is drawn on a topic of the file."""
-    return topic.endswith(truth_scene_topic("")) and topic != "/fused/scene"
+    return topic.endswith(truth_scene_topic("")) and topic not in {"/fused/scene", PLACED_SCENE}
 
 
 def _camera_state(viewpoint: Viewpoint) -> Config:

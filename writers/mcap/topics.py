@@ -5,12 +5,16 @@ from collections.abc import Iterator
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.run import OutputConfig
+from writers.messages.placed_scene import PLACED, PLACED_SCENE
 
-__all__ = ["reserved_topics", "written_topics"]
+__all__ = ["LATER", "reserved_topics", "written_topics"]
+
+LATER = ("/tf", PLACED, PLACED_SCENE)
+"""Added with their first message, like images, whose first message tells their type."""
 
 
 def written_topics(rig: Rig, output: OutputConfig) -> Iterator[tuple[str, str]]:
-    """Topics of every file; `/tf` and images are added with their first message, which tells their type."""
+    """Topics of every file, those of `LATER` and images aside."""
     yield "/tf_static", "tf2_msgs/msg/TFMessage"
     yield "/lidar_camera_fused", "msgs/msg/MsgLidCam"
     yield "/fused/detections", "vision_msgs/msg/Detection3DArray"
@@ -31,4 +35,4 @@ def written_topics(rig: Rig, output: OutputConfig) -> Iterator[tuple[str, str]]:
 def reserved_topics(rig: Rig) -> frozenset[str]:
     """Topics of a result with every setting of the output: nothing else is written under these names."""
     images = [f"/{camera.name}/image{suffix}" for camera in rig.cameras for suffix in ("", "/compressed")]
-    return frozenset(("/tf", *images, *(topic for topic, _ in written_topics(rig, Config().output))))
+    return frozenset((*LATER, *images, *(topic for topic, _ in written_topics(rig, Config().output))))

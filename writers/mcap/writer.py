@@ -22,11 +22,12 @@ from pipeline.core.settings.config import Config
 from pipeline.core.true_boxes import TrueBoxes
 from writers.foxglove.layout import foxglove_layout
 from writers.mcap.file import McapOutput, mcap_file
-from writers.mcap.topics import written_topics
+from writers.mcap.topics import LATER, written_topics
 from writers.messages.annotations import image_annotations
 from writers.messages.detections import detections_2d, detections_3d, lidcam_objects
 from writers.messages.diagnostics import diagnostics
 from writers.messages.images import COMPRESSED, image_cdr
+from writers.messages.placed_scene import PLACED, PLACED_SCENE, placed_scene
 from writers.messages.scene import marker_array, scene_update
 from writers.messages.sensors import camera_info, moving_transform, point_cloud2, static_transforms
 from writers.messages.truth_scene import truth_scene, truth_scene_topic
@@ -84,6 +85,8 @@ class McapResultWriter:
             self._attach()
             for topic, msgtype in written_topics(self._rig, self._config.output):
                 self._register(topic, msgtype)
+            for topic in LATER:
+                self._check_name(topic)
             self._resources = resources.pop_all()
         return self
 
@@ -131,12 +134,16 @@ class McapResultWriter:
         return tuple(not_copied)
 
     def _site_messages(self, result: FrameResult) -> Iterator[tuple[str, Any]]:
-        names, stamp_ns, objects = self._config.class_names, result.bundle.stamp_ns, result.fused.objects
-        yield "/lidar_camera_fused", lidcam_objects(objects, self._rig.zones, stamp_ns=stamp_ns)
+        names, stamp_ns, objects = self._config.object_names, result.bundle.stamp_ns, result.fused.objects
+        counted = objects.select(objects.class_ids < len(self._config.classes))
+        yield "/lidar_camera_fused", lidcam_objects(counted, self._rig.counted_zones, stamp_ns=stamp_ns)
         yield "/fused/detections", detections_3d(objects, names, stamp_ns=stamp_ns)
         yield "/fused/scene", scene_update(result, names)
         yield "/fused/markers", marker_array(result, names)
         yield "/lidar/detections", detections_3d(result.detections.lidar, names, stamp_ns=stamp_ns)
+        if (placed := result.detections.placed) is not None:
+            yield PLACED, detections_3d(placed, names, stamp_ns=stamp_ns)
+            yield PLACED_SCENE, placed_scene(placed, names, stamp_ns=stamp_ns)
         if self._config.output.clouds:
             frame_id = self._rig.site_frame
             yield "/point_cloud_combined", point_cloud2(result.combined.cloud, stamp_ns=stamp_ns, frame_id=frame_id)
@@ -155,7 +162,7 @@ class McapResultWriter:
             stamp_ns = boxes.stamp_ns
         else:
             return ()
-        names, frame_id, prefix = self._config.class_names, camera.T_camera_site.dst, f"/{camera.name}"
+        names, frame_id, prefix = self._config.object_names, camera.T_camera_site.dst, f"/{camera.name}"
         log_time_ns = result.bundle.log_time_ns
         drops: tuple[Drop, ...] = ()
         if image is not None and self._config.output.images:
@@ -200,14 +207,17 @@ class McapResultWriter:
         self._messages += 1
 
     def _register(self, topic: str, msgtype: str) -> int:
-        if topic in self._channels:
-            raise OutputError(
-                f"{self._path}: two outputs are called {topic}; rename the camera of that name in the rig"
-            )
+        self._check_name(topic)
         schema = msgtype, "ros2msg", ROS2.definition(msgtype).encode()
         metadata = {"offered_qos_profiles": LATCHED_YAML if topic == "/tf_static" else ""}
         self._channels[topic] = self._file.add_channel(topic, "cdr", schema, metadata)
         return self._channels[topic]
+
+    def _check_name(self, topic: str) -> None:
+        if topic in self._channels:
+            raise OutputError(
+                f"{self._path}: two outputs are called {topic}; rename the camera of that name in the rig"
+            )
 
     @contextmanager
     def _written_layout(self, layout: OutputFile) -> Iterator[None]:

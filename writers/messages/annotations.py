@@ -15,6 +15,7 @@ from writers.drawing import (
     labels_in_the_clear,
     object_colors,
     object_edges,
+    placed_objects,
     strong_objects,
 )
 
@@ -33,8 +34,9 @@ _LINE_LOOP, _LINE_LIST = 2, 4  # PointsAnnotation
 def image_annotations(result: FrameResult, camera: CameraSensor, class_names: Sequence[str], *, stamp_ns: int) -> Any:
     """The fused objects as the lens bends them, and the camera's 2D boxes.
 
-    An object has the colour of its class, a 2D box is green if it belongs to an object and amber if not; its label is
-    the object's class and score, else the detector's. A label that would cover that of a larger box is left out.
+    An object has the colour of its class, and a thinner line if the cameras alone place it. A 2D box is green if it
+    belongs to an object and amber if not; its label is the object's class and score, else the detector's. A label that
+    would cover that of a larger box is left out.
     Every stamp is the image's: viewers pair by equality.
     """
     stamp, height_px = ROS2.time(stamp_ns), camera.model.height_px
@@ -44,11 +46,14 @@ def image_annotations(result: FrameResult, camera: CameraSensor, class_names: Se
         corners = [_new("Point2", x, y) for x, y in points.tolist()]
         return _new("PointsAnnotation", stamp, kind, corners, _new("Color", *rgba), [], clear, thickness, [])
 
-    segments, rows = object_edges(result, camera)
-    alphas = [1.0 if strong else _FAINT_ALPHA for strong in strong_objects(result).tolist()]
+    segments, rows = object_edges(result, camera.name)
+    alphas = np.where(strong_objects(result), 1.0, _FAINT_ALPHA).tolist()
+    widths_px = height_px * _LINE_SHARE * np.where(placed_objects(result), 0.5, 1.0)
     outlines = [
-        lines(_LINE_LIST, segments[rows == row].reshape(-1, 2), (*color, alpha), height_px * _LINE_SHARE)
-        for row, (color, alpha) in enumerate(zip(object_colors(result).tolist(), alphas, strict=True))
+        lines(_LINE_LIST, segments[rows == row].reshape(-1, 2), (*color, alpha), width_px)
+        for row, (color, alpha, width_px) in enumerate(
+            zip(object_colors(result).tolist(), alphas, widths_px.tolist(), strict=True)
+        )
         if (rows == row).any()
     ]
     drawn = drawn_boxes_2d(result, camera.name, class_names)

@@ -3,6 +3,9 @@
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
+from pipeline.core.detections import Source
 from pipeline.core.frame import FrameResult, Missing
 from pipeline.core.messages import Drop
 from pipeline.core.rig import Rig
@@ -11,6 +14,8 @@ from pipeline.core.ros.messages import ROS2
 __all__ = ["diagnostics"]
 
 Values = Sequence[tuple[str, str]]
+
+_SOURCES = {Source.LIDAR: "lidars alone", Source.CAMERA: "cameras alone", Source.BOTH: "both"}
 
 _OK, _WARN = 0, 1  # DiagnosticStatus
 
@@ -66,13 +71,20 @@ def _cloud(result: FrameResult) -> Values:
 def _objects(result: FrameResult, rig: Rig) -> Values:
     detected = {camera.name: result.detections.cameras.get(camera.name, ()) for camera in rig.cameras}
     matched = {camera.name: result.matches.get(camera.name, ()) for camera in rig.cameras}
+    placed = result.detections.placed
+    sources = np.bincount(result.fused.objects.sources, minlength=len(Source))
     return [
         ("fused", str(len(result.fused.objects))),
         ("confirmed by cameras", str(int((result.fused.matched > 0).sum()))),
+        *((f"fused from {name}", str(sources[source])) for source, name in _SOURCES.items()),
         ("detected lidar", str(len(result.detections.lidar))),
+        *(() if placed is None else [("placed by cameras", str(len(placed)))]),
+        ("begun from cameras", str(len(result.hypotheses.boxes) - result.hypotheses.lidar_count)),
         *((f"detected {name}", str(len(boxes))) for name, boxes in detected.items()),
         *((f"matched {name}", str(len(pairs))) for name, pairs in matched.items()),
         *((f"recorded boxes left out, {reason}", str(count)) for reason, count in sorted(result.unused_boxes.items())),
+        *((f"recorded 3D boxes left out, {reason}", str(n)) for reason, n in sorted(result.unused_boxes3d.items())),
+        *((f"not reported, {reason}", str(count)) for reason, count in sorted(result.fused.left_out.items())),
     ]
 
 

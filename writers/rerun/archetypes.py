@@ -1,19 +1,31 @@
 """Records of a frame as Rerun's archetypes."""
 
 from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 import rerun as rr
 
 from pipeline.core.arrays import F32, F64, U8, Array, Bools
 from pipeline.core.clouds import CombinedCloud
+from pipeline.core.detections import Boxes3D, source_names
 from pipeline.core.frame import FrameResult
 from pipeline.core.rig import CameraSensor
 from pipeline.core.true_boxes import TrueBoxes
-from writers.drawing import ARROW_SHARE, DrawnBoxes2D, labels_in_the_clear, object_colors, object_edges, strong_objects
-from writers.palette import TRUTH
+from writers.drawing import (
+    ARROW_SHARE,
+    DrawnBoxes2D,
+    labels_in_the_clear,
+    object_colors,
+    object_edges,
+    placed_objects,
+    strong_objects,
+)
+from writers.palette import CAMERA_ONLY, TRUTH
+from writers.uncertainty import ground_ellipses
 
 __all__ = [
+    "Look",
     "boxes_2d",
     "cloud_points",
     "edges_2d",
@@ -21,9 +33,15 @@ __all__ = [
     "heading_arrows",
     "height_range",
     "labels_2d",
+    "object_ellipses",
+    "object_sources",
     "objects_3d",
+    "placed_boxes",
+    "placed_ellipses",
     "truth_boxes",
 ]
+
+Look = Literal["strong", "placed", "faint"]
 
 MAX_POINTS = 100_000
 """Points logged per frame; larger clouds are thinned evenly to keep the viewer responsive."""
@@ -58,31 +76,79 @@ def ground_points(combined: CombinedCloud) -> rr.Points3D:
     return rr.Points3D(xyz, colors=_GROUND_GREY, radii=rr.Radius.ui_points(0.9))
 
 
-def objects_3d(result: FrameResult, labels: Sequence[str], rows: Bools, *, strong: bool) -> rr.Boxes3D:
-    """Some of the fused objects: strong ones filled and labelled, faint ones as thin lines."""
+def objects_3d(result: FrameResult, labels: Sequence[str], rows: Bools, look: Look) -> rr.Boxes3D:
+    """Some of the fused objects.
+
+    Args:
+        result: The frame.
+        labels: Of all objects.
+        rows: (N,) which of them.
+        look: `strong`: filled and labelled; `placed` by the cameras alone: thin lines and a label; `faint`: thin lines.
+    """
     objects = result.fused.objects.select(rows)
-    half = objects.yaws / 2
-    zeros = np.zeros_like(half)
     return rr.Boxes3D(
         centers=objects.centers,
         sizes=objects.sizes,
-        quaternions=np.stack([zeros, zeros, np.sin(half), np.cos(half)], -1),
+        quaternions=_turns(objects.yaws),
         colors=_bytes(object_colors(result)[rows]),
         labels=[label for label, chosen in zip(labels, rows.tolist(), strict=True) if chosen],
-        show_labels=strong,
-        fill_mode="TransparentFillMajorWireframe" if strong else "MajorWireframe",
-        radii=rr.Radius.ui_points(1.5 if strong else 0.7),
+        show_labels=look != "faint",
+        fill_mode="TransparentFillMajorWireframe" if look == "strong" else "MajorWireframe",
+        radii=rr.Radius.ui_points(1.5 if look == "strong" else 0.7),
     )
+
+
+def object_sources(result: FrameResult, rows: Bools) -> rr.DynamicArchetype:
+    """What the geometry of some of the fused objects comes from, to be read in the viewer."""
+    sources = rr.components.TextBatch(source_names(result.fused.objects.sources[rows]))
+    kind = "rerun.components.Text"
+    return rr.DynamicArchetype("lidcam.Objects").with_component_override("source", kind, sources.as_arrow_array())
+
+
+def object_ellipses(result: FrameResult, rows: Bools) -> rr.LineStrips3D:
+    """An ellipse of one standard deviation on the ground, around some of the fused objects."""
+    objects = result.fused.objects.select(rows)
+    return _ellipses(objects, _bytes(object_colors(result)[rows]))
+
+
+def placed_boxes(boxes: Boxes3D, class_names: Sequence[str]) -> rr.Boxes3D:
+    """What the cameras alone place: edges, with class and score to be read in the viewer."""
+    columns = zip(boxes.class_ids.tolist(), boxes.scores.tolist(), strict=True)
+    return rr.Boxes3D(
+        centers=boxes.centers,
+        sizes=boxes.sizes,
+        quaternions=_turns(boxes.yaws),
+        colors=CAMERA_ONLY.bytes_rgb,
+        labels=[f"{class_names[class_id]} {score:.2f}" for class_id, score in columns],
+        show_labels=False,
+        fill_mode="MajorWireframe",
+        radii=rr.Radius.ui_points(0.7),
+    )
+
+
+def placed_ellipses(boxes: Boxes3D) -> rr.LineStrips3D:
+    """How sure their places are."""
+    return _ellipses(boxes, np.tile(np.array(CAMERA_ONLY.bytes_rgb, np.uint8), (len(boxes), 1)))
+
+
+def _ellipses(boxes: Boxes3D, colors: U8) -> rr.LineStrips3D:
+    points = ground_ellipses(boxes)
+    closed = np.concatenate([points, points[:, :1]], 1)
+    return rr.LineStrips3D(closed, colors=colors, radii=rr.Radius.ui_points(0.7))
+
+
+def _turns(yaws: F64) -> F64:
+    """(N, 4) quaternions x, y, z, w."""
+    zeros = np.zeros_like(yaws)
+    return np.stack([zeros, zeros, np.sin(yaws / 2), np.cos(yaws / 2)], -1)
 
 
 def truth_boxes(truth: TrueBoxes) -> rr.Boxes3D:
     """Objects of the truth: their edges and classes."""
-    half = truth.yaws / 2
-    zeros = np.zeros_like(half)
     return rr.Boxes3D(
         centers=truth.centers,
         sizes=truth.sizes,
-        quaternions=np.stack([zeros, zeros, np.sin(half), np.cos(half)], -1),
+        quaternions=_turns(truth.yaws),
         colors=TRUTH.bytes_rgb,
         labels=[*truth.labels],
         show_labels=False,
@@ -103,10 +169,11 @@ def heading_arrows(result: FrameResult, rows: Bools) -> rr.Arrows3D:
     )
 
 
-def edges_2d(result: FrameResult, camera: CameraSensor) -> rr.LineStrips2D:
-    """The fused objects as the camera's lens bends them."""
+def edges_2d(result: FrameResult, camera: str) -> rr.LineStrips2D:
+    """The fused objects as the camera's lens bends them: thinner where faint, or placed by the cameras alone."""
     segments, rows = object_edges(result, camera)
-    radii = np.where(strong_objects(result), -1.0, -0.5)[rows]  # Rerun: a negative radius is in points of the screen
+    is_thick = strong_objects(result) & ~placed_objects(result)
+    radii = np.where(is_thick, -1.0, -0.5)[rows]  # Rerun: a negative radius is in points of the screen
     return rr.LineStrips2D(segments, colors=_bytes(object_colors(result)[rows]), radii=radii, draw_order=20.0)
 
 

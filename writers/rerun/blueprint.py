@@ -8,7 +8,7 @@ from pipeline.core.rig import CameraSensor, Rig
 from writers.panels import Panels, arrange
 from writers.viewpoint import SceneSurvey, Viewpoint, cameras_in_order
 
-__all__ = ["FIXED", "WAY", "blueprint", "camera_path", "place_eye"]
+__all__ = ["FIXED", "PLACED", "WAY", "blueprint", "camera_path", "place_eye"]
 
 BACKGROUND = (13, 16, 23)
 FOV_Y_DEG = 55.0
@@ -18,6 +18,9 @@ _TWO_PLOTS_SHARE = 0.3
 
 FIXED = "world/fixed"
 WAY = "world/fixed/way"
+PLACED = "world/detections/cameras"
+"""What the cameras alone place in 3D."""
+
 TIMELINES = ("stamp", "frame")
 
 
@@ -80,7 +83,7 @@ def _scene_view(viewpoint: Viewpoint, cameras: list[CameraSensor]) -> rrb.Spatia
         background=BACKGROUND,
         line_grid=False,
         eye_controls=rrb.EyeControls3D(position=viewpoint.eye, look_target=viewpoint.target, eye_up=(0.0, 0.0, 1.0)),
-        overrides={WAY: rrb.VisibleTimeRanges(past)},
+        overrides={WAY: rrb.VisibleTimeRanges(past), PLACED: rrb.EntityBehavior(visible=False)},
     )
 
 

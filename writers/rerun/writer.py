@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 import rerun as rr
 
+from pipeline.core.arrays import Bools
 from pipeline.core.errors import MessageError
 from pipeline.core.frame import FrameResult, Missing
 from pipeline.core.geometry.poses import interpolate_poses
@@ -22,14 +23,14 @@ from pipeline.core.images import Image
 from pipeline.core.messages import Drop, RawMessage
 from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.settings.config import Config
-from writers.drawing import drawn_boxes_2d, object_labels, strong_objects
+from writers.drawing import drawn_boxes_2d, object_labels, placed_objects, strong_objects
 from writers.messages.images import COMPRESSED, read_image
 from writers.outputs.errors import output_errors
 from writers.outputs.transaction import OutputFile
 from writers.palette import CAMERA_ONLY, MATCHED, class_color
 from writers.provenance import Provenance
 from writers.rerun import archetypes
-from writers.rerun.blueprint import FIXED, WAY, blueprint, camera_path, place_eye
+from writers.rerun.blueprint import FIXED, PLACED, WAY, blueprint, camera_path, place_eye
 from writers.rerun.stream import RerunStream, check_recording
 from writers.viewpoint import SceneSurvey
 
@@ -184,7 +185,7 @@ class RerunResultWriter:
     def _log_static(self) -> None:
         context = [
             rr.AnnotationInfo(id=class_id, label=name, color=class_color(class_id).bytes_rgb)
-            for class_id, name in enumerate(self._config.class_names)
+            for class_id, name in enumerate(self._config.object_names)
         ]
         static = self._recording
         static.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, rr.AnnotationContext(context), static=True)
@@ -221,10 +222,25 @@ class RerunResultWriter:
         self._recording.log("world/ground", archetypes.ground_points(result.combined))
 
     def _log_objects(self, result: FrameResult) -> None:
-        labels, strong = object_labels(result, self._config.class_names), strong_objects(result)
-        self._recording.log("world/objects", archetypes.objects_3d(result, labels, strong, strong=True))
-        self._recording.log("world/objects/heading", archetypes.heading_arrows(result, strong))
-        self._recording.log("world/faint", archetypes.objects_3d(result, labels, ~strong, strong=False))
+        labels, log = object_labels(result, self._config.object_names), self._recording.log
+        strong, placed = strong_objects(result), placed_objects(result)
+        looks: tuple[tuple[str, Bools, archetypes.Look], ...] = (
+            ("world/objects", strong & ~placed, "strong"),
+            ("world/placed", strong & placed, "placed"),
+            ("world/faint", ~strong, "faint"),
+        )
+        for path, rows, look in looks:
+            shown = archetypes.objects_3d(result, labels, rows, look)
+            log(path, shown, archetypes.object_sources(result, rows))
+        log("world/objects/heading", archetypes.heading_arrows(result, strong & ~placed))
+        log("world/placed/uncertainty", archetypes.object_ellipses(result, strong & placed))
+        if (found := result.detections.placed) is not None:
+            log(PLACED, archetypes.placed_boxes(found, self._config.object_names))
+            log(f"{PLACED}/uncertainty", archetypes.placed_ellipses(found))
+            self._shown.add(PLACED)
+        elif PLACED in self._shown:
+            log(PLACED, rr.Clear(recursive=True))
+            self._shown.remove(PLACED)
 
     def _log_truth(self, result: FrameResult) -> None:
         """The truth that is nearest to the frame in time, if it stands in the site frame or in the one it moves in."""
@@ -256,12 +272,12 @@ class RerunResultWriter:
                 image = self._encoded(message)
             except MessageError as err:
                 drops = (Drop(message.topic, message.stamp_ns, "the image cannot be shown", str(err)),)
-        drawn = drawn_boxes_2d(result, camera.name, self._config.class_names)
+        drawn = drawn_boxes_2d(result, camera.name, self._config.object_names)
         if not is_slower:
             self._log("image", camera, image)
         self._log("boxes", camera, archetypes.boxes_2d(drawn))
         self._log("boxes/labels", camera, archetypes.labels_2d(drawn, camera))
-        self._log("objects", camera, archetypes.edges_2d(result, camera))
+        self._log("objects", camera, archetypes.edges_2d(result, camera.name))
         return drops
 
     def _clear(self, camera: CameraSensor) -> None:

@@ -5,11 +5,20 @@ import numpy.typing as npt
 
 from pipeline.core.arrays import F64, Array
 
-__all__ = ["box_corners", "iou_xyxy", "pair_iou_xyxy", "rotations_2d", "wrap_angle"]
+__all__ = [
+    "UNIT_CORNERS",
+    "box_corners",
+    "iou_xyxy",
+    "pair_iou_xyxy",
+    "pair_overlaps_xyxy",
+    "rotations_2d",
+    "wrap_angle",
+]
 
-_CORNERS = np.array(
-    [[1, 1, -1], [-1, 1, -1], [-1, -1, -1], [1, -1, -1], [1, 1, 1], [-1, 1, 1], [-1, -1, 1], [1, -1, 1]]
+UNIT_CORNERS = np.array(
+    [[1.0, 1, -1], [-1, 1, -1], [-1, -1, -1], [1, -1, -1], [1, 1, 1], [-1, 1, 1], [-1, -1, 1], [1, -1, 1]]
 )
+"""(8, 3) corners of a box along its own axes, in units of half its size, in the order of `box_corners`."""
 
 
 def wrap_angle(angles_rad: npt.ArrayLike) -> F64:
@@ -40,7 +49,7 @@ def box_corners(centers: F64, sizes: F64, yaws: F64) -> F64:
         sizes: (N, 3) length, width, height.
         yaws: (N,) about +z.
     """
-    local = _CORNERS / 2 * sizes[:, None]
+    local = UNIT_CORNERS / 2 * sizes[:, None]
     cos, sin = np.cos(yaws)[:, None], np.sin(yaws)[:, None]
     x, y, z = np.moveaxis(local, -1, 0)
     return np.stack([x * cos - y * sin, x * sin + y * cos, z], -1) + centers[:, None]
@@ -69,11 +78,31 @@ def pair_iou_xyxy(first: Array, second: Array) -> F64:
     Returns:
         (...) in [0, 1]; 0 if a rectangle is empty, inverted or not finite.
     """
+    return pair_overlaps_xyxy(first, second)[0]
+
+
+def pair_overlaps_xyxy(first: Array, second: Array) -> tuple[F64, F64]:
+    """Intersection over union of upright rectangles, plain and generalised, of each pair.
+
+    The generalised one (Rezatofighi et al., "Generalized Intersection over Union", CVPR 2019) is the plain one less the
+    share of the smallest rectangle around both that neither fills: it tells near misses from far ones.
+
+    Args:
+        first: (..., 4) left, top, right, bottom.
+        second: (..., 4), in the same form.
+
+    Returns:
+        (...) in [0, 1], 0 if a rectangle is empty, inverted or not finite; (...) in [-1, 1], then -1.
+    """
     a, b = np.asarray(first, np.float64), np.asarray(second, np.float64)
     with np.errstate(invalid="ignore"):
         extent_a, extent_b = a[..., 2:] - a[..., :2], b[..., 2:] - b[..., :2]
         shared = np.minimum(a[..., 2:], b[..., 2:]) - np.maximum(a[..., :2], b[..., :2])
-    overlap = (shared > 0).all(-1) & (extent_a > 0).all(-1) & (extent_b > 0).all(-1)
-    intersection = np.where(overlap, shared.prod(-1), 0.0)
-    union = np.where(overlap, extent_a.prod(-1) + extent_b.prod(-1) - intersection, 1.0)
-    return np.asarray(intersection / union)
+        around = np.maximum(a[..., 2:], b[..., 2:]) - np.minimum(a[..., :2], b[..., :2])
+        sound = ((extent_a > 0) & (extent_b > 0) & np.isfinite(around)).all(-1)
+        intersection = np.where(sound & (shared > 0).all(-1), shared[..., 0] * shared[..., 1], 0.0)
+        areas = extent_a[..., 0] * extent_a[..., 1] + extent_b[..., 0] * extent_b[..., 1]
+        union = np.where(sound, areas - intersection, 1.0)
+        whole = np.where(sound, around[..., 0] * around[..., 1], 1.0)
+    iou = intersection / union
+    return np.asarray(iou), np.where(sound, iou - (whole - union) / whole, -1.0)

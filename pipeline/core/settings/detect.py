@@ -7,7 +7,15 @@ from pydantic import Field
 
 from pipeline.core.settings.model import Count, NotNegative, Positive, SettingsModel, Share
 
-__all__ = ["ClusterConfig", "Detect2DConfig", "Detect3DConfig", "NetworkColors", "NetworkLayout", "Provider"]
+__all__ = [
+    "ClusterConfig",
+    "Detect2DConfig",
+    "Detect3DConfig",
+    "NetworkColors",
+    "NetworkLayout",
+    "Provider",
+    "Recorded3DConfig",
+]
 
 NetworkLayout = Literal["yolox", "yolov5", "yolov8", "end_to_end", "rtdetr", "detr", "dfine"]
 NetworkColors = Literal["bgr_255", "rgb_255", "bgr_1", "rgb_1", "imagenet"]
@@ -42,18 +50,38 @@ class ClusterConfig(SettingsModel):
     points_per_sr: Positive = 45_000.0
 
 
-class Detect3DConfig(SettingsModel):
-    """Detection in the combined cloud.
+class Recorded3DConfig(SettingsModel):
+    """3D boxes that a detector wrote into the recording.
 
     Attributes:
-        method: `cluster` needs no weights; `none` finds nothing.
-        min_score: Boxes with a lower score are removed.
-        cluster: Settings of the method `cluster`.
+        class_numbers: What a number in the place of a class name means in vision_msgs: with `labels` the class that has
+            it among its labels, with `coco` a row of the 80 names of COCO, from 0, with `autoware` Autoware's numbers
+            (1 car, 2 truck, 3 bus, 4 trailer, 5 motorcycle, 6 bicycle, 7 pedestrian). A name is looked up in the labels
+            either way. Autoware's own messages have its numbers.
+        position_sigma_m: Standard deviation of x and of y where a message does not give their covariance.
+        yaw_sigma_deg: Standard deviation of the heading where a message does not give its variance.
     """
 
-    method: Literal["cluster", "none"] = "cluster"
+    class_numbers: Literal["labels", "coco", "autoware"] = "labels"
+    position_sigma_m: Positive = 0.3
+    yaw_sigma_deg: Positive = 10.0
+
+
+class Detect3DConfig(SettingsModel):
+    """3D boxes of the lidars.
+
+    Attributes:
+        method: `cluster` finds them in the combined cloud and needs no weights; `recorded` takes those that a detector
+            wrote into the recording (`topics.boxes3d`); `none` finds nothing.
+        min_score: Boxes with a lower score are removed.
+        cluster: Settings of the method `cluster`.
+        recorded: Settings of the method `recorded`.
+    """
+
+    method: Literal["cluster", "recorded", "none"] = "cluster"
     min_score: Share = 0.07
     cluster: ClusterConfig = ClusterConfig()
+    recorded: Recorded3DConfig = Recorded3DConfig()
 
 
 class Detect2DConfig(SettingsModel):

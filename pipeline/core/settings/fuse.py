@@ -1,6 +1,10 @@
 """Settings of association and fusion."""
 
-from pipeline.core.settings.model import NotNegative, SettingsModel, Share
+from typing import Annotated
+
+from pydantic import Field
+
+from pipeline.core.settings.model import NotNegative, Positive, SettingsModel, Share
 
 __all__ = ["AssociateConfig", "FuseConfig"]
 
@@ -8,24 +12,65 @@ __all__ = ["AssociateConfig", "FuseConfig"]
 class AssociateConfig(SettingsModel):
     """Matching of 3D boxes with 2D boxes.
 
+    A pair matches if it is likelier that both are one object than that they are two. How likely depends on how far the
+    2D box lies from where the 3D box is projected to (in the deviations that the settings here and the covariance of
+    the 3D box allow), on both classes, on the 2D box's score, and on how much of the object others hide.
+
     Attributes:
-        min_iou: Smallest IoU of a projected 3D box and a 2D box that may match.
-        class_penalty: Subtracted from the IoU if the classes differ, before the best assignment is computed. Pairs at
-            or below 0 never match, so at 1 the classes must agree.
+        min_giou: Smallest generalised IoU of a projected 3D box and a 2D box that may match, from -1 to 1: the IoU less
+            the share of the rectangle around both that neither fills. Below 0, boxes of small objects may match that
+            lie side by side, where the calibration is off.
+        gate: Largest distance of a pair that may match, in standard deviations.
+        pixel_sigma_px: Standard deviation of the edges of 2D boxes that does not depend on the object.
+        size_sigma: Standard deviation of the edges of 2D boxes as a share of the width or height; it also covers the
+            errors of the sizes of 3D boxes.
+        calibration_sigma_deg: Standard deviation of the direction in which a camera looks.
+        any_class: Share of the classes that detectors give which say nothing of the object. Beyond it, classes are
+            confused by their sizes: trucks with buses, riders with pedestrians.
+        unseen_boxes: 2D boxes in an image that belong to no 3D box, as a rule. The more there are, the better a pair
+            has to fit.
     """
 
-    min_iou: Share = 0.3
-    class_penalty: NotNegative = 0.1
+    min_giou: Annotated[float, Field(ge=-1, le=1)] = -0.3
+    gate: Positive = 6.0
+    pixel_sigma_px: Positive = 2.0
+    size_sigma: Positive = 0.15
+    calibration_sigma_deg: NotNegative = 0.5
+    any_class: Annotated[float, Field(gt=0, le=1)] = 0.1
+    unseen_boxes: Positive = 3.0
 
 
 class FuseConfig(SettingsModel):
     """Fusion of matched boxes.
 
     Attributes:
-        min_score: Objects with a lower fused score are not reported.
-        min_score_unconfirmed: Objects with a lower fused score are not reported if a camera with 2D boxes has them in
-            view and no camera confirms them. Objects that no camera looks at, as in a run by the lidars alone, stay.
+        min_score: Objects that are less probable are not reported. The probability is that of an object of this class
+            at this place, from what all sensors say and do not say; it means the same in every recording.
+        camera_recall: Share of large objects in plain view that the 2D detector finds; how much it speaks against an
+            object that a camera should see it and says nothing. null: learned while the run goes on, for each camera
+            and size.
+        unknown: Whether what the lidars see well, and what is probably of no class, is reported as an object of class
+            `unknown`: cargo on the road, animals, but also bushes, poles and walls up to the size of a bus. Its score
+            grows with its points. `/lidar_camera_fused` and `lidcam evaluate` leave such objects out.
+        refine: Fit the boxes to the 2D boxes that are matched with them. Off, they stay as the lidars gave them.
+        pixel_sigma_px: Standard deviation of the edges of 2D boxes, pixels: how much is taken from the cameras.
+        outline_sigma: Standard deviation that is added to it, as a share of the size of the 2D box (the root of its
+            area): objects are no cuboids, and detectors err in proportion.
+        lidar_sigma_scale: Multiplies the standard deviations that the lidar detector gives for place and heading: how
+            much is taken from the lidars. Above 1 where it is too sure.
+        size_sigma: Standard deviation of the length and the width of the boxes, as a share of them. 0: known exactly.
+        corner_rounding: Radius of the corners of an object seen from above, as a share of its width: 2D boxes enclose
+            the object, which is rounder than the box around it. 0: as large as the box.
+        underside: How far above the ground an object begins at its outline, as a share of its height.
     """
 
-    min_score: Share = 0.0
-    min_score_unconfirmed: Share = 0.0
+    min_score: Share = 0.5
+    camera_recall: Share | None = None
+    unknown: bool = False
+    refine: bool = True
+    pixel_sigma_px: Positive = 1.5
+    outline_sigma: NotNegative = 0.03
+    lidar_sigma_scale: Positive = 1.0
+    size_sigma: NotNegative = 0.1
+    corner_rounding: Annotated[float, Field(ge=0, le=0.5)] = 0.2
+    underside: Annotated[float, Field(ge=0, le=0.5)] = 0.05

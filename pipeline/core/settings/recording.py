@@ -1,12 +1,20 @@
 """Settings of reading: topics, rig, Velodyne packets, and limits against hostile recordings."""
 
-from typing import Literal
+from typing import Any, Literal
 
-from pydantic import Field
+from pydantic import Field, model_serializer, model_validator
 
 from pipeline.core.settings.model import Corners, Count, FrameName, Positive, SettingsModel, Topic, ZoneName
 
-__all__ = ["DEFAULT_LIMITS", "LimitsConfig", "RigConfig", "TopicsConfig", "VelodyneConfig", "VelodyneLidarConfig"]
+__all__ = [
+    "DEFAULT_LIMITS",
+    "LimitsConfig",
+    "RigConfig",
+    "TopicsConfig",
+    "VelodyneConfig",
+    "VelodyneLidarConfig",
+    "ZoneConfig",
+]
 
 VelodyneModelName = Literal[
     "auto", "VLP-16", "Puck Hi-Res", "HDL-32E", "HDL-64E S2", "HDL-64E S3", "VLP-32A", "VLP-32B", "VLP-32C", "VLS-128"
@@ -19,6 +27,8 @@ class TopicsConfig(SettingsModel):
     Attributes:
         lidars: Topics with clouds.
         cameras: Topics with images.
+        boxes3d: Topics with 3D boxes of a detector (vision_msgs/Detection3DArray or Autoware's DetectedObjects), for
+            `detect3d.method: recorded`. If empty: all that are neither truth nor what lidcam itself writes.
         exclude: Topics to ignore, by name or shell pattern.
         last_resort: Topics, by name or shell pattern, derived from other topics: used only if no other topic of their
             kind was recorded. Parts of combined messages come before them, and after topics recorded on their own.
@@ -26,8 +36,31 @@ class TopicsConfig(SettingsModel):
 
     lidars: tuple[Topic, ...] = ()
     cameras: tuple[Topic, ...] = ()
+    boxes3d: tuple[Topic, ...] = ()
     exclude: tuple[Topic, ...] = ()
     last_resort: tuple[Topic, ...] = ("/point_cloud_combined", "/ground_cloud")
+
+
+class ZoneConfig(SettingsModel):
+    """A part of the site; a list of corners alone is a zone of use `count`.
+
+    Attributes:
+        corners: Corners x, y in the site frame.
+        use: With `count` the objects inside are counted. With `detect` they are, too, and objects outside of all zones
+            of this use are not reported. With `ignore` the objects inside are not reported.
+    """
+
+    corners: Corners
+    use: Literal["count", "detect", "ignore"] = "count"
+
+    @model_validator(mode="before")
+    @classmethod
+    def _of_corners(cls, value: Any) -> Any:
+        return {"corners": value} if isinstance(value, list | tuple) else value
+
+    @model_serializer
+    def _as_short_as_possible(self) -> Any:
+        return self.corners if self.use == "count" else {"corners": self.corners, "use": self.use}
 
 
 class RigConfig(SettingsModel):
@@ -36,12 +69,12 @@ class RigConfig(SettingsModel):
     Attributes:
         site_frame: Frame in which clouds are combined and objects reported. If empty: the one in the rig file, else
             `base_link` if the lidars are fixed to it, else the frame that all lidars are fixed to.
-        zones: Parts of the site in which objects are counted: corners x, y in the site frame, by name. An object
-            belongs to the first zone that holds its centre. The zones of a rig file replace them.
+        zones: Parts of the site by name: corners x, y in the site frame, or `corners` and `use`. An object belongs to
+            the first zone that holds its centre, those of use `ignore` apart. The zones of a rig file replace them.
     """
 
     site_frame: FrameName = ""
-    zones: dict[ZoneName, Corners] = Field(default_factory=dict)
+    zones: dict[ZoneName, ZoneConfig] = Field(default_factory=dict)
 
 
 class VelodyneLidarConfig(SettingsModel):

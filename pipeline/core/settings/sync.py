@@ -23,7 +23,8 @@ class SyncConfig(SettingsModel):
         max_interval_s: Largest spread of the required topics' stamps in a frame under `approximate_time`; null for no
             limit, as in ROS.
         age_penalty: Under `approximate_time`, a later set must be better by this share of its delay.
-        required: Topics that a frame needs while they are alive: `lidars`, or a list of topics. The others join a frame
+        required: Topics that a frame needs while they are alive: `lidars` (in a recording without any, those of the
+            recorded 3D boxes that are used), or a list of topics. The others join a frame
             with the message nearest to its reference, if it is within `slop_s`. If none is alive, the next topic that
             is (a lidar, a camera, boxes) takes over. `all`: every frame has a message of each topic, as in ROS.
         silent_after_s: A topic without a message for this long, or for 2.5 of its periods if these are longer, is

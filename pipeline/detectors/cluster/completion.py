@@ -3,14 +3,14 @@
 A lidar sees only the near sides of an object. A side that faces a lidar shows its whole length; the extent behind it is
 taken from the size prior of the class. So a cluster is compared with each class, with the length along either axis of
 the rectangle; missing length counts only as far as it should have been visible. The box then keeps its near sides and
-grows away from the lidars.
+grows away from the lidars; a pedestrian's or a cyclist's grows about its middle.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64
+from pipeline.core.arrays import F64, I64, Bools
 from pipeline.core.settings.classes import ClassPrior
 from pipeline.detectors.cluster.lshape import Rectangles
 
@@ -33,6 +33,11 @@ BOTH_ENDS_WHOLE_SHARE = 0.5
 """An extent with both ends seen is complete from this share of the prior on."""
 
 
+SLENDER_SHARE = 0.5
+"""A class whose width is at most this share of its height has no broad side that hides its far end: of a cyclist the
+lidar sees the rider, in the middle. Such boxes grow to both ends alike."""
+
+
 @dataclass(frozen=True, eq=False)
 class CompletedBoxes:
     """Boxes of C clusters, above flat ground.
@@ -45,6 +50,7 @@ class CompletedBoxes:
         misfit: (C,) float64 squared deviation from the size prior in standard deviations, halved.
         center_std_m: (C, 2) float64 standard deviation of the centre along length and width.
         faces_m2: (C,) float64 area of the box visible to the lidars, from their mean direction.
+        is_slender: (C,) bool, the class is that of a pedestrian or a rider, by its proportions.
     """
 
     class_ids: I64
@@ -54,12 +60,18 @@ class CompletedBoxes:
     misfit: F64
     center_std_m: F64
     faces_m2: F64
+    is_slender: Bools
 
 
 def complete_boxes(
-    rectangles: Rectangles, top_m: F64, lidar_share: F64, lidar_xy: F64, priors: tuple[ClassPrior, ...]
+    rectangles: Rectangles,
+    top_m: F64,
+    lidar_share: F64,
+    lidar_xy: F64,
+    priors: tuple[ClassPrior, ...],
+    given_ids: I64 | None = None,
 ) -> CompletedBoxes:
-    """Choose the class of each cluster and complete its box.
+    """Choose the class of each cluster, where it is not given, and complete its box.
 
     Args:
         rectangles: Measured extents of C clusters.
@@ -67,6 +79,7 @@ def complete_boxes(
         lidar_share: (C, L) share of each cluster's points measured by each lidar.
         lidar_xy: (L, 2) positions of the lidars, metres, in the frame of the clusters.
         priors: Sizes of the classes.
+        given_ids: (C,) class of each cluster, whatever its size; -1 where it is to be chosen. None: all of them.
     """
     axes, extent = rectangles.axes, rectangles.high - rectangles.low  # (C, axis, xy), (C, axis)
     middle = (rectangles.high + rectangles.low) / 2
@@ -85,12 +98,18 @@ def complete_boxes(
     misfit = ((long**2 + short**2) / 2).sum(2)  # (C, 2K)
     rarity = -np.log(np.repeat([p.frequency for p in priors], 2))
     cost = np.where((measured <= limit).all(2), misfit + rarity, np.inf)
+    if given_ids is not None:
+        is_given = np.repeat(np.arange(len(priors)), 2) == given_ids[:, None]
+        cost = np.where(is_given, misfit, np.where(given_ids[:, None] < 0, cost, np.inf))
     choice = cost.argmin(1)
     rows = np.arange(len(choice))
     class_ids = np.where(np.isfinite(cost[rows, choice]), choice // 2, -1)
 
     chosen, chosen_limit = mean[choice], limit[choice]
     center, full, std = _grow(extent, middle, chosen[:, :2], chosen_limit[:, :2], seen, towards, lidar_share)
+    is_slender = chosen[:, :2].min(1) <= SLENDER_SHARE * chosen[:, 2]
+    center = np.where(is_slender[:, None], middle, center)
+    std = np.where(is_slender[:, None], (full - extent) / 4, std)
     height = np.where(top_m >= WHOLE_SHARE * chosen[:, 2], top_m, chosen[:, 2])
     swap = (choice % 2 == 1)[:, None]
     yaw = rectangles.angle_rad + np.where(swap[:, 0], np.pi / 2, 0.0)
@@ -103,6 +122,7 @@ def complete_boxes(
         misfit[rows, choice],
         np.where(swap, std[:, ::-1], std),
         faces,
+        is_slender,
     )
 
 

@@ -17,11 +17,24 @@ returns little, and other objects stand in front."""
 ROUGH_SHARE = 0.15
 """A residual of this share of the box's mean side takes the score down to 1/e: bushes are rough, vehicles are not."""
 
-SURFACE_STD_SHARE = 0.05
-"""Standard deviation of a seen side's position, as a share of the box's width."""
+SIZE_STD_SHARE, SPACING_STD_SHARE, ROUGH_STD_SHARE = 0.03, 0.3, 0.6
+"""Standard deviation of a centre beside that of its growth: shares of the box's extent, of the distance between beams
+on a side that faces the lidars, and of the residual of the sides. See `box_covariances`."""
+
+YAW_SPACING_SHARE = 0.15
+"""Standard deviation of where a side stands at its ends, as a share of the distance between beams, beside the residual
+of the sides: over the side's length this turns it."""
+
+SLENDER_YAW_SHARE = 0.5
+"""Standard deviation of a cyclist's heading in radians, as a share of the ratio of width to length of what was seen: a
+rider's shoulders and arms are not the bicycle's."""
 
 YAW_STD_MIN_RAD = np.deg2rad(1.0)
-YAW_STD_MAX_RAD = np.pi / 4
+YAW_STD_MAX_RAD = np.pi / np.sqrt(12.0)
+"""Where the heading is not known at all: of a line, anything within half a turn alike."""
+
+ROUND_FROM, ROUND_TO = 0.5, 0.8
+"""Ratio of width to length of a box from which on the points say less about its heading, and nothing."""
 
 
 def box_scores(boxes: CompletedBoxes, rectangles: Rectangles, counts: I64, expected_per_m2: F64) -> F64:
@@ -39,13 +52,37 @@ def box_scores(boxes: CompletedBoxes, rectangles: Rectangles, counts: I64, expec
     return np.where(boxes.class_ids >= 0, evidence * smooth * np.exp(-boxes.misfit / 4), 0.0)
 
 
-def box_covariances(boxes: CompletedBoxes, rectangles: Rectangles) -> F64:
-    """(C, 3, 3) over x, y and yaw: independent errors along length, width and heading."""
-    variance = boxes.center_std_m**2 + (SURFACE_STD_SHARE * boxes.sizes[:, 1:2]) ** 2
+def box_covariances(boxes: CompletedBoxes, rectangles: Rectangles, expected_per_m2: F64) -> F64:
+    """(C, 3, 3) over x, y and yaw: independent errors along length, width and heading.
+
+    Yaw is that of the length, of which the lidars do not know the front: half a turn is no error here. The centre is
+    where the object was when it was measured: what it moves until the frame's time comes on top.
+
+    The shares were fitted by maximum likelihood to simulated recordings of a crossing and of a drive, on boxes of the
+    right class. Squared errors of x and y against the covariance, where 2 is exact, are there 1.4 and 3.6 for cars, 0.8
+    and 1.9 for cyclists, 0.5 and 2.0 for pedestrians, 0.3 to 2.2 for vans, trucks and buses, 4.9 for the cars of five
+    KITTI frames; those of yaw, where 1 is exact, 0 to 4, but for single cars of few points whose heading is wrong.
+
+    Args:
+        boxes: Completed boxes of C clusters.
+        rectangles: Their measured extents.
+        expected_per_m2: (C,) points to expect on a square metre that faces the lidars.
+    """
+    spacing_m = 1 / np.sqrt(np.maximum(expected_per_m2, 1e-9))
+    extent = rectangles.high - rectangles.low
+    noise = (SPACING_STD_SHARE * spacing_m) ** 2 + (ROUGH_STD_SHARE * rectangles.residual_m) ** 2
+    variance = boxes.center_std_m**2 + (SIZE_STD_SHARE * boxes.sizes[:, :2]) ** 2 + noise[:, None]
     rotations = rotations_2d(boxes.yaw_rad)
-    long_m = np.maximum((rectangles.high - rectangles.low).max(1), 1e-3)
-    yaw_std = np.clip(rectangles.residual_m / long_m, YAW_STD_MIN_RAD, YAW_STD_MAX_RAD)
     covariances = np.zeros((len(variance), 3, 3))
     covariances[:, :2, :2] = rotations @ (variance[:, :, None] * rotations.transpose(0, 2, 1))
-    covariances[:, 2, 2] = yaw_std**2
+    covariances[:, 2, 2] = _yaw_std(boxes, extent, rectangles.residual_m, spacing_m) ** 2
     return covariances
+
+
+def _yaw_std(boxes: CompletedBoxes, extent: F64, residual_m: F64, spacing_m: F64) -> F64:
+    long_m = np.maximum(extent.max(1), 1e-3)
+    turn = np.hypot(residual_m, YAW_SPACING_SHARE * spacing_m) / long_m
+    turn = np.where(boxes.is_slender, np.maximum(turn, SLENDER_YAW_SHARE * extent.min(1) / long_m), turn)
+    ratio = boxes.sizes[:, :2].min(1) / boxes.sizes[:, :2].max(1)
+    unknown = YAW_STD_MAX_RAD * np.clip((ratio - ROUND_FROM) / (ROUND_TO - ROUND_FROM), 0, 1)
+    return np.asarray(np.clip(np.hypot(turn, unknown), YAW_STD_MIN_RAD, YAW_STD_MAX_RAD))

@@ -49,7 +49,7 @@ class UnlabelledEvaluation:
             if name not in self._sources:
                 self._sources[name] = _Source(self._config, self._zones)
                 for camera in self._cameras:
-                    self._residuals[name, camera.name] = Residuals(camera, self._config.associate)
+                    self._residuals[name, camera.name] = Residuals(camera, self._config)
             self._sources[name].add(frame, found)
             for camera in self._cameras:
                 if camera.name in frame.images:

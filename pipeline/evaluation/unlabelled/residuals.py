@@ -4,12 +4,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64
-from pipeline.core.association import worth_of_pairs
+from pipeline.core.arrays import F32, F64, I64
+from pipeline.core.association import (
+    class_confusion,
+    class_ratios,
+    detector_variances,
+    fit_ratios,
+    rectangle_features,
+    squared_distances,
+)
 from pipeline.core.detections import Boxes2D, Boxes3D
-from pipeline.core.geometry.boxes import box_corners, pair_iou_xyxy
+from pipeline.core.geometry.boxes import box_corners, pair_overlaps_xyxy
 from pipeline.core.rig import CameraSensor
-from pipeline.core.settings.fuse import AssociateConfig
+from pipeline.core.settings.config import Config
 from pipeline.evaluation.assignment import assign_heaviest, pairs_of_equal
 from pipeline.evaluation.pieces import Pieces
 from pipeline.evaluation.records import Figures
@@ -45,11 +52,12 @@ class Residuals:
 
     Args:
         camera: The camera.
-        config: How boxes are matched.
+        config: Classes, and how boxes are matched (`associate`).
     """
 
-    def __init__(self, camera: CameraSensor, config: AssociateConfig) -> None:
-        self._camera, self._config = camera, config
+    def __init__(self, camera: CameraSensor, config: Config) -> None:
+        self._camera, self._config = camera, config.associate
+        self._class_ratios = class_ratios(class_confusion(config.classes, self._config.any_class))
         self._frames: list[tuple[int, Boxes3D, Boxes2D]] = []
         self._fits = Pieces(_Fits(np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0), np.zeros(0)))
         self._in_view = self._found = 0
@@ -98,23 +106,26 @@ class Residuals:
         )
         site = self._camera.T_camera_site.src
         frame_id = next((part.frame_id for part in boxes if len(part) and part.frame_id != site), site)
-        projected = np.asarray(self._camera.project_boxes(corners, frame_id), np.float64)
+        projected = self._camera.project_boxes(corners, frame_id)
         frame_of = np.repeat(np.arange(len(frames)), [len(part) for part in boxes])
         class_ids = np.concatenate([part.class_ids for part in boxes])
         seen = ~np.isnan(projected[:, 0])
         projected, frame_of, class_ids = projected[seen], frame_of[seen], class_ids[seen]
         # Detected boxes may reach beyond the image, projections are clipped to it: clip both before comparing.
-        size = np.array([self._camera.model.width_px, self._camera.model.height_px] * 2, np.float64)
-        found = np.clip(np.concatenate([part.xyxy for _, _, part in frames]).astype(np.float64), 0, size)
+        size = np.array([self._camera.model.width_px, self._camera.model.height_px] * 2, np.float32)
+        found = np.clip(np.concatenate([part.xyxy for _, _, part in frames]), 0, size)
         found_frames = np.repeat(np.arange(len(frames)), [len(part) for _, _, part in frames])
         found_class_ids = np.concatenate([part.class_ids for _, _, part in frames])
         first, second = pairs_of_equal(frame_of, found_frames)
-        iou = pair_iou_xyxy(projected[first], found[second])
-        worth = worth_of_pairs(iou, class_ids[first] != found_class_ids[second], self._config)
-        allowed = np.flatnonzero(worth)
+        iou, giou = pair_overlaps_xyxy(projected[first], found[second])
+        near = giou >= self._config.min_giou
+        first, second, iou = first[near], second[near], iou[near]
+        worth = self._worth(projected[first], found[second])
+        worth += self._class_ratios[class_ids[first], found_class_ids[second]]
+        allowed = worth > 0
         first, second, iou, worth = first[allowed], second[allowed], iou[allowed], worth[allowed]
         chosen = assign_heaviest(first, second, worth)
-        of_3d, of_2d = projected[first[chosen]], found[second[chosen]]
+        of_3d, of_2d = projected[first[chosen]].astype(np.float64), found[second[chosen]].astype(np.float64)
         stamps_ns = np.array([stamp_ns for stamp_ns, _, _ in frames], np.int64)
         self._fits.append(
             _Fits(
@@ -126,6 +137,16 @@ class Residuals:
         )
         self._in_view += len(projected)
         self._found += len(found)
+
+    def _worth(self, projected: F32, found: F32) -> F64:
+        """(Q,) what pairs of rectangles (Q, 4) are worth by place and size; -inf beyond the gate."""
+        config, model = self._config, self._camera.model
+        focal_px = np.tile(model.K[[0, 1], [0, 1]], (len(projected), 1))
+        variances = detector_variances(projected, focal_px, config)
+        squared = squared_distances(rectangle_features(found) - rectangle_features(projected), variances)
+        area_px = np.full(len(projected), float(model.width_px * model.height_px))
+        ratios = fit_ratios(squared, variances, area_px, config.unseen_boxes)
+        return np.where(squared <= config.gate**2, ratios, -np.inf)
 
 
 def _spread(name: str, values: F64, unit: str = "") -> dict[str, float | None]:

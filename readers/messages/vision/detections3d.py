@@ -28,7 +28,7 @@ from readers.messages.tf import clean_frame
 from readers.messages.vision.hypotheses import best_and_counts, box_rows
 from readers.messages.vision.in_place import BoxRows
 
-__all__ = ["DETECTIONS_3D", "Detections3D", "decode_detections3d"]
+__all__ = ["DETECTIONS_3D", "Detections3D", "box_numbers", "decode_detections3d"]
 
 DETECTIONS_3D = "vision_msgs/msg/Detection3DArray"
 
@@ -92,10 +92,10 @@ def decode_detections3d(message: RawMessage, *, limits: LimitsConfig = DEFAULT_L
     Raises:
         MessageError: not a Detection3DArray of a known layout, or more boxes than `limits` allow.
     """
-    return _detections(message.stamp_ns, box_rows(message, DETECTIONS_3D, _numbers, 10, limits))
+    return _detections(message.stamp_ns, box_rows(message, DETECTIONS_3D, box_numbers, 10, limits))
 
 
-def _numbers(bbox: Any) -> list[float]:
+def box_numbers(bbox: Any) -> list[float]:
     """The numbers of a box in the order of `BoxRows.boxes`."""
     at, turn, size = bbox.center.position, bbox.center.orientation, bbox.size
     return [at.x, at.y, at.z, turn.x, turn.y, turn.z, turn.w, size.x, size.y, size.z]

@@ -39,3 +39,14 @@ def test_without_numbers_among_the_labels() -> None:
 def test_numbers_of_coco_are_names() -> None:
     config = load_config(None, {"detect2d.class_numbers": "coco"})
     assert class_number_warnings({"class '16' is not configured": 1}, config) == ()
+
+
+def test_numbers_of_3d_boxes() -> None:
+    unused = {"class '9' is not configured": 2}
+    (warning,) = class_number_warnings({}, Config(), unused)
+    assert str(warning).startswith("recorded 3D boxes: 2 have class numbers that no class has (9); known are 1 car, ")
+    assert "--set detect3d.recorded.class_numbers=autoware or =coco" in str(warning)
+    assert len(class_number_warnings(unused, Config(), unused)) == 2
+    for numbers in ("coco", "autoware"):
+        config = load_config(None, {"detect3d.recorded.class_numbers": numbers})
+        assert class_number_warnings({}, config, unused) == ()

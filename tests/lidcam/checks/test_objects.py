@@ -59,14 +59,8 @@ def warning_of(config: str | None, *settings: str) -> RunWarning:
             "a smaller detect3d.min_score shows them",
         ),
         ("sandbox", ["fuse.min_score=1"], "less than fuse.min_score, 1", "a smaller fuse.min_score shows them"),
-        (
-            "sandbox",
-            ["fuse.min_score=0", "fuse.min_score_unconfirmed=1", "associate.min_iou=1", "topics.exclude=[/image*]"],
-            "less than fuse.min_score_unconfirmed, 1",
-            "a smaller fuse.min_score_unconfirmed shows them",
-        ),
     ],
-    ids=["method", "range", "outliers", "clusters", "scale", "detect3d", "fuse", "unconfirmed"],
+    ids=["method", "range", "outliers", "clusters", "scale", "detect3d", "fuse"],
 )
 def test_the_step_that_left_nothing_is_named(
     config: str | None, settings: list[str], finding: str, remedy: str
@@ -92,6 +86,8 @@ def flat(count: int) -> FrameResult:
         result,
         combined=replace(result.combined, counts=counts),
         detections=replace(result.detections, lidar=none),
+        hypotheses=replace(result.hypotheses, boxes=none, lidar_count=0),
+        beliefs=np.zeros(0),
         fused=Fused(none, np.zeros(0, np.int32), np.zeros(0, np.int64)),
     )
 

@@ -144,6 +144,16 @@ def test_zones_of_a_rig_file(result: Path, tmp_path: Path, capsys: pytest.Captur
     assert tree["exit_code"] == 0
 
 
+def test_true_objects_that_the_zones_ignore_are_no_misses(
+    result: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rig = tmp_path / "zones.yaml"
+    rig.write_text("zones: {all: {corners: [[-9, -9], [9, -9], [9, 9], [-9, 9]], use: ignore}}\n", encoding="utf-8")
+    run_evaluate(options(result, rig=rig, json="-"))
+    figures = valid(capsys.readouterr().out)["sources"]["fused"]["car"]
+    assert (figures["truth"], figures["ignored"], figures["zones"]) == (0, 8, {})
+
+
 def test_a_rig_file_without_anything_to_evaluate_by(result: Path, tmp_path: Path) -> None:
     rig = tmp_path / "rig.yaml"
     rig.write_text("site_frame: map\n", encoding="utf-8")

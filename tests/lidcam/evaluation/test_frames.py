@@ -9,7 +9,7 @@ from typing import Any
 import builders
 import numpy as np
 import pytest
-from frames import CONFIG, PERIOD_NS, PROVENANCE, RIG, START_NS, frame
+from frames import CONFIG, COVARIANCE, PERIOD_NS, PROVENANCE, RIG, START_NS, frame
 from rosbags.highlevel import AnyReader
 from scipy.spatial.transform import Rotation
 from small_scenario import write_small_scenario
@@ -18,6 +18,7 @@ from truth_messages import true_object, truth_message, visible_message
 from lidcam import process
 from lidcam.commands.simulate import SimulateOptions, run_simulate
 from lidcam.evaluation.frames import EvaluationFrames
+from pipeline.core.detections import Source
 from pipeline.core.errors import FrameError, RecordingError
 from pipeline.core.frame import FrameResult
 from pipeline.core.geometry.boxes import iou_xyxy, wrap_angle
@@ -300,3 +301,13 @@ def test_truth_when_the_lidars_measured_it(simulated: tuple[Path, Path]) -> None
         assert one.truth is not None
         assert other.truth is not None
         np.testing.assert_allclose(other.truth.centers, one.truth.centers, atol=1e-6)
+
+
+def test_what_the_cameras_place_is_a_source_of_its_own(tmp_path: Path) -> None:
+    sources = [Source.LIDAR, Source.CAMERA, Source.BOTH]
+    result = result_file(tmp_path / "out.mcap", [frame(0), frame(1, sources=sources)])
+    first, second = compared(result)[0]
+    assert ({*first.sources}, {*second.sources}) == ({"lidar", "fused"}, {"lidar", "cameras", "fused"})
+    boxes = second.sources["cameras"].boxes
+    np.testing.assert_array_equal(boxes.centers, frame(1).fused.objects.centers[[1]])
+    np.testing.assert_array_equal(boxes.covariances, [COVARIANCE])

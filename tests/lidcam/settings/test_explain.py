@@ -4,6 +4,7 @@ from lidcam.settings.explain import UNITS, explain, preset_summaries
 from pipeline.core.errors import ConfigError
 from pipeline.core.settings.bundled import PRESETS
 from pipeline.core.settings.config import Config
+from pipeline.core.settings.fuse import FuseConfig
 from pipeline.core.settings.validation.schema import key_places
 
 KEYS = [key for key, _ in key_places(Config)]
@@ -29,8 +30,8 @@ def test_a_setting() -> None:
 def test_a_section_names_its_keys() -> None:
     found = explain("fuse")
     assert found.meaning == "Fusion of matched boxes."
-    assert {*found.keys} == {"min_score", "min_score_unconfirmed"}
-    assert found.keys["min_score"] == "Objects with a lower fused score are not reported."
+    assert {*found.keys} == {*FuseConfig.model_fields}
+    assert found.keys["min_score"].startswith("Objects that are less probable are not reported.")
 
 
 def test_all_settings() -> None:

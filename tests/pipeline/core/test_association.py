@@ -1,25 +1,68 @@
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import multivariate_t
 
-from pipeline.core.association import worth_of_pairs
+from pipeline.core.association import (
+    FREEDOM,
+    class_confusion,
+    class_ratios,
+    detector_variances,
+    fit_ratios,
+    rectangle_features,
+    squared_distances,
+)
+from pipeline.core.settings.classes import ROAD_CLASSES
 from pipeline.core.settings.fuse import AssociateConfig
 
-
-@pytest.mark.parametrize(
-    ("iou", "differs", "expected"),
-    [
-        (0.5, False, 0.5),
-        (0.5, True, 0.4),
-        (0.3, False, 0.3),
-        (0.29, False, 0.0),
-        (0.0, True, 0.0),
-    ],
-)
-def test_worth_is_the_overlap_less_a_penalty(iou: float, differs: bool, expected: float) -> None:
-    config = AssociateConfig(min_iou=0.3, class_penalty=0.1)
-    assert worth_of_pairs(np.array([[iou]]), np.array([[differs]]), config).tolist() == [[pytest.approx(expected)]]
+CAR, PEDESTRIAN, BICYCLE, TRUCK, BUS = range(5)
+FOCAL = np.array([[500.0, 500.0]])
 
 
-def test_a_penalty_of_one_forbids_other_classes() -> None:
-    config = AssociateConfig(min_iou=0.0, class_penalty=1.0)
-    assert worth_of_pairs(np.array([1.0, 0.7, 0.0]), np.array([True, False, False]), config).tolist() == [0, 0.7, 0]
+def test_features_of_rectangles() -> None:
+    found = rectangle_features(np.array([[10, 20, 40, 30], [5, 5, 5.5, 5]], np.float32))
+    np.testing.assert_allclose(found, [[25, 25, np.log(30), np.log(10)], [5.25, 5, 0, 0]], atol=1e-6)
+    assert rectangle_features(np.zeros((0, 4), np.float32)).shape == (0, 4)
+
+
+def test_variances_are_those_of_edges_that_err_independently() -> None:
+    config = AssociateConfig(pixel_sigma_px=1.5, size_sigma=0.05, calibration_sigma_deg=0.2)
+    rectangle = np.array([[100.0, 50, 300, 150]])
+    random = np.random.default_rng(0)
+    sigma = np.sqrt(1.5**2 + (0.05 * np.array([200.0, 100])) ** 2)
+    edges = rectangle + random.normal(0, 1, (200_000, 4)) * np.tile(sigma, 2)
+    edges += np.tile(random.normal(0, np.deg2rad(0.2) * 500, (200_000, 2)), 2)
+    expected = rectangle_features(edges.astype(np.float32)).var(0)
+    found = detector_variances(rectangle.astype(np.float32), FOCAL, config)[0]
+    np.testing.assert_allclose(found, expected, rtol=0.03)
+
+
+@given(st.lists(st.floats(-40, 40), min_size=4, max_size=4), st.lists(st.floats(0.01, 50), min_size=4, max_size=4))
+def test_the_ratio_is_that_of_two_densities(differences: list[float], variances: list[float]) -> None:
+    d, v = np.array([differences]), np.array([variances])
+    found = fit_ratios(squared_distances(d, v), v, np.array([640.0 * 480]), 2.0)
+    same = multivariate_t(np.zeros(4), np.diag(v[0]), df=int(FREEDOM)).logpdf(d[0])
+    other = np.log(2.0 / (640 * 480 * 4 * 4))
+    assert found == pytest.approx([same - other], abs=1e-9)
+
+
+def test_what_has_nearly_the_same_size_is_nearly_the_same_class() -> None:
+    confusion = class_confusion(ROAD_CLASSES, 0.1)
+    np.testing.assert_allclose(confusion.sum(1), 1)
+    assert (confusion.argmax(1) == np.arange(5)).all()
+    assert confusion[TRUCK, BUS] > confusion[CAR, TRUCK] > confusion[CAR, PEDESTRIAN]
+    assert confusion[PEDESTRIAN, BICYCLE] > confusion[PEDESTRIAN, CAR]
+    ratios = class_ratios(confusion)
+    assert (np.diag(ratios) > 0).all()
+    assert ratios[TRUCK, BUS] > 0 > ratios[CAR, TRUCK] > ratios[CAR, PEDESTRIAN]
+
+
+def test_classes_may_say_nothing() -> None:
+    np.testing.assert_allclose(class_ratios(class_confusion(ROAD_CLASSES, 1.0)), 0, atol=1e-12)
+    np.testing.assert_allclose(class_ratios(class_confusion(ROAD_CLASSES[:1], 0.1)), 0, atol=1e-12)
+
+
+def test_ratios_of_classes_average_to_one_over_all_calls() -> None:
+    ratios = np.exp(class_ratios(class_confusion(ROAD_CLASSES, 0.2)))
+    np.testing.assert_allclose(ratios.mean(1), 1)

@@ -88,6 +88,7 @@ def assert_consistent(combined: CombinedCloud) -> None:
     assert counts["input"] == sum(counts[step] for step in ("nan", "range", "outliers", "ground", "left"))
     assert counts["left"] == len(combined.cloud) == len(combined.lidar_index)
     assert counts["ground"] == len(combined.ground_cloud)
+    assert set(map(tuple, combined.cloud.xyz)) <= set(map(tuple, combined.detection_cloud.xyz))
 
 
 # --- order, fields, extrinsics
@@ -226,6 +227,19 @@ def test_outliers_and_ground_are_taken_out_and_counted() -> None:
     assert combined.cloud.xyz[:, 2].min() > -1.51
     assert 2900 <= combined.counts["left"] <= 3000
     assert_consistent(combined)
+
+
+def test_objects_are_detected_in_what_outlier_removal_takes_but_not_in_the_ground() -> None:
+    far = np.column_stack([np.full(30, 60.0), np.linspace(-19, 19, 30), np.tile([-1.2, -0.8, -0.4], 10)])
+    combined = Combine(rig(a=pose(), b=pose()), CombineConfig())(
+        frame(), {"a": sweep(street()[:-1]), "b": sweep(far, first_id=20_000)}
+    )
+    cloud, lidar = combined.detection_cloud, combined.detection_lidar_index
+    assert not (combined.cloud.ring >= 20_000).any()
+    assert (cloud.ring >= 20_000).sum() == 30
+    assert ((cloud.ring >= 20_000) == (lidar == 1)).all()
+    assert combined.plane is not None
+    assert np.abs(cloud.xyz[:, 2] - combined.plane.height_m(cloud.xyz[:, :2])).min() > CombineConfig().ground.distance_m
 
 
 @pytest.mark.parametrize("outliers", [True, False])

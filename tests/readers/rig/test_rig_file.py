@@ -18,6 +18,7 @@ from readers.rig.rig_file import load_rig, rig_yaml
 from readers.rig.schema import RigFile, parse_rig
 
 EYE = np.eye(4).tolist()
+SQUARE = [[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]]
 K = [[500.0, 0.0, 32.0], [0.0, 500.0, 24.0], [0.0, 0.0, 1.0]]
 # x forward to z forward: a camera at the site's origin that looks along +x
 LOOK_X = [[0.0, -1.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
@@ -71,7 +72,7 @@ def assert_same(one: Rig, other: Rig) -> None:
         np.testing.assert_array_equal(c.model.distortion, d.model.distortion)
         np.testing.assert_array_equal(c.T_camera_site.matrix, d.T_camera_site.matrix)
     for z, w in zip(one.zones, other.zones, strict=True):
-        assert z.name == w.name
+        assert (z.name, z.use) == (w.name, w.use)
         np.testing.assert_array_equal(z.polygon_site, w.polygon_site)
 
 
@@ -105,6 +106,27 @@ def test_a_written_rig_reads_back_to_the_same_numbers(tmp_path: Path) -> None:
     assert {source.extrinsics for source in again.sources} == {"rig file"}
     (tmp_path / "again.yaml").write_text(rig_yaml(again.rig))
     assert (tmp_path / "again.yaml").read_bytes() == (tmp_path / "rig.yaml").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("zone", "use"),
+    [
+        (SQUARE, "count"),
+        ({"corners": SQUARE}, "count"),
+        ({"corners": SQUARE, "use": "count"}, "count"),
+        ({"corners": SQUARE, "use": "detect"}, "detect"),
+        ({"corners": SQUARE, "use": "ignore"}, "ignore"),
+    ],
+)
+def test_zones_and_what_they_are_for(tmp_path: Path, zone: Any, use: str) -> None:
+    found = apply({"site_frame": "a", "lidars": {"a": {"T_site_lidar": EYE}}, "zones": {"lane": zone}})
+    (read,) = found.rig.zones
+    assert (read.name, read.use, read.polygon_site.tolist()) == ("lane", use, SQUARE)
+    assert len(found.rig.counted_zones) == (use != "ignore")
+    (tmp_path / "rig.yaml").write_text(rig_yaml(found.rig))
+    assert_same(found.rig, apply(yaml.safe_load((tmp_path / "rig.yaml").read_text())).rig)
+    written = yaml.safe_load((tmp_path / "rig.yaml").read_text())["zones"]["lane"]
+    assert written == (SQUARE if use == "count" else {"corners": SQUARE, "use": use})
 
 
 def test_vehicles_of_the_truth_are_read_and_written(tmp_path: Path) -> None:
@@ -341,6 +363,14 @@ def test_sensors_without_topics_go_by_name_then_by_order() -> None:
         ({"lidars": {"x": {}}, "cameras": {"x": {}}}, "x names a lidar and a camera"),
         ({"lidars": {"a b": {}}}, "a name of letters, digits and _, found 'a b'"),
         ({"zones": {"z": [[0, 0], [1, 1]]}}, "at least 3"),
+        ({"zones": {"z": {"corners": [[0, 0], [1, 1]]}}}, "at least 3"),
+        ({"zones": {"z": {"corners": SQUARE, "use": "avoid"}}}, r"zones\.z\.use.*ignore.*found 'avoid'"),
+        ({"zones": {"z": {"corners": SQUARE, "colour": "red"}}}, r"unknown key 'zones\.z\.colour'"),
+        ({"zones": {"z": {"use": "ignore"}}}, r"zones\.z\.corners"),
+        ({"zones": {"z": {"corners": [[0, 0], [1, float("inf")], [1, 1]]}}}, r"zones\.z\.corners"),
+        ({"zones": {"z": [[0, 0], [1, 2, 3], [1, 1]]}}, r"zones\.z"),
+        ({"zones": {"z": 3}}, r"zones\.z"),
+        ({"zones": {"z": None}}, r"zones\.z"),
     ],
 )
 def test_mistakes_in_a_rig_file_are_told_in_one_line(tmp_path: Path, tree: dict[str, Any], reason: str) -> None:

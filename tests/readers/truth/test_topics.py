@@ -86,3 +86,16 @@ def test_results_of_other_programs_may_be_truth() -> None:
     found = find_truth_topics(recording("/fused/detections"), ())
     assert isinstance(found, TruthTopics)
     assert found.objects == "/fused/detections"
+
+
+def test_boxes_that_the_result_was_made_from_are_truth_only_by_name() -> None:
+    source = ["/detector/objects"]
+    found = find_truth_topics(recording("/detector/objects"), RESULT_TOPICS, sources=source)
+    assert isinstance(found, str)
+    assert "found none" in found
+    other = find_truth_topics(recording("/detector/objects", "/labels"), RESULT_TOPICS, sources=source)
+    assert isinstance(other, TruthTopics)
+    assert other.objects == "/labels"
+    named = find_truth_topics(recording("/ground_truth/a"), RESULT_TOPICS, sources=["/ground_truth/a"])
+    assert isinstance(named, TruthTopics)
+    assert named.objects == "/ground_truth/a"

@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 import yaml
 from builders import odometry, raw
-from frames import CONFIG, PERIOD_NS, PROVENANCE, RIG, START_NS, frame, image_message
+from frames import CONFIG, COVARIANCE, PERIOD_NS, PROVENANCE, RIG, START_NS, frame, image_message
 from mcap.reader import make_reader
 from results import messages_of, topics_of
 from rosbags.highlevel import AnyReader
 from scipy.spatial.transform import Rotation
 
+from pipeline.core.detections import Source
 from pipeline.core.errors import OutputError
 from pipeline.core.frame import FrameResult
 from pipeline.core.geometry.transform import Transform
@@ -195,6 +196,24 @@ def test_the_same_results_give_the_same_bytes(tmp_path: Path, compression: str) 
     assert {chunk.compression for chunk in summary.chunk_indexes} == {compression.replace("none", "")}
 
 
+def test_what_the_cameras_place_is_written_where_a_camera_looks(tmp_path: Path) -> None:
+    placed = frame(1, sources=[Source.LIDAR, Source.CAMERA, Source.CAMERA])
+    write(tmp_path / "out.mcap", [frame(0), placed, frame(2, sources=[Source.LIDAR] * 3)])
+    written = [message for _, message in messages_of(tmp_path / "out.mcap", "/cameras/detections")]
+    assert [len(message.detections) for message in written] == [2, 0]
+    assert [stamp_of(message) for message in written] == [START_NS + PERIOD_NS, START_NS + 2 * PERIOD_NS]
+    (first, second), objects = written[0].detections, placed.fused.objects
+    assert [one.results[0].hypothesis.class_id for one in (first, second)] == ["pedestrian", "truck"]
+    assert first.bbox.center.position.x == objects.centers[1, 0]
+    np.testing.assert_array_equal(
+        first.results[0].pose.covariance.reshape(6, 6)[np.ix_([0, 1, 5], [0, 1, 5])], COVARIANCE
+    )
+    scenes = [message for _, message in messages_of(tmp_path / "out.mcap", "/cameras/scene")]
+    assert [len(message.entities) for message in scenes] == [2, 0]
+    shown = json.loads(layout_path(tmp_path / "out.mcap").read_text())["configById"]["3D!scene"]["topics"]
+    assert shown["/cameras/scene"]["visible"] is False
+
+
 def test_images_and_clouds_can_be_left_out(tmp_path: Path) -> None:
     config = Config.model_validate({"output": {"images": False, "clouds": False}})
     write(tmp_path / "out.mcap", [frame()], config=config)
@@ -313,9 +332,10 @@ def test_a_full_disk_is_one_clear_line(tmp_path: Path, monkeypatch: pytest.Monke
     assert names_in(tmp_path) == []
 
 
-def test_a_camera_named_like_an_output_is_refused(tmp_path: Path) -> None:
-    rig = replace(RIG, cameras=(replace(RIG.cameras[0], name="lidar"),))
-    with pytest.raises(OutputError, match="two outputs are called /lidar/detections; rename the camera"):
+@pytest.mark.parametrize("name", ["lidar", "cameras"])
+def test_a_camera_named_like_an_output_is_refused(tmp_path: Path, name: str) -> None:
+    rig = replace(RIG, cameras=(replace(RIG.cameras[0], name=name),))
+    with pytest.raises(OutputError, match=f"two outputs are called /{name}/detections; rename the camera"):
         write(tmp_path / "out.mcap", [frame()], rig=rig)
     assert names_in(tmp_path) == []
 

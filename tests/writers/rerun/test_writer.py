@@ -11,6 +11,7 @@ import pytest
 from frames import CONFIG, PROVENANCE, RIG, START_NS, frame
 
 from pipeline.core.clouds import CombinedCloud, PointCloud
+from pipeline.core.detections import Source
 from pipeline.core.errors import MessageError, OutputError
 from pipeline.core.frame import FrameResult, Missing
 from pipeline.core.images import Image
@@ -76,11 +77,22 @@ def test_rerun_reads_it(tmp_path: Path) -> None:
         for leaf in ("", "/image", "/boxes", "/boxes/labels", "/objects")
     }
     others = {"/world", "/world/cloud", "/world/ground", "/world/objects", "/world/objects/heading", "/world/faint"}
+    others |= {"/world/placed", "/world/placed/uncertainty"}
     lidars = {"/world/lidars/lidar1", "/world/lidars/lidar2"}
     metrics = {"/metrics/objects", "/metrics/confirmed", "/metrics/skew_ms"}
     assert entities(printed) == cameras | others | lidars | metrics
     assert "log_time" not in printed
     assert "log_tick" not in printed
+
+
+def test_what_the_cameras_place_is_there_until_no_camera_looks(tmp_path: Path) -> None:
+    sources = [Source.BOTH, Source.CAMERA, Source.LIDAR]
+    write(tmp_path / "out.rrd", [frame(0, sources=sources), frame(1), frame(2)])
+    printed = rerun(tmp_path, "rrd", "print", "-vvv", tmp_path / "out.rrd").stdout
+    assert "/world/detections/cameras/uncertainty" in entities(printed)
+    for told in ("both", "camera", "pedestrian 0.50 (1 cam, no lidar)", "lidcam.Objects:source"):
+        assert told in printed
+    assert cleared(tmp_path) == {"/world/detections/cameras": 1}
 
 
 @pytest.mark.parametrize(

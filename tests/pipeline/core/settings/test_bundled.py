@@ -17,17 +17,15 @@ def test_presets_are_files_of_config(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", PRESETS)
-def test_what_is_proposed_to_the_cameras_alone_is_not_reported_by_the_lidars_alone(name: str) -> None:
-    preset, default = load_config(name), Config()
-    assert max(preset.detect3d.min_score, preset.fuse.min_score) >= default.detect3d.min_score
-    assert preset.fuse.min_score_unconfirmed > preset.fuse.min_score
+def test_the_least_probability_is_the_same_for_all_recordings(name: str) -> None:
+    assert load_config(name).fuse == Config().fuse
 
 
 def test_a_preset_wins_over_a_file_without_an_ending(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "sandbox").write_text("fuse: {min_score: 0.7}")
+    (tmp_path / "sandbox").write_text("combine: {max_range_m: 7.0}")
     monkeypatch.chdir(tmp_path)
-    assert load_config("sandbox").fuse.min_score == 0.22
-    assert load_config("./sandbox").fuse.min_score == 0.7
+    assert load_config("sandbox").combine.max_range_m == 12.0
+    assert load_config("./sandbox").combine.max_range_m == 7.0
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ from pipeline.detectors.cluster.completion import CompletedBoxes, complete_boxes
 from pipeline.detectors.cluster.lshape import Rectangles
 
 PRIORS = Config().classes
-CAR, PEDESTRIAN = 0, 1
+CAR, PEDESTRIAN, BICYCLE, TRUCK = range(4)
 LENGTH, WIDTH, HEIGHT = PRIORS[CAR].size_m
 
 
@@ -52,6 +52,25 @@ def test_length_along_the_second_axis_turns_the_yaw() -> None:
     assert box.sizes[0, :2] == pytest.approx([4.1, WIDTH])
     turned = complete((8.0, -2.0), (8.3, 2.1), angle=0.4)
     assert turned.yaw_rad[0] == pytest.approx(0.4 - np.pi / 2)
+
+
+def test_rider_is_in_the_middle_of_a_cyclist() -> None:
+    rectangle = Rectangles(np.zeros(1), np.array([[10.0, -0.25]]), np.array([[10.6, 0.25]]), np.zeros(1))
+    one = np.ones((1, 1))
+    box = complete_boxes(rectangle, np.array([1.7]), one, np.zeros((1, 2)), PRIORS, np.array([BICYCLE]))
+    assert box.class_ids.tolist() == [BICYCLE]
+    assert box.center_xy[0] == pytest.approx([10.3, 0.0])
+    assert box.sizes[0, :2] == pytest.approx([PRIORS[BICYCLE].size_m[0], 0.5])  # the width was seen whole
+    assert box.center_std_m[0] == pytest.approx([0.3, 0.0])
+
+
+def test_a_given_class_is_kept_whatever_the_size_and_minus_one_is_chosen() -> None:
+    low, high = np.tile([[10.0, -0.85]], (3, 1)), np.tile([[14.0, 0.85]], (3, 1))
+    rectangles = Rectangles(np.zeros(3), low, high, np.zeros(3))
+    given = np.array([PEDESTRIAN, -1, TRUCK])
+    boxes = complete_boxes(rectangles, np.full(3, 1.5), np.ones((3, 1)), np.zeros((1, 2)), PRIORS, given)
+    assert boxes.class_ids.tolist() == [PEDESTRIAN, CAR, TRUCK]
+    assert boxes.misfit[0] > boxes.misfit[2] > boxes.misfit[1]
 
 
 def test_car_that_lidars_at_both_ends_saw_is_left_as_measured() -> None:

@@ -302,11 +302,15 @@ def test_boxes_are_matched_as_the_fusion_does_it() -> None:
     truck = [LEFT, TOP, RIGHT, BOTTOM, 0.9, TRUCK_ID]
     frames = [frame_of(0, None, {"lidar": source_boxes([AHEAD])}, seen(truck))]
     assert image_figures(frames)["matches"] == 1
-    assert image_figures(frames, class_penalty=1.0)["matches"] == 0
-    shifted = [LEFT + 60, TOP, RIGHT + 60, BOTTOM, 0.9, CAR_ID]
+    car_beside = [LEFT - 10, TOP, RIGHT - 10, BOTTOM, 0.9, CAR_ID]
+    frames = [frame_of(0, None, {"lidar": source_boxes([AHEAD])}, seen(truck, car_beside))]
+    assert image_figures(frames)["offset_u_mean_px"] == pytest.approx(-10, abs=1e-3)
+    assert image_figures(frames, any_class=1.0)["offset_u_mean_px"] == pytest.approx(0, abs=1e-3)
+    shifted = [LEFT + 45, TOP, RIGHT + 45, BOTTOM, 0.9, CAR_ID]
     frames = [frame_of(0, None, {"lidar": source_boxes([AHEAD])}, seen(shifted))]
-    assert image_figures(frames, min_iou=0.3)["matches"] == 1
-    assert image_figures(frames, min_iou=0.4)["matches"] == 0
+    assert image_figures(frames, min_giou=0.4)["matches"] == 1
+    assert image_figures(frames, min_giou=0.5)["matches"] == 0
+    assert image_figures(frames, gate=2)["matches"] == 0
 
 
 def test_residuals_of_long_recordings_are_those_of_all_blocks(monkeypatch: pytest.MonkeyPatch) -> None:

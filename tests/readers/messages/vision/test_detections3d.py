@@ -328,7 +328,7 @@ def test_reading_in_place_says_what_rosbags_says(name: str, data: st.DataObject)
         return {**of_box([result() for _ in range(data.draw(st.integers(0, 3)))]), **more, **frame}
 
     raw = old_message(definitions, encoding, [box() for _ in range(data.draw(st.integers(0, 3)))])
-    ours, theirs = rows_in_place(raw, DEFAULT_LIMITS), rows_of_objects(deserialize(raw), detections3d._numbers, 10)
+    ours, theirs = rows_in_place(raw, DEFAULT_LIMITS), rows_of_objects(deserialize(raw), detections3d.box_numbers, 10)
     assert ours is not None
     assert (ours.frame_id, ours.ids, ours.of_box, ours.labels) == (
         theirs.frame_id,

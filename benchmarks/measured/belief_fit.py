@@ -1,0 +1,371 @@
+"""Fit the coefficients of the belief anew, from recordings whose truth is known.
+
+    python benchmarks/measured/belief_fit.py RECORDING|DATA,MODEL.onnx ... [--check RECORDING ...] [--keep FOLDER]
+
+A recording brings its own truth and 2D boxes; DATA is a folder of labelled real frames (`real.labelled_frames`), each
+of which is a recording of its own; together they count as one.
+
+Each is processed with every threshold on scores open. A hypothesis is right if it lies within 2 m, scaled, of a true
+object of its class that no better one shows (docs/figures.md). Twice: as the cameras and the lidars weighed it, and the
+lidars' boxes by themselves, which is what frames without images have. The coefficients minimise the cross-entropy, each
+recording counting the same, with a weak pull towards those in use; what is learned during a run is learned anew with
+each try. Printed are the coefficients, the cross-entropy, the expected calibration error by class, and what thresholds
+from 0.2 to 0.6 would find of what is there, and what false objects.
+"""
+
+import argparse
+import pickle
+import tempfile
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from counting import CLASSES, RANGE_M, excused
+from labelled_frames import LabelledFrame, labelled_frames, write_recording
+from scipy.optimize import minimize
+
+from lidcam.evaluation.frames import EvaluationFrames
+from lidcam.frames import RunInput
+from lidcam.job import make_job
+from lidcam.run import RunObserver, process_recording
+from pipeline.core.arrays import F64, I32, U8, Bools
+from pipeline.core.detections import Boxes3D, Hypotheses
+from pipeline.core.frame import FrameResult
+from pipeline.core.geometry.boxes import wrap_angle
+from pipeline.core.settings.config import Config
+from pipeline.evaluation.detection.criteria import Criteria
+from pipeline.evaluation.detection.gathering import Gathering
+from pipeline.evaluation.detection.tables import IGNORED
+from pipeline.evaluation.records import UNKNOWN, EvaluationFrame, SourceBoxes, TruthBoxes3D
+from pipeline.fusion.belief import (
+    FITTED,
+    Coefficients,
+    at_its_place,
+    camera_evidence,
+    joined,
+    log_odds_before_cameras,
+    probability,
+    reach_of_classes,
+)
+from pipeline.fusion.looks import Looks, looks_at
+from pipeline.fusion.recall import RecallCounts
+from readers.results.result import open_result
+from readers.truth.open import open_truth
+
+OPEN = {"fuse.min_score": 0.0, "output.images": False, "output.clouds": False}
+
+PULL = 1e-4
+"""Weight of the squared distance from the coefficients in use."""
+
+LIMITS = {"missed": (0.5, 1.0), "match_score": (0.3, 1.5), "further": (0.3, 1.0)}
+"""Recordings of one network and one simulator may not say more: others find less, and are less sure."""
+
+LEAST = 1e-3
+"""No probability is taken to be nearer to 0 or 1."""
+
+ROUNDS = 3
+"""Labels and what is learned during a run depend on the coefficients, and are made so many times."""
+
+
+@dataclass(frozen=True, eq=False)
+class WeighedFrame:
+    """What was weighed in one frame: with the cameras, and the lidars' boxes alone."""
+
+    boxes: Boxes3D
+    lidar_count: int
+    looks: Looks
+    alone: Boxes3D
+    truth: TruthBoxes3D
+    is_ignored: tuple[Bools, Bools]
+
+
+@dataclass(frozen=True, eq=False)
+class Weighed:
+    """A recording with its truth, and how much it counts."""
+
+    name: str
+    weight: float
+    config: Config
+    cameras: tuple[str, ...]
+    frames: list[WeighedFrame]
+
+
+class Collector(RunObserver):
+    """Keeps what is weighed in each frame."""
+
+    def __init__(self) -> None:
+        self.frames: list[tuple[Hypotheses, Looks, Boxes3D]] = []
+        self.source: RunInput
+
+    def opened(self, source: RunInput) -> None:
+        """Keep the sensors and the settings."""
+        self.source = source
+
+    def frame(self, result: FrameResult) -> None:
+        """Look at one frame."""
+        found = looks_at(result.hypotheses, result.detections.cameras, result.views, result.combined)
+        self.frames.append((result.hypotheses, found, result.detections.lidar))
+
+
+def weighed(given: str, folder: Path) -> list[Weighed]:
+    """Process what was given on the command line, and find its truth."""
+    path, _, model = given.partition(",")
+    if not Path(path).is_dir():
+        return [_recorded(path, folder)]
+    frames = [*labelled_frames(Path(path))]
+    return [_labelled(frame, Path(model), 1 / len(frames), folder) for frame in frames]
+
+
+def _recorded(path: str, folder: Path) -> Weighed:
+    collector = Collector()
+    result = folder / "result.mcap"
+    process_recording(make_job(path, result, settings=OPEN, workers=1, overwrite=True), collector)
+    frames = []
+    with open_result(result) as opened, open_truth(opened) as found:
+        for evaluated, (hypotheses, looks, alone) in zip(
+            EvaluationFrames(opened, found), collector.frames, strict=True
+        ):
+            if evaluated.truth is not None:
+                count, counted = hypotheses.lidar_count, (len(hypotheses.boxes), len(alone))
+                nothing = np.zeros(counted[0], np.bool_), np.zeros(counted[1], np.bool_)
+                frames.append(WeighedFrame(hypotheses.boxes, count, looks, alone, evaluated.truth, nothing))
+        return Weighed(path, 1.0, opened.config, tuple(camera.name for camera in opened.rig.cameras), frames)
+
+
+def _labelled(frame: LabelledFrame, model: Path, weight: float, folder: Path) -> Weighed:
+    collector = Collector()
+    write_recording(frame, folder / "frame.mcap")
+    process_recording(make_job(folder / "frame.mcap", settings=OPEN, model_2d=model, workers=1), collector)
+    (hypotheses, looks, alone), source = collector.frames[0], collector.source
+    T_site_lidar = source.rig.lidars[0].T_site_lidar
+    names = source.config.class_names
+    poses = T_site_lidar.matrix @ np.stack([one.T_lidar_box for one in frame.labels])
+    count = len(poses)
+    class_ids = [names.index(CLASSES[one.label]) if one.label in CLASSES else UNKNOWN for one in frame.labels]
+    truth = TruthBoxes3D(
+        0,
+        source.rig.site_frame,
+        poses[:, :3, 3],
+        np.array([one.size_m for one in frame.labels], np.float64),
+        wrap_angle(np.arctan2(poses[:, 1, 0], poses[:, 0, 0])),
+        np.array(class_ids, np.int32),
+        np.array([one.label for one in frame.labels], np.str_),
+        np.full(count, UNKNOWN, np.int64),
+        np.full(count, UNKNOWN, np.int32),
+        np.full(count, UNKNOWN, np.int32),
+        np.array(class_ids) == UNKNOWN,
+    )
+    T_lidar_site = T_site_lidar.inverse()
+    ignored = [
+        excused(frame, centers) | (np.hypot(centers[:, 0], centers[:, 1]) > RANGE_M)
+        for centers in (T_lidar_site.apply(hypotheses.boxes.centers), T_lidar_site.apply(alone.centers))
+    ]
+    found = WeighedFrame(hypotheses.boxes, hypotheses.lidar_count, looks, alone, truth, (ignored[0], ignored[1]))
+    return Weighed(frame.name, weight, source.config, tuple(one.name for one in source.rig.cameras), [found])
+
+
+def probabilities(run: Weighed, by: Coefficients) -> tuple[list[F64], list[F64], list[F64]]:
+    """By frame: those of the hypotheses, of the lidars' boxes by themselves, and the recall that was learned."""
+    recall = RecallCounts(run.cameras)
+    together, alone, learned = [], [], []
+    for frame in run.frames:
+        first, second = Start.of(run, [(frame.boxes, frame.lidar_count)]), Start.of(run, [(frame.alone, None)])
+        before = first.log_odds(by)
+        learned.append(recall.plain(frame.looks))
+        evidence = camera_evidence(frame.looks, learned[-1], by)
+        recall.learn(frame.looks, before, evidence, by)
+        together.append(probability(before + joined(evidence, by)) * first.place)
+        alone.append(probability(second.log_odds(by)) * second.place)
+    return together, alone, learned
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """What is known of boxes before a camera is asked, side by side."""
+
+    scores: F64
+    frequencies: F64
+    point_counts: I32
+    sources: U8
+    is_lidar: Bools
+    place: F64
+
+    @classmethod
+    def of(cls, run: Weighed, frames: Sequence[tuple[Boxes3D, int | None]]) -> "Start":
+        """Of the boxes of frames, and how many of them the lidars found; None: all."""
+        frequencies = np.array([prior.frequency for prior in run.config.classes])
+        reach_m = reach_of_classes(run.config.classes)
+        boxes = [one for one, _ in frames]
+        return cls(
+            np.concatenate([one.scores.astype(np.float64) for one in boxes]),
+            np.concatenate([frequencies[one.class_ids] for one in boxes]),
+            np.concatenate([one.point_counts for one in boxes]),
+            np.concatenate([one.sources for one in boxes]),
+            np.concatenate([np.arange(len(one)) < (len(one) if count is None else count) for one, count in frames]),
+            np.concatenate([at_its_place(one.covariances, reach_m[one.class_ids]) for one in boxes]),
+        )
+
+    def log_odds(self, by: Coefficients) -> F64:
+        """(N,) as these coefficients say."""
+        return log_odds_before_cameras(
+            self.scores, self.frequencies, self.point_counts, self.sources, self.is_lidar, by
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """All that was weighed in a recording side by side: the hypotheses, and the lidars' boxes by themselves.
+
+    The arrays of `looks` and `plain_recall` have a row for each of the largest number of cameras of a frame.
+    """
+
+    weight: float
+    start: tuple[Start, Start]
+    looks: Looks
+    plain_recall: F64
+    right: tuple[F64, F64]
+
+    @classmethod
+    def of(cls, run: Weighed, by: Coefficients) -> "Rows":
+        """The rows of a recording, with labels and recalls that these coefficients give."""
+        together, alone, learned = probabilities(run, by)
+        frames = run.frames
+        start = (
+            Start.of(run, [(frame.boxes, frame.lidar_count) for frame in frames]),
+            Start.of(run, [(frame.alone, None) for frame in frames]),
+        )
+        most = max(len(frame.looks.cameras) for frame in frames)
+        names = [field.name for field in fields(Looks) if field.name != "cameras"]
+        columns = {name: _beside([getattr(frame.looks, name) for frame in frames], most) for name in names}
+        looks = Looks(tuple(map(str, range(most))), **columns)
+        return cls(run.weight, start, looks, _beside(learned, most), labels(run, (together, alone)))
+
+    def loss(self, by: Coefficients) -> float:
+        """The cross-entropy of the hypotheses and of the lidars' boxes, with the weight of the recording."""
+        evidence = joined(camera_evidence(self.looks, self.plain_recall, by), by)
+        first, second = self.start
+        together = probability(first.log_odds(by) + evidence) * first.place
+        alone = probability(second.log_odds(by)) * second.place
+        return self.weight * (cross_entropy(together, self.right[0]) + cross_entropy(alone, self.right[1]))
+
+
+def _beside(arrays: Sequence[Any], rows: int) -> Any:
+    """Arrays (C, N) of frames side by side, each with rows of zeros up to `rows`."""
+    return np.concatenate([np.pad(one, ((0, rows - len(one)), (0, 0))) for one in arrays], 1)
+
+
+def labels(run: Weighed, found: tuple[list[F64], list[F64]]) -> tuple[F64, F64]:
+    """1 for what is right, 0 for what is false, NaN for what is ignored: of all hypotheses, of all lidar boxes."""
+    gathering = Gathering(run.config, ())
+    for index, (frame, together, alone) in enumerate(zip(run.frames, *found, strict=True)):
+        sources = {"fused": _source(frame.boxes, together), "lidar": _source(frame.alone, alone)}
+        gathering.add(EvaluationFrame(index, index, frame.truth, sources))
+    row = Criteria.of(run.config).position_row
+    tables = gathering.found()
+    matches = [tables[name].matches[row] for name in ("fused", "lidar")]
+    ignored_rows = [np.concatenate([frame.is_ignored[which] for frame in run.frames]) for which in (0, 1)]
+    right, alone_right = (
+        np.where((found == IGNORED) | ignored, np.nan, (found >= 0).astype(np.float64))
+        for found, ignored in zip(matches, ignored_rows, strict=True)
+    )
+    return right, alone_right
+
+
+def _source(boxes: Boxes3D, p: F64) -> SourceBoxes:
+    return SourceBoxes(replace(boxes, scores=p.astype(np.float32)), np.full(len(boxes), UNKNOWN, np.int64))
+
+
+def cross_entropy(probabilities: F64, right: F64) -> float:
+    """Mean over what is not ignored."""
+    kept = ~np.isnan(right)
+    p = np.clip(probabilities[kept], LEAST, 1 - LEAST)
+    return float(-(right[kept] * np.log(p) + (1 - right[kept]) * np.log(1 - p)).mean()) if kept.any() else 0.0
+
+
+def fit(runs: Sequence[Weighed], start: Coefficients) -> Coefficients:
+    """The coefficients that describe these runs best."""
+    names = [*asdict(start)]
+    first = np.array([*asdict(start).values()])
+    by = start
+    for _ in range(ROUNDS):
+        tables = [Rows.of(run, by) for run in runs]
+
+        def loss(values: F64, tables: list[Rows] = tables) -> float:
+            tried = Coefficients(**dict(zip(names, values.tolist(), strict=True)))
+            return PULL * float(((values - first) ** 2).sum()) + sum(one.loss(tried) for one in tables)
+
+        limits = [LIMITS.get(name, (None, None)) for name in names]
+        found = minimize(loss, np.array([*asdict(by).values()]), method="L-BFGS-B", bounds=limits)
+        by = Coefficients(**dict(zip(names, found.x.tolist(), strict=True)))
+    return by
+
+
+def calibration_error(p: F64, right: Bools) -> float:
+    """Expected calibration error over ten bins."""
+    bins = np.minimum((p * 10).astype(np.intp), 9)
+    gaps = np.bincount(bins, p, 10) - np.bincount(bins, right, 10)
+    return float(np.abs(gaps).sum() / max(len(p), 1))
+
+
+def report(runs: Sequence[Weighed], by: Coefficients) -> None:
+    """Print what the coefficients come to, by recording and class."""
+    for run in runs:
+        together, alone, _ = probabilities(run, by)
+        truths = labels(run, (together, alone))
+        for what, found, right, boxes in (
+            ("weighed", together, truths[0], [frame.boxes for frame in run.frames]),
+            ("lidars alone", alone, truths[1], [frame.alone for frame in run.frames]),
+        ):
+            p, ids = np.concatenate(found), np.concatenate([one.class_ids for one in boxes])
+            kept = ~np.isnan(right)
+            line = [f"{Path(run.name).name:16} {what:12} {cross_entropy(p, right):.3f}"]
+            for class_id, name in enumerate(run.config.class_names):
+                rows = kept & (ids == class_id)
+                if rows.any():
+                    line.append(f"{name} {calibration_error(p[rows], right[rows] > 0):.3f} of {rows.sum()}")
+            best = _best(p[kept], right[kept] > 0)
+            print("  ".join([*line, best]))
+
+
+def _best(p: F64, right: Bools) -> str:
+    texts = []
+    for limit in (0.2, 0.3, 0.4, 0.5, 0.6):
+        kept = p >= limit
+        texts.append(f"{limit}: {int((right & kept).sum())}/{int(right.sum())} +{int((~right & kept).sum())}")
+    return " | ".join(texts)
+
+
+def main() -> None:
+    """Process, fit, print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("recordings", nargs="+", metavar="RECORDING|DATA,MODEL")
+    parser.add_argument("--keep", type=Path, help="folder in which what was weighed is kept from one time to the next")
+    parser.add_argument("--check", nargs="*", default=[], help="recordings that are reported and not fitted to")
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        runs, checked = (
+            [run for one in given for run in _kept(one, Path(folder), options.keep)]
+            for given in (options.recordings, options.check)
+        )
+    print("in use")
+    report([*runs, *checked], FITTED)
+    by = fit(runs, FITTED)
+    print(by)
+    report([*runs, *checked], by)
+
+
+def _kept(recording: str, folder: Path, keep: Path | None) -> list[Weighed]:
+    kept = keep / (recording.replace("/", "_") + ".pickle") if keep else None
+    if kept is not None and kept.exists():
+        found: list[Weighed] = pickle.loads(kept.read_bytes())  # noqa: S301 - our own
+        return found
+    runs = weighed(recording, folder)
+    if kept is not None:
+        kept.write_bytes(pickle.dumps(runs))
+    return runs
+
+
+if __name__ == "__main__":
+    main()

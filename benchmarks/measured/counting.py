@@ -1,0 +1,149 @@
+"""Which labelled objects a sensor or the fusion found, and what it found that is none."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from labelled_frames import Label, LabelledFrame
+
+from pipeline.core.arrays import F32, F64, I32, Bools
+from pipeline.core.detections import Boxes3D
+from pipeline.core.geometry.boxes import wrap_angle
+from pipeline.core.geometry.transform import Transform
+from pipeline.evaluation.assignment import assign_nearest
+
+__all__ = ["CLASSES", "RANGE_M", "Count", "Found", "Missed", "count_frame", "excused"]
+
+CLASSES = {"Car": "car", "Pedestrian": "pedestrian", "Cyclist": "bicycle"}
+"""Labelled classes that are counted, and the classes of the settings that they are."""
+
+RANGE_M, GATE_M = 40.0, 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """A labelled object that was found.
+
+    Attributes:
+        position_m: Distance of the centres on the ground.
+        yaw_deg: Difference of the axes, whichever end is ahead.
+        points: Lidar points that the box was found from.
+    """
+
+    position_m: float
+    yaw_deg: float
+    points: int
+
+
+@dataclass(frozen=True, slots=True)
+class Missed:
+    """A labelled object that was not found.
+
+    Attributes:
+        range_m: Distance to it.
+        points: Lidar points inside its label.
+    """
+
+    range_m: float
+    points: int
+
+
+@dataclass(frozen=True, slots=True)
+class Count:
+    """One class in one frame.
+
+    Attributes:
+        labels: Objects to find.
+        found: Those that were found.
+        missed: The others.
+        false: Distances to boxes that are no object of this class, metres.
+    """
+
+    labels: int
+    found: tuple[Found, ...]
+    missed: tuple[Missed, ...]
+    false: tuple[float, ...]
+
+
+def count_frame(
+    frame: LabelledFrame, boxes: Boxes3D, class_names: tuple[str, ...], T_site_lidar: Transform
+) -> dict[str, Count]:
+    """What was found of each class, by its label.
+
+    A box finds a label of its class within `GATE_M` on the ground, one the other. Boxes on objects that are not to be
+    found (further away, of another vehicle's class), in parts of the image that nobody labelled, outside the image or
+    beyond `RANGE_M` are neither found nor false.
+
+    Args:
+        frame: The frame.
+        boxes: What a source says of it, in the site frame.
+        class_names: The classes of the settings.
+        T_site_lidar: Where the lidar stands.
+    """
+    T_lidar_site = T_site_lidar.inverse()
+    centers = T_lidar_site.apply(boxes.centers)
+    yaws = boxes.yaws + np.arctan2(T_lidar_site.matrix[1, 0], T_lidar_site.matrix[0, 0])
+    is_excused = excused(frame, centers) | (np.hypot(centers[:, 0], centers[:, 1]) > RANGE_M)
+    xyz = frame.points()[:, :3]
+    names = np.array(class_names, object)[boxes.class_ids]
+    return {
+        label: _count(
+            [one for one in frame.labels if one.label == label and _range_m(one) <= RANGE_M],
+            centers[names == name],
+            yaws[names == name],
+            boxes.point_counts[names == name],
+            is_excused[names == name],
+            xyz,
+        )
+        for label, name in CLASSES.items()
+    }
+
+
+def _count(labels: list[Label], centers: F64, yaws: F64, points: I32, excused: Bools, xyz: F32) -> Count:
+    places = np.array([one.T_lidar_box[:2, 3] for one in labels]).reshape(-1, 2)
+    distances = np.linalg.norm(places[:, None] - centers[None, :, :2], axis=2)
+    first, second = np.nonzero(distances <= GATE_M)
+    chosen = assign_nearest(first, second, distances[first, second])
+    first, second = first[chosen], second[chosen]
+    found = [
+        Found(
+            float(distances[row, box]),
+            float(np.degrees(abs(_axis_difference(yaws[box] - labels[row].yaw)))),
+            int(points[box]),
+        )
+        for row, box in zip(first.tolist(), second.tolist(), strict=True)
+    ]
+    is_false = ~excused
+    is_false[second] = False
+    others = [one for row, one in enumerate(labels) if row not in first]
+    missed = sorted((Missed(_range_m(one), _points_inside(one, xyz)) for one in others), key=lambda one: one.range_m)
+    false = np.sort(np.hypot(centers[is_false, 0], centers[is_false, 1]))
+    return Count(len(labels), tuple(found), tuple(missed), tuple(false.tolist()))
+
+
+def _axis_difference(angle: float) -> float:
+    return float(wrap_angle(2 * angle)) / 2
+
+
+def _range_m(label: Label) -> float:
+    return float(np.hypot(*label.T_lidar_box[:2, 3]))
+
+
+def _points_inside(label: Label, xyz: F32) -> int:
+    local = (xyz - label.T_lidar_box[:3, 3]) @ label.T_lidar_box[:3, :3]
+    return int((np.abs(local) <= np.array(label.size_m) / 2).all(1).sum())
+
+
+def excused(frame: LabelledFrame, centers: F64) -> Bools:
+    """Whether a box is outside the image, where nobody labelled, or on an object that is not to be found."""
+    pixels, valid = frame.camera.project(frame.T_camera_lidar.apply(centers))
+    inside = (pixels >= 0) & (pixels < [frame.camera.width_px, frame.camera.height_px])
+    is_excused = np.asarray(~(valid & inside.all(1)))
+    for left, top, right, bottom in frame.unlabelled_xyxy:
+        is_excused |= ((pixels >= [left, top]) & (pixels <= [right, bottom])).all(1)
+    for label in frame.labels:
+        if label.label in CLASSES and _range_m(label) <= RANGE_M:
+            continue
+        local = (centers - label.T_lidar_box[:3, 3]) @ label.T_lidar_box[:3, :3]
+        reach = np.array(label.size_m[:2]) / 2 + GATE_M
+        is_excused |= (np.abs(local[:, :2]) <= reach).all(1)
+    return is_excused

@@ -1,0 +1,84 @@
+"""Where the boxes of a frame come from before they are fused: a network, the clusters of a cloud, or the recording."""
+
+from collections.abc import Mapping
+from typing import Any, Literal
+
+from pipeline.core.clouds import CombinedCloud
+from pipeline.core.detections import Boxes2D, Boxes3D
+from pipeline.core.errors import ModelError
+from pipeline.core.frame import Decoded, SensorBundle
+from pipeline.core.rig import Rig
+from pipeline.core.settings.config import Config
+from pipeline.detectors.onnx.detector import OnnxDetector2D
+from pipeline.graph import Graph, Node
+from pipeline.stages.detect2d import Detect2D
+from pipeline.stages.detect3d import Detect3D
+from pipeline.stages.recorded3d import Recorded3D
+from readers.streams.decoders import ImageDecoder, OnBadMessage, RecordedBoxes
+from readers.streams.recorded3d import RecordedBoxes3D
+
+__all__ = ["BoxSource", "BoxSource3D", "add_boxes2d", "add_boxes3d", "box_source", "wanted_boxes"]
+
+BoxSource = Literal["onnx", "recorded", "none"]
+BoxSource3D = Literal["cluster", "recorded", "none"]
+
+
+def box_source(config: Config, rig: Rig) -> BoxSource:
+    """Where 2D boxes come from; `none` where no camera of the rig has them."""
+    wanted = wanted_boxes(config, rig)
+    found = {
+        "onnx": any(camera.topic for camera in rig.cameras),
+        "recorded": any(camera.boxes_topic for camera in rig.cameras),
+        "none": True,
+    }
+    return wanted if found[wanted] else "none"
+
+
+def wanted_boxes(config: Config, rig: Rig) -> BoxSource:
+    """Where 2D boxes should come from: as set; `auto`: the model if one is given, else recorded boxes, else none."""
+    if config.detect2d.method != "auto":
+        return config.detect2d.method
+    if config.detect2d.model is not None:
+        return "onnx"
+    return "recorded" if any(camera.boxes_topic for camera in rig.cameras) else "none"
+
+
+def add_boxes3d(
+    graph: Graph[SensorBundle], config: Config, rig: Rig, combined: Node[CombinedCloud], *, on_bad: OnBadMessage
+) -> tuple[Node[Decoded[Boxes3D]], Node[Boxes3D]]:
+    """What the messages of recorded 3D detectors held, which is nothing if none are used; and the frame's 3D boxes."""
+    if config.detect3d.method != "recorded":
+        nothing = graph.add("no recorded 3D boxes", _no_boxes3d, graph.frame)
+        return nothing, graph.add("detect 3D", Detect3D(rig, config), combined)
+    recorded = graph.add("read 3D boxes", RecordedBoxes3D(rig, config, on_bad=on_bad), graph.frame)
+    return recorded, graph.add("join 3D boxes", Recorded3D(rig), graph.frame, recorded)
+
+
+def add_boxes2d(
+    graph: Graph[SensorBundle], config: Config, rig: Rig, *, on_bad: OnBadMessage
+) -> tuple[Node[Decoded[Any]], Node[Mapping[str, Boxes2D]]]:
+    """What the cameras' messages held, and the 2D boxes by camera name.
+
+    Raises:
+        ModelError: the network cannot be loaded.
+    """
+    source = wanted_boxes(config, rig)
+    if source == "none":
+        nothing = graph.add("no 2D boxes", _no_boxes2d, graph.frame)
+        return nothing, nothing
+    if source == "recorded":
+        recorded = graph.add("read 2D boxes", RecordedBoxes(rig, config, on_bad=on_bad), graph.frame)
+        return recorded, recorded
+    if config.detect2d.model is None:
+        raise ModelError("2D detection by onnx needs a model: give --model-2d FILE.onnx or set detect2d.model")
+    images = graph.add("decode images", ImageDecoder(rig, config, on_bad=on_bad), graph.frame)
+    detect2d = Detect2D(rig, config, OnnxDetector2D(config.detect2d.model, config))
+    return images, graph.add("detect 2D", detect2d, images)
+
+
+def _no_boxes2d(_: SensorBundle) -> Decoded[Boxes2D]:
+    return Decoded({})
+
+
+def _no_boxes3d(_: SensorBundle) -> Decoded[Boxes3D]:
+    return Decoded({})

@@ -1,0 +1,72 @@
+"""Boxes that stand on the same ground."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from pipeline.core.arrays import Indices
+from pipeline.core.geometry.rotated_iou import BoxArrays, shared_ground
+
+__all__ = ["without_overlaps"]
+
+OVERLAP_SHARE = 0.25
+"""If one of two boxes has more than this share of its ground inside the other, only the better one is kept."""
+
+BLOCK, PAIRS = 256, 1 << 14
+"""Boxes whose neighbours are sought, and pairs that are compared, at once: a cloud may hold many small clusters."""
+
+
+def without_overlaps(boxes: BoxArrays, groups: Indices | None = None) -> Indices:
+    """Rows of the boxes that share little ground with any box kept before them.
+
+    Args:
+        boxes: The better ones first.
+        groups: (N,) what each box belongs to; only boxes of different groups are compared. None: all with all.
+    """
+    kept = np.ones(len(boxes.yaws), np.bool_)
+    for first, second in _rivals(boxes):
+        if groups is not None:
+            is_other = groups[first] != groups[second]
+            first, second = first[is_other], second[is_other]
+        for row, others in _by_row(first, second):
+            kept[row] = not kept[others].any()
+    return np.flatnonzero(kept)
+
+
+def _rivals(boxes: BoxArrays) -> Iterator[tuple[Indices, Indices]]:
+    """Boxes, and one before each of them, of which one has too much of its ground inside the other; in their order."""
+    count = len(boxes.yaws)
+    if not count:
+        return
+    places, ground_m2 = boxes.centers[:, :2], boxes.sizes[:, 0] * boxes.sizes[:, 1]
+    reach_m = np.hypot(boxes.sizes[:, 0], boxes.sizes[:, 1]) / 2
+    tree = cKDTree(places)
+    for start in range(0, count, BLOCK):
+        rows = np.arange(start, min(start + BLOCK, count))
+        largest_m = (reach_m[rows] + reach_m.max()) * (1 + 1e-9)
+        lists = tree.query_ball_point(places[rows], largest_m)
+        first, second = np.repeat(rows, [len(one) for one in lists]), np.concatenate(lists).astype(np.intp)
+        is_before = second < first
+        first, second = first[is_before], second[is_before]
+        gap = places[first] - places[second]
+        is_near = np.hypot(gap[:, 0], gap[:, 1]) <= reach_m[first] + reach_m[second]
+        first, second = first[is_near], second[is_near]
+        shared_m2 = np.empty(len(first))
+        for begin in range(0, len(first), PAIRS):
+            pairs = slice(begin, begin + PAIRS)
+            shared_m2[pairs] = shared_ground(_select(boxes, first[pairs]), _select(boxes, second[pairs]))
+        is_rival = shared_m2 > OVERLAP_SHARE * np.minimum(ground_m2[first], ground_m2[second])
+        yield first[is_rival], second[is_rival]
+
+
+def _select(boxes: BoxArrays, rows: Indices) -> BoxArrays:
+    return BoxArrays(boxes.centers[rows], boxes.sizes[rows], boxes.yaws[rows])
+
+
+def _by_row(first: Indices, second: Indices) -> Iterator[tuple[int, Indices]]:
+    """The second ones of each first one, which come together."""
+    rows, starts = np.unique(first, return_index=True)
+    yield from zip(
+        rows.tolist(), np.split(second, starts[1:]), strict=False
+    )  # without any, the split is one empty part

@@ -1,0 +1,1 @@
+"""Pure functions of fusion, shared by its stages."""

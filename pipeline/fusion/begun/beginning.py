@@ -1,0 +1,143 @@
+"""Objects begun from 2D boxes: boxes fitted to the points of a lidar that the 2D boxes show."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from operator import itemgetter
+
+import numpy as np
+
+from pipeline.core.arrays import F64, I64, Bools
+from pipeline.core.clouds import CombinedCloud
+from pipeline.core.geometry.boxes import pair_iou_xyxy
+from pipeline.core.rig import Rig
+from pipeline.core.settings.config import Config
+from pipeline.detectors.cluster.fitting import BoxFitter
+from pipeline.detectors.protocols import Candidates3D
+from pipeline.fusion.begun.frustums import FrustumPoints, heading_of, points_in_frustums
+from pipeline.fusion.begun.segments import MAX_OFF, Expected, choose_segments
+from pipeline.fusion.cameras.merging import moments
+from pipeline.fusion.cameras.placing import Placements
+from pipeline.fusion.cameras.sightings import Sightings
+from pipeline.fusion.projection import project_edges
+
+__all__ = ["Beginner", "Begun"]
+
+MIN_POINTS = 4
+"""Points that an object begun from a 2D box has at least; the 2D box makes up for what few points do not say."""
+
+DEPTH_STD_SHARE = 0.5
+"""Standard deviation of the distance from an object's near side to its centre, as a share of it: by its heading."""
+
+MIN_IOU = 0.3
+"""Smallest IoU of an object's projected box with the 2D box that it was begun from."""
+
+CEILING_SHARE = 1.15
+"""Points above this multiple of the largest height of a class are none of its objects'."""
+
+MAX_CLEAR_SHARE = 0.8
+"""At least the rest of an object's height is expected to show points."""
+
+
+@dataclass(frozen=True, eq=False)
+class Begun:
+    """G objects.
+
+    Attributes:
+        sighting: (G,) int64 row of the 2D box that each was begun from, rising.
+        boxes: Fitted boxes, of the classes of the 2D boxes.
+        iou: (G,) float64 overlap of the projected box with that 2D box.
+        worth: (G,) float64 how well its points suit the 2D box; larger is better.
+        rows: (P,) int64 rows of its points in `CombinedCloud.detection_cloud`, object after object.
+        starts: (G,) int64 first of `rows` of each object.
+    """
+
+    sighting: I64
+    boxes: Candidates3D
+    iou: F64
+    worth: F64
+    rows: I64
+    starts: I64
+
+
+Share = Callable[[FrustumPoints], FrustumPoints]
+"""Leaves each point to the frustums that may have it."""
+
+
+class Beginner:
+    """Finds the points of the objects that 2D boxes show, and fits boxes to them."""
+
+    def __init__(self, rig: Rig, config: Config) -> None:
+        self._fitter = BoxFitter(rig, config)
+        self._lidar_xyz = np.array([lidar.T_site_lidar.translation for lidar in rig.lidars])
+        self._config = config.detect3d.cluster
+        self._size = np.array([prior.size_m for prior in config.classes])
+        self._max_size = np.array([prior.max_size_m for prior in config.classes])
+
+    def __call__(
+        self, combined: CombinedCloud, sightings: Sightings, placements: Placements, share: Share | None = None
+    ) -> Begun:
+        """The objects of those of the 2D boxes that have points.
+
+        Args:
+            combined: The cloud of the frame.
+            sightings: S 2D boxes.
+            placements: Where each of them places its object.
+            share: If given, says which frustums may have a point that lies in several.
+        """
+        expected = self._expected(sightings, placements)
+        found = self._points(combined, sightings, expected)
+        if share is not None:
+            found = share(found)
+        xyz = combined.detection_cloud.xyz
+        gap = xyz[found.rows] - self._lidar_xyz[combined.detection_lidar_index[found.rows]]
+        range_m = np.sqrt((gap**2).sum(1))
+        link_m = self._config.distance_m + self._config.distance_per_m * range_m
+        segments = choose_segments(xyz, found, link_m, expected, self._config, MIN_POINTS)
+        rows = found.rows[segments.points]
+        boxes = self._fitter(combined, rows, segments.starts, sightings.class_ids[segments.group])
+        iou = _iou_with(sightings.select(segments.group), boxes)
+        begun = Begun(segments.group, boxes, iou, segments.worth, rows, segments.starts)
+        return keep_begun(begun, iou >= MIN_IOU)
+
+    def _expected(self, sightings: Sightings, placements: Placements) -> Expected:
+        means, heading = moments(placements), heading_of(sightings)
+        along = ((means.xy - sightings.origin[:, :2]) * heading).sum(1)
+        variance = (heading[:, :, None] * means.covariances[:, :2, :2] * heading[:, None, :]).sum((1, 2))
+        size, most = self._size[sightings.class_ids], self._max_size[sightings.class_ids]
+        depth = (size[:, 0] + size[:, 1]) / 4
+        return Expected(
+            along - depth,
+            np.sqrt(variance + (DEPTH_STD_SHARE * depth) ** 2),
+            np.hypot(most[:, 0], most[:, 1]),
+            np.minimum(self._config.clearance_m / size[:, 2], MAX_CLEAR_SHARE),
+        )
+
+    def _points(self, combined: CombinedCloud, sightings: Sightings, expected: Expected) -> FrustumPoints:
+        """The points above the ground in the frustums of the 2D boxes."""
+        xyz, most = combined.detection_cloud.xyz, MAX_OFF * expected.front_std_m
+        nearest, furthest = np.maximum(expected.front_m - most, 0.0), expected.front_m + most + expected.reach_m
+        found = points_in_frustums(xyz, sightings, nearest, furthest)
+        points = xyz[found.rows].astype(np.float64)
+        height = points[:, 2] - self._fitter.ground_m(combined, points[:, :2])
+        ceiling_m = CEILING_SHARE * self._max_size[sightings.class_ids, 2]
+        return found.select(np.flatnonzero((height > self._config.clearance_m) & (height < ceiling_m[found.group])))
+
+
+def keep_begun(begun: Begun, kept: Bools) -> Begun:
+    """The objects of a mask."""
+    counts = np.diff(begun.starts, append=len(begun.rows))
+    return Begun(
+        begun.sighting[kept],
+        Candidates3D(*map(itemgetter(kept), begun.boxes)),
+        begun.iou[kept],
+        begun.worth[kept],
+        begun.rows[np.repeat(kept, counts)],
+        np.cumsum(counts[kept]) - counts[kept],
+    )
+
+
+def _iou_with(sightings: Sightings, boxes: Candidates3D) -> F64:
+    """(G,) overlap of each projected box with its 2D box, both clipped to the image."""
+    edges = project_edges(boxes.centers, boxes.sizes, boxes.yaws, sightings.views)
+    clipped = edges.xyxy.clip(0, np.tile(sightings.views.image_sizes, 2))
+    return np.where(edges.valid, pair_iou_xyxy(np.where(edges.valid[:, None], clipped, 0.0), sightings.xyxy), 0.0)

@@ -1,0 +1,74 @@
+"""Clusters in which several objects have been merged, parted by the 2D boxes that look into them."""
+
+import numpy as np
+
+from pipeline.core.arrays import F32, I64
+from pipeline.core.detections import Boxes3D
+from pipeline.fusion.begun.beginning import Begun
+from pipeline.fusion.begun.frustums import FrustumPoints
+from pipeline.fusion.cameras.sightings import Sightings
+
+__all__ = ["find_hosts", "find_merged", "share_points"]
+
+HOST_SHARE = 0.5
+"""A box that holds more than this share of an object's points holds the object."""
+
+MARGIN_SHARE = 0.1
+"""Points lie in a box that is this share of its size larger."""
+
+
+def find_hosts(xyz: F32, begun: Begun, boxes: Boxes3D) -> I64:
+    """(G,) row of the box that holds most of the points of each object; -1 where none holds more than half of them.
+
+    Args:
+        xyz: (N, 3) the cloud.
+        begun: G objects.
+        boxes: In which they may be.
+    """
+    hosts = np.full(len(begun.sighting), -1, np.int64)
+    half = boxes.sizes * (0.5 + MARGIN_SHARE)
+    reach_m = np.hypot(half[:, 0], half[:, 1])
+    cos, sin = np.cos(boxes.yaws), np.sin(boxes.yaws)
+    for row, rows in enumerate(np.split(begun.rows, begun.starts[1:])[: len(hosts)]):
+        points = xyz[rows].astype(np.float64)
+        middle = points.mean(0)
+        spread = np.sqrt(((points - middle)[:, :2] ** 2).sum(1).max())
+        gap = boxes.centers[:, :2] - middle[:2]
+        near = np.flatnonzero(np.hypot(gap[:, 0], gap[:, 1]) <= reach_m + spread)
+        x, y, z = np.moveaxis(points[:, None] - boxes.centers[near], -1, 0)
+        forward, left = x * cos[near] + y * sin[near], y * cos[near] - x * sin[near]
+        inside = (np.abs(forward) <= half[near, 0]) & (np.abs(left) <= half[near, 1]) & (np.abs(z) <= half[near, 2])
+        held = inside.mean(0)
+        if len(near) and held.max() > HOST_SHARE:
+            hosts[row] = near[held.argmax()]
+    return hosts
+
+
+def find_merged(sightings: Sightings, partner: I64, seen: I64, hosts: I64) -> I64:
+    """(G,) 2D box by which the host of each object is matched in the camera that shows the object; -1 where none is.
+
+    Such a host holds two objects: that of its own 2D box, and the other one.
+
+    Args:
+        sightings: All 2D boxes.
+        partner: Of them, see `find_partners`.
+        seen: (G,) row of the 2D box of each object.
+        hosts: (G,) see `find_hosts`.
+    """
+    same = (sightings.cameras[seen][:, None] == sightings.cameras) & (hosts[:, None] == partner) & (partner >= 0)
+    return np.where(same.any(1), same.argmax(1), -1).astype(np.int64)
+
+
+def share_points(found: FrustumPoints, team: I64) -> FrustumPoints:
+    """Points that lie in several frustums of a team, left to the one whose middle is nearest to them.
+
+    Args:
+        found: P points in F frustums.
+        team: (F,) frustums of one number look into one cluster by one camera.
+    """
+    aside = np.abs(found.share_x - 0.5)
+    order = np.lexsort((found.group, aside, found.rows, team[found.group]))
+    key = np.stack([team[found.group][order], found.rows[order]])
+    first = np.ones(len(order), np.bool_)
+    first[1:] = (key[:, 1:] != key[:, :-1]).any(0)
+    return found.select(np.sort(order[first]))

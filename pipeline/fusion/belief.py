@@ -1,0 +1,177 @@
+"""Log odds that a hypothesis is an object of its class, from what each sensor says.
+
+Independent evidence adds up in log odds, log p / (1 - p): to those of the prior, each observation adds the logarithm of
+its likelihood ratio (Good, Probability and the weighing of evidence, 1950).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.core.arrays import F64, I32, U8, Bools
+from pipeline.core.detections import Source
+from pipeline.core.settings.classes import ClassPrior
+from pipeline.fusion.looks import Looks
+
+__all__ = [
+    "FITTED",
+    "Coefficients",
+    "at_its_place",
+    "camera_evidence",
+    "joined",
+    "joined_without_each",
+    "log_odds_before_cameras",
+    "logit",
+    "probability",
+    "reach_of_classes",
+]
+
+
+SCORE_LIMIT = 0.002
+"""Scores nearer to 0 or 1 than this say no more."""
+
+MOST_LOG_ODDS = 7.0
+"""No object is surer than 0.999, and none more impossible than 0.001."""
+
+FULL_VIEW_SHARE = 0.8
+HIDDEN_SHARE = 0.3
+"""An object is expected to be found as in full view from the one visible share on, and not at all up to the other."""
+
+MOST_RECALL = 0.98
+"""No detector finds more than this, whatever is set or learned from few objects."""
+
+CUT_RECALL = 0.7
+"""Of objects that the border of the image cuts, a detector finds this share of what it would find of whole ones."""
+
+
+@dataclass(frozen=True, slots=True)
+class Coefficients:
+    """Of the logistic model; `benchmarks/belief_fit.py` fits them.
+
+    Attributes:
+        lidar: Log odds of a lidar box of score 0.5, of one point and of a class of frequency 1.
+        lidar_score: Factor of the logit of its score.
+        lidar_frequency: Factor of the logarithm of `frequency` of its class: of what is rare, less is right.
+        lidar_points: Factor of the logarithm of the number of its points.
+        placed: Log odds of an object that a camera alone placed, without its 2D box.
+        led: Log odds of an object whose points were sought in the frustum of a 2D box, without that box.
+        led_score: Factor of the logit of the score of its points.
+        match: Log likelihood ratio of a match with a 2D box of score 0.5 and no overlap.
+        match_score: Factor of the logit of the 2D score.
+        match_iou: Factor of the overlap.
+        missed: Factor of the log likelihood of not being found by a camera that should have.
+        further: Weight of each further camera that says the same as the first: cameras are not independent.
+    """
+
+    lidar: float
+    lidar_score: float
+    lidar_frequency: float
+    lidar_points: float
+    placed: float
+    led: float
+    led_score: float
+    match: float
+    match_score: float
+    match_iou: float
+    missed: float
+    further: float
+
+
+FITTED = Coefficients(
+    lidar=0.22,
+    lidar_score=2.0,
+    lidar_frequency=1.1,
+    lidar_points=0.36,
+    placed=-4.2,
+    led=-0.5,
+    led_score=0.46,
+    match=0.7,
+    match_score=1.5,
+    match_iou=4.5,
+    missed=1.0,
+    further=1.0,
+)
+
+
+def logit(scores: F64) -> F64:
+    """Log odds of scores in [0, 1], which are limited by `SCORE_LIMIT`."""
+    limited = np.clip(scores, SCORE_LIMIT, 1 - SCORE_LIMIT)
+    return np.asarray(np.log(limited / (1 - limited)))
+
+
+def probability(log_odds: F64) -> F64:
+    """Probability of log odds, which are limited by `MOST_LOG_ODDS`."""
+    return np.asarray(1 / (1 + np.exp(-np.clip(log_odds, -MOST_LOG_ODDS, MOST_LOG_ODDS))))
+
+
+def log_odds_before_cameras(
+    scores: F64, frequencies: F64, point_counts: I32, sources: U8, is_lidar: Bools, by: Coefficients
+) -> F64:
+    """(N,) log odds of boxes before a camera was asked.
+
+    Args:
+        scores: (N,) of the boxes, as the detector by clusters gives them.
+        frequencies: (N,) `frequency` of their classes.
+        point_counts: (N,) lidar points that they were found from.
+        sources: (N,) `Source` of each box.
+        is_lidar: (N,) whether the lidars found it; the others were begun from 2D boxes.
+        by: The coefficients.
+    """
+    score, points = logit(scores), np.log(np.maximum(point_counts, 1))
+    found = by.lidar + by.lidar_score * score + by.lidar_points * points + by.lidar_frequency * np.log(frequencies)
+    led = np.where(sources == Source.CAMERA, by.placed, by.led + by.led_score * score)
+    return np.where(is_lidar, found, led)
+
+
+def reach_of_classes(priors: Sequence[ClassPrior]) -> F64:
+    """(K,) how far from its box an object of each class may be and still be what is meant: half of its largest side."""
+    return np.array([max(prior.size_m) / 2 for prior in priors])
+
+
+def at_its_place(covariances: F64, reach_m: F64) -> F64:
+    """(N,) probability that an object is no farther than `reach_m` (N,) from where its box says; 1 where unknown.
+
+    That of a normal distribution as wide in x and y as the mean variance of the two (Rayleigh).
+
+    Args:
+        covariances: (N, 3, 3) over x, y and yaw.
+        reach_m: (N,) metres.
+    """
+    variance = np.maximum((covariances[:, 0, 0] + covariances[:, 1, 1]) / 2, 1e-12)
+    return np.asarray(-np.expm1(-(reach_m**2) / (2 * variance)))
+
+
+def camera_evidence(looks: Looks, plain_recall: F64, by: Coefficients) -> F64:
+    """(C, N) log likelihood ratio of what each camera says, or does not say, about each box.
+
+    Args:
+        looks: How C cameras look at N boxes.
+        plain_recall: (C, N) share of objects of that size in plain view that the camera finds.
+        by: The coefficients.
+    """
+    ratio = by.match + by.match_score * logit(looks.scores) + by.match_iou * looks.iou
+    shown = np.clip((looks.visible - HIDDEN_SHARE) / (FULL_VIEW_SHARE - HIDDEN_SHARE), 0, 1)
+    recall = plain_recall * shown * np.where(looks.is_cut, CUT_RECALL, 1.0) * looks.in_view
+    missed = by.missed * np.log1p(-np.minimum(recall, MOST_RECALL))
+    return np.where(looks.is_matched, ratio, missed)
+
+
+def joined(evidence: F64, by: Coefficients) -> F64:
+    """(N,) evidence of C cameras (C, N) together: the strongest for and against count in full, the others less."""
+    if not len(evidence):
+        return np.zeros(evidence.shape[1])
+    strongest = np.maximum(evidence.max(0), 0) + np.minimum(evidence.min(0), 0)
+    return np.asarray((1 - by.further) * strongest + by.further * evidence.sum(0))
+
+
+def joined_without_each(evidence: F64, by: Coefficients) -> F64:
+    """(C, N) what `joined` gives without each of C cameras in turn."""
+    if len(evidence) < 2:
+        return np.zeros_like(evidence)
+    rows = np.arange(len(evidence))[:, None]
+    ranked = np.sort(evidence, axis=0)
+    most = np.where(rows == evidence.argmax(0), ranked[-2], ranked[-1])
+    least = np.where(rows == evidence.argmin(0), ranked[1], ranked[0])
+    strongest = np.maximum(most, 0) + np.minimum(least, 0)
+    return np.asarray((1 - by.further) * strongest + by.further * (evidence.sum(0) - evidence))

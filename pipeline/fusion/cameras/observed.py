@@ -1,0 +1,98 @@
+"""What 2D boxes say about objects that stand upright: directions and extents as seen from the camera."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.core.arrays import F64, Bools
+from pipeline.core.geometry.boxes import wrap_angle
+from pipeline.fusion.cameras.sightings import Sightings
+
+__all__ = ["CUT_SHARE", "Noise", "Observed", "observe"]
+
+CUT_SHARE = 10.0
+"""Standard deviation of an edge that the border of the image has cut, as a share of the box: nothing is known of it."""
+
+HIDDEN_SHARE = 0.25
+"""The same of an edge that another object may hide."""
+
+HIDDEN_EDGE_SHARE = 0.3
+"""A nearer object hides an edge if its box covers this share of it."""
+
+NEARER_SHARE = 0.05
+"""An object is nearer than another one if its lower edge is further down by this share of the other one's box."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Standard deviations of what a placement rests on.
+
+    Attributes:
+        pixel_px: Of an edge of a 2D box.
+        outline: The same, as a share of the box's size, the root of its area; both add up.
+        ground_m: Of the height of the ground.
+        ground_slope: Of its slope between camera and object, rise over run.
+    """
+
+    pixel_px: float
+    outline: float
+    ground_m: float
+    ground_slope: float
+
+
+@dataclass(frozen=True, eq=False)
+class Observed:
+    """P 2D boxes as (P,) float64 each.
+
+    Attributes:
+        left: Bearing of the left edge about +z of the site, radians.
+        width: Bearing of the left edge minus that of the right one, radians.
+        lower: Slope of the ray to the middle of the lower edge, rise over run; below 0 downwards.
+        upper: The same of the upper edge.
+        stds: (P, 4) Standard deviations of left, top, right and bottom: of the bearings in radians, of the slopes as
+            `lower` and `upper`.
+    """
+
+    left: F64
+    width: F64
+    lower: F64
+    upper: F64
+    stds: F64
+
+    @property
+    def middle(self) -> F64:
+        """Bearing of the middle of the box, radians."""
+        return self.left - self.width / 2
+
+
+def observe(sightings: Sightings, noise: Noise) -> Observed:
+    """The directions and extents of 2D boxes, and how well they are known."""
+    run = np.maximum(np.hypot(sightings.rays[..., 0], sightings.rays[..., 1]), 1e-9)
+    slope = sightings.rays[..., 2] / run
+    bearing = np.arctan2(sightings.rays[..., 1], sightings.rays[..., 0])
+    width, lower, upper = wrap_angle(bearing[:, 7] - bearing[:, 3]), slope[:, 5], slope[:, 1]
+    extent_px = np.tile(sightings.xyxy[:, 2:] - sightings.xyxy[:, :2], 2)
+    area_px = (extent_px[:, 0] * extent_px[:, 1])[:, None]
+    variance = (noise.pixel_px**2 + noise.outline**2 * area_px) / extent_px**2
+    variance += np.where(sightings.cut, CUT_SHARE**2, np.where(_are_hidden(sightings), HIDDEN_SHARE**2, 0.0))
+    extent = np.stack([np.abs(width), np.abs(upper - lower)] * 2, 1)
+    return Observed(bearing[:, 7], width, lower, upper, extent * np.sqrt(variance))
+
+
+def _are_hidden(sightings: Sightings) -> Bools:
+    """(P, 4) whether a nearer object, whose box reaches further down, may hide each edge of each box."""
+    hidden = np.zeros((len(sightings), 4), np.bool_)
+    for camera in np.unique(sightings.cameras):
+        rows = np.flatnonzero(sightings.cameras == camera)
+        left, top, right, bottom = sightings.xyxy[rows].T
+        width, height = (right - left)[:, None], (bottom - top)[:, None]
+        across = np.minimum(right[:, None], right) - np.maximum(left[:, None], left) >= HIDDEN_EDGE_SHARE * width
+        along = np.minimum(bottom[:, None], bottom) - np.maximum(top[:, None], top) >= HIDDEN_EDGE_SHARE * height
+        margin = NEARER_SHARE * width
+        nearer = bottom > bottom[:, None] + NEARER_SHARE * height
+        on_left = along & (left < left[:, None] - margin) & (right > left[:, None] - margin)
+        on_right = along & (right > right[:, None] + margin) & (left < right[:, None] + margin)
+        below = across & (top < bottom[:, None])
+        none = np.zeros_like(below)
+        hidden[rows] = (np.stack([on_left, none, on_right, below], -1) & nearer[..., None]).any(1)
+    return hidden

@@ -1,0 +1,27 @@
+"""What the cameras alone place, and the 2D boxes that each of it comes from."""
+
+from dataclasses import dataclass
+
+from pipeline.core.arrays import I64
+from pipeline.core.detections import Boxes3D
+from pipeline.fusion.cameras.placing import Placements
+from pipeline.fusion.cameras.sightings import Sightings
+
+__all__ = ["Placed"]
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """Objects that cameras place, and their sightings.
+
+    Attributes:
+        boxes: Of source CAMERA.
+        sightings: The 2D boxes of all cameras.
+        objects: (P,) int64 row of `boxes` that each sighting belongs to.
+        placements: Where each sighting by itself sees its object.
+    """
+
+    boxes: Boxes3D
+    sightings: Sightings
+    objects: I64
+    placements: Placements

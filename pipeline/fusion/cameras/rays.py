@@ -1,0 +1,53 @@
+"""Directions from which the pixels of images are seen: the inverse of projection, lens distortion included."""
+
+import numpy as np
+
+from pipeline.core.arrays import F64, Bools
+from pipeline.core.lenses import Lenses
+
+__all__ = ["rays_of_pixels"]
+
+MAX_STEPS = 30
+"""Steps of Newton's method; a dozen are enough at 85 degrees from the axis of a fisheye lens."""
+
+NEAR_PX = 1e-6
+"""A ray is found when it is projected this near to its pixel."""
+
+
+def rays_of_pixels(lenses: Lenses, pixels: F64) -> tuple[F64, Bools]:
+    """Rays that are projected to given pixels.
+
+    By Newton's method from the ray of a lens without distortion. The lens bends a radius by a monotone function, so
+    that it converges wherever the lens model has an image of a ray.
+
+    Args:
+        lenses: P cameras.
+        pixels: (P, S, 2) of each camera; may lie outside its image.
+
+    Returns:
+        (P, S, 3) directions in the optical frames, of depth 1; and (P, S) whether there is such a ray. Where there is
+        none, the direction is the optical axis.
+    """
+    K = lenses.K[:, None]
+    y = (pixels[..., 1] - 0.5 - K[..., 1, 2]) / K[..., 1, 1]
+    x = (pixels[..., 0] - 0.5 - K[..., 0, 2] - K[..., 0, 1] * y) / K[..., 0, 0]
+    rays = np.stack([x, y, np.ones(x.shape)], -1)
+    if not lenses.bends:
+        return rays, np.ones(x.shape, np.bool_)
+    for _ in range(MAX_STEPS):
+        shown, valid = lenses.project(rays)
+        miss = pixels - shown
+        found = valid & (np.abs(miss).max(-1) <= NEAR_PX)
+        if (found | ~valid).all():
+            break
+        rays[..., :2] += np.where((valid & ~found)[..., None], _solve(lenses.jacobians(rays)[..., :2], miss), 0.0)
+    return np.where(found[..., None], rays, [0.0, 0.0, 1.0]), found
+
+
+def _solve(matrices: F64, values: F64) -> F64:
+    """Solutions (..., 2) of systems of two equations; 0 where there is none."""
+    (a, b), (c, d) = np.moveaxis(matrices, (-2, -1), (0, 1))
+    determinant = a * d - b * c
+    whole = np.where(determinant == 0, np.inf, determinant)
+    first, second = values[..., 0], values[..., 1]
+    return np.stack([(d * first - b * second) / whole, (a * second - c * first) / whole], -1)

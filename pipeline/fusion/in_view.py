@@ -1,0 +1,106 @@
+"""The 3D boxes of a frame in the images of all cameras at once."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.core.arrays import F32, F64, I64, Bools, check_array
+from pipeline.core.camera import NEAR_M
+from pipeline.core.detections import Boxes3D
+from pipeline.core.errors import FrameError
+from pipeline.core.geometry.boxes import box_corners
+from pipeline.core.rig import CameraSensor
+from pipeline.fusion.projection import CameraArrays, project_edges
+
+__all__ = ["InView", "project_into_views"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class InView:
+    """The P pairs of a camera and a box of which it sees some part, ordered by camera, then by box.
+
+    Attributes:
+        cameras: (P,) int64 number of the camera.
+        rows: (P,) int64 row of the box.
+        xyxy: (P, 4) float32 left, top, right, bottom in pixels, clipped to the image.
+        jacobian: (P, 4, 3) float64, derivatives of these edges by x, y (metres) and yaw (radians) of the box; zero
+            where an edge is the border of the image, or the box reaches behind the camera.
+        ranges_m: (P,) float64, distance of the box's centre from the camera.
+    """
+
+    cameras: I64
+    rows: I64
+    xyxy: F32
+    jacobian: F64
+    ranges_m: F64
+
+    def __post_init__(self) -> None:
+        n = len(self.rows)
+        check_array("cameras", self.cameras, (n,), np.int64)
+        check_array("rows", self.rows, (n,), np.int64)
+        check_array("xyxy", self.xyxy, (n, 4), np.float32)
+        check_array("jacobian", self.jacobian, (n, 4, 3), np.float64)
+        check_array("ranges_m", self.ranges_m, (n,), np.float64)
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+
+def project_into_views(boxes: Boxes3D, views: Sequence[CameraSensor], arrays: CameraArrays) -> InView:
+    """The rectangles of all boxes in all images.
+
+    Args:
+        boxes: N boxes in the site frame.
+        views: The cameras.
+        arrays: The same cameras as arrays.
+
+    Raises:
+        FrameError: the boxes are not in the site frame of the cameras.
+    """
+    for view in views:
+        if view.T_camera_site.src != boxes.frame_id:
+            raise FrameError(
+                f"camera {view.name}: expected boxes in frame {view.T_camera_site.src!r}, found {boxes.frame_id!r}"
+            )
+    centers_camera = np.einsum("cij,nj->cni", arrays.rotations, boxes.centers) + arrays.translations[:, None]
+    radii_m = np.sqrt((boxes.sizes**2).sum(1)) / 2
+    if arrays.lenses.bends:
+        angles = np.array([view.model.view_angle_rad for view in views])
+        cameras, rows = np.nonzero(_in_cones(centers_camera, radii_m, angles))
+    else:
+        cameras, rows = np.nonzero(_in_pyramids(centers_camera, radii_m, arrays))
+    edges = project_edges(boxes.centers[rows], boxes.sizes[rows], boxes.yaws[rows], arrays.select(cameras))
+    limits = np.tile(arrays.image_sizes[cameras], 2)
+    xyxy = np.clip(edges.xyxy, 0.0, limits)
+    jacobian = np.where((edges.xyxy == xyxy)[..., None], edges.jacobian[..., :3], 0.0)
+    for camera in np.unique(cameras[~edges.valid]):  # boxes beside the camera: cut edges, without derivatives
+        cut = ~edges.valid & (cameras == camera)
+        corners = box_corners(boxes.centers[rows[cut]], boxes.sizes[rows[cut]], boxes.yaws[rows[cut]])
+        xyxy[cut], jacobian[cut] = views[camera].project_boxes(corners, boxes.frame_id), 0.0
+    seen = (xyxy[:, 2] > xyxy[:, 0]) & (xyxy[:, 3] > xyxy[:, 1])
+    cameras, rows = cameras[seen], rows[seen]
+    ranges_m = np.sqrt((centers_camera[cameras, rows] ** 2).sum(1))
+    return InView(cameras, rows, xyxy[seen].astype(np.float32), jacobian[seen], ranges_m)
+
+
+def _in_cones(centers_camera: F64, radii_m: F64, angles_rad: F64) -> Bools:
+    """(C, N) whether the sphere around each box reaches into the cone that a camera sees."""
+    x, y, z = np.moveaxis(centers_camera, -1, 0)
+    range_m = np.sqrt(x * x + y * y + z * z)
+    reach = np.where(range_m > radii_m, np.arcsin(radii_m / np.maximum(np.maximum(range_m, radii_m), 1e-9)), np.pi)
+    aside = np.arctan2(np.sqrt(x * x + y * y), z)
+    return np.asarray((z + radii_m > NEAR_M) & (aside - reach < angles_rad[:, None]))
+
+
+def _in_pyramids(centers_camera: F64, radii_m: F64, arrays: CameraArrays) -> Bools:
+    """(C, N) whether the sphere around each box reaches into the pyramid that a camera with a straight lens sees."""
+    # Planes through the camera and each border of the image, (C, 4, 3): positive inside.
+    K = arrays.lenses.K[:, :2]
+    left_top, right_bottom = K.copy(), -K
+    left_top[..., 2] += 0.5
+    right_bottom[..., 2] += arrays.image_sizes - 0.5
+    planes = np.concatenate([left_top, right_bottom], 1)
+    lengths = np.sqrt((planes * planes).sum(2))
+    inside = np.einsum("cbi,cni->cbn", planes, centers_camera) > -lengths[..., None] * radii_m
+    return np.asarray((centers_camera[..., 2] + radii_m > NEAR_M) & inside.all(1))

@@ -1,0 +1,77 @@
+"""The class of a hypothesis: how well its size fits each class, and what the lidars and the cameras take it for.
+
+Which classes are confused follows from their sizes: a van and a truck look alike, a car and a pedestrian do not. So
+there is no table of names, and classes of one's own work like the given ones.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pipeline.core.arrays import F64, I32
+from pipeline.core.settings.classes import ClassPrior
+
+__all__ = ["class_log_odds", "confusion", "vote_log_odds"]
+
+
+ALIKE = 0.45
+"""The share of votes for another class falls to 1/e with each such step of the logarithms of length, width, height."""
+
+OWN_LOG_ODDS = 0.5
+"""What the detector's own choice counts for beyond the size of its box: the shape of the points."""
+
+SHORT_SHARE = 0.2
+SHORT_LIMIT = 3.0
+"""A box shorter than its class errs by this share of it; missing extent counts at most so many standard deviations."""
+
+SHORT_WEIGHTS = np.array([0.15, 0.15, 0.5])
+"""Weight of missing length, width and height: sides are often hidden, tops seldom."""
+
+LONG_LIMIT = 4.0
+"""A measured extent that no object of the class has counts at most so many standard deviations."""
+
+MEASURED_SHARE = 1e-3
+"""An extent that differs from the typical one of the class by less than this share was completed, not measured."""
+
+
+def confusion(priors: Sequence[ClassPrior]) -> F64:
+    """(K, K) probability that an object of the class of the row is taken for that of the column."""
+    sizes = np.log([prior.size_m for prior in priors])
+    steps = np.sqrt(((sizes[:, None] - sizes) ** 2).sum(2))
+    alike = np.exp(-steps / ALIKE)
+    return np.asarray(alike / alike.sum(1, keepdims=True))
+
+
+def vote_log_odds(class_ids: I32, scores: F64, taken_for: F64) -> F64:
+    """(M, K) log likelihood of each class, given that a detector names a class with a score.
+
+    Args:
+        class_ids: (M,) named classes.
+        scores: (M,) in [0, 1]; a name of score 0 says nothing.
+        taken_for: (K, K) of `confusion`.
+    """
+    said = taken_for[:, class_ids].T
+    return np.asarray(np.log(scores[:, None] * said + (1 - scores[:, None]) / len(taken_for) + 1e-12))
+
+
+def class_log_odds(sizes: F64, own_ids: I32, priors: Sequence[ClassPrior]) -> F64:
+    """(N, K) log likelihood of each class, given box and class of a 3D detector.
+
+    An extent that equals the typical one of its own class was completed to it: then the object is not longer, but it
+    may be shorter.
+
+    Args:
+        sizes: (N, 3) length, width, height, metres.
+        own_ids: (N,) class that the detector gives.
+        priors: The classes.
+    """
+    typical = np.array([prior.size_m for prior in priors])
+    limits = np.array([prior.max_size_m for prior in priors])
+    extent = sizes[:, None]
+    is_measured = np.abs(sizes - typical[own_ids]) > MEASURED_SHARE * typical[own_ids]
+    long = np.maximum(extent - typical, 0) / np.maximum((limits - typical) / 2, 1e-9)
+    long = np.minimum(long, LONG_LIMIT) * is_measured[:, None]
+    short = np.minimum(np.maximum(typical - extent, 0) / (SHORT_SHARE * typical), SHORT_LIMIT)
+    odds = -(long**2 + SHORT_WEIGHTS * short**2).sum(2) / 2
+    odds[np.arange(len(sizes)), own_ids] += OWN_LOG_ODDS
+    return np.asarray(odds)

@@ -1,0 +1,76 @@
+"""The points of an object that may be outermost in an image.
+
+A cuboid around an object appears larger than the object: vehicles and people have round corners, and do not touch the
+ground at the corners of their box. Seen across a corner, the rectangle around a projected cuboid is wider than the one
+around the object by a fifth of the radius of the corner and more, on both sides. So the cuboid's corners are rounded.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.core.arrays import F64, Rows, check_array
+from pipeline.core.geometry.box_edges import BOX_EDGES
+from pipeline.core.geometry.boxes import UNIT_CORNERS
+
+__all__ = ["Outline", "cuboid_outline", "rounded_outline"]
+
+_BETWEEN = np.array([0.25, 0.5, 0.75])[:, None]
+_ALONG_EDGES = np.concatenate(
+    [UNIT_CORNERS, *(UNIT_CORNERS[a] * (1 - _BETWEEN) + UNIT_CORNERS[b] * _BETWEEN for a, b in BOX_EDGES)]
+)
+"""Corners, and where lines are bent the samples of edges that `CameraModel.project_boxes` uses."""
+
+_TURNS = np.radians([0.0, 45.0, 90.0])
+_SIDES = np.array([[1.0, 0], [0, 1], [-1, 0], [0, -1]])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outline:
+    """Points of P objects, along the axes of their boxes.
+
+    A point is at `signs * size / 2 + offsets`: it keeps its distance to the sides of the box when the box grows.
+
+    Attributes:
+        signs: (S, 3) float64 in [-1, 1].
+        offsets: (P, S, 3) float64 metres; P may be 1 if they are the same for all.
+    """
+
+    signs: F64
+    offsets: F64
+
+    def __post_init__(self) -> None:
+        check_array("signs", self.signs, (len(self.signs), 3), np.float64)
+        check_array("offsets", self.offsets, (len(self.offsets), len(self.signs), 3), np.float64)
+
+    def select(self, rows: Rows) -> "Outline":
+        """The outlines of the given objects (mask or indices), in that order."""
+        return self if len(self.offsets) == 1 else Outline(self.signs, self.offsets[rows])
+
+
+def cuboid_outline(*, bent: bool) -> Outline:
+    """The corners of boxes; if a lens bends lines, points of their edges, too."""
+    points = _ALONG_EDGES if bent else UNIT_CORNERS
+    return Outline(points, np.zeros((1, len(points), 3)))
+
+
+def rounded_outline(sizes: F64, *, rounding: float, underside: float, bent: bool) -> Outline:
+    """Boxes with round corners, seen from above.
+
+    Args:
+        sizes: (P, 3) length, width, height, metres.
+        rounding: Radius of the corners, as a share of the smaller of length and width, at most 0.5.
+        underside: How far above the ground an object begins at its outline, as a share of its height.
+        bent: Whether a lens bends lines.
+    """
+    corners = np.repeat(UNIT_CORNERS[:4, :2], len(_TURNS), axis=0)
+    inward = 1 - np.tile(np.stack([np.cos(_TURNS), np.sin(_TURNS)], 1), (4, 1))
+    around = np.concatenate([corners, _SIDES]) if bent else corners
+    inward = np.concatenate([inward, np.zeros_like(_SIDES)]) if bent else inward
+    levels = (-1.0, 0.0, 1.0) if bent else (-1.0, 1.0)
+    signs = np.concatenate([np.column_stack([around, np.full(len(around), level)]) for level in levels])
+    offsets = np.empty((len(sizes), len(signs), 3))
+    radius = rounding * sizes[:, :2].min(1, initial=np.inf)
+    offsets[..., :2] = -np.sign(signs[:, :2]) * np.tile(inward, (len(levels), 1)) * radius[:, None, None]
+    offsets[..., 2] = np.where(signs[:, 2] < 0, underside, 0.0) * sizes[:, 2:]
+    return Outline(signs, offsets)

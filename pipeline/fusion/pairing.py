@@ -1,0 +1,77 @@
+"""Pairs of projected 3D boxes and 2D boxes: which are near enough to be weighed, and which are likeliest together."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from pipeline.core.arrays import F32, F64, I64, Bools, Rows
+from pipeline.core.geometry.boxes import pair_overlaps_xyxy
+from pipeline.fusion.groups import pairs_within
+
+__all__ = ["Pairs", "best_pairs", "near_pairs"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pairs:
+    """Q pairs of a 3D box in an image and a 2D box in the same image, near enough to be weighed.
+
+    Attributes:
+        seen: (Q,) int64 row of the projected 3D boxes, rising.
+        found: (Q,) int64 row of the 2D boxes of all cameras.
+        iou: (Q,) float64, overlap of both.
+    """
+
+    seen: I64
+    found: I64
+    iou: F64
+
+    def __len__(self) -> int:
+        return len(self.seen)
+
+    def select(self, rows: Rows) -> "Pairs":
+        """The given rows (mask or indices), in that order."""
+        return Pairs(self.seen[rows], self.found[rows], self.iou[rows])
+
+
+def near_pairs(seen_xyxy: F32, seen_cameras: I64, found_xyxy: F32, found_cameras: I64, *, min_giou: float) -> Pairs:
+    """Pairs of rectangles in the same image whose generalised IoU is large enough.
+
+    Args:
+        seen_xyxy: (P, 4) projected 3D boxes.
+        seen_cameras: (P,) their cameras, rising.
+        found_xyxy: (M, 4) 2D boxes, clipped to their images.
+        found_cameras: (M,) their cameras, rising.
+        min_giou: The least that is enough.
+    """
+    seen, found = pairs_within(seen_cameras, found_cameras)
+    iou, giou = pair_overlaps_xyxy(seen_xyxy[seen], found_xyxy[found])
+    return Pairs(seen, found, iou).select(giou >= min_giou)
+
+
+def best_pairs(pairs: Pairs, worth: F64, seen_cameras: I64) -> Bools:
+    """(Q,) which pairs belong to the assignment with the largest sum of worth; each row is taken once at most.
+
+    By Crouse's method ("On implementing 2D rectangular assignment algorithms", IEEE TAES 52(4), 2016) for each camera.
+
+    Args:
+        pairs: Q pairs.
+        worth: (Q,) of each; pairs without a positive worth are not taken.
+        seen_cameras: (P,) camera of each projected 3D box, rising.
+    """
+    taken = np.zeros(len(pairs), np.bool_)
+    allowed = np.flatnonzero(worth > 0)
+    seen, found = pairs.seen[allowed], pairs.found[allowed]
+    alone = (np.bincount(seen)[seen] == 1) & (np.bincount(found)[found] == 1)
+    taken[allowed[alone]] = True
+    rivals = allowed[~alone]
+    cameras = seen_cameras[pairs.seen[rivals]]
+    for part in np.split(rivals, np.flatnonzero(np.diff(cameras)) + 1):
+        row, column = pairs.seen[part], pairs.found[part]
+        rows, columns = np.unique(row), np.unique(column)
+        table = np.zeros((len(rows), len(columns)))
+        table[np.searchsorted(rows, row), np.searchsorted(columns, column)] = worth[part]
+        first, second = linear_sum_assignment(table, maximize=True)
+        chosen = dict(zip(rows[first].tolist(), columns[second].tolist(), strict=True))
+        taken[part] = [chosen.get(a) == b for a, b in zip(row.tolist(), column.tolist(), strict=True)]
+    return taken

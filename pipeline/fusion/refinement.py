@@ -1,0 +1,209 @@
+"""Boxes fitted to the edges of 2D boxes: a small robust least-squares problem for each, all of them at once.
+
+Unknown are x, y, yaw, length and width of a box, and its speed where the images were taken at another time than the
+cloud. The prior is the box with its covariance; the residuals are the differences of the edges of its 2D boxes and
+those of its projection. At a given yaw the edges are almost linear in all the rest; in the yaw they are not: when
+another corner becomes the outermost, the slope changes its sign, and there may be several minima. So some yaws around
+the prior are tried, the rest is solved for each by Gauss-Newton steps, and the solutions are averaged by their
+probabilities (Laplace's approximation of the integral over the rest). This is done twice, the second time around the
+first average. The mean of the distribution errs less than its largest value, and its covariance tells when two headings
+fit alike.
+
+Residuals are weighed by a Cauchy distribution (iteratively reweighted), so that a wrong 2D box does little harm.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.core.arrays import F64, Bools, Indices, check_array
+from pipeline.core.detections import Boxes3D
+from pipeline.fusion.box_prior import BoxPrior
+from pipeline.fusion.measured_edges import MeasuredEdges
+from pipeline.fusion.outline import Outline
+from pipeline.fusion.projection import project_edges
+from pipeline.fusion.small_matrices import solve
+
+__all__ = ["RefinedBoxes", "predicted_edges", "refine_boxes"]
+
+YAWS, SPAN = 7, 2.5
+"""How many headings are tried at once, and how many standard deviations they reach to both sides."""
+
+STEPS = 2
+"""Gauss-Newton steps for each of them; the prior keeps the problem close to linear."""
+
+CAUCHY = 3.0
+"""Residuals of so many standard deviations weigh half."""
+
+BORDER = 3.0
+"""An edge of a 2D box this many standard deviations from the border of the image may be the border."""
+
+GATE = 16.27
+"""Square of the largest step in standard deviations of the prior: 99.9 % for three degrees of freedom."""
+
+LEAST_SIZE, MOST_SIZE = 0.5, 1.5
+"""Bounds of a refined length and width, as shares of the prior's."""
+
+_YAW = 2
+_REST = np.array([0, 1, 3, 4, 5, 6])
+"""Rows of `box_prior.STATES` that are solved for at a given yaw."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RefinedBoxes:
+    """N boxes after refinement.
+
+    Attributes:
+        centers_xy: (N, 2) float64 metres.
+        yaws: (N,) float64 radians.
+        lengths_widths: (N, 2) float64 metres.
+        covariances: (N, 3, 3) float64 over x, y and yaw.
+        accepted: (N,) whether the result explains the images better than the prior, and is not too far from it; else
+            the row is that of the prior.
+    """
+
+    centers_xy: F64
+    yaws: F64
+    lengths_widths: F64
+    covariances: F64
+    accepted: Bools
+
+    def __post_init__(self) -> None:
+        n = len(self.yaws)
+        check_array("centers_xy", self.centers_xy, (n, 2), np.float64)
+        check_array("yaws", self.yaws, (n,), np.float64)
+        check_array("lengths_widths", self.lengths_widths, (n, 2), np.float64)
+        check_array("covariances", self.covariances, (n, 3, 3), np.float64)
+        check_array("accepted", self.accepted, (n,), np.bool_)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Problem:
+    """N boxes, each with the pairs from `starts` to the next; the outline is that of each pair."""
+
+    boxes: Boxes3D
+    prior: BoxPrior
+    edges: MeasuredEdges
+    outline: Outline
+    starts: Indices
+
+    def linearised(self, states: F64) -> tuple[F64, F64, F64]:
+        """Normal matrices (N, K, 6, 6), gradients (N, K, 6) and costs (N, K) at states (N, K, 7) less the prior's."""
+        tried = states.shape[1]
+        own = np.repeat(np.arange(len(self.edges)), tried)
+        at = states[self.edges.rows].reshape(-1, 7)
+        edges, jacobian = self._edges(at, own)
+        measured, sigma = self.edges.xyxy[own], self.edges.sigma_px[own]
+        limits = np.tile(self.edges.cameras.image_sizes[own], 2)
+        near_border = np.minimum(measured, limits - measured) < BORDER * sigma
+        cut = ((edges < 0) | (edges > limits)) & near_border
+        residuals = (measured - np.where(near_border, np.clip(edges, 0, limits), edges)) / sigma
+        weights = 1 / (1 + (residuals / CAUCHY) ** 2)
+        slopes = np.where(cut, 0.0, 1 / sigma)[..., None] * jacobian
+        weighed = slopes * weights[..., None]
+        normal = np.einsum("pea,peb->pab", weighed, slopes)
+        pull = np.einsum("pea,pe->pa", weighed, residuals)
+        cost = CAUCHY**2 * np.log1p((residuals / CAUCHY) ** 2).sum(1)
+        information = self.prior.information
+        drawn_back = np.einsum("nij,nkj->nki", information, states)
+        return (
+            np.add.reduceat(normal.reshape(-1, tried, 6, 6), self.starts) + information[:, None, _REST[:, None], _REST],
+            np.add.reduceat(pull.reshape(-1, tried, 6), self.starts) - drawn_back[..., _REST],
+            np.add.reduceat(cost.reshape(-1, tried), self.starts) + (drawn_back * states).sum(2),
+        )
+
+    def _edges(self, states: F64, pairs: Indices) -> tuple[F64, F64]:
+        """Edges (P, 4) and derivatives (P, 4, 6) by `_REST`, of pairs with their states less the prior's (P, 7)."""
+        rows, later = self.edges.rows[pairs], self.edges.later_s[pairs]
+        yaws = self.boxes.yaws[rows]
+        cos, sin = np.cos(yaws), np.sin(yaws)
+        along, across = states[:, 5] * later, states[:, 6] * later
+        centers = self.boxes.centers[rows]
+        centers[:, 0] += states[:, 0] + cos * along - sin * across
+        centers[:, 1] += states[:, 1] + sin * along + cos * across
+        sizes = self.boxes.sizes[rows]
+        sizes[:, :2] = np.clip(sizes[:, :2] + states[:, 3:5], LEAST_SIZE * sizes[:, :2], MOST_SIZE * sizes[:, :2])
+        cameras, outline = self.edges.cameras.select(pairs), self.outline.select(pairs)
+        found = project_edges(centers, sizes, yaws + states[:, _YAW], cameras, outline)
+        by_x, by_y = found.jacobian[..., 0], found.jacobian[..., 1]
+        jacobian = np.empty((len(states), 4, 6))
+        jacobian[..., :2] = found.jacobian[..., :2]
+        jacobian[..., 2:4] = found.jacobian[..., 3:5]
+        jacobian[..., 4] = (by_x * cos[:, None] + by_y * sin[:, None]) * later[:, None]
+        jacobian[..., 5] = (by_y * cos[:, None] - by_x * sin[:, None]) * later[:, None]
+        return found.xyxy, jacobian
+
+    def averaged(self, means: F64, yaw_sigma: F64) -> tuple[F64, F64]:
+        """Mean (N, 7) and covariance (N, 3, 3) of x, y, yaw, from headings tried around those of states (N, 7)."""
+        offsets = np.linspace(-SPAN, SPAN, YAWS)
+        states = np.repeat(means[:, None], YAWS, axis=1)
+        states[..., _YAW] += offsets * yaw_sigma[:, None]
+        for _ in range(STEPS):
+            normal, pull, cost = self.linearised(states)
+            right = np.concatenate([pull[..., None], np.broadcast_to(np.eye(6)[:, :2], (*pull.shape, 2))], 3)
+            found, log_det = solve(np.moveaxis(normal, (2, 3), (0, 1)), np.moveaxis(right, (2, 3), (0, 1)))
+            step = np.moveaxis(found[:, 0], 0, 2)
+            states[..., _REST] += step
+        likelihood = -(cost - (step * pull).sum(2) + log_det) / 2
+        weights = np.exp(likelihood - likelihood.max(1, keepdims=True))
+        weights /= weights.sum(1, keepdims=True)
+        mean = (weights[..., None] * states).sum(1)
+        apart = (states - mean[:, None])[..., :3]
+        covariances = np.einsum("nk,nki,nkj->nij", weights, apart, apart)
+        covariances[:, :2, :2] += np.moveaxis((weights * found[:2, 1:]).sum(-1), 2, 0)
+        covariances[:, _YAW, _YAW] += (yaw_sigma * (offsets[1] - offsets[0])) ** 2 / 12
+        return mean, covariances
+
+
+def predicted_edges(boxes: Boxes3D, edges: MeasuredEdges, outline: Outline) -> tuple[F64, F64, Bools]:
+    """The edges of the boxes as they are.
+
+    Args:
+        boxes: N boxes.
+        edges: P pairs.
+        outline: Of the box of each pair.
+
+    Returns:
+        (P, 4) edges in pixels; (P, 4, 3) their derivatives by x, y and yaw; (P,) whether they are valid.
+    """
+    rows = edges.rows
+    found = project_edges(boxes.centers[rows], boxes.sizes[rows], boxes.yaws[rows], edges.cameras, outline)
+    return found.xyxy, found.jacobian[..., :3], found.valid
+
+
+def refine_boxes(boxes: Boxes3D, prior: BoxPrior, edges: MeasuredEdges, outline: Outline) -> RefinedBoxes:
+    """Boxes fitted to the 2D boxes that are matched with them.
+
+    Args:
+        boxes: N boxes, each with at least one pair.
+        prior: What is known of them.
+        edges: P pairs, sorted by the box; their boxes are in view wholly.
+        outline: Of the box of each pair.
+    """
+    n = len(boxes)
+    starts = np.searchsorted(edges.rows, np.arange(n))
+    problem = _Problem(boxes, prior, edges, outline, starts)
+    yaw_sigma = np.sqrt(prior.covariances[:, _YAW, _YAW])
+    mean, covariances = problem.averaged(np.zeros((n, 7)), yaw_sigma)
+    yaw_sigma = np.minimum(np.sqrt(covariances[:, _YAW, _YAW]), yaw_sigma)
+    mean, covariances = problem.averaged(mean, yaw_sigma)
+    _, _, costs = problem.linearised(np.stack([np.zeros((n, 7)), mean], 1))
+    inner = np.einsum("ni,nij,nj->n", mean[:, :3], _place_information(prior), mean[:, :3])
+    accepted = (costs[:, 1] <= costs[:, 0]) & (inner <= GATE) & (np.abs(mean[:, _YAW]) < np.pi / 2)
+    accepted &= np.isfinite(mean).all(1) & np.isfinite(covariances).all((1, 2))
+    mean = np.where(accepted[:, None], mean, 0.0)
+    extent = boxes.sizes[:, :2]
+    return RefinedBoxes(
+        boxes.centers[:, :2] + mean[:, :2],
+        boxes.yaws + mean[:, _YAW],
+        np.clip(extent + mean[:, 3:5], LEAST_SIZE * extent, MOST_SIZE * extent),
+        np.where(accepted[:, None, None], covariances, prior.covariances[:, :3, :3]),
+        accepted,
+    )
+
+
+def _place_information(prior: BoxPrior) -> F64:
+    """(N, 3, 3) inverses of the covariances of x, y and yaw."""
+    place = np.moveaxis(prior.covariances[:, :3, :3], 0, 2)
+    unit = np.broadcast_to(np.eye(3)[..., None], place.shape)
+    return np.moveaxis(solve(place, unit)[0], 2, 0)

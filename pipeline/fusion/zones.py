@@ -1,0 +1,60 @@
+"""Which objects a rig's zones let be reported."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from pipeline.core.arrays import F64, I64, Bools
+from pipeline.core.detections import Fused
+from pipeline.core.geometry.polygons import first_polygon_with
+from pipeline.core.rig import Zone, ZoneUse
+
+__all__ = ["is_reported", "select_by_zones"]
+
+OUTSIDE = "outside of all zones of use detect"
+"""Why an object is not reported that no zone asks for."""
+
+
+def is_reported(centers: F64, zones: Sequence[Zone]) -> Bools:
+    """Whether objects are reported: not in a zone of use `ignore`, and in one of use `detect` if there is any.
+
+    Args:
+        centers: (N, 2) or (N, 3) in the site frame, metres; one on the edge of a zone lies in it.
+        zones: Of the rig, in any order: `ignore` is stronger than `detect`.
+
+    Returns:
+        (N,) bool.
+    """
+    reported = _rows_in(centers, zones, "ignore") < 0
+    if any(zone.use == "detect" for zone in zones):
+        reported &= _rows_in(centers, zones, "detect") >= 0
+    return np.asarray(reported)
+
+
+def select_by_zones(fused: Fused, zones: Sequence[Zone]) -> Fused:
+    """The objects that are reported, and by reason how many others there were."""
+    centers = fused.objects.centers
+    kept = is_reported(centers, zones)
+    if kept.all():
+        return fused
+    left_out = dict(fused.left_out)
+    ignored = _rows_in(centers, zones, "ignore")
+    names = [f"in zone {zone.name} of use ignore" for zone in zones if zone.use == "ignore"]
+    reasons = [OUTSIDE, *names]
+    for row, count in enumerate(np.bincount(ignored[~kept] + 1, minlength=len(reasons)).tolist()):
+        if count:
+            left_out[reasons[row]] = left_out.get(reasons[row], 0) + count
+    rows = np.flatnonzero(kept)
+    return replace(
+        fused,
+        objects=fused.objects.select(rows),
+        matched=fused.matched[rows],
+        rows=fused.rows[rows],
+        left_out=left_out,
+    )
+
+
+def _rows_in(centers: F64, zones: Sequence[Zone], use: ZoneUse) -> I64:
+    """(N,) the first zone of a use that holds each centre, among those of that use; -1 without one."""
+    return first_polygon_with([zone.polygon_site for zone in zones if zone.use == use], centers[:, :2])

@@ -1,0 +1,84 @@
+"""What the cameras alone make in 3D: every 2D box placed by the ground and the size of its class."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from pipeline.core.arrays import F64
+from pipeline.core.clouds import CombinedCloud
+from pipeline.core.detections import Boxes2D, Boxes3D, Source
+from pipeline.core.rig import CameraSensor, Rig
+from pipeline.core.settings.config import Config
+from pipeline.fusion.cameras.merging import merge_sightings, moments
+from pipeline.fusion.cameras.observed import Noise
+from pipeline.fusion.cameras.placed import Placed
+from pipeline.fusion.cameras.placing import SizePriors, place
+from pipeline.fusion.cameras.sightings import see
+
+__all__ = ["Place"]
+
+GROUND_SHARE = 0.25
+"""Standard deviation of the ground's height, as a share of `combine.ground.distance_m`."""
+
+GROUND_SLOPE_STD = 0.008
+"""Standard deviation of the slope of the ground between camera and object, which is no plane: rise over run."""
+
+
+class Place:
+    """Objects in 3D from the 2D boxes of a frame, without a point of a lidar but for the ground."""
+
+    def __init__(self, rig: Rig, config: Config) -> None:
+        self._site_frame = rig.site_frame
+        self._ground_height_m = rig.ground_height_m or 0.0
+        self._priors = SizePriors.of(config.classes)
+        self._noise = Noise(
+            pixel_px=config.fuse.pixel_sigma_px,
+            outline=config.fuse.outline_sigma,
+            ground_m=GROUND_SHARE * config.combine.ground.distance_m,
+            ground_slope=GROUND_SLOPE_STD,
+        )
+
+    def __call__(
+        self, combined: CombinedCloud, boxes2d: Mapping[str, Boxes2D], views: Mapping[str, CameraSensor]
+    ) -> Placed:
+        """One box of source CAMERA for all sightings of an object, in order of its first camera and its score there.
+
+        Args:
+            combined: For the ground.
+            boxes2d: By camera name.
+            views: By camera name, for every camera of the rig.
+        """
+
+        def ground(xy: F64) -> F64:
+            if combined.plane is None:
+                return np.full(xy.shape[:-1], self._ground_height_m)
+            return combined.plane.height_m(xy)
+
+        sightings = see(views, boxes2d)
+        placements = place(sightings, self._priors, ground, self._noise)
+        objects, merged = merge_sightings(placements, sightings.cameras, sightings.class_ids)
+        count = len(merged.xy)
+        found = moments(merged)
+        first = np.flatnonzero(np.diff(np.maximum.accumulate(objects), prepend=-1))
+        class_ids = sightings.class_ids[first]
+        sizes = self._priors.mean_m[class_ids]
+        missed = np.ones(count)
+        np.multiply.at(missed, objects, 1.0 - sightings.scores)
+        seen = np.bincount(objects, minlength=count)
+        stamp_ns = combined.cloud.stamp_ns
+        since_ns = np.zeros(count, np.int64)
+        np.add.at(since_ns, objects, sightings.stamps_ns - stamp_ns)
+        boxes = Boxes3D(
+            stamp_ns,
+            self._site_frame,
+            np.column_stack([found.xy, ground(found.xy) + sizes[:, 2] / 2]),
+            sizes,
+            found.yaw_rad,
+            (1.0 - missed).astype(np.float32),
+            class_ids.astype(np.int32),
+            np.zeros(count, np.int32),
+            found.covariances,
+            np.full(count, Source.CAMERA, np.uint8),
+            stamp_ns + since_ns // np.maximum(seen, 1),
+        )
+        return Placed(boxes, sightings, objects, placements)

@@ -1,0 +1,165 @@
+"""What may be an object: the boxes of the lidars, and what the cameras show beside them."""
+
+from collections.abc import Mapping
+from functools import partial
+
+import numpy as np
+
+from pipeline.core.arrays import F64, I64, Bools
+from pipeline.core.clouds import CombinedCloud
+from pipeline.core.detections import Boxes3D, Matches, Source
+from pipeline.core.geometry.boxes import wrap_angle
+from pipeline.core.geometry.rotated_iou import ious
+from pipeline.core.rig import Rig
+from pipeline.core.settings.config import Config
+from pipeline.detectors.protocols import Candidates3D
+from pipeline.fusion.begun.beginning import Beginner
+from pipeline.fusion.begun.parting import find_hosts, find_merged, share_points
+from pipeline.fusion.begun.partners import find_echoes, find_partners
+from pipeline.fusion.cameras.placed import Placed
+from pipeline.fusion.overlaps import first_of_each, overlap_shares
+
+__all__ = ["Propose"]
+
+OVERLAP_SHARE = 0.25
+"""Two boxes of which one has more than this share of its ground inside the other are taken for one object."""
+
+SAME_IOU = 0.5
+"""A box of the lidars and one begun from a 2D box that overlap as much are one, matched or not."""
+
+KEPT_IOU_SHARE = 0.8
+"""A merged cluster is parted if its own part then overlaps its 2D box by at least this share of what it did."""
+
+
+class Propose:
+    """The boxes of the lidars in their order, then objects begun from 2D boxes that have no partner among them.
+
+    The points where a 2D box looks become an object of source BOTH; without points, the object stays where the cameras
+    place it, with source CAMERA. Where a 2D box looks into a cluster that another 2D box of the same camera is matched
+    with, the cluster holds two objects: it is parted. An object whose place the cameras
+    know worse than to half of its size is left out: nobody could say which one it is.
+    """
+
+    def __init__(self, rig: Rig, config: Config) -> None:
+        self._names = tuple(camera.name for camera in rig.cameras)
+        most = np.array([prior.max_size_m for prior in config.classes])
+        self._max_std_m = np.hypot(most[:, 0], most[:, 1]) / 2
+        self._begin = Beginner(rig, config) if rig.lidars else None
+
+    def __call__(
+        self, combined: CombinedCloud, lidar: Boxes3D, matches: Mapping[str, Matches], placed: Placed
+    ) -> Boxes3D:
+        """The hypotheses of a frame.
+
+        Args:
+            combined: The cloud, in which objects are sought where 2D boxes look.
+            lidar: The boxes of the lidars.
+            matches: By camera name; rows refer to `lidar`.
+            placed: What the cameras alone place.
+        """
+        sightings = placed.sightings
+        partner, iou = find_partners(sightings, matches, self._names)
+        echoes = find_echoes(sightings, partner)
+        alone = np.flatnonzero((partner < 0) & ~echoes)
+        if not len(alone):
+            return lidar
+        is_matched = np.zeros(len(lidar), np.bool_)
+        is_matched[partner[partner >= 0]] = True
+        begun = Boxes3D.empty(lidar.stamp_ns, lidar.frame_id)
+        served = (partner >= 0) | echoes
+        if self._begin is not None:
+            found = self._begin(combined, sightings.select(alone), placed.placements.select(alone))
+            seen = alone[found.sighting]
+            hosts = find_hosts(combined.detection_cloud.xyz, found, lidar)
+            merged = find_merged(sightings, partner, seen, hosts)
+            lidar, parts = self._parted(combined, lidar, placed, (partner, iou), seen[merged >= 0], merged[merged >= 0])
+            free = np.lexsort((seen, -found.worth))
+            free = free[merged[free] < 0]
+            boxes = _as_boxes(found.boxes, lidar)
+            boxes = parts.joined(boxes.select(free[~_is_known(boxes, lidar, is_matched)[free]]))
+            begun = boxes.select(first_of_each(boxes, OVERLAP_SHARE))
+            served[seen] = True
+        unserved = np.ones(len(placed.boxes), np.bool_)
+        unserved[placed.objects[served]] = False
+        unserved &= _largest_std_m(placed.boxes) <= self._max_std_m[placed.boxes.class_ids]
+        left = placed.boxes.select(unserved)
+        there = lidar.select(is_matched).joined(begun)
+        return lidar.joined(begun, left.select(np.flatnonzero((overlap_shares(left, there) <= OVERLAP_SHARE).all(1))))
+
+    def _parted(
+        self,
+        combined: CombinedCloud,
+        lidar: Boxes3D,
+        placed: Placed,
+        partners: tuple[I64, F64],
+        seen: I64,
+        owners: I64,
+    ) -> tuple[Boxes3D, Boxes3D]:
+        """The boxes of the lidars, those that hold several objects left to one of them; and boxes of the other ones.
+
+        Args:
+            combined: The cloud.
+            lidar: The boxes of the lidars.
+            placed: The 2D boxes, and where they place their objects.
+            partners: Row of the 3D box that each 2D box is matched with, and their overlap.
+            seen: (U,) 2D boxes that look into a cluster of another 2D box.
+            owners: (U,) that other 2D box.
+        """
+        partner, iou = partners
+        rows = np.union1d(seen, owners)
+        team = rows.copy()
+        team[np.searchsorted(rows, seen)] = owners
+        if self._begin is None or not len(rows):
+            return lidar, lidar.select(np.zeros(0, np.int64))
+        share = partial(share_points, team=team)
+        found = self._begin(combined, placed.sightings.select(rows), placed.placements.select(rows), share)
+        row, of_team = rows[found.sighting], team[found.sighting]
+        is_owner = row == of_team
+        sound = is_owner & (found.iou >= KEPT_IOU_SHARE * iou[row])
+        others = np.bincount(of_team[~is_owner], minlength=len(iou))
+        sound &= others[of_team] > 0
+        # A cluster that several cameras part is parted by the one that sees most in it.
+        best = np.flatnonzero(sound)
+        best = best[np.lexsort((row[best], -others[of_team[best]], partner[row[best]]))]
+        best = best[np.flatnonzero(np.diff(partner[row[best]], prepend=-1))]
+        boxes = _as_boxes(found.boxes, lidar)
+        parts = boxes.select(np.flatnonzero(~is_owner & np.isin(of_team, row[best])))
+        return _with_rows(lidar, partner[row[best]], boxes.select(best)), parts
+
+
+def _as_boxes(found: Candidates3D, lidar: Boxes3D) -> Boxes3D:
+    count = len(found.scores)
+    return Boxes3D(
+        lidar.stamp_ns,
+        lidar.frame_id,
+        found.centers,
+        found.sizes,
+        wrap_angle(found.yaws),
+        found.scores.astype(np.float32),
+        found.class_ids.astype(np.int32),
+        found.point_counts.astype(np.int32),
+        found.covariances,
+        np.full(count, Source.BOTH, np.uint8),
+        lidar.stamp_ns + found.time_offsets_ns,
+    )
+
+
+def _is_known(boxes: Boxes3D, lidar: Boxes3D, is_matched: Bools) -> Bools:
+    """(N,) whether each box is one of the lidars, which a camera confirms, or which is much the same."""
+    same_class = boxes.class_ids[:, None] == lidar.class_ids
+    rival = is_matched & (overlap_shares(boxes, lidar) > OVERLAP_SHARE)
+    same = same_class & (ious(boxes, lidar).bev > SAME_IOU)
+    return np.asarray((rival | same).any(1))
+
+
+def _largest_std_m(boxes: Boxes3D) -> F64:
+    """(N,) standard deviation of each box's place in the direction in which it is largest."""
+    a, b, c = boxes.covariances[:, 0, 0], boxes.covariances[:, 0, 1], boxes.covariances[:, 1, 1]
+    return np.asarray(np.sqrt((a + c) / 2 + np.hypot((a - c) / 2, b)))
+
+
+def _with_rows(boxes: Boxes3D, rows: I64, new: Boxes3D) -> Boxes3D:
+    """The boxes, the given rows of which are the new ones."""
+    order = np.arange(len(boxes))
+    order[rows] = len(boxes) + np.arange(len(rows))
+    return boxes.joined(new).select(order)

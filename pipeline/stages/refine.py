@@ -1,0 +1,89 @@
+"""Refinement: boxes fitted to the 2D boxes of all cameras that see them.
+
+Place, heading, length and width of a matched box become what its prior and the edges of its 2D boxes say together
+(`pipeline.fusion.refinement`), with the covariance of that. A box keeps what it has where no 2D box was matched with
+it, where it is not in view as a whole, and where the fit explains the images no better than the box did, or takes it
+too far away. Height, z, score and class stay.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from pipeline.core.arrays import F64, Bools
+from pipeline.core.detections import Boxes2D, Boxes3D, Hypotheses, Source
+from pipeline.core.geometry.boxes import wrap_angle
+from pipeline.core.rig import CameraSensor, Rig
+from pipeline.core.settings.config import Config
+from pipeline.fusion.box_prior import BoxPrior, box_prior
+from pipeline.fusion.camera_doubt import camera_shifts
+from pipeline.fusion.measured_edges import MeasuredEdges, measured_edges
+from pipeline.fusion.outline import Outline, cuboid_outline, rounded_outline
+from pipeline.fusion.refinement import predicted_edges, refine_boxes
+
+__all__ = ["Refine"]
+
+
+class Refine:
+    """Refinement of the boxes of a frame."""
+
+    def __init__(self, rig: Rig, config: Config) -> None:
+        self._lidar_xy = np.array([lidar.T_site_lidar.translation[:2] for lidar in rig.lidars]).reshape(-1, 2)
+        self._config = config.fuse
+
+    def __call__(
+        self, hypotheses: Hypotheses, boxes2d: Mapping[str, Boxes2D], views: Mapping[str, CameraSensor]
+    ) -> Hypotheses:
+        """The hypotheses with refined boxes; the source of those that were refined is `BOTH` or `CAMERA`.
+
+        Args:
+            hypotheses: N boxes in the site frame and their matches with `boxes2d`.
+            boxes2d: By camera name.
+            views: The cameras where they were when they took their images, by name.
+        """
+        if not self._config.refine:
+            return hypotheses
+        edges = measured_edges(hypotheses, boxes2d, views, self._config)
+        boxes = hypotheses.boxes
+        predicted, jacobian, in_view = predicted_edges(boxes, edges, self._outline(boxes, edges))
+        if not in_view.any():
+            return hypotheses
+        edges, predicted, jacobian = edges.select(in_view), predicted[in_view], jacobian[in_view]
+        objects, rows = np.unique(edges.rows, return_inverse=True)
+        chosen, edges = boxes.select(objects), replace(edges, rows=rows.astype(np.int64))
+        prior = box_prior(chosen, self._lidar_xy, self._config)
+        edges = _with_doubt(edges, predicted, jacobian, prior, len(views))
+        found = refine_boxes(chosen, prior, edges, self._outline(chosen, edges))
+        taken = found.accepted
+        rows = objects[taken]
+        centers, sizes, yaws = boxes.centers.copy(), boxes.sizes.copy(), boxes.yaws.copy()
+        covariances, sources = boxes.covariances.copy(), boxes.sources.copy()
+        centers[rows, :2], sizes[rows, :2] = found.centers_xy[taken], found.lengths_widths[taken]
+        yaws[rows], covariances[rows] = wrap_angle(found.yaws[taken]), found.covariances[taken]
+        sources[rows] = np.where(sources[rows] == Source.CAMERA, Source.CAMERA, Source.BOTH)
+        refined = replace(boxes, centers=centers, sizes=sizes, yaws=yaws, covariances=covariances, sources=sources)
+        return replace(hypotheses, boxes=refined)
+
+    def _outline(self, boxes: Boxes3D, edges: MeasuredEdges) -> Outline:
+        bent = edges.cameras.lenses.bends
+        if not (self._config.corner_rounding or self._config.underside):
+            return cuboid_outline(bent=bent)
+        return rounded_outline(
+            boxes.sizes[edges.rows],
+            rounding=self._config.corner_rounding,
+            underside=self._config.underside,
+            bent=bent,
+        )
+
+
+def _with_doubt(edges: MeasuredEdges, predicted: F64, jacobian: F64, prior: BoxPrior, count: int) -> MeasuredEdges:
+    """Edges of cameras whose 2D boxes are all shifted alike, with the shift as further noise."""
+    away = edges.xyxy - predicted
+    limits = np.tile(edges.cameras.image_sizes, 2)
+    whole: Bools = np.all((edges.xyxy > 0) & (edges.xyxy < limits), axis=1)
+    slopes = (jacobian[:, :2] + jacobian[:, 2:]) / 2  # of the centre
+    expected = np.einsum("pci,pij,pcj->pc", slopes, prior.covariances[edges.rows, :3, :3], slopes)
+    expected += (edges.sigma_px[:, :2] ** 2 + edges.sigma_px[:, 2:] ** 2) / 4
+    shifts = camera_shifts(edges.select(whole), ((away[:, :2] + away[:, 2:]) / 2)[whole], expected[whole], count=count)
+    return edges.with_more_noise(np.tile(np.abs(shifts), 2)[edges.camera_rows])

@@ -1,0 +1,141 @@
+"""Which topics of a recording are the boxes of a 3D detector, and in which frames their boxes may be."""
+
+import re
+from collections.abc import Collection, Mapping, Sequence
+from itertools import count
+
+from pipeline.core.geometry.transform import Transform
+from pipeline.core.rig import RecordedDetector, Rig
+from pipeline.core.settings.config import Config
+from pipeline.core.settings.recording import TopicsConfig
+from readers.messages.objects.autoware import DETECTED_OBJECTS
+from readers.messages.tf import RecordedTransforms, clean_frame
+from readers.messages.vision.detections3d import DETECTIONS_3D
+from readers.recording import Recording, TopicInfo
+from readers.rig.calibration import OWN_SITE, SensorSource
+from readers.rig.first_messages import FirstMessages
+from readers.rig.sensor_topics import Findings, configured_topics, topics_with_messages
+from readers.rig.topic_names import is_truth
+from readers.streams.motion import find_motion_source
+
+__all__ = ["BOXES_3D", "OWN_BOXES", "boxes_frame", "calibrated_detectors", "find_detector_topics", "usable_boxes"]
+
+BOXES_3D = frozenset({DETECTIONS_3D}) | DETECTED_OBJECTS
+
+OWN_BOXES = frozenset({"/lidar/detections", "/cameras/detections", "/fused/detections"})
+"""Topics of 3D boxes that lidcam itself writes: used only where the settings name them."""
+
+
+def find_detector_topics(recording: Recording, config: Config, first: FirstMessages, findings: Findings) -> list[str]:
+    """Topics of recorded 3D boxes, in natural order or as configured; none unless `detect3d.method` is `recorded`.
+
+    Truth is none of them, nor is what lidcam itself wrote, unless the settings name it.
+    """
+    infos = usable_boxes(recording, config.topics)
+    if config.detect3d.method != "recorded":
+        findings.notes.extend(
+            f"{info.topic}: 3D boxes, not used; --set detect3d.method=recorded takes them instead of clusters of points"
+            for info in infos
+        )
+        return []
+    if config.topics.boxes3d:
+        chosen = configured_topics(recording, config.topics.boxes3d, BOXES_3D, "3D boxes", findings)
+    else:
+        chosen = [info.topic for info in infos]
+    usable = []
+    for topic in chosen:
+        if first.missing(topic, BOXES_3D):
+            findings.leave_out("3D boxes", topic, "none of its first messages can be decoded")
+        else:
+            usable.append(topic)
+    return usable
+
+
+def usable_boxes(recording: Recording, config: TopicsConfig) -> list[TopicInfo]:
+    """Topics of 3D boxes that can be read and are neither truth, nor excluded, nor lidcam's own, in natural order."""
+    return [
+        info
+        for info in topics_with_messages(recording, BOXES_3D, config)
+        if not (info.unreadable or info.topic in OWN_BOXES or is_truth(info.topic, DETECTIONS_3D))
+    ]
+
+
+def boxes_frame(topic: str, first: FirstMessages) -> str:
+    """The frame of a topic's boxes by its first message, or the first box in it; empty if neither names one."""
+    message = first.decoded(topic, BOXES_3D)
+    boxes = getattr(message, "detections", ())
+    return clean_frame(message.header.frame_id) or next((clean_frame(box.header.frame_id) for box in boxes), "")
+
+
+def calibrated_detectors(
+    topics: Sequence[str],
+    rig: Rig,
+    recording: Recording,
+    transforms: RecordedTransforms,
+    config: Config,
+    first: FirstMessages,
+    findings: Findings,
+) -> tuple[tuple[RecordedDetector, ...], tuple[SensorSource, ...]]:
+    """Detectors with the frames in which their boxes may be, and where that is known from.
+
+    Boxes may be in any frame that is fixed to the site frame, the sensors' among them, or to the frame in which the
+    site frame is known to move (`map`, `odom`).
+
+    Args:
+        topics: Of the boxes.
+        rig: The site frame and the calibrated sensors.
+        recording: Has the motion of the site frame.
+        transforms: Of the rig file and the recording.
+        config: Settings of the motion.
+        first: First messages.
+        findings: Gets the detectors whose boxes are in another frame.
+    """
+    site = rig.site_frame
+    of_site = _joined(site, transforms)
+    of_site |= {camera.T_camera_site.dst: camera.T_camera_site.inverse() for camera in rig.cameras}
+    of_site |= {lidar.T_site_lidar.src: lidar.T_site_lidar for lidar in rig.lidars}
+    of_site |= {site: Transform.identity(site, site)}
+    frames = {topic: boxes_frame(topic, first) for topic in topics}
+    of_fixed: Mapping[str, Transform] = {}
+    if any(frame and frame not in of_site for frame in frames.values()):
+        motion = find_motion_source(recording, rig, transforms, config)
+        of_fixed = _joined(motion.fixed_frame_id, transforms) if motion else {}
+    detectors, sources = list[RecordedDetector](), list[SensorSource]()
+    taken = {*rig.sensor_of_topic.values()}
+    for topic, frame in frames.items():
+        name = _name(topic, taken)
+        if not frame:
+            findings.notes.append(f"{topic}: its messages name no frame, taken to be the site frame {site!r}")
+        elif frame not in of_site and frame not in of_fixed:
+            findings.leave_out(name, topic, _not_joined(frame, site))
+            continue
+        taken.add(name)
+        detectors.append(RecordedDetector(name, topic, frame or site, of_site, of_fixed))
+        sources.append(SensorSource(name, topic, frame or site, "", _source(frame or site, site, of_site)))
+    return tuple(detectors), tuple(sources)
+
+
+def _joined(frame: str, transforms: RecordedTransforms) -> dict[str, Transform]:
+    """T_frame_other of all frames that fixed transforms join with a frame, itself included."""
+    others = {*transforms.fixed.frames, frame}
+    return {one: transforms.lookup(frame, one) for one in sorted(others) if transforms.are_joined(frame, one)}
+
+
+def _source(frame: str, site: str, of_site: Collection[str]) -> str:
+    if frame == site:
+        return OWN_SITE
+    return f"{site} <- {frame}" if frame in of_site else f"motion of {site} in {frame}"
+
+
+def _name(topic: str, taken: Collection[str]) -> str:
+    name = re.sub(r"\W", "_", topic.strip("/"), flags=re.ASCII) or "boxes"
+    names = (name if number == 1 else f"{name}_{number}" for number in count(1))
+    return next(one for one in names if one not in taken)
+
+
+def _not_joined(frame: str, site: str) -> str:
+    return (
+        f"its boxes are in frame {frame!r}, which nothing joins with the site frame {site!r}: no fixed transforms, and "
+        f"{site!r} is not known to move in it; give its pose in a rig file (transforms: "
+        f"{{{site}: {{{frame}: {{translation_m: [x, y, z], rpy_deg: [r, p, y]}}}}}})"
+    )

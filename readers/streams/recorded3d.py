@@ -1,0 +1,120 @@
+"""Recorded 3D boxes of the messages of a frame, in the site frame at the frame's time."""
+
+from collections import Counter
+
+import numpy as np
+
+from pipeline.core.arrays import F64
+from pipeline.core.detections import Boxes3D, Source
+from pipeline.core.errors import MessageError
+from pipeline.core.frame import Decoded, SensorBundle
+from pipeline.core.geometry.pose_samples import PoseSamples
+from pipeline.core.geometry.posed_boxes import upright_boxes
+from pipeline.core.geometry.poses import interpolate_poses
+from pipeline.core.messages import Drop, RawMessage
+from pipeline.core.rig import RecordedDetector, Rig
+from pipeline.core.settings.config import Config
+from readers.messages.objects.autoware import DETECTED_OBJECTS, decode_detected_objects
+from readers.messages.objects.detections import decode_detected_boxes
+from readers.messages.objects.found import FoundObjects, ObjectClasses
+from readers.streams.decoders import OnBadMessage
+
+__all__ = ["RecordedBoxes3D"]
+
+
+class RecordedBoxes3D:
+    """Decodes the 3D boxes of all recorded detectors.
+
+    Boxes in a frame that is fixed to the site frame are brought to the frame's time by its motion, as clouds are. Boxes
+    in the frame that the site frame moves in are placed by its pose at the frame's time. How the objects themselves
+    moved in between is not known here: `Boxes3D.measured_ns` says when they were there.
+    """
+
+    def __init__(self, rig: Rig, config: Config, *, on_bad: OnBadMessage) -> None:
+        self._rig, self._config, self._on_bad = rig, config, on_bad
+        self._classes = ObjectClasses(config)
+        self._min_score = config.detect3d.min_score
+
+    def __call__(self, bundle: SensorBundle) -> Decoded[Boxes3D]:
+        """Boxes by name of the detector."""
+        boxes: dict[str, Boxes3D] = {}
+        drops: list[Drop] = []
+        unused: Counter[str] = Counter()
+        for detector in self._rig.detectors:
+            message = bundle.messages.get(detector.topic)
+            if message is None:
+                continue
+            try:
+                found = self._decoded(message)
+                T_site_frame = self._pose(detector, found.frame_id or detector.frame_id, found.stamp_ns, bundle)
+            except MessageError as err:
+                if self._on_bad == "fail":
+                    raise
+                drops.append(Drop(detector.topic, message.stamp_ns, "cannot be decoded", str(err)))
+                continue
+            unused.update(found.unused)
+            sure = found.scores >= np.float32(self._min_score)
+            unused[f"score under detect3d.min_score ({self._min_score:g})"] += int((~sure).sum())
+            boxes[detector.name] = self._in_site(found, np.flatnonzero(sure), T_site_frame, bundle.stamp_ns)
+        return Decoded(boxes, tuple(drops), dict(sorted((+unused).items())))
+
+    def _decoded(self, message: RawMessage) -> FoundObjects:
+        decode = decode_detected_objects if message.channel.msgtype in DETECTED_OBJECTS else decode_detected_boxes
+        return decode(message, self._classes, limits=self._config.limits)
+
+    def _pose(self, detector: RecordedDetector, frame: str, stamp_ns: int, bundle: SensorBundle) -> F64:
+        """(4, 4) T_site_frame from where the boxes were at their stamp to the site frame at the frame's time.
+
+        Raises:
+            MessageError: nothing joins the frames at that time.
+        """
+        motion = None if bundle.motion is None or not self._config.combine.motion.enabled else bundle.motion
+        if frame in detector.T_site_frame:
+            T_site_frame = detector.T_site_frame[frame].matrix
+            if motion is None or stamp_ns == bundle.stamp_ns or not self._covers(motion, stamp_ns, bundle.stamp_ns):
+                return T_site_frame
+            then, now = interpolate_poses(
+                motion.stamps_ns, motion.T_fixed_moving, np.array([stamp_ns, bundle.stamp_ns], np.int64)
+            )
+            return np.asarray(np.linalg.inv(now) @ then @ T_site_frame, np.float64)
+        if frame not in detector.T_fixed_frame:
+            raise MessageError(
+                f"{detector.topic}: its boxes are in frame {frame!r}, which nothing joins with the site frame"
+            )
+        if motion is None or not self._covers(motion, bundle.stamp_ns, bundle.stamp_ns):
+            raise MessageError(
+                f"{detector.topic}: its boxes are in frame {frame!r}, and where the site frame was in it is not known"
+            )
+        (now,) = interpolate_poses(motion.stamps_ns, motion.T_fixed_moving, np.array([bundle.stamp_ns], np.int64))
+        return np.asarray(np.linalg.inv(now) @ detector.T_fixed_frame[frame].matrix, np.float64)
+
+    def _covers(self, motion: PoseSamples, one_ns: int, other_ns: int) -> bool:
+        config = self._config.combine.motion
+        return motion.covers(
+            min(one_ns, other_ns),
+            max(one_ns, other_ns),
+            max_extrapolation_s=config.max_extrapolation_s,
+            max_gap_s=config.max_gap_s,
+        )
+
+    def _in_site(self, found: FoundObjects, rows: np.ndarray, T_site_frame: F64, stamp_ns: int) -> Boxes3D:
+        settings = self._config.detect3d.recorded
+        upright = upright_boxes(
+            found.boxes.select(rows),
+            T_site_frame,
+            position_sigma_m=settings.position_sigma_m,
+            yaw_sigma_rad=float(np.radians(settings.yaw_sigma_deg)),
+        )
+        return Boxes3D(
+            stamp_ns,
+            self._rig.site_frame,
+            upright.centers,
+            upright.sizes,
+            upright.yaws,
+            found.scores[rows],
+            found.class_ids[rows],
+            np.zeros(len(rows), np.int32),
+            upright.covariances,
+            np.full(len(rows), Source.LIDAR, np.uint8),
+            np.full(len(rows), found.stamp_ns, np.int64),
+        )

@@ -1,0 +1,242 @@
+"""Boxes of a 3D detector in the recording, end to end: lidcam's own given back to it, and those of a moving vehicle."""
+
+import re
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from builders import (
+    camera_info,
+    detection2d_array,
+    odometry,
+    raw,
+    tf_message,
+    transform_stamped,
+    write_mcap,
+    write_rosbag1,
+)
+from object_messages import Recorded, boxes_message, objects_message
+from results import Found, fused_objects, messages_of, topics_of
+from rich.console import Console
+
+from lidcam.inspection import inspect_recording
+from lidcam.job import make_job
+from lidcam.printing.console import print_inspection, print_report
+from lidcam.run import process_recording
+from lidcam.settings.choice import SettingsChoice
+from lidcam.summary import RunReport, report_tree
+from pipeline.core.errors import RecordingError
+from pipeline.core.messages import RawMessage
+from pipeline.core.settings.config import Config
+from readers.messages.vision.detections3d import decode_detections3d
+from readers.open import open_recording
+
+SECONDS = 0.5
+SMALL = ("output.images=false", "output.clouds=false", "output.layout=false", "fuse.min_score=0")
+RECORDED = (*SMALL, "detect3d.method=recorded")
+DETECTOR, LATE_NS = "/detector/objects", 70_000_000
+
+
+def process(recording: Path, out: Path, *settings: str, config: str | None = None, workers: int = 1) -> RunReport:
+    return process_recording(make_job(recording, out, config=config, settings=settings, workers=workers))
+
+
+def printed(report: RunReport) -> str:
+    console = Console(record=True, width=200, force_terminal=False)
+    print_report(console, report)
+    return console.export_text()
+
+
+def given_back(result: Path) -> list[RawMessage]:
+    """What the lidars saw in a result, as a detector would have recorded it: in ROS 1, after the clouds."""
+    messages = []
+    with open_recording([result]) as recording:
+        for message in recording.messages(["/lidar/detections"]):
+            boxes = decode_detections3d(message)
+            objects = []
+            for row, label in enumerate(boxes.labels.tolist()):
+                covariance = np.diag([0.0, 0.0, 0.1, 0.1, 0.1, 0.0])
+                covariance[np.ix_([0, 1, 5], [0, 1, 5])] = boxes.covariances[row]
+                half = boxes.yaws[row] / 2
+                turn = (0.0, 0.0, float(np.sin(half)), float(np.cos(half)))
+                score = float(boxes.scores[row])
+                objects.append(Recorded(boxes.centers[row], label, score, boxes.sizes[row], turn, covariance))
+            log_time_ns = message.log_time_ns + LATE_NS
+            messages.append(
+                boxes_message("ros1", message.stamp_ns, objects, frame_id=boxes.frame_id, log_time_ns=log_time_ns)
+            )
+    return messages
+
+
+def of_sandbox(sandbox: Path, *, without: str = "no such topic") -> list[RawMessage]:
+    with open_recording([sandbox]) as recording:
+        stop_ns = recording.start_ns + round(SECONDS * 1e9)
+        messages = recording.messages(stop_ns=stop_ns)
+        kept = [message for message in messages if not message.topic.startswith(("/ground_truth", "/car", without))]
+        return [message._replace(data=bytes(message.data)) for message in kept]
+
+
+def write(path: Path, *parts: Iterable[RawMessage]) -> Path:
+    messages = sorted((message for part in parts for message in part), key=lambda message: message.log_time_ns)
+    write_rosbag1(path, messages)
+    return path
+
+
+@pytest.fixture(scope="module")
+def clusters(sandbox: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The result of the sample's beginning, by clusters."""
+    folder = tmp_path_factory.mktemp("clusters")
+    out = folder / "out.mcap"
+    process(write(folder / "in.bag", of_sandbox(sandbox)), out, *SMALL, config="sandbox")
+    assert topics_of(out)["/lidar/detections"][1] >= 3
+    return out
+
+
+def lidar_boxes(path: Path) -> dict[int, list[list[float]]]:
+    """x, y, yaw, length, width, score of the boxes of the lidars, by header stamp."""
+    with open_recording([path]) as recording:
+        found = [decode_detections3d(message) for message in recording.messages(["/lidar/detections"])]
+    return {one.stamp_ns: np.column_stack([one.centers, one.yaws, one.sizes, one.scores]).tolist() for one in found}
+
+
+def same(one: dict[int, list[list[float]]], other: dict[int, list[list[float]]]) -> None:
+    assert [*one] == [*other]
+    for stamp_ns, rows in one.items():
+        np.testing.assert_allclose(rows, other[stamp_ns], rtol=0, atol=1e-6)
+
+
+def test_lidcams_own_boxes_given_back_make_the_same_objects(clusters: Path, sandbox: Path, tmp_path: Path) -> None:
+    source = write(tmp_path / "in.bag", of_sandbox(sandbox), given_back(clusters))
+    report = process(source, tmp_path / "out.mcap", *RECORDED, config="sandbox")
+    same(lidar_boxes(clusters), lidar_boxes(tmp_path / "out.mcap"))
+    expected, found = fused_objects(clusters), fused_objects(tmp_path / "out.mcap")
+    assert {stamp: places(objects) for stamp, objects in expected.items()} == {
+        stamp: places(objects) for stamp, objects in found.items()
+    }
+    assert (report.frames_without_boxes3d, dict(report.unused_boxes3d)) == (0, {})
+    assert report.messages_used[DETECTOR] == report.frames
+    assert re.search(rf"3D boxes +recorded from {DETECTOR}\s*$", printed(report), re.MULTILINE)
+    assert report_tree(report)["boxes3d_topics"] == [DETECTOR]
+
+
+def places(objects: list[Found]) -> list[tuple[str, float, float, float]]:
+    return sorted((one.label, round(one.x, 4), round(one.y, 4), round(one.length, 4)) for one in objects)
+
+
+def test_boxes_of_lidars_and_cameras_without_any_cloud(clusters: Path, sandbox: Path, tmp_path: Path) -> None:
+    boxes = given_back(clusters)
+    source = write(tmp_path / "in.bag", of_sandbox(sandbox, without="/velodyne"), boxes[:1] + boxes[2:])
+    reports = [
+        process(source, tmp_path / f"{workers}.mcap", *RECORDED, config="sandbox", workers=workers)
+        for workers in (1, 2)
+    ]
+    assert (tmp_path / "1.mcap").read_bytes() == (tmp_path / "2.mcap").read_bytes()
+    report = reports[0]
+    assert (report.rig.lidars, report.frames, report.confirmed > 0) == ((), len(boxes) - 1, True)
+    kept = lidar_boxes(clusters)
+    del kept[boxes[1].stamp_ns]
+    same(kept, lidar_boxes(tmp_path / "1.mcap"))
+    assert report.points["input"] == 0
+    assert all(sensor.topic != DETECTOR for sensor in report.missing)
+
+
+def test_frames_without_boxes_say_so(clusters: Path, sandbox: Path, tmp_path: Path) -> None:
+    boxes = given_back(clusters)
+    source = write(tmp_path / "in.bag", of_sandbox(sandbox), boxes[:1] + boxes[2:])
+    report = process(source, tmp_path / "out.mcap", *RECORDED, "sync.slop_s=0.02", config="sandbox")
+    assert (report.frames, report.frames_without_boxes3d) == (len(boxes), 1)
+    assert [(one.sensor, one.frames) for one in report.missing if one.topic == DETECTOR] == [("detector_objects", 1)]
+    assert f"recorded from {DETECTOR}; 1 of {len(boxes)} frames have none" in printed(report)
+    assert lidar_boxes(tmp_path / "out.mcap")[boxes[1].stamp_ns] == []
+
+
+# --- a moving vehicle
+
+START_NS, PERIOD_NS, COUNT = 1_600_000_000_000_000_000, 100_000_000, 6
+CARS = ((30.0, 3.0, 0.8), (45.0, -4.0, 0.8))
+"""Standing cars, in the frame `map`."""
+SPEED_M_S = 12.0
+K = np.array([[400.0, 0, 320], [0, 400, 240], [0, 0, 1]])
+
+
+def vehicle_x_m(stamp_ns: int) -> float:
+    return SPEED_M_S * (stamp_ns - START_NS) / 1e9
+
+
+def seen(stamp_ns: int) -> list[Recorded]:
+    """The cars from the vehicle."""
+    return [Recorded((x - vehicle_x_m(stamp_ns), y, z), "car", 0.8) for x, y, z in CARS]
+
+
+def drive(format_: Any) -> list[RawMessage]:
+    """Boxes of a detector that hangs 40 ms behind its stamps, and of a camera that looks 30 ms after them."""
+    edges = [
+        transform_stamped("base_link", "cam", stamp_ns=START_NS, rotation_xyzw=(-0.5, 0.5, -0.5, 0.5)),
+    ]
+    messages = [raw("/tf_static", "tf2_msgs/msg/TFMessage", tf_message(edges), START_NS)]
+    for step in range(-10, 10 * COUNT):
+        stamp_ns = START_NS + step * PERIOD_NS // 5
+        pose = odometry(
+            stamp_ns=stamp_ns, position=(vehicle_x_m(stamp_ns), 0, 0), frame_id="map", child_frame_id="base_link"
+        )
+        messages.append(raw("/odom", "nav_msgs/msg/Odometry", pose, stamp_ns))
+    for step in range(COUNT):
+        stamp_ns = START_NS + step * PERIOD_NS
+        messages.append(
+            objects_message(format_, stamp_ns, seen(stamp_ns), frame_id="base_link", log_time_ns=stamp_ns + 40_000_000)
+        )
+        at_map = [Recorded(CARS[0], "car", 0.5), Recorded((60.0, 8.0, 0.8), "bus", 0.6, (11, 2.5, 3))]
+        messages.append(objects_message("humble", stamp_ns + 20_000_000, at_map, frame_id="map", topic="/other"))
+        camera_ns = stamp_ns + 30_000_000
+        info = camera_info(K, stamp_ns=camera_ns, width_px=640, height_px=480, frame_id="cam")
+        messages.append(raw("/cam/camera_info", "sensor_msgs/msg/CameraInfo", info, camera_ns))
+        boxes = detection2d_array(
+            [box_px(one) for one in seen(camera_ns)],
+            class_names=["car", "car"],
+            scores=[0.9, 0.9],
+            stamp_ns=camera_ns,
+            frame_id="cam",
+        )
+        messages.append(raw("/cam/detections", "vision_msgs/msg/Detection2DArray", boxes, camera_ns))
+    return sorted(messages, key=lambda message: message.log_time_ns)
+
+
+def box_px(one: Recorded) -> list[float]:
+    corners = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T * np.array(one.size) / 2
+    x, y, z = (corners + np.array(one.center)).T
+    u, v = 320 - 400 * y / x, 240 - 400 * z / x
+    return [u.min(), v.min(), u.max(), v.max()]
+
+
+@pytest.mark.parametrize("format_", ["foxy", "autoware"])
+def test_two_detectors_on_a_vehicle_without_clouds(format_: Any, tmp_path: Path) -> None:
+    write_mcap(tmp_path / "in.mcap", drive(format_))
+    settings = (*RECORDED, f"sync.reference={DETECTOR}", f"sync.required=[{DETECTOR}]")
+    report = process(tmp_path / "in.mcap", tmp_path / "out.mcap", *settings)
+    assert (report.rig.site_frame, report.frames, report.faults) == ("base_link", COUNT, ())
+    assert report.confirmed >= 2 * COUNT
+    for stamp_ns, rows in lidar_boxes(tmp_path / "out.mcap").items():
+        shift_m = vehicle_x_m(stamp_ns)
+        expected = [[30 - shift_m, 3], [45 - shift_m, -4], [60 - shift_m, 8]]
+        np.testing.assert_allclose(np.array(rows)[:, :2], expected, atol=1e-6)
+    kinds = {one.label for objects in fused_objects(tmp_path / "out.mcap").values() for one in objects}
+    assert kinds == {"car", "bus"}
+    (_, status), *_ = messages_of(tmp_path / "out.mcap", "/diagnostics")
+    assert status.status
+
+
+def test_the_user_is_told_what_to_set(tmp_path: Path) -> None:
+    write_mcap(tmp_path / "in.mcap", drive("autoware"))
+    with pytest.raises(RecordingError, match=r"--set detect3d\.method=recorded goes by the boxes of a detector"):
+        process(tmp_path / "in.mcap", tmp_path / "out.mcap")
+    config = Config.model_validate({"detect3d": {"method": "recorded"}})
+    inspection = inspect_recording([tmp_path / "in.mcap"], SettingsChoice(config))
+    console = Console(record=True, width=200, force_terminal=False)
+    print_inspection(console, inspection)
+    text = console.export_text()
+    assert f"3D boxes: recorded from {DETECTOR}, /other" in text
+    assert re.search(rf"detector_objects +{DETECTOR} +base_link +its frame is the site frame", text)
+    assert re.search(r"other +/other +map +motion of base_link in map", text)
+    assert (inspection.problem, inspection.incomplete, inspection.box_source_3d) == ("", (), "recorded")

@@ -1,0 +1,70 @@
+"""What is printed of a frame."""
+
+import io
+from dataclasses import replace
+
+import numpy as np
+from frames import CONFIG, RIG, frame
+from rich.console import Console
+
+from lidcam.printing.console import print_detections, print_matches
+from lidcam.summary import Tally
+from pipeline.core.detections import Matches, Source
+from pipeline.core.frame import FrameResult
+
+BOTH, CAMERA, LIDAR = Source.BOTH, Source.CAMERA, Source.LIDAR
+
+
+def printed(result: FrameResult) -> str:
+    out = Console(file=io.StringIO(), width=200)
+    print_detections(out, result, CONFIG)
+    print_matches(out, result, CONFIG)
+    assert isinstance(out.file, io.StringIO)
+    return out.file.getvalue()
+
+
+def test_every_source_is_printed() -> None:
+    text = printed(frame(sources=[LIDAR, BOTH, CAMERA]))
+    assert [line.strip() for line in text.splitlines() if "score" not in line][:3] == [
+        "frame 0  stamp 1700000000123456789 ns  2 lidar detections",
+        "1 placed by the cameras alone",
+        "3 fused objects",
+    ]
+    assert "+- 2.24 m" in text  # the root of the variances along x and y, 4 and 1
+    for remark in ("lidar, of row 0, 2 cam", "both, of row 1, 1 cam", "camera, of row 2, 0 cam"):
+        assert remark in text
+
+
+def test_without_cameras_nothing_is_placed() -> None:
+    text = printed(frame(objects=0))
+    assert "0 lidar detections" in text
+    assert "placed" not in text
+    assert text.splitlines()[-1] == "  seen by the lidars alone: none"
+
+
+def test_rows_beyond_the_lidars_were_begun_from_2d_boxes() -> None:
+    result = frame(sources=[LIDAR, BOTH, CAMERA])
+    begun = replace(result.hypotheses, lidar_count=1, matches=_matched_last(result))
+    lines = printed(replace(result, hypotheses=begun)).splitlines()
+    assert "  left: object 2 is 2D box 1 (pedestrian), IoU 0.50" in lines
+    assert lines[-3:] == [
+        "  object 1: begun from 2D boxes, with points of the lidars",
+        "  object 2: begun from 2D boxes, placed by the cameras alone",
+        "  seen by the lidars alone: 0",
+    ]
+
+
+def test_objects_are_counted_by_source() -> None:
+    tally = Tally(CONFIG, RIG)
+    assert tally.sources == {"lidar": 0, "camera": 0, "both": 0}
+    tally.add(frame(sources=[LIDAR, BOTH, CAMERA]))
+    tally.add(frame())
+    assert tally.sources == {"lidar": 4, "camera": 1, "both": 1}
+
+
+def _matched_last(result: FrameResult) -> dict[str, Matches]:
+    pairs = {"left": np.array([[2, 1]]), "right": np.zeros((0, 2), np.int64)}
+    return {
+        name: Matches(pairs[name], np.full(len(pairs[name]), 0.5, np.float32), one.projected_xyxy, one.hidden)
+        for name, one in result.matches.items()
+    }

@@ -1,0 +1,105 @@
+"""Boxes of given classes fitted to groups of points."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from lidar_scene import Box, combined, rig, scan
+
+from pipeline.core.arrays import I64
+from pipeline.core.clouds import CombinedCloud, Plane
+from pipeline.core.settings.config import Config
+from pipeline.detectors.cluster.detector import ClusterDetector
+from pipeline.detectors.cluster.fitting import BoxFitter
+from pipeline.detectors.protocols import Candidates3D
+
+LIDAR = (0.0, 0.0, 1.8)
+CONFIG = Config()
+CAR, PEDESTRIAN, BICYCLE, TRUCK = 0, 1, 2, 3
+CAR_BOX: Box = (12.0, 3.0, 0.75, 4.2, 1.75, 1.5, 0.3)
+WALKER: Box = (7.0, -3.0, 0.9, 0.5, 0.5, 1.8, 0.0)
+RIDER: Box = (6.0, 6.0, 0.85, 1.8, 0.5, 1.7, 1.2)
+
+
+def scene(*boxes: Box, plane: Plane | None = None) -> tuple[CombinedCloud, I64, I64]:
+    """The cloud of each box on its own, one after another, and their rows and starts."""
+    clouds = [scan(LIDAR, [box]) for box in boxes]
+    clouds = [cloud[cloud[:, 2] > CONFIG.detect3d.cluster.clearance_m] for cloud in clouds]
+    starts = np.cumsum([0, *(len(cloud) for cloud in clouds)])
+    return combined(np.concatenate(clouds), plane=plane), np.arange(starts[-1]), starts[:-1]
+
+
+def assert_same(one: Candidates3D, other: Candidates3D, rows: list[int] | slice = slice(None)) -> None:
+    """The first are the given rows of the second."""
+    for name in Candidates3D._fields:
+        np.testing.assert_allclose(getattr(one, name), getattr(other, name)[rows], rtol=1e-9, err_msg=name)
+
+
+def test_boxes_are_those_of_the_detector_where_it_finds_the_class() -> None:
+    cloud, rows, starts = scene(CAR_BOX, WALKER, RIDER)
+    fitted = BoxFitter(rig(LIDAR), CONFIG)(cloud, rows, starts, np.array([CAR, PEDESTRIAN, BICYCLE]))
+    found = ClusterDetector(rig(LIDAR), CONFIG)(cloud)
+    assert sorted(found.class_ids.tolist()) == [CAR, PEDESTRIAN, BICYCLE]
+    order = [found.class_ids.tolist().index(class_id) for class_id in (CAR, PEDESTRIAN, BICYCLE)]
+    # A beam over the far edge of a roof stands alone: it is in the group, and in no cluster.
+    np.testing.assert_allclose(fitted.centers, found.centers[order], atol=0.03)
+    np.testing.assert_allclose(fitted.sizes, found.sizes[order], atol=0.03)
+    np.testing.assert_allclose(fitted.scores, found.scores[order], rtol=0.05)
+
+
+def test_box_is_completed_with_the_size_of_the_given_class() -> None:
+    cloud, rows, starts = scene((12.0, 0.0, 0.75, 1.0, 1.8, 1.5, 0.0))  # the rear of something
+    for class_id in (CAR, TRUCK):
+        box = BoxFitter(rig(LIDAR), CONFIG)(cloud, rows, starts, np.array([class_id]))
+        length = CONFIG.classes[class_id].size_m[0]
+        assert box.class_ids.tolist() == [class_id]
+        assert box.sizes[0, 0] == pytest.approx(length)
+        assert box.centers[0, 0] - length / 2 == pytest.approx(11.5, abs=0.05)
+
+
+def test_order_of_groups_and_points_and_batches_do_not_matter(monkeypatch: pytest.MonkeyPatch) -> None:
+    cloud, rows, starts = scene(CAR_BOX, WALKER, RIDER)
+    classes = np.array([CAR, PEDESTRIAN, BICYCLE])
+    fitter = BoxFitter(rig(LIDAR), CONFIG)
+    straight = fitter(cloud, rows, starts, classes)
+    rng = np.random.default_rng(5)
+    groups = [rng.permutation(group) for group in np.split(rows, starts[1:])][::-1]
+    turned = np.cumsum([0, *map(len, groups)])[:-1]
+    backward = fitter(cloud, np.concatenate(groups), turned, classes[::-1])
+    assert_same(straight, backward, [2, 1, 0])
+    monkeypatch.setattr("pipeline.detectors.cluster.fitting.BATCH_POINTS", 20)
+    assert_same(straight, fitter(cloud, rows, starts, classes))
+
+
+def test_a_row_may_be_in_several_groups() -> None:
+    cloud, rows, _ = scene(CAR_BOX)
+    fitter = BoxFitter(rig(LIDAR), CONFIG)
+    twice = fitter(cloud, np.tile(rows, 2), np.array([0, len(rows)]), np.array([CAR, TRUCK]))
+    for row, class_id in enumerate((CAR, TRUCK)):
+        once = fitter(cloud, rows, np.array([0]), np.array([class_id]))
+        assert_same(once, twice, [row])
+
+
+def test_single_points_and_no_groups() -> None:
+    cloud, rows, _ = scene(CAR_BOX, WALKER)
+    fitter = BoxFitter(rig(LIDAR), CONFIG)
+    none = fitter(cloud, rows[:0], rows[:0], rows[:0])
+    assert [len(column) for column in none] == [0] * len(Candidates3D._fields)
+    single = fitter(cloud, rows[:3], np.arange(3), np.array([CAR, PEDESTRIAN, TRUCK]))
+    assert single.class_ids.tolist() == [CAR, PEDESTRIAN, TRUCK]
+    assert single.point_counts.tolist() == [1, 1, 1]
+    for column in single:
+        assert np.isfinite(column).all()
+    assert (np.linalg.eigvalsh(single.covariances) > 0).all()
+
+
+def test_boxes_stand_on_the_ground_and_say_when_they_were_measured() -> None:
+    plane = Plane(np.array([0.0, 0.0, 1.0]), -0.1)
+    cloud, rows, starts = scene(CAR_BOX, WALKER, plane=plane)
+    points = cloud.detection_cloud
+    time_ns = (np.arange(len(points)) * 1000).astype(np.int32)
+    cloud = replace(cloud, detection_cloud=replace(points, time_offset_ns=time_ns))
+    boxes = BoxFitter(rig(LIDAR), CONFIG)(cloud, rows, starts, np.array([CAR, PEDESTRIAN]))
+    assert boxes.centers[:, 2] - boxes.sizes[:, 2] / 2 == pytest.approx(0.1)
+    means = [time_ns[: starts[1]].mean(), time_ns[starts[1] :].mean()]
+    assert boxes.time_offsets_ns == pytest.approx(np.rint(means), abs=1)

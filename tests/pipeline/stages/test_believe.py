@@ -1,0 +1,95 @@
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+import pytest
+from detections import boxes2d, boxes3d, camera_rig, forward_camera
+from lidar_scene import combined
+
+from pipeline.core.arrays import F64
+from pipeline.core.detections import Boxes2D, Boxes3D, Hypotheses, Matches
+from pipeline.core.geometry.boxes import box_corners
+from pipeline.core.settings.config import Config
+from pipeline.core.settings.detect import Detect3DConfig
+from pipeline.core.settings.fuse import FuseConfig
+from pipeline.stages.believe import Believe
+
+VIEW = forward_camera()
+RIG = camera_rig(VIEW)
+CAR = (20.0, 0.0, 0.0, 4.0, 1.8, 1.5, 0.0)
+BEHIND = (-20.0, 0.0, 0.0, 4.0, 1.8, 1.5, 0.0)
+POINTS = combined(np.zeros((0, 3)))
+NOTHING = {"cam": boxes2d([])}
+
+
+def hypotheses(boxes: Boxes3D, *pairs: tuple[int, int], lidar_count: int | None = None) -> Hypotheses:
+    projected = VIEW.project_boxes(box_corners(boxes.centers, boxes.sizes, boxes.yaws), "site")
+    found = Matches(
+        np.array(pairs, np.int64).reshape(-1, 2),
+        np.full(len(pairs), 0.8, np.float32),
+        projected,
+        np.zeros(len(boxes), np.float32),
+    )
+    return Hypotheses(boxes, {"cam": found}, len(boxes) if lidar_count is None else lidar_count)
+
+
+def believed(found: Hypotheses, seen: Mapping[str, Boxes2D], config: Config | None = None) -> F64:
+    return Believe(RIG, config or Config())(found, seen, {"cam": VIEW}, POINTS)
+
+
+def test_what_a_camera_confirms_what_nobody_looks_at_and_what_it_does_not_confirm() -> None:
+    boxes = boxes3d([CAR, CAR, BEHIND], scores=[0.2] * 3)
+    boxes = replace(boxes, point_counts=np.full(3, 50, np.int32))
+    found = hypotheses(boxes, (0, 0))
+    confirmed, doubted, unseen = believed(found, {"cam": boxes2d([(280, 220, 360, 260, 0.8, 0)])})
+    assert confirmed > 0.8
+    assert doubted < unseen < confirmed
+    without = believed(found, {})
+    assert without.tolist() == pytest.approx([unseen] * 3), "a camera without an entry did not look"
+    silent = believed(hypotheses(boxes), NOTHING)
+    assert silent[1] == pytest.approx(doubted), "an empty list is a look at nothing"
+
+
+def test_a_blind_camera_takes_less_and_less_away() -> None:
+    believe = Believe(RIG, Config())
+    found = hypotheses(boxes3d([CAR], scores=[0.5]))
+    (first,) = believe(found, NOTHING, {"cam": VIEW}, POINTS)
+    for _ in range(100):
+        (last,) = believe(found, NOTHING, {"cam": VIEW}, POINTS)
+    (without,) = believed(found, {})
+    assert first < last < without
+    assert last > 0.9 * without
+    (fixed,) = believed(found, NOTHING, Config(fuse=FuseConfig(camera_recall=0.0)))
+    assert fixed == pytest.approx(without)
+
+
+def test_the_same_frames_give_the_same_probabilities() -> None:
+    found = hypotheses(boxes3d([CAR, CAR], scores=[0.7, 0.1]), (0, 0))
+    seen = {"cam": boxes2d([(280, 220, 360, 260, 0.8, 0)])}
+    one, two = Believe(RIG, Config()), Believe(RIG, Config())
+    for _ in range(5):
+        views = {"cam": VIEW}
+        np.testing.assert_array_equal(one(found, seen, views, POINTS), two(found, seen, views, POINTS))
+
+
+@pytest.mark.parametrize(("method", "expected"), [("none", 0.3), ("cluster", None)])
+def test_scores_of_another_detector_are_taken_as_they_are(
+    method: Literal["none", "cluster"], expected: float | None
+) -> None:
+    found = hypotheses(boxes3d([BEHIND], scores=[0.3]))
+    (p,) = believed(found, NOTHING, Config(detect3d=Detect3DConfig(method=method)))
+    assert (p == pytest.approx(0.3)) == (expected is not None)
+
+
+def test_what_was_begun_from_a_2d_box_needs_it() -> None:
+    boxes = boxes3d([CAR, CAR], scores=[0.5, 0.5])
+    found = hypotheses(boxes, (1, 0), lidar_count=0)
+    alone, matched = believed(found, {"cam": boxes2d([(280, 220, 360, 260, 0.8, 0)])})
+    assert alone < 0.3 < matched
+
+
+def test_no_hypotheses_and_no_cameras() -> None:
+    assert believed(hypotheses(boxes3d([])), NOTHING).shape == (0,)
+    nobody = Hypotheses(boxes3d([CAR]), {}, 1)
+    assert Believe(camera_rig(), Config())(nobody, {}, {}, POINTS).shape == (1,)

@@ -1,0 +1,89 @@
+from collections.abc import Sequence
+from itertools import permutations
+
+import numpy as np
+import pytest
+from detections import boxes2d, boxes3d
+
+from pipeline.core.detections import Boxes2D, Hypotheses, Matches
+from pipeline.core.settings.classes import ROAD_CLASSES
+from pipeline.core.settings.config import Config
+from pipeline.stages.classify import Classify
+
+CAR, PEDESTRIAN, BICYCLE, TRUCK, BUS = range(5)
+SIZES = [prior.size_m for prior in ROAD_CLASSES]
+VAN = (4.6, 1.9, 2.05)
+Vote = tuple[float, int]
+
+
+def matches(*pairs: tuple[int, int], boxes: int) -> Matches:
+    return Matches(
+        np.array(pairs, np.int64).reshape(-1, 2),
+        np.full(len(pairs), 0.8, np.float32),
+        np.zeros((boxes, 4), np.float32),
+        np.zeros(boxes, np.float32),
+    )
+
+
+def seen(score: float, class_id: int) -> Boxes2D:
+    return boxes2d([(0, 0, 10, 10, score, class_id)])
+
+
+def classified(size: tuple[float, float, float], own: int, votes: Sequence[Vote]) -> int:
+    boxes = boxes3d([(5.0, 1.0, 0.5, *size, 0.3)], class_ids=[own])
+    found = {f"cam{i}": seen(*vote) for i, vote in enumerate(votes)}
+    given = Hypotheses(boxes, {name: matches((0, 0), boxes=1) for name in found}, 1)
+    return int(Classify(Config())(given, found).boxes.class_ids[0])
+
+
+@pytest.mark.parametrize(
+    ("size", "own", "votes", "class_id"),
+    [
+        (SIZES[CAR], CAR, [], CAR),
+        (SIZES[CAR], CAR, [(0.9, CAR)], CAR),
+        (SIZES[CAR], CAR, [(0.9, BUS)], CAR),
+        (SIZES[CAR], CAR, [(0.9, BUS), (0.9, BUS), (0.9, BUS)], BUS),
+        (VAN, CAR, [(0.9, TRUCK)], TRUCK),
+        (VAN, CAR, [(0.9, CAR)], CAR),
+        (SIZES[PEDESTRIAN], PEDESTRIAN, [(0.6, BICYCLE)], BICYCLE),
+        (SIZES[BICYCLE], BICYCLE, [(0.8, PEDESTRIAN)], PEDESTRIAN),
+        (SIZES[TRUCK], TRUCK, [(0.9, BUS)], BUS),
+        ((9.0, 2.6, 3.3), TRUCK, [(0.9, CAR)], TRUCK),
+        (SIZES[CAR], CAR, [(0.0, PEDESTRIAN)], CAR),
+    ],
+    ids=[
+        "no camera",
+        "agreed",
+        "one vote makes a car no bus",
+        "three do",
+        "a van is a truck if a camera says so",
+        "and a car if it does not",
+        "a rider",
+        "no rider",
+        "what looks alike goes by the camera",
+        "what is too large for a car is none",
+        "a vote of no score",
+    ],
+)
+def test_class(size: tuple[float, float, float], own: int, votes: list[Vote], class_id: int) -> None:
+    assert classified(size, own, votes) == class_id
+
+
+def test_the_order_of_the_cameras_does_not_matter() -> None:
+    votes = [(0.5, BICYCLE), (0.6, PEDESTRIAN), (0.7, CAR)]
+    assert len({classified(SIZES[PEDESTRIAN], PEDESTRIAN, order) for order in permutations(votes)}) == 1
+
+
+def test_only_the_class_changes_and_the_input_is_left_as_it_was() -> None:
+    boxes = boxes3d([(5.0, 1.0, 0.5, *SIZES[PEDESTRIAN], 0.3)] * 2, class_ids=[PEDESTRIAN] * 2)
+    given = Hypotheses(boxes, {"cam": matches((1, 0), boxes=2), "silent": matches(boxes=2)}, 2)
+    told = Classify(Config())(given, {"cam": seen(0.9, BICYCLE)})
+    assert told.boxes.class_ids.tolist() == [PEDESTRIAN, BICYCLE]
+    np.testing.assert_array_equal(told.boxes.sizes, boxes.sizes)
+    assert (told.matches, told.lidar_count) == (given.matches, 2)
+    assert boxes.class_ids.tolist() == [PEDESTRIAN] * 2
+
+
+def test_no_boxes() -> None:
+    given = Hypotheses(boxes3d([]), {"cam": matches(boxes=0)}, 0)
+    assert len(Classify(Config())(given, {"cam": seen(0.5, CAR)}).boxes) == 0

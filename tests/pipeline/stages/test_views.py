@@ -1,0 +1,125 @@
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from detections import boxes3d, camera_rig, forward_camera
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from pipeline.core.arrays import F64
+from pipeline.core.errors import FrameError
+from pipeline.core.frame import SensorBundle
+from pipeline.core.geometry.boxes import box_corners
+from pipeline.core.geometry.pose_samples import PoseSamples
+from pipeline.core.messages import Channel, RawMessage
+from pipeline.core.rig import CameraSensor, Rig
+from pipeline.core.settings.combine import CombineConfig, MotionConfig
+from pipeline.core.settings.config import Config
+from pipeline.stages.views import Views
+
+MS = 1_000_000
+STAMP_NS = 1_600_000_000_000_000_000
+RIG = camera_rig(forward_camera("a"), replace(forward_camera("b"), boxes_topic="/b/boxes"))
+
+
+def pose(time_s: float, speed_m_s: float = 20.0, yaw_rate: float = 0.0) -> F64:
+    """A site that drives along its own x axis and turns, somewhere on a map."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = Rotation.from_euler("z", 0.4 + yaw_rate * time_s).as_matrix()
+    matrix[:3, 3] = [5000.0, -300.0, 40.0] + matrix[:3, 0] * speed_m_s * time_s
+    return matrix
+
+
+def motion(*times_ms: float, frame_id: str = "site", speed_m_s: float = 20.0, yaw_rate: float = 0.0) -> PoseSamples:
+    stamps_ns = STAMP_NS + np.array([round(ms * MS) for ms in times_ms], np.int64)
+    poses = np.array([pose(ms / 1e3, speed_m_s, yaw_rate) for ms in times_ms]).reshape(-1, 4, 4)
+    return PoseSamples(frame_id, "map", stamps_ns, poses)
+
+
+def bundle(late_ms: Mapping[str, float], known: PoseSamples | None) -> SensorBundle:
+    messages = {
+        topic: RawMessage(STAMP_NS + round(ms * MS), 0, (0, 0), b"", Channel(topic, "sensor_msgs/msg/Image", "cdr"))
+        for topic, ms in late_ms.items()
+    }
+    return SensorBundle(0, STAMP_NS, 0, messages, known)
+
+
+def views(
+    late_ms: Mapping[str, float], known: PoseSamples | None, rig: Rig = RIG, **settings: Any
+) -> Mapping[str, Any]:
+    config = Config(combine=CombineConfig(motion=MotionConfig.model_validate(settings)))
+    return Views(rig, config)(bundle(late_ms, known))
+
+
+def test_a_late_image_was_taken_further_on() -> None:
+    found = views({"/a/image": 50, "/b/image": 0}, motion(-100, 0, 100))
+    assert [*found] == ["a", "b"]
+    assert found["b"] is RIG.cameras[1]
+    np.testing.assert_allclose(found["a"].T_camera_site.inverse().translation, [1.0, 0, 0], atol=1e-6)
+    assert (found["a"].T_camera_site.dst, found["a"].T_camera_site.src) == ("a", "site")
+    assert found["a"].model is RIG.cameras[0].model
+
+
+def test_recorded_boxes_count_before_the_image() -> None:
+    found = views({"/b/image": 0, "/b/boxes": -25}, motion(-100, 0, 100))
+    np.testing.assert_allclose(found["b"].T_camera_site.inverse().translation, [-0.5, 0, 0], atol=1e-6)
+    assert found["a"] is RIG.cameras[0], "it has no message"
+
+
+@given(st.floats(-90, 90), st.floats(-1, 1), st.floats(-30, 30))
+def test_what_stands_still_on_the_map_is_projected_to_where_it_was_seen(
+    late_ms: float, yaw_rate: float, speed_m_s: float
+) -> None:
+    late_ms = round(late_ms)
+    known = motion(*np.arange(-100.0, 101.0, 1.0), speed_m_s=speed_m_s, yaw_rate=yaw_rate)
+    camera: CameraSensor = views({"/a/image": late_ms}, known)["a"]
+    on_map = np.array([[5020.0, -290.0, 41.0], [5030.0, -289.0, 40.0]])
+
+    def in_site(time_s: float) -> F64:
+        T = np.linalg.inv(pose(time_s, speed_m_s, yaw_rate))
+        return np.asarray(on_map @ T[:3, :3].T + T[:3, 3])
+
+    truth = RIG.cameras[0].T_camera_site.apply(in_site(late_ms / 1e3))
+    np.testing.assert_allclose(camera.T_camera_site.apply(in_site(0.0)), truth, atol=1e-6)
+
+
+def test_a_box_beside_the_road_lies_where_the_late_image_shows_it() -> None:
+    kerb = boxes3d([(15.0, 4.0, 0.0, 4.0, 2.0, 1.5, 0.0)])
+    seen = boxes3d([(14.0, 4.0, 0.0, 4.0, 2.0, 1.5, 0.0)])  # 50 ms later, from a metre further on
+    camera = views({"/a/image": 50}, motion(-100, 0, 100))["a"]
+
+    def corners(boxes: Any) -> F64:
+        return box_corners(boxes.centers, boxes.sizes, boxes.yaws)
+
+    shown = RIG.cameras[0].project_boxes(corners(seen), "site")
+    np.testing.assert_allclose(camera.project_boxes(corners(kerb), "site"), shown, atol=1e-3)
+    assert np.abs(RIG.cameras[0].project_boxes(corners(kerb), "site") - shown).max() > 5
+
+
+@pytest.mark.parametrize(
+    ("known", "settings"),
+    [
+        (None, {}),
+        (motion(0), {}),
+        (motion(-100, 0, 100), {"enabled": False}),
+        (motion(-1000, 0, 1000), {"max_gap_s": 0.5}),
+        (motion(-400, -260), {"max_extrapolation_s": 0.2}),
+        (motion(-100, 0, 100, speed_m_s=0.0), {}),
+    ],
+    ids=["no odometry", "one pose", "off", "a gap", "old odometry", "standing"],
+)
+def test_without_known_motion_cameras_are_those_of_the_rig(known: PoseSamples | None, settings: dict[str, Any]) -> None:
+    found = views({"/a/image": 50, "/b/image": -50}, known, **settings)
+    assert all(found[camera.name] is camera for camera in RIG.cameras)
+
+
+def test_motion_of_another_frame_is_refused() -> None:
+    with pytest.raises(FrameError, match="'site', got 'imu'"):
+        views({}, motion(0, 100, frame_id="imu"))
+
+
+def test_no_cameras() -> None:
+    assert views({}, motion(0, 100), rig=camera_rig()) == {}

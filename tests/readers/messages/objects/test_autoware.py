@@ -1,0 +1,105 @@
+from dataclasses import replace
+from typing import Any
+
+import builders
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from object_messages import Recorded, autoware_message, autoware_object
+
+from pipeline.core.errors import MessageError
+from pipeline.core.settings.config import Config
+from pipeline.core.settings.recording import LimitsConfig
+from readers.messages.objects.autoware import ANY_HEADING_RAD2, decode_detected_objects
+from readers.messages.objects.found import FoundObjects, ObjectClasses
+
+CLASSES = ObjectClasses(Config())
+HALF = np.sqrt(0.5)
+LEFT = (0.0, 0.0, HALF, HALF)
+"""A quarter turn to the left."""
+
+
+def decode(*objects: builders.Fields) -> FoundObjects:
+    return decode_detected_objects(autoware_message(5, objects), CLASSES)
+
+
+def one(**changed: Any) -> dict[str, Any]:
+    return autoware_object(Recorded((10.0, 20.0, 1.0), xyzw=LEFT, covariance=np.diag([1, 2, 3, 4, 5, 6])), **changed)
+
+
+def test_the_likeliest_class_counts() -> None:
+    named = one()
+    named["classification"] = [{"label": n, "probability": p} for n, p in ((0, 0.1), (3, 0.5), (2, 0.5), (1, 0.2))]
+    nameless = one()
+    nameless["classification"] = []
+    found = decode(named, nameless)
+    assert found.class_ids.tolist() == [CLASSES.id_of("bus")]
+    assert dict(found.unused) == {"no class with a score": 1}
+
+
+def test_a_class_that_is_not_configured_is_told_by_its_name() -> None:
+    other = one()
+    other["classification"] = [{"label": 11, "probability": 1.0}]
+    assert dict(decode(other).unused) == {"class 'under_drivable' is not configured": 1}
+
+
+def test_covariance_of_what_is_known() -> None:
+    whole, no_position, no_heading = decode(
+        one(), one(has_position_covariance=False), one(orientation_availability=0)
+    ).boxes.covariances
+    np.testing.assert_array_equal(whole, np.diag([1, 2, 3, 4, 5, 6]))
+    np.testing.assert_array_equal(no_position, np.zeros((6, 6)))
+    np.testing.assert_array_equal(no_heading, np.diag([1, 2, 3, 4, 5, ANY_HEADING_RAD2]))
+
+
+def test_an_object_without_an_orientation_at_all() -> None:
+    lying = Recorded((1, 2, 3), xyzw=(0, 0, 0, 0))
+    found = decode(autoware_object(lying, orientation_availability=0), autoware_object(lying))
+    np.testing.assert_array_equal(found.boxes.rotations, np.eye(3)[None])
+    assert dict(found.unused) == {"box without an orientation": 1}
+
+
+def test_a_polygon_becomes_the_box_around_it() -> None:
+    corners = [{"x": x, "y": y} for x, y in ((-1.0, -0.5), (3.0, -0.5), (3.0, 0.5), (1.0, 1.5))]
+    found = decode(one(type=2, footprint={"points": corners}), one(type=2), one(type=1))
+    np.testing.assert_allclose(found.boxes.sizes, np.tile([4, 2, 1.5], (3, 1)))
+    # (1, 0.5) from the object's origin, turned to the left
+    np.testing.assert_allclose(found.boxes.centers, np.array([[9.5, 21, 1], [10, 20, 1], [10, 20, 1]]), atol=1e-12)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_a_polygon_that_is_none(bad: float) -> None:
+    corners = [{"x": bad, "y": 0.0}, {"x": 1.0, "y": 1.0}]
+    found = decode(one(type=2, footprint={"points": corners}))
+    np.testing.assert_allclose(found.boxes.sizes, np.array([[4, 2, 1.5]]))
+
+
+def test_other_messages_and_too_many_objects() -> None:
+    cloud = builders.raw("/c", "sensor_msgs/msg/PointCloud2", builders.pointcloud2([[1, 2, 3]], stamp_ns=5), 5)
+    with pytest.raises(MessageError, match=r"/c: expected Autoware's DetectedObjects, found sensor_msgs"):
+        decode_detected_objects(cloud, CLASSES)
+    many = autoware_message(5, [one()] * 4, topic="/o")
+    with pytest.raises(MessageError, match=r"/o: 4 boxes, expected at most 3: raise limits\.max_boxes"):
+        decode_detected_objects(many, CLASSES, limits=LimitsConfig(max_boxes=3))
+
+
+def test_without_a_recorded_definition_that_of_autoware_is_taken() -> None:
+    message = autoware_message(5, [one()])
+    bare = message._replace(channel=replace(message.channel, definition=""))
+    assert len(decode_detected_objects(bare, CLASSES).boxes) == 1
+
+
+@given(st.data())
+def test_any_bytes_are_decoded_or_refused(data: st.DataObject) -> None:
+    message = autoware_message(5, [one(), one(type=2, footprint={"points": [{"x": 1.0, "y": 2.0}]})])
+    octets = bytearray(message.data)
+    for _ in range(data.draw(st.integers(1, 6))):
+        octets[data.draw(st.integers(4, len(octets) - 1))] = data.draw(st.integers(0, 255))
+    cut = bytes(octets)[: data.draw(st.integers(4, len(octets)))]
+    try:
+        found = decode_detected_objects(message._replace(data=cut), CLASSES)
+    except MessageError:
+        return
+    assert np.isfinite(found.boxes.centers).all()
+    assert ((found.scores >= 0) & (found.scores <= 1)).all()

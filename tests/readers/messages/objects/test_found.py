@@ -1,0 +1,100 @@
+from typing import Any
+
+import numpy as np
+import pytest
+from object_messages import FORMATS, Format, Recorded, objects_message
+from scipy.spatial.transform import Rotation
+
+from pipeline.core.settings.config import Config
+from readers.messages.objects.autoware import DETECTED_OBJECTS, decode_detected_objects
+from readers.messages.objects.detections import decode_detected_boxes
+from readers.messages.objects.found import FoundObjects, ObjectClasses
+
+STAMP_NS = 1_700_000_000_123_456_789
+CONFIG = Config()
+CLASSES = ObjectClasses(CONFIG)
+NO_VOLUME, NO_TURN = "box without a volume, or out of all bounds", "box without an orientation"
+
+
+def decode(format_: Format, *objects: Recorded, **options: Any) -> FoundObjects:
+    message = objects_message(format_, STAMP_NS, objects, **options)
+    is_autoware = message.channel.msgtype in DETECTED_OBJECTS
+    return (decode_detected_objects if is_autoware else decode_detected_boxes)(message, CLASSES)
+
+
+@pytest.mark.parametrize("format_", FORMATS)
+@pytest.mark.parametrize("count", [0, 1, 40])
+def test_the_same_objects_in_every_format(format_: Format, count: int) -> None:
+    rng = np.random.default_rng(count)
+    root = rng.normal(size=(count, 6, 6))
+    covariances = root @ root.transpose(0, 2, 1)
+    turns = Rotation.random(count, rng=rng) if count else None
+    xyzw = np.zeros((0, 4)) if turns is None else turns.as_quat()
+    centers, sizes = rng.normal(0, 30, (count, 3)), rng.uniform(0.1, 9, (count, 3))
+    scores, names = rng.random(count, np.float32), ["car", "pedestrian", "truck", "bus"]
+    objects = [
+        Recorded(centers[k], names[k % 4], float(scores[k]), sizes[k], xyzw[k] * (1 + k), covariances[k])
+        for k in range(count)
+    ]
+    found = decode(format_, *objects, frame_id="/lidar_top")
+    assert (found.stamp_ns, found.frame_id, dict(found.unused)) == (STAMP_NS, "lidar_top", {})
+    np.testing.assert_array_equal(found.boxes.centers, centers)
+    np.testing.assert_array_equal(found.boxes.sizes, sizes)
+    np.testing.assert_array_equal(found.boxes.covariances, covariances)
+    np.testing.assert_array_equal(found.scores, scores)
+    if turns is not None:
+        np.testing.assert_allclose(found.boxes.rotations, turns.as_matrix(), atol=1e-12)
+    assert [CONFIG.class_names[row] for row in found.class_ids] == [one.label for one in objects]
+
+
+@pytest.mark.parametrize("format_", FORMATS)
+def test_what_cannot_be_used_is_counted(format_: Format) -> None:
+    found = decode(
+        format_,
+        Recorded((1, 2, 3)),
+        Recorded((1, 2, 3), "unicorn"),
+        Recorded((1, 2, np.nan)),
+        Recorded((1, np.inf, 3)),
+        Recorded((1, 1e9, 3)),
+        Recorded((1, 2, 3), size=(4, 0, 1)),
+        Recorded((1, 2, 3), size=(4, -1, 1)),
+        Recorded((1, 2, 3), size=(4, np.nan, 1)),
+        Recorded((1, 2, 3), xyzw=(0, 0, 0, 0)),
+        Recorded((1, 2, 3), xyzw=(np.nan, 0, 0, 1)),
+        Recorded((1, 2, 3), xyzw=(1e300, 0, 0, 1)),
+        Recorded((1, 2, 3), score=np.nan),
+        Recorded((9, 2, 3), score=7.0),
+    )
+    label = "unicorn" if format_ in ("foxy", "galactic", "humble") else "77"
+    unknown = f"class {label!r} is not configured"
+    assert dict(found.unused) == {NO_VOLUME: 6, NO_TURN: 3, unknown: 1, "no class with a score": 1}
+    assert found.boxes.centers[:, 0].tolist() == [1, 9]
+    assert found.scores.tolist() == [0.75, 1.0]
+
+
+@pytest.mark.parametrize(
+    ("numbers", "label", "name"),
+    [
+        ("labels", "1", "car"),
+        ("labels", "2", "pedestrian"),
+        ("labels", "7", None),
+        ("labels", " Car ", "car"),
+        ("coco", "2", "car"),
+        ("coco", "0", "pedestrian"),
+        ("coco", "79", None),
+        ("coco", "80", None),
+        ("coco", "VAN", "truck"),
+        ("autoware", "1", "car"),
+        ("autoware", "7", "pedestrian"),
+        ("autoware", "5", "bicycle"),
+        ("autoware", "0", None),
+        ("autoware", "12", None),
+        ("autoware", "9" * 30, None),
+        ("autoware", "\u0661", None),
+        ("autoware", "", None),
+    ],
+)
+def test_what_labels_and_numbers_mean(numbers: str, label: str, name: str | None) -> None:
+    config = Config.model_validate({"detect3d": {"recorded": {"class_numbers": numbers}}})
+    found = ObjectClasses(config).id_of(label)
+    assert (None if found is None else config.class_names[found]) == name

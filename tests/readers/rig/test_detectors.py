@@ -1,0 +1,178 @@
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+import pytest
+from builders import odometry, pointcloud2, raw, tf_message, transform_stamped
+from memory_recording import MemoryRecording
+from object_messages import Recorded, boxes_message, objects_message
+from scipy.spatial.transform import Rotation
+
+from pipeline.core.errors import CalibrationError, RecordingError
+from pipeline.core.messages import RawMessage
+from pipeline.core.settings.config import Config
+from readers.results.result import RESULT_TOPICS
+from readers.rig.detectors import OWN_BOXES
+from readers.rig.discovery import Discovery, discover_rig
+from readers.rig.schema import RigFile
+
+MS = 1_000_000
+
+
+def cloud(frame: str = "lidar", topic: str = "/points") -> RawMessage:
+    return raw(topic, "sensor_msgs/msg/PointCloud2", pointcloud2([[1, 2, 3]], stamp_ns=5, frame_id=frame), 5)
+
+
+def boxes(topic: str = "/detector/objects", frame: str = "lidar") -> RawMessage:
+    return boxes_message("humble", 5, [Recorded((1, 2, 3))], topic=topic, frame_id=frame)
+
+
+def static(*edges: tuple[str, str, tuple[float, float, float]]) -> RawMessage:
+    transforms = [transform_stamped(a, b, stamp_ns=5, translation=shift) for a, b, shift in edges]
+    return raw("/tf_static", "tf2_msgs/msg/TFMessage", tf_message(transforms), 5)
+
+
+def odom(i: int, frame: str = "map", child: str = "base_link") -> RawMessage:
+    fields = odometry(stamp_ns=i * 20 * MS, position=(0.2 * i, 0, 0), frame_id=frame, child_frame_id=child)
+    return raw("/odom", "nav_msgs/msg/Odometry", fields, i * 20 * MS)
+
+
+def discover(messages: Iterable[RawMessage], rig: dict[str, Any] | None = None, **sections: Any) -> Discovery:
+    sections = {"detect3d": {"method": "recorded"}} | sections
+    return discover_rig(MemoryRecording(messages), Config.model_validate(sections), RigFile.model_validate(rig or {}))
+
+
+def topics(found: Discovery) -> list[str]:
+    return [detector.topic for detector in found.rig.detectors]
+
+
+MOUNT = static(("base_link", "lidar", (1, 0, 2)), ("lidar", "tool", (0, 3, 0)))
+
+
+def test_lidcams_own_topics_are_those_of_results() -> None:
+    assert OWN_BOXES == RESULT_TOPICS
+
+
+def test_detectors_are_used_only_if_asked_for() -> None:
+    found = discover([MOUNT, cloud(), boxes(), boxes("/ground_truth/objects")], detect3d={})
+    assert (found.rig.detectors, found.faults) == ((), ())
+    (note,) = found.notes
+    assert note.startswith("/detector/objects: 3D boxes, not used; --set detect3d.method=recorded takes them")
+
+
+def test_all_that_are_neither_truth_nor_excluded_nor_lidcams_own() -> None:
+    names = ("/b_10/objects", "/b_9/objects", "/ground_truth/objects", "/x/gt", "/lidar/detections", "/old/objects")
+    found = discover([MOUNT, cloud(), *map(boxes, names)], topics={"exclude": ["/old/*"]})
+    assert topics(found) == ["/b_9/objects", "/b_10/objects"]
+    assert [detector.name for detector in found.rig.detectors] == ["b_9_objects", "b_10_objects"]
+    assert [source.sensor for source in found.sources] == ["lidar", "b_9_objects", "b_10_objects"]
+    assert found.rig.sensor_of_topic["/b_9/objects"] == "b_9_objects"
+
+
+def test_named_topics_are_taken_whatever_they_are_called() -> None:
+    names = ["/lidar/detections", "/ground_truth/objects", "/none"]
+    messages = [MOUNT, cloud(), boxes("/lidar/detections"), boxes("/ground_truth/objects"), boxes("/other")]
+    found = discover(messages, topics={"boxes3d": names})
+    assert topics(found) == names[:2]
+    (fault,) = found.faults
+    assert fault.topic == "/none"
+    assert "the recording has no such" in fault.reason
+    assert "it has /ground_truth/objects, /lidar/detections, /other" in fault.reason
+
+
+def test_names_are_unique() -> None:
+    found = discover([MOUNT, cloud(topic="/a/b"), boxes("/a/b_"), boxes("/a_b_")], rig={"lidars": {"a_b_": {}}})
+    assert [lidar.name for lidar in found.rig.lidars] == ["a_b_"]
+    assert [detector.name for detector in found.rig.detectors] == ["a_b__2", "a_b__3"]
+
+
+@pytest.mark.parametrize(("frame", "place"), [("lidar", [1, 0, 2]), ("/tool", [1, 3, 2]), ("base_link", [0, 0, 0])])
+def test_frames_that_are_fixed_to_the_site(frame: str, place: list[float]) -> None:
+    (detector,) = discover([MOUNT, cloud(), boxes(frame=frame)]).rig.detectors
+    assert detector.frame_id == frame.lstrip("/")
+    np.testing.assert_allclose(detector.T_site_frame[detector.frame_id].translation, place)
+    assert {*detector.T_site_frame} == {"base_link", "lidar", "tool"}
+    assert not detector.T_fixed_frame
+
+
+def test_the_pose_of_a_lidar_in_the_rig_file_is_that_of_its_boxes() -> None:
+    rig = {"site_frame": "site", "lidars": {"lidar": {"translation_m": [4, 5, 6], "rpy_deg": [0, 0, 90]}}}
+    (detector,) = discover([cloud(), boxes()], rig).rig.detectors
+    expected = Rotation.from_euler("z", 90, degrees=True).as_matrix()
+    np.testing.assert_allclose(detector.T_site_frame["lidar"].matrix[:3, :3], expected, atol=1e-12)
+
+
+def test_boxes_without_a_frame_are_in_the_site_frame() -> None:
+    found = discover([MOUNT, cloud(), boxes(frame="")])
+    assert found.rig.detectors[0].frame_id == "base_link"
+    assert found.notes == ("/detector/objects: its messages name no frame, taken to be the site frame 'base_link'",)
+
+
+def test_the_frame_of_the_first_box_counts_if_the_message_has_none() -> None:
+    box = {"header": {"frame_id": "/tool"}, "bbox": {}}
+    message = raw("/detector/objects", "vision_msgs/msg/Detection3DArray", {"detections": [box]}, 5)
+    assert discover([MOUNT, cloud(), message]).rig.detectors[0].frame_id == "tool"
+
+
+def test_a_frame_that_nothing_joins_is_a_fault() -> None:
+    found = discover([MOUNT, cloud(), boxes(frame="moon"), boxes("/other")])
+    assert topics(found) == ["/other"]
+    (fault,) = found.faults
+    assert fault.topic == "/detector/objects"
+    assert "its boxes are in frame 'moon', which nothing joins with the site frame 'base_link'" in fault.reason
+    assert "transforms: {base_link: {moon: {" in fault.reason
+
+
+@pytest.mark.parametrize("frame", ["map", "hall"])
+def test_the_frame_in_which_the_site_moves(frame: str) -> None:
+    edges = static(("base_link", "lidar", (1, 0, 2)), ("map", "hall", (100, 0, 0)))
+    found = discover([edges, cloud(), boxes(frame=frame), odom(0), odom(1)])
+    (detector,) = found.rig.detectors
+    assert (found.faults, {*detector.T_fixed_frame}) == ((), {"map", "hall"})
+    np.testing.assert_allclose(detector.T_fixed_frame["hall"].translation, [100, 0, 0])
+    assert found.sources[1].extrinsics == f"motion of base_link in {frame}"
+
+
+def test_messages_that_cannot_be_decoded_are_a_fault() -> None:
+    found = discover([MOUNT, cloud(), boxes()._replace(data=b"\0\1\0\0?")])
+    assert topics(found) == []
+    assert [fault.reason for fault in found.faults] == ["none of its first messages can be decoded"]
+
+
+# --- recordings without clouds
+
+
+def test_boxes_alone_are_enough() -> None:
+    found = discover([boxes(frame="map")])
+    assert (found.rig.site_frame, found.rig.lidars, topics(found)) == ("map", (), ["/detector/objects"])
+
+
+@pytest.mark.parametrize("frame", ["base_link", "map", "lidar"])
+def test_the_vehicle_is_the_site_if_there_is_one(frame: str) -> None:
+    found = discover([MOUNT, odom(0), odom(1), boxes(frame=frame)])
+    assert (found.rig.site_frame, topics(found), found.faults) == ("base_link", ["/detector/objects"], ())
+
+
+def test_a_rig_file_without_lidars_goes_with_boxes() -> None:
+    assert topics(discover([MOUNT, cloud(), boxes()], {"lidars": {}})) == ["/detector/objects"]
+    with pytest.raises(CalibrationError, match="no lidar: name one"):
+        discover([MOUNT, cloud()], {"lidars": {}})
+
+
+@pytest.mark.parametrize("format_", ["humble", "autoware"])
+def test_without_clouds_the_user_is_told_of_the_boxes(format_: Any) -> None:
+    message = objects_message(format_, 5, [Recorded((1, 2, 3))])
+    with pytest.raises(RecordingError, match=r"found 3D boxes: /detector/objects .*--set detect3d\.method=recorded"):
+        discover([message, boxes("/ground_truth/objects")], detect3d={})
+
+
+def test_without_clouds_and_without_boxes_that_may_be_used() -> None:
+    with pytest.raises(
+        RecordingError, match=r"neither truth nor lidcam's own, found neither; name one with topics\.box"
+    ):
+        discover([boxes("/ground_truth/objects"), boxes("/lidar/detections")])
+
+
+def test_without_clouds_and_with_boxes_in_no_known_frame() -> None:
+    with pytest.raises(CalibrationError, match=r"no lidar is usable .*frame 'moon'"):
+        discover([MOUNT, boxes(frame="moon")])

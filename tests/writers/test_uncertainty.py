@@ -1,0 +1,38 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from detections import boxes3d
+from hypothesis import given
+from hypothesis import strategies as st
+
+from writers.uncertainty import CORNERS, ground_ellipses
+
+FACTORS = st.floats(0.01, 10.0)
+
+
+@given(st.tuples(FACTORS, st.floats(-10.0, 10.0), FACTORS))
+def test_points_are_one_standard_deviation_away(factor: tuple[float, float, float]) -> None:
+    along, shear, across = factor
+    lower = np.array([[along, 0.0], [shear, across]])
+    covariance = np.zeros((2, 3, 3))
+    covariance[1, :2, :2] = lower @ lower.T
+    boxes = replace(boxes3d([[0.0, 0, 0, 1, 1, 1, 0], [5.0, -3, 2, 4, 2, 1.5, 1]]), covariances=covariance)
+    unknown, known = ground_ellipses(boxes)
+    np.testing.assert_array_equal(unknown, np.tile([0.0, 0.0, -0.5], (CORNERS, 1)))
+    away = np.linalg.solve(lower, (known[:, :2] - [5, -3]).T)
+    np.testing.assert_allclose(np.linalg.norm(away, axis=0), 1.0, rtol=1e-6)
+    np.testing.assert_allclose(known[:, 2], 2 - 0.75)
+
+
+@pytest.mark.parametrize(("axis", "other"), [(0, 1), (1, 0)])
+def test_a_place_known_across_is_a_line(axis: int, other: int) -> None:
+    covariance = np.zeros((1, 3, 3))
+    covariance[0, axis, axis] = 4.0
+    (points,) = ground_ellipses(replace(boxes3d([[1, 1, 0, 1, 1, 1, 0]]), covariances=covariance))
+    np.testing.assert_allclose(points[:, other], 1.0)
+    assert np.ptp(points[:, axis]) == pytest.approx(4.0)
+
+
+def test_no_boxes() -> None:
+    assert ground_ellipses(boxes3d([])).shape == (0, CORNERS, 3)
