@@ -85,6 +85,7 @@ bench: $(INSTALLED_ALL)
 	$(BIN)/python benchmarks/synchronisation.py
 	$(BIN)/python benchmarks/rotated_iou.py
 	$(BIN)/python benchmarks/velodyne.py
+	$(BIN)/python benchmarks/networks.py
 	$(BIN)/python benchmarks/simulator.py
 
 numbers: $(INSTALLED_ALL)

@@ -11,7 +11,7 @@ from pipeline.core.detections import Boxes2D, Boxes3D, Detections, Fused, Hypoth
 from pipeline.core.frame import Decoded, FrameResult, SensorBundle
 from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.settings.config import Config
-from pipeline.fusion.placed import Placed
+from pipeline.fusion.cameras.placed import Placed
 from pipeline.fusion.zones import select_by_zones
 from pipeline.graph import Graph, Node
 from pipeline.stages.associate import Associate

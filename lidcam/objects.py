@@ -150,7 +150,7 @@ class ObjectCollector(RunObserver):
 
     def opened(self, source: RunInput) -> None:
         """Learn the names of the classes."""
-        self._class_names = source.config.class_names
+        self._class_names = source.config.object_names
 
     def frame(self, result: FrameResult) -> None:
         """Keep the objects of one frame."""

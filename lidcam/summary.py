@@ -257,7 +257,7 @@ class Tally:
     """Running totals over the frames of a run."""
 
     def __init__(self, config: Config, rig: Rig) -> None:
-        self._class_names = config.class_names
+        self._class_names = config.object_names
         self._zones = rig.counted_zones
         self._detectors = frozenset(detector.topic for detector in rig.detectors)
         self.frames = 0

@@ -30,7 +30,7 @@ from lidcam.evaluation.frames import EvaluationFrames
 from lidcam.frames import RunInput
 from lidcam.job import make_job
 from lidcam.run import RunObserver, process_recording
-from pipeline.core.arrays import F64, U8, Bools
+from pipeline.core.arrays import F64, I32, U8, Bools
 from pipeline.core.detections import Boxes3D, Hypotheses
 from pipeline.core.frame import FrameResult
 from pipeline.core.geometry.boxes import wrap_angle
@@ -39,7 +39,16 @@ from pipeline.evaluation.detection.criteria import Criteria
 from pipeline.evaluation.detection.gathering import Gathering
 from pipeline.evaluation.detection.tables import IGNORED
 from pipeline.evaluation.records import UNKNOWN, EvaluationFrame, SourceBoxes, TruthBoxes3D
-from pipeline.fusion.belief import FITTED, Coefficients, camera_evidence, joined, log_odds_before_cameras, probability
+from pipeline.fusion.belief import (
+    FITTED,
+    Coefficients,
+    at_its_place,
+    camera_evidence,
+    joined,
+    log_odds_before_cameras,
+    probability,
+    reach_of_classes,
+)
 from pipeline.fusion.looks import Looks, looks_at
 from pipeline.fusion.recall import RecallCounts
 from readers.results.result import open_result
@@ -52,6 +61,9 @@ PULL = 1e-4
 
 LIMITS = {"missed": (0.5, 1.0), "match_score": (0.3, 1.5), "further": (0.3, 1.0)}
 """Recordings of one network and one simulator may not say more: others find less, and are less sure."""
+
+LEAST = 1e-3
+"""No probability is taken to be nearer to 0 or 1."""
 
 ROUNDS = 3
 """Labels and what is learned during a run depend on the coefficients, and are made so many times."""
@@ -154,30 +166,63 @@ def _labelled(frame: LabelledFrame, model: Path, weight: float, folder: Path) ->
     return Weighed(frame.name, weight, source.config, tuple(one.name for one in source.rig.cameras), [found])
 
 
-def log_odds(run: Weighed, by: Coefficients) -> tuple[list[F64], list[F64], list[F64]]:
-    """By frame: log odds of the hypotheses, of the lidars' boxes by themselves, and the recall that was learned."""
-    sizes = np.array([prior.size_m for prior in run.config.classes])
+def probabilities(run: Weighed, by: Coefficients) -> tuple[list[F64], list[F64], list[F64]]:
+    """By frame: those of the hypotheses, of the lidars' boxes by themselves, and the recall that was learned."""
     recall = RecallCounts(run.cameras)
     together, alone, learned = [], [], []
     for frame in run.frames:
-        before = _before(frame.boxes, frame.lidar_count, sizes, by)
+        first, second = Start.of(run, [(frame.boxes, frame.lidar_count)]), Start.of(run, [(frame.alone, None)])
+        before = first.log_odds(by)
         learned.append(recall.plain(frame.looks))
         evidence = camera_evidence(frame.looks, learned[-1], by)
         recall.learn(frame.looks, before, evidence, by)
-        together.append(before + joined(evidence, by))
-        alone.append(_before(frame.alone, len(frame.alone), sizes, by))
+        together.append(probability(before + joined(evidence, by)) * first.place)
+        alone.append(probability(second.log_odds(by)) * second.place)
     return together, alone, learned
 
 
 @dataclass(frozen=True, eq=False)
+class Start:
+    """What is known of boxes before a camera is asked, side by side."""
+
+    scores: F64
+    frequencies: F64
+    point_counts: I32
+    sources: U8
+    is_lidar: Bools
+    place: F64
+
+    @classmethod
+    def of(cls, run: Weighed, frames: Sequence[tuple[Boxes3D, int | None]]) -> "Start":
+        """Of the boxes of frames, and how many of them the lidars found; None: all."""
+        frequencies = np.array([prior.frequency for prior in run.config.classes])
+        reach_m = reach_of_classes(run.config.classes)
+        boxes = [one for one, _ in frames]
+        return cls(
+            np.concatenate([one.scores.astype(np.float64) for one in boxes]),
+            np.concatenate([frequencies[one.class_ids] for one in boxes]),
+            np.concatenate([one.point_counts for one in boxes]),
+            np.concatenate([one.sources for one in boxes]),
+            np.concatenate([np.arange(len(one)) < (len(one) if count is None else count) for one, count in frames]),
+            np.concatenate([at_its_place(one.covariances, reach_m[one.class_ids]) for one in boxes]),
+        )
+
+    def log_odds(self, by: Coefficients) -> F64:
+        """(N,) as these coefficients say."""
+        return log_odds_before_cameras(
+            self.scores, self.frequencies, self.point_counts, self.sources, self.is_lidar, by
+        )
+
+
+@dataclass(frozen=True, eq=False)
 class Rows:
-    """All that was weighed in a recording side by side: scores and so on of the hypotheses, then of the lidars' boxes.
+    """All that was weighed in a recording side by side: the hypotheses, and the lidars' boxes by themselves.
 
     The arrays of `looks` and `plain_recall` have a row for each of the largest number of cameras of a frame.
     """
 
     weight: float
-    before: tuple[tuple[F64, F64, U8, Bools], tuple[F64, F64, U8, Bools]]
+    start: tuple[Start, Start]
     looks: Looks
     plain_recall: F64
     right: tuple[F64, F64]
@@ -185,45 +230,30 @@ class Rows:
     @classmethod
     def of(cls, run: Weighed, by: Coefficients) -> "Rows":
         """The rows of a recording, with labels and recalls that these coefficients give."""
-        together, alone, learned = log_odds(run, by)
-        sizes = np.array([prior.size_m for prior in run.config.classes])
-        shapes, frames = sizes[:, 0] / sizes[:, 2], run.frames
-        before = tuple(
-            (
-                np.concatenate([one.scores.astype(np.float64) for one, _ in boxes]),
-                np.concatenate([shapes[one.class_ids] for one, _ in boxes]),
-                np.concatenate([one.sources for one, _ in boxes]),
-                np.concatenate([np.arange(len(one)) < count for one, count in boxes]),
-            )
-            for boxes in (
-                [(frame.boxes, frame.lidar_count) for frame in frames],
-                [(frame.alone, len(frame.alone)) for frame in frames],
-            )
+        together, alone, learned = probabilities(run, by)
+        frames = run.frames
+        start = (
+            Start.of(run, [(frame.boxes, frame.lidar_count) for frame in frames]),
+            Start.of(run, [(frame.alone, None) for frame in frames]),
         )
         most = max(len(frame.looks.cameras) for frame in frames)
         names = [field.name for field in fields(Looks) if field.name != "cameras"]
         columns = {name: _beside([getattr(frame.looks, name) for frame in frames], most) for name in names}
         looks = Looks(tuple(map(str, range(most))), **columns)
-        right = labels(run, (together, alone))
-        return cls(run.weight, (before[0], before[1]), looks, _beside(learned, most), right)
+        return cls(run.weight, start, looks, _beside(learned, most), labels(run, (together, alone)))
 
     def loss(self, by: Coefficients) -> float:
         """The cross-entropy of the hypotheses and of the lidars' boxes, with the weight of the recording."""
         evidence = joined(camera_evidence(self.looks, self.plain_recall, by), by)
-        together = log_odds_before_cameras(*self.before[0], by) + evidence
-        alone = log_odds_before_cameras(*self.before[1], by)
+        first, second = self.start
+        together = probability(first.log_odds(by) + evidence) * first.place
+        alone = probability(second.log_odds(by)) * second.place
         return self.weight * (cross_entropy(together, self.right[0]) + cross_entropy(alone, self.right[1]))
 
 
 def _beside(arrays: Sequence[Any], rows: int) -> Any:
     """Arrays (C, N) of frames side by side, each with rows of zeros up to `rows`."""
     return np.concatenate([np.pad(one, ((0, rows - len(one)), (0, 0))) for one in arrays], 1)
-
-
-def _before(boxes: Boxes3D, lidar_count: int, sizes: F64, by: Coefficients) -> F64:
-    shapes = (sizes[:, 0] / sizes[:, 2])[boxes.class_ids]
-    is_lidar = np.arange(len(boxes)) < lidar_count
-    return log_odds_before_cameras(boxes.scores.astype(np.float64), shapes, boxes.sources, is_lidar, by)
 
 
 def labels(run: Weighed, found: tuple[list[F64], list[F64]]) -> tuple[F64, F64]:
@@ -243,15 +273,14 @@ def labels(run: Weighed, found: tuple[list[F64], list[F64]]) -> tuple[F64, F64]:
     return right, alone_right
 
 
-def _source(boxes: Boxes3D, log_odds: F64) -> SourceBoxes:
-    scores = probability(log_odds).astype(np.float32)
-    return SourceBoxes(replace(boxes, scores=scores), np.full(len(boxes), UNKNOWN, np.int64))
+def _source(boxes: Boxes3D, p: F64) -> SourceBoxes:
+    return SourceBoxes(replace(boxes, scores=p.astype(np.float32)), np.full(len(boxes), UNKNOWN, np.int64))
 
 
-def cross_entropy(log_odds: F64, right: F64) -> float:
+def cross_entropy(probabilities: F64, right: F64) -> float:
     """Mean over what is not ignored."""
     kept = ~np.isnan(right)
-    p = probability(log_odds[kept])
+    p = np.clip(probabilities[kept], LEAST, 1 - LEAST)
     return float(-(right[kept] * np.log(p) + (1 - right[kept]) * np.log(1 - p)).mean()) if kept.any() else 0.0
 
 
@@ -283,15 +312,15 @@ def calibration_error(p: F64, right: Bools) -> float:
 def report(runs: Sequence[Weighed], by: Coefficients) -> None:
     """Print what the coefficients come to, by recording and class."""
     for run in runs:
-        together, alone, _ = log_odds(run, by)
+        together, alone, _ = probabilities(run, by)
         truths = labels(run, (together, alone))
-        for what, odds, right, boxes in (
+        for what, found, right, boxes in (
             ("weighed", together, truths[0], [frame.boxes for frame in run.frames]),
             ("lidars alone", alone, truths[1], [frame.alone for frame in run.frames]),
         ):
-            p, ids = probability(np.concatenate(odds)), np.concatenate([one.class_ids for one in boxes])
+            p, ids = np.concatenate(found), np.concatenate([one.class_ids for one in boxes])
             kept = ~np.isnan(right)
-            line = [f"{Path(run.name).name:16} {what:12} {cross_entropy(np.concatenate(odds), right):.3f}"]
+            line = [f"{Path(run.name).name:16} {what:12} {cross_entropy(p, right):.3f}"]
             for class_id, name in enumerate(run.config.class_names):
                 rows = kept & (ids == class_id)
                 if rows.any():

@@ -38,7 +38,8 @@ with a simulated 2D detector: they show what changes from one version to the nex
   *width*: mean error in metres.
 - *ECE*: how far scores are from the share that is right.
 - *better*, *worse*, *open*: where the interval of 95 %, from resampled blocks of frames, lies above zero, below it, or
-  on both sides. A gain is positive where fusion is better, of the position too.
+  on both sides. A gain is positive where fusion is better, of the position too. *position* compares means, which are
+  those of what each found; *found by lidar, too* compares the objects that both found, one by one.
 """
 
 

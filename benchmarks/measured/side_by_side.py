@@ -50,14 +50,20 @@ def side_by_side(figures: Tree) -> Iterator[str]:
 def verdicts(figures: Tree) -> Iterator[str]:
     """Whether fusion is better than the better single sensor, by class and figure, with the interval of 95 %."""
     names = [name for name in classes_met(figures) if figures["fusion_gain"][name]["recall"]["value"] is not None]
-    rows = [[name, *(_verdict(_named(figures["fusion_gain"][name], key)) for key in GAINS.values())] for name in names]
-    yield from table(["class", *GAINS], rows)
+    singles = [source for source in figures["sources"] if source != "fused"]
+    rows = [
+        [name]
+        + [_verdict(_named(figures["fusion_gain"][name], key)) for key in GAINS.values()]
+        + [_verdict(figures["fusion_gain"][name]["same_objects"][single]) for single in singles]
+        for name in names
+    ]
+    yield from table(["class", *GAINS, *(f"position, found by {single}, too" for single in singles)], rows)
 
 
 def _verdict(gain: Tree) -> str:
     if gain["value"] is None:
         return NONE
-    value = f"{signed(gain['value'], 2)} over {gain['over']}"
+    value = signed(gain["value"], 2) + (f" over {gain['over']}" if "over" in gain else "")
     if gain["low"] is None:
         return value
     certain = "better" if gain["low"] > 0 else "worse" if gain["high"] < 0 else "open"

@@ -65,7 +65,7 @@ def _print_boxes(out: Console, boxes: Boxes3D, config: Config, remarks: Sequence
     for row, remark in enumerate(remarks):
         (x, y, z), (length, width, height) = boxes.centers[row], boxes.sizes[row]
         out.print(
-            f"  {row:3} {config.class_names[boxes.class_ids[row]]:10} score {boxes.scores[row]:.2f}"
+            f"  {row:3} {config.object_names[boxes.class_ids[row]]:10} score {boxes.scores[row]:.2f}"
             f"  x {x:8.2f} y {y:8.2f} z {z:6.2f}  l {length:5.2f} w {width:5.2f} h {height:5.2f}"
             f"  yaw {boxes.yaws[row]:6.3f}  {remark}",
         )

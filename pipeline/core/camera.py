@@ -84,6 +84,11 @@ class CameraModel:
         return np.concatenate([self.distortion[:8], np.zeros(8)])[:8]
 
     @cached_property
+    def is_straight(self) -> bool:
+        """Whether the image shows straight lines straight."""
+        return self.model != "equidistant" and not self.coefficients.any()
+
+    @cached_property
     def radius_limit(self) -> float:
         """Largest undistorted radius (tangent of the angle; equidistant: the angle) at which the model is one-to-one.
 
@@ -93,6 +98,22 @@ class CameraModel:
         grown = radius * self._radial(radius**2)
         falling = np.flatnonzero(np.diff(grown) <= 0)
         return float(radius[falling[0]]) if len(falling) else np.inf
+
+    @cached_property
+    def view_angle_rad(self) -> float:
+        """Half the angle of a cone about the optical axis that holds all that the image may show, and some more."""
+        wide = np.pi if self.model == "equidistant" else 20.0
+        radius = np.linspace(0.0, min(wide, self.radius_limit), 4001)
+        tangential = 0.0 if self.model == "equidistant" else 3 * float(np.abs(self.coefficients[2:4]).sum())
+        least = radius * self._radial(radius**2) - tangential * radius**2
+        corners = np.array([[0, 0], [self.width_px, 0], [0, self.height_px], [self.width_px, self.height_px]])
+        offsets = (corners - 0.5 - self.K[:2, 2]) / np.diag(self.K)[:2]
+        offsets[:, 0] -= self.K[0, 1] / self.K[0, 0] * offsets[:, 1]
+        inside = np.flatnonzero(least < np.sqrt((offsets**2).sum(1)).max())
+        widest = float(radius[min(inside[-1] + 1, len(radius) - 1)])
+        if inside[-1] == len(radius) - 1 and widest == wide:
+            return np.pi
+        return widest if self.model == "equidistant" else float(np.arctan(widest))
 
     def _radial(self, r2: F64) -> F64:
         k = self.coefficients
@@ -145,19 +166,27 @@ class CameraModel:
             behind the camera are cut at `NEAR_M` first.
         """
         found = np.full((len(corners_camera), 4), np.nan, np.float32)
-        ahead = (corners_camera[..., 2] >= NEAR_M).any(1)
-        if ahead.any():
-            found[ahead] = self._project_boxes_ahead(corners_camera[ahead])
+        ahead = (corners_camera[..., 2] >= NEAR_M).sum(1)
+        for rows in (ahead == 8, (ahead > 0) & (ahead < 8)):
+            if rows.any():
+                found[rows] = self._project_boxes_ahead(corners_camera[rows])
         return found
 
     def _project_boxes_ahead(self, corners_camera: F64) -> F64:
         """`project_boxes` for boxes of which at least one corner is in front of the camera."""
+        if self.is_straight and (corners_camera[..., 2] >= NEAR_M).all():  # then the corners are outermost
+            pixels, _ = self.project(corners_camera)
+            return self._clipped(pixels.min(1), pixels.max(1))
         start, end, in_front = edges_ahead(corners_camera, NEAR_M)
         samples = start[:, :, None] * (1 - _EDGE_SHARES) + end[:, :, None] * _EDGE_SHARES  # (N, 12, S, 3)
         pixels, valid = self.project(samples)
         valid &= in_front[..., None]
         low = np.where(valid[..., None], pixels, np.inf).min((1, 2))
         high = np.where(valid[..., None], pixels, -np.inf).max((1, 2))
+        return self._clipped(low, high)
+
+    def _clipped(self, low: F64, high: F64) -> F64:
+        """(N, 4) rectangles from their corners, clipped to the image; NaN where nothing is left."""
         size = np.array([self.width_px, self.height_px], np.float64)
         boxes = np.concatenate([np.clip(low, 0, size), np.clip(high, 0, size)], -1)
         seen = (boxes[:, 2] > boxes[:, 0]) & (boxes[:, 3] > boxes[:, 1])

@@ -69,16 +69,23 @@ class Lenses:
             (P, S, 2) pixels, and (P, S) whether each point is in front of its camera and within its lens model.
         """
         x, y, front = _normalised(points_camera)
+        if not self.bends:
+            return self._pixels(x, y), front
         r2 = x * x + y * y
         inside, r2 = self._within(r2)
         scale, _ = self._radial(r2)
         tangential_1, tangential_2 = self._tangential()
         x_lens = x * scale + 2 * tangential_1 * x * y + tangential_2 * (r2 + 2 * x * x)
         y_lens = y * scale + tangential_1 * (r2 + 2 * y * y) + 2 * tangential_2 * x * y
+        return self._pixels(x_lens, y_lens), front & inside
+
+    def _pixels(self, x_lens: F64, y_lens: F64) -> F64:
+        """(P, S, 2) pixels of points at the focal length 1."""
         K = self.K[:, None]
-        u = K[..., 0, 0] * x_lens + K[..., 0, 1] * y_lens + K[..., 0, 2] + 0.5
-        v = K[..., 1, 1] * y_lens + K[..., 1, 2] + 0.5
-        return np.stack([u, v], -1), front & inside
+        pixels = np.empty((*x_lens.shape, 2))
+        pixels[..., 0] = K[..., 0, 0] * x_lens + K[..., 0, 1] * y_lens + K[..., 0, 2] + 0.5
+        pixels[..., 1] = K[..., 1, 1] * y_lens + K[..., 1, 2] + 0.5
+        return pixels
 
     def jacobians(self, points_camera: F64) -> F64:
         """Derivatives of the pixels by the points.
@@ -90,6 +97,8 @@ class Lenses:
             (P, S, 2, 3) pixels per metre.
         """
         x, y, front = _normalised(points_camera)
+        if not self.bends:
+            return self._straight_jacobians(x, y, np.where(front, points_camera[..., 2], 1.0))
         _, r2 = self._within(x * x + y * y)
         scale, slope = self._radial(r2)
         p1, p2 = self._tangential()
@@ -103,6 +112,13 @@ class Lenses:
         found[..., 1, 0] = K[..., 1, 1] * xy * per_depth
         found[..., 1, 1] = K[..., 1, 1] * yy * per_depth
         found[..., 2] = -found[..., 0] * x[..., None] - found[..., 1] * y[..., None]
+        return found
+
+    def _straight_jacobians(self, x: F64, y: F64, depth: F64) -> F64:
+        """As `jacobians`, of lenses that do not bend, at x / z and y / z."""
+        K, found = self.K[:, None, :2] / depth[..., None, None], np.zeros((*x.shape, 2, 3))
+        found[..., :2] = K[..., :2]
+        found[..., 2] = -K[..., 0] * x[..., None] - K[..., 1] * y[..., None]
         return found
 
     def _within(self, r2: F64) -> tuple[Bools, F64]:

@@ -13,6 +13,7 @@ import numpy as np
 from pipeline.core.arrays import F32, F64, I32, I64
 from pipeline.core.association import FREEDOM
 from pipeline.core.detections import Boxes3D
+from pipeline.fusion.small_matrices import inverse_3x3
 
 __all__ = [
     "BoxBelief",
@@ -133,7 +134,7 @@ def what_others_say(boxes: BoxBelief, seen_rows: I64, pairs: MatchedPairs) -> Ot
         others[pairs.seen] -= own
         left.append(others)
     normal, pull, log_others = left
-    covariances = inverse_symmetric(inverse_symmetric(boxes.covariances)[seen_rows] + normal)
+    covariances = inverse_3x3(inverse_3x3(boxes.covariances)[seen_rows] + normal)
     log_classes = _log_given(boxes.log_classes[seen_rows] + log_others, boxes.confusion)
     return Others(np.einsum("pab,pb->pa", covariances, pull), covariances, log_classes)
 
@@ -143,16 +144,3 @@ def _log_given(log_classes: F64, confusion: F64) -> F64:
     belief = np.exp(log_classes - log_classes.max(1, keepdims=True))
     belief /= belief.sum(1, keepdims=True)
     return np.asarray(np.log(np.einsum("pk,kc->pc", belief, confusion)))
-
-
-def inverse_symmetric(matrices: F64) -> F64:
-    """Inverses of symmetric positive definite matrices (N, 3, 3), by cofactors: the same on every machine."""
-    a, b, c = matrices[:, 0, 0], matrices[:, 0, 1], matrices[:, 0, 2]
-    d, e, f = matrices[:, 1, 1], matrices[:, 1, 2], matrices[:, 2, 2]
-    found = np.empty_like(matrices)
-    found[:, 0, 0], found[:, 1, 1], found[:, 2, 2] = d * f - e * e, a * f - c * c, a * d - b * b
-    found[:, 0, 1] = found[:, 1, 0] = c * e - b * f
-    found[:, 0, 2] = found[:, 2, 0] = b * e - c * d
-    found[:, 1, 2] = found[:, 2, 1] = b * c - a * e
-    determinant = a * found[:, 0, 0] + b * found[:, 0, 1] + c * found[:, 0, 2]
-    return found / determinant[:, None, None]

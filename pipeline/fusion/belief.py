@@ -4,15 +4,28 @@ Independent evidence adds up in log odds, log p / (1 - p): to those of the prior
 its likelihood ratio (Good, Probability and the weighing of evidence, 1950).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.core.arrays import F64, U8, Bools
+from pipeline.core.arrays import F64, I32, U8, Bools
 from pipeline.core.detections import Source
+from pipeline.core.settings.classes import ClassPrior
 from pipeline.fusion.looks import Looks
 
-__all__ = ["FITTED", "Coefficients", "camera_evidence", "joined", "log_odds_before_cameras", "logit", "probability"]
+__all__ = [
+    "FITTED",
+    "Coefficients",
+    "at_its_place",
+    "camera_evidence",
+    "joined",
+    "joined_without_each",
+    "log_odds_before_cameras",
+    "logit",
+    "probability",
+    "reach_of_classes",
+]
 
 
 SCORE_LIMIT = 0.002
@@ -37,51 +50,47 @@ class Coefficients:
     """Of the logistic model; `benchmarks/belief_fit.py` fits them.
 
     Attributes:
-        lidar: Log odds of a lidar box of score 0.5 whose class is as long as high.
+        lidar: Log odds of a lidar box of score 0.5, of one point and of a class of frequency 1.
         lidar_score: Factor of the logit of its score.
-        lidar_length: Factor of the logarithm of length over height of its class: what stands upright is more often a
-            pole, a trunk or a sign than what lies.
-        lidar_score_length: Factor of the product of both.
+        lidar_frequency: Factor of the logarithm of `frequency` of its class: of what is rare, less is right.
+        lidar_points: Factor of the logarithm of the number of its points.
         placed: Log odds of an object that a camera alone placed, without its 2D box.
         led: Log odds of an object whose points were sought in the frustum of a 2D box, without that box.
         led_score: Factor of the logit of the score of its points.
         match: Log likelihood ratio of a match with a 2D box of score 0.5 and no overlap.
         match_score: Factor of the logit of the 2D score.
         match_iou: Factor of the overlap.
-        match_rivals: Factor of the logarithm of the number of hypotheses that the 2D box may belong to.
         missed: Factor of the log likelihood of not being found by a camera that should have.
         further: Weight of each further camera that says the same as the first: cameras are not independent.
     """
 
     lidar: float
     lidar_score: float
-    lidar_length: float
-    lidar_score_length: float
+    lidar_frequency: float
+    lidar_points: float
     placed: float
     led: float
     led_score: float
     match: float
     match_score: float
     match_iou: float
-    match_rivals: float
     missed: float
     further: float
 
 
 FITTED = Coefficients(
-    lidar=1.07,
-    lidar_score=1.83,
-    lidar_length=1.85,
-    lidar_score_length=1.16,
-    placed=-2.0,
-    led=-2.0,
-    led_score=0.5,
-    match=1.9,
-    match_score=0.5,
-    match_iou=4.0,
-    match_rivals=-1.0,
+    lidar=0.22,
+    lidar_score=2.0,
+    lidar_frequency=1.1,
+    lidar_points=0.36,
+    placed=-4.2,
+    led=-0.5,
+    led_score=0.46,
+    match=0.7,
+    match_score=1.5,
+    match_iou=4.5,
     missed=1.0,
-    further=0.8,
+    further=1.0,
 )
 
 
@@ -97,21 +106,40 @@ def probability(log_odds: F64) -> F64:
 
 
 def log_odds_before_cameras(
-    scores: F64, length_over_height: F64, sources: U8, is_lidar: Bools, by: Coefficients
+    scores: F64, frequencies: F64, point_counts: I32, sources: U8, is_lidar: Bools, by: Coefficients
 ) -> F64:
     """(N,) log odds of boxes before a camera was asked.
 
     Args:
         scores: (N,) of the boxes, as the detector by clusters gives them.
-        length_over_height: (N,) typical length of their class, by its height.
+        frequencies: (N,) `frequency` of their classes.
+        point_counts: (N,) lidar points that they were found from.
         sources: (N,) `Source` of each box.
         is_lidar: (N,) whether the lidars found it; the others were begun from 2D boxes.
         by: The coefficients.
     """
-    score, length = logit(scores), np.log(length_over_height)
-    found = by.lidar + by.lidar_score * score + by.lidar_length * length + by.lidar_score_length * score * length
+    score, points = logit(scores), np.log(np.maximum(point_counts, 1))
+    found = by.lidar + by.lidar_score * score + by.lidar_points * points + by.lidar_frequency * np.log(frequencies)
     led = np.where(sources == Source.CAMERA, by.placed, by.led + by.led_score * score)
     return np.where(is_lidar, found, led)
+
+
+def reach_of_classes(priors: Sequence[ClassPrior]) -> F64:
+    """(K,) how far from its box an object of each class may be and still be what is meant: half of its largest side."""
+    return np.array([max(prior.size_m) / 2 for prior in priors])
+
+
+def at_its_place(covariances: F64, reach_m: F64) -> F64:
+    """(N,) probability that an object is no farther than `reach_m` (N,) from where its box says; 1 where unknown.
+
+    That of a normal distribution as wide in x and y as the mean variance of the two (Rayleigh).
+
+    Args:
+        covariances: (N, 3, 3) over x, y and yaw.
+        reach_m: (N,) metres.
+    """
+    variance = np.maximum((covariances[:, 0, 0] + covariances[:, 1, 1]) / 2, 1e-12)
+    return np.asarray(-np.expm1(-(reach_m**2) / (2 * variance)))
 
 
 def camera_evidence(looks: Looks, plain_recall: F64, by: Coefficients) -> F64:
@@ -123,7 +151,6 @@ def camera_evidence(looks: Looks, plain_recall: F64, by: Coefficients) -> F64:
         by: The coefficients.
     """
     ratio = by.match + by.match_score * logit(looks.scores) + by.match_iou * looks.iou
-    ratio += by.match_rivals * np.log1p(looks.rivals)
     shown = np.clip((looks.visible - HIDDEN_SHARE) / (FULL_VIEW_SHARE - HIDDEN_SHARE), 0, 1)
     recall = plain_recall * shown * np.where(looks.is_cut, CUT_RECALL, 1.0) * looks.in_view
     missed = by.missed * np.log1p(-np.minimum(recall, MOST_RECALL))
@@ -136,3 +163,15 @@ def joined(evidence: F64, by: Coefficients) -> F64:
         return np.zeros(evidence.shape[1])
     strongest = np.maximum(evidence.max(0), 0) + np.minimum(evidence.min(0), 0)
     return np.asarray((1 - by.further) * strongest + by.further * evidence.sum(0))
+
+
+def joined_without_each(evidence: F64, by: Coefficients) -> F64:
+    """(C, N) what `joined` gives without each of C cameras in turn."""
+    if len(evidence) < 2:
+        return np.zeros_like(evidence)
+    rows = np.arange(len(evidence))[:, None]
+    ranked = np.sort(evidence, axis=0)
+    most = np.where(rows == evidence.argmax(0), ranked[-2], ranked[-1])
+    least = np.where(rows == evidence.argmin(0), ranked[1], ranked[0])
+    strongest = np.maximum(most, 0) + np.minimum(least, 0)
+    return np.asarray((1 - by.further) * strongest + by.further * (evidence.sum(0) - evidence))

@@ -41,9 +41,10 @@ def hidden_parts(boxes: Boxes3D, seen: InView, positions_site: F64) -> tuple[F32
         return share, rest
     back, covers = back[nearer], np.concatenate([low[nearer], high[nearer]], 1).astype(np.float64)
     area = (covers[:, 2] - covers[:, 0]) * (covers[:, 3] - covers[:, 1])
-    order = np.lexsort([*covers.T, -area, back])
-    back, covers = back[order], covers[order]
-    targets, starts, counts = np.unique(back, return_index=True, return_counts=True)
+    starts = np.flatnonzero(np.diff(back, prepend=-1))
+    targets, counts = back[starts], np.diff(starts, append=len(back))
+    if counts.max() > MAX_COVERS:
+        covers = covers[np.lexsort([-area, back])]
     place = np.arange(len(back)) - np.repeat(starts, counts)
     kept = place < MAX_COVERS
     own = seen.xyxy[targets].astype(np.float64)
@@ -55,29 +56,29 @@ def hidden_parts(boxes: Boxes3D, seen: InView, positions_site: F64) -> tuple[F32
 
 def _is_nearer(boxes: Boxes3D, seen: InView, first: I64, second: I64, positions_site: F64) -> Bools:
     """(Q,) whether the box of row `first` of `seen` stands in front of that of row `second`."""
-    rows, others = seen.rows[first], seen.rows[second]
-    flat = box_corners(boxes.centers, boxes.sizes, boxes.yaws)[:, :4, :2]
-    camera = positions_site[seen.cameras[first], :2]
-    own_front, own_behind = _sides(boxes, rows, flat[others], camera)
-    its_front, its_behind = _sides(boxes, others, flat[rows], camera)
-    is_first, is_second = own_front | its_behind, its_front | own_behind
+    rows, others = seen.rows[np.concatenate([first, second])], seen.rows[np.concatenate([second, first])]
+    camera = positions_site[np.tile(seen.cameras[first], 2), :2]
+    own_side, other_side = _sides(boxes, rows, others, camera)
+    q = len(first)
+    is_first, is_second = own_side[:q] | other_side[q:], own_side[q:] | other_side[:q]
     by_distance = seen.ranges_m[first] < seen.ranges_m[second]
     return np.where(is_first == is_second, by_distance, is_first)
 
 
-def _sides(boxes: Boxes3D, rows: I64, corners: F64, camera: F64) -> tuple[Bools, Bools]:
-    """Whether a side of the boxes `rows` parts them from other boxes, (Q, 4, 2) corners seen from above.
+def _sides(boxes: Boxes3D, rows: I64, others: I64, camera: F64) -> tuple[Bools, Bools]:
+    """Whether a side of the boxes `rows` (Q,) parts them from the boxes `others` (Q,), as seen from above.
 
     Returns:
-        (Q,) whether one does with the camera on the box's side, and (Q,) on the other's.
+        (Q,) whether one does with the camera (Q, 2) on the box's own side, and (Q,) on the other's.
     """
-    cos, sin = np.cos(boxes.yaws[rows])[:, None], np.sin(boxes.yaws[rows])[:, None]
-    points = np.concatenate([corners, camera[:, None]], 1) - boxes.centers[rows, None, :2]
-    along = points[..., 0] * cos + points[..., 1] * sin
-    across = points[..., 1] * cos - points[..., 0] * sin
-    half = boxes.sizes[rows] / 2
-    reach = np.stack([along, -along, across, -across], -1) - np.repeat(half[:, :2], 2, 1)[:, None]
-    parted, beyond = reach[:, :4].min(1) >= 0, reach[:, 4] >= 0
+    flat = box_corners(boxes.centers, boxes.sizes, boxes.yaws)[:, :4, :2]
+    cos, sin, half = np.cos(boxes.yaws)[rows, None], np.sin(boxes.yaws)[rows, None], boxes.sizes[rows, :2] / 2
+    x, y = np.moveaxis(
+        np.concatenate([flat[others], camera[:, None]], 1) - boxes.centers[rows, None, :2], -1, 0
+    )  # (Q, 5): four corners and the camera
+    along, across = x * cos + y * sin, y * cos - x * sin
+    reach = np.stack([along, -along, across, -across], 1) - half[:, [0, 0, 1, 1], None]
+    parted, beyond = reach[..., :4].min(2) >= 0, reach[..., 4] >= 0
     return np.any(parted & ~beyond, axis=1), np.any(parted & beyond, axis=1)
 
 

@@ -65,7 +65,11 @@ def project_into_views(boxes: Boxes3D, views: Sequence[CameraSensor], arrays: Ca
             )
     centers_camera = np.einsum("cij,nj->cni", arrays.rotations, boxes.centers) + arrays.translations[:, None]
     radii_m = np.sqrt((boxes.sizes**2).sum(1)) / 2
-    cameras, rows = np.nonzero(_may_be_seen(centers_camera, radii_m, arrays))
+    if arrays.lenses.bends:
+        angles = np.array([view.model.view_angle_rad for view in views])
+        cameras, rows = np.nonzero(_in_cones(centers_camera, radii_m, angles))
+    else:
+        cameras, rows = np.nonzero(_in_pyramids(centers_camera, radii_m, arrays))
     edges = project_edges(boxes.centers[rows], boxes.sizes[rows], boxes.yaws[rows], arrays.select(cameras))
     limits = np.tile(arrays.image_sizes[cameras], 2)
     xyxy = np.clip(edges.xyxy, 0.0, limits)
@@ -80,20 +84,23 @@ def project_into_views(boxes: Boxes3D, views: Sequence[CameraSensor], arrays: Ca
     return InView(cameras, rows, xyxy[seen].astype(np.float32), jacobian[seen], ranges_m)
 
 
-def _may_be_seen(centers_camera: F64, radii_m: F64, arrays: CameraArrays) -> Bools:
-    """(C, N) whether the sphere around each box reaches into the view of a camera; lenses that bend see all ahead."""
-    seen = centers_camera[..., 2] + radii_m > NEAR_M
-    K, limits = arrays.lenses.K, arrays.image_sizes
-    straight = ~(arrays.lenses.equidistant | arrays.lenses.coefficients.any(1))
-    for axis in (0, 1):
-        f, c = K[:, axis, axis], K[:, axis, 2] + 0.5
-        skew = K[:, 0, 1] if axis == 0 else np.zeros(len(f))
-        # Planes through the camera and one border of the image: f x + s y + (c - border) z = 0, in pixels times metres.
-        for border, sign in ((np.zeros(len(f)), 1.0), (limits[:, axis], -1.0)):
-            across, other, ahead = sign * f, sign * skew, sign * (c - border)
-            length = np.sqrt(across**2 + other**2 + ahead**2)[:, None]
-            value = across[:, None] * centers_camera[..., axis] + ahead[:, None] * centers_camera[..., 2]
-            if axis == 0:
-                value = value + other[:, None] * centers_camera[..., 1]
-            seen &= (value + radii_m * length > 0) | ~straight[:, None]
-    return seen
+def _in_cones(centers_camera: F64, radii_m: F64, angles_rad: F64) -> Bools:
+    """(C, N) whether the sphere around each box reaches into the cone that a camera sees."""
+    x, y, z = np.moveaxis(centers_camera, -1, 0)
+    range_m = np.sqrt(x * x + y * y + z * z)
+    reach = np.where(range_m > radii_m, np.arcsin(radii_m / np.maximum(np.maximum(range_m, radii_m), 1e-9)), np.pi)
+    aside = np.arctan2(np.sqrt(x * x + y * y), z)
+    return np.asarray((z + radii_m > NEAR_M) & (aside - reach < angles_rad[:, None]))
+
+
+def _in_pyramids(centers_camera: F64, radii_m: F64, arrays: CameraArrays) -> Bools:
+    """(C, N) whether the sphere around each box reaches into the pyramid that a camera with a straight lens sees."""
+    # Planes through the camera and each border of the image, (C, 4, 3): positive inside.
+    K = arrays.lenses.K[:, :2]
+    left_top, right_bottom = K.copy(), -K
+    left_top[..., 2] += 0.5
+    right_bottom[..., 2] += arrays.image_sizes - 0.5
+    planes = np.concatenate([left_top, right_bottom], 1)
+    lengths = np.sqrt((planes * planes).sum(2))
+    inside = np.einsum("cbi,cni->cbn", planes, centers_camera) > -lengths[..., None] * radii_m
+    return np.asarray((centers_camera[..., 2] + radii_m > NEAR_M) & inside.all(1))

@@ -8,15 +8,12 @@ import numpy as np
 from pipeline.core.arrays import F64, Bools, check_array
 from pipeline.core.clouds import CombinedCloud
 from pipeline.core.detections import Boxes2D, Hypotheses
-from pipeline.core.geometry.boxes import iou_xyxy
+from pipeline.core.geometry.boxes import box_corners
 from pipeline.core.rig import CameraSensor
-from pipeline.fusion.occlusion import DepthPicture, sampled
+from pipeline.fusion.occlusion import hidden_by_points
 
 __all__ = ["Looks", "looks_at"]
 
-
-RIVAL_IOU = 0.3
-"""A hypothesis whose rectangle overlaps a 2D box by this much might have been matched with it, too."""
 
 BORDER_PX = 2.0
 """A rectangle that comes so near to the border of the image may go on beyond it."""
@@ -35,7 +32,6 @@ class Looks:
         is_matched: (C, N) bool, whether it has a 2D box.
         scores: (C, N) float64, score of that box; 0 without one.
         iou: (C, N) float64, overlap with that box; 0 without one.
-        rivals: (C, N) float64, number of other hypotheses that overlap that box, too; 0 without one.
     """
 
     cameras: tuple[str, ...]
@@ -46,11 +42,10 @@ class Looks:
     is_matched: Bools
     scores: F64
     iou: F64
-    rivals: F64
 
     def __post_init__(self) -> None:
         shape = self.in_view.shape
-        for name in ("size_px", "visible", "scores", "iou", "rivals"):
+        for name in ("size_px", "visible", "scores", "iou"):
             check_array(name, getattr(self, name), shape, np.float64)
         for name in ("in_view", "is_cut", "is_matched"):
             check_array(name, getattr(self, name), shape, np.bool_)
@@ -72,28 +67,27 @@ def looks_at(
     """
     boxes, cameras = hypotheses.boxes, tuple(name for name in hypotheses.matches if name in boxes2d)
     shape = len(cameras), len(boxes)
-    size_px, visible, scores, iou, rivals = (np.zeros(shape) for _ in range(5))
-    in_view, is_cut, is_matched = (np.zeros(shape, np.bool_) for _ in range(3))
-    reach_m = np.hypot(boxes.sizes[:, 0], boxes.sizes[:, 1]) / 2
-    points = sampled(combined.detection_cloud.xyz) if len(boxes) else combined.detection_cloud.xyz[:0]
-    for camera, name in enumerate(cameras):
-        matches, found, view = hypotheses.matches[name], boxes2d[name], views[name]
-        rows = np.flatnonzero(np.isfinite(matches.projected_xyxy[:, 0]))
-        if len(rows):
-            xyxy = matches.projected_xyxy[rows]
-            in_view[camera, rows] = True
-            size_px[camera, rows] = np.sqrt((xyxy[:, 2] - xyxy[:, 0]) * (xyxy[:, 3] - xyxy[:, 1]))
-            border = np.array([view.model.width_px, view.model.height_px]) - BORDER_PX
-            is_cut[camera, rows] = (xyxy[:, :2] <= BORDER_PX).any(1) | (xyxy[:, 2:] >= border).any(1)
-            centers = np.asarray(view.T_camera_site.apply(boxes.centers[rows]))
-            range_m = np.sqrt((centers * centers).sum(1)) - reach_m[rows]
-            covered = DepthPicture.of(view, points).hidden(xyxy, range_m)
-            visible[camera, rows] = 1 - np.maximum(covered, matches.hidden[rows])
-        rows, rows2d = matches.pairs.T
-        if len(rows):
-            is_matched[camera, rows] = True
-            scores[camera, rows] = found.scores[rows2d]
-            iou[camera, rows] = matches.iou
-            overlap = iou_xyxy(np.nan_to_num(matches.projected_xyxy), found.xyxy[rows2d])
-            rivals[camera, rows] = np.maximum((overlap >= RIVAL_IOU).sum(0) - 1, 0)
-    return Looks(cameras, in_view, size_px, visible, is_cut, is_matched, scores, iou, rivals)
+    visible, scores, iou = (np.zeros(shape) for _ in range(3))
+    is_matched = np.zeros(shape, np.bool_)
+    if not cameras or not len(boxes):
+        nothing = np.zeros(shape, np.bool_), np.zeros(shape)
+        return Looks(cameras, nothing[0], nothing[1], visible, is_matched, nothing[0].copy(), scores, iou)
+    matches, models = [hypotheses.matches[name] for name in cameras], [views[name].model for name in cameras]
+    projected = np.stack([one.projected_xyxy for one in matches])
+    in_view = np.isfinite(projected[..., 0])
+    xyxy = np.where(in_view[..., None], projected, np.float32(0))
+    extent = xyxy[..., 2:] - xyxy[..., :2]
+    border = np.array([(model.width_px, model.height_px) for model in models], np.float32)[:, None] - BORDER_PX
+    is_cut = in_view & ((xyxy[..., :2] <= BORDER_PX) | (xyxy[..., 2:] >= border)).any(2)
+    pairs = np.nonzero(in_view)
+    corners = box_corners(boxes.centers, boxes.sizes, boxes.yaws)
+    covered = hidden_by_points([views[name] for name in cameras], combined.detection_cloud.xyz, corners, *pairs)
+    visible[pairs] = 1 - np.maximum(covered, np.stack([one.hidden for one in matches])[pairs])
+    rows, found = np.concatenate([one.pairs for one in matches]).T
+    camera = np.repeat(np.arange(len(cameras)), [len(one) for one in matches])
+    found += np.cumsum([0, *(len(boxes2d[name]) for name in cameras)])[camera]
+    is_matched[camera, rows] = True
+    scores[camera, rows] = np.concatenate([boxes2d[name].scores for name in cameras])[found]
+    iou[camera, rows] = np.concatenate([one.iou for one in matches])
+    size_px = np.sqrt(extent.prod(2).astype(np.float64))
+    return Looks(cameras, in_view, size_px, visible, is_cut, is_matched, scores, iou)

@@ -1,28 +1,36 @@
-"""Which objects stand behind others, as far as points tell: a coarse picture of how far a camera sees.
+"""Which objects stand behind others, as far as points tell: a coarse picture of how far each camera sees.
 
-A camera sees nothing behind a point of the cloud. The points of all lidars are sorted into cells of the image, and each
-cell keeps the range of its nearest point (a depth buffer: Catmull, A subdivision algorithm for computer display of
-curved surfaces, 1974). An object is hidden as far as the cells that it fills have a point that is nearer than the
-object's near side. Cells without a point say nothing.
+A camera sees nothing behind a point of the cloud. The points of all lidars are sorted into cells of each camera's field
+of view, and each cell keeps the range of its nearest point (a depth buffer: Catmull, A subdivision algorithm for
+computer display of curved surfaces, 1974). An object is hidden as far as the cells that it fills have a point that is
+nearer than the object's near side. Cells without a point say nothing.
 
-The ground is left out: a cell at the foot of an object also holds the ground in front of it, which hides nothing.
+What hides what does not depend on the lens: cells are of equal size in the plane one metre ahead of a camera, without
+distortion. The ground is left out: a cell at the foot of an object also holds the ground in front of it, which hides
+nothing.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64
+from pipeline.core.arrays import F32, F64, Indices
 from pipeline.core.rig import CameraSensor
 
-__all__ = ["DepthPicture", "sampled"]
+__all__ = ["hidden_by_points"]
 
 
-MAX_POINTS = 8192
+MAX_POINTS = 3000
 """Points that are looked at in a frame, evenly chosen from all: what hides an object is large."""
 
-CELLS = 32
-"""Cells along the longer side of the image."""
+COLUMNS, ROWS = 32, 24
+"""Cells of a field of view."""
+
+WIDER = 1.2
+"""The cells reach so far beyond what a lens without distortion would show: most distortions show more."""
+
+WIDEST = 4.0
+"""Tangent of the largest angle to the axis that has cells; beyond, nothing is known to be hidden."""
 
 NEARER_SHARE = 0.97
 """Points hide an object if they are nearer than this share of the range of its near side."""
@@ -30,55 +38,84 @@ NEARER_SHARE = 0.97
 OPEN_CELLS = 1.0
 """Cells that are taken to be free beside those that are measured, so that a single point hides nothing wholly."""
 
+NEAR_M = 0.01
+"""What is not so far ahead of a camera is no part of its picture."""
 
-def sampled(xyz: F32) -> F32:
-    """At most `MAX_POINTS` of the points (N, 3), evenly chosen."""
+
+def hidden_by_points(
+    views: Sequence[CameraSensor], xyz_site: F32, corners_site: F64, cameras: Indices, objects: Indices
+) -> F64:
+    """(Q,) share of an object that nearer points cover in the view of a camera, in [0, 1), of Q pairs of both.
+
+    Args:
+        views: C cameras as they stood when their images were taken.
+        xyz_site: (P, 3) points in the site frame, metres.
+        corners_site: (N, 8, 3) corners of the objects' boxes in the site frame, metres.
+        cameras: (Q,) camera of each pair.
+        objects: (Q,) object of each pair.
+    """
+    if not len(cameras):
+        return np.zeros(0)
+    matrices = np.stack([view.T_camera_site.matrix for view in views])
+    low, cell = _cells(views)
+    nearest = _nearest(matrices.astype(np.float32), _sampled(xyz_site), low, cell)
+    corners = _moved(matrices[cameras], np.moveaxis(corners_site[objects], 2, 0))
+    depth = np.maximum(corners[2], NEAR_M)
+    first, last = [], []
+    for axis, count in ((0, COLUMNS), (1, ROWS)):
+        places = (corners[axis] / depth - low[cameras, axis, None]) / cell[cameras, axis, None]
+        start = np.clip(np.floor(places.min(1)), -1, count)
+        first.append(start[:, None])
+        last.append(np.maximum(np.clip(np.ceil(places.max(1)), 0, count + 1), start + 1)[:, None])
+    across = (np.arange(COLUMNS) >= first[0]) & (np.arange(COLUMNS) < last[0])
+    down = (np.arange(ROWS) >= first[1]) & (np.arange(ROWS) < last[1])
+    middle, ends = corners.mean(2), corners - corners.mean(2, keepdims=True)
+    near_side_m = np.sqrt((middle**2).sum(0)) - np.sqrt((ends**2).sum(0)).max(1)
+    picture = nearest[cameras]
+    inside = down[:, :, None] & across[:, None, :]
+    measured = (inside & np.isfinite(picture)).sum((1, 2))
+    nearer = (inside & (picture < NEARER_SHARE * near_side_m[:, None, None])).sum((1, 2))
+    return np.asarray(nearer / (measured + OPEN_CELLS))
+
+
+def _sampled(xyz: F32) -> F32:
     return xyz[:: -(-len(xyz) // MAX_POINTS) or 1]
 
 
-@dataclass(frozen=True, eq=False)
-class DepthPicture:
-    """How far a camera sees.
+def _cells(views: Sequence[CameraSensor]) -> tuple[F64, F64]:
+    """(C, 2) low end of the field of view across and down, and (C, 2) size of a cell, in the plane one metre ahead."""
+    models = [view.model for view in views]
+    focal = np.array([(model.K[0, 0], model.K[1, 1]) for model in models])
+    middle = np.array([(model.K[0, 2], model.K[1, 2]) for model in models])
+    size = np.array([(model.width_px, model.height_px) for model in models], np.float64)
+    low = np.maximum(-WIDER * middle / focal, -WIDEST)
+    high = np.minimum(WIDER * (size - middle) / focal, WIDEST)
+    return low, (high - low) / (COLUMNS, ROWS)
 
-    Attributes:
-        range_m: (rows, columns) float32, range of the nearest point from the camera in each cell; inf without one.
-        cell_px: Width and height of a cell in pixels.
-    """
 
-    range_m: F32
-    cell_px: float
+def _nearest(matrices: F32, xyz: F32, low: F64, cell: F64) -> F32:
+    """(C, ROWS, COLUMNS) range of the nearest point in each cell of each camera, metres; inf without one."""
+    moved = _moved(matrices, xyz.T[:, None])
+    ahead = moved[2] > NEAR_M
+    depth = np.where(ahead, moved[2], np.float32(1))
+    low, cell = low.astype(np.float32), cell.astype(np.float32)
+    column = (moved[0] / depth - low[:, :1]) / cell[:, :1]
+    row = (moved[1] / depth - low[:, 1:]) / cell[:, 1:]
+    camera, point = np.nonzero(ahead & (column >= 0) & (column < COLUMNS) & (row >= 0) & (row < ROWS))
+    column, row = column[camera, point].astype(np.intp), row[camera, point].astype(np.intp)
+    x, y, z = moved[:, camera, point]
+    nearest = np.full(len(matrices) * ROWS * COLUMNS, np.inf, np.float32)
+    np.minimum.at(nearest, (camera * ROWS + row) * COLUMNS + column, np.sqrt(x * x + y * y + z * z))
+    return nearest.reshape(len(matrices), ROWS, COLUMNS)
 
-    @classmethod
-    def of(cls, view: CameraSensor, xyz_site: F32) -> "DepthPicture":
-        """The picture of points (N, 3) in the site frame, metres."""
-        model = view.model
-        cell_px = max(model.width_px, model.height_px) / CELLS
-        shape = -(-model.height_px // cell_px), -(-model.width_px // cell_px)
-        rows, columns = int(shape[0]), int(shape[1])
-        nearest = np.full(rows * columns, np.inf, np.float32)
-        points = np.asarray(view.T_camera_site.apply(xyz_site))
-        points = points[points[:, 2] > 0]
-        pixels, is_valid = model.project(points)
-        u, v = pixels.T
-        is_valid &= (u >= 0) & (v >= 0) & (u < model.width_px) & (v < model.height_px)
-        points, u, v = points[is_valid], u[is_valid], v[is_valid]
-        cells = (v / cell_px).astype(np.intp) * columns + (u / cell_px).astype(np.intp)
-        np.minimum.at(nearest, cells, np.sqrt((points * points).sum(1)))
-        return cls(nearest.reshape(rows, columns), cell_px)
 
-    def hidden(self, xyxy: F32, range_m: F64) -> F64:
-        """(N,) share of each object that nearer points cover, in [0, 1).
-
-        Args:
-            xyxy: (N, 4) rectangles of the objects in the image, pixels; finite.
-            range_m: (N,) range of the near side of each, metres.
-        """
-        first = np.floor(xyxy[:, :2] / self.cell_px)
-        last = np.maximum(np.ceil(xyxy[:, 2:] / self.cell_px), first + 1)
-        row, column = (np.arange(n, dtype=np.float64) for n in self.range_m.shape)
-        down = (row >= first[:, 1:]) & (row < last[:, 1:])
-        across = (column >= first[:, :1]) & (column < last[:, :1])
-        inside = down[:, :, None] & across[:, None, :]
-        measured = inside & np.isfinite(self.range_m)
-        nearer = measured & (self.range_m < NEARER_SHARE * range_m[:, None, None])
-        return np.asarray(nearer.sum((1, 2)) / (measured.sum((1, 2)) + OPEN_CELLS))
+def _moved(matrices: F32 | F64, xyz: F32 | F64) -> F32 | F64:
+    """(3, K, P) x, y, z of points (3, K or 1, P) by K transforms (K, 4, 4). Not BLAS, whose sums may vary."""
+    x, y, z = xyz
+    columns = matrices[:, :3, :, None]
+    return np.stack(
+        [
+            columns[:, axis, 0] * x + columns[:, axis, 1] * y + columns[:, axis, 2] * z + columns[:, axis, 3]
+            for axis in range(3)
+        ]
+    )

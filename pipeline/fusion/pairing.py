@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from pipeline.core.arrays import F32, F64, I64, Bools
+from pipeline.core.arrays import F32, F64, I64, Bools, Rows
 from pipeline.core.geometry.boxes import pair_overlaps_xyxy
 from pipeline.fusion.groups import pairs_within
 
@@ -29,6 +29,10 @@ class Pairs:
     def __len__(self) -> int:
         return len(self.seen)
 
+    def select(self, rows: Rows) -> "Pairs":
+        """The given rows (mask or indices), in that order."""
+        return Pairs(self.seen[rows], self.found[rows], self.iou[rows])
+
 
 def near_pairs(seen_xyxy: F32, seen_cameras: I64, found_xyxy: F32, found_cameras: I64, *, min_giou: float) -> Pairs:
     """Pairs of rectangles in the same image whose generalised IoU is large enough.
@@ -42,8 +46,7 @@ def near_pairs(seen_xyxy: F32, seen_cameras: I64, found_xyxy: F32, found_cameras
     """
     seen, found = pairs_within(seen_cameras, found_cameras)
     iou, giou = pair_overlaps_xyxy(seen_xyxy[seen], found_xyxy[found])
-    near = giou >= min_giou
-    return Pairs(seen[near], found[near], iou[near])
+    return Pairs(seen, found, iou).select(giou >= min_giou)
 
 
 def best_pairs(pairs: Pairs, worth: F64, seen_cameras: I64) -> Bools:

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from pipeline.core.arrays import F64, Indices
-from pipeline.fusion.belief import Coefficients, joined, probability
+from pipeline.fusion.belief import Coefficients, joined_without_each, probability
 from pipeline.fusion.looks import Looks
 
 __all__ = ["RecallCounts"]
@@ -63,17 +63,18 @@ class RecallCounts:
             evidence: (C, N) log likelihood ratios of what the cameras say.
             by: The coefficients with which they are joined.
         """
-        bins, count = _bins(looks.size_px), len(PRIOR_RECALL)
+        rows = np.array([self._rows[name] for name in looks.cameras], np.intp)
+        others = probability(before + joined_without_each(evidence, by))
         is_plain = looks.in_view & ~looks.is_cut & (looks.visible >= PLAIN_SHARE)
-        for camera, name in enumerate(looks.cameras):
-            others = probability(before + joined(np.delete(evidence, camera, 0), by))
-            rows = np.flatnonzero(is_plain[camera] & (others >= SURE))
-            row, sizes = self._rows[name], bins[camera, rows]
-            self._seen[row] += np.bincount(sizes, others[rows], count)
-            self._found[row] += np.bincount(sizes, others[rows] * looks.is_matched[camera, rows], count)
-            kept = MEMORY / np.maximum(self._seen[row], MEMORY)
-            self._seen[row] *= kept
-            self._found[row] *= kept
+        counted = np.nonzero(is_plain & (others >= SURE))
+        cells, weights = rows[counted[0]] * len(PRIOR_RECALL) + _bins(looks.size_px[counted]), others[counted]
+        self._seen += np.bincount(cells, weights, self._seen.size).reshape(self._seen.shape)
+        self._found += np.bincount(cells, weights * looks.is_matched[counted], self._found.size).reshape(
+            self._seen.shape
+        )
+        kept = MEMORY / np.maximum(self._seen, MEMORY)
+        self._seen *= kept
+        self._found *= kept
 
     def _table(self) -> F64:
         """(cameras, sizes) recall."""

@@ -71,6 +71,7 @@ class Associate:
 
     def __init__(self, rig: Rig, config: Config) -> None:
         self._names = tuple(camera.name for camera in rig.cameras)
+        self._standing, self._standing_arrays = rig.cameras, CameraArrays.of(rig.cameras)
         self._config = config.associate
         self._confusion = class_confusion(config.classes, config.associate.any_class)
 
@@ -87,32 +88,35 @@ class Associate:
         Raises:
             FrameError: the 3D boxes are not in the site frame of the cameras.
         """
-        cameras = [views[name] for name in self._names]
-        arrays = CameraArrays.of(cameras)
+        cameras = tuple(views[name] for name in self._names)
+        arrays = self._standing_arrays if cameras == self._standing else CameraArrays.of(cameras)
         rows3d = _rank3d(boxes3d)  # row order decides between assignments of equal value
         ranked = boxes3d.select(rows3d)
         seen = project_into_views(ranked, cameras, arrays)
         positions = -np.einsum("cij,ci->cj", arrays.rotations, arrays.translations)
         hidden, rest = hidden_parts(ranked, seen, positions)
-        found = _found(boxes2d, cameras)
+        found = _found(boxes2d, self._names, arrays.image_sizes)
         pairs = near_pairs(seen.xyxy, seen.cameras, found.xyxy, found.cameras, min_giou=self._config.min_giou)
         taken = self._taken(ranked, seen, (hidden, rest), found, pairs, arrays)
-        matched = seen.cameras[pairs.seen[taken]]
-        matches = {}
-        for index, name in enumerate(self._names):
-            own, chosen = seen.cameras == index, np.flatnonzero(taken)[matched == index]
-            in_3d, in_2d = rows3d[seen.rows[pairs.seen[chosen]]], found.rows[pairs.found[chosen]]
-            order = np.argsort(in_3d)
-            projected = np.full((len(boxes3d), 4), np.nan, np.float32)
-            covered = np.zeros(len(boxes3d), np.float32)
-            projected[rows3d[seen.rows[own]]], covered[rows3d[seen.rows[own]]] = seen.xyxy[own], hidden[own]
-            matches[name] = Matches(
-                np.stack([in_3d, in_2d], 1)[order].astype(np.int64),
-                pairs.iou[chosen][order].astype(np.float32),
-                projected,
-                covered,
+        return self._matches(rows3d, seen, hidden, found, pairs.select(taken))
+
+    def _matches(self, rows3d: Indices, seen: InView, hidden: F32, found: _Found, pairs: Pairs) -> dict[str, Matches]:
+        """The records of all cameras, with the rows of the boxes as they were given."""
+        shape = len(self._names), len(rows3d)
+        projected, covered = np.full((*shape, 4), np.nan, np.float32), np.zeros(shape, np.float32)
+        projected[seen.cameras, rows3d[seen.rows]] = seen.xyxy
+        covered[seen.cameras, rows3d[seen.rows]] = hidden
+        cameras, in_3d = seen.cameras[pairs.seen], rows3d[seen.rows[pairs.seen]]
+        order = np.lexsort([in_3d, cameras])
+        table = np.stack([in_3d, found.rows[pairs.found]], 1).astype(np.int64)[order]
+        iou = pairs.iou.astype(np.float32)[order]
+        ends = np.searchsorted(cameras[order], np.arange(len(self._names) + 1))
+        return {
+            name: Matches(table[start:end], iou[start:end], rectangles, shares)
+            for name, start, end, rectangles, shares in zip(
+                self._names, ends[:-1], ends[1:], projected, covered, strict=True
             )
-        return matches
+        }
 
     def _taken(
         self,
@@ -159,29 +163,22 @@ class Associate:
         return taken
 
 
-def _found(boxes: Mapping[str, Boxes2D], cameras: Sequence[CameraSensor]) -> _Found:
+def _found(boxes: Mapping[str, Boxes2D], names: Sequence[str], image_sizes: F64) -> _Found:
     """The 2D boxes of all cameras."""
-    parts = [(index, camera, boxes[camera.name]) for index, camera in enumerate(cameras) if camera.name in boxes]
-    ranks = [_rank2d(part) for _, _, part in parts]
-    rows = [part.select(rank) for (_, _, part), rank in zip(parts, ranks, strict=True)]
-    limits = [np.array([c.model.width_px, c.model.height_px] * 2, np.float32) for _, c, _ in parts]
-    clipped = [np.clip(part.xyxy, 0, limit) for part, limit in zip(rows, limits, strict=True)]
-    scores = np.concatenate([np.zeros(0), *(part.scores.astype(np.float64) for part in rows)])
-    return _Found(
-        np.repeat(np.array([index for index, _, _ in parts], np.int64), [len(part) for part in rows]),
-        np.concatenate([np.zeros(0, np.int64), *ranks]),
-        np.concatenate([np.zeros((0, 4), np.float32), *clipped]),
-        np.concatenate([np.zeros(0, np.int32), *(part.class_ids for part in rows)]),
-        np.log(np.maximum(scores, LEAST_SCORE)),
-    )
+    parts = [boxes[name] for name in names if name in boxes]
+    numbers = [number for number, name in enumerate(names) if name in boxes]
+    cameras = np.repeat(np.array(numbers, np.int64), [len(part) for part in parts])
+    rows = np.concatenate([np.zeros(0, np.int64), *(np.arange(len(part)) for part in parts)])
+    scores = np.concatenate([np.zeros(0, np.float32), *(part.scores for part in parts)])
+    class_ids = np.concatenate([np.zeros(0, np.int32), *(part.class_ids for part in parts)])
+    xyxy = np.concatenate([np.zeros((0, 4), np.float32), *(part.xyxy for part in parts)])
+    order = np.lexsort([*xyxy.T, class_ids, -scores, cameras])
+    cameras, log_scores = cameras[order], np.log(np.maximum(scores[order].astype(np.float64), LEAST_SCORE))
+    clipped = np.clip(xyxy[order], 0, np.tile(image_sizes.astype(np.float32), 2)[cameras])
+    return _Found(cameras, rows[order], clipped, class_ids[order], log_scores)
 
 
 def _rank3d(boxes: Boxes3D) -> Indices:
     """Indices by falling score, then by all other fields that matter here."""
     upper = boxes.covariances[:, [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]
     return np.lexsort([*upper.T, boxes.class_ids, boxes.yaws, *boxes.sizes.T, *boxes.centers.T, -boxes.scores])
-
-
-def _rank2d(boxes: Boxes2D) -> Indices:
-    """Indices by falling score, then by class and position."""
-    return np.lexsort([*boxes.xyxy.T, boxes.class_ids, -boxes.scores])

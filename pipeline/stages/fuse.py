@@ -4,27 +4,58 @@ from dataclasses import replace
 
 import numpy as np
 
-from pipeline.core.arrays import F64
-from pipeline.core.detections import Fused, Hypotheses
+from pipeline.core.arrays import F32, F64, Bools, Indices
+from pipeline.core.detections import Boxes3D, Fused, Hypotheses
 from pipeline.core.settings.config import Config
+from pipeline.fusion.overlaps import first_of_each, overlap_shares
 
 __all__ = ["Fuse"]
+
+
+HALF_SCORE_POINTS = 10.0
+"""Something unknown of so many points scores 0.5, of three times as many 0.75."""
+
+OVERLAP_SHARE = 0.25
+"""What shares more of its ground with an object, or with something unknown of more points, is a part of that."""
 
 
 class Fuse:
     """Choice of the objects of a frame."""
 
     def __init__(self, config: Config) -> None:
-        self._min_score = config.fuse.min_score
+        self._min_score = np.float32(config.fuse.min_score)
+        self._unknown_id = len(config.classes) if config.fuse.unknown else None
 
     def __call__(self, hypotheses: Hypotheses, beliefs: F64) -> Fused:
         """The objects of a frame, in the order of the hypotheses; the score of each is its probability.
+
+        With `fuse.unknown`, what the lidars found and what is too improbable of its class follows where it stands
+        apart from all objects, as of no class; its score grows with its points.
 
         Args:
             hypotheses: N boxes in the site frame, and their matches.
             beliefs: (N,) existence probability of each.
         """
-        scores = beliefs.astype(np.float32)
-        rows = np.flatnonzero(scores >= np.float32(self._min_score))
-        objects = replace(hypotheses.boxes, scores=scores).select(rows)
+        boxes, scores, class_ids = hypotheses.boxes, beliefs.astype(np.float32), hypotheses.boxes.class_ids
+        is_chosen = scores >= self._min_score
+        if self._unknown_id is not None:
+            there = (boxes.point_counts / (boxes.point_counts + HALF_SCORE_POINTS)).astype(np.float32)
+            rows = self._unknown(hypotheses, is_chosen, there)
+            scores[rows], is_chosen[rows] = there[rows], True
+            class_ids = class_ids.copy()
+            class_ids[rows] = self._unknown_id
+        rows = np.flatnonzero(is_chosen)
+        objects = replace(boxes, scores=scores, class_ids=class_ids).select(rows)
         return Fused(objects, hypotheses.matched[rows], rows.astype(np.int64))
+
+    def _unknown(self, hypotheses: Hypotheses, is_chosen: Bools, there: F32) -> Indices:
+        boxes = hypotheses.boxes
+        is_lidar = np.arange(len(boxes)) < hypotheses.lidar_count
+        rows = np.flatnonzero(is_lidar & ~is_chosen & (there >= self._min_score) & (boxes.point_counts > 0))
+        rows = rows[np.lexsort((rows, -boxes.point_counts[rows]))]
+        rows = rows[_apart(boxes.select(rows), boxes.select(is_chosen))]
+        return rows[first_of_each(boxes.select(rows), OVERLAP_SHARE)]
+
+
+def _apart(boxes: Boxes3D, others: Boxes3D) -> Bools:
+    return np.asarray((overlap_shares(boxes, others) <= OVERLAP_SHARE).all(1))

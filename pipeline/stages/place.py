@@ -9,16 +9,19 @@ from pipeline.core.clouds import CombinedCloud
 from pipeline.core.detections import Boxes2D, Boxes3D, Source
 from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.settings.config import Config
-from pipeline.fusion.merging import merge_sightings, moments
-from pipeline.fusion.observed import Noise
-from pipeline.fusion.placed import Placed
-from pipeline.fusion.placing import SizePriors, place
-from pipeline.fusion.sightings import see
+from pipeline.fusion.cameras.merging import merge_sightings, moments
+from pipeline.fusion.cameras.observed import Noise
+from pipeline.fusion.cameras.placed import Placed
+from pipeline.fusion.cameras.placing import SizePriors, place
+from pipeline.fusion.cameras.sightings import see
 
 __all__ = ["Place"]
 
 GROUND_SHARE = 0.25
 """Standard deviation of the ground's height, as a share of `combine.ground.distance_m`."""
+
+GROUND_SLOPE_STD = 0.008
+"""Standard deviation of the slope of the ground between camera and object, which is no plane: rise over run."""
 
 
 class Place:
@@ -28,7 +31,12 @@ class Place:
         self._site_frame = rig.site_frame
         self._ground_height_m = rig.ground_height_m or 0.0
         self._priors = SizePriors.of(config.classes)
-        self._noise = Noise(1.5, 0.02, GROUND_SHARE * config.combine.ground.distance_m, 0.008)
+        self._noise = Noise(
+            pixel_px=config.fuse.pixel_sigma_px,
+            outline=config.fuse.outline_sigma,
+            ground_m=GROUND_SHARE * config.combine.ground.distance_m,
+            ground_slope=GROUND_SLOPE_STD,
+        )
 
     def __call__(
         self, combined: CombinedCloud, boxes2d: Mapping[str, Boxes2D], views: Mapping[str, CameraSensor]

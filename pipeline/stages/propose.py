@@ -13,11 +13,11 @@ from pipeline.core.geometry.rotated_iou import ious
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.detectors.protocols import Candidates3D
-from pipeline.fusion.beginning import Beginner
+from pipeline.fusion.begun.beginning import Beginner
+from pipeline.fusion.begun.parting import find_hosts, find_merged, share_points
+from pipeline.fusion.begun.partners import find_echoes, find_partners
+from pipeline.fusion.cameras.placed import Placed
 from pipeline.fusion.overlaps import first_of_each, overlap_shares
-from pipeline.fusion.parting import find_hosts, find_merged, share_points
-from pipeline.fusion.partners import find_echoes, find_partners
-from pipeline.fusion.placed import Placed
 
 __all__ = ["Propose"]
 

@@ -15,7 +15,7 @@ from pipeline.core.detections import Boxes2D, Boxes3D
 from pipeline.core.errors import MessageError
 from pipeline.core.messages import RawMessage
 from pipeline.core.rig import Rig
-from pipeline.core.settings.config import Config
+from pipeline.core.settings.config import UNKNOWN_CLASS, Config
 from pipeline.core.settings.load import load_config
 from pipeline.core.settings.recording import LimitsConfig
 from pipeline.evaluation.records import SOURCES, UNKNOWN, SourceBoxes
@@ -146,10 +146,10 @@ class Result(Closing):
             self._unused.add(f"messages of {message.topic} that are not used", str(err))
 
     def _source(self, found: Detections3D) -> SourceBoxes:
-        """The boxes of the configured classes; others are counted."""
+        """The boxes of the configured classes; others are counted, but for those that are of no class by intention."""
         class_ids = np.array([self._class_ids.get(label, UNKNOWN) for label in found.labels.tolist()], np.int32)
         is_known = class_ids != UNKNOWN
-        for label in found.labels[~is_known].tolist():
+        for label in found.labels[~is_known & (found.labels != UNKNOWN_CLASS)].tolist():
             self._unused.add(f"3D boxes of class {label!r}, which the settings do not have")
         for reason, count in found.unused.items():
             self._unused.add(f"3D boxes that are not used, {reason}", count=count)

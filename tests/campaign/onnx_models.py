@@ -1,9 +1,9 @@
 """Hostile and damaged ONNX files: `python tests/campaign/onnx_models.py [--minutes M | --count N] [--seed S]`.
 
-A small YOLOX is cut, overwritten, given absurd sizes, types and outputs, operators that nobody has, loops without end,
-tensors that would fill any memory, and weights in other files, inside its folder and out of it. Each is loaded and run
-in a process of its own. It may work; else one `ModelError` in one line must say why, in bounded time and memory, and
-nothing outside of the model's folder may be read.
+Small networks of every layout are cut, overwritten, given absurd sizes, types, outputs and names of classes, operators
+that nobody has, loops without end, tensors that would fill any memory, and weights in other files, inside their folder
+and out of it. Each is loaded and run in a process of its own. It may work; else one `ModelError` in one line must say
+why, in bounded time and memory, and nothing outside of the model's folder may be read.
 """
 
 import sys
@@ -15,6 +15,9 @@ from random import Random
 from common import Outcome, campaign, is_one_line, run_child  # isort: skip
 import numpy as np
 from onnx_files import FLOAT, _bytes, _int, _ints, _node, _tensor, _value, _varint_field, write_yolox
+from onnx_networks import write_network
+
+from pipeline.core.arrays import Array
 
 __all__ = ["TEST_COUNT", "main"]
 
@@ -23,6 +26,17 @@ MAX_SECONDS = 90.0
 MAX_MIB = 5000
 SIZE_PX = (64, 64)
 ROWS = 64 + 16 + 4
+NAMES = {row: f"class {row}" for row in range(80)}
+LAYOUTS: tuple[dict[str, tuple[int, ...]], ...] = (
+    {"output0": (3 * ROWS, 85)},
+    {"output0": (84, ROWS)},
+    {"output0": (300, 6)},
+    {"output0": (300, 84)},
+    {"logits": (300, 80), "pred_boxes": (300, 4)},
+    {"labels": (300,), "boxes": (300, 4), "scores": (300,)},
+)
+"""Shapes of the outputs of networks other than YOLOX."""
+
 SECRET = 0.3125
 """What a weight file outside of the model's folder holds."""
 
@@ -39,7 +53,7 @@ try:
 except LidcamError as err:
     print("told:", err)
 else:
-    print("works:", float(np.nan_to_num(found[0].scores).max()))
+    print("works:", float(np.nan_to_num(found[0].scores).max(initial=0)))
 """
 
 
@@ -78,9 +92,17 @@ def _try_case(number: int, chance: Random) -> Outcome:
     return Outcome("works" if said.startswith("works") else "told", detail=detail)
 
 
-def _sound(path: Path, chance: Random, size_px: tuple[int, int] = SIZE_PX) -> Path:
-    bias = np.random.default_rng(chance.randrange(1000)).uniform(0, 1, (ROWS, 85)).astype(np.float32)
-    return write_yolox(path, bias, size_px=size_px, batch=chance.choice((1, 2, "N")))
+def _sound(path: Path, chance: Random) -> Path:
+    rng, batch = np.random.default_rng(chance.randrange(1000)), chance.choice((1, 2, "N"))
+    if chance.random() < 0.3:
+        return write_yolox(path, rng.uniform(0, 1, (ROWS, 85)).astype(np.float32), size_px=SIZE_PX, batch=batch)
+    shapes = chance.choice(LAYOUTS)
+    outputs: dict[str, Array] = {name: rng.uniform(0, 1, shape).astype(np.float32) for name, shape in shapes.items()}
+    if "labels" in shapes and "scores" in shapes:
+        outputs |= {"labels": rng.integers(0, 80, shapes["labels"])}
+    scaled = ("boxes",) if "labels" in shapes else ()
+    size_px = chance.choice((SIZE_PX, ("height", "width")))
+    return write_network(path, outputs, size_px=size_px, batch=batch, scaled=scaled, metadata={"names": str(NAMES)})
 
 
 def _bytes_changed(path: Path, chance: Random) -> tuple[str, bool]:
@@ -235,6 +257,37 @@ def _not_finite(path: Path, chance: Random) -> tuple[str, bool]:
     return f"outputs of {value}", value in {1e38, 1000.0}
 
 
+def _names(path: Path, chance: Random) -> tuple[str, bool]:
+    """Names of classes that nobody has, and too many of them."""
+    text = chance.choice(
+        (
+            "{" * 50_000,
+            "[" * 50_000,
+            "{0: " * 5000,
+            "&a [*a, *a]",
+            "{0: 1}",
+            "",
+            "\0",
+            "-" * (1 << 21),
+            "!!python/name:os",
+        )
+    )
+    key = chance.choice(("names", "names", "names", "stride", "imgsz", "task"))
+    output = np.full((ROWS, 85), 0.25, np.float32)
+    write_network(path, {"output0": output}, size_px=SIZE_PX, metadata={"names": str(NAMES)} | {key: text})
+    return f"{key} {text[:20]!r}", key in {"stride", "imgsz"}
+
+
+def _odd_outputs(path: Path, chance: Random) -> tuple[str, bool]:
+    """Outputs that look like a layout and hold what no network gives, or hardly end."""
+    rows = chance.choice((0, 1, 300, 1_000_000))
+    value = chance.choice((0.5, -1.0, 1e38, 3e9))
+    shapes = chance.choice(({"output0": (rows, 6)}, {"boxes": (rows, 4), "scores": (rows, 3)}, {"output0": (rows, 5)}))
+    outputs = {name: np.full(shape, value, np.float32) for name, shape in shapes.items()}
+    write_network(path, outputs, size_px=SIZE_PX, metadata={"names": "[a, b, c]"}, batch=chance.choice((1, 64)))
+    return f"outputs {shapes} of {value}", True
+
+
 def _deep(path: Path, chance: Random) -> tuple[str, bool]:
     """Messages in messages, as deep as it takes."""
     data = b""
@@ -277,6 +330,8 @@ HOSTILE: tuple[Make, ...] = (
     _many,
     _another_file,
     _outside,
+    _names,
+    _odd_outputs,
     _huge_constant,
 )
 

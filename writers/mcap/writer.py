@@ -134,8 +134,9 @@ class McapResultWriter:
         return tuple(not_copied)
 
     def _site_messages(self, result: FrameResult) -> Iterator[tuple[str, Any]]:
-        names, stamp_ns, objects = self._config.class_names, result.bundle.stamp_ns, result.fused.objects
-        yield "/lidar_camera_fused", lidcam_objects(objects, self._rig.counted_zones, stamp_ns=stamp_ns)
+        names, stamp_ns, objects = self._config.object_names, result.bundle.stamp_ns, result.fused.objects
+        counted = objects.select(objects.class_ids < len(self._config.classes))
+        yield "/lidar_camera_fused", lidcam_objects(counted, self._rig.counted_zones, stamp_ns=stamp_ns)
         yield "/fused/detections", detections_3d(objects, names, stamp_ns=stamp_ns)
         yield "/fused/scene", scene_update(result, names)
         yield "/fused/markers", marker_array(result, names)
@@ -161,7 +162,7 @@ class McapResultWriter:
             stamp_ns = boxes.stamp_ns
         else:
             return ()
-        names, frame_id, prefix = self._config.class_names, camera.T_camera_site.dst, f"/{camera.name}"
+        names, frame_id, prefix = self._config.object_names, camera.T_camera_site.dst, f"/{camera.name}"
         log_time_ns = result.bundle.log_time_ns
         drops: tuple[Drop, ...] = ()
         if image is not None and self._config.output.images:

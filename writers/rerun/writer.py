@@ -185,7 +185,7 @@ class RerunResultWriter:
     def _log_static(self) -> None:
         context = [
             rr.AnnotationInfo(id=class_id, label=name, color=class_color(class_id).bytes_rgb)
-            for class_id, name in enumerate(self._config.class_names)
+            for class_id, name in enumerate(self._config.object_names)
         ]
         static = self._recording
         static.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, rr.AnnotationContext(context), static=True)
@@ -222,7 +222,7 @@ class RerunResultWriter:
         self._recording.log("world/ground", archetypes.ground_points(result.combined))
 
     def _log_objects(self, result: FrameResult) -> None:
-        labels, log = object_labels(result, self._config.class_names), self._recording.log
+        labels, log = object_labels(result, self._config.object_names), self._recording.log
         strong, placed = strong_objects(result), placed_objects(result)
         looks: tuple[tuple[str, Bools, archetypes.Look], ...] = (
             ("world/objects", strong & ~placed, "strong"),
@@ -235,7 +235,7 @@ class RerunResultWriter:
         log("world/objects/heading", archetypes.heading_arrows(result, strong & ~placed))
         log("world/placed/uncertainty", archetypes.object_ellipses(result, strong & placed))
         if (found := result.detections.placed) is not None:
-            log(PLACED, archetypes.placed_boxes(found, self._config.class_names))
+            log(PLACED, archetypes.placed_boxes(found, self._config.object_names))
             log(f"{PLACED}/uncertainty", archetypes.placed_ellipses(found))
             self._shown.add(PLACED)
         elif PLACED in self._shown:
@@ -272,7 +272,7 @@ class RerunResultWriter:
                 image = self._encoded(message)
             except MessageError as err:
                 drops = (Drop(message.topic, message.stamp_ns, "the image cannot be shown", str(err)),)
-        drawn = drawn_boxes_2d(result, camera.name, self._config.class_names)
+        drawn = drawn_boxes_2d(result, camera.name, self._config.object_names)
         if not is_slower:
             self._log("image", camera, image)
         self._log("boxes", camera, archetypes.boxes_2d(drawn))

@@ -19,10 +19,13 @@ from pipeline.core.settings.recording import LimitsConfig, RigConfig, TopicsConf
 from pipeline.core.settings.run import OutputConfig, RunConfig
 from pipeline.core.settings.sync import SyncConfig
 
-__all__ = ["ALL_CLASSES", "Config"]
+__all__ = ["ALL_CLASSES", "UNKNOWN_CLASS", "Config"]
 
 ALL_CLASSES = "all"
 """In place of a class, in the names of figures."""
+
+UNKNOWN_CLASS = "unknown"
+"""Name of what is there and is of no class; its class id is the number of classes."""
 
 
 class Config(SettingsModel):
@@ -53,6 +56,8 @@ class Config(SettingsModel):
         names = [prior.name for prior in self.classes]
         if len(set(names)) < len(names):
             raise ValueError(f"classes: a name is used twice in {', '.join(names)}")
+        if UNKNOWN_CLASS in names:
+            raise ValueError(f"classes: {UNKNOWN_CLASS!r} is what is of no class (fuse.unknown); expected another name")
         if ALL_CLASSES in names:
             raise ValueError(f"classes: {ALL_CLASSES!r} names the figures of all classes; expected another name")
         return self
@@ -61,6 +66,11 @@ class Config(SettingsModel):
     def class_names(self) -> tuple[str, ...]:
         """Names by class id."""
         return tuple(prior.name for prior in self.classes)
+
+    @property
+    def object_names(self) -> tuple[str, ...]:
+        """Names by class id of fused objects, of which some may be of no class, if `fuse.unknown` is on."""
+        return (*self.class_names, UNKNOWN_CLASS) if self.fuse.unknown else self.class_names
 
     @property
     def class_id_of_label(self) -> dict[str, int]:

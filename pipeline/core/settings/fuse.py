@@ -49,6 +49,9 @@ class FuseConfig(SettingsModel):
         camera_recall: Share of large objects in plain view that the 2D detector finds; how much it speaks against an
             object that a camera should see it and says nothing. null: learned while the run goes on, for each camera
             and size.
+        unknown: Whether what the lidars see well, and what is probably of no class, is reported as an object of class
+            `unknown`: cargo on the road, animals, but also bushes, poles and walls up to the size of a bus. Its score
+            grows with its points. `/lidar_camera_fused` and `lidcam evaluate` leave such objects out.
         refine: Fit the boxes to the 2D boxes that are matched with them. Off, they stay as the lidars gave them.
         pixel_sigma_px: Standard deviation of the edges of 2D boxes, pixels: how much is taken from the cameras.
         outline_sigma: Standard deviation that is added to it, as a share of the size of the 2D box (the root of its
@@ -61,8 +64,9 @@ class FuseConfig(SettingsModel):
         underside: How far above the ground an object begins at its outline, as a share of its height.
     """
 
-    min_score: Share = 0.4
+    min_score: Share = 0.5
     camera_recall: Share | None = None
+    unknown: bool = False
     refine: bool = True
     pixel_sigma_px: Positive = 1.5
     outline_sigma: NotNegative = 0.03

@@ -9,7 +9,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
 from pipeline.core.arrays import F64
-from pipeline.core.camera import CameraModel
+from pipeline.core.camera import CameraModel, DistortionModel
 from pipeline.core.errors import CalibrationError
 from pipeline.core.geometry.box_edges import BOX_EDGES
 from pipeline.core.geometry.boxes import box_corners
@@ -279,3 +279,28 @@ def test_straight_edges_are_one_piece_each() -> None:
     assert len(camera().project_edges(corners)[0]) == 12
     assert len(camera("plumb_bob", [-0.3]).project_edges(corners * [1, 1, 0.3])[0]) > 24
     assert len(camera().project_edges(np.zeros((0, 8, 3)))[0]) == 0
+
+
+@pytest.mark.parametrize(
+    ("kind", "distortion"),
+    [
+        ("plumb_bob", []),
+        ("plumb_bob", [-0.3, 0.1, 0.002, -0.003, -0.02]),
+        ("plumb_bob", [0.2, 0.1, -0.002, 0.003]),
+        ("rational_polynomial", [0.4, 0.1, 0.001, 0, 0.01, 0.6, 0.2, 0.02]),
+        ("equidistant", [0.02, -0.01, 0.002, 0]),
+    ],
+)
+@pytest.mark.parametrize("focal_px", [150.0, 400.0, 1500.0])
+def test_all_that_an_image_shows_lies_in_the_cone_of_its_view(
+    kind: DistortionModel, distortion: list[float], focal_px: float
+) -> None:
+    K = np.array([[focal_px, 3.0, 300.0], [0, focal_px * 1.1, 260.0], [0, 0, 1]])
+    model = CameraModel("cam", 640, 480, K, kind, np.array(distortion))
+    angles = np.stack(np.meshgrid(np.linspace(0, 1.5, 150), np.linspace(-np.pi, np.pi, 60)), -1).reshape(-1, 2)
+    aside, around = angles.T
+    rays = np.stack([np.sin(aside) * np.cos(around), np.sin(aside) * np.sin(around), np.cos(aside)], 1)
+    pixels, valid = model.project(rays)
+    shown = valid & (pixels >= 0).all(1) & (pixels <= [640, 480]).all(1)
+    assert aside[shown].max() <= model.view_angle_rad
+    assert min(model.view_angle_rad, 1.5) <= aside[shown].max() * 1.35 + 0.02, "and not much else"

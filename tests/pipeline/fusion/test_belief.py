@@ -6,17 +6,23 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pipeline.core.detections import Source
+from pipeline.core.settings.classes import ROAD_CLASSES
 from pipeline.fusion.belief import (
     FITTED,
+    at_its_place,
     camera_evidence,
     joined,
+    joined_without_each,
     log_odds_before_cameras,
     logit,
     probability,
+    reach_of_classes,
 )
 from pipeline.fusion.looks import Looks
 
 SCORE = st.floats(0, 1)
+LIDAR = np.full(3, 20, np.int32), np.zeros(3, np.uint8), np.ones(3, np.bool_)
+"""Points, sources, and whether the lidars found them."""
 
 
 def looks(
@@ -27,14 +33,13 @@ def looks(
     is_matched: bool = False,
     score: float = 0.0,
     iou: float = 0.0,
-    rivals: float = 0.0,
 ) -> Looks:
     """One camera that has one whole box of 60 px in plain view, without a match unless a value says so."""
     flags = (np.array([[flag]], np.bool_) for flag in (in_view, is_cut, is_matched))
-    values = (np.array([[value]], np.float64) for value in (60.0, visible, score, iou, rivals))
+    values = (np.array([[value]], np.float64) for value in (60.0, visible, score, iou))
     view, cut, matched = flags
-    size_px, shown, scores, overlap, others = values
-    return Looks(("cam",), view, size_px, shown, cut, matched, scores, overlap, others)
+    size_px, shown, scores, overlap = values
+    return Looks(("cam",), view, size_px, shown, cut, matched, scores, overlap)
 
 
 def evidence(found: Looks, recall: float = 0.9) -> float:
@@ -51,14 +56,29 @@ def test_probabilities_and_log_odds_are_each_others_inverse_within_limits() -> N
 @given(SCORE, SCORE)
 def test_a_higher_score_of_the_lidars_is_more_probable(one: float, two: float) -> None:
     scores = np.array(sorted((one, two)))
-    found = log_odds_before_cameras(scores, np.ones(2), np.zeros(2, np.uint8), np.ones(2, np.bool_), FITTED)
+    points, sources, is_lidar = LIDAR
+    found = log_odds_before_cameras(scores, np.ones(2), points[:2], sources[:2], is_lidar[:2], FITTED)
     assert found[0] <= found[1]
+
+
+def test_what_is_rare_is_less_probable_and_what_has_points_more() -> None:
+    scores, points, rest = np.full(3, 0.3), np.array([10, 10, 100], np.int32), LIDAR[1:]
+    rare, common, dense = log_odds_before_cameras(scores, np.array([0.2, 1.0, 1.0]), points, *rest, FITTED)
+    assert rare < common < dense
+
+
+def test_where_an_object_is() -> None:
+    covariances = np.zeros((4, 3, 3))
+    covariances[:, [0, 1], [0, 1]] = np.array([[0.0], [0.01], [1.0], [100.0]])
+    place = at_its_place(covariances, np.full(4, 2.0))
+    assert place.tolist() == pytest.approx([1, 1, 1 - np.exp(-2), 1 - np.exp(-0.02)])
+    assert reach_of_classes(ROAD_CLASSES)[:2].tolist() == [2.0, 0.875]
 
 
 def test_what_was_begun_from_a_2d_box_has_less_behind_it_without_points() -> None:
     sources = np.array([Source.LIDAR, Source.BOTH, Source.CAMERA], np.uint8)
     is_lidar = np.array([True, False, False])
-    odds = log_odds_before_cameras(np.full(3, 0.5), np.full(3, 2.0), sources, is_lidar, FITTED)
+    odds = log_odds_before_cameras(np.full(3, 0.5), np.ones(3), LIDAR[0], sources, is_lidar, FITTED)
     assert odds[1:].tolist() == [FITTED.led, FITTED.placed]
 
 
@@ -67,7 +87,6 @@ def test_a_match_speaks_for_and_silence_against() -> None:
     assert usual > 0 > evidence(looks())
     assert evidence(looks(is_matched=True, score=0.9, iou=0.7)) > usual
     assert evidence(looks(is_matched=True, score=0.6, iou=0.4)) < usual
-    assert evidence(looks(is_matched=True, score=0.6, iou=0.7, rivals=3)) < usual
 
 
 def test_silence_of_a_camera_that_could_not_see_it_says_nothing() -> None:
@@ -97,5 +116,13 @@ def test_further_cameras_count_less_than_the_first() -> None:
     assert two == pytest.approx(3.0)
 
 
+@given(st.lists(st.floats(-5, 5), min_size=1, max_size=6), st.sampled_from([0.3, 0.7, 1.0]))
+def test_without_each_camera_in_turn(values: list[float], further: float) -> None:
+    column, by = np.array(values)[:, None], replace(FITTED, further=further)
+    expected = [joined(np.delete(column, row, 0), by)[0] for row in range(len(values))]
+    assert joined_without_each(column, by)[:, 0].tolist() == pytest.approx(expected)
+
+
 def test_no_cameras() -> None:
+    assert joined_without_each(np.zeros((0, 3)), FITTED).shape == (0, 3)
     assert joined(np.zeros((0, 3)), FITTED).tolist() == [0, 0, 0]

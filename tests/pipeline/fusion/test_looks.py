@@ -40,14 +40,13 @@ def test_what_a_camera_has_in_view() -> None:
     assert not looks.is_matched.any()
 
 
-def test_a_match_with_its_score_its_overlap_and_its_rivals() -> None:
+def test_a_match_with_its_score_and_its_overlap() -> None:
     found = hypotheses(boxes3d([CAR, CAR, ASIDE]), (1, 0))
     rectangle = found.matches["cam"].projected_xyxy[0]
     looks = looks_at(found, {"cam": boxes2d([(*rectangle, 0.75, 0)])}, {"cam": VIEW}, NO_POINTS)
     assert looks.is_matched.tolist() == [[False, True, False]]
     assert looks.scores.tolist() == [[0.0, 0.75, 0.0]]
     np.testing.assert_allclose(looks.iou, [[0.0, 0.8, 0.0]], rtol=1e-6)
-    assert looks.rivals.tolist() == [[0.0, 1.0, 0.0]]
 
 
 def test_points_and_objects_in_front_hide() -> None:

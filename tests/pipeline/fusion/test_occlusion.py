@@ -1,16 +1,29 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from detections import forward_camera
+from detections import boxes3d, forward_camera
 
-from pipeline.fusion.occlusion import MAX_POINTS, DepthPicture, sampled
+from pipeline.core.arrays import F32, F64
+from pipeline.core.geometry.boxes import box_corners
+from pipeline.core.geometry.transform import Transform
+from pipeline.core.rig import CameraSensor
+from pipeline.fusion.occlusion import hidden_by_points
 
 VIEW = forward_camera()  # 640 x 480 px, f = 500 px, looks along x
-WHOLE = np.array([[220.0, 140, 420, 340]], np.float32)  # 4 m wide and high at 10 m
+PLATE = (10.0, 0.0, 0.0, 0.1, 4.0, 4.0, 0.0)
 
 
-def wall(x_m: float, y_m: tuple[float, float] = (-2.0, 2.0), z_m: tuple[float, float] = (-2.0, 2.0)) -> np.ndarray:
+def wall(x_m: float, y_m: tuple[float, float] = (-2.0, 2.0), z_m: tuple[float, float] = (-2.0, 2.0)) -> F32:
     y, z = np.meshgrid(np.linspace(*y_m, 60), np.linspace(*z_m, 60))
     return np.stack([np.full(y.size, x_m), y.ravel(), z.ravel()], 1).astype(np.float32)
+
+
+def hidden(points: F32, *rows: tuple[float, ...], views: tuple[CameraSensor, ...] = (VIEW,)) -> F64:
+    boxes = boxes3d(rows)
+    cameras, objects = np.nonzero(np.ones((len(views), len(rows))))
+    corners = box_corners(boxes.centers, boxes.sizes, boxes.yaws)
+    return hidden_by_points(views, points, corners, cameras, objects)
 
 
 @pytest.mark.parametrize(
@@ -19,36 +32,56 @@ def wall(x_m: float, y_m: tuple[float, float] = (-2.0, 2.0), z_m: tuple[float, f
         (np.zeros((0, 3), np.float32), 0.0, 0.0),
         (wall(5.0), 0.95, 1.0),
         (wall(15.0), 0.0, 0.0),
-        (wall(9.9), 0.0, 0.0),  # its own points
-        (-wall(5.0), 0.0, 0.0),  # behind the camera
-        (wall(5.0, (-10.0, -3.0)), 0.0, 0.0),  # beside it
+        (wall(9.9), 0.0, 0.0),
+        (-wall(5.0), 0.0, 0.0),
+        (wall(5.0, (-10.0, -3.0)), 0.0, 0.0),
         (np.concatenate([wall(5.0, (0.0, 1.0), (-1.0, 1.0)), wall(10.0)]), 0.4, 0.65),
-        (np.array([[5.0, 0, 0]], np.float32), 0.5, 0.5),  # one point does not hide all
+        (np.array([[5.0, 0, 0]], np.float32), 0.5, 0.5),
     ],
-    ids=["nothing", "in front", "behind", "on it", "behind the camera", "beside", "half", "one point"],
+    ids=[
+        "nothing",
+        "in front",
+        "behind",
+        "on it",
+        "behind the camera",
+        "beside",
+        "half",
+        "one point does not hide all",
+    ],
 )
-def test_what_is_nearer_hides(points: np.ndarray, low: float, high: float) -> None:
-    (share,) = DepthPicture.of(VIEW, points).hidden(WHOLE, np.array([10.0]))
+def test_what_is_nearer_hides(points: F32, low: float, high: float) -> None:
+    (share,) = hidden(points, PLATE)
     assert low <= share <= high
 
 
 def test_small_objects_take_the_cell_that_they_lie_in() -> None:
-    picture = DepthPicture.of(VIEW, wall(5.0))
-    tiny = np.array([[320.0, 240, 320, 240], [640, 480, 640, 480], [0, 0, 0.5, 0.5]], np.float32)
-    assert (picture.hidden(tiny, np.full(3, 10.0)) > 0).tolist() == [True, False, False]
+    shares = hidden(wall(5.0), (10.0, 0, 0, 0.01, 0.01, 0.01, 0), (10.0, 6.0, 4.5, 0.01, 0.01, 0.01, 0))
+    assert (shares > 0).tolist() == [True, False]
 
 
-def test_a_lens_that_bends_lines_is_followed() -> None:
-    bent = forward_camera(distortion=(-0.3, 0.1))
-    corner = np.array([[5.0, 2.5, 1.8]], np.float32)
-    (pixel,), _ = bent.model.project(np.asarray(bent.T_camera_site.apply(corner)))
-    rectangle = np.concatenate([pixel - 5, pixel + 5])[None].astype(np.float32)
-    assert DepthPicture.of(bent, corner).hidden(rectangle, np.array([10.0]))[0] == 0.5
+def test_objects_beside_and_behind_the_camera_are_hidden_by_nothing_but_do_no_harm() -> None:
+    shares = hidden(wall(5.0), (-10.0, 0, 0, 4, 2, 2, 0), (0.0, 20, 0, 4, 2, 2, 0), (0.0, 0, 0, 4, 2, 2, 0))
+    assert np.isfinite(shares).all()
+    assert (shares[1:] == 0).all()
 
 
-@pytest.mark.parametrize("count", [0, 1, MAX_POINTS, MAX_POINTS + 1, 3 * MAX_POINTS + 7])
-def test_points_are_chosen_evenly(count: int) -> None:
-    points = np.arange(3 * count, dtype=np.float32).reshape(-1, 3)
-    chosen = sampled(points)
-    assert min(count, MAX_POINTS // 2) <= len(chosen) <= MAX_POINTS
-    assert len(np.unique(np.diff(chosen[:, 0]))) <= 1
+def test_each_camera_has_its_own_view() -> None:
+    turned = np.diag([-1.0, -1.0, 1.0, 1.0])
+    backward = replace(VIEW, T_camera_site=Transform("cam", "site", VIEW.T_camera_site.matrix @ turned))
+    behind = (-10.0, *PLATE[1:])
+    shares = hidden(wall(5.0), PLATE, behind, views=(VIEW, backward)).reshape(2, 2)
+    assert shares[0, 0] > 0.9
+    assert shares[1, 1] == 0
+    np.testing.assert_array_equal(
+        hidden(-wall(5.0), PLATE, behind, views=(VIEW, backward)).reshape(2, 2)[1, 1] > 0.9, True
+    )
+
+
+def test_many_points_are_looked_at_evenly() -> None:
+    dense = np.repeat(wall(5.0), 20, axis=0)
+    assert hidden(dense, PLATE)[0] == pytest.approx(hidden(wall(5.0), PLATE)[0], abs=0.05)
+
+
+def test_no_pairs() -> None:
+    none = np.zeros(0, np.intp)
+    assert hidden_by_points((), wall(5.0), np.zeros((0, 8, 3)), none, none).shape == (0,)

@@ -21,7 +21,6 @@ def looks(camera: str, sizes_px: list[float], is_matched: list[bool], visible: f
         np.array([is_matched], np.bool_),
         zeros,
         zeros.copy(),
-        zeros.copy(),
     )
 
 

@@ -1,4 +1,5 @@
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -39,6 +40,7 @@ def believed(found: Hypotheses, seen: Mapping[str, Boxes2D], config: Config | No
 
 def test_what_a_camera_confirms_what_nobody_looks_at_and_what_it_does_not_confirm() -> None:
     boxes = boxes3d([CAR, CAR, BEHIND], scores=[0.2] * 3)
+    boxes = replace(boxes, point_counts=np.full(3, 50, np.int32))
     found = hypotheses(boxes, (0, 0))
     confirmed, doubted, unseen = believed(found, {"cam": boxes2d([(280, 220, 360, 260, 0.8, 0)])})
     assert confirmed > 0.8
@@ -51,7 +53,7 @@ def test_what_a_camera_confirms_what_nobody_looks_at_and_what_it_does_not_confir
 
 def test_a_blind_camera_takes_less_and_less_away() -> None:
     believe = Believe(RIG, Config())
-    found = hypotheses(boxes3d([CAR], scores=[0.7]))
+    found = hypotheses(boxes3d([CAR], scores=[0.5]))
     (first,) = believe(found, NOTHING, {"cam": VIEW}, POINTS)
     for _ in range(100):
         (last,) = believe(found, NOTHING, {"cam": VIEW}, POINTS)

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from detections import boxes3d
@@ -47,3 +49,20 @@ def test_a_higher_threshold_keeps_a_part_of_what_a_lower_one_keeps(scores: list[
     low, high = (set(fuse(limit)(found, beliefs).rows.tolist()) for limit in sorted((one, two)))
     assert high <= low
     assert len(fuse(0.0)(found, beliefs).rows) == len(scores)
+
+
+def test_what_is_there_and_of_no_class() -> None:
+    x_m, points = [0.0, 20.0, 40.0, 41.0, 60.0, 0.5], [100, 100, 100, 30, 5, 100]
+    boxes = boxes3d([(x, 0, 0.5, 4.0, 1.8, 1.5, 0.0) for x in x_m], scores=[0.3] * 6)
+    boxes = replace(boxes, point_counts=np.array(points, np.int32))
+    beliefs = np.array([0.9, 0.1, 0.1, 0.1, 0.1, 0.1])
+    found = Hypotheses(boxes, {}, 6)
+    config = Config(fuse=FuseConfig(unknown=True))
+    fused = Fuse(config)(found, beliefs)
+    assert fused.rows.tolist() == [0, 1, 2], "not: a part of another, too few points, on an object"
+    assert [config.object_names[row] for row in fused.objects.class_ids] == ["car", "unknown", "unknown"]
+    assert fused.objects.scores.tolist() == pytest.approx([0.9, 10 / 11, 10 / 11])
+    assert Fuse(config)(replace(found, lidar_count=1), beliefs).rows.tolist() == [0], "2D boxes begin nothing unknown"
+    assert Fuse(Config())(found, beliefs).rows.tolist() == [0]
+    nothing = Hypotheses(boxes.select(np.zeros(0, np.intp)), {}, 0)
+    assert len(Fuse(config)(nothing, np.zeros(0)).rows) == 0

@@ -11,6 +11,7 @@ from pipeline.core.settings.config import ALL_CLASSES
 from pipeline.evaluation.detection.averages import overlap_name
 from pipeline.evaluation.detection.errors import bird_eye_m
 from pipeline.evaluation.detection.gain.resampling import Resampling, sampled_ap_by_distance, sampled_ap_by_overlap
+from pipeline.evaluation.detection.gain.same_objects import PERCENTILES, gain_on_same_objects
 from pipeline.evaluation.detection.source import Source
 from pipeline.evaluation.records import Figures
 from pipeline.evaluation.scales import NUSCENES_RANGES_M
@@ -19,7 +20,6 @@ __all__ = ["fusion_gain"]
 
 _FUSED = "fused"
 _IOU = 0.5
-_PERCENTILES = (2.5, 97.5)
 _MIN_BLOCKS = 5
 """From fewer blocks an interval would say nothing, and look as if it did."""
 
@@ -34,6 +34,8 @@ Samples = dict[str, F64]
 
 def fusion_gain(sources: Mapping[str, Source], figures: Mapping[str, Figures], resampling: Resampling) -> Figures:
     """What `fused` adds to the better of the other sources, by class and figure, with an interval of 95 %.
+
+    `same_objects` has by how much `fused` places the objects better that each of the others found, too.
 
     A gain is positive where fusion is better, also of the error of position, and exactly 0 where the figures differ by
     their rounding alone. The better source is chosen on the whole recording. The interval is that of the percentiles of
@@ -60,6 +62,11 @@ def fusion_gain(sources: Mapping[str, Source], figures: Mapping[str, Figures], r
             values = {source: _value(figures[source], class_name, name) for source in sources}
             drawn = {source: samples[source][class_name][name] for source in sources} if has_interval else {}
             _set(gain, name, _gain(values, drawn, singles, sign=-1 if name == _POSITION else 1))
+        class_id = None if class_name == ALL_CLASSES else sources[_FUSED].site.class_names.index(class_name)
+        gain["same_objects"] = {
+            name: gain_on_same_objects(sources[_FUSED], sources[name], class_id, resampling, has_interval=has_interval)
+            for name in singles
+        }
         gains[class_name] = gain
     return gains
 
@@ -78,7 +85,7 @@ def _gain(
     defined = differences[np.isfinite(differences)]
     if not len(defined):
         return {**gain, "takes_away": None}
-    low, high = map(float, np.percentile(defined, _PERCENTILES))
+    low, high = map(float, np.percentile(defined, PERCENTILES))
     return {**gain, "low": low, "high": high, "takes_away": high < 0}
 
 

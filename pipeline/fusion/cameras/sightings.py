@@ -8,8 +8,8 @@ import numpy as np
 from pipeline.core.arrays import F64, I64, Bools, Rows, select_rows
 from pipeline.core.detections import Boxes2D
 from pipeline.core.rig import CameraSensor
+from pipeline.fusion.cameras.rays import rays_of_pixels
 from pipeline.fusion.projection import CameraArrays
-from pipeline.fusion.rays import rays_of_pixels
 
 __all__ = ["BORDER_PX", "Sightings", "see"]
 

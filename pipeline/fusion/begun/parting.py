@@ -4,9 +4,9 @@ import numpy as np
 
 from pipeline.core.arrays import F32, I64
 from pipeline.core.detections import Boxes3D
-from pipeline.fusion.beginning import Begun
-from pipeline.fusion.frustums import FrustumPoints
-from pipeline.fusion.sightings import Sightings
+from pipeline.fusion.begun.beginning import Begun
+from pipeline.fusion.begun.frustums import FrustumPoints
+from pipeline.fusion.cameras.sightings import Sightings
 
 __all__ = ["find_hosts", "find_merged", "share_points"]
 

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 from pipeline.core.arrays import I64
 from pipeline.core.detections import Boxes3D
-from pipeline.fusion.placing import Placements
-from pipeline.fusion.sightings import Sightings
+from pipeline.fusion.cameras.placing import Placements
+from pipeline.fusion.cameras.sightings import Sightings
 
 __all__ = ["Placed"]
 

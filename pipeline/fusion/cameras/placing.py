@@ -15,8 +15,8 @@ import numpy as np
 
 from pipeline.core.arrays import F64, Rows, select_rows
 from pipeline.core.settings.classes import ClassPrior
-from pipeline.fusion.observed import Noise, Observed, observe
-from pipeline.fusion.sightings import Sightings
+from pipeline.fusion.cameras.observed import Noise, Observed, observe
+from pipeline.fusion.cameras.sightings import Sightings
 
 __all__ = ["HEADINGS", "Ground", "Placements", "SizePriors", "place"]
 

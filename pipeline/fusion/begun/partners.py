@@ -7,7 +7,7 @@ import numpy as np
 from pipeline.core.arrays import F64, I64, Bools
 from pipeline.core.detections import Matches
 from pipeline.core.geometry.boxes import iou_xyxy
-from pipeline.fusion.sightings import Sightings
+from pipeline.fusion.cameras.sightings import Sightings
 
 __all__ = ["find_echoes", "find_partners"]
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from pipeline.core.arrays import F64, Bools
 from pipeline.core.geometry.boxes import wrap_angle
-from pipeline.fusion.sightings import Sightings
+from pipeline.fusion.cameras.sightings import Sightings
 
 __all__ = ["CUT_SHARE", "Noise", "Observed", "observe"]
 
@@ -29,13 +29,13 @@ class Noise:
 
     Attributes:
         pixel_px: Of an edge of a 2D box.
-        box_share: The same, as a share of the box's extent; both add up.
+        outline: The same, as a share of the box's size, the root of its area; both add up.
         ground_m: Of the height of the ground.
         ground_slope: Of its slope between camera and object, rise over run.
     """
 
     pixel_px: float
-    box_share: float
+    outline: float
     ground_m: float
     ground_slope: float
 
@@ -72,7 +72,8 @@ def observe(sightings: Sightings, noise: Noise) -> Observed:
     bearing = np.arctan2(sightings.rays[..., 1], sightings.rays[..., 0])
     width, lower, upper = wrap_angle(bearing[:, 7] - bearing[:, 3]), slope[:, 5], slope[:, 1]
     extent_px = np.tile(sightings.xyxy[:, 2:] - sightings.xyxy[:, :2], 2)
-    variance = (noise.pixel_px / extent_px) ** 2 + noise.box_share**2
+    area_px = (extent_px[:, 0] * extent_px[:, 1])[:, None]
+    variance = (noise.pixel_px**2 + noise.outline**2 * area_px) / extent_px**2
     variance += np.where(sightings.cut, CUT_SHARE**2, np.where(_are_hidden(sightings), HIDDEN_SHARE**2, 0.0))
     extent = np.stack([np.abs(width), np.abs(upper - lower)] * 2, 1)
     return Observed(bearing[:, 7], width, lower, upper, extent * np.sqrt(variance))

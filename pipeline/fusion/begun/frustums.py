@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.core.arrays import F32, F64, I64, Rows, select_rows
-from pipeline.fusion.sightings import Sightings
+from pipeline.fusion.cameras.sightings import Sightings
 
 __all__ = ["FrustumPoints", "points_in_frustums"]
 

@@ -12,7 +12,7 @@ import numpy as np
 from pipeline.core.arrays import F32, F64, I64
 from pipeline.core.settings.detect import ClusterConfig
 from pipeline.detectors.cluster.clusters import cluster_points, thin_points
-from pipeline.fusion.frustums import FrustumPoints
+from pipeline.fusion.begun.frustums import FrustumPoints
 
 __all__ = ["Expected", "Segments", "choose_segments"]
 

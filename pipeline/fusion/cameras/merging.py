@@ -13,7 +13,8 @@ from scipy.optimize import linear_sum_assignment
 
 from pipeline.core.arrays import F64, I64, join_rows
 from pipeline.core.geometry.boxes import wrap_angle
-from pipeline.fusion.placing import HEADINGS, Placements
+from pipeline.fusion.cameras.placing import HEADINGS, Placements
+from pipeline.fusion.small_matrices import inverse
 
 __all__ = ["Moments", "merge_sightings", "moments"]
 
@@ -98,10 +99,10 @@ def _combined(known: Placements, rows: I64, new: Placements) -> Placements:
     p, q = known.covariances[rows], new.covariances
     total = p + q
     gap = new.xy - known.xy[rows]
-    inverse = _inverse(total)
-    gain = (p[..., :, :, None] * inverse[..., None, :, :]).sum(-2)
+    weight = inverse(total)
+    gain = (p[..., :, :, None] * weight[..., None, :, :]).sum(-2)
     moved = (gain * gap[..., None, :]).sum(-1)
-    square = (gap[..., :, None] * inverse * gap[..., None, :]).sum((-1, -2))
+    square = (gap[..., :, None] * weight * gap[..., None, :]).sum((-1, -2))
     determinant = total[..., 0, 0] * total[..., 1, 1] - total[..., 0, 1] ** 2
     left = p - (gain[..., :, :, None] * p[..., None, :, :]).sum(-2)
     xy, covariances, log_weights = known.xy.copy(), known.covariances.copy(), known.log_weights.copy()
@@ -109,10 +110,3 @@ def _combined(known: Placements, rows: I64, new: Placements) -> Placements:
     covariances[rows] = (left + left.swapaxes(-1, -2)) / 2
     log_weights[rows] += new.log_weights - (square + np.log(determinant)) / 2
     return Placements(xy, covariances, log_weights)
-
-
-def _inverse(matrices: F64) -> F64:
-    """Inverses of symmetric matrices (..., 2, 2)."""
-    a, b, c = matrices[..., 0, 0], matrices[..., 0, 1], matrices[..., 1, 1]
-    adjugate = np.stack([np.stack([c, -b], -1), np.stack([-b, a], -1)], -2)
-    return np.asarray(adjugate / (a * c - b * b)[..., None, None])

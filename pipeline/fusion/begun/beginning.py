@@ -13,12 +13,12 @@ from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.detectors.cluster.fitting import BoxFitter
 from pipeline.detectors.protocols import Candidates3D
-from pipeline.fusion.frustums import FrustumPoints, heading_of, points_in_frustums
-from pipeline.fusion.merging import moments
-from pipeline.fusion.placing import Placements
+from pipeline.fusion.begun.frustums import FrustumPoints, heading_of, points_in_frustums
+from pipeline.fusion.begun.segments import MAX_OFF, Expected, choose_segments
+from pipeline.fusion.cameras.merging import moments
+from pipeline.fusion.cameras.placing import Placements
+from pipeline.fusion.cameras.sightings import Sightings
 from pipeline.fusion.projection import project_edges
-from pipeline.fusion.segments import MAX_OFF, Expected, choose_segments
-from pipeline.fusion.sightings import Sightings
 
 __all__ = ["Beginner", "Begun"]
 

@@ -1,0 +1,1 @@
+"""Objects begun from 2D boxes, and clusters parted by them."""

@@ -1,0 +1,1 @@
+"""Where the objects of 2D boxes stand, as far as cameras alone can tell."""

@@ -1,0 +1,89 @@
+import numpy as np
+from seen_boxes import camera_at, seen_by, views_of
+
+from pipeline.core.arrays import F64
+from pipeline.core.rig import CameraSensor
+from pipeline.core.settings.classes import ROAD_CLASSES
+from pipeline.fusion.cameras.merging import Moments, merge_sightings, moments
+from pipeline.fusion.cameras.observed import Noise
+from pipeline.fusion.cameras.placing import HEADINGS, Placements, SizePriors, place
+from pipeline.fusion.cameras.sightings import see
+
+CAR, PEDESTRIAN = 0, 1
+NORTH = camera_at("north", (0.0, 20.0, 5.0), yaw_deg=-90, pitch_deg=10)
+WEST = camera_at("west", (-20.0, 0.0, 5.0), pitch_deg=10)
+EAST = camera_at("east", (20.0, 0.0, 5.0), yaw_deg=180, pitch_deg=10)
+
+
+def normal(xy: F64, std_m: float) -> Placements:
+    """Round distributions about places (P, 2), all headings alike."""
+    places = np.repeat(np.asarray(xy, float)[:, None], len(HEADINGS), 1)
+    covariances = np.broadcast_to(std_m**2 * np.eye(2), (*places.shape, 2))
+    return Placements(places, covariances.copy(), np.zeros(places.shape[:2]))
+
+
+def merged(cars: list[tuple[float, float, float]], *cameras: CameraSensor) -> tuple[list[int], Moments]:
+    """Objects of the sightings of cars at x, y, yaw."""
+    length, width, height = ROAD_CLASSES[CAR].size_m
+    boxes = [(x, y, height / 2, length, width, height, yaw) for x, y, yaw in cars]
+    found = {camera.name: seen_by(camera, boxes, [CAR] * len(boxes)) for camera in cameras}
+    sightings = see(views_of(*cameras), found)
+    noise = Noise(1.5, 0.03, 0.05, 0.008)
+    placements = place(sightings, SizePriors.of(ROAD_CLASSES), lambda xy: np.zeros(xy.shape[:-1]), noise)
+    objects, known = merge_sightings(placements, sightings.cameras, sightings.class_ids)
+    return objects.tolist(), moments(known)
+
+
+def test_cameras_from_two_sides_place_and_turn_an_object_better_than_each() -> None:
+    one, two = merged([(2.0, 3.0, 0.5)], WEST), merged([(2.0, 3.0, 0.5)], WEST, NORTH)
+    assert two[0] == [0, 0]
+    assert np.trace(two[1].covariances[0, :2, :2]) < 0.2 * np.trace(one[1].covariances[0, :2, :2])
+    np.testing.assert_allclose(two[1].xy, [[2.0, 3.0]], atol=0.3)
+    assert abs(two[1].yaw_rad[0] - 0.5) < np.radians(20)
+
+
+def test_each_object_has_one_sighting_of_each_camera() -> None:
+    cars = [(-3.0, 5.0, 0.0), (4.0, -2.0, 1.0), (4.0, 6.0, 0.0)]
+    objects, found = merged(cars, WEST, NORTH, EAST)
+    assert sorted(objects) == [0, 0, 0, 1, 1, 1, 2, 2, 2]
+    gap = np.abs(found.xy[:, None] - np.array(cars)[:, :2]).max(-1)
+    assert sorted(gap.argmin(1).tolist()) == [0, 1, 2]
+    assert gap.min(1).max() < 0.5
+
+
+def test_information_of_independent_sightings_adds_up() -> None:
+    placements = normal(np.array([[0.0, 0.0], [1.0, 0.0]]), 2.0)
+    objects, known = merge_sightings(placements, np.array([0, 1]), np.array([CAR, CAR]))
+    found = moments(known)
+    assert objects.tolist() == [0, 0]
+    np.testing.assert_allclose(found.xy, [[0.5, 0.0]])
+    np.testing.assert_allclose(found.covariances[0, :2, :2], 2.0 * np.eye(2), atol=1e-12)
+
+
+def test_far_ones_other_classes_and_the_same_camera_are_apart() -> None:
+    for xy, cameras, classes in (
+        ([[0.0, 0.0], [9.0, 0.0]], [0, 1], [CAR, CAR]),
+        ([[0.0, 0.0], [0.1, 0.0]], [0, 1], [CAR, PEDESTRIAN]),
+        ([[0.0, 0.0], [0.1, 0.0]], [0, 0], [CAR, CAR]),
+    ):
+        objects, known = merge_sightings(normal(np.array(xy), 1.0), np.array(cameras), np.array(classes))
+        assert objects.tolist() == [0, 1]
+        np.testing.assert_allclose(moments(known).xy, xy)
+
+
+def test_nearest_pairs_first_over_all_of_a_camera() -> None:
+    placements = normal(np.array([[0.0, 0.0], [3.0, 0.0], [1.6, 0.0], [-0.9, 0.0]]), 1.0)
+    objects, _ = merge_sightings(placements, np.array([0, 0, 1, 1]), np.full(4, CAR))
+    assert objects.tolist() == [0, 1, 1, 0]
+
+
+def test_heading_of_nothing_known_is_uncertain_to_the_limit() -> None:
+    found = moments(normal(np.zeros((1, 2)), 1.0))
+    assert np.sqrt(found.covariances[0, 2, 2]) > np.radians(50)
+    sure = Placements(np.zeros((1, 12, 2)), np.ones((1, 12, 2, 2)), np.where(np.arange(12) == 11, 0.0, -np.inf)[None])
+    assert np.isclose(moments(sure).yaw_rad[0], HEADINGS[11] - np.pi)
+
+
+def test_nothing() -> None:
+    objects, known = merge_sightings(normal(np.zeros((0, 2)), 1.0), np.zeros(0, np.int64), np.zeros(0, np.int64))
+    assert len(objects) == len(known.xy) == len(moments(known).xy) == 0

@@ -1,0 +1,128 @@
+"""What the cameras alone make in 3D."""
+
+from collections.abc import Mapping
+
+import numpy as np
+import pytest
+from detections import boxes2d, camera_rig
+from helpers import shared
+from lidar_scene import combined
+from seen_boxes import Box, camera_at, seen_by, views_of
+
+from pipeline.core.camera import CameraModel
+from pipeline.core.clouds import CombinedCloud, Plane, PointCloud
+from pipeline.core.detections import Boxes2D, Boxes3D, Source
+from pipeline.core.frame import SensorBundle
+from pipeline.core.geometry.transform import Transform
+from pipeline.core.rig import CameraSensor, LidarSensor, Rig
+from pipeline.core.settings.config import Config
+from pipeline.stages.combine import Combine
+from pipeline.stages.place import Place
+from readers.rig.importers.kitti import kitti_calibration
+from readers.truth.kitti import LEFT_COLOUR_CAMERA, parse_kitti_labels
+
+CONFIG = Config()
+CAR, PEDESTRIAN = 0, 1
+WEST = camera_at("west", (-20.0, 0.0, 5.0), pitch_deg=10)
+NORTH = camera_at("north", (0.0, 20.0, 5.0), yaw_deg=-90, pitch_deg=10)
+CARS: list[Box] = [(2.0, 3.0, 0.775, 4.0, 1.7, 1.55, 0.4), (-3.0, -4.0, 0.775, 4.0, 1.7, 1.55, 1.5)]
+EMPTY = combined(np.zeros((0, 3)))
+
+
+def place(
+    boxes: Mapping[str, Boxes2D], *cameras: CameraSensor, cloud: CombinedCloud = EMPTY, config: Config = CONFIG
+) -> Boxes3D:
+    return Place(camera_rig(*cameras), config)(cloud, boxes, views_of(*cameras)).boxes
+
+
+def test_objects_of_two_cameras_are_merged_and_placed() -> None:
+    found = place({c.name: seen_by(c, CARS, [CAR, CAR]) for c in (WEST, NORTH)}, WEST, NORTH)
+    assert len(found) == 2
+    order = np.argsort(-found.centers[:, 0])
+    np.testing.assert_allclose(found.centers[order], np.array(CARS)[:, :3], atol=0.5)
+    assert found.sources.tolist() == [Source.CAMERA] * 2
+    assert found.scores == pytest.approx([1 - 0.2 * 0.2] * 2)
+    assert found.point_counts.tolist() == [0, 0]
+    assert found.sizes.tolist() == [[4.0, 1.7, 1.55]] * 2
+    assert (found.stamp_ns, found.frame_id) == (7, "site")
+
+
+def test_time_is_the_mean_of_the_images() -> None:
+    boxes = {c.name: seen_by(c, CARS[:1], [CAR]) for c in (WEST, NORTH)}
+    boxes["west"] = Boxes2D(10**18 + 20, "west", boxes["west"].xyxy, boxes["west"].scores, boxes["west"].class_ids)
+    boxes["north"] = Boxes2D(10**18 + 30, "north", boxes["north"].xyxy, boxes["north"].scores, boxes["north"].class_ids)
+    assert place(boxes, WEST, NORTH).measured_ns.tolist() == [10**18 + 25]
+
+
+def test_boxes_stand_on_the_ground_of_the_frame() -> None:
+    slope = Plane(np.array([-0.1, 0.0, 1.0]) / np.hypot(0.1, 1), 0.0)
+    box = (10.0, 0.0, 1.0 + 0.775, 4.0, 1.7, 1.55, 0.0)
+    cloud = combined(np.zeros((0, 3)), plane=slope)
+    found = place({"west": seen_by(WEST, [box], [CAR])}, WEST, cloud=cloud)
+    assert found.centers[0, 2] == pytest.approx(0.1 * found.centers[0, 0] + 0.775)
+    assert found.centers[0, 0] == pytest.approx(10.0, abs=1.5)
+
+
+def test_order_of_boxes_does_not_matter() -> None:
+    boxes = {c.name: seen_by(c, CARS, [CAR, CAR]) for c in (WEST, NORTH)}
+    turned = {name: some.select(np.array([1, 0])) for name, some in boxes.items()}
+    one, other = place(boxes, WEST, NORTH), place(turned, WEST, NORTH)
+    np.testing.assert_array_equal(one.centers, other.centers)
+    np.testing.assert_array_equal(one.covariances, other.covariances)
+
+
+def test_no_cameras_and_no_boxes() -> None:
+    assert len(place({})) == 0
+    assert len(place({}, WEST)) == 0
+    assert len(place({"west": Boxes2D.empty(1, "west")}, WEST)) == 0
+
+
+def test_hundreds_of_boxes() -> None:
+    rng = np.random.default_rng(0)
+    low = rng.uniform(0, [1200, 650], (300, 2))
+    rows = np.column_stack([low, low + rng.uniform(5, 80, (300, 2)), rng.uniform(0.1, 1, 300), rng.integers(0, 5, 300)])
+    found = place({"west": boxes2d(rows), "north": boxes2d(rows[:200])}, WEST, NORTH)
+    assert 300 <= len(found) <= 500
+    assert np.isfinite(found.centers).all()
+    assert (np.linalg.eigvalsh(found.covariances) > 0).all()
+
+
+# --- real frames: the labelled 2D boxes in the place of a network's
+
+
+def kitti(name: str) -> tuple[Place, CombinedCloud, Boxes2D, CameraSensor, list[tuple[str, np.ndarray]]]:
+    root = shared("data/kitti_object/training")
+    path = root / "calib" / f"{name}.txt"
+    calibration = kitti_calibration(path.read_text(), path)
+    assert calibration is not None
+    projection = calibration.projections[LEFT_COLOUR_CAMERA]
+    K = projection[:, :3].copy()
+    K[2] = 0, 0, 1
+    T_camera_rect = np.eye(4)
+    T_camera_rect[:3, 3] = np.linalg.solve(K, projection[:, 3])
+    pose = Transform("cam", "velodyne", T_camera_rect @ calibration.T_rect_velo)
+    camera = CameraSensor("cam", "/cam", "", CameraModel("cam", 1242, 375, K, "plumb_bob", np.zeros(0)), pose)
+    lidar = LidarSensor("lidar", "/lidar", Transform.identity("velodyne", "velodyne"))
+    rig = Rig("velodyne", (lidar,), (camera,), ())
+    points = np.fromfile(root / "velodyne" / f"{name}.bin", np.float32).reshape(-1, 4)
+    n = len(points)
+    xyz, intensity = points[:, :3].copy(), points[:, 3].copy()
+    cloud = PointCloud(1, "velodyne", xyz, intensity, np.zeros(n, np.uint16), np.zeros(n, np.int32))
+    frame = Combine(rig, CONFIG.combine)(SensorBundle(0, 1, 1, {}), {"lidar": cloud})
+    path = root / "label_2" / f"{name}.txt"
+    ids = {"Car": CAR, "Pedestrian": PEDESTRIAN}
+    labels = [one for one in parse_kitti_labels(path.read_text(), path).labels if one.label in ids]
+    truth = [(one.label, (np.linalg.inv(calibration.T_rect_velo) @ one.T_rect_box())[:3, 3]) for one in labels]
+    return Place(rig, CONFIG), frame, boxes2d([(*one.xyxy, 0.9, ids[one.label]) for one in labels]), camera, truth
+
+
+@pytest.mark.parametrize("name", ["000000", "000002", "000003"])
+def test_labelled_boxes_of_real_frames_are_placed_within_two_metres(name: str) -> None:
+    stage, frame, boxes, camera, truth = kitti(name)
+    found = stage(frame, {"cam": boxes}, {"cam": camera})
+    assert len(found.boxes) == len(truth)
+    for row, object_of_row in zip(found.sightings.rows, found.objects, strict=True):
+        gap = found.boxes.centers[object_of_row, :2] - truth[row][1][:2]
+        covariance = found.boxes.covariances[object_of_row, :2, :2]
+        assert np.hypot(*gap) < 2.0
+        assert gap @ np.linalg.solve(covariance, gap) < 9.2

@@ -1,0 +1,166 @@
+"""Objects begun from 2D boxes, and clusters parted by them."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from detections import boxes3d, camera_rig
+from lidar_scene import combined, rig, scan
+from seen_boxes import Box, camera_at, seen_by, views_of
+
+from pipeline.core.arrays import F64
+from pipeline.core.detections import Boxes2D, Boxes3D, Source
+from pipeline.core.rig import CameraSensor, Rig
+from pipeline.core.settings.config import Config
+from pipeline.stages.associate import Associate
+from pipeline.stages.detect3d import Detect3D
+from pipeline.stages.place import Place
+from pipeline.stages.propose import Propose
+
+CONFIG = Config()
+CAR, PEDESTRIAN, BICYCLE = 0, 1, 2
+LIDAR = (0.0, 0.0, 1.8)
+CAMERA = camera_at("cam", (0.0, 0.0, 1.6))
+CAR_BOX: Box = (16.0, 2.0, 0.775, 4.2, 1.75, 1.55, 0.2)
+OTHER: Box = (18.0, -5.0, 0.775, 4.0, 1.7, 1.55, -0.4)
+WALKERS: list[Box] = [(8.0, 0.3, 0.87, 0.5, 0.5, 1.75, 0.0), (8.3, -0.5, 0.87, 0.5, 0.5, 1.75, 0.0)]
+
+
+def with_cameras(*cameras: CameraSensor) -> Rig:
+    return replace(rig(LIDAR), cameras=cameras)
+
+
+def cloud_of(*boxes: Box) -> F64:
+    points = scan(LIDAR, list(boxes), noise_m=0.01)
+    return points[points[:, 2] > 0.2]
+
+
+def propose(
+    points: F64, lidar: Boxes3D | None, boxes2d: Mapping[str, Boxes2D], *cameras: CameraSensor, config: Config = CONFIG
+) -> tuple[Boxes3D, Boxes3D]:
+    """The lidar's boxes, by default those that are found in the points; and all hypotheses."""
+    sensors, frame, views = with_cameras(*cameras), combined(points), views_of(*cameras)
+    lidar = Detect3D(sensors, config)(frame) if lidar is None else lidar
+    matches = Associate(sensors, config)(lidar, boxes2d, views)
+    placed = Place(sensors, config)(frame, boxes2d, views)
+    return lidar, Propose(sensors, config)(frame, lidar, matches, placed)
+
+
+def nothing() -> Boxes3D:
+    return replace(boxes3d([]), stamp_ns=7)
+
+
+def test_boxes_of_the_lidar_are_all_where_each_2d_box_has_one() -> None:
+    lidar, found = propose(
+        cloud_of(CAR_BOX, OTHER), None, {"cam": seen_by(CAMERA, [CAR_BOX, OTHER], [CAR, CAR])}, CAMERA
+    )
+    assert len(lidar) == 2
+    assert found is lidar
+
+
+def test_object_without_a_box_gets_one_from_its_points() -> None:
+    boxes = {"cam": seen_by(CAMERA, [CAR_BOX], [CAR])}
+    _, found = propose(cloud_of(CAR_BOX, OTHER), nothing(), boxes, CAMERA)
+    assert found.sources.tolist() == [Source.BOTH]
+    np.testing.assert_allclose(found.centers[0, :2], CAR_BOX[:2], atol=0.3)
+    assert abs(found.yaws[0] - CAR_BOX[6]) < 0.1
+    assert found.point_counts[0] > 20
+    assert found.class_ids.tolist() == [CAR]
+
+
+def test_object_with_too_few_points_for_the_lidar() -> None:
+    points = cloud_of(CAR_BOX)[::60]
+    assert 4 <= len(points) < CONFIG.detect3d.cluster.min_points
+    lidar, found = propose(points, None, {"cam": seen_by(CAMERA, [CAR_BOX], [CAR])}, CAMERA)
+    assert len(lidar) == 0
+    assert found.sources.tolist() == [Source.BOTH]
+    assert np.hypot(*(found.centers[0, :2] - CAR_BOX[:2])) < 1.5
+
+
+def test_object_without_points_stays_where_the_cameras_place_it() -> None:
+    boxes = {"cam": seen_by(CAMERA, [CAR_BOX], [CAR])}
+    lidar, found = propose(cloud_of(OTHER), None, boxes, CAMERA)
+    placed = Place(camera_rig(CAMERA), CONFIG)(combined(cloud_of(OTHER)), boxes, views_of(CAMERA)).boxes
+    assert found.sources.tolist() == [Source.LIDAR, Source.CAMERA]
+    np.testing.assert_array_equal(found.centers[: len(lidar)], lidar.centers)
+    np.testing.assert_array_equal(found.centers[1], placed.centers[0])
+
+
+def test_object_that_nobody_can_place_is_left_out() -> None:
+    far = (90.0, 2.0, 0.775, 4.2, 1.75, 1.55, 0.2)
+    _, found = propose(cloud_of(OTHER), nothing(), {"cam": seen_by(CAMERA, [far], [CAR])}, CAMERA)
+    assert len(found) == 0
+
+
+def test_neither_a_fence_before_it_nor_a_wall_behind() -> None:
+    post, wall = (8.0, 1.05, 1.0, 0.1, 0.1, 2.0, 0.0), (26.0, 2.0, 2.0, 0.5, 30.0, 4.0, 0.0)
+    points = cloud_of(CAR_BOX, post, wall)
+    _, found = propose(points, nothing(), {"cam": seen_by(CAMERA, [CAR_BOX], [CAR])}, CAMERA)
+    assert found.sources.tolist() == [Source.BOTH]
+    np.testing.assert_allclose(found.centers[0, :2], CAR_BOX[:2], atol=0.4)
+
+
+def test_one_object_seen_by_two_cameras_is_begun_once() -> None:
+    other = camera_at("other", (0.0, 6.0, 3.0), yaw_deg=-10, pitch_deg=5)
+    boxes = {c.name: seen_by(c, [CAR_BOX], [CAR]) for c in (CAMERA, other)}
+    for points in (cloud_of(CAR_BOX), np.zeros((0, 3))):
+        _, found = propose(points, nothing(), boxes, CAMERA, other)
+        assert len(found) == 1
+
+
+def test_second_2d_box_of_a_found_object_begins_nothing() -> None:
+    boxes = seen_by(CAMERA, [CAR_BOX, CAR_BOX], [CAR, 3])
+    lidar, found = propose(cloud_of(CAR_BOX), None, {"cam": boxes}, CAMERA)
+    assert found is lidar
+
+
+def test_confirmed_box_is_not_replaced_by_what_another_camera_makes_of_it() -> None:
+    # The other camera shows only a part of the car, too little for a match.
+    other = camera_at("other", (0.0, 6.0, 3.0), yaw_deg=-10, pitch_deg=5)
+    part = seen_by(other, [CAR_BOX], [CAR])
+    xyxy = part.xyxy.copy()
+    xyxy[:, 2] = xyxy[:, 0] + 0.28 * (xyxy[:, 2] - xyxy[:, 0])
+    boxes = {"cam": seen_by(CAMERA, [CAR_BOX], [CAR]), "other": replace(part, xyxy=xyxy)}
+    lidar, found = propose(cloud_of(CAR_BOX), None, boxes, CAMERA, other)
+    assert len(found) == len(lidar) == 1
+
+
+def test_merged_pedestrians_are_parted() -> None:
+    boxes = {"cam": seen_by(CAMERA, WALKERS, [PEDESTRIAN] * 2)}
+    points = cloud_of(*WALKERS)
+    # What the lidar makes of the two: one box around both, matched with one of the 2D boxes.
+    merged = replace(boxes3d([(8.15, -0.1, 0.87, 0.8, 1.3, 1.75, 0.0)], class_ids=[PEDESTRIAN]), stamp_ns=7)
+    config = Config.model_validate({"associate": {"min_iou": 0.2}})
+    lidar, found = propose(points, merged, boxes, CAMERA, config=config)
+    assert found.sources.tolist() == [Source.BOTH, Source.BOTH]
+    gap = np.abs(found.centers[:, None, :2] - np.array(WALKERS)[:, :2]).max(-1)
+    assert sorted(gap.argmin(1).tolist()) == [0, 1]
+    assert gap.min(1).max() < 0.3  # half of a body: its points are taken for all of it
+    assert found.sizes[:, 1].max() < 0.9
+    assert lidar is merged
+
+
+def test_hypotheses_do_not_depend_on_the_order_of_points_and_boxes() -> None:
+    points = cloud_of(CAR_BOX, OTHER, *WALKERS)
+    boxes = seen_by(CAMERA, [CAR_BOX, OTHER, *WALKERS], [CAR, CAR, PEDESTRIAN, PEDESTRIAN])
+    order = np.random.default_rng(0).permutation(len(points))
+    _, one = propose(points, nothing(), {"cam": boxes}, CAMERA)
+    _, other = propose(points[order], nothing(), {"cam": boxes.select(np.array([2, 0, 3, 1]))}, CAMERA)
+    assert len(one) == 4
+    for name in ("centers", "sizes", "yaws", "scores", "covariances"):
+        np.testing.assert_allclose(getattr(one, name), getattr(other, name), rtol=1e-9, err_msg=name)
+
+
+@pytest.mark.parametrize("with_boxes", [False, True])
+def test_no_cameras_no_points_no_lidars(with_boxes: bool) -> None:
+    _, found = propose(np.zeros((0, 3)), nothing(), {})
+    assert len(found) == 0
+    boxes = {"cam": seen_by(CAMERA, [CAR_BOX], [CAR])} if with_boxes else {}
+    _, found = propose(np.zeros((0, 3)), nothing(), boxes, CAMERA)
+    assert found.sources.tolist() == [Source.CAMERA] * with_boxes
+    only = camera_rig(CAMERA)
+    views, frame = views_of(CAMERA), combined(np.zeros((0, 3)))
+    matches = Associate(only, CONFIG)(nothing(), boxes, views)
+    found = Propose(only, CONFIG)(frame, nothing(), matches, Place(only, CONFIG)(frame, boxes, views))
+    assert found.sources.tolist() == [Source.CAMERA] * with_boxes
