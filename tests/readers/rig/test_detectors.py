@@ -1,3 +1,4 @@
+import time
 from collections.abc import Iterable
 from typing import Any
 
@@ -137,6 +138,28 @@ def test_messages_that_cannot_be_decoded_are_a_fault() -> None:
     found = discover([MOUNT, cloud(), boxes()._replace(data=b"\0\1\0\0?")])
     assert topics(found) == []
     assert [fault.reason for fault in found.faults] == ["none of its first messages can be decoded"]
+
+
+def test_a_forest_of_frames_is_joined_as_tf_joins_it() -> None:
+    rng = np.random.default_rng(2)
+    edges = [(f"f{rng.integers(0, k)}", f"f{k}", tuple(rng.normal(size=3))) for k in range(1, 40)]
+    others = [("x0", "x1", (1, 0, 0)), ("c0", "c1", (1, 0, 0)), ("c1", "c0", (1, 0, 0))]
+    messages = [static(*edges, *others), cloud("f7"), boxes(frame="f30")]
+    found = discover(messages, rig={"site_frame": "f20"})
+    (detector,) = found.rig.detectors
+    assert {*detector.T_site_frame} == {f"f{k}" for k in range(40)}
+    for frame, pose in detector.T_site_frame.items():
+        expected = found.transforms.lookup("f20", frame)
+        np.testing.assert_allclose(pose.matrix, expected.matrix, atol=1e-12)
+
+
+def test_long_chains_with_many_ends_take_no_long_time() -> None:
+    chain = [(f"f{k}", f"f{k + 1}", (0.0, 0.0, 1.0)) for k in range(500)]
+    ends = [("f500", f"end{k}", (float(k), 0.0, 0.0)) for k in range(500)]
+    started = time.process_time()
+    (detector,) = discover([static(*chain, *ends), cloud("f0"), boxes(frame="end5")]).rig.detectors
+    np.testing.assert_allclose(detector.T_site_frame["end5"].translation, [5, 0, 500])
+    assert time.process_time() - started < 10
 
 
 # --- recordings without clouds
