@@ -63,8 +63,9 @@ def usable_boxes(recording: Recording, config: TopicsConfig) -> list[TopicInfo]:
 def boxes_frame(topic: str, first: FirstMessages) -> str:
     """The frame of a topic's boxes by its first message, or the first box in it; empty if neither names one."""
     message = first.decoded(topic, BOXES_3D)
-    boxes = getattr(message, "detections", ())
-    return clean_frame(message.header.frame_id) or next((clean_frame(box.header.frame_id) for box in boxes), "")
+    first_box = next(iter(getattr(message, "detections", ())), None)
+    own = getattr(getattr(first_box, "header", None), "frame_id", "")  # not every layout has it
+    return clean_frame(message.header.frame_id) or clean_frame(own if isinstance(own, str) else "")
 
 
 def calibrated_detectors(

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from builders import odometry, pointcloud2, raw, tf_message, transform_stamped
 from memory_recording import MemoryRecording
+from message_layouts import message_of_layout
 from object_messages import Recorded, boxes_message, objects_message
 from scipy.spatial.transform import Rotation
 
@@ -18,6 +19,7 @@ from readers.rig.discovery import Discovery, discover_rig
 from readers.rig.schema import RigFile
 
 MS = 1_000_000
+BOXES = "vision_msgs/msg/Detection3DArray"
 
 
 def cloud(frame: str = "lidar", topic: str = "/points") -> RawMessage:
@@ -111,8 +113,21 @@ def test_boxes_without_a_frame_are_in_the_site_frame() -> None:
 
 def test_the_frame_of_the_first_box_counts_if_the_message_has_none() -> None:
     box = {"header": {"frame_id": "/tool"}, "bbox": {}}
-    message = raw("/detector/objects", "vision_msgs/msg/Detection3DArray", {"detections": [box]}, 5)
+    message = raw("/detector/objects", BOXES, {"detections": [box]}, 5)
     assert discover([MOUNT, cloud(), message]).rig.detectors[0].frame_id == "tool"
+
+
+def test_a_layout_whose_boxes_have_no_headers() -> None:
+    definitions = {
+        "vision_msgs/msg/BoundingBox3D": "geometry_msgs/Pose center\ngeometry_msgs/Vector3 size",
+        "vision_msgs/msg/ObjectHypothesisWithPose": "string id\nfloat64 score\ngeometry_msgs/PoseWithCovariance pose",
+        "vision_msgs/msg/Detection3D": "ObjectHypothesisWithPose[] results\nBoundingBox3D bbox",
+        BOXES: "std_msgs/Header header\nDetection3D[] detections",
+    }
+    message = message_of_layout(
+        BOXES, definitions, "cdr", {"detections": [{"bbox": {}}]}, topic="/detector/objects", stamp_ns=5
+    )
+    assert discover([MOUNT, cloud(), message]).rig.detectors[0].frame_id == "base_link"
 
 
 def test_a_frame_that_nothing_joins_is_a_fault() -> None:
