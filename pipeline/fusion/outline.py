@@ -21,7 +21,11 @@ _ALONG_EDGES = np.concatenate(
 )
 """Corners, and where lines are bent the samples of edges that `CameraModel.project_boxes` uses."""
 
-_TURNS = np.radians([0.0, 45.0, 90.0])
+_INWARD = np.array([[0.0, 1.0], [1.0, 0.0]])
+"""Where the straight line that stands for a round corner begins and ends, in units of what it cuts off both sides."""
+
+CUT_PER_RADIUS = np.sqrt(2) * (np.sqrt(2) - 1)
+"""A corner cut off by so much appears as far inside, seen across it, as one rounded by a radius of 1."""
 _LEVELS = (-1.0, 0.2, 1.0)
 """Underside, belt line of a car, roof."""
 
@@ -71,14 +75,14 @@ def rounded_outline(sizes: F64, *, rounding: float, underside: float, cabin: flo
             lower than wide; from `AS_HIGH_AS_WIDE` on there is no such roof.
         bent: Whether a lens bends lines.
     """
-    corners = np.repeat(UNIT_CORNERS[:4, :2], len(_TURNS), axis=0)
-    inward = 1 - np.tile(np.stack([np.cos(_TURNS), np.sin(_TURNS)], 1), (4, 1))
+    corners = np.repeat(UNIT_CORNERS[:4, :2], len(_INWARD), axis=0)
+    inward = np.tile(_INWARD, (4, 1))
     around = np.concatenate([corners, _SIDES]) if bent else corners
     inward = np.concatenate([inward, np.zeros_like(_SIDES)]) if bent else inward
     signs = np.concatenate([np.column_stack([around, np.full(len(around), level)]) for level in _LEVELS])
     offsets = np.empty((len(sizes), len(signs), 3))
-    radius = rounding * sizes[:, :2].min(1, initial=np.inf)
-    offsets[..., :2] = -np.sign(signs[:, :2]) * np.tile(inward, (len(_LEVELS), 1)) * radius[:, None, None]
+    cut = CUT_PER_RADIUS * rounding * sizes[:, :2].min(1, initial=np.inf)
+    offsets[..., :2] = -np.sign(signs[:, :2]) * np.tile(inward, (len(_LEVELS), 1)) * cut[:, None, None]
     low = np.clip((AS_HIGH_AS_WIDE - sizes[:, 2] / sizes[:, 1]) / (AS_HIGH_AS_WIDE - 1), 0.0, 1.0)
     roof = signs[:, 2] == 1
     offsets[:, roof, :2] -= signs[roof, :2] * (cabin * low[:, None] * sizes[:, :2] / 2)[:, None]
