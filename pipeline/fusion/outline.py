@@ -32,6 +32,9 @@ _LEVELS = (-1.0, 0.2, 1.0)
 AS_HIGH_AS_WIDE = 1.2
 """Height by width from which on an object is no car."""
 
+UPRIGHT = 2.0
+"""Height by width from which on an object is a person."""
+
 _SIDES = np.array([[1.0, 0], [0, 1], [-1, 0], [0, -1]])
 
 
@@ -69,7 +72,8 @@ def rounded_outline(sizes: F64, *, rounding: float, underside: float, cabin: flo
 
     Args:
         sizes: (P, 3) length, width, height, metres.
-        rounding: Radius of the corners, as a share of the smaller of length and width, at most 0.5.
+        rounding: Radius of the corners, as a share of the smaller of length and width, at most 0.5. Unless it is 0,
+            objects that are higher than wide by `UPRIGHT`, people on foot and on bicycles, are round.
         underside: How far above the ground an object begins at its outline, as a share of its height.
         cabin: How much shorter and narrower the roof of a car is than its body, as a share. Cars are objects that are
             lower than wide; from `AS_HIGH_AS_WIDE` on there is no such roof.
@@ -81,7 +85,9 @@ def rounded_outline(sizes: F64, *, rounding: float, underside: float, cabin: flo
     inward = np.concatenate([inward, np.zeros_like(_SIDES)]) if bent else inward
     signs = np.concatenate([np.column_stack([around, np.full(len(around), level)]) for level in _LEVELS])
     offsets = np.empty((len(sizes), len(signs), 3))
-    cut = CUT_PER_RADIUS * rounding * sizes[:, :2].min(1, initial=np.inf)
+    upright = sizes[:, 2] > UPRIGHT * sizes[:, :2].min(1, initial=np.inf)
+    radius = np.where(upright, 0.5 if rounding else 0.0, rounding) * sizes[:, :2].min(1, initial=np.inf)
+    cut = CUT_PER_RADIUS * radius
     offsets[..., :2] = -np.sign(signs[:, :2]) * np.tile(inward, (len(_LEVELS), 1)) * cut[:, None, None]
     low = np.clip((AS_HIGH_AS_WIDE - sizes[:, 2] / sizes[:, 1]) / (AS_HIGH_AS_WIDE - 1), 0.0, 1.0)
     roof = signs[:, 2] == 1

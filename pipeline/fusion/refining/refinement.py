@@ -145,9 +145,11 @@ class _Problem:
         offsets = np.linspace(-SPAN, SPAN, YAWS)
         yaw_sigma = np.sqrt(covariances[:, _YAW, _YAW])
         states = means[:, None] + offsets[:, None] * (covariances[:, _YAW] / yaw_sigma[:, None])[:, None]
-        for _ in range(steps):
+        for left in reversed(range(steps)):
             normal, pull, cost = self.linearised(states)
-            right = np.concatenate([pull[..., None], np.broadcast_to(np.eye(6), (*pull.shape, 6))], 3)
+            right = pull[..., None]
+            if not left:  # the inverse, for the covariance
+                right = np.concatenate([right, np.broadcast_to(np.eye(6), (*pull.shape, 6))], 3)
             found, log_det = solve(np.moveaxis(normal, (2, 3), (0, 1)), np.moveaxis(right, (2, 3), (0, 1)))
             step = np.moveaxis(found[:, 0], 0, 2)
             states[..., _REST] += step

@@ -37,6 +37,12 @@ def test_round_corners_are_seen_across_as_far_inside_as_circles_are() -> None:
     assert across == pytest.approx((2 - radius + 0.9 - radius) / np.sqrt(2) + radius)
 
 
+def test_people_are_round() -> None:
+    person = points([[0.6, 0.6, 1.75]], rounding=0.25)[0]
+    assert (person[:, :2] @ np.array([1, 1]) / np.sqrt(2)).max() == pytest.approx(0.3)
+    assert np.abs(points([[0.6, 0.6, 1.75]])[0]).min(0).tolist() == pytest.approx([0.3, 0.3, 0.175])
+
+
 def test_the_underside_is_above_the_ground() -> None:
     assert points([CAR, BUS], underside=0.1)[..., 2].min(1).tolist() == pytest.approx([-0.6, -1.28])
 
