@@ -45,6 +45,12 @@ class ObjectCheck:
         """What happened at the step that left nothing, and what to try."""
         config, counts, boxes = self._config, frame.combined.counts, frame.hypotheses.boxes
         measured = counts["input"] - counts["nan"]
+        if len(boxes):
+            return (
+                f"the most probable of its {len(boxes)} boxes has a probability of {frame.beliefs.max():.2f}, less "
+                f"than fuse.min_score, {config.fuse.min_score:g}",
+                self._remedy("a smaller fuse.min_score shows them"),
+            )
         if config.detect3d.method == "none":
             return "detect3d.method is none, so that nothing is detected", "--set detect3d.method=cluster"
         if measured == 0:
@@ -55,26 +61,18 @@ class ObjectCheck:
                 f"all {measured} points are nearer or further than combine.min_range_m and max_range_m allow, {limits}",
                 self._remedy("set other limits"),
             )
-        if counts["left"] == 0:
-            by_ground = f"a smaller combine.ground.distance_m than {config.combine.ground.distance_m:g} may help"
-            by_outliers = f"a larger combine.outliers.std_ratio than {config.combine.outliers.std_ratio:g} may help"
+        if len(frame.combined.detection_cloud) == 0:
             return (
-                f"of {measured - counts['range']} points in range, {counts['outliers']} were removed as outliers and "
-                f"{counts['ground']} as ground, which leaves none",
-                self._remedy(by_ground if counts["ground"] >= counts["outliers"] else by_outliers),
+                f"of {measured - counts['range']} points in range, {counts['ground']} were removed as ground, which leaves "
+                "none to detect in",
+                self._remedy(f"a smaller combine.ground.distance_m than {config.combine.ground.distance_m:g} may help"),
             )
-        if len(boxes) == 0:
-            return self._lost_in_detection(frame, config)
-        return (
-            f"the most probable of its {len(boxes)} boxes has a probability of {frame.beliefs.max():.2f}, less than "
-            f"fuse.min_score, {config.fuse.min_score:g}",
-            self._remedy("a smaller fuse.min_score shows them"),
-        )
+        return self._lost_in_detection(frame, config)
 
     def _lost_in_detection(self, frame: FrameResult, config: Config) -> tuple[str, str]:
         found = ClusterDetector(self._rig, config)(frame.combined)
         scores = found.scores[found.class_ids >= 0]
-        left = frame.combined.counts["left"]
+        left = len(frame.combined.detection_cloud)
         if len(scores):
             return (
                 f"the best of {len(scores)} clusters scores {scores.max():.3f}, less than detect3d.min_score, "
