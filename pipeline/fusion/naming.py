@@ -24,7 +24,7 @@ SHORT_SHARE = 0.2
 SHORT_LIMIT = 3.0
 """A box shorter than its class errs by this share of it; missing extent counts at most so many standard deviations."""
 
-SHORT_WEIGHTS = np.array([0.15, 0.15, 0.5])
+SHORT_WEIGHTS = np.array([0.15, 0.15, 0.9])
 COMPLETED_WEIGHTS = np.array([0.15, 0.15, 0.2])
 """Weight of missing length, width and height: sides are often hidden, tops seldom. What was completed may be larger."""
 

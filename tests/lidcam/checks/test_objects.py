@@ -155,7 +155,7 @@ def test_recorded_boxes_that_are_not_believed() -> None:
     hypotheses = frame().hypotheses
     beliefs = np.full(len(hypotheses.boxes), 0.25)
     finding, remedy = of_detector(hypotheses=hypotheses, beliefs=beliefs)
-    assert finding.endswith("has a probability of 0.25, less than fuse.min_score, 0.4")
+    assert finding.endswith("has a probability of 0.25, less than fuse.min_score, 0.5")
     assert remedy == "a smaller fuse.min_score shows them"
 
 
