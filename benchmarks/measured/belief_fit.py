@@ -59,7 +59,7 @@ OPEN = {"fuse.min_score": 0.0, "output.images": False, "output.clouds": False}
 PULL = 1e-4
 """Weight of the squared distance from the coefficients in use."""
 
-LIMITS = {"missed": (0.5, 1.0), "match_score": (0.3, 1.5), "further": (0.3, 1.0)}
+LIMITS = {"missed": (0.5, 1.0), "match_score": (0.3, 1.5), "further": (0.3, 0.8)}
 """Recordings of one network and one simulator may not say more: others find less, and are less sure."""
 
 LEAST = 1e-3

@@ -50,8 +50,10 @@ class ObjectCheck:
         if left_out := frame.fused.left_out:
             reasons = ", ".join(f"{count} {reason}" for reason, count in left_out.items())
             return f"its objects are not reported: {reasons}", "see the zones of the rig file, or rig.zones"
+        if len(boxes):
+            return self._lost_in_fusion(frame)
         if config.detect3d.method == "recorded":
-            return self._lost_in_fusion(frame) if len(boxes) else self._lost_in_recording(frame)
+            return self._lost_in_recording(frame)
         if config.detect3d.method == "none":
             return "detect3d.method is none, so that nothing is detected", "--set detect3d.method=cluster"
         if measured == 0:
@@ -62,17 +64,13 @@ class ObjectCheck:
                 f"all {measured} points are nearer or further than combine.min_range_m and max_range_m allow, {limits}",
                 self._remedy("set other limits"),
             )
-        if counts["left"] == 0:
-            by_ground = f"a smaller combine.ground.distance_m than {config.combine.ground.distance_m:g} may help"
-            by_outliers = f"a larger combine.outliers.std_ratio than {config.combine.outliers.std_ratio:g} may help"
+        if len(frame.combined.detection_cloud) == 0:
             return (
-                f"of {measured - counts['range']} points in range, {counts['outliers']} were removed as outliers and "
-                f"{counts['ground']} as ground, which leaves none",
-                self._remedy(by_ground if counts["ground"] >= counts["outliers"] else by_outliers),
+                f"of {measured - counts['range']} points in range, {counts['ground']} were removed as ground, which "
+                "leaves none to detect in",
+                self._remedy(f"a smaller combine.ground.distance_m than {config.combine.ground.distance_m:g} may help"),
             )
-        if len(boxes) == 0:
-            return self._lost_in_detection(frame, config)
-        return self._lost_in_fusion(frame)
+        return self._lost_in_detection(frame, config)
 
     def _lost_in_fusion(self, frame: FrameResult) -> tuple[str, str]:
         return (
@@ -94,7 +92,7 @@ class ObjectCheck:
     def _lost_in_detection(self, frame: FrameResult, config: Config) -> tuple[str, str]:
         found = ClusterDetector(self._rig, config)(frame.combined)
         scores = found.scores[found.class_ids >= 0]
-        left = frame.combined.counts["left"]
+        left = len(frame.combined.detection_cloud)
         if len(scores):
             return (
                 f"the best of {len(scores)} clusters scores {scores.max():.3f}, less than detect3d.min_score, "

@@ -24,7 +24,7 @@ SHORT_SHARE = 0.2
 SHORT_LIMIT = 3.0
 """A box shorter than its class errs by this share of it; missing extent counts at most so many standard deviations."""
 
-SHORT_WEIGHTS = np.array([0.15, 0.15, 0.5])
+SHORT_WEIGHTS = np.array([0.15, 0.15, 0.9])
 COMPLETED_WEIGHTS = np.array([0.15, 0.15, 0.2])
 """Weight of missing length, width and height: sides are often hidden, tops seldom. What was completed may be larger."""
 
@@ -58,21 +58,27 @@ def vote_log_odds(class_ids: I32, scores: F64, taken_for: F64) -> F64:
 def class_log_odds(sizes: F64, own_ids: I32, priors: Sequence[ClassPrior]) -> F64:
     """(N, K) log likelihood of each class, given box and class of a 3D detector.
 
-    An extent that equals the typical one of its own class was completed to it: what was seen is shorter.
+    An extent that equals the typical one of its own class was completed to it: what was seen is shorter. Of several
+    kinds of a class, that counts which fits best.
 
     Args:
         sizes: (N, 3) length, width, height, metres.
         own_ids: (N,) class that the detector gives.
         priors: The classes.
     """
-    typical = np.array([prior.size_m for prior in priors])
-    limits = np.array([prior.max_size_m for prior in priors])
+    kinds = [(prior.size_m, *prior.kinds_m) for prior in priors]
+    typical = np.array([size for sizes_of_class in kinds for size in sizes_of_class])
+    room = np.array([np.divide(prior.max_size_m, prior.size_m) for prior in priors])
+    of_class = np.repeat(np.arange(len(priors)), [len(one) for one in kinds])
     extent = sizes[:, None]
-    is_measured = np.abs(sizes - typical[own_ids]) > MEASURED_SHARE * typical[own_ids]
-    long = np.maximum(extent - typical, 0) / np.maximum((limits - typical) / 2, 1e-9)
-    long = np.minimum(long, LONG_LIMIT) * is_measured[:, None]
+    own = of_class == own_ids[:, None]
+    is_typical = np.abs(extent - typical) <= MEASURED_SHARE * typical
+    is_measured = ~(is_typical & own[..., None]).any(1)[:, None]
+    long = np.maximum(extent - typical, 0) / np.maximum(typical * (room[of_class] - 1) / 2, 1e-9)
+    long = np.minimum(long, LONG_LIMIT) * is_measured
     short = np.minimum(np.maximum(typical - extent, 0) / (SHORT_SHARE * typical), SHORT_LIMIT)
-    weights = np.where(is_measured, SHORT_WEIGHTS, COMPLETED_WEIGHTS)[:, None]
-    odds = -(long**2 + weights * short**2).sum(2) / 2
+    weights = np.where(is_measured, SHORT_WEIGHTS, COMPLETED_WEIGHTS)
+    of_kinds = -(long**2 + weights * short**2).sum(2) / 2
+    odds = np.maximum.reduceat(of_kinds, np.flatnonzero(np.diff(of_class, prepend=-1)), axis=1)
     odds[np.arange(len(sizes)), own_ids] += OWN_LOG_ODDS
     return np.asarray(odds)

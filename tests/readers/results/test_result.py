@@ -18,7 +18,7 @@ from pipeline.core.errors import CalibrationError, ConfigError, LidcamError, Rec
 from pipeline.core.frame import FrameResult
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
-from pipeline.core.settings.load import dump_config
+from pipeline.core.settings.load import dump_config, load_config
 from pipeline.evaluation.records import UNKNOWN
 from readers.results.records import is_result
 from readers.results.result import open_result
@@ -109,6 +109,17 @@ def test_settings_on_top(path: Path) -> None:
         assert result.config.fuse == CONFIG.fuse
     with pytest.raises(ConfigError, match=r"evaluate\.ious"):
         open_result(path, ["evaluate.ious=[0.5]"])
+
+
+def test_what_is_of_no_class_is_left_out_without_a_word(tmp_path: Path) -> None:
+    one = frame(0)
+    ids = np.array([0, len(CONFIG.classes), 3], np.int32)
+    fused = replace(one.fused, objects=replace(one.fused.objects, class_ids=ids))
+    config = load_config(CONFIG, {"fuse.unknown": True})
+    with open_result(written(tmp_path / "a.mcap", [replace(one, fused=fused)], config=config)) as result:
+        (found,) = result.frames()
+        assert found.sources["fused"].boxes.class_ids.tolist() == [0, 3]
+        assert not any("unknown" in note for note in result.notes)
 
 
 def test_boxes_of_a_class_that_the_settings_do_not_have(path: Path) -> None:

@@ -88,6 +88,16 @@ def test_no_class_takes_the_name_of_all() -> None:
         load_config(None, ("classes=[{name: all, size_m: [4, 2, 1.5], max_size_m: [5, 2.2, 2]}]",))
 
 
+def test_no_class_takes_the_name_of_what_is_of_none() -> None:
+    with pytest.raises(ConfigError, match="'unknown' is what is of no class"):
+        load_config(None, ("classes=[{name: unknown, size_m: [4, 2, 1.5], max_size_m: [5, 2.2, 2]}]",))
+
+
+def test_objects_may_be_of_no_class_where_that_is_asked_for() -> None:
+    assert Config().object_names == Config().class_names
+    assert load_config(None, {"fuse.unknown": True}).object_names == (*Config().class_names, "unknown")
+
+
 def test_labels_lead_to_classes() -> None:
     config = Config()
     assert config.class_names[config.class_id_of_label["person"]] == "pedestrian"
