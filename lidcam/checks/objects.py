@@ -20,7 +20,7 @@ class ObjectCheck:
         self._recording, self._rig, self._config = recording, rig, config
         self._settings, self._moves = settings, moves
         self._closest: FrameResult | None = None
-        self._best = (-1.0, -1)
+        self._best: tuple[float, ...] = ()
         self._any = False
 
     def add(self, frame: FrameResult) -> None:
@@ -29,7 +29,9 @@ class ObjectCheck:
         if self._any:
             self._closest = None
             return
-        rank = (float(frame.beliefs.max(initial=0)), frame.combined.counts["left"])
+        left_out, unused = sum(frame.fused.left_out.values()), sum(frame.unused_boxes3d.values())
+        heard = sum(detector.topic in frame.bundle.messages for detector in self._rig.detectors)
+        rank = (left_out, float(frame.beliefs.max(initial=0)), unused, heard, frame.combined.counts["left"])
         if rank > self._best:
             self._closest, self._best = frame, rank
 
@@ -45,6 +47,11 @@ class ObjectCheck:
         """What happened at the step that left nothing, and what to try."""
         config, counts, boxes = self._config, frame.combined.counts, frame.hypotheses.boxes
         measured = counts["input"] - counts["nan"]
+        if left_out := frame.fused.left_out:
+            reasons = ", ".join(f"{count} {reason}" for reason, count in left_out.items())
+            return f"its objects are not reported: {reasons}", "see the zones of the rig file, or rig.zones"
+        if config.detect3d.method == "recorded":
+            return self._lost_in_fusion(frame) if len(boxes) else self._lost_in_recording(frame)
         if config.detect3d.method == "none":
             return "detect3d.method is none, so that nothing is detected", "--set detect3d.method=cluster"
         if measured == 0:
@@ -65,11 +72,24 @@ class ObjectCheck:
             )
         if len(boxes) == 0:
             return self._lost_in_detection(frame, config)
+        return self._lost_in_fusion(frame)
+
+    def _lost_in_fusion(self, frame: FrameResult) -> tuple[str, str]:
         return (
-            f"the most probable of its {len(boxes)} boxes has a probability of {frame.beliefs.max():.2f}, less than "
-            f"fuse.min_score, {config.fuse.min_score:g}",
+            f"the most probable of its {len(frame.beliefs)} boxes has a probability of {frame.beliefs.max():.2f}, less "
+            f"than fuse.min_score, {self._config.fuse.min_score:g}",
             self._remedy("a smaller fuse.min_score shows them"),
         )
+
+    def _lost_in_recording(self, frame: FrameResult) -> tuple[str, str]:
+        topics = [detector.topic for detector in self._rig.detectors]
+        if frame.unused_boxes3d:
+            reasons = "; ".join(f"{count}, {reason}" for reason, count in frame.unused_boxes3d.items())
+            remedy = "see detect3d.min_score, the labels of classes, and detect3d.recorded.class_numbers"
+            return f"its recorded 3D boxes are not used: {reasons}", remedy
+        if not any(topic in frame.bundle.messages for topic in topics):
+            return f"it has no message of {', '.join(topics)}", "see sync.slop_s and topics.boxes3d"
+        return f"the messages of {', '.join(topics)} have no boxes", "see that detector, or topics.boxes3d"
 
     def _lost_in_detection(self, frame: FrameResult, config: Config) -> tuple[str, str]:
         found = ClusterDetector(self._rig, config)(frame.combined)

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Collection, Mapping, Sequence
-from itertools import count
+from itertools import count, pairwise
 
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.rig import RecordedDetector, Rig
@@ -63,8 +63,9 @@ def usable_boxes(recording: Recording, config: TopicsConfig) -> list[TopicInfo]:
 def boxes_frame(topic: str, first: FirstMessages) -> str:
     """The frame of a topic's boxes by its first message, or the first box in it; empty if neither names one."""
     message = first.decoded(topic, BOXES_3D)
-    boxes = getattr(message, "detections", ())
-    return clean_frame(message.header.frame_id) or next((clean_frame(box.header.frame_id) for box in boxes), "")
+    first_box = next(iter(getattr(message, "detections", ())), None)
+    own = getattr(getattr(first_box, "header", None), "frame_id", "")  # not every layout has it
+    return clean_frame(message.header.frame_id) or clean_frame(own if isinstance(own, str) else "")
 
 
 def calibrated_detectors(
@@ -116,9 +117,23 @@ def calibrated_detectors(
 
 
 def _joined(frame: str, transforms: RecordedTransforms) -> dict[str, Transform]:
-    """T_frame_other of all frames that fixed transforms join with a frame, itself included."""
-    others = {*transforms.fixed.frames, frame}
-    return {one: transforms.lookup(frame, one) for one in sorted(others) if transforms.are_joined(frame, one)}
+    """T_frame_other of all frames that fixed transforms join with a frame, itself included; each edge is used once."""
+    tree = transforms.fixed
+    known = {frame: Transform.identity(frame, frame)}
+    for child, parent in pairwise(tree.chain(frame)):
+        known[parent] = known[child] @ tree.lookup(parent, child).inverse()
+    for one in sorted(tree.frames):
+        way: dict[str, None] = {}
+        last: str | None = one
+        while last is not None and last not in known and last not in way:
+            way[last] = None
+            last = tree.parent(last)
+        if last is None or last not in known:  # another tree, or a circle
+            continue
+        for child in reversed(way):
+            known[child] = known[last] @ tree.lookup(last, child)
+            last = child
+    return known
 
 
 def _source(frame: str, site: str, of_site: Collection[str]) -> str:

@@ -83,11 +83,34 @@ HYPOTHESIS = _Either(
         {"id": WHOLE, "score": NUMBER},
     )
 )
-POSED = {"pose": {"covariance": _Values("float64[36]", _FLOATS, 36)}}
+COVARIANCE = _Values("float64[36]", _FLOATS, 36)
+POSED = {"pose": {"covariance": COVARIANCE}}
 POSED_HYPOTHESIS = _Either(tuple({**need, **POSED} for need in HYPOTHESIS.needs if isinstance(need, Mapping)))
 CENTER = _Either(
     ({"position": {"x": NUMBER, "y": NUMBER}, "theta": NUMBER}, dict.fromkeys(("x", "y", "theta"), NUMBER))
 )
+DETECTED_OBJECTS = {
+    "header": HEADER,
+    "objects": _List(
+        {
+            "existence_probability": NUMBER,
+            "classification": _List({"label": WHOLE, "probability": NUMBER}),
+            "kinematics": {
+                "pose_with_covariance": {
+                    "pose": {"position": POINT, "orientation": QUATERNION},
+                    "covariance": COVARIANCE,
+                },
+                "has_position_covariance": WHOLE,
+                "orientation_availability": WHOLE,
+            },
+            "shape": {
+                "type": WHOLE,
+                "footprint": {"points": _List({"x": NUMBER, "y": NUMBER})},
+                "dimensions": POINT,
+            },
+        }
+    ),
+}
 
 NEEDS: dict[str, Mapping[str, Any]] = {
     "sensor_msgs/msg/PointCloud2": {
@@ -134,6 +157,8 @@ NEEDS: dict[str, Mapping[str, Any]] = {
             }
         ),
     },
+    "autoware_perception_msgs/msg/DetectedObjects": DETECTED_OBJECTS,
+    "autoware_auto_perception_msgs/msg/DetectedObjects": DETECTED_OBJECTS,
     "foxglove_msgs/msg/CompressedVideo": {"timestamp": TIME, "frame_id": TEXT, "data": BYTES, "format": TEXT},
     "ffmpeg_image_transport_msgs/msg/FFMPEGPacket": {
         "header": HEADER,

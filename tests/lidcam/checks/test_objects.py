@@ -15,6 +15,7 @@ from lidcam.settings.choice import AS_GIVEN, UsedSettings
 from lidcam.settings.measure import SceneSize
 from pipeline.core.detections import Fused
 from pipeline.core.frame import FrameResult
+from pipeline.core.rig import RecordedDetector
 from pipeline.core.settings.config import Config
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -123,6 +124,48 @@ def test_a_small_scene_without_a_ground_may_be_a_model(extent_m: tuple[float, fl
     check.add(flat(9))
     (warning,) = check.warnings
     assert warning.remedy == f"{remedy}a smaller combine.ground.distance_m than 0.2 may help"
+
+
+def of_detector(**changed: object) -> tuple[str, str]:
+    """Finding and remedy for a frame of a recorded detector without lidars."""
+    rig = replace(RIG, lidars=(), detectors=(RecordedDetector("objects", "/objects", "site", {}),))
+    config = Config.model_validate({"detect3d": {"method": "recorded"}})
+    check = ObjectCheck(MemoryRecording([]), rig, config, AS_GIVEN, moves=False)
+    check.add(flat(0))
+    check.add(replace(flat(0), **changed))  # type: ignore[arg-type]  # fields of a frame
+    (warning,) = check.warnings
+    return warning.finding.partition(": ")[2], warning.remedy
+
+
+def test_recorded_boxes_that_are_not_there() -> None:
+    assert of_detector() == ("it has no message of /objects", "see sync.slop_s and topics.boxes3d")
+    bundle = replace(flat(0).bundle, messages={"/objects": next(iter(frame().bundle.messages.values()))})
+    finding, _ = of_detector(bundle=bundle, combined=replace(flat(1).combined))
+    assert finding == "the messages of /objects have no boxes"
+
+
+def test_recorded_boxes_that_are_not_used() -> None:
+    finding, remedy = of_detector(unused_boxes3d={"class '7' is not configured": 3})
+    assert finding == "its recorded 3D boxes are not used: 3, class '7' is not configured"
+    assert "detect3d.recorded.class_numbers" in remedy
+
+
+def test_recorded_boxes_that_are_not_believed() -> None:
+    hypotheses = frame().hypotheses
+    beliefs = np.full(len(hypotheses.boxes), 0.25)
+    finding, remedy = of_detector(hypotheses=hypotheses, beliefs=beliefs)
+    assert finding.endswith("has a probability of 0.25, less than fuse.min_score, 0.4")
+    assert remedy == "a smaller fuse.min_score shows them"
+
+
+def test_objects_that_no_zone_lets_be_reported() -> None:
+    result = flat(100)
+    check = ObjectCheck(MemoryRecording([]), RIG, Config(), AS_GIVEN, moves=False)
+    check.add(replace(result, fused=replace(result.fused, left_out={"in zone yard of use ignore": 2})))
+    check.add(result)
+    (warning,) = check.warnings
+    assert warning.finding == "frame 0 came closest: its objects are not reported: 2 in zone yard of use ignore"
+    assert warning.remedy == "see the zones of the rig file, or rig.zones"
 
 
 def test_without_frames_there_is_nothing_to_say() -> None:

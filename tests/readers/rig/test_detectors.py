@@ -1,3 +1,4 @@
+import time
 from collections.abc import Iterable
 from typing import Any
 
@@ -5,6 +6,7 @@ import numpy as np
 import pytest
 from builders import odometry, pointcloud2, raw, tf_message, transform_stamped
 from memory_recording import MemoryRecording
+from message_layouts import message_of_layout
 from object_messages import Recorded, boxes_message, objects_message
 from scipy.spatial.transform import Rotation
 
@@ -17,6 +19,7 @@ from readers.rig.discovery import Discovery, discover_rig
 from readers.rig.schema import RigFile
 
 MS = 1_000_000
+BOXES = "vision_msgs/msg/Detection3DArray"
 
 
 def cloud(frame: str = "lidar", topic: str = "/points") -> RawMessage:
@@ -110,8 +113,21 @@ def test_boxes_without_a_frame_are_in_the_site_frame() -> None:
 
 def test_the_frame_of_the_first_box_counts_if_the_message_has_none() -> None:
     box = {"header": {"frame_id": "/tool"}, "bbox": {}}
-    message = raw("/detector/objects", "vision_msgs/msg/Detection3DArray", {"detections": [box]}, 5)
+    message = raw("/detector/objects", BOXES, {"detections": [box]}, 5)
     assert discover([MOUNT, cloud(), message]).rig.detectors[0].frame_id == "tool"
+
+
+def test_a_layout_whose_boxes_have_no_headers() -> None:
+    definitions = {
+        "vision_msgs/msg/BoundingBox3D": "geometry_msgs/Pose center\ngeometry_msgs/Vector3 size",
+        "vision_msgs/msg/ObjectHypothesisWithPose": "string id\nfloat64 score\ngeometry_msgs/PoseWithCovariance pose",
+        "vision_msgs/msg/Detection3D": "ObjectHypothesisWithPose[] results\nBoundingBox3D bbox",
+        BOXES: "std_msgs/Header header\nDetection3D[] detections",
+    }
+    message = message_of_layout(
+        BOXES, definitions, "cdr", {"detections": [{"bbox": {}}]}, topic="/detector/objects", stamp_ns=5
+    )
+    assert discover([MOUNT, cloud(), message]).rig.detectors[0].frame_id == "base_link"
 
 
 def test_a_frame_that_nothing_joins_is_a_fault() -> None:
@@ -137,6 +153,28 @@ def test_messages_that_cannot_be_decoded_are_a_fault() -> None:
     found = discover([MOUNT, cloud(), boxes()._replace(data=b"\0\1\0\0?")])
     assert topics(found) == []
     assert [fault.reason for fault in found.faults] == ["none of its first messages can be decoded"]
+
+
+def test_a_forest_of_frames_is_joined_as_tf_joins_it() -> None:
+    rng = np.random.default_rng(2)
+    edges = [(f"f{rng.integers(0, k)}", f"f{k}", tuple(rng.normal(size=3))) for k in range(1, 40)]
+    others = [("x0", "x1", (1, 0, 0)), ("c0", "c1", (1, 0, 0)), ("c1", "c0", (1, 0, 0))]
+    messages = [static(*edges, *others), cloud("f7"), boxes(frame="f30")]
+    found = discover(messages, rig={"site_frame": "f20"})
+    (detector,) = found.rig.detectors
+    assert {*detector.T_site_frame} == {f"f{k}" for k in range(40)}
+    for frame, pose in detector.T_site_frame.items():
+        expected = found.transforms.lookup("f20", frame)
+        np.testing.assert_allclose(pose.matrix, expected.matrix, atol=1e-12)
+
+
+def test_long_chains_with_many_ends_take_no_long_time() -> None:
+    chain = [(f"f{k}", f"f{k + 1}", (0.0, 0.0, 1.0)) for k in range(500)]
+    ends = [("f500", f"end{k}", (float(k), 0.0, 0.0)) for k in range(500)]
+    started = time.process_time()
+    (detector,) = discover([static(*chain, *ends), cloud("f0"), boxes(frame="end5")]).rig.detectors
+    np.testing.assert_allclose(detector.T_site_frame["end5"].translation, [5, 0, 500])
+    assert time.process_time() - started < 10
 
 
 # --- recordings without clouds

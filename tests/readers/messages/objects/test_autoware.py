@@ -90,6 +90,16 @@ def test_without_a_recorded_definition_that_of_autoware_is_taken() -> None:
     assert len(decode_detected_objects(bare, CLASSES).boxes) == 1
 
 
+def test_a_type_of_the_same_name_with_other_fields() -> None:
+    message = autoware_message(5, [one()], topic="/o")
+    definition = message.channel.definition.replace("float32 existence_probability", "string existence_probability")
+    other = message._replace(channel=replace(message.channel, definition=definition))
+    with pytest.raises(
+        MessageError, match=r"its field objects\[\]\.existence_probability is string, expected a number"
+    ):
+        decode_detected_objects(other, CLASSES)
+
+
 @given(st.data())
 def test_any_bytes_are_decoded_or_refused(data: st.DataObject) -> None:
     message = autoware_message(5, [one(), one(type=2, footprint={"points": [{"x": 1.0, "y": 2.0}]})])

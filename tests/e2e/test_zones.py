@@ -1,0 +1,64 @@
+"""What zones are for, end to end: counted, reported alone, or left out, and nothing lost silently."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from results import fused_objects, messages_of
+from rich.console import Console
+
+from lidcam.job import make_job
+from lidcam.printing.console import print_report
+from lidcam.run import process_recording
+from lidcam.summary import RunReport, report_tree
+
+SOUTH = [[-99, -99], [99, -99], [99, 0], [-99, 0]]
+SETTINGS = {"output.images": False, "output.clouds": False, "output.layout": False, "fuse.min_score": 0.1}
+
+
+def process(sandbox: Path, out: Path, **zones: Any) -> RunReport:
+    job = make_job(sandbox, out, config="sandbox", settings={**SETTINGS, "rig.zones": zones}, duration_s=0.3, workers=1)
+    return process_recording(job)
+
+
+@pytest.fixture(scope="module")
+def plain(sandbox: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, RunReport]:
+    """Without zones."""
+    out = tmp_path_factory.mktemp("plain") / "out.mcap"
+    return out, process(sandbox, out)
+
+
+@pytest.mark.parametrize(
+    ("use", "in_south", "reason"),
+    [("ignore", False, "in zone south of use ignore"), ("detect", True, "outside of all zones of use detect")],
+)
+def test_objects_that_are_not_reported_are_counted(
+    use: str, in_south: bool, reason: str, sandbox: Path, tmp_path: Path, plain: tuple[Path, RunReport]
+) -> None:
+    report = process(sandbox, tmp_path / "out.mcap", south={"corners": SOUTH, "use": use})
+    before, after = fused_objects(plain[0]), fused_objects(tmp_path / "out.mcap")
+    kept = {stamp: [one for one in objects if (one.y <= 0) == in_south] for stamp, objects in before.items()}
+    assert after == kept
+    left_out = sum(map(len, before.values())) - sum(map(len, kept.values()))
+    assert left_out > 0
+    assert dict(report.objects_left_out) == {reason: left_out}
+    assert report_tree(report)["objects_left_out"] == {reason: left_out}
+    assert {zone for _, zone in report.objects} == ({"south"} if in_south else {""})
+    console = Console(record=True, width=200, force_terminal=False)
+    print_report(console, report)
+    assert f"objects not reported: {left_out}, {reason}" in console.export_text()
+    for topic in ("/lidar/detections", "/cameras/detections"):
+        one, other = (messages_of(path, topic) for path in (plain[0], tmp_path / "out.mcap"))
+        assert [len(message.detections) for _, message in one] == [len(message.detections) for _, message in other]
+
+
+def test_fields_of_the_predecessor_hold_what_is_counted(sandbox: Path, tmp_path: Path) -> None:
+    everywhere = [[-99, -99], [99, -99], [99, 99], [-99, 99]]
+    process(sandbox, tmp_path / "out.mcap", south={"corners": SOUTH, "use": "ignore"}, circle=everywhere)
+    counts = [
+        (message.num_intersection, message.num_circle, all(one.pos_y > 0 for one in message.objects_circle))
+        for _, message in messages_of(tmp_path / "out.mcap", "/lidar_camera_fused")
+    ]
+    fused = [len(objects) for objects in fused_objects(tmp_path / "out.mcap").values()]
+    assert counts == [(0, count, True) for count in fused]
+    assert sum(fused) > 0
