@@ -2,7 +2,7 @@
 
     python benchmarks/measured/belief_fit.py RECORDING|DATA,MODEL.onnx ... [--check RECORDING ...] [--keep FOLDER]
 
-A recording brings its own truth and 2D boxes; DATA is a folder of labelled real frames (`real.labelled_frames`), each
+A recording brings its own truth and 2D boxes; DATA is a folder of labelled real frames (`labelled_frames`), each
 of which is a recording of its own; together they count as one.
 
 Each is processed with every threshold on scores open. A hypothesis is right if it lies within 2 m, scaled, of a true
@@ -39,7 +39,8 @@ from pipeline.evaluation.detection.criteria import Criteria
 from pipeline.evaluation.detection.gathering import Gathering
 from pipeline.evaluation.detection.tables import IGNORED
 from pipeline.evaluation.records import UNKNOWN, EvaluationFrame, SourceBoxes, TruthBoxes3D
-from pipeline.fusion.belief import (
+from pipeline.fusion.belief.looks import Looks, looks_at
+from pipeline.fusion.belief.odds import (
     FITTED,
     Coefficients,
     at_its_place,
@@ -49,8 +50,7 @@ from pipeline.fusion.belief import (
     probability,
     reach_of_classes,
 )
-from pipeline.fusion.looks import Looks, looks_at
-from pipeline.fusion.recall import RecallCounts
+from pipeline.fusion.belief.recall import RecallCounts
 from readers.results.result import open_result
 from readers.truth.open import open_truth
 

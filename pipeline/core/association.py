@@ -46,18 +46,16 @@ def rectangle_features(xyxy: F32) -> F64:
     return np.concatenate([(edges[:, :2] + edges[:, 2:]) / 2, np.log(_extent(edges))], 1)
 
 
-def detector_variances(xyxy: F32, focal_px: F64, config: AssociateConfig) -> F64:
-    """(P, 4) variances of the features of 2D boxes that show what is projected to rectangles.
+def detector_variances(xyxy: F32, config: AssociateConfig) -> F64:
+    """(P, 4) variances of the features of 2D boxes that show what is projected to rectangles, by a sound calibration.
 
     Args:
         xyxy: (P, 4) the rectangles, pixels.
-        focal_px: (P, 2) focal lengths of their cameras.
         config: Standard deviations.
     """
     extent = _extent(xyxy.astype(np.float64))
     edge = config.pixel_sigma_px**2 + (config.size_sigma * extent) ** 2
-    center = edge / 2 + (np.deg2rad(config.calibration_sigma_deg) * focal_px) ** 2
-    return np.concatenate([center, 2 * edge / extent**2], 1)
+    return np.concatenate([edge / 2, 2 * edge / extent**2], 1)
 
 
 def squared_distances(differences: F64, variances: F64) -> F64:

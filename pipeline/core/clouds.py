@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from pipeline.core.arrays import F32, F64, I32, U8, U16, Rows, check_array, select_rows
 
-__all__ = ["CombinedCloud", "Plane", "PointCloud"]
+__all__ = ["CombinedCloud", "Plane", "PointCloud", "Relief"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,6 +77,40 @@ class Plane:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Relief:
+    """How the ground differs from its plane, on a grid over x and y.
+
+    Attributes:
+        origin_xy: (2,) float64, place of the first node in the site frame, metres.
+        cell_m: Distance between nodes.
+        offsets_m: (H, W) float64, height of the ground above the plane at node (row along y, column along x).
+    """
+
+    origin_xy: F64
+    cell_m: float
+    offsets_m: F64
+
+    def __post_init__(self) -> None:
+        check_array("origin_xy", self.origin_xy, (2,), np.float64)
+        height, width = self.offsets_m.shape
+        if height < 2 or width < 2:
+            raise ValueError(f"offsets_m: expected 2 x 2 nodes or more, got {height} x {width}")
+        check_array("offsets_m", self.offsets_m, (height, width), np.float64)
+
+    def offset_m(self, xy: npt.NDArray[np.floating[Any]]) -> F64:
+        """Height of the ground above the plane at points `xy` (..., 2); bilinear, beyond the grid that of its edge."""
+        height, width = self.offsets_m.shape
+        x, y = np.moveaxis((np.asarray(xy, np.float64) - self.origin_xy) / self.cell_m, -1, 0)
+        x, y = np.clip(x, 0, width - 1), np.clip(y, 0, height - 1)
+        column, row = np.minimum(x.astype(np.int64), width - 2), np.minimum(y.astype(np.int64), height - 2)
+        x, y = x - column, y - row
+        values, first = self.offsets_m.ravel(), row * width + column
+        near = values.take(first) * (1 - x) + values.take(first + 1) * x
+        far = values.take(first + width) * (1 - x) + values.take(first + width + 1) * x
+        return np.asarray(near * (1 - y) + far * y)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class CombinedCloud:
     """The points of all lidars in the site frame at the frame's time.
 
@@ -90,6 +124,7 @@ class CombinedCloud:
         counts: Number of points: `input`, removed as `nan`, by `range`, as `outliers`, as `ground`, and `left`.
         compensated: Names of the lidars whose points were motion-compensated to the frame's time.
         points_by_lidar: Number of points within range, by name of the lidar; of those with a message in the frame.
+        relief: How the ground differs from the plane; None if that is not sought, or there is no plane.
     """
 
     cloud: PointCloud
@@ -101,7 +136,15 @@ class CombinedCloud:
     counts: Mapping[str, int]
     compensated: tuple[str, ...] = ()
     points_by_lidar: Mapping[str, int] = field(default_factory=dict)
+    relief: Relief | None = None
 
     def __post_init__(self) -> None:
         check_array("lidar_index", self.lidar_index, (len(self.cloud),), np.uint8)
         check_array("detection_lidar_index", self.detection_lidar_index, (len(self.detection_cloud),), np.uint8)
+
+    def ground_m(self, xy: npt.NDArray[np.floating[Any]], *, level_m: float) -> F64:
+        """Z of the ground at points `xy` (..., 2) of the site frame: of the plane and its relief, else `level_m`."""
+        if self.plane is None:
+            return np.full(xy.shape[:-1], level_m)
+        height_m = self.plane.height_m(xy)
+        return height_m if self.relief is None else height_m + self.relief.offset_m(xy)

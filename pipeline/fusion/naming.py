@@ -17,7 +17,7 @@ __all__ = ["class_log_odds", "confusion", "vote_log_odds"]
 ALIKE = 0.45
 """The share of votes for another class falls to 1/e with each such step of the logarithms of length, width, height."""
 
-OWN_LOG_ODDS = 0.5
+OWN_LOG_ODDS = 0.2
 """What the detector's own choice counts for beyond the size of its box: the shape of the points."""
 
 SHORT_SHARE = 0.2
@@ -25,7 +25,8 @@ SHORT_LIMIT = 3.0
 """A box shorter than its class errs by this share of it; missing extent counts at most so many standard deviations."""
 
 SHORT_WEIGHTS = np.array([0.15, 0.15, 0.5])
-"""Weight of missing length, width and height: sides are often hidden, tops seldom."""
+COMPLETED_WEIGHTS = np.array([0.15, 0.15, 0.2])
+"""Weight of missing length, width and height: sides are often hidden, tops seldom. What was completed may be larger."""
 
 LONG_LIMIT = 4.0
 """A measured extent that no object of the class has counts at most so many standard deviations."""
@@ -57,8 +58,7 @@ def vote_log_odds(class_ids: I32, scores: F64, taken_for: F64) -> F64:
 def class_log_odds(sizes: F64, own_ids: I32, priors: Sequence[ClassPrior]) -> F64:
     """(N, K) log likelihood of each class, given box and class of a 3D detector.
 
-    An extent that equals the typical one of its own class was completed to it: then the object is not longer, but it
-    may be shorter.
+    An extent that equals the typical one of its own class was completed to it: what was seen is shorter.
 
     Args:
         sizes: (N, 3) length, width, height, metres.
@@ -72,6 +72,7 @@ def class_log_odds(sizes: F64, own_ids: I32, priors: Sequence[ClassPrior]) -> F6
     long = np.maximum(extent - typical, 0) / np.maximum((limits - typical) / 2, 1e-9)
     long = np.minimum(long, LONG_LIMIT) * is_measured[:, None]
     short = np.minimum(np.maximum(typical - extent, 0) / (SHORT_SHARE * typical), SHORT_LIMIT)
-    odds = -(long**2 + SHORT_WEIGHTS * short**2).sum(2) / 2
+    weights = np.where(is_measured, SHORT_WEIGHTS, COMPLETED_WEIGHTS)[:, None]
+    odds = -(long**2 + weights * short**2).sum(2) / 2
     odds[np.arange(len(sizes)), own_ids] += OWN_LOG_ODDS
     return np.asarray(odds)

@@ -2,10 +2,11 @@
 
 Each 3D box is projected into the images, together with the uncertainty of its place and yaw. A pair of a 3D and a 2D
 box is worth the logarithm of how much likelier it is that both are one object than that the 2D box shows something else
-(`pipeline.core.association`), by place and size, both classes, the 2D box's score,
-and the share of the object that others hide (`pipeline.fusion.hiding`); of a hidden object the visible part is compared
-as well as the whole. In each camera the assignment with the largest sum is taken. Then each camera is looked at again
-with what the others say of place and class (`pipeline.fusion.agreement`), until nothing changes.
+(`pipeline.core.association`), by place and size, both classes, the 2D box's score, and the share of the object that
+others hide (`pipeline.fusion.matching.hiding`); of a hidden object the visible part is compared as well as the whole.
+In each camera the assignment with the largest sum is taken. Then each camera is looked at again with what the others
+say of place and class (`pipeline.fusion.matching.agreement`), and its other pairs of how it is aimed
+(`pipeline.fusion.matching.aiming`), until nothing changes.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,7 +25,7 @@ from pipeline.core.association import (
 from pipeline.core.detections import Boxes2D, Boxes3D, Matches
 from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.settings.config import Config
-from pipeline.fusion.agreement import (
+from pipeline.fusion.matching.agreement import (
     BoxBelief,
     MatchedPairs,
     feature_jacobian,
@@ -33,9 +34,10 @@ from pipeline.fusion.agreement import (
     what_box_says,
     what_others_say,
 )
-from pipeline.fusion.hiding import hidden_parts
-from pipeline.fusion.in_view import InView, project_into_views
-from pipeline.fusion.pairing import Pairs, best_pairs, near_pairs
+from pipeline.fusion.matching.aiming import common_shifts
+from pipeline.fusion.matching.hiding import hidden_parts
+from pipeline.fusion.matching.in_view import InView, project_into_views
+from pipeline.fusion.matching.pairing import Pairs, best_pairs, near_pairs
 from pipeline.fusion.projection import CameraArrays
 
 __all__ = ["Associate"]
@@ -133,7 +135,10 @@ class Associate:
             return taken
         config, (hidden, rest) = self._config, hiding
         jacobians = feature_jacobian(seen.xyxy, seen.jacobian)
-        noise = detector_variances(seen.xyxy, arrays.lenses.K[:, [0, 1], [0, 1]][seen.cameras], config)
+        focal_px = arrays.lenses.K[:, [0, 1], [0, 1]][seen.cameras]
+        noise = detector_variances(seen.xyxy, config)
+        aim = (np.deg2rad(config.calibration_sigma_deg) * focal_px) ** 2
+        shifts, aims = np.zeros_like(aim), aim
         in_image, class_ids = rectangle_features(found.xyxy)[pairs.found], found.class_ids[pairs.found]
         area_px = (arrays.image_sizes[:, 0] * arrays.image_sizes[:, 1])[seen.cameras[pairs.seen]]
         always = found.log_scores[pairs.found] + np.log(np.maximum(1 - hidden, LEAST_VISIBLE))[pairs.seen]
@@ -147,18 +152,25 @@ class Associate:
         visible = squared_distances(parts, variances) < squared_distances(differences, variances)
         differences = np.where(visible[:, None], parts, differences)
         for _ in range(ROUNDS):
+            by_place = spread(others.covariances, jacobians)
+            variances, away = (noise + by_place)[pairs.seen], differences.copy()
+            variances[:, :2] += aims[pairs.seen]
+            away[:, :2] -= shifts[pairs.seen]
             moved = np.einsum("pfa,pa->pf", jacobians, others.shifts)[pairs.seen]
-            variances = (noise + spread(others.covariances, jacobians))[pairs.seen]
-            squared = squared_distances(differences - moved, variances)
+            squared = squared_distances(away - moved, variances)
             ratio = fit_ratios(squared, variances, area_px, config.unseen_boxes)
             worth = ratio + always + others.log_classes[pairs.seen, class_ids]
             before, taken = taken, best_pairs(pairs, np.where(squared <= config.gate**2, worth, 0.0), seen.cameras)
             if (before == taken).all():
                 break
             rows = pairs.seen[taken]
-            matched = MatchedPairs(
-                rows, class_ids[taken], differences[taken], noise[rows], squared[taken], jacobians[rows]
-            )
+            off = (differences - moved)[taken, :2]
+            shifts, aims = common_shifts(seen.cameras, aim, rows, off, (noise + by_place)[rows, :2], squared[taken])
+            errors = noise[rows]
+            errors[:, :2] += aims[rows]
+            fit = differences[taken]
+            fit[:, :2] -= shifts[rows]
+            matched = MatchedPairs(rows, class_ids[taken], fit, errors, squared[taken], jacobians[rows])
             others = what_others_say(belief, seen.rows, matched)
         return taken
 

@@ -15,7 +15,8 @@ from pipeline.core.clouds import CombinedCloud
 from pipeline.core.detections import Boxes2D, Hypotheses
 from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.settings.config import Config
-from pipeline.fusion.belief import (
+from pipeline.fusion.belief.looks import looks_at
+from pipeline.fusion.belief.odds import (
     FITTED,
     at_its_place,
     camera_evidence,
@@ -25,8 +26,7 @@ from pipeline.fusion.belief import (
     probability,
     reach_of_classes,
 )
-from pipeline.fusion.looks import looks_at
-from pipeline.fusion.recall import RecallCounts
+from pipeline.fusion.belief.recall import RecallCounts
 
 __all__ = ["Believe"]
 

@@ -2,11 +2,12 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from pipeline.core.arrays import F32, U8, Bools, Indices
-from pipeline.core.clouds import CombinedCloud, Plane, PointCloud
+from pipeline.core.clouds import CombinedCloud, Plane, PointCloud, Relief
 from pipeline.core.frame import SensorBundle
 from pipeline.core.geometry.pose_samples import PoseSamples
 from pipeline.core.rig import LidarSensor, Rig
@@ -14,6 +15,7 @@ from pipeline.core.settings.combine import CombineConfig, MotionConfig
 from pipeline.filters.deskew import deskew
 from pipeline.filters.ground import find_ground, height_above
 from pipeline.filters.outliers import statistical_inliers
+from pipeline.filters.relief import find_relief
 
 __all__ = ["Combine"]
 
@@ -71,12 +73,10 @@ class Combine:
             kept = np.flatnonzero(statistical_inliers(cloud.xyz, neighbors=neighbors, std_ratio=std_ratio))
         counts["outliers"] = len(cloud) - len(kept)
 
-        plane, on_ground = None, np.zeros(len(cloud), np.bool_)
-        if config.ground.enabled:
-            plane, on_ground = self._ground_of(cloud.xyz, kept)
-        ground_cloud, left = cloud.select(kept[on_ground[kept]]), kept[~on_ground[kept]]
+        ground = self._ground_of(cloud.xyz, kept)
+        ground_cloud, left = cloud.select(kept[ground.on_plane]), kept[~ground.on_plane]
         counts |= {"ground": len(ground_cloud), "left": len(left)}
-        above = np.flatnonzero(~on_ground)
+        above = np.flatnonzero(~ground.on_ground)
 
         points_by_lidar = {self._rig.lidars[index].name: len(sweep) for index, sweep in sweeps.items()}
         return CombinedCloud(
@@ -85,21 +85,42 @@ class Combine:
             cloud.select(above),
             lidar_index[above],
             ground_cloud,
-            plane,
+            ground.plane,
             counts,
             tuple(compensated),
             points_by_lidar,
+            ground.relief,
         )
 
-    def _ground_of(self, xyz_site: F32, kept: Indices) -> tuple[Plane | None, Bools]:
-        """The ground plane, found among the points that are kept, and which of all points belong to it."""
-        config = self._config.ground
-        plane = find_ground(
-            xyz_site[kept], self._lidar_origins_site, config=config, ground_height_m=self._rig.ground_height_m
-        )
+    def _ground_of(self, xyz_site: F32, kept: Indices) -> "_Ground":
+        """The ground of the points that are kept."""
+        config, origins, kept_xyz = self._config.ground, self._lidar_origins_site, xyz_site[kept]
+        known_m = self._rig.ground_height_m
+        plane = find_ground(kept_xyz, origins, config=config, ground_height_m=known_m) if config.enabled else None
         if plane is None:
-            return None, np.zeros(len(xyz_site), np.bool_)
-        return plane, np.abs(height_above(plane, xyz_site)) <= config.distance_m
+            return _Ground(None, None, np.zeros(len(kept), np.bool_), np.zeros(len(xyz_site), np.bool_))
+        height_m = height_above(plane, xyz_site)
+        on_ground = on_plane = np.abs(height_m) <= config.distance_m
+        relief = find_relief(kept_xyz, origins, plane, config) if config.relief else None
+        if relief is not None:
+            on_ground = np.abs(height_m - relief.offset_m(xyz_site[:, :2])) <= config.distance_m
+        return _Ground(plane, relief, on_plane[kept], on_ground)
+
+
+class _Ground(NamedTuple):
+    """The ground of N points, of which M are kept.
+
+    Attributes:
+        plane: None if there is none.
+        relief: How the ground differs from it.
+        on_plane: (M,) the points kept that belong to the plane.
+        on_ground: (N,) the points that belong to the ground.
+    """
+
+    plane: Plane | None
+    relief: Relief | None
+    on_plane: Bools
+    on_ground: Bools
 
 
 def _in_range(cloud: PointCloud, min_range_m: float, max_range_m: float) -> PointCloud:

@@ -50,9 +50,7 @@ class Place:
         """
 
         def ground(xy: F64) -> F64:
-            if combined.plane is None:
-                return np.full(xy.shape[:-1], self._ground_height_m)
-            return combined.plane.height_m(xy)
+            return combined.ground_m(xy, level_m=self._ground_height_m)
 
         sightings = see(views, boxes2d)
         placements = place(sightings, self._priors, ground, self._noise)

@@ -14,7 +14,7 @@ from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.detectors.protocols import Candidates3D
 from pipeline.fusion.begun.beginning import Beginner
-from pipeline.fusion.begun.parting import find_hosts, find_merged, share_points
+from pipeline.fusion.begun.parting import choose_parts, find_hosts, find_merged, share_points
 from pipeline.fusion.begun.partners import find_echoes, find_partners
 from pipeline.fusion.cameras.placed import Placed
 from pipeline.fusion.overlaps import first_of_each, overlap_shares
@@ -27,8 +27,8 @@ OVERLAP_SHARE = 0.25
 SAME_IOU = 0.5
 """A box of the lidars and one begun from a 2D box that overlap as much are one, matched or not."""
 
-KEPT_IOU_SHARE = 0.8
-"""A merged cluster is parted if its own part then overlaps its 2D box by at least this share of what it did."""
+MOST = 500
+"""2D boxes without a partner that objects are begun from in a frame, the best ones; more are noise."""
 
 
 class Propose:
@@ -36,13 +36,14 @@ class Propose:
 
     The points where a 2D box looks become an object of source BOTH; without points, the object stays where the cameras
     place it, with source CAMERA. Where a 2D box looks into a cluster that another 2D box of the same camera is matched
-    with, the cluster holds two objects: it is parted. An object whose place the cameras
-    know worse than to half of its size is left out: nobody could say which one it is.
+    with, the cluster holds two objects: it is parted. An object whose place the cameras know worse than to half of its
+    size is left out: nobody could say which one it is.
     """
 
     def __init__(self, rig: Rig, config: Config) -> None:
         self._names = tuple(camera.name for camera in rig.cameras)
         most = np.array([prior.max_size_m for prior in config.classes])
+        self._ground_m2 = np.array([prior.size_m[0] * prior.size_m[1] for prior in config.classes])
         self._max_std_m = np.hypot(most[:, 0], most[:, 1]) / 2
         self._begin = Beginner(rig, config) if rig.lidars else None
 
@@ -63,6 +64,7 @@ class Propose:
         alone = np.flatnonzero((partner < 0) & ~echoes)
         if not len(alone):
             return lidar
+        alone = np.sort(alone[np.argsort(-sightings.scores[alone], kind="stable")[:MOST]])
         is_matched = np.zeros(len(lidar), np.bool_)
         is_matched[partner[partner >= 0]] = True
         begun = Boxes3D.empty(lidar.stamp_ns, lidar.frame_id)
@@ -72,14 +74,17 @@ class Propose:
             seen = alone[found.sighting]
             hosts = find_hosts(combined.detection_cloud.xyz, found, lidar)
             merged = find_merged(sightings, partner, seen, hosts)
-            lidar, parts = self._parted(combined, lidar, placed, (partner, iou), seen[merged >= 0], merged[merged >= 0])
+            looks = np.flatnonzero(merged >= 0)
+            lidar, parts, parted = self._parted(combined, lidar, placed, (partner, iou), seen[looks], merged[looks])
             free = np.lexsort((seen, -found.worth))
             free = free[merged[free] < 0]
             boxes = _as_boxes(found.boxes, lidar)
             boxes = parts.joined(boxes.select(free[~_is_known(boxes, lidar, is_matched)[free]]))
             begun = boxes.select(first_of_each(boxes, OVERLAP_SHARE))
-            served[seen] = True
-        unserved = np.ones(len(placed.boxes), np.bool_)
+            served[seen[merged < 0]] = True
+            served[parted] = True
+        unserved = np.zeros(len(placed.boxes), np.bool_)
+        unserved[placed.objects[alone]] = True
         unserved[placed.objects[served]] = False
         unserved &= _largest_std_m(placed.boxes) <= self._max_std_m[placed.boxes.class_ids]
         left = placed.boxes.select(unserved)
@@ -94,8 +99,8 @@ class Propose:
         partners: tuple[I64, F64],
         seen: I64,
         owners: I64,
-    ) -> tuple[Boxes3D, Boxes3D]:
-        """The boxes of the lidars, those that hold several objects left to one of them; and boxes of the other ones.
+    ) -> tuple[Boxes3D, Boxes3D, I64]:
+        """The boxes of the lidars, with those that hold several objects left to one; the other ones; their 2D boxes.
 
         Args:
             combined: The cloud.
@@ -107,24 +112,18 @@ class Propose:
         """
         partner, iou = partners
         rows = np.union1d(seen, owners)
+        if self._begin is None or not len(rows):
+            return lidar, lidar.select(rows), rows
         team = rows.copy()
         team[np.searchsorted(rows, seen)] = owners
-        if self._begin is None or not len(rows):
-            return lidar, lidar.select(np.zeros(0, np.int64))
-        share = partial(share_points, team=team)
-        found = self._begin(combined, placed.sightings.select(rows), placed.placements.select(rows), share)
-        row, of_team = rows[found.sighting], team[found.sighting]
-        is_owner = row == of_team
-        sound = is_owner & (found.iou >= KEPT_IOU_SHARE * iou[row])
-        others = np.bincount(of_team[~is_owner], minlength=len(iou))
-        sound &= others[of_team] > 0
-        # A cluster that several cameras part is parted by the one that sees most in it.
-        best = np.flatnonzero(sound)
-        best = best[np.lexsort((row[best], -others[of_team[best]], partner[row[best]]))]
-        best = best[np.flatnonzero(np.diff(partner[row[best]], prepend=-1))]
+        sightings, share = placed.sightings.select(rows), partial(share_points, team=team)
+        found = self._begin(combined, sightings, placed.placements.select(rows), share)
+        row, ground_m2 = rows[found.sighting], self._ground_m2[sightings.class_ids[found.sighting]]
+        owner, other = choose_parts(
+            found.iou, row, team[found.sighting], ground_m2, partner, iou, lidar.sizes[:, 0] * lidar.sizes[:, 1]
+        )
         boxes = _as_boxes(found.boxes, lidar)
-        parts = boxes.select(np.flatnonzero(~is_owner & np.isin(of_team, row[best])))
-        return _with_rows(lidar, partner[row[best]], boxes.select(best)), parts
+        return _with_rows(lidar, partner[row[owner]], boxes.select(owner)), boxes.select(other), row[other]
 
 
 def _as_boxes(found: Candidates3D, lidar: Boxes3D) -> Boxes3D:

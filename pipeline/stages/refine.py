@@ -1,9 +1,9 @@
 """Refinement: boxes fitted to the 2D boxes of all cameras that see them.
 
 Place, heading, length and width of a matched box become what its prior and the edges of its 2D boxes say together
-(`pipeline.fusion.refinement`), with the covariance of that. A box keeps what it has where no 2D box was matched with
-it, where it is not in view as a whole, and where the fit explains the images no better than the box did, or takes it
-too far away. Height, z, score and class stay.
+(`pipeline.fusion.refining`), with the covariance of that. `measured_ns` moves towards the images as far as the place
+comes from them. A box keeps what it has where no 2D box was matched with it, where it is not in view as a whole, and
+where the fit explains the images no better than the box did, or takes it too far away. Height, z, score and class stay.
 """
 
 from collections.abc import Mapping
@@ -16,13 +16,19 @@ from pipeline.core.detections import Boxes2D, Boxes3D, Hypotheses, Source
 from pipeline.core.geometry.boxes import wrap_angle
 from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.settings.config import Config
-from pipeline.fusion.box_prior import BoxPrior, box_prior
-from pipeline.fusion.camera_doubt import camera_shifts
-from pipeline.fusion.measured_edges import MeasuredEdges, measured_edges
 from pipeline.fusion.outline import Outline, cuboid_outline, rounded_outline
-from pipeline.fusion.refinement import predicted_edges, refine_boxes
+from pipeline.fusion.refining.box_prior import BoxPrior, box_prior
+from pipeline.fusion.refining.camera_doubt import camera_shifts
+from pipeline.fusion.refining.measured_edges import MeasuredEdges, measured_edges
+from pipeline.fusion.refining.refinement import predicted_edges, refine_boxes
 
 __all__ = ["Refine"]
+
+INWARD = np.array([1.0, 1.0, -1.0, -1.0])
+"""Which way left, top, right and bottom move when less is seen of an object."""
+
+CLEARLY = 2.0
+"""An edge that is so many standard deviations inside of where it should be may be that of what hides the object."""
 
 
 class Refine:
@@ -58,32 +64,49 @@ class Refine:
         taken = found.accepted
         rows = objects[taken]
         centers, sizes, yaws = boxes.centers.copy(), boxes.sizes.copy(), boxes.yaws.copy()
-        covariances, sources = boxes.covariances.copy(), boxes.sources.copy()
+        covariances, sources, measured_ns = boxes.covariances.copy(), boxes.sources.copy(), boxes.measured_ns.copy()
         centers[rows, :2], sizes[rows, :2] = found.centers_xy[taken], found.lengths_widths[taken]
         yaws[rows], covariances[rows] = wrap_angle(found.yaws[taken]), found.covariances[taken]
         sources[rows] = np.where(sources[rows] == Source.CAMERA, Source.CAMERA, Source.BOTH)
-        refined = replace(boxes, centers=centers, sizes=sizes, yaws=yaws, covariances=covariances, sources=sources)
+        measured_ns[rows] += np.rint(found.later_s[taken] * 1e9).astype(np.int64)
+        refined = replace(
+            boxes,
+            centers=centers,
+            sizes=sizes,
+            yaws=yaws,
+            covariances=covariances,
+            sources=sources,
+            measured_ns=measured_ns,
+        )
         return replace(hypotheses, boxes=refined)
 
     def _outline(self, boxes: Boxes3D, edges: MeasuredEdges) -> Outline:
         bent = edges.cameras.lenses.bends
-        if not (self._config.corner_rounding or self._config.underside):
+        if not (self._config.corner_rounding or self._config.underside or self._config.cabin):
             return cuboid_outline(bent=bent)
         return rounded_outline(
             boxes.sizes[edges.rows],
             rounding=self._config.corner_rounding,
             underside=self._config.underside,
+            cabin=self._config.cabin,
             bent=bent,
         )
 
 
 def _with_doubt(edges: MeasuredEdges, predicted: F64, jacobian: F64, prior: BoxPrior, count: int) -> MeasuredEdges:
-    """Edges of cameras whose 2D boxes are all shifted alike, with the shift as further noise."""
+    """The edges with further noise where something other than the box moves them.
+
+    That is where a part of the object is hidden and the 2D box ends clearly inside of where the box does, and where all
+    2D boxes of a camera are shifted alike.
+    """
     away = edges.xyxy - predicted
+    by_box = np.einsum("pei,pij,pej->pe", jacobian, prior.covariances[edges.rows, :3, :3], jacobian)
+    expected = np.sqrt(by_box + edges.sigma_px**2)
+    edges = edges.with_more_noise(np.where(away * INWARD > CLEARLY * expected, edges.hidden_px, 0.0))
     limits = np.tile(edges.cameras.image_sizes, 2)
     whole: Bools = np.all((edges.xyxy > 0) & (edges.xyxy < limits), axis=1)
     slopes = (jacobian[:, :2] + jacobian[:, 2:]) / 2  # of the centre
-    expected = np.einsum("pci,pij,pcj->pc", slopes, prior.covariances[edges.rows, :3, :3], slopes)
-    expected += (edges.sigma_px[:, :2] ** 2 + edges.sigma_px[:, 2:] ** 2) / 4
-    shifts = camera_shifts(edges.select(whole), ((away[:, :2] + away[:, 2:]) / 2)[whole], expected[whole], count=count)
+    variances = np.einsum("pci,pij,pcj->pc", slopes, prior.covariances[edges.rows, :3, :3], slopes)
+    variances += (edges.sigma_px[:, :2] ** 2 + edges.sigma_px[:, 2:] ** 2) / 4
+    shifts = camera_shifts(edges.select(whole), ((away[:, :2] + away[:, 2:]) / 2)[whole], variances[whole], count=count)
     return edges.with_more_noise(np.tile(np.abs(shifts), 2)[edges.camera_rows])

@@ -135,8 +135,9 @@ def _sizes(path: Path, chance: Random) -> tuple[str, bool]:
     side = chance.choice((0, -32, 32, 4096, 1 << 15, 1 << 20, (1 << 31) - 32, 1 << 40))
     other = chance.choice((side, 64))
     batch = chance.choice((1, 1, 0, -1, 4096, 1 << 31, "N"))
-    _network(path, [], _value("images", (batch, 3, side % 2**64, other % 2**64), FLOAT))
-    return f"an input of {batch} x {side} x {other}", False
+    count = batch if isinstance(batch, str) else batch % 2**64
+    _network(path, [], _value("images", (count, 3, side % 2**64, other % 2**64), FLOAT))
+    return f"an input of {batch} x {side} x {other}", side == other == 32  # where 84 x 85 is an output of YOLOv8
 
 
 def _network(

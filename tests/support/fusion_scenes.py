@@ -27,7 +27,6 @@ class FusionScene:
         position_noise_m: Standard deviation of x and y of the lidar's boxes.
         yaw_noise_rad: Of their yaw.
         pixel_noise_px: Of the edges of 2D boxes.
-        min_iou: What the predecessor was told.
         lidar: Boxes as a lidar detector would give them, with the covariance that the noise makes.
         truth: The same without noise.
         seen: 2D boxes by camera.
@@ -38,7 +37,6 @@ class FusionScene:
     position_noise_m: float
     yaw_noise_rad: float
     pixel_noise_px: float
-    min_iou: float
     lidar: Boxes3D
     truth: Boxes3D
     seen: Mapping[str, Boxes2D]
@@ -78,7 +76,6 @@ def _scenes(oracle: Mapping[str, Any], rig: Rig) -> Iterator[FusionScene]:
             params["pos_noise"],
             params["yaw_noise"],
             params["px_noise"],
-            case["iou_thresh"],
             boxes3d(case["boxes3d"], scores=case["scores3d"], deviations=noise),
             boxes3d(case["gt_boxes3d"]),
             {camera.name: boxes2d(rows) for camera, rows in zip(rig.cameras, case["boxes2d"], strict=True)},

@@ -3,7 +3,7 @@
 import numpy as np
 
 from pipeline.core.arrays import F32, F64
-from pipeline.core.clouds import CombinedCloud, Plane, PointCloud
+from pipeline.core.clouds import CombinedCloud, Plane, PointCloud, Relief
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.rig import LidarSensor, Rig
 
@@ -59,11 +59,12 @@ def rig(*origins: tuple[float, float, float]) -> Rig:
     return Rig("site", tuple(lidars), (), (), 0.0)
 
 
-def combined(*clouds: F64, plane: Plane | None = None) -> CombinedCloud:
+def combined(*clouds: F64, plane: Plane | None = None, relief: Relief | None = None) -> CombinedCloud:
     """What `Combine` would hand on: the points of each lidar of the rig in turn, the ground taken away."""
     xyz = np.concatenate([np.asarray(cloud, np.float32).reshape(-1, 3) for cloud in clouds])
     lidar = np.repeat(np.arange(len(clouds), dtype=np.uint8), [len(cloud) for cloud in clouds])
-    return CombinedCloud(_cloud(xyz), lidar, _cloud(xyz), lidar.copy(), _cloud(np.zeros((0, 3), np.float32)), plane, {})
+    nothing = _cloud(np.zeros((0, 3), np.float32))
+    return CombinedCloud(_cloud(xyz), lidar, _cloud(xyz), lidar.copy(), nothing, plane, {}, relief=relief)
 
 
 def _cloud(xyz: F32) -> PointCloud:

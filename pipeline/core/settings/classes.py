@@ -12,6 +12,8 @@ class ClassPrior(SettingsModel):
         name: Class name in the results.
         size_m: Typical length, width, height, metres.
         max_size_m: Largest length, width, height; a larger box is not of this class.
+        kinds_m: Typical length, width, height of other kinds of the class that are far from `size_m`, as vans are among
+            trucks. What they may measure is in proportion to it as `max_size_m` is to `size_m`.
         frequency: How common the class is, relative to the others; decides between classes that fit equally well.
         labels: Names that detectors use for it, in small or capital letters: by default those of COCO, KITTI and
             nuScenes, but for what is of no class, as KITTI's Tram and Misc. Also numbers, for recorded boxes that have
@@ -23,6 +25,7 @@ class ClassPrior(SettingsModel):
     name: str
     size_m: tuple[Positive, Positive, Positive]
     max_size_m: tuple[Positive, Positive, Positive]
+    kinds_m: tuple[tuple[Positive, Positive, Positive], ...] = ()
     frequency: Positive = 1.0
     labels: tuple[Label, ...] = ()
 
@@ -76,6 +79,7 @@ ROAD_CLASSES = (
         name="truck",
         size_m=(8.0, 2.5, 3.2),
         max_size_m=(16.0, 3.2, 4.2),
+        kinds_m=((5.5, 2.0, 2.4),),
         frequency=0.2,
         labels=(
             "truck",

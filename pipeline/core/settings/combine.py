@@ -47,6 +47,8 @@ class GroundConfig(SettingsModel):
     Attributes:
         enabled: If off, ground points are kept.
         distance_m: Points at most this far from the plane are ground.
+        relief: Whether slopes, crests and kerbs, where the ground differs from the plane, count in detection and in
+            placing what only cameras see. `/ground_cloud` and `/point_cloud_combined` go by the plane.
         max_tilt_deg: Largest angle between the plane's normal and the site's z axis.
         height_tolerance_m: Largest distance, at the site's origin, from the rig's ground height if that is known.
         iterations: Number of planes tried.
@@ -55,6 +57,7 @@ class GroundConfig(SettingsModel):
 
     enabled: bool = True
     distance_m: Positive = 0.2
+    relief: bool = True
     max_tilt_deg: Annotated[float, Field(gt=0, lt=90)] = 10.0
     height_tolerance_m: Positive = 0.5
     iterations: Count = 200

@@ -91,9 +91,9 @@ class Detect2DConfig(SettingsModel):
         method: `onnx` runs a network, `recorded` takes 2D boxes from the recording, `none` finds nothing. `auto` is
             `onnx` if a model is given, else `recorded` if there are boxes, else `none`.
         model: ONNX file, relative to the working folder; docs/networks.md lists the exports that are known.
-        layout: What the network's outputs mean. `auto`: told by their shapes. `yolox`; `yolov5` (also YOLOv7), `yolov8`
-            (also YOLO11); `end_to_end`: with suppression inside (also YOLOv10, YOLO26); `rtdetr`: of Ultralytics;
-            `detr`: boxes and scores (RT-DETR, D-FINE, RF-DETR); `dfine`: labels, boxes and scores.
+        layout: What the network's outputs mean. `auto`: told by their shapes. `yolox`; `yolov5` (also YOLOv6, YOLOv7);
+            `yolov8` (also YOLO11); `end_to_end`: with suppression inside (also YOLOv10, YOLO26); `rtdetr`: of
+            Ultralytics; `detr`: boxes and scores (RT-DETR, D-FINE, RF-DETR); `dfine`: labels, boxes and scores.
         colors: Order of the channels that the network is given, and the value of white, 255 or 1; `imagenet`: red
             first, less ImageNet's mean, by its deviation. `auto`: as its layout has it.
         names: Names of the network's classes: `coco` (80), `coco91` (by the numbers of the annotations), or a file

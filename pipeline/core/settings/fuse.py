@@ -56,12 +56,16 @@ class FuseConfig(SettingsModel):
         pixel_sigma_px: Standard deviation of the edges of 2D boxes, pixels: how much is taken from the cameras.
         outline_sigma: Standard deviation that is added to it, as a share of the size of the 2D box (the root of its
             area): objects are no cuboids, and detectors err in proportion.
+        heading_sigma_deg: Standard deviation of the heading in which an object appears in images: as it is no cuboid, a
+            fitted cuboid is turned.
         lidar_sigma_scale: Multiplies the standard deviations that the lidar detector gives for place and heading: how
             much is taken from the lidars. Above 1 where it is too sure.
-        size_sigma: Standard deviation of the length and the width of the boxes, as a share of them. 0: known exactly.
+        size_sigma: Largest standard deviation of the length and the width of the boxes, as a share of them; it is less
+            where the covariance of a box says that the lidars saw both ends. 0: known exactly.
         corner_rounding: Radius of the corners of an object seen from above, as a share of its width: 2D boxes enclose
             the object, which is rounder than the box around it. 0: as large as the box.
         underside: How far above the ground an object begins at its outline, as a share of its height.
+        cabin: How much shorter and narrower than its body the roof of an object is that is lower than wide, as a share.
     """
 
     min_score: Share = 0.5
@@ -69,8 +73,10 @@ class FuseConfig(SettingsModel):
     unknown: bool = False
     refine: bool = True
     pixel_sigma_px: Positive = 1.5
-    outline_sigma: NotNegative = 0.03
+    outline_sigma: NotNegative = 0.04
+    heading_sigma_deg: NotNegative = 5.0
     lidar_sigma_scale: Positive = 1.0
-    size_sigma: NotNegative = 0.1
-    corner_rounding: Annotated[float, Field(ge=0, le=0.5)] = 0.2
-    underside: Annotated[float, Field(ge=0, le=0.5)] = 0.05
+    size_sigma: NotNegative = 0.15
+    corner_rounding: Annotated[float, Field(ge=0, le=0.5)] = 0.25
+    underside: Annotated[float, Field(ge=0, le=0.5)] = 0.06
+    cabin: Annotated[float, Field(ge=0, lt=1)] = 0.4

@@ -88,22 +88,22 @@ def complete_boxes(
     # The extent along one axis is visible on the side whose normal is the other axis.
     seen = np.einsum("cl,cla->ca", lidar_share, np.abs(towards / distance))[:, ::-1]
 
-    size, size_max = np.array([p.size_m for p in priors]), np.array([p.max_size_m for p in priors])
+    kind_class, size, size_max = _kinds(priors)
     turned = [[0, 1, 2], [1, 0, 2]]  # length along the first axis, or along the second
-    mean, limit = size[:, turned].reshape(-1, 3), size_max[:, turned].reshape(-1, 3)  # (2K, 3)
+    mean, limit = size[:, turned].reshape(-1, 3), size_max[:, turned].reshape(-1, 3)  # (2K, 3), of K kinds
     measured = np.concatenate([extent, top_m[:, None]], 1)[:, None]  # (C, 1, 3)
     visible = np.concatenate([seen, np.ones((len(seen), 1))], 1)[:, None]
     long = np.maximum(measured - mean, 0) / np.maximum((limit - mean) / 2, 1e-9)
     short = np.minimum(visible * np.maximum(mean - measured, 0) / (SHORT_SHARE * mean), SHORT_LIMIT)
     misfit = ((long**2 + short**2) / 2).sum(2)  # (C, 2K)
-    rarity = -np.log(np.repeat([p.frequency for p in priors], 2))
+    rarity = -np.log(np.repeat(np.array([p.frequency for p in priors])[kind_class], 2))
     cost = np.where((measured <= limit).all(2), misfit + rarity, np.inf)
     if given_ids is not None:
-        is_given = np.repeat(np.arange(len(priors)), 2) == given_ids[:, None]
+        is_given = np.repeat(kind_class, 2) == given_ids[:, None]
         cost = np.where(is_given, misfit, np.where(given_ids[:, None] < 0, cost, np.inf))
     choice = cost.argmin(1)
     rows = np.arange(len(choice))
-    class_ids = np.where(np.isfinite(cost[rows, choice]), choice // 2, -1)
+    class_ids = np.where(np.isfinite(cost[rows, choice]), kind_class[choice // 2], -1)
 
     chosen, chosen_limit = mean[choice], limit[choice]
     center, full, std = _grow(extent, middle, chosen[:, :2], chosen_limit[:, :2], seen, towards, lidar_share)
@@ -124,6 +124,18 @@ def complete_boxes(
         faces,
         is_slender,
     )
+
+
+def _kinds(priors: tuple[ClassPrior, ...]) -> tuple[I64, F64, F64]:
+    """The class (K,), the typical and the largest size (K, 3) of every kind of the classes."""
+    class_ids, sizes, largest = [], [], []
+    for class_id, prior in enumerate(priors):
+        growth = np.array(prior.max_size_m) / prior.size_m
+        for size_m in (prior.size_m, *prior.kinds_m):
+            class_ids.append(class_id)
+            sizes.append(size_m)
+            largest.append(np.minimum(size_m * growth, prior.max_size_m))
+    return np.array(class_ids), np.array(sizes), np.array(largest)
 
 
 def _grow(

@@ -23,8 +23,8 @@ GOOD_MISFIT = 1.0
 class ClusterDetector:
     """Proposes boxes of the configured classes by clustering, L-shape fitting and size priors.
 
-    Boxes stand on the ground plane, or without one at the rig's ground height. Yaw is in (-pi/2, pi/2]: one cloud does
-    not tell front from rear.
+    Boxes stand on the ground, or where none was found at the rig's ground height. Yaw is in (-pi/2, pi/2]: one cloud
+    does not tell front from rear.
     """
 
     def __init__(self, rig: Rig, config: Config) -> None:

@@ -49,8 +49,8 @@ class ThinnedPoints:
 class BoxFitter:
     """Fits boxes to groups of points.
 
-    Boxes stand on the ground plane, or without one at the rig's ground height. Yaw is in (-pi/2, pi/2]: one cloud does
-    not tell front from rear.
+    Boxes stand on the ground, or where none was found at the rig's ground height. Yaw is in (-pi/2, pi/2]: one cloud
+    does not tell front from rear.
     """
 
     def __init__(self, rig: Rig, config: Config) -> None:
@@ -77,9 +77,7 @@ class BoxFitter:
 
     def ground_m(self, combined: CombinedCloud, xy: F64) -> F64:
         """(N,) z of the ground at points (N, 2) of the site frame."""
-        if combined.plane is None:
-            return np.full(len(xy), self._ground_height_m)
-        return combined.plane.height_m(xy)
+        return combined.ground_m(xy, level_m=self._ground_height_m)
 
     def on_ground(self, combined: CombinedCloud, found: Candidates3D) -> Candidates3D:
         """Boxes whose centres are given as height above the ground, in the site frame."""

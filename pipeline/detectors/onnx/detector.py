@@ -143,7 +143,9 @@ class OnnxDetector2D:
         places = [self._pictures.put(image, into) for image, into in zip(images, batch, strict=False)]
         outputs = self._run(self._session, batch)
         try:
-            found = self._layout.read(outputs, len(batch), size_px)[: len(images)]
+            with np.errstate(all="ignore"):
+                found = self._layout.read(outputs, len(batch), size_px)[: len(images)]
+                found = [one._replace(xyxy=place.undo(one.xyxy)) for one, place in zip(found, places, strict=True)]
         except ModelError as err:
             raise ModelError(f"{self._path}: {err}") from err
         last = max((int(one.labels.max(initial=0)) for one in found), default=0)
@@ -152,7 +154,7 @@ class OnnxDetector2D:
                 f"{self._path}: the network finds the class {last}, and there are names for {len(self._labels)}: "
                 "set detect2d.names to all of its names"
             )
-        return [one._replace(xyxy=place.undo(one.xyxy)) for one, place in zip(found, places, strict=True)]
+        return found
 
     def _run(self, session: OnnxSession, batch: F32) -> list[Array]:
         """The outputs, floating-point numbers in single precision.
@@ -177,13 +179,15 @@ class OnnxDetector2D:
                 f"an input of {count} x 3 x {height_px} x {width_px} px takes {taken / 2**30:.3g} GiB, "
                 f"expected at most {MAX_BATCH_BYTES / 2**30:g} GiB"
             )
-        outputs = self._run(session, Pictures("bgr_255", "top_left").blank(count, height_px, width_px))
+        # Grey as 114 / 255, which no network takes for a light too bright: half precision ends at 65504.
+        outputs = self._run(session, Pictures("rgb_1", "top_left").blank(count, height_px, width_px))
         if not all(np.isfinite(output).all() for output in outputs):
             raise ModelError("expected numbers, found an output that is not finite; export the network again")
         names = [name for name, _, _ in session.outputs]
         wanted = None if self._config.layout == "auto" else self._config.layout
         layout = recognise(Trial(size_px, names, outputs, self._inputs.sizes is not None), wanted)
-        layout.read(outputs, count, size_px)
+        with np.errstate(all="ignore"):
+            layout.read(outputs, count, size_px)
         return layout
 
     def _take_any_size(self, own_px: Size) -> None:
@@ -234,9 +238,8 @@ class OnnxDetector2D:
         for size_px in sizes_px:
             found = self._try(session, size_px)
             if (found.name, found.class_count) != (self._layout.name, self._layout.class_count):
-                raise ModelError(
-                    f"expected a {self._layout.name}, found a {found.name} for {size_px[1]} x {size_px[0]} px"
-                )
+                at = f"{size_px[1]} x {size_px[0]} px"
+                raise ModelError(f"expected the layout {self._layout.name}, found {found.name} for {at}")
         return session
 
     def _input_told(self) -> str:

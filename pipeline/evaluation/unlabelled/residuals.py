@@ -141,8 +141,8 @@ class Residuals:
     def _worth(self, projected: F32, found: F32) -> F64:
         """(Q,) what pairs of rectangles (Q, 4) are worth by place and size; -inf beyond the gate."""
         config, model = self._config, self._camera.model
-        focal_px = np.tile(model.K[[0, 1], [0, 1]], (len(projected), 1))
-        variances = detector_variances(projected, focal_px, config)
+        variances = detector_variances(projected, config)
+        variances[:, :2] += (np.deg2rad(config.calibration_sigma_deg) * np.diag(model.K)[:2]) ** 2
         squared = squared_distances(rectangle_features(found) - rectangle_features(projected), variances)
         area_px = np.full(len(projected), float(model.width_px * model.height_px))
         ratios = fit_ratios(squared, variances, area_px, config.unseen_boxes)

@@ -127,24 +127,22 @@ class _Columns:
         self._starts = np.flatnonzero(np.concatenate([[True], key[1:] != key[:-1]]))
         self._counts = np.diff(self._starts, append=len(key))
         key = key[self._starts].astype(np.int64)
-        self._x = origin[0] + (key // CELLS + 0.5) * self._edge_m
-        self._y = origin[1] + (key % CELLS + 0.5) * self._edge_m
+        self._x = (origin[0] + (key // CELLS + 0.5) * self._edge_m).astype(np.float32)
+        self._y = (origin[1] + (key % CELLS + 0.5) * self._edge_m).astype(np.float32)
         self._xyz = x[self._members], y[self._members], z[self._members]
-        self._z = np.minimum.reduceat(self._xyz[2], self._starts), np.maximum.reduceat(self._xyz[2], self._starts)
+        self._bottom = np.minimum.reduceat(self._xyz[2], self._starts)
+        self._top = np.maximum.reduceat(self._xyz[2], self._starts)
 
     def inside(self, planes: F32) -> I64:
         """Rows of the points on the positive side of all planes (K, 4), rising."""
         if not len(self._members):
             return self._members
-        cells = np.arange(len(self._starts))
-        for a, b, c, d in planes:
-            reach = (np.abs(a) + np.abs(b)) * REACH * self._edge_m + np.maximum(
-                c * self._z[0][cells], c * self._z[1][cells]
-            )
-            cells = cells[a * self._x[cells] + b * self._y[cells] + reach + d > 0]
+        a, b, c, d = planes.T[..., None]
+        reach = (np.abs(a) + np.abs(b)) * np.float32(REACH * self._edge_m) + d
+        height = np.where(c > 0, self._top, self._bottom)  # where the cell reaches furthest to the positive side
+        cells = np.flatnonzero((a * self._x + b * self._y + c * height + reach > 0).all(0))
         counts = self._counts[cells]
         rows = np.arange(counts.sum()) + np.repeat(self._starts[cells] - np.cumsum(counts) + counts, counts)
-        for a, b, c, d in planes:
-            x, y, z = (column[rows] for column in self._xyz)
-            rows = rows[a * x + b * y + c * z + d > 0]
+        x, y, z = (column[rows] for column in self._xyz)
+        rows = rows[(a * x + b * y + c * z + d > 0).all(0)]
         return np.sort(self._members[rows])

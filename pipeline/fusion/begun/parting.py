@@ -2,19 +2,26 @@
 
 import numpy as np
 
-from pipeline.core.arrays import F32, I64
+from pipeline.core.arrays import F32, F64, I64
 from pipeline.core.detections import Boxes3D
 from pipeline.fusion.begun.beginning import Begun
 from pipeline.fusion.begun.frustums import FrustumPoints
 from pipeline.fusion.cameras.sightings import Sightings
 
-__all__ = ["find_hosts", "find_merged", "share_points"]
+__all__ = ["choose_parts", "find_hosts", "find_merged", "share_points"]
 
 HOST_SHARE = 0.5
 """A box that holds more than this share of an object's points holds the object."""
 
 MARGIN_SHARE = 0.1
 """Points lie in a box that is this share of its size larger."""
+
+KEPT_IOU_SHARE = 0.8
+"""A cluster is parted only if its own part overlaps its 2D box by at least this share of what all of it did."""
+
+ROOM_SHARE = 0.75
+"""A cluster is parted only if it covers this share of the ground that its objects take up by their classes: one car
+behind another one is not a half of that."""
 
 
 def find_hosts(xyz: F32, begun: Begun, boxes: Boxes3D) -> I64:
@@ -72,3 +79,34 @@ def share_points(found: FrustumPoints, team: I64) -> FrustumPoints:
     first = np.ones(len(order), np.bool_)
     first[1:] = (key[:, 1:] != key[:, :-1]).any(0)
     return found.select(np.sort(order[first]))
+
+
+def choose_parts(
+    iou: F64, row: I64, team: I64, ground_m2: F64, partner: I64, partner_iou: F64, host_ground_m2: F64
+) -> tuple[I64, I64]:
+    """Which boxes fitted to the parts of clusters are taken.
+
+    Args:
+        iou: (G,) overlap of the box of each part with its own 2D box.
+        row: (G,) that 2D box, in the table of all.
+        team: (G,) 2D box that the cluster is matched with; it is `row` for the part that the cluster keeps.
+        ground_m2: (G,) ground that an object of the part's class takes up.
+        partner: (P,) row of the cluster of every 2D box.
+        partner_iou: (P,) its overlap with that 2D box.
+        host_ground_m2: (N,) ground of every cluster's box.
+
+    Returns:
+        (K,) the parts that the clusters keep, at most one for each cluster; and the other parts of those clusters. A
+        cluster that several cameras part is parted by the one that sees most in it.
+    """
+    is_owner = row == team
+    others = np.bincount(team[~is_owner], minlength=len(partner))
+    needed_m2 = np.bincount(team, ground_m2, minlength=len(partner))
+    sound = is_owner & (iou >= KEPT_IOU_SHARE * partner_iou[row]) & (others[team] > 0)
+    best = np.flatnonzero(sound)
+    host = partner[row[best]]
+    best = best[host_ground_m2[host] >= ROOM_SHARE * needed_m2[team[best]]]
+    host = partner[row[best]]
+    best = best[np.lexsort((row[best], -others[team[best]], host))]
+    best = best[np.flatnonzero(np.diff(partner[row[best]], prepend=-1))]
+    return best, np.flatnonzero(~is_owner & np.isin(team, row[best]))

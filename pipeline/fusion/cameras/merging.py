@@ -72,8 +72,9 @@ def merge_sightings(placements: Placements, cameras: I64, class_ids: I64) -> tup
         rows = np.flatnonzero(cameras == camera)
         new = placements.select(rows)
         mine, theirs = _assign(known, known_class, new, class_ids[rows])
-        known = _combined(known, mine, new.select(theirs))
-        fresh = np.setdiff1d(np.arange(len(rows)), theirs)
+        if len(mine):
+            known = _combined(known, mine, new.select(theirs))
+        fresh = np.delete(np.arange(len(rows)), theirs)
         objects[rows[theirs]] = mine
         objects[rows[fresh]] = len(known_class) + np.arange(len(fresh))
         known = join_rows(known, new.select(fresh))
@@ -82,16 +83,27 @@ def merge_sightings(placements: Placements, cameras: I64, class_ids: I64) -> tup
 
 
 def _assign(known: Placements, known_class: I64, new: Placements, new_class: I64) -> tuple[I64, I64]:
-    """Rows of known objects and the rows of new sightings of them."""
+    """Rows of known objects and the rows of new sightings of them, which are of one class."""
+    mine, theirs = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
     first, second = moments(known), moments(new)
-    gap = second.xy - first.xy[:, None]
-    a, b, c = (first.covariances[:, None, i, j] + second.covariances[:, i, j] for i, j in ((0, 0), (0, 1), (1, 1)))
-    determinant = a * c - b * b
-    square = (c * gap[..., 0] ** 2 - 2 * b * gap[..., 0] * gap[..., 1] + a * gap[..., 1] ** 2) / determinant
-    worth = np.where((square < GATE) & (known_class[:, None] == new_class), GATE - square, 0.0)
-    mine, theirs = linear_sum_assignment(worth, maximize=True)
-    taken = worth[mine, theirs] > 0
-    return mine[taken].astype(np.int64), theirs[taken].astype(np.int64)
+    for class_id in np.intersect1d(known_class, new_class):
+        rows, columns = np.flatnonzero(known_class == class_id), np.flatnonzero(new_class == class_id)
+        square = _squared_distances(first, rows, second, columns)
+        worth = np.maximum(GATE - square, 0.0)
+        a, b = linear_sum_assignment(worth, maximize=True)
+        taken = worth[a, b] > 0
+        mine.append(rows[a[taken]])
+        theirs.append(columns[b[taken]])
+    return np.concatenate(mine), np.concatenate(theirs)
+
+
+def _squared_distances(first: Moments, rows: I64, second: Moments, columns: I64) -> F64:
+    """(R, C) squared Mahalanobis distances of places, each as uncertain as both together."""
+    x, y = np.moveaxis(second.xy[columns] - first.xy[rows, None], -1, 0)
+    a, b, c = (
+        first.covariances[rows, None, i, j] + second.covariances[columns, i, j] for i, j in ((0, 0), (0, 1), (1, 1))
+    )
+    return np.asarray((c * x * x - 2 * b * x * y + a * y * y) / (a * c - b * b))
 
 
 def _combined(known: Placements, rows: I64, new: Placements) -> Placements:

@@ -26,7 +26,7 @@ Ground = Callable[[F64], F64]
 HEADINGS = np.arange(12) * (np.pi / 12)
 """The headings tried, radians about +z of the site; front and rear look alike."""
 
-STEPS = 5
+STEPS = 4
 
 MAX_STEP = 0.7
 """Largest change of the range's logarithm in one step."""

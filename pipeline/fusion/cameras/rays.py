@@ -10,7 +10,7 @@ __all__ = ["rays_of_pixels"]
 MAX_STEPS = 30
 """Steps of Newton's method; a dozen are enough at 85 degrees from the axis of a fisheye lens."""
 
-NEAR_PX = 1e-6
+NEAR_PX = 1e-4
 """A ray is found when it is projected this near to its pixel."""
 
 

@@ -16,6 +16,9 @@ __all__ = ["BORDER_PX", "Sightings", "see"]
 BORDER_PX = 2.0
 """An edge this near to the border of its image may be the border's own: the object may go on beyond it."""
 
+LEAST_PX = 0.5
+"""A box that is narrower or lower shows nothing."""
+
 
 @dataclass(frozen=True, eq=False)
 class Sightings:
@@ -78,7 +81,7 @@ def see(views: Mapping[str, CameraSensor], boxes2d: Mapping[str, Boxes2D]) -> Si
         -(cameras.rotations * cameras.translations[:, :, None]).sum(1),
         (cameras.rotations[:, None] * rays[..., None]).sum(2),
     )
-    shown = np.isfinite(xyxy).all(1) & np.asarray(sound.all(1)) & (xyxy[:, 2:] > xyxy[:, :2]).all(1)
+    shown = np.isfinite(xyxy).all(1) & np.asarray(sound.all(1)) & (xyxy[:, 2:] - xyxy[:, :2] >= LEAST_PX).all(1)
     return table.select(np.flatnonzero(shown))
 
 

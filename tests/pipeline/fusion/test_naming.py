@@ -41,7 +41,8 @@ def test_measured_extents_count_and_completed_ones_are_no_longer_than_that() -> 
     assert by_size((4.0, 1.7, 2.0), CAR)[CAR] < by_size((4.0, 1.7, 1.55), CAR)[CAR]
     assert by_size((8.0, 2.5, 3.2), TRUCK)[CAR] == 0, "all of it was completed"
     assert by_size((8.0, 2.5, 3.0), TRUCK)[CAR] < -2, "its height was measured"
-    assert by_size((4.0, 1.7, 1.55), CAR)[BUS] < -2, "a bus would be higher"
+    assert by_size((4.3, 1.75, 1.5), CAR)[BUS] < -2, "a bus would be higher"
+    assert by_size((4.0, 1.7, 1.55), CAR)[BUS] > by_size((4.3, 1.75, 1.5), CAR)[BUS], "completed: it may be higher"
     assert np.isfinite(by_size((18.0, 3.1, 4.1), BUS)).all()
 
 

@@ -1,5 +1,3 @@
-import itertools
-import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -7,17 +5,13 @@ import cv2
 import numpy as np
 import pytest
 from detections import boxes2d, boxes3d, camera_rig, forward_camera
-from helpers import shared
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.optimize import linear_sum_assignment
 
 from pipeline.core.arrays import Array
-from pipeline.core.camera import CameraModel
 from pipeline.core.detections import Boxes2D, Boxes3D, Matches
 from pipeline.core.errors import FrameError
 from pipeline.core.geometry.boxes import box_corners
-from pipeline.core.geometry.transform import Transform
 from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.fuse import AssociateConfig
@@ -227,68 +221,3 @@ def test_order_of_boxes_does_not_matter(rows3: list[Any], rows2: list[Any], rand
         return sorted((three[i], two[j], float(v)) for (i, j), v in zip(found.pairs, found.iou, strict=True))
 
     assert named(straight, rows3, rows2) == named(mixed, [rows3[i] for i in order3], [rows2[i] for i in order2])
-
-
-# --- scenes with truth, and what the predecessor system made of them
-
-
-def scene_rig(calibration: Mapping[str, Any]) -> Rig:
-    """Cameras from 3 x 4 matrices K [R | t]; these count pixels from the corner of the image as lidcam's boxes do."""
-    width, height, f = calibration["W"], calibration["H"], calibration["f"]
-    corner_K = np.array([[f, 0, width / 2], [0, f, height / 2], [0, 0, 1]])
-    center_K = corner_K - np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
-    cameras = []
-    for number, P in enumerate(np.array(calibration["P"], np.float64), start=1):
-        matrix = np.eye(4)
-        matrix[:3] = np.linalg.solve(corner_K, P)
-        model = CameraModel(f"{number}", width, height, center_K.copy(), "plumb_bob", np.zeros(0))
-        cameras.append(CameraSensor(f"{number}", "", "", model, Transform(f"{number}", "site", matrix)))
-    return camera_rig(*cameras)
-
-
-def true_rows(P: Array, size: tuple[int, int], truth: Boxes3D, seen: Boxes2D) -> dict[int, int]:
-    """Which object each 2D box shows, by the place of the truth in the image; boxes that show none have no entry."""
-    corners = box_corners(truth.centers, truth.sizes, truth.yaws)
-    homogeneous = corners @ P[:, :3].T + P[:, 3]
-    overlaps = np.zeros((len(truth), len(seen)))
-    for i, j in itertools.product(range(len(truth)), range(len(seen))):
-        if (homogeneous[i, :, 2] <= 0.05).any():
-            continue
-        pixels = homogeneous[i, :, :2] / homogeneous[i, :, 2:]
-        low, high = np.clip(pixels.min(0), 0, size), np.clip(pixels.max(0), 0, size)
-        width, height = np.minimum(high, seen.xyxy[j, 2:]) - np.maximum(low, seen.xyxy[j, :2])
-        if width > 0 and height > 0:
-            union = (high - low).prod() + (seen.xyxy[j, 2:] - seen.xyxy[j, :2]).prod() - width * height
-            overlaps[i, j] = width * height / union
-    objects, shows = linear_sum_assignment(overlaps, maximize=True)
-    return {int(j): int(i) for i, j in zip(objects, shows, strict=True) if overlaps[i, j] >= 0.5}
-
-
-def test_scenes_of_the_original() -> None:
-    oracle = json.loads(shared("oracles/fusion/scenes.json").read_text())
-    rig = scene_rig(oracle["calibration"])
-    ours_right = ours_wrong = seed_right = seed_wrong = shown_objects = 0
-    for case in oracle["cases"]:
-        seen = {camera.name: boxes2d(rows) for camera, rows in zip(rig.cameras, case["boxes2d"], strict=True)}
-        lidar = boxes3d(case["boxes3d"], scores=case["scores3d"])
-        found = associate(lidar, seen, rig=rig)
-        ours = {(name, int(j)): int(i) for name, matches in found.items() for i, j in matches.pairs}
-        seed = {(str(camera), row2d): row3d for camera, row3d, _, row2d, _ in case["seed_match"]}
-        truth = {
-            (camera.name, j): i
-            for camera, P in zip(rig.cameras, oracle["calibration"]["P"], strict=True)
-            for j, i in true_rows(
-                np.array(P), (oracle["W"], oracle["H"]), boxes3d(case["gt_boxes3d"]), seen[camera.name]
-            ).items()
-        }
-        sound = {key: row for key, row in seed.items() if truth.get(key) == row}
-        assert sound.items() <= ours.items(), case["name"]
-        shown_objects += len(truth)
-        seed_right, seed_wrong = seed_right + len(sound), seed_wrong + len(seed) - len(sound)
-        right = sum(truth.get(key) == row for key, row in ours.items())
-        ours_right, ours_wrong = ours_right + right, ours_wrong + len(ours) - right
-    assert (seed_right, seed_wrong, shown_objects) == (167, 2, 326), (
-        "the predecessor system: one camera for each object at most"
-    )
-    assert ours_wrong <= 0.01 * shown_objects
-    assert ours_right >= 0.98 * shown_objects

@@ -13,6 +13,7 @@ from pipeline.stages.classify import Classify
 CAR, PEDESTRIAN, BICYCLE, TRUCK, BUS = range(5)
 SIZES = [prior.size_m for prior in ROAD_CLASSES]
 VAN = (4.6, 1.9, 2.05)
+SALOON = (4.3, 1.75, 1.5)
 Vote = tuple[float, int]
 
 
@@ -41,9 +42,10 @@ def classified(size: tuple[float, float, float], own: int, votes: Sequence[Vote]
     [
         (SIZES[CAR], CAR, [], CAR),
         (SIZES[CAR], CAR, [(0.9, CAR)], CAR),
-        (SIZES[CAR], CAR, [(0.9, BUS)], CAR),
-        (SIZES[CAR], CAR, [(0.9, BUS), (0.9, BUS), (0.9, BUS)], BUS),
+        (SALOON, CAR, [(0.9, BUS)], CAR),
+        (SALOON, CAR, [(0.9, BUS), (0.9, BUS), (0.9, BUS)], BUS),
         (VAN, CAR, [(0.9, TRUCK)], TRUCK),
+        (SIZES[CAR], CAR, [(0.8, TRUCK)], TRUCK),
         (VAN, CAR, [(0.9, CAR)], CAR),
         (SIZES[PEDESTRIAN], PEDESTRIAN, [(0.6, BICYCLE)], BICYCLE),
         (SIZES[BICYCLE], BICYCLE, [(0.8, PEDESTRIAN)], PEDESTRIAN),
@@ -57,6 +59,7 @@ def classified(size: tuple[float, float, float], own: int, votes: Sequence[Vote]
         "one vote makes a car no bus",
         "three do",
         "a van is a truck if a camera says so",
+        "and so is what was completed",
         "and a car if it does not",
         "a rider",
         "no rider",

@@ -37,14 +37,14 @@ def cloud_of(*boxes: Box) -> F64:
 
 
 def propose(
-    points: F64, lidar: Boxes3D | None, boxes2d: Mapping[str, Boxes2D], *cameras: CameraSensor, config: Config = CONFIG
+    points: F64, lidar: Boxes3D | None, boxes2d: Mapping[str, Boxes2D], *cameras: CameraSensor
 ) -> tuple[Boxes3D, Boxes3D]:
     """The lidar's boxes, by default those that are found in the points; and all hypotheses."""
     sensors, frame, views = with_cameras(*cameras), combined(points), views_of(*cameras)
-    lidar = Detect3D(sensors, config)(frame) if lidar is None else lidar
-    matches = Associate(sensors, config)(lidar, boxes2d, views)
-    placed = Place(sensors, config)(frame, boxes2d, views)
-    return lidar, Propose(sensors, config)(frame, lidar, matches, placed)
+    lidar = Detect3D(sensors, CONFIG)(frame) if lidar is None else lidar
+    matches = Associate(sensors, CONFIG)(lidar, boxes2d, views)
+    placed = Place(sensors, CONFIG)(frame, boxes2d, views)
+    return lidar, Propose(sensors, CONFIG)(frame, lidar, matches, placed)
 
 
 def nothing() -> Boxes3D:
@@ -131,14 +131,23 @@ def test_merged_pedestrians_are_parted() -> None:
     points = cloud_of(*WALKERS)
     # What the lidar makes of the two: one box around both, matched with one of the 2D boxes.
     merged = replace(boxes3d([(8.15, -0.1, 0.87, 0.8, 1.3, 1.75, 0.0)], class_ids=[PEDESTRIAN]), stamp_ns=7)
-    config = Config.model_validate({"associate": {"min_iou": 0.2}})
-    lidar, found = propose(points, merged, boxes, CAMERA, config=config)
+    lidar, found = propose(points, merged, boxes, CAMERA)
     assert found.sources.tolist() == [Source.BOTH, Source.BOTH]
     gap = np.abs(found.centers[:, None, :2] - np.array(WALKERS)[:, :2]).max(-1)
     assert sorted(gap.argmin(1).tolist()) == [0, 1]
     assert gap.min(1).max() < 0.3  # half of a body: its points are taken for all of it
     assert found.sizes[:, 1].max() < 0.9
     assert lidar is merged
+
+
+def test_car_behind_another_one_is_no_part_of_it() -> None:
+    behind = (26.0, 2.6, 0.775, 4.2, 1.75, 1.55, 0.2)
+    boxes = {"cam": seen_by(CAMERA, [CAR_BOX, behind], [CAR, CAR])}
+    points = cloud_of(CAR_BOX, behind)
+    lidar, found = propose(points[points[:, 0] < 20], None, boxes, CAMERA)
+    assert len(lidar) == 1
+    np.testing.assert_array_equal(found.centers[:1], lidar.centers)
+    assert all(np.hypot(*(center[:2] - CAR_BOX[:2])) > 5 for center in found.centers[1:])
 
 
 def test_hypotheses_do_not_depend_on_the_order_of_points_and_boxes() -> None:

@@ -43,11 +43,11 @@ def assert_unchanged(boxes: Boxes3D, before: Boxes3D, row: int, *, but: tuple[st
         np.testing.assert_array_equal(getattr(boxes, name)[row], getattr(before, name)[row], err_msg=name)
 
 
-def test_rear_of_a_car_becomes_that_of_a_truck() -> None:
+def test_rear_of_a_car_becomes_that_of_a_van() -> None:
     cloud, lidar = found(REAR)
     assert lidar.class_ids.tolist() == [CAR]
     boxes = reshaped(cloud, lidar, [TRUCK], config=Config())
-    length_m = Config().classes[TRUCK].size_m[0]
+    length_m = Config().classes[TRUCK].kinds_m[0][0]
     assert boxes.class_ids.tolist() == [TRUCK]
     assert boxes.sizes[0, 0] == pytest.approx(length_m)
     assert boxes.centers[0, 0] - length_m / 2 == pytest.approx(lidar.centers[0, 0] - lidar.sizes[0, 0] / 2, abs=0.02)

@@ -39,15 +39,14 @@ class YoloxReader:
         centers, sizes = rows[:, :2], rows[:, 2:4]
         if not self.is_in_pixels:
             grid, stride = _cells(size_px)
-            with np.errstate(over="ignore"):  # boxes that are not finite are left out
-                centers, sizes = (centers + grid) * stride, np.exp(sizes) * stride
+            centers, sizes = (centers + grid) * stride, np.exp(sizes) * stride
         scores, labels = best_class(rows[:, 5:])
         return Candidates2D(corners_of(centers, sizes), rows[:, 4] * scores, labels)
 
 
 @dataclass(frozen=True, slots=True)
 class YoloV5Reader:
-    """YOLOv5, YOLOv7: (N, A, 5 + C), rows of centre and size in pixels, objectness, C scores.
+    """YOLOv5, YOLOv6, YOLOv7: (N, A, 5 + C), rows of centre and size in pixels, objectness, C scores.
 
     Attributes:
         class_count: C.

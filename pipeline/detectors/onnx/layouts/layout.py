@@ -29,6 +29,8 @@ class Reader(Protocol):
             count: Images of the batch.
             size_px: Height and width of the network's input.
 
+        Boxes that are beyond what numbers can say are not finite; a caller leaves them out, and has numpy keep quiet.
+
         Raises:
             ModelError: the outputs are not of the layout.
         """

@@ -11,7 +11,7 @@ from pipeline.core.errors import ModelError
 from pipeline.detectors.onnx.layouts.layout import Size, best_class, check_shape, corners_of
 from pipeline.detectors.protocols import Candidates2D
 
-__all__ = ["DetrReader", "DfineReader", "EndToEndReader", "RtDetrReader"]
+__all__ = ["DetrReader", "DfineReader", "EndToEndReader", "RtDetrListReader", "RtDetrReader"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +27,7 @@ class EndToEndReader:
 
 @dataclass(frozen=True, slots=True)
 class RtDetrReader:
-    """RT-DETR as Ultralytics exports it: (N, Q, 4 + C), rows of centre and size in shares of the image, C scores.
+    """RT-DETR as Ultralytics exported it up to 8.3: (N, Q, 4 + C), rows of centre and size in shares, C scores.
 
     Attributes:
         class_count: C.
@@ -39,6 +39,16 @@ class RtDetrReader:
         """See `Reader`."""
         check_shape(outputs[0], (count, None, 4 + self.class_count), "an RT-DETR output")
         return [_scored(rows[:, :4], rows[:, 4:], size_px) for rows in outputs[0]]
+
+
+@dataclass(frozen=True, slots=True)
+class RtDetrListReader:
+    """RT-DETR as Ultralytics exports it since 8.4: (N, K, 6), rows of centre and size in shares, score, class."""
+
+    def __call__(self, outputs: Sequence[Array], count: int, size_px: Size) -> list[Candidates2D]:
+        """See `Reader`."""
+        check_shape(outputs[0], (count, None, 6), "an RT-DETR output")
+        return [_listed(_in_pixels(rows[:, :4], size_px), rows[:, 4], rows[:, 5]) for rows in outputs[0]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,16 +103,20 @@ class DfineReader:
 
 def _scored(boxes: F32, scores: F32, size_px: Size) -> Candidates2D:
     """Boxes in shares of the image (Q, 4) and their scores by class (Q, C)."""
+    return Candidates2D(_in_pixels(boxes, size_px), *best_class(scores))
+
+
+def _in_pixels(boxes: F32, size_px: Size) -> F32:
+    """Corners in pixels of boxes (Q, 4) by centre and size in shares of the image."""
     image = np.array([size_px[1], size_px[0]], np.float32)
-    return Candidates2D(corners_of(boxes[:, :2] * image, boxes[:, 2:] * image), *best_class(scores))
+    return corners_of(boxes[:, :2] * image, boxes[:, 2:] * image)
 
 
 def _listed(xyxy: F32, scores: F32, labels: Array) -> Candidates2D:
     """Boxes with a class each; rows without a score are filling."""
     taken = scores > 0
     classes = labels[taken].astype(np.float64)
-    with np.errstate(invalid="ignore"):
-        is_class = (classes >= 0) & (classes < 2**31) & (classes == np.floor(classes))
+    is_class = (classes >= 0) & (classes < 2**31) & (classes == np.floor(classes))
     if not is_class.all():
         raise ModelError(f"expected numbers of classes, found {classes[~is_class][0]:g}")
     return Candidates2D(xyxy[taken], scores[taken], classes.astype(np.int64))

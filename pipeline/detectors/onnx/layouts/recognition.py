@@ -17,7 +17,13 @@ from pipeline.detectors.onnx.layouts.cells import (
     is_in_pixels,
 )
 from pipeline.detectors.onnx.layouts.layout import Layout, Size
-from pipeline.detectors.onnx.layouts.queries import DetrReader, DfineReader, EndToEndReader, RtDetrReader
+from pipeline.detectors.onnx.layouts.queries import (
+    DetrReader,
+    DfineReader,
+    EndToEndReader,
+    RtDetrListReader,
+    RtDetrReader,
+)
 
 __all__ = ["Trial", "recognise"]
 
@@ -73,6 +79,8 @@ def recognise(trial: Trial, wanted: NetworkLayout | None = None) -> Layout:
             return Layout(name, "rgb_1", "center", shapes[0][1] - 4, YoloV8Reader(shapes[0][1] - 4))
         case "end_to_end" if len(outputs) == 1 and columns == 6:
             return Layout(name, "rgb_1", "center", None, EndToEndReader())
+        case "rtdetr" if len(outputs) == 1 and columns == 6 and _ends_with_class(outputs[0]):
+            return Layout(name, "rgb_1", "stretched", None, RtDetrListReader())
         case "rtdetr" if len(outputs) == 1 and columns > 4:
             return Layout(name, "rgb_1", "stretched", columns - 4, RtDetrReader(columns - 4))
         case "detr" if found := _boxes_and_scores(trial):
@@ -99,17 +107,22 @@ def _look(trial: Trial) -> NetworkLayout | None:
     _, rows, columns = trial.outputs[0].shape
     cells = [cell_count(trial.size_px, strides) for strides in PYRAMIDS_PX]
     if columns > 5 and rows == cells[0]:
-        return "yolox"
+        has_objectness = bool((trial.outputs[0][..., 4] != 1).any())  # YOLOv6 has ones in its place
+        return "yolox" if has_objectness else "yolov5"
     if columns > 5 and rows in {ANCHORS_PER_CELL * count for count in cells}:
         return "yolov5"
     if rows > 4 and columns in cells:
         return "yolov8"
-    if columns == 6:
+    # Boxes in shares of the image; all others are in pixels, or all 0 where an export with suppression finds nothing.
+    is_in_shares = 0 < np.abs(trial.outputs[0][..., :4]).max(initial=0) < 2
+    if columns == 6 and not is_in_shares:
         return "end_to_end"
-    # Centres in shares of the image: so few rows, and no other layout gives such.
-    if columns > 4 and np.abs(trial.outputs[0][..., :4]).max(initial=0) < 2:
-        return "rtdetr"
-    return None
+    return "rtdetr" if columns > 4 and is_in_shares else None
+
+
+def _ends_with_class(rows: Array) -> bool:
+    """Whether the last column has numbers of classes, and no scores."""
+    return bool((rows[..., -1] == np.floor(rows[..., -1])).all())
 
 
 def _boxes_and_scores(trial: Trial) -> tuple[int, int] | None:

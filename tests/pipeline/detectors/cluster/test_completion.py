@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from pipeline.core.arrays import I64
 from pipeline.core.settings.config import Config
 from pipeline.detectors.cluster.completion import CompletedBoxes, complete_boxes
 from pipeline.detectors.cluster.lshape import Rectangles
@@ -109,6 +110,17 @@ def test_larger_than_every_class(low: tuple[float, float], high: tuple[float, fl
 
 def test_low_part_of_a_car_gets_the_height_of_the_prior() -> None:
     assert complete((10.0, -0.85), (10.3, 0.85), top_m=0.9).sizes[0, 2] == HEIGHT
+
+
+@pytest.mark.parametrize("given", [None, np.array([TRUCK])])
+def test_rear_of_a_van_grows_to_a_van_and_that_of_a_lorry_to_a_lorry(given: I64 | None) -> None:
+    """Both are trucks."""
+    for width, top_m, length in ((2.0, 2.4, PRIORS[TRUCK].kinds_m[0][0]), (2.5, 3.3, PRIORS[TRUCK].size_m[0])):
+        rear = Rectangles(np.zeros(1), np.array([[10.0, -width / 2]]), np.array([[10.3, width / 2]]), np.zeros(1))
+        box = complete_boxes(rear, np.array([top_m]), np.ones((1, 1)), np.zeros((1, 2)), PRIORS, given)
+        assert box.class_ids.tolist() == [TRUCK]
+        assert box.sizes[0] == pytest.approx([length, width, top_m])
+        assert box.center_xy[0, 0] == pytest.approx(10 + length / 2)
 
 
 def test_rarer_class_loses_a_tie() -> None:

@@ -49,9 +49,9 @@ def test_boxes_are_those_of_the_detector_where_it_finds_the_class() -> None:
 
 def test_box_is_completed_with_the_size_of_the_given_class() -> None:
     cloud, rows, starts = scene((12.0, 0.0, 0.75, 1.0, 1.8, 1.5, 0.0))  # the rear of something
-    for class_id in (CAR, TRUCK):
+    lengths_m = CONFIG.classes[CAR].size_m[0], CONFIG.classes[TRUCK].kinds_m[0][0]  # the rear is as low as a van's
+    for class_id, length in zip((CAR, TRUCK), lengths_m, strict=True):
         box = BoxFitter(rig(LIDAR), CONFIG)(cloud, rows, starts, np.array([class_id]))
-        length = CONFIG.classes[class_id].size_m[0]
         assert box.class_ids.tolist() == [class_id]
         assert box.sizes[0, 0] == pytest.approx(length)
         assert box.centers[0, 0] - length / 2 == pytest.approx(11.5, abs=0.05)

@@ -1,3 +1,4 @@
+import logging
 import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -6,6 +7,7 @@ import numpy as np
 import pytest
 from helpers import shared
 from onnx_files import DOUBLE, write_yolox
+from onnx_networks import write_network
 
 from pipeline.core.arrays import U8, Array
 from pipeline.core.errors import ModelError
@@ -242,7 +244,6 @@ def test_real_network_does_not_depend_on_threads() -> None:
     [
         ({}, {(1, 3, 320, 960), (1, 3, 480, 640)}),
         ({"max_input_px": 640 * 224}, {(1, 3, 224, 640), (1, 3, 320, 448)}),
-        ({"input": (416, 416)}, {(1, 3, 416, 416)}),
         ({"input": (320, 256)}, {(1, 3, 256, 320)}),
     ],
 )
@@ -261,3 +262,24 @@ def test_real_network_is_given_each_pictures_shape(
     monkeypatch.setattr(OnnxSession, "run", watched)
     assert len(model([image(375, 1242), image(480, 640), image(375, 1242)])) == 3
     assert given == sizes
+
+
+@pytest.mark.parametrize("task", ["segment", "pose", "x" * 5000])
+def test_networks_for_other_tasks(tmp_path: Path, task: str) -> None:
+    said = {"task": task, "names": "{0: 'person'}"}
+    path = write_network(
+        tmp_path / "m.onnx", {"output0": np.zeros((56, ANCHORS), np.float32)}, size_px=SIZE_PX, metadata=said
+    )
+    with pytest.raises(
+        ModelError, match=r"m\.onnx: expected a network for detection, found one for the task"
+    ) as caught:
+        detector(path)
+    assert len(str(caught.value)) < 400
+
+
+def test_what_a_network_is_taken_for_is_logged(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.INFO)
+    path = write_yolox(tmp_path / "m.onnx", raw_rows(), size_px=SIZE_PX)
+    OnnxDetector2D(path, Config())
+    assert "takes 96 x 64 px only: " in caplog.messages[-2]
+    assert caplog.messages[-1] == f"{path}: yolox, 80 classes, pictures of 96 x 64 px"

@@ -6,7 +6,7 @@ from pipeline.core.arrays import F64
 from pipeline.detectors.protocols import Candidates3D
 from pipeline.fusion.begun.beginning import Begun
 from pipeline.fusion.begun.frustums import FrustumPoints
-from pipeline.fusion.begun.parting import find_hosts, find_merged, share_points
+from pipeline.fusion.begun.parting import choose_parts, find_hosts, find_merged, share_points
 from pipeline.fusion.cameras.sightings import see
 
 
@@ -49,3 +49,40 @@ def test_points_go_to_the_frustum_whose_middle_is_nearest() -> None:
     found = share_points(FrustumPoints(rows, group, x, x, x), np.array([0, 0, 9]))
     assert list(zip(found.rows.tolist(), found.group.tolist(), strict=True)) == [(4, 0), (5, 0), (6, 1), (7, 1), (5, 2)]
     assert len(share_points(found.select(np.zeros(0, np.int64)), np.array([0, 0, 9]))) == 0
+
+
+def parts(
+    iou: list[float], row: list[int], team: list[int], *, host_ground_m2: float = 1.0
+) -> tuple[list[int], list[int]]:
+    """Parts of cluster 0 by 2D boxes 0 to 2 of one camera and 3 to 5 of another; 0 and 3 are matched with it."""
+    partner = np.array([0, -1, -1, 0, -1, -1])
+    owner, other = choose_parts(
+        np.array(iou),
+        np.array(row, np.int64),
+        np.array(team, np.int64),
+        np.full(len(iou), 0.36),
+        partner,
+        np.where(partner == 0, 0.5, 0.0),
+        np.array([host_ground_m2]),
+    )
+    return owner.tolist(), other.tolist()
+
+
+def test_cluster_with_room_for_two_is_parted() -> None:
+    assert parts([0.7, 0.6], [0, 1], [0, 0]) == ([0], [1])
+
+
+def test_cluster_is_left_whole_where_its_own_part_is_worse_or_missing() -> None:
+    assert parts([0.3, 0.6], [0, 1], [0, 0]) == ([], [])
+    assert parts([0.6], [1], [0]) == ([], [])
+    assert parts([0.6], [0], [0]) == ([], [])
+    assert parts([], [], []) == ([], [])
+
+
+def test_cluster_without_room_for_two_is_left_whole() -> None:
+    assert parts([0.7, 0.6], [0, 1], [0, 0], host_ground_m2=0.5) == ([], [])
+
+
+def test_camera_that_sees_most_parts_a_cluster() -> None:
+    assert parts([0.7, 0.6, 0.8, 0.6, 0.6], [0, 1, 3, 4, 5], [0, 0, 3, 3, 3]) == ([2], [3, 4])
+    assert parts([0.7, 0.6, 0.8, 0.6], [0, 1, 3, 4], [0, 0, 3, 3]) == ([0], [1])

@@ -21,7 +21,7 @@ def test_rays_are_projected_to_their_pixels(model: Any, distortion: Any, slopes:
     assert valid.all()
     found, is_found = rays_of_pixels(camera, pixels)
     assert is_found.all()
-    np.testing.assert_allclose(found, rays, atol=1e-6)
+    np.testing.assert_allclose(found, rays, atol=2e-6)
 
 
 def test_fisheye_far_from_the_axis() -> None:
@@ -30,7 +30,7 @@ def test_fisheye_far_from_the_axis() -> None:
     rays = np.stack([tangents, np.zeros(5), np.ones(5)], 1)[None]
     found, is_found = rays_of_pixels(camera, camera.project(rays)[0])
     assert is_found.all()
-    np.testing.assert_allclose(found, rays, rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(found, rays, rtol=1e-4, atol=1e-6)
 
 
 def test_pixels_without_a_ray_get_the_axis() -> None:

@@ -77,6 +77,11 @@ def in_shares(outputs: Mapping[str, Array], row: int) -> tuple[float, float, flo
     return (*from_center(cx * 96, cy * 64, w * 96, h * 64), *largest(np.array(classes)))
 
 
+def listed_in_shares(outputs: Mapping[str, Array], row: int) -> tuple[float, float, float, float, float, int]:
+    cx, cy, w, h, score, label = outputs["output0"][row].tolist()
+    return (*from_center(cx * 96, cy * 64, w * 96, h * 64), score, int(label))
+
+
 def of_logits(outputs: Mapping[str, Array], row: int) -> tuple[float, float, float, float, float, int]:
     box = next(array for name, array in outputs.items() if array.shape[1] == 4 and ("box" in name or name == "dets"))
     logits = next(array for array in outputs.values() if array is not box)
@@ -114,6 +119,12 @@ CASES = {
         listed,
     ),
     "RT-DETR of Ultralytics": Case("rtdetr", {"output0": f32(shares(40), scores(40, 4))}, in_shares, "stretched"),
+    "RT-DETR of Ultralytics, listed": Case(
+        "rtdetr",
+        {"output0": f32(shares(40), RNG.uniform(0.01, 1, (40, 1)), RNG.integers(0, 4, (40, 1)))},
+        listed_in_shares,
+        "stretched",
+    ),
     "RT-DETR of Transformers": Case(
         "detr",
         {"logits": f32(RNG.normal(-3, 3, (40, 4))), "pred_boxes": f32(shares(40))},
@@ -246,6 +257,12 @@ def test_what_is_no_number_of_a_class(tmp_path: Path, label: float) -> None:
     path = write_network(tmp_path / "m.onnx", outputs, size_px=SIZE_PX, metadata={"names": NAMES})
     with pytest.raises(ModelError, match="expected numbers of classes, found"):
         load(path)
+
+
+def test_numbers_that_are_too_large(tmp_path: Path) -> None:
+    outputs = {"output0": np.full((8, CELLS), 3e38, np.float32)}
+    path = write_network(tmp_path / "m.onnx", outputs, size_px=SIZE_PX, metadata={"names": NAMES})
+    assert len(load(path)([picture(*SIZE_PX)])) == 1
 
 
 def test_rows_without_a_score_are_filling(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ the same step, it is the camera, and its 2D boxes would draw every object aside.
 import numpy as np
 
 from pipeline.core.arrays import F64
-from pipeline.fusion.measured_edges import MeasuredEdges
+from pipeline.fusion.refining.measured_edges import MeasuredEdges
 
 __all__ = ["camera_shifts"]
 

@@ -18,10 +18,11 @@ import numpy as np
 
 from pipeline.core.arrays import F64, Bools, Indices, check_array
 from pipeline.core.detections import Boxes3D
-from pipeline.fusion.box_prior import BoxPrior
-from pipeline.fusion.measured_edges import MeasuredEdges
+from pipeline.core.geometry.boxes import rotations_2d
 from pipeline.fusion.outline import Outline
 from pipeline.fusion.projection import project_edges
+from pipeline.fusion.refining.box_prior import BoxPrior
+from pipeline.fusion.refining.measured_edges import MeasuredEdges
 from pipeline.fusion.small_matrices import solve
 
 __all__ = ["RefinedBoxes", "predicted_edges", "refine_boxes"]
@@ -58,6 +59,7 @@ class RefinedBoxes:
         yaws: (N,) float64 radians.
         lengths_widths: (N, 2) float64 metres.
         covariances: (N, 3, 3) float64 over x, y and yaw.
+        later_s: (N,) float64, how much later than in the prior the object is where its box says.
         accepted: (N,) whether the result explains the images better than the prior, and is not too far from it; else
             the row is that of the prior.
     """
@@ -66,6 +68,7 @@ class RefinedBoxes:
     yaws: F64
     lengths_widths: F64
     covariances: F64
+    later_s: F64
     accepted: Bools
 
     def __post_init__(self) -> None:
@@ -74,6 +77,7 @@ class RefinedBoxes:
         check_array("yaws", self.yaws, (n,), np.float64)
         check_array("lengths_widths", self.lengths_widths, (n, 2), np.float64)
         check_array("covariances", self.covariances, (n, 3, 3), np.float64)
+        check_array("later_s", self.later_s, (n,), np.float64)
         check_array("accepted", self.accepted, (n,), np.bool_)
 
 
@@ -134,13 +138,13 @@ class _Problem:
         return found.xyxy, jacobian
 
     def averaged(self, means: F64, yaw_sigma: F64) -> tuple[F64, F64]:
-        """Mean (N, 7) and covariance (N, 3, 3) of x, y, yaw, from headings tried around those of states (N, 7)."""
+        """Means (N, 7) and covariances (N, 7, 7), from headings tried around those of states (N, 7)."""
         offsets = np.linspace(-SPAN, SPAN, YAWS)
         states = np.repeat(means[:, None], YAWS, axis=1)
         states[..., _YAW] += offsets * yaw_sigma[:, None]
         for _ in range(STEPS):
             normal, pull, cost = self.linearised(states)
-            right = np.concatenate([pull[..., None], np.broadcast_to(np.eye(6)[:, :2], (*pull.shape, 2))], 3)
+            right = np.concatenate([pull[..., None], np.broadcast_to(np.eye(6), (*pull.shape, 6))], 3)
             found, log_det = solve(np.moveaxis(normal, (2, 3), (0, 1)), np.moveaxis(right, (2, 3), (0, 1)))
             step = np.moveaxis(found[:, 0], 0, 2)
             states[..., _REST] += step
@@ -148,9 +152,9 @@ class _Problem:
         weights = np.exp(likelihood - likelihood.max(1, keepdims=True))
         weights /= weights.sum(1, keepdims=True)
         mean = (weights[..., None] * states).sum(1)
-        apart = (states - mean[:, None])[..., :3]
+        apart = states - mean[:, None]
         covariances = np.einsum("nk,nki,nkj->nij", weights, apart, apart)
-        covariances[:, :2, :2] += np.moveaxis((weights * found[:2, 1:]).sum(-1), 2, 0)
+        covariances[:, _REST[:, None], _REST] += np.moveaxis((weights * found[:, 1:]).sum(-1), 2, 0)
         covariances[:, _YAW, _YAW] += (yaw_sigma * (offsets[1] - offsets[0])) ** 2 / 12
         return mean, covariances
 
@@ -192,14 +196,42 @@ def refine_boxes(boxes: Boxes3D, prior: BoxPrior, edges: MeasuredEdges, outline:
     accepted = (costs[:, 1] <= costs[:, 0]) & (inner <= GATE) & (np.abs(mean[:, _YAW]) < np.pi / 2)
     accepted &= np.isfinite(mean).all(1) & np.isfinite(covariances).all((1, 2))
     mean = np.where(accepted[:, None], mean, 0.0)
+    covariances = np.where(accepted[:, None, None], covariances, prior.covariances)
+    # The yaw of the box follows the one that images show by a share.
+    follows = np.ones((n, 7))
+    follows[:, _YAW] = prior.yaw_shares
+    mean, covariances = follows * mean, follows[:, :, None] * covariances * follows[:, None]
+    covariances[:, _YAW, _YAW] += prior.yaw_rests
+    later_s, moved = _best_known(boxes, edges, covariances, starts)
     extent = boxes.sizes[:, :2]
     return RefinedBoxes(
-        boxes.centers[:, :2] + mean[:, :2],
+        boxes.centers[:, :2] + np.einsum("nij,nj->ni", moved, mean)[:, :2],
         boxes.yaws + mean[:, _YAW],
         np.clip(extent + mean[:, 3:5], LEAST_SIZE * extent, MOST_SIZE * extent),
-        np.where(accepted[:, None, None], covariances, prior.covariances[:, :3, :3]),
+        np.einsum("nij,njk,nlk->nil", moved, covariances, moved),
+        later_s,
         accepted,
     )
+
+
+def _best_known(boxes: Boxes3D, edges: MeasuredEdges, covariances: F64, starts: Indices) -> tuple[F64, F64]:
+    """When the place of each box is known best, between cloud and images.
+
+    The speed is hardly known, so the place is known best at the time of what tells most of it: the more an image says,
+    the nearer to the time of the image.
+
+    Returns:
+        (N,) seconds after the time of the prior; (N, 3, 7) x, y and yaw at that time by the states.
+    """
+    turn = rotations_2d(boxes.yaws)
+    common = np.einsum("nij,nij->n", turn, covariances[:, :2, 5:])
+    later_s = -common / (covariances[:, 5, 5] + covariances[:, 6, 6])
+    first, last = np.minimum.reduceat(edges.later_s, starts), np.maximum.reduceat(edges.later_s, starts)
+    later_s = np.clip(later_s, np.minimum(first, 0.0), np.maximum(last, 0.0))
+    moved = np.zeros((len(boxes), 3, 7))
+    moved[:, :, :3] = np.eye(3)
+    moved[:, :2, 5:] = turn * later_s[:, None, None]
+    return later_s, moved
 
 
 def _place_information(prior: BoxPrior) -> F64:

@@ -10,7 +10,7 @@ from pipeline.core.clouds import CombinedCloud
 from pipeline.core.detections import Boxes2D, Hypotheses
 from pipeline.core.geometry.boxes import box_corners
 from pipeline.core.rig import CameraSensor
-from pipeline.fusion.occlusion import hidden_by_points
+from pipeline.fusion.belief.occlusion import hidden_by_points
 
 __all__ = ["Looks", "looks_at"]
 

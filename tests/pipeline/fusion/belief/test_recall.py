@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from pipeline.core.arrays import F64
-from pipeline.fusion.belief import FITTED
-from pipeline.fusion.looks import Looks
-from pipeline.fusion.recall import MEMORY, PRIOR_RECALL, RecallCounts
+from pipeline.fusion.belief.looks import Looks
+from pipeline.fusion.belief.odds import FITTED
+from pipeline.fusion.belief.recall import MEMORY, PRIOR_RECALL, RecallCounts
 
 SURE, DOUBTFUL = 5.0, -1.0
 

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from pipeline.core.arrays import F64, Indices
-from pipeline.fusion.belief import Coefficients, joined_without_each, probability
-from pipeline.fusion.looks import Looks
+from pipeline.fusion.belief.looks import Looks
+from pipeline.fusion.belief.odds import Coefficients, joined_without_each, probability
 
 __all__ = ["RecallCounts"]
 

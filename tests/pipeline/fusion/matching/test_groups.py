@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.fusion.groups import pairs_within
+from pipeline.fusion.matching.groups import pairs_within
 
 groups = st.lists(st.integers(0, 3), max_size=6).map(sorted)
 

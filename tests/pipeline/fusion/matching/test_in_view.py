@@ -12,7 +12,7 @@ from pipeline.core.errors import FrameError
 from pipeline.core.geometry.boxes import box_corners
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.rig import CameraSensor
-from pipeline.fusion.in_view import InView, project_into_views
+from pipeline.fusion.matching.in_view import InView, project_into_views
 from pipeline.fusion.projection import CameraArrays
 
 RIGHT = np.array([[-1.0, 0, 0, 0], [0, 0, -1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])

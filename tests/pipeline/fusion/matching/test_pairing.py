@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from pipeline.core.arrays import F64
-from pipeline.fusion.pairing import Pairs, best_pairs, near_pairs
+from pipeline.fusion.matching.pairing import Pairs, best_pairs, near_pairs
 
 
 def all_pairs(worth: F64) -> Pairs:

@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 
 from pipeline.core.detections import Source
 from pipeline.core.settings.classes import ROAD_CLASSES
-from pipeline.fusion.belief import (
+from pipeline.fusion.belief.looks import Looks
+from pipeline.fusion.belief.odds import (
     FITTED,
     at_its_place,
     camera_evidence,
@@ -18,7 +19,6 @@ from pipeline.fusion.belief import (
     probability,
     reach_of_classes,
 )
-from pipeline.fusion.looks import Looks
 
 SCORE = st.floats(0, 1)
 LIDAR = np.full(3, 20, np.int32), np.zeros(3, np.uint8), np.ones(3, np.bool_)

@@ -26,6 +26,7 @@ class MeasuredEdges:
         cameras: P cameras.
         xyxy: (P, 4) float64 left, top, right, bottom of the 2D box, clipped to the image, pixels.
         sigma_px: (P, 4) float64 standard deviation of each edge.
+        hidden_px: (P, 4) float64, how far nearer objects may have moved each edge inward.
         later_s: (P,) float64, how much later the image was measured than the 3D box.
     """
 
@@ -34,6 +35,7 @@ class MeasuredEdges:
     cameras: CameraArrays
     xyxy: F64
     sigma_px: F64
+    hidden_px: F64
     later_s: F64
 
     def __post_init__(self) -> None:
@@ -42,6 +44,7 @@ class MeasuredEdges:
         check_array("camera_rows", self.camera_rows, (n,), np.int64)
         check_array("xyxy", self.xyxy, (n, 4), np.float64)
         check_array("sigma_px", self.sigma_px, (n, 4), np.float64)
+        check_array("hidden_px", self.hidden_px, (n, 4), np.float64)
         check_array("later_s", self.later_s, (n,), np.float64)
 
     def __len__(self) -> int:
@@ -55,6 +58,7 @@ class MeasuredEdges:
             self.cameras.select(rows),
             self.xyxy[rows],
             self.sigma_px[rows],
+            self.hidden_px[rows],
             self.later_s[rows],
         )
 
@@ -71,8 +75,8 @@ def measured_edges(
 ) -> MeasuredEdges:
     """All matched 2D boxes of a frame.
 
-    An edge errs by some pixels, by a share of the size of the 2D box, and, where nearer objects hide a part of the
-    object, by as much as they hide of its width or height.
+    An edge errs by some pixels and by a share of the size of the 2D box. Where nearer objects hide a part of the
+    object, a detector may see less of it, by as much as they hide of its width or height.
 
     Args:
         hypotheses: Boxes and their matches.
@@ -99,7 +103,9 @@ def measured_edges(
     xyxy = np.clip(found, 0.0, limits)
     extent = np.maximum(xyxy[:, 2:] - xyxy[:, :2], 1.0)
     outline_px = config.outline_sigma * np.sqrt(extent.prod(1, keepdims=True))
-    sigma_px = np.sqrt(config.pixel_sigma_px**2 + outline_px**2 + (hidden * np.tile(extent, 2)) ** 2)
+    sigma_px = np.tile(np.hypot(config.pixel_sigma_px, outline_px), 4)
     stamps_ns = np.array([boxes2d[name].stamp_ns for name in names], np.int64)[camera_rows]
     later_s = (stamps_ns - hypotheses.boxes.measured_ns[rows]) * NANOSECONDS
-    return MeasuredEdges(rows, camera_rows.astype(np.int64), cameras, xyxy, sigma_px, later_s)
+    return MeasuredEdges(
+        rows, camera_rows.astype(np.int64), cameras, xyxy, sigma_px, hidden * np.tile(extent, 2), later_s
+    )

@@ -7,7 +7,7 @@ from detections import boxes3d
 from pipeline.core.arrays import F64
 from pipeline.core.association import class_confusion, class_ratios
 from pipeline.core.settings.classes import ROAD_CLASSES
-from pipeline.fusion.agreement import (
+from pipeline.fusion.matching.agreement import (
     BoxBelief,
     MatchedPairs,
     feature_jacobian,

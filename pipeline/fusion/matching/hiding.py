@@ -10,8 +10,8 @@ import numpy as np
 from pipeline.core.arrays import F32, F64, I64, Bools
 from pipeline.core.detections import Boxes3D
 from pipeline.core.geometry.boxes import box_corners
-from pipeline.fusion.groups import pairs_within
-from pipeline.fusion.in_view import InView
+from pipeline.fusion.matching.groups import pairs_within
+from pipeline.fusion.matching.in_view import InView
 
 __all__ = ["hidden_parts"]
 

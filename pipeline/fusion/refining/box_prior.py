@@ -30,8 +30,17 @@ LEAST_SHARE, LEAST_RAD = 0.01, np.deg2rad(0.5)
 MOST_YAW_RAD = 0.6
 """Largest standard deviation of a heading that is refined; front and rear are not told apart here."""
 
-EXPLAINED = 0.45
-"""Share of the variance of the centre that an unknown length may explain, and an unknown width."""
+SEEN_SHARE = 0.03
+"""Standard deviation of a length, and a width, of which lidars saw both ends, as a share of it."""
+
+MOST_EXPLAINED = 0.95
+"""Largest share of the variance of the centre that comes from an unknown length, or width."""
+
+LEAST_ANCHOR = 0.25
+"""Where lidars see both ends, the length errs by four times the error of the centre at most."""
+
+CLASS_SHARE = 0.1
+"""Standard deviation of length and width of a box that has those of its class, as a share of them."""
 
 SPEED_PER_S = 2.5
 """Standard deviation of the speed along the box, in geometric means of its length and width per second: 6.5 m/s for a
@@ -42,18 +51,27 @@ car, 1.5 m/s for a pedestrian, and as much less in a model."""
 class BoxPrior:
     """Independent normal distributions of N boxes over `STATES`.
 
+    The yaw among them is the one that images show. A cuboid fitted to what is no cuboid is turned, in all images alike:
+    of what the images say of the yaw, the box takes a share.
+
     Attributes:
         covariances: (N, 7, 7) float64.
         information: (N, 7, 7) float64, their inverses.
+        yaw_shares: (N,) float64 in [0, 1], how far the yaw of a box follows the one that images show.
+        yaw_rests: (N,) float64, variance of the yaw of a box if the one that images show is known, rad^2.
     """
 
     covariances: F64
     information: F64
+    yaw_shares: F64
+    yaw_rests: F64
 
     def __post_init__(self) -> None:
         n = len(self.covariances)
         check_array("covariances", self.covariances, (n, 7, 7), np.float64)
         check_array("information", self.information, (n, 7, 7), np.float64)
+        check_array("yaw_shares", self.yaw_shares, (n,), np.float64)
+        check_array("yaw_rests", self.yaw_rests, (n,), np.float64)
 
 
 def known_covariances(boxes: Boxes3D, lidar_xy: F64) -> F64:
@@ -77,12 +95,13 @@ def box_prior(boxes: Boxes3D, lidar_xy: F64, config: FuseConfig) -> BoxPrior:
     """The distributions of boxes.
 
     A box whose far side no lidar saw has the length of its class, and grows away from the lidars: if it is longer, its
-    centre is farther away. So length and centre are correlated as far as the lidars are beyond one end of the box.
+    centre is farther away. So length and centre are correlated as far as the lidars are beyond one end of the box. If
+    the covariance allows for more than `size_sigma` does, it is the smaller one that holds.
 
     Args:
         boxes: N boxes.
         lidar_xy: (L, 2) positions of the lidars, metres.
-        config: `lidar_sigma_scale` and `size_sigma`.
+        config: `lidar_sigma_scale`, `size_sigma` and `heading_sigma_deg`.
     """
     n, extent = len(boxes), boxes.sizes[:, :2]
     turn = rotations_2d(boxes.yaws)
@@ -96,11 +115,17 @@ def box_prior(boxes: Boxes3D, lidar_xy: F64, config: FuseConfig) -> BoxPrior:
     covariances[:, 2, :2] *= shrunk[:, None]
     covariances[:, [0, 1], [0, 1]] += least[:, None] ** 2
 
-    # What is left of the variance along length and width once all else is known bounds what the size may explain.
-    left = 1 / np.einsum("nji,njk,nki->ni", turn, inverse(covariances[:, :3, :3])[:, :2, :2], turn)
+    # A side that no lidar saw makes the variances along length and width differ: the difference comes from the size.
+    left = _along_and_across(covariances[:, :3, :3], turn)
     anchor = _nearer_end(boxes, turn, lidar_xy) / 2
-    size = np.minimum((config.size_sigma * extent) ** 2, EXPLAINED * left / np.maximum(anchor**2, 1e-6))
-    covariances[:, [3, 4], [3, 4]] = np.maximum(size, (1e-3 * extent) ** 2)
+    grown = np.minimum(left - left.min(1, keepdims=True), MOST_EXPLAINED * left)
+    size = np.minimum(config.size_sigma**2, grown / np.maximum(np.abs(anchor), LEAST_ANCHOR) ** 2 / extent**2)
+    least_size = np.where(boxes.sources == Source.CAMERA, CLASS_SHARE, SEEN_SHARE)[:, None] ** 2
+    size = np.maximum(np.maximum(size, np.minimum(least_size, config.size_sigma**2)), 1e-6) * extent**2
+    size = np.minimum(size, np.maximum(MOST_EXPLAINED * left / np.maximum(anchor**2, 1e-9), 1e-6 * extent**2))
+    too_wide = np.where(np.abs(anchor) > LEAST_ANCHOR, np.maximum(grown - anchor**2 * size, 0.0), 0.0)
+    covariances[:, :2, :2] -= np.einsum("nij,nj,nkj->nik", turn, too_wide, turn)
+    covariances[:, [3, 4], [3, 4]] = size
     shift = -np.einsum("nij,nj->nij", turn, anchor * size)  # (N, xy, length and width)
     covariances[:, :2, 3:5] = shift
     covariances[:, 3:5, :2] = shift.transpose(0, 2, 1)
@@ -108,7 +133,23 @@ def box_prior(boxes: Boxes3D, lidar_xy: F64, config: FuseConfig) -> BoxPrior:
     speed = SPEED_PER_S * np.sqrt(extent.prod(1))
     covariances[:, 5, 5] = speed**2
     covariances[:, 6, 6] = (speed * extent.min(1) / extent.max(1)) ** 2
-    return BoxPrior(covariances, inverse(covariances))
+    own = covariances[:, 2, 2].copy()
+    covariances[:, 2, 2] += np.deg2rad(config.heading_sigma_deg) ** 2
+    shares = own / covariances[:, 2, 2]
+    return BoxPrior(covariances, inverse(covariances), shares, own * (1 - shares))
+
+
+def _along_and_across(covariances: F64, turn: F64) -> F64:
+    """(N, 2) variances of the centre along length and width that are independent of the yaw and of each other.
+
+    Taken away from covariances (N, 3, 3) of x, y, yaw, they leave matrices without negative eigenvalues.
+    """
+    by_yaw = covariances[:, :2, 2]
+    place = covariances[:, :2, :2] - by_yaw[:, :, None] * by_yaw[:, None] / covariances[:, 2, 2, None, None]
+    place = np.einsum("nji,njk,nkl->nil", turn, place, turn)
+    own = np.maximum(place[:, [0, 1], [0, 1]], 1e-12)
+    free: F64 = np.maximum(own - np.abs(place[:, :1, 1]) * np.sqrt(own / own[:, ::-1]), 0.0)
+    return free
 
 
 def _nearer_end(boxes: Boxes3D, turn: F64, lidar_xy: F64) -> F64:

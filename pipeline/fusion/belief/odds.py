@@ -12,7 +12,7 @@ import numpy as np
 from pipeline.core.arrays import F64, I32, U8, Bools
 from pipeline.core.detections import Source
 from pipeline.core.settings.classes import ClassPrior
-from pipeline.fusion.looks import Looks
+from pipeline.fusion.belief.looks import Looks
 
 __all__ = [
     "FITTED",
@@ -47,7 +47,7 @@ CUT_RECALL = 0.7
 
 @dataclass(frozen=True, slots=True)
 class Coefficients:
-    """Of the logistic model; `benchmarks/belief_fit.py` fits them.
+    """Of the logistic model; `benchmarks/measured/belief_fit.py` fits them.
 
     Attributes:
         lidar: Log odds of a lidar box of score 0.5, of one point and of a class of frequency 1.

@@ -6,8 +6,8 @@ from hypothesis import strategies as st
 
 from pipeline.core.arrays import F32
 from pipeline.core.detections import Boxes3D
-from pipeline.fusion.hiding import hidden_parts
-from pipeline.fusion.in_view import InView, project_into_views
+from pipeline.fusion.matching.hiding import hidden_parts
+from pipeline.fusion.matching.in_view import InView, project_into_views
 from pipeline.fusion.projection import CameraArrays
 
 CAMERAS = (forward_camera(),)

@@ -7,7 +7,7 @@ from scipy.optimize import linear_sum_assignment
 
 from pipeline.core.arrays import F32, F64, I64, Bools, Rows
 from pipeline.core.geometry.boxes import pair_overlaps_xyxy
-from pipeline.fusion.groups import pairs_within
+from pipeline.fusion.matching.groups import pairs_within
 
 __all__ = ["Pairs", "best_pairs", "near_pairs"]
 

@@ -1,0 +1,1 @@
+"""Boxes fitted to what the images show."""

@@ -1,0 +1,237 @@
+"""Association where it is hard, against the truth: scenes of the predecessor, hidden objects, wrong calibration."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from detections import boxes2d, boxes3d, camera_rig, forward_camera
+from fusion_scenes import fusion_scenes
+from scipy.optimize import linear_sum_assignment
+from scipy.spatial.transform import Rotation
+
+from pipeline.core.arrays import F64
+from pipeline.core.detections import Boxes2D, Boxes3D
+from pipeline.core.frame import SensorBundle
+from pipeline.core.geometry.boxes import box_corners, iou_xyxy
+from pipeline.core.geometry.pose_samples import PoseSamples
+from pipeline.core.geometry.transform import Transform
+from pipeline.core.messages import Channel, RawMessage
+from pipeline.core.rig import CameraSensor
+from pipeline.core.settings.config import Config
+from pipeline.fusion.matching.hiding import hidden_parts
+from pipeline.fusion.matching.in_view import project_into_views
+from pipeline.fusion.projection import CameraArrays
+from pipeline.stages.associate import Associate
+from pipeline.stages.views import Views
+
+Key = tuple[str, int]
+CAR, PEDESTRIAN, BUS = 0, 1, 4
+SIZES = {CAR: (4.0, 1.8, 1.5), PEDESTRIAN: (0.6, 0.6, 1.7), BUS: (11.5, 2.5, 3.2)}
+
+
+def associate(boxes: Boxes3D, found: Mapping[str, Boxes2D], views: Mapping[str, CameraSensor]) -> dict[Key, int]:
+    """Row of the 3D box by camera and row of the 2D box."""
+    matches = Associate(camera_rig(*views.values()), Config())(boxes, found, views)
+    return {(name, int(j)): int(i) for name, part in matches.items() for i, j in part.pairs}
+
+
+def plain(boxes: Boxes3D, found: Mapping[str, Boxes2D], views: Mapping[str, CameraSensor]) -> dict[Key, int]:
+    """The same by the best sum of IoU in each camera, from 0.3 on."""
+    corners, pairs = box_corners(boxes.centers, boxes.sizes, boxes.yaws), {}
+    for name, part in found.items():
+        iou = iou_xyxy(views[name].project_boxes(corners, "site"), part.xyxy)
+        iou[iou < 0.3] = 0
+        for i, j in zip(*linear_sum_assignment(iou, maximize=True), strict=True):
+            if iou[i, j]:
+                pairs[name, int(j)] = int(i)
+    return pairs
+
+
+def counted(pairs: Mapping[Key, int], truth: Mapping[Key, int]) -> Counter[str]:
+    right = sum(truth.get(key) == row for key, row in pairs.items())
+    return Counter(right=right, wrong=len(pairs) - right, shown=len(truth))
+
+
+# --- the scenes of the predecessor
+
+
+def true_rows(camera: CameraSensor, truth: Boxes3D, seen: Boxes2D) -> dict[Key, int]:
+    """Which object each 2D box shows, by the place of the truth in the image; boxes that show none have no entry."""
+    size = camera.model.width_px, camera.model.height_px
+    corner_K = camera.model.K + np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
+    P = corner_K @ camera.T_camera_site.matrix[:3]
+    homogeneous = box_corners(truth.centers, truth.sizes, truth.yaws) @ P[:, :3].T + P[:, 3]
+    ahead = (homogeneous[..., 2] > 0.05).all(1)
+    pixels = homogeneous[..., :2] / np.where(ahead[:, None], homogeneous[..., 2], 1.0)[..., None]
+    rectangles = np.concatenate([np.clip(pixels.min(1), 0, size), np.clip(pixels.max(1), 0, size)], 1)
+    overlaps = iou_xyxy(rectangles, seen.xyxy) * ahead[:, None]
+    objects, shows = linear_sum_assignment(overlaps, maximize=True)
+    pairs = zip(objects, shows, strict=True)
+    return {(camera.name, int(j)): int(i) for i, j in pairs if overlaps[i, j] >= 0.5}
+
+
+@pytest.mark.parametrize(("is_known", "most_wrong"), [(True, 3), (False, 5)])
+def test_scenes_of_the_original(is_known: bool, most_wrong: int) -> None:
+    """With the covariances of the 3D boxes and without; of the predecessor's 169 pairs, 2 were wrong."""
+    rig, scenes = fusion_scenes()
+    views, total = {camera.name: camera for camera in rig.cameras}, Counter[str]()
+    for scene in scenes:
+        boxes = scene.lidar if is_known else replace(scene.lidar, covariances=np.zeros((len(scene.lidar), 3, 3)))
+        truth: dict[Key, int] = {}
+        for camera in rig.cameras:
+            truth |= true_rows(camera, scene.truth, scene.seen[camera.name])
+        total += counted(associate(boxes, scene.seen, views), truth)
+    assert total["shown"] == 326
+    assert total["right"] >= 0.985 * 326
+    assert total["wrong"] <= most_wrong
+
+
+# --- objects behind others
+
+
+def rows_of(places: Sequence[tuple[float, float, float, int]]) -> Boxes3D:
+    """Boxes on the ground 1.5 m below the cameras, from x, y, yaw and class."""
+    table = [(x, y, SIZES[c][2] / 2 - 1.5, *SIZES[c], yaw) for x, y, yaw, c in places]
+    return boxes3d(table, class_ids=[c for *_, c in places])
+
+
+def shown(boxes: Boxes3D, camera: CameraSensor) -> F64:
+    corners = box_corners(boxes.centers, boxes.sizes, boxes.yaws)
+    return np.asarray(camera.project_boxes(corners, "site"), np.float64)
+
+
+def test_what_is_left_to_see_of_a_hidden_car_is_its_own() -> None:
+    camera = forward_camera()
+    cars = rows_of([(10, 0, 0, CAR), (16, 0.8, 0, CAR)])
+    near, far = shown(cars, camera)
+    assert far[2] > near[0] > far[0]
+    found = {"cam": boxes2d([(*near, 0.9, CAR), (far[0], far[1], near[0], far[3], 0.6, CAR)])}
+    assert plain(cars, found, {"cam": camera}) == {("cam", 0): 0}
+    assert associate(cars, found, {"cam": camera}) == {("cam", 0): 0, ("cam", 1): 1}
+
+
+def test_a_hidden_object_does_not_take_the_box_of_the_one_before_it() -> None:
+    camera = forward_camera()
+    walkers = rows_of([(12, 0.15, 0, PEDESTRIAN), (13.5, 0.05, 0, PEDESTRIAN)])
+    seen = shown(walkers, camera)[1] * 0.8 + shown(walkers, camera)[0] * 0.2
+    found = {"cam": boxes2d([(*seen, 0.9, PEDESTRIAN)])}
+    assert plain(walkers, found, {"cam": camera}) == {("cam", 0): 1}
+    assert associate(walkers, found, {"cam": camera}) == {("cam", 0): 0}
+
+
+def test_a_truncated_car_and_its_neighbour() -> None:
+    camera = forward_camera()
+    cars = rows_of([(5.0, 3.4, 0.2, CAR), (9.0, 3.9, 0.1, CAR)])
+    cut, whole = shown(cars, camera)
+    assert cut[0] == 0
+    found = {"cam": boxes2d([(0, cut[1] + 6, cut[2] - 9, cut[3] - 4, 0.5, CAR), (*whole + 4, 0.9, CAR)])}
+    assert associate(cars, found, {"cam": camera}) == {("cam", 0): 0, ("cam", 1): 1}
+
+
+# --- one object, several cameras
+
+
+def test_cameras_agree_on_what_an_object_is() -> None:
+    """A pedestrian beside a bus: where the first camera could have either, the second knows."""
+    cameras = {name: forward_camera(name) for name in ("a", "b", "c")}
+    at = rows_of([(14, 1.0, 0.0, PEDESTRIAN), (14.3, 0.7, 0.0, PEDESTRIAN)])
+    at = replace(at, class_ids=np.array([PEDESTRIAN, 2], np.int32))
+    first, second = shown(at, cameras["a"])
+    between = (first + second) / 2
+    plainly = boxes2d([(*first, 0.9, PEDESTRIAN), (*second, 0.9, 2)])
+    found = {"a": boxes2d([(*between, 0.9, 2)]), "b": plainly, "c": plainly}
+    pairs = associate(at, found, cameras)
+    assert pairs["a", 0] == 1
+    swapped = {"a": boxes2d([(*between, 0.9, PEDESTRIAN)]), "b": plainly, "c": plainly}
+    assert associate(at, swapped, cameras)["a", 0] == 0
+
+
+def test_cameras_agree_on_where_an_object_is() -> None:
+    """The lidar is unsure of a car's place, and the first camera shows two cars; the second shows which it is."""
+    back = np.array([[0.0, 1, 0, 0], [0, 0, -1, 0], [-1, 0, 0, 30], [0, 0, 0, 1]])  # looks back from x = 30
+    views = {"front": forward_camera("front")}
+    views["back"] = replace(forward_camera("back"), T_camera_site=Transform("back", "site", back))
+    unsure = replace(rows_of([(15.0, 0.0, 0.0, CAR)]), covariances=np.diag([0.1, 1.0, 0.01])[None])
+    true, other = (rows_of([(15.0, y, 0.0, CAR)]) for y in (1.0, -0.9))
+    front = boxes2d([(*shown(boxes, views["front"])[0], 0.9, CAR) for boxes in (true, other)])
+    assert associate(unsure, {"front": front}, views) == {("front", 1): 0}, "the nearer"
+    found = {"front": front, "back": boxes2d([(*shown(true, views["back"])[0], 0.9, CAR)])}
+    assert associate(unsure, found, views) == {("front", 0): 0, ("back", 0): 0}
+
+
+# --- what the calibration or the motion has wrong
+
+
+def crowd(seed: int) -> Boxes3D:
+    """A dozen cars and pedestrians ahead, some metres apart."""
+    random, places = np.random.default_rng(seed), list[tuple[float, float, float, int]]()
+    while len(places) < 12:
+        x, aside = random.uniform(7, 35), random.uniform(-0.6, 0.6)
+        kind = CAR if random.random() < 0.5 else PEDESTRIAN
+        if all(np.hypot(x - a, x * aside - b) > (5 if CAR in (kind, k) else 2) for a, b, _, k in places):
+            places.append((x, x * aside, random.uniform(-3, 3), kind))
+    return rows_of(places)
+
+
+def pictures(truth: Boxes3D, camera: CameraSensor, seed: int) -> tuple[dict[str, Boxes2D], dict[Key, int]]:
+    """2D boxes of what is not hidden in the main, off by 1.5 px, in any order; and whose they are."""
+    random = np.random.default_rng(seed)
+    arrays = CameraArrays.of([camera])
+    seen = project_into_views(truth, [camera], arrays)
+    hidden, _ = hidden_parts(truth, seen, camera.T_camera_site.inverse().translation[None])
+    rows = random.permutation(np.flatnonzero(hidden < 0.6))
+    table = [
+        (*seen.xyxy[row] + random.normal(0, 1.5, 4), random.uniform(0.4, 1), truth.class_ids[seen.rows[row]])
+        for row in rows
+    ]
+    return {camera.name: boxes2d(table)}, {(camera.name, k): int(seen.rows[row]) for k, row in enumerate(rows)}
+
+
+def measured(truth: Boxes3D, seed: int) -> Boxes3D:
+    """As a lidar sees them: off by 0.1 m and 0.1 rad."""
+    random = np.random.default_rng(seed)
+    noise = random.normal(0, 1, (len(truth), 3)) * [0.1, 0.1, 0.1]
+    moved = np.column_stack([truth.centers[:, :2] + noise[:, :2], truth.centers[:, 2]])
+    return replace(truth, centers=moved, yaws=truth.yaws + noise[:, 2] * 0.9, covariances=_covariances(len(truth)))
+
+
+def _covariances(count: int) -> F64:
+    return np.tile(np.diag([0.01, 0.01, 0.01]), (count, 1, 1))
+
+
+def test_a_camera_that_looks_two_degrees_aside() -> None:
+    camera, ours, old = forward_camera(), Counter[str](), Counter[str]()
+    turned = Transform.from_quaternion("cam", "cam", (0, 0, 0), Rotation.from_euler("y", 2, degrees=True).as_quat())
+    wrong = {"cam": replace(camera, T_camera_site=turned @ camera.T_camera_site)}
+    for seed in range(20):
+        truth = crowd(seed)
+        found, whose = pictures(truth, camera, seed)
+        ours += counted(associate(measured(truth, seed), found, wrong), whose)
+        old += counted(plain(measured(truth, seed), found, wrong), whose)
+    assert ours["right"] >= 0.9 * ours["shown"]
+    assert ours["wrong"] <= 0.02 * ours["shown"]
+    assert old["right"] < 0.7 * old["shown"]
+
+
+def test_late_images_of_a_moving_rig() -> None:
+    """20 m/s, a turn of 0.6 rad/s, images 50 ms late."""
+    stamp_ns, camera = 1_700_000_000_000_000_000, forward_camera()
+    times_s = np.linspace(-0.1, 0.1, 5)
+    poses = np.tile(np.eye(4), (5, 1, 1))
+    poses[:, :3, :3] = Rotation.from_euler("z", 0.6 * times_s[:, None]).as_matrix()
+    poses[:, 0, 3] = 20 * times_s
+    motion = PoseSamples("site", "odom", stamp_ns + np.array(times_s * 1e9, np.int64), poses)
+    late = RawMessage(stamp_ns + 50_000_000, 0, (0, 0), b"", Channel(camera.topic, "sensor_msgs/msg/Image", "cdr"))
+    bundle = SensorBundle(0, stamp_ns, stamp_ns, {camera.topic: late}, motion)
+    views = Views(camera_rig(camera), Config())(bundle)
+    ours, unmoved = Counter[str](), Counter[str]()
+    for seed in range(20):
+        truth = crowd(seed)
+        found, whose = pictures(truth, views["cam"], seed)
+        ours += counted(associate(measured(truth, seed), found, views), whose)
+        unmoved += counted(associate(measured(truth, seed), found, {"cam": camera}), whose)
+    assert ours["right"] >= 0.99 * ours["shown"]
+    assert ours["wrong"] <= 0.01 * ours["shown"]
+    assert unmoved["right"] < ours["right"]
