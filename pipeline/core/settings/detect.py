@@ -34,7 +34,8 @@ class ClusterConfig(SettingsModel):
             objects.
         min_points: A cluster of fewer points is noise.
         min_height_m: A cluster whose top is lower than this above the ground is a kerb or noise.
-        max_bottom_m: A cluster whose lowest point is higher than this above the ground hangs there.
+        max_bottom_m: A cluster whose lowest point is higher than this above the ground hangs there, unless something
+            nearer to the lidar hides what is below it.
         points_per_sr: Beams of one lidar per steradian: 1 / (vertical x horizontal resolution in radians). Gives the
             number of points to expect from an object in full view, which its score depends on.
     """

@@ -8,6 +8,7 @@ from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.detectors.cluster.clusters import cluster_points
 from pipeline.detectors.cluster.fitting import BoxFitter, ThinnedPoints
+from pipeline.detectors.cluster.sight import Sight
 from pipeline.detectors.protocols import Candidates3D
 
 __all__ = ["ClusterDetector"]
@@ -37,10 +38,11 @@ class ClusterDetector:
     def __call__(self, combined: CombinedCloud) -> Candidates3D:
         """Boxes of all clusters, and of the parts of those that fit no class well."""
         points = self._points_above_ground(combined)
+        sight = Sight.of(points.position, points.lidar, self._fitter.lidars_above_ground(combined))
         parts, cluster = [Candidates3D.empty()], np.full(len(points.position), -1)
         for share in (1.0, *self._config.split_shares):
             if len(points.position):
-                candidates, points, cluster = self._candidates(points, cluster, share)
+                candidates, points, cluster = self._candidates(points, cluster, sight, share)
                 parts.append(candidates)
         found = Candidates3D(*(np.concatenate(column) for column in zip(*parts, strict=True)))
         return self._fitter.on_ground(combined, found)
@@ -53,7 +55,9 @@ class ClusterDetector:
         points, _ = self._fitter.thin(combined, rows, position.take(rows, axis=0))
         return points
 
-    def _candidates(self, points: ThinnedPoints, before: I64, share: float) -> tuple[Candidates3D, ThinnedPoints, I64]:
+    def _candidates(
+        self, points: ThinnedPoints, before: I64, sight: Sight, share: float
+    ) -> tuple[Candidates3D, ThinnedPoints, I64]:
         """Boxes of the clusters at a share of the link distance; and the points of those to try in parts, with these.
 
         The boxes' centres are given as height above the ground. A cluster that did not fall apart gets no second box.
@@ -61,6 +65,7 @@ class ClusterDetector:
         Args:
             points: Points above the ground.
             before: (N,) the cluster in which each was before; -1 in none.
+            sight: All points of the frame.
             share: Share of the link distance.
         """
         weighted = points.position * np.array([1.0, 1.0, self._config.height_weight])
@@ -69,11 +74,16 @@ class ClusterDetector:
         points, cluster, before = select_rows(points, order), cluster[order], before[order]
         starts = np.searchsorted(cluster, np.arange(count))
         height = points.position[:, 2]
-        usable = (
-            (np.add.reduceat(points.weights, starts) >= self._config.min_points)
-            & (np.maximum.reduceat(height, starts) >= self._config.min_height_m)
-            & (np.minimum.reduceat(height, starts) <= self._config.max_bottom_m)
+        usable = (np.add.reduceat(points.weights, starts) >= self._config.min_points) & (
+            np.maximum.reduceat(height, starts) >= self._config.min_height_m
         )
+        bottom = np.minimum.reduceat(height, starts)
+        hangs = usable & (bottom > self._config.max_bottom_m)
+        usable &= ~hangs | (np.maximum.reduceat(height, starts) - bottom >= self._config.min_height_m)  # no roof's edge
+        hangs &= usable
+        rows, from_m = np.flatnonzero(hangs[cluster]), self._config.max_bottom_m
+        hanging_starts = np.searchsorted(cluster[rows], np.flatnonzero(hangs))
+        usable[hangs] = sight.is_hidden_below(points.position[rows], points.lidar[rows], hanging_starts, from_m)
         in_parts = np.bincount(before + 1)[before[starts] + 1] > np.diff(starts, append=len(cluster))
         small = usable & (in_parts | (before[starts] < 0))
         small &= _diameter(points.position[:, :2], starts) <= self._diagonal_m

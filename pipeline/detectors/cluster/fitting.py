@@ -79,6 +79,11 @@ class BoxFitter:
         """(N,) z of the ground at points (N, 2) of the site frame."""
         return combined.ground_m(xy, level_m=self._ground_height_m)
 
+    def lidars_above_ground(self, combined: CombinedCloud) -> F64:
+        """(L, 3) x and y of the lidars in the site frame, and their heights above the ground, metres."""
+        xy = np.ascontiguousarray(self._lidar_xyz[:, :2])
+        return np.column_stack([xy, self._lidar_xyz[:, 2] - self.ground_m(combined, xy)])
+
     def on_ground(self, combined: CombinedCloud, found: Candidates3D) -> Candidates3D:
         """Boxes whose centres are given as height above the ground, in the site frame."""
         xy = np.ascontiguousarray(found.centers[:, :2])
