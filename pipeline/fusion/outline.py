@@ -21,12 +21,19 @@ _ALONG_EDGES = np.concatenate(
 )
 """Corners, and where lines are bent the samples of edges that `CameraModel.project_boxes` uses."""
 
-_TURNS = np.radians([0.0, 45.0, 90.0])
+_INWARD = np.array([[0.0, 1.0], [1.0, 0.0]])
+"""Where the straight line that stands for a round corner begins and ends, in units of what it cuts off both sides."""
+
+CUT_PER_RADIUS = np.sqrt(2) * (np.sqrt(2) - 1)
+"""A corner cut off by so much appears as far inside, seen across it, as one rounded by a radius of 1."""
 _LEVELS = (-1.0, 0.2, 1.0)
 """Underside, belt line of a car, roof."""
 
 AS_HIGH_AS_WIDE = 1.2
 """Height by width from which on an object is no car."""
+
+UPRIGHT = 2.0
+"""Height by width from which on an object is a person."""
 
 _SIDES = np.array([[1.0, 0], [0, 1], [-1, 0], [0, -1]])
 
@@ -65,20 +72,23 @@ def rounded_outline(sizes: F64, *, rounding: float, underside: float, cabin: flo
 
     Args:
         sizes: (P, 3) length, width, height, metres.
-        rounding: Radius of the corners, as a share of the smaller of length and width, at most 0.5.
+        rounding: Radius of the corners, as a share of the smaller of length and width, at most 0.5. Unless it is 0,
+            objects that are higher than wide by `UPRIGHT`, people on foot and on bicycles, are round.
         underside: How far above the ground an object begins at its outline, as a share of its height.
         cabin: How much shorter and narrower the roof of a car is than its body, as a share. Cars are objects that are
             lower than wide; from `AS_HIGH_AS_WIDE` on there is no such roof.
         bent: Whether a lens bends lines.
     """
-    corners = np.repeat(UNIT_CORNERS[:4, :2], len(_TURNS), axis=0)
-    inward = 1 - np.tile(np.stack([np.cos(_TURNS), np.sin(_TURNS)], 1), (4, 1))
+    corners = np.repeat(UNIT_CORNERS[:4, :2], len(_INWARD), axis=0)
+    inward = np.tile(_INWARD, (4, 1))
     around = np.concatenate([corners, _SIDES]) if bent else corners
     inward = np.concatenate([inward, np.zeros_like(_SIDES)]) if bent else inward
     signs = np.concatenate([np.column_stack([around, np.full(len(around), level)]) for level in _LEVELS])
     offsets = np.empty((len(sizes), len(signs), 3))
-    radius = rounding * sizes[:, :2].min(1, initial=np.inf)
-    offsets[..., :2] = -np.sign(signs[:, :2]) * np.tile(inward, (len(_LEVELS), 1)) * radius[:, None, None]
+    upright = sizes[:, 2] > UPRIGHT * sizes[:, :2].min(1, initial=np.inf)
+    radius = np.where(upright, 0.5 if rounding else 0.0, rounding) * sizes[:, :2].min(1, initial=np.inf)
+    cut = CUT_PER_RADIUS * radius
+    offsets[..., :2] = -np.sign(signs[:, :2]) * np.tile(inward, (len(_LEVELS), 1)) * cut[:, None, None]
     low = np.clip((AS_HIGH_AS_WIDE - sizes[:, 2] / sizes[:, 1]) / (AS_HIGH_AS_WIDE - 1), 0.0, 1.0)
     roof = signs[:, 2] == 1
     offsets[:, roof, :2] -= signs[roof, :2] * (cabin * low[:, None] * sizes[:, :2] / 2)[:, None]

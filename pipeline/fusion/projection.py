@@ -12,6 +12,7 @@ from typing import Self
 import numpy as np
 
 from pipeline.core.arrays import F64, Bools, Rows, check_array
+from pipeline.core.camera import NEAR_M
 from pipeline.core.lenses import Lenses
 from pipeline.core.rig import CameraSensor
 from pipeline.fusion.outline import Outline, cuboid_outline
@@ -117,14 +118,17 @@ def project_edges(
     # The directions of length, width and height, and the centre, in the optical frames.
     along = R[:, :, 0] * cos + R[:, :, 1] * sin
     across = R[:, :, 1] * cos - R[:, :, 0] * sin
-    axes = np.stack([along, across, R[:, :, 2]], 1)  # (P, 3 axes, 3)
+    axes = along, across, R[:, :, 2]
     origin = np.einsum("pij,pj->pi", R, centers) + cameras.translations
-    points_m = outline.signs * half[:, None] + outline.offsets
-    pixels, ahead = cameras.lenses.project(origin[:, None] + _combined(points_m, axes))
-    chosen = np.concatenate([pixels.argmin(1), pixels.argmax(1)], 1)  # (P, 4)
+    # Axis by axis: short strides are quicker.
+    points_m = [outline.signs[:, k] * half[:, k, None] + outline.offsets[..., k] for k in range(3)]
+    u, v, ahead = _seen(cameras, [_along_axis(points_m, axes, origin, k) for k in range(3)])
+    chosen = np.stack([u.argmin(1), v.argmin(1), u.argmax(1), v.argmax(1)], 1)
     rows = np.arange(len(yaws))[:, None]
-    makers, reach_m = outline.signs[chosen], points_m[rows, chosen]
-    made_at = origin[:, None] + _combined(reach_m, axes)
+    makers = outline.signs[chosen]
+    reach_m = np.stack([np.broadcast_to(points_m[k], u.shape)[rows, chosen] for k in range(3)], 2)
+    made_at = np.stack([_along_axis([*np.moveaxis(reach_m, 2, 0)], axes, origin, k) for k in range(3)], 2)
+    pixels, _ = cameras.lenses.project(made_at)
     by_camera = cameras.lenses.jacobians(made_at)[rows, np.arange(4), _AXES]  # (P, 4, 3)
     by_site = np.einsum("pei,pij->pej", by_camera, R)
     by_length = by_site[..., 0] * cos + by_site[..., 1] * sin  # per metre along the box's own axes
@@ -136,9 +140,25 @@ def project_edges(
     jacobian[..., 4] = by_width * makers[..., 1] / 2
     jacobian[..., 5] = by_site[..., 2] * makers[..., 2] / 2
     jacobian[..., 6] = by_site[..., 2]
-    return ProjectedEdges(pixels[rows, chosen, _AXES], jacobian, makers, np.asarray(ahead.all(1)))
+    return ProjectedEdges(pixels[rows, np.arange(4), _AXES], jacobian, makers, np.asarray(ahead.all(1)))
 
 
-def _combined(points: F64, axes: F64) -> F64:
-    """(P, S, 3) sums of axes (P, 3, 3), as often as points (P, S, 3) say."""
-    return points[..., :1] * axes[:, None, 0] + points[..., 1:2] * axes[:, None, 1] + points[..., 2:] * axes[:, None, 2]
+def _along_axis(points: Sequence[F64], axes: Sequence[F64], origin: F64, k: int) -> F64:
+    """(P, S) coordinate k of points with coordinates `points` along the `axes` of boxes around `origin`."""
+    x, y, z = points
+    return np.asarray(x * axes[0][:, k, None] + y * axes[1][:, k, None] + z * axes[2][:, k, None] + origin[:, k, None])
+
+
+def _seen(cameras: CameraArrays, points: Sequence[F64]) -> tuple[F64, F64, Bools]:
+    """Of (P, S) points what grows with their u, what grows with their v, and whether they are ahead."""
+    lenses = cameras.lenses
+    if lenses.bends:
+        pixels, ahead = lenses.project(np.stack(points, 2))
+        return pixels[..., 0], pixels[..., 1], ahead
+    x, y, z = points
+    ahead = z > NEAR_M / 2
+    depth = np.where(ahead, z, 1.0)
+    v = y / depth
+    u = x / depth
+    skew = lenses.K[:, 0, 1] / lenses.K[:, 0, 0]
+    return (u + skew[:, None] * v if skew.any() else u), v, ahead

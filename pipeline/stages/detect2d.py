@@ -1,6 +1,7 @@
 """Detection in images: from an engine's proposals to the boxes of each image."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -65,9 +66,10 @@ class Detect2D:
         boxes = Boxes2D(image.stamp_ns, image.frame_id, xyxy[rows], proposed.scores[rows], class_ids[rows])
         kept = suppress_overlaps(boxes, max_iou=self._config.nms_iou)
         boxes, labels = boxes.select(kept), proposed.labels[rows[kept]]
-        if not self._joins_riders:
-            return boxes
-        return join_riders(boxes, self._is_person[labels], self._is_ridden[labels])
+        if self._joins_riders:
+            boxes = join_riders(boxes, self._is_person[labels], self._is_ridden[labels])
+        as_one_class = replace(boxes, class_ids=np.zeros_like(boxes.class_ids))
+        return boxes.select(suppress_overlaps(as_one_class, max_iou=self._config.nms_iou_any))
 
 
 def suppress_overlaps(boxes: Boxes2D, *, max_iou: float) -> Indices:

@@ -1,5 +1,6 @@
 """What the cameras alone make in 3D: every 2D box placed by the ground and the size of its class."""
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -23,6 +24,10 @@ GROUND_SHARE = 0.25
 GROUND_SLOPE_STD = 0.008
 """Standard deviation of the slope of the ground between camera and object, which is no plane: rise over run."""
 
+BEARING_STD_RAD = math.radians(0.2)
+"""Standard deviation of the direction in which a camera looks: a sound calibration errs by as much. Association allows
+for worse ones."""
+
 
 class Place:
     """Objects in 3D from the 2D boxes of a frame, without a point of a lidar but for the ground."""
@@ -36,6 +41,7 @@ class Place:
             outline=config.fuse.outline_sigma,
             ground_m=GROUND_SHARE * config.combine.ground.distance_m,
             ground_slope=GROUND_SLOPE_STD,
+            bearing_rad=BEARING_STD_RAD,
         )
 
     def __call__(

@@ -14,7 +14,7 @@ from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.detectors.protocols import Candidates3D
 from pipeline.fusion.begun.beginning import Beginner
-from pipeline.fusion.begun.parting import choose_parts, find_hosts, find_merged, share_points
+from pipeline.fusion.begun.parting import choose_parts, find_hosts, find_merged, has_room, share_points
 from pipeline.fusion.begun.partners import find_echoes, find_partners
 from pipeline.fusion.cameras.placed import Placed
 from pipeline.fusion.overlaps import first_of_each, overlap_shares
@@ -74,7 +74,8 @@ class Propose:
             seen = alone[found.sighting]
             hosts = find_hosts(combined.detection_cloud.xyz, found, lidar)
             merged = find_merged(sightings, partner, seen, hosts)
-            looks = np.flatnonzero(merged >= 0)
+            needed_m2 = self._ground_m2[sightings.class_ids[seen]] + self._ground_m2[sightings.class_ids[merged]]
+            looks = np.flatnonzero((merged >= 0) & has_room(_ground_m2(lidar), hosts, needed_m2))
             lidar, parts, parted = self._parted(combined, lidar, placed, (partner, iou), seen[looks], merged[looks])
             free = np.lexsort((seen, -found.worth))
             free = free[merged[free] < 0]
@@ -119,9 +120,7 @@ class Propose:
         sightings, share = placed.sightings.select(rows), partial(share_points, team=team)
         found = self._begin(combined, sightings, placed.placements.select(rows), share)
         row, ground_m2 = rows[found.sighting], self._ground_m2[sightings.class_ids[found.sighting]]
-        owner, other = choose_parts(
-            found.iou, row, team[found.sighting], ground_m2, partner, iou, lidar.sizes[:, 0] * lidar.sizes[:, 1]
-        )
+        owner, other = choose_parts(found.iou, row, team[found.sighting], ground_m2, partner, iou, _ground_m2(lidar))
         boxes = _as_boxes(found.boxes, lidar)
         return _with_rows(lidar, partner[row[owner]], boxes.select(owner)), boxes.select(other), row[other]
 
@@ -149,6 +148,10 @@ def _is_known(boxes: Boxes3D, lidar: Boxes3D, is_matched: Bools) -> Bools:
     rival = is_matched & (overlap_shares(boxes, lidar) > OVERLAP_SHARE)
     same = same_class & (ious(boxes, lidar).bev > SAME_IOU)
     return np.asarray((rival | same).any(1))
+
+
+def _ground_m2(boxes: Boxes3D) -> F64:
+    return np.asarray(boxes.sizes[:, 0] * boxes.sizes[:, 1])
 
 
 def _largest_std_m(boxes: Boxes3D) -> F64:

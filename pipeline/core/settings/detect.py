@@ -108,6 +108,8 @@ class Detect2DConfig(SettingsModel):
             a network takes grows with them, and so does the distance at which it finds things.
         min_score: Boxes with a lower score are removed.
         nms_iou: Of two boxes of one class whose IoU exceeds this, the one with the lower score is removed.
+        nms_iou_any: The same for two boxes of different classes: networks see some objects as two, a car and a truck.
+            With 1 both stay.
         class_numbers: What a number in the place of a class name means in recorded boxes: with `labels` the class that
             has it among its labels, with `coco` a row of the 80 names of COCO, from 0 (0 person, 2 car). A name is
             looked up in the labels either way.
@@ -125,5 +127,6 @@ class Detect2DConfig(SettingsModel):
     max_input_px: Count = 307_200
     min_score: Share = 0.3
     nms_iou: Share = 0.45
+    nms_iou_any: Share = 0.6
     class_numbers: Literal["labels", "coco"] = "labels"
     threads: Count = 1

@@ -63,7 +63,7 @@ class FuseConfig(SettingsModel):
         size_sigma: Largest standard deviation of the length and the width of the boxes, as a share of them; it is less
             where the covariance of a box says that the lidars saw both ends. 0: known exactly.
         corner_rounding: Radius of the corners of an object seen from above, as a share of its width: 2D boxes enclose
-            the object, which is rounder than the box around it. 0: as large as the box.
+            the object, which is rounder than the box around it; people are round. 0: as large as the box.
         underside: How far above the ground an object begins at its outline, as a share of its height.
         cabin: How much shorter and narrower than its body the roof of an object is that is lower than wide, as a share.
     """

@@ -37,10 +37,10 @@ class ClusterDetector:
     def __call__(self, combined: CombinedCloud) -> Candidates3D:
         """Boxes of all clusters, and of the parts of those that fit no class well."""
         points = self._points_above_ground(combined)
-        parts = [Candidates3D.empty()]
+        parts, cluster = [Candidates3D.empty()], np.full(len(points.position), -1)
         for share in (1.0, *self._config.split_shares):
             if len(points.position):
-                candidates, points = self._candidates(points, share)
+                candidates, points, cluster = self._candidates(points, cluster, share)
                 parts.append(candidates)
         found = Candidates3D(*(np.concatenate(column) for column in zip(*parts, strict=True)))
         return self._fitter.on_ground(combined, found)
@@ -53,15 +53,20 @@ class ClusterDetector:
         points, _ = self._fitter.thin(combined, rows, position.take(rows, axis=0))
         return points
 
-    def _candidates(self, points: ThinnedPoints, share: float) -> tuple[Candidates3D, ThinnedPoints]:
-        """Boxes of the clusters at a share of the link distance, and the points of clusters to try in parts.
+    def _candidates(self, points: ThinnedPoints, before: I64, share: float) -> tuple[Candidates3D, ThinnedPoints, I64]:
+        """Boxes of the clusters at a share of the link distance; and the points of those to try in parts, with these.
 
-        The boxes' centres are given as height above the ground.
+        The boxes' centres are given as height above the ground. A cluster that did not fall apart gets no second box.
+
+        Args:
+            points: Points above the ground.
+            before: (N,) the cluster in which each was before; -1 in none.
+            share: Share of the link distance.
         """
         weighted = points.position * np.array([1.0, 1.0, self._config.height_weight])
         count, cluster = cluster_points(weighted, share * points.link_distance_m)
         order = np.argsort(cluster, kind="stable")
-        points, cluster = select_rows(points, order), cluster[order]
+        points, cluster, before = select_rows(points, order), cluster[order], before[order]
         starts = np.searchsorted(cluster, np.arange(count))
         height = points.position[:, 2]
         usable = (
@@ -69,13 +74,16 @@ class ClusterDetector:
             & (np.maximum.reduceat(height, starts) >= self._config.min_height_m)
             & (np.minimum.reduceat(height, starts) <= self._config.max_bottom_m)
         )
-        small = usable & (_diameter(points.position[:, :2], starts) <= self._diagonal_m)
+        in_parts = np.bincount(before + 1)[before[starts] + 1] > np.diff(starts, append=len(cluster))
+        small = usable & (in_parts | (before[starts] < 0))
+        small &= _diameter(points.position[:, :2], starts) <= self._diagonal_m
         rows = np.flatnonzero(small[cluster])
         small_starts = np.searchsorted(cluster[rows], np.flatnonzero(small))
         candidates, misfit = self._fitter.fit(select_rows(points, rows), small_starts)
         again = usable.copy()
         again[small] = (candidates.class_ids < 0) | (misfit > GOOD_MISFIT)
-        return candidates, select_rows(points, np.flatnonzero(again[cluster]))
+        rows = np.flatnonzero(again[cluster])
+        return candidates, select_rows(points, rows), cluster[rows]
 
 
 def _diameter(xy: F64, starts: I64) -> F64:

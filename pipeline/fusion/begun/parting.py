@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, I64
+from pipeline.core.arrays import F32, F64, I64, Bools
 from pipeline.core.detections import Boxes3D
 from pipeline.fusion.begun.beginning import Begun
 from pipeline.fusion.begun.frustums import FrustumPoints
 from pipeline.fusion.cameras.sightings import Sightings
 
-__all__ = ["choose_parts", "find_hosts", "find_merged", "share_points"]
+__all__ = ["choose_parts", "find_hosts", "find_merged", "has_room", "share_points"]
 
 HOST_SHARE = 0.5
 """A box that holds more than this share of an object's points holds the object."""
@@ -81,6 +81,13 @@ def share_points(found: FrustumPoints, team: I64) -> FrustumPoints:
     return found.select(np.sort(order[first]))
 
 
+def has_room(host_ground_m2: F64, hosts: I64, needed_m2: F64) -> Bools:
+    """(G,) whether each of the given clusters, of N, covers enough of the ground that its objects need."""
+    if not len(host_ground_m2):
+        return np.zeros(len(hosts), np.bool_)
+    return np.asarray(host_ground_m2[hosts] >= ROOM_SHARE * needed_m2)
+
+
 def choose_parts(
     iou: F64, row: I64, team: I64, ground_m2: F64, partner: I64, partner_iou: F64, host_ground_m2: F64
 ) -> tuple[I64, I64]:
@@ -101,11 +108,11 @@ def choose_parts(
     """
     is_owner = row == team
     others = np.bincount(team[~is_owner], minlength=len(partner))
-    needed_m2 = np.bincount(team, ground_m2, minlength=len(partner))
+    needed_m2 = np.bincount(team, ground_m2, minlength=len(partner)).astype(np.float64)
     sound = is_owner & (iou >= KEPT_IOU_SHARE * partner_iou[row]) & (others[team] > 0)
     best = np.flatnonzero(sound)
     host = partner[row[best]]
-    best = best[host_ground_m2[host] >= ROOM_SHARE * needed_m2[team[best]]]
+    best = best[has_room(host_ground_m2, host, needed_m2[team[best]])]
     host = partner[row[best]]
     best = best[np.lexsort((row[best], -others[team[best]], host))]
     best = best[np.flatnonzero(np.diff(partner[row[best]], prepend=-1))]

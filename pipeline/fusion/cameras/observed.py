@@ -32,12 +32,14 @@ class Noise:
         outline: The same, as a share of the box's size, the root of its area; both add up.
         ground_m: Of the height of the ground.
         ground_slope: Of its slope between camera and object, rise over run.
+        bearing_rad: Of the direction in which a camera looks, about the vertical.
     """
 
     pixel_px: float
     outline: float
     ground_m: float
     ground_slope: float
+    bearing_rad: float
 
 
 @dataclass(frozen=True, eq=False)

@@ -179,7 +179,7 @@ def place(sightings: Sightings, priors: SizePriors, ground: Ground, noise: Noise
         step, _, _ = _improve(seen, shape, range_m, first_m, rise, noise)
         range_m = range_m * np.exp(np.clip(step, -MAX_STEP, MAX_STEP))
     _, information, log_likelihood = _improve(seen, shape, range_m, first_m, rise, noise)
-    return _laid_out(seen, shape, camera, range_m, information, log_likelihood)
+    return _laid_out(seen, shape, camera, range_m, information, log_likelihood, noise)
 
 
 def _improve(
@@ -215,7 +215,7 @@ def _improve(
 
 
 def _laid_out(
-    seen: Observed, shape: _Shape, camera: F64, range_m: F64, information: F64, log_likelihood: F64
+    seen: Observed, shape: _Shape, camera: F64, range_m: F64, information: F64, log_likelihood: F64, noise: Noise
 ) -> Placements:
     """Ranges as places: the centre is half a width from either side, and nearer to the better known one."""
     left, right, _ = shape.sides(range_m)
@@ -224,7 +224,9 @@ def _laid_out(
     by_left, by_right = seen.left[:, None] - left, (seen.left - seen.width)[:, None] - right
     bearing = share * by_left + (1 - share) * by_right
     size_std = (share - 0.5) * shape.across_std / range_m
-    bearing_std = np.sqrt(share**2 * variances[:, 0] + (1 - share) ** 2 * variances[:, 1] + size_std**2)
+    bearing_std = np.sqrt(
+        share**2 * variances[:, 0] + (1 - share) ** 2 * variances[:, 1] + size_std**2 + noise.bearing_rad**2
+    )
     cos, sin = np.cos(bearing), np.sin(bearing)
     along, across = range_m**2 / information, (range_m * bearing_std) ** 2
     covariances = np.stack(

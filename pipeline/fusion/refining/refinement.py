@@ -27,11 +27,8 @@ from pipeline.fusion.small_matrices import solve
 
 __all__ = ["RefinedBoxes", "predicted_edges", "refine_boxes"]
 
-YAWS, SPAN = 7, 2.5
+YAWS, SPAN = 5, 2.5
 """How many headings are tried at once, and how many standard deviations they reach to both sides."""
-
-STEPS = 2
-"""Gauss-Newton steps for each of them; the prior keeps the problem close to linear."""
 
 CAUCHY = 3.0
 """Residuals of so many standard deviations weigh half."""
@@ -137,14 +134,22 @@ class _Problem:
         jacobian[..., 5] = (by_y * cos[:, None] - by_x * sin[:, None]) * later[:, None]
         return found.xyxy, jacobian
 
-    def averaged(self, means: F64, yaw_sigma: F64) -> tuple[F64, F64]:
-        """Means (N, 7) and covariances (N, 7, 7), from headings tried around those of states (N, 7)."""
+    def averaged(self, means: F64, covariances: F64, *, steps: int) -> tuple[F64, F64]:
+        """Means (N, 7) and covariances (N, 7, 7), by Gauss-Newton steps from each of some headings.
+
+        Args:
+            means: (N, 7) states around which headings are tried.
+            covariances: (N, 7, 7) of these; they say how far apart the headings are, and how the rest goes with them.
+            steps: Their number.
+        """
         offsets = np.linspace(-SPAN, SPAN, YAWS)
-        states = np.repeat(means[:, None], YAWS, axis=1)
-        states[..., _YAW] += offsets * yaw_sigma[:, None]
-        for _ in range(STEPS):
+        yaw_sigma = np.sqrt(covariances[:, _YAW, _YAW])
+        states = means[:, None] + offsets[:, None] * (covariances[:, _YAW] / yaw_sigma[:, None])[:, None]
+        for left in reversed(range(steps)):
             normal, pull, cost = self.linearised(states)
-            right = np.concatenate([pull[..., None], np.broadcast_to(np.eye(6), (*pull.shape, 6))], 3)
+            right = pull[..., None]
+            if not left:  # the inverse, for the covariance
+                right = np.concatenate([right, np.broadcast_to(np.eye(6), (*pull.shape, 6))], 3)
             found, log_det = solve(np.moveaxis(normal, (2, 3), (0, 1)), np.moveaxis(right, (2, 3), (0, 1)))
             step = np.moveaxis(found[:, 0], 0, 2)
             states[..., _REST] += step
@@ -187,10 +192,8 @@ def refine_boxes(boxes: Boxes3D, prior: BoxPrior, edges: MeasuredEdges, outline:
     n = len(boxes)
     starts = np.searchsorted(edges.rows, np.arange(n))
     problem = _Problem(boxes, prior, edges, outline, starts)
-    yaw_sigma = np.sqrt(prior.covariances[:, _YAW, _YAW])
-    mean, covariances = problem.averaged(np.zeros((n, 7)), yaw_sigma)
-    yaw_sigma = np.minimum(np.sqrt(covariances[:, _YAW, _YAW]), yaw_sigma)
-    mean, covariances = problem.averaged(mean, yaw_sigma)
+    mean, covariances = problem.averaged(np.zeros((n, 7)), prior.covariances, steps=2)
+    mean, covariances = problem.averaged(mean, covariances, steps=1)
     _, _, costs = problem.linearised(np.stack([np.zeros((n, 7)), mean], 1))
     inner = np.einsum("ni,nij,nj->n", mean[:, :3], _place_information(prior), mean[:, :3])
     accepted = (costs[:, 1] <= costs[:, 0]) & (inner <= GATE) & (np.abs(mean[:, _YAW]) < np.pi / 2)

@@ -66,9 +66,10 @@ CAR: Row = (10, 10, 50, 40, 0.9, "car")
         ([(210, 10, 250, 40, 0.9, "car"), (-9, 10, 0, 40, 0.9, "car")], []),
         ([(20, 10, 20, 40, 0.9, "car"), (30, 10, 20, 40, 0.9, "car")], []),
         ([(11, 10, 50, 40, 0.6, "car"), CAR], [([10, 10, 50, 40], 0.9, "car")]),
+        ([(11, 10, 50, 40, 0.6, "person"), CAR], [([10, 10, 50, 40], 0.9, "car")]),
         (
-            [(11, 10, 50, 40, 0.6, "person"), CAR],
-            [([10, 10, 50, 40], 0.9, "car"), ([11, 10, 50, 40], 0.6, "pedestrian")],
+            [(10, 10, 33, 40, 0.6, "person"), CAR],
+            [([10, 10, 50, 40], 0.9, "car"), ([10, 10, 33, 40], 0.6, "pedestrian")],
         ),
         ([(10, 10, 50, 40, 0.6, "bicycle"), (10, 10, 50, 40, 0.7, "motorcycle")], [([10, 10, 50, 40], 0.7, "bicycle")]),
         ([CAR, (100, 10, 150, 40, 0.95, "car")], [([100, 10, 150, 40], 0.95, "car"), ([10, 10, 50, 40], 0.9, "car")]),
@@ -84,7 +85,8 @@ CAR: Row = (10, 10, 50, 40, 0.9, "car")
         "outside of the image: gone",
         "empty or inverted: gone",
         "two on one car: the better one",
-        "two classes on one place: both",
+        "two classes on one place: the better one",
+        "two classes, one behind the other: both",
         "two labels of one class on one place: the better one",
         "falling score",
     ],
@@ -139,6 +141,11 @@ def test_networks_that_know_cyclists_are_believed() -> None:
 def test_equal_scores_keep_the_order_of_the_network() -> None:
     rows: list[Row] = [(x, 10, x + 20, 40, 0.5, "car") for x in (100, 0, 50)]
     assert [xyxy[0] for xyxy, _, _ in detect(rows)] == [100, 0, 50]
+
+
+def test_two_classes_on_one_place_may_stay() -> None:
+    rows: list[Row] = [(11, 10, 50, 40, 0.6, "person"), CAR]
+    assert [name for _, _, name in detect(rows, nms_iou_any=1.0)] == ["car", "pedestrian"]
 
 
 def test_min_score_itself_is_enough() -> None:

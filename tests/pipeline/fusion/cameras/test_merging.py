@@ -28,7 +28,7 @@ def merged(cars: list[tuple[float, float, float]], *cameras: CameraSensor) -> tu
     boxes = [(x, y, height / 2, length, width, height, yaw) for x, y, yaw in cars]
     found = {camera.name: seen_by(camera, boxes, [CAR] * len(boxes)) for camera in cameras}
     sightings = see(views_of(*cameras), found)
-    noise = Noise(1.5, 0.03, 0.05, 0.008)
+    noise = Noise(1.5, 0.03, 0.05, 0.008, 0.002)
     placements = place(sightings, SizePriors.of(ROAD_CLASSES), lambda xy: np.zeros(xy.shape[:-1]), noise)
     objects, known = merge_sightings(placements, sightings.cameras, sightings.class_ids)
     return objects.tolist(), moments(known)

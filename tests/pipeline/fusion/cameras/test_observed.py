@@ -7,7 +7,7 @@ from pipeline.fusion.cameras.observed import Noise, Observed, observe
 from pipeline.fusion.cameras.sightings import see
 
 LEVEL = camera_at("level", (0.0, 0.0, 1.6))
-NOISE = Noise(2.0, 0.0, 0.05, 0.01)
+NOISE = Noise(2.0, 0.0, 0.05, 0.01, 0.002)
 
 
 def observed(*rows: tuple[float, ...], noise: Noise = NOISE) -> Observed:
@@ -27,7 +27,7 @@ def test_errors_are_those_of_pixels_and_of_the_box() -> None:
     found = observed((600, 300, 700, 500, 0.9, 0))
     assert found.stds[0, 0] == pytest.approx(2 / 100 * found.width[0])
     assert found.stds[0, 1] == found.stds[0, 3] == pytest.approx(2 / 200 * (found.upper - found.lower)[0])
-    both = observed((600, 300, 700, 500, 0.9, 0), noise=Noise(2.0, 0.05, 0.05, 0.01))
+    both = observed((600, 300, 700, 500, 0.9, 0), noise=Noise(2.0, 0.05, 0.05, 0.01, 0.002))
     assert both.stds[0, 0] == pytest.approx(np.hypot(2, 0.05 * np.sqrt(100 * 200)) / 100 * found.width[0])
 
 

@@ -18,7 +18,7 @@ from pipeline.fusion.cameras.placing import SizePriors, place
 from pipeline.fusion.cameras.sightings import see
 
 PRIORS = SizePriors.of(ROAD_CLASSES)
-NOISE = Noise(1.5, 0.03, 0.05, 0.008)
+NOISE = Noise(1.5, 0.03, 0.05, 0.008, 0.002)
 CAR, PEDESTRIAN, TRUCK = 0, 1, 3
 LOW = camera_at("low", (0.0, 0.0, 1.6))
 MAST = camera_at("mast", (0.0, 0.0, 6.0), pitch_deg=15)
