@@ -90,11 +90,11 @@ def test_a_match_speaks_for_and_silence_against() -> None:
 
 
 def test_silence_of_a_camera_that_could_not_see_it_says_nothing() -> None:
-    assert evidence(looks(in_view=False)) == evidence(looks(visible=0.2)) == evidence(looks(), 0.0) == 0
+    assert evidence(looks(in_view=False)) == evidence(looks(visible=0.1)) == evidence(looks(), 0.0) == 0
 
 
 def test_silence_says_less_of_what_is_harder_to_see() -> None:
-    assert evidence(looks()) < evidence(looks(visible=0.6)) < 0
+    assert evidence(looks()) < evidence(looks(visible=0.4)) < 0
     assert evidence(looks()) < evidence(looks(is_cut=True)) < 0
     assert evidence(looks(), 0.9) < evidence(looks(), 0.5) < 0
     assert np.isfinite(evidence(looks(), 1.0))
