@@ -64,6 +64,7 @@ def main() -> None:
     parser.add_argument("--frame", action="append", default=[], metavar="NAME", help="only this frame")
     parser.add_argument("--details", action="store_true", help="every frame too, with distances of what is wrong")
     parser.add_argument("--json", type=Path, metavar="FILE")
+    parser.add_argument("--markdown", action="store_true", help="the table of docs/fusion.md")
     options = parser.parse_args()
     frames = [one for one in labelled_frames(options.data) if not options.frame or one.name in options.frame]
     counts: Counts = {}
@@ -78,6 +79,9 @@ def main() -> None:
             for source, by_label in (with_camera | {"without cameras": alone["fused"]}).items():
                 for label, count in by_label.items():
                     counts.setdefault(source, {}).setdefault(label, {})[frame.name] = count
+    if options.markdown:
+        _print_markdown(counts)
+        return
     for label in CLASSES:
         _print_class(label, counts, details=options.details)
     print(f"{len(frames)} frames, {time.process_time() - started:.1f} s of processor time")
@@ -116,6 +120,23 @@ def _means(found: list[Found]) -> str:
         return f"{'':>12}{'':>9}"
     position_m, yaw_deg = (statistics.fmean(getattr(one, key) for one in found) for key in ("position_m", "yaw_deg"))
     return f"{position_m:>12.2f}{yaw_deg:>9.1f}"
+
+
+def _print_markdown(counts: Counts) -> None:
+    names = {
+        "lidar": "all boxes of the lidar",
+        "cameras": "cameras alone",
+        "without cameras": "lidar alone, the probable ones (`detect2d.method=none`)",
+        "fused": "fused",
+    }
+    labels = {label: sum(one.labels for one in counts["lidar"][label].values()) for label in CLASSES}
+    head = [f"{label.lower()}s, {count}: found | false" for label, count in labels.items()]
+    print(f"| | {' | '.join(head)} | position of cars | yaw |\n|{' --- |' * (3 + 2 * len(CLASSES))}")
+    for source, name in names.items():
+        by_label = [list(counts[source][label].values()) for label in CLASSES]
+        told = [f"{sum(len(c.found) for c in one)} | {sum(len(c.false) for c in one)}" for one in by_label]
+        position_m, yaw_deg = _means([found for count in by_label[0] for found in count.found]).split() or ["-", "-"]
+        print(f"| {name} | {' | '.join(told)} | {position_m} m | {yaw_deg} deg |")
 
 
 def _tree(counts: Counts) -> dict[str, Any]:
