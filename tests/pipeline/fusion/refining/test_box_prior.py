@@ -1,0 +1,47 @@
+import numpy as np
+import pytest
+from detections import boxes3d
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pipeline.core.arrays import F64
+from pipeline.core.detections import Boxes3D
+from pipeline.core.settings.fuse import FuseConfig
+from pipeline.fusion.refining.box_prior import box_prior, known_covariances
+
+LIDARS = np.array([[0.0, 0.0], [3.0, -1.0]])
+
+
+def with_covariances(seed: int, count: int = 6) -> Boxes3D:
+    random = np.random.default_rng(seed)
+    rows = random.uniform([-30, -30, 0, 0.3, 0.3, 0.3, -3], [30, 30, 1, 12, 3, 3, 3], (count, 7))
+    roots = random.normal(size=(count, 3, 3)) * random.uniform(0.01, 1, (count, 3, 1))
+    boxes = boxes3d(rows)
+    fields = {name: getattr(boxes, name) for name in Boxes3D.__slots__}
+    sources = random.integers(0, 3, count).astype(np.uint8)
+    return Boxes3D(**{**fields, "covariances": roots @ roots.transpose(0, 2, 1), "sources": sources})
+
+
+@settings(max_examples=60)
+@given(st.integers(0, 2**31), st.sampled_from([0.0, 0.15, 1.0]))
+def test_covariances_are_regular_whatever_the_boxes_say(seed: int, size_sigma: float) -> None:
+    prior = box_prior(with_covariances(seed), LIDARS, FuseConfig(size_sigma=size_sigma))
+    scale = np.sqrt(np.einsum("nii->ni", prior.covariances))
+    assert (np.linalg.eigvalsh(prior.covariances / scale[:, :, None] / scale[:, None]) > 0).all()
+    assert np.isfinite(prior.information).all()
+    assert ((prior.yaw_shares > 0) & (prior.yaw_shares <= 1)).all()
+
+
+def test_a_longer_box_is_centred_farther_from_the_lidar() -> None:
+    box = boxes3d([[10.0, 0, 0, 4, 2, 1.5, 0]], deviations=[0.4, 0.05, 0.02])
+    covariance = box_prior(box, LIDARS[:1], FuseConfig()).covariances[0]
+    assert covariance[0, 3] > 0.9 * np.sqrt(covariance[0, 0] * covariance[3, 3])
+    assert abs(covariance[1, 3]) < 1e-12
+
+
+@pytest.mark.parametrize("lidars", [LIDARS, np.zeros((0, 2))])
+def test_unknown_covariances(lidars: F64) -> None:
+    boxes = boxes3d([[10.0, 0, 0, 4, 2, 1.5, 0], [5, 0, 0, 0.6, 0.6, 1.7, 0]], deviations=[0.0, 0.0, 0.0])
+    car, person = np.sqrt(np.einsum("nii->ni", known_covariances(boxes, lidars)))
+    assert car[0] > person[0]
+    assert car[2] < person[2]
