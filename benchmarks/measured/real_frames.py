@@ -67,6 +67,8 @@ def main() -> None:
     parser.add_argument("--markdown", action="store_true", help="the table of docs/fusion.md")
     options = parser.parse_args()
     frames = [one for one in labelled_frames(options.data) if not options.frame or one.name in options.frame]
+    if not frames:
+        parser.error(f"{options.data}: expected frames of KITTI's object benchmark below it, found none")
     counts: Counts = {}
     started = time.process_time()
     with tempfile.TemporaryDirectory() as folder:
