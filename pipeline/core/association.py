@@ -54,7 +54,7 @@ def detector_variances(xyxy: F32, config: AssociateConfig) -> F64:
         config: Standard deviations.
     """
     extent = _extent(xyxy.astype(np.float64))
-    edge = config.pixel_sigma_px**2 + (config.size_sigma * extent) ** 2
+    edge = config.pixel_sigma_px**2 + (config.outline_sigma * extent) ** 2
     return np.concatenate([edge / 2, 2 * edge / extent**2], 1)
 
 
