@@ -79,10 +79,11 @@ def missing_table(sensors: Sequence[MissingSensor]) -> Table:
 
 
 def stages_table(seconds: Mapping[str, float], frames: int) -> Table:
-    """Milliseconds a frame in each stage."""
+    """Milliseconds a frame in each stage; without those that would be shown as 0.0."""
     table = columns_table("time", "stage", "ms a frame")
     for name, spent in seconds.items():
-        table.add_row(name, f"{1e3 * spent / max(frames, 1):.1f}")
+        if (milliseconds := f"{1e3 * spent / max(frames, 1):.1f}") != "0.0":
+            table.add_row(name, milliseconds)
     return table
 
 

@@ -22,6 +22,7 @@ from pipeline.core.settings.fuse import AssociateConfig
 __all__ = [
     "FREEDOM",
     "class_confusion",
+    "class_distances",
     "class_ratios",
     "detector_variances",
     "fit_ratios",
@@ -54,7 +55,7 @@ def detector_variances(xyxy: F32, config: AssociateConfig) -> F64:
         config: Standard deviations.
     """
     extent = _extent(xyxy.astype(np.float64))
-    edge = config.pixel_sigma_px**2 + (config.size_sigma * extent) ** 2
+    edge = config.pixel_sigma_px**2 + (config.outline_sigma * extent) ** 2
     return np.concatenate([edge / 2, 2 * edge / extent**2], 1)
 
 
@@ -91,10 +92,14 @@ def class_confusion(classes: Sequence[ClassPrior], any_class: float) -> F64:
         classes: K classes.
         any_class: Share of the calls that have nothing to do with the object's class.
     """
-    sizes = np.log(np.array([prior.size_m for prior in classes]))
-    apart = ((sizes[:, None] - sizes[None]) ** 2).sum(-1) / ALIKE**2
-    alike = np.exp(-apart / 2)
+    alike = np.exp(-class_distances(classes) / ALIKE**2 / 2)
     return np.asarray((1 - any_class) * alike / alike.sum(1, keepdims=True) + any_class / len(classes))
+
+
+def class_distances(classes: Sequence[ClassPrior]) -> F64:
+    """(K, K) how much classes differ in size: sum of the squared logarithms of the ratios of length, width, height."""
+    sizes = np.log(np.array([prior.size_m for prior in classes]))
+    return np.asarray(((sizes[:, None] - sizes) ** 2).sum(-1))
 
 
 def class_ratios(confusion: F64) -> F64:

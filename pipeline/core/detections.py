@@ -142,6 +142,8 @@ class Boxes3D:
 class Matches:
     """Pairs of a 3D box and a 2D box of one camera; each row at most once.
 
+    Overlaps and projections are those of the boxes when they were matched; later stages may change the boxes.
+
     Attributes:
         pairs: (M, 2) int64: row of the 3D boxes, row of the camera's 2D boxes; ordered by the former.
         iou: (M,) float32, overlap of the projected 3D box and the 2D box.

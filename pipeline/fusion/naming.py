@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from pipeline.core.arrays import F64, I32
+from pipeline.core.association import class_distances
 from pipeline.core.settings.classes import ClassPrior
 
 __all__ = ["class_log_odds", "confusion", "vote_log_odds"]
@@ -36,10 +37,12 @@ MEASURED_SHARE = 1e-3
 
 
 def confusion(priors: Sequence[ClassPrior]) -> F64:
-    """(K, K) probability that an object of the class of the row is taken for that of the column."""
-    sizes = np.log([prior.size_m for prior in priors])
-    steps = np.sqrt(((sizes[:, None] - sizes) ** 2).sum(2))
-    alike = np.exp(-steps / ALIKE)
+    """(K, K) probability that an object of the class of the row is taken for that of the column.
+
+    Between classes of similar size this falls faster than `class_confusion`, by which boxes are matched: there, another
+    name should not keep a pair apart; here, names are what is asked for.
+    """
+    alike = np.exp(-np.sqrt(class_distances(priors)) / ALIKE)
     return np.asarray(alike / alike.sum(1, keepdims=True))
 
 

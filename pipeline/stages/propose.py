@@ -28,7 +28,7 @@ SAME_IOU = 0.5
 """A box of the lidars and one begun from a 2D box that overlap as much are one, matched or not."""
 
 MOST = 500
-"""2D boxes without a partner that objects are begun from in a frame, the best ones; more are noise."""
+"""Of more 2D boxes without a partner in a frame, so many with the best scores begin objects; the others are noise."""
 
 
 class Propose:
@@ -36,8 +36,9 @@ class Propose:
 
     The points where a 2D box looks become an object of source BOTH; without points, the object stays where the cameras
     place it, with source CAMERA. Where a 2D box looks into a cluster that another 2D box of the same camera is matched
-    with, the cluster holds two objects: it is parted. An object whose place the cameras know worse than to half of its
-    size is left out: nobody could say which one it is.
+    with, the cluster holds two objects: it is parted. An object is left out if the standard deviation of where the
+    cameras place it is larger than half of the diagonal of the largest object of its class: nobody could say which one
+    it is.
     """
 
     def __init__(self, rig: Rig, config: Config) -> None:

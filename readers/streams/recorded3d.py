@@ -67,8 +67,9 @@ class RecordedBoxes3D:
 
         Raises:
             MessageError: nothing joins the frames at that time.
+            FrameError: the motion is that of a frame other than the site frame.
         """
-        motion = None if bundle.motion is None or not self._config.combine.motion.enabled else bundle.motion
+        motion = bundle.motion_of(self._rig.site_frame) if self._config.combine.motion.enabled else None
         if frame in detector.T_site_frame:
             T_site_frame = detector.T_site_frame[frame].matrix
             if motion is None or stamp_ns == bundle.stamp_ns or not self._covers(motion, stamp_ns, bundle.stamp_ns):

@@ -102,10 +102,10 @@ class Detect2DConfig(SettingsModel):
             there are 80.
         provider: What runs the network. Only `cpu` gives the same result on every machine; the others need another
             build of onnxruntime.
-        input: Width and height of the pictures that the network is given, pixels. `auto`: the shape of the camera's
-            own picture, as large as `max_input_px` allows and never larger than the picture; overlapping tiles of the
+        input: Width and height of the images that the network is given, pixels. `auto`: the shape of the camera's
+            own image, as large as `max_input_px` allows and never larger than the image; overlapping tiles of the
             size that the network is made for, if it takes no other.
-        max_input_px: Pixels of the pictures that the network is given, at most, where `input` is `auto`. The time that
+        max_input_px: Pixels of the images that the network is given, at most, where `input` is `auto`. The time that
             a network takes grows with them, and so does the distance at which it finds things.
         min_score: Boxes with a lower score are removed.
         nms_iou: Of two boxes of one class whose IoU exceeds this, the one with the lower score is removed.

@@ -21,9 +21,10 @@ class AssociateConfig(SettingsModel):
             the share of the rectangle around both that neither fills. Below 0, boxes of small objects may match that
             lie side by side, where the calibration is off.
         gate: Largest distance of a pair that may match, in standard deviations.
-        pixel_sigma_px: Standard deviation of the edges of 2D boxes that does not depend on the object.
-        size_sigma: Standard deviation of the edges of 2D boxes as a share of the width or height; it also covers the
-            errors of the sizes of 3D boxes.
+        pixel_sigma_px: Standard deviation of the edges of 2D boxes, pixels. Larger than `fuse.pixel_sigma_px`: a wrong
+            class or a hidden part moves edges further, and such pairs should match as well.
+        outline_sigma: Standard deviation that is added to it, as a share of the width or height of the projected box.
+            Larger than `fuse.outline_sigma`: the size of the 3D box may be wrong, too.
         calibration_sigma_deg: Standard deviation of the direction in which a camera looks.
         any_class: Share of the classes that detectors give which say nothing of the object. Beyond it, classes are
             confused by their sizes: trucks with buses, riders with pedestrians.
@@ -34,7 +35,7 @@ class AssociateConfig(SettingsModel):
     min_giou: Annotated[float, Field(ge=-1, le=1)] = -0.3
     gate: Positive = 6.0
     pixel_sigma_px: Positive = 2.0
-    size_sigma: Positive = 0.15
+    outline_sigma: Positive = 0.15
     calibration_sigma_deg: NotNegative = 0.5
     any_class: Annotated[float, Field(gt=0, le=1)] = 0.1
     unseen_boxes: Positive = 3.0
@@ -53,13 +54,14 @@ class FuseConfig(SettingsModel):
             `unknown`: cargo on the road, animals, but also bushes, poles and walls up to the size of a bus. Its score
             grows with its points. `/lidar_camera_fused` and `lidcam evaluate` leave such objects out.
         refine: Fit the boxes to the 2D boxes that are matched with them. Off, they stay as the lidars gave them.
-        pixel_sigma_px: Standard deviation of the edges of 2D boxes, pixels: how much is taken from the cameras.
+        pixel_sigma_px: Standard deviation of the edges of 2D boxes that match, pixels. The smaller it is, the more the
+            cameras decide.
         outline_sigma: Standard deviation that is added to it, as a share of the size of the 2D box (the root of its
             area): objects are no cuboids, and detectors err in proportion.
         heading_sigma_deg: Standard deviation of the heading in which an object appears in images: as it is no cuboid, a
             fitted cuboid is turned.
-        lidar_sigma_scale: Multiplies the standard deviations that the lidar detector gives for place and heading: how
-            much is taken from the lidars. Above 1 where it is too sure.
+        lidar_sigma_scale: Multiplies the standard deviations that the lidar detector gives for place and heading. Above
+            1 where they are too small; the larger it is, the more the cameras decide.
         size_sigma: Largest standard deviation of the length and the width of the boxes, as a share of them; it is less
             where the covariance of a box says that the lidars saw both ends. 0: known exactly.
         corner_rounding: Radius of the corners of an object seen from above, as a share of its width: 2D boxes enclose

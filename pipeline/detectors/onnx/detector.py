@@ -1,7 +1,7 @@
-"""2D detection by a network in an ONNX file: how it is given pictures, and what is made of its outputs.
+"""2D detection by a network in an ONNX file: how it is given images, and what is made of its outputs.
 
 A trial run when loading shows which layout the network has (`layouts/recognition.py`), and a second one whether it
-takes pictures of other sizes than its own. Networks of convolutions do, whatever their file says.
+takes images of other sizes than its own. Networks of convolutions do, whatever their file says.
 """
 
 import logging
@@ -97,7 +97,7 @@ class OnnxDetector2D:
 
         All images that the network is given in one size run in one batch if the batch dimension is free. A network
         with a fixed batch size B runs once per B images, with the last batch filled up with blank ones. Of a network
-        with a fixed size, pictures of another shape become tiles (`tiles_of`).
+        with a fixed size, images of another shape become tiles (`tiles_of`).
 
         Args:
             images: (H, W, 3) RGB, of any size each.
@@ -244,8 +244,8 @@ class OnnxDetector2D:
 
     def _input_told(self) -> str:
         if self._fixed_px:
-            return f"pictures of {self._fixed_px[1]} x {self._fixed_px[0]} px"
-        return f"pictures in their own shape, {self._config.max_input_px} px at most"
+            return f"images of {self._fixed_px[1]} x {self._fixed_px[0]} px"
+        return f"images in their own shape, {self._config.max_input_px} px at most"
 
 
 def _stride_px(metadata: dict[str, str]) -> int:

@@ -1,4 +1,4 @@
-"""Which size of its input a network is given for a picture."""
+"""Which size of its input a network is given for an image."""
 
 from functools import lru_cache
 
@@ -7,14 +7,14 @@ __all__ = ["input_size"]
 
 @lru_cache(maxsize=1024)
 def input_size(width_px: int, height_px: int, *, most_px: int, stride_px: int) -> tuple[int, int]:
-    """Width and height in pixels, multiples of the stride, that show the picture largest.
+    """Width and height in pixels, multiples of the stride, that show the image largest.
 
-    The picture is scaled to fit, with its shape kept. Of all sizes of `most_px` pixels at most, this is the one with
-    the largest scale, then the one with the fewest pixels, then the widest. A picture is not enlarged. If the least
+    The image is scaled to fit, with its shape kept. Of all sizes of `most_px` pixels at most, this is the one with
+    the largest scale, then the one with the fewest pixels, then the widest. An image is not enlarged. If the least
     size is beyond `most_px`, that is taken all the same.
 
     Args:
-        width_px: Width of the picture.
+        width_px: Width of the image.
         height_px: Its height.
         most_px: Pixels of the input at most.
         stride_px: What width and height are multiples of.

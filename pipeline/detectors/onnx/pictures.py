@@ -1,4 +1,4 @@
-"""Pictures as networks take them: colours, scale, and where the picture lies in the input."""
+"""Images as networks take them: colours, scale, and where the image lies in the input."""
 
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
@@ -19,7 +19,7 @@ IMAGENET_MEAN, IMAGENET_DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 
 
 class Place(NamedTuple):
-    """Where a picture lies in a network's input: pixel of the input = pixel of the picture * scale + offset.
+    """Where an image lies in a network's input: pixel of the input = pixel of the image * scale + offset.
 
     Attributes:
         scale: (2,) float32, in x and y.
@@ -30,31 +30,31 @@ class Place(NamedTuple):
     offset: F32
 
     def undo(self, xyxy: F32) -> F32:
-        """Boxes (N, 4) in pixels of the picture, from those in pixels of the input."""
+        """Boxes (N, 4) in pixels of the image, from those in pixels of the input."""
         return ((xyxy - np.tile(self.offset, 2)) / np.tile(self.scale, 2)).astype(np.float32, copy=False)
 
 
 @dataclass(frozen=True, slots=True)
 class Pictures:
-    """Puts pictures into the input of a network.
+    """Puts images into the input of a network.
 
     Attributes:
         colors: Order and values of the channels.
-        placement: Where a picture lies.
+        placement: Where an image lies.
     """
 
     colors: NetworkColors
     placement: Placement
 
     def blank(self, count: int, height_px: int, width_px: int) -> F32:
-        """Input (N, 3, H, W) without pictures."""
+        """Input (N, 3, H, W) without images."""
         grey = self._values(np.full((1, 1, 3), PADDING, np.uint8))
         batch = np.empty((count, 3, height_px, width_px), np.float32)
         batch[:] = grey.transpose(2, 0, 1)
         return batch
 
     def put(self, image: U8, into: F32) -> Place:
-        """Scale a picture (H, W, 3), red first, into a blank input (3, H, W).
+        """Scale an image (H, W, 3), red first, into a blank input (3, H, W).
 
         The scaled size is cut to whole pixels at the top left, as in YOLOX, and rounded in the centre, as in YOLOv5;
         the scales are those of the whole pixels.

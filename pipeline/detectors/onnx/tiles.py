@@ -1,4 +1,4 @@
-"""Wide or high pictures for networks of one size: overlapping tiles, and their boxes put together again."""
+"""Wide or high images for networks of one size: overlapping tiles, and their boxes put together again."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -15,14 +15,14 @@ OVERLAP = 0.2
 """Of the length of a tile, which the next one shows, too."""
 
 SEAM_SHARE = 0.01
-"""Of the length of a tile: a box that ends so near to an edge within the picture may be part of an object."""
+"""Of the length of a tile: a box that ends so near to an edge within the image may be part of an object."""
 
 SAME_SHARE = 0.6
 """A box that may be part of an object is one if another tile's box of its class covers so much of it."""
 
 
 class Tile(NamedTuple):
-    """Part of a picture, pixels."""
+    """Part of an image, pixels."""
 
     left: int
     top: int
@@ -30,18 +30,18 @@ class Tile(NamedTuple):
     bottom: int
 
     def cut(self, image: U8) -> U8:
-        """What a picture (H, W, 3) shows there."""
+        """What an image (H, W, 3) shows there."""
         return np.ascontiguousarray(image[self.top : self.bottom, self.left : self.right])
 
 
 def tiles_of(height_px: int, width_px: int, input_px: Size, most_px: int) -> list[Tile]:
-    """The tiles of a picture, side by side or one below the other; one if the input has its shape, or is larger.
+    """The tiles of an image, side by side or one below the other; one if the input has its shape, or is larger.
 
-    So many as come closest to the pixels that the network may be given, and no more than show the picture in its own
+    So many as come closest to the pixels that the network may be given, and no more than show the image in its own
     size or are needed for its shape.
 
     Args:
-        height_px: Height of the picture.
+        height_px: Height of the image.
         width_px: Its width.
         input_px: Height and width of the network's input.
         most_px: Pixels that the network may be given.
@@ -59,10 +59,10 @@ def tiles_of(height_px: int, width_px: int, input_px: Size, most_px: int) -> lis
 
 
 def join_tiles(found: Sequence[Candidates2D], tiles: Sequence[Tile], *, min_score: float) -> Candidates2D:
-    """The proposals for a picture from those for its tiles, each in pixels of its own tile.
+    """The proposals for an image from those for its tiles, each in pixels of its own tile.
 
     What is seen in two tiles as a whole is there twice, for suppression to settle. What ends where a tile ends within
-    the picture is left out if another tile shows it better.
+    the image is left out if another tile shows it better.
 
     Args:
         found: Proposals for each tile.

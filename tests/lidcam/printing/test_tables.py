@@ -4,7 +4,7 @@ import pytest
 from rich.console import Console, RenderableType
 
 from lidcam.checks.missing import MissingSensor, SilentSpan
-from lidcam.printing.tables import missing_table, objects_table, sensors_table
+from lidcam.printing.tables import missing_table, objects_table, sensors_table, stages_table
 from readers.rig.calibration import SensorSource
 
 OBJECTS = {("car", "north"): 6, ("car", "outside"): 1, ("bus", "south"): 3}
@@ -74,3 +74,9 @@ def test_a_camera_and_its_boxes_are_one_row_if_they_agree() -> None:
         "c (boxes)",
     ]
     assert text(missing_table([]))[2:] == []
+
+
+def test_stages_that_take_no_time_are_not_in_the_table() -> None:
+    found = text(stages_table({"combine": 0.02, "no 2D boxes": 0.0001, "write": 0.0006}, 10))
+    assert [line.split()[0] for line in found[2:]] == ["combine", "write"]
+    assert [line.split()[-1] for line in found[2:]] == ["2.0", "0.1"]

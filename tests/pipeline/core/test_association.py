@@ -26,7 +26,7 @@ def test_features_of_rectangles() -> None:
 
 
 def test_variances_are_those_of_edges_that_err_independently() -> None:
-    config = AssociateConfig(pixel_sigma_px=1.5, size_sigma=0.05)
+    config = AssociateConfig(pixel_sigma_px=1.5, outline_sigma=0.05)
     rectangle = np.array([[100.0, 50, 300, 150]])
     random = np.random.default_rng(0)
     sigma = np.sqrt(1.5**2 + (0.05 * np.array([200.0, 100])) ** 2)

@@ -1,3 +1,4 @@
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -7,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.core.arrays import F64
 from pipeline.core.detections import Boxes3D, Source
-from pipeline.core.errors import MessageError
+from pipeline.core.errors import FrameError, MessageError
 from pipeline.core.frame import Decoded, SensorBundle
 from pipeline.core.geometry.pose_samples import PoseSamples
 from pipeline.core.geometry.transform import Transform
@@ -68,6 +69,11 @@ def test_boxes_come_to_the_site_frame(format_: Format) -> None:
     np.testing.assert_array_equal(boxes.covariances, np.diag([0.3**2, 0.3**2, np.radians(10.0) ** 2])[None])
     assert (boxes.sources.tolist(), boxes.measured_ns.tolist()) == ([Source.LIDAR], [NOW_NS])
     assert boxes.class_ids.tolist() == [Config().class_id_of_label["bus"]]
+
+
+def test_motion_of_another_frame_is_refused() -> None:
+    with pytest.raises(FrameError, match="expected poses of the site frame 'base_link', got 'lidar'"):
+        decode(Recorded((5, 1, 0.5)), stamp_ns=NOW_NS - 100 * MS, poses=replace(motion(), frame_id="lidar"))
 
 
 def test_boxes_of_another_moment_move_with_the_vehicle() -> None:

@@ -85,7 +85,7 @@ def recognise(trial: Trial, wanted: NetworkLayout | None = None) -> Layout:
             return Layout(name, "rgb_1", "stretched", columns - 4, RtDetrReader(columns - 4))
         case "detr" if found := _boxes_and_scores(trial):
             boxes_at, scores_at = found
-            is_rf_detr = trial.names[boxes_at] == "dets"  # whose pictures are like those of its backbone
+            is_rf_detr = trial.names[boxes_at] == "dets"  # whose images are like those of its backbone
             colors: NetworkColors = "imagenet" if is_rf_detr else "rgb_1"
             classes = shapes[scores_at][-1]
             return Layout(name, colors, "stretched", classes, DetrReader(classes, boxes_at, scores_at))

@@ -66,7 +66,7 @@ def image(height: int, width: int, rgb: tuple[int, int, int] = (0, 0, 0)) -> U8:
 
 
 def detector(path: Path, threads: int = 1) -> OnnxDetector2D:
-    """A network that is given whole pictures in its own size."""
+    """A network that is given whole images in its own size."""
     return OnnxDetector2D(path, Config(detect2d=Detect2DConfig(threads=threads, input=SIZE_PX[::-1])))
 
 
@@ -282,4 +282,4 @@ def test_what_a_network_is_taken_for_is_logged(tmp_path: Path, caplog: pytest.Lo
     path = write_yolox(tmp_path / "m.onnx", raw_rows(), size_px=SIZE_PX)
     OnnxDetector2D(path, Config())
     assert "takes 96 x 64 px only: " in caplog.messages[-2]
-    assert caplog.messages[-1] == f"{path}: yolox, 80 classes, pictures of 96 x 64 px"
+    assert caplog.messages[-1] == f"{path}: yolox, 80 classes, images of 96 x 64 px"
