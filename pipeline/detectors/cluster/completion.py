@@ -3,7 +3,7 @@
 A lidar sees only the near sides of an object. A side that faces a lidar shows its whole length; the extent behind it is
 taken from the size prior of the class. So a cluster is compared with each class, with the length along either axis of
 the rectangle; missing length counts only as far as it should have been visible. The box then keeps its near sides and
-grows away from the lidars; a pedestrian's or a cyclist's grows about its middle.
+grows away from the lidars; a cyclist's grows about its middle, and a pedestrian's half as far away as that of a car.
 """
 
 from dataclasses import dataclass
@@ -36,6 +36,14 @@ BOTH_ENDS_WHOLE_SHARE = 0.5
 SLENDER_SHARE = 0.5
 """A class whose width is at most this share of its height has no broad side that hides its far end: of a cyclist the
 lidar sees the rider, in the middle. Such boxes grow to both ends alike."""
+
+ROUND_SHARE = 0.5
+"""A slender class whose width is more than this share of its length is a pedestrian's: the body hides its far side."""
+
+ROUND_ANCHOR = 0.5
+"""How far a pedestrian's box grows away from the lidar: 1 is as a car's, of which only the near sides are seen, and 0
+about its middle. In simulated recordings of a crossing and of a drive, 1 put walkers 0.04 and 0.07 m too far away, 0
+put them 0.09 and 0.02 m too near."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +116,9 @@ def complete_boxes(
     chosen, chosen_limit = mean[choice], limit[choice]
     center, full, std = _grow(extent, middle, chosen[:, :2], chosen_limit[:, :2], seen, towards, lidar_share)
     is_slender = chosen[:, :2].min(1) <= SLENDER_SHARE * chosen[:, 2]
-    center = np.where(is_slender[:, None], middle, center)
+    is_round = chosen[:, :2].min(1) > ROUND_SHARE * chosen[:, :2].max(1)
+    anchored = np.where(is_slender, np.where(is_round, ROUND_ANCHOR, 0.0), 1.0)[:, None]
+    center = middle + anchored * (center - middle)
     std = np.where(is_slender[:, None], (full - extent) / 4, std)
     height = np.where(top_m >= WHOLE_SHARE * chosen[:, 2], top_m, chosen[:, 2])
     swap = (choice % 2 == 1)[:, None]

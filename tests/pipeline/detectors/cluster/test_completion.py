@@ -65,6 +65,16 @@ def test_rider_is_in_the_middle_of_a_cyclist() -> None:
     assert box.center_std_m[0] == pytest.approx([0.3, 0.0])
 
 
+def test_a_pedestrian_grows_half_as_far_away_from_the_lidar_as_a_car() -> None:
+    depth = PRIORS[PEDESTRIAN].size_m[0]
+    box = complete((10.0, -0.25), (10.2, 0.25), top_m=1.75)
+    assert box.class_ids.tolist() == [PEDESTRIAN]
+    assert box.sizes[0, :2].max() == pytest.approx(depth)
+    assert box.center_xy[0] == pytest.approx([10.1 + (depth - 0.2) / 4, 0.0])
+    behind = complete((10.0, -0.25), (10.2, 0.25), top_m=1.75, lidars=((20.0, 0.0),))
+    assert behind.center_xy[0] == pytest.approx([10.1 - (depth - 0.2) / 4, 0.0])
+
+
 def test_a_given_class_is_kept_whatever_the_size_and_minus_one_is_chosen() -> None:
     low, high = np.tile([[10.0, -0.85]], (3, 1)), np.tile([[14.0, 0.85]], (3, 1))
     rectangles = Rectangles(np.zeros(3), low, high, np.zeros(3))
