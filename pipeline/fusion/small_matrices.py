@@ -8,27 +8,26 @@ __all__ = ["inverse", "inverse_3x3", "solve"]
 
 
 def solve(matrices: F64, right: F64) -> tuple[F64, F64]:
-    """Solutions of symmetric positive definite systems, by Cholesky decomposition.
+    """Solutions of symmetric positive definite systems, by Gauss-Jordan elimination: few steps, each for everything.
 
     Args:
-        matrices: (D, D, ...) with the matrices along the first two axes; only the lower half is read.
+        matrices: (D, D, ...) with the matrices along the first two axes.
         right: (D, E, ...) right sides.
 
     Returns:
-        (D, E, ...) solutions, and (...) logarithms of the determinants. Not finite where a matrix is not positive.
+        (D, E, ...) solutions, and (...) logarithms of the determinants: these are not finite where a matrix is
+        not positive.
     """
     size = len(matrices)
-    lower = np.zeros_like(matrices)
+    table = np.concatenate([matrices, right], axis=1)
+    log_det = np.zeros(matrices.shape[2:])
     for j in range(size):
-        column = matrices[j:, j] - (lower[j:, :j] * lower[j, :j]).sum(1)
-        lower[j:, j] = column / np.sqrt(column[0])
-    found = right.copy()
-    for j in range(size):
-        found[j] = (right[j] - (lower[j, :j, None] * found[:j]).sum(0)) / lower[j, j]
-    for j in reversed(range(size)):
-        found[j] = (found[j] - (lower[j + 1 :, j, None] * found[j + 1 :]).sum(0)) / lower[j, j]
-    diagonal = lower[np.arange(size), np.arange(size)]
-    return found, np.asarray(2 * np.log(diagonal).sum(0))
+        pivot = table[j, j]
+        log_det += np.log(pivot)
+        row = table[j, j + 1 :] / pivot
+        table[:, j + 1 :] -= table[:, j, None] * row
+        table[j, j + 1 :] = row
+    return table[:, size:], log_det
 
 
 def inverse(matrices: F64) -> F64:

@@ -13,6 +13,8 @@ Residuals are weighed by a Cauchy distribution (iteratively reweighted), so that
 """
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Self
 
 import numpy as np
 
@@ -78,33 +80,56 @@ class RefinedBoxes:
         check_array("accepted", self.accepted, (n,), np.bool_)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class _Problem:
-    """N boxes, each with the pairs from `starts` to the next; the outline is that of each pair."""
+    """N boxes, each with the pairs from `starts` to the next, and each tried at K states.
+
+    What belongs to pairs stands K times, one after another, in `edges` and `outline`: it is the same for all steps.
+    """
 
     boxes: Boxes3D
     prior: BoxPrior
+    starts: Indices
+    tried: int
     edges: MeasuredEdges
     outline: Outline
-    starts: Indices
+
+    @classmethod
+    def of(cls, boxes: Boxes3D, prior: BoxPrior, edges: MeasuredEdges, outline: Outline, *, tried: int) -> Self:
+        """The problem of P pairs, with an outline for each."""
+        starts = np.searchsorted(edges.rows, np.arange(len(boxes)))
+        own = np.repeat(np.arange(len(edges)), tried)
+        return cls(boxes, prior, starts, tried, edges.select(own), outline.select(own))
+
+    @cached_property
+    def _limits(self) -> F64:
+        return np.tile(self.edges.cameras.image_sizes, 2)
+
+    @cached_property
+    def _near_border(self) -> Bools:
+        measured = self.edges.xyxy
+        return np.asarray(np.minimum(measured, self._limits - measured) < BORDER * self.edges.sigma_px)
+
+    @cached_property
+    def _places(self) -> tuple[F64, F64, F64, F64, F64]:
+        """Centres, sizes, yaws, their cosines and sines, of the prior's boxes of all pairs."""
+        rows = self.edges.rows
+        yaws = self.boxes.yaws[rows]
+        return self.boxes.centers[rows], self.boxes.sizes[rows], yaws, np.cos(yaws), np.sin(yaws)
 
     def linearised(self, states: F64) -> tuple[F64, F64, F64]:
         """Normal matrices (N, K, 6, 6), gradients (N, K, 6) and costs (N, K) at states (N, K, 7) less the prior's."""
-        tried = states.shape[1]
-        own = np.repeat(np.arange(len(self.edges)), tried)
-        at = states[self.edges.rows].reshape(-1, 7)
-        edges, jacobian = self._edges(at, own)
-        measured, sigma = self.edges.xyxy[own], self.edges.sigma_px[own]
-        limits = np.tile(self.edges.cameras.image_sizes[own], 2)
-        near_border = np.minimum(measured, limits - measured) < BORDER * sigma
+        tried = self.tried
+        edges, jacobian = self._edges(states[self.edges.rows[::tried]].reshape(-1, 7))
+        sigma, limits, near_border = self.edges.sigma_px, self._limits, self._near_border
         cut = ((edges < 0) | (edges > limits)) & near_border
-        residuals = (measured - np.where(near_border, np.clip(edges, 0, limits), edges)) / sigma
-        weights = 1 / (1 + (residuals / CAUCHY) ** 2)
+        residuals = (self.edges.xyxy - np.where(near_border, np.clip(edges, 0, limits), edges)) / sigma
+        squared = (residuals / CAUCHY) ** 2
         slopes = np.where(cut, 0.0, 1 / sigma)[..., None] * jacobian
-        weighed = slopes * weights[..., None]
+        weighed = slopes / (1 + squared)[..., None]
         normal = np.einsum("pea,peb->pab", weighed, slopes)
         pull = np.einsum("pea,pe->pa", weighed, residuals)
-        cost = CAUCHY**2 * np.log1p((residuals / CAUCHY) ** 2).sum(1)
+        cost = CAUCHY**2 * np.log1p(squared).sum(1)
         information = self.prior.information
         drawn_back = np.einsum("nij,nkj->nki", information, states)
         return (
@@ -113,19 +138,16 @@ class _Problem:
             np.add.reduceat(cost.reshape(-1, tried), self.starts) + (drawn_back * states).sum(2),
         )
 
-    def _edges(self, states: F64, pairs: Indices) -> tuple[F64, F64]:
-        """Edges (P, 4) and derivatives (P, 4, 6) by `_REST`, of pairs with their states less the prior's (P, 7)."""
-        rows, later = self.edges.rows[pairs], self.edges.later_s[pairs]
-        yaws = self.boxes.yaws[rows]
-        cos, sin = np.cos(yaws), np.sin(yaws)
+    def _edges(self, states: F64) -> tuple[F64, F64]:
+        """Edges (P, 4) and derivatives (P, 4, 6) by `_REST`, at states less the prior's (P, 7)."""
+        later = self.edges.later_s
+        centers, sizes, yaws, cos, sin = self._places
+        centers, sizes = centers.copy(), sizes.copy()
         along, across = states[:, 5] * later, states[:, 6] * later
-        centers = self.boxes.centers[rows]
         centers[:, 0] += states[:, 0] + cos * along - sin * across
         centers[:, 1] += states[:, 1] + sin * along + cos * across
-        sizes = self.boxes.sizes[rows]
         sizes[:, :2] = np.clip(sizes[:, :2] + states[:, 3:5], LEAST_SIZE * sizes[:, :2], MOST_SIZE * sizes[:, :2])
-        cameras, outline = self.edges.cameras.select(pairs), self.outline.select(pairs)
-        found = project_edges(centers, sizes, yaws + states[:, _YAW], cameras, outline)
+        found = project_edges(centers, sizes, yaws + states[:, _YAW], self.edges.cameras, self.outline)
         by_x, by_y = found.jacobian[..., 0], found.jacobian[..., 1]
         jacobian = np.empty((len(states), 4, 6))
         jacobian[..., :2] = found.jacobian[..., :2]
@@ -190,11 +212,10 @@ def refine_boxes(boxes: Boxes3D, prior: BoxPrior, edges: MeasuredEdges, outline:
         outline: Of the box of each pair.
     """
     n = len(boxes)
-    starts = np.searchsorted(edges.rows, np.arange(n))
-    problem = _Problem(boxes, prior, edges, outline, starts)
+    problem = _Problem.of(boxes, prior, edges, outline, tried=YAWS)
     mean, covariances = problem.averaged(np.zeros((n, 7)), prior.covariances, steps=2)
     mean, covariances = problem.averaged(mean, covariances, steps=1)
-    _, _, costs = problem.linearised(np.stack([np.zeros((n, 7)), mean], 1))
+    _, _, costs = _Problem.of(boxes, prior, edges, outline, tried=2).linearised(np.stack([np.zeros((n, 7)), mean], 1))
     inner = np.einsum("ni,nij,nj->n", mean[:, :3], _place_information(prior), mean[:, :3])
     accepted = (costs[:, 1] <= costs[:, 0]) & (inner <= GATE) & (np.abs(mean[:, _YAW]) < np.pi / 2)
     accepted &= np.isfinite(mean).all(1) & np.isfinite(covariances).all((1, 2))
@@ -205,7 +226,7 @@ def refine_boxes(boxes: Boxes3D, prior: BoxPrior, edges: MeasuredEdges, outline:
     follows[:, _YAW] = prior.yaw_shares
     mean, covariances = follows * mean, follows[:, :, None] * covariances * follows[:, None]
     covariances[:, _YAW, _YAW] += prior.yaw_rests
-    later_s, moved = _best_known(boxes, edges, covariances, starts)
+    later_s, moved = _best_known(boxes, edges, covariances, problem.starts)
     extent = boxes.sizes[:, :2]
     return RefinedBoxes(
         boxes.centers[:, :2] + np.einsum("nij,nj->ni", moved, mean)[:, :2],
