@@ -52,7 +52,7 @@ def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Grap
     hypotheses = graph.add("classify", Classify(config), hypotheses, boxes2d)
     hypotheses = graph.add("reshape", Reshape(rig, config), combined, hypotheses, lidar)
     hypotheses = graph.add("refine", Refine(rig, config), hypotheses, boxes2d, views)
-    beliefs = graph.add("believe", Believe(rig, config), hypotheses, boxes2d, views, combined)
+    beliefs = graph.add("believe", Believe(rig, config), hypotheses, boxes2d, views, combined, graph.frame)
     fused = graph.add("fuse", Fuse(config), hypotheses, beliefs)
     fused = graph.add("zones", partial(select_by_zones, zones=rig.zones), fused)
     detections = graph.add("detections", _detections, lidar, boxes2d, placed)

@@ -2,7 +2,8 @@
 
 The lidars' score is turned into a probability, because it means something else for each class. A 2D box that is matched
 speaks for an object. A camera that has it in view, unhidden, and says nothing speaks against it, as far as it finds
-objects of that size at all, which is counted while the run goes on. Where no camera looks, the lidars decide. An object
+objects of that size at all, which is counted while the run goes on. Where no camera looks, what those cameras said a
+moment ago counts, less and less; where they said nothing, the lidars decide. An object
 that cameras place by the ground alone is there, but where? Its covariance says how probably it is where it is reported.
 """
 
@@ -10,12 +11,15 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pipeline.core.arrays import F64
+from pipeline.core.arrays import F64, Bools
 from pipeline.core.clouds import CombinedCloud
 from pipeline.core.detections import Boxes2D, Hypotheses
+from pipeline.core.frame import SensorBundle
+from pipeline.core.geometry.poses import interpolate_poses
 from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.settings.config import Config
-from pipeline.fusion.belief.looks import looks_at
+from pipeline.fusion.belief.looks import Looks, looks_at
+from pipeline.fusion.belief.memory import Memory
 from pipeline.fusion.belief.odds import (
     FITTED,
     at_its_place,
@@ -32,13 +36,16 @@ __all__ = ["Believe"]
 
 
 class Believe:
-    """Existence probabilities. Learns how much each camera finds, so frames must come in order."""
+    """Existence probabilities. Learns how much each camera finds, and remembers, so frames must come in order."""
 
     def __init__(self, rig: Rig, config: Config) -> None:
         self._is_calibrated = config.detect3d.method != "cluster"
         self._frequencies = np.array([prior.frequency for prior in config.classes])
         self._reach_m = reach_of_classes(config.classes)
         self._recall = RecallCounts([camera.name for camera in rig.cameras], config.fuse.camera_recall)
+        self._memory, self._last_ns = Memory(config.classes), 0
+        self._site_frame, self._motion = rig.site_frame, config.combine.motion
+        self._cameras = [camera.name for camera in rig.cameras]
 
     def __call__(
         self,
@@ -46,6 +53,7 @@ class Believe:
         boxes2d: Mapping[str, Boxes2D],
         views: Mapping[str, CameraSensor],
         combined: CombinedCloud,
+        bundle: SensorBundle,
     ) -> F64:
         """(N,) float64 in [0, 1), probability that there is an object of the class of each hypothesis where it says.
 
@@ -56,14 +64,23 @@ class Believe:
             boxes2d: By camera name; a camera without an entry did not look in this frame.
             views: By camera name, the cameras as they stood when their images were taken.
             combined: The clouds of the frame.
+            bundle: Its time, and the motion of the site frame.
+
+        Raises:
+            FrameError: the motion is that of a frame other than the site frame.
         """
         looks = looks_at(hypotheses, boxes2d, views, combined)
         before = self._before_cameras(hypotheses)
         evidence = camera_evidence(looks, self._recall.plain(looks), FITTED)
         self._recall.learn(looks, before, evidence, FITTED)
-        boxes = hypotheses.boxes
+        boxes, said = hypotheses.boxes, joined(evidence, FITTED)
+        is_seen, has_absent = self._who_looks(hypotheses, looks)
+        self._memory.age((bundle.stamp_ns - self._last_ns) / 1e9, self._own_motion(bundle))
+        self._last_ns = bundle.stamp_ns
+        recalled = self._memory.recalled(boxes, ~is_seen & has_absent)
+        self._memory.remember(boxes, is_seen, said, all_look=len(looks.cameras) == len(self._cameras))
         place = at_its_place(boxes.covariances, self._reach_m[boxes.class_ids])
-        return probability(before + joined(evidence, FITTED)) * place
+        return probability(before + said + recalled) * place
 
     def _before_cameras(self, hypotheses: Hypotheses) -> F64:
         boxes = hypotheses.boxes
@@ -71,3 +88,31 @@ class Believe:
         frequencies = self._frequencies[boxes.class_ids]
         before = log_odds_before_cameras(scores, frequencies, boxes.point_counts, boxes.sources, is_lidar, FITTED)
         return np.where(is_lidar, logit(scores), before) if self._is_calibrated else before
+
+    def _who_looks(self, hypotheses: Hypotheses, looks: Looks) -> tuple[Bools, Bools]:
+        """(N,) whether a camera looks at each box, and (N,) whether one would that does not look in this frame."""
+        nobody = np.zeros((1, len(hypotheses.boxes)), np.bool_)
+        absent = [
+            np.isfinite(matches.projected_xyxy[:, 0])[None]
+            for name, matches in hypotheses.matches.items()
+            if name not in looks.cameras
+        ]
+        is_seen, has_absent = np.concatenate([nobody, looks.in_view]), np.concatenate([nobody, *absent])
+        return np.asarray(is_seen.any(0)), np.asarray(has_absent.any(0))
+
+    def _own_motion(self, bundle: SensorBundle) -> F64 | None:
+        """(4, 4) from the site frame at the last frame to that now; None where it moves and how is unknown."""
+        motion = bundle.motion_of(self._site_frame) if self._motion.enabled else None
+        if motion is None:
+            return np.eye(4)
+        earlier_ns, later_ns = sorted((self._last_ns, bundle.stamp_ns))
+        if not motion.covers(
+            earlier_ns,
+            later_ns,
+            max_extrapolation_s=self._motion.max_extrapolation_s,
+            max_gap_s=self._motion.max_gap_s,
+        ):
+            return None
+        wanted_ns = np.array([self._last_ns, bundle.stamp_ns], np.int64)
+        then, now = interpolate_poses(motion.stamps_ns, motion.T_fixed_moving, wanted_ns)
+        return np.asarray(np.linalg.inv(now) @ then)

@@ -9,7 +9,9 @@ from lidar_scene import combined
 
 from pipeline.core.arrays import F64
 from pipeline.core.detections import Boxes2D, Boxes3D, Hypotheses, Matches
+from pipeline.core.frame import SensorBundle
 from pipeline.core.geometry.boxes import box_corners
+from pipeline.core.geometry.pose_samples import PoseSamples
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.detect import Detect3DConfig
 from pipeline.core.settings.fuse import FuseConfig
@@ -20,6 +22,7 @@ RIG = camera_rig(VIEW)
 CAR = (20.0, 0.0, 0.0, 4.0, 1.8, 1.5, 0.0)
 BEHIND = (-20.0, 0.0, 0.0, 4.0, 1.8, 1.5, 0.0)
 POINTS = combined(np.zeros((0, 3)))
+FRAME = SensorBundle(0, 1, 1, {})
 NOTHING = {"cam": boxes2d([])}
 
 
@@ -35,7 +38,7 @@ def hypotheses(boxes: Boxes3D, *pairs: tuple[int, int], lidar_count: int | None 
 
 
 def believed(found: Hypotheses, seen: Mapping[str, Boxes2D], config: Config | None = None) -> F64:
-    return Believe(RIG, config or Config())(found, seen, {"cam": VIEW}, POINTS)
+    return Believe(RIG, config or Config())(found, seen, {"cam": VIEW}, POINTS, FRAME)
 
 
 def test_what_a_camera_confirms_what_nobody_looks_at_and_what_it_does_not_confirm() -> None:
@@ -54,9 +57,9 @@ def test_what_a_camera_confirms_what_nobody_looks_at_and_what_it_does_not_confir
 def test_a_blind_camera_takes_less_and_less_away() -> None:
     believe = Believe(RIG, Config())
     found = hypotheses(boxes3d([CAR], scores=[0.5]))
-    (first,) = believe(found, NOTHING, {"cam": VIEW}, POINTS)
+    (first,) = believe(found, NOTHING, {"cam": VIEW}, POINTS, FRAME)
     for _ in range(100):
-        (last,) = believe(found, NOTHING, {"cam": VIEW}, POINTS)
+        (last,) = believe(found, NOTHING, {"cam": VIEW}, POINTS, FRAME)
     (without,) = believed(found, {})
     assert first < last < without
     assert last > 0.9 * without
@@ -70,7 +73,7 @@ def test_the_same_frames_give_the_same_probabilities() -> None:
     one, two = Believe(RIG, Config()), Believe(RIG, Config())
     for _ in range(5):
         views = {"cam": VIEW}
-        np.testing.assert_array_equal(one(found, seen, views, POINTS), two(found, seen, views, POINTS))
+        np.testing.assert_array_equal(one(found, seen, views, POINTS, FRAME), two(found, seen, views, POINTS, FRAME))
 
 
 @pytest.mark.parametrize(("method", "expected"), [("none", 0.3), ("cluster", None)])
@@ -92,4 +95,42 @@ def test_what_was_begun_from_a_2d_box_needs_it() -> None:
 def test_no_hypotheses_and_no_cameras() -> None:
     assert believed(hypotheses(boxes3d([])), NOTHING).shape == (0,)
     nobody = Hypotheses(boxes3d([CAR]), {}, 1)
-    assert Believe(camera_rig(), Config())(nobody, {}, {}, POINTS).shape == (1,)
+    assert Believe(camera_rig(), Config())(nobody, {}, {}, POINTS, FRAME).shape == (1,)
+
+
+def test_what_a_camera_said_counts_while_it_does_not_look_and_never_when_it_does() -> None:
+    seen = {"cam": boxes2d([(280, 220, 360, 260, 0.8, 0)])}
+    car = boxes3d([CAR], scores=[0.2])
+    (alone,) = believed(hypotheses(car), {})
+
+    def after(
+        first: Mapping[str, Boxes2D], *pairs: tuple[int, int], gap_s: float, then: Mapping[str, Boxes2D]
+    ) -> float:
+        believe = Believe(RIG, Config())
+        believe(hypotheses(car, *pairs), first, {"cam": VIEW}, POINTS, at(0))
+        return float(believe(hypotheses(car), then, {"cam": VIEW}, POINTS, at(gap_s))[0])
+
+    soon, later = (after(seen, (0, 0), gap_s=gap_s, then={}) for gap_s in (0.1, 0.5))
+    assert alone < later < soon
+    assert after(seen, (0, 0), gap_s=1.2, then={}) == pytest.approx(alone)
+    assert after(NOTHING, gap_s=0.1, then={}) < alone, "what it did not say is remembered, too"
+    assert after(seen, (0, 0), gap_s=0.1, then=NOTHING) < alone, "silence has the last word"
+
+
+@pytest.mark.parametrize(("moves", "reaches"), [(True, True), (False, False)])
+def test_on_a_rig_that_moves_an_object_is_sought_where_it_is_now(moves: bool, reaches: bool) -> None:
+    seen = {"cam": boxes2d([(280, 220, 360, 260, 0.8, 0)])}
+    ahead = (CAR[0] - 10.0, *CAR[1:])
+    poses = np.tile(np.eye(4), (2, 1, 1))
+    poses[1, 0, 3] = 10.0 * moves
+    motion = PoseSamples("site", "odom", np.array([0, 200_000_000], np.int64), poses)
+    believe = Believe(RIG, Config())
+    believe(hypotheses(boxes3d([CAR], scores=[0.2]), (0, 0)), seen, {"cam": VIEW}, POINTS, at(0.0))
+    nearer = hypotheses(boxes3d([ahead], scores=[0.2]))
+    (p,) = believe(nearer, {}, {"cam": VIEW}, POINTS, replace(at(0.2), motion=motion))
+    assert (p > believed(nearer, {})[0]) == reaches
+
+
+def at(seconds: float) -> SensorBundle:
+    stamp_ns = round(seconds * 1e9)
+    return SensorBundle(0, stamp_ns, stamp_ns, {})
