@@ -21,6 +21,7 @@ from pipeline.core.arrays import F32
 from pipeline.core.camera import CameraModel
 from pipeline.core.clouds import CombinedCloud, Plane, PointCloud
 from pipeline.core.detections import Boxes2D, Boxes3D, Hypotheses
+from pipeline.core.frame import SensorBundle
 from pipeline.core.geometry.boxes import box_corners, iou_xyxy, wrap_angle
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.rig import CameraSensor, LidarSensor, Rig
@@ -122,6 +123,7 @@ def measure(rig: Rig, count: int, rounds: int) -> dict[str, float]:
 
     for _ in range(rounds + 1):
         for scene in scenes:
+            bundle = SensorBundle(0, scene.boxes.stamp_ns, scene.boxes.stamp_ns, {})
             started = [time.process_time()]
             plain_association(scene, views)
             started.append(time.process_time())
@@ -129,7 +131,13 @@ def measure(rig: Rig, count: int, rounds: int) -> dict[str, float]:
             started.append(time.process_time())
             hypotheses = refine(Hypotheses(scene.boxes, matches, count), scene.found, views)
             started.append(time.process_time())
-            believe(hypotheses, scene.found, views, scene.combined)
+            believe(
+                hypotheses,
+                scene.found,
+                views,
+                scene.combined,
+                SensorBundle(0, scene.boxes.stamp_ns, scene.boxes.stamp_ns, {}),
+            )
             started.append(time.process_time())
             for values, seconds in zip(taken.values(), np.diff(started), strict=True):
                 values.append(seconds * 1e3)
