@@ -123,7 +123,7 @@ def measure(rig: Rig, count: int, rounds: int) -> dict[str, float]:
 
     for _ in range(rounds + 1):
         for scene in scenes:
-            bundle = SensorBundle(0, scene.boxes.stamp_ns, scene.boxes.stamp_ns, {})
+            moment = SensorBundle(0, scene.boxes.stamp_ns, scene.boxes.stamp_ns, {})
             started = [time.process_time()]
             plain_association(scene, views)
             started.append(time.process_time())
@@ -131,13 +131,7 @@ def measure(rig: Rig, count: int, rounds: int) -> dict[str, float]:
             started.append(time.process_time())
             hypotheses = refine(Hypotheses(scene.boxes, matches, count), scene.found, views)
             started.append(time.process_time())
-            believe(
-                hypotheses,
-                scene.found,
-                views,
-                scene.combined,
-                SensorBundle(0, scene.boxes.stamp_ns, scene.boxes.stamp_ns, {}),
-            )
+            believe(hypotheses, scene.found, views, scene.combined, moment)
             started.append(time.process_time())
             for values, seconds in zip(taken.values(), np.diff(started), strict=True):
                 values.append(seconds * 1e3)
