@@ -101,15 +101,15 @@ def test_a_result_and_itself(compare: Any, result: Path) -> None:
     assert "difference" not in same.out
     assert same.out.splitlines()[-1] == "verdict: equal within the tolerances"
     lines = same.out.splitlines()
-    counted = [line.split()[:2] for line in lines if line.startswith(("lidar", "fused", "camera_"))]
-    assert [row[1] for row in counted] == ["all"] * 6  # no class has anything to say
+    counted = [line.split()[:2] for line in lines if line.startswith(("lidar", "fused", "cameras", "camera_"))]
+    assert [row[1] for row in counted] == ["all"] * 7  # no class has anything to say
     tree = compare(result, result, json="-").tree
     assert (tree["command"], tree["exit_code"], tree["differences"]["count"]) == ("compare", 0, 0)
     assert [one["path"] for one in tree["inputs"]] == [str(result)] * 2
     channels = [*tree["sources"].values(), *tree["images"].values()]
     for counts in channels:
         assert counts["all"]["equal"] == counts["all"]["a"] == counts["all"]["b"]
-    assert list(tree["sources"]) == ["lidar", "fused"]
+    assert list(tree["sources"]) == ["lidar", "cameras", "fused"]
     assert sum(counts["all"]["equal"] for counts in channels) > 500
 
 
@@ -155,7 +155,7 @@ def test_a_class_lost(compare: Any, result: Path, faulty: Any) -> None:
 
 
 def test_a_car_missing_for_a_second(compare: Any, result: Path, faulty: Any, car: tuple[float, float]) -> None:
-    other = faulty(dropped(followed(*car, gate_m=1), range(2, 12)))
+    other = faulty(dropped(followed(*car, gate_m=2), range(2, 12)))
     (line,) = (line for line in compare(result, other).out.splitlines() if "2-11" in line)
     assert line.split()[:4] == ["fused", "car", "lost", "(score"]
     tree = compare(result, other, json="-").tree
@@ -255,7 +255,7 @@ def test_what_a_merged_file_must_not_replace(compare: Any, sandbox: Path, result
 def test_what_cannot_be_compared(compare: Any, result: Path) -> None:
     with pytest.raises(RecordingError, match="expected a result of lidcam, found a recording"):
         compare(result, ROOT / "bags/crossing.mcap")
-    with pytest.raises(LidcamError, match=r"--only fusd: expected one of lidar, fused, camera_north_east"):
+    with pytest.raises(LidcamError, match=r"--only fusd: expected one of lidar, cameras, fused, camera_north_east"):
         compare(result, result, only=("fusd",))
 
 
