@@ -56,7 +56,8 @@ def _covered(own: F64, covers: F64, count: int, xs: F64, ys: F64, rest: F32) -> 
                 top, bottom = min(top, ys[row]), max(bottom, ys[row + 1])
     if left < right:
         rest[0], rest[1], rest[2], rest[3] = left, top, right, bottom
-    return 1.0 - min(max(free / ((own[2] - own[0]) * (own[3] - own[1])), 0.0), 1.0)
+    share: float = free / ((own[2] - own[0]) * (own[3] - own[1]))
+    return 1.0 - min(max(share, 0.0), 1.0)
 
 
 @compiled(
