@@ -12,7 +12,7 @@ import numpy as np
 
 from pipeline.core.arrays import F64, Bools, Rows, check_array, select_rows
 from pipeline.core.camera import CameraModel
-from pipeline.core.lens_kernels import pixels_of_points, slopes_of_points
+from pipeline.core.optics.lens_kernels import pixels_of_points, slopes_of_points
 
 __all__ = ["Lenses"]
 
