@@ -140,8 +140,8 @@ def process(
         # Stages of several frames already fill the cores; OpenMP threads inside of one would only wait for each other.
         # Read once, when the libraries are loaded.
         os.environ.setdefault("OMP_NUM_THREADS", "1")
-    from lidcam.commands.evaluate import requirement_errors  # heavy: after the arguments are known to be right
-    from lidcam.commands.process import Printed, run_process
+    from lidcam.commands.process import Printed, run_process  # heavy: after the arguments are known to be right
+    from lidcam.commands.requirement_errors import requirement_errors
     from lidcam.commands.strict import Strictness
     from lidcam.evaluation.requirement import read_requirements
     from lidcam.job import make_job
