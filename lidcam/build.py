@@ -2,15 +2,17 @@
 
 from collections.abc import Mapping
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple, Self
 
 from lidcam.box_sources import add_boxes2d, add_boxes3d
 from pipeline.core.arrays import F64
 from pipeline.core.clouds import CombinedCloud, PointCloud
 from pipeline.core.detections import Boxes2D, Boxes3D, Detections, Fused, Hypotheses, Matches
 from pipeline.core.frame import Decoded, FrameResult, SensorBundle
+from pipeline.core.messages import Drop
 from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.settings.config import Config
+from pipeline.fusion.belief.looks import looks_at
 from pipeline.fusion.cameras.placed import Placed
 from pipeline.fusion.zones import select_by_zones
 from pipeline.graph import Graph, Node
@@ -38,7 +40,7 @@ def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Grap
     graph = Graph(SensorBundle)
     # What each sensor alone sees.
     clouds = graph.add("decode clouds", CloudDecoder(rig, config, on_bad=on_bad), graph.frame)
-    combined = graph.add("combine", Combine(rig, config.combine), graph.frame, clouds, workers=2)
+    combined = graph.add("combine", Combine(rig, config.combine), graph.frame, clouds)
     recorded3d, lidar = add_boxes3d(graph, config, rig, combined, on_bad=on_bad)
     camera_data, boxes2d = add_boxes2d(graph, config, rig, on_bad=on_bad)
     views = graph.add("views", Views(rig, config), graph.frame)
@@ -52,11 +54,13 @@ def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Grap
     hypotheses = graph.add("classify", Classify(config), hypotheses, boxes2d)
     hypotheses = graph.add("reshape", Reshape(rig, config), combined, hypotheses, lidar)
     hypotheses = graph.add("refine", Refine(rig, config), hypotheses, boxes2d, views)
-    beliefs = graph.add("believe", Believe(rig, config), hypotheses, boxes2d, views, combined, graph.frame)
+    looks = graph.add("look", looks_at, hypotheses, boxes2d, views, combined)
+    beliefs = graph.add("believe", Believe(rig, config), hypotheses, looks, graph.frame, ordered=True)
     fused = graph.add("fuse", Fuse(config), hypotheses, beliefs)
     fused = graph.add("zones", partial(select_by_zones, zones=rig.zones), fused)
     detections = graph.add("detections", _detections, lidar, boxes2d, placed)
-    inputs = clouds, recorded3d, camera_data, combined, detections, views, hypotheses, beliefs, fused
+    unused = graph.add("unused", _Unused.of, clouds, recorded3d, camera_data)
+    inputs = combined, detections, views, hypotheses, beliefs, fused, unused
     return graph, graph.add("collect", _collect, graph.frame, *inputs)
 
 
@@ -79,17 +83,28 @@ def _detections(lidar: Boxes3D, boxes2d: Mapping[str, Boxes2D], placed: Placed) 
     return Detections(lidar, boxes2d, placed.boxes if boxes2d else None)
 
 
+class _Unused(NamedTuple):
+    """What of the messages could not be used; apart from what was decoded, which need not leave its process."""
+
+    drops: tuple[Drop, ...]
+    boxes: Mapping[str, int]
+    boxes3d: Mapping[str, int]
+
+    @classmethod
+    def of(cls, clouds: Decoded[PointCloud], recorded3d: Decoded[Boxes3D], camera_data: Decoded[Any]) -> Self:
+        drops = clouds.drops + recorded3d.drops + camera_data.drops
+        return cls(drops, camera_data.unused_boxes, recorded3d.unused_boxes)
+
+
 def _collect(
     bundle: SensorBundle,
-    clouds: Decoded[PointCloud],
-    recorded3d: Decoded[Boxes3D],
-    camera_data: Decoded[Any],
     combined: CombinedCloud,
     detections: Detections,
     views: Mapping[str, CameraSensor],
     hypotheses: Hypotheses,
     beliefs: F64,
     fused: Fused,
+    unused: _Unused,
 ) -> FrameResult:
     return FrameResult(
         bundle=bundle,
@@ -99,7 +114,7 @@ def _collect(
         hypotheses=hypotheses,
         beliefs=beliefs,
         fused=fused,
-        drops=clouds.drops + recorded3d.drops + camera_data.drops,
-        unused_boxes=camera_data.unused_boxes,
-        unused_boxes3d=recorded3d.unused_boxes,
+        drops=unused.drops,
+        unused_boxes=unused.boxes,
+        unused_boxes3d=unused.boxes3d,
     )
