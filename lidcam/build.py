@@ -22,7 +22,7 @@ from pipeline.stages.classify import Classify
 from pipeline.stages.combine import Combine
 from pipeline.stages.fuse import Fuse
 from pipeline.stages.place import Place
-from pipeline.stages.propose import Propose
+from pipeline.stages.propose import Propose, Proposed
 from pipeline.stages.refine import Refine
 from pipeline.stages.reshape import Reshape
 from pipeline.stages.views import Views
@@ -48,8 +48,8 @@ def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Grap
     # What may be an object.
     associate = Associate(rig, config)
     matches = graph.add("associate", associate, lidar, boxes2d, views)
-    boxes = graph.add("propose", Propose(rig, config), combined, lidar, matches, placed)
-    hypotheses = graph.add("associate all", partial(_hypotheses, associate), lidar, matches, boxes, boxes2d, views)
+    proposed = graph.add("propose", Propose(rig, config), combined, lidar, matches, placed)
+    hypotheses = graph.add("associate all", partial(_hypotheses, associate), lidar, matches, proposed, boxes2d, views)
     # What it is, where it is, and whether it is there.
     hypotheses = graph.add("classify", Classify(config), hypotheses, boxes2d)
     hypotheses = graph.add("reshape", Reshape(rig, config), combined, hypotheses, lidar)
@@ -68,14 +68,15 @@ def _hypotheses(
     associate: Associate,
     lidar: Boxes3D,
     matches: Mapping[str, Matches],
-    boxes: Boxes3D,
+    proposed: Proposed,
     boxes2d: Mapping[str, Boxes2D],
     views: Mapping[str, CameraSensor],
 ) -> Hypotheses:
     """All boxes with their matches, which are those of the lidars' boxes where there are no others."""
+    boxes = proposed.boxes
     if boxes is not lidar:
         matches = associate(boxes, boxes2d, views)
-    return Hypotheses(boxes, matches, len(lidar))
+    return Hypotheses(boxes, matches, len(lidar), proposed.left_out)
 
 
 def _detections(lidar: Boxes3D, boxes2d: Mapping[str, Boxes2D], placed: Placed) -> Detections:

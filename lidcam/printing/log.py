@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from lidcam.printing.escaping import visible, visible_lines
+from pipeline.core.compiled import compile_log
 from pipeline.core.errors import OutputError
 
 __all__ = ["PACKAGES", "Verbosity", "configure_logging", "progress_log", "remark_log", "verdict_log"]
@@ -29,6 +30,9 @@ progress_log = logging.getLogger("lidcam.progress")
 
 verdict_log = logging.getLogger("lidcam.verdict")
 """Why a command that has done its work does not end with 0: always shown, as the last line."""
+
+
+_REMARKS = (remark_log.name, compile_log.name)
 
 
 class Verbosity(IntEnum):
@@ -77,12 +81,12 @@ class _Stderr(logging.Handler):
             return False  # the interpreter prints the traceback
         if record.levelno >= self._verbosity or record.name == verdict_log.name:
             return True
-        is_remark = record.name == remark_log.name or (record.name == progress_log.name and not sys.stderr.isatty())
+        is_remark = record.name in _REMARKS or (record.name == progress_log.name and not sys.stderr.isatty())
         return is_remark and self._verbosity == Verbosity.NORMAL
 
     def format(self, record: logging.LogRecord) -> str:
         text = _visible(record)
-        if record.name == remark_log.name:
+        if record.name in _REMARKS and record.levelno == logging.INFO:
             return text
         if record.levelno >= logging.ERROR:
             return f"lidcam: error: {text}"
