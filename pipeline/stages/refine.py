@@ -19,6 +19,7 @@ from pipeline.core.settings.config import Config
 from pipeline.fusion.outline import Outline, cuboid_outline, rounded_outline
 from pipeline.fusion.refining.box_prior import BoxPrior, box_prior
 from pipeline.fusion.refining.camera_doubt import camera_shifts
+from pipeline.fusion.refining.cut_edges import moved_by_borders
 from pipeline.fusion.refining.measured_edges import MeasuredEdges, measured_edges
 from pipeline.fusion.refining.refinement import predicted_edges, refine_boxes
 
@@ -52,15 +53,17 @@ class Refine:
             return hypotheses
         edges = measured_edges(hypotheses, boxes2d, views, self._config)
         boxes = hypotheses.boxes
-        predicted, jacobian, in_view = predicted_edges(boxes, edges, self._outline(boxes, edges))
+        outline = self._outline(boxes, edges)
+        predicted, jacobian, in_view = predicted_edges(boxes, edges, outline)
         if not in_view.any():
             return hypotheses
         edges, predicted, jacobian = edges.select(in_view), predicted[in_view], jacobian[in_view]
         objects, rows = np.unique(edges.rows, return_inverse=True)
         chosen, edges = boxes.select(objects), replace(edges, rows=rows.astype(np.int64))
         prior = box_prior(chosen, self._lidar_xy, self._config)
-        edges = _with_doubt(edges, predicted, jacobian, prior, len(views))
-        found = refine_boxes(chosen, prior, edges, self._outline(chosen, edges))
+        cut_px = moved_by_borders(chosen.select(edges.rows), edges.cameras)
+        edges = _with_doubt(edges.with_more_noise(cut_px), predicted, jacobian, prior, len(views))
+        found = refine_boxes(chosen, prior, edges, outline.select(in_view))
         taken = found.accepted
         rows = objects[taken]
         centers, sizes, yaws = boxes.centers.copy(), boxes.sizes.copy(), boxes.yaws.copy()
@@ -108,5 +111,6 @@ def _with_doubt(edges: MeasuredEdges, predicted: F64, jacobian: F64, prior: BoxP
     slopes = (jacobian[:, :2] + jacobian[:, 2:]) / 2  # of the centre
     variances = np.einsum("pci,pij,pcj->pc", slopes, prior.covariances[edges.rows, :3, :3], slopes)
     variances += (edges.sigma_px[:, :2] ** 2 + edges.sigma_px[:, 2:] ** 2) / 4
-    shifts = camera_shifts(edges.select(whole), ((away[:, :2] + away[:, 2:]) / 2)[whole], variances[whole], count=count)
+    off = (away[:, :2] + away[:, 2:]) / 2
+    shifts = camera_shifts(edges.camera_rows[whole], off[whole], variances[whole], count=count)
     return edges.with_more_noise(np.tile(np.abs(shifts), 2)[edges.camera_rows])

@@ -52,7 +52,7 @@ class BoxFitter:
     """
 
     def __init__(self, rig: Rig, config: Config) -> None:
-        self._lidar_xyz = np.stack([lidar.T_site_lidar.translation for lidar in rig.lidars])
+        self._lidar_xyz = np.array([lidar.T_site_lidar.translation for lidar in rig.lidars]).reshape(-1, 3)
         self._ground_height_m = rig.ground_height_m or 0.0
         self._config = config.detect3d.cluster
         self._priors = config.classes
