@@ -14,7 +14,7 @@ import numpy as np
 from pipeline.core.arrays import F64, I64
 from pipeline.core.geometry.boxes import rotations_2d
 
-__all__ = ["Rectangles", "fit_rectangles", "quantiles_by_cluster"]
+__all__ = ["Rectangles", "fit_rectangles", "quantiles_by_cluster", "rectangles_along"]
 
 
 COARSE_STEP_DEG = 3.0
@@ -71,8 +71,18 @@ def fit_rectangles(xy: F64, starts: I64) -> Rectangles:
     coarse = np.deg2rad(np.arange(0.0, 90.0, COARSE_STEP_DEG))
     best = coarse[thin.closeness(np.tile(coarse, (len(starts), 1))).argmax(1)]
     fine = best[:, None] + np.deg2rad(np.arange(-COARSE_STEP_DEG, COARSE_STEP_DEG + FINE_STEP_DEG / 2, FINE_STEP_DEG))
-    angle = np.mod(fine[rows, thin.closeness(fine).argmax(1)], np.pi / 2)
+    return rectangles_along(xy, starts, fine[rows, thin.closeness(fine).argmax(1)])
 
+
+def rectangles_along(xy: F64, starts: I64, angles_rad: F64) -> Rectangles:
+    """The rectangle around each cluster with a side in a given direction.
+
+    Args:
+        xy: (N, 2) metres, sorted by cluster.
+        starts: (C,) first row of each cluster; each has at least one, and there is at least one cluster.
+        angles_rad: (C,) direction of one side about +z.
+    """
+    angle, cluster = np.mod(angles_rad, np.pi / 2), _cluster_of_row(starts, len(xy))
     cos, sin = np.cos(angle)[cluster], np.sin(angle)[cluster]
     along = np.stack([xy[:, 0] * cos + xy[:, 1] * sin, xy[:, 1] * cos - xy[:, 0] * sin], 1)
     ends = [quantiles_by_cluster(along[:, axis], starts, (OUTSIDE_SHARE, 1 - OUTSIDE_SHARE)) for axis in range(2)]
