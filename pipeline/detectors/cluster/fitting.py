@@ -4,14 +4,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64, select_rows
+from pipeline.core.arrays import F64, I64, Indices, Record, join_rows, select_rows
 from pipeline.core.clouds import CombinedCloud, Plane
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.detectors.cluster.clusters import thin_points
 from pipeline.detectors.cluster.completion import complete_boxes
-from pipeline.detectors.cluster.lshape import fit_rectangles, quantiles_by_cluster
+from pipeline.detectors.cluster.lshape import fit_rectangles, quantiles_by_cluster, rectangles_along
 from pipeline.detectors.cluster.point_kernels import points_above_ground
+from pipeline.detectors.cluster.principal import principal_axes
 from pipeline.detectors.cluster.scores import box_covariances, box_scores
 from pipeline.detectors.protocols import Candidates3D
 
@@ -149,12 +150,21 @@ class BoxFitter:
         groups, lidars = len(starts), len(self._lidar_xyz)
         given = np.full(groups, -1) if class_ids is None else class_ids
         counts = np.add.reduceat(points.weights, starts)
+        axis_rad, roundness = principal_axes(points.position[:, :2], starts)
         rectangles = fit_rectangles(points.position[:, :2], starts)
         (top,) = quantiles_by_cluster(points.position[:, 2], starts, (TOP_SHARE,))
         group = np.repeat(np.arange(groups), np.diff(starts, append=len(points.position)))
         by_lidar = np.bincount(group * lidars + points.lidar, points.weights, groups * lidars).reshape(groups, lidars)
         lidar_share = by_lidar / counts[:, None]
-        boxes = complete_boxes(rectangles, top, lidar_share, self._lidar_xyz[:, :2], self._priors, given)
+        lidar_xy = self._lidar_xyz[:, :2]
+        boxes = complete_boxes(rectangles, top, lidar_share, lidar_xy, self._priors, given)
+        riders = np.flatnonzero(boxes.rides)
+        if len(riders):
+            xy, first = _of_groups(points.position[:, :2], starts, riders)
+            along = rectangles_along(xy, first, axis_rad[riders])
+            again = top[riders], lidar_share[riders], lidar_xy, self._priors, boxes.class_ids[riders]
+            boxes = _with_rows(boxes, riders, complete_boxes(along, *again))
+            rectangles = _with_rows(rectangles, riders, along)
         range_m = np.linalg.norm(boxes.center_xy[:, None] - self._lidar_xyz[:, :2], axis=2)
         expected_per_m2 = self._config.points_per_sr * (lidar_share / np.maximum(range_m, 1e-3) ** 2).sum(1)
         candidates = Candidates3D(
@@ -164,7 +174,7 @@ class BoxFitter:
             box_scores(boxes, rectangles, counts, expected_per_m2),
             boxes.class_ids,
             counts,
-            box_covariances(boxes, rectangles, expected_per_m2),
+            box_covariances(boxes, rectangles, roundness, expected_per_m2),
             np.rint(np.add.reduceat(points.time_sum_ns, starts) / counts).astype(np.int64),
         )
         return candidates, boxes.misfit
@@ -178,3 +188,17 @@ def ground_arrays(combined: CombinedCloud, level_m: float) -> tuple[F64, F64, F6
     if relief is None or combined.plane is None:
         return surface, np.zeros((2, 2)), np.array([0.0, 0.0, 1.0])
     return surface, relief.offsets_m, np.append(relief.origin_xy, relief.cell_m)
+
+
+def _of_groups(xy: F64, starts: I64, groups: Indices) -> tuple[F64, I64]:
+    """The points (N, 2) of some groups, and the first of each of these."""
+    counts = np.diff(starts, append=len(xy))[groups]
+    first = np.cumsum(counts) - counts
+    return xy[np.arange(counts.sum()) + np.repeat(starts[groups] - first, counts)], first
+
+
+def _with_rows(record: Record, rows: Indices, changed: Record) -> Record:
+    """The record with other values in some rows."""
+    order = np.arange(len(next(iter(vars(record).values()))))
+    order[rows] = len(order) + np.arange(len(rows))
+    return select_rows(join_rows(record, changed), order)

@@ -15,7 +15,7 @@ from pipeline.core.arrays import F64, I64
 from pipeline.core.geometry.boxes import rotations_2d
 from pipeline.detectors.cluster.lshape_kernels import closeness, nearest_sides, ranked, thinned, turned
 
-__all__ = ["Rectangles", "fit_rectangles", "quantiles_by_cluster"]
+__all__ = ["Rectangles", "fit_rectangles", "quantiles_by_cluster", "rectangles_along"]
 
 
 COARSE_STEP_DEG = 3.0
@@ -71,8 +71,19 @@ def fit_rectangles(xy: F64, starts: I64) -> Rectangles:
     thin = _Thinned.of(xy, starts, ends)
     best = coarse[thin.closeness(np.tile(coarse, (len(starts), 1))).argmax(1)]
     fine = best[:, None] + np.deg2rad(np.arange(-COARSE_STEP_DEG, COARSE_STEP_DEG + FINE_STEP_DEG / 2, FINE_STEP_DEG))
-    angle = np.mod(fine[np.arange(len(starts)), thin.closeness(fine).argmax(1)], np.pi / 2)
+    return rectangles_along(xy, starts, fine[np.arange(len(starts)), thin.closeness(fine).argmax(1)])
 
+
+def rectangles_along(xy: F64, starts: I64, angles_rad: F64) -> Rectangles:
+    """The rectangle around each cluster with a side in a given direction.
+
+    Args:
+        xy: (N, 2) metres, sorted by cluster.
+        starts: (C,) first row of each cluster; each has at least one, and there is at least one cluster.
+        angles_rad: (C,) direction of one side about +z.
+    """
+    xy, ends = np.ascontiguousarray(xy), np.append(starts[1:], len(xy))
+    angle = np.mod(angles_rad, np.pi / 2)
     along = turned(xy, ends, np.cos(angle), np.sin(angle))
     sides = [quantiles_by_cluster(values, starts, (OUTSIDE_SHARE, 1 - OUTSIDE_SHARE)) for values in along]
     low, high = np.stack(sides, 2)
