@@ -26,6 +26,7 @@ from pipeline.core.geometry.boxes import box_corners, iou_xyxy, wrap_angle
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.rig import CameraSensor, LidarSensor, Rig
 from pipeline.core.settings.config import Config
+from pipeline.fusion.belief.looks import looks_at
 from pipeline.stages.associate import Associate
 from pipeline.stages.believe import Believe
 from pipeline.stages.refine import Refine
@@ -131,7 +132,7 @@ def measure(rig: Rig, count: int, rounds: int) -> dict[str, float]:
             started.append(time.process_time())
             hypotheses = refine(Hypotheses(scene.boxes, matches, count), scene.found, views)
             started.append(time.process_time())
-            believe(hypotheses, scene.found, views, scene.combined, moment)
+            believe(hypotheses, looks_at(hypotheses, scene.found, views, scene.combined), moment)
             started.append(time.process_time())
             for values, seconds in zip(taken.values(), np.diff(started), strict=True):
                 values.append(seconds * 1e3)

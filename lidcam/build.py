@@ -2,15 +2,17 @@
 
 from collections.abc import Mapping
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple, Self
 
 from lidcam.box_sources import add_boxes2d, add_boxes3d
 from pipeline.core.arrays import F64
 from pipeline.core.clouds import CombinedCloud, PointCloud
 from pipeline.core.detections import Boxes2D, Boxes3D, Detections, Fused, Hypotheses, Matches
 from pipeline.core.frame import Decoded, FrameResult, SensorBundle
+from pipeline.core.messages import Drop
 from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.settings.config import Config
+from pipeline.fusion.belief.looks import looks_at
 from pipeline.fusion.cameras.placed import Placed
 from pipeline.fusion.zones import select_by_zones
 from pipeline.graph import Graph, Node
@@ -20,7 +22,7 @@ from pipeline.stages.classify import Classify
 from pipeline.stages.combine import Combine
 from pipeline.stages.fuse import Fuse
 from pipeline.stages.place import Place
-from pipeline.stages.propose import Propose
+from pipeline.stages.propose import Propose, Proposed
 from pipeline.stages.refine import Refine
 from pipeline.stages.reshape import Reshape
 from pipeline.stages.views import Views
@@ -38,7 +40,7 @@ def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Grap
     graph = Graph(SensorBundle)
     # What each sensor alone sees.
     clouds = graph.add("decode clouds", CloudDecoder(rig, config, on_bad=on_bad), graph.frame)
-    combined = graph.add("combine", Combine(rig, config.combine), graph.frame, clouds, workers=2)
+    combined = graph.add("combine", Combine(rig, config.combine), graph.frame, clouds)
     recorded3d, lidar = add_boxes3d(graph, config, rig, combined, on_bad=on_bad)
     camera_data, boxes2d = add_boxes2d(graph, config, rig, on_bad=on_bad)
     views = graph.add("views", Views(rig, config), graph.frame)
@@ -46,17 +48,19 @@ def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Grap
     # What may be an object.
     associate = Associate(rig, config)
     matches = graph.add("associate", associate, lidar, boxes2d, views)
-    boxes = graph.add("propose", Propose(rig, config), combined, lidar, matches, placed)
-    hypotheses = graph.add("associate all", partial(_hypotheses, associate), lidar, matches, boxes, boxes2d, views)
+    proposed = graph.add("propose", Propose(rig, config), combined, lidar, matches, placed)
+    hypotheses = graph.add("associate all", partial(_hypotheses, associate), lidar, matches, proposed, boxes2d, views)
     # What it is, where it is, and whether it is there.
     hypotheses = graph.add("classify", Classify(config), hypotheses, boxes2d)
     hypotheses = graph.add("reshape", Reshape(rig, config), combined, hypotheses, lidar)
     hypotheses = graph.add("refine", Refine(rig, config), hypotheses, boxes2d, views)
-    beliefs = graph.add("believe", Believe(rig, config), hypotheses, boxes2d, views, combined, graph.frame)
+    looks = graph.add("look", looks_at, hypotheses, boxes2d, views, combined)
+    beliefs = graph.add("believe", Believe(rig, config), hypotheses, looks, graph.frame, ordered=True)
     fused = graph.add("fuse", Fuse(config), hypotheses, beliefs)
     fused = graph.add("zones", partial(select_by_zones, zones=rig.zones), fused)
     detections = graph.add("detections", _detections, lidar, boxes2d, placed)
-    inputs = clouds, recorded3d, camera_data, combined, detections, views, hypotheses, beliefs, fused
+    unused = graph.add("unused", _Unused.of, clouds, recorded3d, camera_data)
+    inputs = combined, detections, views, hypotheses, beliefs, fused, unused
     return graph, graph.add("collect", _collect, graph.frame, *inputs)
 
 
@@ -64,31 +68,43 @@ def _hypotheses(
     associate: Associate,
     lidar: Boxes3D,
     matches: Mapping[str, Matches],
-    boxes: Boxes3D,
+    proposed: Proposed,
     boxes2d: Mapping[str, Boxes2D],
     views: Mapping[str, CameraSensor],
 ) -> Hypotheses:
     """All boxes with their matches, which are those of the lidars' boxes where there are no others."""
+    boxes = proposed.boxes
     if boxes is not lidar:
         matches = associate(boxes, boxes2d, views)
-    return Hypotheses(boxes, matches, len(lidar))
+    return Hypotheses(boxes, matches, len(lidar), proposed.left_out)
 
 
 def _detections(lidar: Boxes3D, boxes2d: Mapping[str, Boxes2D], placed: Placed) -> Detections:
     return Detections(lidar, boxes2d, placed.boxes if boxes2d else None)
 
 
+class _Unused(NamedTuple):
+    """What of the messages could not be used; apart from what was decoded, which need not leave its process."""
+
+    drops: tuple[Drop, ...]
+    boxes: Mapping[str, int]
+    boxes3d: Mapping[str, int]
+
+    @classmethod
+    def of(cls, clouds: Decoded[PointCloud], recorded3d: Decoded[Boxes3D], camera_data: Decoded[Any]) -> Self:
+        drops = clouds.drops + recorded3d.drops + camera_data.drops
+        return cls(drops, camera_data.unused_boxes, recorded3d.unused_boxes)
+
+
 def _collect(
     bundle: SensorBundle,
-    clouds: Decoded[PointCloud],
-    recorded3d: Decoded[Boxes3D],
-    camera_data: Decoded[Any],
     combined: CombinedCloud,
     detections: Detections,
     views: Mapping[str, CameraSensor],
     hypotheses: Hypotheses,
     beliefs: F64,
     fused: Fused,
+    unused: _Unused,
 ) -> FrameResult:
     return FrameResult(
         bundle=bundle,
@@ -98,7 +114,7 @@ def _collect(
         hypotheses=hypotheses,
         beliefs=beliefs,
         fused=fused,
-        drops=clouds.drops + recorded3d.drops + camera_data.drops,
-        unused_boxes=camera_data.unused_boxes,
-        unused_boxes3d=recorded3d.unused_boxes,
+        drops=unused.drops,
+        unused_boxes=unused.boxes,
+        unused_boxes3d=unused.boxes3d,
     )

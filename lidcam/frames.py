@@ -1,5 +1,6 @@
 """How a recording becomes bundles, from top to bottom; `lidcam.build` says how a bundle becomes a result."""
 
+import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
@@ -23,6 +24,8 @@ __all__ = [
     "RunInput",
     "TimeWindow",
     "bundles",
+    "decoded_topics",
+    "expected_frames",
     "reference_topic",
     "required_topics",
     "sensor_clocks",
@@ -162,6 +165,28 @@ def synchronized_topics(config: Config, rig: Rig) -> tuple[str, ...]:
     if source == "recorded":
         topics += [camera.boxes_topic for camera in rig.cameras if camera.boxes_topic]
     return tuple(topics)
+
+
+def decoded_topics(config: Config, rig: Rig) -> frozenset[str]:
+    """Those of them whose messages are decoded; images may be there to be copied only."""
+    topics = {lidar.topic for lidar in rig.lidars} | {detector.topic for detector in rig.detectors}
+    source = box_source(config, rig)
+    if source == "onnx":
+        topics.update(camera.topic for camera in rig.cameras)
+    if source == "recorded":
+        topics.update(camera.boxes_topic for camera in rig.cameras)
+    return frozenset(topics)
+
+
+def expected_frames(source: RunInput) -> int:
+    """About how many bundles there will be: as many as there are messages of the reference topic in the window."""
+    recording, window = source.recording, source.window
+    topic = reference_topic(source.config, source.rig)
+    count = sum(info.message_count for info in recording.topics if info.topic == topic)
+    start_ns = recording.start_ns if window.start_ns is None else window.start_ns
+    stop_ns = recording.end_ns if window.stop_ns is None else min(window.stop_ns, recording.end_ns)
+    share = (stop_ns - start_ns) / max(recording.end_ns - recording.start_ns, 1)
+    return math.ceil(count * min(share, 1.0))
 
 
 def required_topics(config: Config, rig: Rig) -> tuple[str, ...] | None:

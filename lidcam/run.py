@@ -18,6 +18,7 @@ from lidcam.checks.absent import absence_warnings, clocks_off
 from lidcam.checks.calibration import CalibrationCheck
 from lidcam.checks.class_numbers import class_number_warnings
 from lidcam.checks.clocks import clock_notes, jump_warnings
+from lidcam.checks.empty import check_not_empty
 from lidcam.checks.files import FileCheck
 from lidcam.checks.late import late_warnings
 from lidcam.checks.lidars import LidarCheck
@@ -27,6 +28,8 @@ from lidcam.frames import (
     RunInput,
     TimeWindow,
     bundles,
+    decoded_topics,
+    expected_frames,
     reference_topic,
     required_topics,
     sensor_clocks,
@@ -41,8 +44,9 @@ from lidcam.settings.settle import settle, with_zones
 from lidcam.summary import DropTable, RunProgress, RunReport, Tally, UnusedTopic
 from pipeline.core.errors import ConfigError, RecordingError, short_memory_told
 from pipeline.core.frame import FrameResult, SensorBundle
-from pipeline.core.settings.config import Config
-from pipeline.graph import Graph, Node
+from pipeline.graph import Node
+from pipeline.parallel.cores import usable_cores
+from pipeline.parallel.run import Limits, run_parallel
 from pipeline.stages.sync.synchronize import SyncStats
 from readers.input_file import InputFile, read_input_file
 from readers.messages.tf import TF_TYPES
@@ -54,7 +58,7 @@ from readers.streams.motion import find_motion_source
 from readers.streams.per_sensor import sensor_messages
 from writers.base import ResultWriter
 
-__all__ = ["Run", "RunObserver", "check_not_empty", "iter_frames", "process_recording"]
+__all__ = ["Run", "RunObserver", "iter_frames", "process_recording"]
 
 logger = logging.getLogger(__name__)
 
@@ -180,7 +184,8 @@ class Run:
         )
         started = time.perf_counter()
         reference_topic(source.config, source.rig)
-        self._graph, self._result = build_graph(source.config, source.rig, on_bad=drops.on_bad)
+        self._make_graph = partial(build_graph, source.config, source.rig, on_bad=drops.on_bad)
+        self._graph, self._result = self._make_graph()
         _check_box_source(source)
         self._seconds = time.perf_counter() - started  # loading a network belongs to a run
 
@@ -188,18 +193,19 @@ class Run:
         """The frames, in order, each written before it is yielded; to be read once.
 
         Args:
-            writers: Each writes on a thread of its own.
+            writers: Get each frame before it is yielded.
 
         Raises:
             RecordingError: reading fails, or no messages belong together.
             MessageError: a message cannot be decoded and bad messages end the run.
+            WorkerError: a process that shares the work cannot be started, or has died.
         """
         started, result = time.perf_counter(), self._result
         for writer in writers:
-            result = self._graph.add(f"write {writer.name}", partial(_write, writer), result)
+            result = self._graph.add(f"write {writer.name}", partial(_write, writer), result, ordered=True)
         self._count_early_drops()
         found = bundles(self.source, self._drops, self._stats, self._clocks)
-        with closing(_results(self._graph, result, found, self.source.config)) as results:
+        with closing(self._results(result, found)) as results:
             for frame in results:
                 self._tally.add(frame)
                 for check in self._checks:
@@ -218,6 +224,21 @@ class Run:
         self._seconds += time.perf_counter() - started
         if self._tally.frames == 0:
             raise RecordingError(_no_frames(self.source, self._drops))
+
+    def _results(self, result: Node[FrameResult], found: Iterator[SensorBundle]) -> Generator[FrameResult, None, None]:
+        config, rig = self.source.config, self.source.rig
+        workers = config.run.workers or usable_cores()
+        if workers == 1:
+            return self._graph.run(result, found)
+        return run_parallel(
+            self._graph,
+            result,
+            found,
+            Limits(workers, config.run.window or 2 * workers + 1, _memory_of, config.limits.max_waiting_bytes),
+            make_graph=self._make_graph,
+            expected=expected_frames(self.source),
+            needed=partial(_needed, decoded=decoded_topics(config, rig)),
+        )
 
     @property
     def progress(self) -> RunProgress:
@@ -247,6 +268,7 @@ class Run:
             missing=tuple(missing),
             unused_boxes=dict(sorted(tally.unused_boxes.items())),
             unused_boxes3d=dict(sorted(tally.unused_boxes3d.items())),
+            boxes_left_out=dict(sorted(tally.boxes_left_out.items())),
             objects_left_out=dict(sorted(tally.objects_left_out.items())),
             unused_topics=_unused_topics(source.recording, used),
             losses=source.recording.losses,
@@ -287,17 +309,6 @@ class Run:
                     self._drops.add_bad(drop)
 
 
-def check_not_empty(recording: Recording) -> None:
-    """Whether there is anything to read.
-
-    Raises:
-        RecordingError: there is not.
-    """
-    if recording.message_count == 0:
-        names = ", ".join(str(path) for path in recording.paths)
-        raise RecordingError(f"{names}: the recording has no messages; record it again, or check that it was closed")
-
-
 def _window(recording: Recording, job: Job) -> TimeWindow:
     start_ns = recording.start_ns + round(job.start_s * 1e9)
     if start_ns > recording.end_ns:
@@ -324,16 +335,6 @@ def _check_box_source(source: RunInput) -> None:
         )
 
 
-def _results(
-    graph: Graph[SensorBundle], result: Node[FrameResult], found: Iterator[SensorBundle], config: Config
-) -> Generator[FrameResult, None, None]:
-    if config.run.workers == 1:
-        return graph.run(result, found)
-    window = config.run.window or config.run.workers + 2
-    most = config.limits.max_waiting_bytes
-    return graph.run_pipelined(result, found, window=window, weigh=_memory_of, max_weight=most)
-
-
 def _memory_of(bundle: SensorBundle) -> int:
     """About how many bytes the work on a frame holds."""
     in_work = sum(
@@ -341,6 +342,15 @@ def _memory_of(bundle: SensorBundle) -> int:
         for message in bundle.messages.values()
     )
     return in_work + sum(len(message.data) for message in bundle.copied)
+
+
+def _needed(bundle: SensorBundle, decoded: Collection[str]) -> SensorBundle:
+    """What stages read of a bundle: of messages that are not decoded, only the stamps."""
+    messages = {
+        topic: message._replace(data=memoryview(message.data) if topic in decoded else b"")
+        for topic, message in bundle.messages.items()
+    }
+    return replace(bundle, messages=messages, copied=(), truth=())
 
 
 def _write(writer: ResultWriter, result: FrameResult) -> FrameResult:

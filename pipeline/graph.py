@@ -1,20 +1,16 @@
-"""A typed stage graph, declared top to bottom; run serially or pipelined with equal results.
+"""A typed stage graph, declared top to bottom; `pipeline.parallel` shares its frames among processes.
 
 A stage is any callable. `Graph.add` returns a handle that carries the stage's output type, so the type checker finds
 wrong wiring. A stage can only read existing handles, so the graph has no cycles, and declaration order is execution
 order.
 """
 
-import threading
 import time
-from collections import deque
-from collections.abc import Callable, Generator, Iterable
-from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import ExitStack
+from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, Generic, Protocol, TypeVar, overload
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar, overload
 
-__all__ = ["Graph", "Node"]
+__all__ = ["Graph", "Node", "Parts", "Stamped"]
 
 A = TypeVar("A")
 B = TypeVar("B")
@@ -53,13 +49,28 @@ class Node(Generic[R_co]):
         name: Stage name, for timing and errors.
         fn: The stage.
         inputs: Handles of its arguments, in order.
-        workers: Threads. 1 keeps frames in order, for stages with state; more only for pure stages.
+        ordered: Whether it must see all frames in their order, because it remembers something or has an effect. Other
+            stages are pure: their output depends on their inputs alone, which they do not change.
     """
 
     name: str
     fn: Callable[..., R_co]
     inputs: tuple["Node[Any]", ...] = ()
-    workers: int = 1
+    ordered: bool = False
+
+
+class Parts(NamedTuple):
+    """Which stages may see frames in any order, and which may not.
+
+    Attributes:
+        free: Pure stages that read nothing but the frame and outputs of such stages, in their order.
+        handed: Those of them whose outputs the others read, or which are the sink.
+        ordered: The other stages, in their order.
+    """
+
+    free: tuple[Node[Any], ...]
+    handed: tuple[Node[Any], ...]
+    ordered: tuple[Node[Any], ...]
 
 
 class Graph(Generic[F]):
@@ -67,22 +78,23 @@ class Graph(Generic[F]):
 
     Attributes:
         frame: Handle to the incoming frame.
-        seconds: Time spent in each stage so far by name, summed over its threads.
+        seconds: Time spent in each stage so far by name, summed over all processes.
     """
 
     def __init__(self, frame_type: type[F]) -> None:
         self.frame: Node[F] = Node("frame", frame_type)
         self.nodes: list[Node[Any]] = []
         self.seconds: dict[str, float] = {}
-        self._clock = threading.Lock()
 
     @overload
-    def add(self, name: str, fn: Callable[[A], R], a: Node[A], /, *, workers: int = 1) -> Node[R]: ...
-    @overload
-    def add(self, name: str, fn: Callable[[A, B], R], a: Node[A], b: Node[B], /, *, workers: int = 1) -> Node[R]: ...
+    def add(self, name: str, fn: Callable[[A], R], a: Node[A], /, *, ordered: bool = False) -> Node[R]: ...
     @overload
     def add(
-        self, name: str, fn: Callable[[A, B, C], R], a: Node[A], b: Node[B], c: Node[C], /, *, workers: int = 1
+        self, name: str, fn: Callable[[A, B], R], a: Node[A], b: Node[B], /, *, ordered: bool = False
+    ) -> Node[R]: ...
+    @overload
+    def add(
+        self, name: str, fn: Callable[[A, B, C], R], a: Node[A], b: Node[B], c: Node[C], /, *, ordered: bool = False
     ) -> Node[R]: ...
     @overload
     def add(
@@ -95,7 +107,7 @@ class Graph(Generic[F]):
         d: Node[D],
         /,
         *,
-        workers: int = 1,
+        ordered: bool = False,
     ) -> Node[R]: ...
     @overload
     def add(
@@ -109,7 +121,7 @@ class Graph(Generic[F]):
         e: Node[E],
         /,
         *,
-        workers: int = 1,
+        ordered: bool = False,
     ) -> Node[R]: ...
     @overload
     def add(
@@ -124,7 +136,7 @@ class Graph(Generic[F]):
         g: Node[G],
         /,
         *,
-        workers: int = 1,
+        ordered: bool = False,
     ) -> Node[R]: ...
     @overload
     def add(
@@ -140,7 +152,7 @@ class Graph(Generic[F]):
         h: Node[H],
         /,
         *,
-        workers: int = 1,
+        ordered: bool = False,
     ) -> Node[R]: ...
     @overload
     def add(
@@ -157,7 +169,7 @@ class Graph(Generic[F]):
         k: Node[K],
         /,
         *,
-        workers: int = 1,
+        ordered: bool = False,
     ) -> Node[R]: ...
     @overload
     def add(
@@ -175,7 +187,7 @@ class Graph(Generic[F]):
         p: Node[P],
         /,
         *,
-        workers: int = 1,
+        ordered: bool = False,
     ) -> Node[R]: ...
     @overload
     def add(
@@ -194,9 +206,9 @@ class Graph(Generic[F]):
         q: Node[Q],
         /,
         *,
-        workers: int = 1,
+        ordered: bool = False,
     ) -> Node[R]: ...
-    def add(self, name: str, fn: Callable[..., Any], /, *inputs: Node[Any], workers: int = 1) -> Node[Any]:
+    def add(self, name: str, fn: Callable[..., Any], /, *inputs: Node[Any], ordered: bool = False) -> Node[Any]:
         """Append a stage that reads `inputs`, and return the handle of its output.
 
         Raises:
@@ -207,72 +219,38 @@ class Graph(Generic[F]):
             raise ValueError(f"stage {name}: an input does not belong to this graph")
         if any(node.name == name for node in self.nodes):
             raise ValueError(f"stage {name}: the name is taken")
-        node: Node[Any] = Node(name, fn, inputs, workers)
+        node: Node[Any] = Node(name, fn, inputs, ordered)
         self.nodes.append(node)
         self.seconds[name] = 0.0
         return node
 
     def run(self, sink: Node[R], frames: Iterable[F]) -> Generator[R, None, None]:
-        """The sink's value for each frame, in order, on the calling thread."""
+        """The sink's value for each frame, in order, one stage after another."""
         for frame in frames:
             values: dict[Node[Any], Any] = {self.frame: frame}
-            for node in self.nodes:
-                values[node] = self._call(node, frame, [values[i] for i in node.inputs])
+            self.evaluate(self.nodes, frame, values)
             yield values[sink]
 
-    def run_pipelined(
-        self,
-        sink: Node[R],
-        frames: Iterable[F],
-        *,
-        window: int,
-        weigh: Callable[[F], float] = lambda _: 0.0,
-        max_weight: float = 0.0,
-    ) -> Generator[R, None, None]:
-        """The same values in the same order as `run`, with each stage on its own threads.
-
-        Each stage has a first-in, first-out pool. Tasks are submitted in frame order, and each waits for its inputs.
-        So a stage with one worker sees the frames in order, and there is no deadlock.
+    def evaluate(self, nodes: Sequence[Node[Any]], frame: F, values: dict[Node[Any], Any]) -> None:
+        """Call some stages for a frame, in order.
 
         Args:
-            sink: Handle of the values to yield.
-            frames: Read on the calling thread. If reading fails, the results of earlier frames come first, as in `run`.
-            window: Largest number of frames in work at once.
-            weigh: Weight of a frame.
-            max_weight: Weight of all frames in work at once; a heavier one is in work alone.
+            nodes: The stages.
+            frame: Named in errors.
+            values: Outputs by stage, with all that the stages read and do not give each other; theirs are added.
         """
-        if window < 1:
-            raise ValueError(f"window: expected at least 1 frame, got {window}")
-        pending: deque[tuple[float, dict[Node[Any], Future[Any]]]] = deque()
-        with ExitStack() as stack:
-            pools = {n: stack.enter_context(ThreadPoolExecutor(n.workers, f"lidcam-{n.name}")) for n in self.nodes}
-            stack.callback(lambda: [future.cancel() for _, futures in pending for future in futures.values()])
-            source_error: Exception | None = None
-            source = iter(frames)
-            while True:
-                try:
-                    frame = next(source)
-                except StopIteration:
-                    break
-                except Exception as err:
-                    source_error = err
-                    break
-                weight = weigh(frame)
-                while pending and weight + sum(other for other, _ in pending) > max_weight:
-                    yield pending.popleft()[1][sink].result()
-                futures: dict[Node[Any], Future[Any]] = {self.frame: _done(frame)}
-                for node in self.nodes:
-                    futures[node] = pools[node].submit(
-                        self._wait_and_call, node, frame, [futures[i] for i in node.inputs]
-                    )
-                pending.append((weight, futures))
-                del frame, futures
-                if len(pending) == window:
-                    yield pending.popleft()[1][sink].result()
-            while pending:
-                yield pending.popleft()[1][sink].result()
-            if source_error is not None:
-                raise source_error
+        for node in nodes:
+            values[node] = self._call(node, frame, [values[one] for one in node.inputs])
+
+    def parts(self, sink: Node[Any]) -> Parts:
+        """Which stages may see the frames in any order, and which of their outputs the others read."""
+        free: list[Node[Any]] = []
+        for node in self.nodes:
+            if not node.ordered and {*node.inputs} <= {self.frame, *free}:
+                free.append(node)
+        ordered = [node for node in self.nodes if node not in free]
+        wanted = {sink, *(one for node in ordered for one in node.inputs)}
+        return Parts(tuple(free), tuple(node for node in free if node in wanted), tuple(ordered))
 
     def _call(self, node: Node[Any], frame: F, args: list[Any]) -> Any:
         start = time.perf_counter()
@@ -284,14 +262,4 @@ class Graph(Generic[F]):
                 err.add_note(note)
             raise
         finally:
-            with self._clock:
-                self.seconds[node.name] += time.perf_counter() - start
-
-    def _wait_and_call(self, node: Node[Any], frame: F, inputs: list[Future[Any]]) -> Any:
-        return self._call(node, frame, [future.result() for future in inputs])
-
-
-def _done(value: Any) -> Future[Any]:
-    future: Future[Any] = Future()
-    future.set_result(value)
-    return future
+            self.seconds[node.name] += time.perf_counter() - start

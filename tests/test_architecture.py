@@ -14,6 +14,7 @@ MAX_FILES = 16
 # as long as no circle comes of it.
 MAY_IMPORT = {
     "pipeline.graph": set(),
+    "pipeline.parallel": {"pipeline.graph", "pipeline.core"},
     "pipeline.core": set(),
     "pipeline.evaluation": {"pipeline.core"},
     "pipeline.filters": {"pipeline.core"},
@@ -21,7 +22,7 @@ MAY_IMPORT = {
     "pipeline.fusion": {"pipeline.core", "pipeline.detectors"},
     "pipeline.stages": {"pipeline.core", "pipeline.filters", "pipeline.fusion", "pipeline.detectors"},
 }
-EXITS = {"lidcam.program", "lidcam.start.signals"}
+EXITS = {"lidcam.program", "lidcam.start.signals", "pipeline.parallel.worker"}
 SOURCES = sources(ROOT)
 
 

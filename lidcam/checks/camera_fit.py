@@ -11,12 +11,12 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from lidcam.checks.warning import RunWarning
 from pipeline.core.arrays import F32, F64, I64
 from pipeline.core.frame import FrameResult
 from pipeline.core.geometry.boxes import box_corners
+from pipeline.core.geometry.rotations import matrix_of_rpy
 from pipeline.core.rig import CameraSensor, Rig
 
 __all__ = ["CameraFit"]
@@ -121,7 +121,7 @@ def _turned(camera: CameraSensor) -> Iterator[tuple[F64, str, str]]:
     for yaw_deg in YAWS_DEG:
         for pitch_deg in PITCHES_DEG:
             turn = np.eye(4)
-            turn[:3, :3] = Rotation.from_euler("xy", [pitch_deg, yaw_deg], degrees=True).as_matrix()
+            turn[:3, :3] = matrix_of_rpy(np.deg2rad([pitch_deg, yaw_deg, 0.0]))
             # What moves right and up in the image does so because the camera looks further left and down.
             sideways = f"{abs(yaw_deg)} degrees further {'left' if yaw_deg > 0 else 'right'}"
             upright = f"{abs(pitch_deg)} degrees further {'down' if pitch_deg > 0 else 'up'}"

@@ -9,6 +9,7 @@
     ├── ModelError         a network cannot be loaded or does not have the expected layout
     ├── OutputError        a result cannot be written
     ├── ShortMemoryError   the machine has too little memory; no input is at fault
+    ├── WorkerError        a process that shares the work cannot be started, or has died
     ├── CheckError         a command went through, and its result is less than what was asked for
     └── IncompleteError    a command went through, and part of the recording could not be used
 
@@ -35,6 +36,7 @@ __all__ = [
     "OutputError",
     "RecordingError",
     "ShortMemoryError",
+    "WorkerError",
     "is_short_memory",
     "short_memory_told",
 ]
@@ -96,6 +98,10 @@ class OutputError(LidcamError):
 
 class ShortMemoryError(LidcamError):
     """The machine has too little memory for what is asked of it; the files may be sound."""
+
+
+class WorkerError(LidcamError):
+    """A process that shares the work cannot be started, or has died."""
 
 
 class CheckError(LidcamError):

@@ -35,6 +35,16 @@ AS_HIGH_AS_WIDE = 1.2
 UPRIGHT = 2.0
 """Height by width from which on an object is a person."""
 
+TALL_ROUNDING = 0.4
+"""Vans, trucks and buses have sharper corners than cars: their rounding is this share of it."""
+
+RIDES = 2.0
+"""Length by width from which on a person rides."""
+
+_WHEEL_END, _WHEEL_GROUND, _HANDS, _HEAD = (1.0, 0.1, -0.6), (0.6, 0.1, -1.0), (0.2, 1.0, 0.25), (0.15, 0.3, 1.0)
+"""Of a rider along, across and up, in halves of the box: the end of a wheel at the height of its axle and where it
+stands, hands and shoulders, and the head."""
+
 _SIDES = np.array([[1.0, 0], [0, 1], [-1, 0], [0, -1]])
 
 
@@ -75,8 +85,9 @@ def rounded_outline(sizes: F64, *, rounding: float, underside: float, cabin: flo
 
     Args:
         sizes: (P, 3) length, width, height, metres.
-        rounding: Radius of the corners, as a share of the smaller of length and width, at most 0.5. Unless it is 0,
-            objects that are higher than wide by `UPRIGHT`, people on foot and on bicycles, are round.
+        rounding: Radius of the corners of a car, as a share of the smaller of length and width, at most 0.5. That of
+            higher vehicles is less, by `TALL_ROUNDING`. Unless it is 0, objects that are higher than wide by `UPRIGHT`
+            are people: round on foot, and with thin wheels in front and behind where they ride.
         underside: How far above the ground an object begins at its outline, as a share of its height.
         cabin: How much shorter and narrower the roof of a car is than its body, as a share. Cars are objects that are
             lower than wide; from `AS_HIGH_AS_WIDE` on there is no such roof.
@@ -88,12 +99,33 @@ def rounded_outline(sizes: F64, *, rounding: float, underside: float, cabin: flo
     inward = np.concatenate([inward, np.zeros_like(_SIDES)]) if bent else inward
     signs = np.concatenate([np.column_stack([around, np.full(len(around), level)]) for level in _LEVELS])
     offsets = np.empty((len(sizes), len(signs), 3))
-    upright = sizes[:, 2] > UPRIGHT * sizes[:, :2].min(1, initial=np.inf)
-    radius = np.where(upright, 0.5 if rounding else 0.0, rounding) * sizes[:, :2].min(1, initial=np.inf)
+    length, width, height = sizes.T
+    smaller = np.minimum(length, width)
+    upright = height > UPRIGHT * smaller
+    low = np.clip((AS_HIGH_AS_WIDE - height / width) / (AS_HIGH_AS_WIDE - 1), 0.0, 1.0)
+    share = rounding * (TALL_ROUNDING + (1 - TALL_ROUNDING) * low)
+    radius = np.where(upright, 0.5 if rounding else 0.0, share) * smaller
     cut = CUT_PER_RADIUS * radius
     offsets[..., :2] = -np.sign(signs[:, :2]) * np.tile(inward, (len(_LEVELS), 1)) * cut[:, None, None]
-    low = np.clip((AS_HIGH_AS_WIDE - sizes[:, 2] / sizes[:, 1]) / (AS_HIGH_AS_WIDE - 1), 0.0, 1.0)
     roof = signs[:, 2] == 1
     offsets[:, roof, :2] -= signs[roof, :2] * (cabin * low[:, None] * sizes[:, :2] / 2)[:, None]
     offsets[..., 2] = np.where(signs[:, 2] < 0, underside, 0.0) * sizes[:, 2:]
+    if rounding:
+        rides = upright & (length > RIDES * width)
+        offsets[rides] = _rider_offsets(signs, inward, sizes[rides])
     return Outline(signs, offsets)
+
+
+def _rider_offsets(signs: F64, inward: F64, sizes: F64) -> F64:
+    """Offsets (R, S, 3) of people on bicycles: thin wheels at the ends, a rider in the middle, a head on top.
+
+    Args:
+        signs: (S, 3) of the points.
+        inward: (S / 3, 2) which way each is moved where corners are round.
+        sizes: (R, 3) metres; the length is the larger.
+    """
+    at_end = np.tile(inward[:, 1] > 0, len(_LEVELS))
+    place = np.where(at_end[:, None], _WHEEL_END, _HANDS)
+    place = np.where(signs[:, 2:] < 0, _WHEEL_GROUND, np.where(signs[:, 2:] == 1, _HEAD, place))
+    place[:, :2] *= signs[:, :2]
+    return (place - signs) * sizes[:, None] / 2

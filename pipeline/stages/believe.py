@@ -7,18 +7,15 @@ moment ago counts, less and less; where they said nothing, the lidars decide. An
 that cameras place by the ground alone is there, but where? Its covariance says how probably it is where it is reported.
 """
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from pipeline.core.arrays import F64, Bools
-from pipeline.core.clouds import CombinedCloud
-from pipeline.core.detections import Boxes2D, Hypotheses
+from pipeline.core.detections import Hypotheses
 from pipeline.core.frame import SensorBundle
 from pipeline.core.geometry.poses import interpolate_poses
-from pipeline.core.rig import CameraSensor, Rig
+from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
-from pipeline.fusion.belief.looks import Looks, looks_at
+from pipeline.fusion.belief.looks import Looks
 from pipeline.fusion.belief.memory import Memory
 from pipeline.fusion.belief.odds import (
     FITTED,
@@ -50,9 +47,7 @@ class Believe:
     def __call__(
         self,
         hypotheses: Hypotheses,
-        boxes2d: Mapping[str, Boxes2D],
-        views: Mapping[str, CameraSensor],
-        combined: CombinedCloud,
+        looks: Looks,
         bundle: SensorBundle,
     ) -> F64:
         """(N,) float64 in [0, 1), probability that there is an object of the class of each hypothesis where it says.
@@ -60,16 +55,13 @@ class Believe:
         Where it says is up to half of the largest side of its class away.
 
         Args:
-            hypotheses: N boxes in the site frame, and their matches with `boxes2d`.
-            boxes2d: By camera name; a camera without an entry did not look in this frame.
-            views: By camera name, the cameras as they stood when their images were taken.
-            combined: The clouds of the frame.
+            hypotheses: N boxes in the site frame, and their matches.
+            looks: How the cameras look at them (`looks_at`).
             bundle: Its time, and the motion of the site frame.
 
         Raises:
             FrameError: the motion is that of a frame other than the site frame.
         """
-        looks = looks_at(hypotheses, boxes2d, views, combined)
         before = self._before_cameras(hypotheses)
         evidence = camera_evidence(looks, self._recall.plain(looks), FITTED)
         self._recall.learn(looks, before, evidence, FITTED)

@@ -85,4 +85,5 @@ class Place:
             np.full(count, Source.CAMERA, np.uint8),
             stamp_ns + since_ns // np.maximum(seen, 1),
         )
-        return Placed(boxes, sightings, objects, placements)
+        out_of_image = sum(map(len, boxes2d.values())) - len(sightings)
+        return Placed(boxes, sightings, objects, placements, out_of_image)

@@ -1,6 +1,8 @@
 """What may be an object: the boxes of the lidars, and what the cameras show beside them."""
 
+from collections import Counter
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
@@ -19,7 +21,7 @@ from pipeline.fusion.begun.partners import find_echoes, find_partners
 from pipeline.fusion.cameras.placed import Placed
 from pipeline.fusion.overlaps import first_of_each, overlap_shares
 
-__all__ = ["Propose"]
+__all__ = ["Propose", "Proposed"]
 
 OVERLAP_SHARE = 0.25
 """Two boxes of which one has more than this share of its ground inside the other are taken for one object."""
@@ -29,6 +31,24 @@ SAME_IOU = 0.5
 
 MOST = 500
 """Of more 2D boxes without a partner in a frame, so many with the best scores begin objects; the others are noise."""
+
+TOO_MANY = f"not among the {MOST} best without a 3D box in a frame"
+OUT_OF_IMAGE = "nothing of it lies in the image"
+TOO_VAGUE = "without points, and cameras cannot tell where its object stands"
+"""Why 2D boxes without a partner begin no object."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Proposed:
+    """What may be an object in one frame.
+
+    Attributes:
+        boxes: The boxes of the lidars, then those that were begun from 2D boxes.
+        left_out: Number of 2D boxes that begin no object though they have no partner, by reason.
+    """
+
+    boxes: Boxes3D
+    left_out: Mapping[str, int] = field(default_factory=dict)
 
 
 class Propose:
@@ -50,7 +70,7 @@ class Propose:
 
     def __call__(
         self, combined: CombinedCloud, lidar: Boxes3D, matches: Mapping[str, Matches], placed: Placed
-    ) -> Boxes3D:
+    ) -> Proposed:
         """The hypotheses of a frame.
 
         Args:
@@ -63,8 +83,9 @@ class Propose:
         partner, iou = find_partners(sightings, matches, self._names)
         echoes = find_echoes(sightings, partner)
         alone = np.flatnonzero((partner < 0) & ~echoes)
+        left_out = Counter({OUT_OF_IMAGE: placed.out_of_image, TOO_MANY: max(len(alone) - MOST, 0)})
         if not len(alone):
-            return lidar
+            return Proposed(lidar, +left_out)
         alone = np.sort(alone[np.argsort(-sightings.scores[alone], kind="stable")[:MOST]])
         is_matched = np.zeros(len(lidar), np.bool_)
         is_matched[partner[partner >= 0]] = True
@@ -88,10 +109,12 @@ class Propose:
         unserved = np.zeros(len(placed.boxes), np.bool_)
         unserved[placed.objects[alone]] = True
         unserved[placed.objects[served]] = False
-        unserved &= _largest_std_m(placed.boxes) <= self._max_std_m[placed.boxes.class_ids]
-        left = placed.boxes.select(unserved)
+        is_vague = _largest_std_m(placed.boxes) > self._max_std_m[placed.boxes.class_ids]
+        left_out[TOO_VAGUE] = int((unserved & is_vague)[placed.objects[alone]].sum())
+        left = placed.boxes.select(unserved & ~is_vague)
         there = lidar.select(is_matched).joined(begun)
-        return lidar.joined(begun, left.select(np.flatnonzero((overlap_shares(left, there) <= OVERLAP_SHARE).all(1))))
+        apart = np.flatnonzero((overlap_shares(left, there) <= OVERLAP_SHARE).all(1))
+        return Proposed(lidar.joined(begun, left.select(apart)), +left_out)
 
     def _parted(
         self,

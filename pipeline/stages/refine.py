@@ -19,6 +19,7 @@ from pipeline.core.settings.config import Config
 from pipeline.fusion.outline import Outline, cuboid_outline, rounded_outline
 from pipeline.fusion.refining.box_prior import BoxPrior, box_prior
 from pipeline.fusion.refining.camera_doubt import camera_shifts
+from pipeline.fusion.refining.cut_edges import moved_by_borders
 from pipeline.fusion.refining.measured_edges import MeasuredEdges, measured_edges
 from pipeline.fusion.refining.refinement import predicted_edges, refine_boxes
 
@@ -59,7 +60,8 @@ class Refine:
         objects, rows = np.unique(edges.rows, return_inverse=True)
         chosen, edges = boxes.select(objects), replace(edges, rows=rows.astype(np.int64))
         prior = box_prior(chosen, self._lidar_xy, self._config)
-        edges = _with_doubt(edges, predicted, jacobian, prior, len(views))
+        cut_px = moved_by_borders(chosen.select(edges.rows), edges.cameras)
+        edges = _with_doubt(edges.with_more_noise(cut_px), predicted, jacobian, prior, len(views))
         found = refine_boxes(chosen, prior, edges, self._outline(chosen, edges))
         taken = found.accepted
         rows = objects[taken]

@@ -197,8 +197,15 @@ def test_truth_is_copied_around_the_window_with_names_for_numbers(
     frames = messages_of(out, "/fused/detections")
     assert truth[0][0] < frames[0][0] < frames[-1][0] < truth[-1][0]
     with out.open("rb") as file:
-        logged = [message.log_time for _, _, message in make_reader(file).iter_messages(log_time_order=False)]
-    assert logged == sorted(logged)
+        messages = [*make_reader(file).iter_messages(log_time_order=False)]
+    drawn, others = (
+        "/ground_truth/objects/scene",
+        [m.log_time for _, c, m in messages if not c.topic.endswith("/scene")],
+    )
+    assert others == sorted(others)
+    scenes = [message.log_time for _, channel, message in messages if channel.topic == drawn]
+    assert scenes == sorted(scenes)
+    assert {*scenes} <= {*others}  # each with a frame
     run = lidcam("process", sandbox, tmp_path / "p.mcap", *given, "--copy-topics", "/car?/base_pose*")
     assert run.code == 0, run.err
     assert {"/car1/base_pose_ground_truth", "/car2/base_pose_ground_truth"} <= set(topics_of(tmp_path / "p.mcap"))

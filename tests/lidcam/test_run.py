@@ -18,7 +18,7 @@ from rich.console import Console
 from lidcam.frames import RunInput, TimeWindow, synchronized_topics
 from lidcam.printing.console import print_report
 from lidcam.run import Run
-from lidcam.summary import DropTable, RunReport, report_tree
+from lidcam.summary import DropTable, RunReport, Tally, report_tree
 from pipeline.core.camera import CameraModel
 from pipeline.core.errors import ConfigError, RecordingError
 from pipeline.core.frame import FrameResult
@@ -272,6 +272,19 @@ def test_what_is_copied_is_told_in_a_line(copied: dict[str, int], told: str) -> 
     out = Console(width=200, record=True, file=StringIO())
     print_report(out, replace(report, copied=copied))
     assert told in [line.rstrip() for line in out.export_text().splitlines()]
+
+
+def test_2d_boxes_that_begin_no_object_are_told_by_reason() -> None:
+    report, frames = run(periodic(), config())
+    tally = Tally(config(), rig())
+    for count in (2, 3):
+        tally.add(replace(frames[0], hypotheses=replace(frames[0].hypotheses, boxes_left_out={"too vague": count})))
+    told = replace(report, boxes_left_out=tally.boxes_left_out)
+    out = Console(width=200, record=True, file=StringIO())
+    print_report(out, told)
+    assert "  2D boxes without an object: 5, too vague" in out.export_text().splitlines()
+    assert report_tree(told)["boxes_left_out"] == {"too vague": 5}
+    assert report_tree(report)["boxes_left_out"] == {}
 
 
 @pytest.mark.parametrize(

@@ -61,8 +61,10 @@ def rig(*origins: tuple[float, float, float]) -> Rig:
 
 def combined(*clouds: F64, plane: Plane | None = None, relief: Relief | None = None) -> CombinedCloud:
     """What `Combine` would hand on: the points of each lidar of the rig in turn, the ground taken away."""
-    xyz = np.concatenate([np.asarray(cloud, np.float32).reshape(-1, 3) for cloud in clouds])
-    lidar = np.repeat(np.arange(len(clouds), dtype=np.uint8), [len(cloud) for cloud in clouds])
+    xyz = np.concatenate(
+        [np.zeros((0, 3), np.float32), *(np.asarray(cloud, np.float32).reshape(-1, 3) for cloud in clouds)]
+    )
+    lidar = np.repeat(np.arange(len(clouds), dtype=np.uint8), np.array([len(cloud) for cloud in clouds], int))
     nothing = _cloud(np.zeros((0, 3), np.float32))
     return CombinedCloud(_cloud(xyz), lidar, _cloud(xyz), lidar.copy(), nothing, plane, {}, relief=relief)
 

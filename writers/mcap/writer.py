@@ -1,9 +1,10 @@
 """Writes FrameResults to one MCAP file for Foxglove, Lichtblick, rosbag2 and ROS tools.
 
 Profile `ros2`: CDR messages, definitions as `ros2msg` text with all dependencies (mcap.dev/spec/registry). Every
-message of a frame has the log time of the frame's reference message; copied messages keep theirs. Headers have the
-frame's stamp; an image and its camera_info, annotations and detections have the image's own stamp, because viewers pair
-them by equality. Equal results give equal bytes.
+message of a frame has the log time of the frame's reference message; copied messages keep theirs, and where truth among
+them is drawn, the drawing has the log time of the frame that it belongs to. Headers have the frame's stamp; an image
+and its camera_info, annotations and detections have the image's own stamp, because viewers pair them by equality. Equal
+results give equal bytes.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -35,6 +36,7 @@ from writers.outputs.errors import output_errors
 from writers.outputs.marks import RESULT
 from writers.outputs.transaction import OutputFile
 from writers.provenance import Provenance
+from writers.truth_times import FrameTime, TruthTimes
 from writers.viewpoint import SceneSurvey
 
 __all__ = ["McapResultWriter"]
@@ -74,6 +76,7 @@ class McapResultWriter:
         self._filled: set[str] = set()
         self._messages = 0
         self._survey = SceneSurvey(rig)
+        self._truth_times = TruthTimes()
         self._file: McapOutput
 
     def __enter__(self) -> Self:
@@ -94,6 +97,8 @@ class McapResultWriter:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         with output_errors(self._path):
+            if kind is None:
+                self._draw_truth(self._truth_times.rest())
             self._resources.__exit__(kind, error, trace)
 
     def write(self, result: FrameResult) -> tuple[Drop, ...]:
@@ -117,7 +122,7 @@ class McapResultWriter:
         before = [message for message in result.bundle.copied if message.log_time_ns <= log_time_ns]
         after = [message for message in result.bundle.copied if message.log_time_ns > log_time_ns]
         with output_errors(self._path):
-            self._copy(before, result.bundle.truth)
+            self._copy(before)
             if "/tf_static" not in self._filled:
                 self._put("/tf_static", static_transforms(self._rig, min(stamps_ns), self._frames), log_time_ns)
             motion, limits = result.bundle.motion, self._config.combine.motion
@@ -130,7 +135,8 @@ class McapResultWriter:
             for camera in self._rig.cameras:
                 not_copied += self._put_camera(camera, result)
             self._put("/diagnostics", diagnostics(result, self._rig, not_copied), log_time_ns)
-            self._copy(after, result.bundle.truth)
+            self._draw_truth(self._truth_times.add(result.bundle))
+            self._copy(after)
         return tuple(not_copied)
 
     def _site_messages(self, result: FrameResult) -> Iterator[tuple[str, Any]]:
@@ -185,17 +191,18 @@ class McapResultWriter:
         self._put_bytes(topic, msgtype, cdr, log_time_ns)
         return ()
 
-    def _copy(self, messages: Iterable[RawMessage], truth: Iterable[TrueBoxes]) -> None:
-        """Write recorded messages as they are, at the times at which they were recorded, and truth also drawn."""
-        drawn = {(boxes.topic, boxes.log_time_ns, boxes.stamp_ns): boxes for boxes in truth}
+    def _copy(self, messages: Iterable[RawMessage]) -> None:
+        """Write recorded messages as they are, at the times at which they were recorded."""
         for message in messages:
             channel = message.channel
             if channel not in self._copied:
                 self._copied[channel] = self._file.add_recorded(channel)
             self._file.add_message(self._copied[channel], message.log_time_ns, message.data, self._messages)
             self._messages += 1
-            if boxes := drawn.get((message.topic, message.log_time_ns, message.stamp_ns)):
-                self._put(truth_scene_topic(message.topic), truth_scene(boxes), message.log_time_ns)
+
+    def _draw_truth(self, known: Iterable[tuple[FrameTime, TrueBoxes]]) -> None:
+        for frame, truth in known:
+            self._put(truth_scene_topic(truth.topic), truth_scene(truth), frame.log_time_ns)
 
     def _put(self, topic: str, message: Any, log_time_ns: int) -> None:
         self._put_bytes(topic, message.__msgtype__, ROS2.serialize(message), log_time_ns)

@@ -71,7 +71,7 @@ def _cloud(result: FrameResult) -> Values:
 def _objects(result: FrameResult, rig: Rig) -> Values:
     detected = {camera.name: result.detections.cameras.get(camera.name, ()) for camera in rig.cameras}
     matched = {camera.name: result.matches.get(camera.name, ()) for camera in rig.cameras}
-    placed = result.detections.placed
+    placed, begin_nothing = result.detections.placed, result.hypotheses.boxes_left_out
     sources = np.bincount(result.fused.objects.sources, minlength=len(Source))
     return [
         ("fused", str(len(result.fused.objects))),
@@ -84,6 +84,7 @@ def _objects(result: FrameResult, rig: Rig) -> Values:
         *((f"matched {name}", str(len(pairs))) for name, pairs in matched.items()),
         *((f"recorded boxes left out, {reason}", str(count)) for reason, count in sorted(result.unused_boxes.items())),
         *((f"recorded 3D boxes left out, {reason}", str(n)) for reason, n in sorted(result.unused_boxes3d.items())),
+        *((f"2D boxes without an object, {reason}", str(n)) for reason, n in sorted(begin_nothing.items())),
         *((f"not reported, {reason}", str(count)) for reason, count in sorted(result.fused.left_out.items())),
     ]
 

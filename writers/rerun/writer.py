@@ -5,7 +5,7 @@ recording is not used. Equal results give equal data, but not equal bytes (Rerun
 with `rerun rrd compare --unordered`.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from types import TracebackType
 from typing import Any, Self
@@ -23,6 +23,7 @@ from pipeline.core.images import Image
 from pipeline.core.messages import Drop, RawMessage
 from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.settings.config import Config
+from pipeline.core.true_boxes import TrueBoxes
 from writers.drawing import drawn_boxes_2d, object_labels, placed_objects, strong_objects
 from writers.messages.images import COMPRESSED, read_image
 from writers.outputs.errors import output_errors
@@ -32,6 +33,7 @@ from writers.provenance import Provenance
 from writers.rerun import archetypes
 from writers.rerun.blueprint import FIXED, PLACED, WAY, blueprint, camera_path, place_eye
 from writers.rerun.stream import RerunStream, check_recording
+from writers.truth_times import FrameTime, TruthTimes
 from writers.viewpoint import SceneSurvey
 
 __all__ = ["RerunResultWriter"]
@@ -80,6 +82,9 @@ class RerunResultWriter:
         self._heights: tuple[float, float] | None = None
         self._last_place: list[float] | None = None
         self._shown: set[str] = set()
+        self._truth_times = TruthTimes()
+        self._nearest_truth: tuple[FrameTime, TrueBoxes] | None = None
+        self._fixed_frame_id: str | None = None
         self._frames = self._waiting_bytes = 0
 
     def __enter__(self) -> Self:
@@ -115,6 +120,7 @@ class RerunResultWriter:
         try:
             if not self._is_placed and self._survey.frames:
                 self._place_eye()
+            self._log_truth(self._truth_times.rest(), is_last=True)
             self._stream.finish()
         except BaseException:
             self._stream.discard()
@@ -134,13 +140,14 @@ class RerunResultWriter:
         self._survey.add(result)
         if self._survey.is_complete and not self._is_placed:
             self._place_eye()
-        self._recording.set_time("frame", sequence=result.bundle.index)
-        self._recording.set_time("stamp", timestamp=np.datetime64(result.bundle.stamp_ns, "ns"))
+        if result.bundle.motion is not None:
+            self._fixed_frame_id = result.bundle.motion.fixed_frame_id
+        self._log_truth(self._truth_times.add(result.bundle))
+        self._set_time(result.bundle.index, result.bundle.stamp_ns)
         self._log_motion(result)
         if self._config.output.clouds:
             self._log_clouds(result)
         self._log_objects(result)
-        self._log_truth(result)
         drops: list[Drop] = []
         for camera in self._rig.cameras:
             drops += self._log_camera(camera, result)
@@ -242,16 +249,32 @@ class RerunResultWriter:
             log(PLACED, rr.Clear(recursive=True))
             self._shown.remove(PLACED)
 
-    def _log_truth(self, result: FrameResult) -> None:
-        """The truth that is nearest to the frame in time, if it stands in the site frame or in the one it moves in."""
-        motion, stamp_ns = result.bundle.motion, result.bundle.stamp_ns
-        places = {self._rig.site_frame: "world/truth"}
-        if motion is not None:
-            places[motion.fixed_frame_id] = f"{FIXED}/truth"
-        known = [boxes for boxes in result.bundle.truth if boxes.frame_id in places]
-        if known:
-            nearest = min(known, key=lambda boxes: (abs(boxes.stamp_ns - stamp_ns), boxes.topic))
-            self._recording.log(places[nearest.frame_id], archetypes.truth_boxes(nearest))
+    def _log_truth(self, known: Iterable[tuple[FrameTime, TrueBoxes]], *, is_last: bool = False) -> None:
+        """What is nearest to each frame, if it stands in the site frame or in the one it moves in.
+
+        It is logged when truth of another frame comes, or with the last.
+        """
+        places = {self._rig.site_frame: "world/truth", self._fixed_frame_id: f"{FIXED}/truth"}
+        nearest = self._nearest_truth
+        done = []
+        for frame, truth in known:
+            if truth.frame_id not in places:
+                continue
+            if nearest is not None and nearest[0] == frame:
+                nearest = min(nearest, (frame, truth), key=lambda pair: abs(pair[1].stamp_ns - pair[0].stamp_ns))
+                continue
+            done += [nearest] if nearest is not None else []
+            nearest = frame, truth
+        if is_last and nearest is not None:
+            done.append(nearest)
+        self._nearest_truth = nearest
+        for frame, truth in done:
+            self._set_time(frame.index, frame.stamp_ns)
+            self._recording.log(places[truth.frame_id], archetypes.truth_boxes(truth))
+
+    def _set_time(self, index: int, stamp_ns: int) -> None:
+        self._recording.set_time("frame", sequence=index)
+        self._recording.set_time("stamp", timestamp=np.datetime64(stamp_ns, "ns"))
 
     def _log_camera(self, camera: CameraSensor, result: FrameResult) -> tuple[Drop, ...]:
         """The image and what is drawn on it; a camera slower than the frames keeps its last image."""

@@ -64,8 +64,9 @@ class FuseConfig(SettingsModel):
             1 where they are too small; the larger it is, the more the cameras decide.
         size_sigma: Largest standard deviation of the length and the width of the boxes, as a share of them; it is less
             where the covariance of a box says that the lidars saw both ends. 0: known exactly.
-        corner_rounding: Radius of the corners of an object seen from above, as a share of its width: 2D boxes enclose
-            the object, which is rounder than the box around it; people are round. 0: as large as the box.
+        corner_rounding: Radius of the corners of a car seen from above, as a share of its width: 2D boxes enclose the
+            object, which is rounder than the box around it. Higher vehicles have sharper corners, people on foot are
+            round, and who rides has thin wheels in front and behind. 0: all are as large as the box.
         underside: How far above the ground an object begins at its outline, as a share of its height.
         cabin: How much shorter and narrower than its body the roof of an object is that is lower than wide, as a share.
     """

@@ -32,9 +32,10 @@ class RunConfig(SettingsModel):
     """Use of the machine; does not change the result.
 
     Attributes:
-        workers: With 1, stages run one after another. With more, each stage has its own threads and frames overlap.
-        window: Largest number of frames in work at once; null is two more than `workers`.
+        workers: Number of processes that share the frames, with the one that reads and writes; null is one per core.
+            Others are started when the rest of the recording is worth it.
+        window: Largest number of frames in work at once; null is two per process and one more.
     """
 
-    workers: Count = 2
+    workers: Count | None = None
     window: Count | None = None

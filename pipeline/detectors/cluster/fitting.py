@@ -54,7 +54,7 @@ class BoxFitter:
     """
 
     def __init__(self, rig: Rig, config: Config) -> None:
-        self._lidar_xyz = np.stack([lidar.T_site_lidar.translation for lidar in rig.lidars])
+        self._lidar_xyz = np.array([lidar.T_site_lidar.translation for lidar in rig.lidars]).reshape(-1, 3)
         self._ground_height_m = rig.ground_height_m or 0.0
         self._config = config.detect3d.cluster
         self._priors = config.classes
@@ -111,16 +111,11 @@ class BoxFitter:
         time_ns = combined.detection_cloud.time_offset_ns[rows].astype(np.int64)
         if not len(rows):
             return ThinnedPoints(position, link_m, lidar, lidar, time_ns), group
-        cells = thin_points(position, THIN_SHARE * link_m, group * lidars + lidar)
-        first = cells.members[cells.starts]
-        points = ThinnedPoints(
-            cells.means,
-            np.minimum.reduceat(link_m[cells.members], cells.starts),
-            lidar[first],
-            cells.counts,
-            np.add.reduceat(time_ns[cells.members], cells.starts),
-        )
-        group = group[first]
+        cells = thin_points(position, link_m, THIN_SHARE, group * lidars + lidar)
+        time_sum_ns = np.zeros(len(cells.counts), np.int64)
+        np.add.at(time_sum_ns, cells.cell_of_point, time_ns)
+        points = ThinnedPoints(cells.means, cells.distance_m, lidar[cells.first], cells.counts, time_sum_ns)
+        group = group[cells.first]
         order = np.argsort(group, kind="stable")
         return select_rows(points, order), group[order]
 

@@ -19,9 +19,11 @@ class Placed:
         sightings: The 2D boxes of all cameras.
         objects: (P,) int64 row of `boxes` that each sighting belongs to.
         placements: Where each sighting by itself sees its object.
+        out_of_image: Number of other 2D boxes, of which nothing lies in the image.
     """
 
     boxes: Boxes3D
     sightings: Sightings
     objects: I64
     placements: Placements
+    out_of_image: int = 0

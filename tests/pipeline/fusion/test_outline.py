@@ -4,7 +4,7 @@ import pytest
 from pipeline.core.arrays import F64
 from pipeline.fusion.outline import cuboid_outline, rounded_outline
 
-CAR, BUS = [4.0, 1.8, 1.5], [12.0, 2.5, 3.2]
+CAR, BUS, RIDER = [4.0, 1.8, 1.5], [12.0, 2.5, 3.2], [1.8, 0.6, 1.7]
 
 
 def points(sizes: list[list[float]], **settings: float) -> F64:
@@ -41,6 +41,37 @@ def test_people_are_round() -> None:
     person = points([[0.6, 0.6, 1.75]], rounding=0.25)[0]
     assert (person[:, :2] @ np.array([1, 1]) / np.sqrt(2)).max() == pytest.approx(0.3)
     assert np.abs(points([[0.6, 0.6, 1.75]])[0]).min(0).tolist() == pytest.approx([0.3, 0.3, 0.175])
+
+
+def test_buses_have_sharper_corners_than_cars() -> None:
+    cut = [one[1] / 2 - np.abs(found[found[:, 0] == one[0] / 2][:, 1]).max() for one, found in pairs(CAR, BUS)]
+    assert cut[1] / BUS[1] == pytest.approx(0.4 * cut[0] / CAR[1])
+
+
+def pairs(*sizes: list[float]) -> list[tuple[list[float], F64]]:
+    return [(one, points([one], rounding=0.25)[0]) for one in sizes]
+
+
+def test_who_rides_is_broad_in_the_middle_and_has_thin_wheels_and_one_head() -> None:
+    rider = points([RIDER], rounding=0.25, underside=0.06)[0]
+    half = np.array(RIDER) / 2
+    assert np.abs(rider).max(0).tolist() == pytest.approx(half.tolist())  # none of its sides is nearer
+    assert (np.abs(rider) <= half + 1e-12).all()
+    for flip in ([1, -1, 1], [-1, 1, 1]):  # front and rear, left and right alike
+        assert {*map(tuple, np.round(rider * flip, 9).tolist())} == {*map(tuple, np.round(rider, 9).tolist())}
+    ends = rider[np.abs(rider[:, 0]) > 0.9 * half[0]]
+    assert (np.abs(ends[:, 1]) <= 0.03 + 1e-12).all()
+    assert (ends[:, 2] < 0).all()
+    hands = rider[np.abs(rider[:, 1]) > 0.9 * half[1]]
+    assert (np.abs(hands[:, 0]) < 0.3 * half[0]).all()
+    top, ground = rider[rider[:, 2] > 0.9 * half[2]], rider[rider[:, 2] < -0.9 * half[2]]
+    assert (np.abs(top[:, :2]) < [0.2, 0.1]).all()
+    assert ground[:, 2].min() == pytest.approx(-half[2])
+    assert np.abs(ground[:, 0]).max() == pytest.approx(0.6 * half[0])
+
+
+def test_a_rider_without_rounding_is_a_box() -> None:
+    assert np.abs(points([RIDER])[0]).min(0).tolist() == pytest.approx([0.9, 0.3, 0.17])
 
 
 def test_the_underside_is_above_the_ground() -> None:

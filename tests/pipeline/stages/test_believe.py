@@ -15,6 +15,7 @@ from pipeline.core.geometry.pose_samples import PoseSamples
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.detect import Detect3DConfig
 from pipeline.core.settings.fuse import FuseConfig
+from pipeline.fusion.belief.looks import Looks, looks_at
 from pipeline.stages.believe import Believe
 
 VIEW = forward_camera()
@@ -38,7 +39,11 @@ def hypotheses(boxes: Boxes3D, *pairs: tuple[int, int], lidar_count: int | None 
 
 
 def believed(found: Hypotheses, seen: Mapping[str, Boxes2D], config: Config | None = None) -> F64:
-    return Believe(RIG, config or Config())(found, seen, {"cam": VIEW}, POINTS, FRAME)
+    return Believe(RIG, config or Config())(found, looks(found, seen), FRAME)
+
+
+def looks(found: Hypotheses, seen: Mapping[str, Boxes2D]) -> Looks:
+    return looks_at(found, seen, {"cam": VIEW}, POINTS)
 
 
 def test_what_a_camera_confirms_what_nobody_looks_at_and_what_it_does_not_confirm() -> None:
@@ -57,9 +62,9 @@ def test_what_a_camera_confirms_what_nobody_looks_at_and_what_it_does_not_confir
 def test_a_blind_camera_takes_less_and_less_away() -> None:
     believe = Believe(RIG, Config())
     found = hypotheses(boxes3d([CAR], scores=[0.5]))
-    (first,) = believe(found, NOTHING, {"cam": VIEW}, POINTS, FRAME)
+    (first,) = believe(found, looks(found, NOTHING), FRAME)
     for _ in range(100):
-        (last,) = believe(found, NOTHING, {"cam": VIEW}, POINTS, FRAME)
+        (last,) = believe(found, looks(found, NOTHING), FRAME)
     (without,) = believed(found, {})
     assert first < last < without
     assert last > 0.9 * without
@@ -72,8 +77,7 @@ def test_the_same_frames_give_the_same_probabilities() -> None:
     seen = {"cam": boxes2d([(280, 220, 360, 260, 0.8, 0)])}
     one, two = Believe(RIG, Config()), Believe(RIG, Config())
     for _ in range(5):
-        views = {"cam": VIEW}
-        np.testing.assert_array_equal(one(found, seen, views, POINTS, FRAME), two(found, seen, views, POINTS, FRAME))
+        np.testing.assert_array_equal(one(found, looks(found, seen), FRAME), two(found, looks(found, seen), FRAME))
 
 
 @pytest.mark.parametrize(("method", "expected"), [("none", 0.3), ("cluster", None)])
@@ -95,7 +99,7 @@ def test_what_was_begun_from_a_2d_box_needs_it() -> None:
 def test_no_hypotheses_and_no_cameras() -> None:
     assert believed(hypotheses(boxes3d([])), NOTHING).shape == (0,)
     nobody = Hypotheses(boxes3d([CAR]), {}, 1)
-    assert Believe(camera_rig(), Config())(nobody, {}, {}, POINTS, FRAME).shape == (1,)
+    assert Believe(camera_rig(), Config())(nobody, looks(nobody, {}), FRAME).shape == (1,)
 
 
 def test_what_a_camera_said_counts_while_it_does_not_look_and_never_when_it_does() -> None:
@@ -107,8 +111,9 @@ def test_what_a_camera_said_counts_while_it_does_not_look_and_never_when_it_does
         first: Mapping[str, Boxes2D], *pairs: tuple[int, int], gap_s: float, then: Mapping[str, Boxes2D]
     ) -> float:
         believe = Believe(RIG, Config())
-        believe(hypotheses(car, *pairs), first, {"cam": VIEW}, POINTS, at(0))
-        return float(believe(hypotheses(car), then, {"cam": VIEW}, POINTS, at(gap_s))[0])
+        for found, seen, at_s in ((hypotheses(car, *pairs), first, 0.0), (hypotheses(car), then, gap_s)):
+            beliefs = believe(found, looks(found, seen), at(at_s))
+        return float(beliefs[0])
 
     soon, later = (after(seen, (0, 0), gap_s=gap_s, then={}) for gap_s in (0.1, 0.5))
     assert alone < later < soon
@@ -125,9 +130,10 @@ def test_on_a_rig_that_moves_an_object_is_sought_where_it_is_now(moves: bool, re
     poses[1, 0, 3] = 10.0 * moves
     motion = PoseSamples("site", "odom", np.array([0, 200_000_000], np.int64), poses)
     believe = Believe(RIG, Config())
-    believe(hypotheses(boxes3d([CAR], scores=[0.2]), (0, 0)), seen, {"cam": VIEW}, POINTS, at(0.0))
+    there = hypotheses(boxes3d([CAR], scores=[0.2]), (0, 0))
+    believe(there, looks(there, seen), at(0.0))
     nearer = hypotheses(boxes3d([ahead], scores=[0.2]))
-    (p,) = believe(nearer, {}, {"cam": VIEW}, POINTS, replace(at(0.2), motion=motion))
+    (p,) = believe(nearer, looks(nearer, {}), replace(at(0.2), motion=motion))
     assert (p > believed(nearer, {})[0]) == reaches
 
 

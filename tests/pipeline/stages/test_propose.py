@@ -13,6 +13,7 @@ from pipeline.core.arrays import F64
 from pipeline.core.detections import Boxes2D, Boxes3D, Source
 from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.settings.config import Config
+from pipeline.stages import propose as propose_stage
 from pipeline.stages.associate import Associate
 from pipeline.stages.detect3d import Detect3D
 from pipeline.stages.place import Place
@@ -44,7 +45,14 @@ def propose(
     lidar = Detect3D(sensors, CONFIG)(frame) if lidar is None else lidar
     matches = Associate(sensors, CONFIG)(lidar, boxes2d, views)
     placed = Place(sensors, CONFIG)(frame, boxes2d, views)
-    return lidar, Propose(sensors, CONFIG)(frame, lidar, matches, placed)
+    return lidar, Propose(sensors, CONFIG)(frame, lidar, matches, placed).boxes
+
+
+def left_out(boxes: Boxes2D) -> Mapping[str, int]:
+    """What is left out of the 2D boxes of one camera, without points."""
+    sensors, frame, views, found = with_cameras(CAMERA), combined(np.zeros((0, 3))), views_of(CAMERA), {"cam": boxes}
+    matches = Associate(sensors, CONFIG)(nothing(), found, views)
+    return Propose(sensors, CONFIG)(frame, nothing(), matches, Place(sensors, CONFIG)(frame, found, views)).left_out
 
 
 def nothing() -> Boxes3D:
@@ -91,6 +99,17 @@ def test_object_that_nobody_can_place_is_left_out() -> None:
     far = (90.0, 2.0, 0.775, 4.2, 1.75, 1.55, 0.2)
     _, found = propose(cloud_of(OTHER), nothing(), {"cam": seen_by(CAMERA, [far], [CAR])}, CAMERA)
     assert len(found) == 0
+
+
+def test_2d_boxes_that_begin_no_object_are_counted_by_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+    far = (90.0, 2.0, 0.775, 4.2, 1.75, 1.55, 0.2)
+    three = seen_by(CAMERA, [CAR_BOX, OTHER, far], [CAR] * 3)
+    assert left_out(three) == {propose_stage.TOO_VAGUE: 1}
+    outside = three.xyxy + np.array([[0, 0, 0, 0], [2000, 0, 2000, 0], [0, 0, 0, 0]], np.float32)
+    assert left_out(replace(three, xyxy=outside)) == {propose_stage.OUT_OF_IMAGE: 1, propose_stage.TOO_VAGUE: 1}
+    monkeypatch.setattr(propose_stage, "MOST", 1)
+    assert left_out(replace(three, scores=np.array([0.5, 0.9, 0.4], np.float32))) == {propose_stage.TOO_MANY: 2}
+    assert left_out(three.select(np.arange(0))) == {}
 
 
 def test_neither_a_fence_before_it_nor_a_wall_behind() -> None:
@@ -171,5 +190,5 @@ def test_no_cameras_no_points_no_lidars(with_boxes: bool) -> None:
     only = camera_rig(CAMERA)
     views, frame = views_of(CAMERA), combined(np.zeros((0, 3)))
     matches = Associate(only, CONFIG)(nothing(), boxes, views)
-    found = Propose(only, CONFIG)(frame, nothing(), matches, Place(only, CONFIG)(frame, boxes, views))
+    found = Propose(only, CONFIG)(frame, nothing(), matches, Place(only, CONFIG)(frame, boxes, views)).boxes
     assert found.sources.tolist() == [Source.CAMERA] * with_boxes

@@ -44,7 +44,7 @@ def refined(rig: Rig, scene: FusionScene, settings: Mapping[str, Any]) -> Boxes3
 
 
 @pytest.mark.parametrize(
-    ("deviations", "most_m", "most_rad"), [(None, 0.0295, 0.092), ((0.07, 0.07, 0.2), 0.031, 0.093)]
+    ("deviations", "most_m", "most_rad"), [(None, 0.0295, 0.092), ((0.07, 0.07, 0.2), 0.031, 0.0935)]
 )
 def test_scenes_of_the_original(deviations: tuple[float, float, float] | None, most_m: float, most_rad: float) -> None:
     # What is given: that objects are cuboids of known size; one pixel noise for all scenes; the noise of the lidar's

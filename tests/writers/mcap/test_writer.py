@@ -375,13 +375,14 @@ def test_truth_is_drawn_beside_its_messages(tmp_path: Path) -> None:
     at_ns = result.bundle.log_time_ns
     copied = [raw("/gt", "vision_msgs/msg/Detection3DArray", {}, at, at) for at in (at_ns - 5, at_ns + 5)]
     nothing = np.zeros((0, 3))
-    truth = [TrueBoxes("/gt", at, at, "site", nothing, nothing, np.zeros(0), ()) for at in (at_ns - 5, at_ns + 5)]
+    stamp_ns = result.bundle.stamp_ns
+    truth = [TrueBoxes("/gt", stamp_ns + at, at_ns + at, "site", nothing, nothing, np.zeros(0), ()) for at in (-5, 5)]
     result = replace(result, bundle=replace(result.bundle, copied=tuple(copied), truth=tuple(truth)))
     write(tmp_path / "out.mcap", [result])
     with (tmp_path / "out.mcap").open("rb") as file:
         found = [(c.topic, m.log_time) for _, c, m in make_reader(file).iter_messages(log_time_order=False)]
-    assert found[:3] == [("/gt", at_ns - 5), ("/gt/scene", at_ns - 5), ("/tf_static", at_ns)]
-    assert found[-2:] == [("/gt", at_ns + 5), ("/gt/scene", at_ns + 5)]
+    assert found[:2] == [("/gt", at_ns - 5), ("/tf_static", at_ns)]
+    assert found[-3:] == [("/gt/scene", at_ns), ("/gt", at_ns + 5), ("/gt/scene", at_ns)]
     layout = json.loads(layout_path(tmp_path / "out.mcap").read_text())
     assert layout["configById"]["3D!scene"]["topics"]["/gt/scene"]["visible"]
 

@@ -1,0 +1,1 @@
+"""Frames shared among processes, to get around the interpreter's lock, with the results of one process."""

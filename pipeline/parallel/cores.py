@@ -1,0 +1,20 @@
+"""How many cores this process may use."""
+
+import math
+import os
+from pathlib import Path
+
+__all__ = ["usable_cores"]
+
+CGROUP_LIMIT = Path("/sys/fs/cgroup/cpu.max")
+"""Share of processor time of a container: microseconds, or `max`, in each period of so many microseconds."""
+
+
+def usable_cores() -> int:
+    """The cores that this process may run on, and no more than the share of its container is worth."""
+    cores = len(os.sched_getaffinity(0))
+    try:
+        share, period = CGROUP_LIMIT.read_text(encoding="ascii").split()
+        return min(cores, max(math.ceil(int(share) / int(period)), 1))
+    except (OSError, ValueError):
+        return cores  # no container, or one without a limit

@@ -1,0 +1,224 @@
+"""Frames shared among processes: any number of them gives the values of `Graph.run`, in the same order.
+
+One process reads the frames, hands them to others, works on frames itself while it has nothing else to do, and runs
+the ordered stages: all of it on the calling thread, so no lock is needed and no stage competes with another.
+"""
+
+import logging
+import time
+from collections import deque
+from collections.abc import Callable, Generator, Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
+
+from pipeline.core.errors import WorkerError
+from pipeline.graph import Graph, Node, Stamped
+from pipeline.parallel.crew import Crew
+from pipeline.parallel.failure import Failure
+from pipeline.parallel.log import log_levels
+from pipeline.parallel.messages import Answer, Beginning, MakeGraph, Question
+from pipeline.parallel.process import WorkerProcess
+from pipeline.parallel.sharing import Sharing
+
+__all__ = ["Limits", "run_parallel"]
+
+F = TypeVar("F", bound=Stamped)
+R = TypeVar("R")
+
+
+@dataclass(frozen=True)
+class Limits(Generic[F]):
+    """How much is in work at once.
+
+    Attributes:
+        workers: Number of processes, with the one that reads.
+        frames: Largest number of frames in work.
+        weigh: Weight of a frame.
+        weight: Weight of all frames in work; a heavier one is in work alone.
+    """
+
+    workers: int
+    frames: int
+    weigh: Callable[[F], float] = lambda _: 0.0
+    weight: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.workers < 1:
+            raise ValueError(f"workers: expected at least 1 process, got {self.workers}")
+        if self.frames < 1:
+            raise ValueError(f"frames: expected at least 1 frame, got {self.frames}")
+
+
+def run_parallel(
+    graph: Graph[F],
+    sink: Node[R],
+    frames: Iterable[F],
+    limits: Limits[F],
+    *,
+    make_graph: MakeGraph,
+    expected: int,
+    needed: Callable[[F], F] = lambda frame: frame,
+) -> Generator[R, None, None]:
+    """The sink's value for each frame, in order.
+
+    An error of a stage is raised when the frames before it are out, as by `Graph.run`; so is one of `frames`.
+
+    Args:
+        graph: The stages; those of `Graph.parts(sink).ordered` are called in this process.
+        sink: Handle of the values to yield.
+        frames: Read on the calling thread.
+        limits: How much is in work at once.
+        make_graph: Makes the free stages of `graph` anew, in another process: with the same names, in the same order.
+        expected: About how many frames there will be.
+        needed: What the free stages read of a frame; it is sent to other processes.
+
+    Raises:
+        WorkerError: another process cannot be started, or dies.
+    """
+    handed = tuple(node.name for node in graph.parts(sink).handed)
+    sharing = Sharing(min(limits.workers, limits.frames), expected)
+    with Crew(Beginning(make_graph, handed, log_levels()), sharing) as crew:
+        yield from _Run(graph, sink, limits, needed, crew, iter(frames)).results()
+
+
+@dataclass(slots=True)
+class _Task(Generic[F]):
+    number: int
+    frame: F
+    weight: float
+    is_taken: bool = False
+    outcome: Answer | Exception | None = None
+
+
+class _Run(Generic[F]):
+    def __init__(
+        self,
+        graph: Graph[F],
+        sink: Node[Any],
+        limits: Limits[F],
+        needed: Callable[[F], F],
+        crew: Crew,
+        frames: Iterator[F],
+    ) -> None:
+        self._graph, self._sink, self._parts = graph, sink, graph.parts(sink)
+        self._limits, self._needed, self._crew, self._frames = limits, needed, crew, frames
+        self._tasks: deque[_Task[F]] = deque()
+        self._read: _Task[F] | None = None  # too heavy for now
+        self._count, self._done, self._is_ended = 0, 0, False
+        self._error: Exception | None = None  # behind the last frame
+
+    def results(self) -> Generator[Any, None, None]:
+        """First what keeps the others at work, then what is due, then work of its own."""
+        self._crew.start(self._crew.sharing.at_once)
+        while self._crew.is_starting and self._crew.sharing.at_once:
+            self._take_in(wait=True)
+        while True:
+            self._take_in(wait=False)
+            self._hand_out()
+            untaken = next((task for task in self._tasks if not task.is_taken), None)
+            if untaken is None and self._begin_one():
+                continue
+            if not self._tasks:
+                break
+            if self._tasks[0].outcome is not None:
+                yield self._finished(self._tasks.popleft())
+                self._done += 1
+            elif untaken is not None:
+                self._crew.start(self._crew.sharing.more(len(self._crew), self._done))
+                self._work_on(untaken)
+            else:
+                self._take_in(wait=True)
+        if self._error is not None:
+            raise self._error
+
+    def _begin_one(self) -> bool:
+        """Whether there is one more frame that may be in work now."""
+        limits, tasks = self._limits, self._tasks
+        if len(tasks) >= limits.frames:
+            return False
+        if self._read is None and not self._is_ended:
+            try:
+                frame = next(self._frames)
+            except StopIteration:
+                self._is_ended = True
+            except Exception as err:
+                self._end(err)
+            else:
+                self._read = _Task(self._count, frame, limits.weigh(frame))
+                self._count += 1
+        if self._read is None or (tasks and self._read.weight + sum(task.weight for task in tasks) > limits.weight):
+            return False
+        tasks.append(self._read)
+        self._read = None
+        return True
+
+    def _hand_out(self) -> None:
+        """Hand frames to processes that have room for them, in order."""
+        for task in self._tasks:
+            if task.is_taken:
+                continue
+            process = self._crew.with_room()
+            if process is None:
+                return
+            task.is_taken = True
+            try:
+                process.ask(Question(task.number, self._needed(task.frame)))
+            except WorkerError as err:
+                self._lose(process, err)
+
+    def _take_in(self, *, wait: bool) -> None:
+        """Take what other processes have to say."""
+        for process in self._crew.with_news(wait=wait):
+            try:
+                said = process.receive()
+            except WorkerError as err:
+                self._lose(process, err)
+                continue
+            if isinstance(said, Answer):
+                self._tasks[said.number - self._tasks[0].number].outcome = said
+                if isinstance(said.outcome, Failure):
+                    self._is_ended = True
+            elif said.failure is not None:
+                self._crew.part_with(process)
+                self._end(said.failure.raised())
+
+    def _lose(self, process: WorkerProcess, err: WorkerError) -> None:
+        """Give up the frames of a process that has died."""
+        self._crew.part_with(process)
+        if not process.numbers:
+            self._end(err)
+        for number in process.numbers:
+            self._tasks[number - self._tasks[0].number].outcome = err
+            self._is_ended = True
+
+    def _end(self, err: Exception) -> None:
+        """Take no more frames; the error comes behind those that are in work."""
+        self._is_ended, self._read = True, None
+        self._error = self._error or err
+
+    def _work_on(self, task: _Task[F]) -> None:
+        task.is_taken, started = True, time.perf_counter()
+        values: dict[Node[Any], Any] = {self._graph.frame: task.frame}
+        try:
+            self._graph.evaluate(self._parts.free, task.frame, values)
+            task.outcome = Answer(task.number, tuple(values[node] for node in self._parts.handed), {})
+        except Exception as err:
+            task.outcome, self._is_ended = err, True
+        self._crew.sharing.took(time.perf_counter() - started)
+
+    def _finished(self, task: _Task[F]) -> Any:
+        """The sink's value of a frame whose free stages are done."""
+        answer = task.outcome
+        if isinstance(answer, Exception):
+            raise answer
+        assert answer is not None
+        for record in answer.records:
+            logging.getLogger(record.name).handle(record)
+        for name, seconds in answer.seconds.items():
+            self._graph.seconds[name] += seconds
+        if isinstance(answer.outcome, Failure):
+            raise answer.outcome.raised()
+        values: dict[Node[Any], Any] = {self._graph.frame: task.frame}
+        values.update(zip(self._parts.handed, answer.outcome, strict=True))
+        self._graph.evaluate(self._parts.ordered, task.frame, values)
+        return values[self._sink]

@@ -1,0 +1,94 @@
+"""Objects on their way between processes: pickled, with large arrays and messages beside the pickle.
+
+What is large is written to the socket from where it lies, and read to where it stays: no copies but those of the
+system (PEP 574). What is small is pickled, so that who keeps a small array does not keep a large buffer with it.
+"""
+
+import io
+import pickle
+import socket
+import struct
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+__all__ = ["receive", "send"]
+
+BESIDE_BYTES = 1 << 14
+"""From this size on, an array travels beside the pickle."""
+
+MAX_PARTS = 512
+"""That are handed to the system at once; Linux takes 1024."""
+
+COUNT = struct.Struct("<Q")
+
+
+def send(connection: socket.socket, value: object) -> None:
+    """Send an object; waits until the other side has taken it, but for what the system holds.
+
+    Raises:
+        OSError: the other side is gone.
+        Exception: whatever the object raises when it is pickled; then nothing was sent.
+    """
+    stream = io.BytesIO()
+    large: list[memoryview] = []
+
+    def is_pickled(buffer: pickle.PickleBuffer) -> bool:
+        view = buffer.raw()
+        if view.nbytes < BESIDE_BYTES:
+            return True
+        large.append(view)
+        return False
+
+    _Pickler(stream, protocol=5, buffer_callback=is_pickled).dump(value)
+    parts = [stream.getbuffer(), *large]
+    sizes = struct.pack(f"<{1 + len(parts)}Q", len(parts), *(part.nbytes for part in parts))
+    _send_all(connection, [memoryview(sizes), *parts])
+
+
+def receive(connection: socket.socket) -> object:
+    """The next object that the other side sent.
+
+    Raises:
+        EOFError: the other side is gone.
+        OSError: the same.
+    """
+    (count,) = COUNT.unpack(_read(connection, COUNT.size))
+    sizes = struct.unpack(f"<{count}Q", _read(connection, COUNT.size * count))
+    stream, *large = (_read(connection, size) for size in sizes)
+    return pickle.loads(stream, buffers=large)  # noqa: S301  # of a process that this one has started, or its parent
+
+
+class _Pickler(pickle.Pickler):
+    """Takes views of memory, too, which messages of recordings are."""
+
+    def reducer_override(self, obj: object) -> Any:
+        if isinstance(obj, memoryview):
+            return _read_only, (pickle.PickleBuffer(obj),)
+        return NotImplemented
+
+
+def _read_only(buffer: bytes | bytearray | memoryview) -> memoryview:
+    return memoryview(buffer).toreadonly()
+
+
+def _send_all(connection: socket.socket, parts: Sequence[memoryview]) -> None:
+    left = [part for part in parts if part.nbytes]
+    while left:
+        sent = connection.sendmsg(left[:MAX_PARTS])
+        while left and sent >= left[0].nbytes:
+            sent -= left.pop(0).nbytes
+        if sent:
+            left[0] = left[0].cast("B")[sent:]
+
+
+def _read(connection: socket.socket, size: int) -> memoryview:
+    buffer = np.empty(size, np.uint8).data  # unlike a bytearray, not filled with zeros first
+    filled = 0
+    while filled < size:
+        count = connection.recv_into(buffer[filled:], size - filled, socket.MSG_WAITALL)
+        if not count:
+            raise EOFError("the process at the other end is gone")
+        filled += count
+    return buffer

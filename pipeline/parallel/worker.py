@@ -1,0 +1,108 @@
+"""A process that works on frames: what it is told, how it answers, and when it ends.
+
+It ends as soon as the other end of its socket is closed, whatever it is doing: when the run ends or fails, and when
+the process that started it is killed.
+"""
+
+import os
+import socket
+import sys
+import threading
+import traceback
+from collections.abc import Callable
+from queue import SimpleQueue
+from typing import Any, cast
+
+from pipeline.parallel.failure import Failure, failure_of
+from pipeline.parallel.log import gather_log
+from pipeline.parallel.messages import Answer, Beginning, Begun, Question
+from pipeline.parallel.transfer import receive, send
+
+__all__ = ["serve"]
+
+SWITCH_S = 0.0005
+"""How soon the threads that send and receive get the interpreter, for whose work the other process waits."""
+
+BUG = 70
+
+
+def serve(descriptor: int) -> None:
+    """Work on frames until the socket with this descriptor is closed at its other end; does not return."""
+    sys.setswitchinterval(SWITCH_S)
+    connection = socket.socket(fileno=descriptor)
+    questions: SimpleQueue[Question] = SimpleQueue()
+    answers: SimpleQueue[Begun | Answer] = SimpleQueue()
+    beginning: SimpleQueue[Beginning] = SimpleQueue()
+    _start("send", lambda: _send_all(connection, answers))
+    _start("receive", lambda: _receive_all(connection, beginning, questions))
+    _work(beginning, questions, answers)
+
+
+def _start(name: str, run: Callable[[], None]) -> None:
+    """Run on a thread of its own, and end the process with it."""
+
+    def end_after() -> None:
+        code = 0
+        try:
+            run()
+        except (EOFError, OSError):
+            pass  # nobody is at the other end any more
+        except BaseException:
+            code = BUG
+            traceback.print_exc()
+        finally:
+            os._exit(code)
+
+    threading.Thread(target=end_after, name=name, daemon=True).start()
+
+
+def _receive_all(
+    connection: socket.socket, beginning: SimpleQueue[Beginning], questions: SimpleQueue[Question]
+) -> None:
+    beginning.put(cast(Beginning, receive(connection)))
+    while True:
+        questions.put(cast(Question, receive(connection)))
+
+
+def _send_all(connection: socket.socket, answers: SimpleQueue[Begun | Answer]) -> None:
+    while True:
+        answer = answers.get()
+        try:
+            send(connection, answer)
+        except OSError:
+            raise
+        except Exception as err:  # an output that cannot be pickled
+            number = answer.number if isinstance(answer, Answer) else 0
+            send(connection, Answer(number, failure_of(err), {}))
+        del answer
+
+
+def _work(
+    beginning: SimpleQueue[Beginning], questions: SimpleQueue[Question], answers: SimpleQueue[Begun | Answer]
+) -> None:
+    told = beginning.get()
+    try:
+        graph, sink = told.make_graph()
+    except Exception as err:
+        answers.put(Begun(failure_of(err)))
+        questions.get()  # there are none: the process ends with its socket
+        return
+    by_name = {node.name: node for node in graph.nodes}
+    handed, free = [by_name[name] for name in told.handed], graph.parts(sink).free
+    records = gather_log(told.log_levels)
+    answers.put(Begun())
+
+    def answer(question: Question) -> Answer:
+        graph.seconds = dict.fromkeys(graph.seconds, 0.0)
+        values = {graph.frame: question.frame}
+        outcome: tuple[Any, ...] | Failure
+        try:
+            graph.evaluate(free, question.frame, values)
+            outcome = tuple(values[node] for node in handed)
+        except Exception as err:
+            outcome = failure_of(err)
+        taken = {name: seconds for name, seconds in graph.seconds.items() if seconds}
+        return Answer(question.number, outcome, taken, tuple(records.get() for _ in range(records.qsize())))
+
+    while True:
+        answers.put(answer(questions.get()))

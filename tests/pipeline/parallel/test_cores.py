@@ -1,0 +1,31 @@
+import os
+from pathlib import Path
+
+import pytest
+
+from pipeline.parallel.cores import usable_cores
+
+
+@pytest.mark.parametrize(
+    ("limit", "expected"),
+    [
+        ("max 100000", 8),
+        ("200000 100000", 2),
+        ("150000 100000", 2),
+        ("50000 100000", 1),
+        ("9900000 100000", 8),
+        ("", 8),
+    ],
+)
+def test_a_container_has_fewer_cores_than_its_machine(
+    limit: str, expected: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "cpu.max").write_text(limit, encoding="ascii")
+    monkeypatch.setattr("pipeline.parallel.cores.CGROUP_LIMIT", tmp_path / "cpu.max")
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(8)))
+    assert usable_cores() == expected
+
+
+def test_no_container(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pipeline.parallel.cores.CGROUP_LIMIT", tmp_path / "none")
+    assert usable_cores() == len(os.sched_getaffinity(0))

@@ -1,0 +1,224 @@
+import logging
+import os
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from random import Random
+
+import numpy as np
+import pytest
+from shared_graphs import Frame, Seen, frames, make_graph, make_nothing, make_random
+
+from pipeline.core.errors import MessageError, WorkerError
+from pipeline.graph import Graph, Node
+from pipeline.parallel.failure import WorkerTraceback
+from pipeline.parallel.messages import MakeGraph
+from pipeline.parallel.run import Limits, run_parallel
+
+
+@pytest.fixture(autouse=True)
+def _processes_from_the_first_frame_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pipeline.parallel.sharing.START_S", 0.0)
+
+
+def children() -> list[str]:
+    return Path(f"/proc/self/task/{threading.get_native_id()}/children").read_text(encoding="ascii").split()
+
+
+@pytest.fixture(autouse=True)
+def _no_process_is_left() -> Iterator[None]:
+    before = children()
+    yield
+    assert children() == before
+
+
+def run(
+    source: Iterator[Frame],
+    make: Callable[[], tuple[Graph[Frame], Node[Seen]]] = make_graph,
+    *,
+    workers: int = 2,
+    frames: int = 5,
+) -> Iterator[Seen]:
+    graph, sink = make()
+    needed = partial(_as_view)
+    return run_parallel(graph, sink, source, Limits(workers, frames), make_graph=make, expected=9, needed=needed)
+
+
+def _as_view(frame: Frame) -> Frame:
+    return replace(frame, data=memoryview(frame.data))
+
+
+@pytest.mark.parametrize(("workers", "count"), [(1, 5), (2, 0), (2, 1), (3, 40)])
+def test_the_values_of_one_process(workers: int, count: int) -> None:
+    graph, sink = make_graph()
+    expected = list(graph.run(sink, frames(count)))
+    found = list(run(iter(frames(count)), workers=workers))
+    assert [(one.index, one.total) for one in found] == [(one.index, one.total) for one in expected]
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(one.points, other.points)
+    processes = {one.pid for one in found}
+    assert len(processes) <= workers
+    if count > 10:
+        assert len(processes) == workers, "each works on some frames, the one that reads, too"
+        assert os.getpid() in processes
+
+
+def test_random_graphs() -> None:
+    for seed in range(3):
+        chance = Random(seed)
+        stages = [(chance.randrange(9), chance.randrange(9), chance.random() < 0.3) for _ in range(7)]
+        make = partial(make_random, tuple(stages))
+        graph, sink = make()
+        expected = list(graph.run(sink, frames(12)))
+        again, sink = make()
+        limits = Limits[Frame](2, 1 + seed)
+        assert list(run_parallel(again, sink, frames(12), limits, make_graph=make, expected=12)) == expected
+
+
+@pytest.mark.parametrize("window", [1, 4])
+def test_no_more_frames_are_in_work_than_may_be(window: int) -> None:
+    taken = 0
+
+    def source() -> Iterator[Frame]:
+        nonlocal taken
+        for frame in frames(20):
+            taken += 1
+            yield frame
+
+    ahead = [taken - seen.index for seen in run(source(), frames=window)]
+    assert len(ahead) == 20
+    assert max(ahead) <= window
+
+
+@pytest.mark.parametrize(("max_weight", "most"), [(0.0, 1), (3.0, 3), (100.0, 5)])
+def test_frames_in_work_weigh_no_more_than_they_may(max_weight: float, most: int) -> None:
+    taken = 0
+
+    def source() -> Iterator[Frame]:
+        nonlocal taken
+        for frame in frames(12):
+            taken += 1
+            yield frame
+
+    graph, sink = make_graph()
+    limits = Limits[Frame](2, 5, lambda _: 1.0, max_weight)
+    seen = run_parallel(graph, sink, source(), limits, make_graph=make_graph, expected=12)
+    ahead = [taken - one.index for one in seen]
+    assert len(ahead) == 12
+    assert max(ahead) <= most + 1  # one is read before it is weighed
+
+
+FAILURES = {
+    "message_error": (MessageError, "/points: bad"),
+    "unsendable_error": (Exception, "1 and 2"),
+    "no_memory": (MemoryError, "Unable to allocate"),
+}
+
+
+@pytest.mark.parametrize("deed", FAILURES)
+def test_frames_before_an_error_come_out(deed: str) -> None:
+    kind, text = FAILURES[deed]
+    found = run(iter(frames(20)), partial(make_graph, deed, 7))
+    assert [next(found).index for _ in range(7)] == list(range(7))
+    with pytest.raises(kind, match=text) as caught:
+        next(found)
+    assert caught.value.__notes__ == ["in stage do, frame 7, stamp 7000 ns"]
+
+
+def alone(make: MakeGraph) -> Iterator[Seen]:
+    """The frames worked on by another process only, which has room for as many as may be in work."""
+    graph, sink = make()
+    limits = Limits[Frame](2, 2)
+    return run_parallel(graph, sink, frames(9), limits, make_graph=make, expected=9)
+
+
+def test_an_error_of_another_process_says_where_it_came_from() -> None:
+    found = alone(partial(make_graph, "unsendable_error"))
+    with pytest.raises(RuntimeError, match="Unsendable: 1 and 2") as caught:
+        next(found)
+    assert caught.value.__notes__ == ["in stage do, frame 0, stamp 0 ns"]
+    assert isinstance(caught.value.__cause__, WorkerTraceback)
+    assert "in _unsendable_error" in str(caught.value.__cause__)
+
+
+def test_an_output_that_cannot_be_sent() -> None:
+    with pytest.raises(Exception, match="pickle") as caught:
+        next(alone(partial(make_graph, "unsendable_output")))
+    assert isinstance(caught.value.__cause__, WorkerTraceback)
+
+
+def test_a_failing_source_yields_what_was_read() -> None:
+    def source() -> Iterator[Frame]:
+        yield from frames(5)
+        raise MessageError("torn")
+
+    found = run(source())
+    assert [next(found).index for _ in range(5)] == [0, 1, 2, 3, 4]
+    with pytest.raises(MessageError, match="torn"):
+        next(found)
+
+
+def test_a_process_that_is_killed() -> None:
+    found = alone(partial(make_graph, "die", 3))
+    assert [next(found).index for _ in range(2)] == [0, 1]  # the third may have died with it
+    with pytest.raises(WorkerError, match="a worker process was ended by SIGKILL, perhaps for lack of memory"):
+        list(found)
+
+
+def test_a_process_that_cannot_make_its_stages() -> None:
+    graph, sink = make_graph()
+    limits = Limits[Frame](2, 5)
+    found = run_parallel(graph, sink, frames(20), limits, make_graph=make_nothing, expected=20)
+    with pytest.raises(MessageError, match="the network cannot be loaded here"):
+        list(found)
+
+
+def test_no_interpreter_to_start(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.executable", "")
+    with pytest.raises(WorkerError, match=r"set run\.workers to 1"):
+        next(run(iter(frames(3))))
+    monkeypatch.setattr("sys.executable", "/no/python")
+    with pytest.raises(WorkerError, match=r"cannot be started: No such file.*set run\.workers to 1"):
+        next(run(iter(frames(3))))
+
+
+def test_a_process_that_hangs_does_not_hold_up_the_end() -> None:
+    found = alone(partial(make_graph, "hang", 3))
+    next(found)
+    started = time.monotonic()
+    found.close()  # type: ignore[attr-defined]  # a generator
+    assert time.monotonic() - started < 5
+
+
+@pytest.mark.parametrize("level", [logging.DEBUG, logging.INFO])
+def test_the_log_of_other_processes(level: int, caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(level, "pipeline.test")
+    list(run(iter(frames(12)), partial(make_graph, "log")))
+    told = [record.getMessage() for record in caplog.records if record.name == "pipeline.test"]
+    expected = [f"frame {i}: told" for i in range(12)]
+    if level == logging.DEBUG:
+        expected = [line for i in range(12) for line in (f"frame {i}", f"frame {i}: told")]
+    assert sorted(told) == sorted(expected)
+
+
+def test_time_is_counted_per_stage_in_all_processes() -> None:
+    graph, sink = make_graph()
+    list(run_parallel(graph, sink, frames(30), Limits[Frame](2, 5), make_graph=make_graph, expected=30))
+    assert graph.seconds["work"] >= 0.002 * sum(i % 3 for i in range(30))
+
+
+def test_small_arrays_do_not_keep_large_ones() -> None:
+    (one, *_) = run(iter(frames(1)))
+    owner = one.points
+    while owner.base is not None and isinstance(owner.base, np.ndarray):
+        owner = owner.base
+    assert owner.nbytes == one.points.nbytes
+
+
+@pytest.mark.parametrize(("workers", "count"), [(0, 1), (1, 0)])
+def test_limits_are_checked(workers: int, count: int) -> None:
+    with pytest.raises(ValueError, match="expected at least 1"):
+        Limits[Frame](workers, count)

@@ -1,0 +1,81 @@
+import socket
+import threading
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pipeline.parallel.transfer import BESIDE_BYTES, MAX_PARTS, receive, send
+
+
+@pytest.fixture(scope="module")
+def pair() -> Iterator[tuple[socket.socket, socket.socket]]:
+    one, other = socket.socketpair()
+    with one, other:
+        yield one, other
+
+
+def sent(value: object, pair: tuple[socket.socket, socket.socket]) -> Any:
+    thread = threading.Thread(target=send, args=(pair[0], value))
+    thread.start()
+    try:
+        return receive(pair[1])
+    finally:
+        thread.join()
+
+
+SIZES = st.sampled_from([0, 1, 100, BESIDE_BYTES - 1, BESIDE_BYTES, 300_000])
+
+
+@given(sizes=st.lists(SIZES, max_size=6), dtype=st.sampled_from(["u1", "<f8", ">i2"]), view=st.booleans())
+@settings(max_examples=30, deadline=None)
+def test_values_arrive_as_they_were(
+    pair: tuple[socket.socket, socket.socket], sizes: list[int], dtype: str, view: bool
+) -> None:
+    arrays = [np.arange(size).astype(dtype) for size in sizes]
+    messages = [memoryview(array.tobytes()) if view else array.tobytes() for array in arrays]
+    columns = [np.stack([array, array], 1)[:, 1] for array in arrays]  # not contiguous
+    found = sent((arrays, messages, columns, arrays), pair)
+    for array, message, column, one, text, strip in zip(arrays, messages, columns, *found[:3], strict=True):
+        np.testing.assert_array_equal(one, array, strict=True)
+        np.testing.assert_array_equal(strip, column, strict=True)
+        assert bytes(text) == bytes(message)
+        assert one.flags.writeable
+        if view:
+            assert isinstance(text, memoryview)
+            assert text.readonly
+    assert all(one is again for one, again in zip(found[0], found[3], strict=True))
+
+
+def test_more_arrays_than_the_system_takes_at_once(pair: tuple[socket.socket, socket.socket]) -> None:
+    arrays = [np.full(BESIDE_BYTES, i % 256, np.uint8) for i in range(MAX_PARTS + 3)]
+    for one, other in zip(sent(arrays, pair), arrays, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_nobody_at_the_other_end() -> None:
+    one, other = socket.socketpair()
+    with one:
+        other.close()
+        with pytest.raises(OSError, match="pipe"):
+            send(one, np.zeros(10_000_000))
+        with pytest.raises(EOFError):
+            receive(one)
+
+
+def test_the_other_end_dies_in_the_middle() -> None:
+    one, other = socket.socketpair()
+    with one:
+        with other:
+            other.send(b"\2" + bytes(7) + bytes(3))
+        with pytest.raises(EOFError):
+            receive(one)
+
+
+def test_what_cannot_be_pickled_leaves_nothing_behind(pair: tuple[socket.socket, socket.socket]) -> None:
+    with pytest.raises(Exception, match="pickle"):
+        send(pair[0], [np.zeros(10), lambda: 0])
+    assert sent("next", pair) == "next"

@@ -1,0 +1,69 @@
+"""Which frame recorded truth is drawn with.
+
+Truth is often recorded later than what it describes, and later than the result of that moment is complete. Drawn when
+it was recorded, it would trail the objects: at 10 m/s and 0.1 s, by a metre. So it is drawn with the frame whose stamp
+is nearest to its own.
+"""
+
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from pipeline.core.frame import SensorBundle
+from pipeline.core.true_boxes import TrueBoxes
+
+__all__ = ["FrameTime", "TruthTimes"]
+
+SAME_CLOCK_NS = 2_000_000_000
+"""Truth whose stamp is farther from every frame has another clock: then it goes by the times of recording."""
+
+MOST_FRAMES, MOST_WAITING = 256, 256
+"""Frames that truth may belong to, and messages of it that may wait for the next frame."""
+
+
+@dataclass(frozen=True, slots=True)
+class FrameTime:
+    """A frame.
+
+    Attributes:
+        index: Its number.
+        stamp_ns: When it was measured.
+        log_time_ns: When its reference message was recorded.
+    """
+
+    index: int
+    stamp_ns: int
+    log_time_ns: int
+
+
+class TruthTimes:
+    """Finds the frames of the truth of a run. What belongs to the frame still to come waits for it."""
+
+    def __init__(self) -> None:
+        self._frames: deque[FrameTime] = deque(maxlen=MOST_FRAMES)
+        self._waiting: list[TrueBoxes] = []
+
+    def add(self, bundle: SensorBundle) -> list[tuple[FrameTime, TrueBoxes]]:
+        """The truth whose frame is known now, in the order in which it was recorded, with that frame."""
+        self._frames.append(FrameTime(bundle.index, bundle.stamp_ns, bundle.log_time_ns))
+        self._waiting += bundle.truth
+        known = [truth for truth in self._waiting if truth.stamp_ns <= bundle.stamp_ns or self._has_other_clock(truth)]
+        late = [truth for truth in self._waiting if truth not in known]
+        known, self._waiting = [*known, *late[:-MOST_WAITING]], late[-MOST_WAITING:]
+        return self._with_frames(known)
+
+    def rest(self) -> list[tuple[FrameTime, TrueBoxes]]:
+        """The truth that waits for a frame after the last one."""
+        waiting, self._waiting = self._waiting, []
+        return self._with_frames(waiting)
+
+    def _has_other_clock(self, truth: TrueBoxes) -> bool:
+        return all(abs(frame.stamp_ns - truth.stamp_ns) > SAME_CLOCK_NS for frame in self._frames)
+
+    def _with_frames(self, truth: Iterable[TrueBoxes]) -> list[tuple[FrameTime, TrueBoxes]]:
+        return [(self._nearest(boxes), boxes) for boxes in truth]
+
+    def _nearest(self, truth: TrueBoxes) -> FrameTime:
+        if self._has_other_clock(truth):
+            return min(self._frames, key=lambda frame: (abs(frame.log_time_ns - truth.log_time_ns), frame.index))
+        return min(self._frames, key=lambda frame: (abs(frame.stamp_ns - truth.stamp_ns), frame.index))
