@@ -78,7 +78,7 @@ def test_the_page_of_licences_says_what_is_not_permissive() -> None:
     text = PAGE.read_text(encoding="utf-8").partition("## lidcam")[0]
     assert text == page().partition("## lidcam")[0]
     copyleft = {name for name, licence in listed.items() if re.search(r"GPL|Mozilla|MPL", licence)}
-    assert copyleft >= {"pykdtree", "certifi", "hypothesis"}
+    assert copyleft >= {"certifi", "hypothesis"}
     assert {name for name in copyleft if f"**{name}**" not in text} == set()
     for words in ("x264 and x265", "GPL-2.0-or-later", "**av** (extra `video`)", "**opencv-python-headless**"):
         assert words in text
