@@ -22,6 +22,7 @@ __all__ = [
     "Array",
     "Bools",
     "Indices",
+    "Record",
     "Rows",
     "check_array",
     "join_rows",

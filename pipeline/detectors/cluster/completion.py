@@ -3,7 +3,8 @@
 A lidar sees only the near sides of an object. A side that faces a lidar shows its whole length; the extent behind it is
 taken from the size prior of the class. So a cluster is compared with each class, with the length along either axis of
 the rectangle; missing length counts only as far as it should have been visible. The box then keeps its near sides and
-grows away from the lidars; a cyclist's grows about its middle, and a pedestrian's half as far away as that of a car.
+grows away from the lidars; a cyclist's grows about its middle, and a pedestrian's half as far away as that of a car. Of
+thin wheels hardly anything is seen, so a cyclist is never taken for shorter than its class.
 """
 
 from dataclasses import dataclass
@@ -59,6 +60,7 @@ class CompletedBoxes:
         center_std_m: (C, 2) float64 standard deviation of the centre along length and width.
         faces_m2: (C,) float64 area of the box visible to the lidars, from their mean direction.
         is_slender: (C,) bool, the class is that of a pedestrian or a rider, by its proportions.
+        rides: (C,) bool, it is that of a rider.
     """
 
     class_ids: I64
@@ -69,6 +71,7 @@ class CompletedBoxes:
     center_std_m: F64
     faces_m2: F64
     is_slender: Bools
+    rides: Bools
 
 
 def complete_boxes(
@@ -119,6 +122,8 @@ def complete_boxes(
     is_round = chosen[:, :2].min(1) > ROUND_SHARE * chosen[:, :2].max(1)
     anchored = np.where(is_slender, np.where(is_round, ROUND_ANCHOR, 0.0), 1.0)[:, None]
     center = middle + anchored * (center - middle)
+    rides = is_slender & ~is_round
+    full = np.where(rides[:, None], np.maximum(extent, chosen[:, :2]), full)
     std = np.where(is_slender[:, None], (full - extent) / 4, std)
     height = np.where(top_m >= WHOLE_SHARE * chosen[:, 2], top_m, chosen[:, 2])
     swap = (choice % 2 == 1)[:, None]
@@ -133,6 +138,7 @@ def complete_boxes(
         np.where(swap, std[:, ::-1], std),
         faces,
         is_slender,
+        rides,
     )
 
 

@@ -6,8 +6,7 @@ import numpy as np
 
 from pipeline.core.arrays import F32, F64, I64, Bools, Rows
 from pipeline.core.assignment import assign
-from pipeline.core.geometry.boxes import pair_overlaps_xyxy
-from pipeline.fusion.matching.groups import pairs_within
+from pipeline.fusion.matching.pairing_kernels import overlapping_pairs
 
 __all__ = ["Pairs", "best_pairs", "near_pairs"]
 
@@ -44,9 +43,7 @@ def near_pairs(seen_xyxy: F32, seen_cameras: I64, found_xyxy: F32, found_cameras
         found_cameras: (M,) their cameras, rising.
         min_giou: The least that is enough.
     """
-    seen, found = pairs_within(seen_cameras, found_cameras)
-    iou, giou = pair_overlaps_xyxy(seen_xyxy[seen], found_xyxy[found])
-    return Pairs(seen, found, iou).select(giou >= min_giou)
+    return Pairs(*overlapping_pairs(seen_xyxy, seen_cameras, found_xyxy, found_cameras, min_giou))
 
 
 def best_pairs(pairs: Pairs, worth: F64, seen_cameras: I64) -> Bools:
