@@ -26,7 +26,7 @@ from pipeline.core.geometry.transform import Transform
 from pipeline.core.rig import LidarSensor, Rig
 from pipeline.core.settings.combine import CombineConfig, GroundConfig, OutlierConfig
 from pipeline.filters.deskew import deskew
-from pipeline.filters.ground import find_ground, height_above
+from pipeline.filters.ground import find_ground
 from pipeline.filters.outliers import statistical_inliers
 from pipeline.stages.combine import Combine
 
