@@ -44,11 +44,12 @@ def refined(rig: Rig, scene: FusionScene, settings: Mapping[str, Any]) -> Boxes3
 
 
 @pytest.mark.parametrize(
-    ("deviations", "most_m", "most_rad"), [(None, 0.0295, 0.092), ((0.07, 0.07, 0.2), 0.031, 0.0935)]
+    ("deviations", "most_m", "most_rad"), [(None, 0.0285, 0.092), ((0.07, 0.07, 0.2), 0.0298, 0.091)]
 )
 def test_scenes_of_the_original(deviations: tuple[float, float, float] | None, most_m: float, most_rad: float) -> None:
     # What is given: that objects are cuboids of known size; one pixel noise for all scenes; the noise of the lidar's
-    # boxes by scene, as a calibrated detector tells it, or one for all scenes.
+    # boxes by scene, as a calibrated detector tells it, or one for all scenes. With the right pairs, the pixel noise of
+    # each scene, nothing said of hidden edges and no robust weights, the mean of the exact posterior errs by 0.0265 m.
     rig, scenes = fusion_scenes()
     by_noise: dict[tuple[float, float], list[F64]] = {}
     for scene in scenes:
