@@ -8,11 +8,9 @@ from collections.abc import Iterator
 from itertools import pairwise
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from pipeline.core.arrays import F64, I32, I64, Bools, Indices
+from pipeline.core.assignment import assign
 
 __all__ = [
     "assign_heaviest",
@@ -42,6 +40,9 @@ def conflicts(first: I64, second: I64) -> Iterator[Indices]:
     """
     if not len(first):
         return
+    from scipy.sparse import coo_array  # a fifth of a second: behind the imports of the programs
+    from scipy.sparse.csgraph import connected_components
+
     rows, first_nodes = np.unique(first, return_inverse=True)
     columns, second_nodes = np.unique(second, return_inverse=True)
     count = len(rows) + len(columns)
@@ -71,7 +72,7 @@ def dense_assignment(first: I64, second: I64, costs: F64, missing: float) -> Boo
     matrix = np.full((len(rows), len(columns)), missing)
     matrix[row_of, column_of] = costs
     chosen = np.zeros(matrix.shape, np.bool_)
-    chosen[linear_sum_assignment(matrix)] = True
+    chosen[assign(matrix)] = True
     return np.asarray(chosen[row_of, column_of])
 
 

@@ -8,7 +8,6 @@ prediction.
 """
 
 import numpy as np
-from scipy.ndimage import gaussian_filter
 
 from pipeline.core.arrays import F32, F64
 from pipeline.core.clouds import Plane, Relief
@@ -104,4 +103,6 @@ def _lowest(
 
 
 def _smooth(values: F64, cells: float) -> F64:
+    from scipy.ndimage import gaussian_filter  # 0.4 s: behind the imports of the programs
+
     return np.asarray(gaussian_filter(values, cells, mode="constant", truncate=2.5))

@@ -11,9 +11,9 @@ from typing import Self
 
 import numpy as np
 
-from pipeline.core.arrays import F64, Bools, Rows, check_array
-from pipeline.core.camera import NEAR_M
-from pipeline.core.lenses import Lenses
+from pipeline.core.arrays import F64, Bools, Indices, Rows, check_array
+from pipeline.core.optics.lens_kernels import outermost_points
+from pipeline.core.optics.lenses import Lenses
 from pipeline.core.rig import CameraSensor
 from pipeline.fusion.outline import Outline, cuboid_outline
 
@@ -21,9 +21,6 @@ __all__ = ["PARAMETERS", "CameraArrays", "ProjectedEdges", "edges_in_view", "pro
 
 PARAMETERS = ("x", "y", "yaw", "length", "width", "height", "z")
 """What the derivatives are by, in their order: metres and radians; x, y, z of the centre, in the site frame."""
-
-_AXES = np.array([0, 1, 0, 1])
-"""Left, top, right, bottom: which of u and v each edge is."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +51,8 @@ class CameraArrays:
         matrices = np.array([camera.T_camera_site.matrix for camera in cameras]).reshape(-1, 4, 4)
         sizes = [(camera.model.width_px, camera.model.height_px) for camera in cameras]
         lenses = Lenses.of([camera.model for camera in cameras])
-        return cls(matrices[:, :3, :3], matrices[:, :3, 3], lenses, np.array(sizes, np.float64).reshape(-1, 2))
+        rotations, translations = matrices[:, :3, :3].copy(), matrices[:, :3, 3].copy()
+        return cls(rotations, translations, lenses, np.array(sizes, np.float64).reshape(-1, 2))
 
     def select(self, rows: Rows) -> "CameraArrays":
         """The given rows (mask or indices), in that order."""
@@ -97,11 +95,17 @@ def edges_in_view(centers: F64, sizes: F64, yaws: F64, camera: CameraSensor) -> 
         yaws: (N,) radians about +z.
         camera: The camera.
     """
-    return project_edges(centers, sizes, yaws, CameraArrays.of([camera]).select(np.zeros(len(yaws), np.intp)))
+    return project_edges(centers, sizes, yaws, CameraArrays.of([camera]), rows=np.zeros(len(yaws), np.intp))
 
 
 def project_edges(
-    centers: F64, sizes: F64, yaws: F64, cameras: CameraArrays, outline: Outline | None = None
+    centers: F64,
+    sizes: F64,
+    yaws: F64,
+    cameras: CameraArrays,
+    outline: Outline | None = None,
+    *,
+    rows: Indices | None = None,
 ) -> ProjectedEdges:
     """The rectangles of boxes, each in the image of its own camera.
 
@@ -109,56 +113,22 @@ def project_edges(
         centers: (P, 3) box centres in the site frame, metres.
         sizes: (P, 3) length, width, height, metres.
         yaws: (P,) radians about +z.
-        cameras: P cameras.
-        outline: What is outermost; None: the box itself.
+        cameras: P cameras, or those that `rows` refer to.
+        outline: What is outermost, for as many objects as cameras; None: the box itself.
+        rows: (P,) camera and outline of each box; None: each has its own.
     """
     outline = outline or cuboid_outline(bent=cameras.lenses.bends)
-    R, half = cameras.rotations, sizes / 2
-    cos, sin = np.cos(yaws)[:, None], np.sin(yaws)[:, None]
-    # The directions of length, width and height, and the centre, in the optical frames.
-    along = R[:, :, 0] * cos + R[:, :, 1] * sin
-    across = R[:, :, 1] * cos - R[:, :, 0] * sin
-    axes = along, across, R[:, :, 2]
-    origin = np.einsum("pij,pj->pi", R, centers) + cameras.translations
-    # Axis by axis: short strides are quicker.
-    points_m = [outline.signs[:, k] * half[:, k, None] + outline.offsets[..., k] for k in range(3)]
-    u, v, ahead = _seen(cameras, [_along_axis(points_m, axes, origin, k) for k in range(3)])
-    chosen = np.stack([u.argmin(1), v.argmin(1), u.argmax(1), v.argmax(1)], 1)
-    rows = np.arange(len(yaws))[:, None]
-    makers = outline.signs[chosen]
-    reach_m = np.stack([np.broadcast_to(points_m[k], u.shape)[rows, chosen] for k in range(3)], 2)
-    made_at = np.stack([_along_axis([*np.moveaxis(reach_m, 2, 0)], axes, origin, k) for k in range(3)], 2)
-    pixels, _ = cameras.lenses.project(made_at)
-    by_camera = cameras.lenses.jacobians(made_at)[rows, np.arange(4), _AXES]  # (P, 4, 3)
-    by_site = np.einsum("pei,pij->pej", by_camera, R)
-    by_length = by_site[..., 0] * cos + by_site[..., 1] * sin  # per metre along the box's own axes
-    by_width = by_site[..., 1] * cos - by_site[..., 0] * sin
-    jacobian = np.empty((len(yaws), 4, len(PARAMETERS)))
-    jacobian[..., :2] = by_site[..., :2]
-    jacobian[..., 2] = by_width * reach_m[..., 0] - by_length * reach_m[..., 1]
-    jacobian[..., 3] = by_length * makers[..., 0] / 2
-    jacobian[..., 4] = by_width * makers[..., 1] / 2
-    jacobian[..., 5] = by_site[..., 2] * makers[..., 2] / 2
-    jacobian[..., 6] = by_site[..., 2]
-    return ProjectedEdges(pixels[rows, np.arange(4), _AXES], jacobian, makers, np.asarray(ahead.all(1)))
-
-
-def _along_axis(points: Sequence[F64], axes: Sequence[F64], origin: F64, k: int) -> F64:
-    """(P, S) coordinate k of points with coordinates `points` along the `axes` of boxes around `origin`."""
-    x, y, z = points
-    return np.asarray(x * axes[0][:, k, None] + y * axes[1][:, k, None] + z * axes[2][:, k, None] + origin[:, k, None])
-
-
-def _seen(cameras: CameraArrays, points: Sequence[F64]) -> tuple[F64, F64, Bools]:
-    """Of (P, S) points what grows with their u, what grows with their v, and whether they are ahead."""
-    lenses = cameras.lenses
-    if lenses.bends:
-        pixels, ahead = lenses.project(np.stack(points, 2))
-        return pixels[..., 0], pixels[..., 1], ahead
-    x, y, z = points
-    ahead = z > NEAR_M / 2
-    depth = np.where(ahead, z, 1.0)
-    v = y / depth
-    u = x / depth
-    skew = lenses.K[:, 0, 1] / lenses.K[:, 0, 0]
-    return (u + skew[:, None] * v if skew.any() else u), v, ahead
+    rows = np.arange(len(yaws)) if rows is None else rows
+    xyxy, jacobian, makers, valid = outermost_points(
+        np.ascontiguousarray(centers),
+        np.ascontiguousarray(sizes),
+        np.cos(yaws),
+        np.sin(yaws),
+        rows,
+        outline.signs,
+        outline.offsets,
+        cameras.rotations,
+        cameras.translations,
+        *cameras.lenses.arrays,
+    )
+    return ProjectedEdges(xyxy, jacobian, outline.signs[makers], valid)

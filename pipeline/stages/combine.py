@@ -14,7 +14,6 @@ from pipeline.core.rig import LidarSensor, Rig
 from pipeline.core.settings.combine import CombineConfig, MotionConfig
 from pipeline.filters.deskew import deskew
 from pipeline.filters.ground import find_ground, height_above
-from pipeline.filters.outliers import statistical_inliers
 from pipeline.filters.relief import find_relief
 
 __all__ = ["Combine"]
@@ -35,6 +34,10 @@ class Combine:
         self._rig = rig
         self._config = config
         self._lidar_origins_site = np.array([lidar.T_site_lidar.translation for lidar in rig.lidars])
+        # What is compiled is imported where it is used, not where this file is: see pipeline.core.compiled.
+        from pipeline.filters.outliers import statistical_inliers
+
+        self._statistical_inliers = statistical_inliers
 
     def __call__(self, bundle: SensorBundle, clouds: Mapping[str, PointCloud]) -> CombinedCloud:
         """The combined cloud of one frame.
@@ -70,7 +73,7 @@ class Combine:
         kept = np.arange(len(cloud))
         if config.outliers.enabled:
             neighbors, std_ratio = config.outliers.neighbors, config.outliers.std_ratio
-            kept = np.flatnonzero(statistical_inliers(cloud.xyz, neighbors=neighbors, std_ratio=std_ratio))
+            kept = np.flatnonzero(self._statistical_inliers(cloud.xyz, neighbors=neighbors, std_ratio=std_ratio))
         counts["outliers"] = len(cloud) - len(kept)
 
         ground = self._ground_of(cloud.xyz, kept)

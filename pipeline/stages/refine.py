@@ -53,7 +53,8 @@ class Refine:
             return hypotheses
         edges = measured_edges(hypotheses, boxes2d, views, self._config)
         boxes = hypotheses.boxes
-        predicted, jacobian, in_view = predicted_edges(boxes, edges, self._outline(boxes, edges))
+        outline = self._outline(boxes, edges)
+        predicted, jacobian, in_view = predicted_edges(boxes, edges, outline)
         if not in_view.any():
             return hypotheses
         edges, predicted, jacobian = edges.select(in_view), predicted[in_view], jacobian[in_view]
@@ -62,7 +63,7 @@ class Refine:
         prior = box_prior(chosen, self._lidar_xy, self._config)
         cut_px = moved_by_borders(chosen.select(edges.rows), edges.cameras)
         edges = _with_doubt(edges.with_more_noise(cut_px), predicted, jacobian, prior, len(views))
-        found = refine_boxes(chosen, prior, edges, self._outline(chosen, edges))
+        found = refine_boxes(chosen, prior, edges, outline.select(in_view))
         taken = found.accepted
         rows = objects[taken]
         centers, sizes, yaws = boxes.centers.copy(), boxes.sizes.copy(), boxes.yaws.copy()
@@ -110,5 +111,6 @@ def _with_doubt(edges: MeasuredEdges, predicted: F64, jacobian: F64, prior: BoxP
     slopes = (jacobian[:, :2] + jacobian[:, 2:]) / 2  # of the centre
     variances = np.einsum("pci,pij,pcj->pc", slopes, prior.covariances[edges.rows, :3, :3], slopes)
     variances += (edges.sigma_px[:, :2] ** 2 + edges.sigma_px[:, 2:] ** 2) / 4
-    shifts = camera_shifts(edges.select(whole), ((away[:, :2] + away[:, 2:]) / 2)[whole], variances[whole], count=count)
+    off = (away[:, :2] + away[:, 2:]) / 2
+    shifts = camera_shifts(edges.camera_rows[whole], off[whole], variances[whole], count=count)
     return edges.with_more_noise(np.tile(np.abs(shifts), 2)[edges.camera_rows])

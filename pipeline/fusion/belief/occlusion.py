@@ -16,6 +16,7 @@ import numpy as np
 
 from pipeline.core.arrays import F32, F64, Indices
 from pipeline.core.rig import CameraSensor
+from pipeline.fusion.belief.occlusion_kernels import nearer_shares, nearest_in_cells
 
 __all__ = ["hidden_by_points"]
 
@@ -58,24 +59,10 @@ def hidden_by_points(
         return np.zeros(0)
     matrices = np.stack([view.T_camera_site.matrix for view in views])
     low, cell = _cells(views)
-    nearest = _nearest(matrices.astype(np.float32), _sampled(xyz_site), low, cell)
-    corners = _moved(matrices[cameras], np.moveaxis(corners_site[objects], 2, 0))
-    depth = np.maximum(corners[2], NEAR_M)
-    first, last = [], []
-    for axis, count in ((0, COLUMNS), (1, ROWS)):
-        places = (corners[axis] / depth - low[cameras, axis, None]) / cell[cameras, axis, None]
-        start = np.clip(np.floor(places.min(1)), -1, count)
-        first.append(start[:, None])
-        last.append(np.maximum(np.clip(np.ceil(places.max(1)), 0, count + 1), start + 1)[:, None])
-    across = (np.arange(COLUMNS) >= first[0]) & (np.arange(COLUMNS) < last[0])
-    down = (np.arange(ROWS) >= first[1]) & (np.arange(ROWS) < last[1])
-    middle, ends = corners.mean(2), corners - corners.mean(2, keepdims=True)
-    near_side_m = np.sqrt((middle**2).sum(0)) - np.sqrt((ends**2).sum(0)).max(1)
-    picture = nearest[cameras]
-    inside = down[:, :, None] & across[:, None, :]
-    measured = (inside & np.isfinite(picture)).sum((1, 2))
-    nearer = (inside & (picture < NEARER_SHARE * near_side_m[:, None, None])).sum((1, 2))
-    return np.asarray(nearer / (measured + OPEN_CELLS))
+    matrices32, low32, cell32 = (values.astype(np.float32) for values in (matrices, low, cell))
+    nearest = nearest_in_cells(matrices32, _sampled(xyz_site), low32, cell32, COLUMNS, ROWS, NEAR_M)
+    pairs = np.ascontiguousarray(cameras), np.ascontiguousarray(objects)
+    return nearer_shares(nearest, matrices, corners_site, *pairs, low, cell, NEAR_M, NEARER_SHARE, OPEN_CELLS)
 
 
 def _sampled(xyz: F32) -> F32:
@@ -91,31 +78,3 @@ def _cells(views: Sequence[CameraSensor]) -> tuple[F64, F64]:
     low = np.maximum(-WIDER * middle / focal, -WIDEST)
     high = np.minimum(WIDER * (size - middle) / focal, WIDEST)
     return low, (high - low) / (COLUMNS, ROWS)
-
-
-def _nearest(matrices: F32, xyz: F32, low: F64, cell: F64) -> F32:
-    """(C, ROWS, COLUMNS) range of the nearest point in each cell of each camera, metres; inf without one."""
-    moved = _moved(matrices, xyz.T[:, None])
-    ahead = moved[2] > NEAR_M
-    depth = np.where(ahead, moved[2], np.float32(1))
-    low, cell = low.astype(np.float32), cell.astype(np.float32)
-    column = (moved[0] / depth - low[:, :1]) / cell[:, :1]
-    row = (moved[1] / depth - low[:, 1:]) / cell[:, 1:]
-    camera, point = np.nonzero(ahead & (column >= 0) & (column < COLUMNS) & (row >= 0) & (row < ROWS))
-    column, row = column[camera, point].astype(np.intp), row[camera, point].astype(np.intp)
-    x, y, z = moved[:, camera, point]
-    nearest = np.full(len(matrices) * ROWS * COLUMNS, np.inf, np.float32)
-    np.minimum.at(nearest, (camera * ROWS + row) * COLUMNS + column, np.sqrt(x * x + y * y + z * z))
-    return nearest.reshape(len(matrices), ROWS, COLUMNS)
-
-
-def _moved(matrices: F32 | F64, xyz: F32 | F64) -> F32 | F64:
-    """(3, K, P) x, y, z of points (3, K or 1, P) by K transforms (K, 4, 4). Not BLAS, whose sums may vary."""
-    x, y, z = xyz
-    columns = matrices[:, :3, :, None]
-    return np.stack(
-        [
-            columns[:, axis, 0] * x + columns[:, axis, 1] * y + columns[:, axis, 2] * z + columns[:, axis, 3]
-            for axis in range(3)
-        ]
-    )

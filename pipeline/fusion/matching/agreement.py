@@ -13,7 +13,7 @@ import numpy as np
 from pipeline.core.arrays import F32, F64, I32, I64
 from pipeline.core.association import FREEDOM
 from pipeline.core.detections import Boxes3D
-from pipeline.fusion.small_matrices import inverse_3x3
+from pipeline.fusion.small_matrices import inverse
 
 __all__ = [
     "BoxBelief",
@@ -134,7 +134,7 @@ def what_others_say(boxes: BoxBelief, seen_rows: I64, pairs: MatchedPairs) -> Ot
         others[pairs.seen] -= own
         left.append(others)
     normal, pull, log_others = left
-    covariances = inverse_3x3(inverse_3x3(boxes.covariances)[seen_rows] + normal)
+    covariances = inverse(inverse(boxes.covariances)[seen_rows] + normal)
     log_classes = _log_given(boxes.log_classes[seen_rows] + log_others, boxes.confusion)
     return Others(np.einsum("pab,pb->pa", covariances, pull), covariances, log_classes)
 

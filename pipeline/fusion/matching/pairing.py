@@ -3,11 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from pipeline.core.arrays import F32, F64, I64, Bools, Rows
-from pipeline.core.geometry.boxes import pair_overlaps_xyxy
-from pipeline.fusion.matching.groups import pairs_within
+from pipeline.core.assignment import assign
+from pipeline.fusion.matching.pairing_kernels import overlapping_pairs
 
 __all__ = ["Pairs", "best_pairs", "near_pairs"]
 
@@ -44,9 +43,7 @@ def near_pairs(seen_xyxy: F32, seen_cameras: I64, found_xyxy: F32, found_cameras
         found_cameras: (M,) their cameras, rising.
         min_giou: The least that is enough.
     """
-    seen, found = pairs_within(seen_cameras, found_cameras)
-    iou, giou = pair_overlaps_xyxy(seen_xyxy[seen], found_xyxy[found])
-    return Pairs(seen, found, iou).select(giou >= min_giou)
+    return Pairs(*overlapping_pairs(seen_xyxy, seen_cameras, found_xyxy, found_cameras, min_giou))
 
 
 def best_pairs(pairs: Pairs, worth: F64, seen_cameras: I64) -> Bools:
@@ -71,7 +68,7 @@ def best_pairs(pairs: Pairs, worth: F64, seen_cameras: I64) -> Bools:
         rows, columns = np.unique(row), np.unique(column)
         table = np.zeros((len(rows), len(columns)))
         table[np.searchsorted(rows, row), np.searchsorted(columns, column)] = worth[part]
-        first, second = linear_sum_assignment(table, maximize=True)
+        first, second = assign(-table)
         chosen = dict(zip(rows[first].tolist(), columns[second].tolist(), strict=True))
         taken[part] = [chosen.get(a) == b for a, b in zip(row.tolist(), column.tolist(), strict=True)]
     return taken

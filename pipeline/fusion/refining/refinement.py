@@ -13,19 +13,19 @@ Residuals are weighed by a Cauchy distribution (iteratively reweighted), so that
 """
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Self
 
 import numpy as np
 
-from pipeline.core.arrays import F64, Bools, Indices, check_array
+from pipeline.core.arrays import F64, Bools, check_array
 from pipeline.core.detections import Boxes3D
 from pipeline.core.geometry.boxes import rotations_2d
 from pipeline.fusion.outline import Outline
 from pipeline.fusion.projection import project_edges
 from pipeline.fusion.refining.box_prior import BoxPrior
+from pipeline.fusion.refining.fit_kernels import averaged_states, boxes_at, normal_equations
 from pipeline.fusion.refining.measured_edges import MeasuredEdges
-from pipeline.fusion.small_matrices import solve
+from pipeline.fusion.small_matrices import inverse, solve
 
 __all__ = ["RefinedBoxes", "predicted_edges", "refine_boxes"]
 
@@ -80,81 +80,36 @@ class RefinedBoxes:
         check_array("accepted", self.accepted, (n,), np.bool_)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class _Problem:
-    """N boxes, each with the pairs from `starts` to the next, and each tried at K states.
-
-    What belongs to pairs stands K times, one after another, in `edges` and `outline`: it is the same for all steps.
-    """
+    """N boxes, and P pairs with an outline of the box for each."""
 
     boxes: Boxes3D
     prior: BoxPrior
-    starts: Indices
-    tried: int
     edges: MeasuredEdges
     outline: Outline
+    limits: F64
+    cosines: F64
+    sines: F64
 
     @classmethod
-    def of(cls, boxes: Boxes3D, prior: BoxPrior, edges: MeasuredEdges, outline: Outline, *, tried: int) -> Self:
-        """The problem of P pairs, with an outline for each."""
-        starts = np.searchsorted(edges.rows, np.arange(len(boxes)))
-        own = np.repeat(np.arange(len(edges)), tried)
-        return cls(boxes, prior, starts, tried, edges.select(own), outline.select(own))
-
-    @cached_property
-    def _limits(self) -> F64:
-        return np.tile(self.edges.cameras.image_sizes, 2)
-
-    @cached_property
-    def _near_border(self) -> Bools:
-        measured = self.edges.xyxy
-        return np.asarray(np.minimum(measured, self._limits - measured) < BORDER * self.edges.sigma_px)
-
-    @cached_property
-    def _places(self) -> tuple[F64, F64, F64, F64, F64]:
-        """Centres, sizes, yaws, their cosines and sines, of the prior's boxes of all pairs."""
-        rows = self.edges.rows
-        yaws = self.boxes.yaws[rows]
-        return self.boxes.centers[rows], self.boxes.sizes[rows], yaws, np.cos(yaws), np.sin(yaws)
+    def of(cls, boxes: Boxes3D, prior: BoxPrior, edges: MeasuredEdges, outline: Outline) -> Self:
+        """The problem, with what is the same in all steps."""
+        limits = np.tile(edges.cameras.image_sizes, 2)
+        return cls(boxes, prior, edges, outline, limits, np.cos(boxes.yaws), np.sin(boxes.yaws))
 
     def linearised(self, states: F64) -> tuple[F64, F64, F64]:
         """Normal matrices (N, K, 6, 6), gradients (N, K, 6) and costs (N, K) at states (N, K, 7) less the prior's."""
-        tried = self.tried
-        edges, jacobian = self._edges(states[self.edges.rows[::tried]].reshape(-1, 7))
-        sigma, limits, near_border = self.edges.sigma_px, self._limits, self._near_border
-        cut = ((edges < 0) | (edges > limits)) & near_border
-        residuals = (self.edges.xyxy - np.where(near_border, np.clip(edges, 0, limits), edges)) / sigma
-        squared = (residuals / CAUCHY) ** 2
-        slopes = np.where(cut, 0.0, 1 / sigma)[..., None] * jacobian
-        weighed = slopes / (1 + squared)[..., None]
-        normal = np.einsum("pea,peb->pab", weighed, slopes)
-        pull = np.einsum("pea,pe->pa", weighed, residuals)
-        cost = CAUCHY**2 * np.log1p(squared).sum(1)
-        information = self.prior.information
-        drawn_back = np.einsum("nij,nkj->nki", information, states)
-        return (
-            np.add.reduceat(normal.reshape(-1, tried, 6, 6), self.starts) + information[:, None, _REST[:, None], _REST],
-            np.add.reduceat(pull.reshape(-1, tried, 6), self.starts) - drawn_back[..., _REST],
-            np.add.reduceat(cost.reshape(-1, tried), self.starts) + (drawn_back * states).sum(2),
+        boxes, edges = self.boxes, self.edges
+        turns = self.cosines, self.sines
+        placed = boxes.centers, boxes.sizes, boxes.yaws
+        tried = boxes_at(states, edges.rows, edges.later_s, *placed, *turns, LEAST_SIZE, MOST_SIZE)
+        pairs = np.repeat(np.arange(len(edges)), states.shape[1])
+        found = project_edges(*tried, edges.cameras, self.outline, rows=pairs)
+        measured = edges.xyxy, edges.sigma_px, self.limits, edges.later_s
+        return normal_equations(
+            states, self.prior.information, edges.rows, found.xyxy, found.jacobian, *measured, *turns, BORDER, CAUCHY
         )
-
-    def _edges(self, states: F64) -> tuple[F64, F64]:
-        """Edges (P, 4) and derivatives (P, 4, 6) by `_REST`, at states less the prior's (P, 7)."""
-        later = self.edges.later_s
-        centers, sizes, yaws, cos, sin = self._places
-        centers, sizes = centers.copy(), sizes.copy()
-        along, across = states[:, 5] * later, states[:, 6] * later
-        centers[:, 0] += states[:, 0] + cos * along - sin * across
-        centers[:, 1] += states[:, 1] + sin * along + cos * across
-        sizes[:, :2] = np.clip(sizes[:, :2] + states[:, 3:5], LEAST_SIZE * sizes[:, :2], MOST_SIZE * sizes[:, :2])
-        found = project_edges(centers, sizes, yaws + states[:, _YAW], self.edges.cameras, self.outline)
-        by_x, by_y = found.jacobian[..., 0], found.jacobian[..., 1]
-        jacobian = np.empty((len(states), 4, 6))
-        jacobian[..., :2] = found.jacobian[..., :2]
-        jacobian[..., 2:4] = found.jacobian[..., 3:5]
-        jacobian[..., 4] = (by_x * cos[:, None] + by_y * sin[:, None]) * later[:, None]
-        jacobian[..., 5] = (by_y * cos[:, None] - by_x * sin[:, None]) * later[:, None]
-        return found.xyxy, jacobian
 
     def averaged(self, means: F64, covariances: F64, *, steps: int) -> tuple[F64, F64]:
         """Means (N, 7) and covariances (N, 7, 7), by Gauss-Newton steps from each of some headings.
@@ -171,19 +126,13 @@ class _Problem:
             normal, pull, cost = self.linearised(states)
             right = pull[..., None]
             if not left:  # the inverse, for the covariance
-                right = np.concatenate([right, np.broadcast_to(np.eye(6), (*pull.shape, 6))], 3)
-            found, log_det = solve(np.moveaxis(normal, (2, 3), (0, 1)), np.moveaxis(right, (2, 3), (0, 1)))
-            step = np.moveaxis(found[:, 0], 0, 2)
+                right = np.concatenate([right, np.broadcast_to(np.eye(6), normal.shape)], 3)
+            found, log_det = solve(normal, right)
+            step = found[..., 0]
             states[..., _REST] += step
-        likelihood = -(cost - (step * pull).sum(2) + log_det) / 2
-        weights = np.exp(likelihood - likelihood.max(1, keepdims=True))
-        weights /= weights.sum(1, keepdims=True)
-        mean = (weights[..., None] * states).sum(1)
-        apart = states - mean[:, None]
-        covariances = np.einsum("nk,nki,nkj->nij", weights, apart, apart)
-        covariances[:, _REST[:, None], _REST] += np.moveaxis((weights * found[:, 1:]).sum(-1), 2, 0)
-        covariances[:, _YAW, _YAW] += (yaw_sigma * (offsets[1] - offsets[0])) ** 2 / 12
-        return mean, covariances
+        log_odds = -(cost - (step * pull).sum(2) + log_det) / 2
+        about_each = (yaw_sigma * (offsets[1] - offsets[0])) ** 2 / 12
+        return averaged_states(states, log_odds, np.ascontiguousarray(found[..., 1:]), about_each)
 
 
 def predicted_edges(boxes: Boxes3D, edges: MeasuredEdges, outline: Outline) -> tuple[F64, F64, Bools]:
@@ -212,11 +161,11 @@ def refine_boxes(boxes: Boxes3D, prior: BoxPrior, edges: MeasuredEdges, outline:
         outline: Of the box of each pair.
     """
     n = len(boxes)
-    problem = _Problem.of(boxes, prior, edges, outline, tried=YAWS)
+    problem = _Problem.of(boxes, prior, edges, outline)
     mean, covariances = problem.averaged(np.zeros((n, 7)), prior.covariances, steps=2)
     mean, covariances = problem.averaged(mean, covariances, steps=1)
-    _, _, costs = _Problem.of(boxes, prior, edges, outline, tried=2).linearised(np.stack([np.zeros((n, 7)), mean], 1))
-    inner = np.einsum("ni,nij,nj->n", mean[:, :3], _place_information(prior), mean[:, :3])
+    _, _, costs = problem.linearised(np.stack([np.zeros((n, 7)), mean], 1))
+    inner = np.einsum("ni,nij,nj->n", mean[:, :3], inverse(prior.covariances[:, :3, :3]), mean[:, :3])
     accepted = (costs[:, 1] <= costs[:, 0]) & (inner <= GATE) & (np.abs(mean[:, _YAW]) < np.pi / 2)
     accepted &= np.isfinite(mean).all(1) & np.isfinite(covariances).all((1, 2))
     mean = np.where(accepted[:, None], mean, 0.0)
@@ -226,7 +175,7 @@ def refine_boxes(boxes: Boxes3D, prior: BoxPrior, edges: MeasuredEdges, outline:
     follows[:, _YAW] = prior.yaw_shares
     mean, covariances = follows * mean, follows[:, :, None] * covariances * follows[:, None]
     covariances[:, _YAW, _YAW] += prior.yaw_rests
-    later_s, moved = _best_known(boxes, edges, covariances, problem.starts)
+    later_s, moved = _best_known(boxes, edges, covariances)
     extent = boxes.sizes[:, :2]
     return RefinedBoxes(
         boxes.centers[:, :2] + np.einsum("nij,nj->ni", moved, mean)[:, :2],
@@ -238,7 +187,7 @@ def refine_boxes(boxes: Boxes3D, prior: BoxPrior, edges: MeasuredEdges, outline:
     )
 
 
-def _best_known(boxes: Boxes3D, edges: MeasuredEdges, covariances: F64, starts: Indices) -> tuple[F64, F64]:
+def _best_known(boxes: Boxes3D, edges: MeasuredEdges, covariances: F64) -> tuple[F64, F64]:
     """When the place of each box is known best, between cloud and images.
 
     The speed is hardly known, so the place is known best at the time of what tells most of it: the more an image says,
@@ -250,16 +199,10 @@ def _best_known(boxes: Boxes3D, edges: MeasuredEdges, covariances: F64, starts: 
     turn = rotations_2d(boxes.yaws)
     common = np.einsum("nij,nij->n", turn, covariances[:, :2, 5:])
     later_s = -common / (covariances[:, 5, 5] + covariances[:, 6, 6])
+    starts = np.searchsorted(edges.rows, np.arange(len(boxes)))
     first, last = np.minimum.reduceat(edges.later_s, starts), np.maximum.reduceat(edges.later_s, starts)
     later_s = np.clip(later_s, np.minimum(first, 0.0), np.maximum(last, 0.0))
     moved = np.zeros((len(boxes), 3, 7))
     moved[:, :, :3] = np.eye(3)
     moved[:, :2, 5:] = turn * later_s[:, None, None]
     return later_s, moved
-
-
-def _place_information(prior: BoxPrior) -> F64:
-    """(N, 3, 3) inverses of the covariances of x, y and yaw."""
-    place = np.moveaxis(prior.covariances[:, :3, :3], 0, 2)
-    unit = np.broadcast_to(np.eye(3)[..., None], place.shape)
-    return np.moveaxis(solve(place, unit)[0], 2, 0)
