@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from lidcam.checks.camera_fit import CameraFit
-from lidcam.checks.camera_points import CameraPoints
-from lidcam.checks.camera_shift import CameraShift
-from lidcam.checks.lidar_ground import inverted_lidars
+from lidcam.checks.calibration.camera_fit import CameraFit
+from lidcam.checks.calibration.camera_points import CameraPoints
+from lidcam.checks.calibration.camera_shift import CameraShift
+from lidcam.checks.calibration.lidar_ground import inverted_lidars
 from lidcam.checks.warning import RunWarning
 from pipeline.core.clouds import PointCloud
 from pipeline.core.frame import FrameResult, SensorBundle

@@ -9,7 +9,7 @@ from detections import boxes3d, forward_camera
 from frames import RIG, frame
 from scipy.spatial.transform import Rotation
 
-from lidcam.checks.camera_fit import MAX_FRAMES, CameraFit
+from lidcam.checks.calibration.camera_fit import MAX_FRAMES, CameraFit
 from pipeline.core.arrays import F64
 from pipeline.core.detections import Boxes2D, Detections
 from pipeline.core.frame import FrameResult

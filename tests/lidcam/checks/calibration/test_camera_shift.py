@@ -9,7 +9,7 @@ import pytest
 from detections import boxes2d, boxes3d, camera_rig, forward_camera
 from frames import frame
 
-from lidcam.checks.camera_shift import MAX_FRAMES, MIN_FRAMES, CameraShift
+from lidcam.checks.calibration.camera_shift import MAX_FRAMES, MIN_FRAMES, CameraShift
 from pipeline.core.arrays import F64
 from pipeline.core.detections import Detections, Hypotheses, Matches
 from pipeline.core.frame import FrameResult
