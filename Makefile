@@ -23,6 +23,9 @@ UV ?= uv
 UPGRADE ?=
 COMPILE = UV_CUSTOM_COMPILE_COMMAND='make locks' $(UV) pip compile --quiet --universal --python-version 3.11 --no-build --generate-hashes --no-annotate $(UPGRADE)
 
+# Where this is set, as in some containers, each of the hundreds of programs that the tests start compiles all sources anew.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: demo gate golden test check fuzz campaign samples bench numbers locks
 .DELETE_ON_ERROR:
 

@@ -9,13 +9,8 @@ from pipeline.core.errors import ModelError
 from pipeline.core.frame import Decoded, SensorBundle
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
-from pipeline.detectors.onnx.detector import OnnxDetector2D
 from pipeline.graph import Graph, Node
-from pipeline.stages.detect2d import Detect2D
-from pipeline.stages.detect3d import Detect3D
-from pipeline.stages.recorded3d import Recorded3D
 from readers.streams.decoders import ImageDecoder, OnBadMessage, RecordedBoxes
-from readers.streams.recorded3d import RecordedBoxes3D
 
 __all__ = ["BoxSource", "BoxSource3D", "add_boxes2d", "add_boxes3d", "box_source", "wanted_boxes"]
 
@@ -48,8 +43,13 @@ def add_boxes3d(
 ) -> tuple[Node[Decoded[Boxes3D]], Node[Boxes3D]]:
     """What the messages of recorded 3D detectors held, which is nothing if none are used; and the frame's 3D boxes."""
     if config.detect3d.method != "recorded":
+        from pipeline.stages.detect3d import Detect3D  # behind the imports of programs that detect nothing
+
         nothing = graph.add("no recorded 3D boxes", _no_boxes3d, graph.frame)
         return nothing, graph.add("detect 3D", Detect3D(rig, config), combined)
+    from pipeline.stages.recorded3d import Recorded3D
+    from readers.streams.recorded3d import RecordedBoxes3D
+
     recorded = graph.add("read 3D boxes", RecordedBoxes3D(rig, config, on_bad=on_bad), graph.frame)
     return recorded, graph.add("join 3D boxes", Recorded3D(rig), graph.frame, recorded)
 
@@ -71,6 +71,9 @@ def add_boxes2d(
         return recorded, recorded
     if config.detect2d.model is None:
         raise ModelError("2D detection by onnx needs a model: give --model-2d FILE.onnx or set detect2d.model")
+    from pipeline.detectors.onnx.detector import OnnxDetector2D
+    from pipeline.stages.detect2d import Detect2D
+
     images = graph.add("decode images", ImageDecoder(rig, config, on_bad=on_bad), graph.frame)
     detect2d = Detect2D(rig, config, OnnxDetector2D(config.detect2d.model, config))
     return images, graph.add("detect 2D", detect2d, images)

@@ -5,12 +5,12 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from lidcam.box_sources import BoxSource, BoxSource3D, box_source
-from lidcam.checks.calibration import check_first_clouds
+from lidcam.checks.calibration.check import check_first_clouds
+from lidcam.checks.empty import check_not_empty
 from lidcam.checks.incomplete import damage_lines, left_out_lines
 from lidcam.checks.warning import RunWarning
 from lidcam.frames import TimeWindow
 from lidcam.job import RigSource, read_rig
-from lidcam.run import check_not_empty
 from lidcam.settings.choice import SettingsChoice, UsedSettings, used_record
 from lidcam.settings.settle import settle, with_zones
 from lidcam.summary import loss_records

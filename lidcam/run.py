@@ -15,9 +15,10 @@ from pathlib import Path
 from lidcam.box_sources import box_source, wanted_boxes
 from lidcam.build import build_graph
 from lidcam.checks.absent import absence_warnings, clocks_off
-from lidcam.checks.calibration import CalibrationCheck
+from lidcam.checks.calibration.check import CalibrationCheck
 from lidcam.checks.class_numbers import class_number_warnings
 from lidcam.checks.clocks import clock_notes, jump_warnings
+from lidcam.checks.empty import check_not_empty
 from lidcam.checks.files import FileCheck
 from lidcam.checks.late import late_warnings
 from lidcam.checks.lidars import LidarCheck
@@ -57,7 +58,7 @@ from readers.streams.motion import find_motion_source
 from readers.streams.per_sensor import sensor_messages
 from writers.base import ResultWriter
 
-__all__ = ["Run", "RunObserver", "check_not_empty", "iter_frames", "process_recording"]
+__all__ = ["Run", "RunObserver", "iter_frames", "process_recording"]
 
 logger = logging.getLogger(__name__)
 
@@ -306,17 +307,6 @@ class Run:
             if drop.topic not in motion_topics:
                 for _ in range(count):
                     self._drops.add_bad(drop)
-
-
-def check_not_empty(recording: Recording) -> None:
-    """Whether there is anything to read.
-
-    Raises:
-        RecordingError: there is not.
-    """
-    if recording.message_count == 0:
-        names = ", ".join(str(path) for path in recording.paths)
-        raise RecordingError(f"{names}: the recording has no messages; record it again, or check that it was closed")
 
 
 def _window(recording: Recording, job: Job) -> TimeWindow:

@@ -77,7 +77,8 @@ def evaluate(
     Detection, calibration of scores, gain by fusion, tracks; by class, range
     and zone.
     """
-    from lidcam.commands.evaluate import EvaluateOptions, requirement_errors, run_evaluate
+    from lidcam.commands.evaluate import EvaluateOptions, run_evaluate
+    from lidcam.commands.requirement_errors import requirement_errors
     from lidcam.evaluation.evaluation import make_evaluation_job
     from lidcam.job import read_files
 

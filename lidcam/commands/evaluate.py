@@ -1,24 +1,20 @@
 """What `lidcam evaluate` does."""
 
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-
-import typer
 
 from lidcam.commands.envelope import envelope
 from lidcam.commands.json_output import json_output
 from lidcam.commands.verdict import Verdict
 from lidcam.evaluation.evaluate import EvaluationObserver, evaluate_result
 from lidcam.evaluation.evaluation import Evaluation, EvaluationJob
-from lidcam.evaluation.requirement import RequirementError
 from lidcam.printing.evaluation import print_evaluation
 from lidcam.printing.progress import show_progress
 from lidcam.printing.terminal import console
 
-__all__ = ["EvaluateOptions", "Shown", "requirement_errors", "run_evaluate"]
+__all__ = ["EvaluateOptions", "Shown", "run_evaluate"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,19 +67,6 @@ class Shown(EvaluationObserver):
     def advanced(self, done_s: float, frames: int) -> None:
         """Move it on."""
         self._advance(done_s, f"{frames} frames evaluated")
-
-
-@contextmanager
-def requirement_errors() -> Iterator[None]:
-    """Turn requirements that are none, or name no figure, into wrong usage.
-
-    Raises:
-        typer.BadParameter: one is.
-    """
-    try:
-        yield
-    except RequirementError as err:
-        raise typer.BadParameter(str(err), param_hint="--require") from err
 
 
 def _tree(evaluation: Evaluation, verdict: Verdict) -> dict[str, Any]:

@@ -5,29 +5,27 @@ import time
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
 from lidcam.commands.envelope import envelope
-from lidcam.commands.evaluate import Shown
 from lidcam.commands.json_output import json_output
 from lidcam.commands.strict import Strictness
 from lidcam.commands.verdict import Verdict
-from lidcam.evaluation.evaluate import evaluate_result
-from lidcam.evaluation.evaluation import Evaluation, EvaluationJob
-from lidcam.evaluation.evaluators import known_figures
 from lidcam.evaluation.requirement import Requirement, check_names
 from lidcam.frames import RunInput
 from lidcam.job import Job
 from lidcam.printing.console import print_detections, print_matches, print_report
-from lidcam.printing.evaluation import print_evaluation
 from lidcam.printing.progress import Advance, show_progress
 from lidcam.printing.terminal import console
 from lidcam.run import RunObserver, process_recording
 from lidcam.settings.choice import used_record
 from lidcam.summary import RunProgress, RunReport, report_tree
 from pipeline.core.frame import FrameResult
+
+if TYPE_CHECKING:  # evaluation is imported where a run is evaluated
+    from lidcam.evaluation.evaluation import Evaluation
 
 __all__ = ["Printed", "run_process"]
 
@@ -92,20 +90,26 @@ def run_process(
     verdict.end()
 
 
-def _evaluated(job: Job, requirements: Sequence[Requirement]) -> Evaluation:
+def _evaluated(job: Job, requirements: Sequence[Requirement]) -> "Evaluation":
+    from lidcam.commands.evaluate import Shown
+    from lidcam.evaluation.evaluate import evaluate_result
+    from lidcam.evaluation.evaluation import EvaluationJob
+
     (result,) = (path for path in job.outputs if path.suffix == ".mcap")
     with ExitStack() as stack:
         return evaluate_result(EvaluationJob(result, requirements=tuple(requirements)), Shown(stack))
 
 
-def _print(out: Console, report: RunReport, evaluation: Evaluation | None) -> None:
+def _print(out: Console, report: RunReport, evaluation: "Evaluation | None") -> None:
     print_report(out, report)
     if evaluation is not None:
+        from lidcam.printing.evaluation import print_evaluation
+
         out.print()
         print_evaluation(out, evaluation)
 
 
-def _tree(report: RunReport, evaluation: Evaluation | None, verdict: Verdict) -> dict[str, Any]:
+def _tree(report: RunReport, evaluation: "Evaluation | None", verdict: Verdict) -> dict[str, Any]:
     figures = report_tree(report)
     if evaluation is not None:
         measured = evaluation.tree()
@@ -131,6 +135,8 @@ class _Terminal(RunObserver):
 
     def opened(self, source: RunInput) -> None:
         if self._requirements:
+            from lidcam.evaluation.evaluators import known_figures
+
             check_names(self._requirements, known_figures(source.config, source.rig, SOURCES))
         recording, window = source.recording, source.window
         self._config = source.config

@@ -8,9 +8,6 @@ from collections.abc import Iterator
 from itertools import pairwise
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from pipeline.core.arrays import F64, I32, I64, Bools, Indices
 
@@ -42,6 +39,9 @@ def conflicts(first: I64, second: I64) -> Iterator[Indices]:
     """
     if not len(first):
         return
+    from scipy.sparse import coo_array  # a fifth of a second: behind the imports of the programs
+    from scipy.sparse.csgraph import connected_components
+
     rows, first_nodes = np.unique(first, return_inverse=True)
     columns, second_nodes = np.unique(second, return_inverse=True)
     count = len(rows) + len(columns)
@@ -63,6 +63,8 @@ def dense_assignment(first: I64, second: I64, costs: F64, missing: float) -> Boo
         costs: (P,) of each pair.
         missing: Cost of two rows that are not a pair; they are assigned to nothing.
     """
+    from scipy.optimize import linear_sum_assignment  # a third of a second: behind the imports of the programs
+
     # Most components have two or three pairs: sets are faster than sorted arrays there.
     first_rows, second_rows = first.tolist(), second.tolist()
     rows = {row: k for k, row in enumerate(sorted(set(first_rows)))}

@@ -9,11 +9,6 @@ import json
 from functools import lru_cache
 from typing import Any
 
-from google.protobuf.descriptor_database import DescriptorDatabase
-from google.protobuf.descriptor_pb2 import FileDescriptorSet
-from google.protobuf.descriptor_pool import DescriptorPool
-from google.protobuf.message_factory import GetMessageClass
-
 from pipeline.core.errors import MessageError, is_short_memory
 from pipeline.core.messages import Channel, RawMessage
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
@@ -116,6 +111,12 @@ def time_ns(value: Fields) -> int:
 @lru_cache(maxsize=256)
 def _message_class(channel: Channel) -> Any | str:
     """The class of a protobuf channel's messages, or why there is none: failures are cached too."""
+    # Google's library is imported for recordings that have such messages.
+    from google.protobuf.descriptor_database import DescriptorDatabase
+    from google.protobuf.descriptor_pb2 import FileDescriptorSet
+    from google.protobuf.descriptor_pool import DescriptorPool
+    from google.protobuf.message_factory import GetMessageClass
+
     try:
         database = DescriptorDatabase()
         for file in FileDescriptorSet.FromString(base64.b64decode(channel.definition)).file:

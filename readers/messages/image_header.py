@@ -5,15 +5,13 @@ A file of a few kilobytes can claim a billion pixels, and OpenCV allocates them 
 
 import struct
 import warnings
+from functools import cache
+from importlib import import_module
 from io import BytesIO
+from typing import TYPE_CHECKING
 
-from PIL.AvifImagePlugin import AvifImageFile
-from PIL.BmpImagePlugin import BmpImageFile
-from PIL.ImageFile import ImageFile
-from PIL.JpegImagePlugin import JpegImageFile
-from PIL.PngImagePlugin import PngImageFile
-from PIL.TiffImagePlugin import IMAGELENGTH, IMAGEWIDTH, TILELENGTH, TILEWIDTH, TiffImageFile
-from PIL.WebPImagePlugin import WebPImageFile
+if TYPE_CHECKING:  # Pillow is imported when a picture is looked at, and of its formats only those that come
+    from PIL.ImageFile import ImageFile
 
 __all__ = ["KINDS", "image_size"]
 
@@ -25,15 +23,17 @@ MAX_SCANS = 100
 JPEG_HEAD_BYTES = 1 << 20
 """Thumbnails and colour profiles before a JPEG's frame take a few hundred kilobytes; Pillow skips junk byte by byte."""
 
-# Not `Image.open`, whose own limit of pixels is global to the process.
-_PLUGINS: tuple[tuple[bytes, int, type[ImageFile]], ...] = (
-    (b"\xff\xd8\xff", 0, JpegImageFile),
-    (b"\x89PNG\r\n\x1a\n", 0, PngImageFile),
-    (b"WEBP", 8, WebPImageFile),
-    (b"ftypavi", 4, AvifImageFile),
-    (b"II*\0", 0, TiffImageFile),
-    (b"MM\0*", 0, TiffImageFile),
-    (b"BM", 0, BmpImageFile),
+JPEG, TIFF = "Jpeg", "Tiff"
+
+# By Pillow's names. Not `Image.open`, whose own limit of pixels is global to the process.
+_FORMATS = (
+    (b"\xff\xd8\xff", 0, JPEG),
+    (b"\x89PNG\r\n\x1a\n", 0, "Png"),
+    (b"WEBP", 8, "WebP"),
+    (b"ftypavi", 4, "Avif"),
+    (b"II*\0", 0, TIFF),
+    (b"MM\0*", 0, TIFF),
+    (b"BM", 0, "Bmp"),
 )
 
 warnings.filterwarnings("ignore", module=r"PIL\.")  # about damaged metadata, which are not read
@@ -43,12 +43,13 @@ Size = tuple[int, int]
 
 def image_size(data: bytes) -> Size | None:
     """Width and height in pixels; None if the data are not an image of `KINDS`, or a damaged one."""
-    plugin = next((plugin for magic, at, plugin in _PLUGINS if data.startswith(magic, at)), None)
-    if plugin is None or (plugin is JpegImageFile and data.count(b"\xff\xda") > MAX_SCANS):
+    name = next((name for magic, at, name in _FORMATS if data.startswith(magic, at)), None)
+    if name is None or (name == JPEG and data.count(b"\xff\xda") > MAX_SCANS):
         return None
+    plugin = _plugin(name)
     try:
-        image = plugin(BytesIO(data[:JPEG_HEAD_BYTES] if plugin is JpegImageFile else data))
-        if isinstance(image, TiffImageFile):
+        image = plugin(BytesIO(data[:JPEG_HEAD_BYTES] if name == JPEG else data))
+        if name == TIFF:
             return _tiff_size(image, data)
         size = image.size
         image.verify()  # all chunks of a PNG are there: OpenCV allocates what a chunk claims
@@ -59,12 +60,21 @@ def image_size(data: bytes) -> Size | None:
     return size
 
 
-def _tiff_size(image: TiffImageFile, data: bytes) -> Size | None:
+@cache
+def _plugin(name: str) -> "type[ImageFile]":
+    found: type[ImageFile] = getattr(import_module(f"PIL.{name}ImagePlugin"), f"{name}ImageFile")
+    return found
+
+
+def _tiff_size(image: "ImageFile", data: bytes) -> Size | None:
     """Size of the image or of its tiles, whichever is larger, before any rotation.
 
     None unless Pillow took every field: it skips those that claim more data than the file holds, but OpenCV's libtiff
     copies them.
     """
+    from PIL.TiffImagePlugin import IMAGELENGTH, IMAGEWIDTH, TILELENGTH, TILEWIDTH, TiffImageFile
+
+    assert isinstance(image, TiffImageFile)
     tags, order = image.tag_v2, "<" if data[:2] == b"II" else ">"
     (directory,) = struct.unpack_from(f"{order}I", data, 4)
     (fields,) = struct.unpack_from(f"{order}H", data, directory)

@@ -12,10 +12,10 @@ from typing import Annotated, Any
 
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
-from scipy.spatial.transform import Rotation
 
 from pipeline.core.arrays import F64
 from pipeline.core.errors import CalibrationError
+from pipeline.core.geometry.rotations import matrix_of_quaternion, matrix_of_rpy
 from pipeline.core.rig import TruthVehicle
 from pipeline.core.settings.recording import ZoneConfig
 from pipeline.core.settings.validation.check import checked
@@ -81,12 +81,12 @@ class Pose(_Model):
         matrix = np.eye(4)
         matrix[:3, 3] = self.translation_m or (0.0, 0.0, 0.0)
         if self.rpy_deg is not None:
-            matrix[:3, :3] = Rotation.from_euler("xyz", self.rpy_deg, degrees=True).as_matrix()
+            matrix[:3, :3] = matrix_of_rpy(np.deg2rad(self.rpy_deg))
         if self.rotation_xyzw is not None:
             length = float(np.linalg.norm(self.rotation_xyzw))
             if not abs(length - 1) <= 0.01:
                 raise CalibrationError(f"rotation_xyzw: expected a quaternion of length 1, found {length:g}")
-            matrix[:3, :3] = Rotation.from_quat(self.rotation_xyzw).as_matrix()
+            matrix[:3, :3] = matrix_of_quaternion(self.rotation_xyzw)
         return matrix
 
     @model_validator(mode="after")

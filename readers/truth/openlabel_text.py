@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from pipeline.core.arrays import F64
 from pipeline.core.errors import RecordingError
+from pipeline.core.geometry.rotations import matrix_of_quaternion, matrix_of_rpy
 from pipeline.core.messages import time_fault
 from pipeline.evaluation.records import UNKNOWN
 
@@ -151,10 +151,10 @@ def _cuboid(uuid: str, label: str, content: Any, where: str) -> Cuboid:
 def _rotation(values: Sequence[float], where: str) -> F64:
     """A quaternion x, y, z, w, or angles about x, y and z, of which that about x is applied first."""
     if len(values) == 3:
-        return np.array(Rotation.from_euler("xyz", values).as_matrix())
+        return matrix_of_rpy(values)
     if not abs(math.hypot(*values) - 1) <= UNIT:
         raise _UnfitError(f"{where}: expected a quaternion of length 1, found {math.hypot(*values):g}")
-    return np.array(Rotation.from_quat(values).as_matrix())
+    return matrix_of_quaternion(values)
 
 
 def _points(cuboid: Mapping[str, Any], where: str) -> int:

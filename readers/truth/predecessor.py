@@ -10,10 +10,10 @@ the site frame. The box of the car is that of the rig's section `truth`, else th
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from pipeline.core.arrays import F64
 from pipeline.core.errors import RecordingError
+from pipeline.core.geometry.rotations import matrix_of_quaternion, matrix_of_rpy
 from pipeline.core.rig import Rig, TruthVehicle
 from pipeline.core.settings.config import Config
 from pipeline.evaluation.records import TruthBoxes2D, TruthBoxes3D
@@ -115,7 +115,7 @@ def parse_odometry_rows(text: str, path: Path) -> tuple[F64, F64 | None]:
     poses[:, 2, 3] = rows[:, 2] if columns > 3 else CAR_CENTER_Z_M
     sizes: F64 | None = None
     if columns in (7, 13) and _are_quaternions(rows[:, 3:7]):
-        poses[:, :3, :3] = Rotation.from_quat(rows[:, 3:7]).as_matrix()
+        poses[:, :3, :3] = matrix_of_quaternion(rows[:, 3:7])
         return poses, None
     if columns == 13:
         raise RecordingError(f"{path}: expected a quaternion in columns 4 to 7 of 13, found other numbers")
@@ -125,7 +125,7 @@ def parse_odometry_rows(text: str, path: Path) -> tuple[F64, F64 | None]:
             raise RecordingError(
                 f"{path}: expected a quaternion, or a size and a yaw, in columns 4 to 7, found neither"
             )
-    poses[:, :3, :3] = Rotation.from_euler("z", rows[:, -1:]).as_matrix()
+    poses[:, :3, :3] = [matrix_of_rpy((0.0, 0.0, yaw)) for yaw in rows[:, -1]]
     return poses, sizes
 
 

@@ -21,12 +21,18 @@ def load() -> None:
     """Import what runs need."""
     for name in (
         "pandas",  # Rerun imports it in the middle of a run
+        "PIL.JpegImagePlugin",
+        "rosbags.convert.converter",
         "rosbags.rosbag1",
         "rosbags.rosbag2",
         "bags.simulator.recorder.files",
         "lidcam.__main__",
         "lidcam.commands.inspect",
         "lidcam.commands.process",
+        "pipeline.stages.detect3d",
+        "scipy.ndimage",
+        "scipy.optimize",
+        "scipy.spatial.transform",
         "writers.rerun.writer",
     ):
         import_module(name)

@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from pipeline.core.arrays import Indices
 from pipeline.core.geometry.rotated_iou import BoxArrays, shared_ground
@@ -41,12 +40,17 @@ def _rivals(boxes: BoxArrays) -> Iterator[tuple[Indices, Indices]]:
         return
     places, ground_m2 = boxes.centers[:, :2], boxes.sizes[:, 0] * boxes.sizes[:, 1]
     reach_m = np.hypot(boxes.sizes[:, 0], boxes.sizes[:, 1]) / 2
-    tree = cKDTree(places)
+    # Neighbours along the axis on which the boxes lie furthest apart.
+    along_m = places[:, np.argmax(np.ptp(places, axis=0))]
+    order = np.argsort(along_m, kind="stable")
+    sorted_m = along_m[order]
     for start in range(0, count, BLOCK):
         rows = np.arange(start, min(start + BLOCK, count))
         largest_m = (reach_m[rows] + reach_m.max()) * (1 + 1e-9)
-        lists = tree.query_ball_point(places[rows], largest_m)
-        first, second = np.repeat(rows, [len(one) for one in lists]), np.concatenate(lists).astype(np.intp)
+        begins = np.searchsorted(sorted_m, along_m[rows] - largest_m)
+        counts = np.searchsorted(sorted_m, along_m[rows] + largest_m, side="right") - begins
+        first = np.repeat(rows, counts)
+        second = order[np.arange(len(first)) + np.repeat(begins - np.cumsum(counts) + counts, counts)]
         is_before = second < first
         first, second = first[is_before], second[is_before]
         gap = places[first] - places[second]

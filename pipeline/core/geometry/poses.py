@@ -1,7 +1,6 @@
 """Interpolation of poses."""
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from pipeline.core.arrays import F64, I64
 
@@ -19,6 +18,8 @@ def interpolate_poses(stamps_ns: I64, poses: F64, wanted_ns: I64) -> F64:
     Returns:
         (W, 4, 4).
     """
+    from scipy.spatial.transform import Rotation  # a third of a second, for recordings with motion alone
+
     # Times relative to the first stamp: float64 seconds of the Unix epoch would only resolve 240 ns.
     start = int(stamps_ns[0])
     known = (stamps_ns - start).astype(np.float64)

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial.transform import Rotation
 
 from pipeline.core.arrays import F64, Array, check_array
 from pipeline.core.errors import FrameError
+from pipeline.core.geometry.rotations import matrix_of_quaternion, quaternion_of_matrix
 
 __all__ = ["Transform", "rotation_fault"]
 
@@ -71,7 +71,7 @@ class Transform:
     @property
     def quaternion_xyzw(self) -> F64:
         """(4,) unit quaternion x, y, z, w with w >= 0."""
-        return Rotation.from_matrix(self.matrix[:3, :3]).as_quat(canonical=True)
+        return quaternion_of_matrix(self.matrix[:3, :3])
 
     @classmethod
     def identity(cls, dst: str, src: str) -> "Transform":
@@ -93,7 +93,7 @@ class Transform:
                 f"got {quaternion.tolist()} and {shift.tolist()}"
             )
         matrix = np.eye(4)
-        matrix[:3, :3] = Rotation.from_quat(quaternion).as_matrix()
+        matrix[:3, :3] = matrix_of_quaternion(quaternion)
         matrix[:3, 3] = shift
         return cls(dst, src, matrix)
 

@@ -11,21 +11,16 @@ makes their sums exact, and all further steps are ordered by grid cell.
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from pipeline.core.arrays import F64, I64
+from pipeline.detectors.cluster.grid_kernels import ascending, average, cell_keys, levels, link
 
 __all__ = ["Cells", "cluster_points", "thin_points"]
 
 
-RESOLUTION_PER_M = 8192.0
-"""Coordinates are rounded to this fraction of a metre (0.12 mm), so float64 adds up a million of them exactly."""
-
 LINK_CELL_SHARE = 0.6
 """Edge of the linked cells, as a share of the link distance; finer cells cost more and change little."""
+
 
 LEVEL_GROWTH = 1.5
 """Ratio of the distances of neighbouring levels, in the grid and in the search."""
@@ -37,47 +32,34 @@ class Cells:
 
     Attributes:
         means: (M, 3) float64 mean of each cell's points, metres.
+        distance_m: (M,) float64 smallest link distance of each cell's points.
         counts: (M,) int64 number of points in each cell.
-        members: (N,) int64 rows of the points, cell after cell.
-        starts: (M,) int64 start of each cell in `members`.
+        first: (M,) int64 first point of each cell.
+        cell_of_point: (N,) int64 cell of each point.
     """
 
     means: F64
+    distance_m: F64
     counts: I64
-    members: I64
-    starts: I64
-
-    @property
-    def cell_of_point(self) -> I64:
-        """(N,) cell of each point."""
-        cells = np.empty(len(self.members), np.int64)
-        cells[self.members] = np.repeat(np.arange(len(self.starts)), self.counts)
-        return cells
+    first: I64
+    cell_of_point: I64
 
 
-def thin_points(points: F64, cell_m: F64, group: npt.NDArray[np.integer] | None = None) -> Cells:
+def thin_points(points: F64, distance_m: F64, share: float, group: I64 | None = None) -> Cells:
     """Group at least one point by the cells of a grid of varying size.
 
     Args:
         points: (N, 3) metres.
-        cell_m: (N,) edge of the cell at each point, rounded down to the next of a series of sizes.
+        distance_m: (N,) link distance at each point, positive.
+        share: Edge of the cell at a point, as a share of this distance; rounded down to the next of a series of sizes.
         group: (N,) group of each point, from 0; different groups share no cell.
     """
-    # A row per coordinate: several times faster than rows of three.
-    exact = np.rint(np.ascontiguousarray(points.T) * RESOLUTION_PER_M) / RESOLUTION_PER_M
-    level = _levels(cell_m)
-    edge_m = cell_m.min() * LEVEL_GROWTH ** np.arange(level.max() + 1)
-    cell = np.floor(exact / edge_m[level]).astype(np.int64)
-    cell -= cell.min(1, keepdims=True)
-    span = cell.max(1) + 1
-    key = level if group is None else level * (int(group.max()) + 1) + group
-    for axis in range(3):
-        key = key * span[axis] + cell[axis]
-    members = np.argsort(key, kind="stable")  # fast where neighbours in a scan are neighbours in space
-    starts = np.flatnonzero(np.diff(key[members], prepend=-1))
-    counts = np.diff(starts, append=len(key))
-    means = np.add.reduceat(exact.take(members, axis=1), starts, axis=1) / counts
-    return Cells(np.ascontiguousarray(means.T), counts, members, starts)
+    points = np.ascontiguousarray(points)
+    group = np.zeros(len(points), np.int64) if group is None else group
+    edges_m = _series(share * distance_m.min(), share * distance_m.max())
+    keys = cell_keys(points, levels(distance_m, share, edges_m), edges_m, group, int(group.max()) + 1)
+    size, means, least_m, counts, first, cell_of_point = average(points, distance_m, keys, ascending(keys))
+    return Cells(means[:size], least_m[:size], counts[:size], first[:size], cell_of_point)
 
 
 def cluster_points(points: F64, link_distance_m: F64) -> tuple[int, I64]:
@@ -95,36 +77,16 @@ def cluster_points(points: F64, link_distance_m: F64) -> tuple[int, I64]:
     """
     if not len(points):
         return 0, np.zeros(0, np.int64)
-    cells = thin_points(points, LINK_CELL_SHARE * link_distance_m)
-    distance_m = np.minimum.reduceat(link_distance_m[cells.members], cells.starts)
-    edges = _near_pairs(cells.means, distance_m)
-    size = len(cells.starts)
-    graph = coo_array((np.ones(edges.shape[1]), tuple(edges)), shape=(size, size))
-    count, cluster_of_cell = connected_components(graph.tocsr(), directed=False)
-    return int(count), cluster_of_cell.astype(np.int64)[cells.cell_of_point]
+    cells = thin_points(points, link_distance_m, LINK_CELL_SHARE)
+    series = _series(cells.distance_m.min(), cells.distance_m.max())
+    level = levels(cells.distance_m, 1.0, series)
+    count, cluster_of_cell = link(cells.means, cells.distance_m, level, len(series))
+    return count, cluster_of_cell[cells.cell_of_point]
 
 
-def _near_pairs(means: F64, distance_m: F64) -> I64:
-    """(2, E) pairs at most the smaller of their link distances apart.
-
-    Searched level by level, so that the wide search of far cells leaves out the near ones: each pair is found at the
-    level of its smaller distance, which includes both.
-    """
-    level = _levels(distance_m)
-    columns = np.ascontiguousarray(means.T)
-    found = [np.zeros((2, 0), np.int64)]
-    for lowest in np.unique(level):
-        rows = np.flatnonzero(level >= lowest)
-        reach = float(distance_m[level == lowest].max())
-        tree = cKDTree(means[rows], balanced_tree=False, compact_nodes=False)
-        a, b = rows.take(tree.query_pairs(reach, output_type="ndarray").T)
-        x, y, z = columns.take(a, axis=1) - columns.take(b, axis=1)
-        near = x**2 + y**2 + z**2 <= np.minimum(distance_m.take(a), distance_m.take(b)) ** 2
-        found.append(np.stack([a[near], b[near]]))
-    return np.concatenate(found, 1)
-
-
-def _levels(distance_m: F64) -> I64:
-    """(N,) step of each distance in a geometric series that starts at the smallest one."""
-    steps = np.log(distance_m / distance_m.min()) / np.log(LEVEL_GROWTH)
-    return np.asarray(np.floor(steps), np.int64)
+def _series(first: float, last: float) -> F64:
+    """A geometric series from `first` up to `last`."""
+    steps = [first]
+    while steps[-1] * LEVEL_GROWTH <= last < np.inf:
+        steps.append(first * LEVEL_GROWTH ** len(steps))
+    return np.array(steps)

@@ -3,7 +3,6 @@
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from pipeline.core.arrays import F64, Array, Bools, Indices
 from pipeline.core.geometry.boxes import iou_xyxy, wrap_angle
@@ -71,6 +70,8 @@ def _differences(first: Array, second: Array) -> F64:
 
 def _assigned(cost: F64) -> Matched:
     """The assignment of the smallest sum; a pair that costs 1 is no better than none."""
+    from scipy.optimize import linear_sum_assignment  # a third of a second: behind the imports of the programs
+
     rows, columns = linear_sum_assignment(np.minimum(cost, 1.0))
     is_pair = cost[rows, columns] < 1
     return Matched(rows[is_pair], columns[is_pair])

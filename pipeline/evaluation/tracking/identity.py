@@ -7,8 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import min_weight_full_bipartite_matching
 
 from pipeline.core.arrays import I64
 from pipeline.evaluation.tracking.table import TrackTable
@@ -48,6 +46,9 @@ def _most(pairs: I64, counts: I64) -> int:
     """
     if not len(pairs):
         return 0
+    from scipy.sparse import csr_array  # a fifth of a second: behind the imports of the programs
+    from scipy.sparse.csgraph import min_weight_full_bipartite_matching
+
     truth, row_of = np.unique(pairs[:, 0], return_inverse=True)
     found, column_of = np.unique(pairs[:, 1], return_inverse=True)
     nobody = np.arange(len(truth))

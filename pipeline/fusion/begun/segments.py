@@ -114,10 +114,9 @@ def choose_segments(
 def _linked(xyz: F32, found: FrustumPoints, link_m: F64, config: ClusterConfig) -> I64:
     """(P,) segment of each point; no segment is in two frustums."""
     position = xyz[found.rows].astype(np.float64) * [1.0, 1.0, config.height_weight]
-    cells = thin_points(position, THIN_SHARE * link_m, found.group)
-    members = cells.members[cells.starts]
-    means = cells.means + np.array([APART_M, 0.0, 0.0]) * found.group[members, None]
-    _, segment = cluster_points(means, np.minimum.reduceat(link_m[cells.members], cells.starts))
+    cells = thin_points(position, link_m, THIN_SHARE, found.group)
+    means = cells.means + np.array([APART_M, 0.0, 0.0]) * found.group[cells.first, None]
+    _, segment = cluster_points(means, cells.distance_m)
     return np.asarray(segment[cells.cell_of_point])
 
 

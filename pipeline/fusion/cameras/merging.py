@@ -9,10 +9,10 @@ adds up, and how well they agree says how likely the heading is.
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from pipeline.core.arrays import F64, I64, join_rows
 from pipeline.core.geometry.boxes import wrap_angle
+from pipeline.fusion.assignment import assign
 from pipeline.fusion.cameras.placing import HEADINGS, Placements
 from pipeline.fusion.small_matrices import inverse
 
@@ -90,7 +90,7 @@ def _assign(known: Placements, known_class: I64, new: Placements, new_class: I64
         rows, columns = np.flatnonzero(known_class == class_id), np.flatnonzero(new_class == class_id)
         square = _squared_distances(first, rows, second, columns)
         worth = np.maximum(GATE - square, 0.0)
-        a, b = linear_sum_assignment(worth, maximize=True)
+        a, b = assign(-worth)
         taken = worth[a, b] > 0
         mine.append(rows[a[taken]])
         theirs.append(columns[b[taken]])

@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from pipeline.core.arrays import F32, F64, I64, Bools, Rows
+from pipeline.fusion.assignment import assign
 from pipeline.fusion.matching.pairing_kernels import overlapping_pairs
 
 __all__ = ["Pairs", "best_pairs", "near_pairs"]
@@ -68,7 +68,7 @@ def best_pairs(pairs: Pairs, worth: F64, seen_cameras: I64) -> Bools:
         rows, columns = np.unique(row), np.unique(column)
         table = np.zeros((len(rows), len(columns)))
         table[np.searchsorted(rows, row), np.searchsorted(columns, column)] = worth[part]
-        first, second = linear_sum_assignment(table, maximize=True)
+        first, second = assign(-table)
         chosen = dict(zip(rows[first].tolist(), columns[second].tolist(), strict=True))
         taken[part] = [chosen.get(a) == b for a, b in zip(row.tolist(), column.tolist(), strict=True)]
     return taken

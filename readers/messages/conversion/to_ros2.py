@@ -10,13 +10,13 @@ from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
-from rosbags.convert.converter import STATIC_MSGTYPE_RENAMES, migrate_message
 from rosbags.interfaces.typing import Typesdict
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores
 from rosbags.typesys.store import Typestore
 
 from pipeline.core.errors import MessageError
 from pipeline.core.messages import Channel, RawMessage
+from pipeline.core.ros.lazy_typestore import lazy_typestore
 from pipeline.core.ros.messages import ROS2
 from pipeline.core.ros.typestores import message_types
 from pipeline.core.settings.classes import ClassPrior
@@ -57,6 +57,8 @@ def to_ros2(
         definition = ROS2.definition(channel.msgtype)
         in_ros2 = replace(channel, encoding="cdr", definition=definition, definition_format="ros2msg", digest="")
         return message._replace(channel=in_ros2, data=ROS2.serialize(converted))
+    from rosbags.convert.converter import migrate_message  # 0.1 s: it brings the readers and writers of all bags
+
     store, in_ros2 = _in_ros2(channel)
     moved: Any = migrate_message(typestore_for(channel), store, channel.msgtype, in_ros2.msgtype, {}, recorded)
     return message._replace(channel=in_ros2, data=store.serialize_cdr(moved, in_ros2.msgtype))
@@ -74,6 +76,8 @@ def _defined(channel: Channel) -> Channel:
 @lru_cache(maxsize=1024)
 def _in_ros2(channel: Channel) -> tuple[Typestore, Channel]:
     """The types of ROS 2 for a ROS 1 channel, and the channel that has them."""
+    from rosbags.convert.converter import STATIC_MSGTYPE_RENAMES
+
     recorded, humble = typestore_for(channel).fielddefs, message_types(2).fielddefs
     msgtype = STATIC_MSGTYPE_RENAMES.get(channel.msgtype, channel.msgtype)
     types: Typesdict = {}
@@ -84,7 +88,7 @@ def _in_ros2(channel: Channel) -> tuple[Typestore, Channel]:
             continue
         types[renamed] = humble[renamed] if _holds(humble, renamed, recorded[name]) else recorded[name]
         wanted += [(part, part) for part in type_parts(types[renamed])]
-    store = get_typestore(Stores.EMPTY)
+    store = lazy_typestore(Stores.EMPTY)
     store.register({name: definition for name, definition in types.items() if name not in store.fielddefs})
     definition, _ = store.generate_msgdef(msgtype, ros_version=2)
     return store, replace(

@@ -7,10 +7,10 @@ Cylinders become boxes around them, polygons boxes around their footprint, along
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from pipeline.core.arrays import F64
 from pipeline.core.errors import MessageError
+from pipeline.core.geometry.rotations import matrix_of_quaternion
 from pipeline.core.messages import RawMessage
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from readers.messages.boundary.decoding import decoder
@@ -83,7 +83,7 @@ def _numbers(one: Any) -> F64:
     if one.shape.type == POLYGON and is_whole:
         low, high = corners.min(0), corners.max(0)
         extent[:2] = high - low
-        at = at + Rotation.from_quat(turn).apply([*((low + high) / 2), 0.0])
+        at = at + matrix_of_quaternion(turn) @ [*((low + high) / 2), 0.0]
     return np.concatenate([at, turn, extent])
 
 

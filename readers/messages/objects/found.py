@@ -5,10 +5,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from pipeline.core.arrays import F32, F64, I32, Bools
 from pipeline.core.geometry.posed_boxes import PosedBoxes
+from pipeline.core.geometry.rotations import matrix_of_quaternion
 from pipeline.core.settings.config import Config
 from pipeline.detectors.onnx.coco import COCO_LABELS
 from readers.messages.tf import clean_frame
@@ -105,7 +105,7 @@ def found_objects(
             class_ids.append(class_id)
     at = np.array(kept, np.intp)
     quaternions = numbers[at, 3:7]
-    rotations = Rotation.from_quat(quaternions).as_matrix() if len(at) else np.zeros((0, 3, 3))
+    rotations = matrix_of_quaternion(quaternions)
     return FoundObjects(
         stamp_ns,
         clean_frame(frame_id),

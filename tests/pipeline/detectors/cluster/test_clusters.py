@@ -1,5 +1,10 @@
+"""Points averaged by cells, and linked; judged by scipy, and by what array operations make of the same."""
+
+from dataclasses import fields
+
 import numpy as np
 import pytest
+from cluster_judge import judged_cells, judged_clusters
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -7,7 +12,7 @@ from scipy.cluster.hierarchy import fcluster, linkage
 from scipy.spatial.distance import pdist
 
 from pipeline.core.arrays import F64, I64
-from pipeline.detectors.cluster.clusters import cluster_points, thin_points
+from pipeline.detectors.cluster.clusters import Cells, cluster_points, thin_points
 
 
 def line(*x: float) -> F64:
@@ -47,6 +52,44 @@ def test_clusters_are_those_of_single_linkage(points: I64) -> None:
     assert groups(labels) == groups(np.asarray(judged, np.int64))
 
 
+def some_cloud(seed: int) -> tuple[F64, F64, I64]:
+    """Up to 400 points, some of them several times, their link distances, and groups."""
+    rng = np.random.default_rng(seed)
+    count = int(rng.integers(1, 400))
+    points = rng.uniform(-1, 1, (count, 3)) * 10.0 ** rng.integers(-1, 4)
+    points = points[rng.integers(0, count, count)] if rng.random() < 0.5 else points
+    points += rng.choice([0.0, 1e3, 1e6])
+    distance_m = 0.5 + rng.random() * np.abs(points[:, 0] - points[0, 0]) * rng.choice([0.0, 0.02, 1.0])
+    return points, np.asarray(distance_m), rng.integers(0, 4, count)
+
+
+def assert_same(one: Cells, other: Cells) -> None:
+    for field in fields(Cells):
+        np.testing.assert_array_equal(getattr(one, field.name), getattr(other, field.name), err_msg=field.name)
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_same_as_by_array_operations(seed: int) -> None:
+    points, distance_m, group = some_cloud(seed)
+    assert_same(thin_points(points, distance_m, 0.2), judged_cells(points, distance_m, 0.2))
+    assert_same(thin_points(points, distance_m, 0.6, group), judged_cells(points, distance_m, 0.6, group))
+    count, labels = cluster_points(points, distance_m)
+    judged, others = judged_clusters(points, distance_m)
+    assert count == judged
+    np.testing.assert_array_equal(labels, others)
+
+
+@pytest.mark.parametrize("furthest_m", [1e9, 1e15, 1e30, 1e300])
+def test_absurd_places_and_distances(furthest_m: float) -> None:
+    """Places between which there are more cells than numbers may be taken for one; nothing worse happens."""
+    points = np.array([[0.0, 0, 0], [0.3, 0, 0], [furthest_m, 0, 0], [-furthest_m, furthest_m, furthest_m]])
+    for distance_m in (np.ones(4), np.array([1.0, 1.0, furthest_m, furthest_m])):
+        count, labels = cluster_points(points, distance_m)
+        assert labels[0] == labels[1]
+        assert sorted(set(labels.tolist())) == list(range(count))
+        assert count == 3 or furthest_m > 1e15
+
+
 @given(seed=st.integers(0, 1000))
 @settings(max_examples=20, deadline=None, derandomize=True)
 def test_order_of_points_changes_nothing(seed: int) -> None:
@@ -56,7 +99,7 @@ def test_order_of_points_changes_nothing(seed: int) -> None:
     _, labels = cluster_points(points, distance)
     _, shuffled = cluster_points(points[order], distance[order])
     np.testing.assert_array_equal(shuffled, labels[order])
-    cells, others = thin_points(points, distance), thin_points(points[order], distance[order])
+    cells, others = thin_points(points, distance, 1.0), thin_points(points[order], distance[order], 1.0)
     np.testing.assert_array_equal(cells.means, others.means)
     np.testing.assert_array_equal(cells.counts, others.counts)
 
@@ -65,11 +108,10 @@ def test_cells_hold_every_point_once_and_lie_within_their_size() -> None:
     rng = np.random.default_rng(1)
     points, group = rng.uniform(-20, 20, (5000, 3)), rng.integers(0, 3, 5000)
     cell_m = 0.3 + 0.1 * np.linalg.norm(points, axis=1)
-    cells = thin_points(points, cell_m, group)
-    assert sorted(cells.members.tolist()) == list(range(5000))
+    cells = thin_points(points, cell_m, 1.0, group)
     of_point = cells.cell_of_point
     np.testing.assert_array_equal(np.bincount(of_point), cells.counts)
     assert (np.abs(points - cells.means[of_point]) <= cell_m[:, None]).all()
-    assert (np.ptp(group[cells.members[cells.starts[0] : cells.starts[1]]])) == 0
-    first_group = group[cells.members[cells.starts]]
-    np.testing.assert_array_equal(group, first_group[of_point])
+    assert (cells.distance_m[of_point] <= cell_m).all()
+    np.testing.assert_array_equal(of_point[cells.first], np.arange(len(cells.counts)))
+    np.testing.assert_array_equal(group, group[cells.first][of_point])

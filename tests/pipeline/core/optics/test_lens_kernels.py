@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.core.arrays import F64, Bools, Indices
 from pipeline.core.camera import CameraModel
-from pipeline.core.lens_kernels import outermost_points
-from pipeline.core.lenses import Lenses
+from pipeline.core.optics.lens_kernels import outermost_points
+from pipeline.core.optics.lenses import Lenses
 
 MODELS = [lens(*model) for model in LENS_MODELS.values()]
 LENSES = Lenses.of(MODELS)
