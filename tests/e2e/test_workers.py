@@ -13,9 +13,19 @@ import pytest
 
 AT_ONCE = """
 import sys
+import time
+import lidcam.run
 import pipeline.parallel.sharing
-pipeline.parallel.sharing.START_S = 0.0
 from lidcam.__main__ import main
+
+write = lidcam.run._write
+
+def write_slowly(*args):
+    time.sleep(0.3)  # so that the run does not end before what the test does to it
+    return write(*args)
+
+lidcam.run._write = write_slowly
+pipeline.parallel.sharing.START_S = 0.0
 main()
 """
 PATIENCE_S = 60.0
