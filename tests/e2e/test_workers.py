@@ -28,7 +28,7 @@ lidcam.run._write = write_slowly
 pipeline.parallel.sharing.START_S = 0.0
 main()
 """
-PATIENCE_S = 60.0
+PATIENCE_S = 120.0
 
 
 @pytest.fixture
@@ -108,7 +108,7 @@ def test_a_signal_ends_all_processes_at_once(
     started = time.monotonic()
     (os.killpg if to_group else os.kill)(run.pid, number)
     _, told = run.communicate(timeout=PATIENCE_S)
-    assert time.monotonic() - started < 5
+    assert time.monotonic() - started < 30
     assert told.splitlines()[-1] == f"lidcam: {line}"
     assert "Traceback" not in told
     assert (run.returncode, [*tmp_path.iterdir()]) == (128 + number, [])

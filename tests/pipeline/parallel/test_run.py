@@ -190,7 +190,7 @@ def test_a_process_that_hangs_does_not_hold_up_the_end() -> None:
     next(found)
     started = time.monotonic()
     found.close()  # type: ignore[attr-defined]  # a generator
-    assert time.monotonic() - started < 5
+    assert time.monotonic() - started < 30
 
 
 @pytest.mark.parametrize("level", [logging.DEBUG, logging.INFO])
