@@ -6,7 +6,7 @@
 # make campaign kills, full disks, damaged and hostile inputs: MINUTES=30 of them (Linux)
 # make golden   write the golden results anew, after a change that is meant
 # make samples  record the sample recordings in bags/ anew
-# make bench    what is measured against what
+# make bench    docs/performance.md anew: speed beside other programs; and what else is measured against what
 # make numbers  docs/numbers.md anew: how good the results are on simulated recordings
 # Each installs what it needs into .venv the first time, and only then: the demo lidcam alone, the others all extras and the tools of tests, too.
 # make locks docs/licences.md    after a change of dependencies: constraints*.txt anew (needs uv; UPGRADE=--upgrade takes newer versions), the page of licences
@@ -22,6 +22,9 @@ WITHOUT_CLOUDS = --set output.images=false --set output.clouds=false --set outpu
 UV ?= uv
 UPGRADE ?=
 COMPILE = UV_CUSTOM_COMPILE_COMMAND='make locks' $(UV) pip compile --quiet --universal --python-version 3.11 --no-build --generate-hashes --no-annotate $(UPGRADE)
+
+# Where this is set, as in some containers, each of the hundreds of programs that the tests start compiles all sources anew.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo gate golden test check fuzz campaign samples bench numbers locks
 .DELETE_ON_ERROR:
@@ -79,12 +82,10 @@ samples: $(INSTALLED_ALL)
 	$(BIN)/lidcam simulate crossing bags/crossing.mcap --duration 1.4 --set 'cameras.*.rate_hz=5' --set 'cameras.*.jpeg_quality=45'
 
 bench: $(INSTALLED_ALL)
-	$(BIN)/python benchmarks/end_to_end.py
+	$(BIN)/python benchmarks/measured/speed_page.py
 	$(BIN)/python benchmarks/evaluation.py
-	$(BIN)/python benchmarks/filters.py
 	$(BIN)/python benchmarks/synchronisation.py
 	$(BIN)/python benchmarks/rotated_iou.py
-	$(BIN)/python benchmarks/velodyne.py
 	$(BIN)/python benchmarks/networks.py
 	$(BIN)/python benchmarks/simulator.py
 

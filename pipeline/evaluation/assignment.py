@@ -10,7 +10,6 @@ from itertools import pairwise
 import numpy as np
 
 from pipeline.core.arrays import F64, I32, I64, Bools, Indices
-from pipeline.core.assignment import assign
 
 __all__ = [
     "assign_heaviest",
@@ -64,6 +63,8 @@ def dense_assignment(first: I64, second: I64, costs: F64, missing: float) -> Boo
         costs: (P,) of each pair.
         missing: Cost of two rows that are not a pair; they are assigned to nothing.
     """
+    from scipy.optimize import linear_sum_assignment  # a third of a second: behind the imports of the programs
+
     # Most components have two or three pairs: sets are faster than sorted arrays there.
     first_rows, second_rows = first.tolist(), second.tolist()
     rows = {row: k for k, row in enumerate(sorted(set(first_rows)))}
@@ -72,7 +73,7 @@ def dense_assignment(first: I64, second: I64, costs: F64, missing: float) -> Boo
     matrix = np.full((len(rows), len(columns)), missing)
     matrix[row_of, column_of] = costs
     chosen = np.zeros(matrix.shape, np.bool_)
-    chosen[assign(matrix)] = True
+    chosen[linear_sum_assignment(matrix)] = True
     return np.asarray(chosen[row_of, column_of])
 
 

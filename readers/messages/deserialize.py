@@ -14,11 +14,12 @@ from typing import Any
 
 from rosbags.interfaces import Nodetype
 from rosbags.interfaces.typing import Typesdict
-from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg
 from rosbags.typesys.store import Typestore
 
 from pipeline.core.errors import MessageError, is_short_memory
 from pipeline.core.messages import Channel, RawMessage
+from pipeline.core.ros.lazy_typestore import lazy_typestore
 from pipeline.core.ros.typestores import extra_types
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from pipeline.core.text import one_line
@@ -118,7 +119,7 @@ def _typestore(channel: Channel) -> Typestore | str:
     try:
         types = _recorded_types(channel)
         known = _release_types(channel.encoding, channel.distro.lower())
-        store = get_typestore(Stores.EMPTY)
+        store = lazy_typestore(Stores.EMPTY)
         wanted = [channel.msgtype]
         visited = set(store.fielddefs)
         while wanted:
@@ -168,14 +169,14 @@ def _doubt(channel: Channel) -> str:
 def _release_types(encoding: str, distro: str) -> Typesdict:
     """The types of the ROS release that a recording names, else of Noetic or Humble."""
     if encoding == "ros1":
-        return {**get_typestore(Stores.ROS1_NOETIC).fielddefs, **extra_types(1)}
+        return {**lazy_typestore(Stores.ROS1_NOETIC).fielddefs, **extra_types(1)}
     release = next((store for store in Stores if store.value == f"ros2_{distro}"), Stores.ROS2_HUMBLE)
     extra = {
         name: definition
         for name, definition in extra_types(2).items()
         if distro not in BEFORE_VISION_MSGS_4 or not name.startswith("vision_msgs/")
     }
-    return {**get_typestore(release).fielddefs, **extra}
+    return {**lazy_typestore(release).fielddefs, **extra}
 
 
 def _recorded_types(channel: Channel) -> Typesdict:

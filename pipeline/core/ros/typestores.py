@@ -8,8 +8,10 @@ from importlib.resources import files
 from typing import Literal
 
 from rosbags.interfaces.typing import Typesdict
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg
 from rosbags.typesys.store import Typestore
+
+from pipeline.core.ros.lazy_typestore import lazy_typestore
 
 __all__ = ["RosVersion", "extra_types", "message_types"]
 
@@ -34,6 +36,6 @@ def extra_types(ros_version: RosVersion) -> Typesdict:
 @cache
 def message_types(ros_version: RosVersion) -> Typestore:
     """All types of one ROS version."""
-    store = get_typestore(Stores.ROS1_NOETIC if ros_version == 1 else Stores.ROS2_HUMBLE)
+    store = lazy_typestore(Stores.ROS1_NOETIC if ros_version == 1 else Stores.ROS2_HUMBLE)
     store.register(extra_types(ros_version))
     return store

@@ -5,7 +5,6 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.core.arrays import F64, Array, Bools, Indices
-from pipeline.core.assignment import assign
 from pipeline.core.geometry.boxes import iou_xyxy, wrap_angle
 from pipeline.evaluation.comparison.objects import ImageObjects, SourceObjects
 from pipeline.evaluation.records import UNKNOWN
@@ -71,6 +70,8 @@ def _differences(first: Array, second: Array) -> F64:
 
 def _assigned(cost: F64) -> Matched:
     """The assignment of the smallest sum; a pair that costs 1 is no better than none."""
-    rows, columns = assign(np.minimum(cost, 1.0))
+    from scipy.optimize import linear_sum_assignment  # a third of a second: behind the imports of the programs
+
+    rows, columns = linear_sum_assignment(np.minimum(cost, 1.0))
     is_pair = cost[rows, columns] < 1
     return Matched(rows[is_pair], columns[is_pair])

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.core.arrays import F64, I32, Bools, Indices, select_rows
-from pipeline.core.assignment import assign
 from pipeline.core.detections import Boxes3D
 from pipeline.core.settings.classes import ClassPrior
+from pipeline.fusion.assignment import assign
 
 __all__ = ["Memory"]
 

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.core.arrays import F64, I64, join_rows
-from pipeline.core.assignment import assign
 from pipeline.core.geometry.boxes import wrap_angle
+from pipeline.fusion.assignment import assign
 from pipeline.fusion.cameras.placing import HEADINGS, Placements
 from pipeline.fusion.small_matrices import inverse
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.core.arrays import F32, F64, I64, Bools, Rows
-from pipeline.core.assignment import assign
+from pipeline.fusion.assignment import assign
 from pipeline.fusion.matching.pairing_kernels import overlapping_pairs
 
 __all__ = ["Pairs", "best_pairs", "near_pairs"]

@@ -11,11 +11,12 @@ from functools import lru_cache
 from typing import Any
 
 from rosbags.interfaces.typing import Typesdict
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores
 from rosbags.typesys.store import Typestore
 
 from pipeline.core.errors import MessageError
 from pipeline.core.messages import Channel, RawMessage
+from pipeline.core.ros.lazy_typestore import lazy_typestore
 from pipeline.core.ros.messages import ROS2
 from pipeline.core.ros.typestores import message_types
 from pipeline.core.settings.classes import ClassPrior
@@ -87,7 +88,7 @@ def _in_ros2(channel: Channel) -> tuple[Typestore, Channel]:
             continue
         types[renamed] = humble[renamed] if _holds(humble, renamed, recorded[name]) else recorded[name]
         wanted += [(part, part) for part in type_parts(types[renamed])]
-    store = get_typestore(Stores.EMPTY)
+    store = lazy_typestore(Stores.EMPTY)
     store.register({name: definition for name, definition in types.items() if name not in store.fielddefs})
     definition, _ = store.generate_msgdef(msgtype, ros_version=2)
     return store, replace(

@@ -6,7 +6,7 @@ from hypothesis.extra.numpy import array_shapes, arrays
 from scipy.optimize import linear_sum_assignment
 
 from pipeline.core.arrays import F64
-from pipeline.core.assignment import assign
+from pipeline.fusion.assignment import assign
 
 TABLES = arrays(
     np.float64,
