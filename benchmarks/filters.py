@@ -1,12 +1,13 @@
-"""The steps of combining, compared with Open3D's on the same clouds, alternating in one run.
+"""The steps of combining, compared with those of others on the same clouds, alternating in one run.
 
     python benchmarks/filters.py [--rounds 10] [--shared ../shared]
 
 Clouds: every fifth frame of the KITTI sequence (112 000 points) and the oracle scene s30k_0 (three lidars, 86 000
 points). Open3D's steps are similar: its outlier filter counts the point among its neighbours (11 for our 10), its plane
-is unconstrained. The conversion to its float64 points is not counted. Wall and CPU milliseconds are medians; both
-libraries choose their number of threads. Where the machine has PCL (Debian: pcl-tools), its `pcl_outlier_removal` runs
-on the same clouds, and says itself how long it took, without files.
+is unconstrained. The conversion to its float64 points is not counted. scipy's tree finds the same neighbours on one
+thread, as lidcam does. Wall and CPU milliseconds are medians; Open3D chooses its number of threads. Where the machine
+has PCL (Debian: pcl-tools), its `pcl_outlier_removal` runs on the same clouds and says itself how long it took, without
+files; else what its outlier removal took on one thread of the machine that made the oracle stands there.
 """
 
 import argparse
@@ -21,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from bags.simulator.world.open3d_runtime import load_libusb
 from pipeline.core.arrays import F32, F64
@@ -30,9 +32,12 @@ from pipeline.core.geometry.pose_samples import PoseSamples
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.rig import LidarSensor, Rig
 from pipeline.core.settings.combine import CombineConfig, GroundConfig, OutlierConfig
+from pipeline.filters import ground_passes
 from pipeline.filters.deskew import deskew
 from pipeline.filters.ground import find_ground
 from pipeline.filters.outliers import statistical_inliers
+from pipeline.filters.relief import find_relief
+from pipeline.filters.relief_passes import on_plane
 from pipeline.stages.combine import Combine
 
 SWEEP_NS = 100_000_000
@@ -71,6 +76,7 @@ def our_steps(xyz: F32, origins: F64) -> dict[str, Callable[[], object]]:
     """Each step on its own input, and the whole stage."""
     outliers, ground = OutlierConfig(), GroundConfig()
     kept = xyz[statistical_inliers(xyz, neighbors=outliers.neighbors, std_ratio=outliers.std_ratio)]
+    found = find_ground(kept, origins, config=ground, passes=ground_passes)
     offsets_ns = np.linspace(0, SWEEP_NS - 1, len(xyz)).astype(np.int32)
     poses = np.tile(np.eye(4), (3, 1, 1))
     poses[:, 0, 3] = 0, 1, 2  # 10 m/s
@@ -85,13 +91,17 @@ def our_steps(xyz: F32, origins: F64) -> dict[str, Callable[[], object]]:
         return xyz[statistical_inliers(xyz, neighbors=outliers.neighbors, std_ratio=outliers.std_ratio)]
 
     def remove_ground() -> object:
-        plane = find_ground(kept, origins, config=ground)
-        return None if plane is None else kept[np.abs(kept @ plane.normal + plane.offset_m) > ground.distance_m]
+        plane = find_ground(kept, origins, config=ground, passes=ground_passes)
+        if plane is None:
+            return None
+        rounded = np.append(plane.normal, plane.offset_m).astype(np.float32)
+        return kept[~on_plane(kept, rounded, np.float32(ground.distance_m))]
 
     return {
         "motion compensation": lambda: deskew(xyz, offsets_ns.astype(np.int64), 0, motion),
         "outliers": remove_outliers,
         "ground": remove_ground,
+        "relief": lambda: None if found is None else find_relief(kept, origins, found, ground),
         "whole stage": lambda: combine(SensorBundle(0, 0, 0, {}, motion), {"lidar": cloud}),
     }
 
@@ -110,6 +120,12 @@ def open3d_steps(o3d: Any, xyz: F32) -> dict[str, Callable[[], object]]:
         "outliers": lambda: cloud.remove_statistical_outlier(outliers.neighbors + 1, outliers.std_ratio),
         "ground": remove_ground,
     }
+
+
+def scipy_steps(xyz: F32) -> dict[str, Callable[[], object]]:
+    """The distances to neighbours by scipy's tree, without the statistics."""
+    points, neighbors = xyz.astype(np.float64), OutlierConfig().neighbors
+    return {"outliers": lambda: np.mean(cKDTree(points).query(points, k=neighbors + 1)[0], axis=1)}
 
 
 PCD_HEAD = """VERSION .7
@@ -153,13 +169,21 @@ def main() -> None:
     o3d = load_open3d()
 
     for name, (xyz, origins) in load_clouds(options.shared).items():
-        libraries = {"lidcam": our_steps(xyz, origins), "Open3D": open3d_steps(o3d, xyz)}
+        libraries = {
+            "lidcam": our_steps(xyz, origins),
+            "scipy": scipy_steps(xyz),
+            "Open3D": open3d_steps(o3d, xyz),
+        }
         steps = [(step, library) for step in libraries["lidcam"] for library in libraries if step in libraries[library]]
         rounds = [[measure(libraries[library][step]) for step, library in steps] for _ in range(options.rounds)]
         print(f"{name}: {len(xyz)} points")
         pcl_ms = [ms for _ in range(options.rounds) if (ms := pcl_outliers_ms(xyz)) is not None]
+        recorded = options.shared / "oracles/combiner" / name / "plane.json"
         if pcl_ms:
             print(f"  {'outliers':20s} PCL    {np.median(pcl_ms):7.1f} ms wall")
+        elif recorded.is_file():
+            pcl = json.loads(recorded.read_text(encoding="utf-8"))
+            print(f"  {'outliers':20s} PCL    {pcl['sor_ms']:7.1f} ms wall, recorded")
         for (step, library), (wall_ms, cpu_ms) in zip(steps, np.median(rounds, axis=0), strict=True):
             print(f"  {step:20s} {library} {wall_ms:7.1f} ms wall {cpu_ms:7.1f} ms CPU")
 
