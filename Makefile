@@ -85,6 +85,7 @@ bench: $(INSTALLED_ALL)
 	$(BIN)/python benchmarks/end_to_end.py
 	$(BIN)/python benchmarks/evaluation.py
 	$(BIN)/python benchmarks/filters.py
+	$(BIN)/python benchmarks/clusters.py
 	$(BIN)/python benchmarks/synchronisation.py
 	$(BIN)/python benchmarks/rotated_iou.py
 	$(BIN)/python benchmarks/velodyne.py
