@@ -84,6 +84,7 @@ samples: $(INSTALLED_ALL)
 bench: $(INSTALLED_ALL)
 	$(BIN)/python benchmarks/measured/speed_page.py
 	$(BIN)/python benchmarks/evaluation.py
+	$(BIN)/python benchmarks/clusters.py
 	$(BIN)/python benchmarks/synchronisation.py
 	$(BIN)/python benchmarks/rotated_iou.py
 	$(BIN)/python benchmarks/networks.py

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64, join_rows
+from pipeline.core.arrays import F64, I64, Rows, join_rows
 from pipeline.core.geometry.boxes import wrap_angle
 from pipeline.fusion.assignment import assign
 from pipeline.fusion.cameras.placing import HEADINGS, Placements
@@ -37,6 +37,10 @@ class Moments(NamedTuple):
     xy: F64
     yaw_rad: F64
     covariances: F64
+
+    def select(self, rows: Rows) -> "Moments":
+        """The given rows (mask or indices), in that order."""
+        return Moments(*(column[rows] for column in self))
 
 
 def moments(placements: Placements) -> Moments:
@@ -68,10 +72,11 @@ def merge_sightings(placements: Placements, cameras: I64, class_ids: I64) -> tup
     """
     objects = np.zeros(len(cameras), np.int64)
     known, known_class = placements.select(np.zeros(0, np.int64)), np.zeros(0, np.int64)
+    alone = moments(placements)
     for camera in np.unique(cameras):
         rows = np.flatnonzero(cameras == camera)
         new = placements.select(rows)
-        mine, theirs = _assign(known, known_class, new, class_ids[rows])
+        mine, theirs = _assign(known, known_class, alone.select(rows), class_ids[rows])
         if len(mine):
             known = _combined(known, mine, new.select(theirs))
         fresh = np.delete(np.arange(len(rows)), theirs)
@@ -82,27 +87,27 @@ def merge_sightings(placements: Placements, cameras: I64, class_ids: I64) -> tup
     return objects, known
 
 
-def _assign(known: Placements, known_class: I64, new: Placements, new_class: I64) -> tuple[I64, I64]:
+def _assign(known: Placements, known_class: I64, new: Moments, new_class: I64) -> tuple[I64, I64]:
     """Rows of known objects and the rows of new sightings of them, which are of one class."""
     mine, theirs = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
-    first, second = moments(known), moments(new)
-    for class_id in np.intersect1d(known_class, new_class):
+    common = np.intersect1d(known_class, new_class)
+    if not len(common):
+        return mine[0], theirs[0]
+    worth = np.maximum(GATE - _squared_distances(moments(known), new), 0.0)
+    for class_id in common:
         rows, columns = np.flatnonzero(known_class == class_id), np.flatnonzero(new_class == class_id)
-        square = _squared_distances(first, rows, second, columns)
-        worth = np.maximum(GATE - square, 0.0)
-        a, b = assign(-worth)
-        taken = worth[a, b] > 0
+        near = worth[rows[:, None], columns]
+        a, b = assign(-near)
+        taken = near[a, b] > 0
         mine.append(rows[a[taken]])
         theirs.append(columns[b[taken]])
     return np.concatenate(mine), np.concatenate(theirs)
 
 
-def _squared_distances(first: Moments, rows: I64, second: Moments, columns: I64) -> F64:
+def _squared_distances(first: Moments, second: Moments) -> F64:
     """(R, C) squared Mahalanobis distances of places, each as uncertain as both together."""
-    x, y = np.moveaxis(second.xy[columns] - first.xy[rows, None], -1, 0)
-    a, b, c = (
-        first.covariances[rows, None, i, j] + second.covariances[columns, i, j] for i, j in ((0, 0), (0, 1), (1, 1))
-    )
+    x, y = (second.xy[:, axis] - first.xy[:, axis, None] for axis in range(2))
+    a, b, c = (first.covariances[:, None, i, j] + second.covariances[:, i, j] for i, j in ((0, 0), (0, 1), (1, 1)))
     return np.asarray((c * x * x - 2 * b * x * y + a * y * y) / (a * c - b * b))
 
 
