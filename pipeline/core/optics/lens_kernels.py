@@ -47,26 +47,30 @@ def _lens(K: F64, k: F64, equidistant: bool) -> tuple[float, ...]:
 
 
 @inlined
-def _radial(r2: float, lens: tuple[float, ...], equidistant: bool) -> tuple[float, float]:
-    """The radial scale at a squared radius, and its derivative by it."""
-    _, _, _, _, _, _, _, k1, k2, k3, k4, k5, k6, k7 = lens
+def _scale(r2: float, lens: tuple[float, ...], equidistant: bool) -> float:
+    """The radial scale at a squared radius."""
+    k1, k2, k3, k4, k5, k6, k7 = lens[7:]
     if equidistant:
         radius = math.sqrt(r2)
         theta = math.atan(radius)
         t2 = theta * theta
-        if radius < _ON_AXIS:
-            scale, slope = 1 + (k1 - 1 / 3) * r2, k1 - 1 / 3
-        else:
-            scale = theta * (1 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4)))) / radius
-            growth = 1 + t2 * (3 * k1 + t2 * (5 * k2 + t2 * (7 * k3 + t2 * 9 * k4)))
-            slope = (growth / (1 + r2) - scale) / (2 * radius * radius)
-    else:
-        bottom = 1 + r2 * (k5 + r2 * (k6 + r2 * k7))
-        scale = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / bottom
-        top_slope = k1 + r2 * (2 * k2 + 3 * r2 * k3)
-        bottom_slope = k5 + r2 * (2 * k6 + 3 * r2 * k7)
-        slope = (top_slope - scale * bottom_slope) / bottom
-    return scale, slope
+        grown = theta * (1 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4))))
+        return grown / radius if radius >= _ON_AXIS else 1 + (k1 - 1 / 3) * r2
+    return (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k5 + r2 * (k6 + r2 * k7)))
+
+
+@inlined
+def _scale_slope(r2: float, scale: float, lens: tuple[float, ...], equidistant: bool) -> float:
+    """The derivative of the radial scale by the squared radius."""
+    k1, k2, k3, k4, k5, k6, k7 = lens[7:]
+    if equidistant:
+        theta = math.atan(math.sqrt(r2))
+        t2 = theta * theta
+        growth = 1 + t2 * (3 * k1 + t2 * (5 * k2 + t2 * (7 * k3 + t2 * 9 * k4)))
+        return (growth / (1 + r2) - scale) / (2 * r2) if math.sqrt(r2) >= _ON_AXIS else k1 - 1 / 3
+    top_slope = k1 + r2 * (2 * k2 + 3 * r2 * k3)
+    bottom_slope = k5 + r2 * (2 * k6 + 3 * r2 * k7)
+    return (top_slope - scale * bottom_slope) / (1 + r2 * (k5 + r2 * (k6 + r2 * k7)))
 
 
 @inlined
@@ -81,7 +85,7 @@ def _pixel(
     r2 = x * x + y * y
     inside = _within(r2, equidistant, limit)
     r2 = r2 if inside else 0.0
-    scale, _ = _radial(r2, lens, equidistant)
+    scale = _scale(r2, lens, equidistant)
     x_lens = x * scale + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
     y_lens = y * scale + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
     return fx * x_lens + skew * y_lens + cx + 0.5, fy * y_lens + cy + 0.5, ahead and inside
@@ -97,7 +101,8 @@ def _slopes(
     x, y = x / depth, y / depth
     r2 = x * x + y * y
     r2 = r2 if _within(r2, equidistant, limit) else 0.0
-    scale, slope = _radial(r2, lens, equidistant)
+    scale = _scale(r2, lens, equidistant)
+    slope = _scale_slope(r2, scale, lens, equidistant)
     xx = scale + 2 * x * x * slope + 2 * p1 * y + 6 * p2 * x
     xy = 2 * x * y * slope + 2 * p1 * x + 2 * p2 * y  # x by y, and y by x
     yy = scale + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x
