@@ -169,7 +169,7 @@ def test_json_summary(lidcam: Lidcam, sandbox: Path, sandbox_config: Path, tmp_p
     assert summary["timing"]["frames_per_second"] > 0
     stages = {*summary["timing"]["stage_ms"]}
     assert {"combine", "detect 3D", "refine", "write mcap"} <= stages
-    assert stages.isdisjoint({"collect", "detections", "no 2D boxes", "no recorded 3D boxes"})
+    assert stages.isdisjoint({"collect", "unused", "detections", "no 2D boxes", "no recorded 3D boxes"})
     used, dropped = summary["messages_used"], summary["drops"]
     assert set(used) >= {"/velodyne1_points", "/image_raw_11/compressed", "/detections_44"}
     assert all(drop["reason"] for drop in dropped)
