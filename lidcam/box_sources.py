@@ -45,7 +45,7 @@ def add_boxes3d(
     if config.detect3d.method != "recorded":
         from pipeline.stages.detect3d import Detect3D  # behind the imports of programs that detect nothing
 
-        nothing = graph.add("no recorded 3D boxes", _no_boxes3d, graph.frame)
+        nothing = graph.add("no recorded 3D boxes", _no_boxes3d, graph.frame, timed=False)
         return nothing, graph.add("detect 3D", Detect3D(rig, config), combined)
     from pipeline.stages.recorded3d import Recorded3D
     from readers.streams.recorded3d import RecordedBoxes3D
@@ -64,7 +64,7 @@ def add_boxes2d(
     """
     source = wanted_boxes(config, rig)
     if source == "none":
-        nothing = graph.add("no 2D boxes", _no_boxes2d, graph.frame)
+        nothing = graph.add("no 2D boxes", _no_boxes2d, graph.frame, timed=False)
         return nothing, nothing
     if source == "recorded":
         recorded = graph.add("read 2D boxes", RecordedBoxes(rig, config, on_bad=on_bad), graph.frame)

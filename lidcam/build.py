@@ -58,10 +58,10 @@ def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Grap
     beliefs = graph.add("believe", Believe(rig, config), hypotheses, looks, graph.frame, ordered=True)
     fused = graph.add("fuse", Fuse(config), hypotheses, beliefs)
     fused = graph.add("zones", partial(select_by_zones, zones=rig.zones), fused)
-    detections = graph.add("detections", _detections, lidar, boxes2d, placed)
-    unused = graph.add("unused", _Unused.of, clouds, recorded3d, camera_data)
+    detections = graph.add("detections", _detections, lidar, boxes2d, placed, timed=False)
+    unused = graph.add("unused", _Unused.of, clouds, recorded3d, camera_data, timed=False)
     inputs = combined, detections, views, hypotheses, beliefs, fused, unused
-    return graph, graph.add("collect", _collect, graph.frame, *inputs)
+    return graph, graph.add("collect", _collect, graph.frame, *inputs, timed=False)
 
 
 def _hypotheses(

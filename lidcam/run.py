@@ -268,7 +268,7 @@ class Run:
             missing=tuple(missing),
             unused_boxes=dict(sorted(tally.unused_boxes.items())),
             unused_boxes3d=dict(sorted(tally.unused_boxes3d.items())),
-            boxes_left_out=dict(sorted(tally.boxes_left_out.items())),
+            boxes_without_object=dict(sorted(tally.boxes_without_object.items())),
             objects_left_out=dict(sorted(tally.objects_left_out.items())),
             unused_topics=_unused_topics(source.recording, used),
             losses=source.recording.losses,

@@ -177,7 +177,7 @@ class RunReport:
         missing: Sensors without which frames had to do.
         unused_boxes: Recorded 2D boxes that could not be used, by reason.
         unused_boxes3d: Recorded 3D boxes that could not be used, by reason.
-        boxes_left_out: 2D boxes without a 3D box that begin no object, by reason.
+        boxes_without_object: 2D boxes without a 3D box that begin no object, by reason.
         objects_left_out: Fused objects that are not reported, by reason.
         unused_topics: Topics with messages that the run did not look at.
         losses: Damaged parts of the files.
@@ -213,7 +213,7 @@ class RunReport:
     missing: tuple[MissingSensor, ...]
     unused_boxes: Mapping[str, int]
     unused_boxes3d: Mapping[str, int]
-    boxes_left_out: Mapping[str, int]
+    boxes_without_object: Mapping[str, int]
     objects_left_out: Mapping[str, int]
     unused_topics: tuple[UnusedTopic, ...]
     losses: tuple[Loss, ...]
@@ -274,7 +274,7 @@ class Tally:
         self.copied: Counter[str] = Counter()
         self.unused_boxes: Counter[str] = Counter()
         self.unused_boxes3d: Counter[str] = Counter()
-        self.boxes_left_out: Counter[str] = Counter()
+        self.boxes_without_object: Counter[str] = Counter()
         self.objects_left_out: Counter[str] = Counter()
 
     def add(self, frame: FrameResult) -> None:
@@ -293,7 +293,7 @@ class Tally:
             self.objects[self._class_names[class_id], zone] += 1
         self.points.update(dict(frame.combined.counts))
         self.unused_boxes.update(dict(frame.unused_boxes))
-        self.boxes_left_out.update(dict(frame.hypotheses.boxes_left_out))
+        self.boxes_without_object.update(dict(frame.hypotheses.boxes_without_object))
         self.objects_left_out.update(dict(frame.fused.left_out))
         self.unused_boxes3d.update(dict(frame.unused_boxes3d))
         self.copied.update(message.topic for message in frame.bundle.copied)
@@ -343,7 +343,7 @@ def report_tree(report: RunReport) -> dict[str, Any]:
         "unused_topics": {topic.topic: topic.message_count for topic in report.unused_topics},
         "unused_boxes": dict(report.unused_boxes),
         "unused_boxes3d": dict(report.unused_boxes3d),
-        "boxes_left_out": dict(report.boxes_left_out),
+        "boxes_without_object": dict(report.boxes_without_object),
         "objects_left_out": dict(report.objects_left_out),
         "faults": [asdict(fault) for fault in report.faults],
         "outputs": [str(path) for path in report.outputs],

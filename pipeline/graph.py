@@ -51,12 +51,14 @@ class Node(Generic[R_co]):
         inputs: Handles of its arguments, in order.
         ordered: Whether it must see all frames in their order, because it remembers something or has an effect. Other
             stages are pure: their output depends on their inputs alone, which they do not change.
+        timed: Whether its time is counted.
     """
 
     name: str
     fn: Callable[..., R_co]
     inputs: tuple["Node[Any]", ...] = ()
     ordered: bool = False
+    timed: bool = True
 
 
 class Parts(NamedTuple):
@@ -78,7 +80,7 @@ class Graph(Generic[F]):
 
     Attributes:
         frame: Handle to the incoming frame.
-        seconds: Time spent in each stage so far by name, summed over all processes.
+        seconds: Time spent in each timed stage so far by name, summed over all processes.
     """
 
     def __init__(self, frame_type: type[F]) -> None:
@@ -87,14 +89,33 @@ class Graph(Generic[F]):
         self.seconds: dict[str, float] = {}
 
     @overload
-    def add(self, name: str, fn: Callable[[A], R], a: Node[A], /, *, ordered: bool = False) -> Node[R]: ...
-    @overload
     def add(
-        self, name: str, fn: Callable[[A, B], R], a: Node[A], b: Node[B], /, *, ordered: bool = False
+        self, name: str, fn: Callable[[A], R], a: Node[A], /, *, ordered: bool = False, timed: bool = True
     ) -> Node[R]: ...
     @overload
     def add(
-        self, name: str, fn: Callable[[A, B, C], R], a: Node[A], b: Node[B], c: Node[C], /, *, ordered: bool = False
+        self,
+        name: str,
+        fn: Callable[[A, B], R],
+        a: Node[A],
+        b: Node[B],
+        /,
+        *,
+        ordered: bool = False,
+        timed: bool = True,
+    ) -> Node[R]: ...
+    @overload
+    def add(
+        self,
+        name: str,
+        fn: Callable[[A, B, C], R],
+        a: Node[A],
+        b: Node[B],
+        c: Node[C],
+        /,
+        *,
+        ordered: bool = False,
+        timed: bool = True,
     ) -> Node[R]: ...
     @overload
     def add(
@@ -108,6 +129,7 @@ class Graph(Generic[F]):
         /,
         *,
         ordered: bool = False,
+        timed: bool = True,
     ) -> Node[R]: ...
     @overload
     def add(
@@ -122,6 +144,7 @@ class Graph(Generic[F]):
         /,
         *,
         ordered: bool = False,
+        timed: bool = True,
     ) -> Node[R]: ...
     @overload
     def add(
@@ -137,6 +160,7 @@ class Graph(Generic[F]):
         /,
         *,
         ordered: bool = False,
+        timed: bool = True,
     ) -> Node[R]: ...
     @overload
     def add(
@@ -153,6 +177,7 @@ class Graph(Generic[F]):
         /,
         *,
         ordered: bool = False,
+        timed: bool = True,
     ) -> Node[R]: ...
     @overload
     def add(
@@ -170,6 +195,7 @@ class Graph(Generic[F]):
         /,
         *,
         ordered: bool = False,
+        timed: bool = True,
     ) -> Node[R]: ...
     @overload
     def add(
@@ -188,6 +214,7 @@ class Graph(Generic[F]):
         /,
         *,
         ordered: bool = False,
+        timed: bool = True,
     ) -> Node[R]: ...
     @overload
     def add(
@@ -207,9 +234,14 @@ class Graph(Generic[F]):
         /,
         *,
         ordered: bool = False,
+        timed: bool = True,
     ) -> Node[R]: ...
-    def add(self, name: str, fn: Callable[..., Any], /, *inputs: Node[Any], ordered: bool = False) -> Node[Any]:
+    def add(
+        self, name: str, fn: Callable[..., Any], /, *inputs: Node[Any], ordered: bool = False, timed: bool = True
+    ) -> Node[Any]:
         """Append a stage that reads `inputs`, and return the handle of its output.
+
+        Those that only put together what others made are not `timed`.
 
         Raises:
             ValueError: an input belongs to another graph, or the name is taken.
@@ -219,9 +251,10 @@ class Graph(Generic[F]):
             raise ValueError(f"stage {name}: an input does not belong to this graph")
         if any(node.name == name for node in self.nodes):
             raise ValueError(f"stage {name}: the name is taken")
-        node: Node[Any] = Node(name, fn, inputs, ordered)
+        node: Node[Any] = Node(name, fn, inputs, ordered, timed)
         self.nodes.append(node)
-        self.seconds[name] = 0.0
+        if timed:
+            self.seconds[name] = 0.0
         return node
 
     def run(self, sink: Node[R], frames: Iterable[F]) -> Generator[R, None, None]:
@@ -262,4 +295,5 @@ class Graph(Generic[F]):
                 err.add_note(note)
             raise
         finally:
-            self.seconds[node.name] += time.perf_counter() - start
+            if node.timed:
+                self.seconds[node.name] += time.perf_counter() - start

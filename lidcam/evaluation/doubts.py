@@ -16,16 +16,22 @@ MIN_COVERED = 0.5
 MAX_LABELS = 5
 
 
-def doubts(tree: Mapping[str, Any], *, has_truth: bool) -> tuple[RunWarning, ...]:
+def doubts(tree: Mapping[str, Any], *, has_truth: bool, lidars_detect: bool = True) -> tuple[RunWarning, ...]:
     """What to mind about figures.
 
     Args:
         tree: The figures.
         has_truth: Whether there is truth, at whatever time.
+        lidars_detect: Whether the run was to find anything with the lidars.
     """
     if not has_truth:
         return ()
-    return (*_times(tree), *_objects(tree["truth_objects"]), *_places(tree), *_taken_away(tree))
+    return (
+        *_times(tree),
+        *_objects(tree["truth_objects"]),
+        *_places(tree, lidars_detect=lidars_detect),
+        *_taken_away(tree),
+    )
 
 
 def _times(tree: Mapping[str, Any]) -> Iterator[RunWarning]:
@@ -65,10 +71,16 @@ def _objects(counts: Mapping[str, Any]) -> Iterator[RunWarning]:
         )
 
 
-def _places(tree: Mapping[str, Any]) -> Iterator[RunWarning]:
+def _places(tree: Mapping[str, Any], *, lidars_detect: bool) -> Iterator[RunWarning]:
     for source, classes in tree.get("sources", {}).items():
         figures = classes[ALL]
-        if figures["truth"] and not figures["found"]:
+        if source == "lidar" and not lidars_detect:
+            yield RunWarning(
+                source,
+                "the run was made with detect3d.method=none, so that the lidars detect nothing",
+                "process it again with another method to compare the lidars with the truth",
+            )
+        elif figures["truth"] and not figures["found"]:
             yield RunWarning(source, "nothing was found in any frame with truth", "look at the warnings of the run")
         elif figures["truth"] and not figures["right"]:
             yield RunWarning(

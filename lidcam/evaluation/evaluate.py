@@ -74,7 +74,7 @@ def evaluate_result(job: EvaluationJob, observer: EvaluationObserver | None = No
             settings_sha256=settings_sha256(config),
             truth=truth,
             outcomes=tuple(requirement.check(figures) for requirement in job.requirements),
-            warnings=doubts(tree, has_truth=truth is not None),
+            warnings=doubts(tree, has_truth=truth is not None, lidars_detect=config.detect3d.method != "none"),
             notes=tuple(note for note in frames.notes if not (truth and note == f"truth: {truth.sources[0]}")),
             incomplete=tuple(damage_lines(result.recording.losses)),
         )

@@ -119,7 +119,7 @@ def print_report(out: Console, report: RunReport) -> None:
         show_line(out, f"  recorded 2D boxes not used: {count}, {reason}")
     for reason, count in report.unused_boxes3d.items():
         show_line(out, f"  recorded 3D boxes not used: {count}, {reason}")
-    for reason, count in report.boxes_left_out.items():
+    for reason, count in report.boxes_without_object.items():
         show_line(out, f"  2D boxes without an object: {count}, {reason}")
     if report.missing:
         out.print()

@@ -18,9 +18,12 @@ from pipeline.core.arrays import F32, F64, Bools, Indices
 from pipeline.core.errors import CalibrationError
 from pipeline.core.geometry.box_edges import clip_segments, edges_ahead, sample_by_angle
 
-__all__ = ["NEAR_M", "CameraModel", "DistortionModel"]
+__all__ = ["BORDER_PX", "NEAR_M", "CameraModel", "DistortionModel"]
 
 DistortionModel = Literal["plumb_bob", "rational_polynomial", "equidistant"]
+
+BORDER_PX = 2.0
+"""An edge this near to the border of its image may be the border's own: the object may go on beyond it."""
 
 NEAR_M = 0.01
 """Edges of boxes are cut at this depth: nearer points cannot be projected."""

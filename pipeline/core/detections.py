@@ -189,13 +189,13 @@ class Hypotheses:
         boxes: The boxes of `Detections.lidar` in their order, then those that were begun from 2D boxes.
         matches: By camera name, for every camera of the rig; rows refer to `boxes` and to the camera's 2D boxes.
         lidar_count: Number of boxes of the lidars.
-        boxes_left_out: Number of 2D boxes without a 3D box that begin no object, by reason.
+        boxes_without_object: Number of 2D boxes without a 3D box that begin no object, by reason.
     """
 
     boxes: Boxes3D
     matches: Mapping[str, Matches]
     lidar_count: int
-    boxes_left_out: Mapping[str, int] = field(default_factory=dict)
+    boxes_without_object: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def matched(self) -> I32:

@@ -6,6 +6,7 @@ import numpy as np
 
 from pipeline.core.arrays import F32, F64, Bools, Indices
 from pipeline.core.detections import Boxes3D, Fused, Hypotheses
+from pipeline.core.geometry.overlaps import OVERLAP_SHARE
 from pipeline.core.settings.config import Config
 from pipeline.fusion.overlaps import first_of_each, overlap_shares
 
@@ -14,9 +15,6 @@ __all__ = ["Fuse"]
 
 HALF_SCORE_POINTS = 10.0
 """Something unknown of so many points scores 0.5, of three times as many 0.75."""
-
-OVERLAP_SHARE = 0.25
-"""What shares more of its ground with an object, or with something unknown of more points, is a part of that."""
 
 
 class Fuse:

@@ -11,6 +11,7 @@ from pipeline.core.arrays import F64, I64, Bools
 from pipeline.core.clouds import CombinedCloud
 from pipeline.core.detections import Boxes3D, Matches, Source
 from pipeline.core.geometry.boxes import wrap_angle
+from pipeline.core.geometry.overlaps import OVERLAP_SHARE
 from pipeline.core.geometry.rotated_iou import ious
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
@@ -22,9 +23,6 @@ from pipeline.fusion.cameras.placed import Placed
 from pipeline.fusion.overlaps import first_of_each, overlap_shares
 
 __all__ = ["Propose", "Proposed"]
-
-OVERLAP_SHARE = 0.25
-"""Two boxes of which one has more than this share of its ground inside the other are taken for one object."""
 
 SAME_IOU = 0.5
 """A box of the lidars and one begun from a 2D box that overlap as much are one, matched or not."""

@@ -167,6 +167,9 @@ def test_json_summary(lidcam: Lidcam, sandbox: Path, sandbox_config: Path, tmp_p
     assert summary["frames"] >= 8
     assert summary["box_source"] == "recorded"
     assert summary["timing"]["frames_per_second"] > 0
+    stages = {*summary["timing"]["stage_ms"]}
+    assert {"combine", "detect 3D", "refine", "write mcap"} <= stages
+    assert stages.isdisjoint({"collect", "unused", "detections", "no 2D boxes", "no recorded 3D boxes"})
     used, dropped = summary["messages_used"], summary["drops"]
     assert set(used) >= {"/velodyne1_points", "/image_raw_11/compressed", "/detections_44"}
     assert all(drop["reason"] for drop in dropped)
@@ -239,4 +242,4 @@ def test_printing_detections_and_matches(lidcam: Lidcam, sandbox: Path, sandbox_
     run = lidcam("process", sandbox, tmp_path / "o.mcap", "--config", sandbox_config, *options)
     assert run.code == 0, run.err
     assert "lidar detections" in run.out
-    assert "is 2D box" in run.out
+    assert re.search(r"2D box \d+ \(car\) is (object|3D box) \d+", run.out)

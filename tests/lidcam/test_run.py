@@ -267,13 +267,14 @@ def test_2d_boxes_that_begin_no_object_are_told_by_reason() -> None:
     report, frames = run(periodic(), config())
     tally = Tally(config(), rig())
     for count in (2, 3):
-        tally.add(replace(frames[0], hypotheses=replace(frames[0].hypotheses, boxes_left_out={"too vague": count})))
-    told = replace(report, boxes_left_out=tally.boxes_left_out)
+        hypotheses = replace(frames[0].hypotheses, boxes_without_object={"too vague": count})
+        tally.add(replace(frames[0], hypotheses=hypotheses))
+    told = replace(report, boxes_without_object=tally.boxes_without_object)
     out = Console(width=200, record=True, file=StringIO())
     print_report(out, told)
     assert "  2D boxes without an object: 5, too vague" in out.export_text().splitlines()
-    assert report_tree(told)["boxes_left_out"] == {"too vague": 5}
-    assert report_tree(report)["boxes_left_out"] == {}
+    assert report_tree(told)["boxes_without_object"] == {"too vague": 5}
+    assert report_tree(report)["boxes_without_object"] == {}
 
 
 @pytest.mark.parametrize(

@@ -128,6 +128,14 @@ def test_time_is_counted_per_stage() -> None:
     assert graph.seconds["sleep"] >= 0.015
 
 
+def test_time_is_not_counted_of_what_only_puts_together() -> None:
+    graph = Graph(Frame)
+    first = graph.add("work", add_one, graph.frame)
+    last = graph.add("join", plus, first, first, timed=False)
+    assert [*graph.run(last, frames(2))] == [2, 4]
+    assert graph.seconds.keys() == {"work"}
+
+
 WIRING = """
 from pipeline.graph import Graph, Node
 

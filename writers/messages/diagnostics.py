@@ -71,7 +71,7 @@ def _cloud(result: FrameResult) -> Values:
 def _objects(result: FrameResult, rig: Rig) -> Values:
     detected = {camera.name: result.detections.cameras.get(camera.name, ()) for camera in rig.cameras}
     matched = {camera.name: result.matches.get(camera.name, ()) for camera in rig.cameras}
-    placed, begin_nothing = result.detections.placed, result.hypotheses.boxes_left_out
+    placed, begin_nothing = result.detections.placed, result.hypotheses.boxes_without_object
     sources = np.bincount(result.fused.objects.sources, minlength=len(Source))
     return [
         ("fused", str(len(result.fused.objects))),

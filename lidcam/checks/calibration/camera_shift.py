@@ -14,6 +14,7 @@ import numpy as np
 from lidcam.checks.evenly_kept import EvenlyKept
 from lidcam.checks.warning import RunWarning
 from pipeline.core.arrays import F64
+from pipeline.core.camera import BORDER_PX
 from pipeline.core.detections import Boxes2D, Hypotheses, Matches
 from pipeline.core.frame import FrameResult
 from pipeline.core.rig import CameraSensor, Rig
@@ -37,8 +38,8 @@ MOST_FRAMES = 0.75
 SURE = 3.0
 """The step is so many standard errors of its median, as it varies from frame to frame."""
 
-BORDER_PX, MOST_HIDDEN = 2.0, 0.3
-"""Pairs that come so near to the border of the image, or of which others hide more, are not compared."""
+MOST_HIDDEN = 0.3
+"""Pairs of which others hide more are not compared, nor those at the border of the image."""
 
 SIDES = (("to the left of", "to the right of"), ("above", "below"))
 

@@ -7,10 +7,10 @@ import numpy as np
 from pipeline.core.arrays import Indices
 from pipeline.core.geometry.rotated_iou import BoxArrays, shared_ground
 
-__all__ = ["without_overlaps"]
+__all__ = ["OVERLAP_SHARE", "without_overlaps"]
 
 OVERLAP_SHARE = 0.25
-"""If one of two boxes has more than this share of its ground inside the other, only the better one is kept."""
+"""If one of two boxes has more than this share of its ground inside the other, they are taken for one object."""
 
 BLOCK, PAIRS = 256, 1 << 14
 """Boxes whose neighbours are sought, and pairs that are compared, at once: a cloud may hold many small clusters."""

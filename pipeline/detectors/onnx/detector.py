@@ -19,7 +19,7 @@ from pipeline.detectors.onnx.input_size import input_size
 from pipeline.detectors.onnx.inputs import read_inputs
 from pipeline.detectors.onnx.layouts.layout import Layout, Size
 from pipeline.detectors.onnx.layouts.recognition import Trial, recognise
-from pipeline.detectors.onnx.pictures import Pictures
+from pipeline.detectors.onnx.preprocessing import Preprocessing
 from pipeline.detectors.onnx.session import MAX_BATCH_BYTES, OnnxSession
 from pipeline.detectors.onnx.tiles import Tile, join_tiles, tiles_of
 from pipeline.detectors.protocols import Candidates2D
@@ -77,7 +77,7 @@ class OnnxDetector2D:
         own_px = self._inputs.height_px or usual_px[0], self._inputs.width_px or usual_px[1]
         self._layout = self._try(self._session, own_px)
         self._labels = class_names(config.names, metadata, self._layout.class_count)
-        self._pictures = Pictures(
+        self._preprocessing = Preprocessing(
             self._layout.colors if config.colors == "auto" else config.colors, self._layout.placement
         )
         self._fixed_px: Size | None = own_px
@@ -139,8 +139,8 @@ class OnnxDetector2D:
         return height_px, width_px
 
     def _detect(self, images: Sequence[U8], size_px: Size) -> list[Candidates2D]:
-        batch = self._pictures.blank(self._inputs.batch or len(images), *size_px)
-        places = [self._pictures.put(image, into) for image, into in zip(images, batch, strict=False)]
+        batch = self._preprocessing.blank(self._inputs.batch or len(images), *size_px)
+        places = [self._preprocessing.put(image, into) for image, into in zip(images, batch, strict=False)]
         outputs = self._run(self._session, batch)
         try:
             with np.errstate(all="ignore"):
@@ -180,7 +180,7 @@ class OnnxDetector2D:
                 f"expected at most {MAX_BATCH_BYTES / 2**30:g} GiB"
             )
         # Grey as 114 / 255, which no network takes for a light too bright: half precision ends at 65504.
-        outputs = self._run(session, Pictures("rgb_1", "top_left").blank(count, height_px, width_px))
+        outputs = self._run(session, Preprocessing("rgb_1", "top_left").blank(count, height_px, width_px))
         if not all(np.isfinite(output).all() for output in outputs):
             raise ModelError("expected numbers, found an output that is not finite; export the network again")
         names = [name for name, _, _ in session.outputs]

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.core.arrays import F64, Bools, check_array
+from pipeline.core.camera import BORDER_PX
 from pipeline.core.clouds import CombinedCloud
 from pipeline.core.detections import Boxes2D, Hypotheses
 from pipeline.core.geometry.boxes import box_corners
@@ -13,10 +14,6 @@ from pipeline.core.rig import CameraSensor
 from pipeline.fusion.belief.occlusion import hidden_by_points
 
 __all__ = ["Looks", "looks_at"]
-
-
-BORDER_PX = 2.0
-"""A rectangle that comes so near to the border of the image may go on beyond it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,4 +1,4 @@
-"""Which objects stand behind others, as far as points tell: a coarse picture of how far each camera sees.
+"""Which objects stand behind others, as far as points tell: a coarse depth image of each camera.
 
 A camera sees nothing behind a point of the cloud. The points of all lidars are sorted into cells of each camera's field
 of view, and each cell keeps the range of its nearest point (a depth buffer: Catmull, A subdivision algorithm for
@@ -40,7 +40,7 @@ OPEN_CELLS = 1.0
 """Cells that are taken to be free beside those that are measured, so that a single point hides nothing wholly."""
 
 NEAR_M = 0.01
-"""What is not so far ahead of a camera is no part of its picture."""
+"""What is not so far ahead of a camera is not in its image."""
 
 
 def hidden_by_points(

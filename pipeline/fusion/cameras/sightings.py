@@ -6,15 +6,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pipeline.core.arrays import F64, I64, Bools, Rows, select_rows
+from pipeline.core.camera import BORDER_PX
 from pipeline.core.detections import Boxes2D
 from pipeline.core.rig import CameraSensor
 from pipeline.fusion.cameras.rays import rays_of_pixels
 from pipeline.fusion.projection import CameraArrays
 
-__all__ = ["BORDER_PX", "Sightings", "see"]
-
-BORDER_PX = 2.0
-"""An edge this near to the border of its image may be the border's own: the object may go on beyond it."""
+__all__ = ["Sightings", "see"]
 
 LEAST_PX = 0.5
 """A box that is narrower or lower shows nothing."""

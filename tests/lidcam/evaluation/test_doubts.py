@@ -82,3 +82,14 @@ def of_all(**figures: int) -> dict[str, Any]:
 def test_doubts(changed: dict[str, Any], told: list[str]) -> None:
     assert list(map(str, doubts(SOUND | changed, has_truth=True))) == told
     assert doubts(SOUND | changed, has_truth=False) == ()
+
+
+def test_a_run_whose_lidars_detect_nothing_is_told_so() -> None:
+    (figures,) = of_all(found=0, right=0)["sources"].values()
+    tree = SOUND | {"sources": {"lidar": figures, "fused": figures}}
+    told = list(map(str, doubts(tree, has_truth=True, lidars_detect=False)))
+    assert told == [
+        "lidar: the run was made with detect3d.method=none, so that the lidars detect nothing; process it again with "
+        "another method to compare the lidars with the truth",
+        "fused: nothing was found in any frame with truth; look at the warnings of the run",
+    ]

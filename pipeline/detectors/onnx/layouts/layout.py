@@ -9,7 +9,7 @@ import numpy as np
 from pipeline.core.arrays import F32, I64, Array
 from pipeline.core.errors import ModelError
 from pipeline.core.settings.detect import NetworkColors, NetworkLayout
-from pipeline.detectors.onnx.pictures import Placement
+from pipeline.detectors.onnx.preprocessing import Placement
 from pipeline.detectors.protocols import Candidates2D
 
 __all__ = ["Layout", "Reader", "Size", "best_class", "check_shape", "corners_of"]

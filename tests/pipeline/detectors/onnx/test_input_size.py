@@ -6,7 +6,7 @@ from pipeline.detectors.onnx.input_size import input_size
 
 
 @pytest.mark.parametrize(
-    ("picture", "most_px", "expected"),
+    ("image", "most_px", "expected"),
     [
         ((640, 480), 640 * 480, (640, 480)),
         ((1242, 375), 640 * 480, (960, 320)),
@@ -19,8 +19,8 @@ from pipeline.detectors.onnx.input_size import input_size
         ((10, 400_000), 640 * 480, (32, 9600)),
     ],
 )
-def test_known_pictures(picture: tuple[int, int], most_px: int, expected: tuple[int, int]) -> None:
-    assert input_size(*picture, most_px=most_px, stride_px=32) == expected
+def test_known_images(image: tuple[int, int], most_px: int, expected: tuple[int, int]) -> None:
+    assert input_size(*image, most_px=most_px, stride_px=32) == expected
 
 
 @given(st.integers(1, 2000), st.integers(1, 2000), st.integers(1, 60 * 32**2), st.sampled_from([32, 64]))

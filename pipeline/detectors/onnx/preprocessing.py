@@ -9,7 +9,7 @@ import numpy as np
 from pipeline.core.arrays import F32, U8
 from pipeline.core.settings.detect import NetworkColors
 
-__all__ = ["Pictures", "Place", "Placement"]
+__all__ = ["Place", "Placement", "Preprocessing"]
 
 Placement = Literal["top_left", "center", "stretched"]
 """Scaled to fit, at the top left or in the centre; or scaled to fill, and so out of shape."""
@@ -35,7 +35,7 @@ class Place(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Pictures:
+class Preprocessing:
     """Puts images into the input of a network.
 
     Attributes:

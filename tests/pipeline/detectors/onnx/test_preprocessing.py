@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from pipeline.core.settings.detect import NetworkColors
-from pipeline.detectors.onnx.pictures import Pictures, Placement
+from pipeline.detectors.onnx.preprocessing import Placement, Preprocessing
 
 RED_GREEN_BLUE = (30, 20, 10)
 
@@ -22,11 +22,11 @@ RED_GREEN_BLUE = (30, 20, 10)
     ],
 )
 def test_channels(colors: NetworkColors, pixel: tuple[float, ...], ground: tuple[float, ...]) -> None:
-    pictures = Pictures(colors, "top_left")
-    batch = pictures.blank(2, 4, 8)
+    preprocessing = Preprocessing(colors, "top_left")
+    batch = preprocessing.blank(2, 4, 8)
     assert batch.shape == (2, 3, 4, 8)
     assert batch.dtype == np.float32
-    pictures.put(np.full((4, 4, 3), RED_GREEN_BLUE, np.uint8), batch[0])
+    preprocessing.put(np.full((4, 4, 3), RED_GREEN_BLUE, np.uint8), batch[0])
     np.testing.assert_allclose(batch[0, :, 2, 1], pixel, rtol=1e-6)
     np.testing.assert_allclose(batch[0, :, 2, 5], ground, rtol=1e-6)
     np.testing.assert_allclose(batch[1, :, 2, 1], ground, rtol=1e-6)
@@ -37,9 +37,9 @@ def test_channels(colors: NetworkColors, pixel: tuple[float, ...], ground: tuple
     [("top_left", (0, 96), (0, 28)), ("center", (0, 96), (17, 46)), ("stretched", (0, 96), (0, 64))],
 )
 def test_where_a_wide_picture_lies(placement: Placement, columns: tuple[int, int], rows: tuple[int, int]) -> None:
-    pictures = Pictures("rgb_255", placement)
-    batch = pictures.blank(1, 64, 96)
-    place = pictures.put(np.zeros((375, 1242, 3), np.uint8), batch[0])
+    preprocessing = Preprocessing("rgb_255", placement)
+    batch = preprocessing.blank(1, 64, 96)
+    place = preprocessing.put(np.zeros((375, 1242, 3), np.uint8), batch[0])
     black = batch[0, 0] == 0
     assert (np.flatnonzero(black.any(0))[[0, -1]] + [0, 1]).tolist() == [*columns]
     assert (np.flatnonzero(black.any(1))[[0, -1]] + [0, 1]).tolist() == [*rows]
@@ -50,9 +50,9 @@ def test_where_a_wide_picture_lies(placement: Placement, columns: tuple[int, int
 @pytest.mark.parametrize("placement", ["top_left", "center", "stretched"])
 @pytest.mark.parametrize("picture_px", [(1, 1), (1, 900), (900, 1), (64, 96), (65, 97), (63, 95), (2000, 3000)])
 def test_any_shape_fits(placement: Placement, picture_px: tuple[int, int]) -> None:
-    pictures = Pictures("rgb_255", placement)
-    batch = pictures.blank(1, 64, 96)
-    place = pictures.put(np.zeros((*picture_px, 3), np.uint8), batch[0])
+    preprocessing = Preprocessing("rgb_255", placement)
+    batch = preprocessing.blank(1, 64, 96)
+    place = preprocessing.put(np.zeros((*picture_px, 3), np.uint8), batch[0])
     height, width = picture_px
     corners = np.array([0, 0, width, height]) * np.tile(place.scale, 2) + np.tile(place.offset, 2)
     assert (corners[:2] >= 0).all()
