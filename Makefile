@@ -6,7 +6,7 @@
 # make campaign kills, full disks, damaged and hostile inputs: MINUTES=30 of them (Linux)
 # make golden   write the golden results anew, after a change that is meant
 # make samples  record the sample recordings in bags/ anew
-# make bench    what is measured against what
+# make bench    docs/performance.md anew: speed beside other programs; and what else is measured against what
 # make numbers  docs/numbers.md anew: how good the results are on simulated recordings
 # Each installs what it needs into .venv the first time, and only then: the demo lidcam alone, the others all extras and the tools of tests, too.
 # make locks docs/licences.md    after a change of dependencies: constraints*.txt anew (needs uv; UPGRADE=--upgrade takes newer versions), the page of licences
@@ -82,12 +82,10 @@ samples: $(INSTALLED_ALL)
 	$(BIN)/lidcam simulate crossing bags/crossing.mcap --duration 1.4 --set 'cameras.*.rate_hz=5' --set 'cameras.*.jpeg_quality=45'
 
 bench: $(INSTALLED_ALL)
-	$(BIN)/python benchmarks/end_to_end.py
+	$(BIN)/python benchmarks/measured/speed_page.py
 	$(BIN)/python benchmarks/evaluation.py
-	$(BIN)/python benchmarks/filters.py
 	$(BIN)/python benchmarks/synchronisation.py
 	$(BIN)/python benchmarks/rotated_iou.py
-	$(BIN)/python benchmarks/velodyne.py
 	$(BIN)/python benchmarks/networks.py
 	$(BIN)/python benchmarks/simulator.py
 

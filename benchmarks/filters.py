@@ -5,11 +5,16 @@
 Clouds: every fifth frame of the KITTI sequence (112 000 points) and the oracle scene s30k_0 (three lidars, 86 000
 points). Open3D's steps are similar: its outlier filter counts the point among its neighbours (11 for our 10), its plane
 is unconstrained. The conversion to its float64 points is not counted. Wall and CPU milliseconds are medians; both
-libraries choose their number of threads.
+libraries choose their number of threads. Where the machine has PCL (Debian: pcl-tools), its `pcl_outlier_removal` runs
+on the same clouds, and says itself how long it took, without files.
 """
 
 import argparse
 import json
+import re
+import shutil
+import subprocess
+import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -107,6 +112,35 @@ def open3d_steps(o3d: Any, xyz: F32) -> dict[str, Callable[[], object]]:
     }
 
 
+PCD_HEAD = """VERSION .7
+FIELDS x y z
+SIZE 4 4 4
+TYPE F F F
+COUNT 1 1 1
+WIDTH {count}
+HEIGHT 1
+VIEWPOINT 0 0 0 1 0 0 0
+POINTS {count}
+DATA binary
+"""
+
+
+def pcl_outliers_ms(xyz: F32) -> float | None:
+    """Milliseconds of PCL's outlier removal, one thread; None where PCL is not installed."""
+    program, outliers = shutil.which("pcl_outlier_removal"), OutlierConfig()
+    if program is None:
+        return None
+    with tempfile.TemporaryDirectory() as folder:
+        before, after = Path(folder, "in.pcd"), Path(folder, "out.pcd")
+        before.write_bytes(PCD_HEAD.format(count=len(xyz)).encode() + np.ascontiguousarray(xyz, "<f4").tobytes())
+        command = [program, str(before), str(after), "-method", "statistical"]
+        command += ["-mean_k", str(outliers.neighbors), "-std_dev_mul", str(outliers.std_ratio)]
+        run = subprocess.run(command, check=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    # loading, filtering, saving: each ends with its time, in colour
+    _, filtering, _ = re.findall(r"done, ([\d.e+]+) ms", re.sub(r"\x1b\[[\d;]*m", "", run.stdout))
+    return float(filtering)
+
+
 def main() -> None:
     """Measure and print all steps."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -123,6 +157,9 @@ def main() -> None:
         steps = [(step, library) for step in libraries["lidcam"] for library in libraries if step in libraries[library]]
         rounds = [[measure(libraries[library][step]) for step, library in steps] for _ in range(options.rounds)]
         print(f"{name}: {len(xyz)} points")
+        pcl_ms = [ms for _ in range(options.rounds) if (ms := pcl_outliers_ms(xyz)) is not None]
+        if pcl_ms:
+            print(f"  {'outliers':20s} PCL    {np.median(pcl_ms):7.1f} ms wall")
         for (step, library), (wall_ms, cpu_ms) in zip(steps, np.median(rounds, axis=0), strict=True):
             print(f"  {step:20s} {library} {wall_ms:7.1f} ms wall {cpu_ms:7.1f} ms CPU")
 

@@ -62,7 +62,7 @@ class Lenses:
 
     @property
     def arrays(self) -> tuple[F64, F64, Bools, F64]:
-        """The fields, as `core.lens_kernels` takes them."""
+        """The fields, as `core.optics.lens_kernels` takes them."""
         return self.K, self.coefficients, self.equidistant, self.radius_limits
 
     def project(self, points_camera: F64) -> tuple[F64, Bools]:
