@@ -59,8 +59,14 @@ OPEN = {"fuse.min_score": 0.0, "output.images": False, "output.clouds": False}
 PULL = 1e-4
 """Weight of the squared distance from the coefficients in use."""
 
-LIMITS = {"missed": (0.5, 1.0), "match_score": (0.3, 1.5), "further": (0.3, 0.8)}
-"""Recordings of one network and one simulator may not say more: others find less, and are less sure."""
+LIMITS = {
+    "missed": (0.5, 1.0),
+    "match_score": (0.3, 1.5),
+    "match_iou": (2.0, 6.0),
+    "led_score": (0.0, 1.0),
+    "further": (0.3, 0.8),
+}
+"""Recordings of one network and one simulator may not say more: others find less, and are less sure and less exact."""
 
 LEAST = 1e-3
 """No probability is taken to be nearer to 0 or 1."""
