@@ -31,7 +31,7 @@ from pipeline.core.geometry.transform import Transform
 from pipeline.core.rig import LidarSensor, Rig
 from pipeline.core.settings.combine import CombineConfig, GroundConfig, OutlierConfig
 from pipeline.filters.deskew import deskew
-from pipeline.filters.ground import find_ground, height_above
+from pipeline.filters.ground import find_ground
 from pipeline.filters.outliers import statistical_inliers
 from pipeline.stages.combine import Combine
 
@@ -86,7 +86,7 @@ def our_steps(xyz: F32, origins: F64) -> dict[str, Callable[[], object]]:
 
     def remove_ground() -> object:
         plane = find_ground(kept, origins, config=ground)
-        return None if plane is None else kept[np.abs(height_above(plane, kept)) > ground.distance_m]
+        return None if plane is None else kept[np.abs(kept @ plane.normal + plane.offset_m) > ground.distance_m]
 
     return {
         "motion compensation": lambda: deskew(xyz, offsets_ns.astype(np.int64), 0, motion),

@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from lidcam.box_sources import BoxSource, BoxSource3D, box_source
-from lidcam.checks.calibration import check_first_clouds
+from lidcam.checks.calibration.check import check_first_clouds
 from lidcam.checks.empty import check_not_empty
 from lidcam.checks.incomplete import damage_lines, left_out_lines
 from lidcam.checks.warning import RunWarning

@@ -100,7 +100,8 @@ class JobOptions(TypedDict, total=False):
             replace what earlier ones say. Without it sensors and calibration are found in the recording.
         model_2d: 2D network (ONNX; docs/networks.md lists the exports that are known).
         copy_topics: Topics that are copied to the MCAP output, by name or shell pattern; None: those of the truth.
-        workers: 1 runs stage after stage; more overlap stages of several frames. The result is the same.
+        workers: Processes that share the frames, with this one; None: `run.workers` of the settings, else one per core.
+            The result is the same.
         start_s: Seconds to skip.
         duration_s: Seconds to process; None: to the end.
         on_bad_message: `skip` counts messages that cannot be decoded, `fail` ends the run at the first.

@@ -15,7 +15,7 @@ from pathlib import Path
 from lidcam.box_sources import box_source, wanted_boxes
 from lidcam.build import build_graph
 from lidcam.checks.absent import absence_warnings, clocks_off
-from lidcam.checks.calibration import CalibrationCheck
+from lidcam.checks.calibration.check import CalibrationCheck
 from lidcam.checks.class_numbers import class_number_warnings
 from lidcam.checks.clocks import clock_notes, jump_warnings
 from lidcam.checks.empty import check_not_empty

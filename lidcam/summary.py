@@ -195,7 +195,7 @@ class RunReport:
         notes: Remarks on topics and sensors.
         warnings: What makes the result doubtful.
         outputs: Files that were written.
-        stage_seconds: Time spent per stage, summed over the frames; stages overlap when the run is pipelined.
+        stage_seconds: Time spent per stage, summed over the frames and over all processes that shared them.
         wall_seconds: For loading the stages, and from the first message to the last result.
     """
 

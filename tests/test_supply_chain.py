@@ -78,7 +78,7 @@ def test_the_page_of_licences_says_what_is_not_permissive() -> None:
     text = PAGE.read_text(encoding="utf-8").partition("## lidcam")[0]
     assert text == page().partition("## lidcam")[0]
     copyleft = {name for name, licence in listed.items() if re.search(r"GPL|Mozilla|MPL", licence)}
-    assert copyleft >= {"pykdtree", "certifi", "hypothesis"}
+    assert copyleft >= {"certifi", "hypothesis"}
     assert {name for name in copyleft if f"**{name}**" not in text} == set()
     for words in ("x264 and x265", "GPL-2.0-or-later", "**av** (extra `video`)", "**opencv-python-headless**"):
         assert words in text
@@ -87,6 +87,8 @@ def test_the_page_of_licences_says_what_is_not_permissive() -> None:
 # --- nothing that is read is executed
 
 EXECUTING = {"pickle", "cPickle", "dill", "cloudpickle", "joblib", "marshal", "shelve", "code", "codeop"}
+BETWEEN_PROCESSES = {"pipeline/parallel/transfer.py"}
+"""What it unpickles comes from a process that it has started, over a socket that no other has."""
 CALLS = {"eval", "exec", "compile", "__import__"}
 
 
@@ -118,7 +120,8 @@ def unsafe(tree: ast.AST) -> list[str]:
 
 @pytest.mark.parametrize("path", sources(ROOT), ids=lambda path: str(path.relative_to(ROOT)))
 def test_nothing_that_is_read_is_executed(path: Path) -> None:
-    assert unsafe(ast.parse(path.read_text(encoding="utf-8"))) == []
+    allowed = ["pickle"] if str(path.relative_to(ROOT)) in BETWEEN_PROCESSES else []
+    assert unsafe(ast.parse(path.read_text(encoding="utf-8"))) == allowed
 
 
 @pytest.mark.parametrize(

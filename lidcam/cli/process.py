@@ -67,8 +67,8 @@ def process(
         typer.Option(
             min=1,
             metavar="N",
-            help="1: stage after stage; more: stages of several frames at once; without it, run.workers of the "
-            "settings. The output is the same.",
+            help="Processes that share the frames; without it, run.workers of the settings, else one per core. The "
+            "output is the same.",
         ),
     ] = None,
     overwrite: Overwrite = False,
@@ -137,7 +137,7 @@ def process(
     if max_dropped is not None and not strict:
         raise typer.BadParameter("counts only with --strict, which is missing", param_hint="--max-dropped")
     if workers != 1:
-        # Stages of several frames already fill the cores; OpenMP threads inside of one would only wait for each other.
+        # Processes already fill the cores; OpenMP threads inside of one would only wait for each other.
         # Read once, when the libraries are loaded.
         os.environ.setdefault("OMP_NUM_THREADS", "1")
     from lidcam.commands.process import Printed, run_process  # heavy: after the arguments are known to be right

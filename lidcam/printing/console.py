@@ -74,16 +74,21 @@ def _print_boxes(out: Console, boxes: Boxes3D, config: Config, remarks: Sequence
 def print_matches(out: Console, frame: FrameResult, config: Config) -> None:
     """Which 2D box is which object in one frame, and what only one sensor saw.
 
-    Rows of objects are those of the lidars' detections, then those that were begun from 2D boxes.
+    Objects have their row among the fused ones. A 3D box that is not reported has its row in what was weighed: the
+    lidars' detections, then those that were begun from 2D boxes.
     """
-    hypotheses = frame.hypotheses
+    hypotheses, reported = frame.hypotheses, {row: number for number, row in enumerate(frame.fused.rows.tolist())}
+
+    def name_of(row: int) -> str:
+        return f"object {reported[row]}" if row in reported else f"3D box {row} (not reported)"
+
     out.print(f"frame {frame.bundle.index}  stamp {frame.bundle.stamp_ns} ns  matches")
     matched: set[int] = set()
     for camera, boxes2d in frame.detections.cameras.items():
         matches = frame.matches[camera]
         for (row3d, row2d), iou in zip(matches.pairs.tolist(), matches.iou.tolist(), strict=True):
             name = config.class_names[boxes2d.class_ids[row2d]]
-            out.print(f"  {camera}: object {row3d} is 2D box {row2d} ({name}), IoU {iou:.2f}")
+            out.print(f"  {camera}: 2D box {row2d} ({name}) is {name_of(row3d)}, IoU {iou:.2f}")
             matched.add(row3d)
         alone = sorted(set(range(len(boxes2d))) - set(matches.pairs[:, 1].tolist()))
         if alone:
@@ -91,9 +96,12 @@ def print_matches(out: Console, frame: FrameResult, config: Config) -> None:
     begun = range(hypotheses.lidar_count, len(hypotheses.boxes))
     for row, source in zip(begun, source_names(hypotheses.boxes.sources[hypotheses.lidar_count :]), strict=True):
         where = "with points of the lidars" if source == "both" else "placed by the cameras alone"
-        out.print(f"  object {row}: begun from 2D boxes, {where}")
+        out.print(f"  {name_of(row)}: begun from 2D boxes, {where}")
     alone = sorted(set(range(hypotheses.lidar_count)) - matched)
-    out.print(f"  seen by the lidars alone: {', '.join(map(str, alone)) or 'none'}")
+    told = [f"object {reported[row]}" for row in alone if row in reported]
+    others = [str(row) for row in alone if row not in reported]
+    told += [f"3D box{'es' * (len(others) > 1)} {', '.join(others)} (not reported)"] if others else []
+    out.print(f"  seen by the lidars alone: {', '.join(told) or 'none'}")
 
 
 def print_report(out: Console, report: RunReport) -> None:

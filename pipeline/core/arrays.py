@@ -22,6 +22,7 @@ __all__ = [
     "Array",
     "Bools",
     "Indices",
+    "Record",
     "Rows",
     "check_array",
     "join_rows",
@@ -60,7 +61,13 @@ def check_array(name: str, array: Array, shape: tuple[int, ...], dtype: npt.DTyp
 def select_rows(record: Record, rows: Rows) -> Record:
     """A record of parallel arrays with the given rows of each array, other fields unchanged."""
     values: dict[str, Any] = {f.name: getattr(record, f.name) for f in fields(record)}
-    chosen: dict[str, Any] = {name: v[rows] if isinstance(v, np.ndarray) else v for name, v in values.items()}
+    lengths = {len(v) for v in values.values() if isinstance(v, np.ndarray)}
+    if rows.dtype == np.bool_:
+        if lengths - {len(rows)}:
+            raise IndexError(f"a mask of {len(rows)} rows for arrays of {sorted(lengths)}")
+        rows = np.flatnonzero(rows)
+    # take: twice as fast as an index in brackets, and three times as fast as a mask.
+    chosen: dict[str, Any] = {n: v.take(rows, axis=0) if isinstance(v, np.ndarray) else v for n, v in values.items()}
     return type(record)(**chosen)
 
 

@@ -8,11 +8,11 @@ import numpy as np
 from pipeline.core.arrays import F32, I64
 from pipeline.core.geometry.pose_samples import PoseSamples
 from pipeline.core.geometry.poses import interpolate_poses
+from pipeline.filters.motion_passes import STEP_NS, moved_each
 
 __all__ = ["deskew"]
 
-KNOT_NS = 1_000_000
-"""Poses are interpolated at this step, points linearly between: within 13 um at 100 m while turning at 1 rad/s."""
+# Poses are interpolated every STEP_NS, points linearly between: within 13 um at 100 m while turning at 1 rad/s.
 
 
 def deskew(xyz_moving: F32, point_stamps_ns: I64, stamp_ns: int, motion: PoseSamples) -> F32:
@@ -28,12 +28,8 @@ def deskew(xyz_moving: F32, point_stamps_ns: I64, stamp_ns: int, motion: PoseSam
         return xyz_moving
     start_ns = int(point_stamps_ns.min())
     since_ns = point_stamps_ns - start_ns
-    knots_ns = start_ns + KNOT_NS * np.arange(int(since_ns.max()) // KNOT_NS + 2)
+    knots_ns = start_ns + STEP_NS * np.arange(int(since_ns.max()) // STEP_NS + 2)
     poses = interpolate_poses(motion.stamps_ns, motion.T_fixed_moving, np.append(knots_ns, stamp_ns))
     # Relative motion in float64: poses may be kilometres from the origin of a map, the motion within a sweep is metres.
     T_target_knot = (np.linalg.inv(poses[-1]) @ poses[:-1])[:, :3].astype(np.float32)
-    knot, rest_ns = np.divmod(since_ns, KNOT_NS)
-    share = (rest_ns / KNOT_NS).astype(np.float32)[:, None, None]
-    T_target_point = T_target_knot[knot] + share * np.diff(T_target_knot, axis=0)[knot]
-    moved: F32 = np.einsum("nij,nj->ni", T_target_point[:, :, :3], xyz_moving)
-    return moved + T_target_point[:, :, 3]
+    return moved_each(np.ascontiguousarray(xyz_moving), since_ns, T_target_knot)

@@ -5,13 +5,16 @@ level, below every lidar, and at the rig's ground height if that is known. Its s
 those in the layers just above and below it, because a wall or a hedge fills all three.
 """
 
+from typing import Protocol
+
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, Array, Bools
+from pipeline.core.arrays import F32, F64, I64, Bools
 from pipeline.core.clouds import Plane
 from pipeline.core.settings.combine import GroundConfig
+from pipeline.filters import ground_arrays
 
-__all__ = ["find_ground", "height_above"]
+__all__ = ["GroundPasses", "find_ground"]
 
 
 SAMPLE_POINTS = 6000
@@ -23,6 +26,9 @@ THINNING, FINALISTS = 4, 16
 CELL_PER_DISTANCE = 5.0
 """Planes go through the lowest points of cells this many `distance_m` wide: a wall stands on few cells."""
 
+MAX_CELL = 1 << 30
+"""Cells farther from the origin are taken for the last one."""
+
 LAYER_PER_DISTANCE = 0.5
 """Planes are fitted to a layer thinner than the one removed: a thick one tilts towards pavements beside the road."""
 
@@ -33,8 +39,21 @@ REFINEMENTS = 6
 """Rounds of least squares on the sample, each on the points near the last plane, before one on all points."""
 
 
+class GroundPasses(Protocol):
+    """What is done with all points: `pipeline.filters.ground_arrays` explains it, `ground_passes` is the fast one."""
+
+    def count_layers(self, points: F32, planes: F32, layer_m: np.float32) -> tuple[I64, I64]: ...  # noqa: D102
+    def heights_within(self, points: F32, plane: F32, limit_m: np.float32) -> F32: ...  # noqa: D102
+    def scatter_within(self, points: F32, plane: F32, limit_m: np.float32) -> tuple[F64, F64]: ...  # noqa: D102
+
+
 def find_ground(
-    xyz_site: F32, lidar_origins_site: F64, *, config: GroundConfig, ground_height_m: float | None = None
+    xyz_site: F32,
+    lidar_origins_site: F64,
+    *,
+    config: GroundConfig,
+    ground_height_m: float | None = None,
+    passes: GroundPasses = ground_arrays,
 ) -> Plane | None:
     """The ground plane; None if there is none.
 
@@ -43,12 +62,13 @@ def find_ground(
         lidar_origins_site: (L, 3) origins of the lidars in the site frame, metres; the ground is below each.
         config: Limits, number of planes and seed. Equal input gives equal planes.
         ground_height_m: Expected z of the ground at the site's origin; None if unknown.
+        passes: How to go through all points; the planes are the same but for rounding.
 
     Returns:
         None if no plane within the limits stands out from the layers above and below it, or if its points form only
         a line seen from above (the foot of a wall).
     """
-    layer_m = LAYER_PER_DISTANCE * config.distance_m
+    layer_m = np.float32(LAYER_PER_DISTANCE * config.distance_m)
     points = np.ascontiguousarray(xyz_site.T)  # a row per coordinate makes heights three times faster
     sample = np.ascontiguousarray(points[:, :: max(1, -(-len(xyz_site) // SAMPLE_POINTS))])
     reachable = _within_reach(sample.T, config, ground_height_m)
@@ -61,34 +81,18 @@ def find_ground(
     planes = planes[_can_be_ground(planes, lidar_origins_site, config, ground_height_m)]
     if not len(planes):
         return None
-    for scored in (sample[:, ::THINNING], sample):
-        held, beside = _layers(scored, planes, layer_m)
+    for scored in (np.ascontiguousarray(sample[:, ::THINNING]), sample):
+        held, beside = passes.count_layers(scored, planes.astype(np.float32), layer_m)
         planes = planes[np.argsort(beside - held, kind="stable")[:FINALISTS]]
     plane = planes[0]
     for cloud in [sample] * REFINEMENTS + [points]:
-        refined = _least_squares(cloud, plane, layer_m)
+        refined = _least_squares(cloud, plane, layer_m, passes)
         if refined is None or not _can_be_ground(refined[None], lidar_origins_site, config, ground_height_m)[0]:
             break
         plane = refined
-    if not _is_a_floor(points, plane, layer_m):
+    if not _is_a_floor(points, plane, layer_m, passes):
         return None
     return Plane(plane[:3].copy(), float(plane[3]))
-
-
-def height_above(plane: Plane, xyz_site: F32) -> F32:
-    """(N,) signed distances of points (N, 3) from a plane, metres; positive above it."""
-    heights: F32 = _heights(xyz_site.T, np.append(plane.normal, plane.offset_m)[None])[0]
-    return heights
-
-
-def _heights(points: F32, planes: F64) -> F32:
-    """(K, N) signed distances of points (3, N) from planes (K, 4)."""
-    # Not BLAS, whose rounding may depend on the number of threads.
-    a, b, c, d = planes.astype(np.float32).T[..., None]
-    heights: F32 = points[0] * a + points[1] * b
-    heights += points[2] * c
-    heights += d
-    return heights
 
 
 def _within_reach(xyz: F32, config: GroundConfig, ground_height_m: float | None) -> F32:
@@ -102,11 +106,11 @@ def _within_reach(xyz: F32, config: GroundConfig, ground_height_m: float | None)
 
 def _lowest_of_cells(xyz: F32, cell_m: float) -> F32:
     """The lowest point of each occupied cell of a square grid over x and y."""
-    cells = np.floor(xyz[:, :2] / np.float32(cell_m))
-    order = np.lexsort((xyz[:, 2], cells[:, 1], cells[:, 0]))
-    cells = cells[order]
-    first = np.ones(len(cells), np.bool_)
-    first[1:] = (cells[1:] != cells[:-1]).any(axis=1)
+    cells = np.clip(np.floor(xyz[:, :2] / np.float32(cell_m)), -MAX_CELL, MAX_CELL).astype(np.int64)
+    cell = cells[:, 0] * (2 * MAX_CELL + 1) + cells[:, 1]
+    order = np.lexsort((xyz[:, 2], cell))
+    first = np.ones(len(cell), np.bool_)
+    first[1:] = np.diff(cell[order]) != 0
     return xyz[order[first]]
 
 
@@ -131,42 +135,28 @@ def _can_be_ground(planes: F64, lidar_origins_site: F64, config: GroundConfig, g
     return fit
 
 
-def _layers(points: F32, planes: F64, layer_m: float) -> tuple[Array, Array]:
-    """Number of points in the layer of each of K planes, and in the fuller of the equal layers above and below."""
-    heights = _heights(points, planes)
-    edges = np.array([-3, -1, 1, 3], np.float32) * np.float32(layer_m)
-    below, held, above = np.diff([np.count_nonzero(heights <= edge, axis=1) for edge in edges], axis=0)
-    return held, np.maximum(below, above)
-
-
-def _least_squares(points: F32, plane: F64, layer_m: float) -> F64 | None:
+def _least_squares(points: F32, plane: F64, layer_m: np.float32, passes: GroundPasses) -> F64 | None:
     """The plane (4,) fitted to the points near `plane`; None if there are fewer than 3.
 
     Near means within `layer_m`, and within three times the robust deviation of those points: wheels and kerbs lie on
     one side and would lift the plane.
     """
-    heights = np.abs(_heights(points, plane[None])[0])
-    within = heights[heights <= layer_m]
+    rounded = plane.astype(np.float32)
+    within = passes.heights_within(points, rounded, layer_m)
     if len(within) < 3:
         return None
-    near = points[:, heights <= min(layer_m, 3 * 1.4826 * float(np.median(within)) + 1e-6)]
-    centre, scatter = _scatter(near)
+    near_m = min(layer_m, np.float32(3 * 1.4826 * float(np.median(within)) + 1e-6))
+    centre, scatter = passes.scatter_within(points, rounded, near_m)
     normal = np.linalg.eigh(scatter)[1][:, 0]
     normal *= -1.0 if normal[2] < 0 else 1.0
     return np.append(normal, -(normal * centre).sum())
 
 
-def _is_a_floor(points: F32, plane: F64, layer_m: float) -> bool:
+def _is_a_floor(points: F32, plane: F64, layer_m: np.float32, passes: GroundPasses) -> bool:
     """Whether a plane stands out from the layers beside it, and its points form more than a line seen from above."""
-    held, beside = _layers(points, plane[None], layer_m)
+    rounded = plane.astype(np.float32)
+    held, beside = passes.count_layers(points, rounded[None], layer_m)
     if held[0] < max(3, STANDS_OUT * beside[0]):
         return False
-    _, scatter = _scatter(points[:2, np.abs(_heights(points, plane[None])[0]) <= layer_m])
-    return bool(np.linalg.eigvalsh(scatter)[0] >= layer_m**2)
-
-
-def _scatter(points: F32) -> tuple[F64, F64]:
-    """Centre (D,) and covariance (D, D) of points (D, N)."""
-    centre = points.mean(axis=1, dtype=np.float64)
-    centred = points - centre[:, None]
-    return centre, np.einsum("in,jn->ij", centred, centred) / points.shape[1]  # not BLAS, see _heights
+    _, scatter = passes.scatter_within(points, rounded, layer_m)
+    return bool(np.linalg.eigvalsh(scatter[:2, :2])[0] >= float(layer_m) ** 2)

@@ -6,23 +6,12 @@ exact duplicates.
 """
 
 import numpy as np
-from pykdtree.kdtree import KDTree
 
-from pipeline.core.arrays import F32, Array, Bools
+from pipeline.core.arrays import F32, Bools
+from pipeline.filters.box_tree import box_tree, curve_order
+from pipeline.filters.neighbor_search import mean_distances
 
-__all__ = ["statistical_inliers"]
-
-QUERY_POINTS = 1 << 16
-"""Points whose neighbours are sought at once: each takes a hundred bytes meanwhile."""
-
-TREE_BYTES = 64
-"""Memory of the tree for a point, at most."""
-
-CROWD = 500
-"""Points at one place: the tree cannot part them, so the search takes the square of their number."""
-
-LEAF_SIZE = 16
-"""Points per leaf of the search tree; fastest on clouds of 30 000 to 115 000 points. Does not change the result."""
+__all__ = ["mean_neighbor_distance_m", "statistical_inliers"]
 
 
 def statistical_inliers(xyz: F32, *, neighbors: int, std_ratio: float) -> Bools:
@@ -40,7 +29,7 @@ def statistical_inliers(xyz: F32, *, neighbors: int, std_ratio: float) -> Bools:
     if len(xyz) <= neighbors:
         return np.ones(len(xyz), np.bool_)
     # PCL's arithmetic: a point's mean distance and its square in float32, sums over the cloud in float64.
-    mean_distance_m = _mean_neighbor_distance(xyz, neighbors)
+    mean_distance_m = mean_neighbor_distance_m(xyz, neighbors)
     count = len(xyz)
     total = float(mean_distance_m.sum(dtype=np.float64))
     total_of_squares = float((mean_distance_m * mean_distance_m).sum(dtype=np.float64))
@@ -49,42 +38,8 @@ def statistical_inliers(xyz: F32, *, neighbors: int, std_ratio: float) -> Bools:
     return keep
 
 
-def _mean_neighbor_distance(xyz: F32, neighbors: int) -> F32:
-    if _may_crowd(xyz):
-        return _among_crowds(xyz, neighbors)
-    return _by_tree(xyz, xyz, neighbors)
-
-
-def _by_tree(points: F32, xyz: F32, neighbors: int) -> F32:
-    """(N,) mean distance of `xyz` to the nearest `points`, which include them."""
-    np.empty(TREE_BYTES * len(points), np.uint8)  # pykdtree crashes where it gets no memory: ask for it first
-    tree = KDTree(points, leafsize=LEAF_SIZE)
-    means = np.empty(len(xyz), np.float32)
-    for start in range(0, len(xyz), QUERY_POINTS):
-        found: tuple[F32, Array] = tree.query(xyz[start : start + QUERY_POINTS], k=neighbors + 1)
-        distances = found[0]
-        total = np.zeros(len(distances))
-        for neighbor in range(1, neighbors + 1):  # 0 is the point itself, or a duplicate of it
-            total += distances[:, neighbor]
-        means[start : start + QUERY_POINTS] = total / neighbors
-    return means
-
-
-def _may_crowd(xyz: F32) -> bool:
-    """Whether `CROWD` points have one x: a quick look, as nearly no cloud has."""
-    x = np.sort(xyz[:, 0])
-    return bool((x[CROWD:] == x[:-CROWD]).any())
-
-
-def _among_crowds(xyz: F32, neighbors: int) -> F32:
-    """The same for a cloud with many points at one place: those with enough duplicates are at distance 0."""
-    order = np.lexsort(xyz.T)
-    starts = np.flatnonzero(np.append(True, (xyz[order[1:]] != xyz[order[:-1]]).any(1)))
-    counts = np.diff(starts, append=len(order))
-    rank = np.arange(len(order)) - np.repeat(starts, counts)
-    alone = np.repeat(counts, counts) <= neighbors
-    means = np.zeros(len(xyz), np.float32)
-    if alone.any():
-        points = xyz[order[rank <= neighbors]]  # more duplicates of a point change nothing
-        means[order[alone]] = _by_tree(points, xyz[order[alone]], neighbors)
-    return means
+def mean_neighbor_distance_m(xyz: F32, neighbors: int) -> F32:
+    """(N,) mean distance of each point (N, 3), finite, to its `neighbors` nearest others; there are as many."""
+    xyz = np.ascontiguousarray(xyz)
+    order = curve_order(xyz)
+    return mean_distances(*box_tree(xyz, order), order, neighbors)

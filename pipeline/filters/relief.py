@@ -12,6 +12,7 @@ import numpy as np
 from pipeline.core.arrays import F32, F64
 from pipeline.core.clouds import Plane, Relief
 from pipeline.core.settings.combine import GroundConfig
+from pipeline.filters.relief_passes import lowest_of_cells, pulled, smoothed
 
 __all__ = ["find_relief"]
 
@@ -46,6 +47,10 @@ PRIOR_WEIGHT, FILL_CELLS, FILL_WEIGHT = 0.05, 5.0, 0.02
 """Weight of the last surface against the points of a cell; reach and weight of what is known where nothing is."""
 
 
+REACH_OF_GAUSSIAN = 2.5
+"""Smoothing looks at most this many standard deviations far."""
+
+
 def find_relief(xyz_site: F32, lidar_origins_site: F64, plane: Plane, config: GroundConfig) -> Relief:
     """The height of the ground above its plane.
 
@@ -59,50 +64,41 @@ def find_relief(xyz_site: F32, lidar_origins_site: F64, plane: Plane, config: Gr
     middle = lidar_origins_site[:, :2].mean(axis=0)
     origin = middle - REACH_CELLS * cell_m
     side = 2 * REACH_CELLS + 1
-    xy, height = _lowest(xyz_site, lidar_origins_site, plane, origin, cell_m, config.distance_m)
-    column, row = np.rint((xy - origin).T / cell_m).astype(np.int64)
-    flat = row * side + column
-    surface, weight = Relief(origin, cell_m, np.zeros((side, side))), np.zeros((side, side))
+    xy, height = _lowest(xyz_site, middle, plane, origin, cell_m, config.distance_m)
+    xy = (xy - origin) / cell_m
+    surface, weight = np.zeros((side, side)), np.zeros((side, side))
     for spread_cells, reach in ROUNDS:
-        above, near_m = height - surface.offset_m(xy), reach * config.distance_m
-        pull = np.where(above > ABOVE_PER_DISTANCE * config.distance_m, ABOVE_WEIGHT, 1.0) * (np.abs(above) <= near_m)
-        total = np.bincount(flat, pull, side * side)
-        mean = np.bincount(flat, pull * above, side * side) / np.maximum(total, 1e-9)
-        weight = np.minimum(total, MOST_POINTS).reshape(side, side)
-        pulled = _smooth(weight * mean.reshape(side, side), spread_cells)
-        surface = Relief(origin, cell_m, surface.offsets_m + pulled / (_smooth(weight, spread_cells) + PRIOR_WEIGHT))
+        near_m, above_m = reach * config.distance_m, ABOVE_PER_DISTANCE * config.distance_m
+        total, mean = pulled(xy, height, surface, near_m, above_m, ABOVE_WEIGHT)
+        weight = np.minimum(total, MOST_POINTS)
+        surface = surface + _smooth(weight * mean, spread_cells) / (_smooth(weight, spread_cells) + PRIOR_WEIGHT)
     known = weight / MOST_POINTS
-    filled = _smooth(known * surface.offsets_m, FILL_CELLS) / (_smooth(known, FILL_CELLS) + FILL_WEIGHT)
+    filled = _smooth(known * surface, FILL_CELLS) / (_smooth(known, FILL_CELLS) + FILL_WEIGHT)
     trust = _smooth(known, 1.0)
     trust = trust / (trust + FILL_WEIGHT)
-    return Relief(origin, cell_m, trust * surface.offsets_m + (1 - trust) * filled)
+    return Relief(origin, cell_m, trust * surface + (1 - trust) * filled)
 
 
-def _lowest(
-    xyz: F32, lidar_origins_site: F64, plane: Plane, origin: F64, cell_m: float, distance_m: float
-) -> tuple[F64, F64]:
+def _lowest(xyz: F32, middle: F64, plane: Plane, origin: F64, cell_m: float, distance_m: float) -> tuple[F64, F64]:
     """The middles of the fine cells that hold ground, perhaps (M, 2), and their lowest heights above the plane (M,)."""
     fine_m = FINE_SHARE * cell_m
     side = round(2 * REACH_CELLS / FINE_SHARE)
-    x, y, z = np.ascontiguousarray(xyz.T)  # a row per coordinate: several times faster than rows of three
-    a, b, c = plane.normal.astype(np.float32)
-    height = (x * a + y * b + z * c + np.float32(plane.offset_m)) / c
-    middle = lidar_origins_site[:, :2].mean(axis=0).astype(np.float32)
-    reach_m = np.float32(distance_m) + np.float32(MAX_SLOPE) * np.hypot(x - middle[0], y - middle[1])
-    column = np.floor((x - np.float32(origin[0])) / np.float32(fine_m))
-    row = np.floor((y - np.float32(origin[1])) / np.float32(fine_m))
-    kept = (np.abs(height) <= reach_m) & (column >= 0) & (column < side) & (row >= 0) & (row < side)
-    lowest = np.full(side * side, np.inf, np.float32)
-    cell, height = (row[kept] * side + column[kept]).astype(np.int64), height[kept]
-    np.minimum.at(lowest, cell, height)
-    low = height <= lowest[cell] + np.float32(LAYER_SHARE * distance_m)
-    counts = np.bincount(cell[low], minlength=side * side)
-    cells = np.flatnonzero(counts)
-    mean = np.bincount(cell[low], height[low], side * side)[cells] / counts[cells]
-    return origin + (np.stack([cells % side, cells // side], 1) + 0.5) * fine_m, mean
+    cells, heights = lowest_of_cells(
+        np.ascontiguousarray(xyz),
+        np.append(plane.normal, plane.offset_m).astype(np.float32),
+        middle.astype(np.float32),
+        origin.astype(np.float32),
+        np.float32(fine_m),
+        side,
+        np.float32(distance_m),
+        np.float32(MAX_SLOPE),
+        np.float32(LAYER_SHARE * distance_m),
+    )
+    return origin + (np.stack([cells % side, cells // side], 1) + 0.5) * fine_m, heights
 
 
 def _smooth(values: F64, cells: float) -> F64:
-    from scipy.ndimage import gaussian_filter  # 0.4 s: behind the imports of the programs
-
-    return np.asarray(gaussian_filter(values, cells, mode="constant", truncate=2.5))
+    """Smoothed by a Gaussian of this standard deviation."""
+    reach = int(REACH_OF_GAUSSIAN * cells + 0.5)
+    taps = np.exp(-0.5 / cells**2 * np.arange(-reach, reach + 1) ** 2)
+    return smoothed(values, (taps / taps.sum())[reach:])

@@ -12,8 +12,8 @@ from typing import Self
 import numpy as np
 
 from pipeline.core.arrays import F64, Bools, Indices, Rows, check_array
-from pipeline.core.lens_kernels import outermost_points
-from pipeline.core.lenses import Lenses
+from pipeline.core.optics.lens_kernels import outermost_points
+from pipeline.core.optics.lenses import Lenses
 from pipeline.core.rig import CameraSensor
 from pipeline.fusion.outline import Outline, cuboid_outline
 

@@ -109,6 +109,17 @@ class _Run(Generic[F]):
 
     def results(self) -> Generator[Any, None, None]:
         """First what keeps the others at work, then what is due, then work of its own."""
+        try:
+            yield from self._results()
+            if self._error is not None:
+                raise self._error
+        finally:
+            # The traceback of an error refers to this object. If this referred to the error, the garbage collector
+            # would clear the frames in work with it, and CPython 3.11 crashes when it clears views of memory in use.
+            self._tasks.clear()
+            self._read = self._error = None
+
+    def _results(self) -> Generator[Any, None, None]:
         self._crew.start(self._crew.sharing.at_once)
         while self._crew.is_starting and self._crew.sharing.at_once:
             self._take_in(wait=True)
@@ -128,8 +139,6 @@ class _Run(Generic[F]):
                 self._work_on(untaken)
             else:
                 self._take_in(wait=True)
-        if self._error is not None:
-            raise self._error
 
     def _begin_one(self) -> bool:
         """Whether there is one more frame that may be in work now."""
@@ -208,17 +217,21 @@ class _Run(Generic[F]):
 
     def _finished(self, task: _Task[F]) -> Any:
         """The sink's value of a frame whose free stages are done."""
-        answer = task.outcome
-        if isinstance(answer, Exception):
-            raise answer
-        assert answer is not None
-        for record in answer.records:
-            logging.getLogger(record.name).handle(record)
-        for name, seconds in answer.seconds.items():
-            self._graph.seconds[name] += seconds
-        if isinstance(answer.outcome, Failure):
-            raise answer.outcome.raised()
+        answer, task.outcome = task.outcome, None
+        try:
+            if isinstance(answer, Exception):
+                raise answer
+            assert answer is not None
+            for record in answer.records:
+                logging.getLogger(record.name).handle(record)
+            for name, seconds in answer.seconds.items():
+                self._graph.seconds[name] += seconds
+            if isinstance(answer.outcome, Failure):
+                raise answer.outcome.raised()
+            handed = answer.outcome
+        finally:
+            del answer  # see `results`
         values: dict[Node[Any], Any] = {self._graph.frame: task.frame}
-        values.update(zip(self._parts.handed, answer.outcome, strict=True))
+        values.update(zip(self._parts.handed, handed, strict=True))
         self._graph.evaluate(self._parts.ordered, task.frame, values)
         return values[self._sink]

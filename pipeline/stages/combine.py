@@ -12,10 +12,13 @@ from pipeline.core.frame import SensorBundle
 from pipeline.core.geometry.pose_samples import PoseSamples
 from pipeline.core.rig import LidarSensor, Rig
 from pipeline.core.settings.combine import CombineConfig, MotionConfig
+from pipeline.filters import ground_passes
 from pipeline.filters.deskew import deskew
-from pipeline.filters.ground import find_ground, height_above
+from pipeline.filters.ground import find_ground
+from pipeline.filters.motion_passes import in_range, moved
 from pipeline.filters.outliers import statistical_inliers
 from pipeline.filters.relief import find_relief
+from pipeline.filters.relief_passes import on_plane, on_relief
 
 __all__ = ["Combine"]
 
@@ -67,14 +70,14 @@ class Combine:
         counts = {"input": sum(len(c) + c.nan_dropped for c in clouds.values()), "nan": cloud.nan_dropped}
         counts["range"] = counts["input"] - counts["nan"] - len(cloud)
 
-        kept = np.arange(len(cloud))
+        kept = np.ones(len(cloud), np.bool_)
         if config.outliers.enabled:
             neighbors, std_ratio = config.outliers.neighbors, config.outliers.std_ratio
-            kept = np.flatnonzero(statistical_inliers(cloud.xyz, neighbors=neighbors, std_ratio=std_ratio))
-        counts["outliers"] = len(cloud) - len(kept)
+            kept = statistical_inliers(cloud.xyz, neighbors=neighbors, std_ratio=std_ratio)
 
-        ground = self._ground_of(cloud.xyz, kept)
-        ground_cloud, left = cloud.select(kept[ground.on_plane]), kept[~ground.on_plane]
+        ground = self._ground_of(cloud.xyz, np.flatnonzero(kept))
+        ground_cloud, left = cloud.select(kept & ground.on_plane), np.flatnonzero(kept & ~ground.on_plane)
+        counts["outliers"] = len(cloud) - len(ground_cloud) - len(left)
         counts |= {"ground": len(ground_cloud), "left": len(left)}
         above = np.flatnonzero(~ground.on_ground)
 
@@ -94,27 +97,31 @@ class Combine:
 
     def _ground_of(self, xyz_site: F32, kept: Indices) -> "_Ground":
         """The ground of the points that are kept."""
-        config, origins, kept_xyz = self._config.ground, self._lidar_origins_site, xyz_site[kept]
+        config, origins, kept_xyz = self._config.ground, self._lidar_origins_site, xyz_site.take(kept, axis=0)
         known_m = self._rig.ground_height_m
-        plane = find_ground(kept_xyz, origins, config=config, ground_height_m=known_m) if config.enabled else None
+        plane = None
+        if config.enabled:
+            plane = find_ground(kept_xyz, origins, config=config, ground_height_m=known_m, passes=ground_passes)
         if plane is None:
-            return _Ground(None, None, np.zeros(len(kept), np.bool_), np.zeros(len(xyz_site), np.bool_))
-        height_m = height_above(plane, xyz_site)
-        on_ground = on_plane = np.abs(height_m) <= config.distance_m
+            nowhere = np.zeros(len(xyz_site), np.bool_)
+            return _Ground(None, None, nowhere, nowhere)
+        rounded = np.append(plane.normal, plane.offset_m).astype(np.float32)
+        on_ground = level = on_plane(xyz_site, rounded, np.float32(config.distance_m))
         relief = find_relief(kept_xyz, origins, plane, config) if config.relief else None
         if relief is not None:
-            on_ground = np.abs(height_m - relief.offset_m(xyz_site[:, :2])) <= config.distance_m
-        return _Ground(plane, relief, on_plane[kept], on_ground)
+            grid = relief.origin_xy, relief.cell_m, relief.offsets_m
+            on_ground = on_relief(xyz_site, rounded, *grid, config.distance_m)
+        return _Ground(plane, relief, level, on_ground)
 
 
 class _Ground(NamedTuple):
-    """The ground of N points, of which M are kept.
+    """The ground of N points.
 
     Attributes:
         plane: None if there is none.
         relief: How the ground differs from it.
-        on_plane: (M,) the points kept that belong to the plane.
-        on_ground: (N,) the points that belong to the ground.
+        on_plane: (N,) the points near the plane.
+        on_ground: (N,) the points near the ground as it is.
     """
 
     plane: Plane | None
@@ -128,8 +135,7 @@ def _in_range(cloud: PointCloud, min_range_m: float, max_range_m: float) -> Poin
 
     Points at the lidar itself are removed: some drivers write beams without a return as (0, 0, 0).
     """
-    range_m = np.sqrt(np.einsum("nj,nj->n", cloud.xyz, cloud.xyz))
-    keep = (range_m > 0) & (range_m >= min_range_m) & (range_m <= max_range_m)
+    keep = in_range(np.ascontiguousarray(cloud.xyz), min_range_m, max_range_m)
     return cloud if keep.all() else cloud.select(keep)
 
 
@@ -152,7 +158,7 @@ def _motion_over(
 def _to_site(cloud: PointCloud, lidar: LidarSensor, stamp_ns: int, motion: PoseSamples | None) -> PointCloud:
     """The cloud in the site frame, moved to the frame's time if the motion is given."""
     offset_ns = cloud.time_offset_ns.astype(np.int64) + (cloud.stamp_ns - stamp_ns)
-    xyz_site = lidar.T_site_lidar.apply(cloud.xyz)
+    xyz_site = moved(np.ascontiguousarray(cloud.xyz), lidar.T_site_lidar.matrix[:3].astype(np.float32))
     if motion is not None:
         xyz_site = deskew(xyz_site, stamp_ns + offset_ns, stamp_ns, motion)
     int32 = np.iinfo(np.int32)
@@ -166,7 +172,9 @@ def _to_site(cloud: PointCloud, lidar: LidarSensor, stamp_ns: int, motion: PoseS
 
 
 def _joined(clouds: list[PointCloud], stamp_ns: int, site_frame: str) -> PointCloud:
-    """All clouds as one."""
+    """All clouds as one; each has the stamp and the frame already."""
+    if len(clouds) == 1:
+        return clouds[0]
     return PointCloud(
         stamp_ns=stamp_ns,
         frame_id=site_frame,

@@ -28,7 +28,7 @@ __all__ = ["Refine"]
 INWARD = np.array([1.0, 1.0, -1.0, -1.0])
 """Which way left, top, right and bottom move when less is seen of an object."""
 
-CLEARLY = 2.0
+CLEARLY = 2.5
 """An edge that is so many standard deviations inside of where it should be may be that of what hides the object."""
 
 

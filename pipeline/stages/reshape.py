@@ -79,17 +79,15 @@ class Reshape:
     def _points_of(self, combined: CombinedCloud, boxes: Boxes3D) -> tuple[I64, I64]:
         """Rows of the detection cloud in each box, sorted by box, and the box of each."""
         assert self._fitter is not None
-        xyz = combined.detection_cloud.xyz.astype(np.float64)
-        height_m = xyz[:, 2] - self._fitter.ground_m(combined, xyz[:, :2])
-        above = np.flatnonzero(height_m > self._config.clearance_m)
         margin_m = MARGIN_SHARE * self._config.distance_m
-        within, box = points_in_footprints(
-            xyz[above, :2], boxes.centers[:, :2], boxes.sizes[:, :2] + 2 * margin_m, boxes.yaws
+        rows, box = points_in_footprints(
+            combined.detection_cloud.xyz, boxes.centers[:, :2], boxes.sizes[:, :2] + 2 * margin_m, boxes.yaws
         )
-        rows = above[within]
+        xyz = combined.detection_cloud.xyz[rows].astype(np.float64)
+        height_m = xyz[:, 2] - self._fitter.ground_m(combined, xyz[:, :2])
         top_m = boxes.centers[:, 2] + boxes.sizes[:, 2] / 2 + margin_m
-        below = xyz[rows, 2] <= top_m[box]
-        return rows[below].astype(np.int64), box[below]
+        kept = (height_m > self._config.clearance_m) & (xyz[:, 2] <= top_m[box])
+        return rows[kept], box[kept]
 
 
 def _with(values: F64, rows: Indices, changed: F64) -> F64:

@@ -156,10 +156,9 @@ def test_bad_message_is_skipped_counted_and_shown(lidcam: Lidcam, tmp_path: Path
     assert out.exists()
 
 
-@pytest.mark.parametrize("workers", [1, 2])
-def test_bad_message_ends_the_run_on_demand(lidcam: Lidcam, tmp_path: Path, workers: int) -> None:
+def test_bad_message_ends_the_run_on_demand(lidcam: Lidcam, tmp_path: Path) -> None:
     recording, out = bag(tmp_path / "a.bag", clouds(5, bad=(2,))), tmp_path / "out.mcap"
-    run = lidcam("process", recording, out, "--on-bad-message", "fail", "--workers", workers)
+    run = lidcam("process", recording, out, "--on-bad-message", "fail")
     assert run.code == 1
     assert "/points" in run.error_line
     assert "frame 2" in run.err

@@ -12,14 +12,14 @@ from small_drive import small_drive
 PROGRAM = Path(sys.executable).with_name("lidcam-process")
 
 
-@pytest.mark.parametrize(("workers", "blocks"), [(1, 20), (3, 100)])
-def test_one_line_and_nothing_left(workers: int, blocks: int, tmp_path: Path) -> None:
+@pytest.mark.parametrize("blocks", [20, 100])
+def test_one_line_and_nothing_left(blocks: int, tmp_path: Path) -> None:
     """The size of a file is limited, in blocks of 512 bytes."""
     write_mcap(tmp_path / "drive.mcap", small_drive("cdr", frames=30))
     out = tmp_path / "out"
     out.mkdir()
     limited = ["sh", "-c", f'ulimit -f {blocks}; exec "$@"', "sh"]
-    command = [PROGRAM, tmp_path / "drive.mcap", out / "out.mcap", "--rerun", out / "out.rrd", f"--workers={workers}"]
+    command = [PROGRAM, tmp_path / "drive.mcap", out / "out.mcap", "--rerun", out / "out.rrd"]
     env = {name: value for name, value in os.environ.items() if not name.startswith("COVERAGE")}  # it writes files, too
     done = subprocess.run(
         [*limited, *map(str, command)], capture_output=True, text=True, timeout=60, check=False, env=env

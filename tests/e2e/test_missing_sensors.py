@@ -102,15 +102,9 @@ def test_every_frame_is_there_and_what_it_lacks_is_told(lidcam: Lidcam, poor: Pa
     }
 
 
-def test_the_table_names_sensors_and_spans_and_the_bytes_are_those_of_any_number_of_workers(
-    lidcam: Lidcam, poor: Path, tmp_path: Path
-) -> None:
-    outputs = []
-    for workers in (1, 3):
-        run = lidcam("process", poor, out := tmp_path / f"{workers}.mcap", "--workers", workers)
-        assert run.code == 0, run.err
-        outputs.append(out.read_bytes())
-    assert outputs[0] == outputs[1]
+def test_the_table_names_sensors_and_spans(lidcam: Lidcam, poor: Path, tmp_path: Path) -> None:
+    run = lidcam("process", poor, tmp_path / "out.mcap")
+    assert run.code == 0, run.err
     table = run.out[run.out.index("missing from frames") :]
     assert re.search(r"^cam1 +19 +silent from 1\.0 s to the end$", table, re.MULTILINE)
     assert re.search(r"^cam3 +15 +in 15 of 30 frames$", table, re.MULTILINE)

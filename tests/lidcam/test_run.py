@@ -158,17 +158,6 @@ def test_a_bad_cloud_leaves_the_rest_of_its_set() -> None:
     assert REAR in summary.drops[0].example
 
 
-@pytest.mark.parametrize("workers", [2, 5])
-def test_summary_does_not_depend_on_the_workers(workers: int) -> None:
-    messages = [m for i, m in enumerate(periodic()) if i not in {3, 8}]
-    summaries = []
-    for count in (1, workers):
-        settings = config().model_copy(update={"run": config().run.model_copy(update={"workers": count})})
-        summary, frames = run(messages, settings)
-        summaries.append((summary.messages_used, summary.drops, summary.objects, summary.points, len(frames)))
-    assert summaries[0] == summaries[1]
-
-
 def test_no_set_at_all_names_the_messages_by_topic() -> None:
     with pytest.raises(RecordingError, match=rf"{FRONT} 6, {REAR} 6, {IMAGES} 0"):
         run(periodic((FRONT, REAR)), config(required="all"))

@@ -44,8 +44,6 @@ test compares it with what is installed. Versions and hashes are in `constraints
 
 What is not permissive:
 
-- **pykdtree** (nearest neighbours, installed with lidcam) is under LGPL-3.0-or-later: lidcam calls it as a separate,
-  exchangeable module.
 - **av** (extra `video`) is itself under BSD-3-Clause, but its wheel holds FFmpeg with the encoders x264 and x265, which
   are under GPL-2.0-or-later: who passes on an installation with this extra passes on GPL code. That is why it is an
   extra; lidcam decodes with it and encodes nothing.

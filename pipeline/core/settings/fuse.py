@@ -1,6 +1,6 @@
 """Settings of association and fusion."""
 
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from pydantic import Field
 
@@ -31,6 +31,13 @@ class AssociateConfig(SettingsModel):
         unseen_boxes: 2D boxes in an image that belong to no 3D box, as a rule. The more there are, the better a pair
             has to fit.
     """
+
+    GONE: ClassVar = {
+        "min_iou": "pairs are no longer chosen by their IoU; leave it out, or see associate.min_giou, which is on "
+        "another scale: the generalised IoU, from -1 to 1",
+        "class_penalty": "leave it out: how much another class counts follows from the sizes of the classes and "
+        "associate.any_class",
+    }
 
     min_giou: Annotated[float, Field(ge=-1, le=1)] = -0.3
     gate: Positive = 6.0
@@ -70,6 +77,10 @@ class FuseConfig(SettingsModel):
         underside: How far above the ground an object begins at its outline, as a share of its height.
         cabin: How much shorter and narrower than its body the roof of an object is that is lower than wide, as a share.
     """
+
+    GONE: ClassVar = {
+        "min_score_unconfirmed": "leave it out: fuse.min_score is a probability, with cameras and without",
+    }
 
     min_score: Share = 0.5
     camera_recall: Share | None = None

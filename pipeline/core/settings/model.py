@@ -1,6 +1,7 @@
 """Base class of the settings, and their types."""
 
-from typing import Annotated
+from collections.abc import Mapping
+from typing import Annotated, ClassVar
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -32,6 +33,12 @@ Label = Annotated[str, Noun("a label", "labels", "car")]
 
 
 class SettingsModel(BaseModel):
-    """A section of the settings: immutable, rejects unknown keys and numbers that are not finite."""
+    """A section of the settings: immutable, rejects unknown keys and numbers that are not finite.
+
+    Attributes:
+        GONE: What to do instead, by the name of a setting that earlier versions had.
+    """
+
+    GONE: ClassVar[Mapping[str, str]] = {}
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)

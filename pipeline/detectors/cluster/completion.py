@@ -3,7 +3,8 @@
 A lidar sees only the near sides of an object. A side that faces a lidar shows its whole length; the extent behind it is
 taken from the size prior of the class. So a cluster is compared with each class, with the length along either axis of
 the rectangle; missing length counts only as far as it should have been visible. The box then keeps its near sides and
-grows away from the lidars; a cyclist's grows about its middle, and a pedestrian's half as far away as that of a car.
+grows away from the lidars; a cyclist's grows about its middle, and a pedestrian's half as far away as that of a car. Of
+thin wheels and limbs hardly anything is seen, so neither is taken for smaller than its class.
 """
 
 from dataclasses import dataclass
@@ -59,6 +60,7 @@ class CompletedBoxes:
         center_std_m: (C, 2) float64 standard deviation of the centre along length and width.
         faces_m2: (C,) float64 area of the box visible to the lidars, from their mean direction.
         is_slender: (C,) bool, the class is that of a pedestrian or a rider, by its proportions.
+        rides: (C,) bool, it is that of a rider.
     """
 
     class_ids: I64
@@ -69,6 +71,7 @@ class CompletedBoxes:
     center_std_m: F64
     faces_m2: F64
     is_slender: Bools
+    rides: Bools
 
 
 def complete_boxes(
@@ -114,11 +117,13 @@ def complete_boxes(
     class_ids = np.where(np.isfinite(cost[rows, choice]), kind_class[choice // 2], -1)
 
     chosen, chosen_limit = mean[choice], limit[choice]
-    center, full, std = _grow(extent, middle, chosen[:, :2], chosen_limit[:, :2], seen, towards, lidar_share)
     is_slender = chosen[:, :2].min(1) <= SLENDER_SHARE * chosen[:, 2]
+    limits = chosen[:, :2], chosen_limit[:, :2]
+    center, full, std = _grow(extent, middle, *limits, seen, towards, lidar_share, is_slender)
     is_round = chosen[:, :2].min(1) > ROUND_SHARE * chosen[:, :2].max(1)
     anchored = np.where(is_slender, np.where(is_round, ROUND_ANCHOR, 0.0), 1.0)[:, None]
     center = middle + anchored * (center - middle)
+    rides = is_slender & ~is_round
     std = np.where(is_slender[:, None], (full - extent) / 4, std)
     height = np.where(top_m >= WHOLE_SHARE * chosen[:, 2], top_m, chosen[:, 2])
     swap = (choice % 2 == 1)[:, None]
@@ -133,6 +138,7 @@ def complete_boxes(
         np.where(swap, std[:, ::-1], std),
         faces,
         is_slender,
+        rides,
     )
 
 
@@ -149,7 +155,14 @@ def _kinds(priors: tuple[ClassPrior, ...]) -> tuple[I64, F64, F64]:
 
 
 def _grow(
-    extent: F64, middle: F64, prior: F64, limit: F64, seen: F64, towards: F64, lidar_share: F64
+    extent: F64,
+    middle: F64,
+    prior: F64,
+    limit: F64,
+    seen: F64,
+    towards: F64,
+    lidar_share: F64,
+    is_slender: Bools,
 ) -> tuple[F64, F64, F64]:
     """Centre, extent and standard deviation of the centre along each axis (C, 2), grown away from the lidars."""
     # -1: the lidar is beyond the low end, 1: beyond the high end, between: beside the object.
@@ -157,6 +170,7 @@ def _grow(
     both = np.minimum(np.einsum("cl,cla->ca", lidar_share, end > 0.5), np.einsum("cl,cla->ca", lidar_share, end < -0.5))
     whole = (both >= BOTH_ENDS_SHARE) & (extent >= BOTH_ENDS_WHOLE_SHARE * prior)
     whole |= (seen > 0.5) & (extent >= WHOLE_SHARE * prior)
+    whole &= ~is_slender[:, None]
     missing = np.where(whole, 0.0, np.maximum(prior - extent, 0))
     anchor = np.einsum("cl,cla->ca", lidar_share, end)
     full = extent + missing

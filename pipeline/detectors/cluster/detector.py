@@ -2,12 +2,13 @@
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64, select_rows
+from pipeline.core.arrays import I64, select_rows
 from pipeline.core.clouds import CombinedCloud
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.detectors.cluster.clusters import cluster_points
 from pipeline.detectors.cluster.fitting import BoxFitter, ThinnedPoints
+from pipeline.detectors.cluster.point_kernels import extents, members
 from pipeline.detectors.cluster.sight import Sight
 from pipeline.detectors.protocols import Candidates3D
 
@@ -48,11 +49,8 @@ class ClusterDetector:
         return self._fitter.on_ground(combined, found)
 
     def _points_above_ground(self, combined: CombinedCloud) -> ThinnedPoints:
-        position = combined.detection_cloud.xyz.astype(np.float64)
-        position[:, 2] -= self._fitter.ground_m(combined, position[:, :2])
-        height = position[:, 2]
-        rows = np.flatnonzero((height > self._config.clearance_m) & (height < self._ceiling_m))
-        points, _ = self._fitter.thin(combined, rows, position.take(rows, axis=0))
+        rows = np.arange(len(combined.detection_cloud))
+        points, _ = self._fitter.thin(combined, rows, self._config.clearance_m, self._ceiling_m)
         return points
 
     def _candidates(
@@ -70,38 +68,21 @@ class ClusterDetector:
         """
         weighted = points.position * np.array([1.0, 1.0, self._config.height_weight])
         count, cluster = cluster_points(weighted, share * points.link_distance_m)
-        order = np.argsort(cluster, kind="stable")
-        points, cluster, before = select_rows(points, order), cluster[order], before[order]
-        starts = np.searchsorted(cluster, np.arange(count))
-        height = points.position[:, 2]
-        usable = (np.add.reduceat(points.weights, starts) >= self._config.min_points) & (
-            np.maximum.reduceat(height, starts) >= self._config.min_height_m
-        )
-        bottom = np.minimum.reduceat(height, starts)
+        counts, weights, first, low, high = extents(points.position, points.weights, cluster, count)
+        bottom, top, min_height_m = low[:, 4], high[:, 4], self._config.min_height_m
+        usable = (weights >= self._config.min_points) & (top >= min_height_m)
         hangs = usable & (bottom > self._config.max_bottom_m)
-        usable &= ~hangs | (np.maximum.reduceat(height, starts) - bottom >= self._config.min_height_m)  # no roof's edge
+        usable &= ~hangs | (top - bottom >= min_height_m)  # no roof's edge
         hangs &= usable
-        rows, from_m = np.flatnonzero(hangs[cluster]), self._config.max_bottom_m
-        hanging_starts = np.searchsorted(cluster[rows], np.flatnonzero(hangs))
-        usable[hangs] = sight.is_hidden_below(points.position[rows], points.lidar[rows], hanging_starts, from_m)
-        in_parts = np.bincount(before + 1)[before[starts] + 1] > np.diff(starts, append=len(cluster))
-        small = usable & (in_parts | (before[starts] < 0))
-        small &= _diameter(points.position[:, :2], starts) <= self._diagonal_m
-        rows = np.flatnonzero(small[cluster])
-        small_starts = np.searchsorted(cluster[rows], np.flatnonzero(small))
-        candidates, misfit = self._fitter.fit(select_rows(points, rows), small_starts)
+        rows, starts = members(cluster, hangs)
+        hanging, from_m = points.position[rows], self._config.max_bottom_m
+        usable[hangs] = sight.is_hidden_below(hanging, points.lidar[rows], starts, from_m)
+        in_parts = np.bincount(before + 1)[before[first] + 1] > counts
+        small = usable & (in_parts | (before[first] < 0))
+        small &= (high - low)[:, :4].max(1) <= self._diagonal_m  # a lower bound of the diameter
+        rows, starts = members(cluster, small)
+        candidates, misfit = self._fitter.fit(select_rows(points, rows), starts)
         again = usable.copy()
         again[small] = (candidates.class_ids < 0) | (misfit > GOOD_MISFIT)
-        rows = np.flatnonzero(again[cluster])
+        rows, _ = members(cluster, again)
         return candidates, select_rows(points, rows), cluster[rows]
-
-
-def _diameter(xy: F64, starts: I64) -> F64:
-    """(C,) lower bound of the diameter of each cluster: its largest extent in four directions."""
-    x, y = xy.T
-    half = np.sqrt(0.5)
-    extents = [
-        np.maximum.reduceat(along, starts) - np.minimum.reduceat(along, starts)
-        for along in (x, y, (x + y) * half, (x - y) * half)
-    ]
-    return np.asarray(np.max(extents, axis=0))

@@ -4,13 +4,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64, select_rows
-from pipeline.core.clouds import CombinedCloud
+from pipeline.core.arrays import F64, I64, Indices, Record, join_rows, select_rows
+from pipeline.core.clouds import CombinedCloud, Plane
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.detectors.cluster.clusters import thin_points
 from pipeline.detectors.cluster.completion import complete_boxes
-from pipeline.detectors.cluster.lshape import fit_rectangles, quantiles_by_cluster
+from pipeline.detectors.cluster.lshape import fit_rectangles, quantiles_by_cluster, rectangles_along
+from pipeline.detectors.cluster.point_kernels import points_above_ground
+from pipeline.detectors.cluster.principal import principal_axes
 from pipeline.detectors.cluster.scores import box_covariances, box_scores
 from pipeline.detectors.protocols import Candidates3D
 
@@ -22,9 +24,6 @@ THIN_SHARE = 0.2
 
 TOP_SHARE = 0.99
 """Share of a group's points below its top; the rest may be stray points."""
-
-BATCH_POINTS = 1 << 16
-"""Points whose groups are fitted at once: the search over headings takes kilobytes for each."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,10 +67,8 @@ class BoxFitter:
             starts: (G,) first of `rows` of each group; each has at least one.
             class_ids: (G,) class of each group.
         """
-        xyz = combined.detection_cloud.xyz[rows].astype(np.float64)
-        xyz[:, 2] -= self.ground_m(combined, xyz[:, :2])
         group = np.repeat(np.arange(len(starts)), np.diff(starts, append=len(rows)))
-        points, group = self.thin(combined, rows, xyz, group)
+        points, group = self.thin(combined, rows, group=group)
         found, _ = self.fit(points, np.searchsorted(group, np.arange(len(starts))), class_ids)
         return self.on_ground(combined, found)
 
@@ -90,7 +87,12 @@ class BoxFitter:
         return found._replace(centers=np.column_stack([xy, self.ground_m(combined, xy) + found.centers[:, 2]]))
 
     def thin(
-        self, combined: CombinedCloud, rows: I64, position: F64, group: I64 | None = None
+        self,
+        combined: CombinedCloud,
+        rows: I64,
+        above_m: float = -np.inf,
+        below_m: float = np.inf,
+        group: I64 | None = None,
     ) -> tuple[ThinnedPoints, I64]:
         """Thin points, as far as their link distance allows, and say the group of each that is left.
 
@@ -99,23 +101,36 @@ class BoxFitter:
         Args:
             combined: The cloud of the frame.
             rows: (N,) rows of `combined.detection_cloud`.
-            position: (N, 3) x, y in the site frame and height above the ground of these.
+            above_m: Points are left out that are no higher than this above the ground.
+            below_m: Points are left out that are at least as high.
             group: (N,) their groups, from 0; None if all are of one. The points left are sorted by it.
         """
-        lidars = len(self._lidar_xyz)
-        lidar = combined.detection_lidar_index[rows].astype(np.int64)
-        group = np.zeros(len(rows), np.int64) if group is None else group
-        gap = combined.detection_cloud.xyz[rows].astype(np.float64) - self._lidar_xyz.take(lidar, axis=0)
-        range_m = np.sqrt(gap[:, 0] ** 2 + gap[:, 1] ** 2 + gap[:, 2] ** 2)
-        link_m = self._config.distance_m + self._config.distance_per_m * range_m
-        time_ns = combined.detection_cloud.time_offset_ns[rows].astype(np.int64)
-        if not len(rows):
-            return ThinnedPoints(position, link_m, lidar, lidar, time_ns), group
+        cloud, lidars = combined.detection_cloud, len(self._lidar_xyz)
+        count, kept, position, lidar, link_m = points_above_ground(
+            cloud.xyz,
+            combined.detection_lidar_index,
+            rows,
+            *ground_arrays(combined, self._ground_height_m),
+            self._lidar_xyz,
+            np.array([self._config.distance_m, self._config.distance_per_m]),
+            np.array([above_m, below_m]),
+        )
+        kept, position, lidar, link_m = kept[:count], position[:count], lidar[:count], link_m[:count]
+        group = np.zeros(count, np.int64) if group is None else group[kept]
+        if not count:
+            return ThinnedPoints(position, link_m, lidar, lidar, lidar), group
         cells = thin_points(position, link_m, THIN_SHARE, group * lidars + lidar)
-        time_sum_ns = np.zeros(len(cells.counts), np.int64)
-        np.add.at(time_sum_ns, cells.cell_of_point, time_ns)
-        points = ThinnedPoints(cells.means, cells.distance_m, lidar[cells.first], cells.counts, time_sum_ns)
+        time_ns = cloud.time_offset_ns[rows[kept]].astype(np.float64)
+        points = ThinnedPoints(
+            cells.means,
+            cells.distance_m,
+            lidar[cells.first],
+            cells.counts,
+            np.bincount(cells.cell_of_point, time_ns).astype(np.int64),  # of whole numbers, and so exact
+        )
         group = group[cells.first]
+        if (np.diff(group) >= 0).all():
+            return points, group
         order = np.argsort(group, kind="stable")
         return select_rows(points, order), group[order]
 
@@ -130,27 +145,26 @@ class BoxFitter:
         Returns:
             Boxes in the order of the groups, and (G,) their `CompletedBoxes.misfit`.
         """
-        given = np.full(len(starts), -1) if class_ids is None else class_ids
-        ends = np.append(starts[1:], len(points.position))
-        parts, misfits, first = [Candidates3D.empty()], [np.zeros(0)], 0
-        while first < len(starts):
-            last = max(int(np.searchsorted(ends, starts[first] + BATCH_POINTS, side="right")), first + 1)
-            rows = np.arange(starts[first], ends[last - 1])
-            some = select_rows(points, rows), starts[first:last] - starts[first], given[first:last]
-            boxes, misfit = self._fit(*some)
-            parts.append(boxes)
-            misfits.append(misfit)
-            first = last
-        return Candidates3D(*map(np.concatenate, zip(*parts, strict=True))), np.concatenate(misfits)
-
-    def _fit(self, points: ThinnedPoints, starts: I64, class_ids: I64) -> tuple[Candidates3D, F64]:
-        """As `fit`; the class is -1 where the one that fits best is wanted."""
+        if not len(starts):
+            return Candidates3D.empty(), np.zeros(0)
+        groups, lidars = len(starts), len(self._lidar_xyz)
+        given = np.full(groups, -1) if class_ids is None else class_ids
         counts = np.add.reduceat(points.weights, starts)
+        axis_rad, roundness = principal_axes(points.position[:, :2], starts)
         rectangles = fit_rectangles(points.position[:, :2], starts)
         (top,) = quantiles_by_cluster(points.position[:, 2], starts, (TOP_SHARE,))
-        by_lidar = points.weights[:, None] * (points.lidar[:, None] == np.arange(len(self._lidar_xyz)))
-        lidar_share = np.add.reduceat(by_lidar, starts) / counts[:, None]
-        boxes = complete_boxes(rectangles, top, lidar_share, self._lidar_xyz[:, :2], self._priors, class_ids)
+        group = np.repeat(np.arange(groups), np.diff(starts, append=len(points.position)))
+        by_lidar = np.bincount(group * lidars + points.lidar, points.weights, groups * lidars).reshape(groups, lidars)
+        lidar_share = by_lidar / counts[:, None]
+        lidar_xy = self._lidar_xyz[:, :2]
+        boxes = complete_boxes(rectangles, top, lidar_share, lidar_xy, self._priors, given)
+        riders = np.flatnonzero(boxes.rides)
+        if len(riders):
+            xy, first = _of_groups(points.position[:, :2], starts, riders)
+            along = rectangles_along(xy, first, axis_rad[riders])
+            again = top[riders], lidar_share[riders], lidar_xy, self._priors, boxes.class_ids[riders]
+            boxes = _with_rows(boxes, riders, complete_boxes(along, *again))
+            rectangles = _with_rows(rectangles, riders, along)
         range_m = np.linalg.norm(boxes.center_xy[:, None] - self._lidar_xyz[:, :2], axis=2)
         expected_per_m2 = self._config.points_per_sr * (lidar_share / np.maximum(range_m, 1e-3) ** 2).sum(1)
         candidates = Candidates3D(
@@ -160,7 +174,31 @@ class BoxFitter:
             box_scores(boxes, rectangles, counts, expected_per_m2),
             boxes.class_ids,
             counts,
-            box_covariances(boxes, rectangles, expected_per_m2),
+            box_covariances(boxes, rectangles, roundness, expected_per_m2),
             np.rint(np.add.reduceat(points.time_sum_ns, starts) / counts).astype(np.int64),
         )
         return candidates, boxes.misfit
+
+
+def ground_arrays(combined: CombinedCloud, level_m: float) -> tuple[F64, F64, F64]:
+    """The ground as `points_above_ground` takes it: its plane, its relief, and where the nodes of that are."""
+    flat, relief = Plane(np.array([0.0, 0.0, 1.0]), -level_m), combined.relief
+    plane = flat if combined.plane is None else combined.plane
+    surface = np.append(plane.normal, plane.offset_m)
+    if relief is None or combined.plane is None:
+        return surface, np.zeros((2, 2)), np.array([0.0, 0.0, 1.0])
+    return surface, relief.offsets_m, np.append(relief.origin_xy, relief.cell_m)
+
+
+def _of_groups(xy: F64, starts: I64, groups: Indices) -> tuple[F64, I64]:
+    """The points (N, 2) of some groups, and the first of each of these."""
+    counts = np.diff(starts, append=len(xy))[groups]
+    first = np.cumsum(counts) - counts
+    return xy[np.arange(counts.sum()) + np.repeat(starts[groups] - first, counts)], first
+
+
+def _with_rows(record: Record, rows: Indices, changed: Record) -> Record:
+    """The record with other values in some rows."""
+    order = np.arange(len(next(iter(vars(record).values()))))
+    order[rows] = len(order) + np.arange(len(rows))
+    return select_rows(join_rows(record, changed), order)

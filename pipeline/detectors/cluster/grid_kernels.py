@@ -26,7 +26,8 @@ ROOM = 1.0 + 1e-6
 
 @inlined
 def _exact(value: float) -> float:
-    return np.rint(value * RESOLUTION_PER_M) / RESOLUTION_PER_M  # type: ignore[no-any-return]  # numpy's is Any
+    exact: float = np.rint(value * RESOLUTION_PER_M) / RESOLUTION_PER_M
+    return exact
 
 
 @compiled("int64[::1](float64[::1], float64, float64[::1])")
@@ -47,25 +48,27 @@ def ascending(keys: I64) -> I64:
     count, used = len(keys), 0
     for key in keys:
         used |= key
-    rows, other_rows = np.arange(count), np.empty(count, np.int64)
-    keys, other_keys = keys.copy(), np.empty(count, np.int64)
+    rows, other_rows = np.empty(count, np.int64), np.empty(count, np.int64)
+    old_keys, new_keys = np.empty(count, np.int64), np.empty(count, np.int64)
+    for i in range(count):
+        rows[i], old_keys[i] = i, keys[i]
     place = np.empty(DIGITS, np.int64)
     shift = 0
     while shift < 64 and used >> shift != 0:
         for digit in range(DIGITS):
             place[digit] = 0
-        for key in keys:
+        for key in old_keys:
             place[(key >> shift) & (DIGITS - 1)] += 1
         before = 0
         for digit in range(DIGITS):
             before += place[digit]
             place[digit] = before - place[digit]
         for i in range(count):
-            digit = (keys[i] >> shift) & (DIGITS - 1)
+            digit = (old_keys[i] >> shift) & (DIGITS - 1)
             other_rows[place[digit]] = rows[i]
-            other_keys[place[digit]] = keys[i]
+            new_keys[place[digit]] = old_keys[i]
             place[digit] += 1
-        rows, other_rows, keys, other_keys = other_rows, rows, other_keys, keys
+        rows, other_rows, old_keys, new_keys = other_rows, rows, new_keys, old_keys
         shift += DIGIT_BITS
     return rows
 
@@ -146,9 +149,17 @@ def _root(parent: I64, row: int) -> int:
     return row
 
 
-@compiled("void(float64[:, ::1], float64[::1], int64[::1], int64[::1], int64, float64, int64[::1], int64[::1])")
+@compiled("void(float64[:, ::1], float64[::1], int64[::1], int64[::1], int64, int64, float64, int64[::1], int64[::1])")
 def _link_level(
-    points: F64, distance_m: F64, level: I64, rows: I64, lowest: int, edge_m: float, starts: I64, parent: I64
+    points: F64,
+    distance_m: F64,
+    level: I64,
+    rows: I64,
+    count: int,
+    lowest: int,
+    edge_m: float,
+    starts: I64,
+    parent: I64,
 ) -> None:
     """Link the points of one level with each other and with those of the levels above.
 
@@ -159,19 +170,22 @@ def _link_level(
         points: Of all levels.
         distance_m: Of all levels.
         level: Of each point.
-        rows: Of the points of this level and above, rising.
+        rows: Of the points of this level and above, rising; the first `count` are used.
+        count: Number of these.
         lowest: This level.
         edge_m: At least the longest distance of this level.
         starts: Room for the first point of each bucket, a power of two and one.
         parent: A point of the same part; changed.
     """
-    count, buckets = len(rows), len(starts) - 1
+    buckets = len(starts) - 1
     low_x, low_y, high_y = np.inf, np.inf, -np.inf
-    for row in rows:
+    for i in range(count):
+        row = rows[i]
         low_x, low_y, high_y = min(low_x, points[row, 0]), min(low_y, points[row, 1]), max(high_y, points[row, 1])
     width = int(min((high_y - low_y) / edge_m, FURTHEST_BUCKET)) + 3
     bucket = np.empty(count, np.int64)
-    starts[:] = 0
+    for k in range(buckets + 1):
+        starts[k] = 0
     for i in range(count):
         column = int(min((points[rows[i], 0] - low_x) / edge_m, FURTHEST_BUCKET))
         line = int(min((points[rows[i], 1] - low_y) / edge_m, FURTHEST_BUCKET))
@@ -193,14 +207,18 @@ def _link_level(
             continue
         x, y, z, own_m = points[row, 0], points[row, 1], points[row, 2], distance_m[row]
         for column in range(-1, 2):
-            for line in range(-1, 2):
-                k = (bucket[i] + column * width + line) & (buckets - 1)
-                for place in range(starts[k], starts[k + 1]):
+            first = (bucket[i] + column * width - 1) & (buckets - 1)
+            for is_rest in range(2):  # three buckets in a row, of which some may be the first of all
+                start = 0 if is_rest else starts[first]
+                stop = starts[max(first + 3 - buckets, 0)] if is_rest else starts[min(first + 3, buckets)]
+                for place in range(start, stop):
                     dx, dy, dz = x - near[place, 0], y - near[place, 1], z - near[place, 2]
                     link_m = min(own_m, near[place, 3])
                     if dx * dx + dy * dy + dz * dz <= link_m * link_m:
-                        first, second = _root(parent, row), _root(parent, near_row[place])
-                        parent[max(first, second)] = min(first, second)
+                        other = near_row[place]
+                        if other > row or level[other] != lowest:
+                            own, other = _root(parent, row), _root(parent, other)
+                            parent[max(own, other)] = min(own, other)
 
 
 @compiled("Tuple((int64, int64[::1]))(float64[:, ::1], float64[::1], int64[::1], int64)")
@@ -220,12 +238,13 @@ def link(points: F64, distance_m: F64, level: I64, level_count: int) -> tuple[in
         The number of parts, and (N,) the part of each point, numbered in order of their first point.
     """
     count = len(points)
-    parent = np.arange(count)
+    parent, rows = np.empty(count, np.int64), np.empty(count, np.int64)
+    for row in range(count):
+        parent[row] = row
     buckets = 64
     while buckets < count:
         buckets *= 2
     starts = np.empty(buckets + 1, np.int64)
-    rows = np.empty(count, np.int64)
     for lowest in range(level_count):
         reach_m, above = 0.0, 0
         for row in range(count):
@@ -235,7 +254,7 @@ def link(points: F64, distance_m: F64, level: I64, level_count: int) -> tuple[in
             if level[row] == lowest:
                 reach_m = max(reach_m, distance_m[row])
         if reach_m > 0.0:
-            _link_level(points, distance_m, level, rows[:above], lowest, reach_m * ROOM, starts, parent)
+            _link_level(points, distance_m, level, rows, above, lowest, reach_m * ROOM, starts, parent)
 
     part, parts = np.empty(count, np.int64), 0
     for i in range(count):  # the root of a part is its first point

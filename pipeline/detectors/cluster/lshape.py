@@ -13,8 +13,9 @@ import numpy as np
 
 from pipeline.core.arrays import F64, I64
 from pipeline.core.geometry.boxes import rotations_2d
+from pipeline.detectors.cluster.lshape_kernels import closeness, nearest_sides, ranked, thinned, turned
 
-__all__ = ["Rectangles", "fit_rectangles", "quantiles_by_cluster"]
+__all__ = ["Rectangles", "fit_rectangles", "quantiles_by_cluster", "rectangles_along"]
 
 
 COARSE_STEP_DEG = 3.0
@@ -65,21 +66,28 @@ def fit_rectangles(xy: F64, starts: I64) -> Rectangles:
         xy: (N, 2) metres, sorted by cluster.
         starts: (C,) first row of each cluster; each has at least one, and there is at least one cluster.
     """
-    cluster = _cluster_of_row(starts, len(xy))
-    thin = _Thinned.of(xy, cluster, starts)
-    rows = np.arange(len(starts))
+    xy, ends = np.ascontiguousarray(xy), np.append(starts[1:], len(xy))
     coarse = np.deg2rad(np.arange(0.0, 90.0, COARSE_STEP_DEG))
+    thin = _Thinned.of(xy, starts, ends)
     best = coarse[thin.closeness(np.tile(coarse, (len(starts), 1))).argmax(1)]
     fine = best[:, None] + np.deg2rad(np.arange(-COARSE_STEP_DEG, COARSE_STEP_DEG + FINE_STEP_DEG / 2, FINE_STEP_DEG))
-    angle = np.mod(fine[rows, thin.closeness(fine).argmax(1)], np.pi / 2)
+    return rectangles_along(xy, starts, fine[np.arange(len(starts)), thin.closeness(fine).argmax(1)])
 
-    cos, sin = np.cos(angle)[cluster], np.sin(angle)[cluster]
-    along = np.stack([xy[:, 0] * cos + xy[:, 1] * sin, xy[:, 1] * cos - xy[:, 0] * sin], 1)
-    ends = [quantiles_by_cluster(along[:, axis], starts, (OUTSIDE_SHARE, 1 - OUTSIDE_SHARE)) for axis in range(2)]
-    low, high = np.stack(ends, 2)
-    to_side = np.minimum(np.abs(along - low[cluster]), np.abs(along - high[cluster]))
-    square = np.minimum(to_side[:, 0], to_side[:, 1]) ** 2
-    residual = np.sqrt(np.add.reduceat(square, starts) / np.diff(starts, append=len(xy)))
+
+def rectangles_along(xy: F64, starts: I64, angles_rad: F64) -> Rectangles:
+    """The rectangle around each cluster with a side in a given direction.
+
+    Args:
+        xy: (N, 2) metres, sorted by cluster.
+        starts: (C,) first row of each cluster; each has at least one, and there is at least one cluster.
+        angles_rad: (C,) direction of one side about +z.
+    """
+    xy, ends = np.ascontiguousarray(xy), np.append(starts[1:], len(xy))
+    angle = np.mod(angles_rad, np.pi / 2)
+    along = turned(xy, ends, np.cos(angle), np.sin(angle))
+    sides = [quantiles_by_cluster(values, starts, (OUTSIDE_SHARE, 1 - OUTSIDE_SHARE)) for values in along]
+    low, high = np.stack(sides, 2)
+    residual = np.sqrt(nearest_sides(along, ends, low, high) / (ends - starts))
     return Rectangles(angle, low, high, residual)
 
 
@@ -91,15 +99,15 @@ def quantiles_by_cluster(values: F64, starts: I64, shares: tuple[float, ...]) ->
     Args:
         values: (N,) sorted by cluster, in any order within.
         starts: (C,) first row of each cluster.
-        shares: (S,) in [0, 1].
+        shares: (S,) in [0, 1], near one of the ends.
     """
-    lowest, span = float(values.min()), float(np.ptp(values)) + 1.0
-    offset = _cluster_of_row(starts, len(values)) * span
-    ordered = np.sort(values - lowest + offset)
-    last = np.diff(starts, append=len(values)) - 1
+    ends = np.append(starts[1:], len(values))
+    values, last = np.ascontiguousarray(values), ends - starts - 1
     steps = [np.floor(share * last) if share < 0.5 else np.ceil(share * last) for share in shares]
-    rows = starts + np.array(steps).astype(np.int64)
-    return np.asarray(ordered[rows] - offset[rows] + lowest)
+    found = np.array([ranked(values, ends, step.astype(np.int64)) for step in steps])
+    # Rounded as where all clusters lie side by side in one row.
+    lowest, offset = values.min(), np.arange(len(starts)) * (np.ptp(values) + 1.0)
+    return np.asarray(found - lowest + offset - offset + lowest)
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,56 +117,25 @@ class _Thinned:
     Attributes:
         xy: (M, 2) metres, sorted by cluster.
         weights: (M,) number of points that each one stands for.
-        cluster: (M,).
-        starts: (C,) first row of each cluster.
+        ends: (C,) row behind the last of each cluster.
         soft_m: (C,) distance from a side that hardly lowers closeness.
     """
 
     xy: F64
     weights: F64
-    cluster: I64
-    starts: I64
+    ends: I64
     soft_m: F64
 
     @classmethod
-    def of(cls, xy: F64, cluster: I64, starts: I64) -> "_Thinned":
+    def of(cls, xy: F64, starts: I64, ends: I64) -> "_Thinned":
         """Means of the points in the cells of a grid of each cluster's own size."""
-        columns = np.ascontiguousarray(xy.T)
-        low = np.minimum.reduceat(columns, starts, axis=1)
-        diagonal_m = np.maximum(np.hypot(*(np.maximum.reduceat(columns, starts, axis=1) - low)), 1e-3)
-        cell = ((columns - low[:, cluster]) / (diagonal_m / CELLS_ACROSS)[cluster]).astype(np.int64)
-        side = CELLS_ACROSS + 1
-        key = (cluster * side + cell[0]) * side + cell[1]
-        order = np.argsort(key, kind="stable")
-        first = np.flatnonzero(np.diff(key[order], prepend=-1))
-        weights = np.diff(first, append=len(key)).astype(np.float64)
-        means = (np.add.reduceat(columns.take(order, axis=1), first, axis=1) / weights).T
-        thin_cluster = cluster[order[first]]
-        thin_starts = np.searchsorted(thin_cluster, np.arange(len(starts)))
-        return cls(means, weights, thin_cluster, thin_starts, SOFT_SHARE * diagonal_m)
+        low, high = np.minimum.reduceat(xy, starts), np.maximum.reduceat(xy, starts)
+        diagonal_m = np.maximum(np.hypot(*(high - low).T), 1e-3)
+        count, means, weights, mean_ends = thinned(xy, ends, low, diagonal_m / CELLS_ACROSS, CELLS_ACROSS + 1)
+        return cls(means[:count], weights[:count], mean_ends, SOFT_SHARE * diagonal_m)
 
     def closeness(self, angles: F64) -> F64:
         """(C, A) closeness of the points of each cluster to the bounding rectangle at each of its angles (C, A)."""
-        cos, sin = np.cos(angles)[self.cluster], np.sin(angles)[self.cluster]
-        x, y = self.xy[:, :1], self.xy[:, 1:]
-        to_side = np.minimum(self._side_distance(x * cos + y * sin), self._side_distance(y * cos - x * sin))
-        soft = np.sqrt(to_side**2 + self.soft_m[self.cluster, None] ** 2)
-        return np.asarray(np.add.reduceat(self.weights[:, None] / soft, self.starts))
-
-    def _side_distance(self, along: F64) -> F64:
-        """(M, A) distance from the nearer of the two trimmed ends of the cluster."""
-        low = np.minimum.reduceat(along, self.starts)
-        step = np.maximum((np.maximum.reduceat(along, self.starts) - low) / BINS, 1e-9)
-        bins = np.minimum((along - low[self.cluster]) / step[self.cluster], BINS - 1).astype(np.int64)
-        histogram = (self.cluster[:, None] * along.shape[1] + np.arange(along.shape[1])) * BINS + bins
-        weights = np.repeat(self.weights, along.shape[1])
-        mass = np.bincount(histogram.ravel(), weights, minlength=low.size * BINS).reshape(*low.shape, BINS).cumsum(2)
-        outside = TRIM_SHARE * mass[..., -1:]
-        first = (mass <= outside).sum(2)
-        last = (mass < mass[..., -1:] - outside).sum(2) + 1
-        low, high = (low + first * step)[self.cluster], (low + last * step)[self.cluster]
-        return np.asarray(np.minimum(np.abs(along - low), np.abs(along - high)))
-
-
-def _cluster_of_row(starts: I64, rows: int) -> I64:
-    return np.repeat(np.arange(len(starts)), np.diff(starts, append=rows))
+        return closeness(
+            self.xy, self.weights, self.ends, self.soft_m, np.cos(angles), np.sin(angles), BINS, TRIM_SHARE
+        )

@@ -25,9 +25,9 @@ YAW_SPACING_SHARE = 0.15
 """Standard deviation of where a side stands at its ends, as a share of the distance between beams, beside the residual
 of the sides: over the side's length this turns it."""
 
-SLENDER_YAW_SHARE = 0.5
-"""Standard deviation of a cyclist's heading in radians, as a share of the ratio of width to length of what was seen: a
-rider's shoulders and arms are not the bicycle's."""
+ROUND_YAW_RAD = 0.7
+"""Standard deviation of a rider's heading, which is that of the principal axis of its points, where their variances
+across and along that axis are as 1 to 2. In general it is this times v / (1 - v) with the ratio v of the variances."""
 
 YAW_STD_MIN_RAD = np.deg2rad(1.0)
 YAW_STD_MAX_RAD = np.pi / np.sqrt(12.0)
@@ -52,7 +52,7 @@ def box_scores(boxes: CompletedBoxes, rectangles: Rectangles, counts: I64, expec
     return np.where(boxes.class_ids >= 0, evidence * smooth * np.exp(-boxes.misfit / 4), 0.0)
 
 
-def box_covariances(boxes: CompletedBoxes, rectangles: Rectangles, expected_per_m2: F64) -> F64:
+def box_covariances(boxes: CompletedBoxes, rectangles: Rectangles, roundness: F64, expected_per_m2: F64) -> F64:
     """(C, 3, 3) over x, y and yaw: independent errors along length, width and heading.
 
     Yaw is that of the length, of which the lidars do not know the front: half a turn is no error here. The centre is
@@ -66,6 +66,7 @@ def box_covariances(boxes: CompletedBoxes, rectangles: Rectangles, expected_per_
     Args:
         boxes: Completed boxes of C clusters.
         rectangles: Their measured extents.
+        roundness: (C,) of their points, see `principal_axes`.
         expected_per_m2: (C,) points to expect on a square metre that faces the lidars.
     """
     spacing_m = 1 / np.sqrt(np.maximum(expected_per_m2, 1e-9))
@@ -75,14 +76,15 @@ def box_covariances(boxes: CompletedBoxes, rectangles: Rectangles, expected_per_
     rotations = rotations_2d(boxes.yaw_rad)
     covariances = np.zeros((len(variance), 3, 3))
     covariances[:, :2, :2] = rotations @ (variance[:, :, None] * rotations.transpose(0, 2, 1))
-    covariances[:, 2, 2] = _yaw_std(boxes, extent, rectangles.residual_m, spacing_m) ** 2
+    covariances[:, 2, 2] = _yaw_std(boxes, extent, rectangles.residual_m, roundness, spacing_m) ** 2
     return covariances
 
 
-def _yaw_std(boxes: CompletedBoxes, extent: F64, residual_m: F64, spacing_m: F64) -> F64:
+def _yaw_std(boxes: CompletedBoxes, extent: F64, residual_m: F64, roundness: F64, spacing_m: F64) -> F64:
     long_m = np.maximum(extent.max(1), 1e-3)
     turn = np.hypot(residual_m, YAW_SPACING_SHARE * spacing_m) / long_m
-    turn = np.where(boxes.is_slender, np.maximum(turn, SLENDER_YAW_SHARE * extent.min(1) / long_m), turn)
+    by_axis = ROUND_YAW_RAD * roundness**2 / np.maximum(1 - roundness**2, 1e-3)
+    turn = np.where(boxes.rides, np.maximum(turn, by_axis), turn)
     ratio = boxes.sizes[:, :2].min(1) / boxes.sizes[:, :2].max(1)
     unknown = YAW_STD_MAX_RAD * np.clip((ratio - ROUND_FROM) / (ROUND_TO - ROUND_FROM), 0, 1)
     return np.asarray(np.clip(np.hypot(turn, unknown), YAW_STD_MIN_RAD, YAW_STD_MAX_RAD))

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.core.arrays import F64, I64, Bools
+from pipeline.detectors.cluster.grid_kernels import ascending
 
 __all__ = ["Sight"]
 
@@ -39,7 +40,7 @@ class Sight:
     def of(cls, position: F64, lidar: I64, origins: F64) -> "Sight":
         """What the lidars see: points (N, 3) x, y and height above the ground, and the lidar (N,) of each."""
         sector, distance_m, slope = _seen(position, lidar, origins)
-        order = np.argsort(sector, kind="stable")
+        order = ascending(sector)
         return cls(origins, sector[order], distance_m[order], slope[order])
 
     def is_hidden_below(self, position: F64, lidar: I64, starts: I64, from_m: float) -> Bools:

@@ -59,8 +59,8 @@ def hidden_by_points(
         return np.zeros(0)
     matrices = np.stack([view.T_camera_site.matrix for view in views])
     low, cell = _cells(views)
-    single = [values.astype(np.float32) for values in (matrices, low, cell)]
-    nearest = nearest_in_cells(single[0], _sampled(xyz_site), *single[1:], COLUMNS, ROWS, NEAR_M)
+    matrices32, low32, cell32 = (values.astype(np.float32) for values in (matrices, low, cell))
+    nearest = nearest_in_cells(matrices32, _sampled(xyz_site), low32, cell32, COLUMNS, ROWS, NEAR_M)
     pairs = np.ascontiguousarray(cameras), np.ascontiguousarray(objects)
     return nearer_shares(nearest, matrices, corners_site, *pairs, low, cell, NEAR_M, NEARER_SHARE, OPEN_CELLS)
 

@@ -16,6 +16,7 @@ import numpy as np
 from pipeline.core.arrays import F64, Rows, select_rows
 from pipeline.core.settings.classes import ClassPrior
 from pipeline.fusion.cameras.observed import Noise, Observed, observe
+from pipeline.fusion.cameras.placing_kernels import least_squares
 from pipeline.fusion.cameras.sightings import Sightings
 
 __all__ = ["HEADINGS", "Ground", "Placements", "SizePriors", "place"]
@@ -49,6 +50,11 @@ NEAREST_SHARE = 0.1
 
 FORWARD, LEFT = np.array([1.0, -1, -1, 1]), np.array([1.0, 1, -1, -1])
 """The corners of an object seen from above, in halves of its length and width."""
+
+SHARES = np.array(
+    [ROOF_SHARE, CONTACT_SHARE, SHAPE_STD, NEAREST_SHARE, FIRST_STD, FIRST_STD**2, FIRST_STD**-2], np.float64
+)
+"""As `least_squares` takes them."""
 
 SIZE_STD_SHARE = 0.06
 """Smallest standard deviation of a class's size, as a share of it."""
@@ -139,18 +145,14 @@ class _Shape:
             height_std,
         )
 
-    def sides(self, range_m: F64) -> tuple[F64, F64, F64]:
-        """Bearings of the left and the right side from the centre, and how the width changes, per logarithm of range.
+    def away(self, range_m: F64) -> F64:
+        """(P, H, 4) of the corners from the camera, along the ray to the centre, whose range is given (P, H)."""
+        return np.maximum(range_m[..., None] + self.along, NEAREST_SHARE * range_m[..., None])
 
-        Args:
-            range_m: (P, H) of the centres.
-        """
-        away = np.maximum(range_m[..., None] + self.along, NEAREST_SHARE * range_m[..., None])
-        bearing = np.arctan2(self.aside, away)
-        change = -self.aside / (away**2 + self.aside**2) * range_m[..., None]
-        left, right = bearing.argmax(-1)[..., None], bearing.argmin(-1)[..., None]
-        growth = np.take_along_axis(change, left, -1) - np.take_along_axis(change, right, -1)
-        return bearing.max(-1), bearing.min(-1), growth[..., 0]
+    def sides(self, range_m: F64) -> tuple[F64, F64]:
+        """Bearings of the left and the right side from the centre, whose range is given (P, H)."""
+        bearing = np.arctan2(self.aside, self.away(range_m))
+        return bearing.max(-1), bearing.min(-1)
 
 
 def place(sightings: Sightings, priors: SizePriors, ground: Ground, noise: Noise) -> Placements:
@@ -187,38 +189,33 @@ def _improve(
 ) -> tuple[F64, F64, F64]:
     """A step of least squares in the range's logarithm, its information, and the log-likelihood, (P, H) each."""
     contact_m = np.maximum(range_m - CONTACT_SHARE * shape.depth, NEAREST_SHARE * range_m)
-    lower = rise(contact_m) / contact_m
-    top = rise(range_m) + shape.height
-    top_m = np.maximum(range_m + np.where(top > 0, -ROOF_SHARE, ROOF_SHARE) * shape.depth, NEAREST_SHARE * range_m)
-    upper = top / top_m
-    left, right, growth = shape.sides(range_m)
-    errors = seen.lower[:, None] - lower, seen.upper[:, None] - upper, seen.width[:, None] - (left - right)
-    slopes = -lower * range_m / contact_m, -upper * range_m / top_m, growth
-
-    shared = noise.ground_slope**2 + (noise.ground_m / range_m) ** 2
-    depth_variance = (SHAPE_STD * shape.depth) ** 2
-    contact_variance = depth_variance + (CONTACT_SHARE * shape.depth_std) ** 2
-    a = shared + (lower / contact_m) ** 2 * contact_variance + seen.stds[:, 3:] ** 2
-    c = shared + (upper / top_m) ** 2 * depth_variance + (shape.height_std / range_m) ** 2 + seen.stds[:, 1:2] ** 2
-    w = (shape.across_std / range_m) ** 2 + seen.stds[:, :1] ** 2 + seen.stds[:, 2:3] ** 2
-    determinant = a * c - shared * shared
-
-    def inner(x: tuple[F64, F64, F64], y: tuple[F64, F64, F64]) -> F64:
-        pair = c * x[0] * y[0] + a * x[1] * y[1] - shared * (x[0] * y[1] + x[1] * y[0])
-        return np.asarray(pair / determinant + x[2] * y[2] / w)
-
+    away_m = shape.away(range_m)
     back = np.log(first_m / range_m)
-    information = inner(slopes, slopes) + FIRST_STD**-2
-    square = inner(errors, errors) + (back / FIRST_STD) ** 2
-    log_likelihood = -(square + np.log(determinant * w * information)) / 2
-    return (inner(slopes, errors) + back / FIRST_STD**2) / information, information, log_likelihood
+    step, information, square, product = least_squares(
+        range_m,
+        contact_m,
+        rise(contact_m),
+        rise(range_m),
+        back,
+        away_m,
+        shape.aside,
+        np.arctan2(shape.aside, away_m),
+        shape.depth,
+        shape.depth_std,
+        shape.across_std,
+        np.concatenate([shape.height, shape.height_std], 1),
+        np.column_stack([seen.lower, seen.upper, seen.width, seen.stds]),
+        np.array([noise.ground_slope**2, noise.ground_m]),
+        SHARES,
+    )
+    return step, information, -(square + np.log(product)) / 2
 
 
 def _laid_out(
     seen: Observed, shape: _Shape, camera: F64, range_m: F64, information: F64, log_likelihood: F64, noise: Noise
 ) -> Placements:
     """Ranges as places: the centre is half a width from either side, and nearer to the better known one."""
-    left, right, _ = shape.sides(range_m)
+    left, right = shape.sides(range_m)
     variances = seen.stds[:, ::2, None] ** 2
     share = variances[:, 1] / variances.sum(1)  # of the left side
     by_left, by_right = seen.left[:, None] - left, (seen.left - seen.width)[:, None] - right

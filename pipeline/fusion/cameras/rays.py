@@ -3,7 +3,7 @@
 import numpy as np
 
 from pipeline.core.arrays import F64, Bools
-from pipeline.core.lenses import Lenses
+from pipeline.core.optics.lenses import Lenses
 
 __all__ = ["rays_of_pixels"]
 

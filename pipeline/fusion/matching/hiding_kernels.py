@@ -16,47 +16,54 @@ _RECTANGLES = "Array(float32, 2, 'C', True)"
 def _parted(own: int, other: int, camera: int, corners: F64, turns: F64, halves: F64, positions: F64) -> int:
     """Whether a side of one box parts it from another: 1 with the camera on its own side, 2 on the other's, 3 both."""
     x, y, cos, sin = turns[own, 0], turns[own, 1], turns[own, 2], turns[own, 3]
-    found = 0
-    for side in range(4):
-        sign, axis = 1 - side % 2 * 2, side // 2
-        is_parted = True
-        for k in range(5):  # four corners of the other one, and the camera
-            away_x = (corners[other, k, 0] if k < 4 else positions[camera, 0]) - x
-            away_y = (corners[other, k, 1] if k < 4 else positions[camera, 1]) - y
-            along = away_x * cos + away_y * sin if axis == 0 else away_y * cos - away_x * sin
-            is_beyond = sign * along - halves[own, axis] >= 0
-            if k < 4:
-                is_parted = is_parted and is_beyond
-            elif is_parted:
-                found |= 2 if is_beyond else 1
+    camera_x, camera_y = positions[camera, 0] - x, positions[camera, 1] - y
+    low, high, found = (np.inf, np.inf), (-np.inf, -np.inf), 0
+    for k in range(4):
+        away_x, away_y = corners[other, k, 0] - x, corners[other, k, 1] - y
+        along, across = away_x * cos + away_y * sin, away_y * cos - away_x * sin
+        low, high = (min(low[0], along), min(low[1], across)), (max(high[0], along), max(high[1], across))
+    place = camera_x * cos + camera_y * sin, camera_y * cos - camera_x * sin
+    for axis in range(2):
+        half = halves[own, axis]
+        if low[axis] - half >= 0:
+            found |= 2 if place[axis] - half >= 0 else 1
+        if -high[axis] - half >= 0:
+            found |= 2 if -place[axis] - half >= 0 else 1
     return found
 
 
 @inlined
-def _covered(own: F64, covers: F64, count: int, xs: F64, ys: F64, rest: F32) -> float:
-    """Covered share of a rectangle under others within it; the rectangle around the rest goes to `rest`, if any."""
-    ends = 2 * count + 2
-    xs[0], xs[1], ys[0], ys[1] = own[0], own[2], own[1], own[3]
-    for k in range(count):
-        xs[2 * k + 2], xs[2 * k + 3] = covers[k, 0], covers[k, 2]
-        ys[2 * k + 2], ys[2 * k + 3] = covers[k, 1], covers[k, 3]
-    xs[:ends].sort()
-    ys[:ends].sort()
+def _covered(own: F64, covers: F64, count: int, ends: F64, rest: F32) -> float:
+    """Covered share of a rectangle under others within it; the rectangle around the rest goes to `rest`, if any.
+
+    `ends` is space for the places, across and down, where a rectangle begins or ends, in rising order: between two of
+    them everything is either covered or free.
+    """
+    last = 2 * count + 1
+    for axis in range(2):
+        ends[axis, 0], ends[axis, 1] = own[axis], own[axis + 2]
+        for k in range(2 * count):
+            value, place = covers[k // 2, axis + k % 2 * 2], k + 2
+            while place > 0 and ends[axis, place - 1] > value:
+                ends[axis, place] = ends[axis, place - 1]
+                place -= 1
+            ends[axis, place] = value
     left, top, right, bottom, free = np.inf, np.inf, -np.inf, -np.inf, 0.0
-    for row in range(ends - 1):
-        for column in range(ends - 1):
-            area = (ys[row + 1] - ys[row]) * (xs[column + 1] - xs[column])
+    for row in range(last):
+        y, next_y = ends[1, row], ends[1, row + 1]
+        for column in range(last):
+            x, next_x = ends[0, column], ends[0, column + 1]
+            area = (next_y - y) * (next_x - x)
             is_free = area > 0
             for k in range(count):
-                in_x = covers[k, 0] <= xs[column] and xs[column + 1] <= covers[k, 2]
-                is_free = is_free and not (in_x and covers[k, 1] <= ys[row] and ys[row + 1] <= covers[k, 3])
+                in_x, in_y = covers[k, 0] <= x and next_x <= covers[k, 2], covers[k, 1] <= y and next_y <= covers[k, 3]
+                is_free = is_free and not (in_x and in_y)
             if is_free:
                 free += area
-                left, right = min(left, xs[column]), max(right, xs[column + 1])
-                top, bottom = min(top, ys[row]), max(bottom, ys[row + 1])
+                left, right, top, bottom = min(left, x), max(right, next_x), min(top, y), max(bottom, next_y)
     if left < right:
         rest[0], rest[1], rest[2], rest[3] = left, top, right, bottom
-    return 1.0 - min(max(free / ((own[2] - own[0]) * (own[3] - own[1])), 0.0), 1.0)
+    return 1.0 - float(min(max(free / ((own[2] - own[0]) * (own[3] - own[1])), 0.0), 1.0))
 
 
 @compiled(
@@ -92,7 +99,7 @@ def uncovered_parts(
     """
     share, rest = np.zeros(len(rows), np.float32), xyxy.copy()
     own, covers, areas = np.empty(4), np.empty((max_covers + 1, 4)), np.empty(max_covers + 1)
-    xs, ys = np.empty(2 * max_covers + 2), np.empty(2 * max_covers + 2)
+    ends, sides = np.empty((2, 2 * max_covers + 2)), np.empty(2, np.int64)
     start = 0
     for back in range(len(rows)):
         if cameras[back] != cameras[start]:
@@ -103,9 +110,10 @@ def uncovered_parts(
             left, top = max(xyxy[back, 0], xyxy[front, 0]), max(xyxy[back, 1], xyxy[front, 1])
             right, bottom = min(xyxy[back, 2], xyxy[front, 2]), min(xyxy[back, 3], xyxy[front, 3])
             if front != back and right > left and bottom > top:
-                ahead = _parted(rows[front], row, camera, corners, turns, halves, positions)
-                behind = _parted(row, rows[front], camera, corners, turns, halves, positions)
-                is_ahead, is_behind = ahead & 1 or behind & 2, behind & 1 or ahead & 2
+                for turn in range(2):
+                    one, other = (rows[front], row) if turn == 0 else (row, rows[front])
+                    sides[turn] = _parted(one, other, camera, corners, turns, halves, positions)
+                is_ahead, is_behind = sides[0] & 1 or sides[1] & 2, sides[1] & 1 or sides[0] & 2
                 by_range = ranges_m[front] < ranges_m[back]
                 if by_range if bool(is_ahead) == bool(is_behind) else is_ahead:
                     # Sorted by what they cover, the largest first; of those that cover alike, in their order.
@@ -113,7 +121,8 @@ def uncovered_parts(
                     area = (np.float64(right) - left) * (np.float64(bottom) - top)
                     while place > 0 and areas[place - 1] < area:
                         areas[place] = areas[place - 1]
-                        covers[place] = covers[place - 1]
+                        for k in range(4):
+                            covers[place, k] = covers[place - 1, k]
                         place -= 1
                     areas[place] = area
                     covers[place, 0], covers[place, 1], covers[place, 2], covers[place, 3] = left, top, right, bottom
@@ -122,5 +131,5 @@ def uncovered_parts(
         if count:
             for k in range(4):
                 own[k] = xyxy[back, k]
-            share[back] = _covered(own, covers, count, xs, ys, rest[back])
+            share[back] = _covered(own, covers, count, ends, rest[back])
     return share, rest

@@ -9,7 +9,7 @@ from rich.console import Console
 
 from lidcam.printing.console import print_detections, print_matches
 from lidcam.summary import Tally
-from pipeline.core.detections import Matches, Source
+from pipeline.core.detections import Fused, Matches, Source
 from pipeline.core.frame import FrameResult
 
 BOTH, CAMERA, LIDAR = Source.BOTH, Source.CAMERA, Source.LIDAR
@@ -46,11 +46,25 @@ def test_rows_beyond_the_lidars_were_begun_from_2d_boxes() -> None:
     result = frame(sources=[LIDAR, BOTH, CAMERA])
     begun = replace(result.hypotheses, lidar_count=1, matches=_matched_last(result))
     lines = printed(replace(result, hypotheses=begun)).splitlines()
-    assert "  left: object 2 is 2D box 1 (pedestrian), IoU 0.50" in lines
+    assert "  left: 2D box 1 (pedestrian) is object 2, IoU 0.50" in lines
     assert lines[-3:] == [
         "  object 1: begun from 2D boxes, with points of the lidars",
         "  object 2: begun from 2D boxes, placed by the cameras alone",
-        "  seen by the lidars alone: 0",
+        "  seen by the lidars alone: object 0",
+    ]
+
+
+def test_what_is_not_reported_is_no_object() -> None:
+    result = frame(sources=[LIDAR, BOTH, CAMERA])
+    begun = replace(result.hypotheses, lidar_count=1, matches=_matched_last(result))
+    middle = np.array([1])
+    fused = Fused(result.fused.objects.select(middle), result.fused.matched[middle], middle)
+    lines = printed(replace(result, hypotheses=begun, fused=fused)).splitlines()
+    assert "  left: 2D box 1 (pedestrian) is 3D box 2 (not reported), IoU 0.50" in lines
+    assert lines[-3:] == [
+        "  object 0: begun from 2D boxes, with points of the lidars",
+        "  3D box 2 (not reported): begun from 2D boxes, placed by the cameras alone",
+        "  seen by the lidars alone: 3D box 0 (not reported)",
     ]
 
 

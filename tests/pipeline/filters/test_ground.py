@@ -12,7 +12,8 @@ from bags.simulator.world.open3d_runtime import load_libusb
 from pipeline.core.arrays import F32, F64
 from pipeline.core.clouds import Plane
 from pipeline.core.settings.combine import GroundConfig
-from pipeline.filters.ground import find_ground, height_above
+from pipeline.filters import ground_arrays, ground_passes
+from pipeline.filters.ground import find_ground
 
 ORIGIN = np.zeros((1, 3))
 FINITE_SCENES = ("odd_cloud2_small", "odd_dups", "odd_tiny", "s10k_0", "s10k_1", "s30k_0")
@@ -36,7 +37,13 @@ def wall(rng: np.random.Generator, count: int, *, x: float = 8.0, z: tuple[float
 def ground_of(points: F64, **options: Any) -> Plane | None:
     height = options.pop("ground_height_m", None)
     origins = options.pop("origins", ORIGIN)
-    return find_ground(points.astype(np.float32), origins, config=GroundConfig(**options), ground_height_m=height)
+    return find_ground(
+        points.astype(np.float32),
+        origins,
+        config=GroundConfig(**options),
+        ground_height_m=height,
+        passes=ground_passes,
+    )
 
 
 def kitti(path: str) -> F32:
@@ -205,7 +212,13 @@ def test_the_same_input_gives_the_same_bits_and_the_seed_only_the_last_of_them()
     assert tilt_deg(first.normal, other.normal) < 0.05
 
 
-def test_height_above() -> None:
-    plane = Plane(np.array([0.0, 0.6, 0.8]), 1.0)
-    xyz = np.array([[5, 0, 0], [0, -1, -0.5], [1, 1, 1]], np.float32)
-    np.testing.assert_allclose(height_above(plane, xyz), [1.0, 0.0, 2.4], atol=1e-6)
+def test_compiled_or_not_the_plane_is_the_same() -> None:
+    for cloud in (kitti(KITTI_SEQUENCE[0]), kitti(KITTI_OBJECT[0]), oracle_kept("s30k_0")[0]):
+        plain, compiled = (
+            find_ground(cloud, ORIGIN, config=GroundConfig(), passes=passes)
+            for passes in (ground_arrays, ground_passes)
+        )
+        assert plain is not None
+        assert compiled is not None
+        np.testing.assert_allclose(compiled.normal, plain.normal, rtol=0, atol=1e-12)
+        assert compiled.offset_m == pytest.approx(plain.offset_m, abs=1e-11)

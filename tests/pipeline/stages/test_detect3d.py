@@ -253,13 +253,3 @@ def test_kitti_cars_parked_along_a_street() -> None:
     assert (apart_m.min(1) < 1.0).sum() >= 5
     assert len(set(apart_m.argmin(1))) == 6
     assert len(boxes) < 35
-
-
-def test_clusters_are_measured_in_batches(monkeypatch: pytest.MonkeyPatch) -> None:
-    points = scan(LIDAR, [car(8, 4), car(14, -5, 0.5), car(20, 3, 1.0)])
-    whole = detect(points)
-    monkeypatch.setattr("pipeline.detectors.cluster.fitting.BATCH_POINTS", 20)
-    assert len(whole) >= 3
-    batched = detect(points)
-    for name in ("centers", "sizes", "yaws", "scores", "class_ids", "point_counts"):
-        np.testing.assert_allclose(getattr(batched, name), getattr(whole, name), rtol=1e-9)  # sums of other rows

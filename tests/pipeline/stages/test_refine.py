@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from detections import LOOK_FORWARD, boxes2d, boxes3d, camera_rig
+from detections import LOOK_FORWARD, boxes2d, boxes3d, camera_rig, forward_camera
 from fusion_scenes import FusionScene, fusion_scenes
 from scipy.stats import chi2
 
@@ -16,7 +16,8 @@ from pipeline.core.geometry.transform import Transform
 from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.fuse import FuseConfig
-from pipeline.fusion.projection import edges_in_view
+from pipeline.fusion.projection import CameraArrays, edges_in_view
+from pipeline.fusion.refining.cut_edges import moved_by_borders
 from pipeline.stages.associate import Associate
 from pipeline.stages.refine import Refine
 
@@ -44,11 +45,12 @@ def refined(rig: Rig, scene: FusionScene, settings: Mapping[str, Any]) -> Boxes3
 
 
 @pytest.mark.parametrize(
-    ("deviations", "most_m", "most_rad"), [(None, 0.0295, 0.092), ((0.07, 0.07, 0.2), 0.031, 0.0935)]
+    ("deviations", "most_m", "most_rad"), [(None, 0.0285, 0.092), ((0.07, 0.07, 0.2), 0.0298, 0.091)]
 )
 def test_scenes_of_the_original(deviations: tuple[float, float, float] | None, most_m: float, most_rad: float) -> None:
     # What is given: that objects are cuboids of known size; one pixel noise for all scenes; the noise of the lidar's
-    # boxes by scene, as a calibrated detector tells it, or one for all scenes.
+    # boxes by scene, as a calibrated detector tells it, or one for all scenes. With the right pairs, the pixel noise of
+    # each scene, nothing said of hidden edges and no robust weights, the mean of the exact posterior errs by 0.0265 m.
     rig, scenes = fusion_scenes()
     by_noise: dict[tuple[float, float], list[F64]] = {}
     for scene in scenes:
@@ -169,6 +171,21 @@ def test_a_camera_that_looks_aside_does_no_harm() -> None:
     first, last, sound = (np.concatenate(rows) for rows in (before, after, trusted))
     assert place(sound).mean() <= place(last).mean() <= place(first).mean()
     assert heading(last).mean() <= 1.02 * heading(first).mean()
+
+
+def test_what_the_border_of_an_image_cuts_keeps_its_length() -> None:
+    # Its rear is below the image, so its right edge is where its side leaves the image.
+    long, camera = boxes3d([(9.0, 1.0, -4.0, 7.0, 2.5, 0.5, 0.7)], deviations=(0.3, 0.3, 0.03)), forward_camera()
+    whole = edges_in_view(long.centers, long.sizes, long.yaws, camera)
+    inward_px = moved_by_borders(long, CameraArrays.of([camera]))[0] * [1, 1, -1, -1]
+    assert np.abs(inward_px[[0, 2]]).max() > 50
+    shown = np.clip(whole.xyxy[0] + inward_px, 0, [640, 480] * 2)
+    seen, nothing = {"cam": boxes2d([(*shown, 0.9, 0)])}, np.zeros(1, np.float32)
+    matches = {"cam": Matches(np.zeros((1, 2), np.int64), nothing + 1, whole.xyxy.astype(np.float32), nothing)}
+    found = fitted(camera_rig(camera), Hypotheses(long, matches, 1), seen, size_sigma=0.15)
+    assert found.sources.tolist() == [Source.BOTH]
+    assert place(errors(found, long)) == pytest.approx([0], abs=0.1)
+    assert found.sizes[0, 0] == pytest.approx(7.0, abs=0.1)
 
 
 def test_what_is_not_matched_stays() -> None:

@@ -47,6 +47,8 @@ def unknown_key(model: type[BaseModel], path: tuple[Part, ...], more: str = "") 
     """The message about an unknown key: the one that was probably meant, else the known ones."""
     key, leaf = _dotted(path), str(path[-1])
     section = Place.of(model).at(path[:-1])[1].section or model
+    if gone := getattr(section, "GONE", {}).get(leaf):
+        return f"unknown key {key!r}{more}: {gone}"
     siblings, before = list(fields_by_key(section)), _dotted(path[:-1])
     everywhere = [known for known, _ in key_places(model) if "*" not in known]
     under = {known.split(".")[-1]: known for known in everywhere if known.split(".")[0] == str(path[0])}

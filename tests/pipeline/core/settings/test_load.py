@@ -33,6 +33,15 @@ def test_every_shipped_config_loads(path: Path) -> None:
     ("text", "message"),
     [
         ("sync: {polcy: nearest}", r"unknown key 'sync.polcy': did you mean 'sync.policy'\?"),
+        (
+            "associate: {min_iou: 0.3}",
+            r"unknown key 'associate.min_iou': pairs are no longer .* which is on another scale",
+        ),
+        (
+            "associate: {class_penalty: 1}",
+            r"unknown key 'associate.class_penalty': leave it out: .* associate.any_class",
+        ),
+        ("fuse: {min_score_unconfirmed: 1}", r"unknown key 'fuse.min_score_unconfirmed': .* fuse.min_score"),
         ("synk: {}", r"unknown key 'synk': did you mean 'sync'\?"),
         ("combine: {ground: {hight: 1}}", r"unknown key 'combine.ground.hight'; known here: enabled, distance_m"),
         ("sync: {policy: fastest}", r"sync.policy: .*approximate_time.*found 'fastest'"),

@@ -61,8 +61,18 @@ def test_rider_is_in_the_middle_of_a_cyclist() -> None:
     box = complete_boxes(rectangle, np.array([1.7]), one, np.zeros((1, 2)), PRIORS, np.array([BICYCLE]))
     assert box.class_ids.tolist() == [BICYCLE]
     assert box.center_xy[0] == pytest.approx([10.3, 0.0])
-    assert box.sizes[0, :2] == pytest.approx([PRIORS[BICYCLE].size_m[0], 0.5])  # the width was seen whole
-    assert box.center_std_m[0] == pytest.approx([0.3, 0.0])
+    assert box.sizes[0, :2] == pytest.approx(PRIORS[BICYCLE].size_m[:2])  # whatever was seen of it
+    assert box.rides.tolist() == [True]
+    assert box.center_std_m[0] == pytest.approx([0.3, 0.025])
+
+
+def test_people_are_not_smaller_than_their_class_however_much_of_a_side_is_seen() -> None:
+    size = PRIORS[PEDESTRIAN].size_m[:2]
+    narrow = complete((10.0, -0.25), (10.2, 0.25), top_m=1.75)
+    assert 0.8 * size[1] < 0.5  # of a car, such a side would be complete
+    assert narrow.sizes[0, :2] == pytest.approx(size)
+    broad = complete((10.0, -0.35), (10.2, 0.35), top_m=1.75)
+    assert broad.sizes[0, :2].max() == pytest.approx(0.7)
 
 
 def test_a_pedestrian_grows_half_as_far_away_from_the_lidar_as_a_car() -> None:

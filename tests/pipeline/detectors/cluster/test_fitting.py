@@ -57,7 +57,7 @@ def test_box_is_completed_with_the_size_of_the_given_class() -> None:
         assert box.centers[0, 0] - length / 2 == pytest.approx(11.5, abs=0.05)
 
 
-def test_order_of_groups_and_points_and_batches_do_not_matter(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_order_of_groups_and_points_does_not_matter() -> None:
     cloud, rows, starts = scene(CAR_BOX, WALKER, RIDER)
     classes = np.array([CAR, PEDESTRIAN, BICYCLE])
     fitter = BoxFitter(rig(LIDAR), CONFIG)
@@ -67,8 +67,6 @@ def test_order_of_groups_and_points_and_batches_do_not_matter(monkeypatch: pytes
     turned = np.cumsum([0, *map(len, groups)])[:-1]
     backward = fitter(cloud, np.concatenate(groups), turned, classes[::-1])
     assert_same(straight, backward, [2, 1, 0])
-    monkeypatch.setattr("pipeline.detectors.cluster.fitting.BATCH_POINTS", 20)
-    assert_same(straight, fitter(cloud, rows, starts, classes))
 
 
 def test_a_row_may_be_in_several_groups() -> None:

@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from lshape_judge import judged_quantiles, judged_rectangles
 
-from pipeline.core.arrays import F64
+from pipeline.core.arrays import F64, I64
 from pipeline.detectors.cluster.lshape import fit_rectangles, quantiles_by_cluster
 
 
@@ -73,3 +74,31 @@ def test_quantiles_keep_the_ends_of_small_clusters_and_cut_those_of_large_ones()
     low, high = quantiles_by_cluster(np.concatenate([small, large]), np.array([0, 3]), (0.01, 0.99))
     assert low.tolist() == pytest.approx([1.0, 10.0])
     assert high.tolist() == pytest.approx([3.0, 990.0])
+
+
+def some_clusters(seed: int) -> tuple[F64, I64]:
+    """Up to 30 clusters of 1 to 3000 points, some of them lines, corners, and points that come several times."""
+    rng = np.random.default_rng(seed)
+    clusters = []
+    for _ in range(rng.integers(1, 30)):
+        count = int(np.exp(rng.uniform(0, rng.choice([3.0, 8.0]))))
+        shape = [
+            rng.uniform(0, 4, (count, 2)),
+            corner(rng.uniform(0, 3), noise_m=0.03)[rng.integers(0, 120, count)],
+            np.round(rng.uniform(0, 2, (count, 2))),
+            np.linspace([0, 0], rng.uniform(-3, 3, 2), count),
+        ][rng.integers(0, 4)]
+        clusters.append(shape + rng.choice([0.0, 40.0, 1e6]))
+    return np.concatenate(clusters), np.cumsum([0, *map(len, clusters)])[:-1]
+
+
+@pytest.mark.parametrize("seed", range(25))
+def test_same_as_by_array_operations(seed: int) -> None:
+    xy, starts = some_clusters(seed)
+    found, judged = fit_rectangles(xy, starts), judged_rectangles(xy, starts)
+    for name in ("angle_rad", "low", "high", "residual_m"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(judged, name), err_msg=name)
+    shares = (0.0, 0.01, 0.3, 0.5, 0.99, 1.0)
+    np.testing.assert_array_equal(
+        quantiles_by_cluster(xy[:, 0], starts, shares), judged_quantiles(xy[:, 0], starts, shares)
+    )

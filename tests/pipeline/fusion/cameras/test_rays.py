@@ -8,7 +8,7 @@ from hypothesis.extra.numpy import arrays
 from lens_models import LENS_MODELS, lens
 
 from pipeline.core.arrays import F64
-from pipeline.core.lenses import Lenses
+from pipeline.core.optics.lenses import Lenses
 from pipeline.fusion.cameras.rays import rays_of_pixels
 
 

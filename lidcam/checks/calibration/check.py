@@ -5,9 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from lidcam.checks.camera_fit import CameraFit
-from lidcam.checks.camera_points import CameraPoints
-from lidcam.checks.lidar_ground import inverted_lidars
+from lidcam.checks.calibration.camera_fit import CameraFit
+from lidcam.checks.calibration.camera_points import CameraPoints
+from lidcam.checks.calibration.camera_shift import CameraShift
+from lidcam.checks.calibration.lidar_ground import inverted_lidars
 from lidcam.checks.warning import RunWarning
 from pipeline.core.clouds import PointCloud
 from pipeline.core.frame import FrameResult, SensorBundle
@@ -27,7 +28,7 @@ class CalibrationCheck:
 
     def __init__(self, rig: Rig, config: Config) -> None:
         self._rig, self._config = rig, config
-        self._fit, self._points = CameraFit(rig), CameraPoints(rig)
+        self._fit, self._shift, self._points = CameraFit(rig), CameraShift(rig), CameraPoints(rig)
         self._decode = CloudDecoder(rig, config, on_bad="skip")
         self._lidars = {lidar.topic for lidar in rig.lidars}
         self._clouds: dict[str, PointCloud] = {}  # the first of each lidar: one may begin late
@@ -44,18 +45,22 @@ class CalibrationCheck:
             combined = frame.combined
             self._points.add(np.concatenate([combined.cloud.xyz, combined.ground_cloud.xyz]))
             self._fit.add(frame)
+            self._shift.add(frame)
 
     @property
     def warnings(self) -> tuple[RunWarning, ...]:
         """One for each sensor whose calibration cannot be right.
 
-        Of cameras only where that of the lidars can: objects in the wrong place match no camera.
+        Of cameras only where that of the lidars can: objects in the wrong place match no camera. Of several for a
+        camera the one that says most.
         """
         if of_lidars := inverted_lidars(self._rig, self._config.combine, self._clouds):
             return of_lidars
-        of_boxes, of_points = self._fit.warnings, self._points.warnings
-        warned = {warning.subject for warning in of_boxes}
-        return of_boxes + tuple(warning for warning in of_points if warning.subject not in warned)
+        found: dict[str, RunWarning] = {}
+        misfits, small_misfits = self._fit.warnings()
+        for warning in (*misfits, *self._shift.warnings, *small_misfits, *self._points.warnings):
+            found.setdefault(warning.subject, warning)
+        return tuple(found.values())
 
 
 def check_first_clouds(rig: Rig, config: Config, messages: Iterable[RawMessage]) -> tuple[RunWarning, ...]:

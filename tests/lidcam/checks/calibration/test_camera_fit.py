@@ -9,7 +9,7 @@ from detections import boxes3d, forward_camera
 from frames import RIG, frame
 from scipy.spatial.transform import Rotation
 
-from lidcam.checks.camera_fit import MAX_FRAMES, CameraFit
+from lidcam.checks.calibration.camera_fit import MAX_FRAMES, CameraFit
 from pipeline.core.arrays import F64
 from pipeline.core.detections import Boxes2D, Detections
 from pipeline.core.frame import FrameResult
@@ -66,7 +66,7 @@ def warned(given: Rig, frames: Sequence[FrameResult]) -> list[str]:
     check = CameraFit(given)
     for result in frames:
         check.add(result)
-    return [f"{warning}" for warning in check.warnings]
+    return [f"{warning}" for some in check.warnings() for warning in some]
 
 
 FRAMES = [seen(number, TRUE, REAR, objects=8) for number in range(12)]
@@ -94,6 +94,16 @@ def test_what_would_put_it_right_is_said(camera: CameraSensor, how: str) -> None
     assert line.startswith("front: its ")
     assert "boxes overlap the objects of the lidars by" in line
     assert f", and by 100% {how}" in line
+
+
+def test_a_small_turn_is_told_apart() -> None:
+    far, near = posed(REAR, turned(REAR, "y", 10).T_camera_site.matrix), turned(TRUE, "x", 2.5)
+    check = CameraFit(rig(near, far))
+    for result in FRAMES:
+        check.add(result)
+    [one], [other] = check.warnings()
+    assert (one.subject, other.subject) == ("rear", "front")
+    assert other.finding.endswith(", and by 100% if it looked 2.5 degrees further up")
 
 
 def test_cameras_with_each_others_extrinsics() -> None:
@@ -141,7 +151,7 @@ def test_of_a_long_run_frames_of_all_of_it_are_kept() -> None:
     for result in good:
         check.add(result)
     assert len(check._samples) <= MAX_FRAMES
-    assert not check.warnings
+    assert check.warnings() == ((), ())
     for _ in range(20):
         for result in bad:
             check.add(result)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lidcam.checks.evenly_kept import EvenlyKept
 from lidcam.checks.warning import RunWarning
 from pipeline.core.arrays import F32, F64, I64
 from pipeline.core.frame import FrameResult
@@ -22,7 +23,7 @@ from pipeline.core.rig import CameraSensor, Rig
 __all__ = ["CameraFit"]
 
 MAX_FRAMES = 32
-"""Frames that are kept, spread over the run: whenever there are more, every second one is discarded."""
+"""Frames that are kept, spread over the run."""
 
 MIN_FRAMES, MIN_BOXES = 5, 15
 """A camera with fewer frames with boxes, or fewer boxes in them, is not judged."""
@@ -36,9 +37,12 @@ BAD = 0.15
 FITS, BETTER = 0.4, 1.5
 """A pose is the better one if it fits at least this well, and this many times better than the given one."""
 
-YAWS_DEG = (0, 5, -5, 10, -10, 15, -15, 20, -20, 30, -30)
-PITCHES_DEG = (0, 5, -5, 10, -10, 20, -20)
-"""How far a camera may be turned; objects in an image are wide enough that steps of 5 degrees find them."""
+YAWS_DEG = (0, 2.5, -2.5, 5, -5, 10, -10, 15, -15, 20, -20, 30, -30)
+PITCHES_DEG = (0, 2.5, -2.5, 5, -5, 10, -10, 20, -20)
+"""How far a camera may be turned; objects in an image are wide enough that such steps find them."""
+
+NEAR_DEG = 2.5
+"""A camera that is turned by no more still matches most of its objects."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,8 +58,7 @@ class CameraFit:
 
     def __init__(self, rig: Rig) -> None:
         self._cameras = {camera.name: camera for camera in rig.cameras}
-        self._samples: list[_Sample] = []
-        self._seen, self._stride = 0, 1
+        self._samples = EvenlyKept[_Sample](MAX_FRAMES)
 
     def add(self, frame: FrameResult) -> None:
         """Look at one frame."""
@@ -63,20 +66,19 @@ class CameraFit:
         boxes = {name: found.xyxy for name, found in frame.detections.cameras.items() if len(found)}
         if not len(objects) or not boxes:
             return
-        if self._seen % self._stride == 0:
-            corners = box_corners(objects.centers, objects.sizes, objects.yaws)
-            self._samples.append(_Sample(corners, boxes))
-            if len(self._samples) > MAX_FRAMES:
-                self._samples, self._stride = self._samples[::2], 2 * self._stride
-        self._seen += 1
+        self._samples.add(_Sample(box_corners(objects.centers, objects.sizes, objects.yaws), boxes))
 
-    @property
-    def warnings(self) -> tuple[RunWarning, ...]:
-        """One for each camera whose boxes do not fit."""
-        found = (self._warning(camera) for camera in self._cameras.values())
-        return tuple(warning for warning in found if warning is not None)
+    def warnings(self) -> tuple[tuple[RunWarning, ...], tuple[RunWarning, ...]]:
+        """One for each camera whose boxes do not fit.
 
-    def _warning(self, camera: CameraSensor) -> RunWarning | None:
+        Returns:
+            Of cameras whose boxes fit with quite another pose; of those that are turned a little, or fit with none.
+        """
+        found = [warning for camera in self._cameras.values() if (warning := self._warning(camera))]
+        first, second = (tuple(one for one, is_far in found if is_far == far) for far in (True, False))
+        return first, second
+
+    def _warning(self, camera: CameraSensor) -> tuple[RunWarning, bool] | None:
         samples = [sample for sample in self._samples if camera.name in sample.boxes]
         count = sum(len(sample.boxes[camera.name]) for sample in samples)
         if len(samples) < MIN_FRAMES or count < MIN_BOXES:
@@ -87,21 +89,18 @@ class CameraFit:
             return None
         boxes = f"its {count} boxes overlap the objects of the lidars by {given:.0%} on average"
         for candidates in (self._exchanged(camera), _turned(camera)):
-            fits = ((pairs.fit(T_camera_site), how, remedy) for T_camera_site, how, remedy in candidates)
-            fit, how, remedy = max(fits, key=lambda one: one[0])
+            fits = ((pairs.fit(pose.T_camera_site), pose) for pose in candidates)
+            fit, best = max(fits, key=lambda one: one[0])
             if fit >= max(FITS, BETTER * given):
-                return RunWarning(camera.name, f"{boxes}, and by {fit:.0%} {how}", remedy)
+                return RunWarning(camera.name, f"{boxes}, and by {fit:.0%} {best.how}", best.remedy), best.is_far
         if given >= BAD:
             return None
-        return RunWarning(
-            camera.name,
-            boxes,
-            "check its intrinsics and extrinsics; or does it look where no lidar does?",
-        )
+        remedy = "check its intrinsics and extrinsics; or does it look where no lidar does?"
+        return RunWarning(camera.name, boxes, remedy), False
 
-    def _exchanged(self, camera: CameraSensor) -> Iterator[tuple[F64, str, str]]:
-        """The inverse of the camera's pose, and the poses of the other cameras, each with its name and the remedy."""
-        yield (
+    def _exchanged(self, camera: CameraSensor) -> Iterator["_Pose"]:
+        """The inverse of the camera's pose, and the poses of the other cameras."""
+        yield _Pose(
             camera.T_camera_site.inverse().matrix,
             "with the inverse of its extrinsics",
             "they look inverted: T_camera_site maps points of the site to the camera, T_site_camera the other way",
@@ -109,25 +108,36 @@ class CameraFit:
         for other in self._cameras.values():
             if other is not camera:
                 how = f"with the extrinsics of {other.name}"
-                yield (
+                yield _Pose(
                     other.T_camera_site.matrix,
                     how,
                     "check which extrinsics, and which topics, belong to which camera",
                 )
 
 
-def _turned(camera: CameraSensor) -> Iterator[tuple[F64, str, str]]:
+@dataclass(frozen=True, slots=True, eq=False)
+class _Pose:
+    """Another pose (4, 4) of a camera: its name, what to do if it fits, and whether it is far from the given one."""
+
+    T_camera_site: F64
+    how: str
+    remedy: str
+    is_far: bool = True
+
+
+def _turned(camera: CameraSensor) -> Iterator[_Pose]:
     """The camera's pose, turned by some degrees."""
     for yaw_deg in YAWS_DEG:
         for pitch_deg in PITCHES_DEG:
             turn = np.eye(4)
             turn[:3, :3] = matrix_of_rpy(np.deg2rad([pitch_deg, yaw_deg, 0.0]))
             # What moves right and up in the image does so because the camera looks further left and down.
-            sideways = f"{abs(yaw_deg)} degrees further {'left' if yaw_deg > 0 else 'right'}"
-            upright = f"{abs(pitch_deg)} degrees further {'down' if pitch_deg > 0 else 'up'}"
+            sideways = f"{abs(yaw_deg):g} degrees further {'left' if yaw_deg > 0 else 'right'}"
+            upright = f"{abs(pitch_deg):g} degrees further {'down' if pitch_deg > 0 else 'up'}"
             words = [text for text, angle in ((sideways, yaw_deg), (upright, pitch_deg)) if angle]
             remedy = "calibrate it again, or see whether its clock is off (time_offset_ms in the rig file)"
-            yield turn @ camera.T_camera_site.matrix, f"if it looked {' and '.join(words)}", remedy
+            is_far = max(abs(yaw_deg), abs(pitch_deg)) > NEAR_DEG
+            yield _Pose(turn @ camera.T_camera_site.matrix, f"if it looked {' and '.join(words)}", remedy, is_far)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

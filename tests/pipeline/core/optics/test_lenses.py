@@ -9,7 +9,7 @@ from lens_models import LENS_MODELS, lens
 
 from pipeline.core.arrays import F64
 from pipeline.core.camera import CameraModel
-from pipeline.core.lenses import Lenses
+from pipeline.core.optics.lenses import Lenses
 
 ALL = [lens(model, distortion) for model, distortion in LENS_MODELS.values()]
 points = arrays(np.float64, (3, 3), elements=st.floats(-1, 1)).map(lambda p: p * [4, 3, 2] + [0, 0, 4])

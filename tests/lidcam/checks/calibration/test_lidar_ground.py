@@ -7,7 +7,7 @@ import pytest
 from frames import RIG
 from scipy.spatial.transform import Rotation
 
-from lidcam.checks.lidar_ground import inverted_lidars
+from lidcam.checks.calibration.lidar_ground import inverted_lidars
 from pipeline.core.clouds import PointCloud
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.rig import LidarSensor, Rig

@@ -24,6 +24,8 @@ _NEAR_M = 0.005
 _ON_AXIS = 1e-4
 """Below this radius the quotients of the equidistant model lose their digits: the series about the axis stands in."""
 
+Axis = tuple[float, float, float]
+
 _BOOLS = "Array(boolean, 1, 'C', True)"
 _ROWS = "Array(int64, 1, 'C', True)"
 _LIST, _TABLE, _BLOCK = (f"Array(float64, {dimensions}, 'C', True)" for dimensions in (1, 2, 3))
@@ -37,72 +39,112 @@ def _within(r2: float, equidistant: bool, limit: float) -> bool:
 
 
 @inlined
-def _radial(r2: float, k: F64, equidistant: bool) -> tuple[float, float]:
+def _lens(K: F64, k: F64, equidistant: bool) -> tuple[float, ...]:
+    """Focal lengths, centre and skew of a camera, its tangential and its radial coefficients: quicker than arrays."""
+    p1, p2 = (0.0, 0.0) if equidistant else (k[2], k[3])
+    third, fourth = (k[2], k[3]) if equidistant else (k[4], 0.0)
+    return K[0, 0], K[1, 1], K[0, 2], K[1, 2], K[0, 1], p1, p2, k[0], k[1], third, fourth, k[5], k[6], k[7]
+
+
+@inlined
+def _radial(r2: float, lens: tuple[float, ...], equidistant: bool) -> tuple[float, float]:
     """The radial scale at a squared radius, and its derivative by it."""
+    _, _, _, _, _, _, _, k1, k2, k3, k4, k5, k6, k7 = lens
     if equidistant:
         radius = math.sqrt(r2)
         theta = math.atan(radius)
         t2 = theta * theta
         if radius < _ON_AXIS:
-            scale, slope = 1 + (k[0] - 1 / 3) * r2, k[0] - 1 / 3
+            scale, slope = 1 + (k1 - 1 / 3) * r2, k1 - 1 / 3
         else:
-            scale = theta * (1 + t2 * (k[0] + t2 * (k[1] + t2 * (k[2] + t2 * k[3])))) / radius
-            growth = 1 + t2 * (3 * k[0] + t2 * (5 * k[1] + t2 * (7 * k[2] + t2 * 9 * k[3])))
+            scale = theta * (1 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4)))) / radius
+            growth = 1 + t2 * (3 * k1 + t2 * (5 * k2 + t2 * (7 * k3 + t2 * 9 * k4)))
             slope = (growth / (1 + r2) - scale) / (2 * radius * radius)
     else:
-        top = 1 + r2 * (k[0] + r2 * (k[1] + r2 * k[4]))
-        bottom = 1 + r2 * (k[5] + r2 * (k[6] + r2 * k[7]))
-        scale = top / bottom
-        top_slope = k[0] + r2 * (2 * k[1] + 3 * r2 * k[4])
-        bottom_slope = k[5] + r2 * (2 * k[6] + 3 * r2 * k[7])
+        bottom = 1 + r2 * (k5 + r2 * (k6 + r2 * k7))
+        scale = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / bottom
+        top_slope = k1 + r2 * (2 * k2 + 3 * r2 * k3)
+        bottom_slope = k5 + r2 * (2 * k6 + 3 * r2 * k7)
         slope = (top_slope - scale * bottom_slope) / bottom
     return scale, slope
 
 
 @inlined
-def _pixel(x: float, y: float, z: float, K: F64, k: F64, equidistant: bool, limit: float) -> tuple[float, float, bool]:
+def _pixel(
+    x: float, y: float, z: float, lens: tuple[float, ...], equidistant: bool, limit: float
+) -> tuple[float, float, bool]:
     """The pixel u, v of a point in the optical frame, and whether it is ahead and within the lens model."""
+    fx, fy, cx, cy, skew, p1, p2 = lens[:7]
     ahead = z > _NEAR_M
     depth = z if ahead else 1.0
     x, y = x / depth, y / depth
     r2 = x * x + y * y
     inside = _within(r2, equidistant, limit)
     r2 = r2 if inside else 0.0
-    scale, _ = _radial(r2, k, equidistant)
-    p1, p2 = (0.0, 0.0) if equidistant else (k[2], k[3])
+    scale, _ = _radial(r2, lens, equidistant)
     x_lens = x * scale + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
     y_lens = y * scale + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
-    u = K[0, 0] * x_lens + K[0, 1] * y_lens + K[0, 2] + 0.5
-    v = K[1, 1] * y_lens + K[1, 2] + 0.5
-    return u, v, ahead and inside
+    return fx * x_lens + skew * y_lens + cx + 0.5, fy * y_lens + cy + 0.5, ahead and inside
 
 
 @inlined
 def _slopes(
-    x: float, y: float, z: float, K: F64, k: F64, equidistant: bool, limit: float
+    x: float, y: float, z: float, lens: tuple[float, ...], equidistant: bool, limit: float
 ) -> tuple[float, float, float, float, float, float]:
     """Derivatives of u by x, y, z, and then those of v."""
+    fx, fy, _, _, skew, p1, p2 = lens[:7]
     depth = z if z > _NEAR_M else 1.0
     x, y = x / depth, y / depth
     r2 = x * x + y * y
     r2 = r2 if _within(r2, equidistant, limit) else 0.0
-    scale, slope = _radial(r2, k, equidistant)
-    p1, p2 = (0.0, 0.0) if equidistant else (k[2], k[3])
+    scale, slope = _radial(r2, lens, equidistant)
     xx = scale + 2 * x * x * slope + 2 * p1 * y + 6 * p2 * x
     xy = 2 * x * y * slope + 2 * p1 * x + 2 * p2 * y  # x by y, and y by x
     yy = scale + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x
-    u_by_x, u_by_y = (K[0, 0] * xx + K[0, 1] * xy) / depth, (K[0, 0] * xy + K[0, 1] * yy) / depth
-    v_by_x, v_by_y = K[1, 1] * xy / depth, K[1, 1] * yy / depth
+    u_by_x, u_by_y = (fx * xx + skew * xy) / depth, (fx * xy + skew * yy) / depth
+    v_by_x, v_by_y = fy * xy / depth, fy * yy / depth
     return u_by_x, u_by_y, -u_by_x * x - u_by_y * y, v_by_x, v_by_y, -v_by_x * x - v_by_y * y
 
 
 @inlined
-def _in_camera(a: float, b: float, c: float, axes: F64) -> tuple[float, float, float]:
-    """A point of an object in the optical frame, from that along the axes of its box."""
-    x = a * axes[0, 0] + b * axes[1, 0] + c * axes[2, 0] + axes[3, 0]
-    y = a * axes[0, 1] + b * axes[1, 1] + c * axes[2, 1] + axes[3, 1]
-    z = a * axes[0, 2] + b * axes[1, 2] + c * axes[2, 2] + axes[3, 2]
+def _moved(R: F64, t: F64, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """A point, rotated and then moved."""
+    return (
+        R[0, 0] * x + R[0, 1] * y + R[0, 2] * z + t[0],
+        R[1, 0] * x + R[1, 1] * y + R[1, 2] * z + t[1],
+        R[2, 0] * x + R[2, 1] * y + R[2, 2] * z + t[2],
+    )
+
+
+@inlined
+def _in_camera(
+    a: float, b: float, c: float, along: Axis, across: Axis, up: Axis, origin: Axis
+) -> tuple[float, float, float]:
+    """A point at a, b, c along the axes of a box about its centre, in the optical frame."""
+    x = a * along[0] + b * across[0] + c * up[0] + origin[0]
+    y = a * along[1] + b * across[1] + c * up[1] + origin[1]
+    z = a * along[2] + b * across[2] + c * up[2] + origin[2]
     return x, y, z
+
+
+@inlined
+def _show(
+    points: F64,
+    along: Axis,
+    across: Axis,
+    up: Axis,
+    origin: Axis,
+    lens: tuple[float, ...],
+    equidistant: bool,
+    limit: float,
+    u: F64,
+    v: F64,
+    valid: Bools,
+) -> None:
+    """The pixels of points (3, S) along the axes of a box, into `u`, `v` and `valid`."""
+    for s in range(points.shape[1]):
+        x, y, z = _in_camera(points[0, s], points[1, s], points[2, s], along, across, up, origin)
+        u[s], v[s], valid[s] = _pixel(x, y, z, lens, equidistant, limit)
 
 
 @compiled(f"Tuple((float64[:, :, ::1], boolean[:, ::1]))({_BLOCK}, {_LENSES})")
@@ -118,9 +160,10 @@ def pixels_of_points(points: F64, K: F64, coefficients: F64, equidistant: Bools,
     """
     pixels, valid = np.empty((*points.shape[:2], 2)), np.empty(points.shape[:2], np.bool_)
     for p in range(points.shape[0]):
+        lens = _lens(K[p], coefficients[p], equidistant[p])
         for s in range(points.shape[1]):
             x, y, z = points[p, s, 0], points[p, s, 1], points[p, s, 2]
-            u, v, is_valid = _pixel(x, y, z, K[p], coefficients[p], equidistant[p], limits[p])
+            u, v, is_valid = _pixel(x, y, z, lens, equidistant[p], limits[p])
             pixels[p, s, 0], pixels[p, s, 1], valid[p, s] = u, v, is_valid
     return pixels, valid
 
@@ -130,9 +173,10 @@ def slopes_of_points(points: F64, K: F64, coefficients: F64, equidistant: Bools,
     """(P, S, 2, 3) derivatives of the pixels of points; arguments as those of `pixels_of_points`."""
     slopes = np.empty((*points.shape[:2], 2, 3))
     for p in range(points.shape[0]):
+        lens = _lens(K[p], coefficients[p], equidistant[p])
         for s in range(points.shape[1]):
             x, y, z = points[p, s, 0], points[p, s, 1], points[p, s, 2]
-            found = _slopes(x, y, z, K[p], coefficients[p], equidistant[p], limits[p])
+            found = _slopes(x, y, z, lens, equidistant[p], limits[p])
             for k in range(3):
                 slopes[p, s, 0, k], slopes[p, s, 1, k] = found[k], found[3 + k]
     return slopes
@@ -183,47 +227,43 @@ def outermost_points(
     """
     edges, slopes = np.empty((len(rows), 4)), np.empty((len(rows), 4, 7))
     makers, valid = np.zeros((len(rows), 4), np.int64), np.ones(len(rows), np.bool_)
-    u, v, ahead = np.empty(len(signs)), np.empty(len(signs)), np.empty(len(signs), np.bool_)
-    half, axes = np.empty(3), np.empty((4, 3))  # the last: length, width, height and centre in the optical frame
+    count = len(signs)
+    points, u, v, ahead = np.empty((3, count)), np.empty(count), np.empty(count), np.empty(count, np.bool_)
     for q in range(len(rows)):
         p, cos, sin = rows[q], cosines[q], sines[q]
-        R, lens, k = rotations[p], K[p], coefficients[p]
-        o = p if len(offsets) > 1 else 0
-        for i in range(3):
-            half[i] = sizes[q, i] / 2
-            axes[0, i] = R[i, 0] * cos + R[i, 1] * sin
-            axes[1, i] = R[i, 1] * cos - R[i, 0] * sin
-            axes[2, i] = R[i, 2]
-            at = R[i, 0] * centers[q, 0] + R[i, 1] * centers[q, 1] + R[i, 2] * centers[q, 2]
-            axes[3, i] = at + translations[p, i]
+        R, is_equidistant, limit = rotations[p], equidistant[p], limits[p]
+        lens = _lens(K[p], coefficients[p], is_equidistant)
+        # The directions of length, width and height, and the centre, in the optical frame.
+        along = R[0, 0] * cos + R[0, 1] * sin, R[1, 0] * cos + R[1, 1] * sin, R[2, 0] * cos + R[2, 1] * sin
+        across = R[0, 1] * cos - R[0, 0] * sin, R[1, 1] * cos - R[1, 0] * sin, R[2, 1] * cos - R[2, 0] * sin
+        up = R[0, 2], R[1, 2], R[2, 2]
+        origin = _moved(R, translations[p], centers[q, 0], centers[q, 1], centers[q, 2])
+        for s in range(count):
+            for i in range(3):
+                points[i, s] = signs[s, i] * (sizes[q, i] / 2) + offsets[p if len(offsets) > 1 else 0, s, i]
 
-        for s in range(len(signs)):
-            a = signs[s, 0] * half[0] + offsets[o, s, 0]
-            b = signs[s, 1] * half[1] + offsets[o, s, 1]
-            c = signs[s, 2] * half[2] + offsets[o, s, 2]
-            x, y, z = _in_camera(a, b, c, axes)
-            u[s], v[s], ahead[s] = _pixel(x, y, z, lens, k, equidistant[p], limits[p])
-        leftmost, topmost, rightmost, bottommost = 0, 0, 0, 0
-        for s in range(len(signs)):
+        if is_equidistant:
+            _show(points, along, across, up, origin, lens, True, limit, u, v, ahead)
+        else:  # by itself: without an arctangent, several points at once
+            _show(points, along, across, up, origin, lens, False, limit, u, v, ahead)
+        left, top, right, bottom = 0, 0, 0, 0
+        for s in range(count):
             valid[q] &= ahead[s]
-            leftmost = s if u[s] < u[leftmost] else leftmost
-            topmost = s if v[s] < v[topmost] else topmost
-            rightmost = s if u[s] > u[rightmost] else rightmost
-            bottommost = s if v[s] > v[bottommost] else bottommost
-        makers[q, 0], makers[q, 1], makers[q, 2], makers[q, 3] = leftmost, topmost, rightmost, bottommost
+            left = s if u[s] < u[left] else left
+            top = s if v[s] < v[top] else top
+            right = s if u[s] > u[right] else right
+            bottom = s if v[s] > v[bottom] else bottom
+        makers[q, 0], makers[q, 1], makers[q, 2], makers[q, 3] = left, top, right, bottom
 
         for e in range(4):
             s = makers[q, e]
-            edges[q, e] = u[s] if e % 2 == 0 else v[s]
-            a = signs[s, 0] * half[0] + offsets[o, s, 0]
-            b = signs[s, 1] * half[1] + offsets[o, s, 1]
-            c = signs[s, 2] * half[2] + offsets[o, s, 2]
-            x, y, z = _in_camera(a, b, c, axes)
-            by_point = _slopes(x, y, z, lens, k, equidistant[p], limits[p])
-            by_x, by_y, by_z = by_point[:3] if e % 2 == 0 else by_point[3:]
-            by_length = by_x * axes[0, 0] + by_y * axes[0, 1] + by_z * axes[0, 2]  # per metre along the box's own axes
-            by_width = by_x * axes[1, 0] + by_y * axes[1, 1] + by_z * axes[1, 2]
-            by_height = by_x * axes[2, 0] + by_y * axes[2, 1] + by_z * axes[2, 2]
+            a, b, c = points[0, s], points[1, s], points[2, s]
+            x, y, z = _in_camera(a, b, c, along, across, up, origin)
+            by_point = _slopes(x, y, z, lens, is_equidistant, limit)
+            edges[q, e], (by_x, by_y, by_z) = (u[s], by_point[:3]) if e % 2 == 0 else (v[s], by_point[3:])
+            by_length = by_x * along[0] + by_y * along[1] + by_z * along[2]  # per metre along the box's own axes
+            by_width = by_x * across[0] + by_y * across[1] + by_z * across[2]
+            by_height = by_x * up[0] + by_y * up[1] + by_z * up[2]
             slopes[q, e, 0] = by_length * cos - by_width * sin
             slopes[q, e, 1] = by_length * sin + by_width * cos
             slopes[q, e, 2] = by_width * a - by_length * b

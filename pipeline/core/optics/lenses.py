@@ -12,7 +12,7 @@ import numpy as np
 
 from pipeline.core.arrays import F64, Bools, Rows, check_array, select_rows
 from pipeline.core.camera import CameraModel
-from pipeline.core.lens_kernels import pixels_of_points, slopes_of_points
+from pipeline.core.optics.lens_kernels import pixels_of_points, slopes_of_points
 
 __all__ = ["Lenses"]
 
@@ -62,7 +62,7 @@ class Lenses:
 
     @property
     def arrays(self) -> tuple[F64, F64, Bools, F64]:
-        """The fields, as `core.lens_kernels` takes them."""
+        """The fields, as `core.optics.lens_kernels` takes them."""
         return self.K, self.coefficients, self.equidistant, self.radius_limits
 
     def project(self, points_camera: F64) -> tuple[F64, Bools]:

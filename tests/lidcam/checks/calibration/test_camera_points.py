@@ -7,7 +7,7 @@ import pytest
 from detections import forward_camera
 from frames import RIG
 
-from lidcam.checks.camera_points import MAX_CLOUDS, CameraPoints
+from lidcam.checks.calibration.camera_points import MAX_CLOUDS, CameraPoints
 from pipeline.core.arrays import F32
 from pipeline.core.rig import Rig
 

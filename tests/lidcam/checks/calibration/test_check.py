@@ -12,14 +12,14 @@ from detections import boxes2d, forward_camera
 from frames import frame
 
 import lidcam
-from lidcam.checks.calibration import CalibrationCheck, check_first_clouds
+from lidcam.checks.calibration.check import CalibrationCheck, check_first_clouds
 from pipeline.core.frame import FrameResult
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.messages import RawMessage
 from pipeline.core.rig import LidarSensor, Rig
 from pipeline.core.settings.config import Config
 
-ROOT = Path(__file__).resolve().parents[3]
+ROOT = Path(__file__).resolve().parents[4]
 SANDBOX = ROOT / "bags" / "sandbox.bag"
 SKY = np.array([[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1.0]])  # turns a level camera to look up
 

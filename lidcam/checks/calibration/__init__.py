@@ -1,0 +1,1 @@
+"""Whether the calibration of a run can be right."""

@@ -1,0 +1,1 @@
+"""How lenses bend what cameras see."""

@@ -1,0 +1,257 @@
+"""The loops of `lshape.py` over the points of each cluster.
+
+Sums are taken as numpy takes those of a row: in eight columns, and of more than 128 values by halves. That errs less
+than adding one after another, and makes the results those of array operations.
+"""
+
+import numpy as np
+
+from pipeline.core.arrays import F64, I64
+from pipeline.core.compiled import compiled, inlined
+
+__all__ = ["closeness", "nearest_sides", "ranked", "thinned", "turned"]
+
+
+SUMMED_AT_ONCE = 128
+
+
+@compiled("float64(float64[::1], int64, int64)")
+def _sum_of_few(values: F64, start: int, count: int) -> float:
+    if count < 8:
+        total = -0.0  # which adds nothing, not even a sign
+        for i in range(start, start + count):
+            total += values[i]
+        return total
+    a, b, c, d = values[start], values[start + 1], values[start + 2], values[start + 3]
+    e, f, g, h = values[start + 4], values[start + 5], values[start + 6], values[start + 7]
+    stop = start + count - count % 8
+    for i in range(start + 8, stop, 8):
+        a, b, c, d = a + values[i], b + values[i + 1], c + values[i + 2], d + values[i + 3]
+        e, f, g, h = e + values[i + 4], f + values[i + 5], g + values[i + 6], h + values[i + 7]
+    sums: float = ((a + b) + (c + d)) + ((e + f) + (g + h))
+    for i in range(stop, start + count):
+        sums += values[i]
+    return sums
+
+
+@compiled("float64(float64[::1], int64, int64)")
+def _sum_of_many(values: F64, start: int, count: int) -> float:
+    # By halves of halves: of each that is begun, its place, its size and the sum of its first half once that is known.
+    places, sizes, firsts = np.empty(64, np.int64), np.empty(64, np.int64), np.empty(64)
+    is_second = np.empty(64, np.bool_)
+    depth, places[0], sizes[0] = 0, start, count
+    while True:
+        if sizes[depth] > SUMMED_AT_ONCE:
+            half = sizes[depth] // 2
+            places[depth + 1], sizes[depth + 1] = places[depth], half - half % 8
+            depth += 1
+            is_second[depth] = False
+            continue
+        total = _sum_of_few(values, places[depth], sizes[depth])
+        while depth > 0 and is_second[depth]:
+            depth -= 1
+            total = firsts[depth] + total
+        if depth == 0:
+            return total
+        # The first half is done, the second one comes.
+        firsts[depth - 1] = total
+        places[depth] += sizes[depth]
+        sizes[depth] = sizes[depth - 1] - sizes[depth]
+        is_second[depth] = True
+
+
+@inlined
+def _sum(values: F64, start: int, count: int) -> float:
+    """Of at least one value."""
+    total: float = values[start]
+    if count - 1 > SUMMED_AT_ONCE:
+        return total + _sum_of_many(values, start + 1, count - 1)
+    return total + _sum_of_few(values, start + 1, count - 1)
+
+
+@compiled(
+    "Tuple((int64, float64[:, ::1], float64[::1], int64[::1]))"
+    "(float64[:, ::1], int64[::1], float64[:, ::1], float64[::1], int64)"
+)
+def thinned(xy: F64, ends: I64, low: F64, cell_m: F64, across: int) -> tuple[int, F64, F64, I64]:
+    """Means of the points in the cells of each cluster's own grid, in the order of the cells.
+
+    Args:
+        xy: (N, 2) metres, sorted by cluster.
+        ends: (C,) row behind the last of each cluster.
+        low: (C, 2) corner of each grid.
+        cell_m: (C,) edge of its cells.
+        across: Number of cells along either side of each grid.
+
+    Returns:
+        The number M of means; room for N means (N, 2) and for the number of points of each (N,), the first M are used;
+        and (C,) the row behind the last mean of each cluster.
+    """
+    count = len(xy)
+    means, weights, mean_ends = np.empty((count, 2)), np.empty(count), np.empty(len(ends), np.int64)
+    cell, x, y = np.empty(count, np.int64), np.empty(count), np.empty(count)
+    place = np.empty(across * across + 1, np.int64)
+    start, made = 0, 0
+    for c in range(len(ends)):
+        for k in range(len(place)):
+            place[k] = 0
+        for i in range(start, ends[c]):
+            column = int((xy[i, 0] - low[c, 0]) / cell_m[c])
+            cell[i] = column * across + int((xy[i, 1] - low[c, 1]) / cell_m[c])
+            place[cell[i] + 1] += 1
+        for k in range(1, len(place)):
+            place[k] += place[k - 1]
+        for i in range(start, ends[c]):
+            to = start + place[cell[i]]
+            x[to], y[to] = xy[i, 0], xy[i, 1]
+            place[cell[i]] += 1
+        first = start  # each place is the end of its cell now
+        for k in range(across * across):
+            size = start + place[k] - first
+            if size > 0:
+                means[made, 0] = _sum(x, first, size) / size
+                means[made, 1] = _sum(y, first, size) / size
+                weights[made] = size
+                made += 1
+                first += size
+        mean_ends[c] = made
+        start = ends[c]
+    return made, means, weights, mean_ends
+
+
+@compiled("void(float64[::1], float64[::1], int64, int64, float64, float64[::1], float64[::1])")
+def _to_ends(along: F64, weights: F64, start: int, count: int, trim_share: float, mass: F64, gap: F64) -> None:
+    """Lower each `gap` to the distance from the nearer of the two ends, behind which little mass lies.
+
+    Args:
+        along: (P,) the points' places along an axis; the first `count` are used.
+        weights: Of all points; those from `start` on are theirs.
+        start: See `weights`.
+        count: Number of points.
+        trim_share: Largest share of the mass behind either end.
+        mass: Room for one number a bin.
+        gap: (P,) changed.
+    """
+    bins = len(mass)
+    low, high = along[0], along[0]
+    for i in range(1, count):
+        low, high = min(low, along[i]), max(high, along[i])
+    step = max((high - low) / bins, 1e-9)
+    for k in range(bins):
+        mass[k] = 0.0
+    for i in range(count):
+        mass[int(min((along[i] - low) / step, bins - 1.0))] += weights[start + i]
+    for k in range(1, bins):
+        mass[k] += mass[k - 1]
+    outside = trim_share * mass[bins - 1]
+    inside = mass[bins - 1] - outside
+    first, last = 0, 1
+    for k in range(bins):
+        first += mass[k] <= outside
+        last += mass[k] < inside
+    low, high = low + first * step, low + last * step
+    for i in range(count):
+        gap[i] = min(gap[i], min(abs(along[i] - low), abs(along[i] - high)))
+
+
+@compiled(
+    "float64[:, ::1](float64[:, ::1], float64[::1], int64[::1], float64[::1], float64[:, ::1], float64[:, ::1], "
+    "int64, float64)"
+)
+def closeness(xy: F64, weights: F64, ends: I64, soft_m: F64, cos: F64, sin: F64, bins: int, trim_share: float) -> F64:
+    """(C, A) closeness of the points of each cluster to their bounding rectangle at each of its angles.
+
+    Args:
+        xy: (M, 2) points, sorted by cluster.
+        weights: (M,) number of measured points that each stands for.
+        ends: (C,) row behind the last point of each cluster.
+        soft_m: (C,) distance from a side that hardly lowers closeness.
+        cos: (C, A) of the angles.
+        sin: (C, A) of the angles.
+        bins: Resolution of the bounds.
+        trim_share: Share of the points that may lie outside at each side.
+    """
+    found, mass = np.empty((len(ends), cos.shape[1])), np.empty(bins)
+    forward, left, gap = np.empty(len(xy)), np.empty(len(xy)), np.empty(len(xy))
+    start = 0
+    for c in range(len(ends)):
+        count = ends[c] - start
+        soft = soft_m[c] * soft_m[c]
+        for k in range(cos.shape[1]):
+            x, y = cos[c, k], sin[c, k]
+            for i in range(count):
+                forward[i] = xy[start + i, 0] * x + xy[start + i, 1] * y
+                left[i] = xy[start + i, 1] * x - xy[start + i, 0] * y
+                gap[i] = np.inf
+            _to_ends(forward, weights, start, count, trim_share, mass, gap)
+            _to_ends(left, weights, start, count, trim_share, mass, gap)
+            for i in range(count):
+                gap[i] = weights[start + i] / np.sqrt(gap[i] * gap[i] + soft)
+            found[c, k] = _sum(gap, 0, count)
+        start = ends[c]
+    return found
+
+
+@compiled("float64[:, ::1](float64[:, ::1], int64[::1], float64[::1], float64[::1])")
+def turned(xy: F64, ends: I64, cos: F64, sin: F64) -> F64:
+    """(2, N) places of points along the axes of their clusters, of which `cos` and `sin` (C,) tell the angles."""
+    along, start = np.empty((2, len(xy))), 0
+    for c in range(len(ends)):
+        for i in range(start, ends[c]):
+            along[0, i] = xy[i, 0] * cos[c] + xy[i, 1] * sin[c]
+            along[1, i] = xy[i, 1] * cos[c] - xy[i, 0] * sin[c]
+        start = ends[c]
+    return along
+
+
+@compiled("float64[::1](float64[::1], int64[::1], int64[::1])")
+def ranked(values: F64, ends: I64, ranks: I64) -> F64:
+    """(C,) the value of each cluster that so many of its values come before.
+
+    Args:
+        values: (N,) sorted by cluster, in any order within.
+        ends: (C,) row behind the last of each.
+        ranks: (C,) near 0, or near the last.
+    """
+    found, best, start = np.empty(len(ends)), np.empty(len(values)), 0
+    for c in range(len(ends)):
+        size = ends[c] - start
+        from_top = ranks[c] > size // 2
+        sign = -1.0 if from_top else 1.0
+        wanted, kept = (size - 1 - ranks[c] if from_top else ranks[c]) + 1, 0
+        for i in range(start, ends[c]):
+            value = sign * values[i]
+            if kept < wanted:
+                kept += 1
+            elif value >= best[kept - 1]:
+                continue
+            k = kept - 1
+            while k > 0 and best[k - 1] > value:
+                best[k] = best[k - 1]
+                k -= 1
+            best[k] = value
+        found[c] = sign * best[wanted - 1]
+        start = ends[c]
+    return found
+
+
+@compiled("float64[::1](float64[:, ::1], int64[::1], float64[:, ::1], float64[:, ::1])")
+def nearest_sides(along: F64, ends: I64, low: F64, high: F64) -> F64:
+    """(C,) sum of the squared distances of each cluster's points from the nearest side of its rectangle.
+
+    Args:
+        along: (2, N) places of the points along its axes.
+        ends: (C,) row behind the last point of each cluster.
+        low: (C, 2) lower ends of the rectangles.
+        high: (C, 2) upper ones.
+    """
+    sums, square, start = np.empty(len(ends)), np.empty(along.shape[1]), 0
+    for c in range(len(ends)):
+        for i in range(start, ends[c]):
+            forward, left = along[0, i], along[1, i]
+            first = min(abs(forward - low[c, 0]), abs(forward - high[c, 0]))
+            second = min(abs(left - low[c, 1]), abs(left - high[c, 1]))
+            square[i] = min(first, second) * min(first, second)
+        sums[c] = _sum(square, start, ends[c] - start)
+        start = ends[c]
+    return sums

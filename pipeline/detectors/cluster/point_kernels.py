@@ -1,0 +1,139 @@
+"""The loops of the detector over the points of a frame, and over those of its clusters."""
+
+import numpy as np
+
+from pipeline.core.arrays import F32, F64, I64, U8, Bools
+from pipeline.core.compiled import compiled
+
+__all__ = ["extents", "members", "points_above_ground"]
+
+HALF_ROOT = np.sqrt(0.5)
+
+
+@compiled(
+    "Tuple((int64, int64[::1], float64[:, ::1], int64[::1], float64[::1]))"
+    "(Array(float32, 2, 'C', readonly=True), Array(uint8, 1, 'C', readonly=True), int64[::1], float64[::1], "
+    "Array(float64, 2, 'C', readonly=True), float64[::1], float64[:, ::1], float64[::1], float64[::1])"
+)
+def points_above_ground(
+    xyz: F32,
+    lidar_index: U8,
+    rows: I64,
+    plane: F64,
+    relief_m: F64,
+    grid: F64,
+    lidar_xyz: F64,
+    link: F64,
+    heights_m: F64,
+) -> tuple[int, I64, F64, I64, F64]:
+    """The points between two heights above the ground, with room behind them.
+
+    Args:
+        xyz: (N, 3) the cloud, metres in the site frame.
+        lidar_index: (N,) lidar of each point.
+        rows: (P,) the points to look at.
+        plane: (4,) normal and offset of the ground's plane.
+        relief_m: (H, W) see `Relief`.
+        grid: (3,) its origin, and the distance between its nodes.
+        lidar_xyz: (L, 3) of the lidars in the site frame.
+        link: (2,) link distance at a lidar, metres, and how much it grows for a metre of range.
+        heights_m: (2,) the points lie above the first and below the second.
+
+    Returns:
+        How many they are; (P,) the place of each in `rows`; (P, 3) x, y and height above the ground; (P,) its lidar;
+        and (P,) its link distance.
+    """
+    count, (height, width) = len(rows), relief_m.shape
+    place, lidar, link_m = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count)
+    position = np.empty((count, 3))
+    kept = 0
+    for i in range(count):
+        x, y, z = np.float64(xyz[rows[i], 0]), np.float64(xyz[rows[i], 1]), np.float64(xyz[rows[i], 2])
+        across = min(max((x - grid[0]) / grid[2], 0.0), width - 1.0)
+        along = min(max((y - grid[1]) / grid[2], 0.0), height - 1.0)
+        column, line = min(int(across), width - 2), min(int(along), height - 2)
+        right, up = across - column, along - line
+        near = relief_m[line, column] * (1 - right) + relief_m[line, column + 1] * right
+        far = relief_m[line + 1, column] * (1 - right) + relief_m[line + 1, column + 1] * right
+        above = z - (-(x * plane[0] + y * plane[1] + plane[3]) / plane[2] + (near * (1 - up) + far * up))
+        if heights_m[0] < above < heights_m[1]:
+            own = np.int64(lidar_index[rows[i]])
+            dx, dy, dz = x - lidar_xyz[own, 0], y - lidar_xyz[own, 1], z - lidar_xyz[own, 2]
+            place[kept], lidar[kept] = i, own
+            position[kept, 0], position[kept, 1], position[kept, 2] = x, y, above
+            link_m[kept] = link[0] + link[1] * np.sqrt(dx * dx + dy * dy + dz * dz)
+            kept += 1
+    return kept, place, position, lidar, link_m
+
+
+@compiled(
+    "Tuple((int64[::1], int64[::1], int64[::1], float64[:, ::1], float64[:, ::1]))"
+    "(float64[:, ::1], int64[::1], int64[::1], int64)"
+)
+def extents(position: F64, weights: I64, cluster: I64, clusters: int) -> tuple[I64, I64, I64, F64, F64]:
+    """What clusters extend over.
+
+    Args:
+        position: (N, 3) x, y and height.
+        weights: (N,)
+        cluster: (N,) of each point.
+        clusters: Their number C; each has a point.
+
+    Returns:
+        (C,) number of points, sum of their weights, and the first of them; (C, 5) lowest and highest place of the
+        points along x, y, the two diagonals between these, and the height.
+    """
+    counts, total, first = np.empty(clusters, np.int64), np.empty(clusters, np.int64), np.empty(clusters, np.int64)
+    low, high = np.empty((clusters, 5)), np.empty((clusters, 5))
+    for c in range(clusters):
+        counts[c], total[c] = 0, 0
+        for k in range(5):
+            low[c, k], high[c, k] = np.inf, -np.inf
+    for i in range(len(cluster)):
+        c, x, y = cluster[i], position[i, 0], position[i, 1]
+        if counts[c] == 0:
+            first[c] = i
+        counts[c] += 1
+        total[c] += weights[i]
+        for k in range(5):
+            place = x
+            if k == 1:
+                place = y
+            elif k == 2:
+                place = (x + y) * HALF_ROOT
+            elif k == 3:
+                place = (x - y) * HALF_ROOT
+            elif k == 4:
+                place = position[i, 2]
+            low[c, k], high[c, k] = min(low[c, k], place), max(high[c, k], place)
+    return counts, total, first, low, high
+
+
+@compiled("Tuple((int64[::1], int64[::1]))(int64[::1], boolean[::1])")
+def members(cluster: I64, is_wanted: Bools) -> tuple[I64, I64]:
+    """Rows of the points of the wanted ones of C clusters, cluster after cluster; and where each of these begins.
+
+    Args:
+        cluster: (N,) of each point.
+        is_wanted: (C,)
+    """
+    place, wanted = np.empty(len(is_wanted), np.int64), 0
+    for c in range(len(is_wanted)):
+        place[c] = 0
+        wanted += is_wanted[c]
+    for c in cluster:
+        place[c] += 1
+    starts, total, k = np.empty(wanted, np.int64), 0, 0
+    for c in range(len(is_wanted)):
+        if is_wanted[c]:
+            starts[k] = total
+            total += place[c]
+            place[c] = starts[k]
+            k += 1
+    rows = np.empty(total, np.int64)
+    for i in range(len(cluster)):
+        c = cluster[i]
+        if is_wanted[c]:
+            rows[place[c]] = i
+            place[c] += 1
+    return rows, starts

@@ -1,0 +1,224 @@
+"""Points in runs of neighbours, and a tree of boxes around the runs, for searches that leave out most of a cloud.
+
+The points are sorted along Hilbert's curve and cut into runs of sixteen; boxes are put around each run, around sixteen
+of these boxes, and so on. The curve is computed after Skilling (Programming the Hilbert curve, AIP Conference
+Proceedings 707, 2004). Compiled: see `pipeline.core.compiled`.
+"""
+
+from typing import TypeVar
+
+import numpy as np
+
+from pipeline.core.arrays import F32, I32, I64
+from pipeline.core.compiled import compiled, inlined
+
+__all__ = ["RUN", "box_tree", "curve_order"]
+
+RUN = 16
+"""Points of a run, and children of a box."""
+
+AXIS_BITS = 13
+"""Cells of the curve along the longest edge of the cloud, as a power of two."""
+
+CELLS = 1 << AXIS_BITS
+
+CROWD = 256
+"""More points than this in one cell of the curve are sorted anew, in smaller cells."""
+
+CHUNK = 1024
+"""Points whose cells are numbered at once: what is kept of them meanwhile is quick to reach."""
+
+POINTS = "Array(float32, 2, 'C', True)"
+"""What compiled functions take: (N, 3), perhaps read-only."""
+
+N = TypeVar("N", int, np.float32)
+
+LARGEST = np.float32(np.finfo(np.float32).max)
+
+
+@inlined
+def _smaller(a: N, b: N) -> N:
+    return a if a < b else b
+
+
+@inlined
+def _larger(a: N, b: N) -> N:
+    return a if a > b else b
+
+
+@inlined
+def _numbered(cells: I32) -> None:
+    """Cells (3, N) as places on the curve, its bits dealt out to the three rows, the highest first."""
+    x, y, z = cells[0], cells[1], cells[2]
+    for bit in range(AXIS_BITS - 1, 0, -1):
+        lower = (1 << bit) - 1
+        for j in range(len(x)):
+            x[j] ^= -((x[j] >> bit) & 1) & lower
+        for turned in (y, z):
+            for j in range(len(x)):
+                is_upper = -((turned[j] >> bit) & 1)
+                swapped = (x[j] ^ turned[j]) & lower & ~is_upper
+                x[j] ^= swapped | (is_upper & lower)
+                turned[j] ^= swapped
+    for j in range(len(x)):
+        y[j] ^= x[j]
+        z[j] ^= y[j]
+        odd = z[j] >> 1
+        odd ^= odd >> 1
+        odd ^= odd >> 2
+        odd ^= odd >> 4
+        odd ^= odd >> 8
+        x[j] ^= odd
+        y[j] ^= odd
+        z[j] ^= odd
+
+
+@inlined
+def _apart(bits: np.int64) -> np.int64:
+    """The lowest 16 bits of a number, each at three times its place."""
+    bits = (bits | (bits << 16)) & 0x0000FF0000FF
+    bits = (bits | (bits << 8)) & 0x00F00F00F00F
+    bits = (bits | (bits << 4)) & 0x0C30C30C30C3
+    return (bits | (bits << 2)) & 0x249249249249
+
+
+@compiled(f"float64({POINTS}, int32[::1], int64[::1])")
+def _places(xyz: F32, order: I32, places: I64) -> float:
+    """Writes where the points (N, 3) in `order` (M,) lie on a curve that fills their bounding cube to `places` (M,).
+
+    Returns:
+        The edge of the cube; if it is 0, nothing is written.
+    """
+    count = len(order)
+    low = np.empty(3, np.float64)
+    extent = 0.0
+    for axis in range(3):
+        lowest, highest = LARGEST, -LARGEST
+        for i in range(count):
+            lowest, highest = _smaller(lowest, xyz[order[i], axis]), _larger(highest, xyz[order[i], axis])
+        low[axis] = lowest
+        extent = max(extent, highest - low[axis])
+    if not extent > 0:
+        return 0.0
+    scale = (CELLS - 1) / extent
+    cells = np.empty((3, CHUNK), np.int32)
+    for start in range(0, count, CHUNK):
+        size = min(CHUNK, count - start)
+        for j in range(size):
+            i = order[start + j]
+            for axis in range(3):
+                # Masked: whatever the numbers are, nothing is written beyond the ends of an array.
+                cells[axis, j] = np.int32((xyz[i, axis] - low[axis]) * scale) & (CELLS - 1)
+        _numbered(cells)
+        for j in range(size):
+            place = (_apart(np.int64(cells[0, j])) << 2) | (_apart(np.int64(cells[1, j])) << 1)
+            places[start + j] = place | _apart(np.int64(cells[2, j]))
+    return float(extent)
+
+
+@compiled("void(int64[::1], int32[::1])")
+def _sort(places: I64, order: I32) -> None:
+    """Sorts both by the places, equal ones in their present order: three passes, each by the digits of a third."""
+    count = len(order)
+    other_places, other_order = np.empty(count, np.int64), np.empty(count, np.int32)
+    begins = np.empty(CELLS + 1, np.int64)
+    for digit in range(3):
+        shift = digit * AXIS_BITS
+        for cell in range(CELLS + 1):
+            begins[cell] = 0
+        for i in range(count):
+            begins[((places[i] >> shift) & (CELLS - 1)) + 1] += 1
+        for cell in range(CELLS):
+            begins[cell + 1] += begins[cell]
+        for i in range(count):
+            cell = (places[i] >> shift) & (CELLS - 1)
+            to = begins[cell]
+            begins[cell] = to + 1
+            other_places[to] = places[i]
+            other_order[to] = order[i]
+        places, other_places = other_places, places
+        order, other_order = other_order, order
+    for i in range(count):  # after an odd number of exchanges, those that were given
+        other_places[i], other_order[i] = places[i], order[i]
+
+
+@compiled("int64[:, ::1](int64[::1])")
+def _crowds(places: I64) -> I64:
+    """(M, 2) first row and the one after the last of each cell with more than `CROWD` points; of sorted places."""
+    crowds = np.empty((len(places) // CROWD + 1, 2), np.int64)
+    found = begin = 0
+    for i in range(1, len(places) + 1):
+        if i == len(places) or places[i] != places[begin]:
+            if i - begin > CROWD:
+                crowds[found, 0], crowds[found, 1] = begin, i
+                found += 1
+            begin = i
+    return crowds[:found]
+
+
+def curve_order(xyz: F32) -> I32:
+    """(N,) rows of the points (N, 3), finite, in their order along the curve; points at one place by their rows."""
+    order = np.arange(len(xyz), dtype=np.int32)
+    places = np.empty(len(xyz), np.int64)
+    pending = [(0, len(xyz))]
+    while pending:
+        start, stop = pending.pop()
+        if _places(xyz, order[start:stop], places[start:stop]) == 0:
+            continue
+        _sort(places[start:stop], order[start:stop])
+        pending += [(start + begin, start + end) for begin, end in _crowds(places[start:stop]).tolist()]
+    return order
+
+
+@compiled(f"Tuple((float32[:, ::1], float32[:, :, ::1], int64[::1]))({POINTS}, int32[::1])")
+def box_tree(xyz: F32, order: I32) -> tuple[F32, F32, I64]:
+    """The boxes around runs of points (N, 3), N >= 1, in the given order.
+
+    Returns:
+        points: (3, M) in order; the last one again and again, up to the end of its run.
+        boxes: (nodes, 6, 16), for each child of a node the lowest x, y, z of its points and the highest. Those of
+            children that are not there are empty: the lowest above the highest.
+        first: (levels + 1,) first node of each level, from that over the runs to the root, and their number. Node i of
+            a level is child i % 16 of node i // 16 of the next one.
+    """
+    runs = (len(xyz) + RUN - 1) // RUN
+    points = np.empty((3, runs * RUN), np.float32)
+    for slot in range(runs * RUN):
+        i = order[_smaller(slot, len(xyz) - 1)]
+        for axis in range(3):
+            points[axis, slot] = xyz[i, axis]
+
+    levels = 1
+    total = width = (runs + RUN - 1) // RUN
+    while width > 1:
+        width = (width + RUN - 1) // RUN
+        total += width
+        levels += 1
+    first = np.zeros(levels + 1, np.int64)
+    boxes = np.empty((total, 6, RUN), np.float32)
+    for node in range(total):
+        for side in range(6):
+            for child in range(RUN):
+                boxes[node, side, child] = LARGEST if side < 3 else -LARGEST
+    for run in range(runs):
+        for axis in range(3):
+            low, high = LARGEST, -LARGEST
+            for slot in range(run * RUN, run * RUN + RUN):
+                low, high = _smaller(low, points[axis, slot]), _larger(high, points[axis, slot])
+            boxes[run // RUN, axis, run % RUN] = low
+            boxes[run // RUN, 3 + axis, run % RUN] = high
+    children = runs
+    for level in range(levels):
+        nodes = (children + RUN - 1) // RUN
+        first[level + 1] = first[level] + nodes
+        if level + 1 < levels:
+            for node in range(nodes):
+                for axis in range(3):
+                    low, high = LARGEST, -LARGEST
+                    for child in range(RUN):
+                        low = _smaller(low, boxes[first[level] + node, axis, child])
+                        high = _larger(high, boxes[first[level] + node, 3 + axis, child])
+                    boxes[first[level + 1] + node // RUN, axis, node % RUN] = low
+                    boxes[first[level + 1] + node // RUN, 3 + axis, node % RUN] = high
+        children = nodes
+    return points, boxes, first

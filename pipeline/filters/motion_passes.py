@@ -1,0 +1,60 @@
+"""What combining does with each point's place, in one compiled pass each: see `pipeline.core.compiled`."""
+
+import numpy as np
+
+from pipeline.core.arrays import F32, I64, Bools
+from pipeline.core.compiled import compiled
+
+__all__ = ["STEP_NS", "in_range", "moved", "moved_each"]
+
+STEP_NS = 1_000_000
+"""Time between two of the matrices that move points, which are linear in between."""
+
+POINTS = "Array(float32, 2, 'C', True)"
+"""What compiled functions take: (N, 3), perhaps read-only."""
+
+
+@compiled(f"boolean[::1]({POINTS}, float64, float64)")
+def in_range(xyz: F32, min_m: float, max_m: float) -> Bools:
+    """(N,) whether points (N, 3) are within these distances from the origin, both inclusive, and not at it."""
+    kept = np.empty(len(xyz), np.bool_)
+    low_m, high_m = np.float32(min_m), np.float32(max_m)
+    for i in range(len(xyz)):
+        x, y, z = xyz[i, 0], xyz[i, 1], xyz[i, 2]
+        range_m = np.sqrt(x * x + y * y + z * z)
+        kept[i] = range_m > 0 and low_m <= range_m <= high_m
+    return kept
+
+
+@compiled(f"float32[:, ::1]({POINTS}, float32[:, ::1])")
+def moved(xyz: F32, matrix: F32) -> F32:
+    """Points (N, 3) moved by a matrix (3, 4)."""
+    out = np.empty((len(xyz), 3), np.float32)
+    for i in range(len(xyz)):
+        x, y, z = xyz[i, 0], xyz[i, 1], xyz[i, 2]
+        for axis in range(3):
+            row = matrix[axis]
+            out[i, axis] = row[0] * x + row[1] * y + row[2] * z + row[3]
+    return out
+
+
+@compiled(f"float32[:, ::1]({POINTS}, int64[::1], float32[:, :, ::1])")
+def moved_each(xyz: F32, since_ns: I64, matrices: F32) -> F32:
+    """Points (N, 3), each moved by the matrix of its time.
+
+    Args:
+        xyz: (N, 3) metres.
+        since_ns: (N,) times of the points since that of the first matrix, not negative.
+        matrices: (K, 3, 4), every `STEP_NS`; at least one after the last time.
+    """
+    out = np.empty((len(xyz), 3), np.float32)
+    for i in range(len(xyz)):
+        knot = since_ns[i] // STEP_NS
+        share = np.float32((since_ns[i] - knot * STEP_NS) / STEP_NS)
+        x, y, z = xyz[i, 0], xyz[i, 1], xyz[i, 2]
+        for axis in range(3):
+            first, second = matrices[knot, axis], matrices[knot + 1, axis]
+            a, b = first[0] + share * (second[0] - first[0]), first[1] + share * (second[1] - first[1])
+            c, shift = first[2] + share * (second[2] - first[2]), first[3] + share * (second[3] - first[3])
+            out[i, axis] = a * x + b * y + c * z + shift
+    return out

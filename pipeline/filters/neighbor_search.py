@@ -1,0 +1,338 @@
+"""Exact distances to nearest neighbours, for all points of a cloud at once.
+
+The points of a run look for neighbours together, each in a lane of a vector of sixteen numbers: a point of another run
+is compared with all of them by a few instructions. Boxes that are farther away than the neighbours found so far are
+left out. Compiled: see `pipeline.core.compiled`. Without the vectors, as loops over sixteen numbers, it takes four
+times as long: the compiler unrolls such loops instead.
+"""
+
+import inspect
+import operator
+from collections.abc import Callable
+from typing import Any, TypeAlias
+
+import numba
+import numpy as np
+from llvmlite import ir
+from numba.core import types
+from numba.core.datamodel import PrimitiveModel
+from numba.core.typing.templates import AbstractTemplate, infer_global, signature
+from numba.extending import intrinsic, lower_builtin, register_model
+
+from pipeline.core.arrays import F32, I32, I64
+from pipeline.core.compiled import compiled, inlined
+
+__all__ = ["mean_distances"]
+
+RUN = 16
+"""Points of a run, and children of a box: those of `pipeline.filters.box_tree`."""
+
+BOX = 6 * RUN
+"""Numbers of a node of boxes: the lowest x of its children, their lowest y, z, and the highest."""
+
+LARGEST = np.float32(np.finfo(np.float32).max)
+"""The square of all distances whose square is not below it."""
+
+
+# --- vectors of sixteen numbers
+
+VECTOR = ir.VectorType(ir.FloatType(), RUN)
+INT32 = ir.IntType(32)
+INDICES = ir.VectorType(INT32, RUN)
+
+Lanes: TypeAlias = F32
+"""Sixteen numbers: in compiled functions in registers, else an array."""
+
+
+class _LanesType(types.Type):
+    """Lanes, for numba."""
+
+
+@register_model(_LanesType)
+class _LanesModel(PrimitiveModel):  # type: ignore[misc]  # mypy skips numba
+    """How LLVM holds them."""
+
+    def __init__(self, manager: Any, lanes: _LanesType) -> None:
+        super().__init__(manager, lanes, VECTOR)
+
+
+LANES = _LanesType("Lanes")
+NUMBERS = types.Array(types.float32, 1, "C")
+
+
+def _arithmetic(symbol: Any, instruction: str) -> None:
+    """Lets compiled functions write `a + b` and the like; each lane is rounded as a single number is."""
+
+    class Template(AbstractTemplate):  # type: ignore[misc]  # mypy skips numba
+        def generic(self, arguments: tuple[Any, ...], _: Any) -> Any:
+            return signature(LANES, LANES, LANES) if arguments == (LANES, LANES) else None
+
+    infer_global(symbol)(Template)
+    lower_builtin(symbol, LANES, LANES)(lambda _, builder, __, values: getattr(builder, instruction)(*values))
+
+
+_arithmetic(operator.add, "fadd")
+_arithmetic(operator.sub, "fsub")
+_arithmetic(operator.mul, "fmul")
+
+
+def _operation(result: Any, *arguments: Any, emit: Callable[..., Any]) -> Callable[[Callable[..., Any]], Any]:
+    """A function of lanes: in compiled functions what `emit` writes with LLVM's builder, else the decorated one.
+
+    Args:
+        result: Its type.
+        arguments: Types of its arguments.
+        emit: Gets the builder and the values, for an array the pointer to its numbers.
+    """
+
+    def deciding(function: Callable[..., Any]) -> Any:
+        if vars(numba.config)["DISABLE_JIT"]:  # for a debugger
+            return function
+
+        def code(context: Any, builder: Any, _: Any, values: tuple[Any, ...]) -> Any:
+            given = zip(arguments, values, strict=True)
+            plain = [context.make_array(kind)(context, builder, v).data if kind is NUMBERS else v for kind, v in given]
+            written = emit(builder, *plain)
+            return context.get_dummy_value() if result is types.void else written
+
+        def typed(_: Any, *given: Any) -> Any:
+            return (result(*arguments), code) if given == arguments else None
+
+        named = inspect.signature(function).parameters.values()
+        context = inspect.Parameter("context", inspect.Parameter.POSITIONAL_OR_KEYWORD)
+        vars(typed)["__signature__"] = inspect.Signature([context, *named])  # numba matches arguments with it
+        return intrinsic(typed)
+
+    return deciding
+
+
+def _spread_out(builder: Any, number: Any) -> Any:
+    nothing = ir.Constant(VECTOR, ir.Undefined)
+    first = builder.insert_element(nothing, number, INT32(0))
+    return builder.shuffle_vector(first, nothing, ir.Constant(INDICES, [0] * RUN))
+
+
+def _place(builder: Any, numbers: Any, at: Any) -> Any:
+    return builder.bitcast(builder.gep(numbers, [at]), VECTOR.as_pointer())
+
+
+def _loaded(builder: Any, numbers: Any, at: Any) -> Any:
+    return builder.load(_place(builder, numbers, at), align=4)
+
+
+def _stored(builder: Any, numbers: Any, at: Any, lanes: Any) -> Any:
+    return builder.store(lanes, _place(builder, numbers, at), align=4)
+
+
+def _less(builder: Any, a: Any, b: Any) -> Any:
+    return builder.fcmp_ordered("<", a, b)
+
+
+def _less_bits(builder: Any, a: Any, b: Any) -> Any:
+    return builder.zext(builder.bitcast(_less(builder, a, b), ir.IntType(RUN)), ir.IntType(64))
+
+
+def _lower(builder: Any, a: Any, b: Any) -> Any:
+    return builder.select(_less(builder, a, b), a, b)
+
+
+def _upper(builder: Any, a: Any, b: Any) -> Any:
+    return builder.select(_less(builder, a, b), b, a)
+
+
+def _top(builder: Any, lanes: Any) -> Any:
+    nothing, width = ir.Constant(VECTOR, ir.Undefined), RUN
+    while width > 1:
+        width //= 2
+        indices = [lane + width if lane < width else lane for lane in range(RUN)]
+        lanes = _upper(builder, lanes, builder.shuffle_vector(lanes, nothing, ir.Constant(INDICES, indices)))
+    return builder.extract_element(lanes, INT32(0))
+
+
+def _inserted(builder: Any, lanes: Any, lane: Any, number: Any) -> Any:
+    return builder.insert_element(lanes, number, builder.trunc(lane, INT32))
+
+
+def _trailing_zeros(builder: Any, bits: Any) -> Any:
+    return builder.cttz(bits, ir.IntType(1)(1))
+
+
+@_operation(LANES, types.float32, emit=_spread_out)
+def _spread(number: float) -> Lanes:
+    """A number in every lane."""
+    return np.full(RUN, number, np.float32)
+
+
+@_operation(LANES, NUMBERS, types.int64, emit=_loaded)
+def _load(numbers: F32, at: int) -> Lanes:
+    """Sixteen numbers of an array, from `at` on."""
+    return numbers[at : at + RUN].copy()
+
+
+@_operation(types.void, NUMBERS, types.int64, LANES, emit=_stored)
+def _store(numbers: F32, at: int, lanes: Lanes) -> None:
+    """Writes them to an array, from `at` on."""
+    numbers[at : at + RUN] = lanes
+
+
+@_operation(LANES, LANES, LANES, emit=_lower)
+def _smaller(a: Lanes, b: Lanes) -> Lanes:
+    """In each lane the smaller number."""
+    return np.where(a < b, a, b)
+
+
+@_operation(LANES, LANES, LANES, emit=_upper)
+def _larger(a: Lanes, b: Lanes) -> Lanes:
+    """In each lane the larger number."""
+    return np.where(a < b, b, a)
+
+
+@_operation(types.int64, LANES, LANES, emit=_less_bits)
+def _below(a: Lanes, b: Lanes) -> int:
+    """A bit for each lane, the lowest for the first: whether a < b."""
+    return int(np.packbits(a < b, bitorder="little").view("<u2")[0])
+
+
+@_operation(types.float32, LANES, emit=_top)
+def _highest(lanes: Lanes) -> np.float32:
+    """The highest number of all lanes."""
+    highest: np.float32 = lanes.max()
+    return highest
+
+
+@_operation(LANES, LANES, types.int64, types.float32, emit=_inserted)
+def _replaced(lanes: Lanes, lane: int, number: float) -> Lanes:
+    """The lanes with another number in one of them."""
+    replaced = lanes.copy()
+    replaced[lane] = number
+    return replaced
+
+
+@_operation(types.int64, types.int64, emit=_trailing_zeros)
+def _lowest_bit(bits: int) -> int:
+    """The place of the lowest bit that is set; of a number that is not 0."""
+    return (bits & -bits).bit_length() - 1
+
+
+# --- the search
+
+
+@inlined
+def _beyond(low: Lanes, lowest: Lanes, highest: Lanes, high: Lanes) -> Lanes:
+    """The square of how far [low, high] is from [lowest, highest] along an axis."""
+    gap = _larger(_larger(low - highest, lowest - high), _spread(np.float32(0)))
+    squared: Lanes = gap * gap
+    return squared
+
+
+@inlined
+def _insert(nearest: F32, rank: int, distance: Lanes) -> None:
+    """Puts distances in order among the nearest found so far, ranks 0 to `rank`; the last of them goes."""
+    row = rank * RUN
+    after = _load(nearest, row)
+    while row > 0:
+        row -= RUN
+        before = _load(nearest, row)
+        _store(nearest, row + RUN, _smaller(after, _larger(before, distance)))
+        after = before
+    _store(nearest, 0, _smaller(after, distance))
+
+
+@compiled("float32[::1](float32[:, ::1], float32[:, :, ::1], int64[::1], int32[::1], int64)")
+def mean_distances(points: F32, boxes: F32, first: I64, order: I32, neighbors: int) -> F32:
+    """(N,) mean distance of each point to its nearest neighbours, other than itself, as PCL rounds it.
+
+    Squares of distances, their sums and roots in float32, the sum over the neighbours, nearest first, in float64.
+
+    Args:
+        points: As `pipeline.filters.box_tree.box_tree` returns them.
+        boxes: Likewise.
+        first: Likewise.
+        order: (N,) row of the result for each point.
+        neighbors: At least 1, below N.
+    """
+    count, levels, runs = len(order), len(first) - 1, points.shape[1] // RUN
+    xs, ys, zs, corners = points[0], points[1], points[2], boxes.reshape(boxes.size)
+    means = np.empty(count, np.float32)
+    nearest, roots = np.empty(neighbors * RUN, np.float32), np.empty(neighbors * RUN, np.float32)
+    squares, gaps = np.empty(RUN * RUN, np.float32), np.empty(RUN, np.float32)
+    # Boxes still to look at, the nearest last: a box puts at most sixteen smaller ones in its place.
+    box_gap = np.empty((levels + 1) * RUN, np.float32)
+    box_level, box_number = np.empty((levels + 1) * RUN, np.int64), np.empty((levels + 1) * RUN, np.int64)
+
+    for run in range(runs):
+        begin = run * RUN
+        x, y, z = _load(xs, begin), _load(ys, begin), _load(zs, begin)
+        for row in range(0, neighbors * RUN, RUN):
+            _store(nearest, row, _spread(LARGEST))
+        for i in range(begin, min(begin + RUN, count)):
+            dx, dy, dz = x - _spread(xs[i]), y - _spread(ys[i]), z - _spread(zs[i])
+            distance = _replaced(dx * dx + dy * dy + dz * dz, i - begin, LARGEST)  # not to itself
+            _insert(nearest, min(i - begin, neighbors - 1), distance)
+        farthest = _load(nearest, (neighbors - 1) * RUN)
+        limit = _highest(farthest)
+        at = run // RUN * BOX + run % RUN
+        x_low, y_low, z_low = _spread(corners[at]), _spread(corners[at + RUN]), _spread(corners[at + 2 * RUN])
+        at += 3 * RUN
+        x_high, y_high, z_high = _spread(corners[at]), _spread(corners[at + RUN]), _spread(corners[at + 2 * RUN])
+
+        # From the run upwards: the other boxes of its node, then those of the node above, and so on.
+        waiting, above, climbed = 0, run, 0
+        while waiting > 0 or climbed < levels:
+            if waiting > 0:
+                waiting -= 1
+                if box_gap[waiting] >= limit:
+                    continue
+                level, node, left_out = box_level[waiting] - 1, box_number[waiting], 0
+                at = (first[level + 1] + node // RUN) * BOX + node % RUN
+                gap = _beyond(_spread(corners[at]), x, x, _spread(corners[at + 3 * RUN]))
+                gap = gap + _beyond(_spread(corners[at + RUN]), y, y, _spread(corners[at + 4 * RUN]))
+                gap = gap + _beyond(_spread(corners[at + 2 * RUN]), z, z, _spread(corners[at + 5 * RUN]))
+                if _below(gap, farthest) == 0:
+                    continue
+            else:
+                level, node, left_out = climbed, above // RUN, 1 << (above % RUN)
+                above, climbed = node, climbed + 1
+
+            if level < 0:
+                begin_other, nearer = node * RUN, 0
+                for j in range(min(RUN, count - begin_other)):
+                    i = begin_other + j
+                    dx, dy, dz = x - _spread(xs[i]), y - _spread(ys[i]), z - _spread(zs[i])
+                    distance = dx * dx + dy * dy + dz * dz
+                    _store(squares, j * RUN, distance)
+                    nearer |= (1 if _below(distance, farthest) != 0 else 0) << j
+                if nearer != 0:
+                    while nearer != 0:
+                        _insert(nearest, neighbors - 1, _load(squares, _lowest_bit(nearer) * RUN))
+                        nearer &= nearer - 1
+                    farthest = _load(nearest, (neighbors - 1) * RUN)
+                    limit = _highest(farthest)
+                continue
+
+            at = (first[level] + node) * BOX
+            gap = _beyond(_load(corners, at), x_low, x_high, _load(corners, at + 3 * RUN))
+            gap = gap + _beyond(_load(corners, at + RUN), y_low, y_high, _load(corners, at + 4 * RUN))
+            gap = gap + _beyond(_load(corners, at + 2 * RUN), z_low, z_high, _load(corners, at + 5 * RUN))
+            _store(gaps, 0, gap)
+            near = _below(gap, _spread(limit)) & ~left_out
+            bottom = waiting
+            while near != 0:
+                child = _lowest_bit(near)
+                near &= near - 1
+                place = waiting
+                waiting += 1
+                while place > bottom and box_gap[place - 1] < gaps[child]:
+                    box_gap[place] = box_gap[place - 1]
+                    box_level[place], box_number[place] = box_level[place - 1], box_number[place - 1]
+                    place -= 1
+                box_gap[place], box_level[place], box_number[place] = gaps[child], level, node * RUN + child
+
+        for i in range(neighbors * RUN):
+            roots[i] = np.sqrt(nearest[i])
+        for j in range(min(RUN, count - begin)):
+            total = 0.0
+            for row in range(0, neighbors * RUN, RUN):
+                total += np.float64(roots[row + j])
+            means[order[begin + j]] = total / neighbors
+    return means

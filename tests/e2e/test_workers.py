@@ -1,0 +1,112 @@
+"""A command whose frames several processes share: how it ends, whoever is killed."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+
+AT_ONCE = """
+import sys
+import pipeline.parallel.sharing
+pipeline.parallel.sharing.START_S = 0.0
+from lidcam.__main__ import main
+main()
+"""
+PATIENCE_S = 60.0
+
+
+@pytest.fixture
+def run(sandbox: Path, tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
+    """A run with one more process, in a group of its own, that says what it is doing."""
+    arguments = ["process", sandbox, tmp_path / "out.mcap", "--workers", "2", "--verbose"]
+    command = [sys.executable, "-P", "-c", AT_ONCE, *map(str, arguments)]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True) as process:
+        try:
+            yield process
+        finally:
+            with suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+
+
+def wait_for(condition: Callable[[], object]) -> None:
+    until = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < until
+        time.sleep(0.01)
+
+
+def other_process(run: subprocess.Popen[str]) -> int:
+    found: list[int] = []
+
+    def is_there() -> bool:
+        for pid in Path(f"/proc/{run.pid}/task/{run.pid}/children").read_text(encoding="ascii").split():
+            with suppress(OSError):  # some library asks a short-lived program for the kind of the processor
+                if b"parallel.worker" in Path(f"/proc/{pid}/cmdline").read_bytes():
+                    found.append(int(pid))
+        return bool(found)
+
+    wait_for(is_there)
+    return found[0]
+
+
+def is_gone(pid: int) -> bool:
+    try:
+        stat = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8")
+    except OSError:
+        return True
+    return stat.rpartition(")")[2].split()[0] == "Z"  # nobody has asked for its exit code
+
+
+def is_at_work(run: subprocess.Popen[str]) -> bool:
+    assert run.stderr is not None
+    return any("frame 3," in line for line in run.stderr)
+
+
+@pytest.mark.parametrize("moment", ["starting", "working"])
+def test_a_process_that_is_killed_ends_the_run_with_one_line(
+    run: subprocess.Popen[str], moment: str, tmp_path: Path
+) -> None:
+    other = other_process(run)
+    if moment == "working":
+        assert is_at_work(run)
+    os.kill(other, signal.SIGKILL)
+    _, told = run.communicate(timeout=PATIENCE_S)
+    errors = [line for line in told.splitlines() if line.startswith("lidcam: error:")]
+    assert errors == [
+        "lidcam: error: a worker process was ended by SIGKILL, perhaps for lack of memory; end other programs, or set "
+        "run.workers to a smaller number"
+    ]
+    assert "Traceback" not in told
+    assert (run.returncode, [*tmp_path.iterdir()]) == (1, [])
+
+
+@pytest.mark.parametrize(
+    ("number", "to_group", "line"),
+    [(signal.SIGINT, True, "interrupted"), (signal.SIGTERM, False, "terminated")],
+)
+def test_a_signal_ends_all_processes_at_once(
+    run: subprocess.Popen[str], number: signal.Signals, to_group: bool, line: str, tmp_path: Path
+) -> None:
+    other = other_process(run)
+    assert is_at_work(run)
+    started = time.monotonic()
+    (os.killpg if to_group else os.kill)(run.pid, number)
+    _, told = run.communicate(timeout=PATIENCE_S)
+    assert time.monotonic() - started < 5
+    assert told.splitlines()[-1] == f"lidcam: {line}"
+    assert "Traceback" not in told
+    assert (run.returncode, [*tmp_path.iterdir()]) == (128 + number, [])
+    wait_for(lambda: is_gone(other))
+
+
+def test_no_process_outlives_the_one_that_started_it(run: subprocess.Popen[str]) -> None:
+    other = other_process(run)
+    assert is_at_work(run)
+    run.kill()
+    wait_for(lambda: is_gone(other))

@@ -1,0 +1,94 @@
+"""Runs that are shared among processes: the outputs, the reports and the errors of one process."""
+
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from builders import write_mcap
+from small_drive import small_drive
+
+import lidcam
+from lidcam.frames import expected_frames
+from lidcam.run import opened
+from lidcam.summary import report_tree
+from pipeline.core.messages import RawMessage
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture(autouse=True)
+def _processes_from_the_first_frame_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pipeline.parallel.sharing.START_S", 0.0)
+
+
+def drive(bad: tuple[int, ...] = ()) -> list[RawMessage]:
+    """A vehicle that moves, with a camera that is silent for a while, and clouds that cannot be decoded."""
+    messages = small_drive("cdr", frames=12, kinds=("images", "boxes"))
+    clouds = [place for place, message in enumerate(messages) if message.topic == "/points"]
+    for number in bad:
+        whole = messages[clouds[number]]
+        messages[clouds[number]] = whole._replace(data=bytes(whole.data)[:-5])
+    quiet = range(messages[0].stamp_ns + 300_000_000, messages[0].stamp_ns + 600_000_000)
+    return [m for m in messages if not (m.topic.startswith("/cam") and m.stamp_ns in quiet)]
+
+
+def told(report: lidcam.RunReport) -> dict[str, Any]:
+    tree = report_tree(report)
+    assert all(milliseconds >= 0 for milliseconds in tree.pop("timing")["stage_ms"].values())
+    return {**tree, "outputs": [], "warnings": [asdict(warning) for warning in report.warnings]}
+
+
+@pytest.mark.parametrize(
+    ("name", "duration_s", "workers"), [("sandbox.bag", 0.4, 3), ("crossing.mcap", 0.3, 2), ("drive.mcap", None, 2)]
+)
+def test_same_bytes_and_same_report(name: str, duration_s: float | None, workers: int, tmp_path: Path) -> None:
+    recording = ROOT / "bags" / name
+    if name == "drive.mcap":
+        write_mcap(recording := tmp_path / name, drive(bad=(2, 7)))
+    reports = []
+    for count in (1, workers):
+        out = tmp_path / f"{count}" / "out.mcap"
+        out.parent.mkdir()
+        reports.append(lidcam.process(recording, out, workers=count, duration_s=duration_s).report)
+    assert (tmp_path / "1" / "out.mcap").read_bytes() == (tmp_path / f"{workers}" / "out.mcap").read_bytes()
+    assert told(reports[0]) == told(reports[1])
+    if name == "drive.mcap":
+        assert {drop.topic: drop.count for drop in reports[1].drops if drop.is_defect} == {"/points": 2}
+
+
+def test_same_frames_one_after_another(tmp_path: Path) -> None:
+    write_mcap(path := tmp_path / "drive.mcap", drive())
+    one, two = (lidcam.iter_frames(path, workers=count) for count in (1, 2))
+    for mine, other in zip(one, two, strict=True):
+        for field in ("stamp_ns", "log_time_ns", "missing", "index"):
+            assert getattr(mine.bundle, field) == getattr(other.bundle, field)
+        for message, same in zip(mine.bundle.messages.values(), other.bundle.messages.values(), strict=True):
+            assert bytes(message.data) == bytes(same.data), "images that stages do not read are there, too"
+        np.testing.assert_array_equal(mine.combined.detection_cloud.xyz, other.combined.detection_cloud.xyz)
+        np.testing.assert_array_equal(mine.fused.objects.centers, other.fused.objects.centers)
+        np.testing.assert_array_equal(mine.beliefs, other.beliefs)
+
+
+def test_a_bad_message_ends_the_run_at_its_frame(tmp_path: Path) -> None:
+    write_mcap(path := tmp_path / "drive.mcap", drive(bad=(6, 8)))
+    errors = []
+    for workers in (1, 2):
+        frames = lidcam.iter_frames(path, workers=workers, on_bad_message="fail")
+        assert [next(frames).bundle.index for _ in range(6)] == list(range(6))
+        with pytest.raises(lidcam.MessageError) as caught:
+            next(frames)
+        errors.append((str(caught.value), caught.value.__notes__))
+    assert errors[0] == errors[1]
+    assert "in stage decode clouds, frame 6" in errors[0][1][0]
+
+
+@pytest.mark.parametrize(
+    ("start_s", "duration_s", "frames"), [(0.0, None, 12), (0.0, 0.6, 6), (0.9, 5.0, 3), (0.0, 1e9, 12)]
+)
+def test_how_many_frames_are_expected(start_s: float, duration_s: float | None, frames: int, tmp_path: Path) -> None:
+    write_mcap(path := tmp_path / "drive.mcap", small_drive("cdr", frames=12))
+    job = lidcam.make_job(path, workers=1)
+    with opened(replace(job, start_s=start_s, duration_s=duration_s)) as run:
+        assert abs(expected_frames(run.source) - frames) <= 1

@@ -1,0 +1,74 @@
+"""Loops over the points of a frame and of its clusters, judged by array operations."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from lidar_scene import combined, rig
+
+from pipeline.core.arrays import F64
+from pipeline.core.clouds import CombinedCloud, Plane, Relief
+from pipeline.core.settings.config import Config
+from pipeline.detectors.cluster.detector import ClusterDetector
+from pipeline.detectors.cluster.fitting import ground_arrays
+from pipeline.detectors.cluster.point_kernels import extents, members, points_above_ground
+
+LIDARS = np.array([[0.0, 0.0, 1.8], [3.0, -1.0, 2.0]])
+SLOPE = Plane(np.array([-0.1, 0.02, 1.0]) / np.sqrt(1.0104), 0.2)
+HILLS = Relief(np.array([-10.0, -20.0]), 2.5, np.random.default_rng(3).normal(0, 0.2, (9, 7)))
+
+
+def cloud(plane: Plane | None, relief: Relief | None) -> CombinedCloud:
+    """Points on and beyond the relief's grid, by two lidars."""
+    points: F64 = np.random.default_rng(0).uniform([-20, -30, -3], [20, 30, 5], (2000, 3))
+    return replace(
+        combined(points, plane=plane), relief=relief, detection_lidar_index=np.arange(2000).astype(np.uint8) % 2
+    )
+
+
+@pytest.mark.parametrize(("plane", "relief"), [(None, None), (SLOPE, None), (SLOPE, HILLS), (None, HILLS)])
+@pytest.mark.parametrize("heights_m", [(0.3, 2.0), (-np.inf, np.inf), (1.0, 1.0)])
+def test_points_above_ground(plane: Plane | None, relief: Relief | None, heights_m: tuple[float, float]) -> None:
+    frame, rows = cloud(plane, relief), np.random.default_rng(1).permutation(2000)[:1500]
+    points, lidars = frame.detection_cloud, frame.detection_lidar_index
+    count, place, position, lidar, link_m = points_above_ground(
+        points.xyz, lidars, rows, *ground_arrays(frame, 0.25), LIDARS, np.array([0.4, 0.01]), np.array(heights_m)
+    )
+    place, position, lidar, link_m = place[:count], position[:count], lidar[:count], link_m[:count]
+    xyz = points.xyz[rows].astype(np.float64)
+    height = xyz[:, 2] - frame.ground_m(xyz[:, :2], level_m=0.25)
+    np.testing.assert_array_equal(place, np.flatnonzero((height > heights_m[0]) & (height < heights_m[1])))
+    np.testing.assert_array_equal(position[:, :2], xyz[place, :2])
+    np.testing.assert_allclose(position[:, 2], height[place], rtol=0, atol=1e-14)  # the plane's sum may be fused there
+    np.testing.assert_array_equal(lidar, lidars[rows[place]])
+    range_m = np.sqrt(((xyz[place] - LIDARS[lidar]) ** 2).sum(1))
+    np.testing.assert_array_equal(link_m, 0.4 + 0.01 * range_m)
+
+
+@pytest.mark.parametrize("count", [1, 2, 500])
+def test_extents_of_clusters(count: int) -> None:
+    rng = np.random.default_rng(count)
+    cluster = rng.permutation(np.concatenate([np.arange(7), rng.integers(0, 7, count)]))
+    position, weights = rng.normal(0, 5, (len(cluster), 3)), rng.integers(1, 5, len(cluster))
+    counts, total, first, low, high = extents(position, weights, cluster, 7)
+    x, y, z = position.T
+    places = np.stack([x, y, (x + y) * np.sqrt(0.5), (x - y) * np.sqrt(0.5), z], 1)
+    for one in range(7):
+        rows = np.flatnonzero(cluster == one)
+        assert (counts[one], total[one], first[one]) == (len(rows), weights[rows].sum(), rows[0])
+        np.testing.assert_array_equal(low[one], places[rows].min(0))
+        np.testing.assert_array_equal(high[one], places[rows].max(0))
+
+
+@pytest.mark.parametrize("wanted", [[], [4], [0, 1, 2, 3, 4], [1, 3]])
+def test_members_of_clusters(wanted: list[int]) -> None:
+    cluster = np.random.default_rng(0).integers(0, 4, 50)  # the last one has no points
+    rows, starts = members(cluster, np.isin(np.arange(5), wanted))
+    assert [part.tolist() for part in np.split(rows, starts)[1:]] == [
+        np.flatnonzero(cluster == one).tolist() for one in wanted
+    ]
+
+
+def test_a_detector_sees_nothing_in_an_empty_cloud() -> None:
+    found = ClusterDetector(rig((0.0, 0.0, 1.8)), Config())(combined(np.zeros((0, 3))))
+    assert not len(found.scores)
