@@ -1,27 +1,24 @@
 """The installed command, run from another folder."""
 
-import subprocess
-import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from command import Lidcam, Run
+from fork_server import ForkServer
 
 ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture(scope="session")
-def lidcam(tmp_path_factory: pytest.TempPathFactory) -> Lidcam:
+def lidcam(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Lidcam]:
     """Call `lidcam ...` as a user would, with arguments of any type that has a text form."""
-    elsewhere = tmp_path_factory.mktemp("elsewhere")
-    program = Path(sys.executable).with_name("lidcam")
+    with ForkServer(tmp_path_factory.mktemp("elsewhere")) as server:
 
-    def run(*arguments: object) -> Run:
-        command = [str(program), *map(str, arguments)]
-        done = subprocess.run(command, cwd=elsewhere, capture_output=True, text=True, timeout=300, check=False)
-        return Run(done.returncode, done.stdout, done.stderr)
+        def run(*arguments: object) -> Run:
+            return server.run([*map(str, arguments)])
 
-    return run
+        yield run
 
 
 @pytest.fixture(scope="session")

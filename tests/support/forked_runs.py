@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 
-__all__ = ["Ended", "Started", "load", "start", "started_lidcam"]
+__all__ = ["Ended", "Started", "exit_code", "load", "start", "started_lidcam"]
 
 
 def load() -> None:
@@ -108,7 +108,7 @@ def start(work: Callable[[], object], err: Path) -> Started:
         for descriptor in (0, 1):
             os.dup2(null, descriptor)
         os.dup2(os.open(err, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), 2)
-        code = _exit_code(work)
+        code = exit_code(work)
         atexit._run_exitfuncs()
         sys.stderr.flush()
     finally:
@@ -129,7 +129,7 @@ def started_lidcam(arguments: Sequence[str | Path], err: Path, prepare: Callable
     return start(work, err)
 
 
-def _exit_code(work: Callable[[], object]) -> int:
+def exit_code(work: Callable[[], object]) -> int:
     """As the interpreter ends."""
     try:
         work()
