@@ -63,8 +63,8 @@ def test_inspect_imports_what_reads() -> None:
 
 
 def test_process_imports_no_viewer_no_network_and_little_of_scipy(result: tuple[Path, set[str]]) -> None:
-    # numba asks scipy for linear algebra; the ground's relief is smoothed with scipy.ndimage
-    assert result[1] == {"PIL", "cv2", "numba", "numpy", "rosbags", "scipy", "scipy.ndimage", "pipeline.stages.combine"}
+    # numba asks scipy for linear algebra
+    assert result[1] == {"PIL", "cv2", "numba", "numpy", "rosbags", "scipy", "pipeline.stages.combine"}
 
 
 def test_evaluate_imports_no_stages(result: tuple[Path, set[str]]) -> None:
