@@ -92,4 +92,4 @@ def _tell() -> None:
     global _told
     if not _told:
         _told = True
-        compile_log.info("compiling for this processor, once: some seconds")
+        compile_log.info("compiling for this processor, once: up to half a minute")

@@ -53,7 +53,7 @@ def test_made_once_and_kept(tmp_path: Path, caplog: pytest.LogCaptureFixture) ->
     assert first.squares(np.array([1.0, 2.0])) == 5
     assert first.squares(np.array([1.0, 1 / 3], np.float32)) == np.float32(1) + np.float32(1 / 3) ** 2
     assert [record.message for record in caplog.records if record.name == "pipeline.compiled"] == [
-        "compiling for this processor, once: some seconds"
+        "compiling for this processor, once: up to half a minute"
     ]
     caplog.clear()
     second = loaded(tmp_path)
