@@ -12,6 +12,6 @@ Rules for such functions, so that every machine makes the same bytes:
 - Their files are imported where a stage is built, never for `--help`, and import no numba: it takes half a second.
 """
 
-from pipeline.core.compiled.functions import compile_log, compiled, compiled_as, inlined
+from pipeline.core.compiled.functions import compiled, compiled_as, inlined
 
-__all__ = ["compile_log", "compiled", "compiled_as", "inlined"]
+__all__ = ["compiled", "compiled_as", "inlined"]

@@ -1,6 +1,5 @@
 """The decorators of compiled functions and of their parts."""
 
-import logging
 import os
 import time
 from collections.abc import Callable
@@ -10,18 +9,16 @@ from pathlib import Path
 from types import FunctionType
 from typing import Any, ParamSpec, TypeVar, cast
 
+from pipeline.core.compile_log import compile_log
 from pipeline.core.compiled import compiling
 from pipeline.core.compiled.arguments import checked
 from pipeline.core.compiled.kept import Keeper
 from pipeline.core.compiled.linking import LinkError, link, made_for
 
-__all__ = ["compile_log", "compiled", "compiled_as", "inlined"]
+__all__ = ["compiled", "compiled_as", "inlined"]
 
 P = ParamSpec("P")
 R = TypeVar("R")
-
-compile_log = logging.getLogger("pipeline.compiled")
-"""What is compiled because it was not kept, at level INFO: it may take a while, once."""
 
 _told = False
 
