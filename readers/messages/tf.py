@@ -8,8 +8,10 @@ a frame whose transform never changes counts as fixed, unless its parent is a fr
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 from itertools import islice
 from math import isfinite
+from struct import Struct
 from typing import Any
 
 import numpy as np
@@ -35,6 +37,9 @@ BEGINNING_NS = 2_000_000_000
 
 STILL = 1e-6
 """Largest change of a matrix entry (metres, or roughly radians) of a fixed frame."""
+
+NUMBERS = Struct("<7d")
+"""Translation, and rotation x, y, z, w."""
 
 QUATERNION_TOLERANCE = 0.01
 """Largest deviation of a quaternion's squared length from 1 that tf2 accepts (tf2::BufferCore::setTransform)."""
@@ -129,9 +134,16 @@ def _decode(
     if not is_wanted(parent, child) and isfinite(shift.x + shift.y + shift.z):
         return None
     try:
-        return stamp_ns, Transform.from_quaternion(parent, child, [shift.x, shift.y, shift.z], xyzw), child
+        return stamp_ns, _transform(parent, child, NUMBERS.pack(shift.x, shift.y, shift.z, *xyzw)), child
     except FrameError as err:
         return stamp_ns, err, child
+
+
+@lru_cache(maxsize=256)
+def _transform(parent: str, child: str, numbers: bytes) -> Transform:
+    """Mountings are often sent again and again. Told apart by their bytes, since 0 equals -0."""
+    values = NUMBERS.unpack(numbers)
+    return Transform.from_quaternion(parent, child, values[:3], values[3:])
 
 
 def read_transforms(
