@@ -150,8 +150,8 @@ class BoxFitter:
         groups, lidars = len(starts), len(self._lidar_xyz)
         given = np.full(groups, -1) if class_ids is None else class_ids
         counts = np.add.reduceat(points.weights, starts)
-        axis_rad, roundness = principal_axes(points.position[:, :2], starts)
-        rectangles = fit_rectangles(points.position[:, :2], starts)
+        axis_rad, roundness = principal_axes(points.position, starts)
+        rectangles = fit_rectangles(points.position, starts)
         (top,) = quantiles_by_cluster(points.position[:, 2], starts, (TOP_SHARE,))
         group = np.repeat(np.arange(groups), np.diff(starts, append=len(points.position)))
         by_lidar = np.bincount(group * lidars + points.lidar, points.weights, groups * lidars).reshape(groups, lidars)
@@ -160,7 +160,7 @@ class BoxFitter:
         boxes = complete_boxes(rectangles, top, lidar_share, lidar_xy, self._priors, given)
         riders = np.flatnonzero(boxes.rides)
         if len(riders):
-            xy, first = _of_groups(points.position[:, :2], starts, riders)
+            xy, first = _of_groups(points.position, starts, riders)
             along = rectangles_along(xy, first, axis_rad[riders])
             again = top[riders], lidar_share[riders], lidar_xy, self._priors, boxes.class_ids[riders]
             boxes = _with_rows(boxes, riders, complete_boxes(along, *again))
@@ -190,11 +190,11 @@ def ground_arrays(combined: CombinedCloud, level_m: float) -> tuple[F64, F64, F6
     return surface, relief.offsets_m, np.append(relief.origin_xy, relief.cell_m)
 
 
-def _of_groups(xy: F64, starts: I64, groups: Indices) -> tuple[F64, I64]:
-    """The points (N, 2) of some groups, and the first of each of these."""
-    counts = np.diff(starts, append=len(xy))[groups]
+def _of_groups(position: F64, starts: I64, groups: Indices) -> tuple[F64, I64]:
+    """The points (N, 3) of some groups, and the first of each of these."""
+    counts = np.diff(starts, append=len(position))[groups]
     first = np.cumsum(counts) - counts
-    return xy[np.arange(counts.sum()) + np.repeat(starts[groups] - first, counts)], first
+    return position[np.arange(counts.sum()) + np.repeat(starts[groups] - first, counts)], first
 
 
 def _with_rows(record: Record, rows: Indices, changed: Record) -> Record:

@@ -20,6 +20,9 @@ FURTHEST_CELL = 2.0**61
 
 FURTHEST_BUCKET = 2.0**40
 
+BUCKETS_ACROSS = 0.5
+"""Buckets in a link distance; many small ones take longer than some points too many."""
+
 ROOM = 1.0 + 1e-6
 """Buckets are sought so much further than a distance reaches, which is more than any rounding takes."""
 
@@ -154,67 +157,70 @@ def averaged(
 
 
 @inlined
-def _bucket_before(way: float, edge_m: float) -> int:
-    """The bucket of a place so far along a grid; the first one of places before it."""
-    return int(min(way / edge_m, FURTHEST_BUCKET)) if way > 0.0 else 0
+def _bucket(way_m: float, per_m: float) -> int:
+    """The bucket of a place so far along a grid with so many buckets a metre; the first one of places before it."""
+    place = way_m * per_m
+    if way_m > 0.0:
+        return int(place) if place < FURTHEST_BUCKET else int(FURTHEST_BUCKET)
+    return 0
 
 
 @compiled("Tuple((int64, int64[::1]))(float64[:, ::1], float64[::1], float64[::1])")
 def link(points: F64, distance_m: F64, series: F64) -> tuple[int, I64]:
     """Connected parts of the graph of points at most the smaller of their distances apart.
 
-    Each part grows from its first point. The points lie in square buckets, those of each level of distances in a grid
-    of its own with buckets of that size, so that far points with their wide search do not look at many near ones; and
-    a point that is reached is taken out of its bucket, so that it is not met again. A grid has more squares than there
-    are buckets: after the last one comes the first one again, and what lies in it by chance is too far away.
+    Each part grows from its first point, and what is reached is taken out of its bucket: it is not met again. The
+    points of each level of distances lie in a square grid of their own, with buckets of that size, so that far points
+    with their wide search do not look at many near ones. A grid has more squares than there are buckets: after the
+    last one comes the first one again, and what lies in it by chance is too far away.
 
     Args:
         points: (N, 3) metres.
         distance_m: (N,) positive.
-        series: Rising from the least distance to the largest one; its steps are the levels.
+        series: Levels of these: a rising series from the least one.
 
     Returns:
         The number of parts, and (N,) the part of each point, numbered in order of their first point.
     """
     count, levels = len(points), len(series)
-    level, sizes, reach_m = np.empty(count, np.int64), np.zeros(levels, np.int64), np.zeros(levels)
+    level, sizes, longest_m = np.empty(count, np.int64), np.zeros(levels, np.int64), np.zeros(levels)
     low, high = np.full((levels, 2), np.inf), np.full((levels, 2), -np.inf)
     for i in range(count):
         own = _level(distance_m[i], series)
         level[i] = own
         sizes[own] += 1
-        reach_m[own] = max(reach_m[own], distance_m[i])
+        longest_m[own] = max(longest_m[own], distance_m[i])
         for axis in range(2):
             low[own, axis] = min(low[own, axis], points[i, axis])
             high[own, axis] = max(high[own, axis], points[i, axis])
-    last, begin, mask = np.empty((levels, 2), np.int64), np.empty(levels, np.int64), np.empty(levels, np.int64)
-    buckets = 0
-    for one in range(levels):
-        begin[one], mask[one] = buckets, 1
-        while mask[one] < 2 * sizes[one]:
-            mask[one] *= 2
-        buckets += mask[one]
-        mask[one] -= 1
-        for axis in range(2):
-            last[one, axis] = _bucket_before(high[one, axis] - low[one, axis], reach_m[one])
 
+    first, mask, per_m = np.empty(levels, np.int64), np.empty(levels, np.int64), np.empty(levels)
+    columns, lines, buckets = np.empty(levels, np.int64), np.empty(levels, np.int64), 0
+    for own in range(levels):
+        size = 1
+        while size < 2 * sizes[own]:
+            size *= 2
+        first[own], mask[own], per_m[own] = buckets, size - 1, BUCKETS_ACROSS / longest_m[own]
+        columns[own] = _bucket(high[own, 0] - low[own, 0], per_m[own]) + 1
+        lines[own] = _bucket(high[own, 1] - low[own, 1], per_m[own]) + 1
+        buckets += size
     bucket, stops = np.empty(count, np.int64), np.zeros(buckets + 1, np.int64)
     for i in range(count):
         own = level[i]
-        column = _bucket_before(points[i, 0] - low[own, 0], reach_m[own])
-        line = _bucket_before(points[i, 1] - low[own, 1], reach_m[own])
-        bucket[i] = begin[own] + ((column * (last[own, 1] + 1) + line) & mask[own])
+        column = _bucket(points[i, 0] - low[own, 0], per_m[own])
+        line = _bucket(points[i, 1] - low[own, 1], per_m[own])
+        bucket[i] = first[own] + ((column * lines[own] + line) & mask[own])
         stops[bucket[i] + 1] += 1
     for k in range(buckets):
         stops[k + 1] += stops[k]
-    starts = stops[:-1].copy()  # TODO
+    starts = stops.copy()
     near, near_row = np.empty((count, 4)), np.empty(count, np.int64)  # bucket after bucket
     for i in range(count):
         place = stops[bucket[i]]
         stops[bucket[i]] += 1
         near_row[place] = i
         near[place, 0], near[place, 1], near[place, 2] = points[i, 0], points[i, 1], points[i, 2]
-        near[place, 3] = distance_m[i]
+        near[place, 3] = distance_m[i] * distance_m[i]
 
     part, parts, reached = np.full(count, -1, np.int64), 0, np.empty(count, np.int64)
     for seed in range(count):
@@ -224,30 +230,25 @@ def link(points: F64, distance_m: F64, series: F64) -> tuple[int, I64]:
         while done < found:
             row = reached[done]
             done += 1
-            x, y, z, own_m = points[row, 0], points[row, 1], points[row, 2], distance_m[row]
-            for one in range(levels):
-                if sizes[one] == 0:
+            x, y, z, own_m2 = points[row, 0], points[row, 1], points[row, 2], distance_m[row] * distance_m[row]
+            for other in range(levels):
+                if sizes[other] == 0:
                     continue
-                edge_m = reach_m[one]
-                room_m = min(own_m, edge_m) * ROOM
-                east, north = x - low[one, 0], y - low[one, 1]
-                first_line = _bucket_before(north - room_m, edge_m)
-                last_line = min(_bucket_before(north + room_m, edge_m), last[one, 1])
-                for column in range(
-                    _bucket_before(east - room_m, edge_m), min(_bucket_before(east + room_m, edge_m), last[one, 0]) + 1
-                ):
-                    for line in range(first_line, last_line + 1):
-                        k = begin[one] + ((column * (last[one, 1] + 1) + line) & mask[one])
+                reach_m = min(distance_m[row], longest_m[other]) * ROOM
+                east, north, scale = x - low[other, 0], y - low[other, 1], per_m[other]
+                stop_column = min(_bucket(east + reach_m, scale) + 1, columns[other])
+                stop_line = min(_bucket(north + reach_m, scale) + 1, lines[other])
+                for column in range(_bucket(east - reach_m, scale), stop_column):
+                    for line in range(_bucket(north - reach_m, scale), stop_line):
+                        k = first[other] + ((column * lines[other] + line) & mask[other])
                         place = starts[k]
                         while place < stops[k]:
                             dx, dy, dz = x - near[place, 0], y - near[place, 1], z - near[place, 2]
-                            link_m = min(own_m, near[place, 3])
-                            if not dx * dx + dy * dy + dz * dz <= link_m * link_m:
+                            if not dx * dx + dy * dy + dz * dz <= min(own_m2, near[place, 3]):
                                 place += 1
                                 continue
-                            other = near_row[place]
-                            if part[other] < 0:
-                                part[other], reached[found] = parts, other
+                            if part[near_row[place]] < 0:
+                                part[near_row[place]], reached[found] = parts, near_row[place]
                                 found += 1
                             stops[k] -= 1
                             near_row[place] = near_row[stops[k]]

@@ -5,7 +5,7 @@ import numpy as np
 from pipeline.core.arrays import F32, F64, I64, U8, Bools
 from pipeline.core.compiled import compiled
 
-__all__ = ["extents", "members", "points_above_ground"]
+__all__ = ["extents", "hidden_below", "members", "points_above_ground"]
 
 HALF_ROOT = np.sqrt(0.5)
 
@@ -137,3 +137,55 @@ def members(cluster: I64, is_wanted: Bools) -> tuple[I64, I64]:
             rows[place[c]] = i
             place[c] += 1
     return rows, starts
+
+
+@compiled(
+    "boolean[::1](int64[::1], float64[::1], float64[::1], float64[::1], int64[::1], float64[::1], float64[::1], "
+    "int64[::1], float64, float64[::1])"
+)
+def hidden_below(
+    first: I64,
+    distance_m: F64,
+    slope: F64,
+    height_m: F64,
+    sector: I64,
+    far_m: F64,
+    lidar_height_m: F64,
+    starts: I64,
+    from_m: float,
+    shares: F64,
+) -> Bools:
+    """(C,) whether clusters are hidden below in enough of the sectors that they extend over, see `Sight`.
+
+    One point of each sector of a cluster, its first, stands for all of them.
+
+    Args:
+        first: (S + 1,) first point of each sector of all points.
+        distance_m: Of these points from their lidar.
+        slope: Of the lines of sight to them.
+        height_m: (P,) of the points of the clusters above the ground, cluster after cluster.
+        sector: (P,) theirs.
+        far_m: (P,) their distance from their lidar.
+        lidar_height_m: (P,) height of that.
+        starts: (C,) first point of each cluster.
+        from_m: What hides is met at least so high.
+        shares: What hides is nearer than the first of what is hidden; and a cluster is so in the second of its sectors.
+    """
+    found, looked = np.empty(len(starts), np.bool_), np.full(len(first), -1, np.int64)
+    for c in range(len(starts)):
+        end = starts[c + 1] if c + 1 < len(starts) else len(sector)
+        bottom_m, lines, hidden = np.inf, 0, 0
+        for i in range(starts[c], end):
+            bottom_m = min(bottom_m, height_m[i])
+        for i in range(starts[c], end):
+            if looked[sector[i]] == c:
+                continue
+            looked[sector[i]] = c
+            lines += 1
+            for k in range(first[sector[i]], first[sector[i] + 1]):
+                meets_m = lidar_height_m[i] + slope[k] * far_m[i]
+                if distance_m[k] < shares[0] * far_m[i] and from_m <= meets_m <= bottom_m:
+                    hidden += 1
+                    break
+        found[c] = hidden >= shares[1] * lines
+    return found
