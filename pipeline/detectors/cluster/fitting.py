@@ -106,21 +106,21 @@ class BoxFitter:
             group: (N,) their groups, from 0; None if all are of one. The points left are sorted by it.
         """
         cloud, lidars = combined.detection_cloud, len(self._lidar_xyz)
-        count, kept, position, lidar, link_m = points_above_ground(
+        count, kept, position, lidar, link_m, time_ns = points_above_ground(
             cloud.xyz,
             combined.detection_lidar_index,
+            cloud.time_offset_ns,
             rows,
             *ground_arrays(combined, self._ground_height_m),
             self._lidar_xyz,
             np.array([self._config.distance_m, self._config.distance_per_m]),
             np.array([above_m, below_m]),
         )
-        kept, position, lidar, link_m = kept[:count], position[:count], lidar[:count], link_m[:count]
-        group = np.zeros(count, np.int64) if group is None else group[kept]
+        kept, position, lidar = kept[:count], position[:count], lidar[:count]
+        link_m, time_ns = link_m[:count], time_ns[:count]
         if not count:
-            return ThinnedPoints(position, link_m, lidar, lidar, lidar), group
-        cells = thin_points(position, link_m, THIN_SHARE, group * lidars + lidar)
-        time_ns = cloud.time_offset_ns[rows[kept]].astype(np.float64)
+            return ThinnedPoints(position, link_m, lidar, lidar, lidar), lidar
+        cells = thin_points(position, link_m, THIN_SHARE, lidar if group is None else group[kept] * lidars + lidar)
         points = ThinnedPoints(
             cells.means,
             cells.distance_m,
@@ -128,9 +128,9 @@ class BoxFitter:
             cells.counts,
             np.bincount(cells.cell_of_point, time_ns).astype(np.int64),  # of whole numbers, and so exact
         )
-        group = group[cells.first]
-        if (np.diff(group) >= 0).all():
-            return points, group
+        if group is None:
+            return points, np.zeros(len(cells.first), np.int64)
+        group = group[kept[cells.first]]
         order = np.argsort(group, kind="stable")
         return select_rows(points, order), group[order]
 

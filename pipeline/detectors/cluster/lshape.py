@@ -129,8 +129,10 @@ class _Thinned:
     @classmethod
     def of(cls, xy: F64, starts: I64, ends: I64) -> "_Thinned":
         """Means of the points in the cells of a grid of each cluster's own size."""
-        low, high = np.minimum.reduceat(xy, starts), np.maximum.reduceat(xy, starts)
-        diagonal_m = np.maximum(np.hypot(*(high - low)[:, :2].T), 1e-3)
+        low, high = (
+            np.stack([end.reduceat(xy[:, k], starts) for k in range(2)], 1) for end in (np.minimum, np.maximum)
+        )
+        diagonal_m = np.maximum(np.hypot(*(high - low).T), 1e-3)
         count, means, weights, mean_ends = thinned(xy, ends, low, diagonal_m / CELLS_ACROSS, CELLS_ACROSS + 1)
         return cls(means[:count], weights[:count], mean_ends, SOFT_SHARE * diagonal_m)
 

@@ -79,7 +79,7 @@ def thinned(xy: F64, ends: I64, low: F64, cell_m: F64, across: int) -> tuple[int
     Args:
         xy: (N, 2 or more) of which x and y count, metres; sorted by cluster.
         ends: (C,) row behind the last of each cluster.
-        low: (C, 2 or more) corner of each grid.
+        low: (C, 2) corner of each grid.
         cell_m: (C,) edge of its cells.
         across: Number of cells along either side of each grid.
 
@@ -212,24 +212,27 @@ def ranked(values: F64, ends: I64, ranks: I64) -> F64:
         ends: (C,) row behind the last of each.
         ranks: (C,) near 0, or near the last.
     """
-    found, best, start = np.empty(len(ends)), np.empty(len(values)), 0
+    found, heap, start = np.empty(len(ends)), np.empty(len(values)), 0
     for c in range(len(ends)):
         size = ends[c] - start
         from_top = ranks[c] > size // 2
         sign = -1.0 if from_top else 1.0
-        wanted, kept = (size - 1 - ranks[c] if from_top else ranks[c]) + 1, 0
+        wanted = (size - 1 - ranks[c] if from_top else ranks[c]) + 1  # least ones, of which the largest is on top
+        for k in range(wanted):
+            heap[k] = np.inf
         for i in range(start, ends[c]):
-            value = sign * values[i]
-            if kept < wanted:
-                kept += 1
-            elif value >= best[kept - 1]:
+            value, k, child = sign * values[i], 0, 1
+            if value >= heap[0]:
                 continue
-            k = kept - 1
-            while k > 0 and best[k - 1] > value:
-                best[k] = best[k - 1]
-                k -= 1
-            best[k] = value
-        found[c] = sign * best[wanted - 1]
+            while child < wanted:
+                if child + 1 < wanted and heap[child + 1] > heap[child]:
+                    child += 1
+                if heap[child] <= value:
+                    break
+                heap[k] = heap[child]
+                k, child = child, 2 * child + 1
+            heap[k] = value
+        found[c] = sign * heap[0]
         start = ends[c]
     return found
 
