@@ -212,27 +212,24 @@ def ranked(values: F64, ends: I64, ranks: I64) -> F64:
         ends: (C,) row behind the last of each.
         ranks: (C,) near 0, or near the last.
     """
-    found, heap, start = np.empty(len(ends)), np.empty(len(values)), 0
+    found, best, start = np.empty(len(ends)), np.empty(len(values)), 0
     for c in range(len(ends)):
         size = ends[c] - start
         from_top = ranks[c] > size // 2
         sign = -1.0 if from_top else 1.0
-        wanted = (size - 1 - ranks[c] if from_top else ranks[c]) + 1  # least ones, of which the largest is on top
-        for k in range(wanted):
-            heap[k] = np.inf
+        wanted, kept = (size - 1 - ranks[c] if from_top else ranks[c]) + 1, 0
         for i in range(start, ends[c]):
-            value, k, child = sign * values[i], 0, 1
-            if value >= heap[0]:
+            value = sign * values[i]
+            if kept < wanted:
+                kept += 1
+            elif value >= best[kept - 1]:
                 continue
-            while child < wanted:
-                if child + 1 < wanted and heap[child + 1] > heap[child]:
-                    child += 1
-                if heap[child] <= value:
-                    break
-                heap[k] = heap[child]
-                k, child = child, 2 * child + 1
-            heap[k] = value
-        found[c] = sign * heap[0]
+            k = kept - 1
+            while k > 0 and best[k - 1] > value:
+                best[k] = best[k - 1]
+                k -= 1
+            best[k] = value
+        found[c] = sign * best[wanted - 1]
         start = ends[c]
     return found
 
