@@ -165,11 +165,21 @@ def _less_bits(builder: Any, a: Any, b: Any) -> Any:
 
 
 def _lower(builder: Any, a: Any, b: Any) -> Any:
-    return builder.select(_less(builder, a, b), a, b)
+    return _chosen(builder, "llvm.minnum", a, b)
 
 
 def _upper(builder: Any, a: Any, b: Any) -> Any:
-    return builder.select(_less(builder, a, b), b, a)
+    return _chosen(builder, "llvm.maxnum", a, b)
+
+
+def _chosen(builder: Any, name: str, a: Any, b: Any) -> Any:
+    """One of two numbers in each lane, none of which is NaN.
+
+    Not a comparison and a choice: where one of the two came from the place that the result is written to, LLVM would
+    write only the lanes that change, and whoever reads them next waits for that.
+    """
+    function = builder.module.declare_intrinsic(f"{name}.v{RUN}f32", (), ir.FunctionType(VECTOR, [VECTOR, VECTOR]))
+    return builder.call(function, [a, b], fastmath=("nnan",))
 
 
 def _top(builder: Any, lanes: Any) -> Any:
@@ -292,7 +302,8 @@ def mean_distances(points: F32, boxes: F32, first: I64, order: I32, neighbors: i
     means = np.empty(count, np.float32)
     nearest, roots = np.empty(neighbors * RUN, np.float32), np.empty(neighbors * RUN, np.float32)
     squares, gaps = np.empty(RUN * RUN, np.float32), np.empty(RUN, np.float32)
-    # Boxes still to look at, the nearest last: a box puts at most sixteen smaller ones in its place.
+    # Boxes still to look at: each puts at most sixteen smaller ones in its place. Not in the order of their distance:
+    # fewer would be looked at, but sorting takes longer than that.
     box_gap = np.empty((levels + 1) * RUN, np.float32)
     box_level, box_number = np.empty((levels + 1) * RUN, np.int64), np.empty((levels + 1) * RUN, np.int64)
 
@@ -352,17 +363,11 @@ def mean_distances(points: F32, boxes: F32, first: I64, order: I32, neighbors: i
             gap = gap + _beyond(_load(corners, at + 2 * RUN), z_low, z_high, _load(corners, at + 5 * RUN))
             _store(gaps, 0, gap)
             near = _below(gap, _spread(limit)) & ~left_out
-            bottom = waiting
             while near != 0:
                 child = _lowest_bit(near)
                 near &= near - 1
-                place = waiting
+                box_gap[waiting], box_level[waiting], box_number[waiting] = gaps[child], level, node * RUN + child
                 waiting += 1
-                while place > bottom and box_gap[place - 1] < gaps[child]:
-                    box_gap[place] = box_gap[place - 1]
-                    box_level[place], box_number[place] = box_level[place - 1], box_number[place - 1]
-                    place -= 1
-                box_gap[place], box_level[place], box_number[place] = gaps[child], level, node * RUN + child
 
         for i in range(neighbors * RUN):
             roots[i] = np.sqrt(nearest[i])
