@@ -26,7 +26,7 @@ from pipeline.core.compiled.machine_code import MachineCode
 
 __all__ = ["LinkError", "link", "made_for"]
 
-SEEN = re.compile(rb'"version": "0\.68\.\d+"')
+SEEN = re.compile(rb'"version": "0\.6[378]\.\d+"')
 """Versions of numba whose functions are called as here."""
 
 FORMAT = "1"

@@ -13,7 +13,7 @@ from importlib.util import find_spec, module_from_spec
 from types import SimpleNamespace
 from typing import Any
 
-from rosbags.interfaces import Msgdef
+from rosbags.interfaces import Msgdef, Nodetype
 from rosbags.interfaces.typing import Fielddefs, Typesdict
 from rosbags.serde.cdr import generate_deserialize_cdr, generate_getsize_cdr, generate_serialize_cdr
 from rosbags.serde.ros1 import generate_deserialize_ros1, generate_getsize_ros1, generate_serialize_ros1
@@ -26,6 +26,8 @@ from pipeline.core.ros.made_later import MadeLater
 __all__ = ["LazyTypestore", "lazy_typestore"]
 
 _STORES = "rosbags.typesys.stores"
+
+_NO_FIELDS = [("structure_needs_at_least_one_member", (Nodetype.BASE, ("uint8", 0)))]
 
 _MAKERS: Mapping[str, Callable[[Fielddefs, Typestore], Any]] = {
     "size_cdr": lambda fields, store: generate_getsize_cdr(fields, store)[1],
@@ -53,17 +55,14 @@ class LazyTypestore(Typestore):
     def know(self, types: Typesdict) -> None:
         """As `register`, but without a look at the types: they are sound, and others than those of the store."""
 
-        @cache
-        def registered(name: str) -> Typestore:
-            store = Typestore()
-            store.register({name: types[name]})
-            return store
-
         def fields(name: str) -> Any:
-            return registered(name).fielddefs[name]
+            constants, fields = types[name]
+            return constants, fields or _NO_FIELDS
 
         def message_class(name: str) -> Any:
-            return registered(name).types[name]
+            store = Typestore()
+            store.register({name: types[name]})
+            return store.types[name]
 
         self.fielddefs = MadeLater(self.fielddefs, {name: partial(fields, name) for name in types})
         self.types = MadeLater(self.types, {name: partial(message_class, name) for name in types})

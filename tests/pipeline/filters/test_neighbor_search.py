@@ -3,7 +3,6 @@
 import importlib.util
 from types import ModuleType
 
-import numba
 import numpy as np
 import pytest
 
@@ -14,7 +13,7 @@ from pipeline.filters.box_tree import RUN, box_tree, curve_order
 @pytest.fixture
 def plain(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     """The module as it is for a debugger: functions of arrays in place of instructions."""
-    monkeypatch.setattr(numba.config, "DISABLE_JIT", True)
+    monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")
     spec = importlib.util.spec_from_file_location("plain_search", neighbor_search.__file__)
     assert spec is not None
     assert spec.loader is not None
