@@ -14,6 +14,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NoReturn
 
+from pipeline.core.ending import threads_that_watch
+
 __all__ = ["Copy", "may_fork"]
 
 TASKS = Path("/proc/self/task")
@@ -26,9 +28,9 @@ LONGEST_PAUSE_S = 0.02
 
 
 def may_fork() -> bool:
-    """Whether copies of this process can be made: it has one thread, those of libraries counted, and runs on Linux.
+    """Whether copies of this process can be made: it runs on Linux, and has one thread, those of libraries counted.
 
-    (On macOS system libraries have threads of their own.)
+    One that waits for signals does no harm. (On macOS system libraries have threads of their own.)
     """
     if sys.platform != "linux":
         return False
@@ -40,7 +42,7 @@ def may_fork() -> bool:
 
 def _threads() -> int:
     try:
-        return sum(1 for _ in TASKS.iterdir())
+        return len({int(task.name) for task in TASKS.iterdir()}.difference(threads_that_watch()))
     except OSError:
         return 2  # unknown
 

@@ -6,6 +6,7 @@ the process that started it is killed.
 
 import gc
 import os
+import signal
 import socket
 import sys
 import threading
@@ -41,6 +42,7 @@ def serve_copy(descriptor: int, kept_open: Sequence[int], made: Made) -> NoRetur
         made: The stages.
     """
     try:
+        signal.set_wakeup_fd(-1)  # it leads to the thread of the other process that waits for signals
         gc.freeze()  # what is there stays: to look at it would copy its memory
         for other in kept_open:
             os.close(other)

@@ -5,6 +5,7 @@ chunks that overlap in time, and it reads a file without chunk index into memory
 """
 
 import heapq
+import struct
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator
 from itertools import pairwise
@@ -18,11 +19,12 @@ from readers.files.chunk_cache import ChunkCache, detach
 from readers.files.container import Container
 from readers.files.damage import LIBRARY_ERRORS
 from readers.files.decompress import decompressed
+from readers.files.mcap.as_listed import Listed, as_listed
 from readers.files.mcap.channels import channel_of, message_type
 from readers.files.mcap.chunk import Entry, entry_of, load_chunk, read_exactly, records_in
 from readers.files.mcap.definitions import Definitions
 from readers.files.mcap.index import ChunkPlace, Contents, contents_of_summary, read_profile
-from readers.files.mcap.passes import FilePlace, pass_places
+from readers.files.mcap.passes import FilePlace, indexed_messages, pass_places
 from readers.files.mcap.recovery import chunk_extent, contents_of_scan
 from readers.files.mcap.unchecked import agrees_with_index, check_places, confirm_definitions
 from readers.files.remote import ReadAhead, tell_full_read
@@ -159,7 +161,7 @@ class McapFile(Container):
             place = heapq.heappop(queue)
             if isinstance(place, ChunkPlace):
                 ahead.reach()
-                for entry in self._entries_of(place, taken):
+                for entry in self._entries_of(place, wanted, taken):
                     heapq.heappush(queue, entry)
                     left[place.position] += 1
                 self._check_waiting(left)
@@ -188,13 +190,20 @@ class McapFile(Container):
                 "time: rewrite it in the order of time, or raise limits.max_positions_waiting"
             )
 
-    def _entries_of(self, place: ChunkPlace, taken: Callable[[Entry], bool]) -> list[Entry]:
-        """The wanted messages of a chunk; none if it is damaged, which is noted."""
+    def _entries_of(
+        self, place: ChunkPlace, channel_ids: Collection[int], taken: Callable[[Entry], bool]
+    ) -> list[Entry]:
+        """The messages of some channels in a chunk that are taken; none if it is damaged, which is noted."""
         position = place.position
         if position in self._bad_chunks:
             return []
         with self._losses.guard() as damage:
             records = self._records_of(position)
+            is_comparable = position != self._cut_chunk and not isinstance(self.path, RemotePath)
+            if is_comparable and (listed := self._listed(place, records)) is not None:
+                for opcode, at, size in listed.definitions:  # too late to use them
+                    self._definitions.add(opcode, records[at : at + size], position, is_checked=False)
+                return [entry for entry in listed.entries(position, channel_ids) if taken(entry)]
             entries = []
             for opcode, at, size in records_in(records, self._limits):
                 if opcode == Opcode.MESSAGE:
@@ -204,7 +213,6 @@ class McapFile(Container):
                 elif opcode in OUTSIDE_OF_CHUNKS:
                     reason = f"a record with opcode {opcode} in a chunk, where none may be: it was another one"
                     self._losses.note(position, reason)
-            is_comparable = position != self._cut_chunk and not isinstance(self.path, RemotePath)
             if is_comparable and not agrees_with_index(self._stream, place, entries):
                 reason = "the index behind this chunk does not agree with the messages in it, which are used"
                 self._losses.note(position, reason, messages=0)
@@ -213,6 +221,17 @@ class McapFile(Container):
         extent, count = chunk_extent(self._stream, position)
         self._losses.note(position, f"a chunk that cannot be read ({damage.reason})", size=extent, messages=count)
         return []
+
+    def _listed(self, place: ChunkPlace, records: bytes) -> Listed | None:
+        """What the index behind a chunk lists, if the chunk is just so."""
+        try:
+            rows = indexed_messages(self._stream, place)[:, 1:]
+        except (EOFError, ValueError, struct.error):
+            return None
+        listed = as_listed(records, rows)
+        if listed and len(rows) + len(listed.definitions) > self._limits.max_messages_per_chunk:
+            return None
+        return listed
 
     def _read_or_note(self, entry: Entry) -> bytes | memoryview | None:
         """The data of a message; None if they are damaged, which is noted."""
