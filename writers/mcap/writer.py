@@ -22,6 +22,7 @@ from pipeline.core.ros.qos import LATCHED_YAML
 from pipeline.core.settings.config import Config
 from pipeline.core.true_boxes import TrueBoxes
 from writers.foxglove.layout import foxglove_layout
+from writers.mcap.chunk import Buffer
 from writers.mcap.file import McapOutput, mcap_file
 from writers.mcap.topics import LATER, written_topics
 from writers.messages.annotations import image_annotations
@@ -41,6 +42,7 @@ from writers.viewpoint import SceneSurvey
 
 __all__ = ["McapResultWriter"]
 
+CLOUD = "sensor_msgs/msg/PointCloud2"
 _NOT_COPIED = "the image cannot be copied"
 
 
@@ -205,9 +207,10 @@ class McapResultWriter:
             self._put(truth_scene_topic(truth.topic), truth_scene(truth), frame.log_time_ns)
 
     def _put(self, topic: str, message: Any, log_time_ns: int) -> None:
-        self._put_bytes(topic, message.__msgtype__, ROS2.serialize(message), log_time_ns)
+        serialize = ROS2.serialize_large if message.__msgtype__ == CLOUD else ROS2.serialize
+        self._put_bytes(topic, message.__msgtype__, serialize(message), log_time_ns)
 
-    def _put_bytes(self, topic: str, msgtype: str, cdr: bytes | memoryview, log_time_ns: int) -> None:
+    def _put_bytes(self, topic: str, msgtype: str, cdr: Buffer | Sequence[Buffer], log_time_ns: int) -> None:
         channel = self._channels.get(topic) or self._register(topic, msgtype)
         self._file.add_message(channel, log_time_ns, cdr, self._messages)
         self._filled.add(topic)

@@ -1,5 +1,6 @@
 """Builds ROS messages and serialises them, with rosbags."""
 
+import struct
 from collections.abc import Iterable, Mapping
 from functools import cache, cached_property
 from typing import Any
@@ -15,6 +16,8 @@ __all__ = ["POINT_FIELD_DATATYPES", "ROS2", "RosMessages"]
 
 POINT_FIELD_DATATYPES = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}
 """sensor_msgs/PointField's number for each numpy type."""
+
+_LENGTH = struct.Struct("<I")  # of an array, in ROS 1 and in CDR
 
 _NO_ROTATION = (0.0, 0.0, 0.0, 1.0)
 
@@ -42,6 +45,22 @@ class RosMessages:
         """The bytes of a message: ROS 1, or little-endian CDR."""
         serialize = self._types.serialize_ros1 if self.ros_version == 1 else self._types.serialize_cdr
         return serialize(message, message.__msgtype__)
+
+    def serialize_large(self, message: Any) -> tuple[bytes | memoryview, ...]:
+        """The bytes of an image or a cloud in parts that follow each other, of which `data` is not copied.
+
+        Args:
+            message: Its `data` is its last array of bytes, and at most one byte follows it.
+        """
+        data = message.data
+        message.data = data[:0]
+        try:
+            around = self.serialize(message)
+        finally:
+            message.data = data
+        behind = 1 if hasattr(message, "is_dense") else 0
+        before = bytes(around[: len(around) - behind - _LENGTH.size]) + _LENGTH.pack(len(data))
+        return before, memoryview(data), *([bytes(around[-behind:])] if behind else [])
 
     def deserialize(self, data: bytes | memoryview, msgtype: str) -> Any:
         """The message of bytes that `serialize` made."""
