@@ -147,7 +147,7 @@ class McapOutput:
         start = place = self._stream.tell()
         summary, offsets = [], []
         for opcode, builder in self._summary.items():
-            records = builder.end()
+            records = _end(builder)
             summary.append(records)
             offsets.append(_encoded(SummaryOffset(opcode, place, len(records))))
             place += len(records)
@@ -204,7 +204,12 @@ def mcap_file(path: Path, *, profile: str, compression: Compression = "zstd") ->
 def _encoded(record: McapRecord) -> bytes:
     builder = RecordBuilder()
     record.write(builder)
-    return builder.end()
+    return _end(builder)
+
+
+def _end(builder: RecordBuilder) -> bytes:
+    encoded: bytes = builder.end()  # type: ignore[no-untyped-call]  # mcap annotates in part
+    return encoded
 
 
 def _schema(channel: Channel) -> tuple[str, str, bytes]:
