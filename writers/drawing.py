@@ -6,9 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.core.arrays import F32, F64, Bools, Indices
-from pipeline.core.detections import Boxes2D, Matches, Source
+from pipeline.core.detections import Boxes2D, Boxes3D, Matches, Source
 from pipeline.core.frame import FrameResult
 from pipeline.core.geometry.boxes import box_corners
+from pipeline.core.rig import CameraSensor
 from writers.palette import CAMERA_ONLY, MATCHED, Rgb, class_color
 
 __all__ = [
@@ -74,8 +75,22 @@ def _witnesses(cameras: int, *, is_placed: bool) -> str:
 def object_edges(result: FrameResult, name: str) -> tuple[F32, Indices]:
     """The fused objects in a camera's image, from where it was taken; see `CameraModel.project_edges`."""
     objects, camera = result.fused.objects, result.views[name]
-    corners = box_corners(objects.centers, objects.sizes, objects.yaws)
-    return camera.model.project_edges(np.asarray(camera.T_camera_site.apply(corners), np.float64))
+    near = np.flatnonzero(_may_be_seen(objects, camera))
+    if not len(near):
+        return np.zeros((0, 2, 2), np.float32), near
+    corners = box_corners(objects.centers[near], objects.sizes[near], objects.yaws[near])
+    segments, rows = camera.model.project_edges(np.asarray(camera.T_camera_site.apply(corners), np.float64))
+    return segments, near[rows]
+
+
+def _may_be_seen(objects: Boxes3D, camera: CameraSensor) -> Bools:
+    """(N,) whether the sphere around an object reaches into the cone of what the camera may see."""
+    centers = np.asarray(camera.T_camera_site.apply(objects.centers), np.float64)
+    radii = np.sqrt((objects.sizes**2).sum(1)) / 2
+    distances = np.sqrt((centers**2).sum(1))
+    aside = np.arctan2(np.hypot(centers[:, 0], centers[:, 1]), centers[:, 2])
+    reach = np.arcsin(np.minimum(radii / np.maximum(distances, radii), 1.0))
+    return np.asarray((distances <= radii) | (aside - reach <= camera.model.view_angle_rad))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -14,7 +14,7 @@ from pipeline.core.geometry.boxes import box_corners
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.messages import Drop
 from pipeline.core.rig import CameraSensor
-from pipeline.core.ros.typestores import message_types
+from pipeline.core.ros.messages import ROS2
 from writers.drawing import object_colors, strong_objects
 from writers.messages.annotations import image_annotations
 from writers.messages.diagnostics import diagnostics
@@ -25,8 +25,7 @@ NAMES = CONFIG.class_names
 
 
 def through_cdr(message: Any) -> Any:
-    store, msgtype = message_types(2), message.__msgtype__
-    return store.deserialize_cdr(bytes(store.serialize_cdr(message, msgtype)), msgtype)
+    return ROS2.deserialize(ROS2.serialize(message), message.__msgtype__)
 
 
 @pytest.mark.parametrize("objects", [0, 1, 3])

@@ -42,7 +42,7 @@ from writers.viewpoint import SceneSurvey
 
 __all__ = ["McapResultWriter"]
 
-CLOUD = "sensor_msgs/msg/PointCloud2"
+CLOUD, CAMERA_INFO = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/CameraInfo"
 _NOT_COPIED = "the image cannot be copied"
 
 
@@ -75,6 +75,7 @@ class McapResultWriter:
         self._resources = ExitStack()
         self._channels: dict[str, int] = {}
         self._copied: dict[Channel, int] = {}
+        self._camera_infos: dict[str, memoryview] = {}  # of the first frame: only their stamps change
         self._filled: set[str] = set()
         self._messages = 0
         self._survey = SceneSurvey(rig)
@@ -175,7 +176,10 @@ class McapResultWriter:
         drops: tuple[Drop, ...] = ()
         if image is not None and self._config.output.images:
             drops = self._put_image(prefix, image, frame_id, log_time_ns)
-        self._put(f"{prefix}/camera_info", camera_info(camera, stamp_ns), log_time_ns)
+        if camera.name not in self._camera_infos:
+            self._camera_infos[camera.name] = ROS2.serialize(camera_info(camera, stamp_ns))
+        info = ROS2.restamped(self._camera_infos[camera.name], stamp_ns)
+        self._put_bytes(f"{prefix}/camera_info", CAMERA_INFO, info, log_time_ns)
         drawn = image_annotations(result, camera, names, stamp_ns=stamp_ns)
         self._put(f"{prefix}/annotations", drawn, log_time_ns)
         if boxes is not None:

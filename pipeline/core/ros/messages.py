@@ -20,6 +20,7 @@ POINT_FIELD_DATATYPES = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "
 
 _LENGTH = struct.Struct("<I")  # of an array, in ROS 1 and in CDR
 
+_STAMP = struct.Struct("<iI")
 _NO_ROTATION = (0.0, 0.0, 0.0, 1.0)
 
 
@@ -67,6 +68,10 @@ class RosMessages:
         behind = 1 if hasattr(message, "is_dense") else 0
         before = bytes(around[: len(around) - behind - _LENGTH.size]) + _LENGTH.pack(len(data))
         return before, memoryview(data), *([bytes(around[-behind:])] if behind else [])
+
+    def restamped(self, cdr: bytes | memoryview, stamp_ns: int) -> bytes:
+        """The CDR of a message that begins with a header, with another stamp."""
+        return b"".join((cdr[:4], _STAMP.pack(*divmod(self.start_ns + stamp_ns, 10**9)), cdr[4 + _STAMP.size :]))
 
     def deserialize(self, data: bytes | memoryview, msgtype: str) -> Any:
         """The message of bytes that `serialize` made."""

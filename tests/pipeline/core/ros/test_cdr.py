@@ -74,7 +74,7 @@ def test_any_scene_has_the_bytes_of_rosbags(seed: int, longest: int) -> None:
 def line(points: Any) -> Any:
     """Points behind a text, whose length decides where they begin."""
     color = ROS2.new("foxglove_msgs/msg/Color", 1.0, 0.0, 0.0, 1.0)
-    no_colors = np.zeros((0, 4)) if isinstance(points, np.ndarray) else []
+    no_colors: Any = np.zeros((0, 4)) if isinstance(points, np.ndarray) else []
     kind = "foxglove_msgs/msg/LinePrimitive"
     return ROS2.new(kind, 1, ROS2.pose((1, 2, 3)), 1.0, True, points, color, no_colors, np.zeros(1, np.uint32))
 
