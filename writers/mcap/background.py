@@ -18,14 +18,14 @@ class Background:
 
     def __init__(self, weight: int) -> None:
         self._limit = weight
-        self._jobs: deque[tuple[Callable[[], None], int]] = deque()
+        self._jobs: deque[tuple[Callable[[], object], int]] = deque()
         self._left = self._weight = 0  # jobs that wait and the one in work, and their weight
         self._changed = threading.Condition()
         self._error: BaseException | None = None
         self._is_closed = False
         self._thread: threading.Thread | None = None
 
-    def add(self, job: Callable[[], None], weight: int) -> None:
+    def add(self, job: Callable[[], object], weight: int) -> None:
         """Have a job done, after those before it; waits while too much is to be done.
 
         Raises:

@@ -21,6 +21,7 @@ from pipeline.core.ros.messages import ROS2
 from pipeline.core.ros.qos import LATCHED_YAML
 from pipeline.core.settings.config import Config
 from pipeline.core.true_boxes import TrueBoxes
+from writers.drawing import ObjectEdges, object_edges
 from writers.foxglove.layout import foxglove_layout
 from writers.mcap.chunk import Buffer
 from writers.mcap.file import McapOutput, mcap_file
@@ -135,8 +136,9 @@ class McapResultWriter:
                 self._put("/tf", moving_transform(motion, stamp_ns), log_time_ns)
             for topic, message in self._site_messages(result):
                 self._put(topic, message, log_time_ns)
+            edges = object_edges(result, [camera.name for camera in self._rig.cameras])
             for camera in self._rig.cameras:
-                not_copied += self._put_camera(camera, result)
+                not_copied += self._put_camera(camera, result, edges[camera.name])
             self._put("/diagnostics", diagnostics(result, self._rig, not_copied), log_time_ns)
             self._draw_truth(self._truth_times.add(result.bundle))
             self._copy(after)
@@ -159,7 +161,7 @@ class McapResultWriter:
             if self._config.output.ground:
                 yield "/ground_cloud", point_cloud2(result.combined.ground_cloud, stamp_ns=stamp_ns, frame_id=frame_id)
 
-    def _put_camera(self, camera: CameraSensor, result: FrameResult) -> tuple[Drop, ...]:
+    def _put_camera(self, camera: CameraSensor, result: FrameResult, edges: ObjectEdges) -> tuple[Drop, ...]:
         """Write one camera's messages, all with one stamp; none if the frame has neither an image nor boxes of it."""
         unusable = {(drop.topic, drop.stamp_ns) for drop in result.drops}
         image, boxes = result.bundle.messages.get(camera.topic), result.detections.cameras.get(camera.name)
@@ -180,7 +182,7 @@ class McapResultWriter:
             self._camera_infos[camera.name] = ROS2.serialize(camera_info(camera, stamp_ns))
         info = ROS2.restamped(self._camera_infos[camera.name], stamp_ns)
         self._put_bytes(f"{prefix}/camera_info", CAMERA_INFO, info, log_time_ns)
-        drawn = image_annotations(result, camera, names, stamp_ns=stamp_ns)
+        drawn = image_annotations(result, camera, edges, names, stamp_ns=stamp_ns)
         self._put(f"{prefix}/annotations", drawn, log_time_ns)
         if boxes is not None:
             detections = detections_2d(boxes, names, stamp_ns=stamp_ns, frame_id=frame_id)

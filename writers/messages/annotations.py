@@ -11,10 +11,10 @@ from pipeline.core.rig import CameraSensor
 from pipeline.core.ros.messages import ROS2
 from writers.drawing import (
     DrawnBoxes2D,
+    ObjectEdges,
     drawn_boxes_2d,
     labels_in_the_clear,
     object_colors,
-    object_edges,
     placed_objects,
     strong_objects,
 )
@@ -31,7 +31,9 @@ _LINE_SHARE, _FAINT_ALPHA = 1 / 300, 0.5
 _LINE_LOOP, _LINE_LIST = 2, 4  # PointsAnnotation
 
 
-def image_annotations(result: FrameResult, camera: CameraSensor, class_names: Sequence[str], *, stamp_ns: int) -> Any:
+def image_annotations(
+    result: FrameResult, camera: CameraSensor, edges: ObjectEdges, class_names: Sequence[str], *, stamp_ns: int
+) -> Any:
     """The fused objects as the lens bends them, and the camera's 2D boxes.
 
     An object has the colour of its class, and a thinner line if the cameras alone place it. A 2D box is green if it
@@ -46,7 +48,7 @@ def image_annotations(result: FrameResult, camera: CameraSensor, class_names: Se
         return _new("PointsAnnotation", stamp, kind, points, _new("Color", *rgba), [], clear, thickness, [])
 
     outlines = []
-    segments, rows = object_edges(result, camera.name)
+    segments, rows = edges
     if len(rows):
         alphas = np.where(strong_objects(result), 1.0, _FAINT_ALPHA).tolist()
         widths_px = (height_px * _LINE_SHARE * np.where(placed_objects(result), 0.5, 1.0)).tolist()

@@ -15,9 +15,9 @@ from pipeline.core.true_boxes import TrueBoxes
 from writers.drawing import (
     ARROW_SHARE,
     DrawnBoxes2D,
+    ObjectEdges,
     labels_in_the_clear,
     object_colors,
-    object_edges,
     placed_objects,
     strong_objects,
 )
@@ -169,9 +169,9 @@ def heading_arrows(result: FrameResult, rows: Bools) -> rr.Arrows3D:
     )
 
 
-def edges_2d(result: FrameResult, camera: str) -> rr.LineStrips2D:
+def edges_2d(result: FrameResult, edges: ObjectEdges) -> rr.LineStrips2D:
     """The fused objects as the camera's lens bends them: thinner where faint, or placed by the cameras alone."""
-    segments, rows = object_edges(result, camera)
+    segments, rows = edges
     is_thick = strong_objects(result) & ~placed_objects(result)
     radii = np.where(is_thick, -1.0, -0.5)[rows]  # Rerun: a negative radius is in points of the screen
     return rr.LineStrips2D(segments, colors=_bytes(object_colors(result)[rows]), radii=radii, draw_order=20.0)

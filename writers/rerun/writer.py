@@ -24,7 +24,7 @@ from pipeline.core.messages import Drop, RawMessage
 from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.settings.config import Config
 from pipeline.core.true_boxes import TrueBoxes
-from writers.drawing import drawn_boxes_2d, object_labels, placed_objects, strong_objects
+from writers.drawing import ObjectEdges, drawn_boxes_2d, object_edges, object_labels, placed_objects, strong_objects
 from writers.messages.images import COMPRESSED, read_image
 from writers.outputs.errors import output_errors
 from writers.outputs.transaction import OutputFile
@@ -149,8 +149,9 @@ class RerunResultWriter:
             self._log_clouds(result)
         self._log_objects(result)
         drops: list[Drop] = []
+        edges = object_edges(result, [camera.name for camera in self._rig.cameras])
         for camera in self._rig.cameras:
-            drops += self._log_camera(camera, result)
+            drops += self._log_camera(camera, result, edges[camera.name])
         self._recording.log("metrics/objects", rr.Scalars(float(len(result.fused.objects))))
         self._recording.log("metrics/confirmed", rr.Scalars(float((result.fused.matched > 0).sum())))
         self._recording.log(COUNTED, rr.Scalars(result.bundle.skew_ns / 1e6))  # the last of a frame
@@ -276,7 +277,7 @@ class RerunResultWriter:
         self._recording.set_time("frame", sequence=index)
         self._recording.set_time("stamp", timestamp=np.datetime64(stamp_ns, "ns"))
 
-    def _log_camera(self, camera: CameraSensor, result: FrameResult) -> tuple[Drop, ...]:
+    def _log_camera(self, camera: CameraSensor, result: FrameResult, edges: ObjectEdges) -> tuple[Drop, ...]:
         """The image and what is drawn on it; a camera slower than the frames keeps its last image."""
         unusable = {(drop.topic, drop.stamp_ns) for drop in result.drops}
         message = result.bundle.messages.get(camera.topic)
@@ -300,7 +301,7 @@ class RerunResultWriter:
             self._log("image", camera, image)
         self._log("boxes", camera, archetypes.boxes_2d(drawn))
         self._log("boxes/labels", camera, archetypes.labels_2d(drawn, camera))
-        self._log("objects", camera, archetypes.edges_2d(result, camera.name))
+        self._log("objects", camera, archetypes.edges_2d(result, edges))
         return drops
 
     def _clear(self, camera: CameraSensor) -> None:

@@ -26,7 +26,7 @@ def test_jobs_are_done_in_order_on_another_thread(count: int) -> None:
 
 def test_no_more_waits_than_the_limit_but_for_one_heavy_job() -> None:
     background, gate, is_added = Background(weight=10), threading.Event(), threading.Event()
-    background.add(lambda: None if gate.wait() else None, weight=100)  # heavier than the limit, and taken
+    background.add(gate.wait, weight=100)  # heavier than the limit, and taken
 
     def add_one() -> None:
         background.add(lambda: None, weight=1)
