@@ -1,20 +1,23 @@
 """How objects are drawn, the same in every viewer: which are strong, in what colour, with what text."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from pipeline.core.arrays import F32, F64, Bools, Indices
-from pipeline.core.detections import Boxes2D, Matches, Source
+from pipeline.core.camera import project_edges
+from pipeline.core.detections import Boxes2D, Boxes3D, Matches, Source
 from pipeline.core.frame import FrameResult
 from pipeline.core.geometry.boxes import box_corners
+from pipeline.core.rig import CameraSensor
 from writers.palette import CAMERA_ONLY, MATCHED, Rgb, class_color
 
 __all__ = [
     "ARROW_SHARE",
     "STRONG_SCORE",
     "DrawnBoxes2D",
+    "ObjectEdges",
     "drawn_boxes_2d",
     "labels_in_the_clear",
     "object_colors",
@@ -23,6 +26,8 @@ __all__ = [
     "placed_objects",
     "strong_objects",
 ]
+
+ObjectEdges = tuple[F32, Indices]
 
 ARROW_SHARE = 0.75
 """Length of an object's arrow, as a share of the object's: from its centre to a quarter beyond its front."""
@@ -71,11 +76,31 @@ def _witnesses(cameras: int, *, is_placed: bool) -> str:
     return f" ({', '.join(told)})" if told else ""
 
 
-def object_edges(result: FrameResult, name: str) -> tuple[F32, Indices]:
-    """The fused objects in a camera's image, from where it was taken; see `CameraModel.project_edges`."""
-    objects, camera = result.fused.objects, result.views[name]
+def object_edges(result: FrameResult, cameras: Iterable[str]) -> dict[str, ObjectEdges]:
+    """The fused objects in the images of these cameras, from where they were taken; see `CameraModel.project_edges`.
+
+    Returns:
+        By camera, straight pieces (M, 2, 2) in pixels, object after object, and the row of each one's object (M,).
+    """
+    objects, views = result.fused.objects, {name: result.views[name] for name in cameras}
     corners = box_corners(objects.centers, objects.sizes, objects.yaws)
-    return camera.model.project_edges(np.asarray(camera.T_camera_site.apply(corners), np.float64))
+    near = [np.flatnonzero(_may_be_seen(objects, view)) for view in views.values()]
+    seen = [
+        np.asarray(view.T_camera_site.apply(corners[rows]), np.float64)
+        for view, rows in zip(views.values(), near, strict=True)
+    ]
+    found = project_edges([view.model for view in views.values()], seen) if views else []
+    return {name: (segments, rows[of_box]) for name, rows, (segments, of_box) in zip(views, near, found, strict=True)}
+
+
+def _may_be_seen(objects: Boxes3D, camera: CameraSensor) -> Bools:
+    """(N,) whether the sphere around an object reaches into the cone of what the camera may see."""
+    centers = np.asarray(camera.T_camera_site.apply(objects.centers), np.float64)
+    radii = np.sqrt((objects.sizes**2).sum(1)) / 2
+    distances = np.sqrt((centers**2).sum(1))
+    aside = np.arctan2(np.hypot(centers[:, 0], centers[:, 1]), centers[:, 2])
+    reach = np.arcsin(np.minimum(radii / np.maximum(distances, radii), 1.0))
+    return np.asarray((distances <= radii) | (aside - reach <= camera.model.view_angle_rad))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

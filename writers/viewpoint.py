@@ -91,6 +91,8 @@ class SceneSurvey:
 
     def add(self, result: FrameResult) -> None:
         """Take one frame in, unless the survey is complete."""
+        if self.is_complete:
+            return
         points = np.concatenate([result.combined.cloud.xyz[:, :2], result.combined.ground_cloud.xyz[:, :2]])
         self.take(result.fused.objects, strong_objects(result), points)
 
@@ -105,7 +107,8 @@ class SceneSurvey:
         self._strong.append(corners[strong].reshape(-1, 3))
         self._faint.append(corners[~strong].reshape(-1, 3))
         if len(points):
-            distances = np.linalg.norm(points - self._sensors().mean(0)[:2], axis=1)
+            center = self._sensors().mean(0)
+            distances = np.sqrt((points[:, 0] - center[0]) ** 2 + (points[:, 1] - center[1]) ** 2)
             self._reach_m.append(float(np.percentile(distances, 90)))
 
     def viewpoint(self, *, aspect: float, fov_y_deg: float) -> Viewpoint:

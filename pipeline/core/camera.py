@@ -7,6 +7,7 @@ pixel; the principal point of a calibration counts from pixel centres, as in Ope
 projection.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal, get_args
@@ -18,7 +19,7 @@ from pipeline.core.arrays import F32, F64, Bools, Indices
 from pipeline.core.errors import CalibrationError
 from pipeline.core.geometry.box_edges import clip_segments, edges_ahead, sample_by_angle
 
-__all__ = ["BORDER_PX", "NEAR_M", "CameraModel", "DistortionModel"]
+__all__ = ["BORDER_PX", "NEAR_M", "CameraModel", "DistortionModel", "project_edges"]
 
 DistortionModel = Literal["plumb_bob", "rational_polynomial", "equidistant"]
 
@@ -204,17 +205,35 @@ class CameraModel:
         Returns:
             (M, 2, 2) straight pieces, both ends in pixels, box after box; (M,) row of the box of each piece.
         """
-        start, end, in_front = edges_ahead(corners_camera, NEAR_M)
-        rows, _ = np.nonzero(in_front)
-        pixels, valid = self.project(sample_by_angle(start[in_front], end[in_front], DRAWN_SAMPLES))
-        straight = valid.all(1) & (_bend(pixels) < DRAWN_BEND_PX)
-        pieces = np.stack([pixels[:, :-1], pixels[:, 1:]], 2)
-        pieces[straight, 0, 1] = pixels[straight, -1]
-        wanted = valid[:, :-1] & valid[:, 1:]
-        wanted[straight, 1:] = False
-        clipped, inside = clip_segments(pieces[wanted], self.width_px, self.height_px)
-        of_box = np.broadcast_to(rows[:, None], wanted.shape)[wanted]
-        return clipped[inside].astype(np.float32), of_box[inside]
+        return project_edges([self], [corners_camera])[0]
+
+
+def project_edges(models: Sequence[CameraModel], corners_camera: Sequence[F64]) -> list[tuple[F32, Indices]]:
+    """`CameraModel.project_edges` of several cameras, each with boxes of its own: in one go it costs much less."""
+    counts = [len(corners) for corners in corners_camera]
+    start, end, in_front = edges_ahead(np.concatenate([*corners_camera, np.zeros((0, 8, 3))]), NEAR_M)
+    boxes, _ = np.nonzero(in_front)
+    samples = sample_by_angle(start[in_front], end[in_front], DRAWN_SAMPLES)
+    ends = np.searchsorted(boxes, np.cumsum(counts))  # of each camera's edges
+    parts = [model.project(part) for model, part in zip(models, np.split(samples, ends[:-1]), strict=True)]
+    pixels, valid = (np.concatenate(found) for found in zip(*parts, strict=True))
+    straight = valid.all(1) & (_bend(pixels) < DRAWN_BEND_PX)
+    pieces = np.stack([pixels[:, :-1], pixels[:, 1:]], 2)
+    pieces[straight, 0, 1] = pixels[straight, -1]
+    wanted = valid[:, :-1] & valid[:, 1:]
+    wanted[straight, 1:] = False
+    cameras = np.repeat(np.arange(len(models)), np.diff(ends, prepend=0))
+    sizes = np.array([[model.width_px, model.height_px] for model in models], np.float64)
+    of_edge, _ = np.nonzero(wanted)
+    clipped, inside = clip_segments(pieces[wanted], sizes[cameras[of_edge]])
+    segments, of_edge = clipped[inside].astype(np.float32), of_edge[inside]
+    bounds = np.searchsorted(of_edge, ends[:-1])
+    first_boxes = np.cumsum(counts) - counts
+    found_rows = np.split(boxes[of_edge], bounds)
+    return [
+        (part, rows - first)
+        for part, rows, first in zip(np.split(segments, bounds), found_rows, first_boxes, strict=True)
+    ]
 
 
 def _bend(pixels: F64) -> F64:

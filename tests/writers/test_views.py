@@ -14,8 +14,8 @@ from pipeline.core.geometry.boxes import box_corners
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.messages import Drop
 from pipeline.core.rig import CameraSensor
-from pipeline.core.ros.typestores import message_types
-from writers.drawing import object_colors, strong_objects
+from pipeline.core.ros.messages import ROS2
+from writers.drawing import object_colors, object_edges, strong_objects
 from writers.messages.annotations import image_annotations
 from writers.messages.diagnostics import diagnostics
 from writers.messages.scene import marker_array, scene_update
@@ -25,8 +25,7 @@ NAMES = CONFIG.class_names
 
 
 def through_cdr(message: Any) -> Any:
-    store, msgtype = message_types(2), message.__msgtype__
-    return store.deserialize_cdr(bytes(store.serialize_cdr(message, msgtype)), msgtype)
+    return ROS2.deserialize(ROS2.serialize(message), message.__msgtype__)
 
 
 @pytest.mark.parametrize("objects", [0, 1, 3])
@@ -118,7 +117,8 @@ def test_markers_delete_all_first(objects: int) -> None:
 
 
 def annotations(result: FrameResult, camera: CameraSensor = RIG.cameras[0]) -> Any:
-    return through_cdr(image_annotations(result, camera, NAMES, stamp_ns=START_NS + 5))
+    edges = object_edges(result, [camera.name])[camera.name]
+    return through_cdr(image_annotations(result, camera, edges, NAMES, stamp_ns=START_NS + 5))
 
 
 def rgb(color: Any) -> tuple[float, float, float]:
@@ -240,3 +240,19 @@ def test_diagnostics_name_the_sensors_that_are_missing(why: Missing, level: int)
     status = through_cdr(diagnostics(partial, RIG, ())).status[0]
     assert (status.message, status.level) == ("skew 5.000 ms, without left", level)
     assert ("missing left", why) in [(pair.key, pair.value) for pair in status.values]
+
+
+@pytest.mark.parametrize("aside_m", np.linspace(-60, 60, 25).tolist())
+def test_what_is_left_out_before_projection_is_not_in_the_image(aside_m: float) -> None:
+    result = frame()
+    camera = result.views[RIG.cameras[0].name]
+    moved = replace(result.fused.objects, centers=result.fused.objects.centers + np.array([0.0, aside_m, 0.0]))
+    corners = camera.T_camera_site.apply(box_corners(moved.centers, moved.sizes, moved.yaws))
+    expected, rows = camera.model.project_edges(np.asarray(corners, np.float64))
+    drawn = object_edges(replace(result, fused=replace(result.fused, objects=moved)), [camera.name])[camera.name]
+    np.testing.assert_array_equal(drawn[0], expected)
+    np.testing.assert_array_equal(drawn[1], rows)
+
+
+def test_no_cameras_show_nothing() -> None:
+    assert object_edges(frame(), []) == {}

@@ -21,7 +21,9 @@ from pipeline.core.ros.messages import ROS2
 from pipeline.core.ros.qos import LATCHED_YAML
 from pipeline.core.settings.config import Config
 from pipeline.core.true_boxes import TrueBoxes
+from writers.drawing import ObjectEdges, object_edges
 from writers.foxglove.layout import foxglove_layout
+from writers.mcap.chunk import Buffer
 from writers.mcap.file import McapOutput, mcap_file
 from writers.mcap.topics import LATER, written_topics
 from writers.messages.annotations import image_annotations
@@ -41,6 +43,7 @@ from writers.viewpoint import SceneSurvey
 
 __all__ = ["McapResultWriter"]
 
+CLOUD, CAMERA_INFO = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/CameraInfo"
 _NOT_COPIED = "the image cannot be copied"
 
 
@@ -73,6 +76,7 @@ class McapResultWriter:
         self._resources = ExitStack()
         self._channels: dict[str, int] = {}
         self._copied: dict[Channel, int] = {}
+        self._camera_infos: dict[str, memoryview] = {}  # of the first frame: only their stamps change
         self._filled: set[str] = set()
         self._messages = 0
         self._survey = SceneSurvey(rig)
@@ -132,8 +136,9 @@ class McapResultWriter:
                 self._put("/tf", moving_transform(motion, stamp_ns), log_time_ns)
             for topic, message in self._site_messages(result):
                 self._put(topic, message, log_time_ns)
+            edges = object_edges(result, [camera.name for camera in self._rig.cameras])
             for camera in self._rig.cameras:
-                not_copied += self._put_camera(camera, result)
+                not_copied += self._put_camera(camera, result, edges[camera.name])
             self._put("/diagnostics", diagnostics(result, self._rig, not_copied), log_time_ns)
             self._draw_truth(self._truth_times.add(result.bundle))
             self._copy(after)
@@ -156,7 +161,7 @@ class McapResultWriter:
             if self._config.output.ground:
                 yield "/ground_cloud", point_cloud2(result.combined.ground_cloud, stamp_ns=stamp_ns, frame_id=frame_id)
 
-    def _put_camera(self, camera: CameraSensor, result: FrameResult) -> tuple[Drop, ...]:
+    def _put_camera(self, camera: CameraSensor, result: FrameResult, edges: ObjectEdges) -> tuple[Drop, ...]:
         """Write one camera's messages, all with one stamp; none if the frame has neither an image nor boxes of it."""
         unusable = {(drop.topic, drop.stamp_ns) for drop in result.drops}
         image, boxes = result.bundle.messages.get(camera.topic), result.detections.cameras.get(camera.name)
@@ -173,8 +178,11 @@ class McapResultWriter:
         drops: tuple[Drop, ...] = ()
         if image is not None and self._config.output.images:
             drops = self._put_image(prefix, image, frame_id, log_time_ns)
-        self._put(f"{prefix}/camera_info", camera_info(camera, stamp_ns), log_time_ns)
-        drawn = image_annotations(result, camera, names, stamp_ns=stamp_ns)
+        if camera.name not in self._camera_infos:
+            self._camera_infos[camera.name] = ROS2.serialize(camera_info(camera, stamp_ns))
+        info = ROS2.restamped(self._camera_infos[camera.name], stamp_ns)
+        self._put_bytes(f"{prefix}/camera_info", CAMERA_INFO, info, log_time_ns)
+        drawn = image_annotations(result, camera, edges, names, stamp_ns=stamp_ns)
         self._put(f"{prefix}/annotations", drawn, log_time_ns)
         if boxes is not None:
             detections = detections_2d(boxes, names, stamp_ns=stamp_ns, frame_id=frame_id)
@@ -205,9 +213,10 @@ class McapResultWriter:
             self._put(truth_scene_topic(truth.topic), truth_scene(truth), frame.log_time_ns)
 
     def _put(self, topic: str, message: Any, log_time_ns: int) -> None:
-        self._put_bytes(topic, message.__msgtype__, ROS2.serialize(message), log_time_ns)
+        serialize = ROS2.serialize_large if message.__msgtype__ == CLOUD else ROS2.serialize
+        self._put_bytes(topic, message.__msgtype__, serialize(message), log_time_ns)
 
-    def _put_bytes(self, topic: str, msgtype: str, cdr: bytes | memoryview, log_time_ns: int) -> None:
+    def _put_bytes(self, topic: str, msgtype: str, cdr: Buffer | Sequence[Buffer], log_time_ns: int) -> None:
         channel = self._channels.get(topic) or self._register(topic, msgtype)
         self._file.add_message(channel, log_time_ns, cdr, self._messages)
         self._filled.add(topic)

@@ -11,10 +11,10 @@ from pipeline.core.rig import CameraSensor
 from pipeline.core.ros.messages import ROS2
 from writers.drawing import (
     DrawnBoxes2D,
+    ObjectEdges,
     drawn_boxes_2d,
     labels_in_the_clear,
     object_colors,
-    object_edges,
     placed_objects,
     strong_objects,
 )
@@ -31,7 +31,9 @@ _LINE_SHARE, _FAINT_ALPHA = 1 / 300, 0.5
 _LINE_LOOP, _LINE_LIST = 2, 4  # PointsAnnotation
 
 
-def image_annotations(result: FrameResult, camera: CameraSensor, class_names: Sequence[str], *, stamp_ns: int) -> Any:
+def image_annotations(
+    result: FrameResult, camera: CameraSensor, edges: ObjectEdges, class_names: Sequence[str], *, stamp_ns: int
+) -> Any:
     """The fused objects as the lens bends them, and the camera's 2D boxes.
 
     An object has the colour of its class, and a thinner line if the cameras alone place it. A 2D box is green if it
@@ -43,19 +45,17 @@ def image_annotations(result: FrameResult, camera: CameraSensor, class_names: Se
     clear = _new("Color", 0.0, 0.0, 0.0, 0.0)
 
     def lines(kind: int, points: F32, rgba: Sequence[float], thickness: float) -> Any:
-        corners = [_new("Point2", x, y) for x, y in points.tolist()]
-        return _new("PointsAnnotation", stamp, kind, corners, _new("Color", *rgba), [], clear, thickness, [])
+        return _new("PointsAnnotation", stamp, kind, points, _new("Color", *rgba), [], clear, thickness, [])
 
-    segments, rows = object_edges(result, camera.name)
-    alphas = np.where(strong_objects(result), 1.0, _FAINT_ALPHA).tolist()
-    widths_px = height_px * _LINE_SHARE * np.where(placed_objects(result), 0.5, 1.0)
-    outlines = [
-        lines(_LINE_LIST, segments[rows == row].reshape(-1, 2), (*color, alpha), width_px)
-        for row, (color, alpha, width_px) in enumerate(
-            zip(object_colors(result).tolist(), alphas, widths_px.tolist(), strict=True)
-        )
-        if (rows == row).any()
-    ]
+    outlines = []
+    segments, rows = edges
+    if len(rows):
+        alphas = np.where(strong_objects(result), 1.0, _FAINT_ALPHA).tolist()
+        widths_px = (height_px * _LINE_SHARE * np.where(placed_objects(result), 0.5, 1.0)).tolist()
+        colors = object_colors(result).tolist()
+        first = np.flatnonzero(np.r_[True, rows[1:] != rows[:-1]])  # the pieces come object after object
+        for row, pieces in zip(rows[first].tolist(), np.split(segments, first[1:]), strict=True):
+            outlines.append(lines(_LINE_LIST, pieces.reshape(-1, 2), (*colors[row], alphas[row]), widths_px[row]))
     drawn = drawn_boxes_2d(result, camera.name, class_names)
     for (left, top, right, bottom), rgb in zip(drawn.xyxy.tolist(), drawn.colors, strict=True):
         corners = np.array([[left, top], [right, top], [right, bottom], [left, bottom]], np.float32)

@@ -33,8 +33,8 @@ def read_image(message: RawMessage) -> Any:
         raise MessageError(f"{message.topic}: {len(message.data)} bytes are not a valid {msgtype} ({err})") from err
 
 
-def image_cdr(message: RawMessage, *, frame_id: str) -> bytes | memoryview:
-    """The image as little-endian CDR with the message's stamp and the given frame in its header.
+def image_cdr(message: RawMessage, *, frame_id: str) -> tuple[bytes | memoryview, ...]:
+    """The image as little-endian CDR with the message's stamp and the given frame in its header, in parts.
 
     A message that already has that form is passed through unchanged.
 
@@ -43,6 +43,6 @@ def image_cdr(message: RawMessage, *, frame_id: str) -> bytes | memoryview:
     """
     image, header = read_image(message), ROS2.header(message.stamp_ns, frame_id)
     if message.channel.encoding == "cdr" and message.data[1] == 1 and image.header == header:
-        return message.data
+        return (message.data,)
     image.header = header
-    return ROS2.serialize(image)
+    return ROS2.serialize_large(image)

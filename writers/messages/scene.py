@@ -12,7 +12,7 @@ from pipeline.core.arrays import F64
 from pipeline.core.detections import source_names
 from pipeline.core.frame import FrameResult
 from pipeline.core.geometry.box_edges import BOX_EDGES
-from pipeline.core.geometry.boxes import box_corners
+from pipeline.core.geometry.boxes import UNIT_CORNERS
 from pipeline.core.ros.messages import ROS2
 from writers.drawing import ARROW_SHARE, object_colors, object_labels, placed_objects, strong_objects
 from writers.messages.detections import box_poses
@@ -162,17 +162,14 @@ def _arrow(drawn: _Drawn, *, opaque: bool) -> Any:
 
 def outline(pose: Any, size: Sequence[float], rgb: Sequence[float], thickness_px: float) -> Any:
     """foxglove_msgs/LinePrimitive: the edges of a box."""
-    corners = box_corners(np.zeros((1, 3)), np.array([size]), np.zeros(1))[0]
-    points = [ROS2.new("geometry_msgs/msg/Point", *corner) for corner in corners.tolist()]
-    color = _foxglove("Color", *rgb, 1.0)
-    return _foxglove("LinePrimitive", _LINE_LIST, pose, thickness_px, True, points, color, [], _EDGES)
+    corners, color = UNIT_CORNERS / 2 * size, _foxglove("Color", *rgb, 1.0)
+    return _foxglove("LinePrimitive", _LINE_LIST, pose, thickness_px, True, corners, color, [], _EDGES)
 
 
 def ellipse(points: F64, rgb: Sequence[float], thickness_px: float) -> Any:
     """foxglove_msgs/LinePrimitive: a closed line through points (N, 3) of the scene."""
-    corners = [ROS2.new("geometry_msgs/msg/Point", *point) for point in points.tolist()]
     pose, color = ROS2.pose((0.0, 0.0, 0.0)), _foxglove("Color", *rgb, 1.0)
-    return _foxglove("LinePrimitive", _LINE_LOOP, pose, thickness_px, True, corners, color, [], _NO_INDICES)
+    return _foxglove("LinePrimitive", _LINE_LOOP, pose, thickness_px, True, points, color, [], _NO_INDICES)
 
 
 def label(text: str, pose: Any, rgb: Sequence[float]) -> Any:

@@ -14,6 +14,10 @@ from pipeline.core.ros.messages import ROS2
 
 __all__ = ["camera_info", "moving_transform", "point_cloud2", "static_transforms"]
 
+_POINT = np.dtype([("xyz", "V12"), ("intensity", "<f4"), ("ring", "<u2"), ("time", "<f4")])
+_POINT_FIELDS = [("x", 0, 7), ("y", 4, 7), ("z", 8, 7), ("intensity", 12, 7), ("ring", 16, 4), ("time", 18, 7)]
+"""Name, offset and datatype of each field of a point, as in sensor_msgs/PointField."""
+
 _COEFFICIENTS = {"plumb_bob": 5, "rational_polynomial": 8, "equidistant": 4}
 
 
@@ -57,11 +61,8 @@ def camera_info(camera: CameraSensor, stamp_ns: int) -> Any:
 
 def point_cloud2(cloud: PointCloud, *, stamp_ns: int, frame_id: str) -> Any:
     """x, y, z in metres, intensity, ring, and `time` in seconds after `stamp_ns`, laid out as by Velodyne's driver."""
-    time_s = (cloud.time_offset_ns + float(cloud.stamp_ns - stamp_ns)) * 1e-9
-    columns = {
-        **dict(zip("xyz", cloud.xyz.T, strict=True)),
-        "intensity": cloud.intensity,
-        "ring": cloud.ring,
-        "time": time_s.astype(np.float32),
-    }
-    return ROS2.cloud(stamp_ns, frame_id, columns)
+    time_s = ((cloud.time_offset_ns + float(cloud.stamp_ns - stamp_ns)) * 1e-9).astype(np.float32)
+    points = np.empty(len(cloud), _POINT)
+    points["xyz"] = np.ascontiguousarray(cloud.xyz).view("V12")[:, 0]  # whole points are quicker than columns
+    points["intensity"], points["ring"], points["time"] = cloud.intensity, cloud.ring, time_s
+    return ROS2.point_cloud2(stamp_ns, frame_id, _POINT_FIELDS, points.view(np.uint8), point_step=_POINT.itemsize)

@@ -29,12 +29,11 @@ def truth_scene_topic(topic: str) -> str:
 def truth_scene(truth: TrueBoxes) -> Any:
     """foxglove_msgs/SceneUpdate: the edges of every object's box and its class, in the colour of the truth."""
     stamp, color = ROS2.time(truth.stamp_ns), _foxglove("Color", *TRUTH, 1.0)
-    corners = box_corners(truth.centers, truth.sizes, truth.yaws).tolist()
+    corners = box_corners(truth.centers, truth.sizes, truth.yaws)
     entities = []
     for row, (points, label) in enumerate(zip(corners, truth.labels, strict=True)):
         x, y, z = truth.centers[row].tolist()
         place = ROS2.pose((x, y, z + LABEL_SHARE * truth.sizes[row, 2]))
-        edges = [ROS2.new("geometry_msgs/msg/Point", *point) for point in points]
         entities.append(
             _foxglove(
                 "SceneEntity",
@@ -50,7 +49,15 @@ def truth_scene(truth: TrueBoxes) -> Any:
                 cylinders=[],
                 lines=[
                     _foxglove(
-                        "LinePrimitive", _LINE_LIST, ROS2.pose((0.0, 0.0, 0.0)), EDGE_PX, True, edges, color, [], _EDGES
+                        "LinePrimitive",
+                        _LINE_LIST,
+                        ROS2.pose((0.0, 0.0, 0.0)),
+                        EDGE_PX,
+                        True,
+                        points,
+                        color,
+                        [],
+                        _EDGES,
                     )
                 ],
                 triangles=[],

@@ -15,9 +15,9 @@ from pipeline.core.true_boxes import TrueBoxes
 from writers.drawing import (
     ARROW_SHARE,
     DrawnBoxes2D,
+    ObjectEdges,
     labels_in_the_clear,
     object_colors,
-    object_edges,
     placed_objects,
     strong_objects,
 )
@@ -169,9 +169,9 @@ def heading_arrows(result: FrameResult, rows: Bools) -> rr.Arrows3D:
     )
 
 
-def edges_2d(result: FrameResult, camera: str) -> rr.LineStrips2D:
+def edges_2d(result: FrameResult, edges: ObjectEdges) -> rr.LineStrips2D:
     """The fused objects as the camera's lens bends them: thinner where faint, or placed by the cameras alone."""
-    segments, rows = object_edges(result, camera)
+    segments, rows = edges
     is_thick = strong_objects(result) & ~placed_objects(result)
     radii = np.where(is_thick, -1.0, -0.5)[rows]  # Rerun: a negative radius is in points of the screen
     return rr.LineStrips2D(segments, colors=_bytes(object_colors(result)[rows]), radii=radii, draw_order=20.0)
@@ -215,10 +215,19 @@ def _bytes(colors: F64) -> U8:
     return np.round(colors * 255).astype(np.uint8)
 
 
-def _height_colors(share: Array) -> U8:
-    """(N, 3) colours of heights, given as shares of the scale from 0 (low) to 1 (high)."""
-    stops = np.linspace(0, 1, len(_HEIGHT_STOPS))
-    return np.stack([np.interp(share, stops, channel) for channel in _HEIGHT_STOPS.T], -1).astype(np.uint8)
+def _height_colors(share: Array) -> Array:
+    """(N,) colours of heights as 0xRRGGBBAA, given as shares of the scale from 0 (low) to 1 (high)."""
+    return _HEIGHT_SCALE[(np.clip(share, 0.0, 1.0) * (len(_HEIGHT_SCALE) - 1) + 0.5).astype(np.intp)]
+
+
+def _height_scale(count: int) -> Array:
+    """(count,) uint32 colours from low to high; looked up, as three interpolations of all points took longest."""
+    places, stops = np.linspace(0, 1, count), np.linspace(0, 1, len(_HEIGHT_STOPS))
+    red, green, blue = (np.interp(places, stops, channel).astype(np.uint32) for channel in _HEIGHT_STOPS.T)
+    return np.asarray(red << 24 | green << 16 | blue << 8 | 255, np.uint32)
+
+
+_HEIGHT_SCALE = _height_scale(1024)
 
 
 def _thinned(xyz: F32, combined: CombinedCloud) -> F32:

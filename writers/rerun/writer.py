@@ -24,7 +24,7 @@ from pipeline.core.messages import Drop, RawMessage
 from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.settings.config import Config
 from pipeline.core.true_boxes import TrueBoxes
-from writers.drawing import drawn_boxes_2d, object_labels, placed_objects, strong_objects
+from writers.drawing import ObjectEdges, drawn_boxes_2d, object_edges, object_labels, placed_objects, strong_objects
 from writers.messages.images import COMPRESSED, read_image
 from writers.outputs.errors import output_errors
 from writers.outputs.transaction import OutputFile
@@ -82,6 +82,7 @@ class RerunResultWriter:
         self._heights: tuple[float, float] | None = None
         self._last_place: list[float] | None = None
         self._shown: set[str] = set()
+        self._empty: set[str] = set()  # paths where nothing is drawn
         self._truth_times = TruthTimes()
         self._nearest_truth: tuple[FrameTime, TrueBoxes] | None = None
         self._fixed_frame_id: str | None = None
@@ -149,8 +150,9 @@ class RerunResultWriter:
             self._log_clouds(result)
         self._log_objects(result)
         drops: list[Drop] = []
+        edges = object_edges(result, [camera.name for camera in self._rig.cameras])
         for camera in self._rig.cameras:
-            drops += self._log_camera(camera, result)
+            drops += self._log_camera(camera, result, edges[camera.name])
         self._recording.log("metrics/objects", rr.Scalars(float(len(result.fused.objects))))
         self._recording.log("metrics/confirmed", rr.Scalars(float((result.fused.matched > 0).sum())))
         self._recording.log(COUNTED, rr.Scalars(result.bundle.skew_ns / 1e6))  # the last of a frame
@@ -237,17 +239,29 @@ class RerunResultWriter:
             ("world/faint", ~strong, "faint"),
         )
         for path, rows, look in looks:
-            shown = archetypes.objects_3d(result, labels, rows, look)
-            log(path, shown, archetypes.object_sources(result, rows))
-        log("world/objects/heading", archetypes.heading_arrows(result, strong & ~placed))
-        log("world/placed/uncertainty", archetypes.object_ellipses(result, strong & placed))
+            if self._is_news(path, int(rows.sum())):
+                shown = archetypes.objects_3d(result, labels, rows, look)
+                log(path, shown, archetypes.object_sources(result, rows))
+        if self._is_news("world/objects/heading", int((strong & ~placed).sum())):
+            log("world/objects/heading", archetypes.heading_arrows(result, strong & ~placed))
+        if self._is_news("world/placed/uncertainty", int((strong & placed).sum())):
+            log("world/placed/uncertainty", archetypes.object_ellipses(result, strong & placed))
         if (found := result.detections.placed) is not None:
-            log(PLACED, archetypes.placed_boxes(found, self._config.object_names))
-            log(f"{PLACED}/uncertainty", archetypes.placed_ellipses(found))
+            if self._is_news(PLACED, len(found)):
+                log(PLACED, archetypes.placed_boxes(found, self._config.object_names))
+                log(f"{PLACED}/uncertainty", archetypes.placed_ellipses(found))
             self._shown.add(PLACED)
         elif PLACED in self._shown:
             log(PLACED, rr.Clear(recursive=True))
             self._shown.remove(PLACED)
+            self._empty.add(PLACED)
+
+    def _is_news(self, path: str, count: int) -> bool:
+        """Whether what is drawn at a path is to be logged: not where nothing is drawn, and nothing was."""
+        if count == 0 and path in self._empty:
+            return False
+        (self._empty.discard if count else self._empty.add)(path)
+        return True
 
     def _log_truth(self, known: Iterable[tuple[FrameTime, TrueBoxes]], *, is_last: bool = False) -> None:
         """What is nearest to each frame, if it stands in the site frame or in the one it moves in.
@@ -276,7 +290,7 @@ class RerunResultWriter:
         self._recording.set_time("frame", sequence=index)
         self._recording.set_time("stamp", timestamp=np.datetime64(stamp_ns, "ns"))
 
-    def _log_camera(self, camera: CameraSensor, result: FrameResult) -> tuple[Drop, ...]:
+    def _log_camera(self, camera: CameraSensor, result: FrameResult, edges: ObjectEdges) -> tuple[Drop, ...]:
         """The image and what is drawn on it; a camera slower than the frames keeps its last image."""
         unusable = {(drop.topic, drop.stamp_ns) for drop in result.drops}
         message = result.bundle.messages.get(camera.topic)
@@ -298,14 +312,18 @@ class RerunResultWriter:
         drawn = drawn_boxes_2d(result, camera.name, self._config.object_names)
         if not is_slower:
             self._log("image", camera, image)
-        self._log("boxes", camera, archetypes.boxes_2d(drawn))
-        self._log("boxes/labels", camera, archetypes.labels_2d(drawn, camera))
-        self._log("objects", camera, archetypes.edges_2d(result, camera.name))
+        path = camera_path(camera)
+        if self._is_news(f"{path}/boxes", len(drawn.labels)):
+            self._log("boxes", camera, archetypes.boxes_2d(drawn))
+            self._log("boxes/labels", camera, archetypes.labels_2d(drawn, camera))
+        if self._is_news(f"{path}/objects", len(edges[1])):
+            self._log("objects", camera, archetypes.edges_2d(result, edges))
         return drops
 
     def _clear(self, camera: CameraSensor) -> None:
         if camera.name in self._shown:
             self._shown.remove(camera.name)
+            self._empty |= {f"{camera_path(camera)}/{leaf}" for leaf in ("boxes", "objects")}
             for leaf in ("image", "boxes", "boxes/labels", "objects"):
                 self._log(leaf, camera, rr.Clear(recursive=False))
 

@@ -52,27 +52,25 @@ def sample_by_angle(start: F64, end: F64, count: int) -> F64:
     return np.asarray(start[..., None, :] * (1 - share) + end[..., None, :] * share)
 
 
-def clip_segments(segments: F64, width: float, height: float) -> tuple[F64, Bools]:
-    """Segments clipped to the rectangle from (0, 0) to (width, height).
+def clip_segments(segments: F64, limits: F64) -> tuple[F64, Bools]:
+    """Segments clipped to rectangles from (0, 0) to their widths and heights.
 
     After Liang and Barsky, "A new concept and method for line clipping", ACM TOG 3(1), 1984.
 
     Args:
         segments: (N, 2, 2) both ends, x and y.
-        width: Of the rectangle.
-        height: Of the rectangle.
+        limits: (2,) width and height of the rectangle, or (N, 2) of that of each segment.
 
     Returns:
         (N, 2, 2) the parts inside; (N,) whether there is one, else the row is meaningless.
     """
     start, way = segments[:, 0], segments[:, 1] - segments[:, 0]
-    limit = np.array([width, height], np.float64)
     moves = way != 0
     pace = np.where(moves, way, 1.0)
-    first, second = -start / pace, (limit - start) / pace
+    first, second = -start / pace, (limits - start) / pace
     enter = np.where(moves, np.minimum(first, second), -np.inf).max(-1)
     leave = np.where(moves, np.maximum(first, second), np.inf).min(-1)
     enter, leave = np.maximum(enter, 0.0), np.minimum(leave, 1.0)
-    beside = (~moves & ((start < 0) | (start > limit))).any(-1)
+    beside = (~moves & ((start < 0) | (start > limits))).any(-1)
     clipped = start[:, None] + np.stack([enter, leave], -1)[..., None] * way[:, None]
-    return np.clip(clipped, 0.0, limit), (enter < leave) & ~beside & moves.any(-1)
+    return np.clip(clipped, 0.0, limits[..., None, :]), (enter < leave) & ~beside & moves.any(-1)

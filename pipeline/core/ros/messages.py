@@ -1,5 +1,6 @@
 """Builds ROS messages and serialises them, with rosbags."""
 
+import struct
 from collections.abc import Iterable, Mapping
 from functools import cache, cached_property
 from typing import Any
@@ -9,6 +10,7 @@ from rosbags.typesys.store import Typestore
 
 from pipeline.core.arrays import F64, U8, Array
 from pipeline.core.geometry.transform import Transform
+from pipeline.core.ros.cdr import CdrEncoder
 from pipeline.core.ros.typestores import RosVersion, message_types
 
 __all__ = ["POINT_FIELD_DATATYPES", "ROS2", "RosMessages"]
@@ -16,6 +18,9 @@ __all__ = ["POINT_FIELD_DATATYPES", "ROS2", "RosMessages"]
 POINT_FIELD_DATATYPES = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}
 """sensor_msgs/PointField's number for each numpy type."""
 
+_LENGTH = struct.Struct("<I")  # of an array, in ROS 1 and in CDR
+
+_STAMP = struct.Struct("<iI")
 _NO_ROTATION = (0.0, 0.0, 0.0, 1.0)
 
 
@@ -34,14 +39,39 @@ class RosMessages:
     def _types(self) -> Typestore:
         return message_types(self.ros_version)
 
+    @cached_property
+    def _cdr(self) -> CdrEncoder:
+        return CdrEncoder(self._types)
+
     def new(self, msgtype: str, *values: Any, **fields: Any) -> Any:
         """A message of any type, from its fields in order or by name."""
         return self._types.types[msgtype](*values, **fields)
 
     def serialize(self, message: Any) -> memoryview:
-        """The bytes of a message: ROS 1, or little-endian CDR."""
-        serialize = self._types.serialize_ros1 if self.ros_version == 1 else self._types.serialize_cdr
-        return serialize(message, message.__msgtype__)
+        """The bytes of a message: ROS 1, or little-endian CDR, where arrays (N, 3) may stand for points."""
+        if self.ros_version == 1:
+            return self._types.serialize_ros1(message, message.__msgtype__)
+        return self._cdr.encode(message)
+
+    def serialize_large(self, message: Any) -> tuple[bytes | memoryview, ...]:
+        """The bytes of an image or a cloud in parts that follow each other, of which `data` is not copied.
+
+        Args:
+            message: Its `data` is its last array of bytes, and at most one byte follows it.
+        """
+        data = message.data
+        message.data = data[:0]
+        try:
+            around = self.serialize(message)
+        finally:
+            message.data = data
+        behind = 1 if hasattr(message, "is_dense") else 0
+        before = bytes(around[: len(around) - behind - _LENGTH.size]) + _LENGTH.pack(len(data))
+        return before, memoryview(data), *([bytes(around[-behind:])] if behind else [])
+
+    def restamped(self, cdr: bytes | memoryview, stamp_ns: int) -> bytes:
+        """The CDR of a message that begins with a header, with another stamp."""
+        return b"".join((cdr[:4], _STAMP.pack(*divmod(self.start_ns + stamp_ns, 10**9)), cdr[4 + _STAMP.size :]))
 
     def deserialize(self, data: bytes | memoryview, msgtype: str) -> Any:
         """The message of bytes that `serialize` made."""

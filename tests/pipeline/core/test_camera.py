@@ -9,7 +9,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
 from pipeline.core.arrays import F64
-from pipeline.core.camera import CameraModel, DistortionModel
+from pipeline.core.camera import CameraModel, DistortionModel, project_edges
 from pipeline.core.errors import CalibrationError
 from pipeline.core.geometry.box_edges import BOX_EDGES
 from pipeline.core.geometry.boxes import box_corners
@@ -272,6 +272,22 @@ def test_edges_reach_as_far_as_the_upright_rectangle(model: Any, distortion: lis
         points = pieces[rows == row].reshape(-1, 2)
         found = np.concatenate([points.min(0), points.max(0)])
         np.testing.assert_allclose(found, lens.project_boxes(corners)[row], atol=0.6)
+
+
+@pytest.mark.parametrize("counts", [(3, 0, 2), (0, 0, 0), (0, 4, 1)])
+def test_several_cameras_at_once_are_as_one_after_another(counts: tuple[int, ...]) -> None:
+    rng = np.random.default_rng(sum(counts))
+    lenses = [camera(), camera("plumb_bob", [-0.3]), camera("equidistant", [0.1])]
+    corners = [
+        box_corners(rng.normal(size=(n, 3)) * 3 + [0, 0, 4], rng.uniform(1, 3, (n, 3)), rng.normal(size=n))
+        for n in counts
+    ]
+    found = project_edges(lenses, corners)
+    assert len(found) == 3
+    for lens, boxes, (pieces, rows) in zip(lenses, corners, found, strict=True):
+        alone, alone_rows = lens.project_edges(boxes)
+        np.testing.assert_array_equal(pieces, alone)
+        np.testing.assert_array_equal(rows, alone_rows)
 
 
 def test_straight_edges_are_one_piece_each() -> None:

@@ -63,5 +63,5 @@ def test_nothing_is_drawn_of_no_objects() -> None:
 
 def test_outline_is_that_of_the_box() -> None:
     (entity,) = drawn(objects(), objects(car(3))).entities
-    corners = np.array([(point.x, point.y, point.z) for point in entity.lines[0].points])
+    corners = entity.lines[0].points
     assert np.ptp(corners, axis=0).tolist() == [4.0, 1.8, 1.5]

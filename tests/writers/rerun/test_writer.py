@@ -22,7 +22,7 @@ from writers.base import ResultWriter
 from writers.drawing import DrawnBoxes2D
 from writers.outputs.transaction import OutputFile, OutputTransaction
 from writers.palette import MATCHED
-from writers.rerun.archetypes import MAX_POINTS, labels_2d
+from writers.rerun.archetypes import MAX_POINTS, cloud_points, labels_2d
 from writers.rerun.writer import RerunResultWriter
 from writers.viewpoint import SURVEYED_FRAMES
 
@@ -265,6 +265,35 @@ def test_boxes_go_on_where_only_the_image_is_slow(tmp_path: Path) -> None:
     printed = rerun(tmp_path, "rrd", "print", "-v", tmp_path / "out.rrd").stdout
     rows = [int(count) for count in re.findall(r"with (\d+) rows .* - /world/cameras/left/image - data", printed)]
     assert sum(rows) == 1
+
+
+def rows_of(tmp_path: Path, entity: str) -> int:
+    """How often an entity was logged."""
+    printed = rerun(tmp_path, "rrd", "print", "-v", tmp_path / "out.rrd").stdout
+    return sum(map(int, re.findall(rf"with (\d+) rows .* - {entity} - data columns", printed)))
+
+
+def test_that_nothing_is_drawn_is_logged_once(tmp_path: Path) -> None:
+    counts = (0, 0, 3, 3, 0, 0, 3)
+    write(tmp_path / "out.rrd", [frame(row, objects=count) for row, count in enumerate(counts)])
+    assert rows_of(tmp_path, "/world/objects") == 1 + 2 + 1 + 1
+    assert rows_of(tmp_path, "/metrics/skew_ms") == 1 + len(counts)  # with its colour
+
+
+def test_heights_have_colours_from_low_to_high() -> None:
+    combined = frame().combined
+    xyz = np.zeros((6, 3), np.float32)
+    xyz[:, 2] = [-5.0, 0.0, 0.25, 0.5, 1.0, 9.0]
+    cloud = PointCloud(START_NS, "site", xyz, *(np.zeros(6, kind) for kind in (np.float32, np.uint16, np.int32)))
+    shown = cloud_points(replace(combined, cloud=cloud, lidar_index=np.zeros(6, np.uint8)), (0.0, 1.0))
+    assert shown.colors is not None
+    packed = np.array(shown.colors.as_arrow_array().to_pylist())
+    rgb = np.stack([packed >> 24 & 255, packed >> 16 & 255, packed >> 8 & 255], -1)
+    np.testing.assert_array_equal(rgb[[0, 1]], [[62, 84, 128]] * 2)
+    np.testing.assert_array_equal(rgb[[4, 5]], [[245, 240, 225]] * 2)
+    np.testing.assert_allclose(rgb[2], [62 + 0.75 * 46, 84 + 0.75 * 66, 128 + 0.75 * 62], atol=1)
+    np.testing.assert_allclose(rgb[3], [142, 177.5, 204], atol=1)
+    assert (packed & 255 == 255).all()
 
 
 def test_labels_never_cover_each_other_nor_leave_the_image() -> None:

@@ -14,7 +14,7 @@ ends = st.tuples(coordinates, coordinates)
 @given(st.lists(st.tuples(ends, ends), max_size=5))
 def test_clipped_segments_are_the_parts_inside(rows: list[tuple[tuple[float, float], tuple[float, float]]]) -> None:
     segments = np.array(rows, np.float64).reshape(-1, 2, 2)
-    clipped, inside = clip_segments(segments, WIDTH, HEIGHT)
+    clipped, inside = clip_segments(segments, np.array([WIDTH, HEIGHT]))
     limit = np.array([WIDTH, HEIGHT])
     shares = np.linspace(0, 1, 501)[:, None]
     for segment, part, kept in zip(segments, clipped, inside, strict=True):

@@ -1,0 +1,86 @@
+import threading
+
+import pytest
+
+from writers.mcap.background import Background
+
+
+def failing() -> None:
+    raise OSError(28, "No space left on device")
+
+
+@pytest.mark.parametrize("count", [0, 1, 50])
+def test_jobs_are_done_in_order_on_another_thread(count: int) -> None:
+    done: list[tuple[int, bool]] = []
+    background = Background(weight=3)
+
+    def job(number: int) -> None:
+        done.append((number, threading.current_thread() is threading.main_thread()))
+
+    for number in range(count):
+        background.add(lambda number=number: job(number), weight=number % 5)  # type: ignore[misc]  # bound at once
+    background.finish()
+    background.close()
+    assert done == [(number, False) for number in range(count)]
+
+
+def test_no_more_waits_than_the_limit_but_for_one_heavy_job() -> None:
+    background, gate, is_added = Background(weight=10), threading.Event(), threading.Event()
+    background.add(gate.wait, weight=100)  # heavier than the limit, and taken
+
+    def add_one() -> None:
+        background.add(lambda: None, weight=1)
+        is_added.set()
+
+    adding = threading.Thread(target=add_one)
+    adding.start()
+    assert not is_added.wait(0.05)
+    gate.set()
+    adding.join()
+    background.finish()
+    background.close()
+
+
+def test_an_error_ends_the_work_and_is_raised_by_what_comes_next() -> None:
+    background, done = Background(weight=10), []
+    background.add(failing, weight=1)
+    with pytest.raises(OSError, match="No space left"):
+        background.finish()
+    with pytest.raises(OSError, match="No space left"):
+        background.add(lambda: done.append(1), weight=1)
+    with pytest.raises(OSError, match="No space left"):
+        background.finish()
+    background.close()
+    assert done == []
+
+
+def test_an_error_wakes_who_waits_for_room() -> None:
+    background, gate = Background(weight=1), threading.Event()
+
+    def fail_later() -> None:
+        gate.wait()
+        failing()
+
+    background.add(fail_later, weight=1)
+    threading.Timer(0.02, gate.set).start()
+    with pytest.raises(OSError, match="No space left"):
+        background.add(lambda: None, weight=1)
+    background.close()
+
+
+def test_closing_waits_for_the_job_in_work_and_drops_the_rest() -> None:
+    background, gate, done = Background(weight=10), threading.Event(), []
+    begun = threading.Event()
+
+    def first() -> None:
+        begun.set()
+        gate.wait()
+        done.append(1)
+
+    background.add(first, weight=1)
+    background.add(lambda: done.append(2), weight=1)
+    begun.wait()
+    threading.Timer(0.02, gate.set).start()
+    background.close()
+    assert done == [1]
+    background.close()  # does nothing more
