@@ -178,7 +178,10 @@ def _chosen(builder: Any, name: str, a: Any, b: Any) -> Any:
     Not a comparison and a choice: where one of the two came from the place that the result is written to, LLVM would
     write only the lanes that change, and whoever reads them next waits for that.
     """
-    function = builder.module.declare_intrinsic(f"{name}.v{RUN}f32", (), ir.FunctionType(VECTOR, [VECTOR, VECTOR]))
+    from llvmlite import ir
+
+    kind = ir.FunctionType(_vector(), [_vector(), _vector()])
+    function = builder.module.declare_intrinsic(f"{name}.v{RUN}f32", (), kind)
     return builder.call(function, [a, b], fastmath=("nnan",))
 
 
