@@ -9,7 +9,7 @@ import numpy as np
 from pipeline.core.arrays import F64, I64
 from pipeline.core.compiled import compiled, inlined
 
-__all__ = ["closeness", "moments", "nearest_sides", "ranked", "thinned", "turned"]
+__all__ = ["bounds", "closeness", "moments", "nearest_sides", "ranked", "thinned", "turned"]
 
 
 SUMMED_AT_ONCE = 128
@@ -70,6 +70,21 @@ def _sum(values: F64, start: int, count: int) -> float:
     if count - 1 > SUMMED_AT_ONCE:
         return total + _sum_of_many(values, start + 1, count - 1)
     return total + _sum_of_few(values, start + 1, count - 1)
+
+
+@compiled("float64[:, :, ::1](float64[:, ::1], int64[::1])")
+def bounds(xy: F64, ends: I64) -> F64:
+    """(2, C, 2) least and largest x and y of each cluster; see `thinned`."""
+    found, start = np.empty((2, len(ends), 2)), 0
+    for c in range(len(ends)):
+        x, y = xy[start, 0], xy[start, 1]
+        most_x, most_y = x, y
+        for i in range(start + 1, ends[c]):
+            x, most_x = min(x, xy[i, 0]), max(most_x, xy[i, 0])
+            y, most_y = min(y, xy[i, 1]), max(most_y, xy[i, 1])
+        found[0, c, 0], found[0, c, 1], found[1, c, 0], found[1, c, 1] = x, y, most_x, most_y
+        start = ends[c]
+    return found
 
 
 @compiled(
