@@ -100,8 +100,9 @@ class Relief:
     def offset_m(self, xy: npt.NDArray[np.floating[Any]]) -> F64:
         """Height of the ground above the plane at points `xy` (..., 2); bilinear, beyond the grid that of its edge."""
         height, width = self.offsets_m.shape
-        x, y = np.moveaxis((np.asarray(xy, np.float64) - self.origin_xy) / self.cell_m, -1, 0)
-        x, y = np.clip(x, 0, width - 1), np.clip(y, 0, height - 1)
+        place = (np.asarray(xy, np.float64) - self.origin_xy) / self.cell_m
+        x = np.minimum(np.maximum(place[..., 0], 0.0), width - 1.0)
+        y = np.minimum(np.maximum(place[..., 1], 0.0), height - 1.0)
         column, row = np.minimum(x.astype(np.int64), width - 2), np.minimum(y.astype(np.int64), height - 2)
         x, y = x - column, y - row
         values, first = self.offsets_m.ravel(), row * width + column

@@ -8,9 +8,15 @@ from pipeline.core.geometry.rotated_iou import OrientedBoxes, ious
 __all__ = ["first_of_each", "overlap_shares"]
 
 
-def overlap_shares(first: OrientedBoxes, second: OrientedBoxes) -> F64:
-    """(N, M) ground that each of N boxes shares with each of M, as a share of that of the smaller one."""
-    bev = ious(first, second).bev
+def overlap_shares(first: OrientedBoxes, second: OrientedBoxes, bev: F64 | None = None) -> F64:
+    """(N, M) ground that each of N boxes shares with each of M, as a share of that of the smaller one.
+
+    Args:
+        first: N boxes.
+        second: M boxes.
+        bev: (N, M) their `Ious.bev`, where it is known already.
+    """
+    bev = ious(first, second).bev if bev is None else bev
     ground_m2, others_m2 = (boxes.sizes[:, 0] * boxes.sizes[:, 1] for boxes in (first, second))
     shared_m2 = bev / (1 + bev) * (ground_m2[:, None] + others_m2)
     return np.asarray(shared_m2 / np.maximum(np.minimum(ground_m2[:, None], others_m2), 1e-12))

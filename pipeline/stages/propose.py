@@ -167,8 +167,9 @@ def _as_boxes(found: Candidates3D, lidar: Boxes3D) -> Boxes3D:
 def _is_known(boxes: Boxes3D, lidar: Boxes3D, is_matched: Bools) -> Bools:
     """(N,) whether each box is one of the lidars, which a camera confirms, or which is much the same."""
     same_class = boxes.class_ids[:, None] == lidar.class_ids
-    rival = is_matched & (overlap_shares(boxes, lidar) > OVERLAP_SHARE)
-    same = same_class & (ious(boxes, lidar).bev > SAME_IOU)
+    bev = ious(boxes, lidar).bev
+    rival = is_matched & (overlap_shares(boxes, lidar, bev) > OVERLAP_SHARE)
+    same = same_class & (bev > SAME_IOU)
     return np.asarray((rival | same).any(1))
 
 

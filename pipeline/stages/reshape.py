@@ -83,10 +83,10 @@ class Reshape:
         rows, box = points_in_footprints(
             combined.detection_cloud.xyz, boxes.centers[:, :2], boxes.sizes[:, :2] + 2 * margin_m, boxes.yaws
         )
-        xyz = combined.detection_cloud.xyz[rows].astype(np.float64)
-        height_m = xyz[:, 2] - self._fitter.ground_m(combined, xyz[:, :2])
+        place = self._fitter.above_ground(combined, rows, self._config.clearance_m).place
+        rows, box = rows[place], box[place]
         top_m = boxes.centers[:, 2] + boxes.sizes[:, 2] / 2 + margin_m
-        kept = (height_m > self._config.clearance_m) & (xyz[:, 2] <= top_m[box])
+        kept = combined.detection_cloud.xyz[rows, 2] <= top_m[box]
         return rows[kept], box[kept]
 
 

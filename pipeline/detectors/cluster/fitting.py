@@ -1,6 +1,7 @@
 """Boxes fitted to groups of points: an L-shape, completed by the size prior of a class, with score and covariance."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from pipeline.detectors.cluster.principal import principal_axes
 from pipeline.detectors.cluster.scores import box_covariances, box_scores
 from pipeline.detectors.protocols import Candidates3D
 
-__all__ = ["BoxFitter", "ThinnedPoints"]
+__all__ = ["AboveGround", "BoxFitter", "ThinnedPoints"]
 
 
 THIN_SHARE = 0.2
@@ -43,6 +44,24 @@ class ThinnedPoints:
     lidar: I64
     weights: I64
     time_sum_ns: I64
+
+
+class AboveGround(NamedTuple):
+    """P points between two heights above the ground.
+
+    Attributes:
+        place: (P,) int64, which of the rows that were looked at, rising.
+        position: (P, 3) float64, x, y in the site frame and height above the ground, metres.
+        lidar: (P,) int64, row of `Rig.lidars` that measured the point.
+        link_distance_m: (P,) float64, points nearer to each other than this belong together.
+        time_ns: (P,) float64, a whole number, minus the cloud's stamp.
+    """
+
+    place: I64
+    position: F64
+    lidar: I64
+    link_distance_m: F64
+    time_ns: F64
 
 
 class BoxFitter:
@@ -86,6 +105,27 @@ class BoxFitter:
         xy = np.ascontiguousarray(found.centers[:, :2])
         return found._replace(centers=np.column_stack([xy, self.ground_m(combined, xy) + found.centers[:, 2]]))
 
+    def above_ground(self, combined: CombinedCloud, rows: I64, above_m: float, below_m: float = np.inf) -> AboveGround:
+        """The points of given rows (N,) of `combined.detection_cloud` that are higher than one height, and not another.
+
+        Args:
+            combined: The cloud of the frame.
+            rows: (N,)
+            above_m: Points are left out that are no higher than this above the ground.
+            below_m: Points are left out that are at least as high.
+        """
+        count, place, position, lidar, link_m, time_ns = points_above_ground(
+            combined.detection_cloud.xyz,
+            combined.detection_lidar_index,
+            combined.detection_cloud.time_offset_ns,
+            rows,
+            *ground_arrays(combined, self._ground_height_m),
+            self._lidar_xyz,
+            np.array([self._config.distance_m, self._config.distance_per_m]),
+            np.array([above_m, below_m]),
+        )
+        return AboveGround(place[:count], position[:count], lidar[:count], link_m[:count], time_ns[:count])
+
     def thin(
         self,
         combined: CombinedCloud,
@@ -105,22 +145,11 @@ class BoxFitter:
             below_m: Points are left out that are at least as high.
             group: (N,) their groups, from 0; None if all are of one. The points left are sorted by it.
         """
-        cloud, lidars = combined.detection_cloud, len(self._lidar_xyz)
-        count, kept, position, lidar, link_m, time_ns = points_above_ground(
-            cloud.xyz,
-            combined.detection_lidar_index,
-            cloud.time_offset_ns,
-            rows,
-            *ground_arrays(combined, self._ground_height_m),
-            self._lidar_xyz,
-            np.array([self._config.distance_m, self._config.distance_per_m]),
-            np.array([above_m, below_m]),
-        )
-        kept, position, lidar = kept[:count], position[:count], lidar[:count]
-        link_m, time_ns = link_m[:count], time_ns[:count]
-        if not count:
+        kept, position, lidar, link_m, time_ns = self.above_ground(combined, rows, above_m, below_m)
+        if not len(kept):
             return ThinnedPoints(position, link_m, lidar, lidar, lidar), lidar
-        cells = thin_points(position, link_m, THIN_SHARE, lidar if group is None else group[kept] * lidars + lidar)
+        own = lidar if group is None else group[kept] * len(self._lidar_xyz) + lidar
+        cells = thin_points(position, link_m, THIN_SHARE, own)
         points = ThinnedPoints(
             cells.means,
             cells.distance_m,

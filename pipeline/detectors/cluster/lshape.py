@@ -13,7 +13,7 @@ import numpy as np
 
 from pipeline.core.arrays import F64, I64
 from pipeline.core.geometry.boxes import rotations_2d
-from pipeline.detectors.cluster.lshape_kernels import closeness, nearest_sides, ranked, thinned, turned
+from pipeline.detectors.cluster.lshape_kernels import bounds, closeness, nearest_sides, ranked, thinned, turned
 
 __all__ = ["Rectangles", "fit_rectangles", "quantiles_by_cluster", "rectangles_along"]
 
@@ -68,7 +68,7 @@ def fit_rectangles(xy: F64, starts: I64) -> Rectangles:
     """
     xy, ends = np.ascontiguousarray(xy), np.append(starts[1:], len(xy))
     coarse = np.deg2rad(np.arange(0.0, 90.0, COARSE_STEP_DEG))
-    thin = _Thinned.of(xy, starts, ends)
+    thin = _Thinned.of(xy, ends)
     best = coarse[thin.closeness(np.tile(coarse, (len(starts), 1))).argmax(1)]
     fine = best[:, None] + np.deg2rad(np.arange(-COARSE_STEP_DEG, COARSE_STEP_DEG + FINE_STEP_DEG / 2, FINE_STEP_DEG))
     return rectangles_along(xy, starts, fine[np.arange(len(starts)), thin.closeness(fine).argmax(1)])
@@ -127,11 +127,9 @@ class _Thinned:
     soft_m: F64
 
     @classmethod
-    def of(cls, xy: F64, starts: I64, ends: I64) -> "_Thinned":
+    def of(cls, xy: F64, ends: I64) -> "_Thinned":
         """Means of the points in the cells of a grid of each cluster's own size."""
-        low, high = (
-            np.stack([end.reduceat(xy[:, k], starts) for k in range(2)], 1) for end in (np.minimum, np.maximum)
-        )
+        low, high = bounds(xy, ends)
         diagonal_m = np.maximum(np.hypot(*(high - low).T), 1e-3)
         count, means, weights, mean_ends = thinned(xy, ends, low, diagonal_m / CELLS_ACROSS, CELLS_ACROSS + 1)
         return cls(means[:count], weights[:count], mean_ends, SOFT_SHARE * diagonal_m)

@@ -9,10 +9,13 @@ import numpy as np
 from pipeline.core.arrays import F64, I64
 from pipeline.core.compiled import compiled, inlined
 
-__all__ = ["closeness", "moments", "nearest_sides", "ranked", "thinned", "turned"]
+__all__ = ["bounds", "closeness", "moments", "nearest_sides", "ranked", "thinned", "turned"]
 
 
 SUMMED_AT_ONCE = 128
+
+STRIDE = 16
+"""Values are looked at in such strides: those of neighbours often rise, and each would be the best one so far."""
 
 
 @compiled("float64(float64[::1], int64, int64)")
@@ -67,6 +70,21 @@ def _sum(values: F64, start: int, count: int) -> float:
     if count - 1 > SUMMED_AT_ONCE:
         return total + _sum_of_many(values, start + 1, count - 1)
     return total + _sum_of_few(values, start + 1, count - 1)
+
+
+@compiled("float64[:, :, ::1](float64[:, ::1], int64[::1])")
+def bounds(xy: F64, ends: I64) -> F64:
+    """(2, C, 2) least and largest x and y of each cluster; see `thinned`."""
+    found, start = np.empty((2, len(ends), 2)), 0
+    for c in range(len(ends)):
+        x, y = xy[start, 0], xy[start, 1]
+        most_x, most_y = x, y
+        for i in range(start + 1, ends[c]):
+            x, most_x = min(x, xy[i, 0]), max(most_x, xy[i, 0])
+            y, most_y = min(y, xy[i, 1]), max(most_y, xy[i, 1])
+        found[0, c, 0], found[0, c, 1], found[1, c, 0], found[1, c, 1] = x, y, most_x, most_y
+        start = ends[c]
+    return found
 
 
 @compiled(
@@ -214,22 +232,22 @@ def ranked(values: F64, ends: I64, ranks: I64) -> F64:
     """
     found, best, start = np.empty(len(ends)), np.empty(len(values)), 0
     for c in range(len(ends)):
-        size = ends[c] - start
+        size, worst = ends[c] - start, np.inf
         from_top = ranks[c] > size // 2
         sign = -1.0 if from_top else 1.0
-        wanted, kept = (size - 1 - ranks[c] if from_top else ranks[c]) + 1, 0
-        for i in range(start, ends[c]):
-            value = sign * values[i]
-            if kept < wanted:
-                kept += 1
-            elif value >= best[kept - 1]:
-                continue
-            k = kept - 1
-            while k > 0 and best[k - 1] > value:
-                best[k] = best[k - 1]
-                k -= 1
-            best[k] = value
-        found[c] = sign * best[wanted - 1]
+        wanted = (size - 1 - ranks[c] if from_top else ranks[c]) + 1
+        for k in range(wanted):
+            best[k] = worst
+        for first in range(start, min(start + STRIDE, ends[c])):
+            for i in range(first, ends[c], STRIDE):
+                value, k = sign * values[i], wanted - 1
+                if value < worst:
+                    while k > 0 and best[k - 1] > value:
+                        best[k] = best[k - 1]
+                        k -= 1
+                    best[k] = value
+                    worst = best[wanted - 1]
+        found[c] = sign * worst
         start = ends[c]
     return found
 

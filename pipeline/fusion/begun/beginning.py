@@ -59,8 +59,8 @@ class Begun:
     starts: I64
 
 
-Share = Callable[[FrustumPoints], FrustumPoints]
-"""Leaves each point to the frustums that may have it."""
+Share = Callable[[FrustumPoints], I64]
+"""The rows of the points that frustums may have, rising."""
 
 
 class Beginner:
@@ -68,7 +68,6 @@ class Beginner:
 
     def __init__(self, rig: Rig, config: Config) -> None:
         self._fitter = BoxFitter(rig, config)
-        self._lidar_xyz = np.array([lidar.T_site_lidar.translation for lidar in rig.lidars])
         self._config = config.detect3d.cluster
         self._size = np.array([prior.size_m for prior in config.classes])
         self._max_size = np.array([prior.max_size_m for prior in config.classes])
@@ -85,14 +84,11 @@ class Beginner:
             share: If given, says which frustums may have a point that lies in several.
         """
         expected = self._expected(sightings, placements)
-        found = self._points(combined, sightings, expected)
+        found, link_m = self._points(combined, sightings, expected)
         if share is not None:
-            found = share(found)
-        xyz = combined.detection_cloud.xyz
-        gap = xyz[found.rows] - self._lidar_xyz[combined.detection_lidar_index[found.rows]]
-        range_m = np.sqrt((gap**2).sum(1))
-        link_m = self._config.distance_m + self._config.distance_per_m * range_m
-        segments = choose_segments(xyz, found, link_m, expected, self._config, MIN_POINTS)
+            shared = share(found)
+            found, link_m = found.select(shared), link_m[shared]
+        segments = choose_segments(combined.detection_cloud.xyz, found, link_m, expected, self._config, MIN_POINTS)
         rows = found.rows[segments.points]
         boxes = self._fitter(combined, rows, segments.starts, sightings.class_ids[segments.group])
         iou = _iou_with(sightings.select(segments.group), boxes)
@@ -112,15 +108,15 @@ class Beginner:
             np.minimum(self._config.clearance_m / size[:, 2], MAX_CLEAR_SHARE),
         )
 
-    def _points(self, combined: CombinedCloud, sightings: Sightings, expected: Expected) -> FrustumPoints:
-        """The points above the ground in the frustums of the 2D boxes."""
-        xyz, most = combined.detection_cloud.xyz, MAX_OFF * expected.front_std_m
+    def _points(self, combined: CombinedCloud, sightings: Sightings, expected: Expected) -> tuple[FrustumPoints, F64]:
+        """The points above the ground in the frustums of the 2D boxes, and their link distances."""
+        most = MAX_OFF * expected.front_std_m
         nearest, furthest = np.maximum(expected.front_m - most, 0.0), expected.front_m + most + expected.reach_m
-        found = points_in_frustums(xyz, sightings, nearest, furthest)
-        points = xyz[found.rows].astype(np.float64)
-        height = points[:, 2] - self._fitter.ground_m(combined, points[:, :2])
+        found = points_in_frustums(combined.detection_cloud.xyz, sightings, nearest, furthest)
+        above = self._fitter.above_ground(combined, found.rows, self._config.clearance_m)
         ceiling_m = CEILING_SHARE * self._max_size[sightings.class_ids, 2]
-        return found.select(np.flatnonzero((height > self._config.clearance_m) & (height < ceiling_m[found.group])))
+        low = np.flatnonzero(above.position[:, 2] < ceiling_m[found.group[above.place]])
+        return found.select(above.place[low]), above.link_distance_m[low]
 
 
 def keep_begun(begun: Begun, kept: Bools) -> Begun:

@@ -17,13 +17,16 @@ ROWS = "Array(float64, 2, 'C', readonly=True)"
 def _bounds(xyz: F32) -> F32:
     """(R, 6) least x, y, z and largest x, y, z of the points of each run."""
     bounds = np.empty(((len(xyz) + RUN - 1) // RUN, 6), np.float32)
-    for i in range(len(xyz)):
-        run = i // RUN
-        for axis in range(3):
-            if i % RUN == 0 or xyz[i, axis] < bounds[run, axis]:
-                bounds[run, axis] = xyz[i, axis]
-            if i % RUN == 0 or xyz[i, axis] > bounds[run, axis + 3]:
-                bounds[run, axis + 3] = xyz[i, axis]
+    for run in range(len(bounds)):
+        first = run * RUN
+        x, y, z = xyz[first, 0], xyz[first, 1], xyz[first, 2]
+        top_x, top_y, top_z = x, y, z
+        for i in range(first + 1, min(first + RUN, len(xyz))):
+            x, top_x = min(x, xyz[i, 0]), max(top_x, xyz[i, 0])
+            y, top_y = min(y, xyz[i, 1]), max(top_y, xyz[i, 1])
+            z, top_z = min(z, xyz[i, 2]), max(top_z, xyz[i, 2])
+        bounds[run, 0], bounds[run, 1], bounds[run, 2] = x, y, z
+        bounds[run, 3], bounds[run, 4], bounds[run, 5] = top_x, top_y, top_z
     return bounds
 
 

@@ -66,8 +66,8 @@ def find_merged(sightings: Sightings, partner: I64, seen: I64, hosts: I64) -> I6
     return np.where(same.any(1), same.argmax(1), -1).astype(np.int64)
 
 
-def share_points(found: FrustumPoints, team: I64) -> FrustumPoints:
-    """Points that lie in several frustums of a team, left to the one whose middle is nearest to them.
+def share_points(found: FrustumPoints, team: I64) -> I64:
+    """Rows of the points, rising; of one that lies in several frustums of a team, where its middle is nearest to it.
 
     Args:
         found: P points in F frustums.
@@ -78,7 +78,7 @@ def share_points(found: FrustumPoints, team: I64) -> FrustumPoints:
     key = np.stack([team[found.group][order], found.rows[order]])
     first = np.ones(len(order), np.bool_)
     first[1:] = (key[:, 1:] != key[:, :-1]).any(0)
-    return found.select(np.sort(order[first]))
+    return np.sort(order[first])
 
 
 def has_room(host_ground_m2: F64, hosts: I64, needed_m2: F64) -> Bools:

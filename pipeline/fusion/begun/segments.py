@@ -113,9 +113,11 @@ def choose_segments(
 
 def _linked(xyz: F32, found: FrustumPoints, link_m: F64, config: ClusterConfig) -> I64:
     """(P,) segment of each point; no segment is in two frustums."""
-    position = xyz[found.rows].astype(np.float64) * [1.0, 1.0, config.height_weight]
+    position = xyz.take(found.rows, axis=0).astype(np.float64)
+    position[:, 2] *= config.height_weight
     cells = thin_points(position, link_m, THIN_SHARE, found.group)
-    means = cells.means + np.array([APART_M, 0.0, 0.0]) * found.group[cells.first, None]
+    means = cells.means.copy()
+    means[:, 0] += APART_M * found.group[cells.first]
     _, segment = cluster_points(means, cells.distance_m)
     return np.asarray(segment[cells.cell_of_point])
 

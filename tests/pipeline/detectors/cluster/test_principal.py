@@ -42,6 +42,20 @@ def test_a_rider_is_along_its_axis_and_not_along_the_rectangle() -> None:
     assert np.median(np.abs(by_rectangle)) > np.deg2rad(8)
 
 
+def test_same_as_by_array_operations() -> None:
+    rng = np.random.default_rng(0)
+    sizes = rng.integers(1, 700, 20)
+    points, starts = rng.normal(20, 3, (sizes.sum(), 3)), np.cumsum(sizes) - sizes
+    mean = np.add.reduceat(points[:, :2], starts) / sizes[:, None]
+    x, y = (points[:, :2] - np.repeat(mean, sizes, axis=0)).T
+    xx, xy, yy = (np.add.reduceat(product, starts) / sizes for product in (x * x, x * y, y * y))
+    found, roundness = principal_axes(points, starts)
+    np.testing.assert_array_equal(found, np.arctan2(2 * xy, xx - yy) / 2)
+    apart = np.hypot((xx - yy) / 2, xy)
+    least, most = np.maximum((xx + yy) / 2 - apart, 0.0), (xx + yy) / 2 + apart
+    np.testing.assert_array_equal(roundness, np.sqrt(least / np.where(most > 0, most, 1)) + (most == 0))
+
+
 def test_lines_and_single_points() -> None:
     line = np.array([[0.0, 0], [1, 1], [2, 2]])
     found, roundness = principal_axes(np.concatenate([[[4.0, 4.0]], line, [[1.0, 1], [1, 1]]]), np.array([0, 1, 4]))

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from lidar_scene import Box, combined, rig, scan
 
+from pipeline.core.arrays import F64, I64
 from pipeline.core.settings.config import Config
-from pipeline.detectors.cluster.sight import Sight
+from pipeline.detectors.cluster.sight import HIDDEN_SHARE, NEARER_SHARE, SECTOR_RAD, SECTORS, Sight
 from pipeline.stages.detect3d import Detect3D
 
 LIDAR = (0.0, 0.0, 1.8)
@@ -58,3 +59,35 @@ def test_another_lidar_does_not_hide_and_no_clusters_are_fine() -> None:
     none = np.zeros(0, np.int64)
     assert not len(sight.is_hidden_below(cluster[:0], none, none, 1.0))
     assert not len(Sight.of(cluster[:0], none, origins).slope)
+
+
+def judged(sight: Sight, position: F64, lidar: I64, cluster: I64, from_m: float) -> list[bool]:
+    """What `is_hidden_below` says of each cluster, by all its points with all points of the frame."""
+    found = []
+    gap = position - sight.origins[lidar]
+    sector = lidar * SECTORS + ((np.arctan2(gap[:, 1], gap[:, 0]) + np.pi) / SECTOR_RAD).astype(np.int64)
+    far_m = np.hypot(gap[:, 0], gap[:, 1])
+    of_point = np.repeat(np.arange(len(sight.starts) - 1), np.diff(sight.starts))
+    for one in np.unique(cluster):
+        rows = np.flatnonzero(cluster == one)
+        _, first = np.unique(sector[rows], return_index=True)
+        rows, bottom_m = rows[first], position[rows, 2].min()
+        meets_m = sight.origins[lidar[rows], 2][:, None] + far_m[rows][:, None] * sight.slope
+        hides = (of_point == sector[rows][:, None]) & (sight.distance_m < NEARER_SHARE * far_m[rows][:, None])
+        hides &= (meets_m >= from_m / 2) & (meets_m <= bottom_m)
+        found.append(bool(hides.any(1).mean() >= HIDDEN_SHARE))
+    return found
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_same_as_by_array_operations(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    points, lidar = rng.uniform([-20, -20, 0], [20, 20, 3], (3000, 3)), rng.integers(0, 2, 3000)
+    sight = Sight.of(points, lidar, np.array([[0.0, 0.0, 1.8], [1.0, 0.5, 2.5]]))
+    cluster = np.repeat(np.arange(60), rng.integers(1, 30, 60))
+    middle = rng.uniform([-25, -25, 1.2], [25, 25, 3], (60, 3))
+    position, own = middle[cluster] + rng.uniform(0, 1, (len(cluster), 3)), rng.integers(0, 2, len(cluster))
+    starts = np.searchsorted(cluster, np.arange(60))
+    hidden = sight.is_hidden_below(position, own, starts, 1.0).tolist()
+    assert hidden == judged(sight, position, own, cluster, 1.0)
+    assert {*hidden} == {True, False}

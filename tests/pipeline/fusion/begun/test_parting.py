@@ -46,9 +46,10 @@ def test_host_is_merged_if_the_same_camera_sees_another_object_in_it() -> None:
 def test_points_go_to_the_frustum_whose_middle_is_nearest() -> None:
     rows, group = np.array([4, 5, 6, 5, 6, 7, 5]), np.array([0, 0, 0, 1, 1, 1, 2])
     x = np.array([0.1, 0.5, 0.9, 0.1, 0.4, 0.9, 0.7])
-    found = share_points(FrustumPoints(rows, group, x, x, x), np.array([0, 0, 9]))
-    assert list(zip(found.rows.tolist(), found.group.tolist(), strict=True)) == [(4, 0), (5, 0), (6, 1), (7, 1), (5, 2)]
-    assert len(share_points(found.select(np.zeros(0, np.int64)), np.array([0, 0, 9]))) == 0
+    found, team = FrustumPoints(rows, group, x, x, x), np.array([0, 0, 9])
+    shared = found.select(share_points(found, team))
+    assert list(zip(shared.rows, shared.group, strict=True)) == [(4, 0), (5, 0), (6, 1), (7, 1), (5, 2)]
+    assert len(share_points(found.select(np.zeros(0, np.int64)), team)) == 0
 
 
 def parts(
