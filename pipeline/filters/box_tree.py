@@ -82,6 +82,12 @@ def _apart(bits: np.int64) -> np.int64:
     return (bits | (bits << 2)) & 0x249249249249
 
 
+@inlined
+def _point(xyz: F32, row: int) -> tuple[np.float32, np.float32, np.float32]:
+    at = np.uint32(row)  # or each access would ask whether it counts from the end
+    return xyz[at, 0], xyz[at, 1], xyz[at, 2]
+
+
 @compiled(f"float64({POINTS}, int32[::1], int64[::1])")
 def _places(xyz: F32, order: I32, places: I64) -> float:
     """Writes where the points (N, 3) in `order` (M,) lie on a curve that fills their bounding cube to `places` (M,).
@@ -90,14 +96,14 @@ def _places(xyz: F32, order: I32, places: I64) -> float:
         The edge of the cube; if it is 0, nothing is written.
     """
     count = len(order)
-    low = np.empty(3, np.float64)
-    extent = 0.0
-    for axis in range(3):
-        lowest, highest = LARGEST, -LARGEST
-        for i in range(count):
-            lowest, highest = _smaller(lowest, xyz[order[i], axis]), _larger(highest, xyz[order[i], axis])
-        low[axis] = lowest
-        extent = max(extent, highest - low[axis])
+    x_low = y_low = z_low = LARGEST
+    x_high = y_high = z_high = -LARGEST
+    for k in range(count):
+        x, y, z = _point(xyz, order[k])
+        x_low, y_low, z_low = _smaller(x_low, x), _smaller(y_low, y), _smaller(z_low, z)
+        x_high, y_high, z_high = _larger(x_high, x), _larger(y_high, y), _larger(z_high, z)
+    x_least, y_least, z_least = np.float64(x_low), np.float64(y_low), np.float64(z_low)
+    extent = max(x_high - x_least, y_high - y_least, z_high - z_least)
     if not extent > 0:
         return 0.0
     scale = (CELLS - 1) / extent
@@ -105,10 +111,11 @@ def _places(xyz: F32, order: I32, places: I64) -> float:
     for start in range(0, count, CHUNK):
         size = min(CHUNK, count - start)
         for j in range(size):
-            i = order[start + j]
-            for axis in range(3):
-                # Masked: whatever the numbers are, nothing is written beyond the ends of an array.
-                cells[axis, j] = np.int32((xyz[i, axis] - low[axis]) * scale) & (CELLS - 1)
+            x, y, z = _point(xyz, order[start + j])
+            # Masked: whatever the numbers are, nothing is written beyond the ends of an array.
+            cells[0, j] = np.int32((x - x_least) * scale) & (CELLS - 1)
+            cells[1, j] = np.int32((y - y_least) * scale) & (CELLS - 1)
+            cells[2, j] = np.int32((z - z_least) * scale) & (CELLS - 1)
         _numbered(cells)
         for j in range(size):
             place = (_apart(np.int64(cells[0, j])) << 2) | (_apart(np.int64(cells[1, j])) << 1)

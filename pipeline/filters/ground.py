@@ -145,11 +145,20 @@ def _least_squares(points: F32, plane: F64, layer_m: np.float32, passes: GroundP
     within = passes.heights_within(points, rounded, layer_m)
     if len(within) < 3:
         return None
-    near_m = min(layer_m, np.float32(3 * 1.4826 * float(np.median(within)) + 1e-6))
+    near_m = min(layer_m, np.float32(3 * 1.4826 * _median(within) + 1e-6))
     centre, scatter = passes.scatter_within(points, rounded, near_m)
     normal = np.linalg.eigh(scatter)[1][:, 0]
     normal *= -1.0 if normal[2] < 0 else 1.0
     return np.append(normal, -(normal * centre).sum())
+
+
+def _median(values: F32) -> float:
+    """The median of some numbers; `np.median` of float32 gives the same, and takes ten times as long."""
+    middle = len(values) // 2
+    parted = np.partition(values, middle)
+    if len(values) % 2:
+        return float(parted[middle])
+    return float((parted[:middle].max() + parted[middle]) / np.float32(2))
 
 
 def _is_a_floor(points: F32, plane: F64, layer_m: np.float32, passes: GroundPasses) -> bool:

@@ -15,6 +15,7 @@ from collections.abc import Callable, Sequence
 from queue import SimpleQueue
 from typing import Any, NoReturn, cast
 
+from pipeline.core.memory import keep_freed_memory
 from pipeline.graph import Graph, Node
 from pipeline.parallel.failure import Failure, failure_of
 from pipeline.parallel.log import forget_log, gather_log
@@ -64,6 +65,7 @@ def serve(descriptor: int, made: Made | None = None) -> None:
         made: The stages; made here if there are none.
     """
     sys.setswitchinterval(SWITCH_S)
+    keep_freed_memory()
     connection = socket.socket(fileno=descriptor)
     questions: SimpleQueue[Question] = SimpleQueue()
     answers: SimpleQueue[Begun | Answer] = SimpleQueue()

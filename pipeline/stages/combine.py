@@ -157,17 +157,19 @@ def _motion_over(
 
 def _to_site(cloud: PointCloud, lidar: LidarSensor, stamp_ns: int, motion: PoseSamples | None) -> PointCloud:
     """The cloud in the site frame, moved to the frame's time if the motion is given."""
-    offset_ns = cloud.time_offset_ns.astype(np.int64) + (cloud.stamp_ns - stamp_ns)
+    offset_ns, later_ns = cloud.time_offset_ns, cloud.stamp_ns - stamp_ns
     xyz_site = moved(np.ascontiguousarray(cloud.xyz), lidar.T_site_lidar.matrix[:3].astype(np.float32))
     if motion is not None:
-        xyz_site = deskew(xyz_site, stamp_ns + offset_ns, stamp_ns, motion)
-    int32 = np.iinfo(np.int32)
+        xyz_site = deskew(xyz_site, cloud.stamp_ns + offset_ns.astype(np.int64), stamp_ns, motion)
+    if later_ns:
+        int32 = np.iinfo(np.int32)  # saturates 2.1 s away
+        offset_ns = np.clip(offset_ns.astype(np.int64) + later_ns, int32.min, int32.max).astype(np.int32)
     return replace(
         cloud,
         stamp_ns=stamp_ns,
         frame_id=lidar.T_site_lidar.dst,
         xyz=xyz_site,
-        time_offset_ns=np.clip(offset_ns, int32.min, int32.max).astype(np.int32),  # saturates 2.1 s away
+        time_offset_ns=offset_ns,
     )
 
 
