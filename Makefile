@@ -16,8 +16,8 @@ BIN := .venv/bin
 INSTALLED := .venv/installed
 INSTALLED_ALL := .venv/installed-all
 PIP = $(BIN)/python -m pip --disable-pip-version-check
-# Everything by its hash, and nothing that is not listed.
-LOCKED = $(PIP) install --require-hashes --no-deps --requirement
+# Everything by its hash, and nothing that is not listed. Not compiled: most of it is never imported, and Python compiles what is.
+LOCKED = $(PIP) install --no-compile --require-hashes --no-deps --requirement
 WITHOUT_CLOUDS = --set output.images=false --set output.clouds=false --set output.layout=false --set 'output.copy_topics=[]' --set output.compression=zstd
 UV ?= uv
 UPGRADE ?=
@@ -26,7 +26,7 @@ COMPILE = UV_CUSTOM_COMPILE_COMMAND='make locks' $(UV) pip compile --quiet --uni
 # Where this is set, as in some containers, each of the hundreds of programs that the tests start compiles all sources anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo gate golden test check fuzz campaign samples bench numbers locks
+.PHONY: demo gate golden test check pytest fuzz campaign samples bench numbers locks
 .DELETE_ON_ERROR:
 
 $(INSTALLED): pyproject.toml constraints-run.txt
@@ -42,7 +42,7 @@ $(INSTALLED): pyproject.toml constraints-run.txt
 $(INSTALLED_ALL): $(INSTALLED) constraints.txt
 	@echo 'Installing the extras and the tools of the tests into .venv: 820 MB to fetch, once'
 	$(LOCKED) constraints.txt
-	$(PIP) install --no-build-isolation --editable '.[sim,train,video,http,s3,dev]'
+	$(PIP) install --no-build-isolation --no-compile --editable '.[sim,train,video,http,s3,dev]'
 	$(PIP) check
 	@touch $@
 
@@ -68,7 +68,12 @@ check: $(INSTALLED_ALL)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy lidcam pipeline readers writers bags tests benchmarks
 
-test: check
+# Types are checked on one core beside the first tests.
+test: $(INSTALLED_ALL)
+	@$(MAKE) --no-print-directory --jobs=2 check pytest
+
+# The files in their order, in which slow ones stand first: that of xdist puts a file of one test last, however long that takes.
+pytest: $(INSTALLED_ALL)
 	$(BIN)/pytest -n auto --dist loadfile --no-loadscope-reorder --cov --cov-report=term:skip-covered
 
 fuzz: $(INSTALLED_ALL)

@@ -1,4 +1,6 @@
-"""What holds for all tests: no deadlines, since the machine may be busy with other tests; and less is traced."""
+"""What holds for all tests: no deadlines, since the machine may be busy with other tests; and what saves time."""
+
+import gc
 
 import pytest
 from hypothesis import settings
@@ -11,3 +13,14 @@ settings.load_profile("lidcam")
 def pytest_configure(config: pytest.Config) -> None:
     """Trace less where coverage is counted."""
     config.pluginmanager.register(LessTracing())
+
+
+def pytest_collection_finish() -> None:
+    """Look for garbage only in what comes after: thousands of tests and all libraries stay to the end."""
+    gc.collect()
+    gc.freeze()
+
+
+def pytest_sessionfinish() -> None:
+    """At the end everything goes in order."""
+    gc.unfreeze()

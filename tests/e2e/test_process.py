@@ -120,21 +120,24 @@ def test_stamps_rise_and_log_times_are_those_of_the_reference(whole: Path, sandb
 
 
 @pytest.fixture(scope="module")
-def second(lidcam: Lidcam, sandbox: Path, sandbox_config: Path, tmp_path_factory: pytest.TempPathFactory) -> bytes:
-    """Output of one second of the sample."""
+def second(
+    lidcam: Lidcam, sandbox: Path, sandbox_config: Path, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Path, dict[str, Any]]:
+    """Output of one second of the sample, and what is told of it."""
     out = tmp_path_factory.mktemp("second") / "out.mcap"
-    run = lidcam("process", sandbox, out, "--config", sandbox_config, "--duration", "1", "--workers", "1")
+    options = ("--config", sandbox_config, "--duration", "1", "--workers", "1", "--json")
+    run = lidcam("process", sandbox, out, *options)
     assert run.code == 0, run.err
-    return out.read_bytes()
+    return out, json.loads(run.out)
 
 
 def test_same_bytes_with_any_name(
-    lidcam: Lidcam, sandbox: Path, sandbox_config: Path, tmp_path: Path, second: bytes
+    lidcam: Lidcam, sandbox: Path, sandbox_config: Path, tmp_path: Path, second: tuple[Path, dict[str, Any]]
 ) -> None:
     out = tmp_path / "other_name.mcap"
     run = lidcam("process", sandbox, out, "--config", sandbox_config, "--duration", "1")
     assert run.code == 0, run.err
-    assert out.read_bytes() == second
+    assert out.read_bytes() == second[0].read_bytes()
 
 
 @pytest.mark.parametrize("storage", ["sqlite3", "mcap"])
@@ -156,14 +159,15 @@ def test_same_objects_from_ros2(
         exclude_msgtypes=(),
         include_msgtypes=(),
     )
-    run = lidcam("process", folder, out, "--config", sandbox_config)
+    run = lidcam("process", folder, out, "--config", sandbox_config, "--duration", "1")
     assert run.code == 0, run.err
-    assert fused_objects(out) == fused_objects(whole)
+    found = fused_objects(out)
+    assert len(found) >= 8
+    assert [*found.items()] == [*fused_objects(whole).items()][: len(found)]
 
 
-def test_json_summary(lidcam: Lidcam, sandbox: Path, sandbox_config: Path, tmp_path: Path) -> None:
-    run = lidcam("process", sandbox, tmp_path / "o.mcap", "--config", sandbox_config, "--json", "--duration", "1")
-    summary = json.loads(run.out)
+def test_json_summary(second: tuple[Path, dict[str, Any]]) -> None:
+    _, summary = second
     assert summary["frames"] >= 8
     assert summary["box_source"] == "recorded"
     assert summary["timing"]["frames_per_second"] > 0
@@ -218,7 +222,7 @@ def test_without_images_and_boxes_it_is_lidar_only_and_says_so(
     lidcam: Lidcam, sandbox: Path, sandbox_config: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "o.mcap"
-    settings = ("--set", "output.images=false", "--set", "detect2d.method=none")
+    settings = ("--set", "output.images=false", "--set", "detect2d.method=none", "--duration", "0.5")
     run = lidcam("process", sandbox, out, "--config", sandbox_config, *settings)
     assert run.code == 0, run.err
     assert "lidar-only" in run.out
@@ -230,7 +234,7 @@ def test_lidar_only_draws_its_boxes_over_the_images(
     lidcam: Lidcam, sandbox: Path, sandbox_config: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "o.mcap"
-    options = ("--set", "detect2d.method=none", "--duration", "1")
+    options = ("--set", "detect2d.method=none", "--duration", "0.5")
     run = lidcam("process", sandbox, out, "--config", sandbox_config, *options)
     assert run.code == 0, run.err
     assert all(len(message.points) > 0 for _, message in messages_of(out, "/cam43/annotations"))
@@ -238,7 +242,7 @@ def test_lidar_only_draws_its_boxes_over_the_images(
 
 
 def test_printing_detections_and_matches(lidcam: Lidcam, sandbox: Path, sandbox_config: Path, tmp_path: Path) -> None:
-    options = ("--print-detections", "--print-matches", "--duration", "1")
+    options = ("--print-detections", "--print-matches", "--duration", "0.5")
     run = lidcam("process", sandbox, tmp_path / "o.mcap", "--config", sandbox_config, *options)
     assert run.code == 0, run.err
     assert "lidar detections" in run.out

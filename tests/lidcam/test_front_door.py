@@ -6,12 +6,14 @@ import subprocess
 import sys
 from concurrent.futures import ProcessPoolExecutor
 from importlib import import_module
+from itertools import takewhile
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from builders import write_rosbag1
 from document_commands import pages
 from results import fused_objects
 
@@ -172,12 +174,22 @@ def test_the_text_form_is_a_short_table(run: lidcam.RunResult) -> None:
 PAGES = [path for path in pages() if "```python" in path.read_text(encoding="utf-8")]
 
 
+@pytest.fixture(scope="module")
+def short_drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Of the sample, as much as the examples look at."""
+    path = tmp_path_factory.mktemp("short") / "drive.bag"
+    with lidcam.open_recording([SANDBOX]) as recording:
+        until_ns = recording.start_ns + 1_300_000_000
+        write_rosbag1(path, takewhile(lambda message: message.log_time_ns < until_ns, recording.messages()))
+    return path
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda path: path.name)
-def test_examples_of_the_documents_run(page: Path, tmp_path: Path) -> None:
+def test_examples_of_the_documents_run(page: Path, tmp_path: Path, short_drive: Path) -> None:
     """All blocks of a page as one script, beside a recording of the name that they use."""
     blocks = re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
     assert blocks
-    (tmp_path / "drive.bag").symlink_to(SANDBOX)
+    (tmp_path / "drive.bag").symlink_to(short_drive)
     body = "\n".join(blocks).replace("\n", "\n    ")
     script = tmp_path / "example.py"
     script.write_text(f"if __name__ == '__main__':\n    {body}\n", encoding="utf-8")

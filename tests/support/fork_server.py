@@ -23,6 +23,7 @@ __all__ = ["ForkServer"]
 
 TIMEOUT_S = 300.0
 MORE = (
+    "bags.simulator.recorder.simulation",
     "lidcam.cli",
     "lidcam.commands.compare",
     "lidcam.commands.config",

@@ -1,18 +1,20 @@
 """Coverage where it tells something new: what is traced takes almost twice the time, libraries and imports as well.
 
 - A property is traced in its first examples, which run what there is to run; the others look for values that fail.
+- What is measured, and what does the same for long, is not traced.
 - Processes that tests start are traced where the test has the mark `traced_processes`; elsewhere they run lines that
   tests within this process count, too, and each of them would write all that it counted to a file of its own.
 """
 
 import os
 import sys
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import pytest
 
-__all__ = ["PROCESSES", "LessTracing"]
+__all__ = ["PROCESSES", "LessTracing", "untraced"]
 
 TRACED_EXAMPLES = 10
 """Of each property."""
@@ -37,6 +39,9 @@ class LessTracing:
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_call(self, item: pytest.Item) -> Generator[None, object, object]:
         """Trace the first examples of a property."""
+        if item.get_closest_marker("untraced"):
+            with untraced():
+                return (yield)
         trace, property_ = sys.gettrace(), getattr(getattr(item, "obj", None), "hypothesis", None)
         if trace is None or property_ is None:
             return (yield)
@@ -47,6 +52,17 @@ class LessTracing:
         finally:
             property_.inner_test = inner
             sys.settrace(trace)
+
+
+@contextmanager
+def untraced() -> Iterator[None]:
+    """Trace nothing of what this thread does."""
+    trace = sys.gettrace()
+    sys.settrace(None)
+    try:
+        yield
+    finally:
+        sys.settrace(trace)
 
 
 def _first_traced(inner: Callable[..., Any]) -> Callable[..., Any]:

@@ -8,6 +8,7 @@ subseries values for estimating the variance of a general statistic from a stati
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -28,7 +29,7 @@ are drawn, and their spread is far wider than what is lost between two of these 
 _SEED = 0
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Resampling:
     """Samples of a recording, as how often each holds each block of frames.
 
@@ -63,6 +64,15 @@ class Resampling:
     def block_count(self) -> int:
         """B."""
         return int(self.weights.shape[1])
+
+    @cached_property
+    def distinct(self) -> tuple[Indices, Indices]:
+        """Samples that are all different, and (S,) the place among them of the one that equals each sample.
+
+        Short recordings of few blocks have few.
+        """
+        _, first, same = np.unique(self.weights, axis=0, return_index=True, return_inverse=True)
+        return first, same.reshape(-1)
 
     def sums(self, frames: I32, values: F64 | None = None) -> F64:
         """(S,) sum over each sample of values (R,), or of 1, that stand in the given frames (R,)."""
@@ -139,8 +149,9 @@ def _by_sample(
     right = resampling.running_sums(frames, is_right, ends)
     all_found = resampling.running_sums(frames, np.ones(len(frames), np.bool_), ends)
     truth = np.rint(resampling.sums(truth_frames)).astype(np.int64)
-    values = [precision(*sample) for sample in zip(right, all_found, truth.tolist(), strict=True)]
-    return np.array([np.nan if value is None else value for value in values])
+    rows, same = resampling.distinct
+    values = [precision(*sample) for sample in zip(right[rows], all_found[rows], truth[rows].tolist(), strict=True)]
+    return np.array([np.nan if value is None else value for value in values])[same]
 
 
 def _thinned(places: Indices) -> Indices:
