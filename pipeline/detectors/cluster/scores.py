@@ -36,7 +36,7 @@ YAW_STD_MAX_RAD = np.pi / np.sqrt(12.0)
 ROUND_FROM, ROUND_TO = 0.5, 0.8
 """Ratio of width to length of a box from which on the points say less about its heading, and nothing."""
 
-RIDER_FROM, RIDER_TO = 1.2, 1.0
+RIDER_FROM, RIDER_TO = 1.05, 0.95
 """Ratio of the length that was seen of a rider to the width from which on down the points say less about the heading,
 and nothing: they are those of shoulders, which lie across it. In simulated recordings of a crossing, of riders of whom
 less was seen, every third heading was off by more than 60 degrees; of whom more was seen, none of 330."""

@@ -21,6 +21,12 @@ __all__ = ["better_turned", "with_turned"]
 EITHER_YAW_RAD = np.pi / 2 / np.sqrt(12.0)
 """Standard deviation of a heading of which it is known that it is no farther than an eighth of a turn away."""
 
+TURNED_SHARE = 0.3
+"""Share of the boxes of unknown heading that are turned by more than an eighth: 32 of 111 cyclists in three simulated
+recordings."""
+
+TURNED_COST = 2 * np.log(1 / TURNED_SHARE - 1)
+
 
 def with_turned(boxes: Boxes3D, edges: MeasuredEdges) -> tuple[Boxes3D, MeasuredEdges, I64]:
     """The boxes, and once more, turned, those with a 2D box that are longer than wide and of unknown heading.
@@ -59,17 +65,17 @@ def with_turned(boxes: Boxes3D, edges: MeasuredEdges) -> tuple[Boxes3D, Measured
 
 
 def better_turned(objects: I64, found: RefinedBoxes, turned_of: I64) -> Bools:
-    """(M,) whether each fitted box explains the images better than the other one that stands for the same box.
+    """(M,) whether each fitted box is likelier than the other one that stands for the same box.
 
-    Of two that explain them equally well it is the one that is not turned.
+    Of two that are equally likely it is the one that is not turned.
 
     Args:
         objects: (M,) row of each in what `with_turned` gives, rising.
         found: The M fitted boxes.
         turned_of: See there.
     """
-    costs = np.where(found.accepted, found.costs, np.inf)
     stands_for = turned_of[objects]
+    costs = np.where(found.accepted, found.costs + TURNED_COST * (stands_for != objects), np.inf)
     order = np.lexsort((objects, costs, stands_for))
     first = np.diff(stands_for[order], prepend=-1) != 0
     better = np.zeros(len(objects), np.bool_)
