@@ -69,7 +69,7 @@ check: $(INSTALLED_ALL)
 	$(BIN)/mypy lidcam pipeline readers writers bags tests benchmarks
 
 test: check
-	$(BIN)/pytest -n auto --dist loadfile --cov --cov-report=term:skip-covered
+	$(BIN)/pytest -n auto --dist loadfile --no-loadscope-reorder --cov --cov-report=term:skip-covered
 
 fuzz: $(INSTALLED_ALL)
 	$(BIN)/python tests/fuzz/fuzz.py $(MINUTES:%=--minutes=%)

@@ -46,6 +46,8 @@ from pipeline.core.errors import ConfigError, RecordingError, short_memory_told
 from pipeline.core.frame import FrameResult, SensorBundle
 from pipeline.graph import Node
 from pipeline.parallel.cores import usable_cores
+from pipeline.parallel.process import WorkerProcess
+from pipeline.parallel.ready import ready_processes
 from pipeline.parallel.run import Limits, run_parallel
 from pipeline.stages.sync.synchronize import SyncStats
 from readers.input_file import InputFile, read_input_file
@@ -154,7 +156,9 @@ def _opened(job: Job) -> Iterator["Run"]:
         drawn = choose_drawn(recording, copied)
         frames = truth_frames(recording, copied, found, config)
         source = RunInput(recording, found.rig, config, motion, window, used, copied, drawn, frames)
-        yield Run(source, found, drops)
+        run = Run(source, found, drops)
+        with run.ready():
+            yield run
 
 
 class Run:
@@ -187,7 +191,16 @@ class Run:
         self._make_graph = partial(build_graph, source.config, source.rig, on_bad=drops.on_bad)
         self._graph, self._result = self._make_graph()
         _check_box_source(source)
+        self._workers = source.config.run.workers or usable_cores()
+        self._processes: Sequence[WorkerProcess] = ()
         self._seconds = time.perf_counter() - started  # loading a network belongs to a run
+
+    @contextmanager
+    def ready(self) -> Iterator[None]:
+        """Within the block, processes that share the work are ready; made before the run has threads."""
+        graph, result, expected = self._graph, self._result, expected_frames(self.source)
+        with ready_processes(graph, result, workers=self._workers, expected=expected) as self._processes:
+            yield
 
     def frames(self, writers: Sequence[ResultWriter] = ()) -> Generator[FrameResult, None, None]:
         """The frames, in order, each written before it is yielded; to be read once.
@@ -226,8 +239,7 @@ class Run:
             raise RecordingError(_no_frames(self.source, self._drops))
 
     def _results(self, result: Node[FrameResult], found: Iterator[SensorBundle]) -> Generator[FrameResult, None, None]:
-        config, rig = self.source.config, self.source.rig
-        workers = config.run.workers or usable_cores()
+        config, rig, workers = self.source.config, self.source.rig, self._workers
         if workers == 1:
             return self._graph.run(result, found)
         return run_parallel(
@@ -238,6 +250,7 @@ class Run:
             make_graph=self._make_graph,
             expected=expected_frames(self.source),
             needed=partial(_needed, decoded=decoded_topics(config, rig)),
+            ready=self._processes,
         )
 
     @property

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from lidcam.printing.escaping import visible, visible_lines
-from pipeline.core.compiled import compile_log
+from pipeline.core.compile_log import compile_log
 from pipeline.core.errors import OutputError
 
 __all__ = ["PACKAGES", "Verbosity", "configure_logging", "progress_log", "remark_log", "verdict_log"]

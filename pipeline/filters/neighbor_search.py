@@ -9,18 +9,13 @@ times as long: the compiler unrolls such loops instead.
 import inspect
 import operator
 from collections.abc import Callable
+from functools import cache
 from typing import Any, TypeAlias
 
-import numba
 import numpy as np
-from llvmlite import ir
-from numba.core import types
-from numba.core.datamodel import PrimitiveModel
-from numba.core.typing.templates import AbstractTemplate, infer_global, signature
-from numba.extending import intrinsic, lower_builtin, register_model
 
 from pipeline.core.arrays import F32, I32, I64
-from pipeline.core.compiled import compiled, inlined
+from pipeline.core.compiled import compiled, compiled_as, inlined
 
 __all__ = ["mean_distances"]
 
@@ -36,84 +31,119 @@ LARGEST = np.float32(np.finfo(np.float32).max)
 
 # --- vectors of sixteen numbers
 
-VECTOR = ir.VectorType(ir.FloatType(), RUN)
-INT32 = ir.IntType(32)
-INDICES = ir.VectorType(INT32, RUN)
 
 Lanes: TypeAlias = F32
 """Sixteen numbers: in compiled functions in registers, else an array."""
 
 
-class _LanesType(types.Type):
-    """Lanes, for numba."""
+@cache
+def _types() -> dict[str, Any]:
+    """What operations take and return, for numba; it learns of lanes here, and of `a + b` and the like with them."""
+    from numba.core import types
+    from numba.core.datamodel import PrimitiveModel
+    from numba.core.typing.templates import AbstractTemplate, infer_global, signature
+    from numba.extending import lower_builtin, register_model
+
+    class LanesType(types.Type):
+        """Lanes, for numba."""
+
+    @register_model(LanesType)
+    class LanesModel(PrimitiveModel):  # type: ignore[misc]  # mypy skips numba
+        """How LLVM holds them."""
+
+        def __init__(self, manager: Any, lanes: LanesType) -> None:
+            super().__init__(manager, lanes, _vector())
+
+    lanes = LanesType("Lanes")
+
+    def arithmetic(symbol: Any, instruction: str) -> None:
+        """Each lane is rounded as a single number is."""
+
+        class Template(AbstractTemplate):  # type: ignore[misc]  # mypy skips numba
+            def generic(self, arguments: tuple[Any, ...], _: Any) -> Any:
+                return signature(lanes, lanes, lanes) if arguments == (lanes, lanes) else None
+
+        infer_global(symbol)(Template)
+        lower_builtin(symbol, lanes, lanes)(lambda _, builder, __, values: getattr(builder, instruction)(*values))
+
+    arithmetic(operator.add, "fadd")
+    arithmetic(operator.sub, "fsub")
+    arithmetic(operator.mul, "fmul")
+    numbers = types.Array(types.float32, 1, "C")
+    return {"lanes": lanes, "numbers": numbers, "number": types.float32, "int": types.int64, "nothing": types.void}
 
 
-@register_model(_LanesType)
-class _LanesModel(PrimitiveModel):  # type: ignore[misc]  # mypy skips numba
-    """How LLVM holds them."""
-
-    def __init__(self, manager: Any, lanes: _LanesType) -> None:
-        super().__init__(manager, lanes, VECTOR)
-
-
-LANES = _LanesType("Lanes")
-NUMBERS = types.Array(types.float32, 1, "C")
-
-
-def _arithmetic(symbol: Any, instruction: str) -> None:
-    """Lets compiled functions write `a + b` and the like; each lane is rounded as a single number is."""
-
-    class Template(AbstractTemplate):  # type: ignore[misc]  # mypy skips numba
-        def generic(self, arguments: tuple[Any, ...], _: Any) -> Any:
-            return signature(LANES, LANES, LANES) if arguments == (LANES, LANES) else None
-
-    infer_global(symbol)(Template)
-    lower_builtin(symbol, LANES, LANES)(lambda _, builder, __, values: getattr(builder, instruction)(*values))
-
-
-_arithmetic(operator.add, "fadd")
-_arithmetic(operator.sub, "fsub")
-_arithmetic(operator.mul, "fmul")
-
-
-def _operation(result: Any, *arguments: Any, emit: Callable[..., Any]) -> Callable[[Callable[..., Any]], Any]:
+def _operation(
+    result: str, *arguments: str, emit: Callable[..., Any]
+) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """A function of lanes: in compiled functions what `emit` writes with LLVM's builder, else the decorated one.
 
     Args:
-        result: Its type.
+        result: Its type, one of `_types`.
         arguments: Types of its arguments.
         emit: Gets the builder and the values, for an array the pointer to its numbers.
     """
 
-    def deciding(function: Callable[..., Any]) -> Any:
-        if vars(numba.config)["DISABLE_JIT"]:  # for a debugger
-            return function
-
-        def code(context: Any, builder: Any, _: Any, values: tuple[Any, ...]) -> Any:
-            given = zip(arguments, values, strict=True)
-            plain = [context.make_array(kind)(context, builder, v).data if kind is NUMBERS else v for kind, v in given]
-            written = emit(builder, *plain)
-            return context.get_dummy_value() if result is types.void else written
-
-        def typed(_: Any, *given: Any) -> Any:
-            return (result(*arguments), code) if given == arguments else None
-
-        named = inspect.signature(function).parameters.values()
-        context = inspect.Parameter("context", inspect.Parameter.POSITIONAL_OR_KEYWORD)
-        vars(typed)["__signature__"] = inspect.Signature([context, *named])  # numba matches arguments with it
-        return intrinsic(typed)
+    def deciding(function: Callable[..., Any]) -> Callable[..., Any]:
+        return compiled_as(lambda: _intrinsic(function, result, arguments, emit))(function)
 
     return deciding
 
 
+def _intrinsic(function: Callable[..., Any], result: str, arguments: tuple[str, ...], emit: Callable[..., Any]) -> Any:
+    from numba.extending import intrinsic
+
+    returned, taken = _types()[result], tuple(_types()[argument] for argument in arguments)
+
+    def code(context: Any, builder: Any, _: Any, values: tuple[Any, ...]) -> Any:
+        plain = [
+            context.make_array(kind)(context, builder, value).data if argument == "numbers" else value
+            for argument, kind, value in zip(arguments, taken, values, strict=True)
+        ]
+        written = emit(builder, *plain)
+        return context.get_dummy_value() if result == "nothing" else written
+
+    def typed(_: Any, *given: Any) -> Any:
+        return (returned(*taken), code) if given == taken else None
+
+    named = inspect.signature(function).parameters.values()
+    context = inspect.Parameter("context", inspect.Parameter.POSITIONAL_OR_KEYWORD)
+    vars(typed)["__signature__"] = inspect.Signature([context, *named])  # numba matches arguments with it
+    return intrinsic(typed)
+
+
+@cache
+def _vector() -> Any:
+    """The type of sixteen numbers, for LLVM."""
+    from llvmlite import ir
+
+    return ir.VectorType(ir.FloatType(), RUN)
+
+
+def _lane(number: int) -> Any:
+    """The number of a lane, for LLVM."""
+    from llvmlite import ir
+
+    return ir.IntType(32)(number)
+
+
+def _shuffled(builder: Any, lanes: Any, numbers: list[int]) -> Any:
+    """In each lane what was in the one of that number."""
+    from llvmlite import ir
+
+    indices = ir.Constant(ir.VectorType(ir.IntType(32), RUN), numbers)
+    return builder.shuffle_vector(lanes, ir.Constant(_vector(), ir.Undefined), indices)
+
+
 def _spread_out(builder: Any, number: Any) -> Any:
-    nothing = ir.Constant(VECTOR, ir.Undefined)
-    first = builder.insert_element(nothing, number, INT32(0))
-    return builder.shuffle_vector(first, nothing, ir.Constant(INDICES, [0] * RUN))
+    from llvmlite import ir
+
+    first = builder.insert_element(ir.Constant(_vector(), ir.Undefined), number, _lane(0))
+    return _shuffled(builder, first, [0] * RUN)
 
 
 def _place(builder: Any, numbers: Any, at: Any) -> Any:
-    return builder.bitcast(builder.gep(numbers, [at]), VECTOR.as_pointer())
+    return builder.bitcast(builder.gep(numbers, [at]), _vector().as_pointer())
 
 
 def _loaded(builder: Any, numbers: Any, at: Any) -> Any:
@@ -129,78 +159,97 @@ def _less(builder: Any, a: Any, b: Any) -> Any:
 
 
 def _less_bits(builder: Any, a: Any, b: Any) -> Any:
+    from llvmlite import ir
+
     return builder.zext(builder.bitcast(_less(builder, a, b), ir.IntType(RUN)), ir.IntType(64))
 
 
 def _lower(builder: Any, a: Any, b: Any) -> Any:
-    return builder.select(_less(builder, a, b), a, b)
+    return _chosen(builder, "llvm.minnum", a, b)
 
 
 def _upper(builder: Any, a: Any, b: Any) -> Any:
-    return builder.select(_less(builder, a, b), b, a)
+    return _chosen(builder, "llvm.maxnum", a, b)
+
+
+def _chosen(builder: Any, name: str, a: Any, b: Any) -> Any:
+    """One of two numbers in each lane, none of which is NaN.
+
+    Not a comparison and a choice: where one of the two came from the place that the result is written to, LLVM would
+    write only the lanes that change, and whoever reads them next waits for that.
+    """
+    from llvmlite import ir
+
+    kind = ir.FunctionType(_vector(), [_vector(), _vector()])
+    function = builder.module.declare_intrinsic(f"{name}.v{RUN}f32", (), kind)
+    return builder.call(function, [a, b], fastmath=("nnan",))
 
 
 def _top(builder: Any, lanes: Any) -> Any:
-    nothing, width = ir.Constant(VECTOR, ir.Undefined), RUN
+    width = RUN
     while width > 1:
         width //= 2
-        indices = [lane + width if lane < width else lane for lane in range(RUN)]
-        lanes = _upper(builder, lanes, builder.shuffle_vector(lanes, nothing, ir.Constant(INDICES, indices)))
-    return builder.extract_element(lanes, INT32(0))
+        numbers = [lane + width if lane < width else lane for lane in range(RUN)]
+        lanes = _upper(builder, lanes, _shuffled(builder, lanes, numbers))
+    return builder.extract_element(lanes, _lane(0))
 
 
 def _inserted(builder: Any, lanes: Any, lane: Any, number: Any) -> Any:
-    return builder.insert_element(lanes, number, builder.trunc(lane, INT32))
+    from llvmlite import ir
+
+    return builder.insert_element(lanes, number, builder.trunc(lane, ir.IntType(32)))
 
 
 def _trailing_zeros(builder: Any, bits: Any) -> Any:
+    from llvmlite import ir
+
     return builder.cttz(bits, ir.IntType(1)(1))
 
 
-@_operation(LANES, types.float32, emit=_spread_out)
+@_operation("lanes", "number", emit=_spread_out)
 def _spread(number: float) -> Lanes:
     """A number in every lane."""
     return np.full(RUN, number, np.float32)
 
 
-@_operation(LANES, NUMBERS, types.int64, emit=_loaded)
+@_operation("lanes", "numbers", "int", emit=_loaded)
 def _load(numbers: F32, at: int) -> Lanes:
     """Sixteen numbers of an array, from `at` on."""
     return numbers[at : at + RUN].copy()
 
 
-@_operation(types.void, NUMBERS, types.int64, LANES, emit=_stored)
+@_operation("nothing", "numbers", "int", "lanes", emit=_stored)
 def _store(numbers: F32, at: int, lanes: Lanes) -> None:
     """Writes them to an array, from `at` on."""
     numbers[at : at + RUN] = lanes
 
 
-@_operation(LANES, LANES, LANES, emit=_lower)
+@_operation("lanes", "lanes", "lanes", emit=_lower)
 def _smaller(a: Lanes, b: Lanes) -> Lanes:
     """In each lane the smaller number."""
     return np.where(a < b, a, b)
 
 
-@_operation(LANES, LANES, LANES, emit=_upper)
+@_operation("lanes", "lanes", "lanes", emit=_upper)
 def _larger(a: Lanes, b: Lanes) -> Lanes:
     """In each lane the larger number."""
     return np.where(a < b, b, a)
 
 
-@_operation(types.int64, LANES, LANES, emit=_less_bits)
+@_operation("int", "lanes", "lanes", emit=_less_bits)
 def _below(a: Lanes, b: Lanes) -> int:
     """A bit for each lane, the lowest for the first: whether a < b."""
     return int(np.packbits(a < b, bitorder="little").view("<u2")[0])
 
 
-@_operation(types.float32, LANES, emit=_top)
+@_operation("number", "lanes", emit=_top)
 def _highest(lanes: Lanes) -> np.float32:
     """The highest number of all lanes."""
     highest: np.float32 = lanes.max()
     return highest
 
 
-@_operation(LANES, LANES, types.int64, types.float32, emit=_inserted)
+@_operation("lanes", "lanes", "int", "number", emit=_inserted)
 def _replaced(lanes: Lanes, lane: int, number: float) -> Lanes:
     """The lanes with another number in one of them."""
     replaced = lanes.copy()
@@ -208,7 +257,7 @@ def _replaced(lanes: Lanes, lane: int, number: float) -> Lanes:
     return replaced
 
 
-@_operation(types.int64, types.int64, emit=_trailing_zeros)
+@_operation("int", "int", emit=_trailing_zeros)
 def _lowest_bit(bits: int) -> int:
     """The place of the lowest bit that is set; of a number that is not 0."""
     return (bits & -bits).bit_length() - 1
@@ -256,7 +305,8 @@ def mean_distances(points: F32, boxes: F32, first: I64, order: I32, neighbors: i
     means = np.empty(count, np.float32)
     nearest, roots = np.empty(neighbors * RUN, np.float32), np.empty(neighbors * RUN, np.float32)
     squares, gaps = np.empty(RUN * RUN, np.float32), np.empty(RUN, np.float32)
-    # Boxes still to look at, the nearest last: a box puts at most sixteen smaller ones in its place.
+    # Boxes still to look at: each puts at most sixteen smaller ones in its place. Not in the order of their distance:
+    # fewer would be looked at, but sorting takes longer than that.
     box_gap = np.empty((levels + 1) * RUN, np.float32)
     box_level, box_number = np.empty((levels + 1) * RUN, np.int64), np.empty((levels + 1) * RUN, np.int64)
 
@@ -316,17 +366,11 @@ def mean_distances(points: F32, boxes: F32, first: I64, order: I32, neighbors: i
             gap = gap + _beyond(_load(corners, at + 2 * RUN), z_low, z_high, _load(corners, at + 5 * RUN))
             _store(gaps, 0, gap)
             near = _below(gap, _spread(limit)) & ~left_out
-            bottom = waiting
             while near != 0:
                 child = _lowest_bit(near)
                 near &= near - 1
-                place = waiting
+                box_gap[waiting], box_level[waiting], box_number[waiting] = gaps[child], level, node * RUN + child
                 waiting += 1
-                while place > bottom and box_gap[place - 1] < gaps[child]:
-                    box_gap[place] = box_gap[place - 1]
-                    box_level[place], box_number[place] = box_level[place - 1], box_number[place - 1]
-                    place -= 1
-                box_gap[place], box_level[place], box_number[place] = gaps[child], level, node * RUN + child
 
         for i in range(neighbors * RUN):
             roots[i] = np.sqrt(nearest[i])

@@ -1,7 +1,7 @@
 """The worker processes of a run."""
 
 import select
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from types import TracebackType
 from typing import Self
 
@@ -19,11 +19,20 @@ class Crew:
         sharing: Says how many there should be.
     """
 
-    def __init__(self, beginning: Beginning, sharing: Sharing) -> None:
+    def __init__(self, beginning: Beginning, sharing: Sharing, ready: Sequence[WorkerProcess] = ()) -> None:
+        """Tell the processes that there are what to do.
+
+        Args:
+            beginning: What each is told first.
+            sharing: Says how many there should be.
+            ready: Those that were started before; they end with the others.
+        """
         self.sharing = sharing
         self._beginning = beginning
         self._processes: dict[int, WorkerProcess] = {}  # by descriptor
         self._poll = select.poll()
+        for process in ready:
+            self._add(process)
 
     def __enter__(self) -> Self:
         return self
@@ -54,9 +63,12 @@ class Crew:
         if self.is_starting:
             return
         for _ in range(count):
-            process = WorkerProcess(self._beginning)
-            self._processes[process.fileno()] = process
-            self._poll.register(process, select.POLLIN)
+            self._add(WorkerProcess.spawned())
+
+    def _add(self, process: WorkerProcess) -> None:
+        self._processes[process.fileno()] = process
+        self._poll.register(process, select.POLLIN)
+        process.begin(self._beginning)
 
     def with_room(self) -> WorkerProcess | None:
         """The process that needs a frame most; None if all have enough."""

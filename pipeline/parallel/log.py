@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from logging.handlers import QueueHandler
 from queue import SimpleQueue
 
-__all__ = ["gather_log", "log_levels"]
+__all__ = ["forget_log", "gather_log", "log_levels"]
 
 
 def log_levels() -> Mapping[str, int]:
@@ -24,3 +24,13 @@ def gather_log(levels: Mapping[str, int]) -> SimpleQueue[logging.LogRecord]:
     for name, level in levels.items():
         logging.getLogger(name or None).setLevel(level)
     return records
+
+
+def forget_log() -> None:
+    """Undo the configuration of logging that a copy of a process has."""
+    root = logging.getLogger()
+    named = [logger for logger in root.manager.loggerDict.values() if isinstance(logger, logging.Logger)]
+    for logger in (root, *named):
+        logger.handlers.clear()
+        logger.filters.clear()
+        logger.propagate, logger.disabled = True, False

@@ -5,14 +5,17 @@ import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from typing import cast
+from typing import Any, Protocol, Self, cast
 
 from pipeline.core.ending import undone_at_once
 from pipeline.core.errors import WorkerError
+from pipeline.graph import Graph, Node
+from pipeline.parallel.forked import Copy
 from pipeline.parallel.messages import Answer, Beginning, Begun, Question
 from pipeline.parallel.transfer import receive, send
+from pipeline.parallel.worker import serve_copy
 
 __all__ = ["WorkerProcess"]
 
@@ -28,6 +31,16 @@ AHEAD = 2
 PATIENCE_S = 1.0
 
 
+class _Process(Protocol):
+    """What is needed of `subprocess.Popen`."""
+
+    pid: int
+
+    def wait(self, timeout: float | None = None) -> int: ...
+
+    def kill(self) -> None: ...
+
+
 class WorkerProcess:
     """A process that works on frames.
 
@@ -36,34 +49,65 @@ class WorkerProcess:
         numbers: The frames that it has, in order.
     """
 
-    def __init__(self, beginning: Beginning) -> None:
-        """Start it; it needs about a second to import libraries.
+    def __init__(self, connection: socket.socket, process: _Process) -> None:
+        """Take charge of one that was started: see `spawned` and `forked`."""
+        self.begun = False
+        self.numbers: list[int] = []
+        self._connection, self._process = connection, process
+        self._open = ExitStack()
+        self._open.enter_context(undone_at_once(self._process.kill))
+
+    @classmethod
+    def spawned(cls) -> Self:
+        """A new process; it needs a second or two to import libraries.
 
         Raises:
             WorkerError: there is no interpreter to start, or the system does not let it.
         """
-        self.begun = False
-        self.numbers: list[int] = []
         if not sys.executable:
             raise WorkerError("no Python interpreter found that could start worker processes: set run.workers to 1")
-        self._connection, theirs = socket.socketpair()
+        connection, theirs = socket.socketpair()
         with ExitStack() as started:
-            started.callback(self._connection.close)
+            started.callback(connection.close)
             with theirs, _signals_blocked():
                 command = [sys.executable, "-c", CODE, str(theirs.fileno()), *sys.path]
                 # Processes fill the cores; threads inside of one would only wait for each other.
                 environment = {"OMP_NUM_THREADS": "1", **os.environ}
                 try:
-                    self._process = subprocess.Popen(
+                    process = subprocess.Popen(
                         command, pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL, env=environment
                     )
                 except OSError as err:
-                    raise WorkerError(
-                        f"a worker process cannot be started: {err.strerror}: set run.workers to 1"
-                    ) from err
+                    raise _not_started(err) from err
             started.pop_all()
-        self._open = ExitStack()
-        self._open.enter_context(undone_at_once(self._process.kill))
+        return cls(connection, process)
+
+    @classmethod
+    def forked(cls, graph: Graph[Any], sink: Node[Any], others: Sequence["WorkerProcess"]) -> Self:
+        """A copy of this process, which must have a single thread, with the stages that it has.
+
+        Args:
+            graph: The stages.
+            sink: The one whose output is wanted.
+            others: The processes of this run that there are; the copy lets go of their sockets.
+
+        Raises:
+            WorkerError: the system does not let it.
+        """
+        connection, theirs = socket.socketpair()
+        kept_open = [connection.fileno(), *(other.fileno() for other in others)]
+        with ExitStack() as started:
+            started.callback(connection.close)
+            with theirs, _signals_blocked():
+                try:
+                    process = Copy(lambda: serve_copy(theirs.detach(), kept_open, (graph, sink)))
+                except OSError as err:
+                    raise _not_started(err) from err
+            started.pop_all()
+        return cls(connection, process)
+
+    def begin(self, beginning: Beginning) -> None:
+        """Tell it what to do."""
         with suppress(OSError):  # it has died, which the first question tells
             send(self._connection, beginning)
 
@@ -137,6 +181,10 @@ class WorkerProcess:
             f"a worker process was ended {how}, perhaps for lack of memory; end other programs, or set run.workers to "
             "a smaller number"
         )
+
+
+def _not_started(err: OSError) -> WorkerError:
+    return WorkerError(f"a worker process cannot be started: {err.strerror}: set run.workers to 1")
 
 
 @contextmanager

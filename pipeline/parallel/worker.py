@@ -4,21 +4,23 @@ It ends as soon as the other end of its socket is closed, whatever it is doing: 
 the process that started it is killed.
 """
 
+import gc
 import os
 import socket
 import sys
 import threading
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from queue import SimpleQueue
-from typing import Any, cast
+from typing import Any, NoReturn, cast
 
+from pipeline.graph import Graph, Node
 from pipeline.parallel.failure import Failure, failure_of
-from pipeline.parallel.log import gather_log
+from pipeline.parallel.log import forget_log, gather_log
 from pipeline.parallel.messages import Answer, Beginning, Begun, Question
 from pipeline.parallel.transfer import receive, send
 
-__all__ = ["serve"]
+__all__ = ["serve", "serve_copy"]
 
 SWITCH_S = 0.0005
 """How soon the threads that send and receive get the interpreter, for whose work the other process waits."""
@@ -26,8 +28,39 @@ SWITCH_S = 0.0005
 BUG = 70
 
 
-def serve(descriptor: int) -> None:
-    """Work on frames until the socket with this descriptor is closed at its other end; does not return."""
+Made = tuple[Graph[Any], Node[Any]]
+"""The stages, and the one whose output is wanted."""
+
+
+def serve_copy(descriptor: int, kept_open: Sequence[int], made: Made) -> NoReturn:
+    """As `serve`, in a copy of the process that reads the frames.
+
+    Args:
+        descriptor: Of the socket.
+        kept_open: Descriptors of sockets that the copy closes: an end of them is seen where all copies are closed.
+        made: The stages.
+    """
+    try:
+        gc.freeze()  # what is there stays: to look at it would copy its memory
+        for other in kept_open:
+            os.close(other)
+        with open(os.devnull, "rb") as nothing:  # noqa: PTH123  # the name of a device
+            os.dup2(nothing.fileno(), 0)
+        forget_log()
+        serve(descriptor, made)
+    except BaseException:
+        traceback.print_exc()
+    finally:
+        os._exit(BUG)  # whatever this process was about to do is done by the other
+
+
+def serve(descriptor: int, made: Made | None = None) -> None:
+    """Work on frames until the socket with this descriptor is closed at its other end; does not return.
+
+    Args:
+        descriptor: Of the socket.
+        made: The stages; made here if there are none.
+    """
     sys.setswitchinterval(SWITCH_S)
     connection = socket.socket(fileno=descriptor)
     questions: SimpleQueue[Question] = SimpleQueue()
@@ -35,7 +68,7 @@ def serve(descriptor: int) -> None:
     beginning: SimpleQueue[Beginning] = SimpleQueue()
     _start("send", lambda: _send_all(connection, answers))
     _start("receive", lambda: _receive_all(connection, beginning, questions))
-    _work(beginning, questions, answers)
+    _work(beginning, questions, answers, made)
 
 
 def _start(name: str, run: Callable[[], None]) -> None:
@@ -78,11 +111,14 @@ def _send_all(connection: socket.socket, answers: SimpleQueue[Begun | Answer]) -
 
 
 def _work(
-    beginning: SimpleQueue[Beginning], questions: SimpleQueue[Question], answers: SimpleQueue[Begun | Answer]
+    beginning: SimpleQueue[Beginning],
+    questions: SimpleQueue[Question],
+    answers: SimpleQueue[Begun | Answer],
+    made: Made | None,
 ) -> None:
     told = beginning.get()
     try:
-        graph, sink = told.make_graph()
+        graph, sink = made or told.make_graph()
     except Exception as err:
         answers.put(Begun(failure_of(err)))
         questions.get()  # there are none: the process ends with its socket

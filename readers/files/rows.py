@@ -1,15 +1,51 @@
 """Tables of one row a message, which may have millions: sorted, compared and counted with little memory beside them."""
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 
 import numpy as np
 
 from pipeline.core.arrays import I64
 
-__all__ = ["counts_of", "in_order", "least_by", "sort_rows"]
+__all__ = ["RowsByKey", "counts_of", "in_order", "least_by", "sort_rows"]
 
 ROWS_AT_ONCE = 1 << 16
+
+
+class RowsByKey:
+    """Finds the rows of some keys, in time proportional to their number; four bytes a row from the first search on.
+
+    Args:
+        keys: (N,) of the rows.
+    """
+
+    def __init__(self, keys: I64) -> None:
+        self._keys = keys
+        self._by_key: dict[int, np.ndarray[tuple[int], np.dtype[np.uint32]]] | None = None
+
+    def of(self, wanted: Collection[int], span: I64) -> I64:
+        """The rows of the keys `wanted`, rising.
+
+        Args:
+            wanted: Keys; those that no row has are ignored.
+            span: First row that is looked at, and the first one behind.
+        """
+        if self._by_key is None:
+            self._by_key = self._sorted()
+        parts = [self._by_key[key] for key in wanted if key in self._by_key]
+        parts = [part[slice(*np.searchsorted(part, span).tolist())] for part in parts]
+        found = np.concatenate([np.zeros(0, np.int64), *parts])
+        found.sort(kind="stable")
+        return found
+
+    def _sorted(self) -> dict[int, np.ndarray[tuple[int], np.dtype[np.uint32]]]:
+        least = int(self._keys.min()) if len(self._keys) else 0
+        is_small = bool(len(self._keys)) and self._keys.max() - least < 1 << 16
+        keys = (self._keys - least).astype(np.uint16) if is_small else self._keys  # quicker to sort
+        order = np.argsort(keys, kind="stable").astype(np.uint32)
+        starts = np.r_[0, np.flatnonzero(np.diff(self._keys[order])) + 1][: len(order)]
+        parts = np.split(order, starts[1:])
+        return {int(self._keys[part[0]]): part for part in parts if len(part)}
 
 
 def in_order(rows: I64, columns: Sequence[int]) -> bool:

@@ -1,6 +1,5 @@
 """Decodes sensor_msgs/CompressedImage."""
 
-import cv2
 import numpy as np
 
 from pipeline.core.arrays import U8
@@ -41,7 +40,7 @@ def decode_compressed_image(message: RawMessage, *, limits: LimitsConfig = DEFAU
         if encoding is not None and encoding.mosaic:
             rgb = _decode_mosaic(data, encoding)
         else:
-            rgb = _imdecode(data, cv2.IMREAD_COLOR_RGB)
+            rgb = _imdecode(data, "IMREAD_COLOR_RGB")
     if rgb is None:
         start = bytes(data[:8]).hex(" ") or "nothing"
         raise MessageError(
@@ -52,7 +51,7 @@ def decode_compressed_image(message: RawMessage, *, limits: LimitsConfig = DEFAU
 
 
 def _decode_mosaic(data: U8, encoding: PackedEncoding) -> U8 | None:
-    grey = _imdecode(data, cv2.IMREAD_ANYCOLOR)
+    grey = _imdecode(data, "IMREAD_ANYCOLOR")
     if grey is None or min(grey.shape[:2]) < 3:
         return None
     if grey.ndim == 3:  # some drivers keep the sensor's encoding after demosaicing
@@ -60,10 +59,12 @@ def _decode_mosaic(data: U8, encoding: PackedEncoding) -> U8 | None:
     return packed_to_rgb(grey[..., None], encoding)
 
 
-def _imdecode(data: U8, colour: int) -> U8 | None:
+def _imdecode(data: U8, colours: str) -> U8 | None:
     """The image in 8 bits, or None if it cannot be decoded."""
+    import cv2
+
     try:
-        image = cv2.imdecode(data, colour | cv2.IMREAD_IGNORE_ORIENTATION)
+        image = cv2.imdecode(data, getattr(cv2, colours) | cv2.IMREAD_IGNORE_ORIENTATION)
     except cv2.error as err:  # more pixels than OpenCV allows
         if is_short_memory(err):
             raise

@@ -9,7 +9,7 @@ import re
 import threading
 from collections.abc import Iterator
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 from rosbags.interfaces import Nodetype
@@ -20,6 +20,7 @@ from rosbags.typesys.store import Typestore
 from pipeline.core.errors import MessageError, is_short_memory
 from pipeline.core.messages import Channel, RawMessage
 from pipeline.core.ros.lazy_typestore import lazy_typestore
+from pipeline.core.ros.made_later import MadeLater
 from pipeline.core.ros.typestores import extra_types
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from pipeline.core.text import one_line
@@ -169,14 +170,12 @@ def _doubt(channel: Channel) -> str:
 def _release_types(encoding: str, distro: str) -> Typesdict:
     """The types of the ROS release that a recording names, else of Noetic or Humble."""
     if encoding == "ros1":
-        return {**lazy_typestore(Stores.ROS1_NOETIC).fielddefs, **extra_types(1)}
-    release = next((store for store in Stores if store.value == f"ros2_{distro}"), Stores.ROS2_HUMBLE)
-    extra = {
-        name: definition
-        for name, definition in extra_types(2).items()
-        if distro not in BEFORE_VISION_MSGS_4 or not name.startswith("vision_msgs/")
-    }
-    return {**lazy_typestore(release).fielddefs, **extra}
+        release, extra = Stores.ROS1_NOETIC, extra_types(1)
+    else:
+        release = next((store for store in Stores if store.value == f"ros2_{distro}"), Stores.ROS2_HUMBLE)
+        extra = extra_types(2)
+    ours = [name for name in extra if distro not in BEFORE_VISION_MSGS_4 or not name.startswith("vision_msgs/")]
+    return MadeLater(lazy_typestore(release).fielddefs, {name: partial(extra.__getitem__, name) for name in ours})
 
 
 def _recorded_types(channel: Channel) -> Typesdict:

@@ -2,7 +2,6 @@
 
 from typing import Any
 
-import cv2
 import numpy as np
 
 from pipeline.core.arrays import U8
@@ -46,6 +45,8 @@ def decode_image(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS, 
         MessageError: not an Image, an encoding of something else, sizes that do not fit the data, or more pixels than
             `limits` allow.
     """
+    import cv2
+
     image = deserialize_as(message, RAW_IMAGE, limits=limits)
     encoding = image.encoding.strip().lower()
     check_pixels(int(image.width), int(image.height), limits, message.topic, others)

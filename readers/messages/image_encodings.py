@@ -10,12 +10,12 @@
 | nv12 nv21 nv24 | plane of Y, then of U and V in turn (nv21: V and U), ITU-R BT.601, limited range |
 
 Of 16 bits the upper eight are kept (`value >> 8`), so images of 12-bit sensors that do not shift their values up are
-dark. Signed, float and two-channel encodings hold measurements, not images.
+dark. Signed, float and two-channel encodings hold measurements, not images. OpenCV is imported where pixels are
+converted: most runs copy images as they are.
 """
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from pipeline.core.arrays import U8
@@ -32,14 +32,14 @@ class PackedEncoding:
     Attributes:
         channels: Values per pixel.
         depth_bytes: Bytes per value, 1 or 2.
-        conversion: OpenCV's code for the conversion to RGB; None for RGB itself.
+        conversion: OpenCV's name for the conversion to RGB; None for RGB itself.
         mosaic: Whether each pixel has only one colour.
         pixels_per_group: Pixels that share values; the width is a multiple of it.
     """
 
     channels: int
     depth_bytes: int
-    conversion: int | None
+    conversion: str | None
     mosaic: bool = False
     pixels_per_group: int = 1
 
@@ -47,18 +47,18 @@ class PackedEncoding:
 def _packed_encodings() -> dict[str, PackedEncoding]:
     colours = {
         "rgb": (3, None),
-        "rgba": (4, cv2.COLOR_RGBA2RGB),
-        "bgr": (3, cv2.COLOR_BGR2RGB),
-        "bgra": (4, cv2.COLOR_BGRA2RGB),
-        "mono": (1, cv2.COLOR_GRAY2RGB),
+        "rgba": (4, "COLOR_RGBA2RGB"),
+        "bgr": (3, "COLOR_BGR2RGB"),
+        "bgra": (4, "COLOR_BGRA2RGB"),
+        "mono": (1, "COLOR_GRAY2RGB"),
     }
-    matrices = {1: cv2.COLOR_GRAY2RGB, 3: cv2.COLOR_BGR2RGB, 4: cv2.COLOR_BGRA2RGB}
+    matrices = {1: "COLOR_GRAY2RGB", 3: "COLOR_BGR2RGB", 4: "COLOR_BGRA2RGB"}
     # These names follow ROS; OpenCV's older ones (BayerBG for RGGB) count from the second pixel of the second row.
     mosaics = {
-        "rggb": cv2.COLOR_BayerRGGB2RGB,
-        "bggr": cv2.COLOR_BayerBGGR2RGB,
-        "gbrg": cv2.COLOR_BayerGBRG2RGB,
-        "grbg": cv2.COLOR_BayerGRBG2RGB,
+        "rggb": "COLOR_BayerRGGB2RGB",
+        "bggr": "COLOR_BayerBGGR2RGB",
+        "gbrg": "COLOR_BayerGBRG2RGB",
+        "grbg": "COLOR_BayerGRBG2RGB",
     }
     encodings = {}
     for bits in (8, 16):
@@ -70,17 +70,17 @@ def _packed_encodings() -> dict[str, PackedEncoding]:
         for name, code in mosaics.items():
             encodings[f"bayer_{name}{bits}"] = PackedEncoding(1, depth, code, mosaic=True)
     for name in ("yuv422", "uyvy"):
-        encodings[name] = PackedEncoding(2, 1, cv2.COLOR_YUV2RGB_UYVY, pixels_per_group=2)
+        encodings[name] = PackedEncoding(2, 1, "COLOR_YUV2RGB_UYVY", pixels_per_group=2)
     for name in ("yuv422_yuy2", "yuyv"):
-        encodings[name] = PackedEncoding(2, 1, cv2.COLOR_YUV2RGB_YUY2, pixels_per_group=2)
+        encodings[name] = PackedEncoding(2, 1, "COLOR_YUV2RGB_YUY2", pixels_per_group=2)
     return encodings
 
 
 PACKED = _packed_encodings()
 """Encodings by name in lower case."""
 
-PLANAR = {"nv12": cv2.COLOR_YUV2RGB_NV12, "nv21": cv2.COLOR_YUV2RGB_NV21, "nv24": None}
-"""OpenCV's code by name in lower case; it has none for nv24."""
+PLANAR = {"nv12": "COLOR_YUV2RGB_NV12", "nv21": "COLOR_YUV2RGB_NV21", "nv24": None}
+"""OpenCV's name for the conversion, by name in lower case; it has none for nv24."""
 
 # ITU-R BT.601 with Y in 16..235 and U, V in 16..240, the numbers that OpenCV uses for the other YUV encodings.
 _RGB_FROM_YUV = np.array([[1.164, 0.0, 1.596], [1.164, -0.391, -0.813], [1.164, 2.018, 0.0]])
@@ -119,13 +119,17 @@ def planar_rows(encoding: str, height: int) -> int:
 
 def planar_to_rgb(data: U8, encoding: str, *, height: int, width: int, step: int) -> U8:
     """Planes in rows of `step` bytes as RGB (H, W, 3); nv12 and nv21 have even width and height."""
-    code = PLANAR[encoding]
-    if code is not None:
-        return _convert(np.ndarray((planar_rows(encoding, height), width), np.uint8, data, 0, (step, 1)), code)
+    conversion = PLANAR[encoding]
+    if conversion is not None:
+        return _convert(np.ndarray((planar_rows(encoding, height), width), np.uint8, data, 0, (step, 1)), conversion)
+    import cv2
+
     luma: U8 = np.ndarray((height, width, 1), np.uint8, data, 0, (step, 1, 1))
     chroma: U8 = np.ndarray((height, width, 2), np.uint8, data, height * step, (2 * step, 2, 1))
     return np.asarray(cv2.transform(np.concatenate([luma, chroma], -1), _RGB_FROM_YUV_SHIFTED), np.uint8)
 
 
-def _convert(pixels: U8, code: int) -> U8:
-    return np.asarray(cv2.cvtColor(pixels, code), np.uint8)
+def _convert(pixels: U8, conversion: str) -> U8:
+    import cv2
+
+    return np.asarray(cv2.cvtColor(pixels, getattr(cv2, conversion)), np.uint8)

@@ -6,9 +6,12 @@ a frame whose transform never changes counts as fixed, unless its parent is a fr
 `map`, `earth`; REP 105): a parked vehicle may drive off later.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 from itertools import islice
+from math import isfinite
+from struct import Struct
 from typing import Any
 
 import numpy as np
@@ -34,6 +37,9 @@ BEGINNING_NS = 2_000_000_000
 
 STILL = 1e-6
 """Largest change of a matrix entry (metres, or roughly radians) of a fixed frame."""
+
+NUMBERS = Struct("<7d")
+"""Translation, and rotation x, y, z, w."""
 
 QUATERNION_TOLERANCE = 0.01
 """Largest deviation of a quaternion's squared length from 1 that tf2 accepts (tf2::BufferCore::setTransform)."""
@@ -92,19 +98,31 @@ def tf_topics(recording: Recording) -> tuple[list[str], list[str]]:
 
 @decoder
 def decode_transforms(
-    message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS
+    message: RawMessage,
+    *,
+    limits: LimitsConfig = DEFAULT_LIMITS,
+    is_wanted: Callable[[str, str], bool] = lambda _parent, _child: True,
 ) -> list[tuple[int, Transform | CalibrationError, str]]:
     """The transforms of one message: stamp in ns, T_parent_child or its fault, child frame.
+
+    Args:
+        message: The message.
+        limits: How much it may hold.
+        is_wanted: Whether transforms of these two frames are; sound ones that are not are left out, which saves most
+            of the time.
 
     Raises:
         MessageError: the message cannot be decoded, or is not of `TF_TYPES`.
     """
     if message.channel.msgtype not in TF_TYPES:
         raise MessageError(f"{message.topic}: expected a message of transforms, found {message.channel.msgtype}")
-    return [_decode(stamped) for stamped in deserialize(message, limits=limits).transforms]
+    found = (_decode(stamped, is_wanted) for stamped in deserialize(message, limits=limits).transforms)
+    return [one for one in found if one is not None]
 
 
-def _decode(stamped: Any) -> tuple[int, Transform | CalibrationError, str]:
+def _decode(
+    stamped: Any, is_wanted: Callable[[str, str], bool]
+) -> tuple[int, Transform | CalibrationError, str] | None:
     parent, child = clean_frame(stamped.header.frame_id), clean_frame(stamped.child_frame_id)
     stamp_ns = stamped.header.stamp.sec * 10**9 + stamped.header.stamp.nanosec
     shift, turn = stamped.transform.translation, stamped.transform.rotation
@@ -113,10 +131,19 @@ def _decode(stamped: Any) -> tuple[int, Transform | CalibrationError, str]:
         return stamp_ns, FrameError(f"transform from {child!r} to {parent!r}: expected two different frames"), child
     if not abs(sum(part * part for part in xyzw) - 1) <= QUATERNION_TOLERANCE:
         return stamp_ns, FrameError(f"its rotation {xyzw} is not a unit quaternion"), child
+    if not is_wanted(parent, child) and isfinite(shift.x + shift.y + shift.z):
+        return None
     try:
-        return stamp_ns, Transform.from_quaternion(parent, child, [shift.x, shift.y, shift.z], xyzw), child
+        return stamp_ns, _transform(parent, child, NUMBERS.pack(shift.x, shift.y, shift.z, *xyzw)), child
     except FrameError as err:
         return stamp_ns, err, child
+
+
+@lru_cache(maxsize=256)
+def _transform(parent: str, child: str, numbers: bytes) -> Transform:
+    """Mountings are often sent again and again. Told apart by their bytes, since 0 equals -0."""
+    values = NUMBERS.unpack(numbers)
+    return Transform.from_quaternion(parent, child, values[:3], values[3:])
 
 
 def read_transforms(
@@ -146,7 +173,13 @@ def read_transforms(
             fixed.add_static(transform)
         else:
             faults[child] = f"{transform} ({message.topic})"
-    for message, transform, child in _transforms(_beginnings(recording, dynamic, start_ns, stop_ns), drops, names):
+
+    def may_tell(parent: str, child: str) -> bool:
+        """Whether a transform may tell more than that its frame moves."""
+        return moving.get(child) != parent
+
+    beginnings = _beginnings(recording, dynamic, start_ns, stop_ns)
+    for message, transform, child in _transforms(beginnings, drops, names, is_wanted=may_tell):
         if not isinstance(transform, Transform):
             faults[child] = f"{transform} ({message.topic})"
         elif not fixed.is_static(child):
@@ -222,11 +255,15 @@ def _first_of(recording: Recording, topics: list[str], span_ns: int) -> Iterator
 
 
 def _transforms(
-    messages: Iterable[RawMessage], drops: dict[str, tuple[Drop, int]], names: _Names
+    messages: Iterable[RawMessage],
+    drops: dict[str, tuple[Drop, int]],
+    names: _Names,
+    *,
+    is_wanted: Callable[[str, str], bool] = lambda _parent, _child: True,
 ) -> Iterator[tuple[RawMessage, Transform | CalibrationError, str]]:
     for message in messages:
         try:
-            for _, transform, child in decode_transforms(message, limits=names.limits):
+            for _, transform, child in decode_transforms(message, limits=names.limits, is_wanted=is_wanted):
                 names.take(child, message.topic)
                 yield message, transform, child
         except MessageError as err:

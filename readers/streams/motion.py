@@ -281,7 +281,8 @@ class MotionBuffer:
     def _take(self, message: RawMessage) -> None:
         if message.channel.msgtype in TF_TYPES:
             fault: FrameError | None = None
-            for stamp_ns, transform, child in decode_transforms(message, limits=self._limits):
+            found = decode_transforms(message, limits=self._limits, is_wanted=lambda _, child: child in self._tracks)
+            for stamp_ns, transform, child in found:
                 if child not in self._tracks:
                     continue
                 if not_a_time := time_fault(stamp_ns):

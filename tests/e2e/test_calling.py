@@ -47,6 +47,7 @@ def test_a_reader_that_leaves_does_not_end_the_run(
     assert frames_in(tmp_path / "out.mcap") == 20
 
 
+@pytest.mark.traced_processes
 def test_neither_does_one_of_an_inspection(sandbox: Path, tmp_path: Path) -> None:
     done = shell(f"{PROGRAM} inspect {sandbox} | head -n 1; echo ${{PIPESTATUS[0]}}", tmp_path)
     assert done.stderr == ""
@@ -183,6 +184,7 @@ def test_the_shell_completes(line: str, found: list[str], tmp_path: Path) -> Non
     assert done.stderr == ""
 
 
+@pytest.mark.traced_processes
 def test_completion_is_installed_for_the_shell(tmp_path: Path) -> None:
     # The shell is the parent process: bash that has only one command to run would be replaced by it.
     done = shell(f"{PROGRAM} --install-completion; exit $?", tmp_path, HOME=str(tmp_path))

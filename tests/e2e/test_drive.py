@@ -103,6 +103,7 @@ def drives(path: Path, car: str) -> list[tuple[float, float]]:
     return [one for number, one in enumerate(told) if number == 0 or told[number - 1] != one]
 
 
+@pytest.mark.traced_processes
 def test_all_keys(driver: Driver) -> None:
     driver.wait_for(b"car1 at")
     for key in "wasdx2w1w":
@@ -131,6 +132,7 @@ def test_other_endings_keep_the_recording(driver: Driver, ending: str) -> None:
     assert (0.3, 0.0) in drives(driver.output, "car1")
 
 
+@pytest.mark.traced_processes
 def test_a_lost_terminal_keeps_the_recording(driver: Driver) -> None:
     driver.wait_for(b"car1 at")
     driver.press("w")

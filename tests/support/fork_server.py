@@ -17,6 +17,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from command import Run
+from less_tracing import PROCESSES
 
 __all__ = ["ForkServer"]
 
@@ -47,7 +48,7 @@ class ForkServer:
         self._process = subprocess.Popen(
             [sys.executable, __file__, *sys.path],
             cwd=self._folder,
-            env={"OMP_NUM_THREADS": "1", **os.environ},
+            env={"OMP_NUM_THREADS": "1", **{name: text for name, text in os.environ.items() if name != PROCESSES}},
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,

@@ -3,15 +3,16 @@
 A file of `definitions/` holds the types of one package: each begins with a line of 80 `=` and `MSG: package/msg/Type`.
 """
 
-from functools import cache
+from functools import cache, partial
 from importlib.resources import files
-from typing import Literal
+from typing import Any, Literal
 
 from rosbags.interfaces.typing import Typesdict
 from rosbags.typesys import Stores, get_types_from_msg
 from rosbags.typesys.store import Typestore
 
 from pipeline.core.ros.lazy_typestore import lazy_typestore
+from pipeline.core.ros.made_later import MadeLater
 
 __all__ = ["RosVersion", "extra_types", "message_types"]
 
@@ -22,20 +23,23 @@ _SEPARATOR = "=" * 80 + "\nMSG: "
 
 @cache
 def extra_types(ros_version: RosVersion) -> Typesdict:
-    """The types of `definitions/`, by name."""
-    types: Typesdict = {}
+    """The types of `definitions/`, by name; each is parsed when it is asked for."""
+    blocks: dict[str, str] = {}
     for folder in ("both", f"ros{ros_version}"):
         packages = files("pipeline.core.ros").joinpath("definitions", folder).iterdir()
         for file in sorted(packages, key=lambda file: file.name):
             for block in file.read_text(encoding="utf-8").split(_SEPARATOR)[1:]:
-                name, _, definition = block.partition("\n")
-                types |= get_types_from_msg(definition, name)
-    return types
+                name, _, blocks[name] = block.partition("\n")
+    return MadeLater({}, {name: partial(_parsed, name, definition) for name, definition in blocks.items()})
+
+
+def _parsed(name: str, definition: str) -> Any:
+    return get_types_from_msg(definition, name)[name]
 
 
 @cache
 def message_types(ros_version: RosVersion) -> Typestore:
     """All types of one ROS version."""
     store = lazy_typestore(Stores.ROS1_NOETIC if ros_version == 1 else Stores.ROS2_HUMBLE)
-    store.register(extra_types(ros_version))
+    store.know(extra_types(ros_version))
     return store

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.core.arrays import F64, I64
-from pipeline.detectors.cluster.grid_kernels import ascending, average, cell_keys, levels, link
+from pipeline.detectors.cluster.grid_kernels import averaged, link
 
 __all__ = ["Cells", "cluster_points", "thin_points"]
 
@@ -57,9 +57,7 @@ def thin_points(points: F64, distance_m: F64, share: float, group: I64 | None = 
     points = np.ascontiguousarray(points)
     group = np.zeros(len(points), np.int64) if group is None else group
     edges_m = _series(share * distance_m.min(), share * distance_m.max())
-    keys = cell_keys(points, levels(distance_m, share, edges_m), edges_m, group, int(group.max()) + 1)
-    size, means, least_m, counts, first, cell_of_point = average(points, distance_m, keys, ascending(keys))
-    return Cells(means[:size], least_m[:size], counts[:size], first[:size], cell_of_point)
+    return Cells(*averaged(points, distance_m, share, edges_m, group, int(group.max()) + 1))
 
 
 def cluster_points(points: F64, link_distance_m: F64) -> tuple[int, I64]:
@@ -79,8 +77,7 @@ def cluster_points(points: F64, link_distance_m: F64) -> tuple[int, I64]:
         return 0, np.zeros(0, np.int64)
     cells = thin_points(points, link_distance_m, LINK_CELL_SHARE)
     series = _series(cells.distance_m.min(), cells.distance_m.max())
-    level = levels(cells.distance_m, 1.0, series)
-    count, cluster_of_cell = link(cells.means, cells.distance_m, level, len(series))
+    count, cluster_of_cell = link(cells.means, cells.distance_m, series)
     return count, cluster_of_cell[cells.cell_of_point]
 
 

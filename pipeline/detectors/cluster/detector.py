@@ -66,7 +66,8 @@ class ClusterDetector:
             sight: All points of the frame.
             share: Share of the link distance.
         """
-        weighted = points.position * np.array([1.0, 1.0, self._config.height_weight])
+        weighted = points.position.copy()
+        weighted[:, 2] *= self._config.height_weight
         count, cluster = cluster_points(weighted, share * points.link_distance_m)
         counts, weights, first, low, high = extents(points.position, points.weights, cluster, count)
         bottom, top, min_height_m = low[:, 4], high[:, 4], self._config.min_height_m

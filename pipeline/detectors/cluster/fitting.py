@@ -106,21 +106,21 @@ class BoxFitter:
             group: (N,) their groups, from 0; None if all are of one. The points left are sorted by it.
         """
         cloud, lidars = combined.detection_cloud, len(self._lidar_xyz)
-        count, kept, position, lidar, link_m = points_above_ground(
+        count, kept, position, lidar, link_m, time_ns = points_above_ground(
             cloud.xyz,
             combined.detection_lidar_index,
+            cloud.time_offset_ns,
             rows,
             *ground_arrays(combined, self._ground_height_m),
             self._lidar_xyz,
             np.array([self._config.distance_m, self._config.distance_per_m]),
             np.array([above_m, below_m]),
         )
-        kept, position, lidar, link_m = kept[:count], position[:count], lidar[:count], link_m[:count]
-        group = np.zeros(count, np.int64) if group is None else group[kept]
+        kept, position, lidar = kept[:count], position[:count], lidar[:count]
+        link_m, time_ns = link_m[:count], time_ns[:count]
         if not count:
-            return ThinnedPoints(position, link_m, lidar, lidar, lidar), group
-        cells = thin_points(position, link_m, THIN_SHARE, group * lidars + lidar)
-        time_ns = cloud.time_offset_ns[rows[kept]].astype(np.float64)
+            return ThinnedPoints(position, link_m, lidar, lidar, lidar), lidar
+        cells = thin_points(position, link_m, THIN_SHARE, lidar if group is None else group[kept] * lidars + lidar)
         points = ThinnedPoints(
             cells.means,
             cells.distance_m,
@@ -128,9 +128,9 @@ class BoxFitter:
             cells.counts,
             np.bincount(cells.cell_of_point, time_ns).astype(np.int64),  # of whole numbers, and so exact
         )
-        group = group[cells.first]
-        if (np.diff(group) >= 0).all():
-            return points, group
+        if group is None:
+            return points, np.zeros(len(cells.first), np.int64)
+        group = group[kept[cells.first]]
         order = np.argsort(group, kind="stable")
         return select_rows(points, order), group[order]
 
@@ -150,8 +150,8 @@ class BoxFitter:
         groups, lidars = len(starts), len(self._lidar_xyz)
         given = np.full(groups, -1) if class_ids is None else class_ids
         counts = np.add.reduceat(points.weights, starts)
-        axis_rad, roundness = principal_axes(points.position[:, :2], starts)
-        rectangles = fit_rectangles(points.position[:, :2], starts)
+        axis_rad, roundness = principal_axes(points.position, starts)
+        rectangles = fit_rectangles(points.position, starts)
         (top,) = quantiles_by_cluster(points.position[:, 2], starts, (TOP_SHARE,))
         group = np.repeat(np.arange(groups), np.diff(starts, append=len(points.position)))
         by_lidar = np.bincount(group * lidars + points.lidar, points.weights, groups * lidars).reshape(groups, lidars)
@@ -160,7 +160,7 @@ class BoxFitter:
         boxes = complete_boxes(rectangles, top, lidar_share, lidar_xy, self._priors, given)
         riders = np.flatnonzero(boxes.rides)
         if len(riders):
-            xy, first = _of_groups(points.position[:, :2], starts, riders)
+            xy, first = _of_groups(points.position, starts, riders)
             along = rectangles_along(xy, first, axis_rad[riders])
             again = top[riders], lidar_share[riders], lidar_xy, self._priors, boxes.class_ids[riders]
             boxes = _with_rows(boxes, riders, complete_boxes(along, *again))
@@ -190,11 +190,11 @@ def ground_arrays(combined: CombinedCloud, level_m: float) -> tuple[F64, F64, F6
     return surface, relief.offsets_m, np.append(relief.origin_xy, relief.cell_m)
 
 
-def _of_groups(xy: F64, starts: I64, groups: Indices) -> tuple[F64, I64]:
-    """The points (N, 2) of some groups, and the first of each of these."""
-    counts = np.diff(starts, append=len(xy))[groups]
+def _of_groups(position: F64, starts: I64, groups: Indices) -> tuple[F64, I64]:
+    """The points (N, 3) of some groups, and the first of each of these."""
+    counts = np.diff(starts, append=len(position))[groups]
     first = np.cumsum(counts) - counts
-    return xy[np.arange(counts.sum()) + np.repeat(starts[groups] - first, counts)], first
+    return position[np.arange(counts.sum()) + np.repeat(starts[groups] - first, counts)], first
 
 
 def _with_rows(record: Record, rows: Indices, changed: Record) -> Record:

@@ -5,7 +5,7 @@ import numpy as np
 from pipeline.core.arrays import F64, I64
 from pipeline.core.compiled import compiled, inlined
 
-__all__ = ["ascending", "average", "cell_keys", "levels", "link"]
+__all__ = ["ascending", "averaged", "link"]
 
 
 RESOLUTION_PER_M = 8192.0
@@ -20,8 +20,14 @@ FURTHEST_CELL = 2.0**61
 
 FURTHEST_BUCKET = 2.0**40
 
+BUCKETS_ACROSS = 0.5
+"""Buckets in a link distance; many small ones take longer than some points too many."""
+
 ROOM = 1.0 + 1e-6
-"""Edge of a bucket, in the longest distance of its level: no rounding puts near points two buckets apart."""
+"""Buckets are sought so much further than a distance reaches, which is more than any rounding takes."""
+
+SPREAD = np.uint64(0x9E3779B97F4A7C15)
+"""Numbers times this differ in their upper bits (D. E. Knuth: The art of computer programming, vol. 3, 6.4)."""
 
 
 @inlined
@@ -30,16 +36,13 @@ def _exact(value: float) -> float:
     return exact
 
 
-@compiled("int64[::1](float64[::1], float64, float64[::1])")
-def levels(values: F64, share: float, series: F64) -> I64:
-    """(N,) the last step of a rising series that a share of each value reaches; 0 before the first."""
-    found = np.empty(len(values), np.int64)
-    for i in range(len(values)):
-        level = 0
-        while level + 1 < len(series) and share * values[i] >= series[level + 1]:
-            level += 1
-        found[i] = level
-    return found
+@inlined
+def _level(value: float, series: F64) -> int:
+    """The last step of a rising series that a value reaches; 0 before the first."""
+    level = 0
+    while level + 1 < len(series) and value >= series[level + 1]:
+        level += 1
+    return level
 
 
 @compiled("int64[::1](int64[::1])")
@@ -73,195 +76,183 @@ def ascending(keys: I64) -> I64:
     return rows
 
 
-@compiled("int64[::1](float64[:, ::1], int64[::1], float64[::1], int64[::1], int64)")
-def cell_keys(points: F64, level: I64, edges_m: F64, group: I64, groups: int) -> I64:
-    """(N,) a number for the cell of each point: rising by level, group and place along x, y, z.
-
-    Args:
-        points: (N, 3) metres.
-        level: (N,) row of the edge of the cells at each point.
-        edges_m: Of the cells.
-        group: (N,) from 0.
-        groups: Their number.
-    """
+@inlined
+def _cell_keys(points: F64, distance_m: F64, share: float, edges_m: F64, group: I64, groups: int) -> I64:
+    """(N,) a number for the cell of each point: rising by level, group and place along x, y, z; see `averaged`."""
     count = len(points)
     cell, low, high = np.empty((count, 3), np.int64), np.empty(3, np.int64), np.empty(3, np.int64)
+    keys = np.empty(count, np.int64)
     for i in range(count):
-        edge_m = edges_m[level[i]]
+        level = _level(share * distance_m[i], edges_m)
+        keys[i] = level * groups + group[i]
         for axis in range(3):
-            place = np.floor(_exact(points[i, axis]) / edge_m)
+            place = np.floor(_exact(points[i, axis]) / edges_m[level])
             now = int(min(max(place, -FURTHEST_CELL), FURTHEST_CELL))
             cell[i, axis] = now
             if i == 0 or now < low[axis]:
                 low[axis] = now
             if i == 0 or now > high[axis]:
                 high[axis] = now
-    keys = np.empty(count, np.int64)
     for i in range(count):
-        key = level[i] * groups + group[i]
         for axis in range(3):
-            key = key * (high[axis] - low[axis] + 1) + (cell[i, axis] - low[axis])
-        keys[i] = key
+            keys[i] = keys[i] * (high[axis] - low[axis] + 1) + (cell[i, axis] - low[axis])
     return keys
 
 
 @compiled(
-    "Tuple((int64, float64[:, ::1], float64[::1], int64[::1], int64[::1], int64[::1]))"
-    "(float64[:, ::1], float64[::1], int64[::1], int64[::1])"
+    "Tuple((float64[:, ::1], float64[::1], int64[::1], int64[::1], int64[::1]))"
+    "(float64[:, ::1], float64[::1], float64, float64[::1], int64[::1], int64)"
 )
-def average(points: F64, distance_m: F64, keys: I64, rows: I64) -> tuple[int, F64, F64, I64, I64, I64]:
-    """The number of cells, and the fields of `clusters.Cells` with room behind them.
+def averaged(
+    points: F64, distance_m: F64, share: float, edges_m: F64, group: I64, groups: int
+) -> tuple[F64, F64, I64, I64, I64]:
+    """The fields of `clusters.Cells`.
 
     Args:
         points: (N, 3) metres.
         distance_m: (N,) metres.
-        keys: (N,) number of each point's cell.
-        rows: (N,) of the points in the order of these.
+        share: Each cell's edge is the longest that is no longer than this share of the distance.
+        edges_m: From which it is chosen; a rising series.
+        group: (N,) from 0; different groups share no cell.
+        groups: Their number.
     """
-    count = len(points)
-    means, least_m, cell_of_point = np.empty((count, 3)), np.empty(count), np.empty(count, np.int64)
-    counts, first = np.empty(count, np.int64), np.empty(count, np.int64)
-    cell, before = -1, 0
-    for row in rows:
-        if cell < 0 or keys[row] != before:
-            cell += 1
-            before = keys[row]
-            counts[cell], first[cell], least_m[cell] = 0, row, distance_m[row]
-            for axis in range(3):
-                means[cell, axis] = -0.0  # which adds nothing, not even a sign
-        cell_of_point[row] = cell
-        counts[cell] += 1
-        if distance_m[row] < least_m[cell]:
-            least_m[cell] = distance_m[row]
+    count, keys = len(points), _cell_keys(points, distance_m, share, edges_m, group, groups)
+    slots, shift = 64, np.uint64(58)
+    while slots < 2 * count:
+        slots, shift = 2 * slots, shift - np.uint64(1)
+    cell_in_slot = np.full(slots, -1, np.int32)
+    cell_of_point, first, key_of_cell = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count, np.int64)
+    cells = 0
+    for i in range(count):
+        if i > 0 and keys[i] == keys[i - 1]:  # as often as not
+            cell_of_point[i] = cell_of_point[i - 1]
+            continue
+        slot = np.int64((np.uint64(keys[i]) * SPREAD) >> shift)
+        while cell_in_slot[slot] >= 0 and key_of_cell[cell_in_slot[slot]] != keys[i]:
+            slot = (slot + 1) & (slots - 1)
+        if cell_in_slot[slot] < 0:
+            cell_in_slot[slot], key_of_cell[cells], first[cells] = cells, keys[i], i
+            cells += 1
+        cell_of_point[i] = cell_in_slot[slot]
+
+    order, place = ascending(key_of_cell[:cells]), np.empty(cells, np.int64)
+    means, least_m = np.empty((cells, 3)), np.empty(cells)
+    counts, first_sorted = np.empty(cells, np.int64), np.empty(cells, np.int64)
+    for k in range(cells):
+        place[order[k]] = k
+        counts[k], first_sorted[k], least_m[k] = 0, first[order[k]], np.inf
         for axis in range(3):
-            means[cell, axis] += _exact(points[row, axis])
-    for now in range(cell + 1):
+            means[k, axis] = -0.0  # which adds nothing, not even a sign
+    for i in range(count):
+        k = place[cell_of_point[i]]
+        cell_of_point[i] = k
+        counts[k] += 1
+        least_m[k] = min(least_m[k], distance_m[i])
         for axis in range(3):
-            means[now, axis] /= counts[now]
-    return cell + 1, means, least_m, counts, first, cell_of_point
+            means[k, axis] += _exact(points[i, axis])
+    for k in range(cells):
+        for axis in range(3):
+            means[k, axis] /= counts[k]
+    return means, least_m, counts, first_sorted, cell_of_point
 
 
 @inlined
-def _root(parent: I64, row: int) -> int:
-    while parent[row] != row:
-        parent[row] = parent[parent[row]]
-        row = parent[row]
-    return row
+def _bucket(way_m: float, per_m: float) -> int:
+    """The bucket of a place so far along a grid with so many buckets a metre; the first one of places before it."""
+    place = way_m * per_m
+    if way_m > 0.0:
+        return int(place) if place < FURTHEST_BUCKET else int(FURTHEST_BUCKET)
+    return 0
 
 
-@compiled("void(float64[:, ::1], float64[::1], int64[::1], int64[::1], int64, int64, float64, int64[::1], int64[::1])")
-def _link_level(
-    points: F64,
-    distance_m: F64,
-    level: I64,
-    rows: I64,
-    count: int,
-    lowest: int,
-    edge_m: float,
-    starts: I64,
-    parent: I64,
-) -> None:
-    """Link the points of one level with each other and with those of the levels above.
-
-    They lie in buckets of a square grid, which has more squares than there are buckets: after the last bucket comes the
-    first one again, and what lies in it by chance is too far away.
-
-    Args:
-        points: Of all levels.
-        distance_m: Of all levels.
-        level: Of each point.
-        rows: Of the points of this level and above, rising; the first `count` are used.
-        count: Number of these.
-        lowest: This level.
-        edge_m: At least the longest distance of this level.
-        starts: Room for the first point of each bucket, a power of two and one.
-        parent: A point of the same part; changed.
-    """
-    buckets = len(starts) - 1
-    low_x, low_y, high_y = np.inf, np.inf, -np.inf
-    for i in range(count):
-        row = rows[i]
-        low_x, low_y, high_y = min(low_x, points[row, 0]), min(low_y, points[row, 1]), max(high_y, points[row, 1])
-    width = int(min((high_y - low_y) / edge_m, FURTHEST_BUCKET)) + 3
-    bucket = np.empty(count, np.int64)
-    for k in range(buckets + 1):
-        starts[k] = 0
-    for i in range(count):
-        column = int(min((points[rows[i], 0] - low_x) / edge_m, FURTHEST_BUCKET))
-        line = int(min((points[rows[i], 1] - low_y) / edge_m, FURTHEST_BUCKET))
-        bucket[i] = (column * width + line) & (buckets - 1)
-        starts[bucket[i]] += 1
-    for k in range(1, buckets + 1):
-        starts[k] += starts[k - 1]
-    near, near_row = np.empty((count, 4)), np.empty(count, np.int64)  # bucket after bucket
-    for i in range(count - 1, -1, -1):
-        starts[bucket[i]] -= 1
-        place = starts[bucket[i]]
-        near_row[place] = rows[i]
-        near[place, 0], near[place, 1], near[place, 2] = points[rows[i], 0], points[rows[i], 1], points[rows[i], 2]
-        near[place, 3] = distance_m[rows[i]]
-
-    for i in range(count):
-        row = rows[i]
-        if level[row] != lowest:
-            continue
-        x, y, z, own_m = points[row, 0], points[row, 1], points[row, 2], distance_m[row]
-        for column in range(-1, 2):
-            first = (bucket[i] + column * width - 1) & (buckets - 1)
-            for is_rest in range(2):  # three buckets in a row, of which some may be the first of all
-                start = 0 if is_rest else starts[first]
-                stop = starts[max(first + 3 - buckets, 0)] if is_rest else starts[min(first + 3, buckets)]
-                for place in range(start, stop):
-                    dx, dy, dz = x - near[place, 0], y - near[place, 1], z - near[place, 2]
-                    link_m = min(own_m, near[place, 3])
-                    if dx * dx + dy * dy + dz * dz <= link_m * link_m:
-                        other = near_row[place]
-                        if other > row or level[other] != lowest:
-                            own, other = _root(parent, row), _root(parent, other)
-                            parent[max(own, other)] = min(own, other)
-
-
-@compiled("Tuple((int64, int64[::1]))(float64[:, ::1], float64[::1], int64[::1], int64)")
-def link(points: F64, distance_m: F64, level: I64, level_count: int) -> tuple[int, I64]:
+@compiled("Tuple((int64, int64[::1]))(float64[:, ::1], float64[::1], float64[::1])")
+def link(points: F64, distance_m: F64, series: F64) -> tuple[int, I64]:
     """Connected parts of the graph of points at most the smaller of their distances apart.
 
-    Searched level by level, so that the wide search of far points leaves out the near ones: each pair is found at the
-    level of its smaller distance, which includes both.
+    Each part grows from its first point, and what is reached is taken out of its bucket: it is not met again. The
+    points of each level of distances lie in a square grid of their own, with buckets of that size, so that far points
+    with their wide search do not look at many near ones. A grid has more squares than there are buckets: after the
+    last one comes the first one again, and what lies in it by chance is too far away.
 
     Args:
-        points: (N, 3) metres, at least one.
+        points: (N, 3) metres.
         distance_m: (N,) positive.
-        level: (N,) step of each distance in a rising series.
-        level_count: Number of levels.
+        series: Levels of these: a rising series from the least one.
 
     Returns:
         The number of parts, and (N,) the part of each point, numbered in order of their first point.
     """
-    count = len(points)
-    parent, rows = np.empty(count, np.int64), np.empty(count, np.int64)
-    for row in range(count):
-        parent[row] = row
-    buckets = 64
-    while buckets < count:
-        buckets *= 2
-    starts = np.empty(buckets + 1, np.int64)
-    for lowest in range(level_count):
-        reach_m, above = 0.0, 0
-        for row in range(count):
-            if level[row] >= lowest:
-                rows[above] = row
-                above += 1
-            if level[row] == lowest:
-                reach_m = max(reach_m, distance_m[row])
-        if reach_m > 0.0:
-            _link_level(points, distance_m, level, rows, above, lowest, reach_m * ROOM, starts, parent)
+    count, levels = len(points), len(series)
+    level, sizes, longest_m = np.empty(count, np.int64), np.zeros(levels, np.int64), np.zeros(levels)
+    low, high = np.full((levels, 2), np.inf), np.full((levels, 2), -np.inf)
+    for i in range(count):
+        own = _level(distance_m[i], series)
+        level[i] = own
+        sizes[own] += 1
+        longest_m[own] = max(longest_m[own], distance_m[i])
+        for axis in range(2):
+            low[own, axis] = min(low[own, axis], points[i, axis])
+            high[own, axis] = max(high[own, axis], points[i, axis])
 
-    part, parts = np.empty(count, np.int64), 0
-    for i in range(count):  # the root of a part is its first point
-        root = _root(parent, i)
-        if root == i:
-            part[i] = parts
-            parts += 1
-        else:
-            part[i] = part[root]
+    first, mask, per_m = np.empty(levels, np.int64), np.empty(levels, np.int64), np.empty(levels)
+    columns, lines, buckets = np.empty(levels, np.int64), np.empty(levels, np.int64), 0
+    for own in range(levels):
+        size = 1
+        while size < 2 * sizes[own]:
+            size *= 2
+        first[own], mask[own], per_m[own] = buckets, size - 1, BUCKETS_ACROSS / longest_m[own]
+        columns[own] = _bucket(high[own, 0] - low[own, 0], per_m[own]) + 1
+        lines[own] = _bucket(high[own, 1] - low[own, 1], per_m[own]) + 1
+        buckets += size
+    bucket, stops = np.empty(count, np.int64), np.zeros(buckets + 1, np.int64)
+    for i in range(count):
+        own = level[i]
+        column = _bucket(points[i, 0] - low[own, 0], per_m[own])
+        line = _bucket(points[i, 1] - low[own, 1], per_m[own])
+        bucket[i] = first[own] + ((column * lines[own] + line) & mask[own])
+        stops[bucket[i] + 1] += 1
+    for k in range(buckets):
+        stops[k + 1] += stops[k]
+    starts = stops.copy()
+    near, near_row = np.empty((count, 4)), np.empty(count, np.int64)  # bucket after bucket
+    for i in range(count):
+        place = stops[bucket[i]]
+        stops[bucket[i]] += 1
+        near_row[place] = i
+        near[place, 0], near[place, 1], near[place, 2] = points[i, 0], points[i, 1], points[i, 2]
+        near[place, 3] = distance_m[i] * distance_m[i]
+
+    part, parts, reached = np.full(count, -1, np.int64), 0, np.empty(count, np.int64)
+    for seed in range(count):
+        if part[seed] >= 0:
+            continue
+        part[seed], reached[0], done, found = parts, seed, 0, 1
+        while done < found:
+            row = reached[done]
+            done += 1
+            x, y, z, own_m2 = points[row, 0], points[row, 1], points[row, 2], distance_m[row] * distance_m[row]
+            for other in range(levels):
+                if sizes[other] == 0:
+                    continue
+                reach_m = min(distance_m[row], longest_m[other]) * ROOM
+                east, north, scale = x - low[other, 0], y - low[other, 1], per_m[other]
+                stop_column = min(_bucket(east + reach_m, scale) + 1, columns[other])
+                stop_line = min(_bucket(north + reach_m, scale) + 1, lines[other])
+                for column in range(_bucket(east - reach_m, scale), stop_column):
+                    for line in range(_bucket(north - reach_m, scale), stop_line):
+                        k = first[other] + ((column * lines[other] + line) & mask[other])
+                        place = starts[k]
+                        while place < stops[k]:
+                            dx, dy, dz = x - near[place, 0], y - near[place, 1], z - near[place, 2]
+                            if not dx * dx + dy * dy + dz * dz <= min(own_m2, near[place, 3]):
+                                place += 1
+                                continue
+                            if part[near_row[place]] < 0:
+                                part[near_row[place]], reached[found] = parts, near_row[place]
+                                found += 1
+                            stops[k] -= 1
+                            near_row[place] = near_row[stops[k]]
+                            for axis in range(4):
+                                near[place, axis] = near[stops[k], axis]
+        parts += 1
     return parts, part

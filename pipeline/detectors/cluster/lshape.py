@@ -63,7 +63,7 @@ def fit_rectangles(xy: F64, starts: I64) -> Rectangles:
     """Fit a rectangle to each cluster.
 
     Args:
-        xy: (N, 2) metres, sorted by cluster.
+        xy: (N, 2 or more) of which x and y count, metres; sorted by cluster.
         starts: (C,) first row of each cluster; each has at least one, and there is at least one cluster.
     """
     xy, ends = np.ascontiguousarray(xy), np.append(starts[1:], len(xy))
@@ -78,7 +78,7 @@ def rectangles_along(xy: F64, starts: I64, angles_rad: F64) -> Rectangles:
     """The rectangle around each cluster with a side in a given direction.
 
     Args:
-        xy: (N, 2) metres, sorted by cluster.
+        xy: (N, 2 or more) of which x and y count, metres; sorted by cluster.
         starts: (C,) first row of each cluster; each has at least one, and there is at least one cluster.
         angles_rad: (C,) direction of one side about +z.
     """
@@ -129,7 +129,9 @@ class _Thinned:
     @classmethod
     def of(cls, xy: F64, starts: I64, ends: I64) -> "_Thinned":
         """Means of the points in the cells of a grid of each cluster's own size."""
-        low, high = np.minimum.reduceat(xy, starts), np.maximum.reduceat(xy, starts)
+        low, high = (
+            np.stack([end.reduceat(xy[:, k], starts) for k in range(2)], 1) for end in (np.minimum, np.maximum)
+        )
         diagonal_m = np.maximum(np.hypot(*(high - low).T), 1e-3)
         count, means, weights, mean_ends = thinned(xy, ends, low, diagonal_m / CELLS_ACROSS, CELLS_ACROSS + 1)
         return cls(means[:count], weights[:count], mean_ends, SOFT_SHARE * diagonal_m)

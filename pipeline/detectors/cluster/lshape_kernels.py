@@ -1,4 +1,4 @@
-"""The loops of `lshape.py` over the points of each cluster.
+"""The loops of `lshape.py` and `principal.py` over the points of each cluster.
 
 Sums are taken as numpy takes those of a row: in eight columns, and of more than 128 values by halves. That errs less
 than adding one after another, and makes the results those of array operations.
@@ -9,7 +9,7 @@ import numpy as np
 from pipeline.core.arrays import F64, I64
 from pipeline.core.compiled import compiled, inlined
 
-__all__ = ["closeness", "nearest_sides", "ranked", "thinned", "turned"]
+__all__ = ["closeness", "moments", "nearest_sides", "ranked", "thinned", "turned"]
 
 
 SUMMED_AT_ONCE = 128
@@ -77,7 +77,7 @@ def thinned(xy: F64, ends: I64, low: F64, cell_m: F64, across: int) -> tuple[int
     """Means of the points in the cells of each cluster's own grid, in the order of the cells.
 
     Args:
-        xy: (N, 2) metres, sorted by cluster.
+        xy: (N, 2 or more) of which x and y count, metres; sorted by cluster.
         ends: (C,) row behind the last of each cluster.
         low: (C, 2) corner of each grid.
         cell_m: (C,) edge of its cells.
@@ -119,39 +119,25 @@ def thinned(xy: F64, ends: I64, low: F64, cell_m: F64, across: int) -> tuple[int
     return made, means, weights, mean_ends
 
 
-@compiled("void(float64[::1], float64[::1], int64, int64, float64, float64[::1], float64[::1])")
-def _to_ends(along: F64, weights: F64, start: int, count: int, trim_share: float, mass: F64, gap: F64) -> None:
-    """Lower each `gap` to the distance from the nearer of the two ends, behind which little mass lies.
+@inlined
+def _ends(mass: F64, total: float, outside: float, low: float, step: float) -> tuple[float, float]:
+    """The two ends of a histogram, behind which little lies.
 
     Args:
-        along: (P,) the points' places along an axis; the first `count` are used.
-        weights: Of all points; those from `start` on are theirs.
-        start: See `weights`.
-        count: Number of points.
-        trim_share: Largest share of the mass behind either end.
-        mass: Room for one number a bin.
-        gap: (P,) changed.
+        mass: Of each bin: a whole number, so that sums are exact.
+        total: Of all bins.
+        outside: Largest mass behind either end; less than all.
+        low: Where the first bin begins.
+        step: Width of each.
     """
-    bins = len(mass)
-    low, high = along[0], along[0]
-    for i in range(1, count):
-        low, high = min(low, along[i]), max(high, along[i])
-    step = max((high - low) / bins, 1e-9)
-    for k in range(bins):
-        mass[k] = 0.0
-    for i in range(count):
-        mass[int(min((along[i] - low) / step, bins - 1.0))] += weights[start + i]
-    for k in range(1, bins):
-        mass[k] += mass[k - 1]
-    outside = trim_share * mass[bins - 1]
-    inside = mass[bins - 1] - outside
-    first, last = 0, 1
-    for k in range(bins):
-        first += mass[k] <= outside
-        last += mass[k] < inside
-    low, high = low + first * step, low + last * step
-    for i in range(count):
-        gap[i] = min(gap[i], min(abs(along[i] - low), abs(along[i] - high)))
+    first, last, below, above, inside = 0, len(mass), mass[0], mass[-1], total - outside
+    while below <= outside:
+        first += 1
+        below += mass[first]
+    while total - above >= inside:
+        last -= 1
+        above += mass[last - 1]
+    return low + first * step, low + last * step
 
 
 @compiled(
@@ -171,23 +157,36 @@ def closeness(xy: F64, weights: F64, ends: I64, soft_m: F64, cos: F64, sin: F64,
         bins: Resolution of the bounds.
         trim_share: Share of the points that may lie outside at each side.
     """
-    found, mass = np.empty((len(ends), cos.shape[1])), np.empty(bins)
-    forward, left, gap = np.empty(len(xy)), np.empty(len(xy)), np.empty(len(xy))
+    found, mass, mass_left = np.empty(cos.shape), np.empty(bins), np.empty(bins)
+    forward, left, near = np.empty(len(xy)), np.empty(len(xy)), np.empty(len(xy))
     start = 0
     for c in range(len(ends)):
-        count = ends[c] - start
-        soft = soft_m[c] * soft_m[c]
+        count, soft, total = ends[c] - start, soft_m[c] * soft_m[c], 0.0
+        own = weights[start : ends[c]]
+        for i in range(count):
+            total += own[i]
         for k in range(cos.shape[1]):
             x, y = cos[c, k], sin[c, k]
             for i in range(count):
                 forward[i] = xy[start + i, 0] * x + xy[start + i, 1] * y
                 left[i] = xy[start + i, 1] * x - xy[start + i, 0] * y
-                gap[i] = np.inf
-            _to_ends(forward, weights, start, count, trim_share, mass, gap)
-            _to_ends(left, weights, start, count, trim_share, mass, gap)
+            low, high, low_left, high_left = forward[0], forward[0], left[0], left[0]
             for i in range(count):
-                gap[i] = weights[start + i] / np.sqrt(gap[i] * gap[i] + soft)
-            found[c, k] = _sum(gap, 0, count)
+                low, high = min(low, forward[i]), max(high, forward[i])
+                low_left, high_left = min(low_left, left[i]), max(high_left, left[i])
+            step, step_left = max((high - low) / bins, 1e-9), max((high_left - low_left) / bins, 1e-9)
+            for one in range(bins):
+                mass[one], mass_left[one] = 0.0, 0.0
+            for i in range(count):
+                mass[int(min((forward[i] - low) / step, bins - 1.0))] += own[i]
+                mass_left[int(min((left[i] - low_left) / step_left, bins - 1.0))] += own[i]
+            low, high = _ends(mass, total, trim_share * total, low, step)
+            low_left, high_left = _ends(mass_left, total, trim_share * total, low_left, step_left)
+            for i in range(count):
+                gap = min(abs(forward[i] - low), abs(forward[i] - high))
+                gap = min(gap, min(abs(left[i] - low_left), abs(left[i] - high_left)))
+                near[i] = own[i] / np.sqrt(gap * gap + soft)
+            found[c, k] = _sum(near, 0, count)
         start = ends[c]
     return found
 
@@ -255,3 +254,21 @@ def nearest_sides(along: F64, ends: I64, low: F64, high: F64) -> F64:
         sums[c] = _sum(square, start, ends[c] - start)
         start = ends[c]
     return sums
+
+
+@compiled("float64[:, ::1](float64[:, ::1], int64[::1])")
+def moments(xy: F64, ends: I64) -> F64:
+    """(C, 3) mean xx, xy and yy of the points (N, 2) of each cluster about their mean; `ends` as above."""
+    found, products, start = np.empty((len(ends), 3)), np.empty((3, len(xy))), 0
+    for c in range(len(ends)):
+        count = ends[c] - start
+        for i in range(count):
+            products[0, i], products[1, i] = xy[start + i, 0], xy[start + i, 1]
+        mean_x, mean_y = _sum(products[0], 0, count) / count, _sum(products[1], 0, count) / count
+        for i in range(count):
+            x, y = xy[start + i, 0] - mean_x, xy[start + i, 1] - mean_y
+            products[0, i], products[1, i], products[2, i] = x * x, x * y, y * y
+        for k in range(3):
+            found[c, k] = _sum(products[k], 0, count) / count
+        start = ends[c]
+    return found

@@ -2,22 +2,24 @@
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, I64, U8, Bools
+from pipeline.core.arrays import F32, F64, I32, I64, U8, Bools
 from pipeline.core.compiled import compiled
 
-__all__ = ["extents", "members", "points_above_ground"]
+__all__ = ["extents", "hidden_below", "members", "points_above_ground"]
 
 HALF_ROOT = np.sqrt(0.5)
 
 
 @compiled(
-    "Tuple((int64, int64[::1], float64[:, ::1], int64[::1], float64[::1]))"
-    "(Array(float32, 2, 'C', readonly=True), Array(uint8, 1, 'C', readonly=True), int64[::1], float64[::1], "
+    "Tuple((int64, int64[::1], float64[:, ::1], int64[::1], float64[::1], float64[::1]))"
+    "(Array(float32, 2, 'C', readonly=True), Array(uint8, 1, 'C', readonly=True), "
+    "Array(int32, 1, 'C', readonly=True), int64[::1], float64[::1], "
     "Array(float64, 2, 'C', readonly=True), float64[::1], float64[:, ::1], float64[::1], float64[::1])"
 )
 def points_above_ground(
     xyz: F32,
     lidar_index: U8,
+    time_ns: I32,
     rows: I64,
     plane: F64,
     relief_m: F64,
@@ -25,12 +27,13 @@ def points_above_ground(
     lidar_xyz: F64,
     link: F64,
     heights_m: F64,
-) -> tuple[int, I64, F64, I64, F64]:
+) -> tuple[int, I64, F64, I64, F64, F64]:
     """The points between two heights above the ground, with room behind them.
 
     Args:
         xyz: (N, 3) the cloud, metres in the site frame.
         lidar_index: (N,) lidar of each point.
+        time_ns: (N,) its time, minus the cloud's stamp.
         rows: (P,) the points to look at.
         plane: (4,) normal and offset of the ground's plane.
         relief_m: (H, W) see `Relief`.
@@ -41,11 +44,11 @@ def points_above_ground(
 
     Returns:
         How many they are; (P,) the place of each in `rows`; (P, 3) x, y and height above the ground; (P,) its lidar;
-        and (P,) its link distance.
+        (P,) its link distance; and (P,) its time.
     """
     count, (height, width) = len(rows), relief_m.shape
     place, lidar, link_m = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count)
-    position = np.empty((count, 3))
+    position, when_ns = np.empty((count, 3)), np.empty(count)
     kept = 0
     for i in range(count):
         x, y, z = np.float64(xyz[rows[i], 0]), np.float64(xyz[rows[i], 1]), np.float64(xyz[rows[i], 2])
@@ -59,11 +62,11 @@ def points_above_ground(
         if heights_m[0] < above < heights_m[1]:
             own = np.int64(lidar_index[rows[i]])
             dx, dy, dz = x - lidar_xyz[own, 0], y - lidar_xyz[own, 1], z - lidar_xyz[own, 2]
-            place[kept], lidar[kept] = i, own
+            place[kept], lidar[kept], when_ns[kept] = i, own, time_ns[rows[i]]
             position[kept, 0], position[kept, 1], position[kept, 2] = x, y, above
             link_m[kept] = link[0] + link[1] * np.sqrt(dx * dx + dy * dy + dz * dz)
             kept += 1
-    return kept, place, position, lidar, link_m
+    return kept, place, position, lidar, link_m, when_ns
 
 
 @compiled(
@@ -137,3 +140,55 @@ def members(cluster: I64, is_wanted: Bools) -> tuple[I64, I64]:
             rows[place[c]] = i
             place[c] += 1
     return rows, starts
+
+
+@compiled(
+    "boolean[::1](int64[::1], float64[::1], float64[::1], float64[::1], int64[::1], float64[::1], float64[::1], "
+    "int64[::1], float64, float64[::1])"
+)
+def hidden_below(
+    first: I64,
+    distance_m: F64,
+    slope: F64,
+    height_m: F64,
+    sector: I64,
+    far_m: F64,
+    lidar_height_m: F64,
+    starts: I64,
+    from_m: float,
+    shares: F64,
+) -> Bools:
+    """(C,) whether clusters are hidden below in enough of the sectors that they extend over, see `Sight`.
+
+    One point of each sector of a cluster, its first, stands for all of them.
+
+    Args:
+        first: (S + 1,) first point of each sector of all points.
+        distance_m: Of these points from their lidar.
+        slope: Of the lines of sight to them.
+        height_m: (P,) of the points of the clusters above the ground, cluster after cluster.
+        sector: (P,) theirs.
+        far_m: (P,) their distance from their lidar.
+        lidar_height_m: (P,) height of that.
+        starts: (C,) first point of each cluster.
+        from_m: What hides is met at least so high.
+        shares: What hides is nearer than the first of what is hidden; and a cluster is so in the second of its sectors.
+    """
+    found, looked = np.empty(len(starts), np.bool_), np.full(len(first), -1, np.int64)
+    for c in range(len(starts)):
+        end = starts[c + 1] if c + 1 < len(starts) else len(sector)
+        bottom_m, lines, hidden = np.inf, 0, 0
+        for i in range(starts[c], end):
+            bottom_m = min(bottom_m, height_m[i])
+        for i in range(starts[c], end):
+            if looked[sector[i]] == c:
+                continue
+            looked[sector[i]] = c
+            lines += 1
+            for k in range(first[sector[i]], first[sector[i] + 1]):
+                meets_m = lidar_height_m[i] + slope[k] * far_m[i]
+                if distance_m[k] < shares[0] * far_m[i] and from_m <= meets_m <= bottom_m:
+                    hidden += 1
+                    break
+        found[c] = hidden >= shares[1] * lines
+    return found

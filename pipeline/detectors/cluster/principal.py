@@ -8,6 +8,7 @@ median of simulated recordings; the principal axis is 3 degrees off.
 import numpy as np
 
 from pipeline.core.arrays import F64, I64
+from pipeline.detectors.cluster.lshape_kernels import moments
 
 __all__ = ["principal_axes"]
 
@@ -18,13 +19,10 @@ def principal_axes(xy: F64, starts: I64) -> tuple[F64, F64]:
     Roundness is the standard deviation across the axis, as a share of that along it; 1 for a single point.
 
     Args:
-        xy: (N, 2) metres, sorted by cluster.
+        xy: (N, 2 or more) of which x and y count, metres; sorted by cluster.
         starts: (C,) first row of each cluster; each has at least one.
     """
-    counts = np.diff(starts, append=len(xy))
-    mean = np.add.reduceat(xy, starts) / counts[:, None]
-    x, y = (xy - np.repeat(mean, counts, axis=0)).T
-    xx, xy_, yy = (np.add.reduceat(product, starts) / counts for product in (x * x, x * y, y * y))
+    xx, xy_, yy = moments(np.ascontiguousarray(xy), np.append(starts[1:], len(xy))).T
     apart = np.hypot((xx - yy) / 2, xy_)
     most, least = (xx + yy) / 2 + apart, np.maximum((xx + yy) / 2 - apart, 0.0)
     roundness = np.sqrt(np.divide(least, most, out=np.ones_like(most), where=most > 0))

@@ -144,7 +144,7 @@ class OnnxDetector2D:
         outputs = self._run(self._session, batch)
         try:
             with np.errstate(all="ignore"):
-                found = self._layout.read(outputs, len(batch), size_px)[: len(images)]
+                found = self._layout.read(outputs, len(batch), size_px, self._config.min_score)[: len(images)]
                 found = [one._replace(xyxy=place.undo(one.xyxy)) for one, place in zip(found, places, strict=True)]
         except ModelError as err:
             raise ModelError(f"{self._path}: {err}") from err
@@ -187,7 +187,7 @@ class OnnxDetector2D:
         wanted = None if self._config.layout == "auto" else self._config.layout
         layout = recognise(Trial(size_px, names, outputs, self._inputs.sizes is not None), wanted)
         with np.errstate(all="ignore"):
-            layout.read(outputs, count, size_px)
+            layout.read(outputs, count, size_px, self._config.min_score)
         return layout
 
     def _take_any_size(self, own_px: Size) -> None:

@@ -1,12 +1,13 @@
 """Images as networks take them: colours, scale, and where the image lies in the input."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import cv2
 import numpy as np
 
-from pipeline.core.arrays import F32, U8
+from pipeline.core.arrays import F32, U8, Array
 from pipeline.core.settings.detect import NetworkColors
 
 __all__ = ["Place", "Placement", "Preprocessing"]
@@ -48,9 +49,10 @@ class Preprocessing:
 
     def blank(self, count: int, height_px: int, width_px: int) -> F32:
         """Input (N, 3, H, W) without images."""
-        grey = self._values(np.full((1, 1, 3), PADDING, np.uint8))
+        grey = np.empty((3, 1, 1), np.float32)
+        self._write([np.full((1, 1), PADDING, np.uint8)] * 3, grey)
         batch = np.empty((count, 3, height_px, width_px), np.float32)
-        batch[:] = grey.transpose(2, 0, 1)
+        batch[:] = grey
         return batch
 
     def put(self, image: U8, into: F32) -> Place:
@@ -73,20 +75,17 @@ class Preprocessing:
         size = np.maximum(size, 1)
         small = cv2.resize(image, (int(size[0]), int(size[1])), interpolation=cv2.INTER_LINEAR)
         (left, top), (right, bottom) = offset, offset + size
-        into[:, top:bottom, left:right] = self._values(small.astype(np.uint8, copy=False)).transpose(2, 0, 1)
+        self._write(cv2.split(small), into[:, top:bottom, left:right])
         return Place((size / [width, height]).astype(np.float32), offset.astype(np.float32))
 
-    def _values(self, rgb: U8) -> F32:
-        """The values of pixels (H, W, 3), red first, as the network takes them."""
-        match self.colors:
-            case "bgr_255":
-                return rgb[..., ::-1].astype(np.float32)
-            case "rgb_255":
-                return rgb.astype(np.float32)
-            case "bgr_1":
-                return rgb[..., ::-1].astype(np.float32) / np.float32(255)
-            case "rgb_1":
-                return rgb.astype(np.float32) / np.float32(255)
-            case "imagenet":
-                mean, deviation = np.array(IMAGENET_MEAN, np.float32), np.array(IMAGENET_DEVIATION, np.float32)
-                return (rgb.astype(np.float32) / np.float32(255) - mean) / deviation
+    def _write(self, planes: Sequence[Array], into: F32) -> None:
+        """Writes red, green and blue (H, W) to (3, H, W) as the network takes them."""
+        for channel, plane in enumerate(planes[::-1] if self.colors.startswith("bgr") else planes):
+            values = into[channel]
+            if self.colors in ("bgr_255", "rgb_255"):
+                values[:] = plane
+                continue
+            np.divide(plane, np.float32(255), out=values)
+            if self.colors == "imagenet":
+                values -= np.float32(IMAGENET_MEAN[channel])
+                values /= np.float32(IMAGENET_DEVIATION[channel])

@@ -6,12 +6,14 @@ from functools import cached_property
 from io import BytesIO
 from typing import BinaryIO
 
+import numpy as np
 from rosbags.rosbag1.reader import read_bytes
 
 from pipeline.core.settings.recording import LimitsConfig
 from readers.files.chunk_cache import ChunkCache, detach
 from readers.files.container import MAX_BYTES_AT_OPENING
 from readers.files.damage import LIBRARY_ERRORS, Losses
+from readers.files.rosbag1.as_listed import as_listed
 from readers.files.rosbag1.chunk import (
     Comparison,
     Entry,
@@ -23,11 +25,16 @@ from readers.files.rosbag1.chunk import (
     messages_of,
 )
 from readers.files.rosbag1.connections import Connection, agreed, connection_of, is_same
-from readers.files.rosbag1.index import Chunk, Contents
+from readers.files.rosbag1.index import Chunk, Contents, rows_behind
 from readers.files.rosbag1.records import Record
 from readers.files.rows import counts_of, least_by
 
 __all__ = ["ChunkReader"]
+
+MANY = 32
+"""Messages of an uncompressed chunk from which on it is quicker to read all of it, if it is not large."""
+
+LARGE_BYTES = 16 << 20
 
 
 class ChunkReader:
@@ -93,17 +100,17 @@ class ChunkReader:
         chunk = self._contents.chunks[position]
         try:
             if self._contents.found_by == "scan" or chunk.compression == "none":
-                comparison = self._by_entries(position, entries)
+                comparison = self._at_once(position, entries) or self._by_entries(position, entries)
                 if comparison.only_indexed and self._contents.found_by == "index":
                     stream, begin, end = self._opened(position)
                     comparison = compared(entries, messages_of(stream, begin, end, self._limits)[0])
+            elif (quickly := self._at_once(position, entries)) is not None:
+                comparison = quickly
             else:
                 stream, begin, end = self._opened(position)
                 found, records = messages_of(stream, begin, end, self._limits)
                 comparison = compared(entries, found)
-                connections = dict(self._contents.connections)  # too late to use the other record
-                for record in records:
-                    self._confirm(stream, record, position, connections)
+                self._confirm_all(stream, records, position)
         except LIBRARY_ERRORS as err:
             self._note_chunk(position, self._losses.reason(err))
             return []
@@ -135,6 +142,31 @@ class ChunkReader:
             self._losses.note(chunk.data_position + offset, reason, messages=1)
         else:
             self._losses.note(position, f"a message at byte {offset} of the chunk: {reason}", messages=1)
+
+    def _at_once(self, position: int, entries: Sequence[Entry]) -> Comparison | None:
+        """The same where a chunk is just what its index says; None where it is not, or where it would take longer."""
+        chunk = self._contents.chunks[position]
+        is_packed = chunk.compression != "none"
+        if not chunk.index_size or (not is_packed and (len(entries) < MANY or chunk.data_size > LARGE_BYTES)):
+            return None
+        if is_packed:
+            records = self._unpacked(position)
+        else:
+            self._stream.seek(chunk.data_position)
+            records = read_bytes(self._stream, chunk.data_size)
+        rows = rows_behind(self._stream, chunk, position)
+        if len(rows) > self._limits.max_messages_per_chunk:
+            return None
+        listed = as_listed(records, rows)
+        if listed is None:
+            return None
+        if is_packed:
+            self._confirm_all(BytesIO(records), listed.connections, position)
+        offsets = np.fromiter((entry.offset for entry in entries), np.int64, len(entries))
+        places = np.searchsorted(listed.offsets, offsets)
+        data_at = listed.data_at[places] + (0 if is_packed else chunk.data_position)
+        found = zip(entries, offsets.tolist(), data_at.tolist(), listed.sizes[places].tolist(), strict=True)
+        return Comparison([*map(Found._make, found)], [], [])
 
     def _by_entries(self, position: int, entries: Sequence[Entry]) -> Comparison:
         """The messages that the index names in a chunk, or a scan has found: nothing else of it is read."""
@@ -171,6 +203,11 @@ class ChunkReader:
             reason = "the index of this chunk does not agree with the messages in it, which are used"
             self._losses.note(position, reason, messages=0)
         return right
+
+    def _confirm_all(self, stream: BinaryIO, records: Sequence[Record], position: int) -> None:
+        connections = dict(self._contents.connections)  # too late to use the other record
+        for record in records:
+            self._confirm(stream, record, position, connections)
 
     def _confirm(self, stream: BinaryIO, record: Record, position: int, connections: dict[int, Connection]) -> None:
         """Compare a connection's record in a chunk with the one at the end of the file, once."""

@@ -22,7 +22,7 @@ from readers.files.rosbag1.chunk import Entry, Found
 from readers.files.rosbag1.chunk_reader import ChunkReader
 from readers.files.rosbag1.index import Contents, contents_of_index
 from readers.files.rosbag1.recovery import contents_of_scan
-from readers.files.rows import counts_of, in_order
+from readers.files.rows import RowsByKey, counts_of, in_order
 from readers.messages.header_stamp import stamp_or_log_time
 from readers.recording import RosVersion, TopicInfo, merge_topics
 
@@ -55,6 +55,7 @@ class Rosbag1File(Container):
         self._chunks = ChunkReader(self._stream, contents, self._limits, self._losses)
         connections = self._chunks.confirm_connections() if is_indexed else contents.connections
         self._channels = {id_: connection.channel for id_, connection in connections.items()}
+        self._rows = RowsByKey(self._index[:, 3])
         self._pass_places = _pass_places(self._index)
         counts = counts_of(self._index[:, 3])
         self.topics = merge_topics(
@@ -129,10 +130,11 @@ class Rosbag1File(Container):
         self, wanted: set[int], start_ns: int, stop_ns: int, begin: _FilePlace, end: _FilePlace
     ) -> Iterator[tuple[int, list[Entry]]]:
         """The wanted entries of the index by chunk, in the order of the first one of each."""
-        index = self._index
-        index = index[slice(*np.searchsorted(index[:, 0], (start_ns, min(stop_ns, 2**63 - 1))).tolist())]
+        span = np.searchsorted(self._index[:, 0], (start_ns, min(stop_ns, 2**63 - 1)))
         if len(wanted) < len(self._channels):
-            index = index[np.isin(index[:, 3], [*wanted])]
+            index = self._index[self._rows.of(wanted, span)]
+        else:
+            index = self._index[slice(*span.tolist())]
         if self._pass_places:
             chunks, offsets = index[:, 1], index[:, 2]
             is_behind = (chunks > begin[0]) | ((chunks == begin[0]) & (offsets >= begin[1]))

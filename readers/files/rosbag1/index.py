@@ -28,7 +28,7 @@ from readers.files.rosbag1.records import (
 )
 from readers.files.rows import counts_of, sort_rows
 
-__all__ = ["BY_TIME", "Chunk", "Contents", "contents_of_index"]
+__all__ = ["BY_TIME", "Chunk", "Contents", "contents_of_index", "rows_behind"]
 
 COMPRESSIONS = {b"none": "none", b"bz2": "bz2", b"lz4": "lz4"}
 ENTRY = np.dtype([("sec", "<u4"), ("nanosec", "<u4"), ("offset", "<u4")])
@@ -50,6 +50,7 @@ class Chunk(NamedTuple):
         is_cut: Whether the file ends inside them.
         start_ns: Log time of its first message, according to the end of the file.
         end_ns: Log time of its last message (inclusive), likewise.
+        index_size: Bytes of the index records behind the data; 0 if unknown.
     """
 
     data_position: int
@@ -58,6 +59,7 @@ class Chunk(NamedTuple):
     is_cut: bool = False
     start_ns: int = 0
     end_ns: int = 2**63 - 1
+    index_size: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,17 +169,42 @@ def _chunk(stream: BinaryIO, position: int, following: int, info: _ChunkInfo) ->
     compression = COMPRESSIONS.get(record.fields[b"compression"])
     if compression is None:
         raise ValueError(f"the chunk at byte {position} has an unknown compression")
-    chunk = Chunk(record.data, record.size, compression, False, info.start_ns, info.end_ns)
     unpacked_size = record.number(b"size")
     if compression == "none" and unpacked_size != record.size:
         raise ValueError(f"the chunk at byte {position} gives two sizes, {unpacked_size} and {record.size}")
-    size, at = following - record.end, 0
+    size = following - record.end
     largest = info.counts.total() * ENTRY.itemsize + INDEX_HEADERS_BYTES
     if size > largest:  # perhaps whole chunks that the index does not list: they are not read into memory
         raise ValueError(
             f"the chunk at byte {position} has {size} bytes behind it, its index takes at most {largest} of them"
         )
-    stream.seek(record.end)
+    chunk = Chunk(record.data, record.size, compression, False, info.start_ns, info.end_ns, size)
+    counts, listed = _listed(stream, chunk, position)
+    if +counts != +info.counts:
+        raise ValueError(
+            f"the chunk at byte {position} has {info.counts.total()} messages according to the end of the file, "
+            f"{counts.total()} according to the index behind it"
+        )
+    rows = np.empty((len(listed), 4), np.int64)
+    rows[:, (0, 2, 3)] = listed
+    rows[:, 1] = position
+    _check_entries(rows, position, unpacked_size, info)
+    return chunk, rows
+
+
+def rows_behind(stream: BinaryIO, chunk: Chunk, position: int) -> I64:
+    """(N, 3) log time, offset and connection id of all messages that the index behind a chunk lists.
+
+    Raises:
+        ValueError: it is damaged.
+    """
+    return _listed(stream, chunk, position)[1]
+
+
+def _listed(stream: BinaryIO, chunk: Chunk, position: int) -> tuple[Counter[int], I64]:
+    """Number of messages by connection id, and the rows of `rows_behind`."""
+    size, at = chunk.index_size, 0
+    stream.seek(chunk.data_position + chunk.data_size)
     behind = stream.read(size)
     indexes = BytesIO(behind)
     entries: list[bytes] = []
@@ -190,19 +217,12 @@ def _chunk(stream: BinaryIO, position: int, following: int, info: _ChunkInfo) ->
         entries.append(behind[index.data : index.end])
         counts[id_] = index.number(b"count")
         at = index.end
-    if +counts != +info.counts:
-        raise ValueError(
-            f"the chunk at byte {position} has {info.counts.total()} messages according to the end of the file, "
-            f"{counts.total()} according to the index behind it"
-        )
     listed = np.frombuffer(b"".join(entries), ENTRY)
-    rows = np.empty((len(listed), 4), np.int64)
+    rows = np.empty((len(listed), 3), np.int64)
     rows[:, 0] = listed["sec"] * np.int64(10**9) + listed["nanosec"]
-    rows[:, 1] = position
-    rows[:, 2] = listed["offset"]
-    rows[:, 3] = np.repeat([*counts], [*counts.values()]) if counts else 0
-    _check_entries(rows, position, unpacked_size, info)
-    return chunk, rows
+    rows[:, 1] = listed["offset"]
+    rows[:, 2] = np.repeat([*counts], [*counts.values()]) if counts else 0
+    return counts, rows
 
 
 def _check_entries(rows: I64, position: int, size: int, info: _ChunkInfo) -> None:

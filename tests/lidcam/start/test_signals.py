@@ -11,6 +11,8 @@ from pathlib import Path
 import pytest
 from common import is_one_line
 
+pytestmark = pytest.mark.traced_processes
+
 BEGIN = """
 import os, signal, sys
 from pathlib import Path

@@ -18,6 +18,8 @@ from pipeline.parallel.failure import WorkerTraceback
 from pipeline.parallel.messages import MakeGraph
 from pipeline.parallel.run import Limits, run_parallel
 
+pytestmark = pytest.mark.traced_processes
+
 
 @pytest.fixture(autouse=True)
 def _processes_from_the_first_frame_on(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from pipeline.core.arrays import I64
 from readers.files import rows as module
-from readers.files.rows import counts_of, in_order, least_by, sort_rows
+from readers.files.rows import RowsByKey, counts_of, in_order, least_by, sort_rows
 
 TABLES = st.lists(st.tuples(*[st.integers(0, 3)] * 3), max_size=12).map(lambda rows: np.array(rows, np.int64))
 
@@ -46,3 +46,14 @@ def test_memory_beside_the_table() -> None:
     assert in_order_peak < 20 * count  # the quotients, and blocks
     assert peak < 40 * count  # a column, its order, and what the sort needs
     assert in_order(table, (0, 1))
+
+
+@given(st.lists(st.integers(-1, 3), max_size=12), st.sets(st.integers(-1, 4)), st.integers(0, 12), st.integers(0, 12))
+@pytest.mark.parametrize("scale", [1, 1 << 20])
+def test_rows_by_key(scale: int, keys: list[int], wanted: set[int], first: int, end: int) -> None:
+    column = np.array(keys, np.int64) * scale
+    expected = np.flatnonzero(np.isin(column, [key * scale for key in wanted]))
+    rows = RowsByKey(column)
+    for span in ((0, len(keys)), (first, end)):
+        found = rows.of([key * scale for key in wanted], np.array(span))
+        assert found.tolist() == expected[(expected >= span[0]) & (expected < span[1])].tolist()

@@ -6,7 +6,7 @@ from memory_recording import MemoryRecording
 from pipeline.core.errors import FrameError
 from pipeline.core.messages import RawMessage
 from pipeline.core.settings.recording import LimitsConfig
-from readers.messages.tf import read_transforms
+from readers.messages.tf import decode_transforms, read_transforms
 
 SECOND = 10**9
 TFM = "tf2_msgs/msg/TFMessage"
@@ -47,6 +47,18 @@ def test_mountings_repeated_on_tf_are_fixed_and_moving_ones_are_not() -> None:
     np.testing.assert_allclose(found.lookup("base", "lidar").translation[0], 1)
     with pytest.raises(FrameError, match="base moves in odom"):
         found.lookup("odom", "lidar")
+
+
+def test_of_a_frame_known_to_move_only_what_is_new_is_told() -> None:
+    moving = [tf("/tf", edge("base", "wheel", 0.01 * i), at_s=i) for i in range(3)]
+    unsound = tf("/tf", edge("base", "wheel", float("nan")), at_s=4)
+    found = read_transforms(MemoryRecording([*moving, tf("/tf", edge("axle", "wheel"), at_s=3), unsound]))
+    assert dict(found.moving) == {"wheel": "axle"}
+    assert "finite" in found.faults["wheel"]
+    assert decode_transforms(moving[0], is_wanted=lambda parent, child: (parent, child) != ("base", "wheel")) == []
+    ((_, fault, child),) = decode_transforms(unsound, is_wanted=lambda _parent, _child: False)
+    assert isinstance(fault, FrameError)
+    assert child == "wheel"
 
 
 def test_only_the_beginning_of_tf_is_read_but_all_of_tf_static() -> None:

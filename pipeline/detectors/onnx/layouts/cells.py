@@ -30,15 +30,17 @@ class YoloxReader:
     class_count: int
     is_in_pixels: bool
 
-    def __call__(self, outputs: Sequence[Array], count: int, size_px: Size) -> list[Candidates2D]:
+    def __call__(self, outputs: Sequence[Array], count: int, size_px: Size, min_score: float) -> list[Candidates2D]:
         """See `Reader`."""
         check_shape(outputs[0], (count, cell_count(size_px), 5 + self.class_count), "a YOLOX output")
-        return [self._read(rows, size_px) for rows in outputs[0]]
+        return [self._read(rows, size_px, min_score) for rows in outputs[0]]
 
-    def _read(self, rows: F32, size_px: Size) -> Candidates2D:
+    def _read(self, rows: F32, size_px: Size, min_score: float) -> Candidates2D:
+        taken = np.flatnonzero(rows[:, 4] >= min_score)
+        rows = rows[taken]
         centers, sizes = rows[:, :2], rows[:, 2:4]
         if not self.is_in_pixels:
-            grid, stride = _cells(size_px)
+            grid, stride = (cells[taken] for cells in _cells(size_px))
             centers, sizes = (centers + grid) * stride, np.exp(sizes) * stride
         scores, labels = best_class(rows[:, 5:])
         return Candidates2D(corners_of(centers, sizes), rows[:, 4] * scores, labels)
@@ -54,11 +56,11 @@ class YoloV5Reader:
 
     class_count: int
 
-    def __call__(self, outputs: Sequence[Array], count: int, size_px: Size) -> list[Candidates2D]:
+    def __call__(self, outputs: Sequence[Array], count: int, size_px: Size, min_score: float) -> list[Candidates2D]:
         """See `Reader`."""
         del size_px
         check_shape(outputs[0], (count, None, 5 + self.class_count), "a YOLOv5 output")
-        return [self._read(rows) for rows in outputs[0]]
+        return [self._read(rows[rows[:, 4] >= min_score]) for rows in outputs[0]]
 
     @staticmethod
     def _read(rows: F32) -> Candidates2D:
@@ -76,11 +78,11 @@ class YoloV8Reader:
 
     class_count: int
 
-    def __call__(self, outputs: Sequence[Array], count: int, size_px: Size) -> list[Candidates2D]:
+    def __call__(self, outputs: Sequence[Array], count: int, size_px: Size, min_score: float) -> list[Candidates2D]:
         """See `Reader`."""
         del size_px
         check_shape(outputs[0], (count, 4 + self.class_count, None), "a YOLOv8 output")
-        return [self._read(columns.T) for columns in outputs[0]]
+        return [self._read(columns[:, columns[4:].max(0) >= min_score].T) for columns in outputs[0]]
 
     @staticmethod
     def _read(rows: F32) -> Candidates2D:

@@ -21,13 +21,14 @@ Size = tuple[int, int]
 class Reader(Protocol):
     """Reads the outputs of a network."""
 
-    def __call__(self, outputs: Sequence[Array], count: int, size_px: Size) -> list[Candidates2D]:
+    def __call__(self, outputs: Sequence[Array], count: int, size_px: Size, min_score: float) -> list[Candidates2D]:
         """Proposals for each image of a batch, in pixels of the network's input.
 
         Args:
             outputs: All outputs of the network, in its order; numbers.
             count: Images of the batch.
             size_px: Height and width of the network's input.
+            min_score: Proposals with a lower score may be left out; scores are at most 1.
 
         Boxes that are beyond what numbers can say are not finite; a caller leaves them out, and has numpy keep quiet.
 

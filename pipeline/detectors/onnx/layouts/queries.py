@@ -17,9 +17,9 @@ __all__ = ["DetrReader", "DfineReader", "EndToEndReader", "RtDetrListReader", "R
 class EndToEndReader:
     """YOLOv10, YOLO26, exports with `nms=True`: (N, K, 6), rows of left, top, right, bottom in pixels, score, class."""
 
-    def __call__(self, outputs: Sequence[Array], count: int, size_px: Size) -> list[Candidates2D]:
+    def __call__(self, outputs: Sequence[Array], count: int, size_px: Size, min_score: float) -> list[Candidates2D]:
         """See `Reader`."""
-        del size_px
+        del size_px, min_score
         check_shape(outputs[0], (count, None, 6), "an end-to-end output")
         return [_listed(rows[:, :4], rows[:, 4], rows[:, 5]) for rows in outputs[0]]
 
@@ -34,8 +34,9 @@ class RtDetrReader:
 
     class_count: int
 
-    def __call__(self, outputs: Sequence[Array], count: int, size_px: Size) -> list[Candidates2D]:
+    def __call__(self, outputs: Sequence[Array], count: int, size_px: Size, min_score: float) -> list[Candidates2D]:
         """See `Reader`."""
+        del min_score
         check_shape(outputs[0], (count, None, 4 + self.class_count), "an RT-DETR output")
         return [_scored(rows[:, :4], rows[:, 4:], size_px) for rows in outputs[0]]
 
@@ -44,8 +45,9 @@ class RtDetrReader:
 class RtDetrListReader:
     """RT-DETR as Ultralytics exports it since 8.4: (N, K, 6), rows of centre and size in shares, score, class."""
 
-    def __call__(self, outputs: Sequence[Array], count: int, size_px: Size) -> list[Candidates2D]:
+    def __call__(self, outputs: Sequence[Array], count: int, size_px: Size, min_score: float) -> list[Candidates2D]:
         """See `Reader`."""
+        del min_score
         check_shape(outputs[0], (count, None, 6), "an RT-DETR output")
         return [_listed(_in_pixels(rows[:, :4], size_px), rows[:, 4], rows[:, 5]) for rows in outputs[0]]
 
@@ -66,8 +68,9 @@ class DetrReader:
     boxes_at: int
     scores_at: int
 
-    def __call__(self, outputs: Sequence[Array], count: int, size_px: Size) -> list[Candidates2D]:
+    def __call__(self, outputs: Sequence[Array], count: int, size_px: Size, min_score: float) -> list[Candidates2D]:
         """See `Reader`."""
+        del min_score
         boxes, logits = outputs[self.boxes_at], outputs[self.scores_at]
         check_shape(boxes, (count, None, 4), "boxes")
         check_shape(logits, (count, boxes.shape[1], self.class_count), "scores")
@@ -92,9 +95,9 @@ class DfineReader:
     boxes_at: int
     scores_at: int
 
-    def __call__(self, outputs: Sequence[Array], count: int, size_px: Size) -> list[Candidates2D]:
+    def __call__(self, outputs: Sequence[Array], count: int, size_px: Size, min_score: float) -> list[Candidates2D]:
         """See `Reader`."""
-        del size_px
+        del size_px, min_score
         labels, boxes, scores = outputs[self.labels_at], outputs[self.boxes_at], outputs[self.scores_at]
         check_shape(boxes, (count, None, 4), "boxes")
         check_shape(labels, (count, boxes.shape[1]), "classes")

@@ -27,9 +27,12 @@ def task(**changes: object) -> SensingTask:
     return SensingTask(scenario, ("car1",), 1, ("top", "front"))
 
 
-@given(st.sampled_from(["sandbox", "crossing", "vehicle"]), st.integers(1, 20))
+SCENARIOS = {name: load_scenario(name) for name in ("sandbox", "crossing", "vehicle")}
+
+
+@given(st.sampled_from(sorted(SCENARIOS)), st.integers(1, 20))
 def test_every_sensor_has_one_worker(name: str, workers: int) -> None:
-    scenario = load_scenario(name)
+    scenario = SCENARIOS[name]
     shares = shared_out(scenario, workers)
     assert 1 <= len(shares) <= workers
     assert all(shares)
@@ -40,6 +43,7 @@ def test_without_sensors_there_is_one_worker_with_nothing_to_do() -> None:
     assert shared_out(Scenario(world="sandbox"), 3) == [()]
 
 
+@pytest.mark.traced_processes
 def test_a_process_measures_what_this_one_would() -> None:
     commands = {"car1": AckermannCommand(0.3, 0.1)}
     stage = Stage(task().scenario, driven=("car1",))
@@ -57,6 +61,7 @@ def test_a_process_measures_what_this_one_would() -> None:
         assert mine._replace(hits=its.hits, hit_offsets_ns=its.hit_offsets_ns) == its
 
 
+@pytest.mark.traced_processes
 def test_its_errors_come_out() -> None:
     wrong = task(vehicles__car2__route="", vehicles__car2__start=[-1.5, 1.35, 0])
     with SensingProcess(wrong) as process:

@@ -31,16 +31,17 @@ def cloud(plane: Plane | None, relief: Relief | None) -> CombinedCloud:
 def test_points_above_ground(plane: Plane | None, relief: Relief | None, heights_m: tuple[float, float]) -> None:
     frame, rows = cloud(plane, relief), np.random.default_rng(1).permutation(2000)[:1500]
     points, lidars = frame.detection_cloud, frame.detection_lidar_index
-    count, place, position, lidar, link_m = points_above_ground(
-        points.xyz, lidars, rows, *ground_arrays(frame, 0.25), LIDARS, np.array([0.4, 0.01]), np.array(heights_m)
-    )
-    place, position, lidar, link_m = place[:count], position[:count], lidar[:count], link_m[:count]
+    times = np.arange(2000, dtype=np.int32) * 50_000
+    ground, link = ground_arrays(frame, 0.25), np.array([0.4, 0.01])
+    count, *found = points_above_ground(points.xyz, lidars, times, rows, *ground, LIDARS, link, np.array(heights_m))
+    place, position, lidar, link_m, time_ns = (column[:count] for column in found)
     xyz = points.xyz[rows].astype(np.float64)
     height = xyz[:, 2] - frame.ground_m(xyz[:, :2], level_m=0.25)
     np.testing.assert_array_equal(place, np.flatnonzero((height > heights_m[0]) & (height < heights_m[1])))
     np.testing.assert_array_equal(position[:, :2], xyz[place, :2])
     np.testing.assert_allclose(position[:, 2], height[place], rtol=0, atol=1e-14)  # the plane's sum may be fused there
     np.testing.assert_array_equal(lidar, lidars[rows[place]])
+    np.testing.assert_array_equal(time_ns, times[rows[place]])
     range_m = np.sqrt(((xyz[place] - LIDARS[lidar]) ** 2).sum(1))
     np.testing.assert_array_equal(link_m, 0.4 + 0.01 * range_m)
 

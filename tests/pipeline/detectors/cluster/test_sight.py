@@ -57,4 +57,4 @@ def test_another_lidar_does_not_hide_and_no_clusters_are_fine() -> None:
     assert sight.is_hidden_below(cluster, np.zeros(2, np.int64), np.array([0]), 1.0).tolist() == [False]
     none = np.zeros(0, np.int64)
     assert not len(sight.is_hidden_below(cluster[:0], none, none, 1.0))
-    assert not len(Sight.of(cluster[:0], none, origins).sector)
+    assert not len(Sight.of(cluster[:0], none, origins).slope)

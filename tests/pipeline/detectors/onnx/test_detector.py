@@ -66,8 +66,8 @@ def image(height: int, width: int, rgb: tuple[int, int, int] = (0, 0, 0)) -> U8:
 
 
 def detector(path: Path, threads: int = 1) -> OnnxDetector2D:
-    """A network that is given whole images in its own size."""
-    return OnnxDetector2D(path, Config(detect2d=Detect2DConfig(threads=threads, input=SIZE_PX[::-1])))
+    """A network that is given whole images in its own size, and of which every box is wanted."""
+    return OnnxDetector2D(path, Config(detect2d=Detect2DConfig(threads=threads, input=SIZE_PX[::-1], min_score=0)))
 
 
 @pytest.mark.parametrize("image_px", [(64, 96), (375, 1242), (480, 640), (600, 100), (10, 12), (1, 900)])

@@ -174,7 +174,24 @@ def read_directly(case: Case, image_px: tuple[int, int]) -> tuple[Array, Array, 
 
 
 def load(path: Path, **settings: object) -> OnnxDetector2D:
-    return OnnxDetector2D(path, Config(detect2d=Detect2DConfig.model_validate(settings)))
+    """A network of which every box is wanted unless the settings say otherwise."""
+    return OnnxDetector2D(path, Config(detect2d=Detect2DConfig.model_validate({"min_score": 0.0, **settings})))
+
+
+@pytest.mark.parametrize("min_score", [0.3, 0.5, 1.0])
+@pytest.mark.parametrize("case", CASES.values(), ids=CASES)
+def test_what_scores_enough_is_the_same_where_the_rest_may_be_left_out(
+    tmp_path: Path, case: Case, min_score: float
+) -> None:
+    path = write_network(
+        tmp_path / "m.onnx", case.outputs, size_px=SIZE_PX, scaled=case.scaled, metadata={"names": NAMES}
+    )
+    (every,) = load(path, input=(96, 64))([picture(375, 1242)])
+    (some,) = load(path, input=(96, 64), min_score=min_score)([picture(375, 1242)])
+    expected, found = every.scores >= min_score, some.scores >= min_score
+    np.testing.assert_array_equal(some.xyxy[found], every.xyxy[expected])
+    np.testing.assert_array_equal(some.scores[found], every.scores[expected])
+    np.testing.assert_array_equal(some.labels[found], every.labels[expected])
 
 
 def picture(height: int, width: int) -> U8:
@@ -287,6 +304,8 @@ def test_a_convolutional_network_sees_a_larger_picture_as_it_is(tmp_path: Path, 
             for left in range(0, size_px[1], stride):
                 cell = row[:, top : top + stride, left : left + stride]
                 values = [float((kernel[c] * cell).sum() + bias[c]) for c in range(columns)]
+                if values[4] < 0:
+                    continue
                 cx, cy = left + values[0] * stride, top + values[1] * stride
                 corners.append(from_center(cx, cy, math.exp(values[2]) * stride, math.exp(values[3]) * stride))
                 best.append(values[4] * max(values[5:]))

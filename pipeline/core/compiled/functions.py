@@ -1,0 +1,113 @@
+"""The decorators of compiled functions and of their parts."""
+
+import os
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from functools import cache, update_wrapper
+from pathlib import Path
+from types import FunctionType
+from typing import Any, ParamSpec, TypeVar, cast
+
+from pipeline.core.compile_log import compile_log
+from pipeline.core.compiled import compiling
+from pipeline.core.compiled.arguments import checked
+from pipeline.core.compiled.kept import Keeper
+from pipeline.core.compiled.linking import LinkError, link, made_for
+
+__all__ = ["compiled", "compiled_as", "inlined"]
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+_told = False
+
+
+def compiled(signature: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """Compile a function for the given types of arguments, or take what an earlier process made.
+
+    It runs without the interpreter's lock. Arguments of other types raise TypeError. An index beyond the end of an
+    array is not checked, and a negative one counts from the end, as in numpy.
+
+    Args:
+        signature: As numba writes it, such as "float32[::1](float32[:, ::1], int64)".
+    """
+
+    def making(function: Callable[P, R]) -> Callable[P, R]:
+        if os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0"):  # for a debugger
+            return function
+        assert isinstance(function, FunctionType)
+        made_of = made_for()
+        ready = _linked(function, signature, made_of) if made_of else None
+        return cast("Callable[P, R]", ready or _by_numba(function, signature))
+
+    return making
+
+
+def compiled_as(make: Callable[[], Any]) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """In compiled functions of the same file, something else stands for the decorated function.
+
+    Args:
+        make: Makes what numba knows, when something that needs it is compiled; called once.
+    """
+
+    def deciding(function: Callable[P, R]) -> Callable[P, R]:
+        vars(function)[compiling.STANDS_FOR] = cache(make)
+        return function
+
+    return deciding
+
+
+def inlined(function: Callable[P, R]) -> Callable[P, R]:
+    """A part of compiled functions of the same file, for any types of arguments."""
+    return compiled_as(lambda: compiling.inner(function))(function)
+
+
+def _linked(function: FunctionType, signature: str, made_of: str) -> Callable[..., Any] | None:
+    """Machine code, kept or new; nothing if it cannot be run without numba."""
+    name = function.__qualname__
+    keeper = _keeper(function, f"{made_of}\0{compiling.OPTIONS}\0{signature}")
+    code, made = keeper.read() if keeper else None, None
+    try:
+        if code is None:
+            _tell()
+            started = time.perf_counter()
+            made = compiling.dispatcher(function, signature, no_cfunc_wrapper=True)
+            compile_log.debug("%s compiled in %.1f s", name, time.perf_counter() - started)
+            code = compiling.machine_code(made)
+            if keeper:
+                keeper.write(code)
+        call = checked(link(code, name), code.arguments, name)
+    except (LinkError, compiling.UnknownCodeError) as err:
+        compile_log.debug("%s is left to numba: %s", name, err)
+        return None
+    parts = compiled_as(lambda: made or compiling.dispatcher(function, signature))
+    return parts(update_wrapper(call, function))
+
+
+def _keeper(function: FunctionType, made_of: str) -> Keeper | None:
+    if "<" in function.__qualname__:  # a function within another may depend on the place where it was made
+        return None
+    with suppress(OSError):
+        return Keeper(Path(function.__code__.co_filename), function.__qualname__, made_of)
+    return None
+
+
+def _by_numba(function: FunctionType, signature: str) -> Callable[..., Any]:
+    """As numba calls what it made; it keeps that itself, where it can."""
+    try:
+        if not compiling.is_kept_by_numba(function):
+            _tell()
+        return cast("Callable[..., Any]", compiling.dispatcher(function, signature, cache=True))
+    except (OSError, RuntimeError) as err:
+        if not isinstance(err, OSError) and "cannot cache function" not in str(err):
+            raise
+        _tell()
+        return cast("Callable[..., Any]", compiling.dispatcher(function, signature))
+
+
+def _tell() -> None:
+    global _told
+    if not _told:
+        _told = True
+        compile_log.info("compiling for this processor, once: up to half a minute")
