@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I32
+from pipeline.core.arrays import F64, I32, Bools
 from pipeline.core.association import class_distances
 from pipeline.core.settings.classes import ClassPrior
 
@@ -34,6 +34,9 @@ LONG_LIMIT = 4.0
 
 MEASURED_SHARE = 1e-3
 """An extent that differs from the typical one of the class by less than this share was completed, not measured."""
+
+TURNED = [1, 0, 2]
+"""Width, length, height."""
 
 
 def confusion(priors: Sequence[ClassPrior]) -> F64:
@@ -77,11 +80,19 @@ def class_log_odds(sizes: F64, own_ids: I32, priors: Sequence[ClassPrior]) -> F6
     own = of_class == own_ids[:, None]
     is_typical = np.abs(extent - typical) <= MEASURED_SHARE * typical
     is_measured = ~(is_typical & own[..., None]).any(1)[:, None]
-    long = np.maximum(extent - typical, 0) / np.maximum(typical * (room[of_class] - 1) / 2, 1e-9)
-    long = np.minimum(long, LONG_LIMIT) * is_measured
-    short = np.minimum(np.maximum(typical - extent, 0) / (SHORT_SHARE * typical), SHORT_LIMIT)
-    weights = np.where(is_measured, SHORT_WEIGHTS, COMPLETED_WEIGHTS)
-    of_kinds = -(long**2 + weights * short**2).sum(2) / 2
+    spread = typical * (room[of_class] - 1) / 2
+    of_kinds = _fit(extent, is_measured, typical, spread)
+    has_one_side = (is_measured[..., 0] != is_measured[..., 1]) & ~own
+    turned = _fit(extent[..., TURNED], is_measured[..., TURNED], typical, spread)
+    of_kinds = np.where(has_one_side, np.maximum(of_kinds, turned), of_kinds)
     odds = np.maximum.reduceat(of_kinds, np.flatnonzero(np.diff(of_class, prepend=-1)), axis=1)
     odds[np.arange(len(sizes)), own_ids] += OWN_LOG_ODDS
     return np.asarray(odds)
+
+
+def _fit(extent: F64, is_measured: Bools, typical: F64, spread: F64) -> F64:
+    """(N, K) log likelihood of extents (N, 1, 3) by typical ones (K, 3) and their standard deviations above these."""
+    long = np.minimum(np.maximum(extent - typical, 0) / np.maximum(spread, 1e-9), LONG_LIMIT) * is_measured
+    short = np.minimum(np.maximum(typical - extent, 0) / (SHORT_SHARE * typical), SHORT_LIMIT)
+    weights = np.where(is_measured, SHORT_WEIGHTS, COMPLETED_WEIGHTS)
+    return np.asarray(-(long**2 + weights * short**2).sum(2) / 2)

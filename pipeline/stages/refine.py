@@ -22,6 +22,7 @@ from pipeline.fusion.refining.camera_doubt import camera_shifts
 from pipeline.fusion.refining.cut_edges import moved_by_borders
 from pipeline.fusion.refining.measured_edges import MeasuredEdges, measured_edges
 from pipeline.fusion.refining.refinement import predicted_edges, refine_boxes
+from pipeline.fusion.refining.turned import better_turned, with_turned
 
 __all__ = ["Refine"]
 
@@ -52,20 +53,22 @@ class Refine:
         if not self._config.refine:
             return hypotheses
         edges = measured_edges(hypotheses, boxes2d, views, self._config)
-        boxes = hypotheses.boxes
+        count = len(hypotheses.boxes)
+        boxes, edges, turned_of = with_turned(hypotheses.boxes, edges)
         outline = self._outline(boxes, edges)
         predicted, jacobian, in_view = predicted_edges(boxes, edges, outline)
         if not in_view.any():
             return hypotheses
         edges, predicted, jacobian = edges.select(in_view), predicted[in_view], jacobian[in_view]
+        is_own = edges.rows < count
         objects, rows = np.unique(edges.rows, return_inverse=True)
         chosen, edges = boxes.select(objects), replace(edges, rows=rows.astype(np.int64))
         prior = box_prior(chosen, self._lidar_xy, self._config)
         cut_px = moved_by_borders(chosen.select(edges.rows), edges.cameras)
-        edges = _with_doubt(edges.with_more_noise(cut_px), predicted, jacobian, prior, len(views))
+        edges = _with_doubt(edges.with_more_noise(cut_px), predicted, jacobian, prior, len(views), is_own)
         found = refine_boxes(chosen, prior, edges, outline.select(in_view))
-        taken = found.accepted
-        rows = objects[taken]
+        taken = found.accepted & better_turned(objects, found, turned_of)
+        boxes, rows = hypotheses.boxes, turned_of[objects[taken]]
         centers, sizes, yaws = boxes.centers.copy(), boxes.sizes.copy(), boxes.yaws.copy()
         covariances, sources, measured_ns = boxes.covariances.copy(), boxes.sources.copy(), boxes.measured_ns.copy()
         centers[rows, :2], sizes[rows, :2] = found.centers_xy[taken], found.lengths_widths[taken]
@@ -96,18 +99,20 @@ class Refine:
         )
 
 
-def _with_doubt(edges: MeasuredEdges, predicted: F64, jacobian: F64, prior: BoxPrior, count: int) -> MeasuredEdges:
+def _with_doubt(
+    edges: MeasuredEdges, predicted: F64, jacobian: F64, prior: BoxPrior, count: int, is_own: Bools
+) -> MeasuredEdges:
     """The edges with further noise where something other than the box moves them.
 
     That is where a part of the object is hidden and the 2D box ends clearly inside of where the box does, and where all
-    2D boxes of a camera are shifted alike.
+    2D boxes of a camera are shifted alike. Which ones are is told by the pairs of boxes that are not turned, `is_own`.
     """
     away = edges.xyxy - predicted
     by_box = np.einsum("pei,pij,pej->pe", jacobian, prior.covariances[edges.rows, :3, :3], jacobian)
     expected = np.sqrt(by_box + edges.sigma_px**2)
     edges = edges.with_more_noise(np.where(away * INWARD > CLEARLY * expected, edges.hidden_px, 0.0))
     limits = np.tile(edges.cameras.image_sizes, 2)
-    whole: Bools = np.all((edges.xyxy > 0) & (edges.xyxy < limits), axis=1)
+    whole: Bools = is_own & np.all((edges.xyxy > 0) & (edges.xyxy < limits), axis=1)
     slopes = (jacobian[:, :2] + jacobian[:, 2:]) / 2  # of the centre
     variances = np.einsum("pci,pij,pcj->pc", slopes, prior.covariances[edges.rows, :3, :3], slopes)
     variances += (edges.sigma_px[:, :2] ** 2 + edges.sigma_px[:, 2:] ** 2) / 4

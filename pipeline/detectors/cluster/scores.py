@@ -36,6 +36,11 @@ YAW_STD_MAX_RAD = np.pi / np.sqrt(12.0)
 ROUND_FROM, ROUND_TO = 0.5, 0.8
 """Ratio of width to length of a box from which on the points say less about its heading, and nothing."""
 
+RIDER_FROM, RIDER_TO = 1.05, 0.95
+"""Ratio of the length that was seen of a rider to the width from which on down the points say less about the heading,
+and nothing: they are those of shoulders, which lie across it. In simulated recordings of a crossing, of riders of whom
+less was seen, every third heading was off by more than 60 degrees; of whom more was seen, none of 330."""
+
 
 def box_scores(boxes: CompletedBoxes, rectangles: Rectangles, counts: I64, expected_per_m2: F64) -> F64:
     """(C,) in [0, 1], by the share of the expected points, the smoothness of the sides and the fit to the size prior.
@@ -86,5 +91,8 @@ def _yaw_std(boxes: CompletedBoxes, extent: F64, residual_m: F64, roundness: F64
     by_axis = ROUND_YAW_RAD * roundness**2 / np.maximum(1 - roundness**2, 1e-3)
     turn = np.where(boxes.rides, np.maximum(turn, by_axis), turn)
     ratio = boxes.sizes[:, :2].min(1) / boxes.sizes[:, :2].max(1)
-    unknown = YAW_STD_MAX_RAD * np.clip((ratio - ROUND_FROM) / (ROUND_TO - ROUND_FROM), 0, 1)
+    unknown = np.clip((ratio - ROUND_FROM) / (ROUND_TO - ROUND_FROM), 0, 1)
+    seen_m = boxes.sizes[:, 0] - 4 * boxes.center_std_m[:, 0]  # the rest was completed, to both ends alike
+    short = np.clip((seen_m / boxes.sizes[:, 1] - RIDER_FROM) / (RIDER_TO - RIDER_FROM), 0, 1)
+    unknown = YAW_STD_MAX_RAD * np.where(boxes.rides, np.maximum(unknown, short), unknown)
     return np.asarray(np.clip(np.hypot(turn, unknown), YAW_STD_MIN_RAD, YAW_STD_MAX_RAD))

@@ -101,11 +101,14 @@ class Beginner:
         variance = (heading[:, :, None] * means.covariances[:, :2, :2] * heading[:, None, :]).sum((1, 2))
         size, most = self._size[sightings.class_ids], self._max_size[sightings.class_ids]
         depth = (size[:, 0] + size[:, 1]) / 4
+        range_m = np.linalg.norm(means.xy[:, None] - self._lidar_xyz[:, :2], axis=2).min(1)
+        gap_m = range_m / np.sqrt(self._config.points_per_sr)
         return Expected(
             along - depth,
             np.sqrt(variance + (DEPTH_STD_SHARE * depth) ** 2),
             np.hypot(most[:, 0], most[:, 1]),
             np.minimum(self._config.clearance_m / size[:, 2], MAX_CLEAR_SHARE),
+            gap_m / size[:, 2],
         )
 
     def _points(self, combined: CombinedCloud, sightings: Sightings, expected: Expected) -> tuple[FrustumPoints, F64]:

@@ -41,12 +41,15 @@ class Expected:
         front_std_m: (F,) float64
         reach_m: (F,) float64 how far its points may lie behind the nearest one.
         clear_share: (F,) float64 share of its height, from the ground up, in which no points are left.
+        gap_share: (F,) float64 distance between points there, as a share of its height: between the beams of a lidar
+            it is not known how far up and down an object goes on.
     """
 
     front_m: F64
     front_std_m: F64
     reach_m: F64
     clear_share: F64
+    gap_share: F64
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +102,7 @@ def choose_segments(
         np.maximum.reduceat(share[order], first) - np.minimum.reduceat(share[order], first)
         for share in (found.share_x, found.share_y)
     )
-    high = np.minimum(high / (1.0 - expected.clear_share[group]), 1.0)
+    high = np.minimum((high + expected.gap_share[group]) / (1.0 - expected.clear_share[group]), 1.0)
     off = (front - expected.front_m[group]) / expected.front_std_m[group]
     sound = (counts >= min_points) & (wide >= MIN_WIDTH) & (wide * high >= MIN_FILL) & (np.abs(off) <= MAX_OFF)
     worth = np.where(sound, 2 * np.log(np.maximum(wide * high, MIN_FILL)) - off**2 / 2, -np.inf)

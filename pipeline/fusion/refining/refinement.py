@@ -61,6 +61,7 @@ class RefinedBoxes:
         later_s: (N,) float64, how much later than in the prior the object is where its box says.
         accepted: (N,) whether the result explains the images better than the prior, and is not too far from it; else
             the row is that of the prior.
+        costs: (N,) float64 twice the negative logarithm of the probability of the images and the fit; less is better.
     """
 
     centers_xy: F64
@@ -69,6 +70,7 @@ class RefinedBoxes:
     covariances: F64
     later_s: F64
     accepted: Bools
+    costs: F64
 
     def __post_init__(self) -> None:
         n = len(self.yaws)
@@ -78,6 +80,7 @@ class RefinedBoxes:
         check_array("covariances", self.covariances, (n, 3, 3), np.float64)
         check_array("later_s", self.later_s, (n,), np.float64)
         check_array("accepted", self.accepted, (n,), np.bool_)
+        check_array("costs", self.costs, (n,), np.float64)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -184,6 +187,7 @@ def refine_boxes(boxes: Boxes3D, prior: BoxPrior, edges: MeasuredEdges, outline:
         np.einsum("nij,njk,nlk->nil", moved, covariances, moved),
         later_s,
         accepted,
+        np.ascontiguousarray(costs[:, 1]),
     )
 
 

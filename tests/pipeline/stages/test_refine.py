@@ -116,11 +116,17 @@ def pole_camera(number: int, *, turned_deg: float = 0.0) -> CameraSensor:
     return CameraSensor(f"{number}", f"/{number}", "", model, Transform(f"{number}", "site", matrix))
 
 
-def made_up(seed: int, count: int = 8, *, noise: tuple[float, float, float] = (0.2, 0.2, 0.1)) -> tuple[Any, ...]:
+def made_up(
+    seed: int,
+    count: int = 8,
+    *,
+    noise: tuple[float, float, float] = (0.2, 0.2, 0.1),
+    size: tuple[float, float, float] = SIZE,
+) -> tuple[Any, ...]:
     """Boxes of cars as lidars give them, the truth, and 2D boxes of what the cameras show, all matched."""
     random = np.random.default_rng(seed)
-    place = np.column_stack([random.uniform(-9, 9, (count, 2)), np.full(count, SIZE[2] / 2)])
-    rows = np.column_stack([place, np.tile(SIZE, (count, 1)), random.uniform(-3, 3, count)])
+    place = np.column_stack([random.uniform(-9, 9, (count, 2)), np.full(count, size[2] / 2)])
+    rows = np.column_stack([place, np.tile(size, (count, 1)), random.uniform(-3, 3, count)])
     moved = rows.copy()
     moved[:, [0, 1, 6]] += random.normal(size=(count, 3)) * noise
     truth, lidar = boxes3d(rows), boxes3d(moved, deviations=noise)
@@ -128,8 +134,8 @@ def made_up(seed: int, count: int = 8, *, noise: tuple[float, float, float] = (0
     seen, matches = {}, {}
     for camera in cameras:
         edges = edges_in_view(truth.centers, truth.sizes, truth.yaws, camera)
-        size = np.array([1280, 720] * 2)
-        shown = np.flatnonzero(edges.valid & (edges.xyxy > 0).all(1) & (edges.xyxy < size).all(1))
+        limits = np.array([1280, 720] * 2)
+        shown = np.flatnonzero(edges.valid & (edges.xyxy > 0).all(1) & (edges.xyxy < limits).all(1))
         xyxy = edges.xyxy[shown] + random.normal(0, 1.5, (len(shown), 4))
         seen[camera.name] = boxes2d(np.column_stack([xyxy, np.full((len(shown), 2), [0.9, 0])]))
         pairs = np.column_stack([shown, np.arange(len(shown))]).astype(np.int64)
@@ -251,6 +257,21 @@ def test_nothing_depends_on_the_order_of_the_boxes() -> None:
     turned = fitted(rig, Hypotheses(hypotheses.boxes.select(order), matches, 8), seen)
     straight = fitted(rig, hypotheses, seen)
     np.testing.assert_allclose(turned.centers[order], straight.centers, atol=1e-9)
+
+
+@pytest.mark.parametrize("turned_deg", [0.0, 40.0, 90.0, 140.0])
+def test_images_show_the_heading_of_riders_of_whom_points_do_not(turned_deg: float) -> None:
+    near = []
+    for seed in range(4):
+        rig, hypotheses, seen, truth = made_up(seed, size=(1.8, 0.6, 1.7), noise=(0.05, 0.05, 0.05))
+        boxes = hypotheses.boxes
+        covariances = boxes.covariances.copy()
+        covariances[:, 2, 2] = np.pi**2 / 12
+        unknown = replace(boxes, yaws=wrap_angle(truth.yaws + np.deg2rad(turned_deg)), covariances=covariances)
+        found = fitted(rig, replace(hypotheses, boxes=unknown), seen)
+        off = heading(errors(found, truth)) % np.pi
+        near.append(np.minimum(off, np.pi - off) < np.deg2rad(20))
+    assert np.mean(near) > 0.9
 
 
 def test_no_boxes() -> None:

@@ -43,6 +43,12 @@ def test_the_heading_of_a_pedestrian_is_not_known_and_that_of_a_rider_roughly() 
     assert 2 < rider[2] < 5 < blunt[2]
 
 
+def test_shoulders_do_not_show_where_a_rider_is_heading() -> None:
+    for yaw in (0.0, 0.6, 1.5):
+        shoulders = stds(fitted((8.0, 0.0, 1.2, 0.25, 0.5, 1.0, yaw), BICYCLE))
+        assert shoulders[2] == pytest.approx(180 / np.sqrt(12))
+
+
 def test_rough_objects_are_known_less() -> None:
     near = stds(fitted((8.0, 0.0, 0.75, 4.0, 1.7, 1.5, 0.0), CAR))
     rough = stds(fitted((8.0, 0.0, 0.75, 4.0, 1.7, 1.5, 0.0), CAR, noise_m=0.1))

@@ -14,7 +14,9 @@ def wall(x: float, *, low: float, high: float, count: int = 40, top: float = 1.5
     return np.column_stack([np.full(y.size, x), y.ravel(), z.ravel()])
 
 
-def choose(*frustums: list[F64], front_m: float = 10.0, std_m: float = 1.0, min_points: int = 4) -> Segments:
+def choose(
+    *frustums: list[F64], front_m: float = 10.0, std_m: float = 1.0, min_points: int = 4, gap: float = 0.0
+) -> Segments:
     """What is chosen in frustums whose box is 10 m wide and 1.5 m high."""
     clouds = [np.concatenate([np.zeros((0, 3)), *parts]) for parts in frustums]
     xyz = np.concatenate([np.zeros((0, 3)), *clouds])
@@ -23,7 +25,7 @@ def choose(*frustums: list[F64], front_m: float = 10.0, std_m: float = 1.0, min_
         np.arange(len(xyz)), group, xyz[:, 1] / 10, 1 - xyz[:, 2] / 1.5, np.ascontiguousarray(xyz[:, 0])
     )
     n = len(clouds)
-    expected = Expected(np.full(n, front_m), np.full(n, std_m), np.full(n, 5.0), np.full(n, 0.2))
+    expected = Expected(np.full(n, front_m), np.full(n, std_m), np.full(n, 5.0), np.full(n, 0.2), np.full(n, gap))
     return choose_segments(xyz.astype(np.float32), found, np.full(len(xyz), 0.6), expected, CONFIG, min_points)
 
 
@@ -47,6 +49,14 @@ def test_what_is_not_where_the_object_should_be_is_not_it() -> None:
 
 def test_a_strip_of_the_box_is_not_its_object() -> None:
     assert len(choose([wall(10.0, low=0.4, high=0.6)]).group) == 0
+
+
+def test_one_beam_is_enough_where_beams_are_far_apart() -> None:
+    line = wall(10.0, low=0.1, high=0.9)[:40]
+    assert np.ptp(line[:, 2]) == 0
+    assert len(choose([line]).group) == 0
+    assert len(choose([line], gap=0.3).group) == 1
+    assert len(choose([line[:5]], gap=0.3).group) == 0, "not as wide as the 2D box"
 
 
 def test_few_points_are_noise() -> None:
