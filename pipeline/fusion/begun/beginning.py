@@ -68,6 +68,7 @@ class Beginner:
 
     def __init__(self, rig: Rig, config: Config) -> None:
         self._fitter = BoxFitter(rig, config)
+        self._lidar_xy = np.array([lidar.T_site_lidar.translation[:2] for lidar in rig.lidars])
         self._config = config.detect3d.cluster
         self._size = np.array([prior.size_m for prior in config.classes])
         self._max_size = np.array([prior.max_size_m for prior in config.classes])
@@ -101,7 +102,7 @@ class Beginner:
         variance = (heading[:, :, None] * means.covariances[:, :2, :2] * heading[:, None, :]).sum((1, 2))
         size, most = self._size[sightings.class_ids], self._max_size[sightings.class_ids]
         depth = (size[:, 0] + size[:, 1]) / 4
-        range_m = np.linalg.norm(means.xy[:, None] - self._lidar_xyz[:, :2], axis=2).min(1)
+        range_m = np.linalg.norm(means.xy[:, None] - self._lidar_xy, axis=2).min(1)
         gap_m = range_m / np.sqrt(self._config.points_per_sr)
         return Expected(
             along - depth,

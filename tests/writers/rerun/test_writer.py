@@ -284,7 +284,7 @@ def test_heights_have_colours_from_low_to_high() -> None:
     combined = frame().combined
     xyz = np.zeros((6, 3), np.float32)
     xyz[:, 2] = [-5.0, 0.0, 0.25, 0.5, 1.0, 9.0]
-    cloud = PointCloud(START_NS, "site", xyz, *(np.zeros(6, kind) for kind in (np.float32, np.uint16, np.int32)))
+    cloud = PointCloud(START_NS, "site", xyz, np.zeros(6, np.float32), np.zeros(6, np.uint16), np.zeros(6, np.int32))
     shown = cloud_points(replace(combined, cloud=cloud, lidar_index=np.zeros(6, np.uint8)), (0.0, 1.0))
     assert shown.colors is not None
     packed = np.array(shown.colors.as_arrow_array().to_pylist())
