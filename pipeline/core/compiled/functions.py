@@ -10,8 +10,16 @@ from types import FunctionType
 from typing import Any, ParamSpec, TypeVar, cast
 
 from pipeline.core.compile_log import compile_log
-from pipeline.core.compiled import compiling
 from pipeline.core.compiled.arguments import checked
+from pipeline.core.compiled.compiling import (
+    OPTIONS,
+    STANDS_FOR,
+    UnknownCodeError,
+    dispatcher,
+    inner,
+    is_kept_by_numba,
+    machine_code,
+)
 from pipeline.core.compiled.kept import Keeper
 from pipeline.core.compiled.linking import LinkError, link, made_for
 
@@ -52,7 +60,7 @@ def compiled_as(make: Callable[[], Any]) -> Callable[[Callable[P, R]], Callable[
     """
 
     def deciding(function: Callable[P, R]) -> Callable[P, R]:
-        vars(function)[compiling.STANDS_FOR] = cache(make)
+        vars(function)[STANDS_FOR] = cache(make)
         return function
 
     return deciding
@@ -60,28 +68,28 @@ def compiled_as(make: Callable[[], Any]) -> Callable[[Callable[P, R]], Callable[
 
 def inlined(function: Callable[P, R]) -> Callable[P, R]:
     """A part of compiled functions of the same file, for any types of arguments."""
-    return compiled_as(lambda: compiling.inner(function))(function)
+    return compiled_as(lambda: inner(function))(function)
 
 
 def _linked(function: FunctionType, signature: str, made_of: str) -> Callable[..., Any] | None:
     """Machine code, kept or new; nothing if it cannot be run without numba."""
     name = function.__qualname__
-    keeper = _keeper(function, f"{made_of}\0{compiling.OPTIONS}\0{signature}")
+    keeper = _keeper(function, f"{made_of}\0{OPTIONS}\0{signature}")
     code, made = keeper.read() if keeper else None, None
     try:
         if code is None:
             _tell()
             started = time.perf_counter()
-            made = compiling.dispatcher(function, signature, no_cfunc_wrapper=True)
+            made = dispatcher(function, signature, no_cfunc_wrapper=True)
             compile_log.debug("%s compiled in %.1f s", name, time.perf_counter() - started)
-            code = compiling.machine_code(made)
+            code = machine_code(made)
             if keeper:
                 keeper.write(code)
         call = checked(link(code, name), code.arguments, name)
-    except (LinkError, compiling.UnknownCodeError) as err:
+    except (LinkError, UnknownCodeError) as err:
         compile_log.debug("%s is left to numba: %s", name, err)
         return None
-    parts = compiled_as(lambda: made or compiling.dispatcher(function, signature))
+    parts = compiled_as(lambda: made or dispatcher(function, signature))
     return parts(update_wrapper(call, function))
 
 
@@ -96,14 +104,14 @@ def _keeper(function: FunctionType, made_of: str) -> Keeper | None:
 def _by_numba(function: FunctionType, signature: str) -> Callable[..., Any]:
     """As numba calls what it made; it keeps that itself, where it can."""
     try:
-        if not compiling.is_kept_by_numba(function):
+        if not is_kept_by_numba(function):
             _tell()
-        return cast("Callable[..., Any]", compiling.dispatcher(function, signature, cache=True))
+        return cast("Callable[..., Any]", dispatcher(function, signature, cache=True))
     except (OSError, RuntimeError) as err:
         if not isinstance(err, OSError) and "cannot cache function" not in str(err):
             raise
         _tell()
-        return cast("Callable[..., Any]", compiling.dispatcher(function, signature))
+        return cast("Callable[..., Any]", dispatcher(function, signature))
 
 
 def _tell() -> None:

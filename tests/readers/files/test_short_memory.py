@@ -71,7 +71,7 @@ def test_of_an_image(monkeypatch: pytest.MonkeyPatch) -> None:
     data = cv2.imencode(".png", np.zeros((8, 8, 3), np.uint8))[1].reshape(-1)
     message = raw("/image", "sensor_msgs/msg/CompressedImage", {"format": "png", "data": data}, 1)
     assert decode_compressed_image(message).rgb.shape == (8, 8, 3)
-    monkeypatch.setattr("readers.messages.compressed_image.cv2.imdecode", none_left)
+    monkeypatch.setattr("cv2.imdecode", none_left)
     with pytest.raises(MemoryError):
         decode_compressed_image(message)
 
