@@ -12,6 +12,7 @@ from seen_boxes import Box, camera_at, seen_by, views_of
 from pipeline.core.arrays import F64
 from pipeline.core.rig import CameraSensor
 from pipeline.core.settings.classes import ROAD_CLASSES
+from pipeline.fusion.cameras.ground import Ground
 from pipeline.fusion.cameras.merging import Moments, moments
 from pipeline.fusion.cameras.observed import Noise
 from pipeline.fusion.cameras.placing import SizePriors, place
@@ -82,7 +83,7 @@ def test_the_ground_may_be_anywhere() -> None:
     level = moments(place(sightings, PRIORS, flat, NOISE))
     raised = camera_at("mast", (0.0, 0.0, 16.0), pitch_deg=15)
     up = see(views_of(raised), {"mast": boxes})
-    same = moments(place(up, PRIORS, lambda xy: np.full(xy.shape[:-1], 10.0), NOISE))
+    same = moments(place(up, PRIORS, Ground.level(10.0), NOISE))
     np.testing.assert_allclose(same.xy, level.xy, atol=1e-6)
 
 
