@@ -124,9 +124,7 @@ def columns_of_classes(worth: F64, row_classes: I64, column_classes: I64) -> Ind
 
 
 @compiled(f"boolean[::1]({_ROWS}, {_ROWS}, {_ROWS}, {_LIST}, int64, int64)")
-def best_of_pairs(
-    rows: I64, columns: I64, groups: I64, worth: F64, row_count: int, column_count: int
-) -> Bools:
+def best_of_pairs(rows: I64, columns: I64, groups: I64, worth: F64, row_count: int, column_count: int) -> Bools:
     """(Q,) which pairs belong to the assignment with the largest sum of worth, in each group by itself.
 
     Args:

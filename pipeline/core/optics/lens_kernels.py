@@ -187,10 +187,7 @@ def slopes_of_points(points: F64, K: F64, coefficients: F64, equidistant: Bools,
     return slopes
 
 
-@compiled(
-    "Tuple((float64[:, :, ::1], boolean[:, ::1]))"
-    f"({_BLOCK}, {_LENSES}, int64, float64)"
-)
+@compiled(f"Tuple((float64[:, :, ::1], boolean[:, ::1]))({_BLOCK}, {_LENSES}, int64, float64)")
 def rays_of_pixels(
     pixels: F64, K: F64, coefficients: F64, equidistant: Bools, limits: F64, max_steps: int, near_px: float
 ) -> tuple[F64, Bools]:

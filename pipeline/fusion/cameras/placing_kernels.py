@@ -2,7 +2,6 @@
 
 import math
 
-
 import numpy as np
 
 from pipeline.core.arrays import F64

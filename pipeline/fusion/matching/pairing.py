@@ -2,8 +2,6 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from pipeline.core.arrays import F32, F64, I64, Bools, Rows
 from pipeline.fusion.assignment_kernels import best_of_pairs
 from pipeline.fusion.matching.pairing_kernels import overlapping_pairs
