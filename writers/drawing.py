@@ -145,9 +145,10 @@ def labels_in_the_clear(places: F64, sizes: F64, importance: F64) -> list[int]:
         sizes: (N, 2) width and height.
         importance: (N,) of two that would cover each other, the more important one stays.
     """
-    rows: list[int] = []
+    apart = np.asarray((np.abs(places[:, None] - places) > (sizes[:, None] + sizes) / 2).any(2))
+    rows, is_free = [], np.ones(len(places), bool)
     for row in np.argsort(-importance, kind="stable").tolist():
-        apart = np.abs(places[rows] - places[row]) > (sizes[rows] + sizes[row]) / 2
-        if apart.any(1).all():
+        if is_free[row]:
             rows.append(row)
+            is_free &= apart[row]
     return rows
