@@ -34,6 +34,7 @@ from pipeline.fusion.matching.agreement import (
     what_box_says,
     what_others_say,
 )
+from pipeline.fusion.matching.agreement_kernels import distances_of_pairs
 from pipeline.fusion.matching.aiming import common_shifts
 from pipeline.fusion.matching.hiding import hidden_parts
 from pipeline.fusion.matching.in_view import InView, project_into_views
@@ -139,38 +140,35 @@ class Associate:
         noise = detector_variances(seen.xyxy, config)
         aim = (np.deg2rad(config.calibration_sigma_deg) * focal_px) ** 2
         shifts, aims = np.zeros_like(aim), aim
-        in_image, class_ids = rectangle_features(found.xyxy)[pairs.found], found.class_ids[pairs.found]
+        features = rectangle_features(np.concatenate([seen.xyxy, rest, found.xyxy]))
+        in_image, class_ids = features[2 * len(seen) + pairs.found], found.class_ids[pairs.found]
         area_px = (arrays.image_sizes[:, 0] * arrays.image_sizes[:, 1])[seen.cameras[pairs.seen]]
         always = found.log_scores[pairs.found] + np.log(np.maximum(1 - hidden, LEAST_VISIBLE))[pairs.seen]
         always += np.log(len(self._confusion))  # something else may be of any class
         belief = BoxBelief(prior_covariances(boxes), np.log(self._confusion).T[boxes.class_ids], self._confusion)
         others = what_box_says(belief, seen.rows)
 
-        differences = in_image - rectangle_features(seen.xyxy)[pairs.seen]
-        variances = (noise + spread(others.covariances, jacobians))[pairs.seen]
-        parts = in_image - rectangle_features(rest)[pairs.seen]
+        by_place = spread(others.covariances, jacobians)
+        variances = (noise + by_place)[pairs.seen]
+        differences, parts = in_image - features[pairs.seen], in_image - features[len(seen) + pairs.seen]
         visible = squared_distances(parts, variances) < squared_distances(differences, variances)
         differences = np.where(visible[:, None], parts, differences)
         for _ in range(ROUNDS):
-            by_place = spread(others.covariances, jacobians)
-            variances, away = (noise + by_place)[pairs.seen], differences.copy()
-            variances[:, :2] += aims[pairs.seen]
-            away[:, :2] -= shifts[pairs.seen]
-            moved = np.einsum("pfa,pa->pf", jacobians, others.shifts)[pairs.seen]
-            squared = squared_distances(away - moved, variances)
+            squared, variances, off, of_off = distances_of_pairs(
+                pairs.seen, differences, jacobians, others.covariances, others.shifts, noise, shifts, aims
+            )
             ratio = fit_ratios(squared, variances, area_px, config.unseen_boxes)
             worth = ratio + always + others.log_classes[pairs.seen, class_ids]
             before, taken = taken, best_pairs(pairs, np.where(squared <= config.gate**2, worth, 0.0), seen.cameras)
             if (before == taken).all():
                 break
-            rows = pairs.seen[taken]
-            off = (differences - moved)[taken, :2]
-            shifts, aims = common_shifts(seen.cameras, aim, rows, off, (noise + by_place)[rows, :2], squared[taken])
-            errors = noise[rows]
+            chosen = np.flatnonzero(taken)
+            rows = pairs.seen[chosen]
+            shifts, aims = common_shifts(seen.cameras, aim, rows, off[chosen], of_off[chosen], squared[chosen])
+            errors, fit = noise[rows], differences[chosen]
             errors[:, :2] += aims[rows]
-            fit = differences[taken]
             fit[:, :2] -= shifts[rows]
-            matched = MatchedPairs(rows, class_ids[taken], fit, errors, squared[taken], jacobians[rows])
+            matched = MatchedPairs(rows, class_ids[chosen], fit, errors, squared[chosen], jacobians[rows])
             others = what_others_say(belief, seen.rows, matched)
         return taken
 

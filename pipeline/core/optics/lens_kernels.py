@@ -1,4 +1,4 @@
-"""The lens models, compiled: points, their derivatives, and the outermost points of objects in images.
+"""The lens models, compiled: points, their derivatives, rays, and the outermost points of objects in images.
 
 The formulas are those of `core.camera`. For a point at (x, y) = (X / Z, Y / Z) with r2 = x x + y y, a lens of
 `rational_polynomial` (of which `plumb_bob` and lenses without distortion are cases) shows it at
@@ -16,7 +16,7 @@ import numpy as np
 from pipeline.core.arrays import F64, Bools, Indices
 from pipeline.core.compiled import compiled, inlined
 
-__all__ = ["outermost_points", "pixels_of_points", "slopes_of_points"]
+__all__ = ["outermost_points", "pixels_of_points", "rays_of_pixels", "slopes_of_points"]
 
 _NEAR_M = 0.005
 """Half of `core.camera.NEAR_M`: what is not so far ahead has no place in the image."""
@@ -185,6 +185,49 @@ def slopes_of_points(points: F64, K: F64, coefficients: F64, equidistant: Bools,
             for k in range(3):
                 slopes[p, s, 0, k], slopes[p, s, 1, k] = found[k], found[3 + k]
     return slopes
+
+
+@compiled(f"Tuple((float64[:, :, ::1], boolean[:, ::1]))({_BLOCK}, {_LENSES}, int64, float64)")
+def rays_of_pixels(
+    pixels: F64, K: F64, coefficients: F64, equidistant: Bools, limits: F64, max_steps: int, near_px: float
+) -> tuple[F64, Bools]:
+    """Rays that are projected to given pixels, by Newton's method from the ray of a lens without distortion.
+
+    Args:
+        pixels: (P, S, 2) of each camera.
+        K: (P, 3, 3), and so on: the fields of `Lenses`.
+        coefficients: (P, 8).
+        equidistant: (P,).
+        limits: (P,).
+        max_steps: So many rays are tried for a pixel.
+        near_px: A ray is found when it is projected this near to its pixel, across and down.
+
+    Returns:
+        (P, S, 3) directions in the optical frames, of depth 1; and (P, S) whether there is such a ray. Where there is
+        none, the direction is the optical axis.
+    """
+    rays, found = np.zeros((*pixels.shape[:2], 3)), np.zeros(pixels.shape[:2], np.bool_)
+    for p in range(pixels.shape[0]):
+        lens = _lens(K[p], coefficients[p], equidistant[p])
+        fx, fy, cx, cy, skew = lens[:5]
+        for s in range(pixels.shape[1]):
+            y = (pixels[p, s, 1] - 0.5 - cy) / fy
+            x = (pixels[p, s, 0] - 0.5 - cx - skew * y) / fx
+            for _ in range(max_steps):
+                u, v, valid = _pixel(x, y, 1.0, lens, equidistant[p], limits[p])
+                right, down = pixels[p, s, 0] - u, pixels[p, s, 1] - v
+                found[p, s] = valid and abs(right) <= near_px and abs(down) <= near_px
+                if found[p, s] or not valid:
+                    break
+                a, b, _, c, d, _ = _slopes(x, y, 1.0, lens, equidistant[p], limits[p])
+                determinant = a * d - b * c
+                whole = np.inf if determinant == 0 else determinant
+                x += (d * right - b * down) / whole
+                y += (a * down - c * right) / whole
+            rays[p, s, 2] = 1.0
+            if found[p, s]:
+                rays[p, s, 0], rays[p, s, 1] = x, y
+    return rays, found
 
 
 @compiled(
