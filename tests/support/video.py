@@ -1,7 +1,8 @@
 """Videos for tests: images, PyAV's encoders, and the messages that recorders make of their packets."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from fractions import Fraction
 from typing import Any, Literal, NamedTuple
 
@@ -84,6 +85,24 @@ def encode(images: Sequence[U8], kind: str = "h264", *, gop: int = 5, **options:
         gop: Images from one key frame to the next.
         options: Of the encoder, over those of `CODECS`; `_` for `-`.
     """
+    with _scheduled_as_before():
+        return _encoded(images, kind, gop, options)
+
+
+@contextmanager
+def _scheduled_as_before() -> Iterator[None]:
+    """For the superuser, the encoder of AV1 makes the thread that calls it one of real time: all else would starve."""
+    if not hasattr(os, "sched_setscheduler"):
+        yield
+        return
+    policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
+    try:
+        yield
+    finally:
+        os.sched_setscheduler(0, policy, parameters)
+
+
+def _encoded(images: Sequence[U8], kind: str, gop: int, options: dict[str, str]) -> list[Packet]:
     _, encoder, defaults = CODECS[kind]
     context: Any = av.CodecContext.create(encoder, "w")
     context.height, context.width = images[0].shape[:2]
