@@ -1,8 +1,9 @@
 """What `lidcam process` takes."""
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -18,7 +19,11 @@ from lidcam.options import (
     seconds,
     with_log_options,
 )
+from pipeline.parallel.cores import THREADS_OF_LIBRARIES
 from readers.location import RemotePath, location
+
+if TYPE_CHECKING:
+    from lidcam.evaluation.requirement import Requirement
 
 __all__ = ["PROCESS_EXAMPLES", "process"]
 
@@ -137,17 +142,21 @@ def process(
     if max_dropped is not None and not strict:
         raise typer.BadParameter("counts only with --strict, which is missing", param_hint="--max-dropped")
     if workers != 1:
-        # Processes already fill the cores; OpenMP threads inside of one would only wait for each other.
+        # Processes already fill the cores; threads of libraries inside of one would only wait for each other.
         # Read once, when the libraries are loaded.
-        os.environ.setdefault("OMP_NUM_THREADS", "1")
+        for name in THREADS_OF_LIBRARIES:
+            os.environ.setdefault(name, "1")
     from lidcam.commands.process import Printed, run_process  # heavy: after the arguments are known to be right
     from lidcam.commands.requirement_errors import requirement_errors
     from lidcam.commands.strict import Strictness
-    from lidcam.evaluation.requirement import read_requirements
     from lidcam.job import make_job
 
-    with requirement_errors():
-        required = read_requirements(requirements or ())
+    required: Sequence[Requirement] = ()
+    if requirements:
+        from lidcam.evaluation.requirement import read_requirements
+
+        with requirement_errors():
+            required = read_requirements(requirements)
     job = make_job(
         inputs,
         [output] if rerun is None else [output, rerun],

@@ -18,7 +18,7 @@ from pipeline.core.arrays import F32, F64, Bools
 from pipeline.core.errors import CalibrationError
 from pipeline.core.geometry.box_edges import edges_ahead
 
-__all__ = ["BORDER_PX", "NEAR_M", "CameraModel", "DistortionModel"]
+__all__ = ["BORDER_PX", "EDGE_SHARES", "NEAR_M", "CameraModel", "DistortionModel"]
 
 DistortionModel = Literal["plumb_bob", "rational_polynomial", "equidistant"]
 
@@ -28,7 +28,8 @@ BORDER_PX = 2.0
 NEAR_M = 0.01
 """Edges of boxes are cut at this depth: nearer points cannot be projected."""
 
-_EDGE_SHARES = np.linspace(0.0, 1.0, 5)[:, None]  # lens distortion bends edges beyond their corners
+EDGE_SHARES = np.linspace(0.0, 1.0, 5)
+"""Where along an edge of a box its outermost point is sought: lens distortion bends edges beyond their corners."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,7 +179,8 @@ class CameraModel:
             pixels, _ = self.project(corners_camera)
             return self._clipped(pixels.min(1), pixels.max(1))
         start, end, in_front = edges_ahead(corners_camera, NEAR_M)
-        samples = start[:, :, None] * (1 - _EDGE_SHARES) + end[:, :, None] * _EDGE_SHARES  # (N, 12, S, 3)
+        shares = EDGE_SHARES[:, None]
+        samples = start[:, :, None] * (1 - shares) + end[:, :, None] * shares  # (N, 12, S, 3)
         pixels, valid = self.project(samples)
         valid &= in_front[..., None]
         low = np.where(valid[..., None], pixels, np.inf).min((1, 2))
