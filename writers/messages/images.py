@@ -1,6 +1,7 @@
 """Recorded images as ROS 2 messages: the pixels are never decoded, only the header changes."""
 
 import struct
+from functools import lru_cache
 from typing import Any
 
 from pipeline.core.errors import MessageError, is_short_memory
@@ -61,6 +62,12 @@ def _compressed_cdr(message: RawMessage, found: CompressedImage, frame_id: str) 
     expected = divmod(message.stamp_ns, 10**9), frame_id.encode()
     if message.channel.encoding == "cdr" and (found.stamp, found.frame_id) == expected:
         return (message.data,)
-    empty = Columns(COMPRESSED, header=headers(message.stamp_ns, frame_id), format=found.format.decode())
-    before = ROS2.serialize(empty)[: -_LENGTH.size]
-    return bytes(before) + _LENGTH.pack(len(found.data)), found.data
+    before = ROS2.restamped(_before_data(frame_id, found.format), message.stamp_ns)
+    return before + _LENGTH.pack(len(found.data)), found.data
+
+
+@lru_cache(maxsize=256)  # a frame and a format of each camera
+def _before_data(frame_id: str, kind: bytes) -> bytes:
+    """The bytes of a CompressedImage up to the length of its data, with a stamp of 0."""
+    empty = Columns(COMPRESSED, header=headers(0, frame_id), format=kind.decode())
+    return bytes(ROS2.serialize(empty)[: -_LENGTH.size])
