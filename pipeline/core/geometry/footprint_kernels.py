@@ -7,7 +7,7 @@ from pipeline.core.compiled import compiled, inlined
 
 __all__ = ["points_in_rectangles"]
 
-RUN = 64
+RUN = 16
 """So many points that follow each other are looked at together: neighbours in a scan are neighbours in space."""
 
 ROOM = 1.0 + 1e-9
