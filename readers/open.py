@@ -1,4 +1,7 @@
-"""Opening recordings: one file, a ROS 2 bag folder, or the files of a split recording, as one stream of messages."""
+"""Opening recordings: one file, a ROS 2 bag folder, or the files of a split recording, as one stream of messages.
+
+The readers of a format are imported by the first file of it.
+"""
 
 import heapq
 import shutil
@@ -17,13 +20,7 @@ from pipeline.core.settings.recording import LimitsConfig
 from readers.files.container import Source
 from readers.files.damage import DamageError, Losses, library_errors
 from readers.files.evaluation_folder import EvaluationFolder, is_evaluation_folder
-from readers.files.mcap.file import McapFile
-from readers.files.pcap.file import PcapFile
-from readers.files.pcap.packets import is_capture
-from readers.files.remote import open_remote
-from readers.files.rosbag1.file import Rosbag1File
 from readers.files.rosbag2_folder import contradiction, folder_metadata, recording_files, unlisted_files
-from readers.files.sqlite.file import SqliteFile
 from readers.files.sqlite.journal import journals_of, unapplied
 from readers.files.temporary import remove_abandoned, temporary_folder
 from readers.location import Location, RemotePath
@@ -215,6 +212,9 @@ def _open_file(path: Location, index: int, stack: ExitStack, options: ReadOption
     """Open one file; the stack closes it and removes temporary copies."""
     is_recovering = options.recovery != "none"
     if isinstance(path, RemotePath):
+        from readers.files.mcap.file import McapFile
+        from readers.files.remote import open_remote
+
         path, stream = open_remote(path, options.limits)
         stack.callback(stream.close)
         with library_errors(path, is_recovering=is_recovering):
@@ -238,7 +238,7 @@ def _open_file(path: Location, index: int, stack: ExitStack, options: ReadOption
                 )
         file = _file_of_kind(Source(path, index, options, losses), path, content, magic)
         stack.callback(file.close)
-        if not isinstance(file, McapFile | SqliteFile) or any(loss.messages != 0 for loss in file.losses):
+        if not magic.startswith((MCAP_MAGIC, SQLITE_MAGIC)) or any(loss.messages != 0 for loss in file.losses):
             return file
         reason, fewer = contradiction(folder_metadata(path.parent), path.name, file.topics)
         if reason:
@@ -260,16 +260,27 @@ def _check_is_mcap(path: RemotePath, stream: BinaryIO) -> None:
 
 def _file_of_kind(source: Source, path: Path, content: Path, magic: bytes) -> RecordingFile:
     if magic.startswith(ROSBAG1_MAGIC):
+        from readers.files.rosbag1.file import Rosbag1File
+
         return Rosbag1File(source, content)
-    if is_capture(magic):
-        return PcapFile(source, content.open("rb"))
     if not magic.startswith((MCAP_MAGIC, SQLITE_MAGIC)):
+        from readers.files.pcap.file import PcapFile
+        from readers.files.pcap.packets import is_capture
+
+        if is_capture(magic):
+            return PcapFile(source, content.open("rb"))
         error = RecordingError if magic else DamageError
         raise error(f"{path}: expected {EXPECTED}, found {_describe(magic, path)}")
     metadata = folder_metadata(path.parent)
     if path.name in metadata.file_names:
         source = replace(source, metadata=metadata)
-    return McapFile(source, content.open("rb")) if magic.startswith(MCAP_MAGIC) else SqliteFile(source, content)
+    if magic.startswith(MCAP_MAGIC):
+        from readers.files.mcap.file import McapFile
+
+        return McapFile(source, content.open("rb"))
+    from readers.files.sqlite.file import SqliteFile
+
+    return SqliteFile(source, content)
 
 
 def _first_bytes(path: Path) -> bytes:

@@ -1,8 +1,9 @@
 """What `lidcam process` takes."""
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -20,6 +21,9 @@ from lidcam.options import (
 )
 from pipeline.parallel.cores import THREADS_OF_LIBRARIES
 from readers.location import RemotePath, location
+
+if TYPE_CHECKING:
+    from lidcam.evaluation.requirement import Requirement
 
 __all__ = ["PROCESS_EXAMPLES", "process"]
 
@@ -145,11 +149,14 @@ def process(
     from lidcam.commands.process import Printed, run_process  # heavy: after the arguments are known to be right
     from lidcam.commands.requirement_errors import requirement_errors
     from lidcam.commands.strict import Strictness
-    from lidcam.evaluation.requirement import read_requirements
     from lidcam.job import make_job
 
-    with requirement_errors():
-        required = read_requirements(requirements or ())
+    required: Sequence[Requirement] = ()
+    if requirements:
+        from lidcam.evaluation.requirement import read_requirements
+
+        with requirement_errors():
+            required = read_requirements(requirements)
     job = make_job(
         inputs,
         [output] if rerun is None else [output, rerun],

@@ -13,7 +13,6 @@ from lidcam.commands.envelope import envelope
 from lidcam.commands.json_output import json_output
 from lidcam.commands.strict import Strictness
 from lidcam.commands.verdict import Verdict
-from lidcam.evaluation.requirement import Requirement, check_names
 from lidcam.frames import RunInput
 from lidcam.job import Job
 from lidcam.printing.console import print_detections, print_matches, print_report
@@ -23,10 +22,11 @@ from lidcam.run import RunObserver, process_recording
 from lidcam.settings.choice import used_record
 from lidcam.summary import RunProgress, RunReport, report_tree
 from pipeline.core.frame import FrameResult
-from pipeline.core.memory import keep_freed_memory
+from pipeline.core.memory import keep_freed_memory, objects_stay
 
 if TYPE_CHECKING:  # evaluation is imported where a run is evaluated
     from lidcam.evaluation.evaluation import Evaluation
+    from lidcam.evaluation.requirement import Requirement
 
 __all__ = ["Printed", "run_process"]
 
@@ -55,7 +55,7 @@ def run_process(
     job: Job,
     printed: Printed = Printed(),
     strictness: Strictness | None = None,
-    requirements: Sequence[Requirement] | None = None,
+    requirements: "Sequence[Requirement] | None" = None,
 ) -> None:
     """Process a recording and print the final tables.
 
@@ -92,7 +92,7 @@ def run_process(
     verdict.end()
 
 
-def _evaluated(job: Job, requirements: Sequence[Requirement]) -> "Evaluation":
+def _evaluated(job: Job, requirements: "Sequence[Requirement]") -> "Evaluation":
     from lidcam.commands.evaluate import Shown
     from lidcam.evaluation.evaluate import evaluate_result
     from lidcam.evaluation.evaluation import EvaluationJob
@@ -132,12 +132,14 @@ def _tree(report: RunReport, evaluation: "Evaluation | None", verdict: Verdict) 
 class _Terminal(RunObserver):
     """Shows progress, and frames where that is asked for."""
 
-    def __init__(self, printed: Printed, out: Console, stack: ExitStack, requirements: Sequence[Requirement]) -> None:
+    def __init__(self, printed: Printed, out: Console, stack: ExitStack, requirements: "Sequence[Requirement]") -> None:
         self._printed, self._out, self._stack, self._requirements = printed, out, stack, requirements
 
     def opened(self, source: RunInput) -> None:
+        self._stack.enter_context(objects_stay())
         if self._requirements:
             from lidcam.evaluation.evaluators import known_figures
+            from lidcam.evaluation.requirement import check_names
 
             check_names(self._requirements, known_figures(source.config, source.rig, SOURCES))
         recording, window = source.recording, source.window

@@ -5,7 +5,7 @@ from contextlib import contextmanager
 
 import typer
 
-from lidcam.evaluation.requirement import RequirementError
+from pipeline.core.errors import ConfigError
 
 __all__ = ["requirement_errors"]
 
@@ -19,5 +19,9 @@ def requirement_errors() -> Iterator[None]:
     """
     try:
         yield
-    except RequirementError as err:
+    except ConfigError as err:
+        from lidcam.evaluation.requirement import RequirementError  # mostly nothing is required
+
+        if not isinstance(err, RequirementError):
+            raise
         raise typer.BadParameter(str(err), param_hint="--require") from err

@@ -3,12 +3,15 @@
 import os
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from lidcam.outputs.made import Made, made_by_lidcam
 from pipeline.core.errors import OutputError
 from readers.location import Location
 from writers.outputs.errors import output_errors
 from writers.outputs.work_folder import work_folder_path
+
+if TYPE_CHECKING:
+    from lidcam.outputs.made import Made
 
 __all__ = ["check_no_input", "check_replaced"]
 
@@ -51,7 +54,7 @@ def _check_one(output: Path, target: Path, source: Path, resolved: Path) -> None
         )
 
 
-def check_replaced(made: Made, *, overwrite: bool) -> Callable[[Path], None]:
+def check_replaced(made: "Made", *, overwrite: bool) -> Callable[[Path], None]:
     """A check of old outputs, for `OutputTransaction`: only what an earlier run of the same kind wrote is replaced.
 
     Args:
@@ -63,6 +66,8 @@ def check_replaced(made: Made, *, overwrite: bool) -> Callable[[Path], None]:
         with output_errors(path):
             if overwrite:
                 return
+            from lidcam.outputs.made import made_by_lidcam  # reads all kinds of files; mostly nothing stands there
+
             found = made_by_lidcam(path)
             if found not in (made, "text"):
                 found_text = _FOUND["text" if path.suffix in TEXT_SUFFIXES else made]
@@ -73,7 +78,7 @@ def check_replaced(made: Made, *, overwrite: bool) -> Callable[[Path], None]:
     return check
 
 
-_FOUND: dict[Made, str] = {
+_FOUND: dict["Made", str] = {
     "result": "exists and is no result of an earlier run (a recording? the output comes last)",
     "repaired": "exists and was not written by an earlier --repair",
     "simulated": "exists and is no simulated recording",

@@ -2,12 +2,12 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.console import Console
 
 from lidcam.checks.warning import RunWarning
-from lidcam.inspection import Inspection
 from lidcam.printing.folding import show_line, show_table
 from lidcam.printing.tables import (
     drops_table,
@@ -28,6 +28,9 @@ from pipeline.core.settings.config import Config
 from readers.recording import Loss
 from readers.rig.sensor_topics import SensorFault
 from writers.foxglove.layout import LAYOUT_SUFFIX
+
+if TYPE_CHECKING:  # a run inspects nothing
+    from lidcam.inspection import Inspection
 
 __all__ = ["print_detections", "print_inspection", "print_matches", "print_report"]
 
@@ -184,7 +187,7 @@ def _confirmed(report: RunReport) -> str:
     return f"{confirmed}; {report.frames_without_boxes} of {report.frames} frames have no 2D boxes to confirm any"
 
 
-def print_inspection(out: Console, inspection: Inspection) -> None:
+def print_inspection(out: Console, inspection: "Inspection") -> None:
     """What is in a recording."""
     seconds = (inspection.end_ns - inspection.start_ns) / 1e9
     files = ", ".join(map(str, inspection.files))

@@ -7,7 +7,6 @@ from contextlib import contextmanager
 from typing import Protocol
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from lidcam.printing.escaping import visible
 from lidcam.printing.log import progress_log
@@ -45,6 +44,8 @@ def show_progress(
     if not err.is_terminal or not progress_log.isEnabledFor(logging.INFO):
         yield line
         return
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn  # for terminals alone
+
     columns = (
         TextColumn("{task.completed:.1f} of {task.total:.1f} s", markup=False),
         BarColumn(bar_width=None),

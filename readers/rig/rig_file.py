@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import yaml
 
@@ -11,12 +11,10 @@ from pipeline.core.errors import CalibrationError
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.rig import Rig, TruthVehicle, Zone
 from pipeline.core.settings.bounded_yaml import read_yaml
-from readers.rig.draft import DraftCamera, RigDraft
-from readers.rig.importers.autoware import import_autoware
-from readers.rig.importers.kalibr import import_kalibr
-from readers.rig.importers.kitti import import_kitti
-from readers.rig.importers.predecessor import import_calib_txt, import_geometry
 from readers.rig.schema import TODO, RigFile, parse_rig
+
+if TYPE_CHECKING:  # for `inspect` alone
+    from readers.rig.draft import DraftCamera, RigDraft
 
 __all__ = ["draft_yaml", "load_rig", "rig_yaml"]
 
@@ -31,6 +29,12 @@ def load_rig(path: str | Path) -> RigFile:
         CalibrationError: the file cannot be read, or its content does not fit; names the file and the key.
         ConfigError: the file is not a YAML mapping.
     """
+    # Most runs have no rig file.
+    from readers.rig.importers.autoware import import_autoware
+    from readers.rig.importers.kalibr import import_kalibr
+    from readers.rig.importers.kitti import import_kitti
+    from readers.rig.importers.predecessor import import_calib_txt, import_geometry
+
     path = Path(path)
     try:
         text = path.read_text(encoding="utf-8")
@@ -102,7 +106,7 @@ def rig_yaml(rig: Rig) -> str:
     return _HEADER + yaml.dump(tree, Dumper=_Dumper, sort_keys=False, width=120, allow_unicode=True)
 
 
-def draft_yaml(draft: RigDraft) -> str:
+def draft_yaml(draft: "RigDraft") -> str:
     """The text of a rig file with every sensor that was found; what is not known is `TODO`, with the reason."""
     lines = [_HEADER.rstrip(), *_key("site_frame", draft.site_frame, draft.site_source)]
     if draft.ground_height_m is not None:
@@ -127,7 +131,7 @@ def draft_yaml(draft: RigDraft) -> str:
     return "".join(f"{line}\n" for line in lines)
 
 
-def _camera_lines(camera: DraftCamera) -> list[str]:
+def _camera_lines(camera: "DraftCamera") -> list[str]:
     lines = _key("topic", camera.topic, camera.msgtype) if camera.topic else []
     if camera.boxes_topic:
         lines += _key("boxes_topic", camera.boxes_topic, "" if camera.topic else camera.msgtype)

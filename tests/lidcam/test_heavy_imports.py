@@ -25,9 +25,20 @@ SEEN_PARTS = (
     "scipy.optimize",
     "scipy.sparse",
     "scipy.spatial",
+    "lidcam.evaluation.requirement",
+    "lidcam.inspection",
     "pipeline.stages.combine",
+    "readers.files.mcap.file",
+    "readers.files.pcap.file",
+    "readers.files.rosbag1.file",
+    "readers.files.sqlite.file",
+    "readers.rig.draft",
+    "readers.rig.importers.kitti",
+    "rich.progress",
     "rosbags.convert",
 )
+"""Formats that a recording is not of, what is asked for by options, and what only another command does."""
+
 PROGRAM = f"""
 import sys
 sys.argv[0] = "lidcam"
@@ -61,11 +72,12 @@ def test_help_imports_no_library_of_numbers(arguments: tuple[str, ...]) -> None:
 
 
 def test_inspect_imports_what_reads() -> None:
-    assert imported("inspect", str(SANDBOX)) == {"PIL", "numpy", "rosbags"}
+    reads = {"readers.files.rosbag1.file", "readers.rig.draft"}
+    assert imported("inspect", str(SANDBOX)) == {"PIL", "numpy", "rosbags", "lidcam.inspection", *reads}
 
 
 def test_process_imports_no_viewer_no_network_and_no_compiler(result: tuple[Path, set[str]]) -> None:
-    assert result[1] == {"PIL", "numpy", "rosbags", "pipeline.stages.combine"}
+    assert result[1] == {"PIL", "numpy", "rosbags", "pipeline.stages.combine", "readers.files.rosbag1.file"}
 
 
 def test_evaluate_imports_no_stages(result: tuple[Path, set[str]]) -> None:

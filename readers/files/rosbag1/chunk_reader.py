@@ -13,7 +13,7 @@ from pipeline.core.settings.recording import LimitsConfig
 from readers.files.chunk_cache import ChunkCache, detach
 from readers.files.container import MAX_BYTES_AT_OPENING
 from readers.files.damage import LIBRARY_ERRORS, Losses
-from readers.files.rosbag1.as_listed import as_listed
+from readers.files.rosbag1.as_listed import Listed, as_listed
 from readers.files.rosbag1.chunk import (
     Comparison,
     Entry,
@@ -56,6 +56,7 @@ class ChunkReader:
         self._end = stream.seek(0, 2)
         self._cache = ChunkCache(max_loaded_bytes=limits.max_unpacked_bytes(self._end))
         self._confirmed: set[int] = set()
+        self._last_listed: tuple[int, Listed] | None = None  # the first chunk is asked for each topic's first message
 
     def begin(self) -> None:
         """Begin to read from the start once more."""
@@ -149,7 +150,21 @@ class ChunkReader:
         is_packed = chunk.compression != "none"
         if not chunk.index_size or (not is_packed and (len(entries) < MANY or chunk.data_size > LARGE_BYTES)):
             return None
-        if is_packed:
+        listed = self._listed(position)
+        if listed is None:
+            return None
+        offsets = np.fromiter((entry.offset for entry in entries), np.int64, len(entries))
+        places = np.searchsorted(listed.offsets, offsets)
+        data_at = listed.data_at[places] + (0 if is_packed else chunk.data_position)
+        found = zip(entries, offsets.tolist(), data_at.tolist(), listed.sizes[places].tolist(), strict=True)
+        return Comparison([*map(Found._make, found)], [], [])
+
+    def _listed(self, position: int) -> Listed | None:
+        """The messages of a chunk, which is read; None if it is not just what its index says."""
+        if self._last_listed is not None and self._last_listed[0] == position:
+            return self._last_listed[1]
+        chunk = self._contents.chunks[position]
+        if chunk.compression != "none":
             records = self._unpacked(position)
         else:
             self._stream.seek(chunk.data_position)
@@ -158,15 +173,11 @@ class ChunkReader:
         if len(rows) > self._limits.max_messages_per_chunk:
             return None
         listed = as_listed(records, rows)
-        if listed is None:
-            return None
-        if is_packed:
-            self._confirm_all(BytesIO(records), listed.connections, position)
-        offsets = np.fromiter((entry.offset for entry in entries), np.int64, len(entries))
-        places = np.searchsorted(listed.offsets, offsets)
-        data_at = listed.data_at[places] + (0 if is_packed else chunk.data_position)
-        found = zip(entries, offsets.tolist(), data_at.tolist(), listed.sizes[places].tolist(), strict=True)
-        return Comparison([*map(Found._make, found)], [], [])
+        if listed is not None:
+            if chunk.compression != "none":
+                self._confirm_all(BytesIO(records), listed.connections, position)
+            self._last_listed = position, listed
+        return listed
 
     def _by_entries(self, position: int, entries: Sequence[Entry]) -> Comparison:
         """The messages that the index names in a chunk, or a scan has found: nothing else of it is read."""

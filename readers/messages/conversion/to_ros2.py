@@ -7,7 +7,7 @@ ROS 1's vision_msgs do not fit those of ROS 2: see `vision`.
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 from rosbags.interfaces.typing import Typesdict
@@ -22,7 +22,8 @@ from pipeline.core.ros.typestores import message_types
 from pipeline.core.settings.classes import ClassPrior
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from readers.messages.boundary.decoding import decoder
-from readers.messages.conversion.vision import VISION_ARRAYS, vision_message
+from readers.messages.conversion.vision import INSTANCE, VISION_ARRAYS, name_of_number, vision_message
+from readers.messages.conversion.vision_in_place import boxes_in_place
 from readers.messages.deserialize import deserialize, type_parts, typestore_for
 
 __all__ = ["to_ros2"]
@@ -51,17 +52,25 @@ def to_ros2(
         return message._replace(channel=_defined(channel))
     if channel.encoding != "ros1":
         raise MessageError(f"{channel.topic}: {channel.msgtype} in {channel.encoding} is not a ROS message")
+    if channel.msgtype in VISION_ARRAYS and len(message.data) <= limits.max_message_items:  # fewer items than bytes
+        data = boxes_in_place(message, partial(name_of_number, classes=classes), INSTANCE)
+        if data is not None:
+            return message._replace(channel=_of_vision(channel), data=data)
     recorded = deserialize(message, limits=limits)
     if channel.msgtype in VISION_ARRAYS:
         converted = vision_message(recorded, channel.msgtype, classes)
-        definition = ROS2.definition(channel.msgtype)
-        in_ros2 = replace(channel, encoding="cdr", definition=definition, definition_format="ros2msg", digest="")
-        return message._replace(channel=in_ros2, data=ROS2.serialize(converted))
+        return message._replace(channel=_of_vision(channel), data=ROS2.serialize(converted))
     from rosbags.convert.converter import migrate_message  # 0.1 s: it brings the readers and writers of all bags
 
     store, in_ros2 = _in_ros2(channel)
     moved: Any = migrate_message(typestore_for(channel), store, channel.msgtype, in_ros2.msgtype, {}, recorded)
     return message._replace(channel=in_ros2, data=store.serialize_cdr(moved, in_ros2.msgtype))
+
+
+@lru_cache(maxsize=1024)
+def _of_vision(channel: Channel) -> Channel:
+    definition = ROS2.definition(channel.msgtype)
+    return replace(channel, encoding="cdr", definition=definition, definition_format="ros2msg", digest="")
 
 
 @lru_cache(maxsize=1024)

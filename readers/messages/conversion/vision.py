@@ -12,13 +12,14 @@ from pipeline.core.ros.messages import ROS2
 from pipeline.core.ros.vision_numbers import CLASS_OF_NUMBER, COUNT_NUMBERS, count_of
 from pipeline.core.settings.classes import ClassPrior
 
-__all__ = ["VISION_ARRAYS", "class_name_of_number", "vision_message"]
+__all__ = ["INSTANCE", "VISION_ARRAYS", "class_name_of_number", "name_of_number", "vision_message"]
 
 _BOXES_3D, _BOXES_2D = "vision_msgs/msg/Detection3DArray", "vision_msgs/msg/Detection2DArray"
 
 VISION_ARRAYS = frozenset({_BOXES_2D, _BOXES_3D})
 
 INSTANCE = COUNT_NUMBERS["instance"]
+"""Of a hypothesis whose score says which object it is."""
 
 
 def class_name_of_number(number: int, classes: Sequence[ClassPrior]) -> str:
@@ -33,6 +34,11 @@ def class_name_of_number(number: int, classes: Sequence[ClassPrior]) -> str:
             simulated = CLASS_OF_NUMBER.get(str(number), prior.name)
             return simulated if simulated in prior.labels else prior.name
     return str(number)
+
+
+def name_of_number(number: int, classes: Sequence[ClassPrior]) -> str:
+    """What a hypothesis of this number is in ROS 2: what it counts, or its class."""
+    return count_of(str(number)) or class_name_of_number(number, classes)
 
 
 def vision_message(recorded: Any, msgtype: str, classes: Sequence[ClassPrior]) -> Any:
@@ -61,13 +67,11 @@ def vision_message(recorded: Any, msgtype: str, classes: Sequence[ClassPrior]) -
 
 
 def _hypothesis(result: Any, classes: Sequence[ClassPrior]) -> Any:
-    hypothesis = ROS2.new("vision_msgs/msg/ObjectHypothesis", class_id=_name(result.id, classes), score=result.score)
+    hypothesis = ROS2.new(
+        "vision_msgs/msg/ObjectHypothesis", class_id=name_of_number(result.id, classes), score=result.score
+    )
     pose = ROS2.pose_with_covariance(_pose(result.pose.pose), result.pose.covariance)
     return ROS2.new("vision_msgs/msg/ObjectHypothesisWithPose", hypothesis=hypothesis, pose=pose)
-
-
-def _name(number: int, classes: Sequence[ClassPrior]) -> str:
-    return count_of(str(number)) or class_name_of_number(number, classes)
 
 
 def _box_3d(bbox: Any) -> Any:

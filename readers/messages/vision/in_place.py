@@ -17,7 +17,7 @@ from pipeline.core.messages import RawMessage
 from pipeline.core.settings.recording import LimitsConfig
 from readers.messages.vision.layouts import BoxLayout, Tail, layout_of
 
-__all__ = ["BoxRows", "rows_in_place"]
+__all__ = ["POSED_BYTES", "BoxRows", "behind_tail", "rows_in_place"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,7 +44,7 @@ class BoxRows:
     covariances: F64
 
 
-_POSED_BYTES = 8 * (1 + 7 + 36)
+POSED_BYTES = 8 * (1 + 7 + 36)
 """Score, pose and covariance of a hypothesis."""
 
 _POINT_FIELD_BYTES = 4 + 1 + 4
@@ -89,7 +89,7 @@ def rows_in_place(message: RawMessage, limits: LimitsConfig) -> BoxRows | None:
                 return None
             order = _ENCAPSULATIONS[data[:2]]
             found = _walk_cdr(data, layout, limits, order)
-        hypotheses = _doubles(data, found.hypotheses, _POSED_BYTES // 8, order)
+        hypotheses = _doubles(data, found.hypotheses, POSED_BYTES // 8, order)
         return BoxRows(
             _text(found.frame_id),
             _doubles(data, found.boxes, layout.numbers, order),
@@ -144,7 +144,7 @@ def _walk_cdr(data: bytes, layout: BoxLayout, limits: LimitsConfig, order: Liter
             at += (4 - at) & 7
             found.of_box.append(row)
             found.hypotheses.append(at)
-            at += _POSED_BYTES
+            at += POSED_BYTES
         at += (4 - at) & 7
         found.boxes.append(at)
         at += 8 * layout.numbers
@@ -192,17 +192,17 @@ def _walk_ros1(data: bytes, layout: BoxLayout, limits: LimitsConfig) -> _Places:
                 found.labels.append(data[at - length : at])
             found.of_box.append(row)
             found.hypotheses.append(at)
-            at += _POSED_BYTES
+            at += POSED_BYTES
         found.boxes.append(at)
         at += 8 * layout.numbers
-        at, id_ = _ros1_tail(data, at, layout.tail)
+        at, id_ = behind_tail(data, at, layout.tail)
         found.ids.append(id_)
     if len(data) != at:
         raise _UnfitError
     return found
 
 
-def _ros1_tail(data: bytes, at: int, tail: Tail) -> tuple[int, bytes]:
+def behind_tail(data: bytes, at: int, tail: Tail) -> tuple[int, bytes]:
     """Where what follows a box ends in ROS 1, and the box's id."""
     uint32 = _UINT32["<"]
     if tail == "none":
