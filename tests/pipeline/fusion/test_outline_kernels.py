@@ -34,8 +34,5 @@ def test_offsets(rounding: float, underside: float, cabin: float) -> None:
 
 
 def test_nothing() -> None:
-    assert rounded_offsets(np.zeros((0, 3)), *(np.zeros((5, k)) for k in (3, 2, 3)), 0.1, 0.1, 0.1, SHAPE).shape == (
-        0,
-        5,
-        3,
-    )
+    signs, inward, of_riders = np.zeros((5, 3)), np.zeros((5, 2)), np.zeros((5, 3))
+    assert rounded_offsets(np.zeros((0, 3)), signs, inward, of_riders, 0.1, 0.1, 0.1, SHAPE).shape == (0, 5, 3)
