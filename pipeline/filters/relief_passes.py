@@ -94,9 +94,7 @@ def _between(values: F64, x: float, y: float) -> float:
     return float(near * (1 - y) + far * y)
 
 
-@compiled(
-    "void(float64[:, ::1], float64[::1], float64[:, ::1], float64, float64, float64, float64[:, ::1], float64[:, ::1])"
-)
+@inlined
 def pull(
     xy: F64, height_m: F64, surface_m: F64, near_m: float, above_m: float, above_weight: float, total: F64, mean: F64
 ) -> None:
@@ -135,29 +133,13 @@ def _symmetric(sums: F64, values: F64, stride: int, taps: F64) -> None:
     middle = values[reach * stride :]
     for i in range(count):
         sums[i] = middle[i] * taps[0]
-    step = reach
-    while step >= 5:  # five taps at once: each sum is read and written once for all of them
-        first, last = (reach - step) * stride, (reach + step) * stride
-        a, b, c = values[first:], values[first + stride :], values[first + 2 * stride :]
-        d, e = values[first + 3 * stride :], values[first + 4 * stride :]
-        f, g, h = values[last:], values[last - stride :], values[last - 2 * stride :]
-        j, k = values[last - 3 * stride :], values[last - 4 * stride :]
-        af, bg, ch, dj, ek = taps[step], taps[step - 1], taps[step - 2], taps[step - 3], taps[step - 4]
-        for i in range(count):
-            total = sums[i] + (a[i] + f[i]) * af
-            total += (b[i] + g[i]) * bg
-            total += (c[i] + h[i]) * ch
-            total += (d[i] + j[i]) * dj
-            sums[i] = total + (e[i] + k[i]) * ek
-        step -= 5
-    while step > 0:
+    for step in range(reach, 0, -1):
         before, after, tap = values[(reach - step) * stride :], values[(reach + step) * stride :], taps[step]
         for i in range(count):
             sums[i] += (before[i] + after[i]) * tap
-        step -= 1
 
 
-@compiled("void(float64[:, ::1], float64[::1], float64[::1], float64[:, ::1])")
+@inlined
 def _smooth(values: F64, taps: F64, room: F64, smooth: F64) -> None:
     """Writes a grid (H, W), smoothed along both axes, to `smooth`; see `smoothed`, and `_room` for what it needs."""
     height, width = values.shape
@@ -222,22 +204,21 @@ def grown(xy: F64, height_m: F64, side: int, taps: F64, counts: I64, near_m: F64
     Returns:
         (side, side) heights, and (side, side) weights.
     """
-    shape, reach = (side, side), counts.max() - 1
-    surface, weight, mean = np.zeros(shape, np.float64), np.zeros(shape, np.float64), np.empty(shape, np.float64)
-    rise, trust, room, first = np.empty(shape, np.float64), np.empty(shape, np.float64), _room(side, side, reach), 0
+    surface, room, first = np.zeros((side, side), np.float64), _room(side, side, counts.max() - 1), 0
+    mean_and_weight, smooth = np.zeros((2, side, side), np.float64), np.empty((2, side, side), np.float64)
+    mean, weight = mean_and_weight[0], mean_and_weight[1]
     for k in range(len(counts)):
         pull(xy, height_m, surface, near_m[k], limits[0], limits[1], weight, mean)
         for row in range(side):
             for column in range(side):
                 weight[row, column] = min(weight[row, column], limits[2])
                 mean[row, column] *= weight[row, column]
-        own = taps[first : first + counts[k]]
+        for grid in range(2):
+            _smooth(mean_and_weight[grid], taps[first : first + counts[k]], room, smooth[grid])
         first += counts[k]
-        _smooth(mean, own, room, rise)
-        _smooth(weight, own, room, trust)
         for row in range(side):
             for column in range(side):
-                surface[row, column] += rise[row, column] / (trust[row, column] + limits[3])
+                surface[row, column] += smooth[0, row, column] / (smooth[1, row, column] + limits[3])
     return surface, weight
 
 
