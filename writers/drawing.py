@@ -88,17 +88,17 @@ def object_edges(result: FrameResult, cameras: Iterable[str]) -> dict[str, Objec
     camera, row = np.nonzero(_may_be_seen(objects, models, poses))
     corners = box_corners(objects.centers, objects.sizes, objects.yaws)
     segments, pairs = draw_edges(models, _moved(poses[camera], corners[row]), camera)
-    bounds = np.searchsorted(camera[pairs], np.arange(1, len(views)))
-    parts = zip(views, np.split(segments, bounds), np.split(row[pairs], bounds), strict=False)
-    return {name: (part, rows) for name, part, rows in parts}
+    bounds, rows = np.searchsorted(camera[pairs], np.arange(len(views) + 1)).tolist(), row[pairs]
+    parts = {name: slice(*bounds[place : place + 2]) for place, name in enumerate(views)}
+    return {name: (segments[part], rows[part]) for name, part in parts.items()}
 
 
 def _moved(poses: F64, points: F64) -> F64:
     """(P, K, 3) points (P, K, 3) in other frames, by transforms (P, 3, 4); to the last bit as `Transform.apply`."""
-    x, y, z = np.moveaxis(points, -1, 0)
+    x, y, z = points[..., 0], points[..., 1], points[..., 2]
     moved = np.empty(np.broadcast_shapes(points.shape, (len(poses), 1, 1)))
     for axis in range(3):
-        a, b, c, shift = poses[:, axis, :, None].swapaxes(0, 1)
+        a, b, c, shift = (poses[:, axis, column, None] for column in range(4))
         moved[..., axis] = a * x + b * y + c * z + shift
     return moved
 

@@ -41,9 +41,9 @@ def sample_by_angle(start: F64, end: F64, count: int) -> F64:
     Returns:
         (..., count, 3) metres.
     """
-    r0, r1 = np.linalg.norm(start, axis=-1), np.linalg.norm(end, axis=-1)
+    r0, r1 = np.sqrt((start * start).sum(-1)), np.sqrt((end * end).sum(-1))
     cosine = (start * end).sum(-1) / (r0 * r1)
-    angle = np.arccos(np.clip(cosine, -1.0, 1.0))[..., None]
+    angle = np.arccos(np.minimum(np.maximum(cosine, -1.0), 1.0))[..., None]
     even = np.linspace(0.0, 1.0, count)
     near, far = r0[..., None] * np.sin(even * angle), r1[..., None] * np.sin((1 - even) * angle)
     whole = near + far

@@ -45,4 +45,4 @@ def _bend(pixels: F64) -> F64:
     """(N,) how far lines (N, S, 2) leave the straight way between their ends, pixels."""
     way, reach = pixels[:, -1:] - pixels[:, :1], pixels - pixels[:, :1]
     aside = np.abs(way[..., 0] * reach[..., 1] - way[..., 1] * reach[..., 0])
-    return np.asarray((aside / np.maximum(np.linalg.norm(way, axis=-1), 1e-9)).max(1))
+    return np.asarray((aside / np.maximum(np.sqrt((way * way).sum(-1)), 1e-9)).max(1))
