@@ -88,6 +88,7 @@ samples: $(INSTALLED_ALL)
 
 bench: $(INSTALLED_ALL)
 	$(BIN)/python benchmarks/measured/speed_page.py
+	$(BIN)/python benchmarks/measured/memory_table.py
 	$(BIN)/python benchmarks/evaluation.py
 	$(BIN)/python benchmarks/clusters.py
 	$(BIN)/python benchmarks/synchronisation.py

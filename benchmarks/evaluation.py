@@ -155,7 +155,8 @@ def _message(stamp_ns: int, centers: F64, yaws: F64, class_ids: I64, scores: F64
         np.zeros(n, np.uint8),
         np.full(n, stamp_ns, np.int64),
     )
-    message = detections_3d(boxes, CLASSES, stamp_ns=stamp_ns)
+    columns = detections_3d(boxes, CLASSES, stamp_ns=stamp_ns)
+    message = ROS2.deserialize(ROS2.serialize(columns), columns.__msgtype__)
     for detection, number in zip(message.detections, ids.tolist(), strict=True):
         detection.id = str(number)
     return message

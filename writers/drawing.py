@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.core.arrays import F32, F64, Bools, Indices
-from pipeline.core.camera import project_edges
+from pipeline.core.camera import CameraModel
 from pipeline.core.detections import Boxes2D, Boxes3D, Matches, Source
 from pipeline.core.frame import FrameResult
 from pipeline.core.geometry.boxes import box_corners
-from pipeline.core.rig import CameraSensor
+from pipeline.core.optics.drawn_edges import draw_edges
 from writers.palette import CAMERA_ONLY, MATCHED, Rgb, class_color
 
 __all__ = [
@@ -77,30 +77,47 @@ def _witnesses(cameras: int, *, is_placed: bool) -> str:
 
 
 def object_edges(result: FrameResult, cameras: Iterable[str]) -> dict[str, ObjectEdges]:
-    """The fused objects in the images of these cameras, from where they were taken; see `CameraModel.project_edges`.
+    """The fused objects in the images of these cameras, from where they were taken; see `core.optics.drawn_edges`.
 
     Returns:
         By camera, straight pieces (M, 2, 2) in pixels, object after object, and the row of each one's object (M,).
     """
     objects, views = result.fused.objects, {name: result.views[name] for name in cameras}
+    models = [view.model for view in views.values()]
+    poses = np.array([view.T_camera_site.matrix[:3] for view in views.values()]).reshape(-1, 3, 4)
+    camera, row = np.nonzero(_may_be_seen(objects, models, poses))
     corners = box_corners(objects.centers, objects.sizes, objects.yaws)
-    near = [np.flatnonzero(_may_be_seen(objects, view)) for view in views.values()]
-    seen = [
-        np.asarray(view.T_camera_site.apply(corners[rows]), np.float64)
-        for view, rows in zip(views.values(), near, strict=True)
-    ]
-    found = project_edges([view.model for view in views.values()], seen) if views else []
-    return {name: (segments, rows[of_box]) for name, rows, (segments, of_box) in zip(views, near, found, strict=True)}
+    segments, pairs = draw_edges(models, _moved(poses[camera], corners[row]), camera)
+    bounds = np.searchsorted(camera[pairs], np.arange(1, len(views)))
+    parts = zip(views, np.split(segments, bounds), np.split(row[pairs], bounds), strict=False)
+    return {name: (part, rows) for name, part, rows in parts}
 
 
-def _may_be_seen(objects: Boxes3D, camera: CameraSensor) -> Bools:
-    """(N,) whether the sphere around an object reaches into the cone of what the camera may see."""
-    centers = np.asarray(camera.T_camera_site.apply(objects.centers), np.float64)
+def _moved(poses: F64, points: F64) -> F64:
+    """(P, K, 3) points (P, K, 3) in other frames, by transforms (P, 3, 4); to the last bit as `Transform.apply`."""
+    x, y, z = np.moveaxis(points, -1, 0)
+    moved = np.empty(np.broadcast_shapes(points.shape, (len(poses), 1, 1)))
+    for axis in range(3):
+        a, b, c, shift = poses[:, axis, :, None].swapaxes(0, 1)
+        moved[..., axis] = a * x + b * y + c * z + shift
+    return moved
+
+
+def _may_be_seen(objects: Boxes3D, models: Sequence[CameraModel], poses: F64) -> Bools:
+    """(C, N) whether the sphere around an object reaches into the cone of what a camera may see.
+
+    Args:
+        objects: N objects.
+        models: C cameras.
+        poses: (C, 3, 4) from the site frame to their optical frames.
+    """
+    centers = _moved(poses, objects.centers[None])
     radii = np.sqrt((objects.sizes**2).sum(1)) / 2
-    distances = np.sqrt((centers**2).sum(1))
-    aside = np.arctan2(np.hypot(centers[:, 0], centers[:, 1]), centers[:, 2])
+    distances = np.sqrt((centers**2).sum(2))
+    aside = np.arctan2(np.hypot(centers[..., 0], centers[..., 1]), centers[..., 2])
     reach = np.arcsin(np.minimum(radii / np.maximum(distances, radii), 1.0))
-    return np.asarray((distances <= radii) | (aside - reach <= camera.model.view_angle_rad))
+    angles = np.array([model.view_angle_rad for model in models]).reshape(-1, 1)
+    return np.asarray((distances <= radii) | (aside - reach <= angles))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -145,9 +162,10 @@ def labels_in_the_clear(places: F64, sizes: F64, importance: F64) -> list[int]:
         sizes: (N, 2) width and height.
         importance: (N,) of two that would cover each other, the more important one stays.
     """
-    rows: list[int] = []
+    apart = np.asarray((np.abs(places[:, None] - places) > (sizes[:, None] + sizes) / 2).any(2))
+    rows, is_free = [], np.ones(len(places), bool)
     for row in np.argsort(-importance, kind="stable").tolist():
-        apart = np.abs(places[rows] - places[row]) > (sizes[rows] + sizes[row]) / 2
-        if apart.any(1).all():
+        if is_free[row]:
             rows.append(row)
+            is_free &= apart[row]
     return rows

@@ -19,6 +19,7 @@ from lidcam.options import (
     seconds,
     with_log_options,
 )
+from pipeline.parallel.cores import THREADS_OF_LIBRARIES
 from readers.location import RemotePath, location
 
 if TYPE_CHECKING:
@@ -141,9 +142,10 @@ def process(
     if max_dropped is not None and not strict:
         raise typer.BadParameter("counts only with --strict, which is missing", param_hint="--max-dropped")
     if workers != 1:
-        # Processes already fill the cores; OpenMP threads inside of one would only wait for each other.
+        # Processes already fill the cores; threads of libraries inside of one would only wait for each other.
         # Read once, when the libraries are loaded.
-        os.environ.setdefault("OMP_NUM_THREADS", "1")
+        for name in THREADS_OF_LIBRARIES:
+            os.environ.setdefault(name, "1")
     from lidcam.commands.process import Printed, run_process  # heavy: after the arguments are known to be right
     from lidcam.commands.requirement_errors import requirement_errors
     from lidcam.commands.strict import Strictness

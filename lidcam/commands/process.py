@@ -22,7 +22,7 @@ from lidcam.run import RunObserver, process_recording
 from lidcam.settings.choice import used_record
 from lidcam.summary import RunProgress, RunReport, report_tree
 from pipeline.core.frame import FrameResult
-from pipeline.core.memory import keep_freed_memory
+from pipeline.core.memory import keep_freed_memory, objects_stay
 
 if TYPE_CHECKING:  # evaluation is imported where a run is evaluated
     from lidcam.evaluation.evaluation import Evaluation
@@ -136,6 +136,7 @@ class _Terminal(RunObserver):
         self._printed, self._out, self._stack, self._requirements = printed, out, stack, requirements
 
     def opened(self, source: RunInput) -> None:
+        self._stack.enter_context(objects_stay())
         if self._requirements:
             from lidcam.evaluation.evaluators import known_figures
             from lidcam.evaluation.requirement import check_names

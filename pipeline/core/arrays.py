@@ -1,6 +1,7 @@
 """Array types by element, and the checks and selection shared by records of parallel arrays."""
 
 from dataclasses import fields
+from functools import cache
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -44,6 +45,11 @@ Indices = npt.NDArray[np.intp]
 Rows = Bools | Indices
 """Rows of an array, as a mask or as indices."""
 
+_DTYPES: dict[Any, np.dtype[Any]] = {
+    kind: np.dtype(kind)
+    for kind in (np.bool_, np.float32, np.float64, np.int16, np.int32, np.int64, np.uint8, np.uint16, np.uint32)
+}
+
 Record = TypeVar("Record", bound="DataclassInstance")
 
 
@@ -53,31 +59,37 @@ def check_array(name: str, array: Array, shape: tuple[int, ...], dtype: npt.DTyp
     Raises:
         ValueError: shape or dtype differ.
     """
-    if array.shape != shape or array.dtype != np.dtype(dtype):
-        raise ValueError(f"{name}: expected {np.dtype(dtype)}{list(shape)}, got {array.dtype}{list(array.shape)}")
+    wanted = _DTYPES[dtype] if dtype in _DTYPES else np.dtype(dtype)
+    # Of equal types there is mostly one object, and to compare two takes longer.
+    if array.shape != shape or (array.dtype is not wanted and array.dtype != wanted):
+        raise ValueError(f"{name}: expected {wanted}{list(shape)}, got {array.dtype}{list(array.shape)}")
     array.flags.writeable = False
 
 
 def select_rows(record: Record, rows: Rows) -> Record:
     """A record of parallel arrays with the given rows of each array, other fields unchanged."""
-    values: dict[str, Any] = {f.name: getattr(record, f.name) for f in fields(record)}
-    lengths = {len(v) for v in values.values() if isinstance(v, np.ndarray)}
+    values = [getattr(record, name) for name in _names(type(record))]
     if rows.dtype == np.bool_:
+        lengths = {len(v) for v in values if isinstance(v, np.ndarray)}
         if lengths - {len(rows)}:
             raise IndexError(f"a mask of {len(rows)} rows for arrays of {sorted(lengths)}")
-        rows = np.flatnonzero(rows)
+        rows = rows.nonzero()[0]
     # take: twice as fast as an index in brackets, and three times as fast as a mask.
-    chosen: dict[str, Any] = {n: v.take(rows, axis=0) if isinstance(v, np.ndarray) else v for n, v in values.items()}
-    return type(record)(**chosen)
+    return type(record)(*[v.take(rows, axis=0) if isinstance(v, np.ndarray) else v for v in values])
 
 
 def join_rows(*records: Record) -> Record:
     """One record of parallel arrays with the rows of each, one after another; other fields are those of the first."""
-    first = records[0]
-    names = [f.name for f in fields(first)]
-    values: dict[str, Any] = {name: getattr(first, name) for name in names}
-    joined: dict[str, Any] = {
-        name: np.concatenate([getattr(one, name) for one in records]) if isinstance(value, np.ndarray) else value
-        for name, value in values.items()
-    }
-    return type(first)(**joined)
+    first, names = records[0], _names(type(records[0]))
+    return type(first)(
+        *[
+            np.concatenate([getattr(one, name) for one in records]) if isinstance(value, np.ndarray) else value
+            for name, value in zip(names, [getattr(first, name) for name in names], strict=True)
+        ]
+    )
+
+
+@cache
+def _names(record: type["DataclassInstance"]) -> tuple[str, ...]:
+    """The fields of a record."""
+    return tuple(field.name for field in fields(record))

@@ -7,7 +7,6 @@ pixel; the principal point of a calibration counts from pixel centres, as in Ope
 projection.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal, get_args
@@ -15,11 +14,11 @@ from typing import Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.core.arrays import F32, F64, Bools, Indices
+from pipeline.core.arrays import F32, F64, Bools
 from pipeline.core.errors import CalibrationError
-from pipeline.core.geometry.box_edges import clip_segments, edges_ahead, sample_by_angle
+from pipeline.core.geometry.box_edges import edges_ahead
 
-__all__ = ["BORDER_PX", "NEAR_M", "CameraModel", "DistortionModel", "project_edges"]
+__all__ = ["BORDER_PX", "EDGE_SHARES", "NEAR_M", "CameraModel", "DistortionModel"]
 
 DistortionModel = Literal["plumb_bob", "rational_polynomial", "equidistant"]
 
@@ -29,10 +28,8 @@ BORDER_PX = 2.0
 NEAR_M = 0.01
 """Edges of boxes are cut at this depth: nearer points cannot be projected."""
 
-_EDGE_SHARES = np.linspace(0.0, 1.0, 5)[:, None]  # lens distortion bends edges beyond their corners
-
-DRAWN_SAMPLES, DRAWN_BEND_PX = 25, 0.5
-"""Points by which a bent edge is drawn, and how far an edge may bend and still be drawn by its ends."""
+EDGE_SHARES = np.linspace(0.0, 1.0, 5)
+"""Where along an edge of a box its outermost point is sought: lens distortion bends edges beyond their corners."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,7 +179,8 @@ class CameraModel:
             pixels, _ = self.project(corners_camera)
             return self._clipped(pixels.min(1), pixels.max(1))
         start, end, in_front = edges_ahead(corners_camera, NEAR_M)
-        samples = start[:, :, None] * (1 - _EDGE_SHARES) + end[:, :, None] * _EDGE_SHARES  # (N, 12, S, 3)
+        shares = EDGE_SHARES[:, None]
+        samples = start[:, :, None] * (1 - shares) + end[:, :, None] * shares  # (N, 12, S, 3)
         pixels, valid = self.project(samples)
         valid &= in_front[..., None]
         low = np.where(valid[..., None], pixels, np.inf).min((1, 2))
@@ -195,49 +193,3 @@ class CameraModel:
         boxes = np.concatenate([np.clip(low, 0, size), np.clip(high, 0, size)], -1)
         seen = (boxes[:, 2] > boxes[:, 0]) & (boxes[:, 3] > boxes[:, 1])
         return np.where(seen[:, None], boxes, np.nan)
-
-    def project_edges(self, corners_camera: F64) -> tuple[F32, Indices]:
-        """The edges of boxes as they lie in the image: bent by the lens, cut behind the camera and at the border.
-
-        Args:
-            corners_camera: (N, 8, 3) corners in the order of `geometry.box_corners`, metres in the optical frame.
-
-        Returns:
-            (M, 2, 2) straight pieces, both ends in pixels, box after box; (M,) row of the box of each piece.
-        """
-        return project_edges([self], [corners_camera])[0]
-
-
-def project_edges(models: Sequence[CameraModel], corners_camera: Sequence[F64]) -> list[tuple[F32, Indices]]:
-    """`CameraModel.project_edges` of several cameras, each with boxes of its own: in one go it costs much less."""
-    counts = [len(corners) for corners in corners_camera]
-    start, end, in_front = edges_ahead(np.concatenate([*corners_camera, np.zeros((0, 8, 3))]), NEAR_M)
-    boxes, _ = np.nonzero(in_front)
-    samples = sample_by_angle(start[in_front], end[in_front], DRAWN_SAMPLES)
-    ends = np.searchsorted(boxes, np.cumsum(counts))  # of each camera's edges
-    parts = [model.project(part) for model, part in zip(models, np.split(samples, ends[:-1]), strict=True)]
-    pixels, valid = (np.concatenate(found) for found in zip(*parts, strict=True))
-    straight = valid.all(1) & (_bend(pixels) < DRAWN_BEND_PX)
-    pieces = np.stack([pixels[:, :-1], pixels[:, 1:]], 2)
-    pieces[straight, 0, 1] = pixels[straight, -1]
-    wanted = valid[:, :-1] & valid[:, 1:]
-    wanted[straight, 1:] = False
-    cameras = np.repeat(np.arange(len(models)), np.diff(ends, prepend=0))
-    sizes = np.array([[model.width_px, model.height_px] for model in models], np.float64)
-    of_edge, _ = np.nonzero(wanted)
-    clipped, inside = clip_segments(pieces[wanted], sizes[cameras[of_edge]])
-    segments, of_edge = clipped[inside].astype(np.float32), of_edge[inside]
-    bounds = np.searchsorted(of_edge, ends[:-1])
-    first_boxes = np.cumsum(counts) - counts
-    found_rows = np.split(boxes[of_edge], bounds)
-    return [
-        (part, rows - first)
-        for part, rows, first in zip(np.split(segments, bounds), found_rows, first_boxes, strict=True)
-    ]
-
-
-def _bend(pixels: F64) -> F64:
-    """(N,) how far lines (N, S, 2) leave the straight way between their ends, pixels."""
-    way, reach = pixels[:, -1:] - pixels[:, :1], pixels - pixels[:, :1]
-    aside = np.abs(way[..., 0] * reach[..., 1] - way[..., 1] * reach[..., 0])
-    return np.asarray((aside / np.maximum(np.linalg.norm(way, axis=-1), 1e-9)).max(1))

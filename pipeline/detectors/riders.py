@@ -44,6 +44,8 @@ def join_riders(boxes: Boxes2D, is_person: Bools, is_ridden: Bools) -> Boxes2D:
         Boxes in order of falling score, equal ones in the order of what is ridden.
     """
     people, ridden = np.flatnonzero(is_person), np.flatnonzero(is_ridden)
+    if not (len(people) and len(ridden)):
+        return boxes
     person, under = boxes.xyxy[people, None].astype(np.float64), boxes.xyxy[None, ridden].astype(np.float64)
     person_width, person_height = person[..., 2] - person[..., 0], person[..., 3] - person[..., 1]
     width, height = under[..., 2] - under[..., 0], under[..., 3] - under[..., 1]

@@ -26,9 +26,6 @@ THINNING, FINALISTS = 4, 16
 CELL_PER_DISTANCE = 5.0
 """Planes go through the lowest points of cells this many `distance_m` wide: a wall stands on few cells."""
 
-MAX_CELL = 1 << 30
-"""Cells farther from the origin are taken for the last one."""
-
 LAYER_PER_DISTANCE = 0.5
 """Planes are fitted to a layer thinner than the one removed: a thick one tilts towards pavements beside the road."""
 
@@ -42,6 +39,7 @@ REFINEMENTS = 6
 class GroundPasses(Protocol):
     """What is done with all points: `pipeline.filters.ground_arrays` explains it, `ground_passes` is the fast one."""
 
+    def lowest_of_cells(self, points: F32, cell_m: np.float32) -> I64: ...  # noqa: D102
     def count_layers(self, points: F32, planes: F32, layer_m: np.float32) -> tuple[I64, I64]: ...  # noqa: D102
     def heights_within(self, points: F32, plane: F32, limit_m: np.float32) -> F32: ...  # noqa: D102
     def scatter_within(self, points: F32, plane: F32, limit_m: np.float32) -> tuple[F64, F64]: ...  # noqa: D102
@@ -71,8 +69,9 @@ def find_ground(
     layer_m = np.float32(LAYER_PER_DISTANCE * config.distance_m)
     points = np.ascontiguousarray(xyz_site.T)  # a row per coordinate makes heights three times faster
     sample = np.ascontiguousarray(points[:, :: max(1, -(-len(xyz_site) // SAMPLE_POINTS))])
-    reachable = _within_reach(sample.T, config, ground_height_m)
-    candidates = _lowest_of_cells(reachable, CELL_PER_DISTANCE * config.distance_m)
+    reachable = _within_reach(sample, config, ground_height_m)
+    lowest = passes.lowest_of_cells(reachable, np.float32(CELL_PER_DISTANCE * config.distance_m))
+    candidates = reachable.T[lowest]
     if len(candidates) < 3:
         return None
     rng = np.random.Generator(np.random.PCG64(config.seed))
@@ -95,23 +94,13 @@ def find_ground(
     return Plane(plane[:3].copy(), float(plane[3]))
 
 
-def _within_reach(xyz: F32, config: GroundConfig, ground_height_m: float | None) -> F32:
-    """The points through which a plane within the limits of height and tilt can go."""
+def _within_reach(points: F32, config: GroundConfig, ground_height_m: float | None) -> F32:
+    """The points (3, N) through which a plane within the limits of height and tilt can go."""
     if ground_height_m is None:
-        return xyz
-    rise = np.tan(np.radians(config.max_tilt_deg)) * np.hypot(xyz[:, 0], xyz[:, 1])
-    within: Bools = np.abs(xyz[:, 2] - ground_height_m) <= config.height_tolerance_m + rise
-    return xyz[within]
-
-
-def _lowest_of_cells(xyz: F32, cell_m: float) -> F32:
-    """The lowest point of each occupied cell of a square grid over x and y."""
-    cells = np.clip(np.floor(xyz[:, :2] / np.float32(cell_m)), -MAX_CELL, MAX_CELL).astype(np.int64)
-    cell = cells[:, 0] * (2 * MAX_CELL + 1) + cells[:, 1]
-    order = np.lexsort((xyz[:, 2], cell))
-    first = np.ones(len(cell), np.bool_)
-    first[1:] = np.diff(cell[order]) != 0
-    return xyz[order[first]]
+        return points
+    rise = np.tan(np.radians(config.max_tilt_deg)) * np.hypot(points[0], points[1])
+    within: Bools = np.abs(points[2] - ground_height_m) <= config.height_tolerance_m + rise
+    return points.compress(within, axis=1)
 
 
 def _planes_through(triples: F64) -> F64:

@@ -4,7 +4,25 @@ import numpy as np
 
 from pipeline.core.arrays import F32, F64, I64
 
-__all__ = ["count_layers", "heights_within", "scatter_within"]
+__all__ = ["count_layers", "heights_within", "lowest_of_cells", "scatter_within"]
+
+MAX_CELL = 1 << 30
+"""Cells farther from the origin are taken for the last one."""
+
+
+def lowest_of_cells(points: F32, cell_m: np.float32) -> I64:
+    """(M,) row of the lowest point of each occupied cell of a square grid over x and y, ordered by cell.
+
+    Args:
+        points: (3, N) metres, finite; of equally low ones the first is taken.
+        cell_m: Edge of the cells.
+    """
+    cells = np.clip(np.floor(points[:2] / cell_m), -MAX_CELL, MAX_CELL).astype(np.int64)
+    cell = cells[0] * (2 * MAX_CELL + 1) + cells[1]
+    order = np.lexsort((points[2], cell))
+    first = np.ones(len(cell), np.bool_)
+    first[1:] = np.diff(cell[order]) != 0
+    return order[first]
 
 
 def count_layers(points: F32, planes: F32, layer_m: np.float32) -> tuple[I64, I64]:

@@ -8,7 +8,48 @@ import numpy as np
 from pipeline.core.arrays import F32, F64, I64
 from pipeline.core.compiled import compiled, inlined
 
-__all__ = ["count_layers", "heights_within", "scatter_within"]
+__all__ = ["count_layers", "heights_within", "lowest_of_cells", "scatter_within"]
+
+
+MAX_CELL = 2.0**30
+"""As in `ground_arrays`."""
+
+SPREAD = np.uint64(0x9E3779B97F4A7C15)
+"""Numbers times this differ in their upper bits (D. E. Knuth: The art of computer programming, vol. 3, 6.4)."""
+
+
+def lowest_of_cells(points: F32, cell_m: np.float32) -> I64:
+    """(M,) row of the lowest point of each occupied cell, ordered by cell."""
+    cells, rows = _lowest(points, cell_m)
+    return rows[np.argsort(cells)]
+
+
+@inlined
+def _cell(place: np.float32, cell_m: np.float32) -> np.int64:
+    return np.int64(min(max(np.floor(place / cell_m), -MAX_CELL), MAX_CELL))
+
+
+@compiled("Tuple((int64[::1], int64[::1]))(float32[:, ::1], float32)")
+def _lowest(points: F32, cell_m: np.float32) -> tuple[I64, I64]:
+    """(M,) occupied cells, in the order in which they are met, and (M,) the row of the lowest point of each."""
+    count = points.shape[1]
+    slots, shift = 64, np.uint64(58)
+    while slots < 2 * count:
+        slots, shift = 2 * slots, shift - np.uint64(1)
+    in_slot, cells, rows = np.full(slots, -1, np.int32), np.empty(count, np.int64), np.empty(count, np.int64)
+    found = 0
+    for i in range(count):
+        cell = _cell(points[0, i], cell_m) * np.int64(2 * MAX_CELL + 1) + _cell(points[1, i], cell_m)
+        slot = np.int64((np.uint64(cell) * SPREAD) >> shift)
+        while in_slot[slot] >= 0 and cells[in_slot[slot]] != cell:
+            slot = (slot + 1) & (slots - 1)
+        at = in_slot[slot]
+        if at < 0:
+            in_slot[slot], cells[found], rows[found] = found, cell, i
+            found += 1
+        elif points[2, i] < points[2, rows[at]]:
+            rows[at] = i
+    return cells[:found], rows[:found]
 
 
 @inlined

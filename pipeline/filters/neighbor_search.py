@@ -2,8 +2,8 @@
 
 The points of a run look for neighbours together, each in a lane of a vector of sixteen numbers: a point of another run
 is compared with all of them by a few instructions. Boxes that are farther away than the neighbours found so far are
-left out. Compiled: see `pipeline.core.compiled`. Without the vectors, as loops over sixteen numbers, it takes four
-times as long: the compiler unrolls such loops instead.
+left out. The ten nearest of each stay in registers. Compiled: see `pipeline.core.compiled`. Without the vectors, as
+loops over sixteen numbers, it takes several times as long: the compiler unrolls such loops instead.
 """
 
 import inspect
@@ -14,7 +14,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from pipeline.core.arrays import F32, I32, I64
+from pipeline.core.arrays import F32, F64, I32, I64
 from pipeline.core.compiled import compiled, compiled_as, inlined
 
 __all__ = ["mean_distances"]
@@ -24,6 +24,9 @@ RUN = 16
 
 BOX = 6 * RUN
 """Numbers of a node of boxes: the lowest x of its children, their lowest y, z, and the highest."""
+
+RANKS = 10
+"""Nearest neighbours that are kept in registers; of 32 in all, and the default of `combine.outliers.neighbors`."""
 
 LARGEST = np.float32(np.finfo(np.float32).max)
 """The square of all distances whose square is not below it."""
@@ -35,6 +38,12 @@ LARGEST = np.float32(np.finfo(np.float32).max)
 Lanes: TypeAlias = F32
 """Sixteen numbers: in compiled functions in registers, else an array."""
 
+WideLanes: TypeAlias = F64
+"""Sixteen numbers in double precision: likewise."""
+
+Ranks: TypeAlias = F32
+"""Lanes of rising numbers, as many as `RANKS`: likewise."""
+
 
 @cache
 def _types() -> dict[str, Any]:
@@ -44,33 +53,47 @@ def _types() -> dict[str, Any]:
     from numba.core.typing.templates import AbstractTemplate, infer_global, signature
     from numba.extending import lower_builtin, register_model
 
-    class LanesType(types.Type):
-        """Lanes, for numba."""
+    class HeldType(types.Type):
+        """What is held in registers, for numba."""
 
-    @register_model(LanesType)
-    class LanesModel(PrimitiveModel):  # type: ignore[misc]  # mypy skips numba
-        """How LLVM holds them."""
+        def __init__(self, name: str, held: Any) -> None:
+            super().__init__(name)
+            self.held = held
 
-        def __init__(self, manager: Any, lanes: LanesType) -> None:
-            super().__init__(manager, lanes, _vector())
+    @register_model(HeldType)
+    class HeldModel(PrimitiveModel):  # type: ignore[misc]  # mypy skips numba
+        """How LLVM holds it."""
 
-    lanes = LanesType("Lanes")
+        def __init__(self, manager: Any, kind: HeldType) -> None:
+            super().__init__(manager, kind, kind.held)
 
-    def arithmetic(symbol: Any, instruction: str) -> None:
+    lanes, wide, ranks = HeldType("Lanes", _vector()), HeldType("WideLanes", _wide()), HeldType("Ranks", _vectors())
+
+    def arithmetic(symbol: Any, instruction: str, *kinds: Any) -> None:
         """Each lane is rounded as a single number is."""
 
         class Template(AbstractTemplate):  # type: ignore[misc]  # mypy skips numba
             def generic(self, arguments: tuple[Any, ...], _: Any) -> Any:
-                return signature(lanes, lanes, lanes) if arguments == (lanes, lanes) else None
+                a, b = arguments
+                return signature(a, a, a) if a == b and a in kinds else None
 
         infer_global(symbol)(Template)
-        lower_builtin(symbol, lanes, lanes)(lambda _, builder, __, values: getattr(builder, instruction)(*values))
+        for kind in kinds:
+            lower_builtin(symbol, kind, kind)(lambda _, builder, __, values: getattr(builder, instruction)(*values))
 
-    arithmetic(operator.add, "fadd")
-    arithmetic(operator.sub, "fsub")
-    arithmetic(operator.mul, "fmul")
+    arithmetic(operator.add, "fadd", lanes, wide)
+    arithmetic(operator.sub, "fsub", lanes)
+    arithmetic(operator.mul, "fmul", lanes)
     numbers = types.Array(types.float32, 1, "C")
-    return {"lanes": lanes, "numbers": numbers, "number": types.float32, "int": types.int64, "nothing": types.void}
+    return {
+        "lanes": lanes,
+        "wide": wide,
+        "ranks": ranks,
+        "numbers": numbers,
+        "number": types.float32,
+        "int": types.int64,
+        "nothing": types.void,
+    }
 
 
 def _operation(
@@ -118,6 +141,22 @@ def _vector() -> Any:
     from llvmlite import ir
 
     return ir.VectorType(ir.FloatType(), RUN)
+
+
+@cache
+def _wide() -> Any:
+    """The type of sixteen numbers in double precision, for LLVM."""
+    from llvmlite import ir
+
+    return ir.VectorType(ir.DoubleType(), RUN)
+
+
+@cache
+def _vectors() -> Any:
+    """The type of ranks, for LLVM."""
+    from llvmlite import ir
+
+    return ir.ArrayType(_vector(), RANKS)
 
 
 def _lane(number: int) -> Any:
@@ -194,6 +233,51 @@ def _top(builder: Any, lanes: Any) -> Any:
     return builder.extract_element(lanes, _lane(0))
 
 
+def _widened_roots(builder: Any, lanes: Any) -> Any:
+    from llvmlite import ir
+
+    root = builder.module.declare_intrinsic(f"llvm.sqrt.v{RUN}f32", (), ir.FunctionType(_vector(), [_vector()]))
+    return builder.fpext(builder.call(root, [lanes]), _wide())
+
+
+def _divided(builder: Any, wide: Any, number: Any) -> Any:
+    from llvmlite import ir
+
+    undefined = ir.Constant(_wide(), ir.Undefined)
+    first = builder.insert_element(undefined, builder.sitofp(number, ir.DoubleType()), _lane(0))
+    indices = ir.Constant(ir.VectorType(ir.IntType(32), RUN), [0] * RUN)
+    return builder.fptrunc(builder.fdiv(wide, builder.shuffle_vector(first, undefined, indices)), _vector())
+
+
+def _all_ranks(builder: Any, lanes: Any) -> Any:
+    from llvmlite import ir
+
+    ranks = ir.Constant(_vectors(), ir.Undefined)
+    for rank in range(RANKS):
+        ranks = builder.insert_value(ranks, lanes, rank)
+    return ranks
+
+
+def _put(builder: Any, ranks: Any, distance: Any) -> Any:
+    before = [builder.extract_value(ranks, rank) for rank in range(RANKS)]
+    ranks = builder.insert_value(ranks, _lower(builder, before[0], distance), 0)
+    for rank in range(1, RANKS):
+        passed_on = _upper(builder, before[rank - 1], distance)
+        ranks = builder.insert_value(ranks, _lower(builder, before[rank], passed_on), rank)
+    return ranks
+
+
+def _last(builder: Any, ranks: Any) -> Any:
+    return builder.extract_value(ranks, RANKS - 1)
+
+
+def _stored_ranks(builder: Any, numbers: Any, ranks: Any) -> Any:
+    from llvmlite import ir
+
+    for rank in range(RANKS):
+        _stored(builder, numbers, ir.IntType(64)(rank * RUN), builder.extract_value(ranks, rank))
+
+
 def _inserted(builder: Any, lanes: Any, lane: Any, number: Any) -> Any:
     from llvmlite import ir
 
@@ -257,10 +341,47 @@ def _replaced(lanes: Lanes, lane: int, number: float) -> Lanes:
     return replaced
 
 
+@_operation("wide", "lanes", emit=_widened_roots)
+def _roots(lanes: Lanes) -> WideLanes:
+    """The square roots, rounded to single precision."""
+    return np.sqrt(lanes).astype(np.float64)
+
+
+@_operation("lanes", "wide", "int", emit=_divided)
+def _share(total: WideLanes, count: int) -> Lanes:
+    """Numbers divided by another one, rounded to single precision then."""
+    return (total / count).astype(np.float32)
+
+
+@_operation("ranks", "lanes", emit=_all_ranks)
+def _ranks_of(lanes: Lanes) -> Ranks:
+    """The same numbers in all ranks."""
+    return np.tile(lanes, (RANKS, 1))
+
+
+@_operation("ranks", "ranks", "lanes", emit=_put)
+def _with_one_more(ranks: Ranks, distance: Lanes) -> Ranks:
+    """The least of the numbers in the ranks and another one, in order: the largest of each lane goes."""
+    return np.sort(np.concatenate([ranks, distance[None]]), axis=0)[:RANKS]
+
+
+@_operation("lanes", "ranks", emit=_last)
+def _last_rank(ranks: Ranks) -> Lanes:
+    """The largest number of each lane."""
+    last: Lanes = ranks[-1]
+    return last
+
+
+@_operation("nothing", "numbers", "ranks", emit=_stored_ranks)
+def _store_ranks(numbers: F32, ranks: Ranks) -> None:
+    """Writes them to the beginning of an array."""
+    numbers[: ranks.size] = ranks.ravel()
+
+
 @_operation("int", "int", emit=_trailing_zeros)
 def _lowest_bit(bits: int) -> int:
     """The place of the lowest bit that is set; of a number that is not 0."""
-    return (bits & -bits).bit_length() - 1
+    return (int(bits) & -int(bits)).bit_length() - 1
 
 
 # --- the search
@@ -275,16 +396,24 @@ def _beyond(low: Lanes, lowest: Lanes, highest: Lanes, high: Lanes) -> Lanes:
 
 
 @inlined
-def _insert(nearest: F32, rank: int, distance: Lanes) -> None:
-    """Puts distances in order among the nearest found so far, ranks 0 to `rank`; the last of them goes."""
-    row = rank * RUN
-    after = _load(nearest, row)
+def _insert(others: F32, count: int, distance: Lanes) -> None:
+    """Puts distances in order among so many ranks of sixteen numbers each; the largest of each lane goes."""
+    row = (count - 1) * RUN
+    after = _load(others, row)
     while row > 0:
         row -= RUN
-        before = _load(nearest, row)
-        _store(nearest, row + RUN, _smaller(after, _larger(before, distance)))
+        before = _load(others, row)
+        _store(others, row + RUN, _smaller(after, _larger(before, distance)))
         after = before
-    _store(nearest, 0, _smaller(after, distance))
+    _store(others, 0, _smaller(after, distance))
+
+
+@inlined
+def _squared(x: Lanes, y: Lanes, z: Lanes, xs: F32, ys: F32, zs: F32, i: int) -> Lanes:
+    """Squared distances of points to another one."""
+    dx, dy, dz = x - _spread(xs[i]), y - _spread(ys[i]), z - _spread(zs[i])
+    squared: Lanes = dx * dx + dy * dy + dz * dz
+    return squared
 
 
 @compiled("float32[::1](float32[:, ::1], float32[:, :, ::1], int64[::1], int32[::1], int64)")
@@ -303,7 +432,8 @@ def mean_distances(points: F32, boxes: F32, first: I64, order: I32, neighbors: i
     count, levels, runs = len(order), len(first) - 1, points.shape[1] // RUN
     xs, ys, zs, corners = points[0], points[1], points[2], boxes.reshape(boxes.size)
     means = np.empty(count, np.float32)
-    nearest, roots = np.empty(neighbors * RUN, np.float32), np.empty(neighbors * RUN, np.float32)
+    beyond = max(neighbors - RANKS, 0)  # neighbours that the registers do not hold
+    nearest, others = np.empty(max(neighbors, RANKS) * RUN, np.float32), np.empty((beyond + 1) * RUN, np.float32)
     squares, gaps = np.empty(RUN * RUN, np.float32), np.empty(RUN, np.float32)
     # Boxes still to look at: each puts at most sixteen smaller ones in its place. Not in the order of their distance:
     # fewer would be looked at, but sorting takes longer than that.
@@ -313,27 +443,37 @@ def mean_distances(points: F32, boxes: F32, first: I64, order: I32, neighbors: i
     for run in range(runs):
         begin = run * RUN
         x, y, z = _load(xs, begin), _load(ys, begin), _load(zs, begin)
-        for row in range(0, neighbors * RUN, RUN):
-            _store(nearest, row, _spread(LARGEST))
-        for i in range(begin, min(begin + RUN, count)):
-            dx, dy, dz = x - _spread(xs[i]), y - _spread(ys[i]), z - _spread(zs[i])
-            distance = _replaced(dx * dx + dy * dy + dz * dz, i - begin, LARGEST)  # not to itself
-            _insert(nearest, min(i - begin, neighbors - 1), distance)
-        farthest = _load(nearest, (neighbors - 1) * RUN)
-        limit = _highest(farthest)
+        ranks = _ranks_of(_spread(LARGEST))
+        for row in range(0, beyond * RUN, RUN):
+            _store(others, row, _spread(LARGEST))
+        for j in range(min(RUN, count - begin)):
+            distance = _replaced(_squared(x, y, z, xs, ys, zs, begin + j), j, LARGEST)  # not to itself
+            if beyond > 0:
+                _insert(others, beyond, _larger(_last_rank(ranks), distance))
+            ranks = _with_one_more(ranks, distance)
         at = run // RUN * BOX + run % RUN
         x_low, y_low, z_low = _spread(corners[at]), _spread(corners[at + RUN]), _spread(corners[at + 2 * RUN])
         at += 3 * RUN
         x_high, y_high, z_high = _spread(corners[at]), _spread(corners[at + RUN]), _spread(corners[at + 2 * RUN])
+        farthest = _last_rank(ranks) if beyond == 0 else _load(others, (beyond - 1) * RUN)
+        limit = _highest(farthest)
 
-        # From the run upwards: the other boxes of its node, then those of the node above, and so on.
-        waiting, above, climbed = 0, run, 0
+        # Those before and behind it on the curve, which are near as a rule; then from the run upwards: the other boxes
+        # of its node, then those of the node above, and so on.
+        waiting, above, climbed, beside = 0, run, 0, 2
         while waiting > 0 or climbed < levels:
-            if waiting > 0:
+            if beside > 0:
+                beside -= 1
+                level, node, left_out = -1, run - 1 + 2 * beside, 0
+                if node < 0 or node >= runs:
+                    continue
+            elif waiting > 0:
                 waiting -= 1
                 if box_gap[waiting] >= limit:
                     continue
                 level, node, left_out = box_level[waiting] - 1, box_number[waiting], 0
+                if level < 0 and abs(node - run) == 1:
+                    continue
                 at = (first[level + 1] + node // RUN) * BOX + node % RUN
                 gap = _beyond(_spread(corners[at]), x, x, _spread(corners[at + 3 * RUN]))
                 gap = gap + _beyond(_spread(corners[at + RUN]), y, y, _spread(corners[at + 4 * RUN]))
@@ -346,17 +486,20 @@ def mean_distances(points: F32, boxes: F32, first: I64, order: I32, neighbors: i
 
             if level < 0:
                 begin_other, nearer = node * RUN, 0
-                for j in range(min(RUN, count - begin_other)):
-                    i = begin_other + j
-                    dx, dy, dz = x - _spread(xs[i]), y - _spread(ys[i]), z - _spread(zs[i])
-                    distance = dx * dx + dy * dy + dz * dz
+                for j in range(RUN):
+                    distance = _squared(x, y, z, xs, ys, zs, begin_other + j)
                     _store(squares, j * RUN, distance)
                     nearer |= (1 if _below(distance, farthest) != 0 else 0) << j
+                if begin_other + RUN > count:
+                    nearer &= (1 << (count - begin_other)) - 1  # the others are copies of the last point
                 if nearer != 0:
                     while nearer != 0:
-                        _insert(nearest, neighbors - 1, _load(squares, _lowest_bit(nearer) * RUN))
+                        distance = _load(squares, _lowest_bit(nearer) * RUN)
+                        if beyond > 0:
+                            _insert(others, beyond, _larger(_last_rank(ranks), distance))
+                        ranks = _with_one_more(ranks, distance)
                         nearer &= nearer - 1
-                    farthest = _load(nearest, (neighbors - 1) * RUN)
+                    farthest = _last_rank(ranks) if beyond == 0 else _load(others, (beyond - 1) * RUN)
                     limit = _highest(farthest)
                 continue
 
@@ -372,11 +515,13 @@ def mean_distances(points: F32, boxes: F32, first: I64, order: I32, neighbors: i
                 box_gap[waiting], box_level[waiting], box_number[waiting] = gaps[child], level, node * RUN + child
                 waiting += 1
 
-        for i in range(neighbors * RUN):
-            roots[i] = np.sqrt(nearest[i])
+        _store_ranks(nearest, ranks)
+        for i in range(beyond * RUN):
+            nearest[RANKS * RUN + i] = others[i]
+        total = _roots(_load(nearest, 0))
+        for row in range(RUN, neighbors * RUN, RUN):
+            total = total + _roots(_load(nearest, row))
+        _store(gaps, 0, _share(total, neighbors))
         for j in range(min(RUN, count - begin)):
-            total = 0.0
-            for row in range(0, neighbors * RUN, RUN):
-                total += np.float64(roots[row + j])
-            means[order[begin + j]] = total / neighbors
+            means[order[begin + j]] = gaps[j]
     return means

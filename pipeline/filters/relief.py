@@ -7,12 +7,14 @@ Journal 53(4), 1998), which weighs points by their height above the last surface
 prediction.
 """
 
+from functools import cache
+
 import numpy as np
 
 from pipeline.core.arrays import F32, F64
 from pipeline.core.clouds import Plane, Relief
 from pipeline.core.settings.combine import GroundConfig
-from pipeline.filters.relief_passes import lowest_of_cells, pulled, smoothed
+from pipeline.filters.relief_passes import grown, lowest_of_cells, smoothed
 
 __all__ = ["find_relief"]
 
@@ -66,12 +68,16 @@ def find_relief(xyz_site: F32, lidar_origins_site: F64, plane: Plane, config: Gr
     side = 2 * REACH_CELLS + 1
     xy, height = _lowest(xyz_site, middle, plane, origin, cell_m, config.distance_m)
     xy = (xy - origin) / cell_m
-    surface, weight = np.zeros((side, side)), np.zeros((side, side))
-    for spread_cells, reach in ROUNDS:
-        near_m, above_m = reach * config.distance_m, ABOVE_PER_DISTANCE * config.distance_m
-        total, mean = pulled(xy, height, surface, near_m, above_m, ABOVE_WEIGHT)
-        weight = np.minimum(total, MOST_POINTS)
-        surface = surface + _smooth(weight * mean, spread_cells) / (_smooth(weight, spread_cells) + PRIOR_WEIGHT)
+    taps = [_taps(spread_cells) for spread_cells, _ in ROUNDS]
+    surface, weight = grown(
+        xy,
+        height,
+        side,
+        np.concatenate(taps),
+        np.array([len(one) for one in taps]),
+        np.array([reach * config.distance_m for _, reach in ROUNDS]),
+        np.array([ABOVE_PER_DISTANCE * config.distance_m, ABOVE_WEIGHT, MOST_POINTS, PRIOR_WEIGHT]),
+    )
     known = weight / MOST_POINTS
     filled = _smooth(known * surface, FILL_CELLS) / (_smooth(known, FILL_CELLS) + FILL_WEIGHT)
     trust = _smooth(known, 1.0)
@@ -99,6 +105,13 @@ def _lowest(xyz: F32, middle: F64, plane: Plane, origin: F64, cell_m: float, dis
 
 def _smooth(values: F64, cells: float) -> F64:
     """Smoothed by a Gaussian of this standard deviation."""
+    return smoothed(values, _taps(cells))
+
+
+@cache
+def _taps(cells: float) -> F64:
+    """Half a Gaussian of this standard deviation, from its middle on; with the other half, its sum is 1."""
     reach = int(REACH_OF_GAUSSIAN * cells + 0.5)
     taps = np.exp(-0.5 / cells**2 * np.arange(-reach, reach + 1) ** 2)
-    return smoothed(values, (taps / taps.sum())[reach:])
+    half: F64 = (taps / taps.sum())[reach:]
+    return half

@@ -8,10 +8,13 @@ import numpy as np
 from pipeline.core.arrays import F32, F64, I64, Bools
 from pipeline.core.compiled import compiled, inlined
 
-__all__ = ["lowest_of_cells", "on_plane", "on_relief", "pulled", "smoothed"]
+__all__ = ["grown", "lowest_of_cells", "on_plane", "on_relief", "pull", "smoothed"]
 
 POINTS = "Array(float32, 2, 'C', True)"
 """What compiled functions take: (N, 3), perhaps read-only."""
+
+ROWS_AT_ONCE = 8
+"""Rows of a grid that are smoothed together: enough for long loops, few enough to stay near the processor."""
 
 ORIGIN, GRID = "Array(float64, 1, 'C', True)", "Array(float64, 2, 'C', True)"
 """Likewise: (2,), and (H, W)."""
@@ -92,12 +95,11 @@ def _between(values: F64, x: float, y: float) -> float:
 
 
 @compiled(
-    "Tuple((float64[:, ::1], float64[:, ::1]))(float64[:, ::1], float64[::1], float64[:, ::1], "
-    "float64, float64, float64)"
+    "void(float64[:, ::1], float64[::1], float64[:, ::1], float64, float64, float64, float64[:, ::1], float64[:, ::1])"
 )
-def pulled(
-    xy: F64, height_m: F64, surface_m: F64, near_m: float, above_m: float, above_weight: float
-) -> tuple[F64, F64]:
+def pull(
+    xy: F64, height_m: F64, surface_m: F64, near_m: float, above_m: float, above_weight: float, total: F64, mean: F64
+) -> None:
     """How much cells pull at a surface, and their mean height above it.
 
     Args:
@@ -107,12 +109,13 @@ def pulled(
         near_m: Cells farther from the surface do not pull.
         above_m: Cells higher above it ...
         above_weight: ... pull by this much.
-
-    Returns:
-        (H, W) sum of the weights, and (H, W) mean.
+        total: (H, W) where the sum of the weights is written to.
+        mean: (H, W) and the mean.
     """
     rows, columns = surface_m.shape
-    total, mean = np.zeros((rows, columns), np.float64), np.zeros((rows, columns), np.float64)
+    for row in range(rows):
+        for column in range(columns):
+            total[row, column] = mean[row, column] = 0.0
     for i in range(len(xy)):
         above = height_m[i] - _between(surface_m, xy[i, 0], xy[i, 1])
         if abs(above) <= near_m:
@@ -123,22 +126,66 @@ def pulled(
     for row in range(rows):
         for column in range(columns):
             mean[row, column] /= max(total[row, column], 1e-9)
-    return total, mean
 
 
 @inlined
 def _symmetric(sums: F64, values: F64, stride: int, taps: F64) -> None:
     """Writes sums of values, weighted by taps: sum i is about value i + stride x (taps to one side)."""
-    reach = len(taps) - 1
-    middle = values[reach * stride : reach * stride + len(sums)]
-    for i in range(len(sums)):
+    reach, count = len(taps) - 1, len(sums)
+    middle = values[reach * stride :]
+    for i in range(count):
         sums[i] = middle[i] * taps[0]
-    for step in range(reach, 0, -1):
-        before = values[(reach - step) * stride : (reach - step) * stride + len(sums)]
-        after = values[(reach + step) * stride : (reach + step) * stride + len(sums)]
-        tap = taps[step]
-        for i in range(len(sums)):
+    step = reach
+    while step >= 5:  # five taps at once: each sum is read and written once for all of them
+        first, last = (reach - step) * stride, (reach + step) * stride
+        a, b, c = values[first:], values[first + stride :], values[first + 2 * stride :]
+        d, e = values[first + 3 * stride :], values[first + 4 * stride :]
+        f, g, h = values[last:], values[last - stride :], values[last - 2 * stride :]
+        j, k = values[last - 3 * stride :], values[last - 4 * stride :]
+        af, bg, ch, dj, ek = taps[step], taps[step - 1], taps[step - 2], taps[step - 3], taps[step - 4]
+        for i in range(count):
+            total = sums[i] + (a[i] + f[i]) * af
+            total += (b[i] + g[i]) * bg
+            total += (c[i] + h[i]) * ch
+            total += (d[i] + j[i]) * dj
+            sums[i] = total + (e[i] + k[i]) * ek
+        step -= 5
+    while step > 0:
+        before, after, tap = values[(reach - step) * stride :], values[(reach + step) * stride :], taps[step]
+        for i in range(count):
             sums[i] += (before[i] + after[i]) * tap
+        step -= 1
+
+
+@compiled("void(float64[:, ::1], float64[::1], float64[::1], float64[:, ::1])")
+def _smooth(values: F64, taps: F64, room: F64, smooth: F64) -> None:
+    """Writes a grid (H, W), smoothed along both axes, to `smooth`; see `smoothed`, and `_room` for what it needs."""
+    height, width = values.shape
+    reach = len(taps) - 1
+    line = width + 2 * reach  # rows lie one after another, with zeros between them
+    held = ROWS_AT_ONCE * line + 2 * reach
+    padded, sums, along = room[2 * held :], room[:held], room[held : 2 * held]
+    for i in range(held):
+        sums[i] = 0.0
+    for i in range((height + 2 * reach) * line):
+        padded[i] = 0.0
+    for row in range(height):
+        for column in range(width):
+            padded[(row + reach) * line + reach + column] = values[row, column]
+    for first in range(0, height, ROWS_AT_ONCE):
+        rows = min(ROWS_AT_ONCE, height - first)
+        _symmetric(sums[reach : reach + rows * line], padded[first * line :], line, taps)
+        _symmetric(along[: rows * line], sums, 1, taps)
+        for row in range(rows):
+            for column in range(width):
+                smooth[first + row, column] = along[row * line + reach + column]
+
+
+@inlined
+def _room(height: int, width: int, reach: int) -> F64:
+    """What `_smooth` needs for a grid (H, W) and so many taps to a side, or fewer."""
+    line = width + 2 * reach
+    return np.empty((height + 2 * reach + 2 * ROWS_AT_ONCE) * line + 4 * reach, np.float64)
 
 
 @compiled("float64[:, ::1](float64[:, ::1], float64[::1])")
@@ -150,16 +197,48 @@ def smoothed(values: F64, taps: F64) -> F64:
         taps: (R + 1,) weight of a node itself, of those beside it, and so on.
     """
     height, width = values.shape
-    reach = len(taps) - 1
-    padded = np.zeros((height + 2 * reach) * width, np.float64)
-    for row in range(height):
-        for column in range(width):
-            padded[(row + reach) * width + column] = values[row, column]
-    line, smooth = np.zeros(width + 2 * reach, np.float64), np.empty((height, width), np.float64)
-    for row in range(height):
-        _symmetric(line[reach : reach + width], padded[row * width :], width, taps)
-        _symmetric(smooth[row], line, 1, taps)
+    smooth = np.empty((height, width), np.float64)
+    _smooth(values, taps, _room(height, width, len(taps) - 1), smooth)
     return smooth
+
+
+@compiled(
+    "Tuple((float64[:, ::1], float64[:, ::1]))"
+    "(float64[:, ::1], float64[::1], int64, float64[::1], int64[::1], float64[::1], float64[::1])"
+)
+def grown(xy: F64, height_m: F64, side: int, taps: F64, counts: I64, near_m: F64, limits: F64) -> tuple[F64, F64]:
+    """A surface that grows from zero towards cells, and how much these pull at its nodes in the last round.
+
+    Args:
+        xy: (M, 2) middles of the cells, in nodes of the surface.
+        height_m: (M,) their heights.
+        side: The surface has so many nodes along each edge.
+        taps: Of the smoothing in each round, one round after another; see `smoothed`.
+        counts: (R,) number of taps of each round.
+        near_m: (R,) cells farther from the surface do not pull.
+        limits: (4,) cells higher above the surface than the first pull by the second; the most that a node is pulled
+            by; and the weight of the last surface.
+
+    Returns:
+        (side, side) heights, and (side, side) weights.
+    """
+    shape, reach = (side, side), counts.max() - 1
+    surface, weight, mean = np.zeros(shape, np.float64), np.zeros(shape, np.float64), np.empty(shape, np.float64)
+    rise, trust, room, first = np.empty(shape, np.float64), np.empty(shape, np.float64), _room(side, side, reach), 0
+    for k in range(len(counts)):
+        pull(xy, height_m, surface, near_m[k], limits[0], limits[1], weight, mean)
+        for row in range(side):
+            for column in range(side):
+                weight[row, column] = min(weight[row, column], limits[2])
+                mean[row, column] *= weight[row, column]
+        own = taps[first : first + counts[k]]
+        first += counts[k]
+        _smooth(mean, own, room, rise)
+        _smooth(weight, own, room, trust)
+        for row in range(side):
+            for column in range(side):
+                surface[row, column] += rise[row, column] / (trust[row, column] + limits[3])
+    return surface, weight
 
 
 @inlined

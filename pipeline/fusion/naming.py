@@ -5,12 +5,14 @@ there is no table of names, and classes of one's own work like the given ones.
 """
 
 from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I32, Bools
+from pipeline.core.arrays import F64, I32, I64
 from pipeline.core.association import class_distances
 from pipeline.core.settings.classes import ClassPrior
+from pipeline.fusion.naming_kernels import size_log_odds
 
 __all__ = ["class_log_odds", "confusion", "vote_log_odds"]
 
@@ -34,9 +36,6 @@ LONG_LIMIT = 4.0
 
 MEASURED_SHARE = 1e-3
 """An extent that differs from the typical one of the class by less than this share was completed, not measured."""
-
-TURNED = [1, 0, 2]
-"""Width, length, height."""
 
 
 def confusion(priors: Sequence[ClassPrior]) -> F64:
@@ -72,27 +71,17 @@ def class_log_odds(sizes: F64, own_ids: I32, priors: Sequence[ClassPrior]) -> F6
         own_ids: (N,) class that the detector gives.
         priors: The classes.
     """
+    typical, spread, of_class = _kinds(tuple(priors))
+    weights = np.stack([COMPLETED_WEIGHTS, SHORT_WEIGHTS])
+    limits = np.array([LONG_LIMIT, SHORT_SHARE, SHORT_LIMIT, MEASURED_SHARE, OWN_LOG_ODDS])
+    return size_log_odds(sizes, own_ids, typical, spread, of_class, weights, limits, len(priors))
+
+
+@cache
+def _kinds(priors: tuple[ClassPrior, ...]) -> tuple[F64, F64, I64]:
+    """(M, 3) typical sizes of the kinds of all classes, (M, 3) standard deviations above these, (M,) their class."""
     kinds = [(prior.size_m, *prior.kinds_m) for prior in priors]
     typical = np.array([size for sizes_of_class in kinds for size in sizes_of_class])
     room = np.array([np.divide(prior.max_size_m, prior.size_m) for prior in priors])
     of_class = np.repeat(np.arange(len(priors)), [len(one) for one in kinds])
-    extent = sizes[:, None]
-    own = of_class == own_ids[:, None]
-    is_typical = np.abs(extent - typical) <= MEASURED_SHARE * typical
-    is_measured = ~(is_typical & own[..., None]).any(1)[:, None]
-    spread = typical * (room[of_class] - 1) / 2
-    of_kinds = _fit(extent, is_measured, typical, spread)
-    has_one_side = (is_measured[..., 0] != is_measured[..., 1]) & ~own
-    turned = _fit(extent[..., TURNED], is_measured[..., TURNED], typical, spread)
-    of_kinds = np.where(has_one_side, np.maximum(of_kinds, turned), of_kinds)
-    odds = np.maximum.reduceat(of_kinds, np.flatnonzero(np.diff(of_class, prepend=-1)), axis=1)
-    odds[np.arange(len(sizes)), own_ids] += OWN_LOG_ODDS
-    return np.asarray(odds)
-
-
-def _fit(extent: F64, is_measured: Bools, typical: F64, spread: F64) -> F64:
-    """(N, K) log likelihood of extents (N, 1, 3) by typical ones (K, 3) and their standard deviations above these."""
-    long = np.minimum(np.maximum(extent - typical, 0) / np.maximum(spread, 1e-9), LONG_LIMIT) * is_measured
-    short = np.minimum(np.maximum(typical - extent, 0) / (SHORT_SHARE * typical), SHORT_LIMIT)
-    weights = np.where(is_measured, SHORT_WEIGHTS, COMPLETED_WEIGHTS)
-    return np.asarray(-(long**2 + weights * short**2).sum(2) / 2)
+    return typical, typical * (room[of_class] - 1) / 2, of_class

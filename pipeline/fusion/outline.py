@@ -6,12 +6,14 @@ around the object by a fifth of the radius of the corner and more, on both sides
 """
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
 from pipeline.core.arrays import F64, Rows, check_array
 from pipeline.core.geometry.box_edges import BOX_EDGES
 from pipeline.core.geometry.boxes import UNIT_CORNERS
+from pipeline.fusion.outline_kernels import rounded_offsets
 
 __all__ = ["Outline", "cuboid_outline", "rounded_outline"]
 
@@ -71,6 +73,7 @@ class Outline:
         return self if len(self.offsets) == 1 else Outline(self.signs, self.offsets[rows])
 
 
+@cache
 def cuboid_outline(*, bent: bool) -> Outline:
     """The corners of boxes; if a lens bends lines, points of their edges, too."""
     points = _ALONG_EDGES if bent else UNIT_CORNERS
@@ -90,39 +93,27 @@ def rounded_outline(sizes: F64, *, rounding: float, underside: float, cabin: flo
             lower than wide; from `AS_HIGH_AS_WIDE` on there is no such roof.
         bent: Whether a lens bends lines.
     """
+    signs, inward, of_riders = _round_points(bent=bent)
+    shape = np.array([UPRIGHT, AS_HIGH_AS_WIDE, TALL_ROUNDING, CUT_PER_RADIUS, RIDES])
+    sizes = np.ascontiguousarray(sizes)
+    return Outline(signs, rounded_offsets(sizes, signs, inward, of_riders, rounding, underside, cabin, shape))
+
+
+@cache
+def _round_points(*, bent: bool) -> tuple[F64, F64, F64]:
+    """Points of boxes with round corners.
+
+    Returns:
+        (S, 3) signs; (S, 2) which way each point is moved where a corner is cut off by 1; (S, 3) offsets, in halves of
+        the box, of people on bicycles: thin wheels at the ends, a rider in the middle, a head on top.
+    """
     corners = np.repeat(UNIT_CORNERS[:4, :2], len(_INWARD), axis=0)
     inward = np.tile(_INWARD, (4, 1))
     around = np.concatenate([corners, _SIDES]) if bent else corners
     inward = np.concatenate([inward, np.zeros_like(_SIDES)]) if bent else inward
     signs = np.concatenate([np.column_stack([around, np.full(len(around), level)]) for level in _LEVELS])
-    offsets = np.empty((len(sizes), len(signs), 3))
-    length, width, height = sizes.T
-    smaller = np.minimum(length, width)
-    upright = height > UPRIGHT * smaller
-    low = np.clip((AS_HIGH_AS_WIDE - height / width) / (AS_HIGH_AS_WIDE - 1), 0.0, 1.0)
-    share = rounding * (TALL_ROUNDING + (1 - TALL_ROUNDING) * low)
-    radius = np.where(upright, 0.5 if rounding else 0.0, share) * smaller
-    cut = CUT_PER_RADIUS * radius
-    offsets[..., :2] = -np.sign(signs[:, :2]) * np.tile(inward, (len(_LEVELS), 1)) * cut[:, None, None]
-    roof = signs[:, 2] == 1
-    offsets[:, roof, :2] -= signs[roof, :2] * (cabin * low[:, None] * sizes[:, :2] / 2)[:, None]
-    offsets[..., 2] = np.where(signs[:, 2] < 0, underside, 0.0) * sizes[:, 2:]
-    if rounding:
-        rides = upright & (length > RIDES * width)
-        offsets[rides] = _rider_offsets(signs, inward, sizes[rides])
-    return Outline(signs, offsets)
-
-
-def _rider_offsets(signs: F64, inward: F64, sizes: F64) -> F64:
-    """Offsets (R, S, 3) of people on bicycles: thin wheels at the ends, a rider in the middle, a head on top.
-
-    Args:
-        signs: (S, 3) of the points.
-        inward: (S / 3, 2) which way each is moved where corners are round.
-        sizes: (R, 3) metres; the length is the larger.
-    """
-    at_end = np.tile(inward[:, 1] > 0, len(_LEVELS))
-    place = np.where(at_end[:, None], _WHEEL_END, _HANDS)
+    inward = np.tile(inward, (len(_LEVELS), 1))
+    place = np.where(inward[:, 1:] > 0, _WHEEL_END, _HANDS)
     place = np.where(signs[:, 2:] < 0, _WHEEL_GROUND, np.where(signs[:, 2:] == 1, _HEAD, place))
     place[:, :2] *= signs[:, :2]
-    return (place - signs) * sizes[:, None] / 2
+    return signs, -np.sign(signs[:, :2]) * inward, place - signs

@@ -7,17 +7,18 @@ the edge is the derivative of that point.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Self
 
 import numpy as np
 
-from pipeline.core.arrays import F64, Bools, Indices, Rows, check_array
+from pipeline.core.arrays import F64, I64, Bools, Indices, Rows, check_array
 from pipeline.core.optics.lens_kernels import outermost_points
 from pipeline.core.optics.lenses import Lenses
 from pipeline.core.rig import CameraSensor
 from pipeline.fusion.outline import Outline, cuboid_outline
 
-__all__ = ["PARAMETERS", "CameraArrays", "ProjectedEdges", "edges_in_view", "project_edges"]
+__all__ = ["PARAMETERS", "CameraArrays", "ProjectedEdges", "camera_arrays", "edges_in_view", "project_edges"]
 
 PARAMETERS = ("x", "y", "yaw", "length", "width", "height", "z")
 """What the derivatives are by, in their order: metres and radians; x, y, z of the centre, in the site frame."""
@@ -56,9 +57,16 @@ class CameraArrays:
 
     def select(self, rows: Rows) -> "CameraArrays":
         """The given rows (mask or indices), in that order."""
-        return CameraArrays(
-            self.rotations[rows], self.translations[rows], self.lenses.select(rows), self.image_sizes[rows]
-        )
+        rows = np.flatnonzero(rows) if rows.dtype == np.bool_ else rows
+        arrays = (array.take(rows, axis=0) for array in (self.rotations, self.translations, self.image_sizes))
+        rotations, translations, image_sizes = arrays
+        return CameraArrays(rotations, translations, self.lenses.select(rows), image_sizes)
+
+
+@lru_cache(maxsize=4)
+def camera_arrays(cameras: tuple[CameraSensor, ...]) -> CameraArrays:
+    """These cameras as arrays, which are made once for those that stand still, and once a frame for others."""
+    return CameraArrays.of(cameras)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,21 +76,21 @@ class ProjectedEdges:
     Attributes:
         xyxy: (P, 4) float64 left, top, right, bottom in pixels.
         jacobian: (P, 4, 7) float64, derivatives of these edges by `PARAMETERS`.
-        makers: (P, 4, 3) float64, `Outline.signs` of the point that makes each edge: all are -1 or 1 for a corner.
+        makers: (P, 4) int64, row in `Outline.signs` of the point that makes each edge.
         valid: (P,) whether the whole box is in front of the camera and within the lens model; other rows are
             meaningless.
     """
 
     xyxy: F64
     jacobian: F64
-    makers: F64
+    makers: I64
     valid: Bools
 
     def __post_init__(self) -> None:
         n = len(self.valid)
         check_array("xyxy", self.xyxy, (n, 4), np.float64)
         check_array("jacobian", self.jacobian, (n, 4, len(PARAMETERS)), np.float64)
-        check_array("makers", self.makers, (n, 4, 3), np.float64)
+        check_array("makers", self.makers, (n, 4), np.int64)
         check_array("valid", self.valid, (n,), np.bool_)
 
 
@@ -131,4 +139,4 @@ def project_edges(
         cameras.translations,
         *cameras.lenses.arrays,
     )
-    return ProjectedEdges(xyxy, jacobian, outline.signs[makers], valid)
+    return ProjectedEdges(xyxy, jacobian, makers, valid)

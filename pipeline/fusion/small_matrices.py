@@ -3,7 +3,7 @@
 import numpy as np
 
 from pipeline.core.arrays import F64
-from pipeline.fusion.small_matrices_kernels import eliminated
+from pipeline.fusion.small_matrices_kernels import eliminated, inverses
 
 __all__ = ["inverse", "solve"]
 
@@ -28,4 +28,5 @@ def solve(matrices: F64, right: F64) -> tuple[F64, F64]:
 
 def inverse(matrices: F64) -> F64:
     """(..., D, D) inverses of symmetric positive definite matrices (..., D, D)."""
-    return solve(matrices, np.broadcast_to(np.eye(matrices.shape[-1]), matrices.shape))[0]
+    size = matrices.shape[-1]
+    return inverses(np.ascontiguousarray(matrices).reshape(-1, size, size)).reshape(matrices.shape)

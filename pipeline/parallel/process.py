@@ -12,6 +12,7 @@ from typing import Any, Protocol, Self, cast
 from pipeline.core.ending import undone_at_once
 from pipeline.core.errors import WorkerError
 from pipeline.graph import Graph, Node
+from pipeline.parallel.cores import THREADS_OF_LIBRARIES
 from pipeline.parallel.forked import Copy
 from pipeline.parallel.messages import Answer, Beginning, Begun, Question
 from pipeline.parallel.transfer import receive, send
@@ -72,7 +73,7 @@ class WorkerProcess:
             with theirs, _signals_blocked():
                 command = [sys.executable, "-c", CODE, str(theirs.fileno()), *sys.path]
                 # Processes fill the cores; threads inside of one would only wait for each other.
-                environment = {"OMP_NUM_THREADS": "1", **os.environ}
+                environment = {**dict.fromkeys(THREADS_OF_LIBRARIES, "1"), **os.environ}
                 try:
                     process = subprocess.Popen(
                         command, pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL, env=environment

@@ -44,7 +44,7 @@ def serve_copy(descriptor: int, kept_open: Sequence[int], made: Made) -> NoRetur
     """
     try:
         signal.set_wakeup_fd(-1)  # it leads to the thread of the other process that waits for signals
-        gc.freeze()  # what is there stays: to look at it would copy its memory
+        gc.freeze()  # to look at what is there would copy its memory
         for other in kept_open:
             os.close(other)
         with open(os.devnull, "rb") as nothing:  # noqa: PTH123  # the name of a device
@@ -130,6 +130,7 @@ def _work(
     by_name = {node.name: node for node in graph.nodes}
     handed, free = [by_name[name] for name in told.handed], graph.parts(sink).free
     records = gather_log(told.log_levels)
+    gc.freeze()  # what is there stays
     answers.put(Begun())
 
     def answer(question: Question) -> Answer:

@@ -9,12 +9,12 @@ say of place and class (`pipeline.fusion.matching.agreement`), and its other pai
 (`pipeline.fusion.matching.aiming`), until nothing changes.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, I32, I64, Bools, Indices
+from pipeline.core.arrays import F32, Bools, Indices
 from pipeline.core.association import (
     class_confusion,
     detector_variances,
@@ -25,6 +25,7 @@ from pipeline.core.association import (
 from pipeline.core.detections import Boxes2D, Boxes3D, Matches
 from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.settings.config import Config
+from pipeline.fusion.found import FoundBoxes
 from pipeline.fusion.matching.agreement import (
     BoxBelief,
     MatchedPairs,
@@ -34,11 +35,12 @@ from pipeline.fusion.matching.agreement import (
     what_box_says,
     what_others_say,
 )
+from pipeline.fusion.matching.agreement_kernels import distances_of_pairs
 from pipeline.fusion.matching.aiming import common_shifts
 from pipeline.fusion.matching.hiding import hidden_parts
 from pipeline.fusion.matching.in_view import InView, project_into_views
 from pipeline.fusion.matching.pairing import Pairs, best_pairs, near_pairs
-from pipeline.fusion.projection import CameraArrays
+from pipeline.fusion.projection import CameraArrays, camera_arrays
 
 __all__ = ["Associate"]
 
@@ -49,31 +51,11 @@ LEAST_VISIBLE, LEAST_SCORE = 0.02, 0.01
 """No object counts as hidden wholly, and no 2D box as wrong for sure."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Found:
-    """The M 2D boxes of all cameras, camera by camera, in an order that does not depend on that of the input.
-
-    Attributes:
-        cameras: (M,) int64.
-        rows: (M,) int64, row of `Boxes2D`.
-        xyxy: (M, 4) float32, clipped to the image: detected boxes may reach beyond it, projected ones do not.
-        class_ids: (M,) int32.
-        log_scores: (M,) float64.
-    """
-
-    cameras: I64
-    rows: I64
-    xyxy: F32
-    class_ids: I32
-    log_scores: F64
-
-
 class Associate:
     """Association of 3D boxes with the 2D boxes of a frame."""
 
     def __init__(self, rig: Rig, config: Config) -> None:
         self._names = tuple(camera.name for camera in rig.cameras)
-        self._standing, self._standing_arrays = rig.cameras, CameraArrays.of(rig.cameras)
         self._config = config.associate
         self._confusion = class_confusion(config.classes, config.associate.any_class)
 
@@ -91,18 +73,23 @@ class Associate:
             FrameError: the 3D boxes are not in the site frame of the cameras.
         """
         cameras = tuple(views[name] for name in self._names)
-        arrays = self._standing_arrays if cameras == self._standing else CameraArrays.of(cameras)
+        arrays = camera_arrays(cameras)
         rows3d = _rank3d(boxes3d)  # row order decides between assignments of equal value
         ranked = boxes3d.select(rows3d)
         seen = project_into_views(ranked, cameras, arrays)
         positions = -np.einsum("cij,ci->cj", arrays.rotations, arrays.translations)
         hidden, rest = hidden_parts(ranked, seen, positions)
-        found = _found(boxes2d, self._names, arrays.image_sizes)
+        found = FoundBoxes.of(boxes2d, self._names)
+        # Detected boxes may reach beyond the image, projected ones do not.
+        sizes = arrays.image_sizes.astype(np.float32)[found.cameras]
+        found = replace(found, xyxy=np.clip(found.xyxy, 0, np.concatenate([sizes, sizes], 1)))
         pairs = near_pairs(seen.xyxy, seen.cameras, found.xyxy, found.cameras, min_giou=self._config.min_giou)
         taken = self._taken(ranked, seen, (hidden, rest), found, pairs, arrays)
         return self._matches(rows3d, seen, hidden, found, pairs.select(taken))
 
-    def _matches(self, rows3d: Indices, seen: InView, hidden: F32, found: _Found, pairs: Pairs) -> dict[str, Matches]:
+    def _matches(
+        self, rows3d: Indices, seen: InView, hidden: F32, found: FoundBoxes, pairs: Pairs
+    ) -> dict[str, Matches]:
         """The records of all cameras, with the rows of the boxes as they were given."""
         shape = len(self._names), len(rows3d)
         projected, covered = np.full((*shape, 4), np.nan, np.float32), np.zeros(shape, np.float32)
@@ -125,7 +112,7 @@ class Associate:
         boxes: Boxes3D,
         seen: InView,
         hiding: tuple[F32, F32],
-        found: _Found,
+        found: FoundBoxes,
         pairs: Pairs,
         arrays: CameraArrays,
     ) -> Bools:
@@ -139,55 +126,40 @@ class Associate:
         noise = detector_variances(seen.xyxy, config)
         aim = (np.deg2rad(config.calibration_sigma_deg) * focal_px) ** 2
         shifts, aims = np.zeros_like(aim), aim
-        in_image, class_ids = rectangle_features(found.xyxy)[pairs.found], found.class_ids[pairs.found]
+        features = rectangle_features(np.concatenate([seen.xyxy, rest, found.xyxy]))
+        in_image, class_ids = features[2 * len(seen) + pairs.found], found.class_ids[pairs.found]
         area_px = (arrays.image_sizes[:, 0] * arrays.image_sizes[:, 1])[seen.cameras[pairs.seen]]
-        always = found.log_scores[pairs.found] + np.log(np.maximum(1 - hidden, LEAST_VISIBLE))[pairs.seen]
+        always = (
+            np.log(np.maximum(found.scores.astype(np.float64), LEAST_SCORE))[pairs.found]
+            + np.log(np.maximum(1 - hidden, LEAST_VISIBLE))[pairs.seen]
+        )
         always += np.log(len(self._confusion))  # something else may be of any class
         belief = BoxBelief(prior_covariances(boxes), np.log(self._confusion).T[boxes.class_ids], self._confusion)
         others = what_box_says(belief, seen.rows)
 
-        differences = in_image - rectangle_features(seen.xyxy)[pairs.seen]
-        variances = (noise + spread(others.covariances, jacobians))[pairs.seen]
-        parts = in_image - rectangle_features(rest)[pairs.seen]
+        by_place = spread(others.covariances, jacobians)
+        variances = (noise + by_place)[pairs.seen]
+        differences, parts = in_image - features[pairs.seen], in_image - features[len(seen) + pairs.seen]
         visible = squared_distances(parts, variances) < squared_distances(differences, variances)
         differences = np.where(visible[:, None], parts, differences)
         for _ in range(ROUNDS):
-            by_place = spread(others.covariances, jacobians)
-            variances, away = (noise + by_place)[pairs.seen], differences.copy()
-            variances[:, :2] += aims[pairs.seen]
-            away[:, :2] -= shifts[pairs.seen]
-            moved = np.einsum("pfa,pa->pf", jacobians, others.shifts)[pairs.seen]
-            squared = squared_distances(away - moved, variances)
+            squared, variances, off, of_off = distances_of_pairs(
+                pairs.seen, differences, jacobians, others.covariances, others.shifts, noise, shifts, aims
+            )
             ratio = fit_ratios(squared, variances, area_px, config.unseen_boxes)
             worth = ratio + always + others.log_classes[pairs.seen, class_ids]
             before, taken = taken, best_pairs(pairs, np.where(squared <= config.gate**2, worth, 0.0), seen.cameras)
             if (before == taken).all():
                 break
-            rows = pairs.seen[taken]
-            off = (differences - moved)[taken, :2]
-            shifts, aims = common_shifts(seen.cameras, aim, rows, off, (noise + by_place)[rows, :2], squared[taken])
-            errors = noise[rows]
+            chosen = np.flatnonzero(taken)
+            rows = pairs.seen[chosen]
+            shifts, aims = common_shifts(seen.cameras, aim, rows, off[chosen], of_off[chosen], squared[chosen])
+            errors, fit = noise[rows], differences[chosen]
             errors[:, :2] += aims[rows]
-            fit = differences[taken]
             fit[:, :2] -= shifts[rows]
-            matched = MatchedPairs(rows, class_ids[taken], fit, errors, squared[taken], jacobians[rows])
+            matched = MatchedPairs(rows, class_ids[chosen], fit, errors, squared[chosen], jacobians[rows])
             others = what_others_say(belief, seen.rows, matched)
         return taken
-
-
-def _found(boxes: Mapping[str, Boxes2D], names: Sequence[str], image_sizes: F64) -> _Found:
-    """The 2D boxes of all cameras."""
-    parts = [boxes[name] for name in names if name in boxes]
-    numbers = [number for number, name in enumerate(names) if name in boxes]
-    cameras = np.repeat(np.array(numbers, np.int64), [len(part) for part in parts])
-    rows = np.concatenate([np.zeros(0, np.int64), *(np.arange(len(part)) for part in parts)])
-    scores = np.concatenate([np.zeros(0, np.float32), *(part.scores for part in parts)])
-    class_ids = np.concatenate([np.zeros(0, np.int32), *(part.class_ids for part in parts)])
-    xyxy = np.concatenate([np.zeros((0, 4), np.float32), *(part.xyxy for part in parts)])
-    order = np.lexsort([*xyxy.T, class_ids, -scores, cameras])
-    cameras, log_scores = cameras[order], np.log(np.maximum(scores[order].astype(np.float64), LEAST_SCORE))
-    clipped = np.clip(xyxy[order], 0, np.tile(image_sizes.astype(np.float32), 2)[cameras])
-    return _Found(cameras, rows[order], clipped, class_ids[order], log_scores)
 
 
 def _rank3d(boxes: Boxes3D) -> Indices:

@@ -30,15 +30,11 @@ class Classify:
         """
         boxes = hypotheses.boxes
         odds = class_log_odds(boxes.sizes, boxes.class_ids, self._priors)
-        is_matched = np.zeros(len(boxes), np.bool_)
-        for name, matches in hypotheses.matches.items():
-            if name not in boxes2d:
-                continue
-            rows, rows2d = matches.pairs.T  # each row at most once, so indexed += adds correctly
-            found = boxes2d[name]
-            odds[rows] += vote_log_odds(
-                found.class_ids[rows2d], found.scores[rows2d].astype(np.float64), self._taken_for
-            )
-            is_matched[rows] = True
+        seen = [(matches.pairs, boxes2d[name]) for name, matches in hypotheses.matches.items() if name in boxes2d]
+        rows = np.concatenate([np.zeros(0, np.int64), *(pairs[:, 0] for pairs, _ in seen)])
+        named = np.concatenate([np.zeros(0, np.int32), *(found.class_ids[pairs[:, 1]] for pairs, found in seen)])
+        scores = np.concatenate([np.zeros(0), *(found.scores[pairs[:, 1]] for pairs, found in seen)])
+        np.add.at(odds, rows, vote_log_odds(named, scores, self._taken_for))
+        is_matched = np.bincount(rows, minlength=len(boxes)) > 0
         class_ids = np.where(is_matched, odds.argmax(1), boxes.class_ids).astype(np.int32)
         return replace(hypotheses, boxes=replace(boxes, class_ids=class_ids))

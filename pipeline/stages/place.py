@@ -5,11 +5,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pipeline.core.arrays import F64
 from pipeline.core.clouds import CombinedCloud
 from pipeline.core.detections import Boxes2D, Boxes3D, Source
 from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.settings.config import Config
+from pipeline.fusion.cameras.ground import Ground
 from pipeline.fusion.cameras.merging import merge_sightings, moments
 from pipeline.fusion.cameras.observed import Noise
 from pipeline.fusion.cameras.placed import Placed
@@ -54,11 +54,8 @@ class Place:
             boxes2d: By camera name.
             views: By camera name, for every camera of the rig.
         """
-
-        def ground(xy: F64) -> F64:
-            return combined.ground_m(xy, level_m=self._ground_height_m)
-
         sightings = see(views, boxes2d)
+        ground = Ground.of(combined, level_m=self._ground_height_m)
         placements = place(sightings, self._priors, ground, self._noise)
         objects, merged = merge_sightings(placements, sightings.cameras, sightings.class_ids)
         count = len(merged.xy)
@@ -69,13 +66,14 @@ class Place:
         missed = np.ones(count)
         np.multiply.at(missed, objects, 1.0 - sightings.scores)
         seen = np.bincount(objects, minlength=count)
+        ground_m = combined.ground_m(found.xy, level_m=self._ground_height_m)
         stamp_ns = combined.cloud.stamp_ns
         since_ns = np.zeros(count, np.int64)
         np.add.at(since_ns, objects, sightings.stamps_ns - stamp_ns)
         boxes = Boxes3D(
             stamp_ns,
             self._site_frame,
-            np.column_stack([found.xy, ground(found.xy) + sizes[:, 2] / 2]),
+            np.column_stack([found.xy, ground_m + sizes[:, 2] / 2]),
             sizes,
             found.yaw_rad,
             (1.0 - missed).astype(np.float32),

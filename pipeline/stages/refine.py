@@ -20,14 +20,12 @@ from pipeline.fusion.outline import Outline, cuboid_outline, rounded_outline
 from pipeline.fusion.refining.box_prior import BoxPrior, box_prior
 from pipeline.fusion.refining.camera_doubt import camera_shifts
 from pipeline.fusion.refining.cut_edges import moved_by_borders
+from pipeline.fusion.refining.edge_kernels import doubted_edges
 from pipeline.fusion.refining.measured_edges import MeasuredEdges, measured_edges
 from pipeline.fusion.refining.refinement import predicted_edges, refine_boxes
 from pipeline.fusion.refining.turned import better_turned, with_turned
 
 __all__ = ["Refine"]
-
-INWARD = np.array([1.0, 1.0, -1.0, -1.0])
-"""Which way left, top, right and bottom move when less is seen of an object."""
 
 CLEARLY = 2.5
 """An edge that is so many standard deviations inside of where it should be may be that of what hides the object."""
@@ -65,7 +63,7 @@ class Refine:
         chosen, edges = boxes.select(objects), replace(edges, rows=rows.astype(np.int64))
         prior = box_prior(chosen, self._lidar_xy, self._config)
         cut_px = moved_by_borders(chosen.select(edges.rows), edges.cameras)
-        edges = _with_doubt(edges.with_more_noise(cut_px), predicted, jacobian, prior, len(views), is_own)
+        edges = _with_doubt(edges, cut_px, predicted, jacobian, prior, len(views), is_own)
         found = refine_boxes(chosen, prior, edges, outline.select(in_view))
         taken = found.accepted & better_turned(objects, found, turned_of)
         boxes, rows = hypotheses.boxes, turned_of[objects[taken]]
@@ -100,22 +98,27 @@ class Refine:
 
 
 def _with_doubt(
-    edges: MeasuredEdges, predicted: F64, jacobian: F64, prior: BoxPrior, count: int, is_own: Bools
+    edges: MeasuredEdges, cut_px: F64, predicted: F64, jacobian: F64, prior: BoxPrior, count: int, is_own: Bools
 ) -> MeasuredEdges:
     """The edges with further noise where something other than the box moves them.
 
-    That is where a part of the object is hidden and the 2D box ends clearly inside of where the box does, and where all
-    2D boxes of a camera are shifted alike. Which ones are is told by the pairs of boxes that are not turned, `is_own`.
+    That is where the border of the image cuts it, by `cut_px`, where a part of the object is hidden and the 2D box ends
+    clearly inside of where the box does, and where all 2D boxes of a camera are shifted alike. Which ones are is told
+    by the pairs of boxes that are not turned, `is_own`.
     """
-    away = edges.xyxy - predicted
-    by_box = np.einsum("pei,pij,pej->pe", jacobian, prior.covariances[edges.rows, :3, :3], jacobian)
-    expected = np.sqrt(by_box + edges.sigma_px**2)
-    edges = edges.with_more_noise(np.where(away * INWARD > CLEARLY * expected, edges.hidden_px, 0.0))
-    limits = np.tile(edges.cameras.image_sizes, 2)
-    whole: Bools = is_own & np.all((edges.xyxy > 0) & (edges.xyxy < limits), axis=1)
-    slopes = (jacobian[:, :2] + jacobian[:, 2:]) / 2  # of the centre
-    variances = np.einsum("pci,pij,pcj->pc", slopes, prior.covariances[edges.rows, :3, :3], slopes)
-    variances += (edges.sigma_px[:, :2] ** 2 + edges.sigma_px[:, 2:] ** 2) / 4
-    off = (away[:, :2] + away[:, 2:]) / 2
-    shifts = camera_shifts(edges.camera_rows[whole], off[whole], variances[whole], count=count)
-    return edges.with_more_noise(np.tile(np.abs(shifts), 2)[edges.camera_rows])
+    sigma_px, is_within, off, variances = doubted_edges(
+        edges.xyxy,
+        predicted,
+        jacobian,
+        edges.sigma_px,
+        cut_px,
+        edges.hidden_px,
+        edges.rows,
+        prior.covariances,
+        edges.cameras.image_sizes,
+        CLEARLY,
+    )
+    whole = np.flatnonzero(is_own & is_within)
+    shifts = np.abs(camera_shifts(edges.camera_rows[whole], off[whole], variances[whole], count=count))
+    more_px = np.concatenate([shifts, shifts], 1)[edges.camera_rows]
+    return replace(edges, sigma_px=np.sqrt(sigma_px**2 + more_px**2))

@@ -40,6 +40,7 @@ EXCEPTIONS = {
     r"rerun ": "opens a window",
     r"python benchmarks/measured/real_frames.py ": "needs labelled frames of KITTI, which nobody may hand on",
     r"python benchmarks/measured/speed_page.py ": "takes minutes and writes a page of the documents",
+    r"python benchmarks/measured/memory_table.py": "the same",
     r".*s3://": "needs a bucket: tests/readers/files/test_remote.py reads from one that it plays itself",
     r".*--(install|show)-completion": "asks which shell it is called from: test_calling does that",
 }

@@ -23,7 +23,7 @@ from small_scenario import write_small_scenario
 
 from pipeline.core.messages import RawMessage
 
-__all__ = ["CAMERA_K", "START_NS", "small_drive", "small_inputs"]
+__all__ = ["CAMERA_K", "START_NS", "STEP_NS", "small_drive", "small_inputs"]
 
 START_NS = 1_700_000_000 * 10**9
 STEP_NS = 100_000_000

@@ -13,6 +13,7 @@ from pipeline.core.frame import FrameResult, Missing
 from pipeline.core.geometry.boxes import box_corners
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.messages import Drop
+from pipeline.core.optics.drawn_edges import draw_edges
 from pipeline.core.rig import CameraSensor
 from pipeline.core.ros.messages import ROS2
 from writers.drawing import object_colors, object_edges, strong_objects
@@ -117,8 +118,8 @@ def test_markers_delete_all_first(objects: int) -> None:
 
 
 def annotations(result: FrameResult, camera: CameraSensor = RIG.cameras[0]) -> Any:
-    edges = object_edges(result, [camera.name])[camera.name]
-    return through_cdr(image_annotations(result, camera, edges, NAMES, stamp_ns=START_NS + 5))
+    edges = object_edges(result, [camera.name])
+    return through_cdr(image_annotations(result, [camera], edges, NAMES, stamps_ns=[START_NS + 5]))
 
 
 def rgb(color: Any) -> tuple[float, float, float]:
@@ -184,7 +185,7 @@ def test_objects_are_drawn_from_where_the_image_was_taken() -> None:
     still, drawn = (np.array([(p.x, p.y) for p in annotations(one).points[0].points]) for one in (result, moved))
     objects = result.fused.objects.select(np.array([0]))
     corners = nearer.apply(box_corners(objects.centers, objects.sizes, objects.yaws))
-    expected, _ = camera.model.project_edges(np.asarray(corners, np.float64))
+    expected, _ = draw_edges([camera.model], np.asarray(corners, np.float64), np.zeros(len(corners), np.intp))
     np.testing.assert_allclose(drawn, expected.reshape(-1, 2), atol=1e-3)
     assert np.abs(np.ptp(drawn, axis=0)).min() > 1.1 * np.abs(np.ptp(still, axis=0)).min()
 
@@ -248,7 +249,7 @@ def test_what_is_left_out_before_projection_is_not_in_the_image(aside_m: float) 
     camera = result.views[RIG.cameras[0].name]
     moved = replace(result.fused.objects, centers=result.fused.objects.centers + np.array([0.0, aside_m, 0.0]))
     corners = camera.T_camera_site.apply(box_corners(moved.centers, moved.sizes, moved.yaws))
-    expected, rows = camera.model.project_edges(np.asarray(corners, np.float64))
+    expected, rows = draw_edges([camera.model], np.asarray(corners, np.float64), np.zeros(len(corners), np.intp))
     drawn = object_edges(replace(result, fused=replace(result.fused, objects=moved)), [camera.name])[camera.name]
     np.testing.assert_array_equal(drawn[0], expected)
     np.testing.assert_array_equal(drawn[1], rows)

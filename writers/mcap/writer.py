@@ -7,11 +7,12 @@ and its camera_info, annotations and detections have the image's own stamp, beca
 results give equal bytes.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
+from pipeline.core.detections import Boxes2D
 from pipeline.core.errors import MessageError, OutputError
 from pipeline.core.frame import FrameResult
 from pipeline.core.geometry.transform import Transform
@@ -21,7 +22,7 @@ from pipeline.core.ros.messages import ROS2
 from pipeline.core.ros.qos import LATCHED_YAML
 from pipeline.core.settings.config import Config
 from pipeline.core.true_boxes import TrueBoxes
-from writers.drawing import ObjectEdges, object_edges
+from writers.drawing import object_edges
 from writers.foxglove.layout import foxglove_layout
 from writers.mcap.chunk import Buffer
 from writers.mcap.file import McapOutput, mcap_file
@@ -44,6 +45,7 @@ from writers.viewpoint import SceneSurvey
 __all__ = ["McapResultWriter"]
 
 CLOUD, CAMERA_INFO = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/CameraInfo"
+ANNOTATIONS, DETECTIONS_2D = "foxglove_msgs/msg/ImageAnnotations", "vision_msgs/msg/Detection2DArray"
 _NOT_COPIED = "the image cannot be copied"
 
 
@@ -116,7 +118,6 @@ class McapResultWriter:
         """
         self._survey.add(result)
         log_time_ns, stamp_ns = result.bundle.log_time_ns, result.bundle.stamp_ns
-        not_copied: list[Drop] = []
         stamps_ns = [stamp_ns, *(message.stamp_ns for message in result.bundle.messages.values())]
         for fault in filter(None, map(time_fault, stamps_ns)):
             raise OutputError(
@@ -136,13 +137,11 @@ class McapResultWriter:
                 self._put("/tf", moving_transform(motion, stamp_ns), log_time_ns)
             for topic, message in self._site_messages(result):
                 self._put(topic, message, log_time_ns)
-            edges = object_edges(result, [camera.name for camera in self._rig.cameras])
-            for camera in self._rig.cameras:
-                not_copied += self._put_camera(camera, result, edges[camera.name])
+            not_copied = self._put_cameras(result)
             self._put("/diagnostics", diagnostics(result, self._rig, not_copied), log_time_ns)
             self._draw_truth(self._truth_times.add(result.bundle))
             self._copy(after)
-        return tuple(not_copied)
+        return not_copied
 
     def _site_messages(self, result: FrameResult) -> Iterator[tuple[str, Any]]:
         names, stamp_ns, objects = self._config.object_names, result.bundle.stamp_ns, result.fused.objects
@@ -161,33 +160,38 @@ class McapResultWriter:
             if self._config.output.ground:
                 yield "/ground_cloud", point_cloud2(result.combined.ground_cloud, stamp_ns=stamp_ns, frame_id=frame_id)
 
-    def _put_camera(self, camera: CameraSensor, result: FrameResult, edges: ObjectEdges) -> tuple[Drop, ...]:
-        """Write one camera's messages, all with one stamp; none if the frame has neither an image nor boxes of it."""
-        unusable = {(drop.topic, drop.stamp_ns) for drop in result.drops}
-        image, boxes = result.bundle.messages.get(camera.topic), result.detections.cameras.get(camera.name)
-        if image is not None and (image.topic, image.stamp_ns) in unusable:
-            image = None
-        if image is not None:
-            stamp_ns = image.stamp_ns
-        elif boxes is not None:
-            stamp_ns = boxes.stamp_ns
-        else:
-            return ()
-        names, frame_id, prefix = self._config.object_names, camera.T_camera_site.dst, f"/{camera.name}"
-        log_time_ns = result.bundle.log_time_ns
+    def _put_cameras(self, result: FrameResult) -> tuple[Drop, ...]:
+        """Write each camera's messages, all with one stamp; none if the frame has neither an image nor boxes of it."""
+        found = [view for camera in self._rig.cameras if (view := _view(result, camera)) is not None]
+        names, log_time_ns = self._config.object_names, result.bundle.log_time_ns
+        cameras, stamps_ns = [view.camera for view in found], [view.stamp_ns for view in found]
+        edges = object_edges(result, [camera.name for camera in cameras])
+        drawn = ROS2.serialize_all(image_annotations(result, cameras, edges, names, stamps_ns=stamps_ns))
+        detections = self._detections(found)
         drops: tuple[Drop, ...] = ()
-        if image is not None and self._config.output.images:
-            drops = self._put_image(prefix, image, frame_id, log_time_ns)
-        if camera.name not in self._camera_infos:
-            self._camera_infos[camera.name] = ROS2.serialize(camera_info(camera, stamp_ns))
-        info = ROS2.restamped(self._camera_infos[camera.name], stamp_ns)
-        self._put_bytes(f"{prefix}/camera_info", CAMERA_INFO, info, log_time_ns)
-        drawn = image_annotations(result, camera, edges, names, stamp_ns=stamp_ns)
-        self._put(f"{prefix}/annotations", drawn, log_time_ns)
-        if boxes is not None:
-            detections = detections_2d(boxes, names, stamp_ns=stamp_ns, frame_id=frame_id)
-            self._put(f"{prefix}/detections", detections, log_time_ns)
+        for view, annotations in zip(found, drawn, strict=True):
+            camera, prefix = view.camera, f"/{view.camera.name}"
+            if view.image is not None and self._config.output.images:
+                drops += self._put_image(prefix, view.image, camera.T_camera_site.dst, log_time_ns)
+            if camera.name not in self._camera_infos:
+                self._camera_infos[camera.name] = ROS2.serialize(camera_info(camera, view.stamp_ns))
+            info = ROS2.restamped(self._camera_infos[camera.name], view.stamp_ns)
+            self._put_bytes(f"{prefix}/camera_info", CAMERA_INFO, info, log_time_ns)
+            self._put_bytes(f"{prefix}/annotations", ANNOTATIONS, annotations, log_time_ns)
+            if camera.name in detections:
+                self._put_bytes(f"{prefix}/detections", DETECTIONS_2D, detections[camera.name], log_time_ns)
         return drops
+
+    def _detections(self, found: Sequence["_View"]) -> Mapping[str, memoryview]:
+        """The messages with the 2D boxes, by camera that has some."""
+        views = [(view.camera, view.stamp_ns, view.boxes) for view in found if view.boxes is not None]
+        messages = detections_2d(
+            [boxes for _, _, boxes in views],
+            self._config.object_names,
+            stamps_ns=[stamp_ns for _, stamp_ns, _ in views],
+            frame_ids=[camera.T_camera_site.dst for camera, _, _ in views],
+        )
+        return {view[0].name: data for view, data in zip(views, ROS2.serialize_all(messages), strict=True)}
 
     def _put_image(self, prefix: str, image: RawMessage, frame_id: str, log_time_ns: int) -> tuple[Drop, ...]:
         msgtype = image.channel.msgtype
@@ -246,3 +250,22 @@ class McapResultWriter:
         self._file.add_metadata(RESULT, self._provenance.metadata())
         for name, text in (("lidcam.yaml", self._provenance.config_yaml), ("rig.yaml", self._provenance.rig_yaml)):
             self._file.attach(name, text, self._provenance.start_ns)
+
+
+class _View(NamedTuple):
+    """What a frame has of a camera."""
+
+    camera: CameraSensor
+    stamp_ns: int
+    image: RawMessage | None
+    boxes: Boxes2D | None
+
+
+def _view(result: FrameResult, camera: CameraSensor) -> _View | None:
+    unusable = {(drop.topic, drop.stamp_ns) for drop in result.drops}
+    image, boxes = result.bundle.messages.get(camera.topic), result.detections.cameras.get(camera.name)
+    if image is not None and (image.topic, image.stamp_ns) in unusable:
+        image = None
+    if image is not None:
+        return _View(camera, image.stamp_ns, image, boxes)
+    return None if boxes is None else _View(camera, boxes.stamp_ns, None, boxes)

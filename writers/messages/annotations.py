@@ -1,14 +1,13 @@
 """The overlay of one camera's image: foxglove_msgs/ImageAnnotations."""
 
-from collections.abc import Iterator, Sequence
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from pipeline.core.arrays import F32
+from pipeline.core.arrays import F64
 from pipeline.core.frame import FrameResult
 from pipeline.core.rig import CameraSensor
-from pipeline.core.ros.messages import ROS2
+from pipeline.core.ros.columns import Columns, Lists
 from writers.drawing import (
     DrawnBoxes2D,
     ObjectEdges,
@@ -18,6 +17,8 @@ from writers.drawing import (
     placed_objects,
     strong_objects,
 )
+from writers.messages.parts import times
+from writers.messages.scene_parts import opaque
 
 __all__ = ["image_annotations"]
 
@@ -29,43 +30,124 @@ _LETTER_WIDTH = 0.6
 
 _LINE_SHARE, _FAINT_ALPHA = 1 / 300, 0.5
 _LINE_LOOP, _LINE_LIST = 2, 4  # PointsAnnotation
+_CORNERS = np.array([0, 1, 2, 1, 2, 3, 0, 3])  # x and y of the corners of left, top, right, bottom
+_NONE = np.zeros(0, np.int64)
 
 
 def image_annotations(
-    result: FrameResult, camera: CameraSensor, edges: ObjectEdges, class_names: Sequence[str], *, stamp_ns: int
-) -> Any:
-    """The fused objects as the lens bends them, and the camera's 2D boxes.
+    result: FrameResult,
+    cameras: Sequence[CameraSensor],
+    edges: Mapping[str, ObjectEdges],
+    class_names: Sequence[str],
+    *,
+    stamps_ns: Sequence[int],
+) -> Columns:
+    """The fused objects as the lens of each camera bends them, and its 2D boxes.
 
     An object has the colour of its class, and a thinner line if the cameras alone place it. A 2D box is green if it
     belongs to an object and amber if not; its label is the object's class and score, else the detector's. A label that
     would cover that of a larger box is left out.
     Every stamp is the image's: viewers pair by equality.
     """
-    stamp, height_px = ROS2.time(stamp_ns), camera.model.height_px
-    clear = _new("Color", 0.0, 0.0, 0.0, 0.0)
+    boxes = [drawn_boxes_2d(result, camera.name, class_names) for camera in cameras]
+    objects, object_counts = _objects(result, cameras, [edges[camera.name] for camera in cameras], stamps_ns)
+    rectangles, counts = _rectangles(cameras, boxes, stamps_ns)
+    texts, text_counts = _texts(cameras, boxes, stamps_ns)
+    return Columns(
+        "foxglove_msgs/msg/ImageAnnotations",
+        len(cameras),
+        timestamp=times(stamps_ns),
+        points=Lists(objects, object_counts, Lists(rectangles, counts)),
+        texts=Lists(texts, text_counts),
+    )
 
-    def lines(kind: int, points: F32, rgba: Sequence[float], thickness: float) -> Any:
-        return _new("PointsAnnotation", stamp, kind, points, _new("Color", *rgba), [], clear, thickness, [])
 
-    outlines = []
-    segments, rows = edges
-    if len(rows):
-        alphas = np.where(strong_objects(result), 1.0, _FAINT_ALPHA).tolist()
-        widths_px = (height_px * _LINE_SHARE * np.where(placed_objects(result), 0.5, 1.0)).tolist()
-        colors = object_colors(result).tolist()
-        first = np.flatnonzero(np.r_[True, rows[1:] != rows[:-1]])  # the pieces come object after object
-        for row, pieces in zip(rows[first].tolist(), np.split(segments, first[1:]), strict=True):
-            outlines.append(lines(_LINE_LIST, pieces.reshape(-1, 2), (*colors[row], alphas[row]), widths_px[row]))
-    drawn = drawn_boxes_2d(result, camera.name, class_names)
-    for (left, top, right, bottom), rgb in zip(drawn.xyxy.tolist(), drawn.colors, strict=True):
-        corners = np.array([[left, top], [right, top], [right, bottom], [left, bottom]], np.float32)
-        outlines.append(lines(_LINE_LOOP, corners, (*rgb, 1.0), height_px * _LINE_SHARE))
-    texts, letters_px = [], height_px * LABEL_SHARE
-    for row, (left, bottom) in _label_places(drawn, camera, letters_px):
-        ink, ground = _new("Color", *drawn.colors[row], 1.0), _new("Color", 0.0, 0.0, 0.0, 0.6)
-        place = _new("Point2", left, bottom)
-        texts.append(_new("TextAnnotation", stamp, place, drawn.labels[row], letters_px, ink, ground, []))
-    return _new("ImageAnnotations", stamp, [], outlines, texts, [])
+def _objects(
+    result: FrameResult, cameras: Sequence[CameraSensor], edges: Sequence[ObjectEdges], stamps_ns: Sequence[int]
+) -> tuple[Columns, Sequence[int]]:
+    """The edges of each object in each image, and the number of objects in each."""
+    counts, pieces, rows = [], [], []
+    for _, piece_rows in edges:
+        firsts = np.flatnonzero(np.diff(piece_rows, prepend=-1))  # the pieces come object after object
+        counts.append(len(firsts))
+        rows.append(piece_rows[firsts])
+        pieces.append(np.diff(firsts, append=len(piece_rows)))
+    row, of_image = np.concatenate([_NONE, *rows]), np.repeat(np.arange(len(cameras)), counts)
+    alphas = np.where(strong_objects(result), 1.0, _FAINT_ALPHA)
+    colors = np.concatenate([object_colors(result), alphas[:, None]], 1)
+    shares = np.where(placed_objects(result), 0.5, 1.0)
+    lines = _lines(
+        _LINE_LIST,
+        Lists(
+            np.concatenate([np.zeros((0, 2), np.float32), *(segments.reshape(-1, 2) for segments, _ in edges)]),
+            2 * np.concatenate([_NONE, *pieces]),
+        ),
+        colors[row],
+        _heights_px(cameras)[of_image] * _LINE_SHARE * shares[row],
+        [stamps_ns[image] for image in of_image.tolist()],
+    )
+    return lines, counts
+
+
+def _rectangles(
+    cameras: Sequence[CameraSensor], boxes: Sequence[DrawnBoxes2D], stamps_ns: Sequence[int]
+) -> tuple[Columns, Sequence[int]]:
+    """The 2D boxes of each image, and their number."""
+    counts = [len(drawn.labels) for drawn in boxes]
+    of_image = np.repeat(np.arange(len(cameras)), counts)
+    xyxy = np.concatenate([np.zeros((0, 4), np.float32), *(drawn.xyxy for drawn in boxes)])
+    rectangles = _lines(
+        _LINE_LOOP,
+        Lists(xyxy[:, _CORNERS].reshape(-1, 2), 4),
+        opaque(np.array([rgb for drawn in boxes for rgb in drawn.colors]).reshape(-1, 3)),
+        _heights_px(cameras)[of_image] * _LINE_SHARE,
+        [stamps_ns[image] for image in of_image.tolist()],
+    )
+    return rectangles, counts
+
+
+def _lines(kind: int, points: Lists, colors: F64, thickness_px: F64, stamps_ns: Sequence[int]) -> Columns:
+    return Columns(
+        "foxglove_msgs/msg/PointsAnnotation",
+        len(stamps_ns),
+        timestamp=times(stamps_ns),
+        type=kind,
+        points=points,
+        outline_color=colors,
+        thickness=thickness_px,
+    )
+
+
+def _texts(
+    cameras: Sequence[CameraSensor], boxes: Sequence[DrawnBoxes2D], stamps_ns: Sequence[int]
+) -> tuple[Columns, Sequence[int]]:
+    """The labels in each image, and their number."""
+    counts, places, texts, colors, letters_px, stamps = [], [], [], [], [], []
+    for camera, drawn, stamp_ns in zip(cameras, boxes, stamps_ns, strict=True):
+        letter_px = camera.model.height_px * LABEL_SHARE
+        found = list(_label_places(drawn, camera, letter_px)) if drawn.labels else []
+        counts.append(len(found))
+        for row, place in found:
+            places.append(place)
+            texts.append(drawn.labels[row])
+            colors.append((*drawn.colors[row], 1.0))
+            letters_px.append(letter_px)
+            stamps.append(stamp_ns)
+    rows = Columns(
+        "foxglove_msgs/msg/TextAnnotation",
+        len(texts),
+        timestamp=times(stamps),
+        position=np.array(places).reshape(-1, 2),
+        text=texts,
+        font_size=np.array(letters_px),
+        text_color=np.array(colors).reshape(-1, 4),
+        background_color=(0.0, 0.0, 0.0, 0.6),
+    )
+    return rows, counts
+
+
+def _heights_px(cameras: Sequence[CameraSensor]) -> F64:
+    return np.array([camera.model.height_px for camera in cameras], np.float64)
 
 
 def _label_places(
@@ -80,7 +162,3 @@ def _label_places(
         if heights[row] >= letters_px / 2:
             left, bottom = (places[row] + sizes[row] * [-0.5, 0.5]).tolist()
             yield row, (left, bottom)
-
-
-def _new(name: str, *values: Any) -> Any:
-    return ROS2.new(f"foxglove_msgs/msg/{name}", *values)

@@ -1,14 +1,16 @@
 """What differs between two results, drawn in 3D: foxglove_msgs/SceneUpdate."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from pipeline.core.detections import Boxes3D
-from pipeline.core.ros.messages import ROS2
+from pipeline.core.geometry.boxes import UNIT_CORNERS
+from pipeline.core.ros.columns import Columns, Lists
 from pipeline.evaluation.comparison.objects import SourceObjects
 from pipeline.evaluation.comparison.records import PAIR_KINDS, Changes
-from writers.messages.detections import box_poses
-from writers.messages.scene import LABEL_SHARE, label, outline, scene_entity, whole_scene
+from writers.messages.parts import box_poses
+from writers.messages.scene import label_places
+from writers.messages.scene_parts import entities, labels, outlines, whole_scene
 from writers.palette import CHANGED, EQUAL, LOST, NEW, Rgb
 
 __all__ = ["compared_scene", "empty_scene"]
@@ -18,28 +20,28 @@ _BOLD_PX, _FINE_PX = 3.0, 1.0
 
 def compared_scene(
     first: SourceObjects, second: SourceObjects, changes: Changes, class_names: Sequence[str], *, stamp_ns: int
-) -> Any:
+) -> Columns:
     """The objects of a source in one frame of two results, in the colours of what became of them.
 
     Lost ones are drawn where A has them, new ones where B does, others where B does with what differs beside them, and
     with a fine outline where A has them; what is equal is fine and grey.
     """
-    stamp, scene = ROS2.time(stamp_ns), _Scene(class_names, ROS2.time(stamp_ns))
+    scene = _Scene(class_names, stamp_ns)
     changed = changes.is_changed.any(1)
     a, b = first.found.boxes, second.found.boxes
-    entities = [
-        *scene.boxes("equal", b, second.classes, changes.second[~changed], EQUAL, _FINE_PX),
-        *scene.boxes("before", a, first.classes, changes.first[changed], CHANGED, _FINE_PX),
-        *scene.boxes("lost", a, first.classes, changes.lost, LOST, _BOLD_PX, ["lost"] * len(changes.lost)),
-        *scene.boxes("new", b, second.classes, changes.new, NEW, _BOLD_PX, ["new"] * len(changes.new)),
-        *scene.boxes("changed", b, second.classes, changes.second[changed], CHANGED, _BOLD_PX, _texts(changes)),
-    ]
-    return whole_scene(stamp, entities)
+    return whole_scene(
+        stamp_ns,
+        scene.boxes("equal", b, second.classes, changes.second[~changed], EQUAL, _FINE_PX),
+        scene.boxes("before", a, first.classes, changes.first[changed], CHANGED, _FINE_PX),
+        scene.boxes("lost", a, first.classes, changes.lost, LOST, _BOLD_PX, ["lost"] * len(changes.lost)),
+        scene.boxes("new", b, second.classes, changes.new, NEW, _BOLD_PX, ["new"] * len(changes.new)),
+        scene.boxes("changed", b, second.classes, changes.second[changed], CHANGED, _BOLD_PX, _texts(changes)),
+    )
 
 
-def empty_scene(stamp_ns: int) -> Any:
+def empty_scene(stamp_ns: int) -> Columns:
     """Nothing, in place of what was drawn before."""
-    return whole_scene(ROS2.time(stamp_ns), [])
+    return whole_scene(stamp_ns)
 
 
 def _texts(changes: Changes) -> list[str]:
@@ -52,8 +54,8 @@ def _texts(changes: Changes) -> list[str]:
 
 
 class _Scene:
-    def __init__(self, class_names: Sequence[str], stamp: Any) -> None:
-        self._names, self._stamp = class_names, stamp
+    def __init__(self, class_names: Sequence[str], stamp_ns: int) -> None:
+        self._names, self._stamp_ns = class_names, stamp_ns
 
     def boxes(
         self,
@@ -64,15 +66,17 @@ class _Scene:
         rgb: Rgb,
         thickness_px: float,
         texts: Sequence[str] = (),
-    ) -> Iterator[Any]:
+    ) -> Columns:
         """Outlines of the boxes of some rows; `texts` beside them, if there are any."""
-        chosen = boxes.select(rows)
-        above = chosen.centers.copy()
-        above[:, 2] += chosen.sizes[:, 2] * (0.5 + LABEL_SHARE)
-        columns = zip(box_poses(chosen), chosen.sizes.tolist(), above.tolist(), classes[rows].tolist(), strict=True)
-        for number, (pose, size, place, class_row) in enumerate(columns):
-            class_name = self._names[class_row]
-            written = [label(f"{class_name} {texts[number]}", ROS2.pose(place), rgb)] if texts else []
-            metadata = {"class": class_name, "difference": texts[number] if texts else name}
-            edges = [outline(pose, size, rgb, thickness_px)]
-            yield scene_entity(f"{name}-{number}", self._stamp, boxes.frame_id, metadata, lines=edges, texts=written)
+        chosen, color = boxes.select(rows), (*rgb, 1.0)
+        names = [self._names[class_row] for class_row in classes[rows].tolist()]
+        written = [f"{class_name} {text}" for class_name, text in zip(names, texts, strict=True)] if texts else []
+        edges = outlines(UNIT_CORNERS / 2 * chosen.sizes[:, None], color, thickness_px, poses=box_poses(chosen))
+        return entities(
+            [f"{name}-{number}" for number in range(len(chosen))],
+            self._stamp_ns,
+            boxes.frame_id,
+            {"class": names, "difference": texts or [name] * len(chosen)},
+            lines=Lists(edges),
+            texts=Lists(labels(written, label_places(chosen)[: len(written)], color), int(bool(texts))),
+        )

@@ -5,65 +5,59 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.core.arrays import join_rows
 from pipeline.core.detections import Boxes2D, Boxes3D
 from pipeline.core.geometry.polygons import first_polygon_with
 from pipeline.core.rig import Zone, default_zones
+from pipeline.core.ros.columns import Columns, Lists
 from pipeline.core.ros.messages import ROS2
+from writers.messages.parts import IDENTITY, box_poses, headers
 
-__all__ = ["box_poses", "detections_2d", "detections_3d", "lidcam_objects"]
+__all__ = ["detections_2d", "detections_3d", "lidcam_objects"]
 
 # Rows of a 6 x 6 covariance over x, y, z and the rotations about x, y, z that Boxes3D.covariances has.
 _X_Y_YAW = np.array([0, 1, 5])
 
-
-def box_poses(boxes: Boxes3D) -> list[Any]:
-    """The geometry_msgs/Pose of each box: its centre and heading."""
-    half = boxes.yaws / 2
-    turns = zip(np.sin(half).tolist(), np.cos(half).tolist(), strict=True)
-    return [
-        ROS2.pose(center, (0.0, 0.0, sin, cos))
-        for center, (sin, cos) in zip(boxes.centers.tolist(), turns, strict=True)
-    ]
+_RESULT = "vision_msgs/msg/ObjectHypothesisWithPose"
 
 
-def detections_3d(boxes: Boxes3D, class_names: Sequence[str], *, stamp_ns: int) -> Any:
+def detections_3d(boxes: Boxes3D, class_names: Sequence[str], *, stamp_ns: int) -> Columns:
     """vision_msgs/Detection3DArray: class name, score, pose with the covariance of x, y and yaw, full size.
 
     `id` is empty: nothing is tracked.
     """
-    covariances = np.zeros((len(boxes), 6, 6))
+    n = len(boxes)
+    covariances = np.zeros((n, 6, 6))
     covariances[:, _X_Y_YAW[:, None], _X_Y_YAW] = boxes.covariances
-    columns = zip(
-        box_poses(boxes),
-        boxes.sizes.tolist(),
-        boxes.scores.tolist(),
-        boxes.class_ids.tolist(),
-        covariances.reshape(-1, 36),
-        strict=True,
+    poses, header = box_poses(boxes), headers(stamp_ns, boxes.frame_id)
+    with_covariance = Columns(
+        "geometry_msgs/msg/PoseWithCovariance", n, pose=poses, covariance=covariances.reshape(n, 36)
     )
-    header, new = ROS2.header(stamp_ns, boxes.frame_id), ROS2.new
-    detections = []
-    for pose, size, score, class_id, covariance in columns:
-        result = _result(class_names[class_id], score, ROS2.pose_with_covariance(pose, covariance))
-        box = new("vision_msgs/msg/BoundingBox3D", pose, ROS2.vector(*size))
-        detections.append(new("vision_msgs/msg/Detection3D", header, [result], box, ""))
-    return new("vision_msgs/msg/Detection3DArray", header, detections)
+    results = _results(boxes, class_names, with_covariance)
+    box = Columns("vision_msgs/msg/BoundingBox3D", n, center=poses, size=boxes.sizes)
+    detections = Columns("vision_msgs/msg/Detection3D", n, header=header, results=Lists(results), bbox=box)
+    return Columns("vision_msgs/msg/Detection3DArray", header=header, detections=Lists(detections, n))
 
 
-def detections_2d(boxes: Boxes2D, class_names: Sequence[str], *, stamp_ns: int, frame_id: str) -> Any:
-    """vision_msgs/Detection2DArray: class name, score, centre and size in pixels from the top left corner."""
-    header, new = ROS2.header(stamp_ns, frame_id), ROS2.new
-    no_pose = ROS2.pose_with_covariance(ROS2.pose((0.0, 0.0, 0.0)))
-    xyxy = boxes.xyxy.astype(np.float64)
-    centers, sizes = (xyxy[:, :2] + xyxy[:, 2:]) / 2, xyxy[:, 2:] - xyxy[:, :2]
-    columns = zip(centers.tolist(), sizes.tolist(), boxes.scores.tolist(), boxes.class_ids.tolist(), strict=True)
-    detections = []
-    for center, size, score, class_id in columns:
-        result = _result(class_names[class_id], score, no_pose)
-        pose = new("vision_msgs/msg/Pose2D", new("vision_msgs/msg/Point2D", *center), 0.0)
-        box = new("vision_msgs/msg/BoundingBox2D", pose, *size)
-        detections.append(new("vision_msgs/msg/Detection2D", header, [result], box, ""))
-    return new("vision_msgs/msg/Detection2DArray", header, detections)
+def detections_2d(
+    boxes: Sequence[Boxes2D], class_names: Sequence[str], *, stamps_ns: Sequence[int], frame_ids: Sequence[str]
+) -> Columns:
+    """vision_msgs/Detection2DArray of each image.
+
+    Of each box class name, score, and centre and size in pixels from the top left corner.
+    """
+    counts = [len(one) for one in boxes]
+    rows = np.repeat(np.arange(len(boxes)), counts).tolist()
+    header = headers([stamps_ns[row] for row in rows], [frame_ids[row] for row in rows])
+    xyxy = np.concatenate([np.zeros((0, 4)), *(one.xyxy for one in boxes)])
+    n, centers = len(xyxy), np.zeros((len(xyxy), 3))
+    centers[:, :2], sizes = (xyxy[:, :2] + xyxy[:, 2:]) / 2, xyxy[:, 2:] - xyxy[:, :2]
+    no_pose = Columns("geometry_msgs/msg/PoseWithCovariance", pose=IDENTITY)
+    results = _results(join_rows(*boxes), class_names, no_pose) if boxes else Columns(_RESULT, 0)
+    box = Columns("vision_msgs/msg/BoundingBox2D", n, center=centers, size_x=sizes[:, 0], size_y=sizes[:, 1])
+    detections = Columns("vision_msgs/msg/Detection2D", n, header=header, results=Lists(results), bbox=box)
+    arrays = headers(stamps_ns, frame_ids)
+    return Columns("vision_msgs/msg/Detection2DArray", len(boxes), header=arrays, detections=Lists(detections, counts))
 
 
 def lidcam_objects(objects: Boxes3D, zones: Sequence[Zone], *, stamp_ns: int) -> Any:
@@ -88,6 +82,8 @@ def lidcam_objects(objects: Boxes3D, zones: Sequence[Zone], *, stamp_ns: int) ->
     )
 
 
-def _result(class_name: str, score: float, pose: Any) -> Any:
-    hypothesis = ROS2.new("vision_msgs/msg/ObjectHypothesis", class_name, score)
-    return ROS2.new("vision_msgs/msg/ObjectHypothesisWithPose", hypothesis, pose)
+def _results(boxes: Boxes2D | Boxes3D, class_names: Sequence[str], poses: Columns) -> Columns:
+    """What each box may be: one class."""
+    n, names = len(boxes), [class_names[class_id] for class_id in boxes.class_ids.tolist()]
+    hypothesis = Columns("vision_msgs/msg/ObjectHypothesis", n, class_id=names, score=boxes.scores)
+    return Columns(_RESULT, n, hypothesis=hypothesis, pose=poses)

@@ -1,7 +1,7 @@
 """The counts of each frame: diagnostic_msgs/DiagnosticArray."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
@@ -9,7 +9,8 @@ from pipeline.core.detections import Source
 from pipeline.core.frame import FrameResult, Missing
 from pipeline.core.messages import Drop
 from pipeline.core.rig import Rig
-from pipeline.core.ros.messages import ROS2
+from pipeline.core.ros.columns import Columns, Lists
+from writers.messages.parts import headers
 
 __all__ = ["diagnostics"]
 
@@ -20,7 +21,7 @@ _SOURCES = {Source.LIDAR: "lidars alone", Source.CAMERA: "cameras alone", Source
 _OK, _WARN = 0, 1  # DiagnosticStatus
 
 
-def diagnostics(result: FrameResult, rig: Rig, not_copied: Sequence[Drop]) -> Any:
+def diagnostics(result: FrameResult, rig: Rig, not_copied: Sequence[Drop]) -> Columns:
     """Synchronisation, points by step, objects by source, and dropped messages.
 
     Args:
@@ -29,14 +30,13 @@ def diagnostics(result: FrameResult, rig: Rig, not_copied: Sequence[Drop]) -> An
         not_copied: Messages that the writer itself dropped.
     """
     drops = [*result.drops, *not_copied]
-    return ROS2.new(
-        "diagnostic_msgs/msg/DiagnosticArray",
-        ROS2.header(result.bundle.stamp_ns, rig.site_frame),
+    return _array(
+        headers(result.bundle.stamp_ns, rig.site_frame),
         [
             _synchronisation(result, rig),
-            _status("cloud", f"{len(result.combined.cloud)} points", _cloud(result)),
-            _status("objects", f"{len(result.fused.objects)} objects", _objects(result, rig)),
-            _status(
+            _Status("cloud", f"{len(result.combined.cloud)} points", _cloud(result)),
+            _Status("objects", f"{len(result.fused.objects)} objects", _objects(result, rig)),
+            _Status(
                 "dropped messages",
                 f"{len(drops)} dropped" if drops else "none",
                 [(drop.topic, ": ".join(filter(None, (drop.reason, drop.detail)))) for drop in drops],
@@ -46,7 +46,14 @@ def diagnostics(result: FrameResult, rig: Rig, not_copied: Sequence[Drop]) -> An
     )
 
 
-def _synchronisation(result: FrameResult, rig: Rig) -> Any:
+class _Status(NamedTuple):
+    name: str
+    message: str
+    values: Values
+    level: int = _OK
+
+
+def _synchronisation(result: FrameResult, rig: Rig) -> _Status:
     """Skew, offset of each message, missing sensors; a warning where one is silent."""
     bundle, names = result.bundle, rig.sensor_of_topic
     missing = [(f"missing {names.get(topic, topic)}", why) for topic, why in bundle.missing.items()]
@@ -60,7 +67,7 @@ def _synchronisation(result: FrameResult, rig: Rig) -> Any:
     values = [("frame", str(bundle.index)), ("skew_ms", f"{bundle.skew_ns / 1e6:.3f}"), *missing, *offsets, *dropped]
     lacking = f", without {', '.join(names.get(topic, topic) for topic in bundle.missing)}" if missing else ""
     level = _WARN if Missing.SILENT in bundle.missing.values() else _OK
-    return _status("synchronisation", f"skew {bundle.skew_ns / 1e6:.3f} ms{lacking}", values, level)
+    return _Status("synchronisation", f"skew {bundle.skew_ns / 1e6:.3f} ms{lacking}", values, level)
 
 
 def _cloud(result: FrameResult) -> Values:
@@ -89,6 +96,16 @@ def _objects(result: FrameResult, rig: Rig) -> Values:
     ]
 
 
-def _status(name: str, message: str, values: Values, level: int = _OK) -> Any:
-    pairs = [ROS2.new("diagnostic_msgs/msg/KeyValue", *pair) for pair in values]
-    return ROS2.new("diagnostic_msgs/msg/DiagnosticStatus", level, f"lidcam: {name}", message, "", pairs)
+def _array(header: Columns, statuses: Sequence[_Status]) -> Columns:
+    pairs = [pair for status in statuses for pair in status.values]
+    keys, values = [key for key, _ in pairs], [value for _, value in pairs]
+    rows = Columns("diagnostic_msgs/msg/KeyValue", len(pairs), key=keys, value=values)
+    status = Columns(
+        "diagnostic_msgs/msg/DiagnosticStatus",
+        len(statuses),
+        level=np.array([one.level for one in statuses]),
+        name=[f"lidcam: {one.name}" for one in statuses],
+        message=[one.message for one in statuses],
+        values=Lists(rows, [len(one.values) for one in statuses]),
+    )
+    return Columns("diagnostic_msgs/msg/DiagnosticArray", header=header, status=Lists(status, len(statuses)))

@@ -1,14 +1,14 @@
 """What the cameras alone place in 3D, drawn: Foxglove draws no vision_msgs."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from pipeline.core.detections import Boxes3D
-from pipeline.core.ros.messages import ROS2
-from writers.messages.detections import box_poses
-from writers.messages.scene import ellipse, label, outline, scene_entity, whole_scene
+from pipeline.core.geometry.boxes import UNIT_CORNERS
+from pipeline.core.ros.columns import Columns, Lists
+from writers.messages.parts import box_poses
+from writers.messages.scene_parts import ellipses, entities, labels, outlines, whole_scene
 from writers.palette import CAMERA_ONLY
 from writers.uncertainty import ground_ellipses
 
@@ -23,28 +23,19 @@ LABEL_SHARE = 0.6
 """Height of a label above the centre, as a share of the height of the box: just above its roof."""
 
 
-def placed_scene(boxes: Boxes3D, class_names: Sequence[str], *, stamp_ns: int) -> Any:
+def placed_scene(boxes: Boxes3D, class_names: Sequence[str], *, stamp_ns: int) -> Columns:
     """foxglove_msgs/SceneUpdate: edges, class and score of each box, and an ellipse of one standard deviation."""
-    stamp = ROS2.time(stamp_ns)
+    names, scores = [class_names[class_id] for class_id in boxes.class_ids.tolist()], boxes.scores.tolist()
     places = boxes.centers + np.array([0.0, 0.0, LABEL_SHARE]) * boxes.sizes[:, 2:]
-    columns = zip(
-        box_poses(boxes),
-        boxes.sizes.tolist(),
-        boxes.class_ids.tolist(),
-        boxes.scores.tolist(),
-        places.tolist(),
-        ground_ellipses(boxes),
-        strict=True,
+    color = (*CAMERA_ONLY, 1.0)
+    edges = outlines(UNIT_CORNERS / 2 * boxes.sizes[:, None], color, EDGE_PX, poses=box_poses(boxes))
+    texts = [f"{name} {score:.2f}" for name, score in zip(names, scores, strict=True)]
+    drawn = entities(
+        [f"placed-{row}" for row in range(len(boxes))],
+        stamp_ns,
+        boxes.frame_id,
+        {"class": names, "score": [f"{score:.4f}" for score in scores]},
+        lines=Lists(edges, 1, Lists(ellipses(ground_ellipses(boxes), color, EDGE_PX))),
+        texts=Lists(labels(texts, places, color)),
     )
-    entities = [
-        scene_entity(
-            f"placed-{row}",
-            stamp,
-            boxes.frame_id,
-            {"class": class_names[class_id], "score": f"{score:.4f}"},
-            lines=[outline(pose, size, CAMERA_ONLY, EDGE_PX), ellipse(points, CAMERA_ONLY, EDGE_PX)],
-            texts=[label(f"{class_names[class_id]} {score:.2f}", ROS2.pose(place), CAMERA_ONLY)],
-        )
-        for row, (pose, size, class_id, score, place, points) in enumerate(columns)
-    ]
-    return whole_scene(stamp, entities)
+    return whole_scene(stamp_ns, drawn)

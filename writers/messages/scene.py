@@ -3,220 +3,118 @@
 Each message first deletes what the one before it drew, so nothing stale stays, however long the gap between frames.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Sequence
 
 import numpy as np
 
 from pipeline.core.arrays import F64
-from pipeline.core.detections import source_names
+from pipeline.core.detections import Boxes3D, source_names
 from pipeline.core.frame import FrameResult
-from pipeline.core.geometry.box_edges import BOX_EDGES
 from pipeline.core.geometry.boxes import UNIT_CORNERS
-from pipeline.core.ros.messages import ROS2
+from pipeline.core.ros.columns import Columns, Lists
 from writers.drawing import ARROW_SHARE, object_colors, object_labels, placed_objects, strong_objects
-from writers.messages.detections import box_poses
+from writers.messages.parts import IDENTITY, box_poses, headers, places_as_poses
+from writers.messages.scene_parts import ellipses, entities, labels, opaque, outlines, whole_scene
 from writers.uncertainty import ground_ellipses
 
-__all__ = ["LABEL_SHARE", "ellipse", "label", "marker_array", "outline", "scene_entity", "scene_update", "whole_scene"]
+__all__ = ["LABEL_SHARE", "label_places", "marker_array", "scene_update"]
 
-LABEL_PX = 13.0
 LABEL_SHARE = 0.35
 """Height of a marker's letters as a share of the height of its box: fits a street and a 1:14 model of one."""
 
 
 ALPHA_STRONG, ALPHA_PLACED, ALPHA_FAINT = 0.5, 0.15, 0.1
 _EDGE_PX = 2.0
-_WHITE = (1.0, 1.0, 1.0)
-_NO_INDICES = np.zeros(0, np.uint32)
-_EDGES = BOX_EDGES.reshape(-1).astype(np.uint32)
-_LINE_LOOP, _LINE_LIST = 1, 2  # LinePrimitive
-_DELETE_ALL_ENTITIES = 1  # SceneEntityDeletion.ALL
+_WHITE = (1.0, 1.0, 1.0, 1.0)
 _ADD, _DELETE_ALL, _CUBE, _TEXT_VIEW_FACING = 0, 3, 1, 9  # visualization_msgs/Marker
+_MARKER = "visualization_msgs/msg/Marker"
 
 
-def scene_update(result: FrameResult, class_names: Sequence[str]) -> Any:
+def scene_update(result: FrameResult, class_names: Sequence[str]) -> Columns:
     """foxglove_msgs/SceneUpdate: a cube and an arrow per fused object, with a label unless it is faint.
 
     One that the cameras alone place has an ellipse of one standard deviation on the ground.
     """
-    objects, stamp = result.fused.objects, ROS2.time(result.bundle.stamp_ns)
-    strong, placed, ellipses = (
-        strong_objects(result).tolist(),
-        placed_objects(result).tolist(),
-        ground_ellipses(objects),
+    objects, n = result.fused.objects, len(result.fused.objects)
+    strong, placed = strong_objects(result), placed_objects(result)
+    poses, rgba = box_poses(objects), _colors(result)
+    edge_colors, thickness_px = opaque(rgba[:, :3]), np.where(strong & ~placed, _EDGE_PX, _EDGE_PX / 2)
+    metadata = {
+        "class": [class_names[class_id] for class_id in objects.class_ids.tolist()],
+        "score": [f"{score:.4f}" for score in objects.scores.tolist()],
+        "source": source_names(objects.sources),
+        "cameras": list(map(str, result.fused.matched.tolist())),
+        "points": list(map(str, objects.point_counts.tolist())),
+    }
+    length, height = objects.sizes[:, 0], objects.sizes[:, 2]
+    arrows = Columns(
+        "foxglove_msgs/msg/ArrowPrimitive",
+        n,
+        pose=poses,
+        shaft_length=0.75 * ARROW_SHARE * length,
+        shaft_diameter=0.06 * height,
+        head_length=0.25 * ARROW_SHARE * length,
+        head_diameter=0.15 * height,
+        color=np.where(strong[:, None], edge_colors, rgba),
     )
-    details = zip(
-        objects.class_ids.tolist(),
-        objects.scores.tolist(),
-        objects.point_counts.tolist(),
-        source_names(objects.sources),
-        strict=True,
+    edges = outlines(UNIT_CORNERS / 2 * objects.sizes[:, None], edge_colors, thickness_px, poses=poses)
+    around = ellipses(ground_ellipses(objects)[placed], edge_colors[placed], thickness_px[placed])
+    texts = [text for text, shown in zip(object_labels(result, class_names), strong.tolist(), strict=True) if shown]
+    drawn = entities(
+        [f"object-{row}" for row in range(n)],
+        result.bundle.stamp_ns,
+        objects.frame_id,
+        metadata,
+        arrows=Lists(arrows),
+        cubes=Lists(Columns("foxglove_msgs/msg/CubePrimitive", n, pose=poses, size=objects.sizes, color=rgba)),
+        lines=Lists(edges, 1, Lists(around, placed.astype(np.int64))),
+        texts=Lists(labels(texts, label_places(objects)[strong], _WHITE), strong.astype(np.int64)),
     )
-    entities = []
-    for row, (drawn, (class_id, score, points, source)) in enumerate(
-        zip(_drawn(result, class_names), details, strict=True)
-    ):
-        text = label(drawn.label, drawn.label_pose, _WHITE)
-        thickness_px = _EDGE_PX if strong[row] and not placed[row] else _EDGE_PX / 2
-        lines = [outline(drawn.pose, drawn.size, drawn.rgba[:3], thickness_px)]
-        if placed[row]:
-            lines.append(ellipse(ellipses[row], drawn.rgba[:3], thickness_px))
-        metadata = {
-            "class": class_names[class_id],
-            "score": f"{score:.4f}",
-            "source": source,
-            "cameras": str(result.fused.matched[row]),
-            "points": str(points),
-        }
-        cube = _foxglove("CubePrimitive", drawn.pose, ROS2.vector(*drawn.size), _foxglove("Color", *drawn.rgba))
-        entities.append(
-            scene_entity(
-                f"object-{row}",
-                stamp,
-                objects.frame_id,
-                metadata,
-                arrows=[_arrow(drawn, opaque=strong[row])],
-                cubes=[cube],
-                lines=lines,
-                texts=[text] if strong[row] else [],
-            )
-        )
-    return whole_scene(stamp, entities)
+    return whole_scene(result.bundle.stamp_ns, drawn)
 
 
-def scene_entity(
-    entity_id: str, stamp: Any, frame_id: str, metadata: Mapping[str, str], **primitives: Sequence[Any]
-) -> Any:
-    """foxglove_msgs/SceneEntity that stays until it is deleted; `primitives` by name, `cubes=[...]`."""
-    kinds = ("arrows", "cubes", "spheres", "cylinders", "lines", "triangles", "texts", "models")
-    return _foxglove(
-        "SceneEntity",
-        timestamp=stamp,
-        frame_id=frame_id,
-        id=entity_id,
-        lifetime=_forever(),
-        frame_locked=False,
-        metadata=[_foxglove("KeyValuePair", key, value) for key, value in metadata.items()],
-        **{kind: list(primitives.get(kind, ())) for kind in kinds},
-    )
+def label_places(boxes: Boxes3D) -> F64:
+    """(N, 3) places as far above the roofs of boxes as a marker's letters need."""
+    places = boxes.centers.copy()
+    places[:, 2] += boxes.sizes[:, 2] * (0.5 + LABEL_SHARE)
+    return places
 
 
-def whole_scene(stamp: Any, entities: Sequence[Any]) -> Any:
-    """foxglove_msgs/SceneUpdate that leaves nothing of the scene before it."""
-    deletion = _foxglove("SceneEntityDeletion", stamp, _DELETE_ALL_ENTITIES, "")
-    return _foxglove("SceneUpdate", [deletion], list(entities))
+def _colors(result: FrameResult) -> F64:
+    """(N, 4) red, green, blue and opacity of each fused object."""
+    alpha_strong = np.where(placed_objects(result), ALPHA_PLACED, ALPHA_STRONG)
+    alphas = np.where(strong_objects(result), alpha_strong, ALPHA_FAINT)
+    return np.concatenate([object_colors(result), alphas[:, None]], 1)
 
 
-def marker_array(result: FrameResult, class_names: Sequence[str]) -> Any:
+def marker_array(result: FrameResult, class_names: Sequence[str]) -> Columns:
     """visualization_msgs/MarkerArray: DELETEALL, then for each fused object a cube and a label facing the viewer.
 
     The namespace of a cube tells what its geometry comes from, `objects/lidar`, `objects/camera` or `objects/both`, so
     that each of them can be hidden; ids are those of the objects.
     """
-    objects = result.fused.objects
-    sources = source_names(objects.sources)
-    header = ROS2.header(result.bundle.stamp_ns, objects.frame_id)
-    white = (1.0, 1.0, 1.0, 1.0)
-    origin, unit_size = ROS2.pose((0.0, 0.0, 0.0)), (1.0, 1.0, 1.0)
-    markers = [_marker(header, "", 0, _CUBE, origin, unit_size, white, action=_DELETE_ALL)]
-    for row, (pose, size, rgba, label_pose, label) in enumerate(_drawn(result, class_names)):
-        letters = (0.0, 0.0, size[2] * LABEL_SHARE)
-        markers.append(_marker(header, f"objects/{sources[row]}", row, _CUBE, pose, size, rgba))
-        markers.append(_marker(header, "labels", row, _TEXT_VIEW_FACING, label_pose, letters, white, text=label))
-    return ROS2.new("visualization_msgs/msg/MarkerArray", markers)
-
-
-class _Drawn(NamedTuple):
-    pose: Any
-    size: list[float]
-    rgba: tuple[float, ...]
-    label_pose: Any
-    label: str
-
-
-def _drawn(result: FrameResult, class_names: Sequence[str]) -> Iterator[_Drawn]:
-    """Each fused object as it is drawn; its label is as far above its roof as a marker's letters need."""
-    objects = result.fused.objects
-    alpha_strong = np.where(placed_objects(result), ALPHA_PLACED, ALPHA_STRONG)
-    alphas = np.where(strong_objects(result), alpha_strong, ALPHA_FAINT).tolist()
-    label_places = objects.centers.copy()
-    label_places[:, 2] += objects.sizes[:, 2] * (0.5 + LABEL_SHARE)
-    return map(
-        _Drawn,
-        box_poses(objects),
-        objects.sizes.tolist(),
-        [(*color, alpha) for color, alpha in zip(object_colors(result).tolist(), alphas, strict=True)],
-        [ROS2.pose(place) for place in label_places.tolist()],
-        object_labels(result, class_names),
-    )
-
-
-def _arrow(drawn: _Drawn, *, opaque: bool) -> Any:
-    """An arrow from the centre of an object through its front."""
-    length, _, height = drawn.size
-    shaft, head = 0.75 * ARROW_SHARE * length, 0.25 * ARROW_SHARE * length
-    color = _foxglove("Color", *drawn.rgba[:3], 1.0 if opaque else drawn.rgba[3])
-    return _foxglove("ArrowPrimitive", drawn.pose, shaft, 0.06 * height, head, 0.15 * height, color)
-
-
-def outline(pose: Any, size: Sequence[float], rgb: Sequence[float], thickness_px: float) -> Any:
-    """foxglove_msgs/LinePrimitive: the edges of a box."""
-    corners, color = UNIT_CORNERS / 2 * size, _foxglove("Color", *rgb, 1.0)
-    return _foxglove("LinePrimitive", _LINE_LIST, pose, thickness_px, True, corners, color, [], _EDGES)
-
-
-def ellipse(points: F64, rgb: Sequence[float], thickness_px: float) -> Any:
-    """foxglove_msgs/LinePrimitive: a closed line through points (N, 3) of the scene."""
-    pose, color = ROS2.pose((0.0, 0.0, 0.0)), _foxglove("Color", *rgb, 1.0)
-    return _foxglove("LinePrimitive", _LINE_LOOP, pose, thickness_px, True, points, color, [], _NO_INDICES)
-
-
-def label(text: str, pose: Any, rgb: Sequence[float]) -> Any:
-    """foxglove_msgs/TextPrimitive that faces the viewer."""
-    return _foxglove("TextPrimitive", pose, True, LABEL_PX, True, _foxglove("Color", *rgb, 1.0), text)
-
-
-def _foxglove(name: str, *values: Any, **fields: Any) -> Any:
-    return ROS2.new(f"foxglove_msgs/msg/{name}", *values, **fields)
-
-
-def _forever() -> Any:
-    return ROS2.new("builtin_interfaces/msg/Duration", 0, 0)
-
-
-def _marker(
-    header: Any,
-    namespace: str,
-    row: int,
-    kind: int,
-    pose: Any,
-    scale: Sequence[float],
-    color: Sequence[float],
-    *,
-    action: int = _ADD,
-    text: str = "",
-) -> Any:
-    no_bytes = np.zeros(0, np.uint8)
-    return ROS2.new(
-        "visualization_msgs/msg/Marker",
+    objects, n = result.fused.objects, len(result.fused.objects)
+    header = headers(result.bundle.stamp_ns, objects.frame_id)
+    unit = (1.0, 1.0, 1.0)
+    delete = Columns(_MARKER, header=header, type=_CUBE, action=_DELETE_ALL, pose=IDENTITY, scale=unit, color=_WHITE)
+    letters = np.zeros((n, 3))
+    letters[:, 2] = objects.sizes[:, 2] * LABEL_SHARE
+    markers = Columns(
+        _MARKER,
+        2 * n,
         header=header,
-        ns=namespace,
-        id=row,
-        type=kind,
-        action=action,
-        pose=pose,
-        scale=ROS2.vector(*scale),
-        color=ROS2.new("std_msgs/msg/ColorRGBA", *color),
-        lifetime=_forever(),
-        frame_locked=False,
-        points=[],
-        colors=[],
-        texture_resource="",
-        texture=ROS2.compressed_image(0, "", "", no_bytes),
-        uv_coordinates=[],
-        text=text,
-        mesh_resource="",
-        mesh_file=ROS2.new("visualization_msgs/msg/MeshFile", "", no_bytes),
-        mesh_use_embedded_materials=False,
+        ns=[name for source in source_names(objects.sources) for name in (f"objects/{source}", "labels")],
+        id=np.repeat(np.arange(n), 2),
+        type=np.tile(np.array([_CUBE, _TEXT_VIEW_FACING]), n),
+        action=_ADD,
+        pose=_in_turn(box_poses(objects), places_as_poses(label_places(objects))),
+        scale=_in_turn(objects.sizes, letters),
+        color=_in_turn(_colors(result), np.tile(np.array(_WHITE), (n, 1))),
+        text=[text for label in object_labels(result, class_names) for text in ("", label)],
     )
+    return Columns("visualization_msgs/msg/MarkerArray", markers=Lists(delete, 1, Lists(markers, 2 * n)))
+
+
+def _in_turn(first: F64, second: F64) -> F64:
+    """(2 N, K) rows of (N, K) and of (N, K) in turn."""
+    return np.stack([first, second], 1).reshape(-1, first.shape[1])

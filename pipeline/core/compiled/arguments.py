@@ -26,8 +26,9 @@ def checked(call: Callable[..., Any], arguments: Sequence[Argument], name: str) 
         arguments: What it takes.
         name: Its name, for errors.
     """
+    count = len(arguments)
     wanted: list[tuple[Any, ...]] = [
-        (np.ndarray, np.dtype(argument.dtype), argument.ndim, argument.flags)
+        (None, np.dtype(argument.dtype), argument.ndim, argument.flags)
         if argument.kind == "array"
         else (_SCALARS[argument.kind], None, 0, 0)
         for argument in arguments
@@ -35,12 +36,19 @@ def checked(call: Callable[..., Any], arguments: Sequence[Argument], name: str) 
 
     def calling(*values: Any) -> Any:
         for value, (kinds, dtype, ndim, flags) in zip(values, wanted, strict=False):
-            if not isinstance(value, kinds) or (
-                dtype is not None and (value.dtype != dtype or value.ndim != ndim or value.flags.num & flags != flags)
+            if kinds is not None:
+                if not isinstance(value, kinds):
+                    break
+            elif (
+                not isinstance(value, np.ndarray)
+                or value.ndim != ndim
+                or value.flags.num & flags != flags
+                # Of equal types there is mostly one object, and to compare two takes longer than all the rest.
+                or (value.dtype is not dtype and value.dtype != dtype)
             ):
                 break
         else:
-            if len(values) == len(wanted):
+            if len(values) == count:
                 return call(*values)
         raise TypeError(
             f"{name}: expected ({', '.join(map(_expected, arguments))}), got ({', '.join(map(_got, values))})"

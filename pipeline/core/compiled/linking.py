@@ -153,15 +153,15 @@ def _provide(symbol: str) -> None:
     llvm.add_symbol(symbol, address)
 
 
-_unpickled: dict[tuple[int, bytes], Any] = {}
+_unpickled: dict[int, Any] = {}
+"""By address: machine code stays where it is, and with it the bytes in it."""
 
 
-def _unpickle(data: int, size: int, digest: int) -> Any:
+def _unpickle(data: int, size: int, _: int) -> Any:
     """An object that machine code contains: a type, or an error to raise."""
-    key = data, ctypes.string_at(digest, 20)
-    if key not in _unpickled:
-        _unpickled[key] = pickle.loads(ctypes.string_at(data, size))  # noqa: S301  # part of the code that is running
-    return _unpickled[key]
+    if data not in _unpickled:
+        _unpickled[data] = pickle.loads(ctypes.string_at(data, size))  # noqa: S301  # part of the code that is running
+    return _unpickled[data]
 
 
 _UNPICKLE = ctypes.PYFUNCTYPE(ctypes.py_object, ctypes.c_void_p, ctypes.c_int, ctypes.c_void_p)(_unpickle)

@@ -51,8 +51,11 @@ def box_corners(centers: F64, sizes: F64, yaws: F64) -> F64:
     """
     local = UNIT_CORNERS / 2 * sizes[:, None]
     cos, sin = np.cos(yaws)[:, None], np.sin(yaws)[:, None]
-    x, y, z = np.moveaxis(local, -1, 0)
-    return np.stack([x * cos - y * sin, x * sin + y * cos, z], -1) + centers[:, None]
+    corners = np.empty(local.shape)
+    corners[..., 0] = local[..., 0] * cos - local[..., 1] * sin
+    corners[..., 1] = local[..., 0] * sin + local[..., 1] * cos
+    corners[..., 2] = local[..., 2]
+    return corners + centers[:, None]
 
 
 def iou_xyxy(first: Array, second: Array) -> F64:

@@ -1,4 +1,4 @@
-"""The lens models, compiled: points, their derivatives, and the outermost points of objects in images.
+"""The lens models, compiled: points, their derivatives, rays, and the outermost points of objects in images.
 
 The formulas are those of `core.camera`. For a point at (x, y) = (X / Z, Y / Z) with r2 = x x + y y, a lens of
 `rational_polynomial` (of which `plumb_bob` and lenses without distortion are cases) shows it at
@@ -16,10 +16,13 @@ import numpy as np
 from pipeline.core.arrays import F64, Bools, Indices
 from pipeline.core.compiled import compiled, inlined
 
-__all__ = ["outermost_points", "pixels_of_points", "slopes_of_points"]
+__all__ = ["outermost_points", "pixels_of_points", "rays_of_pixels", "rectangles_of_cut_boxes", "slopes_of_points"]
 
 _NEAR_M = 0.005
 """Half of `core.camera.NEAR_M`: what is not so far ahead has no place in the image."""
+
+_CUT_M = 0.01
+"""`core.camera.NEAR_M`: what is nearer is cut away."""
 
 _ON_AXIS = 1e-4
 """Below this radius the quotients of the equidistant model lose their digits: the series about the axis stands in."""
@@ -185,6 +188,118 @@ def slopes_of_points(points: F64, K: F64, coefficients: F64, equidistant: Bools,
             for k in range(3):
                 slopes[p, s, 0, k], slopes[p, s, 1, k] = found[k], found[3 + k]
     return slopes
+
+
+@compiled(f"Tuple((float64[:, :, ::1], boolean[:, ::1]))({_BLOCK}, {_LENSES}, int64, float64)")
+def rays_of_pixels(
+    pixels: F64, K: F64, coefficients: F64, equidistant: Bools, limits: F64, max_steps: int, near_px: float
+) -> tuple[F64, Bools]:
+    """Rays that are projected to given pixels, by Newton's method from the ray of a lens without distortion.
+
+    Args:
+        pixels: (P, S, 2) of each camera.
+        K: (P, 3, 3), and so on: the fields of `Lenses`.
+        coefficients: (P, 8).
+        equidistant: (P,).
+        limits: (P,).
+        max_steps: So many rays are tried for a pixel.
+        near_px: A ray is found when it is projected this near to its pixel, across and down.
+
+    Returns:
+        (P, S, 3) directions in the optical frames, of depth 1; and (P, S) whether there is such a ray. Where there is
+        none, the direction is the optical axis.
+    """
+    rays, found = np.zeros((*pixels.shape[:2], 3)), np.zeros(pixels.shape[:2], np.bool_)
+    for p in range(pixels.shape[0]):
+        lens = _lens(K[p], coefficients[p], equidistant[p])
+        fx, fy, cx, cy, skew = lens[:5]
+        for s in range(pixels.shape[1]):
+            y = (pixels[p, s, 1] - 0.5 - cy) / fy
+            x = (pixels[p, s, 0] - 0.5 - cx - skew * y) / fx
+            for _ in range(max_steps):
+                u, v, valid = _pixel(x, y, 1.0, lens, equidistant[p], limits[p])
+                right, down = pixels[p, s, 0] - u, pixels[p, s, 1] - v
+                found[p, s] = valid and abs(right) <= near_px and abs(down) <= near_px
+                if found[p, s] or not valid:
+                    break
+                a, b, _, c, d, _ = _slopes(x, y, 1.0, lens, equidistant[p], limits[p])
+                determinant = a * d - b * c
+                whole = np.inf if determinant == 0 else determinant
+                x += (d * right - b * down) / whole
+                y += (a * down - c * right) / whole
+            rays[p, s, 2] = 1.0
+            if found[p, s]:
+                rays[p, s, 0], rays[p, s, 1] = x, y
+    return rays, found
+
+
+@inlined
+def _cut(start: F64, end: F64) -> Axis:
+    """Where a line begins, seen from its start: there, or where it comes out of what is cut away."""
+    if start[2] >= _CUT_M:
+        return start[0], start[1], start[2]
+    rise = 1.0 if start[2] == end[2] else end[2] - start[2]
+    way = min(max((_CUT_M - start[2]) / rise, 0.0), 1.0)
+    return (
+        start[0] + way * (end[0] - start[0]),
+        start[1] + way * (end[1] - start[1]),
+        start[2] + way * (end[2] - start[2]),
+    )
+
+
+@compiled(f"float64[:, ::1]({_BLOCK}, Array(int64, 2, 'C', True), {_LIST}, {_TABLE}, {_LENSES})")
+def rectangles_of_cut_boxes(
+    corners: F64,
+    edges: Indices,
+    shares: F64,
+    image_sizes: F64,
+    K: F64,
+    coefficients: F64,
+    equidistant: Bools,
+    limits: F64,
+) -> F64:
+    """(P, 4) rectangles around boxes as `CameraModel.project_boxes`; NaN where nothing of a box is in the image.
+
+    Args:
+        corners: (P, 8, 3) metres in the optical frames.
+        edges: (12, 2) corners at both ends of each edge.
+        shares: (S,) places along an edge, from 0 to 1, where a bent lens may show its outermost point.
+        image_sizes: (P, 2).
+        K: (P, 3, 3), and so on: the fields of `Lenses`.
+        coefficients: (P, 8).
+        equidistant: (P,).
+        limits: (P,).
+    """
+    found = np.full((len(corners), 4), np.nan)
+    for p in range(len(corners)):
+        lens = _lens(K[p], coefficients[p], equidistant[p])
+        low_u, low_v, high_u, high_v, is_whole = np.inf, np.inf, -np.inf, -np.inf, True
+        for k in range(8):
+            is_whole = is_whole and corners[p, k, 2] >= _CUT_M
+        if is_whole and not equidistant[p] and not coefficients[p].any():  # then the corners are outermost
+            for k in range(8):
+                x, y, z = corners[p, k, 0], corners[p, k, 1], corners[p, k, 2]
+                u, v, _ = _pixel(x, y, z, lens, False, limits[p])
+                low_u, low_v, high_u, high_v = min(low_u, u), min(low_v, v), max(high_u, u), max(high_v, v)
+        else:
+            for e in range(len(edges)):
+                first, last = corners[p, edges[e, 0]], corners[p, edges[e, 1]]
+                if max(first[2], last[2]) < _CUT_M:
+                    continue
+                start, end = _cut(first, last), _cut(last, first)
+                for share in shares:
+                    x = start[0] * (1 - share) + end[0] * share
+                    y = start[1] * (1 - share) + end[1] * share
+                    z = start[2] * (1 - share) + end[2] * share
+                    u, v, is_valid = _pixel(x, y, z, lens, equidistant[p], limits[p])
+                    if is_valid:
+                        low_u, low_v, high_u, high_v = min(low_u, u), min(low_v, v), max(high_u, u), max(high_v, v)
+        width, height = image_sizes[p, 0], image_sizes[p, 1]
+        left, right = min(max(low_u, 0.0), width), min(max(high_u, 0.0), width)
+        top, bottom = min(max(low_v, 0.0), height), min(max(high_v, 0.0), height)
+        if right > left and bottom > top:
+            found[p, 0], found[p, 1], found[p, 2], found[p, 3] = left, top, right, bottom
+    return found
 
 
 @compiled(

@@ -13,12 +13,12 @@ import numpy as np
 from rosbags.interfaces import Nodetype
 from rosbags.typesys.store import Typestore
 
-__all__ = ["CdrEncoder"]
+__all__ = ["ALIGNMENT", "CODES", "HEAD", "CdrEncoder"]
 
 Step = Callable[[bytearray, Any], None]
 
-_HEAD = b"\0\1\0\0"
-_CODES = {
+HEAD = b"\0\1\0\0"
+CODES = {
     "bool": "?",
     "byte": "b",
     "octet": "B",
@@ -60,7 +60,7 @@ class CdrEncoder:
             struct.error: a number does not fit its field.
             ValueError: an array does not.
         """
-        out = bytearray(_HEAD)
+        out = bytearray(HEAD)
         self._of(message.__msgtype__)(out, message)
         return memoryview(out).toreadonly()
 
@@ -70,8 +70,8 @@ class CdrEncoder:
             steps: list[Step] = []
             run: list[tuple[str, str]] = []  # numbers that follow each other: code and name
             for name, kind in self._flat(msgtype):
-                if kind[0] == Nodetype.BASE and kind[1][0] in _CODES:
-                    run.append((_CODES[kind[1][0]], name))
+                if kind[0] == Nodetype.BASE and kind[1][0] in CODES:
+                    run.append((CODES[kind[1][0]], name))
                     continue
                 if run:
                     steps.append(_numbers(run))
@@ -96,20 +96,20 @@ class CdrEncoder:
             return lambda out, message: _append_text(out, get(message))
         (of, what), length = kind[1][0], kind[1][1] if kind[0] == Nodetype.ARRAY else None
         if of == Nodetype.BASE:
-            if what[0] in _CODES:
-                return _array(get, _CODES[what[0]], length)
+            if what[0] in CODES:
+                return _array(get, CODES[what[0]], length)
             return _each(get, _append_text, length)
         each = _each(get, self._of(what), length)
         inner = [field[1][0] if field[0] == Nodetype.BASE else "" for _, field in self._flat(what)]
-        is_uniform = len(set(inner)) == 1 and inner[0] in _CODES
-        return _rows(get, _CODES[inner[0]], len(inner), each) if is_uniform and length is None else each
+        is_uniform = len(set(inner)) == 1 and inner[0] in CODES
+        return _rows(get, CODES[inner[0]], len(inner), each) if is_uniform and length is None else each
 
 
 def _packers(codes: Sequence[str]) -> tuple[Callable[..., bytes], ...]:
     """For each place modulo `ALIGNMENT` where `out` may end, what packs numbers behind it."""
     found = []
     for place in range(ALIGNMENT):
-        end, layout = place - len(_HEAD), "<"
+        end, layout = place - len(HEAD), "<"
         for code in codes:
             size = struct.calcsize(f"<{code}")
             layout += "x" * (-end % size) + code
@@ -204,5 +204,5 @@ def _rows(get: Callable[[Any], Any], code: str, width: int, each: Step) -> Step:
 def _append_numbers(out: bytearray, values: Any, code: str) -> None:
     kind = np.dtype(f"<{code}")
     if len(values):
-        out += bytes(-(len(out) - len(_HEAD)) % kind.itemsize)
+        out += bytes(-(len(out) - len(HEAD)) % kind.itemsize)
         out += np.asarray(values, kind).tobytes()

@@ -71,7 +71,7 @@ class LazyTypestore(Typestore):
         """How messages of the type are read and written."""
         if typename not in self.cache:
             fields = [(normalize_fieldname(name), kind) for name, kind in self.fielddefs[typename][1]]
-            self.cache[typename] = _LazyMsgdef(typename, fields, self.types[typename], self)
+            self.cache[typename] = _LazyMsgdef(typename, fields, self)
         return self.cache[typename]
 
 
@@ -113,11 +113,16 @@ def _same(plain: Any = None, **_: Any) -> Any:
 class _LazyMsgdef(Msgdef[object]):
     """A definition whose parts are made at their first use."""
 
-    def __init__(self, name: str, fields: Fielddefs, cls: type[object], store: LazyTypestore) -> None:
-        self.__dict__.update(name=name, fields=fields, cls=cls, _store=store)
+    def __init__(self, name: str, fields: Fielddefs, store: LazyTypestore) -> None:
+        self.__dict__.update(name=name, fields=fields, _store=store)
 
     def __getattr__(self, part: str) -> Any:
-        if part not in _MAKERS:
+        store = self.__dict__["_store"]
+        if part == "cls":
+            found = store.types[self.name]
+        elif part in _MAKERS:
+            found = _MAKERS[part](self.fields, store)
+        else:
             raise AttributeError(part)
-        found = self.__dict__[part] = _MAKERS[part](self.fields, self.__dict__["_store"])
+        self.__dict__[part] = found
         return found

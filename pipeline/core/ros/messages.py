@@ -11,6 +11,7 @@ from rosbags.typesys.store import Typestore
 from pipeline.core.arrays import F64, U8, Array
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.ros.cdr import CdrEncoder
+from pipeline.core.ros.columns import Columns, ColumnsEncoder
 from pipeline.core.ros.typestores import RosVersion, message_types
 
 __all__ = ["POINT_FIELD_DATATYPES", "ROS2", "RosMessages"]
@@ -43,15 +44,29 @@ class RosMessages:
     def _cdr(self) -> CdrEncoder:
         return CdrEncoder(self._types)
 
+    @cached_property
+    def _columns(self) -> ColumnsEncoder:
+        return ColumnsEncoder(self._types)
+
     def new(self, msgtype: str, *values: Any, **fields: Any) -> Any:
         """A message of any type, from its fields in order or by name."""
         return self._types.types[msgtype](*values, **fields)
 
     def serialize(self, message: Any) -> memoryview:
-        """The bytes of a message: ROS 1, or little-endian CDR, where arrays (N, 3) may stand for points."""
+        """The bytes of a message: ROS 1, or little-endian CDR, where arrays (N, 3) may stand for points.
+
+        With CDR it may be `Columns` of one row.
+        """
+        if isinstance(message, Columns):
+            (data,) = self.serialize_all(message)
+            return data
         if self.ros_version == 1:
             return self._types.serialize_ros1(message, message.__msgtype__)
         return self._cdr.encode(message)
+
+    def serialize_all(self, messages: Columns) -> list[memoryview]:
+        """The bytes of each message, as little-endian CDR."""
+        return self._columns.encode(messages)
 
     def serialize_large(self, message: Any) -> tuple[bytes | memoryview, ...]:
         """The bytes of an image or a cloud in parts that follow each other, of which `data` is not copied.

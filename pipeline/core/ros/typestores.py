@@ -3,18 +3,20 @@
 A file of `definitions/` holds the types of one package: each begins with a line of 80 `=` and `MSG: package/msg/Type`.
 """
 
+from collections.abc import Mapping
 from functools import cache, partial
 from importlib.resources import files
-from typing import Any, Literal
+from typing import Literal
 
 from rosbags.interfaces.typing import Typesdict
-from rosbags.typesys import Stores, get_types_from_msg
+from rosbags.typesys import Stores
 from rosbags.typesys.store import Typestore
 
 from pipeline.core.ros.lazy_typestore import lazy_typestore
 from pipeline.core.ros.made_later import MadeLater
+from pipeline.core.ros.plain_definition import parse_definition
 
-__all__ = ["RosVersion", "extra_types", "message_types"]
+__all__ = ["RosVersion", "definition_texts", "extra_types", "message_types"]
 
 RosVersion = Literal[1, 2]
 
@@ -22,19 +24,22 @@ _SEPARATOR = "=" * 80 + "\nMSG: "
 
 
 @cache
-def extra_types(ros_version: RosVersion) -> Typesdict:
-    """The types of `definitions/`, by name; each is parsed when it is asked for."""
+def definition_texts(ros_version: RosVersion) -> Mapping[str, str]:
+    """The types of `definitions/`, by name."""
     blocks: dict[str, str] = {}
     for folder in ("both", f"ros{ros_version}"):
         packages = files("pipeline.core.ros").joinpath("definitions", folder).iterdir()
         for file in sorted(packages, key=lambda file: file.name):
             for block in file.read_text(encoding="utf-8").split(_SEPARATOR)[1:]:
                 name, _, blocks[name] = block.partition("\n")
-    return MadeLater({}, {name: partial(_parsed, name, definition) for name, definition in blocks.items()})
+    return blocks
 
 
-def _parsed(name: str, definition: str) -> Any:
-    return get_types_from_msg(definition, name)[name]
+@cache
+def extra_types(ros_version: RosVersion) -> Typesdict:
+    """The types of `definitions/`, by name; each is parsed when it is asked for."""
+    texts = definition_texts(ros_version)
+    return MadeLater({}, {name: partial(parse_definition, name, text) for name, text in texts.items()})
 
 
 @cache

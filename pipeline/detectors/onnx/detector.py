@@ -139,8 +139,9 @@ class OnnxDetector2D:
         return height_px, width_px
 
     def _detect(self, images: Sequence[U8], size_px: Size) -> list[Candidates2D]:
-        batch = self._preprocessing.blank(self._inputs.batch or len(images), *size_px)
+        batch = np.empty((self._inputs.batch or len(images), 3, *size_px), np.float32)
         places = [self._preprocessing.put(image, into) for image, into in zip(images, batch, strict=False)]
+        batch[len(images) :] = self._preprocessing.grey
         outputs = self._run(self._session, batch)
         try:
             with np.errstate(all="ignore"):

@@ -49,14 +49,12 @@ class Preprocessing:
 
     def blank(self, count: int, height_px: int, width_px: int) -> F32:
         """Input (N, 3, H, W) without images."""
-        grey = np.empty((3, 1, 1), np.float32)
-        self._write([np.full((1, 1), PADDING, np.uint8)] * 3, grey)
         batch = np.empty((count, 3, height_px, width_px), np.float32)
-        batch[:] = grey
+        batch[:] = self.grey
         return batch
 
     def put(self, image: U8, into: F32) -> Place:
-        """Scale an image (H, W, 3), red first, into a blank input (3, H, W).
+        """Scale an image (H, W, 3), red first, into an input (3, H, W), all of which is written.
 
         The scaled size is cut to whole pixels at the top left, as in YOLOX, and rounded in the centre, as in YOLOv5;
         the scales are those of the whole pixels.
@@ -76,7 +74,17 @@ class Preprocessing:
         small = cv2.resize(image, (int(size[0]), int(size[1])), interpolation=cv2.INTER_LINEAR)
         (left, top), (right, bottom) = offset, offset + size
         self._write(cv2.split(small), into[:, top:bottom, left:right])
+        grey = self.grey
+        for margin in (into[:, :top], into[:, bottom:], into[:, top:bottom, :left], into[:, top:bottom, right:]):
+            margin[:] = grey
         return Place((size / [width, height]).astype(np.float32), offset.astype(np.float32))
+
+    @property
+    def grey(self) -> F32:
+        """(3, 1, 1), what stands where no image is."""
+        grey = np.empty((3, 1, 1), np.float32)
+        self._write([np.full((1, 1), PADDING, np.uint8)] * 3, grey)
+        return grey
 
     def _write(self, planes: Sequence[Array], into: F32) -> None:
         """Writes red, green and blue (H, W) to (3, H, W) as the network takes them."""

@@ -7,7 +7,7 @@ from pipeline.core.compiled import compiled
 
 __all__ = ["points_within", "seen_by_cameras"]
 
-RUN = 64
+RUN = 16
 """So many points that follow each other are looked at together: neighbours in a scan are neighbours in space."""
 
 ROWS = "Array(float64, 2, 'C', readonly=True)"
@@ -22,9 +22,10 @@ def _bounds(xyz: F32) -> F32:
         x, y, z = xyz[first, 0], xyz[first, 1], xyz[first, 2]
         top_x, top_y, top_z = x, y, z
         for i in range(first + 1, min(first + RUN, len(xyz))):
-            x, top_x = min(x, xyz[i, 0]), max(top_x, xyz[i, 0])
-            y, top_y = min(y, xyz[i, 1]), max(top_y, xyz[i, 1])
-            z, top_z = min(z, xyz[i, 2]), max(top_z, xyz[i, 2])
+            own_x, own_y, own_z = xyz[i, 0], xyz[i, 1], xyz[i, 2]
+            x, top_x = own_x if own_x < x else x, own_x if own_x > top_x else top_x
+            y, top_y = own_y if own_y < y else y, own_y if own_y > top_y else top_y
+            z, top_z = own_z if own_z < z else z, own_z if own_z > top_z else top_z
         bounds[run, 0], bounds[run, 1], bounds[run, 2] = x, y, z
         bounds[run, 3], bounds[run, 4], bounds[run, 5] = top_x, top_y, top_z
     return bounds
@@ -42,24 +43,29 @@ def points_within(xyz: F32, planes: F32) -> tuple[int, I64, I64]:
         The number of pairs, and room for them: the rows of the points, rising in each frustum, and the frustums.
     """
     rows, frustum = np.empty(1024, np.int64), np.empty(1024, np.int64)
-    found, bounds = 0, _bounds(xyz)
+    found, bounds, through = 0, _bounds(xyz), np.empty(planes.shape[1], np.int64)
     for f in range(len(planes)):
         for run in range(len(bounds)):
-            # The corner of the run's bounds that is furthest on the positive side: rounding is monotone.
-            is_outside = False
+            # The corner of the run's bounds that is furthest on the positive side, and the one furthest on the other:
+            # rounding is monotone.
+            is_outside, count = False, 0
             for k in range(planes.shape[1]):
                 a, b, c, d = planes[f, k, 0], planes[f, k, 1], planes[f, k, 2], planes[f, k, 3]
-                x = bounds[run, 3] if a > 0 else bounds[run, 0]
-                y = bounds[run, 4] if b > 0 else bounds[run, 1]
-                z = bounds[run, 5] if c > 0 else bounds[run, 2]
+                x, other_x = (bounds[run, 3], bounds[run, 0]) if a > 0 else (bounds[run, 0], bounds[run, 3])
+                y, other_y = (bounds[run, 4], bounds[run, 1]) if b > 0 else (bounds[run, 1], bounds[run, 4])
+                z, other_z = (bounds[run, 5], bounds[run, 2]) if c > 0 else (bounds[run, 2], bounds[run, 5])
                 if not a * x + b * y + c * z + d > 0:
                     is_outside = True
                     break
+                if not a * other_x + b * other_y + c * other_z + d > 0:
+                    through[count] = k
+                    count += 1
             if is_outside:
                 continue
             for i in range(run * RUN, min(run * RUN + RUN, len(xyz))):
                 is_within = True
-                for k in range(planes.shape[1]):
+                for j in range(count):
+                    k = through[j]
                     a, b, c, d = planes[f, k, 0], planes[f, k, 1], planes[f, k, 2], planes[f, k, 3]
                     if not a * xyz[i, 0] + b * xyz[i, 1] + c * xyz[i, 2] + d > 0:
                         is_within = False

@@ -6,6 +6,7 @@ from pipeline.core.arrays import F32, F64, I64, Bools
 from pipeline.core.detections import Boxes3D
 from pipeline.fusion.begun.beginning import Begun
 from pipeline.fusion.begun.frustums import FrustumPoints
+from pipeline.fusion.begun.parting_kernels import boxes_that_hold, nearest_of_team
 from pipeline.fusion.cameras.sightings import Sightings
 
 __all__ = ["choose_parts", "find_hosts", "find_merged", "has_room", "share_points"]
@@ -32,23 +33,9 @@ def find_hosts(xyz: F32, begun: Begun, boxes: Boxes3D) -> I64:
         begun: G objects.
         boxes: In which they may be.
     """
-    hosts = np.full(len(begun.sighting), -1, np.int64)
-    half = boxes.sizes * (0.5 + MARGIN_SHARE)
-    reach_m = np.hypot(half[:, 0], half[:, 1])
-    cos, sin = np.cos(boxes.yaws), np.sin(boxes.yaws)
-    for row, rows in enumerate(np.split(begun.rows, begun.starts[1:])[: len(hosts)]):
-        points = xyz[rows].astype(np.float64)
-        middle = points.mean(0)
-        spread = np.sqrt(((points - middle)[:, :2] ** 2).sum(1).max())
-        gap = boxes.centers[:, :2] - middle[:2]
-        near = np.flatnonzero(np.hypot(gap[:, 0], gap[:, 1]) <= reach_m + spread)
-        x, y, z = np.moveaxis(points[:, None] - boxes.centers[near], -1, 0)
-        forward, left = x * cos[near] + y * sin[near], y * cos[near] - x * sin[near]
-        inside = (np.abs(forward) <= half[near, 0]) & (np.abs(left) <= half[near, 1]) & (np.abs(z) <= half[near, 2])
-        held = inside.mean(0)
-        if len(near) and held.max() > HOST_SHARE:
-            hosts[row] = near[held.argmax()]
-    return hosts
+    half, ends = boxes.sizes * (0.5 + MARGIN_SHARE), np.append(begun.starts[1:], len(begun.rows))[: len(begun.sighting)]
+    xyz, cosines, sines = np.ascontiguousarray(xyz), np.cos(boxes.yaws), np.sin(boxes.yaws)
+    return boxes_that_hold(xyz, begun.rows, ends, boxes.centers, half, cosines, sines, HOST_SHARE)
 
 
 def find_merged(sightings: Sightings, partner: I64, seen: I64, hosts: I64) -> I64:
@@ -73,12 +60,7 @@ def share_points(found: FrustumPoints, team: I64) -> I64:
         found: P points in F frustums.
         team: (F,) frustums of one number look into one cluster by one camera.
     """
-    aside = np.abs(found.share_x - 0.5)
-    order = np.lexsort((found.group, aside, found.rows, team[found.group]))
-    key = np.stack([team[found.group][order], found.rows[order]])
-    first = np.ones(len(order), np.bool_)
-    first[1:] = (key[:, 1:] != key[:, :-1]).any(0)
-    return np.sort(order[first])
+    return nearest_of_team(found.rows, found.group, np.abs(found.share_x - 0.5), team)
 
 
 def has_room(host_ground_m2: F64, hosts: I64, needed_m2: F64) -> Bools:

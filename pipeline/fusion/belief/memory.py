@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I32, Bools, Indices, select_rows
+from pipeline.core.arrays import F64, I32, Bools, Indices, join_rows, select_rows
 from pipeline.core.detections import Boxes3D
 from pipeline.core.settings.classes import ClassPrior
 from pipeline.fusion.assignment import assign
@@ -78,8 +78,9 @@ class Memory:
 
     def recalled(self, boxes: Boxes3D, is_asked: Bools) -> F64:
         """(N,) log likelihood ratios that are remembered of N boxes; 0 for those that are not asked for."""
-        evidence = np.zeros(len(boxes))
-        asked = np.flatnonzero(is_asked)
+        evidence, asked = np.zeros(len(boxes)), np.flatnonzero(is_asked)
+        if not len(asked):
+            return evidence
         rows, said = self._same(boxes.select(asked))
         faded = self._said.evidence * 0.5 ** (self._said.age_s / HALF_LIFE_S)
         evidence[asked[rows]] = faded[said]
@@ -94,17 +95,13 @@ class Memory:
             evidence: (N,) log likelihood ratio of what they say.
             all_look: Whether no camera is silent: then nothing older is kept.
         """
-        seen = boxes.select(is_seen)
-        keep = np.full(len(self._said.age_s), not all_look)
-        keep[self._same(seen)[1]] = False
-        old = select_rows(self._said, keep)
-        self._said = _Said(
-            np.concatenate([np.zeros(len(seen)), old.age_s]),
-            np.concatenate([seen.centers, old.centers]),
-            np.concatenate([seen.sizes, old.sizes]),
-            np.concatenate([seen.class_ids, old.class_ids]),
-            np.concatenate([evidence[is_seen], old.evidence]),
-        )
+        seen = np.flatnonzero(is_seen)
+        new = _Said(np.zeros(len(seen)), boxes.centers[seen], boxes.sizes[seen], boxes.class_ids[seen], evidence[seen])
+        if not all_look:
+            keep = np.ones(len(self._said.age_s), np.bool_)
+            keep[self._same(boxes.select(seen))[1]] = False
+            new = join_rows(new, select_rows(self._said, keep))
+        self._said = new
 
     def _same(self, boxes: Boxes3D) -> tuple[Indices, Indices]:
         """Rows of boxes and of what was said that are one object, each at most once: the nearest of the same class."""

@@ -6,20 +6,24 @@ The places of an object are combined for each heading by itself, as independent 
 adds up, and how well they agree says how likely the heading is.
 """
 
+import itertools
 from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64, Rows, join_rows
+from pipeline.core.arrays import F64, I64, Indices
 from pipeline.core.geometry.boxes import wrap_angle
-from pipeline.fusion.assignment import assign
+from pipeline.fusion.assignment_kernels import columns_of_classes
+from pipeline.fusion.cameras.merging_kernels import combine, mixture_means, near_worth
 from pipeline.fusion.cameras.placing import HEADINGS, Placements
-from pipeline.fusion.small_matrices import inverse
 
 __all__ = ["Moments", "merge_sightings", "moments"]
 
 GATE = 13.8
 """Largest squared Mahalanobis distance of two sightings of one object: 0.1 % of normal errors in a plane are larger."""
+
+DIRECTIONS = np.stack([np.cos(2 * HEADINGS), np.sin(2 * HEADINGS)])
+"""Of twice the headings."""
 
 MAX_YAW_VARIANCE = np.pi**2 / 12
 """Of an axis of which nothing is known, rad^2."""
@@ -38,22 +42,13 @@ class Moments(NamedTuple):
     yaw_rad: F64
     covariances: F64
 
-    def select(self, rows: Rows) -> "Moments":
-        """The given rows (mask or indices), in that order."""
-        return Moments(*(column[rows] for column in self))
-
 
 def moments(placements: Placements) -> Moments:
     """The normal distributions nearest to these mixtures over the headings."""
-    weights = np.exp(placements.log_weights - placements.log_weights.max(1, keepdims=True))
-    weights /= weights.sum(1, keepdims=True)
-    xy = (weights[..., None] * placements.xy).sum(1)
-    gap = placements.xy - xy[:, None]
-    spread = placements.covariances + gap[..., :, None] * gap[..., None, :]
+    xy, spread, cos, sin = _means(placements)
     covariances = np.zeros((len(xy), 3, 3))
-    covariances[:, :2, :2] = (weights[..., None, None] * spread).sum(1)
+    covariances[:, :2, :2] = spread
     # An axis has no front: the mean is taken of twice its angle.
-    cos, sin = (weights * np.cos(2 * HEADINGS)).sum(1), (weights * np.sin(2 * HEADINGS)).sum(1)
     length = np.clip(np.hypot(cos, sin), 1e-9, 1.0)
     covariances[:, 2, 2] = np.minimum(-np.log(length) / 2, MAX_YAW_VARIANCE) + (HEADINGS[1] ** 2) / 12
     return Moments(xy, wrap_angle(np.arctan2(sin, cos)) / 2, covariances)
@@ -70,60 +65,73 @@ def merge_sightings(placements: Placements, cameras: I64, class_ids: I64) -> tup
     Returns:
         (P,) the object of each sighting, numbered in order of their first one; and the places of the objects.
     """
-    objects = np.zeros(len(cameras), np.int64)
-    known, known_class = placements.select(np.zeros(0, np.int64)), np.zeros(0, np.int64)
-    alone = moments(placements)
-    for camera in np.unique(cameras):
-        rows = np.flatnonzero(cameras == camera)
-        new = placements.select(rows)
-        mine, theirs = _assign(known, known_class, alone.select(rows), class_ids[rows])
+    count, objects = len(cameras), np.zeros(len(cameras), np.int64)
+    known = _Known(count)
+    xy, covariances, _, _ = _means(placements)
+    starts = np.flatnonzero(np.diff(cameras, prepend=-1))
+    for start, end in itertools.pairwise([*starts.tolist(), count]):
+        of_camera = slice(start, end)
+        worth = near_worth(
+            known.mean_xy[: known.count], known.spread[: known.count], xy[of_camera], covariances[of_camera], GATE
+        )
+        column_of = columns_of_classes(worth, known.class_ids[: known.count], class_ids[of_camera])
+        mine = np.flatnonzero(column_of >= 0)
+        theirs = column_of[mine]
+        is_new = np.ones(end - start, np.bool_)
+        is_new[theirs] = False
+        objects[start + theirs] = mine
+        fresh = start + np.flatnonzero(is_new)
+        objects[fresh] = known.count + np.arange(len(fresh))
         if len(mine):
-            known = _combined(known, mine, new.select(theirs))
-        fresh = np.delete(np.arange(len(rows)), theirs)
-        objects[rows[theirs]] = mine
-        objects[rows[fresh]] = len(known_class) + np.arange(len(fresh))
-        known = join_rows(known, new.select(fresh))
-        known_class = np.concatenate([known_class, class_ids[rows[fresh]]])
-    return objects, known
+            known.combine(placements, mine, start + theirs)
+        known.append(placements, class_ids, xy, covariances, fresh)
+    return objects, known.placements()
 
 
-def _assign(known: Placements, known_class: I64, new: Moments, new_class: I64) -> tuple[I64, I64]:
-    """Rows of known objects and the rows of new sightings of them, which are of one class."""
-    mine, theirs = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
-    common = np.intersect1d(known_class, new_class)
-    if not len(common):
-        return mine[0], theirs[0]
-    worth = np.maximum(GATE - _squared_distances(moments(known), new), 0.0)
-    for class_id in common:
-        rows, columns = np.flatnonzero(known_class == class_id), np.flatnonzero(new_class == class_id)
-        near = worth[rows[:, None], columns]
-        a, b = assign(-near)
-        taken = near[a, b] > 0
-        mine.append(rows[a[taken]])
-        theirs.append(columns[b[taken]])
-    return np.concatenate(mine), np.concatenate(theirs)
+class _Known:
+    """The objects of the cameras so far, with room for as many as there are sightings.
+
+    Attributes:
+        count: Their number N; what stands behind the first N rows means nothing.
+        xy: (P, H, 2) as `Placements.xy`.
+        covariances: (P, H, 2, 2) as `Placements.covariances`.
+        log_weights: (P, H) as `Placements.log_weights`.
+        class_ids: (P,) int64.
+        mean_xy: (P, 2) mean over all headings.
+        spread: (P, 2, 2) its covariance.
+    """
+
+    def __init__(self, room: int) -> None:
+        self.count, headings = 0, len(HEADINGS)
+        self.xy, self.covariances = np.empty((room, headings, 2)), np.empty((room, headings, 2, 2))
+        self.log_weights, self.class_ids = np.empty((room, headings)), np.empty(room, np.int64)
+        self.mean_xy, self.spread = np.empty((room, 2)), np.empty((room, 2, 2))
+
+    def append(self, placements: Placements, class_ids: I64, mean_xy: F64, spread: F64, rows: Indices) -> None:
+        """Rows of sightings of which none is known yet, with their moments."""
+        new = slice(self.count, self.count + len(rows))
+        self.xy[new], self.covariances[new] = placements.xy[rows], placements.covariances[rows]
+        self.log_weights[new], self.class_ids[new] = placements.log_weights[rows], class_ids[rows]
+        self.mean_xy[new], self.spread[new] = mean_xy[rows], spread[rows]
+        self.count = new.stop
+
+    def combine(self, placements: Placements, rows: Indices, new_rows: Indices) -> None:
+        """Known objects with further sightings of them."""
+        squares, determinants = combine(
+            self.xy, self.covariances, placements.xy, placements.covariances, rows, new_rows
+        )
+        self.log_weights[rows] += placements.log_weights[new_rows] - (squares + np.log(determinants)) / 2
+        changed = Placements(self.xy[rows], self.covariances[rows], self.log_weights[rows])
+        self.mean_xy[rows], self.spread[rows], _, _ = _means(changed)
+
+    def placements(self) -> Placements:
+        """Of all of them."""
+        count = self.count
+        return Placements(self.xy[:count], self.covariances[:count], self.log_weights[:count])
 
 
-def _squared_distances(first: Moments, second: Moments) -> F64:
-    """(R, C) squared Mahalanobis distances of places, each as uncertain as both together."""
-    x, y = (second.xy[:, axis] - first.xy[:, axis, None] for axis in range(2))
-    a, b, c = (first.covariances[:, None, i, j] + second.covariances[:, i, j] for i, j in ((0, 0), (0, 1), (1, 1)))
-    return np.asarray((c * x * x - 2 * b * x * y + a * y * y) / (a * c - b * b))
-
-
-def _combined(known: Placements, rows: I64, new: Placements) -> Placements:
-    """The known places, those of `rows` combined with the new ones."""
-    p, q = known.covariances[rows], new.covariances
-    total = p + q
-    gap = new.xy - known.xy[rows]
-    weight = inverse(total)
-    gain = (p[..., :, :, None] * weight[..., None, :, :]).sum(-2)
-    moved = (gain * gap[..., None, :]).sum(-1)
-    square = (gap[..., :, None] * weight * gap[..., None, :]).sum((-1, -2))
-    determinant = total[..., 0, 0] * total[..., 1, 1] - total[..., 0, 1] ** 2
-    left = p - (gain[..., :, :, None] * p[..., None, :, :]).sum(-2)
-    xy, covariances, log_weights = known.xy.copy(), known.covariances.copy(), known.log_weights.copy()
-    xy[rows] += moved
-    covariances[rows] = (left + left.swapaxes(-1, -2)) / 2
-    log_weights[rows] += new.log_weights - (square + np.log(determinant)) / 2
-    return Placements(xy, covariances, log_weights)
+def _means(placements: Placements) -> tuple[F64, F64, F64, F64]:
+    """(P, 2) means and (P, 2, 2) covariances over all headings; (P,) mean cosine and sine of twice the heading."""
+    log_weights = placements.log_weights
+    weights = np.exp(log_weights - log_weights.max(1, keepdims=True))
+    return mixture_means(weights, placements.xy, placements.covariances, DIRECTIONS)

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.core.arrays import F64, Bools
-from pipeline.core.geometry.boxes import wrap_angle
+from pipeline.core.arrays import F64
+from pipeline.fusion.cameras.observed_kernels import extents_seen, hidden_edges
 from pipeline.fusion.cameras.sightings import Sightings
 
 __all__ = ["CUT_SHARE", "Noise", "Observed", "observe"]
@@ -69,32 +69,8 @@ class Observed:
 
 def observe(sightings: Sightings, noise: Noise) -> Observed:
     """The directions and extents of 2D boxes, and how well they are known."""
-    run = np.maximum(np.hypot(sightings.rays[..., 0], sightings.rays[..., 1]), 1e-9)
-    slope = sightings.rays[..., 2] / run
-    bearing = np.arctan2(sightings.rays[..., 1], sightings.rays[..., 0])
-    width, lower, upper = wrap_angle(bearing[:, 7] - bearing[:, 3]), slope[:, 5], slope[:, 1]
-    extent_px = np.tile(sightings.xyxy[:, 2:] - sightings.xyxy[:, :2], 2)
-    area_px = (extent_px[:, 0] * extent_px[:, 1])[:, None]
-    variance = (noise.pixel_px**2 + noise.outline**2 * area_px) / extent_px**2
-    variance += np.where(sightings.cut, CUT_SHARE**2, np.where(_are_hidden(sightings), HIDDEN_SHARE**2, 0.0))
-    extent = np.stack([np.abs(width), np.abs(upper - lower)] * 2, 1)
-    return Observed(bearing[:, 7], width, lower, upper, extent * np.sqrt(variance))
-
-
-def _are_hidden(sightings: Sightings) -> Bools:
-    """(P, 4) whether a nearer object, whose box reaches further down, may hide each edge of each box."""
-    hidden = np.zeros((len(sightings), 4), np.bool_)
-    for camera in np.unique(sightings.cameras):
-        rows = np.flatnonzero(sightings.cameras == camera)
-        left, top, right, bottom = sightings.xyxy[rows].T
-        width, height = (right - left)[:, None], (bottom - top)[:, None]
-        across = np.minimum(right[:, None], right) - np.maximum(left[:, None], left) >= HIDDEN_EDGE_SHARE * width
-        along = np.minimum(bottom[:, None], bottom) - np.maximum(top[:, None], top) >= HIDDEN_EDGE_SHARE * height
-        margin = NEARER_SHARE * width
-        nearer = bottom > bottom[:, None] + NEARER_SHARE * height
-        on_left = along & (left < left[:, None] - margin) & (right > left[:, None] - margin)
-        on_right = along & (right > right[:, None] + margin) & (left < right[:, None] + margin)
-        below = across & (top < bottom[:, None])
-        none = np.zeros_like(below)
-        hidden[rows] = (np.stack([on_left, none, on_right, below], -1) & nearer[..., None]).any(1)
-    return hidden
+    runs = np.hypot(sightings.rays[..., 0], sightings.rays[..., 1])
+    bearings = np.arctan2(sightings.rays[..., 1], sightings.rays[..., 0])
+    hidden = hidden_edges(sightings.cameras, sightings.xyxy, HIDDEN_EDGE_SHARE, NEARER_SHARE)
+    variances = np.array([noise.pixel_px**2, noise.outline**2, CUT_SHARE**2, HIDDEN_SHARE**2])
+    return Observed(*extents_seen(sightings.rays, runs, bearings, sightings.xyxy, sightings.cut, hidden, variances))

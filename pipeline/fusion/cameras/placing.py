@@ -8,21 +8,25 @@ How well the three agree says how likely each heading is. The range is sought as
 nearly linear.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from pipeline.core.arrays import F64, Rows, select_rows
 from pipeline.core.settings.classes import ClassPrior
-from pipeline.fusion.cameras.observed import Noise, Observed, observe
-from pipeline.fusion.cameras.placing_kernels import least_squares
+from pipeline.fusion.cameras.ground import Ground
+from pipeline.fusion.cameras.observed import Noise, observe
+from pipeline.fusion.cameras.placing_kernels import (
+    bearings_between_sides,
+    corners_seen,
+    laid_out,
+    least_squares,
+    places_at,
+    rises,
+)
 from pipeline.fusion.cameras.sightings import Sightings
 
-__all__ = ["HEADINGS", "Ground", "Placements", "SizePriors", "place"]
-
-Ground = Callable[[F64], F64]
-"""Z of the ground at points (..., 2) of the site frame, metres."""
+__all__ = ["HEADINGS", "Placements", "SizePriors", "place"]
 
 HEADINGS = np.arange(12) * (np.pi / 12)
 """The headings tried, radians about +z of the site; front and rear look alike."""
@@ -48,7 +52,7 @@ SHAPE_STD = 0.2
 NEAREST_SHARE = 0.1
 """No part of an object is nearer to the camera than this share of the range of its centre."""
 
-FORWARD, LEFT = np.array([1.0, -1, -1, 1]), np.array([1.0, 1, -1, -1])
+FORWARD, LEFT = np.array([[1.0, -1, -1, 1]]), np.array([[1.0, 1, -1, -1]])
 """The corners of an object seen from above, in halves of its length and width."""
 
 SHARES = np.array(
@@ -114,45 +118,29 @@ class _Shape:
         along: (P, H, 4) of the corners, from the centre away from the camera.
         aside: (P, H, 4) of the same corners, to the left.
         depth: (P, H) from the centre to the nearest corner, along the ray.
-        height: (P, 1)
         depth_std: (P, H) standard deviation of `depth`.
         across_std: (P, H) of the width as seen.
-        height_std: (P, 1)
+        heights: (P, 2) height, and its standard deviation.
     """
 
     along: F64
     aside: F64
     depth: F64
-    height: F64
     depth_std: F64
     across_std: F64
-    height_std: F64
+    heights: F64
 
     @classmethod
     def of(cls, bearing: F64, mean_m: F64, std_m: F64) -> "_Shape":
         turn = HEADINGS - bearing[:, None]
         cos, sin = np.cos(turn), np.sin(turn)
-        length, width, height = mean_m.T[..., None]
-        length_std, width_std, height_std = std_m.T[..., None]
-        forward, left = length[..., None] / 2 * FORWARD, width[..., None] / 2 * LEFT
+        length_std, width_std = std_m[:, :1], std_m[:, 1:2]
         return cls(
-            forward * cos[..., None] - left * sin[..., None],
-            forward * sin[..., None] + left * cos[..., None],
-            (length * np.abs(cos) + width * np.abs(sin)) / 2,
-            height,
+            *corners_seen(cos, sin, mean_m, FORWARD, LEFT),
             np.hypot(length_std * cos, width_std * sin) / 2,
             np.hypot(length_std * sin, width_std * cos),
-            height_std,
+            np.stack([mean_m[:, 2], std_m[:, 2]], 1),
         )
-
-    def away(self, range_m: F64) -> F64:
-        """(P, H, 4) of the corners from the camera, along the ray to the centre, whose range is given (P, H)."""
-        return np.maximum(range_m[..., None] + self.along, NEAREST_SHARE * range_m[..., None])
-
-    def sides(self, range_m: F64) -> tuple[F64, F64]:
-        """Bearings of the left and the right side from the centre, whose range is given (P, H)."""
-        bearing = np.arctan2(self.aside, self.away(range_m))
-        return bearing.max(-1), bearing.min(-1)
 
 
 def place(sightings: Sightings, priors: SizePriors, ground: Ground, noise: Noise) -> Placements:
@@ -164,74 +152,33 @@ def place(sightings: Sightings, priors: SizePriors, ground: Ground, noise: Noise
         ground: Of the site.
         noise: Of the observations.
     """
-    seen = observe(sightings, noise)
-    class_ids = sightings.class_ids
+    seen, class_ids = observe(sightings, noise), sightings.class_ids
     shape = _Shape.of(seen.middle, priors.mean_m[class_ids], priors.std_m[class_ids])
     towards = np.stack([np.cos(seen.middle), np.sin(seen.middle)], 1)
-    camera = sightings.origin
+    edges = np.column_stack([seen.lower, seen.upper, seen.width, seen.stds])
+    ground_noise = np.array([noise.ground_slope**2, noise.ground_m])
 
-    def rise(range_m: F64) -> F64:
-        """Height of the ground above the camera at a range."""
-        return ground(camera[:, None, :2] + range_m[..., None] * towards[:, None]) - camera[:, None, 2]
+    def improve(range_m: F64) -> tuple[F64, F64]:
+        """What `least_squares` gives at a range (P, H), and bearings of the corners (P, H, 4) from the centre."""
+        contact_m, back, away_m, places = places_at(
+            range_m, first_m, shape.depth, shape.along, towards, sightings.origin, CONTACT_SHARE, NEAREST_SHARE
+        )
+        bearing = np.arctan2(shape.aside, away_m)
+        contact_rise_m, rise_m = rises(
+            places, places @ ground.plane[:2], sightings.origin, ground.plane, ground.relief_m, ground.grid
+        )
+        at_range = range_m, contact_m, contact_rise_m, rise_m, np.log(back), away_m, shape.aside, bearing
+        sizes = shape.depth, shape.depth_std, shape.across_std, shape.heights
+        return least_squares(*at_range, *sizes, edges, ground_noise, SHARES), bearing
 
     height_seen = np.maximum(seen.upper - seen.lower, 1e-6)[:, None]
-    first_m = shape.height / height_seen + shape.depth
+    first_m = shape.heights[:, :1] / height_seen + shape.depth
     range_m = first_m
     for _ in range(STEPS):
-        step, _, _ = _improve(seen, shape, range_m, first_m, rise, noise)
-        range_m = range_m * np.exp(np.clip(step, -MAX_STEP, MAX_STEP))
-    _, information, log_likelihood = _improve(seen, shape, range_m, first_m, rise, noise)
-    return _laid_out(seen, shape, camera, range_m, information, log_likelihood, noise)
-
-
-def _improve(
-    seen: Observed, shape: _Shape, range_m: F64, first_m: F64, rise: Callable[[F64], F64], noise: Noise
-) -> tuple[F64, F64, F64]:
-    """A step of least squares in the range's logarithm, its information, and the log-likelihood, (P, H) each."""
-    contact_m = np.maximum(range_m - CONTACT_SHARE * shape.depth, NEAREST_SHARE * range_m)
-    away_m = shape.away(range_m)
-    back = np.log(first_m / range_m)
-    step, information, square, product = least_squares(
-        range_m,
-        contact_m,
-        rise(contact_m),
-        rise(range_m),
-        back,
-        away_m,
-        shape.aside,
-        np.arctan2(shape.aside, away_m),
-        shape.depth,
-        shape.depth_std,
-        shape.across_std,
-        np.concatenate([shape.height, shape.height_std], 1),
-        np.column_stack([seen.lower, seen.upper, seen.width, seen.stds]),
-        np.array([noise.ground_slope**2, noise.ground_m]),
-        SHARES,
-    )
-    return step, information, -(square + np.log(product)) / 2
-
-
-def _laid_out(
-    seen: Observed, shape: _Shape, camera: F64, range_m: F64, information: F64, log_likelihood: F64, noise: Noise
-) -> Placements:
-    """Ranges as places: the centre is half a width from either side, and nearer to the better known one."""
-    left, right = shape.sides(range_m)
-    variances = seen.stds[:, ::2, None] ** 2
-    share = variances[:, 1] / variances.sum(1)  # of the left side
-    by_left, by_right = seen.left[:, None] - left, (seen.left - seen.width)[:, None] - right
-    bearing = share * by_left + (1 - share) * by_right
-    size_std = (share - 0.5) * shape.across_std / range_m
-    bearing_std = np.sqrt(
-        share**2 * variances[:, 0] + (1 - share) ** 2 * variances[:, 1] + size_std**2 + noise.bearing_rad**2
-    )
-    cos, sin = np.cos(bearing), np.sin(bearing)
-    along, across = range_m**2 / information, (range_m * bearing_std) ** 2
-    covariances = np.stack(
-        [
-            np.stack([along * cos**2 + across * sin**2, (along - across) * cos * sin], -1),
-            np.stack([(along - across) * cos * sin, along * sin**2 + across * cos**2], -1),
-        ],
-        -2,
-    )
-    xy = camera[:, None, :2] + range_m[..., None] * np.stack([cos, sin], -1)
-    return Placements(xy, covariances, log_likelihood)
+        found, _ = improve(range_m)
+        range_m = range_m * np.exp(np.clip(found[0], -MAX_STEP, MAX_STEP))
+    (_, information, square, product), corners = improve(range_m)
+    sides = np.stack([seen.left, seen.width], 1)
+    bearing, std = bearings_between_sides(corners, sides, seen.stds, shape.across_std, range_m, noise.bearing_rad)
+    xy, covariances = laid_out(sightings.origin, range_m, information, std, np.cos(bearing), np.sin(bearing))
+    return Placements(xy, covariances, -(square + np.log(product)) / 2)

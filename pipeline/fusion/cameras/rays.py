@@ -3,6 +3,7 @@
 import numpy as np
 
 from pipeline.core.arrays import F64, Bools
+from pipeline.core.optics import lens_kernels
 from pipeline.core.optics.lenses import Lenses
 
 __all__ = ["rays_of_pixels"]
@@ -29,25 +30,8 @@ def rays_of_pixels(lenses: Lenses, pixels: F64) -> tuple[F64, Bools]:
         none, the direction is the optical axis.
     """
     K = lenses.K[:, None]
+    if lenses.bends:
+        return lens_kernels.rays_of_pixels(np.ascontiguousarray(pixels), *lenses.arrays, MAX_STEPS, NEAR_PX)
     y = (pixels[..., 1] - 0.5 - K[..., 1, 2]) / K[..., 1, 1]
     x = (pixels[..., 0] - 0.5 - K[..., 0, 2] - K[..., 0, 1] * y) / K[..., 0, 0]
-    rays = np.stack([x, y, np.ones(x.shape)], -1)
-    if not lenses.bends:
-        return rays, np.ones(x.shape, np.bool_)
-    for _ in range(MAX_STEPS):
-        shown, valid = lenses.project(rays)
-        miss = pixels - shown
-        found = valid & (np.abs(miss).max(-1) <= NEAR_PX)
-        if (found | ~valid).all():
-            break
-        rays[..., :2] += np.where((valid & ~found)[..., None], _solve(lenses.jacobians(rays)[..., :2], miss), 0.0)
-    return np.where(found[..., None], rays, [0.0, 0.0, 1.0]), found
-
-
-def _solve(matrices: F64, values: F64) -> F64:
-    """Solutions (..., 2) of systems of two equations; 0 where there is none."""
-    (a, b), (c, d) = np.moveaxis(matrices, (-2, -1), (0, 1))
-    determinant = a * d - b * c
-    whole = np.where(determinant == 0, np.inf, determinant)
-    first, second = values[..., 0], values[..., 1]
-    return np.stack([(d * first - b * second) / whole, (a * second - c * first) / whole], -1)
+    return np.stack([x, y, np.ones(x.shape)], -1), np.ones(x.shape, np.bool_)

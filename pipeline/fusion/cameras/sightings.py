@@ -10,12 +10,15 @@ from pipeline.core.camera import BORDER_PX
 from pipeline.core.detections import Boxes2D
 from pipeline.core.rig import CameraSensor
 from pipeline.fusion.cameras.rays import rays_of_pixels
-from pipeline.fusion.projection import CameraArrays
+from pipeline.fusion.found import FoundBoxes
+from pipeline.fusion.projection import CameraArrays, camera_arrays
 
 __all__ = ["Sightings", "see"]
 
 LEAST_PX = 0.5
 """A box that is narrower or lower shows nothing."""
+
+_AROUND = np.array([[0, 0], [0.5, 0], [1, 0], [1, 0.5], [1, 1], [0.5, 1], [0, 1], [0, 0.5]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,38 +60,28 @@ class Sightings:
 
 def see(views: Mapping[str, CameraSensor], boxes2d: Mapping[str, Boxes2D]) -> Sightings:
     """The boxes of every camera that has some, but for boxes that leave nothing of themselves in it."""
-    names = [name for name in views if name in boxes2d]
-    order = [_ranked(boxes2d[name]) for name in names]
-    boxes = [boxes2d[name].select(rows) for name, rows in zip(names, order, strict=True)]
-    counts = [len(rows) for rows in order]
-    owner = np.repeat(np.arange(len(names)), counts)
-    cameras = CameraArrays.of([views[name] for name in names]).select(owner)
-    size = np.tile(cameras.image_sizes, 2)
-    xyxy = np.concatenate([np.zeros((0, 4)), *(some.xyxy for some in boxes)]).clip(0, size)
+    found = FoundBoxes.of(boxes2d, tuple(views))
+    cameras = camera_arrays(tuple(views.values())).select(found.cameras)
+    size = np.concatenate([cameras.image_sizes, cameras.image_sizes], 1)
+    xyxy = found.xyxy.astype(np.float64).clip(0, size)
     rays, sound = rays_of_pixels(cameras.lenses, _outline(xyxy))
-    numbers = np.array([number for number, name in enumerate(views) if name in boxes2d], np.int64)
     table = Sightings(
-        numbers[owner],
-        np.concatenate([np.zeros(0, np.int64), *order]),
+        found.cameras,
+        found.rows,
         xyxy,
         np.concatenate([xyxy[:, :2] <= BORDER_PX, xyxy[:, 2:] >= size[:, 2:] - BORDER_PX], 1),
-        np.concatenate([np.zeros(0), *(some.scores for some in boxes)]),
-        np.concatenate([np.zeros(0, np.int64), *(some.class_ids for some in boxes)]),
-        np.repeat(np.array([some.stamp_ns for some in boxes], np.int64), counts),
+        found.scores.astype(np.float64),
+        found.class_ids.astype(np.int64),
+        found.stamps_ns,
         cameras,
         -(cameras.rotations * cameras.translations[:, :, None]).sum(1),
         (cameras.rotations[:, None] * rays[..., None]).sum(2),
     )
     shown = np.isfinite(xyxy).all(1) & np.asarray(sound.all(1)) & (xyxy[:, 2:] - xyxy[:, :2] >= LEAST_PX).all(1)
-    return table.select(np.flatnonzero(shown))
+    return table if shown.all() else table.select(np.flatnonzero(shown))
 
 
 def _outline(xyxy: F64) -> F64:
     """(P, 8, 2) corners and middles of the edges, clockwise from the left top corner."""
     low, high = xyxy[:, :2], xyxy[:, 2:]
-    shares = np.array([[0, 0], [0.5, 0], [1, 0], [1, 0.5], [1, 1], [0.5, 1], [0, 1], [0, 0.5]])
-    return np.asarray(low[:, None] + shares * (high - low)[:, None])
-
-
-def _ranked(boxes: Boxes2D) -> I64:
-    return np.lexsort([*boxes.xyxy.T, boxes.class_ids, -boxes.scores]).astype(np.int64)
+    return np.asarray(low[:, None] + _AROUND * (high - low)[:, None])

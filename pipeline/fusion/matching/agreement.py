@@ -7,12 +7,14 @@ that fit badly weigh little (the weights of the t distribution).
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from pipeline.core.arrays import F32, F64, I32, I64
 from pipeline.core.association import FREEDOM
 from pipeline.core.detections import Boxes3D
+from pipeline.fusion.matching.agreement_kernels import sums_of_others
 from pipeline.fusion.small_matrices import inverse
 
 __all__ = [
@@ -33,7 +35,7 @@ LEAST_M, LEAST_RAD = 1e-3, 1e-2
 """Smallest standard deviations: a box is not known better."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class BoxBelief:
     """What is known of N boxes before the cameras are asked.
 
@@ -46,6 +48,16 @@ class BoxBelief:
     covariances: F64
     log_classes: F64
     confusion: F64
+
+    @cached_property
+    def information(self) -> F64:
+        """(N, 3, 3) inverse covariances."""
+        return inverse(self.covariances)
+
+    @cached_property
+    def log_confusion(self) -> F64:
+        """(K, K) logarithm of `confusion`."""
+        return np.log(self.confusion)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -121,22 +133,21 @@ def what_others_say(boxes: BoxBelief, seen_rows: I64, pairs: MatchedPairs) -> Ot
         seen_rows: (P,) the box of each projected rectangle.
         pairs: The matched ones of these rectangles.
     """
-    n, rows = len(boxes.covariances), seen_rows[pairs.seen]
-    weights = (FREEDOM + 4) / (FREEDOM + pairs.squared)[:, None] / pairs.noise
-    own_normal = np.einsum("tfa,tf,tfb->tab", pairs.jacobians, weights, pairs.jacobians)
-    own_pull = np.einsum("tfa,tf,tf->ta", pairs.jacobians, weights, pairs.differences)
-    own_log = np.log(boxes.confusion).T[pairs.class_ids]
-    sums = [np.zeros((n, *own.shape[1:])) for own in (own_normal, own_pull, own_log)]
-    left = []
-    for total, own in zip(sums, (own_normal, own_pull, own_log), strict=True):
-        np.add.at(total, rows, own)
-        others = total[seen_rows]
-        others[pairs.seen] -= own
-        left.append(others)
-    normal, pull, log_others = left
-    covariances = inverse(inverse(boxes.covariances)[seen_rows] + normal)
-    log_classes = _log_given(boxes.log_classes[seen_rows] + log_others, boxes.confusion)
-    return Others(np.einsum("pab,pb->pa", covariances, pull), covariances, log_classes)
+    normal, pull, log_classes = sums_of_others(
+        seen_rows,
+        boxes.information,
+        boxes.log_classes,
+        boxes.log_confusion,
+        pairs.seen,
+        pairs.class_ids,
+        pairs.differences,
+        pairs.noise,
+        pairs.squared,
+        pairs.jacobians,
+        FREEDOM,
+    )
+    covariances = inverse(normal)
+    return Others(np.einsum("pab,pb->pa", covariances, pull), covariances, _log_given(log_classes, boxes.confusion))
 
 
 def _log_given(log_classes: F64, confusion: F64) -> F64:

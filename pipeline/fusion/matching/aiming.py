@@ -1,9 +1,8 @@
 """How far all 2D boxes of a camera are shifted: its calibration is off, or its image is late."""
 
-import numpy as np
-
 from pipeline.core.arrays import F64, I64
 from pipeline.core.association import FREEDOM
+from pipeline.fusion.matching.agreement_kernels import shifts_of_others
 
 __all__ = ["common_shifts"]
 
@@ -27,11 +26,4 @@ def common_shifts(
     Returns:
         (P, 2) shifts of u and v in pixels, and (P, 2) their variances.
     """
-    weights = ((FREEDOM + 4) / (FREEDOM + squared))[:, None] / variances
-    own = np.concatenate([weights, weights * away_px], 1)
-    total = np.zeros((int(seen_cameras.max(initial=-1)) + 1, 4))
-    np.add.at(total, seen_cameras[matched], own)
-    others = total[seen_cameras]
-    others[matched] -= own
-    variance = prior / (1 + prior * others[:, :2])
-    return variance * others[:, 2:], variance
+    return shifts_of_others(seen_cameras, prior, matched, away_px, variances, squared, FREEDOM)

@@ -2,15 +2,19 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 from pipeline.core.arrays import F32, F64, I64, Bools, check_array
-from pipeline.core.camera import NEAR_M
+from pipeline.core.camera import EDGE_SHARES, NEAR_M
 from pipeline.core.detections import Boxes3D
 from pipeline.core.errors import FrameError
+from pipeline.core.geometry.box_edges import BOX_EDGES
 from pipeline.core.geometry.boxes import box_corners
+from pipeline.core.optics.lens_kernels import rectangles_of_cut_boxes
 from pipeline.core.rig import CameraSensor
+from pipeline.fusion.matching.in_view_kernels import clipped_edges, in_pyramids, seen_from
 from pipeline.fusion.projection import CameraArrays, project_edges
 
 __all__ = ["InView", "project_into_views"]
@@ -63,25 +67,32 @@ def project_into_views(boxes: Boxes3D, views: Sequence[CameraSensor], arrays: Ca
             raise FrameError(
                 f"camera {view.name}: expected boxes in frame {view.T_camera_site.src!r}, found {boxes.frame_id!r}"
             )
-    centers_camera = np.einsum("cij,nj->cni", arrays.rotations, boxes.centers) + arrays.translations[:, None]
+    centers_camera = seen_from(boxes.centers, arrays.rotations, arrays.translations)
     radii_m = np.sqrt((boxes.sizes**2).sum(1)) / 2
     if arrays.lenses.bends:
         angles = np.array([view.model.view_angle_rad for view in views])
-        cameras, rows = np.nonzero(_in_cones(centers_camera, radii_m, angles))
+        near = _in_cones(centers_camera, radii_m, angles)
     else:
-        cameras, rows = np.nonzero(_in_pyramids(centers_camera, radii_m, arrays))
-    edges = project_edges(boxes.centers[rows], boxes.sizes[rows], boxes.yaws[rows], arrays.select(cameras))
-    limits = np.tile(arrays.image_sizes[cameras], 2)
-    xyxy = np.clip(edges.xyxy, 0.0, limits)
-    jacobian = np.where((edges.xyxy == xyxy)[..., None], edges.jacobian[..., :3], 0.0)
-    for camera in np.unique(cameras[~edges.valid]):  # boxes beside the camera: cut edges, without derivatives
-        cut = ~edges.valid & (cameras == camera)
-        corners = box_corners(boxes.centers[rows[cut]], boxes.sizes[rows[cut]], boxes.yaws[rows[cut]])
-        xyxy[cut], jacobian[cut] = views[camera].project_boxes(corners, boxes.frame_id), 0.0
-    seen = (xyxy[:, 2] > xyxy[:, 0]) & (xyxy[:, 3] > xyxy[:, 1])
+        near = in_pyramids(centers_camera, radii_m, *_pyramids(arrays), NEAR_M)
+    cameras, rows = (np.ascontiguousarray(pairs) for pairs in np.nonzero(near))
+    placed, own = (boxes.centers[rows], boxes.sizes[rows], boxes.yaws[rows]), arrays.select(cameras)
+    edges = project_edges(*placed, own)
+    xyxy, jacobian, cut = clipped_edges(edges.xyxy, edges.jacobian, edges.valid, cameras, arrays.image_sizes)
+    if len(cut):  # boxes beside the camera: cut edges, without derivatives
+        xyxy[cut] = _cut_rectangles(box_corners(*(array[cut] for array in placed)), own.select(cut))
+    seen = np.flatnonzero((xyxy[:, 2] > xyxy[:, 0]) & (xyxy[:, 3] > xyxy[:, 1]))
     cameras, rows = cameras[seen], rows[seen]
     ranges_m = np.sqrt((centers_camera[cameras, rows] ** 2).sum(1))
     return InView(cameras, rows, xyxy[seen].astype(np.float32), jacobian[seen], ranges_m)
+
+
+def _cut_rectangles(corners: F64, cameras: CameraArrays) -> F32:
+    """(P, 4) rectangles around boxes, of which a part may be behind the camera, as `CameraModel.project_boxes`."""
+    x, y, z = (corners[..., axis, None] for axis in range(3))
+    R, t = cameras.rotations[:, None], cameras.translations[:, None]
+    ahead = R[..., 0] * x + R[..., 1] * y + R[..., 2] * z + t
+    found = rectangles_of_cut_boxes(ahead, BOX_EDGES, EDGE_SHARES, cameras.image_sizes, *cameras.lenses.arrays)
+    return found.astype(np.float32)
 
 
 def _in_cones(centers_camera: F64, radii_m: F64, angles_rad: F64) -> Bools:
@@ -93,14 +104,12 @@ def _in_cones(centers_camera: F64, radii_m: F64, angles_rad: F64) -> Bools:
     return np.asarray((z + radii_m > NEAR_M) & (aside - reach < angles_rad[:, None]))
 
 
-def _in_pyramids(centers_camera: F64, radii_m: F64, arrays: CameraArrays) -> Bools:
-    """(C, N) whether the sphere around each box reaches into the pyramid that a camera with a straight lens sees."""
-    # Planes through the camera and each border of the image, (C, 4, 3): positive inside.
+@lru_cache(maxsize=4)
+def _pyramids(arrays: CameraArrays) -> tuple[F64, F64]:
+    """(C, 4, 3) planes through each camera and each border of its image, positive inside, and (C, 4) their lengths."""
     K = arrays.lenses.K[:, :2]
     left_top, right_bottom = K.copy(), -K
     left_top[..., 2] += 0.5
     right_bottom[..., 2] += arrays.image_sizes - 0.5
     planes = np.concatenate([left_top, right_bottom], 1)
-    lengths = np.sqrt((planes * planes).sum(2))
-    inside = np.einsum("cbi,cni->cbn", planes, centers_camera) > -lengths[..., None] * radii_m
-    return np.asarray((centers_camera[..., 2] + radii_m > NEAR_M) & inside.all(1))
+    return planes, np.sqrt((planes * planes).sum(2))

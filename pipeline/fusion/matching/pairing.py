@@ -2,10 +2,8 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from pipeline.core.arrays import F32, F64, I64, Bools, Rows
-from pipeline.fusion.assignment import assign
+from pipeline.fusion.assignment_kernels import best_of_pairs
 from pipeline.fusion.matching.pairing_kernels import overlapping_pairs
 
 __all__ = ["Pairs", "best_pairs", "near_pairs"]
@@ -56,19 +54,5 @@ def best_pairs(pairs: Pairs, worth: F64, seen_cameras: I64) -> Bools:
         worth: (Q,) of each; pairs without a positive worth are not taken.
         seen_cameras: (P,) camera of each projected 3D box, rising.
     """
-    taken = np.zeros(len(pairs), np.bool_)
-    allowed = np.flatnonzero(worth > 0)
-    seen, found = pairs.seen[allowed], pairs.found[allowed]
-    alone = (np.bincount(seen)[seen] == 1) & (np.bincount(found)[found] == 1)
-    taken[allowed[alone]] = True
-    rivals = allowed[~alone]
-    cameras = seen_cameras[pairs.seen[rivals]]
-    for part in np.split(rivals, np.flatnonzero(np.diff(cameras)) + 1):
-        row, column = pairs.seen[part], pairs.found[part]
-        rows, columns = np.unique(row), np.unique(column)
-        table = np.zeros((len(rows), len(columns)))
-        table[np.searchsorted(rows, row), np.searchsorted(columns, column)] = worth[part]
-        first, second = assign(-table)
-        chosen = dict(zip(rows[first].tolist(), columns[second].tolist(), strict=True))
-        taken[part] = [chosen.get(a) == b for a, b in zip(row.tolist(), column.tolist(), strict=True)]
-    return taken
+    columns = int(pairs.found.max(initial=-1)) + 1
+    return best_of_pairs(pairs.seen, pairs.found, seen_cameras[pairs.seen], worth, len(seen_cameras), columns)

@@ -1,15 +1,15 @@
 """What the images say of the place of 3D boxes: the edges of the 2D boxes that are matched with them."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64, Array, Rows, check_array
+from pipeline.core.arrays import F64, I64, Rows, check_array
 from pipeline.core.detections import Boxes2D, Hypotheses
 from pipeline.core.rig import CameraSensor
 from pipeline.core.settings.fuse import FuseConfig
-from pipeline.fusion.projection import CameraArrays
+from pipeline.fusion.projection import CameraArrays, camera_arrays
 
 __all__ = ["MeasuredEdges", "measured_edges"]
 
@@ -22,7 +22,7 @@ class MeasuredEdges:
 
     Attributes:
         rows: (P,) int64 row of the 3D box.
-        camera_rows: (P,) int64 row of the camera.
+        camera_rows: (P,) int64 number of the camera, in the order of the views.
         cameras: P cameras.
         xyxy: (P, 4) float64 left, top, right, bottom of the 2D box, clipped to the image, pixels.
         sigma_px: (P, 4) float64 standard deviation of each edge.
@@ -62,10 +62,6 @@ class MeasuredEdges:
             self.later_s[rows],
         )
 
-    def with_more_noise(self, more_px: F64) -> "MeasuredEdges":
-        """The same with further standard deviations (P, 4), independent of those at hand."""
-        return replace(self, sigma_px=np.sqrt(self.sigma_px**2 + more_px**2))
-
 
 def measured_edges(
     hypotheses: Hypotheses,
@@ -85,27 +81,21 @@ def measured_edges(
         config: `pixel_sigma_px` and `outline_sigma`.
     """
     names = [name for name in views if name in boxes2d and name in hypotheses.matches]
-    pairs = [hypotheses.matches[name].pairs for name in names]
-    rows = np.concatenate([np.zeros(0, np.int64), *(pair[:, 0] for pair in pairs)])
-    camera_rows = np.repeat(np.arange(len(names)), [len(pair) for pair in pairs])
-    order = np.argsort(rows, kind="stable")
-    rows, camera_rows = rows[order], camera_rows[order]
-
-    def gathered(columns: Sequence[Array], width: int) -> F64:
-        return np.concatenate([np.zeros((0, width)), *columns])[order]
-
-    cameras = CameraArrays.of([views[name] for name in names]).select(camera_rows)
-    found = gathered([boxes2d[name].xyxy[pair[:, 1]] for name, pair in zip(names, pairs, strict=True)], 4)
-    hidden = gathered(
-        [hypotheses.matches[name].hidden[pair[:, 0], None] for name, pair in zip(names, pairs, strict=True)], 1
-    )
-    limits = np.tile(cameras.image_sizes, 2)
-    xyxy = np.clip(found, 0.0, limits)
+    numbers = np.array([number for number, name in enumerate(views) if name in names], np.int64)
+    matches, found = [hypotheses.matches[name] for name in names], [boxes2d[name] for name in names]
+    pairs = np.concatenate([np.zeros((0, 2), np.int64), *(one.pairs for one in matches)])
+    of_camera = np.repeat(np.arange(len(names)), [len(one) for one in matches])
+    order = np.argsort(pairs[:, 0], kind="stable")
+    of_camera, (rows, rows2d) = of_camera[order], pairs[order].T.copy()
+    first = np.cumsum([0, *map(len, found)])[of_camera]
+    cameras = camera_arrays(tuple(views.values())).select(numbers[of_camera])
+    xyxy = np.concatenate([np.zeros((0, 4)), *(one.xyxy for one in found)])[first + rows2d]
+    hidden = np.concatenate([np.zeros(0), *(one.hidden for one in matches)])[of_camera * len(hypotheses.boxes) + rows]
+    xyxy = np.clip(xyxy, 0.0, np.concatenate([cameras.image_sizes, cameras.image_sizes], 1))
     extent = np.maximum(xyxy[:, 2:] - xyxy[:, :2], 1.0)
-    outline_px = config.outline_sigma * np.sqrt(extent.prod(1, keepdims=True))
-    sigma_px = np.tile(np.hypot(config.pixel_sigma_px, outline_px), 4)
-    stamps_ns = np.array([boxes2d[name].stamp_ns for name in names], np.int64)[camera_rows]
+    outline_px = config.outline_sigma * np.sqrt(extent[:, :1] * extent[:, 1:])
+    sigma_px = np.repeat(np.hypot(config.pixel_sigma_px, outline_px), 4, axis=1)
+    hidden_px = hidden[:, None] * np.concatenate([extent, extent], 1)
+    stamps_ns = np.array([one.stamp_ns for one in found], np.int64)[of_camera]
     later_s = (stamps_ns - hypotheses.boxes.measured_ns[rows]) * NANOSECONDS
-    return MeasuredEdges(
-        rows, camera_rows.astype(np.int64), cameras, xyxy, sigma_px, hidden * np.tile(extent, 2), later_s
-    )
+    return MeasuredEdges(rows, numbers[of_camera], cameras, xyxy, sigma_px, hidden_px, later_s)

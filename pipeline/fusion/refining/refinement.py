@@ -44,6 +44,9 @@ GATE = 16.27
 LEAST_SIZE, MOST_SIZE = 0.5, 1.5
 """Bounds of a refined length and width, as shares of the prior's."""
 
+_OFFSETS = np.linspace(-SPAN, SPAN, YAWS)
+_ONE = np.eye(6)
+
 _YAW = 2
 _REST = np.array([0, 1, 3, 4, 5, 6])
 """Rows of `box_prior.STATES` that are solved for at a given yaw."""
@@ -122,19 +125,19 @@ class _Problem:
             covariances: (N, 7, 7) of these; they say how far apart the headings are, and how the rest goes with them.
             steps: Their number.
         """
-        offsets = np.linspace(-SPAN, SPAN, YAWS)
         yaw_sigma = np.sqrt(covariances[:, _YAW, _YAW])
-        states = means[:, None] + offsets[:, None] * (covariances[:, _YAW] / yaw_sigma[:, None])[:, None]
+        states = means[:, None] + _OFFSETS[:, None] * (covariances[:, _YAW] / yaw_sigma[:, None])[:, None]
         for left in reversed(range(steps)):
             normal, pull, cost = self.linearised(states)
-            right = pull[..., None]
+            right = np.zeros((*pull.shape, 1 if left else 7))
+            right[..., 0] = pull
             if not left:  # the inverse, for the covariance
-                right = np.concatenate([right, np.broadcast_to(np.eye(6), normal.shape)], 3)
+                right[..., 1:] = _ONE
             found, log_det = solve(normal, right)
             step = found[..., 0]
             states[..., _REST] += step
         log_odds = -(cost - (step * pull).sum(2) + log_det) / 2
-        about_each = (yaw_sigma * (offsets[1] - offsets[0])) ** 2 / 12
+        about_each = (yaw_sigma * (_OFFSETS[1] - _OFFSETS[0])) ** 2 / 12
         return averaged_states(states, log_odds, np.ascontiguousarray(found[..., 1:]), about_each)
 
 

@@ -9,9 +9,8 @@ from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
 from pipeline.core.arrays import F64
-from pipeline.core.camera import CameraModel, DistortionModel, project_edges
+from pipeline.core.camera import CameraModel, DistortionModel
 from pipeline.core.errors import CalibrationError
-from pipeline.core.geometry.box_edges import BOX_EDGES
 from pipeline.core.geometry.boxes import box_corners
 
 K = np.array([[520.0, 0.0, 333.0], [0.0, 510.0, 251.0], [0.0, 0.0, 1.0]])
@@ -232,69 +231,6 @@ def test_zeros_beyond_the_models_coefficients_do_no_harm() -> None:
 def test_a_model_is_read_only() -> None:
     with pytest.raises(ValueError, match="read-only"):
         camera().K[0, 0] = 1
-
-
-def from_pieces(points: F64, pieces: F64) -> F64:
-    """(P,) distance of each point (P, 2) from the nearest of straight pieces (M, 2, 2)."""
-    start, way = pieces[:, 0], pieces[:, 1] - pieces[:, 0]
-    share = ((points[:, None] - start) * way).sum(-1) / np.maximum((way**2).sum(-1), 1e-9)
-    nearest = start + np.clip(share, 0, 1)[..., None] * way
-    return np.asarray(np.linalg.norm(points[:, None] - nearest, axis=-1).min(1))
-
-
-@pytest.mark.parametrize(("model", "distortion"), MODELS, ids=NAMES)
-@given(st.floats(-6, 6), st.floats(-3, 3), st.floats(1, 20), st.floats(-np.pi, np.pi))
-def test_edges_lie_where_the_lens_shows_them(
-    model: Any, distortion: list[float], x: float, y: float, z: float, yaw: float
-) -> None:
-    lens = camera(model, distortion)
-    corners = box_corners(np.array([[x, y, z]]), np.array([[4.0, 1.8, 1.5]]), np.array([yaw]))
-    pieces, rows = lens.project_edges(corners)
-    assert pieces.dtype == np.float32
-    assert len(pieces) == len(rows)
-    assert ((pieces >= 0) & (pieces <= [640, 480])).all()
-    shares = np.linspace(0, 1, 40)[:, None]
-    points = np.concatenate([corners[0, a] * (1 - shares) + corners[0, b] * shares for a, b in BOX_EDGES.tolist()])
-    pixels, valid = lens.project(points)
-    shown = valid & (pixels > 1).all(1) & (pixels < [639, 479]).all(1) & (points[:, 2] > 0.05)
-    if shown.any():
-        assert from_pieces(pixels[shown], pieces.astype(np.float64)).max() < 2.0
-
-
-@pytest.mark.parametrize(("model", "distortion"), MODELS, ids=NAMES)
-def test_edges_reach_as_far_as_the_upright_rectangle(model: Any, distortion: list[float]) -> None:
-    lens = camera(model, distortion)
-    centers = np.array([[-1.0, 0.2, 6], [0.5, -0.5, 9], [0, 0, -5], [1.5, 0.5, 4]])
-    corners = box_corners(centers, np.tile([2.0, 1.0, 0.8], (4, 1)), np.array([0.3, 1, 0, -2]))
-    pieces, rows = lens.project_edges(corners)
-    assert sorted(set(rows.tolist())) == [0, 1, 3]  # the third lies behind
-    for row in (0, 1, 3):
-        points = pieces[rows == row].reshape(-1, 2)
-        found = np.concatenate([points.min(0), points.max(0)])
-        np.testing.assert_allclose(found, lens.project_boxes(corners)[row], atol=0.6)
-
-
-@pytest.mark.parametrize("counts", [(3, 0, 2), (0, 0, 0), (0, 4, 1)])
-def test_several_cameras_at_once_are_as_one_after_another(counts: tuple[int, ...]) -> None:
-    rng = np.random.default_rng(sum(counts))
-    lenses = [camera(), camera("plumb_bob", [-0.3]), camera("equidistant", [0.1])]
-    corners = [
-        box_corners(rng.normal(size=(n, 3)) * 3 + [0, 0, 4], rng.uniform(1, 3, (n, 3)), rng.normal(size=n))
-        for n in counts
-    ]
-    found = project_edges(lenses, corners)
-    assert len(found) == 3
-    for lens, boxes, (pieces, rows) in zip(lenses, corners, found, strict=True):
-        alone, alone_rows = lens.project_edges(boxes)
-        np.testing.assert_array_equal(pieces, alone)
-        np.testing.assert_array_equal(rows, alone_rows)
-
-
-def test_straight_edges_are_one_piece_each() -> None:
-    corners = box_corners(np.array([[0.0, 0, 8]]), np.array([[2.0, 2, 2]]), np.zeros(1))
-    assert len(camera().project_edges(corners)[0]) == 12
-    assert len(camera("plumb_bob", [-0.3]).project_edges(corners * [1, 1, 0.3])[0]) > 24
-    assert len(camera().project_edges(np.zeros((0, 8, 3)))[0]) == 0
 
 
 @pytest.mark.parametrize(

@@ -21,6 +21,20 @@ def points(count: int) -> F32:
 
 
 @pytest.mark.parametrize("count", [0, 1, 3, 5000])
+@pytest.mark.parametrize("cell_m", [0.01, 1.0, 1e3])
+def test_lowest_of_cells(count: int, cell_m: float) -> None:
+    xyz = points(count)
+    found = ground_passes.lowest_of_cells(xyz, np.float32(cell_m))
+    np.testing.assert_array_equal(found, ground_arrays.lowest_of_cells(xyz, np.float32(cell_m)))
+
+
+def test_of_equally_low_points_the_first_is_taken_and_far_cells_are_one() -> None:
+    xyz = np.array([[5, 1, 5, 1, 1e12, 3e12], [5, 1, 5, 1, 0, 0], [2, 1, 2, 0, 7, 6]], np.float32)
+    for passes in (ground_passes, ground_arrays):
+        assert passes.lowest_of_cells(xyz, np.float32(3)).tolist() == [3, 0, 5]
+
+
+@pytest.mark.parametrize("count", [0, 1, 3, 5000])
 def test_counts(count: int) -> None:
     rng = np.random.default_rng(1)
     planes = (PLANE + rng.normal(0, 0.01, (7, 4))).astype(np.float32)

@@ -6,7 +6,7 @@ from scipy.ndimage import gaussian_filter
 
 from pipeline.core.arrays import F32, F64
 from pipeline.core.clouds import Plane, Relief
-from pipeline.filters.relief_passes import lowest_of_cells, on_plane, on_relief, pulled, smoothed
+from pipeline.filters.relief_passes import grown, lowest_of_cells, on_plane, on_relief, pull, smoothed
 
 PLANE = np.array([0.05, -0.1, 0.9937303, 1.2], np.float32)
 
@@ -62,12 +62,13 @@ def test_lowest_of_cells(count: int) -> None:
 
 
 @pytest.mark.parametrize("count", [0, 1, 400])
-def test_pulled(count: int) -> None:
+def test_pull(count: int) -> None:
     rng = np.random.default_rng(count)
     relief = Relief(np.zeros(2), 1.0, surface(3))
     xy = rng.uniform(0, [11.4, 8.4], (count, 2))
     height = relief.offset_m(xy) + rng.normal(0, 0.2, count)
-    total, mean = pulled(xy, height, surface(3), 0.3, 0.1, 0.25)
+    total, mean = surface(4), surface(5)
+    pull(xy, height, surface(3), 0.3, 0.1, 0.25, total, mean)
 
     above = height - relief.offset_m(xy)
     weight = np.where(above > 0.1, 0.25, 1.0) * (np.abs(above) <= 0.3)
@@ -75,6 +76,22 @@ def test_pulled(count: int) -> None:
     sums = np.bincount(node, weight, 9 * 12)
     np.testing.assert_array_equal(total.ravel(), sums)
     np.testing.assert_array_equal(mean.ravel(), np.bincount(node, weight * above, 9 * 12) / np.maximum(sums, 1e-9))
+
+
+@pytest.mark.parametrize("count", [0, 1, 400])
+def test_a_surface_grows_round_by_round(count: int) -> None:
+    rng, side = np.random.default_rng(count), 21
+    xy, height = rng.uniform(0, side - 1.0, (count, 2)), rng.normal(0, 0.2, count)
+    rounds = [(np.array([0.1] * 9), 0.5), (np.array([0.4, 0.2, 0.1]), 0.3), (np.array([1.0]), 0.2)]
+    taps, counts = np.concatenate([one for one, _ in rounds]), np.array([len(one) for one, _ in rounds])
+    found = grown(xy, height, side, taps, counts, np.array([m for _, m in rounds]), np.array([0.1, 0.25, 2.0, 0.05]))
+
+    grid, weight, mean = np.zeros((3, side, side))
+    for own, near_m in rounds:
+        pull(xy, height, grid, near_m, 0.1, 0.25, weight, mean)
+        weight = np.minimum(weight, 2.0)
+        grid = grid + smoothed(weight * mean, own) / (smoothed(weight, own) + 0.05)
+    np.testing.assert_array_equal(found, (grid, weight))
 
 
 @pytest.mark.parametrize("count", [0, 1, 3000])

@@ -7,7 +7,7 @@ from lens_models import LENS_MODELS, lens
 
 from pipeline.core.arrays import F64
 from pipeline.core.camera import CameraModel
-from pipeline.core.geometry.boxes import box_corners
+from pipeline.core.geometry.boxes import UNIT_CORNERS, box_corners
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.rig import CameraSensor
 from pipeline.fusion.projection import PARAMETERS, CameraArrays, ProjectedEdges, edges_in_view, project_edges
@@ -58,7 +58,7 @@ def test_derivatives_are_the_slopes_of_the_edges(camera: CameraSensor, row: tupl
     shifts = STEP * np.eye(len(PARAMETERS))
     above, below = edges(np.array(row) + shifts, camera), edges(np.array(row) - shifts, camera)
     # Where two points of the box are outermost alike, the edge has a kink.
-    kink = (above.makers != below.makers).any((0, 2)) | (above.makers != here.makers).any((0, 2))
+    kink = (above.makers != below.makers).any(0) | (above.makers != here.makers).any(0)
     assume(not kink.all() and above.valid.all() and below.valid.all())
     slopes = ((above.xyxy - below.xyxy) / (2 * STEP)).T
     scale = np.abs(here.jacobian).max()
@@ -94,7 +94,7 @@ def test_within_the_image_it_is_the_rectangle_that_association_uses(camera: Came
 def test_which_corner_makes_each_edge() -> None:
     # Seen from straight ahead: the near face is the largest, the ground is below the camera.
     found = edges(np.array([[10.0, 0, 0, 4, 2, 1, -0.5]]), forward_camera())
-    left, top, right, bottom = found.makers[0]
+    left, top, right, bottom = UNIT_CORNERS[found.makers[0]]
     assert left[:2].tolist() == [-1, 1]
     assert right[:2].tolist() == [-1, -1]
     assert top[[0, 2]].tolist() == [1, 1]  # below the camera: what is far is higher in the image

@@ -3,6 +3,7 @@ from typing import Any
 import numpy as np
 from compared_frames import Row, objects
 
+from pipeline.core.ros.messages import ROS2
 from pipeline.core.settings.classes import ROAD_CLASSES
 from pipeline.core.settings.compare import CompareConfig
 from pipeline.evaluation.comparison.changes import Tracks, source_changes
@@ -22,7 +23,11 @@ def car(x: float, yaw: float = 0.0) -> Row:
 def drawn(first: SourceBoxes, second: SourceBoxes) -> Any:
     sides = SourceObjects(first, KNOWN), SourceObjects(second, KNOWN)
     changes = source_changes(*sides, CompareConfig(), Tracks())
-    return compared_scene(*sides, changes, NAMES, stamp_ns=7)
+    return through_cdr(compared_scene(*sides, changes, NAMES, stamp_ns=7))
+
+
+def through_cdr(message: Any) -> Any:
+    return ROS2.deserialize(ROS2.serialize(message), message.__msgtype__)
 
 
 def test_colours_say_what_became_of_an_object() -> None:
@@ -55,7 +60,7 @@ def test_colours_say_what_became_of_an_object() -> None:
 
 
 def test_nothing_is_drawn_of_no_objects() -> None:
-    for scene in (drawn(objects(), objects()), empty_scene(7)):
+    for scene in (drawn(objects(), objects()), through_cdr(empty_scene(7))):
         assert not scene.entities
         assert len(scene.deletions) == 1
         assert scene.deletions[0].timestamp.nanosec == 7
@@ -64,4 +69,4 @@ def test_nothing_is_drawn_of_no_objects() -> None:
 def test_outline_is_that_of_the_box() -> None:
     (entity,) = drawn(objects(), objects(car(3))).entities
     corners = entity.lines[0].points
-    assert np.ptp(corners, axis=0).tolist() == [4.0, 1.8, 1.5]
+    assert np.ptp([(point.x, point.y, point.z) for point in corners], axis=0).tolist() == [4.0, 1.8, 1.5]

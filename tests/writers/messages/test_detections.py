@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from pipeline.core.detections import Boxes3D
 from pipeline.core.rig import Zone
+from pipeline.core.ros.messages import ROS2
 from pipeline.core.ros.typestores import message_types
 from writers.messages.detections import detections_2d, detections_3d, lidcam_objects
 
@@ -17,8 +18,7 @@ NAMES = CONFIG.class_names
 
 def through_cdr(message: Any) -> Any:
     """The message after a trip through its bytes."""
-    store, msgtype = message_types(2), message.__msgtype__
-    return store.deserialize_cdr(bytes(store.serialize_cdr(message, msgtype)), msgtype)
+    return message_types(2).deserialize_cdr(bytes(ROS2.serialize(message)), message.__msgtype__)
 
 
 metres = st.floats(-1e4, 1e4)
@@ -102,7 +102,7 @@ def test_covariance_stands_at_x_y_and_yaw_only() -> None:
 
 @pytest.mark.parametrize("rows", [[], [[1, 2, 4, 10, 0.5, 0]], [[1, 2, 4, 10, 0.5, 0], [0, 0, 640, 480, 1, 4]]])
 def test_boxes_2d(rows: list[list[float]]) -> None:
-    message = through_cdr(detections_2d(boxes2d(rows), NAMES, stamp_ns=START_NS, frame_id="cam"))
+    message = through_cdr(detections_2d([boxes2d(rows)], NAMES, stamps_ns=[START_NS], frame_ids=["cam"]))
     assert message.header.frame_id == "cam"
     assert len(message.detections) == len(rows)
     for found, (left, top, right, bottom, score, class_id) in zip(message.detections, rows, strict=True):

@@ -36,7 +36,7 @@ def test_the_edges_of_every_object_with_its_class() -> None:
 
 
 def test_without_objects_it_removes_those_before() -> None:
-    message = truth_scene(boxes(()))
+    message = ROS2.deserialize(ROS2.serialize(truth_scene(boxes(()))), "foxglove_msgs/msg/SceneUpdate")
     assert (len(message.deletions), message.entities) == (1, [])
 
 

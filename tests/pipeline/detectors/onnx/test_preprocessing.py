@@ -38,9 +38,10 @@ def test_channels(colors: NetworkColors, pixel: tuple[float, ...], ground: tuple
 )
 def test_where_a_wide_picture_lies(placement: Placement, columns: tuple[int, int], rows: tuple[int, int]) -> None:
     preprocessing = Preprocessing("rgb_255", placement)
-    batch = preprocessing.blank(1, 64, 96)
+    batch = np.full((1, 3, 64, 96), np.nan, np.float32)
     place = preprocessing.put(np.zeros((375, 1242, 3), np.uint8), batch[0])
     black = batch[0, 0] == 0
+    assert (batch[0] == np.where(black, 0.0, 114.0)).all(), "what no image covers is grey"
     assert (np.flatnonzero(black.any(0))[[0, -1]] + [0, 1]).tolist() == [*columns]
     assert (np.flatnonzero(black.any(1))[[0, -1]] + [0, 1]).tolist() == [*rows]
     seen = np.array([[columns[0], rows[0], columns[1], rows[1]]], np.float32)

@@ -4,6 +4,7 @@ from seen_boxes import camera_at, seen_by, views_of
 from pipeline.core.arrays import F64
 from pipeline.core.rig import CameraSensor
 from pipeline.core.settings.classes import ROAD_CLASSES
+from pipeline.fusion.cameras.ground import Ground
 from pipeline.fusion.cameras.merging import Moments, merge_sightings, moments
 from pipeline.fusion.cameras.observed import Noise
 from pipeline.fusion.cameras.placing import HEADINGS, Placements, SizePriors, place
@@ -29,7 +30,7 @@ def merged(cars: list[tuple[float, float, float]], *cameras: CameraSensor) -> tu
     found = {camera.name: seen_by(camera, boxes, [CAR] * len(boxes)) for camera in cameras}
     sightings = see(views_of(*cameras), found)
     noise = Noise(1.5, 0.03, 0.05, 0.008, 0.002)
-    placements = place(sightings, SizePriors.of(ROAD_CLASSES), lambda xy: np.zeros(xy.shape[:-1]), noise)
+    placements = place(sightings, SizePriors.of(ROAD_CLASSES), Ground.level(0.0), noise)
     objects, known = merge_sightings(placements, sightings.cameras, sightings.class_ids)
     return objects.tolist(), moments(known)
 

@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from seen_boxes import Box, camera_at, seen_by, views_of
 
-from pipeline.core.arrays import F64
 from pipeline.core.rig import CameraSensor
 from pipeline.core.settings.classes import ROAD_CLASSES
+from pipeline.fusion.cameras.ground import Ground
 from pipeline.fusion.cameras.merging import Moments, moments
 from pipeline.fusion.cameras.observed import Noise
 from pipeline.fusion.cameras.placing import SizePriors, place
@@ -24,13 +24,12 @@ LOW = camera_at("low", (0.0, 0.0, 1.6))
 MAST = camera_at("mast", (0.0, 0.0, 6.0), pitch_deg=15)
 
 
-def flat(xy: F64) -> F64:
-    return np.zeros(xy.shape[:-1])
+FLAT = Ground.level(0.0)
 
 
 def placed(camera: CameraSensor, rows: Sequence[Sequence[float]]) -> Moments:
     sightings = see(views_of(camera), {camera.name: boxes2d(rows)})
-    return moments(place(sightings, PRIORS, flat, NOISE))
+    return moments(place(sightings, PRIORS, FLAT, NOISE))
 
 
 def standing(class_id: int, x: float, y: float, yaw: float) -> Box:
@@ -79,10 +78,10 @@ def test_ground_tells_the_range_of_what_is_smaller_than_its_class() -> None:
 def test_the_ground_may_be_anywhere() -> None:
     boxes = seen_by(MAST, [standing(CAR, 30.0, 4.0, 0.3)], [CAR])
     sightings = see(views_of(MAST), {"mast": boxes})
-    level = moments(place(sightings, PRIORS, flat, NOISE))
+    level = moments(place(sightings, PRIORS, FLAT, NOISE))
     raised = camera_at("mast", (0.0, 0.0, 16.0), pitch_deg=15)
     up = see(views_of(raised), {"mast": boxes})
-    same = moments(place(up, PRIORS, lambda xy: np.full(xy.shape[:-1], 10.0), NOISE))
+    same = moments(place(up, PRIORS, Ground.level(10.0), NOISE))
     np.testing.assert_allclose(same.xy, level.xy, atol=1e-6)
 
 

@@ -1,0 +1,35 @@
+import numpy as np
+from detections import boxes2d
+
+from pipeline.core.detections import Boxes2D
+from pipeline.fusion.found import FoundBoxes
+
+ONE = [(0.0, 0.0, 5.0, 5.0, 0.5, 0), (1.0, 0.0, 5.0, 5.0, 0.9, 1), (0.0, 0.0, 4.0, 5.0, 0.5, 0)]
+TWO = [(7.0, 0.0, 9.0, 5.0, 0.3, 2)]
+
+
+def test_ranked_camera_by_camera() -> None:
+    found = FoundBoxes.of({"c": boxes2d(TWO), "a": boxes2d(ONE)}, ("a", "b", "c"))
+    assert found.cameras.tolist() == [0, 0, 0, 2]
+    assert found.rows.tolist() == [1, 2, 0, 0]
+    np.testing.assert_array_equal(found.xyxy, np.array([*(ONE[k][:4] for k in (1, 2, 0)), TWO[0][:4]], np.float32))
+    assert found.class_ids.tolist() == [1, 0, 0, 2]
+
+
+def test_the_order_of_the_boxes_does_not_matter() -> None:
+    some, other = (FoundBoxes.of({"a": boxes2d(rows)}, ["a"]) for rows in (ONE, ONE[::-1]))
+    np.testing.assert_array_equal(some.xyxy, other.xyxy)
+    assert other.rows.tolist() == [1, 0, 2]
+
+
+def test_stamps_are_those_of_the_images() -> None:
+    table = {
+        "a": boxes2d(ONE),
+        "b": Boxes2D(70, "b", *(getattr(boxes2d(TWO), f) for f in ("xyxy", "scores", "class_ids"))),
+    }
+    assert FoundBoxes.of(table, ("a", "b")).stamps_ns.tolist() == [*[table["a"].stamp_ns] * 3, 70]
+
+
+def test_nothing() -> None:
+    for boxes in ({}, {"a": boxes2d([])}):
+        assert len(FoundBoxes.of(boxes, ("a", "b"))) == 0
