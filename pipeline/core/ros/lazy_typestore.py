@@ -10,7 +10,7 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from functools import cache, partial
 from importlib.util import find_spec, module_from_spec
-from types import ModuleType, SimpleNamespace
+from types import SimpleNamespace
 from typing import Any
 
 from rosbags.interfaces import Msgdef, Nodetype
@@ -18,8 +18,7 @@ from rosbags.interfaces.typing import Fielddefs, Typesdict
 from rosbags.serde.cdr import generate_deserialize_cdr, generate_getsize_cdr, generate_serialize_cdr
 from rosbags.serde.ros1 import generate_deserialize_ros1, generate_getsize_ros1, generate_serialize_ros1
 from rosbags.typesys import Stores
-from rosbags.typesys.base import TypesysError, normalize_fieldname
-from rosbags.typesys.codegen import generate_python_code
+from rosbags.typesys.base import normalize_fieldname
 from rosbags.typesys.store import Typestore
 
 from pipeline.core.ros.made_later import MadeLater
@@ -27,7 +26,6 @@ from pipeline.core.ros.made_later import MadeLater
 __all__ = ["LazyTypestore", "lazy_typestore"]
 
 _STORES = "rosbags.typesys.stores"
-_USER_TYPES = "rosbags.usertypes"
 
 _NO_FIELDS = [("structure_needs_at_least_one_member", (Nodetype.BASE, ("uint8", 0)))]
 
@@ -53,25 +51,6 @@ class LazyTypestore(Typestore):
         self.fielddefs = MadeLater(release.FIELDDEFS)
         classes = {name: getattr(release, name.replace("/", "__")) for name in self.fielddefs}
         self.types = MadeLater({}, {name: partial(_dataclass, plain) for name, plain in classes.items()})
-
-    def register(self, typs: Typesdict) -> None:
-        """Add types; those of recorded definitions are mostly asked for the place of a stamp alone.
-
-        Raises:
-            TypesysError: the store has a type of that name with other fields.
-            SyntaxError: a name is none in Python.
-        """
-        module = _with_plain_classes(ModuleType(_USER_TYPES))
-        exec(generate_python_code(typs), vars(module))  # noqa: S102  # as rosbags does
-        for name, (_, fields) in module.FIELDDEFS.items():
-            if name in self.fielddefs and _lowered(self.fielddefs[name][1]) != _lowered(fields):
-                raise TypesysError(f"Type {name!r} is already present with different definition.")
-        for name in module.FIELDDEFS.keys() - self.fielddefs.keys():
-            self.fielddefs[name] = module.FIELDDEFS[name][:2]
-        classes = {
-            name: getattr(module, name.replace("/", "__")) for name in module.FIELDDEFS if name not in self.types
-        }
-        self.types = MadeLater(self.types, {name: partial(_dataclass, plain) for name, plain in classes.items()})
 
     def know(self, types: Typesdict) -> None:
         """As `register`, but without a look at the types: they are sound, and others than those of the store."""
@@ -104,31 +83,22 @@ def lazy_typestore(name: Stores) -> LazyTypestore:
 @cache
 def _release(name: str) -> Any:
     """A module of rosbags with the types of a release, its classes not yet made dataclasses."""
+
+    def importing(module: str, *place: Any) -> Any:
+        _, _, names, level = (*place, None, None, (), 0)[:4]
+        if module == "dataclasses":
+            return SimpleNamespace(**vars(dataclasses) | {"dataclass": _same})
+        if level == 1 and not module:  # the releases that this one adds to
+            return SimpleNamespace(**{base: _release(base) for base in names})
+        return __import__(module, *place)
+
     spec = find_spec(f"{_STORES}.{name}")
     assert spec is not None
     assert spec.loader is not None
-    module = _with_plain_classes(module_from_spec(spec))
+    module = module_from_spec(spec)
+    vars(module)["__builtins__"] = vars(builtins) | {"__import__": importing}
     spec.loader.exec_module(module)
     return module
-
-
-def _with_plain_classes(module: ModuleType) -> Any:
-    """The module, not yet executed, in which no class will become a dataclass."""
-
-    def importing(name: str, *place: Any) -> Any:
-        _, _, names, level = (*place, None, None, (), 0)[:4]
-        if name == "dataclasses":
-            return SimpleNamespace(**vars(dataclasses) | {"dataclass": _same})
-        if level == 1 and not name:  # the releases that this one adds to
-            return SimpleNamespace(**{base: _release(base) for base in names})
-        return __import__(name, *place)
-
-    vars(module)["__builtins__"] = vars(builtins) | {"__import__": importing}
-    return module
-
-
-def _lowered(fields: Fielddefs) -> list[tuple[str, Any]]:
-    return [(name.lower(), kind) for name, kind in fields]
 
 
 def _dataclass(plain: type[Any]) -> type[Any]:

@@ -16,6 +16,7 @@ from rosbags.typesys.store import Typestore
 
 from pipeline.core.errors import MessageError
 from pipeline.core.messages import Channel, RawMessage
+from pipeline.core.ros.cdr import CdrEncoder
 from pipeline.core.ros.lazy_typestore import lazy_typestore
 from pipeline.core.ros.messages import ROS2
 from pipeline.core.ros.typestores import message_types
@@ -29,6 +30,9 @@ from readers.messages.deserialize import deserialize, type_parts, typestore_for
 __all__ = ["to_ros2"]
 
 HEADER = "std_msgs/msg/Header"
+
+RENAMED = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
+"""Types that ROS 2 calls otherwise, as rosbags has them, whose converter takes long to import."""
 
 
 @decoder
@@ -60,9 +64,11 @@ def to_ros2(
     if channel.msgtype in VISION_ARRAYS:
         converted = vision_message(recorded, channel.msgtype, classes)
         return message._replace(channel=_of_vision(channel), data=ROS2.serialize(converted))
+    store, in_ros2, encoder = _in_ros2(channel)
+    if encoder is not None:
+        return message._replace(channel=in_ros2, data=bytes(encoder.encode(recorded)))
     from rosbags.convert.converter import migrate_message  # 0.1 s: it brings the readers and writers of all bags
 
-    store, in_ros2 = _in_ros2(channel)
     moved: Any = migrate_message(typestore_for(channel), store, channel.msgtype, in_ros2.msgtype, {}, recorded)
     return message._replace(channel=in_ros2, data=store.serialize_cdr(moved, in_ros2.msgtype))
 
@@ -83,12 +89,13 @@ def _defined(channel: Channel) -> Channel:
 
 
 @lru_cache(maxsize=1024)
-def _in_ros2(channel: Channel) -> tuple[Typestore, Channel]:
-    """The types of ROS 2 for a ROS 1 channel, and the channel that has them."""
-    from rosbags.convert.converter import STATIC_MSGTYPE_RENAMES
+def _in_ros2(channel: Channel) -> tuple[Typestore, Channel, CdrEncoder | None]:
+    """The types of ROS 2 for a ROS 1 channel, and the channel that has them.
 
+    Also what encodes recorded messages as they are, if the type has no other name and all fields of ROS 2 are recorded.
+    """
     recorded, humble = typestore_for(channel).fielddefs, message_types(2).fielddefs
-    msgtype = STATIC_MSGTYPE_RENAMES.get(channel.msgtype, channel.msgtype)
+    msgtype = RENAMED.get(channel.msgtype, channel.msgtype)
     types: Typesdict = {}
     wanted = [(channel.msgtype, msgtype)]
     while wanted:
@@ -100,9 +107,13 @@ def _in_ros2(channel: Channel) -> tuple[Typestore, Channel]:
     store = lazy_typestore(Stores.EMPTY)
     store.register({name: definition for name, definition in types.items() if name not in store.fielddefs})
     definition, _ = store.generate_msgdef(msgtype, ros_version=2)
-    return store, replace(
+    in_ros2 = replace(
         channel, msgtype=msgtype, encoding="cdr", definition=definition, definition_format="ros2msg", digest=""
     )
+    fits = msgtype == channel.msgtype and all(
+        field in recorded[name][1] for name in types for field in store.fielddefs[name][1]
+    )
+    return store, in_ros2, CdrEncoder(store) if fits else None
 
 
 def _holds(humble: Typesdict, name: str, recorded: Any) -> bool:

@@ -3,8 +3,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from rosbags.typesys.base import TypesysError
+from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
 from pipeline.core.ros.lazy_typestore import lazy_typestore
@@ -77,38 +76,3 @@ def test_types_that_are_known_are_those_that_are_registered(version: RosVersion)
 @pytest.mark.parametrize(("version", "release"), [(1, Stores.ROS1_NOETIC), (2, Stores.ROS2_HUMBLE)])
 def test_what_is_added_is_not_there_already(version: RosVersion, release: Stores) -> None:
     assert not {*extra_types(version)} & {*get_typestore(release).fielddefs}
-
-
-@pytest.mark.parametrize("version", [1, 2])
-def test_types_that_are_registered_are_those_of_rosbags_and_made_later(version: RosVersion) -> None:
-    extra = {**extra_types(version)}
-    lazy, eager = lazy_typestore(Stores.EMPTY), get_typestore(Stores.EMPTY)
-    lazy.register(extra)
-    eager.register(extra)
-    assert dict(lazy.fielddefs) == eager.fielddefs
-    assert not any(dataclasses.is_dataclass(lazy.types.raw()[name]) for name in extra)  # type: ignore[attr-defined]  # a MadeLater
-    assert {name: described(cls) for name, cls in lazy.types.items()} == {
-        name: described(cls) for name, cls in eager.types.items()
-    }
-
-
-def test_a_type_that_is_there_with_other_fields_is_refused_as_by_rosbags() -> None:
-    for store in (lazy_typestore(Stores.ROS2_HUMBLE), get_typestore(Stores.ROS2_HUMBLE)):
-        store.register(get_types_from_msg("float64 X\nfloat64 y\nfloat64 z", "geometry_msgs/msg/Point"))
-        with pytest.raises(TypesysError, match="'geometry_msgs/msg/Point' is already present"):
-            store.register(get_types_from_msg("float32 x", "geometry_msgs/msg/Point"))
-
-
-@pytest.mark.parametrize("name", ["a-b", "1a", "class"])
-def test_a_name_that_python_does_not_accept_is_refused_as_by_rosbags(name: str) -> None:
-    types = {f"pkg/msg/{name}": get_types_from_msg("uint8 x", "pkg/msg/Type")["pkg/msg/Type"]}
-    expected = [_fault(store, types) for store in (get_typestore(Stores.EMPTY), lazy_typestore(Stores.EMPTY))]
-    assert expected[0] == expected[1]
-
-
-def _fault(store: Typestore, types: Any) -> object:
-    try:
-        store.register(types)
-    except SyntaxError as err:
-        return str(err)
-    return None
