@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pipeline.core.arrays import F32, Bools, Indices
+from pipeline.core.arrays import F32, F64, Bools, Indices
 from pipeline.core.association import (
     class_confusion,
     detector_variances,
@@ -58,6 +58,7 @@ class Associate:
         self._names = tuple(camera.name for camera in rig.cameras)
         self._config = config.associate
         self._confusion = class_confusion(config.classes, config.associate.any_class)
+        self._last: tuple[Mapping[str, Boxes2D], FoundBoxes] | None = None
 
     def __call__(
         self, boxes3d: Boxes3D, boxes2d: Mapping[str, Boxes2D], views: Mapping[str, CameraSensor]
@@ -79,13 +80,19 @@ class Associate:
         seen = project_into_views(ranked, cameras, arrays)
         positions = -np.einsum("cij,ci->cj", arrays.rotations, arrays.translations)
         hidden, rest = hidden_parts(ranked, seen, positions)
-        found = FoundBoxes.of(boxes2d, self._names)
-        # Detected boxes may reach beyond the image, projected ones do not.
-        sizes = arrays.image_sizes.astype(np.float32)[found.cameras]
-        found = replace(found, xyxy=np.clip(found.xyxy, 0, np.concatenate([sizes, sizes], 1)))
+        found = self._found_boxes(boxes2d, arrays.image_sizes)
         pairs = near_pairs(seen.xyxy, seen.cameras, found.xyxy, found.cameras, min_giou=self._config.min_giou)
         taken = self._taken(ranked, seen, (hidden, rest), found, pairs, arrays)
         return self._matches(rows3d, seen, hidden, found, pairs.select(taken))
+
+    def _found_boxes(self, boxes2d: Mapping[str, Boxes2D], image_sizes: F64) -> FoundBoxes:
+        """The 2D boxes, clipped to the images: detected ones may reach beyond them, projected ones do not."""
+        if self._last is None or self._last[0] is not boxes2d:  # each frame's boxes are associated twice
+            found = FoundBoxes.of(boxes2d, self._names)
+            sizes = image_sizes.astype(np.float32)[found.cameras]
+            found = replace(found, xyxy=np.clip(found.xyxy, 0, np.concatenate([sizes, sizes], 1)))
+            self._last = boxes2d, found
+        return self._last[1]
 
     def _matches(
         self, rows3d: Indices, seen: InView, hidden: F32, found: FoundBoxes, pairs: Pairs

@@ -5,17 +5,12 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from pipeline.core.arrays import F64
+from pipeline.core.geometry.rotated_iou_kernels import shared_grounds
 
 __all__ = ["BoxArrays", "Ious", "OrientedBoxes", "ious", "pair_ious", "shared_ground"]
 
-BLOCK = 1 << 12
-"""Pairs that are clipped at once: what is computed on the way stays in the cache of a core, and memory is bounded."""
-
 ROUNDING = 16 * np.finfo(np.float64).eps
 """Boxes that share less than this part of their ground share nothing: sums of the size of a box are not finer."""
-
-_ALONG, _ACROSS = np.array([[1, -1, -1, 1], [1, 1, -1, -1]])[:, :, None]
-"""The corners of a rectangle, counter-clockwise, in halves of its length and width."""
 
 
 class OrientedBoxes(Protocol):
@@ -100,55 +95,20 @@ def shared_ground(first: OrientedBoxes, second: OrientedBoxes) -> F64:
 
     0 if one of the two has no ground or is not finite.
     """
-    shared_m2 = np.zeros(len(first.yaws))
-    with np.errstate(invalid="ignore", over="ignore"):
-        for start in range(0, len(shared_m2), BLOCK):
-            rows = slice(start, start + BLOCK)
-            shared_m2[rows] = _shared_ground(
-                BoxArrays(first.centers[rows], first.sizes[rows], first.yaws[rows]),
-                BoxArrays(second.centers[rows], second.sizes[rows], second.yaws[rows]),
-            )
-    return shared_m2
+    with np.errstate(invalid="ignore"):
+        turn = second.yaws - first.yaws
+        directions = np.cos(first.yaws), np.sin(first.yaws), np.cos(turn), np.sin(turn)
+    return shared_grounds(
+        np.ascontiguousarray(first.centers),
+        np.ascontiguousarray(first.sizes),
+        np.ascontiguousarray(second.centers),
+        np.ascontiguousarray(second.sizes),
+        *directions,
+        ROUNDING,
+    )
 
 
 def _iou(shared: F64, first: F64, second: F64) -> F64:
     union = first + second - shared
     is_sound = (shared > 0) & np.isfinite(union)
     return np.where(is_sound, shared / np.where(is_sound, union, 1.0), 0.0)
-
-
-def _shared_ground(first: BoxArrays, second: BoxArrays) -> F64:
-    """(P,) the integral over x, in the frame of the first box, of the height y that lies in both rectangles.
-
-    Above each x, the second rectangle reaches from one of its edges up to another; both are cut off where the first one
-    ends. So what its edges contribute, each with the sign of its direction, adds up to the area. No polygon is made
-    whose corners could be confused where edges and corners meet: the area is continuous in what is given.
-    """
-    half_length, half_width = first.sizes[:, 0] / 2, first.sizes[:, 1] / 2
-    cos, sin = np.cos(first.yaws), np.sin(first.yaws)
-    east, north = (second.centers[:, :2] - first.centers[:, :2]).T
-    turn = second.yaws - first.yaws
-    along, across = _ALONG * (second.sizes[:, 0] / 2), _ACROSS * (second.sizes[:, 1] / 2)
-    x = east * cos + north * sin + along * np.cos(turn) - across * np.sin(turn)  # (4, P), as all below
-    y = north * cos - east * sin + along * np.sin(turn) + across * np.cos(turn)
-
-    end_x, end_y = np.roll(x, -1, 0), np.roll(y, -1, 0)
-    left, right = np.clip(x, -half_length, half_length), np.clip(end_x, -half_length, half_length)
-    way_x, way_y = np.where(end_x == x, 1.0, end_x - x), end_y - y
-    left_y = y + np.clip((left - x) / way_x, 0.0, 1.0) * way_y
-    right_y = end_y - np.clip((end_x - right) / way_x, 0.0, 1.0) * way_y
-    edges_m2 = (left - right) * _mean_clipped(left_y, right_y, half_width)
-
-    grounds_m2 = first.sizes[:, 0] * first.sizes[:, 1], second.sizes[:, 0] * second.sizes[:, 1]
-    shared_m2 = np.minimum(edges_m2.sum(0), np.minimum(*grounds_m2))
-    has_ground = (first.sizes[:, :2] > 0).all(1) & (second.sizes[:, :2] > 0).all(1)
-    return np.where(has_ground & (shared_m2 > ROUNDING * (grounds_m2[0] + grounds_m2[1])), shared_m2, 0.0)
-
-
-def _mean_clipped(start: F64, end: F64, limit: F64) -> F64:
-    """Mean of the numbers from `start` to `end`, each of them clipped to -`limit` .. `limit`."""
-    low, high = np.minimum(start, end), np.maximum(start, end)
-    within_low, within_high = np.clip(low, -limit, limit), np.clip(high, -limit, limit)
-    above, below = np.maximum(high, limit) - np.maximum(low, limit), np.minimum(high, -limit) - np.minimum(low, -limit)
-    integral = (within_high - within_low) * (within_high + within_low) / 2 + limit * (above - below)
-    return np.where(high > low, integral / np.where(high > low, high - low, 1.0), within_low)

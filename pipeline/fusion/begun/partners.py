@@ -24,14 +24,16 @@ def find_partners(sightings: Sightings, matches: Mapping[str, Matches], names: t
         names: Of the cameras, by their number.
     """
     partner, iou = np.full(len(sightings), -1, np.int64), np.zeros(len(sightings))
-    for number, name in enumerate(names):
-        mine = np.flatnonzero(sightings.cameras == number)
-        rows3d, rows2d = matches[name].pairs.T
-        pair = np.full(int(max(sightings.rows[mine].max(initial=-1), rows2d.max(initial=-1))) + 1, -1, np.int64)
-        pair[rows2d] = np.arange(len(rows2d))
-        mine = mine[pair[sightings.rows[mine]] >= 0]
-        pairs = pair[sightings.rows[mine]]
-        partner[mine], iou[mine] = rows3d[pairs], matches[name].iou[pairs]
+    tables = [matches[name] for name in names]
+    pairs = np.concatenate([np.zeros((0, 2), np.int64), *(table.pairs for table in tables)])
+    cameras = np.repeat(np.arange(len(names)), [len(table) for table in tables])
+    width = int(max(sightings.rows.max(initial=-1), pairs[:, 1].max(initial=-1))) + 1
+    pair = np.full(len(names) * width, -1, np.int64)  # by camera and 2D box
+    pair[cameras * width + pairs[:, 1]] = np.arange(len(pairs))
+    of_sighting = pair[sightings.cameras * width + sightings.rows]
+    found = np.flatnonzero(of_sighting >= 0)
+    partner[found] = pairs[of_sighting[found], 0]
+    iou[found] = np.concatenate([np.zeros(0), *(table.iou for table in tables)])[of_sighting[found]]
     return partner, iou
 
 

@@ -13,6 +13,7 @@ from pipeline.core.arrays import F32, F64, I64
 from pipeline.core.settings.detect import ClusterConfig
 from pipeline.detectors.cluster.clusters import cluster_points, thin_points
 from pipeline.fusion.begun.frustums import FrustumPoints
+from pipeline.fusion.begun.segment_kernels import extents_of_segments, points_of_segments
 
 __all__ = ["Expected", "Segments", "choose_segments"]
 
@@ -85,45 +86,27 @@ def choose_segments(
     none = np.zeros(0, np.int64)
     if not len(found):
         return Segments(none, none, none, np.zeros(0))
-    segment = _linked(xyz, found, link_m, config)
-    order = np.lexsort((found.along_m, segment))  # nearest first
-    segment = segment[order]
-    first = _starts(segment)
-    # The front is where the nearest tenth of the points ends: one stray point is not an object's side.
-    counts = np.diff(first, append=len(segment))
-    front = found.along_m[order][first + counts // 10]
-    number = np.repeat(np.arange(len(first)), counts)
-    within = found.along_m[order] <= front[number] + expected.reach_m[found.group[order]]
-    order, number = order[within], number[within]
-    first = _starts(number)
-    counts = np.diff(first, append=len(number))
-    group = found.group[order[first]]
-    wide, high = (
-        np.maximum.reduceat(share[order], first) - np.minimum.reduceat(share[order], first)
-        for share in (found.share_x, found.share_y)
+    number, segment = _linked(xyz, found, link_m, config)
+    order, starts, group, counts, front, wide, high = extents_of_segments(
+        segment, number, found.group, found.along_m, found.share_x, found.share_y, expected.reach_m
     )
     high = np.minimum((high + expected.gap_share[group]) / (1.0 - expected.clear_share[group]), 1.0)
     off = (front - expected.front_m[group]) / expected.front_std_m[group]
     sound = (counts >= min_points) & (wide >= MIN_WIDTH) & (wide * high >= MIN_FILL) & (np.abs(off) <= MAX_OFF)
     worth = np.where(sound, 2 * np.log(np.maximum(wide * high, MIN_FILL)) - off**2 / 2, -np.inf)
     best = np.lexsort((front, -worth, group))
-    best = best[_starts(group[best])]
+    best = best[np.flatnonzero(np.diff(group[best], prepend=-1))]
     best = best[np.isfinite(worth[best])]
-    chosen = np.concatenate([none, *(order[first[row] : first[row] + counts[row]] for row in best)])
-    starts = np.cumsum(counts[best]) - counts[best]
-    return Segments(group[best], chosen, starts.astype(np.int64), worth[best])
+    points, first = points_of_segments(best, order, starts, found.along_m, front + expected.reach_m[group])
+    return Segments(group[best], points, first, worth[best])
 
 
-def _linked(xyz: F32, found: FrustumPoints, link_m: F64, config: ClusterConfig) -> I64:
-    """(P,) segment of each point; no segment is in two frustums."""
+def _linked(xyz: F32, found: FrustumPoints, link_m: F64, config: ClusterConfig) -> tuple[int, I64]:
+    """The number of segments, and (P,) that of each point; no segment is in two frustums."""
     position = xyz.take(found.rows, axis=0).astype(np.float64)
     position[:, 2] *= config.height_weight
     cells = thin_points(position, link_m, THIN_SHARE, found.group)
     means = cells.means.copy()
     means[:, 0] += APART_M * found.group[cells.first]
-    _, segment = cluster_points(means, cells.distance_m)
-    return np.asarray(segment[cells.cell_of_point])
-
-
-def _starts(sorted_values: I64) -> I64:
-    return np.flatnonzero(np.diff(sorted_values, prepend=-1))
+    number, segment = cluster_points(means, cells.distance_m)
+    return number, segment.take(cells.cell_of_point)

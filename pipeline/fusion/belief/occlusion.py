@@ -11,10 +11,12 @@ nothing.
 """
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 
 from pipeline.core.arrays import F32, F64, Indices
+from pipeline.core.camera import CameraModel
 from pipeline.core.rig import CameraSensor
 from pipeline.fusion.belief.occlusion_kernels import nearer_shares, nearest_in_cells
 
@@ -58,7 +60,7 @@ def hidden_by_points(
     if not len(cameras):
         return np.zeros(0)
     matrices = np.stack([view.T_camera_site.matrix for view in views])
-    low, cell = _cells(views)
+    low, cell = _cells(tuple(view.model for view in views))
     matrices32, low32, cell32 = (values.astype(np.float32) for values in (matrices, low, cell))
     nearest = nearest_in_cells(matrices32, _sampled(xyz_site), low32, cell32, COLUMNS, ROWS, NEAR_M)
     pairs = np.ascontiguousarray(cameras), np.ascontiguousarray(objects)
@@ -69,9 +71,9 @@ def _sampled(xyz: F32) -> F32:
     return xyz[:: -(-len(xyz) // MAX_POINTS) or 1]
 
 
-def _cells(views: Sequence[CameraSensor]) -> tuple[F64, F64]:
+@lru_cache(maxsize=4)
+def _cells(models: tuple[CameraModel, ...]) -> tuple[F64, F64]:
     """(C, 2) low end of the field of view across and down, and (C, 2) size of a cell, in the plane one metre ahead."""
-    models = [view.model for view in views]
     focal = np.array([(model.K[0, 0], model.K[1, 1]) for model in models])
     middle = np.array([(model.K[0, 2], model.K[1, 2]) for model in models])
     size = np.array([(model.width_px, model.height_px) for model in models], np.float64)

@@ -1,11 +1,11 @@
 """The 2D boxes of all cameras of a frame as one table, with the directions of their edges."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64, Bools, Rows, select_rows
+from pipeline.core.arrays import F64, I64, Bools, Rows
 from pipeline.core.camera import BORDER_PX
 from pipeline.core.detections import Boxes2D
 from pipeline.core.rig import CameraSensor
@@ -55,7 +55,20 @@ class Sightings:
 
     def select(self, rows: Rows) -> "Sightings":
         """The given rows (mask or indices), in that order."""
-        return replace(select_rows(self, rows), views=self.views.select(rows))
+        if rows.dtype == np.bool_:
+            rows = np.flatnonzero(rows)
+        return Sightings(
+            self.cameras.take(rows),
+            self.rows.take(rows),
+            self.xyxy.take(rows, axis=0),
+            self.cut.take(rows, axis=0),
+            self.scores.take(rows),
+            self.class_ids.take(rows),
+            self.stamps_ns.take(rows),
+            self.views.select(rows),
+            self.origin.take(rows, axis=0),
+            self.rays.take(rows, axis=0),
+        )
 
 
 def see(views: Mapping[str, CameraSensor], boxes2d: Mapping[str, Boxes2D]) -> Sightings:

@@ -8,8 +8,10 @@ from lens_models import LENS_MODELS, lens
 from scipy.spatial.transform import Rotation
 
 from pipeline.core.arrays import F64, Bools, Indices
-from pipeline.core.camera import CameraModel
-from pipeline.core.optics.lens_kernels import outermost_points
+from pipeline.core.camera import EDGE_SHARES, CameraModel
+from pipeline.core.geometry.box_edges import BOX_EDGES
+from pipeline.core.geometry.boxes import box_corners
+from pipeline.core.optics.lens_kernels import outermost_points, rays_of_pixels, rectangles_of_cut_boxes
 from pipeline.core.optics.lenses import Lenses
 
 MODELS = [lens(*model) for model in LENS_MODELS.values()]
@@ -76,3 +78,44 @@ def test_one_outline_for_all(shared: bool) -> None:
     expected = outermost(boxes, rows, signs, np.tile(offsets[:1], (len(MODELS), 1, 1)), *stands)
     for found, same in zip(outermost(boxes, rows, signs, own, *stands), expected, strict=True):
         np.testing.assert_array_equal(found, same)
+
+
+def judged_rays(lenses: Lenses, pixels: F64) -> tuple[F64, Bools]:
+    """Newton's method for all pixels at once."""
+    K = lenses.K[:, None]
+    y = (pixels[..., 1] - 0.5 - K[..., 1, 2]) / K[..., 1, 1]
+    x = (pixels[..., 0] - 0.5 - K[..., 0, 2] - K[..., 0, 1] * y) / K[..., 0, 0]
+    rays = np.stack([x, y, np.ones(x.shape)], -1)
+    for _ in range(30):
+        shown, valid = lenses.project(rays)
+        miss = pixels - shown
+        found = valid & (np.abs(miss).max(-1) <= 1e-4)
+        if (found | ~valid).all():
+            break
+        (a, b), (c, d) = np.moveaxis(lenses.jacobians(rays)[..., :2], (-2, -1), (0, 1))
+        whole = np.where(a * d - b * c == 0, np.inf, a * d - b * c)
+        step = np.stack([d * miss[..., 0] - b * miss[..., 1], a * miss[..., 1] - c * miss[..., 0]], -1)
+        rays[..., :2] += np.where((valid & ~found)[..., None], step / whole[..., None], 0.0)
+    return np.where(found[..., None], rays, [0.0, 0.0, 1.0]), found
+
+
+@settings(max_examples=40)
+@given(st.integers(0, 2**31))
+def test_rays_are_those_of_newtons_method_for_all_at_once(seed: int) -> None:
+    pixels = np.random.default_rng(seed).uniform(-400, 1000, (len(MODELS), 9, 2))
+    found = rays_of_pixels(pixels, *LENSES.arrays, 30, 1e-4)
+    for one, other in zip(found, judged_rays(LENSES, pixels), strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+@settings(max_examples=60)
+@given(st.integers(0, 2**31))
+def test_rectangles_of_cut_boxes_are_those_of_each_camera(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    count = len(MODELS)
+    centers, sizes = random.uniform([-4, -3, -3], [4, 3, 6], (count, 3)), random.uniform(0.3, 8, (count, 3))
+    corners = box_corners(centers, sizes, random.uniform(-3, 3, count))
+    image_sizes = np.array([[model.width_px, model.height_px] for model in MODELS], np.float64)
+    found = rectangles_of_cut_boxes(corners, BOX_EDGES, EDGE_SHARES, image_sizes, *LENSES.arrays)
+    for model, corner, rectangle in zip(MODELS, corners, found, strict=True):
+        np.testing.assert_allclose(rectangle, model.project_boxes(corner[None])[0], rtol=1e-6, atol=1e-4)
