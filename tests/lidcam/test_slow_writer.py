@@ -20,7 +20,7 @@ from pipeline.core.messages import RawMessage
 from writers.mcap.chunk import Chunk
 from writers.mcap.file import CHUNK_BYTES
 
-FRAMES = 25
+FRAMES = 16
 IMAGE_PX = 480, 640, 3
 FRAME_BYTES = 480 * 640 * 3
 WAITING_BYTES = 4 << 20
