@@ -162,6 +162,8 @@ def labels_in_the_clear(places: F64, sizes: F64, importance: F64) -> list[int]:
         sizes: (N, 2) width and height.
         importance: (N,) of two that would cover each other, the more important one stays.
     """
+    if len(places) < 2:
+        return list(range(len(places)))
     apart = np.asarray((np.abs(places[:, None] - places) > (sizes[:, None] + sizes) / 2).any(2))
     rows, is_free = [], np.ones(len(places), bool)
     for row in np.argsort(-importance, kind="stable").tolist():

@@ -37,6 +37,7 @@ WORKERS = 1, 2
 LEAST_MS = 0.05
 SAME_FILTERS = ("--set", "combine.outliers.std_ratio=0.2")  # what the straight script has
 SAME_INPUT = ("--set", "detect2d.input=[416,416]")  # likewise, of its network
+WARM_UP = ("--duration", "0.5")
 AS_IT_IS = {"": ()}
 
 STAGES = {
@@ -147,6 +148,7 @@ def _section(case: Case, rounds: int, folder: Path) -> list[str]:
     """The tables of one recording."""
     runs: dict[tuple[str, int], list[Run]] = {(way, workers): [] for way in case.ways for workers in WORKERS}
     script: list[Run] = []
+    _run_lidcam(case, WARM_UP, folder, 1)  # not counted: functions that it compiles are kept for the next runs
     for _ in range(rounds):
         for (way, workers), found in runs.items():
             found.append(_run_lidcam(case, case.ways[way], folder, workers))

@@ -18,8 +18,11 @@ RUN = 16
 """Points of a run, and children of a box."""
 
 AXIS_BITS = 11
-"""Cells of the curve along the longest edge of the cloud, as a power of two: more take longer to sort, and the search
-gains nothing by them."""
+"""Cells of the curve along the longest edge of the cloud, as a power of two."""
+
+ROW_BITS = 63 - 3 * AXIS_BITS
+ROW = (1 << ROW_BITS) - 1
+"""A point is held as one number while points are sorted: in these bits its row, above them its place on the curve."""
 
 CELLS = 1 << AXIS_BITS
 
@@ -75,12 +78,12 @@ def _numbered(cells: I32) -> None:
 
 
 @inlined
-def _apart(bits: np.int64) -> np.int64:
-    """The lowest 16 bits of a number, each at three times its place."""
-    bits = (bits | (bits << 16)) & 0x0000FF0000FF
-    bits = (bits | (bits << 8)) & 0x00F00F00F00F
-    bits = (bits | (bits << 4)) & 0x0C30C30C30C3
-    return (bits | (bits << 2)) & 0x249249249249
+def _apart(bits: int) -> int:
+    """The lowest eleven bits of a number, each at three times its place."""
+    bits = (bits | (bits << 16)) & 0x070000FF
+    bits = (bits | (bits << 8)) & 0x0700F00F
+    bits = (bits | (bits << 4)) & 0x430C30C3
+    return (bits | (bits << 2)) & 0x49249249
 
 
 @inlined
@@ -89,18 +92,22 @@ def _point(xyz: F32, row: int) -> tuple[np.float32, np.float32, np.float32]:
     return xyz[at, 0], xyz[at, 1], xyz[at, 2]
 
 
-@compiled(f"float64({POINTS}, int32[::1], int64[::1])")
-def _places(xyz: F32, order: I32, places: I64) -> float:
-    """Writes where the points (N, 3) in `order` (M,) lie on a curve that fills their bounding cube to `places` (M,).
+@compiled(f"float64({POINTS}, int64[::1])")
+def _place(xyz: F32, points: I64) -> float:
+    """Writes where some of the points (N, 3) lie on a curve that fills their bounding cube.
+
+    Args:
+        xyz: All points.
+        points: (M,) some of them, see `ROW`; their places are written over.
 
     Returns:
         The edge of the cube; if it is 0, nothing is written.
     """
-    count = len(order)
+    count = len(points)
     x_low = y_low = z_low = LARGEST
     x_high = y_high = z_high = -LARGEST
     for k in range(count):
-        x, y, z = _point(xyz, order[k])
+        x, y, z = _point(xyz, points[k] & ROW)
         x_low, y_low, z_low = _smaller(x_low, x), _smaller(y_low, y), _smaller(z_low, z)
         x_high, y_high, z_high = _larger(x_high, x), _larger(y_high, y), _larger(z_high, z)
     x_least, y_least, z_least = np.float64(x_low), np.float64(y_low), np.float64(z_low)
@@ -112,52 +119,52 @@ def _places(xyz: F32, order: I32, places: I64) -> float:
     for start in range(0, count, CHUNK):
         size = min(CHUNK, count - start)
         for j in range(size):
-            x, y, z = _point(xyz, order[start + j])
+            x, y, z = _point(xyz, points[start + j] & ROW)
             # Masked: whatever the numbers are, nothing is written beyond the ends of an array.
             cells[0, j] = np.int32((x - x_least) * scale) & (CELLS - 1)
             cells[1, j] = np.int32((y - y_least) * scale) & (CELLS - 1)
             cells[2, j] = np.int32((z - z_least) * scale) & (CELLS - 1)
         _numbered(cells)
+        for j in range(CHUNK):
+            cells[0, j], cells[1, j], cells[2, j] = _apart(cells[0, j]), _apart(cells[1, j]), _apart(cells[2, j])
         for j in range(size):
-            place = (_apart(np.int64(cells[0, j])) << 2) | (_apart(np.int64(cells[1, j])) << 1)
-            places[start + j] = place | _apart(np.int64(cells[2, j]))
+            place = (np.int64(cells[0, j]) << 2) | (np.int64(cells[1, j]) << 1) | np.int64(cells[2, j])
+            points[start + j] = (place << ROW_BITS) | (points[start + j] & ROW)
     return float(extent)
 
 
-@compiled("void(int64[::1], int32[::1])")
-def _sort(places: I64, order: I32) -> None:
-    """Sorts both by the places, equal ones in their present order: three passes, each by the digits of a third."""
-    count = len(order)
-    other_places, other_order = np.empty(count, np.int64), np.empty(count, np.int32)
+@compiled("void(int64[::1])")
+def _sort(points: I64) -> None:
+    """Sorts points by their places, equal ones in their present order: three passes, each by the digits of a third."""
+    count = len(points)
+    other = np.empty(count, np.int64)
     begins = np.zeros((3, CELLS), np.int32)
     for i in range(count):
         for digit in range(3):
-            begins[digit, (places[i] >> (digit * AXIS_BITS)) & (CELLS - 1)] += np.int32(1)
+            begins[digit, (points[i] >> (ROW_BITS + digit * AXIS_BITS)) & (CELLS - 1)] += np.int32(1)
     for digit in range(3):
-        shift, begin = digit * AXIS_BITS, np.int32(0)
+        shift, begin = ROW_BITS + digit * AXIS_BITS, np.int32(0)
         for cell in range(CELLS):
             size = begins[digit, cell]
             begins[digit, cell] = begin
             begin += size
         for i in range(count):
-            cell = (places[i] >> shift) & (CELLS - 1)
+            cell = (points[i] >> shift) & (CELLS - 1)
             to = np.uint32(begins[digit, cell])
             begins[digit, cell] += np.int32(1)
-            other_places[to] = places[i]
-            other_order[to] = order[i]
-        places, other_places = other_places, places
-        order, other_order = other_order, order
-    for i in range(count):  # after an odd number of exchanges, those that were given
-        other_places[i], other_order[i] = places[i], order[i]
+            other[to] = points[i]
+        points, other = other, points
+    for i in range(count):  # after an odd number of exchanges, the array that was given
+        other[i] = points[i]
 
 
 @compiled("int64[:, ::1](int64[::1])")
-def _crowds(places: I64) -> I64:
-    """(M, 2) first row and the one after the last of each cell with more than `CROWD` points; of sorted places."""
-    crowds = np.empty((len(places) // CROWD + 1, 2), np.int64)
+def _crowds(points: I64) -> I64:
+    """(M, 2) first one and the one after the last of each cell with more than `CROWD` points; of sorted points."""
+    crowds = np.empty((len(points) // CROWD + 1, 2), np.int64)
     found = begin = 0
-    for i in range(1, len(places) + 1):
-        if i == len(places) or places[i] != places[begin]:
+    for i in range(1, len(points) + 1):
+        if i == len(points) or points[i] >> ROW_BITS != points[begin] >> ROW_BITS:
             if i - begin > CROWD:
                 crowds[found, 0], crowds[found, 1] = begin, i
                 found += 1
@@ -167,16 +174,16 @@ def _crowds(places: I64) -> I64:
 
 def curve_order(xyz: F32) -> I32:
     """(N,) rows of the points (N, 3), finite, in their order along the curve; points at one place by their rows."""
-    order = np.arange(len(xyz), dtype=np.int32)
-    places = np.empty(len(xyz), np.int64)
+    points = np.arange(len(xyz))
     pending = [(0, len(xyz))]
     while pending:
         start, stop = pending.pop()
-        if _places(xyz, order[start:stop], places[start:stop]) == 0:
+        some = points[start:stop]
+        if _place(xyz, some) == 0:
             continue
-        _sort(places[start:stop], order[start:stop])
-        pending += [(start + begin, start + end) for begin, end in _crowds(places[start:stop]).tolist()]
-    return order
+        _sort(some)
+        pending += [(start + begin, start + end) for begin, end in _crowds(some).tolist()]
+    return (points & ROW).astype(np.int32)
 
 
 @compiled(f"Tuple((float32[:, ::1], float32[:, :, ::1], int64[::1]))({POINTS}, int32[::1])")

@@ -49,11 +49,11 @@ def moved_each(xyz: F32, since_ns: I64, matrices: F32) -> F32:
     """
     out = np.empty((len(xyz), 3), np.float32)
     for i in range(len(xyz)):
-        knot = since_ns[i] // STEP_NS
+        knot = np.int64(np.uint64(since_ns[i]) // np.uint64(STEP_NS))  # a division that need not look at the sign
         share = np.float32((since_ns[i] - knot * STEP_NS) / STEP_NS)
         x, y, z = xyz[i, 0], xyz[i, 1], xyz[i, 2]
         for axis in range(3):
-            first, second = matrices[knot, axis], matrices[knot + 1, axis]
+            first, second = matrices[np.uint64(knot), axis], matrices[np.uint64(knot + 1), axis]
             a, b = first[0] + share * (second[0] - first[0]), first[1] + share * (second[1] - first[1])
             c, shift = first[2] + share * (second[2] - first[2]), first[3] + share * (second[3] - first[3])
             out[i, axis] = a * x + b * y + c * z + shift

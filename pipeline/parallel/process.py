@@ -15,7 +15,7 @@ from pipeline.graph import Graph, Node
 from pipeline.parallel.cores import THREADS_OF_LIBRARIES
 from pipeline.parallel.forked import Copy
 from pipeline.parallel.messages import Answer, Beginning, Begun, Question
-from pipeline.parallel.transfer import receive, send
+from pipeline.parallel.transfer import connected, receive, send
 from pipeline.parallel.worker import serve_copy
 
 __all__ = ["WorkerProcess"]
@@ -67,7 +67,7 @@ class WorkerProcess:
         """
         if not sys.executable:
             raise WorkerError("no Python interpreter found that could start worker processes: set run.workers to 1")
-        connection, theirs = socket.socketpair()
+        connection, theirs = connected()
         with ExitStack() as started:
             started.callback(connection.close)
             with theirs, _signals_blocked():
@@ -95,7 +95,7 @@ class WorkerProcess:
         Raises:
             WorkerError: the system does not let it.
         """
-        connection, theirs = socket.socketpair()
+        connection, theirs = connected()
         kept_open = [connection.fileno(), *(other.fileno() for other in others)]
         with ExitStack() as started:
             started.callback(connection.close)

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["arrived", "receive", "send"]
+__all__ = ["arrived", "connected", "receive", "send"]
 
 BESIDE_BYTES = 1 << 14
 """From this size on, an array travels beside the pickle."""
@@ -22,6 +22,18 @@ MAX_PARTS = 512
 """That are handed to the system at once; Linux takes 1024."""
 
 COUNT = struct.Struct("<Q")
+
+HELD_BYTES = 1 << 22
+"""That the system is asked to hold of what was sent: a frame. What it holds need not be awaited by the sender, whose
+other end is at work on a stage; it may allow less."""
+
+
+def connected() -> tuple[socket.socket, socket.socket]:
+    """Both ends of a connection of two processes."""
+    pair = socket.socketpair()
+    for end in pair:
+        end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, HELD_BYTES)
+    return pair
 
 
 def send(connection: socket.socket, value: object) -> None:

@@ -66,13 +66,12 @@ def _objects(
     result: FrameResult, cameras: Sequence[CameraSensor], edges: Sequence[ObjectEdges], stamps_ns: Sequence[int]
 ) -> tuple[Columns, Sequence[int]]:
     """The edges of each object in each image, and the number of objects in each."""
-    counts, pieces, rows = [], [], []
-    for _, piece_rows in edges:
-        firsts = np.flatnonzero(np.diff(piece_rows, prepend=-1))  # the pieces come object after object
-        counts.append(len(firsts))
-        rows.append(piece_rows[firsts])
-        pieces.append(np.diff(firsts, append=len(piece_rows)))
-    row, of_image = np.concatenate([_NONE, *rows]), np.repeat(np.arange(len(cameras)), counts)
+    piece_rows = np.concatenate([_NONE, *(rows for _, rows in edges)])
+    piece_images = np.repeat(np.arange(len(cameras)), [len(rows) for _, rows in edges])
+    is_first = np.ones(len(piece_rows), bool)  # the pieces come object after object
+    is_first[1:] = (piece_rows[1:] != piece_rows[:-1]) | (piece_images[1:] != piece_images[:-1])
+    row, of_image = piece_rows[is_first], piece_images[is_first]
+    pieces = np.bincount(np.cumsum(is_first) - 1, minlength=len(row))
     alphas = np.where(strong_objects(result), 1.0, _FAINT_ALPHA)
     colors = np.concatenate([object_colors(result), alphas[:, None]], 1)
     shares = np.where(placed_objects(result), 0.5, 1.0)
@@ -80,13 +79,13 @@ def _objects(
         _LINE_LIST,
         Lists(
             np.concatenate([np.zeros((0, 2), np.float32), *(segments.reshape(-1, 2) for segments, _ in edges)]),
-            2 * np.concatenate([_NONE, *pieces]),
+            2 * pieces,
         ),
         colors[row],
         _heights_px(cameras)[of_image] * _LINE_SHARE * shares[row],
         [stamps_ns[image] for image in of_image.tolist()],
     )
-    return lines, counts
+    return lines, np.bincount(of_image, minlength=len(cameras)).tolist()
 
 
 def _rectangles(

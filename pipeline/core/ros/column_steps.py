@@ -2,6 +2,7 @@
 
 import struct
 from collections.abc import Callable, Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -82,7 +83,13 @@ def numbers(code: str, width: int, value: Any, count: int) -> Step:
         return _numbers_of_rows(code, size, width, value)
     if value is None:
         return _fixed(size, bytes(size * width))
-    return _fixed(size, struct.pack(f"<{width}{code}", *(value if isinstance(value, tuple) else (value,))))
+    pack = _packer(code, width)
+    return _fixed(size, pack(*value) if isinstance(value, tuple) else pack(value))
+
+
+@cache
+def _packer(code: str, width: int) -> Callable[..., bytes]:
+    return struct.Struct(f"<{width}{code}").pack
 
 
 def _numbers_of_rows(code: str, size: int, width: int, values: Array) -> Step:

@@ -5,6 +5,7 @@ takes most of the time of writing. Of columns only the bytes are made (`core.ros
 """
 
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from typing import Any
 
 from rosbags.interfaces import Nodetype
@@ -116,14 +117,13 @@ class ColumnsEncoder:
 
     def _bind(self, kind: Any) -> Bind:
         if kind[0] == Nodetype.NAME:
-            return lambda value, count: self._message(kind[1], value, count)
+            return partial(self._message, kind[1])
         if kind[0] == Nodetype.SEQUENCE:
-            return lambda value, count: self._sequence(kind[1][0], value, count)
+            return partial(self._sequence, kind[1][0])
         if kind[0] == Nodetype.BASE and kind[1][0] == "string":
             return texts
         (what, width) = (kind[1][0], 1) if kind[0] == Nodetype.BASE else (kind[1][0][1][0], kind[1][1])
-        code = CODES[what]
-        return lambda value, count: numbers(code, width, value, count)
+        return partial(numbers, CODES[what], width)
 
     def _message(self, msgtype: str, value: Any, count: int) -> Step:
         """What appends the message within each row."""
@@ -132,7 +132,7 @@ class ColumnsEncoder:
         if not isinstance(value, Columns):
             return numbers(*self._uniform_type(msgtype), value, count)
         _checked(value, msgtype)
-        if value.count == 1:
+        if value.count == 1 and count != 1:
             return same_for_all(self._of(value))
         if value.count != count:
             raise ValueError(f"{msgtype}: expected {count} rows, found {value.count}")

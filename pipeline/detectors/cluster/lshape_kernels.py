@@ -138,6 +138,19 @@ def thinned(xy: F64, ends: I64, low: F64, cell_m: F64, across: int) -> tuple[int
 
 
 @inlined
+def _range(values: F64, count: int) -> tuple[float, float]:
+    """The least and the largest of the first values; four at once, none of which waits for another."""
+    a = b = c = d = e = f = g = h = values[0]
+    stop = count - count % 4
+    for i in range(0, stop, 4):
+        a, b, c, d = min(a, values[i]), min(b, values[i + 1]), min(c, values[i + 2]), min(d, values[i + 3])
+        e, f, g, h = max(e, values[i]), max(f, values[i + 1]), max(g, values[i + 2]), max(h, values[i + 3])
+    for i in range(stop, count):
+        a, e = min(a, values[i]), max(e, values[i])
+    return min(min(a, b), min(c, d)), max(max(e, f), max(g, h))
+
+
+@inlined
 def _ends(mass: F64, total: float, outside: float, low: float, step: float) -> tuple[float, float]:
     """The two ends of a histogram, behind which little lies.
 
@@ -175,29 +188,34 @@ def closeness(xy: F64, weights: F64, ends: I64, soft_m: F64, cos: F64, sin: F64,
         bins: Resolution of the bounds.
         trim_share: Share of the points that may lie outside at each side.
     """
+    xs, ys = np.empty(len(xy)), np.empty(len(xy))
+    for i in range(len(xy)):
+        xs[i], ys[i] = xy[i, 0], xy[i, 1]
     found, mass, mass_left = np.empty(cos.shape), np.empty(bins), np.empty(bins)
     forward, left, near = np.empty(len(xy)), np.empty(len(xy)), np.empty(len(xy))
+    bin_forward, bin_left = np.empty(len(xy), np.int32), np.empty(len(xy), np.int32)
     start = 0
     for c in range(len(ends)):
         count, soft, total = ends[c] - start, soft_m[c] * soft_m[c], 0.0
-        own = weights[start : ends[c]]
+        own, east, north = weights[start : ends[c]], xs[start : ends[c]], ys[start : ends[c]]
         for i in range(count):
             total += own[i]
         for k in range(cos.shape[1]):
             x, y = cos[c, k], sin[c, k]
             for i in range(count):
-                forward[i] = xy[start + i, 0] * x + xy[start + i, 1] * y
-                left[i] = xy[start + i, 1] * x - xy[start + i, 0] * y
-            low, high, low_left, high_left = forward[0], forward[0], left[0], left[0]
-            for i in range(count):
-                low, high = min(low, forward[i]), max(high, forward[i])
-                low_left, high_left = min(low_left, left[i]), max(high_left, left[i])
+                forward[i] = east[i] * x + north[i] * y
+                left[i] = north[i] * x - east[i] * y
+            low, high = _range(forward, count)
+            low_left, high_left = _range(left, count)
             step, step_left = max((high - low) / bins, 1e-9), max((high_left - low_left) / bins, 1e-9)
             for one in range(bins):
                 mass[one], mass_left[one] = 0.0, 0.0
             for i in range(count):
-                mass[int(min((forward[i] - low) / step, bins - 1.0))] += own[i]
-                mass_left[int(min((left[i] - low_left) / step_left, bins - 1.0))] += own[i]
+                bin_forward[i] = np.int32(min((forward[i] - low) / step, bins - 1.0))
+                bin_left[i] = np.int32(min((left[i] - low_left) / step_left, bins - 1.0))
+            for i in range(count):
+                mass[np.uint32(bin_forward[i])] += own[i]
+                mass_left[np.uint32(bin_left[i])] += own[i]
             low, high = _ends(mass, total, trim_share * total, low, step)
             low_left, high_left = _ends(mass_left, total, trim_share * total, low_left, step_left)
             for i in range(count):

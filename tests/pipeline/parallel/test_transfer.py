@@ -8,12 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipeline.parallel.transfer import BESIDE_BYTES, MAX_PARTS, receive, send
+from pipeline.parallel.transfer import BESIDE_BYTES, HELD_BYTES, MAX_PARTS, connected, receive, send
 
 
 @pytest.fixture(scope="module")
 def pair() -> Iterator[tuple[socket.socket, socket.socket]]:
-    one, other = socket.socketpair()
+    one, other = connected()
     with one, other:
         yield one, other
 
@@ -79,3 +79,15 @@ def test_what_cannot_be_pickled_leaves_nothing_behind(pair: tuple[socket.socket,
     with pytest.raises(Exception, match="pickle"):
         send(pair[0], [np.zeros(10), lambda: 0])
     assert sent("next", pair) == "next"
+
+
+def test_a_frame_is_sent_without_waiting_for_the_other_end() -> None:
+    one, other = connected()
+    with one, other:
+        if one.getsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF) < HELD_BYTES:
+            pytest.skip("the system holds less")
+        one.settimeout(20)
+        send(one, np.full(HELD_BYTES // 2, 7, np.uint8))
+        found = receive(other)
+    assert isinstance(found, np.ndarray)
+    assert (found == 7).all()
