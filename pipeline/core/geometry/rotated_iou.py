@@ -9,6 +9,9 @@ from pipeline.core.geometry.rotated_iou_kernels import shared_grounds
 
 __all__ = ["BoxArrays", "Ious", "OrientedBoxes", "ious", "pair_ious", "shared_ground"]
 
+BLOCK = 1 << 14
+"""Pairs that are compared at once: memory is bounded."""
+
 ROUNDING = 16 * np.finfo(np.float64).eps
 """Boxes that share less than this part of their ground share nothing: sums of the size of a box are not finer."""
 
@@ -95,17 +98,21 @@ def shared_ground(first: OrientedBoxes, second: OrientedBoxes) -> F64:
 
     0 if one of the two has no ground or is not finite.
     """
-    with np.errstate(invalid="ignore"):
-        turn = second.yaws - first.yaws
-        directions = np.cos(first.yaws), np.sin(first.yaws), np.cos(turn), np.sin(turn)
-    return shared_grounds(
-        np.ascontiguousarray(first.centers),
-        np.ascontiguousarray(first.sizes),
-        np.ascontiguousarray(second.centers),
-        np.ascontiguousarray(second.sizes),
-        *directions,
-        ROUNDING,
-    )
+    shared_m2 = np.empty(len(first.yaws))
+    for start in range(0, len(shared_m2), BLOCK):
+        rows = slice(start, start + BLOCK)
+        with np.errstate(invalid="ignore"):
+            yaws, turn = first.yaws[rows], second.yaws[rows] - first.yaws[rows]
+            directions = np.cos(yaws), np.sin(yaws), np.cos(turn), np.sin(turn)
+        shared_m2[rows] = shared_grounds(
+            np.ascontiguousarray(first.centers[rows]),
+            np.ascontiguousarray(first.sizes[rows]),
+            np.ascontiguousarray(second.centers[rows]),
+            np.ascontiguousarray(second.sizes[rows]),
+            *directions,
+            ROUNDING,
+        )
+    return shared_m2
 
 
 def _iou(shared: F64, first: F64, second: F64) -> F64:

@@ -46,7 +46,7 @@ def distances_of_pairs(
                     slope += jacobians[p, f, a] * covariances[p, a, b]
                 by_place += slope * jacobians[p, f, b]
             by_x, by_y = jacobians[p, f, 0] * moves[p, 0], jacobians[p, f, 1] * moves[p, 1]
-            moved = by_x + jacobians[p, f, 2] * moves[p, 2] + by_y
+            moved = by_x + jacobians[p, f, 2] * moves[p, 2] + by_y  # as einsum adds three products up
             variance, away = noise[p, f] + by_place, differences[q, f]
             if f < 2:
                 off[q, f], of_off[q, f] = differences[q, f] - moved, variance

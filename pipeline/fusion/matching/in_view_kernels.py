@@ -19,7 +19,7 @@ def seen_from(points: F64, rotations: F64, translations: F64) -> F64:
         R = rotations[c]
         for n in range(len(points)):
             x, y, z = points[n]
-            for i in range(3):
+            for i in range(3):  # in the order in which einsum adds three products up
                 found[c, n, i] = R[i, 0] * x + R[i, 2] * z + R[i, 1] * y + translations[c, i]
     return found
 
@@ -40,7 +40,7 @@ def in_pyramids(centers: F64, radii_m: F64, planes: F64, lengths: F64, near_m: f
         for n in range(centers.shape[1]):
             x, y, z = centers[c, n]
             found[c, n] = z + radii_m[n] > near_m
-            for b in range(4):
+            for b in range(4):  # in einsum's order, see above
                 depth = planes[c, b, 0] * x + planes[c, b, 2] * z + planes[c, b, 1] * y
                 found[c, n] &= depth > -lengths[c, b] * radii_m[n]
     return found

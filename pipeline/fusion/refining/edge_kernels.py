@@ -36,7 +36,7 @@ def corners_in_cameras(
             x = along * cosines[p] - across * sines[p] + centers[p, 0]
             y = along * sines[p] + across * cosines[p] + centers[p, 1]
             z = signs[k, 2] / 2 * sizes[p, 2] + centers[p, 2]
-            for i in range(3):
+            for i in range(3):  # in the order in which einsum adds three products up
                 found[p, k, i] = R[i, 0] * x + R[i, 2] * z + R[i, 1] * y + translations[p, i]
     return found
 

@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pipeline.core.detections import Boxes3D
+from pipeline.core.geometry import rotated_iou
 from pipeline.core.geometry.boxes import box_corners
 from pipeline.core.geometry.rotated_iou import BoxArrays, Ious, OrientedBoxes, ious, pair_ious, shared_ground
 from pipeline.evaluation.records import TruthBoxes3D
@@ -186,6 +187,14 @@ def test_each_with_each_is_what_pairs_are() -> None:
     np.testing.assert_array_equal(found.bev.ravel(), pair_ious(a, b).bev)
     np.testing.assert_array_equal(found.volume.ravel(), pair_ious(a, b).volume)
     assert 0.02 < (found.bev > 0).mean() < 0.5
+
+
+def test_blocks_leave_no_trace(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(4)
+    first, second = random_boxes(rng, 50), random_boxes(rng, 50)
+    whole = pair_ious(first, second)
+    monkeypatch.setattr(rotated_iou, "BLOCK", 7)
+    np.testing.assert_array_equal(pair_ious(first, second), whole)
 
 
 @pytest.mark.parametrize(("n", "m"), [(0, 0), (0, 3), (3, 0), (1, 1)])
