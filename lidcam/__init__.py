@@ -43,7 +43,10 @@ if TYPE_CHECKING:
 else:
 
     def __getattr__(name: str) -> "Any":
-        import lidcam.api as api
+        from lidcam.start.compiling import compiled_together
+
+        with compiled_together():
+            import lidcam.api as api
 
         if name not in {"api", "__all__", *api.__all__}:
             raise AttributeError(f"module 'lidcam' has no attribute {name!r}")

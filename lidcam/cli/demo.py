@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from lidcam.options import Overwrite, with_log_options
+from lidcam.start.compiling import compiled_together
 
 __all__ = ["demo"]
 
@@ -21,6 +22,7 @@ def demo(
 
     The output goes to a folder; the last lines say how to open it.
     """
-    from lidcam.commands.demo import run_demo
+    with compiled_together():
+        from lidcam.commands.demo import run_demo
 
     run_demo(folder, overwrite=overwrite)

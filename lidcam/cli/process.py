@@ -19,6 +19,7 @@ from lidcam.options import (
     seconds,
     with_log_options,
 )
+from lidcam.start.compiling import compiled_together
 from pipeline.parallel.cores import THREADS_OF_LIBRARIES
 from readers.location import RemotePath, location
 
@@ -146,7 +147,8 @@ def process(
         # Read once, when the libraries are loaded.
         for name in THREADS_OF_LIBRARIES:
             os.environ.setdefault(name, "1")
-    from lidcam.commands.process import Printed, run_process  # heavy: after the arguments are known to be right
+    with compiled_together():  # heavy: after the arguments are known to be right
+        from lidcam.commands.process import Printed, run_process
     from lidcam.commands.requirement_errors import requirement_errors
     from lidcam.commands.strict import Strictness
     from lidcam.job import make_job

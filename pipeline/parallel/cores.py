@@ -16,7 +16,10 @@ CGROUP_LIMIT = Path("/sys/fs/cgroup/cpu.max")
 
 def usable_cores() -> int:
     """The cores that this process may run on, and no more than the share of its container is worth."""
-    cores = len(os.sched_getaffinity(0))
+    if hasattr(os, "sched_getaffinity"):
+        cores = len(os.sched_getaffinity(0))
+    else:  # macOS and Windows
+        cores = os.cpu_count() or 1
     try:
         share, period = CGROUP_LIMIT.read_text(encoding="ascii").split()
         return min(cores, max(math.ceil(int(share) / int(period)), 1))

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 AT_ONCE = """
+import signal
 import sys
 import time
 import lidcam.run
@@ -26,6 +27,7 @@ def write_slowly(*args):
 
 lidcam.run._write = write_slowly
 pipeline.parallel.sharing.START_S = 0.0
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell ignores it in what it runs in the background
 main()
 """
 PATIENCE_S = 120.0

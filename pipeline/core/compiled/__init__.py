@@ -12,6 +12,7 @@ Rules for such functions, so that every machine makes the same bytes:
 - Their files are imported where a stage is built, never for `--help`, and import no numba: it takes half a second.
 """
 
+from pipeline.core.compiled.beside import compiled_beside
 from pipeline.core.compiled.functions import compiled, compiled_as, inlined
 
-__all__ = ["compiled", "compiled_as", "inlined"]
+__all__ = ["compiled", "compiled_as", "compiled_beside", "inlined"]

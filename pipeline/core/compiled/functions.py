@@ -11,6 +11,7 @@ from typing import Any, ParamSpec, TypeVar, cast
 
 from pipeline.core.compile_log import compile_log
 from pipeline.core.compiled.arguments import checked
+from pipeline.core.compiled.beside import start_others
 from pipeline.core.compiled.compiling import (
     OPTIONS,
     STANDS_FOR,
@@ -83,8 +84,8 @@ def _linked(function: FunctionType, signature: str, made_of: str) -> Callable[..
             made = dispatcher(function, signature, no_cfunc_wrapper=True)
             compile_log.debug("%s compiled in %.1f s", name, time.perf_counter() - started)
             code = machine_code(made)
-            if keeper:
-                keeper.write(code)
+            if keeper and keeper.write(code):
+                start_others()
         call = checked(link(code, name), code.arguments, name)
     except (LinkError, UnknownCodeError) as err:
         compile_log.debug("%s is left to numba: %s", name, err)
@@ -118,4 +119,4 @@ def _tell() -> None:
     global _told
     if not _told:
         _told = True
-        compile_log.info("compiling for this processor, once: up to half a minute")
+        compile_log.info("compiling for this processor, once: up to a minute")

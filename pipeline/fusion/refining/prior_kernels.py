@@ -102,7 +102,9 @@ def prior_covariances(
     found, shares, rests = np.zeros((count, 7, 7)), np.empty(count), np.empty(count)
     for n in range(count):
         C, cos, sin = found[n], cosines[n], sines[n]
-        C[:3, :3] = known[n]
+        for i in range(3):
+            for k in range(3):  # numba takes seconds to compile a slice that is set to an array
+                C[i, k] = known[n, i, k]
         C[2, 2] = min(max(known[n, 2, 2], least_yaw), most_yaw)
         shrunk = math.sqrt(C[2, 2] / max(known[n, 2, 2], 1e-12))
         least = least_share * min(sizes[n, 0], sizes[n, 1])

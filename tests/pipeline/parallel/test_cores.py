@@ -29,3 +29,12 @@ def test_a_container_has_fewer_cores_than_its_machine(
 def test_no_container(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("pipeline.parallel.cores.CGROUP_LIMIT", tmp_path / "none")
     assert usable_cores() == len(os.sched_getaffinity(0))
+
+
+def test_a_system_that_tells_nothing_of_affinity(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pipeline.parallel.cores.CGROUP_LIMIT", tmp_path / "none")
+    monkeypatch.delattr(os, "sched_getaffinity")
+    monkeypatch.setattr(os, "cpu_count", lambda: 6)
+    assert usable_cores() == 6
+    monkeypatch.setattr(os, "cpu_count", lambda: None)
+    assert usable_cores() == 1

@@ -39,7 +39,7 @@ def both(values, count):
         raise ValueError("too many")
     return squares(values), np.full(count, 7)
 '''
-WORD = "compiling for this processor, once: up to half a minute"
+WORD = "compiling for this processor, once: up to a minute"
 
 
 @pytest.fixture(autouse=True)
