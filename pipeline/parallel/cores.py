@@ -16,10 +16,8 @@ CGROUP_LIMIT = Path("/sys/fs/cgroup/cpu.max")
 
 def usable_cores() -> int:
     """The cores that this process may run on, and no more than the share of its container is worth."""
-    if hasattr(os, "sched_getaffinity"):
-        cores = len(os.sched_getaffinity(0))
-    else:  # macOS and Windows
-        cores = os.cpu_count() or 1
+    # macOS and Windows do not tell where a process may run.
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     try:
         share, period = CGROUP_LIMIT.read_text(encoding="ascii").split()
         return min(cores, max(math.ceil(int(share) / int(period)), 1))
