@@ -26,6 +26,7 @@ __all__ = [
     "Record",
     "Rows",
     "check_array",
+    "first_of_runs",
     "join_rows",
     "select_rows",
 ]
@@ -69,9 +70,9 @@ def check_array(name: str, array: Array, shape: tuple[int, ...], dtype: npt.DTyp
 
 
 def select_rows(record: Record, rows: Rows) -> Record:
-    """A record of parallel arrays with the given rows of each array, other fields unchanged.
+    """A record of parallel arrays with the given rows of each array, and of each record in it that has rows itself.
 
-    What was checked when the record was made is not checked again; read-only arrays stay so.
+    Other fields are unchanged. What was checked when the record was made is not checked again; read-only arrays stay so.
     """
     kind = type(record)
     if rows.dtype == np.bool_:
@@ -89,6 +90,8 @@ def select_rows(record: Record, rows: Rows) -> Record:
             if not value.flags.writeable:
                 taken.setflags(write=False)
             value = taken
+        elif hasattr(value, "select"):
+            value = value.select(rows)
         object.__setattr__(selected, name, value)
     return selected
 
@@ -102,6 +105,13 @@ def join_rows(*records: Record) -> Record:
             for name, value in zip(names, [getattr(first, name) for name in names], strict=True)
         ]
     )
+
+
+def first_of_runs(values: Array) -> Bools:
+    """(N,) whether each value is another one than the value before it."""
+    is_first = np.ones(len(values), np.bool_)
+    np.not_equal(values[1:], values[:-1], out=is_first[1:])
+    return is_first
 
 
 @cache
