@@ -10,7 +10,6 @@ SANDBOX = Path(__file__).resolve().parents[2] / "bags/sandbox.bag"
 SEEN = (
     "cv2",
     "google.protobuf",
-    "importlib.metadata",
     "llvmlite",
     "numba",
     "numpy",
@@ -75,12 +74,12 @@ def test_help_imports_no_library_of_numbers(arguments: tuple[str, ...]) -> None:
 
 def test_inspect_imports_what_reads() -> None:
     reads = {"readers.files.rosbag1.file", "readers.rig.draft"}
-    libraries = {"PIL", "importlib.metadata", "numpy", "rosbags"}
+    libraries = {"PIL", "numpy", "rosbags"}
     assert imported("inspect", str(SANDBOX)) == {*libraries, "lidcam.inspection", *reads}
 
 
 def test_process_imports_no_viewer_no_network_and_no_compiler(result: tuple[Path, set[str]]) -> None:
-    libraries = {"PIL", "importlib.metadata", "llvmlite", "numpy", "rosbags"}
+    libraries = {"PIL", "llvmlite", "numpy", "rosbags"}
     assert result[1] == {*libraries, "pipeline.stages.combine", "readers.files.rosbag1.file"}
 
 
