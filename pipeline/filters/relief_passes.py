@@ -8,13 +8,10 @@ import numpy as np
 from pipeline.core.arrays import F32, F64, I64, Bools
 from pipeline.core.compiled import compiled, inlined
 
-__all__ = ["grown", "lowest_of_cells", "on_plane", "on_relief", "pull", "smoothed"]
+__all__ = ["lowest_of_cells", "on_plane", "on_relief"]
 
 POINTS = "Array(float32, 2, 'C', True)"
 """What compiled functions take: (N, 3), perhaps read-only."""
-
-ROWS_AT_ONCE = 8
-"""Rows of a grid that are smoothed together: enough for long loops, few enough to stay near the processor."""
 
 ORIGIN, GRID = "Array(float64, 1, 'C', True)", "Array(float64, 2, 'C', True)"
 """Likewise: (2,), and (H, W)."""
@@ -92,134 +89,6 @@ def _between(values: F64, x: float, y: float) -> float:
     near = values[row, column] * (1 - x) + values[row, column + 1] * x
     far = values[row + 1, column] * (1 - x) + values[row + 1, column + 1] * x
     return float(near * (1 - y) + far * y)
-
-
-@inlined
-def pull(
-    xy: F64, height_m: F64, surface_m: F64, near_m: float, above_m: float, above_weight: float, total: F64, mean: F64
-) -> None:
-    """How much cells pull at a surface, and their mean height above it.
-
-    Args:
-        xy: (M, 2) middles of the cells, in nodes of the surface.
-        height_m: (M,) their heights.
-        surface_m: (H, W) height of the surface at its nodes; each cell pulls at the nearest one.
-        near_m: Cells farther from the surface do not pull.
-        above_m: Cells higher above it ...
-        above_weight: ... pull by this much.
-        total: (H, W) where the sum of the weights is written to.
-        mean: (H, W) and the mean.
-    """
-    rows, columns = surface_m.shape
-    for row in range(rows):
-        for column in range(columns):
-            total[row, column] = mean[row, column] = 0.0
-    for i in range(len(xy)):
-        above = height_m[i] - _between(surface_m, xy[i, 0], xy[i, 1])
-        if abs(above) <= near_m:
-            weight = above_weight if above > above_m else 1.0
-            column, row = int(np.rint(xy[i, 0])), int(np.rint(xy[i, 1]))
-            total[row, column] += weight
-            mean[row, column] += weight * above
-    for row in range(rows):
-        for column in range(columns):
-            mean[row, column] /= max(total[row, column], 1e-9)
-
-
-@inlined
-def _symmetric(sums: F64, values: F64, stride: int, taps: F64) -> None:
-    """Writes sums of values, weighted by taps: sum i is about value i + stride x (taps to one side)."""
-    reach, count = len(taps) - 1, len(sums)
-    middle = values[reach * stride :]
-    for i in range(count):
-        sums[i] = middle[i] * taps[0]
-    for step in range(reach, 0, -1):
-        before, after, tap = values[(reach - step) * stride :], values[(reach + step) * stride :], taps[step]
-        for i in range(count):
-            sums[i] += (before[i] + after[i]) * tap
-
-
-@inlined
-def _smooth(values: F64, taps: F64, room: F64, smooth: F64) -> None:
-    """Writes a grid (H, W), smoothed along both axes, to `smooth`; see `smoothed`, and `_room` for what it needs."""
-    height, width = values.shape
-    reach = len(taps) - 1
-    line = width + 2 * reach  # rows lie one after another, with zeros between them
-    held = ROWS_AT_ONCE * line + 2 * reach
-    padded, sums, along = room[2 * held :], room[:held], room[held : 2 * held]
-    for i in range(held):
-        sums[i] = 0.0
-    for i in range((height + 2 * reach) * line):
-        padded[i] = 0.0
-    for row in range(height):
-        for column in range(width):
-            padded[(row + reach) * line + reach + column] = values[row, column]
-    for first in range(0, height, ROWS_AT_ONCE):
-        rows = min(ROWS_AT_ONCE, height - first)
-        _symmetric(sums[reach : reach + rows * line], padded[first * line :], line, taps)
-        _symmetric(along[: rows * line], sums, 1, taps)
-        for row in range(rows):
-            for column in range(width):
-                smooth[first + row, column] = along[row * line + reach + column]
-
-
-@inlined
-def _room(height: int, width: int, reach: int) -> F64:
-    """What `_smooth` needs for a grid (H, W) and so many taps to a side, or fewer."""
-    line = width + 2 * reach
-    return np.empty((height + 2 * reach + 2 * ROWS_AT_ONCE) * line + 4 * reach, np.float64)
-
-
-@compiled("float64[:, ::1](float64[:, ::1], float64[::1])")
-def smoothed(values: F64, taps: F64) -> F64:
-    """A grid (H, W), 0 beyond its edges, smoothed along both axes.
-
-    Args:
-        values: (H, W).
-        taps: (R + 1,) weight of a node itself, of those beside it, and so on.
-    """
-    height, width = values.shape
-    smooth = np.empty((height, width), np.float64)
-    _smooth(values, taps, _room(height, width, len(taps) - 1), smooth)
-    return smooth
-
-
-@compiled(
-    "Tuple((float64[:, ::1], float64[:, ::1]))"
-    "(float64[:, ::1], float64[::1], int64, float64[::1], int64[::1], float64[::1], float64[::1])"
-)
-def grown(xy: F64, height_m: F64, side: int, taps: F64, counts: I64, near_m: F64, limits: F64) -> tuple[F64, F64]:
-    """A surface that grows from zero towards cells, and how much these pull at its nodes in the last round.
-
-    Args:
-        xy: (M, 2) middles of the cells, in nodes of the surface.
-        height_m: (M,) their heights.
-        side: The surface has so many nodes along each edge.
-        taps: Of the smoothing in each round, one round after another; see `smoothed`.
-        counts: (R,) number of taps of each round.
-        near_m: (R,) cells farther from the surface do not pull.
-        limits: (4,) cells higher above the surface than the first pull by the second; the most that a node is pulled
-            by; and the weight of the last surface.
-
-    Returns:
-        (side, side) heights, and (side, side) weights.
-    """
-    surface, room, first = np.zeros((side, side), np.float64), _room(side, side, counts.max() - 1), 0
-    mean_and_weight, smooth = np.zeros((2, side, side), np.float64), np.empty((2, side, side), np.float64)
-    mean, weight = mean_and_weight[0], mean_and_weight[1]
-    for k in range(len(counts)):
-        pull(xy, height_m, surface, near_m[k], limits[0], limits[1], weight, mean)
-        for row in range(side):
-            for column in range(side):
-                weight[row, column] = min(weight[row, column], limits[2])
-                mean[row, column] *= weight[row, column]
-        for grid in range(2):
-            _smooth(mean_and_weight[grid], taps[first : first + counts[k]], room, smooth[grid])
-        first += counts[k]
-        for row in range(side):
-            for column in range(side):
-                surface[row, column] += smooth[0, row, column] / (smooth[1, row, column] + limits[3])
-    return surface, weight
 
 
 @inlined

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from pipeline.core.arrays import first_of_runs
 from pipeline.core.clouds import CombinedCloud
 from pipeline.core.detections import Boxes2D, Boxes3D, Source
 from pipeline.core.rig import CameraSensor, Rig
@@ -60,7 +61,7 @@ class Place:
         objects, merged = merge_sightings(placements, sightings.cameras, sightings.class_ids)
         count = len(merged.xy)
         found = moments(merged)
-        first = np.flatnonzero(np.diff(np.maximum.accumulate(objects), prepend=-1))
+        first = np.flatnonzero(first_of_runs(np.maximum.accumulate(objects)))
         class_ids = sightings.class_ids[first]
         sizes = self._priors.mean_m[class_ids]
         missed = np.ones(count)
