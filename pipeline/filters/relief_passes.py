@@ -78,9 +78,9 @@ def lowest_of_cells(
             sums[at] += heights[j]
     found, means = np.empty(held, np.int64), np.empty(held, np.float64)
     held = 0
-    for at in range(size):
-        if counts[at] > 0:
-            found[held], means[held] = first + at, sums[at] / counts[at]
+    for cell in range(size):
+        if counts[cell] > 0:
+            found[held], means[held] = first + cell, sums[cell] / counts[cell]
             held += 1
     return found, means
 
