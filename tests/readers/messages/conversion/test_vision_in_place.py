@@ -67,7 +67,7 @@ def recorded(frame: str, found: list[tuple[str, list[tuple[int, float]]]], msgty
 
 def built(message: RawMessage) -> bytes:
     """The judge."""
-    return bytes(ROS2.serialize(vision_message(deserialize(message), message.channel.msgtype, ROAD_CLASSES)))
+    return bytes(ROS2.serialize(vision_message(deserialize(message), message.channel.msgtype, NAME_OF)))
 
 
 @pytest.mark.parametrize("msgtype", [BOXES_2D, BOXES_3D])
