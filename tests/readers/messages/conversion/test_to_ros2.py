@@ -1,5 +1,4 @@
-from functools import cache
-from functools import partial
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
