@@ -8,6 +8,7 @@ and stray points. All clusters are fitted at once.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -110,8 +111,7 @@ def quantiles_by_cluster(values: F64, starts: I64, shares: tuple[float, ...]) ->
     return np.asarray(found - lowest + offset - offset + lowest)
 
 
-@dataclass(frozen=True, eq=False)
-class _Thinned:
+class _Thinned(NamedTuple):
     """Clusters as weighted points.
 
     Attributes:

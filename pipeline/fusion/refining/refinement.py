@@ -13,7 +13,7 @@ Residuals are weighed by a Cauchy distribution (iteratively reweighted), so that
 """
 
 from dataclasses import dataclass
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -86,8 +86,7 @@ class RefinedBoxes:
         check_array("costs", self.costs, (n,), np.float64)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Problem:
+class _Problem(NamedTuple):
     """N boxes, and P pairs with an outline of the box for each."""
 
     boxes: Boxes3D

@@ -12,8 +12,7 @@ The layout changed several times; the recorded definition says which one a messa
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -31,8 +30,7 @@ __all__ = ["DETECTIONS_2D", "Detections2D", "decode_detections2d"]
 DETECTIONS_2D = "vision_msgs/msg/Detection2DArray"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Detections2D:
+class Detections2D(NamedTuple):
     """The boxes of one message.
 
     Attributes:
