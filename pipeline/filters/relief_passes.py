@@ -48,33 +48,39 @@ def lowest_of_cells(
     Returns:
         (M,) cells, row x side + column, ascending, and (M,) metres.
     """
-    count = len(xyz)
-    cells, heights = np.empty(count, np.int32), np.empty(count, np.float32)
-    lowest = np.full(side * side, np.float32(np.inf))
-    kept = 0
-    for i in range(count):
+    cells, heights = np.empty(len(xyz), np.int32), np.empty(len(xyz), np.float32)
+    kept, first, last = 0, side * side, -1
+    for i in range(len(xyz)):
         x, y = xyz[i, 0], xyz[i, 1]
         height = (x * plane[0] + y * plane[1] + xyz[i, 2] * plane[2] + plane[3]) / plane[2]
-        dx, dy = x - middle[0], y - middle[1]
+        if abs(height) > reach_m:
+            dx, dy = x - middle[0], y - middle[1]
+            if not abs(height) <= reach_m + slope * np.sqrt(dx * dx + dy * dy):
+                continue
         column, row = np.floor((x - origin[0]) / cell_m), np.floor((y - origin[1]) / cell_m)
-        if abs(height) <= reach_m + slope * np.sqrt(dx * dx + dy * dy) and 0 <= column < side and 0 <= row < side:
+        if 0 <= column < side and 0 <= row < side:
             cell = int(row) * side + int(column)
-            lowest[cell] = min(lowest[cell], height)
+            first, last = min(first, cell), max(last, cell)
             cells[kept], heights[kept] = cell, height
             kept += 1
 
-    counts, sums = np.zeros(side * side, np.int64), np.zeros(side * side, np.float64)
+    size = max(last - first + 1, 0)  # of the part of the grid that holds points
+    lowest, counts, sums = np.full(size, np.float32(np.inf)), np.zeros(size, np.int32), np.zeros(size, np.float64)
+    for j in range(kept):
+        at = np.uint32(cells[j] - first)
+        lowest[at] = min(lowest[at], heights[j])
     held = 0
     for j in range(kept):
-        if heights[j] <= lowest[cells[j]] + layer_m:
-            held += 1 if counts[cells[j]] == 0 else 0
-            counts[cells[j]] += 1
-            sums[cells[j]] += heights[j]
+        at = np.uint32(cells[j] - first)
+        if heights[j] <= lowest[at] + layer_m:
+            held += 1 if counts[at] == 0 else 0
+            counts[at] += np.int32(1)
+            sums[at] += heights[j]
     found, means = np.empty(held, np.int64), np.empty(held, np.float64)
     held = 0
-    for cell in range(side * side):
+    for cell in range(size):
         if counts[cell] > 0:
-            found[held], means[held] = cell, sums[cell] / counts[cell]
+            found[held], means[held] = first + cell, sums[cell] / counts[cell]
             held += 1
     return found, means
 
@@ -113,7 +119,17 @@ def on_relief(xyz: F32, plane: F32, origin_xy: F64, cell_m: float, offsets_m: F6
     The others are those of `Relief`.
     """
     on = np.empty(len(xyz), np.bool_)
+    lowest = highest = offsets_m[0, 0]
+    for row in range(offsets_m.shape[0]):
+        for column in range(offsets_m.shape[1]):
+            lowest, highest = min(lowest, offsets_m[row, column]), max(highest, offsets_m[row, column])
+    # What is beyond is not on the ground wherever it is; a bit more, for what is rounded below.
+    reach_m = distance_m + 1e-9 * (distance_m + abs(lowest) + abs(highest))
+    below_m, above_m = lowest - reach_m, highest + reach_m
     for i in range(len(xyz)):
-        x, y = (xyz[i, 0] - origin_xy[0]) / cell_m, (xyz[i, 1] - origin_xy[1]) / cell_m
-        on[i] = abs(_height(xyz, i, plane) - _between(offsets_m, x, y)) <= distance_m
+        height = _height(xyz, i, plane)
+        on[i] = False
+        if below_m <= height <= above_m:
+            x, y = (xyz[i, 0] - origin_xy[0]) / cell_m, (xyz[i, 1] - origin_xy[1]) / cell_m
+            on[i] = abs(height - _between(offsets_m, x, y)) <= distance_m
     return on

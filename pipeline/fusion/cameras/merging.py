@@ -49,7 +49,7 @@ def moments(placements: Placements) -> Moments:
     covariances = np.zeros((len(xy), 3, 3))
     covariances[:, :2, :2] = spread
     # An axis has no front: the mean is taken of twice its angle.
-    length = np.clip(np.hypot(cos, sin), 1e-9, 1.0)
+    length = np.hypot(cos, sin).clip(1e-9, 1.0)
     covariances[:, 2, 2] = np.minimum(-np.log(length) / 2, MAX_YAW_VARIANCE) + (HEADINGS[1] ** 2) / 12
     return Moments(xy, wrap_angle(np.arctan2(sin, cos)) / 2, covariances)
 
@@ -69,11 +69,11 @@ def merge_sightings(placements: Placements, cameras: I64, class_ids: I64) -> tup
     known = _Known(placements)
     mean_xy, spread = known.mean_xy.copy(), known.spread.copy()
     first, is_first = np.arange(count), np.ones(count, np.bool_)
-    for start, end in itertools.pairwise([*np.flatnonzero(first_of_runs(cameras)).tolist(), count]):
-        objects, own = np.flatnonzero(is_first[:start]), slice(start, end)
+    for start, end in itertools.pairwise([*first_of_runs(cameras).nonzero()[0].tolist(), count]):
+        objects, own = is_first[:start].nonzero()[0], slice(start, end)
         worth = near_worth(known.mean_xy[objects], known.spread[objects], mean_xy[own], spread[own], GATE)
         column_of = columns_of_classes(worth, class_ids[objects], class_ids[own])
-        matched = np.flatnonzero(column_of >= 0)
+        matched = (column_of >= 0).nonzero()[0]
         if len(matched):
             rows, new_rows = objects[matched], start + column_of[matched]
             first[new_rows], is_first[new_rows] = rows, False
