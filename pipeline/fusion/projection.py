@@ -7,12 +7,12 @@ the edge is the derivative of that point.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Self
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64, Bools, Indices, Rows, check_array
+from pipeline.core.arrays import F64, I64, Bools, Indices, Rows, check_array, select_rows
 from pipeline.core.optics.lens_kernels import outermost_points
 from pipeline.core.optics.lenses import Lenses
 from pipeline.core.rig import CameraSensor
@@ -57,10 +57,17 @@ class CameraArrays:
 
     def select(self, rows: Rows) -> "CameraArrays":
         """The given rows (mask or indices), in that order."""
-        rows = np.flatnonzero(rows) if rows.dtype == np.bool_ else rows
-        arrays = (array.take(rows, axis=0) for array in (self.rotations, self.translations, self.image_sizes))
-        rotations, translations, image_sizes = arrays
-        return CameraArrays(rotations, translations, self.lenses.select(rows), image_sizes)
+        return select_rows(self, rows)
+
+    @cached_property
+    def positions(self) -> F64:
+        """(P, 3) the cameras, metres in the site frame."""
+        return np.asarray(-(self.rotations * self.translations[:, :, None]).sum(1))
+
+    @cached_property
+    def limits(self) -> F64:
+        """(P, 4) the largest left, top, right and bottom of what lies in the image: its size, twice."""
+        return np.concatenate([self.image_sizes, self.image_sizes], 1)
 
 
 @lru_cache(maxsize=4)

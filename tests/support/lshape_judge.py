@@ -28,22 +28,23 @@ def judged_rectangles(xy: F64, starts: I64) -> Rectangles:
 
     cos, sin = np.cos(angle)[cluster], np.sin(angle)[cluster]
     along = np.stack([xy[:, 0] * cos + xy[:, 1] * sin, xy[:, 1] * cos - xy[:, 0] * sin], 1)
-    ends = [judged_quantiles(along[:, axis], starts, (OUTSIDE_SHARE, 1 - OUTSIDE_SHARE)) for axis in range(2)]
-    low, high = np.stack(ends, 2)
+    low, high = (
+        np.stack([judged_quantiles(along[:, axis], starts, share) for axis in range(2)], 1)
+        for share in (OUTSIDE_SHARE, 1 - OUTSIDE_SHARE)
+    )
     to_side = np.minimum(np.abs(along - low[cluster]), np.abs(along - high[cluster]))
     square = np.minimum(to_side[:, 0], to_side[:, 1]) ** 2
     residual = np.sqrt(np.add.reduceat(square, starts) / np.diff(starts, append=len(xy)))
     return Rectangles(angle, low, high, residual)
 
 
-def judged_quantiles(values: F64, starts: I64, shares: tuple[float, ...]) -> F64:
+def judged_quantiles(values: F64, starts: I64, share: float) -> F64:
     """As `lshape.quantiles_by_cluster`."""
     lowest, span = float(values.min()), float(np.ptp(values)) + 1.0
     offset = _cluster_of_row(starts, len(values)) * span
     ordered = np.sort(values - lowest + offset)
     last = np.diff(starts, append=len(values)) - 1
-    steps = [np.floor(share * last) if share < 0.5 else np.ceil(share * last) for share in shares]
-    rows = starts + np.array(steps).astype(np.int64)
+    rows = starts + (np.floor(share * last) if share < 0.5 else np.ceil(share * last)).astype(np.int64)
     return np.asarray(ordered[rows] - offset[rows] + lowest)
 
 

@@ -11,7 +11,7 @@ from pipeline.core.geometry.polygons import first_polygon_with
 from pipeline.core.rig import Zone, default_zones
 from pipeline.core.ros.columns import Columns, Lists
 from pipeline.core.ros.messages import ROS2
-from writers.messages.parts import IDENTITY, box_poses, headers
+from writers.messages.parts import IDENTITY, box_poses, header, headers
 
 __all__ = ["detections_2d", "detections_3d", "lidcam_objects"]
 
@@ -29,14 +29,14 @@ def detections_3d(boxes: Boxes3D, class_names: Sequence[str], *, stamp_ns: int) 
     n = len(boxes)
     covariances = np.zeros((n, 6, 6))
     covariances[:, _X_Y_YAW[:, None], _X_Y_YAW] = boxes.covariances
-    poses, header = box_poses(boxes), headers(stamp_ns, boxes.frame_id)
+    poses, array_header = box_poses(boxes), header(stamp_ns, boxes.frame_id)
     with_covariance = Columns(
         "geometry_msgs/msg/PoseWithCovariance", n, pose=poses, covariance=covariances.reshape(n, 36)
     )
     results = _results(boxes, class_names, with_covariance)
     box = Columns("vision_msgs/msg/BoundingBox3D", n, center=poses, size=boxes.sizes)
-    detections = Columns("vision_msgs/msg/Detection3D", n, header=header, results=Lists(results), bbox=box)
-    return Columns("vision_msgs/msg/Detection3DArray", header=header, detections=Lists(detections, n))
+    detections = Columns("vision_msgs/msg/Detection3D", n, header=array_header, results=Lists(results), bbox=box)
+    return Columns("vision_msgs/msg/Detection3DArray", header=array_header, detections=Lists(detections, n))
 
 
 def detections_2d(
@@ -48,14 +48,14 @@ def detections_2d(
     """
     counts = [len(one) for one in boxes]
     rows = np.repeat(np.arange(len(boxes)), counts).tolist()
-    header = headers([stamps_ns[row] for row in rows], [frame_ids[row] for row in rows])
+    box_headers = headers([stamps_ns[row] for row in rows], [frame_ids[row] for row in rows])
     xyxy = np.concatenate([np.zeros((0, 4)), *(one.xyxy for one in boxes)])
     n, centers = len(xyxy), np.zeros((len(xyxy), 3))
     centers[:, :2], sizes = (xyxy[:, :2] + xyxy[:, 2:]) / 2, xyxy[:, 2:] - xyxy[:, :2]
     no_pose = Columns("geometry_msgs/msg/PoseWithCovariance", pose=IDENTITY)
     results = _results(join_rows(*boxes), class_names, no_pose) if boxes else Columns(_RESULT, 0)
     box = Columns("vision_msgs/msg/BoundingBox2D", n, center=centers, size_x=sizes[:, 0], size_y=sizes[:, 1])
-    detections = Columns("vision_msgs/msg/Detection2D", n, header=header, results=Lists(results), bbox=box)
+    detections = Columns("vision_msgs/msg/Detection2D", n, header=box_headers, results=Lists(results), bbox=box)
     arrays = headers(stamps_ns, frame_ids)
     return Columns("vision_msgs/msg/Detection2DArray", len(boxes), header=arrays, detections=Lists(detections, counts))
 

@@ -31,7 +31,10 @@ def wrap_angle(angles_rad: npt.ArrayLike) -> F64:
 def rotations_2d(yaws: F64) -> F64:
     """(N, 2, 2) rotation matrices of the angles `yaws` (N,)."""
     cos, sin = np.cos(yaws), np.sin(yaws)
-    return np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], 1)
+    rotations = np.empty((len(yaws), 2, 2))
+    rotations[:, 0, 0], rotations[:, 0, 1] = cos, -sin
+    rotations[:, 1, 0], rotations[:, 1, 1] = sin, cos
+    return rotations
 
 
 def box_corners(centers: F64, sizes: F64, yaws: F64) -> F64:

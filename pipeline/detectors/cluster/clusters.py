@@ -23,7 +23,11 @@ LINK_CELL_SHARE = 0.6
 
 
 LEVEL_GROWTH = 1.5
-"""Ratio of the distances of neighbouring levels, in the grid and in the search."""
+"""Ratio of the edges of neighbouring levels of the grid."""
+
+SEARCH_GROWTH = 4.0
+"""Ratio of the distances of neighbouring levels in the search: most clouds have one, and to look at each takes longer
+than at some points too many; but one far point is not to make all others look far."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +60,7 @@ def thin_points(points: F64, distance_m: F64, share: float, group: I64 | None = 
     """
     points = np.ascontiguousarray(points)
     group = np.zeros(len(points), np.int64) if group is None else group
-    edges_m = _series(share * distance_m.min(), share * distance_m.max())
+    edges_m = _series(share * distance_m.min(), share * distance_m.max(), LEVEL_GROWTH)
     return Cells(*averaged(points, distance_m, share, edges_m, group, int(group.max()) + 1))
 
 
@@ -76,14 +80,14 @@ def cluster_points(points: F64, link_distance_m: F64) -> tuple[int, I64]:
     if not len(points):
         return 0, np.zeros(0, np.int64)
     cells = thin_points(points, link_distance_m, LINK_CELL_SHARE)
-    series = _series(cells.distance_m.min(), cells.distance_m.max())
+    series = _series(cells.distance_m.min(), cells.distance_m.max(), SEARCH_GROWTH)
     count, cluster_of_cell = link(cells.means, cells.distance_m, series)
     return count, cluster_of_cell[cells.cell_of_point]
 
 
-def _series(first: float, last: float) -> F64:
+def _series(first: float, last: float, growth: float) -> F64:
     """A geometric series from `first` up to `last`."""
     steps = [first]
-    while steps[-1] * LEVEL_GROWTH <= last < np.inf:
-        steps.append(first * LEVEL_GROWTH ** len(steps))
+    while steps[-1] * growth <= last < np.inf:
+        steps.append(first * growth ** len(steps))
     return np.array(steps)

@@ -7,7 +7,7 @@ from pipeline.core.clouds import CombinedCloud
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.detectors.cluster.clusters import cluster_points
-from pipeline.detectors.cluster.fitting import BoxFitter, ThinnedPoints
+from pipeline.detectors.cluster.fitting import BoxFitter, Fitted, ThinnedPoints
 from pipeline.detectors.cluster.point_kernels import extents, members
 from pipeline.detectors.cluster.sight import Sight
 from pipeline.detectors.protocols import Candidates3D
@@ -40,25 +40,24 @@ class ClusterDetector:
         """Boxes of all clusters, and of the parts of those that fit no class well."""
         points = self._points_above_ground(combined)
         sight = Sight.of(points.position, points.lidar, self._fitter.lidars_above_ground(combined))
-        parts, cluster = [Candidates3D.empty()], np.full(len(points.position), -1)
+        fitted, cluster = [], np.full(len(points.position), -1)
         for share in (1.0, *self._config.split_shares):
             if len(points.position):
-                candidates, points, cluster = self._candidates(points, cluster, sight, share)
-                parts.append(candidates)
-        found = Candidates3D(*(np.concatenate(column) for column in zip(*parts, strict=True)))
-        return self._fitter.on_ground(combined, found)
+                found, points, cluster = self._fitted(points, cluster, sight, share)
+                fitted += found
+        return self._fitter.candidates(combined, Fitted.joined(fitted)) if fitted else Candidates3D.empty()
 
     def _points_above_ground(self, combined: CombinedCloud) -> ThinnedPoints:
         rows = np.arange(len(combined.detection_cloud))
         points, _ = self._fitter.thin(combined, rows, self._config.clearance_m, self._ceiling_m)
         return points
 
-    def _candidates(
+    def _fitted(
         self, points: ThinnedPoints, before: I64, sight: Sight, share: float
-    ) -> tuple[Candidates3D, ThinnedPoints, I64]:
+    ) -> tuple[list[Fitted], ThinnedPoints, I64]:
         """Boxes of the clusters at a share of the link distance; and the points of those to try in parts, with these.
 
-        The boxes' centres are given as height above the ground. A cluster that did not fall apart gets no second box.
+        A cluster that did not fall apart gets no second box.
 
         Args:
             points: Points above the ground.
@@ -82,8 +81,9 @@ class ClusterDetector:
         small = usable & (in_parts | (before[first] < 0))
         small &= (high - low)[:, :4].max(1) <= self._diagonal_m  # a lower bound of the diameter
         rows, starts = members(cluster, small)
-        candidates, misfit = self._fitter.fit(select_rows(points, rows), starts)
+        fitted = [self._fitter.fit(select_rows(points, rows), starts)] if len(starts) else []
         again = usable.copy()
-        again[small] = (candidates.class_ids < 0) | (misfit > GOOD_MISFIT)
+        for found in fitted:
+            again[small] = (found.boxes.class_ids < 0) | (found.boxes.misfit > GOOD_MISFIT)
         rows, _ = members(cluster, again)
-        return candidates, select_rows(points, rows), cluster[rows]
+        return fitted, select_rows(points, rows), cluster[rows]

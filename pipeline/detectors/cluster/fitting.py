@@ -1,5 +1,6 @@
 """Boxes fitted to groups of points: an L-shape, completed by the size prior of a class, with score and covariance."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -10,14 +11,14 @@ from pipeline.core.clouds import CombinedCloud, Plane
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.detectors.cluster.clusters import thin_points
-from pipeline.detectors.cluster.completion import complete_boxes
-from pipeline.detectors.cluster.lshape import fit_rectangles, quantiles_by_cluster, rectangles_along
-from pipeline.detectors.cluster.point_kernels import points_above_ground
+from pipeline.detectors.cluster.completion import CompletedBoxes, Kinds, complete_boxes
+from pipeline.detectors.cluster.lshape import Rectangles, fit_rectangles, quantiles_by_cluster, rectangles_along
+from pipeline.detectors.cluster.point_kernels import points_above_ground, totals
 from pipeline.detectors.cluster.principal import principal_axes
 from pipeline.detectors.cluster.scores import box_covariances, box_scores
 from pipeline.detectors.protocols import Candidates3D
 
-__all__ = ["AboveGround", "BoxFitter", "ThinnedPoints"]
+__all__ = ["AboveGround", "BoxFitter", "Fitted", "ThinnedPoints"]
 
 
 THIN_SHARE = 0.2
@@ -64,6 +65,41 @@ class AboveGround(NamedTuple):
     time_ns: F64
 
 
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """Boxes fitted to G groups of points, above flat ground.
+
+    Attributes:
+        rectangles: Around the points of each group.
+        boxes: These, completed.
+        roundness: (G,) of the points of riders, see `principal_axes`; 1 for other classes.
+        counts: (G,) number of measured points.
+        lidar_share: (G, L) share of these that each lidar measured.
+        time_ns: (G,) their mean time, minus the cloud's stamp.
+    """
+
+    rectangles: Rectangles
+    boxes: CompletedBoxes
+    roundness: F64
+    counts: I64
+    lidar_share: F64
+    time_ns: I64
+
+    @classmethod
+    def joined(cls, parts: Sequence["Fitted"]) -> "Fitted":
+        """Those of all parts, of which there is one, in their order."""
+        if len(parts) == 1:
+            return parts[0]
+        return cls(
+            join_rows(*[part.rectangles for part in parts]),
+            join_rows(*[part.boxes for part in parts]),
+            np.concatenate([part.roundness for part in parts]),
+            np.concatenate([part.counts for part in parts]),
+            np.concatenate([part.lidar_share for part in parts]),
+            np.concatenate([part.time_ns for part in parts]),
+        )
+
+
 class BoxFitter:
     """Fits boxes to groups of points.
 
@@ -75,7 +111,7 @@ class BoxFitter:
         self._lidar_xyz = np.array([lidar.T_site_lidar.translation for lidar in rig.lidars]).reshape(-1, 3)
         self._ground_height_m = rig.ground_height_m or 0.0
         self._config = config.detect3d.cluster
-        self._priors = config.classes
+        self._kinds = Kinds.of(config.classes)
 
     def __call__(self, combined: CombinedCloud, rows: I64, starts: I64, class_ids: I64) -> Candidates3D:
         """Boxes of given classes in the site frame, one for each of G groups, in their order.
@@ -88,8 +124,9 @@ class BoxFitter:
         """
         group = np.repeat(np.arange(len(starts)), np.diff(starts, append=len(rows)))
         points, group = self.thin(combined, rows, group=group)
-        found, _ = self.fit(points, np.searchsorted(group, np.arange(len(starts))), class_ids)
-        return self.on_ground(combined, found)
+        if not len(starts):
+            return Candidates3D.empty()
+        return self.candidates(combined, self.fit(points, np.searchsorted(group, np.arange(len(starts))), class_ids))
 
     def ground_m(self, combined: CombinedCloud, xy: F64) -> F64:
         """(N,) z of the ground at points (N, 2) of the site frame."""
@@ -99,11 +136,6 @@ class BoxFitter:
         """(L, 3) x and y of the lidars in the site frame, and their heights above the ground, metres."""
         xy = np.ascontiguousarray(self._lidar_xyz[:, :2])
         return np.column_stack([xy, self._lidar_xyz[:, 2] - self.ground_m(combined, xy)])
-
-    def on_ground(self, combined: CombinedCloud, found: Candidates3D) -> Candidates3D:
-        """Boxes whose centres are given as height above the ground, in the site frame."""
-        xy = np.ascontiguousarray(found.centers[:, :2])
-        return found._replace(centers=np.column_stack([xy, self.ground_m(combined, xy) + found.centers[:, 2]]))
 
     def above_ground(self, combined: CombinedCloud, rows: I64, above_m: float, below_m: float = np.inf) -> AboveGround:
         """The points of given rows (N,) of `combined.detection_cloud` that are higher than one height, and not another.
@@ -163,50 +195,47 @@ class BoxFitter:
         order = np.argsort(group, kind="stable")
         return select_rows(points, order), group[order]
 
-    def fit(self, points: ThinnedPoints, starts: I64, class_ids: I64 | None = None) -> tuple[Candidates3D, F64]:
-        """Boxes of G groups, whose centres are given as height above the ground, and how badly they fit their class.
+    def fit(self, points: ThinnedPoints, starts: I64, class_ids: I64 | None = None) -> Fitted:
+        """Boxes fitted to G groups, at least one.
 
         Args:
             points: Sorted by group.
             starts: (G,) first point of each group; each has at least one.
             class_ids: (G,) class of each group; if None, the class that fits best.
-
-        Returns:
-            Boxes in the order of the groups, and (G,) their `CompletedBoxes.misfit`.
         """
-        if not len(starts):
-            return Candidates3D.empty(), np.zeros(0)
-        groups, lidars = len(starts), len(self._lidar_xyz)
-        given = np.full(groups, -1) if class_ids is None else class_ids
-        counts = np.add.reduceat(points.weights, starts)
-        axis_rad, roundness = principal_axes(points.position, starts)
+        lidar_xy = np.ascontiguousarray(self._lidar_xyz[:, :2])
+        counts, lidar_share, time_ns = totals(
+            points.weights, points.lidar, points.time_sum_ns, starts, len(self._lidar_xyz)
+        )
         rectangles = fit_rectangles(points.position, starts)
-        (top,) = quantiles_by_cluster(points.position[:, 2], starts, (TOP_SHARE,))
-        group = np.repeat(np.arange(groups), np.diff(starts, append=len(points.position)))
-        by_lidar = np.bincount(group * lidars + points.lidar, points.weights, groups * lidars).reshape(groups, lidars)
-        lidar_share = by_lidar / counts[:, None]
-        lidar_xy = self._lidar_xyz[:, :2]
-        boxes = complete_boxes(rectangles, top, lidar_share, lidar_xy, self._priors, given)
-        riders = np.flatnonzero(boxes.rides)
+        top_m = quantiles_by_cluster(points.position[:, 2], starts, TOP_SHARE)
+        boxes = complete_boxes(rectangles, top_m, lidar_share, lidar_xy, self._kinds, class_ids)
+        roundness, riders = np.ones(len(starts)), np.flatnonzero(boxes.rides)
         if len(riders):
             xy, first = _of_groups(points.position, starts, riders)
-            along = rectangles_along(xy, first, axis_rad[riders])
-            again = top[riders], lidar_share[riders], lidar_xy, self._priors, boxes.class_ids[riders]
+            axis_rad, roundness[riders] = principal_axes(xy, first)
+            along = rectangles_along(xy, first, axis_rad)
+            again = top_m[riders], lidar_share[riders], lidar_xy, self._kinds, boxes.class_ids[riders]
             boxes = _with_rows(boxes, riders, complete_boxes(along, *again))
             rectangles = _with_rows(rectangles, riders, along)
+        return Fitted(rectangles, boxes, roundness, counts, lidar_share, time_ns)
+
+    def candidates(self, combined: CombinedCloud, fitted: Fitted) -> Candidates3D:
+        """Fitted boxes in the site frame, with what speaks for them and how well they are known."""
+        boxes, rectangles = fitted.boxes, fitted.rectangles
         range_m = np.linalg.norm(boxes.center_xy[:, None] - self._lidar_xyz[:, :2], axis=2)
-        expected_per_m2 = self._config.points_per_sr * (lidar_share / np.maximum(range_m, 1e-3) ** 2).sum(1)
-        candidates = Candidates3D(
-            np.column_stack([boxes.center_xy, boxes.sizes[:, 2] / 2]),
+        per_m2 = self._config.points_per_sr * (fitted.lidar_share / np.maximum(range_m, 1e-3) ** 2).sum(1)
+        z = self.ground_m(combined, boxes.center_xy) + boxes.sizes[:, 2] / 2
+        return Candidates3D(
+            np.concatenate([boxes.center_xy, z[:, None]], 1),
             boxes.sizes,
             boxes.yaw_rad,
-            box_scores(boxes, rectangles, counts, expected_per_m2),
+            box_scores(boxes, rectangles, fitted.counts, per_m2),
             boxes.class_ids,
-            counts,
-            box_covariances(boxes, rectangles, roundness, expected_per_m2),
-            np.rint(np.add.reduceat(points.time_sum_ns, starts) / counts).astype(np.int64),
+            fitted.counts,
+            box_covariances(boxes, rectangles, fitted.roundness, per_m2),
+            fitted.time_ns,
         )
-        return candidates, boxes.misfit
 
 
 def ground_arrays(combined: CombinedCloud, level_m: float) -> tuple[F64, F64, F64]:

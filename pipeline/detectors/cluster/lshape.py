@@ -13,7 +13,7 @@ import numpy as np
 
 from pipeline.core.arrays import F64, I64
 from pipeline.core.geometry.boxes import rotations_2d
-from pipeline.detectors.cluster.lshape_kernels import bounds, closeness, nearest_sides, ranked, thinned, turned
+from pipeline.detectors.cluster.lshape_kernels import bounds, closest_directions, quantiles, rectangles, thinned
 
 __all__ = ["Rectangles", "fit_rectangles", "quantiles_by_cluster", "rectangles_along"]
 
@@ -35,6 +35,12 @@ TRIM_SHARE = 0.04
 
 OUTSIDE_SHARE = 0.01
 """Share of the points outside at each side of the final rectangle."""
+
+_COARSE_RAD = np.deg2rad(np.arange(0.0, 90.0, COARSE_STEP_DEG))
+_FINE_RAD = np.deg2rad(np.arange(-COARSE_STEP_DEG, COARSE_STEP_DEG + FINE_STEP_DEG / 2, FINE_STEP_DEG))
+_ANGLES_RAD = np.append(_COARSE_RAD, _COARSE_RAD[:, None] + _FINE_RAD)
+_COS, _SIN = np.cos(_ANGLES_RAD), np.sin(_ANGLES_RAD)
+"""The directions that are tried: coarse ones, then the fine ones about each of these in turn."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,12 +72,13 @@ def fit_rectangles(xy: F64, starts: I64) -> Rectangles:
         xy: (N, 2 or more) of which x and y count, metres; sorted by cluster.
         starts: (C,) first row of each cluster; each has at least one, and there is at least one cluster.
     """
-    xy, ends = np.ascontiguousarray(xy), np.append(starts[1:], len(xy))
-    coarse = np.deg2rad(np.arange(0.0, 90.0, COARSE_STEP_DEG))
-    thin = _Thinned.of(xy, ends)
-    best = coarse[thin.closeness(np.tile(coarse, (len(starts), 1))).argmax(1)]
-    fine = best[:, None] + np.deg2rad(np.arange(-COARSE_STEP_DEG, COARSE_STEP_DEG + FINE_STEP_DEG / 2, FINE_STEP_DEG))
-    return rectangles_along(xy, starts, fine[np.arange(len(starts)), thin.closeness(fine).argmax(1)])
+    xy, ends = np.ascontiguousarray(xy), _ends(starts, len(xy))
+    low, high = bounds(xy, ends)
+    diagonal_m = np.maximum(np.hypot(*(high - low).T), 1e-3)
+    count, means, weights, mean_ends = thinned(xy, ends, low, diagonal_m / CELLS_ACROSS, CELLS_ACROSS + 1)
+    thin = means[:count], weights[:count], mean_ends, SOFT_SHARE * diagonal_m
+    best = closest_directions(*thin, _COS, _SIN, len(_COARSE_RAD), BINS, TRIM_SHARE)
+    return rectangles_along(xy, starts, _ANGLES_RAD.take(best))
 
 
 def rectangles_along(xy: F64, starts: I64, angles_rad: F64) -> Rectangles:
@@ -82,60 +89,26 @@ def rectangles_along(xy: F64, starts: I64, angles_rad: F64) -> Rectangles:
         starts: (C,) first row of each cluster; each has at least one, and there is at least one cluster.
         angles_rad: (C,) direction of one side about +z.
     """
-    xy, ends = np.ascontiguousarray(xy), np.append(starts[1:], len(xy))
     angle = np.mod(angles_rad, np.pi / 2)
-    along = turned(xy, ends, np.cos(angle), np.sin(angle))
-    sides = [quantiles_by_cluster(values, starts, (OUTSIDE_SHARE, 1 - OUTSIDE_SHARE)) for values in along]
-    low, high = np.stack(sides, 2)
-    residual = np.sqrt(nearest_sides(along, ends, low, high) / (ends - starts))
-    return Rectangles(angle, low, high, residual)
+    ends = _ends(starts, len(xy))
+    return Rectangles(angle, *rectangles(np.ascontiguousarray(xy), ends, np.cos(angle), np.sin(angle), OUTSIDE_SHARE))
 
 
-def quantiles_by_cluster(values: F64, starts: I64, shares: tuple[float, ...]) -> F64:
-    """(S, C) quantiles of each cluster's values.
+def quantiles_by_cluster(values: F64, starts: I64, share: float) -> F64:
+    """(C,) a quantile of each cluster's values.
 
     Rounded outwards to the next value, so that a cluster of few points loses none of its extent.
 
     Args:
         values: (N,) sorted by cluster, in any order within.
-        starts: (C,) first row of each cluster.
-        shares: (S,) in [0, 1], near one of the ends.
+        starts: (C,) first row of each cluster; each has at least one, and there is at least one cluster.
+        share: In [0, 1], near one of the ends.
     """
-    ends = np.append(starts[1:], len(values))
-    values, last = np.ascontiguousarray(values), ends - starts - 1
-    steps = [np.floor(share * last) if share < 0.5 else np.ceil(share * last) for share in shares]
-    found = np.array([ranked(values, ends, step.astype(np.int64)) for step in steps])
-    # Rounded as where all clusters lie side by side in one row.
-    lowest, offset = values.min(), np.arange(len(starts)) * (np.ptp(values) + 1.0)
-    return np.asarray(found - lowest + offset - offset + lowest)
+    return quantiles(np.ascontiguousarray(values), _ends(starts, len(values)), share)
 
 
-@dataclass(frozen=True, eq=False)
-class _Thinned:
-    """Clusters as weighted points.
-
-    Attributes:
-        xy: (M, 2) metres, sorted by cluster.
-        weights: (M,) number of points that each one stands for.
-        ends: (C,) row behind the last of each cluster.
-        soft_m: (C,) distance from a side that hardly lowers closeness.
-    """
-
-    xy: F64
-    weights: F64
-    ends: I64
-    soft_m: F64
-
-    @classmethod
-    def of(cls, xy: F64, ends: I64) -> "_Thinned":
-        """Means of the points in the cells of a grid of each cluster's own size."""
-        low, high = bounds(xy, ends)
-        diagonal_m = np.maximum(np.hypot(*(high - low).T), 1e-3)
-        count, means, weights, mean_ends = thinned(xy, ends, low, diagonal_m / CELLS_ACROSS, CELLS_ACROSS + 1)
-        return cls(means[:count], weights[:count], mean_ends, SOFT_SHARE * diagonal_m)
-
-    def closeness(self, angles: F64) -> F64:
-        """(C, A) closeness of the points of each cluster to the bounding rectangle at each of its angles (C, A)."""
-        return closeness(
-            self.xy, self.weights, self.ends, self.soft_m, np.cos(angles), np.sin(angles), BINS, TRIM_SHARE
-        )
+def _ends(starts: I64, count: int) -> I64:
+    """(C,) row behind the last of each cluster."""
+    ends = np.empty_like(starts)
+    ends[:-1], ends[-1] = starts[1:], count
+    return ends

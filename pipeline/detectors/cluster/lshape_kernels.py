@@ -9,7 +9,7 @@ import numpy as np
 from pipeline.core.arrays import F64, I64
 from pipeline.core.compiled import compiled, inlined
 
-__all__ = ["bounds", "closeness", "moments", "nearest_sides", "ranked", "thinned", "turned"]
+__all__ = ["bounds", "closest_directions", "moments", "quantiles", "rectangles", "thinned"]
 
 
 SUMMED_AT_ONCE = 128
@@ -172,36 +172,44 @@ def _ends(mass: F64, total: float, outside: float, low: float, step: float) -> t
 
 
 @compiled(
-    "float64[:, ::1](float64[:, ::1], float64[::1], int64[::1], float64[::1], float64[:, ::1], float64[:, ::1], "
-    "int64, float64)"
+    "int64[::1](float64[:, ::1], float64[::1], int64[::1], float64[::1], float64[::1], float64[::1], int64, int64, "
+    "float64)"
 )
-def closeness(xy: F64, weights: F64, ends: I64, soft_m: F64, cos: F64, sin: F64, bins: int, trim_share: float) -> F64:
-    """(C, A) closeness of the points of each cluster to their bounding rectangle at each of its angles.
+def closest_directions(
+    xy: F64, weights: F64, ends: I64, soft_m: F64, cos: F64, sin: F64, coarse: int, bins: int, trim_share: float
+) -> I64:
+    """(C,) the direction in which the points of each cluster are closest to the sides of their bounding rectangle.
+
+    The best one of the coarse directions, then of the fine ones about that; of those alike the first.
 
     Args:
         xy: (M, 2) points, sorted by cluster.
         weights: (M,) number of measured points that each stands for.
         ends: (C,) row behind the last point of each cluster.
         soft_m: (C,) distance from a side that hardly lowers closeness.
-        cos: (C, A) of the angles.
-        sin: (C, A) of the angles.
+        cos: (A + A * F,) of the directions: coarse ones, then the fine ones about each of these in turn.
+        sin: (A + A * F,) of the same.
+        coarse: Their number A.
         bins: Resolution of the bounds.
         trim_share: Share of the points that may lie outside at each side.
     """
     xs, ys = np.empty(len(xy)), np.empty(len(xy))
     for i in range(len(xy)):
         xs[i], ys[i] = xy[i, 0], xy[i, 1]
-    found, mass, mass_left = np.empty(cos.shape), np.empty(bins), np.empty(bins)
+    found, mass, mass_left = np.empty(len(ends), np.int64), np.empty(bins), np.empty(bins)
     forward, left, near = np.empty(len(xy)), np.empty(len(xy)), np.empty(len(xy))
     bin_forward, bin_left = np.empty(len(xy), np.int32), np.empty(len(xy), np.int32)
-    start = 0
+    start, fine = 0, len(cos) // coarse - 1
     for c in range(len(ends)):
         count, soft, total = ends[c] - start, soft_m[c] * soft_m[c], 0.0
         own, east, north = weights[start : ends[c]], xs[start : ends[c]], ys[start : ends[c]]
         for i in range(count):
             total += own[i]
-        for k in range(cos.shape[1]):
-            x, y = cos[c, k], sin[c, k]
+        best, closest, skipped = 0, -np.inf, 0
+        for k in range(coarse + fine):
+            if k == coarse:
+                skipped, closest = best * fine, -np.inf
+            x, y = cos[skipped + k], sin[skipped + k]
             for i in range(count):
                 forward[i] = east[i] * x + north[i] * y
                 left[i] = north[i] * x - east[i] * y
@@ -222,38 +230,31 @@ def closeness(xy: F64, weights: F64, ends: I64, soft_m: F64, cos: F64, sin: F64,
                 gap = min(abs(forward[i] - low), abs(forward[i] - high))
                 gap = min(gap, min(abs(left[i] - low_left), abs(left[i] - high_left)))
                 near[i] = own[i] / np.sqrt(gap * gap + soft)
-            found[c, k] = _sum(near, 0, count)
+            closeness = _sum(near, 0, count)
+            if closeness > closest:
+                best, closest = skipped + k, closeness
+        found[c] = best
         start = ends[c]
     return found
 
 
-@compiled("float64[:, ::1](float64[:, ::1], int64[::1], float64[::1], float64[::1])")
-def turned(xy: F64, ends: I64, cos: F64, sin: F64) -> F64:
-    """(2, N) places of points along the axes of their clusters, of which `cos` and `sin` (C,) tell the angles."""
-    along, start = np.empty((2, len(xy))), 0
-    for c in range(len(ends)):
-        for i in range(start, ends[c]):
-            along[0, i] = xy[i, 0] * cos[c] + xy[i, 1] * sin[c]
-            along[1, i] = xy[i, 1] * cos[c] - xy[i, 0] * sin[c]
-        start = ends[c]
-    return along
-
-
-@compiled("float64[::1](float64[::1], int64[::1], int64[::1])")
-def ranked(values: F64, ends: I64, ranks: I64) -> F64:
-    """(C,) the value of each cluster that so many of its values come before.
+@compiled("float64[::1](float64[::1], int64[::1], float64)")
+def quantiles(values: F64, ends: I64, share: float) -> F64:
+    """(C,) a quantile of each cluster's values, rounded outwards to the next value.
 
     Args:
-        values: (N,) sorted by cluster, in any order within.
+        values: (N,) at least one; sorted by cluster, in any order within.
         ends: (C,) row behind the last of each.
-        ranks: (C,) near 0, or near the last.
+        share: In [0, 1], near one of the ends.
     """
     found, best, start = np.empty(len(ends)), np.empty(len(values)), 0
+    lowest, highest = _range(values, len(values))
     for c in range(len(ends)):
         size, worst = ends[c] - start, np.inf
-        from_top = ranks[c] > size // 2
+        rank = int(np.floor(share * (size - 1)) if share < 0.5 else np.ceil(share * (size - 1)))
+        from_top = rank > size // 2
         sign = -1.0 if from_top else 1.0
-        wanted = (size - 1 - ranks[c] if from_top else ranks[c]) + 1
+        wanted = (size - 1 - rank if from_top else rank) + 1
         for k in range(wanted):
             best[k] = worst
         for first in range(start, min(start + STRIDE, ends[c])):
@@ -265,31 +266,48 @@ def ranked(values: F64, ends: I64, ranks: I64) -> F64:
                         k -= 1
                     best[k] = value
                     worst = best[wanted - 1]
-        found[c] = sign * worst
+        # Rounded as where all clusters lie side by side in one row.
+        offset = c * (highest - lowest + 1.0)
+        found[c] = sign * worst - lowest + offset - offset + lowest
         start = ends[c]
     return found
 
 
-@compiled("float64[::1](float64[:, ::1], int64[::1], float64[:, ::1], float64[:, ::1])")
-def nearest_sides(along: F64, ends: I64, low: F64, high: F64) -> F64:
-    """(C,) sum of the squared distances of each cluster's points from the nearest side of its rectangle.
+@compiled(
+    "Tuple((float64[:, ::1], float64[:, ::1], float64[::1]))"
+    "(float64[:, ::1], int64[::1], float64[::1], float64[::1], float64)"
+)
+def rectangles(xy: F64, ends: I64, cos: F64, sin: F64, outside_share: float) -> tuple[F64, F64, F64]:
+    """Lower and upper ends of the rectangle around each cluster along its axes, (C, 2); and its residual (C,).
 
     Args:
-        along: (2, N) places of the points along its axes.
+        xy: (N, 2 or more) of which x and y count, metres; sorted by cluster.
         ends: (C,) row behind the last point of each cluster.
-        low: (C, 2) lower ends of the rectangles.
-        high: (C, 2) upper ones.
+        cos: (C,) of the angle of the first axis.
+        sin: (C,) of the same.
+        outside_share: Share of the points outside at each side.
     """
-    sums, square, start = np.empty(len(ends)), np.empty(along.shape[1]), 0
+    along, start = np.empty((2, len(xy))), 0
+    for c in range(len(ends)):
+        for i in range(start, ends[c]):
+            along[0, i] = xy[i, 0] * cos[c] + xy[i, 1] * sin[c]
+            along[1, i] = xy[i, 1] * cos[c] - xy[i, 0] * sin[c]
+        start = ends[c]
+    low, high, residual_m = np.empty((len(ends), 2)), np.empty((len(ends), 2)), np.empty(len(ends))
+    for axis in range(2):
+        lower, upper = quantiles(along[axis], ends, outside_share), quantiles(along[axis], ends, 1.0 - outside_share)
+        for c in range(len(ends)):
+            low[c, axis], high[c, axis] = lower[c], upper[c]
+    square, start = np.empty(len(xy)), 0
     for c in range(len(ends)):
         for i in range(start, ends[c]):
             forward, left = along[0, i], along[1, i]
             first = min(abs(forward - low[c, 0]), abs(forward - high[c, 0]))
             second = min(abs(left - low[c, 1]), abs(left - high[c, 1]))
             square[i] = min(first, second) * min(first, second)
-        sums[c] = _sum(square, start, ends[c] - start)
+        residual_m[c] = np.sqrt(_sum(square, start, ends[c] - start) / (ends[c] - start))
         start = ends[c]
-    return sums
+    return low, high, residual_m
 
 
 @compiled("float64[:, ::1](float64[:, ::1], int64[::1])")

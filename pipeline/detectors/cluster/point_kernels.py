@@ -5,7 +5,7 @@ import numpy as np
 from pipeline.core.arrays import F32, F64, I32, I64, U8, Bools
 from pipeline.core.compiled import compiled
 
-__all__ = ["extents", "hidden_below", "members", "points_above_ground"]
+__all__ = ["extents", "hidden_below", "members", "points_above_ground", "totals"]
 
 HALF_ROOT = np.sqrt(0.5)
 
@@ -110,6 +110,31 @@ def extents(position: F64, weights: I64, cluster: I64, clusters: int) -> tuple[I
                 place = position[i, 2]
             low[c, k], high[c, k] = min(low[c, k], place), max(high[c, k], place)
     return counts, total, first, low, high
+
+
+@compiled("Tuple((int64[::1], float64[:, ::1], int64[::1]))(int64[::1], int64[::1], int64[::1], int64[::1], int64)")
+def totals(weights: I64, lidar: I64, time_sum_ns: I64, starts: I64, lidars: int) -> tuple[I64, F64, I64]:
+    """(C,) measured points of each cluster, (C, L) share of them that each lidar measured, and (C,) their mean time.
+
+    Args:
+        weights: (N,) number of measured points that each point stands for; sorted by cluster.
+        lidar: (N,) that measured these.
+        time_sum_ns: (N,) sum of their times.
+        starts: (C,) first point of each cluster; each has one.
+        lidars: Number L of lidars.
+    """
+    counts, share = np.empty(len(starts), np.int64), np.zeros((len(starts), lidars))
+    time_ns = np.empty(len(starts), np.int64)
+    for c in range(len(starts)):
+        count, time_sum = 0, 0
+        for i in range(starts[c], starts[c + 1] if c + 1 < len(starts) else len(weights)):
+            count += weights[i]
+            time_sum += time_sum_ns[i]
+            share[c, lidar[i]] += weights[i]
+        for one in range(lidars):
+            share[c, one] /= count
+        counts[c], time_ns[c] = count, np.int64(np.rint(time_sum / count))
+    return counts, share, time_ns
 
 
 @compiled("Tuple((int64[::1], int64[::1]))(int64[::1], boolean[::1])")

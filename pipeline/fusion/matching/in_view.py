@@ -15,6 +15,7 @@ from pipeline.core.geometry.boxes import box_corners
 from pipeline.core.optics.lens_kernels import rectangles_of_cut_boxes
 from pipeline.core.rig import CameraSensor
 from pipeline.fusion.matching.in_view_kernels import clipped_edges, in_pyramids, seen_from
+from pipeline.fusion.outline import cuboid_outline
 from pipeline.fusion.projection import CameraArrays, project_edges
 
 __all__ = ["InView", "project_into_views"]
@@ -74,16 +75,18 @@ def project_into_views(boxes: Boxes3D, views: Sequence[CameraSensor], arrays: Ca
         near = _in_cones(centers_camera, radii_m, angles)
     else:
         near = in_pyramids(centers_camera, radii_m, *_pyramids(arrays), NEAR_M)
-    cameras, rows = (np.ascontiguousarray(pairs) for pairs in np.nonzero(near))
-    placed, own = (boxes.centers[rows], boxes.sizes[rows], boxes.yaws[rows]), arrays.select(cameras)
-    edges = project_edges(*placed, own)
+    cameras, rows = (np.ascontiguousarray(pairs) for pairs in near.nonzero())
+    placed = boxes.centers.take(rows, 0), boxes.sizes.take(rows, 0), boxes.yaws.take(rows)
+    outline = cuboid_outline(bent=bool(arrays.lenses.bent[cameras].any()))
+    edges = project_edges(*placed, arrays, outline, rows=cameras)
     xyxy, jacobian, cut = clipped_edges(edges.xyxy, edges.jacobian, edges.valid, cameras, arrays.image_sizes)
     if len(cut):  # boxes beside the camera: cut edges, without derivatives
-        xyxy[cut] = _cut_rectangles(box_corners(*(array[cut] for array in placed)), own.select(cut))
-    seen = np.flatnonzero((xyxy[:, 2] > xyxy[:, 0]) & (xyxy[:, 3] > xyxy[:, 1]))
-    cameras, rows = cameras[seen], rows[seen]
+        xyxy[cut] = _cut_rectangles(box_corners(*(array[cut] for array in placed)), arrays.select(cameras[cut]))
+    shown = (xyxy[:, 2] > xyxy[:, 0]) & (xyxy[:, 3] > xyxy[:, 1])
+    if not shown.all():
+        cameras, rows, xyxy, jacobian = cameras[shown], rows[shown], xyxy[shown], jacobian[shown]
     ranges_m = np.sqrt((centers_camera[cameras, rows] ** 2).sum(1))
-    return InView(cameras, rows, xyxy[seen].astype(np.float32), jacobian[seen], ranges_m)
+    return InView(cameras, rows, xyxy.astype(np.float32), jacobian, ranges_m)
 
 
 def _cut_rectangles(corners: F64, cameras: CameraArrays) -> F32:

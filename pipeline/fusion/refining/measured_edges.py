@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64, Rows, check_array
+from pipeline.core.arrays import F64, I64, Rows, check_array, select_rows
 from pipeline.core.detections import Boxes2D, Hypotheses
 from pipeline.core.rig import CameraSensor
 from pipeline.core.settings.fuse import FuseConfig
@@ -52,15 +52,7 @@ class MeasuredEdges:
 
     def select(self, rows: Rows) -> "MeasuredEdges":
         """The given pairs (mask or indices), in that order."""
-        return MeasuredEdges(
-            self.rows[rows],
-            self.camera_rows[rows],
-            self.cameras.select(rows),
-            self.xyxy[rows],
-            self.sigma_px[rows],
-            self.hidden_px[rows],
-            self.later_s[rows],
-        )
+        return select_rows(self, rows)
 
 
 def measured_edges(
@@ -91,7 +83,7 @@ def measured_edges(
     cameras = camera_arrays(tuple(views.values())).select(numbers[of_camera])
     xyxy = np.concatenate([np.zeros((0, 4)), *(one.xyxy for one in found)])[first + rows2d]
     hidden = np.concatenate([np.zeros(0), *(one.hidden for one in matches)])[of_camera * len(hypotheses.boxes) + rows]
-    xyxy = np.clip(xyxy, 0.0, np.concatenate([cameras.image_sizes, cameras.image_sizes], 1))
+    xyxy = xyxy.clip(0.0, cameras.limits)
     extent = np.maximum(xyxy[:, 2:] - xyxy[:, :2], 1.0)
     outline_px = config.outline_sigma * np.sqrt(extent[:, :1] * extent[:, 1:])
     sigma_px = np.repeat(np.hypot(config.pixel_sigma_px, outline_px), 4, axis=1)

@@ -1,12 +1,16 @@
+from dataclasses import fields
+
 import numpy as np
 import pytest
+from completion_judge import judged_boxes
 
 from pipeline.core.arrays import I64
 from pipeline.core.settings.config import Config
-from pipeline.detectors.cluster.completion import CompletedBoxes, complete_boxes
+from pipeline.detectors.cluster.completion import CompletedBoxes, Kinds, complete_boxes
 from pipeline.detectors.cluster.lshape import Rectangles
 
 PRIORS = Config().classes
+KINDS = Kinds.of(PRIORS)
 CAR, PEDESTRIAN, BICYCLE, TRUCK = range(4)
 LENGTH, WIDTH, HEIGHT = PRIORS[CAR].size_m
 
@@ -22,7 +26,7 @@ def complete(
     """One cluster, seen in equal parts by all lidars."""
     rectangle = Rectangles(np.array([angle]), np.array([low]), np.array([high]), np.zeros(1))
     share = np.full((1, len(lidars)), 1 / len(lidars))
-    return complete_boxes(rectangle, np.array([top_m]), share, np.array(lidars), PRIORS)
+    return complete_boxes(rectangle, np.array([top_m]), share, np.array(lidars), KINDS)
 
 
 def test_rear_of_a_car_grows_forward() -> None:
@@ -58,7 +62,7 @@ def test_length_along_the_second_axis_turns_the_yaw() -> None:
 def test_rider_is_in_the_middle_of_a_cyclist() -> None:
     rectangle = Rectangles(np.zeros(1), np.array([[10.0, -0.25]]), np.array([[10.6, 0.25]]), np.zeros(1))
     one = np.ones((1, 1))
-    box = complete_boxes(rectangle, np.array([1.7]), one, np.zeros((1, 2)), PRIORS, np.array([BICYCLE]))
+    box = complete_boxes(rectangle, np.array([1.7]), one, np.zeros((1, 2)), KINDS, np.array([BICYCLE]))
     assert box.class_ids.tolist() == [BICYCLE]
     assert box.center_xy[0] == pytest.approx([10.3, 0.0])
     assert box.sizes[0, :2] == pytest.approx(PRIORS[BICYCLE].size_m[:2])  # whatever was seen of it
@@ -89,7 +93,7 @@ def test_a_given_class_is_kept_whatever_the_size_and_minus_one_is_chosen() -> No
     low, high = np.tile([[10.0, -0.85]], (3, 1)), np.tile([[14.0, 0.85]], (3, 1))
     rectangles = Rectangles(np.zeros(3), low, high, np.zeros(3))
     given = np.array([PEDESTRIAN, -1, TRUCK])
-    boxes = complete_boxes(rectangles, np.full(3, 1.5), np.ones((3, 1)), np.zeros((1, 2)), PRIORS, given)
+    boxes = complete_boxes(rectangles, np.full(3, 1.5), np.ones((3, 1)), np.zeros((1, 2)), KINDS, given)
     assert boxes.class_ids.tolist() == [PEDESTRIAN, CAR, TRUCK]
     assert boxes.misfit[0] > boxes.misfit[2] > boxes.misfit[1]
 
@@ -137,7 +141,7 @@ def test_rear_of_a_van_grows_to_a_van_and_that_of_a_lorry_to_a_lorry(given: I64 
     """Both are trucks."""
     for width, top_m, length in ((2.0, 2.4, PRIORS[TRUCK].kinds_m[0][0]), (2.5, 3.3, PRIORS[TRUCK].size_m[0])):
         rear = Rectangles(np.zeros(1), np.array([[10.0, -width / 2]]), np.array([[10.3, width / 2]]), np.zeros(1))
-        box = complete_boxes(rear, np.array([top_m]), np.ones((1, 1)), np.zeros((1, 2)), PRIORS, given)
+        box = complete_boxes(rear, np.array([top_m]), np.ones((1, 1)), np.zeros((1, 2)), KINDS, given)
         assert box.class_ids.tolist() == [TRUCK]
         assert box.sizes[0] == pytest.approx([length, width, top_m])
         assert box.center_xy[0, 0] == pytest.approx(10 + length / 2)
@@ -146,5 +150,20 @@ def test_rear_of_a_van_grows_to_a_van_and_that_of_a_lorry_to_a_lorry(given: I64 
 def test_rarer_class_loses_a_tie() -> None:
     twin = PRIORS[PEDESTRIAN].model_copy(update={"name": "twin", "frequency": 1.0})
     rectangle = Rectangles(np.zeros(1), np.array([[10.0, -0.3]]), np.array([[10.6, 0.3]]), np.zeros(1))
-    box = complete_boxes(rectangle, np.array([1.75]), np.ones((1, 1)), np.zeros((1, 2)), (PRIORS[PEDESTRIAN], twin))
+    kinds = Kinds.of((PRIORS[PEDESTRIAN], twin))
+    box = complete_boxes(rectangle, np.array([1.75]), np.ones((1, 1)), np.zeros((1, 2)), kinds)
     assert box.class_ids.tolist() == [1]
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_same_as_by_array_operations(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    count, lidars = int(rng.integers(0, 300)), int(rng.integers(1, 9))
+    low, extent = rng.uniform(-40, 40, (count, 2)), rng.gamma(1.5, 1.2, (count, 2))
+    rectangles = Rectangles(rng.uniform(0, np.pi / 2, count), low, low + extent, np.zeros(count))
+    share = rng.dirichlet(np.ones(lidars), count).reshape(count, lidars)
+    around = rectangles, rng.uniform(0, 4, count), share, rng.uniform(-40, 40, (lidars, 2))
+    given = rng.integers(-1, len(PRIORS), count) if seed % 2 else None
+    boxes, judged = complete_boxes(*around, KINDS, given), judged_boxes(*around, PRIORS, given)
+    for field in fields(CompletedBoxes):
+        np.testing.assert_array_equal(getattr(boxes, field.name), getattr(judged, field.name), err_msg=field.name)
