@@ -6,7 +6,8 @@ See `pipeline.core.compiled`. Grids are (rows along y, columns along x).
 import numpy as np
 
 from pipeline.core.arrays import F32, F64, I64, Bools
-from pipeline.core.compiled import compiled, inlined
+from pipeline.core.compiled import compiled
+from pipeline.core.geometry.bilinear import between
 
 __all__ = ["lowest_of_cells", "parted"]
 
@@ -86,18 +87,6 @@ def lowest_of_cells(
     return found, means
 
 
-@inlined
-def _between(values: F64, x: float, y: float) -> float:
-    """Bilinear at x, y in cells; beyond the grid that of its edge."""
-    height, width = values.shape
-    x, y = min(max(x, 0.0), width - 1.0), min(max(y, 0.0), height - 1.0)
-    column, row = min(int(x), width - 2), min(int(y), height - 2)
-    x, y = x - column, y - row
-    near = values[row, column] * (1 - x) + values[row, column + 1] * x
-    far = values[row + 1, column] * (1 - x) + values[row + 1, column + 1] * x
-    return float(near * (1 - y) + far * y)
-
-
 @compiled(
     f"Tuple((int64[::1], int64[::1], int64[::1]))"
     f"({POINTS}, boolean[::1], float32[::1], float64, {ORIGIN}, float64, {GRID})"
@@ -132,7 +121,7 @@ def parted(
             on_ground = False
             if below_m <= height <= above_m:
                 x, y = (xyz[i, 0] - origin_xy[0]) / cell_m, (xyz[i, 1] - origin_xy[1]) / cell_m
-                on_ground = abs(height - _between(offsets_m, x, y)) <= distance_m
+                on_ground = abs(height - between(offsets_m, x, y)) <= distance_m
         left[left_count] = level[level_count] = above[above_count] = (
             i  # written over by the next one that belongs there
         )

@@ -4,6 +4,7 @@ import numpy as np
 
 from pipeline.core.arrays import F32, F64, I32, I64, U8, Bools
 from pipeline.core.compiled import compiled
+from pipeline.core.geometry.bilinear import between
 
 __all__ = ["extents", "hidden_below", "members", "points_above_ground", "totals"]
 
@@ -46,19 +47,14 @@ def points_above_ground(
         How many they are; (P,) the place of each in `rows`; (P, 3) x, y and height above the ground; (P,) its lidar;
         (P,) its link distance; and (P,) its time.
     """
-    count, (height, width) = len(rows), relief_m.shape
+    count = len(rows)
     place, lidar, link_m = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count)
     position, when_ns = np.empty((count, 3)), np.empty(count)
     kept = 0
     for i in range(count):
         x, y, z = np.float64(xyz[rows[i], 0]), np.float64(xyz[rows[i], 1]), np.float64(xyz[rows[i], 2])
-        across = min(max((x - grid[0]) / grid[2], 0.0), width - 1.0)
-        along = min(max((y - grid[1]) / grid[2], 0.0), height - 1.0)
-        column, line = min(int(across), width - 2), min(int(along), height - 2)
-        right, up = across - column, along - line
-        near = relief_m[line, column] * (1 - right) + relief_m[line, column + 1] * right
-        far = relief_m[line + 1, column] * (1 - right) + relief_m[line + 1, column + 1] * right
-        above = z - (-(x * plane[0] + y * plane[1] + plane[3]) / plane[2] + (near * (1 - up) + far * up))
+        relief = between(relief_m, (x - grid[0]) / grid[2], (y - grid[1]) / grid[2])
+        above = z - (-(x * plane[0] + y * plane[1] + plane[3]) / plane[2] + relief)
         if heights_m[0] < above < heights_m[1]:
             own = np.int64(lidar_index[rows[i]])
             dx, dy, dz = x - lidar_xyz[own, 0], y - lidar_xyz[own, 1], z - lidar_xyz[own, 2]

@@ -6,6 +6,7 @@ import numpy as np
 
 from pipeline.core.arrays import F64
 from pipeline.core.compiled import compiled
+from pipeline.core.geometry.bilinear import between
 
 __all__ = ["bearings_between_sides", "corners_seen", "laid_out", "least_squares", "places_at", "rises"]
 
@@ -99,18 +100,13 @@ def rises(places: F64, sloped: F64, origin: F64, plane: F64, relief_m: F64, grid
         relief_m: (Y, X) see there.
         grid: (3,) see there.
     """
-    found, (height, width) = np.empty(sloped.shape), relief_m.shape
+    found = np.empty(sloped.shape)
     for side in range(2):
         for p in range(sloped.shape[1]):
             for h in range(sloped.shape[2]):
                 x, y = places[side, p, h, 0], places[side, p, h, 1]
-                across = min(max((x - grid[0]) / grid[2], 0.0), width - 1.0)
-                along = min(max((y - grid[1]) / grid[2], 0.0), height - 1.0)
-                column, line = min(int(across), width - 2), min(int(along), height - 2)
-                right, up = across - column, along - line
-                near = relief_m[line, column] * (1 - right) + relief_m[line, column + 1] * right
-                far = relief_m[line + 1, column] * (1 - right) + relief_m[line + 1, column + 1] * right
-                above = -(sloped[side, p, h] + plane[3]) / plane[2] + (near * (1 - up) + far * up)
+                relief = between(relief_m, (x - grid[0]) / grid[2], (y - grid[1]) / grid[2])
+                above = -(sloped[side, p, h] + plane[3]) / plane[2] + relief
                 found[side, p, h] = above - origin[p, 2]
     return found
 
