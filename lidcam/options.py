@@ -5,9 +5,7 @@ import logging
 from collections.abc import Callable
 from enum import StrEnum
 from functools import wraps
-from importlib.metadata import version
 from pathlib import Path
-from platform import platform, python_version
 from typing import Annotated, Any, Literal
 
 import typer
@@ -75,6 +73,8 @@ def seconds(value: float | None) -> float | None:
 
 def _version(wanted: bool) -> None:
     if wanted:
+        from importlib.metadata import version  # it takes a fifth of what --help does
+
         typer.echo(f"lidcam {version('lidcam')}")
         raise typer.Exit
 
@@ -202,6 +202,13 @@ LogFile = Annotated[
 Seed = Annotated[int | None, typer.Option(min=0, metavar="N", help="Seed of the noise, instead of the scenario's.")]
 
 
+def _log_versions() -> None:
+    from importlib.metadata import version
+    from platform import platform, python_version
+
+    logger.info("lidcam %s, Python %s, %s", version("lidcam"), python_version(), platform())
+
+
 def with_log_options(command: Callable[..., None]) -> Callable[..., None]:
     """A command that also takes --verbose, --quiet and --log-file, and configures logging before it begins."""
 
@@ -213,7 +220,8 @@ def with_log_options(command: Callable[..., None]) -> Callable[..., None]:
             raise typer.BadParameter("expected one of --verbose and --quiet, found both", param_hint="--quiet")
         level = Verbosity.VERBOSE if verbose else Verbosity.QUIET if quiet else Verbosity.NORMAL
         configure_logging(level, log_file)
-        logger.info("lidcam %s, Python %s, %s", version("lidcam"), python_version(), platform())
+        if verbose or log_file is not None:
+            _log_versions()
         command(*args, **kwargs)
 
     # Typer takes the options from these.

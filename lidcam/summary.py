@@ -291,11 +291,15 @@ class Tally:
         for class_id, row in zip(objects.class_ids.tolist(), rows.tolist(), strict=True):
             zone = self._zones[row].name if row >= 0 else outside
             self.objects[self._class_names[class_id], zone] += 1
-        self.points.update(dict(frame.combined.counts))
-        self.unused_boxes.update(dict(frame.unused_boxes))
-        self.boxes_without_object.update(dict(frame.hypotheses.boxes_without_object))
-        self.objects_left_out.update(dict(frame.fused.left_out))
-        self.unused_boxes3d.update(dict(frame.unused_boxes3d))
+        for total, found in (
+            (self.points, frame.combined.counts),
+            (self.unused_boxes, frame.unused_boxes),
+            (self.boxes_without_object, frame.hypotheses.boxes_without_object),
+            (self.objects_left_out, frame.fused.left_out),
+            (self.unused_boxes3d, frame.unused_boxes3d),
+        ):
+            for name, count in found.items():
+                total[name] += count
         self.copied.update(message.topic for message in frame.bundle.copied)
         unused = {(drop.topic, drop.stamp_ns) for drop in frame.drops if not drop.parts}
         self.messages.update(topic for topic, m in frame.bundle.messages.items() if (topic, m.stamp_ns) not in unused)

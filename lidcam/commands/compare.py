@@ -29,7 +29,7 @@ from pipeline.evaluation.comparison.frames import paired_frames
 from pipeline.evaluation.comparison.records import KINDS, Channel, FramePair, Kind
 from readers.input_file import read_input_file
 from readers.results.result import Result, open_result
-from writers.foxglove.layout import layout_path
+from writers.foxglove.layout_file import layout_path
 from writers.outputs.transaction import OutputTransaction
 
 __all__ = ["FRAMES", "CompareOptions", "run_compare"]

@@ -22,7 +22,8 @@ from lidcam.run import RunObserver, process_recording
 from lidcam.settings.choice import used_record
 from lidcam.summary import RunProgress, RunReport, report_tree
 from pipeline.core.frame import FrameResult
-from pipeline.core.memory import keep_freed_memory, objects_stay
+from pipeline.core.garbage import objects_stay
+from pipeline.core.memory import keep_freed_memory
 
 if TYPE_CHECKING:  # evaluation is imported where a run is evaluated
     from lidcam.evaluation.evaluation import Evaluation

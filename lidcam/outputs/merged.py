@@ -12,7 +12,8 @@ from readers.open import open_recording
 from readers.recording import ReadOptions
 from readers.results.result import Result
 from writers.drawing import STRONG_SCORE
-from writers.foxglove.layout import layout_path, merged_layout
+from writers.foxglove.layout import merged_layout
+from writers.foxglove.layout_file import layout_path
 from writers.mcap.merged import MergedSide, write_merged
 from writers.messages.compared import compared_scene, empty_scene
 from writers.outputs.errors import output_errors

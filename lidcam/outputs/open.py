@@ -16,7 +16,7 @@ from readers.input_file import InputFile, read_input_file
 from readers.messages.image import decode_any_image
 from readers.rig.rig_file import rig_yaml
 from writers.base import ResultWriter
-from writers.foxglove.layout import layout_path
+from writers.foxglove.layout_file import layout_path
 from writers.mcap.writer import McapResultWriter
 from writers.outputs.transaction import OutputTransaction
 from writers.provenance import Provenance

@@ -27,7 +27,7 @@ from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from readers.recording import Loss
 from readers.rig.sensor_topics import SensorFault
-from writers.foxglove.layout import LAYOUT_SUFFIX
+from writers.foxglove.layout_file import LAYOUT_SUFFIX
 
 if TYPE_CHECKING:  # a run inspects nothing
     from lidcam.inspection import Inspection

@@ -26,6 +26,7 @@ __all__ = [
     "Record",
     "Rows",
     "check_array",
+    "first_of_runs",
     "join_rows",
     "select_rows",
 ]
@@ -59,23 +60,41 @@ def check_array(name: str, array: Array, shape: tuple[int, ...], dtype: npt.DTyp
     Raises:
         ValueError: shape or dtype differ.
     """
-    wanted = _DTYPES[dtype] if dtype in _DTYPES else np.dtype(dtype)
+    wanted = _DTYPES.get(dtype)
+    if wanted is None:
+        wanted = np.dtype(dtype)
     # Of equal types there is mostly one object, and to compare two takes longer.
     if array.shape != shape or (array.dtype is not wanted and array.dtype != wanted):
         raise ValueError(f"{name}: expected {wanted}{list(shape)}, got {array.dtype}{list(array.shape)}")
-    array.flags.writeable = False
+    array.setflags(write=False)
 
 
 def select_rows(record: Record, rows: Rows) -> Record:
-    """A record of parallel arrays with the given rows of each array, other fields unchanged."""
-    values = [getattr(record, name) for name in _names(type(record))]
+    """A record of parallel arrays with the given rows of each array, and of each record in it that has rows itself.
+
+    Other fields are unchanged. What was checked when the record was made is not checked again, and read-only arrays
+    stay so.
+    """
+    kind = type(record)
     if rows.dtype == np.bool_:
+        values = [getattr(record, name) for name in _names(kind)]
         lengths = {len(v) for v in values if isinstance(v, np.ndarray)}
         if lengths - {len(rows)}:
             raise IndexError(f"a mask of {len(rows)} rows for arrays of {sorted(lengths)}")
         rows = rows.nonzero()[0]
-    # take: twice as fast as an index in brackets, and three times as fast as a mask.
-    return type(record)(*[v.take(rows, axis=0) if isinstance(v, np.ndarray) else v for v in values])
+    selected = object.__new__(kind)
+    for name in _names(kind):
+        value = getattr(record, name)
+        if isinstance(value, np.ndarray):
+            # take: twice as fast as an index in brackets, and three times as fast as a mask.
+            taken = value.take(rows, axis=0)
+            if not value.flags.writeable:
+                taken.setflags(write=False)
+            value = taken
+        elif hasattr(value, "select"):
+            value = value.select(rows)
+        object.__setattr__(selected, name, value)
+    return selected
 
 
 def join_rows(*records: Record) -> Record:
@@ -87,6 +106,13 @@ def join_rows(*records: Record) -> Record:
             for name, value in zip(names, [getattr(first, name) for name in names], strict=True)
         ]
     )
+
+
+def first_of_runs(values: Array) -> Bools:
+    """(N,) whether each value is another one than the value before it."""
+    is_first = np.ones(len(values), np.bool_)
+    np.not_equal(values[1:], values[:-1], out=is_first[1:])
+    return is_first
 
 
 @cache

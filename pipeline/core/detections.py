@@ -23,9 +23,12 @@ class Source(IntEnum):
     """Points and 2D boxes."""
 
 
+_SOURCE_NAMES = {source.value: source.name.lower() for source in Source}
+
+
 def source_names(sources: U8) -> list[str]:
     """`lidar`, `camera` or `both` for each `Source` of an array (N,)."""
-    return [Source(source).name.lower() for source in sources.tolist()]
+    return [_SOURCE_NAMES[source] for source in sources.tolist()]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,11 +1,8 @@
-"""How the C library hands out the memory of this process, and what Python's garbage collector looks at."""
+"""How the C library hands out the memory of this process."""
 
 import ctypes
-import gc
-from collections.abc import Iterator
-from contextlib import contextmanager
 
-__all__ = ["keep_freed_memory", "objects_stay"]
+__all__ = ["keep_freed_memory"]
 
 TRIM_THRESHOLD, MMAP_THRESHOLD = -1, -3
 """Numbers of glibc's settings (malloc.h)."""
@@ -30,20 +27,3 @@ def keep_freed_memory() -> None:
         return
     set_option(MMAP_THRESHOLD, LARGE_BYTES)
     set_option(TRIM_THRESHOLD, KEPT_BYTES)
-
-
-@contextmanager
-def objects_stay() -> Iterator[None]:
-    """Within the block, the garbage collector does not look at what is there when it begins.
-
-    Libraries and stages are some hundred thousand objects that stay to the end, and to look for garbage among them took
-    5 ms a frame. For programs of ours, as `keep_freed_memory`; where somebody has frozen objects, that stays as it is.
-    """
-    if gc.get_freeze_count():
-        yield
-        return
-    gc.freeze()
-    try:
-        yield
-    finally:
-        gc.unfreeze()

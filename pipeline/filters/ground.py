@@ -40,9 +40,11 @@ class GroundPasses(Protocol):
     """What is done with all points: `pipeline.filters.ground_arrays` explains it, `ground_passes` is the fast one."""
 
     def lowest_of_cells(self, points: F32, cell_m: np.float32) -> I64: ...  # noqa: D102
+    def planes_through(self, points: F32, triples: I64) -> F64: ...  # noqa: D102
+    def can_be_ground(self, planes: F64, lidar_origins: F64, limits: F64) -> Bools: ...  # noqa: D102
     def count_layers(self, points: F32, planes: F32, layer_m: np.float32) -> tuple[I64, I64]: ...  # noqa: D102
-    def heights_within(self, points: F32, plane: F32, limit_m: np.float32) -> F32: ...  # noqa: D102
     def scatter_within(self, points: F32, plane: F32, limit_m: np.float32) -> tuple[F64, F64]: ...  # noqa: D102
+    def scatter_near(self, points: F32, plane: F32, layer_m: np.float32) -> tuple[int, F64, F64]: ...  # noqa: D102
 
 
 def find_ground(
@@ -56,7 +58,7 @@ def find_ground(
     """The ground plane; None if there is none.
 
     Args:
-        xyz_site: (N, 3) points in the site frame, metres, finite.
+        xyz_site: (N, 3) points in the site frame, metres, finite; best as a row per coordinate in memory.
         lidar_origins_site: (L, 3) origins of the lidars in the site frame, metres; the ground is below each.
         config: Limits, number of planes and seed. Equal input gives equal planes.
         ground_height_m: Expected z of the ground at the site's origin; None if unknown.
@@ -71,13 +73,12 @@ def find_ground(
     sample = np.ascontiguousarray(points[:, :: max(1, -(-len(xyz_site) // SAMPLE_POINTS))])
     reachable = _within_reach(sample, config, ground_height_m)
     lowest = passes.lowest_of_cells(reachable, np.float32(CELL_PER_DISTANCE * config.distance_m))
-    candidates = reachable.T[lowest]
-    if len(candidates) < 3:
+    if len(lowest) < 3:
         return None
     rng = np.random.Generator(np.random.PCG64(config.seed))
-    triples = candidates[rng.integers(len(candidates), size=(config.iterations, 3))]
-    planes = _planes_through(triples.astype(np.float64))
-    planes = planes[_can_be_ground(planes, lidar_origins_site, config, ground_height_m)]
+    planes = passes.planes_through(reachable, lowest[rng.integers(len(lowest), size=(config.iterations, 3))])
+    limits = _limits(config, ground_height_m)
+    planes = planes[passes.can_be_ground(planes, lidar_origins_site, limits)]
     if not len(planes):
         return None
     for scored in (np.ascontiguousarray(sample[:, ::THINNING]), sample):
@@ -86,7 +87,7 @@ def find_ground(
     plane = planes[0]
     for cloud in [sample] * REFINEMENTS + [points]:
         refined = _least_squares(cloud, plane, layer_m, passes)
-        if refined is None or not _can_be_ground(refined[None], lidar_origins_site, config, ground_height_m)[0]:
+        if refined is None or not passes.can_be_ground(refined[None], lidar_origins_site, limits)[0]:
             break
         plane = refined
     if not _is_a_floor(points, plane, layer_m, passes):
@@ -103,51 +104,22 @@ def _within_reach(points: F32, config: GroundConfig, ground_height_m: float | No
     return points.compress(within, axis=1)
 
 
-def _planes_through(triples: F64) -> F64:
-    """Planes through triples of points (K, 3, 3): (up to K, 4) unit normal, upwards, and offset."""
-    normals = np.cross(triples[:, 1] - triples[:, 0], triples[:, 2] - triples[:, 0])
-    lengths = np.linalg.norm(normals, axis=1)
-    spanned = lengths > 1e-9  # not if a point was drawn twice or all three lie on a line
-    normals = normals[spanned] / lengths[spanned, None]
-    normals *= np.where(normals[:, 2:] < 0, -1.0, 1.0)
-    return np.column_stack([normals, -(normals * triples[spanned, 0]).sum(axis=1)])
-
-
-def _can_be_ground(planes: F64, lidar_origins_site: F64, config: GroundConfig, ground_height_m: float | None) -> Bools:
-    """(K,) whether planes (K, 4) are level enough, below every lidar and at the expected height."""
-    fit: Bools = planes[:, 2] >= np.cos(np.radians(config.max_tilt_deg))
-    fit &= (planes[:, :3] @ lidar_origins_site.T + planes[:, 3:] > 0).all(axis=1)
-    if ground_height_m is not None:
-        # Not divided by the normal's z, which may be 0.
-        off = np.abs(planes[:, 3] + ground_height_m * planes[:, 2])
-        fit &= off <= config.height_tolerance_m * planes[:, 2]
-    return fit
+def _limits(config: GroundConfig, ground_height_m: float | None) -> F64:
+    """(3,) what `can_be_ground` asks of planes: least z of the normal, expected height, its tolerance."""
+    level = np.cos(np.radians(config.max_tilt_deg))
+    if ground_height_m is None:
+        return np.array([level, 0.0, np.inf])
+    return np.array([level, ground_height_m, config.height_tolerance_m])
 
 
 def _least_squares(points: F32, plane: F64, layer_m: np.float32, passes: GroundPasses) -> F64 | None:
-    """The plane (4,) fitted to the points near `plane`; None if there are fewer than 3.
-
-    Near means within `layer_m`, and within three times the robust deviation of those points: wheels and kerbs lie on
-    one side and would lift the plane.
-    """
-    rounded = plane.astype(np.float32)
-    within = passes.heights_within(points, rounded, layer_m)
-    if len(within) < 3:
+    """The plane (4,) fitted to the points near `plane`; None if there are fewer than 3."""
+    count, centre, scatter = passes.scatter_near(points, plane.astype(np.float32), layer_m)
+    if count < 3:
         return None
-    near_m = min(layer_m, np.float32(3 * 1.4826 * _median(within) + 1e-6))
-    centre, scatter = passes.scatter_within(points, rounded, near_m)
     normal = np.linalg.eigh(scatter)[1][:, 0]
     normal *= -1.0 if normal[2] < 0 else 1.0
     return np.append(normal, -(normal * centre).sum())
-
-
-def _median(values: F32) -> float:
-    """The median of some numbers; `np.median` of float32 gives the same, and takes ten times as long."""
-    middle = len(values) // 2
-    parted = np.partition(values, middle)
-    if len(values) % 2:
-        return float(parted[middle])
-    return float((parted[:middle].max() + parted[middle]) / np.float32(2))
 
 
 def _is_a_floor(points: F32, plane: F64, layer_m: np.float32, passes: GroundPasses) -> bool:

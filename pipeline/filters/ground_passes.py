@@ -5,14 +5,17 @@ The same as `pipeline.filters.ground_arrays`, where the functions are explained;
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, I64
+from pipeline.core.arrays import F32, F64, I32, I64, Bools
 from pipeline.core.compiled import compiled, inlined
 
-__all__ = ["count_layers", "heights_within", "lowest_of_cells", "scatter_within"]
+__all__ = ["can_be_ground", "count_layers", "lowest_of_cells", "planes_through", "scatter_near", "scatter_within"]
 
 
 MAX_CELL = 2.0**30
 """As in `ground_arrays`."""
+
+POINTS = "Array(float32, 2, 'C', True)"
+"""What compiled functions take: (3, N), perhaps read-only."""
 
 SPREAD = np.uint64(0x9E3779B97F4A7C15)
 """Numbers times this differ in their upper bits (D. E. Knuth: The art of computer programming, vol. 3, 6.4)."""
@@ -29,7 +32,7 @@ def _cell(place: np.float32, cell_m: np.float32) -> np.int64:
     return np.int64(min(max(np.floor(place / cell_m), -MAX_CELL), MAX_CELL))
 
 
-@compiled("Tuple((int64[::1], int64[::1]))(float32[:, ::1], float32)")
+@compiled(f"Tuple((int64[::1], int64[::1]))({POINTS}, float32)")
 def _lowest(points: F32, cell_m: np.float32) -> tuple[I64, I64]:
     """(M,) occupied cells, in the order in which they are met, and (M,) the row of the lowest point of each."""
     count = points.shape[1]
@@ -52,13 +55,46 @@ def _lowest(points: F32, cell_m: np.float32) -> tuple[I64, I64]:
     return cells[:found], rows[:found]
 
 
+@compiled(f"float64[:, ::1]({POINTS}, int64[:, ::1])")
+def planes_through(points: F32, triples: I64) -> F64:
+    """(up to K, 4) planes through three points each."""
+    planes = np.empty((len(triples), 4), np.float64)
+    found = 0
+    for i, j, k in triples:
+        x, y, z = np.float64(points[0, i]), np.float64(points[1, i]), np.float64(points[2, i])
+        ax, ay, az = points[0, j] - x, points[1, j] - y, points[2, j] - z
+        bx, by, bz = points[0, k] - x, points[1, k] - y, points[2, k] - z
+        nx, ny, nz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+        length = np.sqrt(nx * nx + ny * ny + nz * nz)
+        if length > 1e-9:
+            upwards = -1.0 if nz < 0 else 1.0
+            nx, ny, nz = nx / length * upwards, ny / length * upwards, nz / length * upwards
+            plane = planes[found]
+            plane[0], plane[1], plane[2], plane[3] = nx, ny, nz, -(nx * x + ny * y + nz * z)
+            found += 1
+    return planes[:found]
+
+
+@compiled("boolean[::1](float64[:, ::1], Array(float64, 2, 'C', True), float64[::1])")
+def can_be_ground(planes: F64, lidar_origins: F64, limits: F64) -> Bools:
+    """(K,) whether planes are level enough, below every lidar and at the expected height."""
+    fit = np.empty(len(planes), np.bool_)
+    for k in range(len(planes)):
+        x, y, z, offset = planes[k, 0], planes[k, 1], planes[k, 2], planes[k, 3]
+        fit[k] = z >= limits[0] and abs(offset + limits[1] * z) <= limits[2] * z
+        for lidar in range(len(lidar_origins)):
+            origin = lidar_origins[lidar]
+            fit[k] &= x * origin[0] + y * origin[1] + z * origin[2] + offset > 0
+    return fit
+
+
 @inlined
 def _height(points: F32, i: int, plane: F32) -> np.float32:
     height: np.float32 = points[0, i] * plane[0] + points[1, i] * plane[1] + points[2, i] * plane[2] + plane[3]
     return height
 
 
-@compiled("Tuple((int64[::1], int64[::1]))(float32[:, ::1], float32[:, ::1], float32)")
+@compiled(f"Tuple((int64[::1], int64[::1]))({POINTS}, float32[:, ::1], float32)")
 def count_layers(points: F32, planes: F32, layer_m: np.float32) -> tuple[I64, I64]:
     """(K,) number of points in each plane's layer, and in the fuller of those beside it."""
     held, beside = np.empty(len(planes), np.int64), np.empty(len(planes), np.int64)
@@ -77,45 +113,94 @@ def count_layers(points: F32, planes: F32, layer_m: np.float32) -> tuple[I64, I6
     return held, beside
 
 
-@compiled("float32[::1](float32[:, ::1], float32[::1], float32)")
-def heights_within(points: F32, plane: F32, limit_m: np.float32) -> F32:
-    """(M,) distances from a plane, of those that are at most `limit_m`."""
-    within = np.empty(points.shape[1], np.float32)
+@compiled(f"Tuple((float32[::1], int32[::1]))({POINTS}, float32[::1], float32)")
+def _within(points: F32, plane: F32, limit_m: np.float32) -> tuple[F32, I32]:
+    """(M,) distances from a plane, of the points that are at most `limit_m` from it, and (M,) which ones these are."""
+    heights, rows = np.empty(points.shape[1], np.float32), np.empty(points.shape[1], np.int32)
     count = 0
     for i in range(points.shape[1]):
         height = abs(_height(points, i, plane))
-        within[count] = height  # written over by the next one if it is too far
+        heights[count], rows[count] = height, i  # written over by the next one if it is too far
         count += 1 if height <= limit_m else 0
-    return within[:count]
+    return heights[:count], rows[:count]
 
 
-@compiled("Tuple((float64[::1], float64[:, ::1]))(float32[:, ::1], float32[::1], float32)")
-def scatter_within(points: F32, plane: F32, limit_m: np.float32) -> tuple[F64, F64]:
-    """Centre (3,) and covariance (3, 3) of the points at most `limit_m` from a plane."""
-    near = np.empty(points.shape[1], np.int32)
-    count = 0
+@compiled("float32(float32[::1])")
+def _median(values: F32) -> np.float32:
+    """The median of numbers that are not negative, at least one: their bits are in the same order as they."""
+    left, middle = values.view(np.int32).copy(), len(values) // 2
+    count, below, two = len(left), 0, np.zeros(2, np.int32)  # the number in the middle, and the one before it
+    counts = np.empty(2048, np.int32)
+    for shift in (np.int32(20), np.int32(10), np.int32(0)):  # left are those that have the bits from `shift` on
+        for k in range(2048):
+            counts[k] = 0
+        for i in range(count):
+            counts[(left[i] >> shift) & np.int32(2047)] += np.int32(1)
+        bits = np.int32(0)
+        while below + counts[bits] <= middle:
+            below += counts[bits]
+            bits += np.int32(1)
+        some, count = count, 0
+        for i in range(some):
+            value = left[i]
+            own = (value >> shift) & np.int32(2047)
+            two[1] = max(two[1], value if own < bits else np.int32(0))
+            left[count] = value
+            count += 1 if own == bits else 0
+    two[0] = left[0]
+    upper, lower = two.view(np.float32)
+    if len(values) % 2 or below < middle:
+        lower = upper
+    median: np.float32 = (lower + upper) / np.float32(2)
+    return median
+
+
+@compiled(f"Tuple((float64[::1], float64[:, ::1]))({POINTS}, int32[::1])")
+def _scatter(points: F32, rows: I32) -> tuple[F64, F64]:
+    """Centre (3,) and covariance (3, 3) of some points; zeros of none."""
+    centre, scatter = np.zeros(3, np.float64), np.zeros((3, 3), np.float64)
+    count = len(rows)
+    if count == 0:
+        return centre, scatter
     x_sum = y_sum = z_sum = 0.0
-    for i in range(points.shape[1]):
-        if abs(_height(points, i, plane)) <= limit_m:
-            near[count] = i
-            count += 1
-            x_sum += points[0, i]
-            y_sum += points[1, i]
-            z_sum += points[2, i]
-    centre = np.empty(3, np.float64)
+    for j in range(count):
+        i = np.uint32(rows[j])
+        x_sum += points[0, i]
+        y_sum += points[1, i]
+        z_sum += points[2, i]
     centre[0], centre[1], centre[2] = x_sum / count, y_sum / count, z_sum / count
     xx = xy = xz = yy = yz = zz = 0.0
     for j in range(count):
-        x, y, z = points[0, near[j]] - centre[0], points[1, near[j]] - centre[1], points[2, near[j]] - centre[2]
+        i = np.uint32(rows[j])
+        x, y, z = points[0, i] - centre[0], points[1, i] - centre[1], points[2, i] - centre[2]
         xx += x * x
         xy += x * y
         xz += x * z
         yy += y * y
         yz += y * z
         zz += z * z
-    scatter = np.empty((3, 3), np.float64)
     scatter[0, 0], scatter[1, 1], scatter[2, 2] = xx / count, yy / count, zz / count
     scatter[0, 1] = scatter[1, 0] = xy / count
     scatter[0, 2] = scatter[2, 0] = xz / count
     scatter[1, 2] = scatter[2, 1] = yz / count
     return centre, scatter
+
+
+@compiled(f"Tuple((float64[::1], float64[:, ::1]))({POINTS}, float32[::1], float32)")
+def scatter_within(points: F32, plane: F32, limit_m: np.float32) -> tuple[F64, F64]:
+    """Centre (3,) and covariance (3, 3) of the points at most `limit_m` from a plane."""
+    return _scatter(points, _within(points, plane, limit_m)[1])
+
+
+@compiled(f"Tuple((int64, float64[::1], float64[:, ::1]))({POINTS}, float32[::1], float32)")
+def scatter_near(points: F32, plane: F32, layer_m: np.float32) -> tuple[int, F64, F64]:
+    """How many points are in the layer of a plane; centre (3,) and covariance (3, 3) of those near it."""
+    heights, rows = _within(points, plane, layer_m)
+    near = 0
+    if len(heights) > 0:
+        near_m = min(layer_m, np.float32(3 * 1.4826 * np.float64(_median(heights)) + 1e-6))
+        for j in range(len(rows)):
+            rows[near] = rows[j]
+            near += 1 if heights[j] <= near_m else 0
+    centre, scatter = _scatter(points, rows[:near])
+    return len(heights), centre, scatter

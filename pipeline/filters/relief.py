@@ -14,7 +14,8 @@ import numpy as np
 from pipeline.core.arrays import F32, F64
 from pipeline.core.clouds import Plane, Relief
 from pipeline.core.settings.combine import GroundConfig
-from pipeline.filters.relief_passes import grown, lowest_of_cells, smoothed
+from pipeline.filters.relief_passes import lowest_of_cells
+from pipeline.filters.relief_surface import grown
 
 __all__ = ["find_relief"]
 
@@ -45,8 +46,14 @@ ABOVE_PER_DISTANCE, ABOVE_WEIGHT = 0.75, 0.1
 MOST_POINTS = 4.0
 """Fine cells of a cell that count: no cell pulls more than one full of ground."""
 
-PRIOR_WEIGHT, FILL_CELLS, FILL_WEIGHT = 0.05, 5.0, 0.02
-"""Weight of the last surface against the points of a cell; reach and weight of what is known where nothing is."""
+PRIOR_WEIGHT = 0.05
+"""Weight of the last surface against the points of a cell."""
+
+FILL_CELLS, FILL_WEIGHT = 5.0, 0.02
+"""Where nothing is known, the surface is what is known around, smoothed so widely, against so little of the plane."""
+
+TRUST_CELLS = 1.0
+"""Smoothing of where that is."""
 
 
 REACH_OF_GAUSSIAN = 2.5
@@ -57,7 +64,7 @@ def find_relief(xyz_site: F32, lidar_origins_site: F64, plane: Plane, config: Gr
     """The height of the ground above its plane.
 
     Args:
-        xyz_site: (N, 3) points in the site frame, metres, finite.
+        xyz_site: (N, 3) points in the site frame, metres, finite; best as a row per coordinate in memory.
         lidar_origins_site: (L, 3) origins of the lidars in the site frame, metres.
         plane: The ground plane of the same points.
         config: What belongs to the ground.
@@ -68,21 +75,17 @@ def find_relief(xyz_site: F32, lidar_origins_site: F64, plane: Plane, config: Gr
     side = 2 * REACH_CELLS + 1
     xy, height = _lowest(xyz_site, middle, plane, origin, cell_m, config.distance_m)
     xy = (xy - origin) / cell_m
-    taps = [_taps(spread_cells) for spread_cells, _ in ROUNDS]
-    surface, weight = grown(
+    taps = [_taps(cells) for cells in (*(spread_cells for spread_cells, _ in ROUNDS), FILL_CELLS, TRUST_CELLS)]
+    offsets_m = grown(
         xy,
         height,
         side,
         np.concatenate(taps),
         np.array([len(one) for one in taps]),
         np.array([reach * config.distance_m for _, reach in ROUNDS]),
-        np.array([ABOVE_PER_DISTANCE * config.distance_m, ABOVE_WEIGHT, MOST_POINTS, PRIOR_WEIGHT]),
+        np.array([ABOVE_PER_DISTANCE * config.distance_m, ABOVE_WEIGHT, MOST_POINTS, PRIOR_WEIGHT, FILL_WEIGHT]),
     )
-    known = weight / MOST_POINTS
-    filled = _smooth(known * surface, FILL_CELLS) / (_smooth(known, FILL_CELLS) + FILL_WEIGHT)
-    trust = _smooth(known, 1.0)
-    trust = trust / (trust + FILL_WEIGHT)
-    return Relief(origin, cell_m, trust * surface + (1 - trust) * filled)
+    return Relief(origin, cell_m, offsets_m)
 
 
 def _lowest(xyz: F32, middle: F64, plane: Plane, origin: F64, cell_m: float, distance_m: float) -> tuple[F64, F64]:
@@ -90,7 +93,7 @@ def _lowest(xyz: F32, middle: F64, plane: Plane, origin: F64, cell_m: float, dis
     fine_m = FINE_SHARE * cell_m
     side = round(2 * REACH_CELLS / FINE_SHARE)
     cells, heights = lowest_of_cells(
-        np.ascontiguousarray(xyz),
+        np.ascontiguousarray(xyz.T),
         np.append(plane.normal, plane.offset_m).astype(np.float32),
         middle.astype(np.float32),
         origin.astype(np.float32),
@@ -101,11 +104,6 @@ def _lowest(xyz: F32, middle: F64, plane: Plane, origin: F64, cell_m: float, dis
         np.float32(LAYER_SHARE * distance_m),
     )
     return origin + (np.stack([cells % side, cells // side], 1) + 0.5) * fine_m, heights
-
-
-def _smooth(values: F64, cells: float) -> F64:
-    """Smoothed by a Gaussian of this standard deviation."""
-    return smoothed(values, _taps(cells))
 
 
 @cache

@@ -8,13 +8,10 @@ import numpy as np
 from pipeline.core.arrays import F32, F64, I64, Bools
 from pipeline.core.compiled import compiled, inlined
 
-__all__ = ["grown", "lowest_of_cells", "on_plane", "on_relief", "pull", "smoothed"]
+__all__ = ["lowest_of_cells", "parted"]
 
 POINTS = "Array(float32, 2, 'C', True)"
-"""What compiled functions take: (N, 3), perhaps read-only."""
-
-ROWS_AT_ONCE = 8
-"""Rows of a grid that are smoothed together: enough for long loops, few enough to stay near the processor."""
+"""What compiled functions take: points in rows or columns, perhaps read-only."""
 
 ORIGIN, GRID = "Array(float64, 1, 'C', True)", "Array(float64, 2, 'C', True)"
 """Likewise: (2,), and (H, W)."""
@@ -25,7 +22,7 @@ ORIGIN, GRID = "Array(float64, 1, 'C', True)", "Array(float64, 2, 'C', True)"
     "float32, int64, float32, float32, float32)"
 )
 def lowest_of_cells(
-    xyz: F32,
+    points: F32,
     plane: F32,
     middle: F32,
     origin: F32,
@@ -38,7 +35,7 @@ def lowest_of_cells(
     """The cells of a grid that hold points near a plane, and the mean height of the lowest of them above it.
 
     Args:
-        xyz: (N, 3) metres, finite.
+        points: (3, N) metres, finite.
         plane: (4,) normal and offset.
         middle: (2,) from where distances count.
         origin: (2,) lowest corner of the grid.
@@ -51,33 +48,40 @@ def lowest_of_cells(
     Returns:
         (M,) cells, row x side + column, ascending, and (M,) metres.
     """
-    count = len(xyz)
+    count = points.shape[1]
     cells, heights = np.empty(count, np.int32), np.empty(count, np.float32)
-    lowest = np.full(side * side, np.float32(np.inf))
-    kept = 0
+    kept, first, last = 0, side * side, -1
     for i in range(count):
-        x, y = xyz[i, 0], xyz[i, 1]
-        height = (x * plane[0] + y * plane[1] + xyz[i, 2] * plane[2] + plane[3]) / plane[2]
-        dx, dy = x - middle[0], y - middle[1]
+        x, y = points[0, i], points[1, i]
+        height = (x * plane[0] + y * plane[1] + points[2, i] * plane[2] + plane[3]) / plane[2]
+        if abs(height) > reach_m:
+            dx, dy = x - middle[0], y - middle[1]
+            if not abs(height) <= reach_m + slope * np.sqrt(dx * dx + dy * dy):
+                continue
         column, row = np.floor((x - origin[0]) / cell_m), np.floor((y - origin[1]) / cell_m)
-        if abs(height) <= reach_m + slope * np.sqrt(dx * dx + dy * dy) and 0 <= column < side and 0 <= row < side:
+        if 0 <= column < side and 0 <= row < side:
             cell = int(row) * side + int(column)
-            lowest[cell] = min(lowest[cell], height)
+            first, last = min(first, cell), max(last, cell)
             cells[kept], heights[kept] = cell, height
             kept += 1
 
-    counts, sums = np.zeros(side * side, np.int64), np.zeros(side * side, np.float64)
+    size = max(last - first + 1, 0)  # of the part of the grid that holds points
+    lowest, counts, sums = np.full(size, np.float32(np.inf)), np.zeros(size, np.int32), np.zeros(size, np.float64)
+    for j in range(kept):
+        at = np.uint32(cells[j] - first)
+        lowest[at] = min(lowest[at], heights[j])
     held = 0
     for j in range(kept):
-        if heights[j] <= lowest[cells[j]] + layer_m:
-            held += 1 if counts[cells[j]] == 0 else 0
-            counts[cells[j]] += 1
-            sums[cells[j]] += heights[j]
+        at = np.uint32(cells[j] - first)
+        if heights[j] <= lowest[at] + layer_m:
+            held += 1 if counts[at] == 0 else 0
+            counts[at] += np.int32(1)
+            sums[at] += heights[j]
     found, means = np.empty(held, np.int64), np.empty(held, np.float64)
     held = 0
-    for cell in range(side * side):
-        if counts[cell] > 0:
-            found[held], means[held] = cell, sums[cell] / counts[cell]
+    for j in range(size):
+        if counts[j] > 0:
+            found[held], means[held] = first + j, sums[j] / counts[j]
             held += 1
     return found, means
 
@@ -94,157 +98,45 @@ def _between(values: F64, x: float, y: float) -> float:
     return float(near * (1 - y) + far * y)
 
 
-@inlined
-def pull(
-    xy: F64, height_m: F64, surface_m: F64, near_m: float, above_m: float, above_weight: float, total: F64, mean: F64
-) -> None:
-    """How much cells pull at a surface, and their mean height above it.
-
-    Args:
-        xy: (M, 2) middles of the cells, in nodes of the surface.
-        height_m: (M,) their heights.
-        surface_m: (H, W) height of the surface at its nodes; each cell pulls at the nearest one.
-        near_m: Cells farther from the surface do not pull.
-        above_m: Cells higher above it ...
-        above_weight: ... pull by this much.
-        total: (H, W) where the sum of the weights is written to.
-        mean: (H, W) and the mean.
-    """
-    rows, columns = surface_m.shape
-    for row in range(rows):
-        for column in range(columns):
-            total[row, column] = mean[row, column] = 0.0
-    for i in range(len(xy)):
-        above = height_m[i] - _between(surface_m, xy[i, 0], xy[i, 1])
-        if abs(above) <= near_m:
-            weight = above_weight if above > above_m else 1.0
-            column, row = int(np.rint(xy[i, 0])), int(np.rint(xy[i, 1]))
-            total[row, column] += weight
-            mean[row, column] += weight * above
-    for row in range(rows):
-        for column in range(columns):
-            mean[row, column] /= max(total[row, column], 1e-9)
-
-
-@inlined
-def _symmetric(sums: F64, values: F64, stride: int, taps: F64) -> None:
-    """Writes sums of values, weighted by taps: sum i is about value i + stride x (taps to one side)."""
-    reach, count = len(taps) - 1, len(sums)
-    middle = values[reach * stride :]
-    for i in range(count):
-        sums[i] = middle[i] * taps[0]
-    for step in range(reach, 0, -1):
-        before, after, tap = values[(reach - step) * stride :], values[(reach + step) * stride :], taps[step]
-        for i in range(count):
-            sums[i] += (before[i] + after[i]) * tap
-
-
-@inlined
-def _smooth(values: F64, taps: F64, room: F64, smooth: F64) -> None:
-    """Writes a grid (H, W), smoothed along both axes, to `smooth`; see `smoothed`, and `_room` for what it needs."""
-    height, width = values.shape
-    reach = len(taps) - 1
-    line = width + 2 * reach  # rows lie one after another, with zeros between them
-    held = ROWS_AT_ONCE * line + 2 * reach
-    padded, sums, along = room[2 * held :], room[:held], room[held : 2 * held]
-    for i in range(held):
-        sums[i] = 0.0
-    for i in range((height + 2 * reach) * line):
-        padded[i] = 0.0
-    for row in range(height):
-        for column in range(width):
-            padded[(row + reach) * line + reach + column] = values[row, column]
-    for first in range(0, height, ROWS_AT_ONCE):
-        rows = min(ROWS_AT_ONCE, height - first)
-        _symmetric(sums[reach : reach + rows * line], padded[first * line :], line, taps)
-        _symmetric(along[: rows * line], sums, 1, taps)
-        for row in range(rows):
-            for column in range(width):
-                smooth[first + row, column] = along[row * line + reach + column]
-
-
-@inlined
-def _room(height: int, width: int, reach: int) -> F64:
-    """What `_smooth` needs for a grid (H, W) and so many taps to a side, or fewer."""
-    line = width + 2 * reach
-    return np.empty((height + 2 * reach + 2 * ROWS_AT_ONCE) * line + 4 * reach, np.float64)
-
-
-@compiled("float64[:, ::1](float64[:, ::1], float64[::1])")
-def smoothed(values: F64, taps: F64) -> F64:
-    """A grid (H, W), 0 beyond its edges, smoothed along both axes.
-
-    Args:
-        values: (H, W).
-        taps: (R + 1,) weight of a node itself, of those beside it, and so on.
-    """
-    height, width = values.shape
-    smooth = np.empty((height, width), np.float64)
-    _smooth(values, taps, _room(height, width, len(taps) - 1), smooth)
-    return smooth
-
-
 @compiled(
-    "Tuple((float64[:, ::1], float64[:, ::1]))"
-    "(float64[:, ::1], float64[::1], int64, float64[::1], int64[::1], float64[::1], float64[::1])"
+    f"Tuple((int64[::1], int64[::1], int64[::1]))"
+    f"({POINTS}, boolean[::1], float32[::1], float64, {ORIGIN}, float64, {GRID})"
 )
-def grown(xy: F64, height_m: F64, side: int, taps: F64, counts: I64, near_m: F64, limits: F64) -> tuple[F64, F64]:
-    """A surface that grows from zero towards cells, and how much these pull at its nodes in the last round.
+def parted(
+    xyz: F32, kept: Bools, plane: F32, distance_m: float, origin_xy: F64, cell_m: float, offsets_m: F64
+) -> tuple[I64, I64, I64]:
+    """Rows of the points that are kept and not on a plane, that are kept and on it, and that are not on the ground.
 
     Args:
-        xy: (M, 2) middles of the cells, in nodes of the surface.
-        height_m: (M,) their heights.
-        side: The surface has so many nodes along each edge.
-        taps: Of the smoothing in each round, one round after another; see `smoothed`.
-        counts: (R,) number of taps of each round.
-        near_m: (R,) cells farther from the surface do not pull.
-        limits: (4,) cells higher above the surface than the first pull by the second; the most that a node is pulled
-            by; and the weight of the last surface.
-
-    Returns:
-        (side, side) heights, and (side, side) weights.
+        xyz: (N, 3) metres.
+        kept: (N,) which points count for the first two.
+        plane: (4,) unit normal and offset.
+        distance_m: On the plane or on the ground is what is at most this far from it.
+        origin_xy: See `Relief`, as for the next two, which say how the ground differs from the plane.
+        cell_m: Likewise.
+        offsets_m: Likewise; without nodes, the ground is the plane.
     """
-    surface, room, first = np.zeros((side, side), np.float64), _room(side, side, counts.max() - 1), 0
-    mean_and_weight, smooth = np.zeros((2, side, side), np.float64), np.empty((2, side, side), np.float64)
-    mean, weight = mean_and_weight[0], mean_and_weight[1]
-    for k in range(len(counts)):
-        pull(xy, height_m, surface, near_m[k], limits[0], limits[1], weight, mean)
-        for row in range(side):
-            for column in range(side):
-                weight[row, column] = min(weight[row, column], limits[2])
-                mean[row, column] *= weight[row, column]
-        for grid in range(2):
-            _smooth(mean_and_weight[grid], taps[first : first + counts[k]], room, smooth[grid])
-        first += counts[k]
-        for row in range(side):
-            for column in range(side):
-                surface[row, column] += smooth[0, row, column] / (smooth[1, row, column] + limits[3])
-    return surface, weight
-
-
-@inlined
-def _height(xyz: F32, i: int, plane: F32) -> np.float32:
-    height: np.float32 = xyz[i, 0] * plane[0] + xyz[i, 1] * plane[1] + xyz[i, 2] * plane[2] + plane[3]
-    return height
-
-
-@compiled(f"boolean[::1]({POINTS}, float32[::1], float32)")
-def on_plane(xyz: F32, plane: F32, distance_m: np.float32) -> Bools:
-    """(N,) whether points (N, 3) are at most `distance_m` from a plane (4,), unit normal and offset."""
-    on = np.empty(len(xyz), np.bool_)
+    left, level, above = np.empty(len(xyz), np.int64), np.empty(len(xyz), np.int64), np.empty(len(xyz), np.int64)
+    left_count = level_count = above_count = 0
+    lowest = highest = 0.0
+    for row in range(offsets_m.shape[0]):
+        for column in range(offsets_m.shape[1]):
+            lowest, highest = min(lowest, offsets_m[row, column]), max(highest, offsets_m[row, column])
+    # What is beyond is not on the ground wherever it is; a bit more, for what is rounded below.
+    reach_m = distance_m + 1e-9 * (distance_m - lowest + highest)
+    below_m, above_m, plane_reach_m = lowest - reach_m, highest + reach_m, np.float32(distance_m)
     for i in range(len(xyz)):
-        on[i] = abs(_height(xyz, i, plane)) <= distance_m
-    return on
-
-
-@compiled(f"boolean[::1]({POINTS}, float32[::1], {ORIGIN}, float64, {GRID}, float64)")
-def on_relief(xyz: F32, plane: F32, origin_xy: F64, cell_m: float, offsets_m: F64, distance_m: float) -> Bools:
-    """(N,) whether points (N, 3) are at most `distance_m` from the ground, which differs from a plane (4,).
-
-    The others are those of `Relief`.
-    """
-    on = np.empty(len(xyz), np.bool_)
-    for i in range(len(xyz)):
-        x, y = (xyz[i, 0] - origin_xy[0]) / cell_m, (xyz[i, 1] - origin_xy[1]) / cell_m
-        on[i] = abs(_height(xyz, i, plane) - _between(offsets_m, x, y)) <= distance_m
-    return on
+        height = xyz[i, 0] * plane[0] + xyz[i, 1] * plane[1] + xyz[i, 2] * plane[2] + plane[3]
+        on_plane = on_ground = abs(height) <= plane_reach_m
+        if offsets_m.size > 0:
+            on_ground = False
+            if below_m <= height <= above_m:
+                x, y = (xyz[i, 0] - origin_xy[0]) / cell_m, (xyz[i, 1] - origin_xy[1]) / cell_m
+                on_ground = abs(height - _between(offsets_m, x, y)) <= distance_m
+        left[left_count] = level[level_count] = above[above_count] = (
+            i  # written over by the next one that belongs there
+        )
+        left_count += 1 if kept[i] and not on_plane else 0
+        level_count += 1 if kept[i] and on_plane else 0
+        above_count += 0 if on_ground else 1
+    return left[:left_count], level[:level_count], above[:above_count]

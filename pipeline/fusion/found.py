@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -36,20 +37,27 @@ class FoundBoxes:
 
     @classmethod
     def of(cls, boxes: Mapping[str, Boxes2D], names: Sequence[str]) -> "FoundBoxes":
-        """Those of some cameras.
+        """Those of some cameras; made once for the stages of a frame.
 
         Args:
             boxes: By camera name.
             names: Of the cameras, by number; those that are not in `boxes` have none.
         """
-        numbers = np.array([number for number, name in enumerate(names) if name in boxes], np.int64)
-        parts = [boxes[name] for name in names if name in boxes]
-        counts = np.array([len(part) for part in parts], np.int64)
-        cameras = np.repeat(numbers, counts)
-        xyxy = np.concatenate([np.zeros((0, 4), np.float32), *(part.xyxy for part in parts)])
-        scores = np.concatenate([np.zeros(0, np.float32), *(part.scores for part in parts)])
-        class_ids = np.concatenate([np.zeros(0, np.int32), *(part.class_ids for part in parts)])
-        stamps_ns = np.repeat(np.array([part.stamp_ns for part in parts], np.int64), counts)
-        rows = np.arange(len(cameras)) - np.repeat(np.cumsum(counts) - counts, counts)
-        order = np.lexsort([*xyxy.T, class_ids, -scores, cameras])
-        return select_rows(cls(cameras, rows, xyxy, scores, class_ids, stamps_ns), order)
+        return _table(tuple(boxes.get(name) for name in names))
+
+
+@lru_cache(maxsize=1)
+def _table(boxes: tuple[Boxes2D | None, ...]) -> FoundBoxes:
+    """The boxes of the cameras by number."""
+    shown = [(number, part) for number, part in enumerate(boxes) if part] or [(0, Boxes2D.empty(0, ""))]
+    numbers, parts = zip(*shown, strict=True)
+    counts = [len(part) for part in parts]
+    table = FoundBoxes(
+        np.repeat(np.array(numbers, np.int64), counts),
+        np.concatenate([np.arange(count) for count in counts]),
+        np.concatenate([part.xyxy for part in parts]),
+        np.concatenate([part.scores for part in parts]),
+        np.concatenate([part.class_ids for part in parts]),
+        np.repeat(np.array([part.stamp_ns for part in parts], np.int64), counts),
+    )
+    return select_rows(table, np.lexsort([*table.xyxy.T, table.class_ids, -table.scores, table.cameras]))

@@ -37,6 +37,10 @@ LONG_LIMIT = 4.0
 MEASURED_SHARE = 1e-3
 """An extent that differs from the typical one of the class by less than this share was completed, not measured."""
 
+_WEIGHTS = np.array([COMPLETED_WEIGHTS, SHORT_WEIGHTS])
+_LIMITS = np.array([LONG_LIMIT, SHORT_SHARE, SHORT_LIMIT, MEASURED_SHARE, OWN_LOG_ODDS])
+"""As `size_log_odds` takes them."""
+
 
 def confusion(priors: Sequence[ClassPrior]) -> F64:
     """(K, K) probability that an object of the class of the row is taken for that of the column.
@@ -71,10 +75,7 @@ def class_log_odds(sizes: F64, own_ids: I32, priors: Sequence[ClassPrior]) -> F6
         own_ids: (N,) class that the detector gives.
         priors: The classes.
     """
-    typical, spread, of_class = _kinds(tuple(priors))
-    weights = np.stack([COMPLETED_WEIGHTS, SHORT_WEIGHTS])
-    limits = np.array([LONG_LIMIT, SHORT_SHARE, SHORT_LIMIT, MEASURED_SHARE, OWN_LOG_ODDS])
-    return size_log_odds(sizes, own_ids, typical, spread, of_class, weights, limits, len(priors))
+    return size_log_odds(sizes, own_ids, *_kinds(tuple(priors)), _WEIGHTS, _LIMITS, len(priors))
 
 
 @cache

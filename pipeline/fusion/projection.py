@@ -7,12 +7,12 @@ the edge is the derivative of that point.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
-from typing import Self
+from functools import cached_property, lru_cache
+from typing import NamedTuple, Self
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64, Bools, Indices, Rows, check_array
+from pipeline.core.arrays import F64, I64, Bools, Indices, Rows, check_array, select_rows
 from pipeline.core.optics.lens_kernels import outermost_points
 from pipeline.core.optics.lenses import Lenses
 from pipeline.core.rig import CameraSensor
@@ -57,10 +57,17 @@ class CameraArrays:
 
     def select(self, rows: Rows) -> "CameraArrays":
         """The given rows (mask or indices), in that order."""
-        rows = np.flatnonzero(rows) if rows.dtype == np.bool_ else rows
-        arrays = (array.take(rows, axis=0) for array in (self.rotations, self.translations, self.image_sizes))
-        rotations, translations, image_sizes = arrays
-        return CameraArrays(rotations, translations, self.lenses.select(rows), image_sizes)
+        return select_rows(self, rows)
+
+    @cached_property
+    def positions(self) -> F64:
+        """(P, 3) the cameras, metres in the site frame."""
+        return np.asarray(-(self.rotations * self.translations[:, :, None]).sum(1))
+
+    @cached_property
+    def limits(self) -> F64:
+        """(P, 4) the largest left, top, right and bottom of what lies in the image: its size, twice."""
+        return np.concatenate([self.image_sizes, self.image_sizes], 1)
 
 
 @lru_cache(maxsize=4)
@@ -69,8 +76,7 @@ def camera_arrays(cameras: tuple[CameraSensor, ...]) -> CameraArrays:
     return CameraArrays.of(cameras)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ProjectedEdges:
+class ProjectedEdges(NamedTuple):
     """Rectangles around P projected boxes, not clipped to the image.
 
     Attributes:
@@ -85,13 +91,6 @@ class ProjectedEdges:
     jacobian: F64
     makers: I64
     valid: Bools
-
-    def __post_init__(self) -> None:
-        n = len(self.valid)
-        check_array("xyxy", self.xyxy, (n, 4), np.float64)
-        check_array("jacobian", self.jacobian, (n, 4, len(PARAMETERS)), np.float64)
-        check_array("makers", self.makers, (n, 4), np.int64)
-        check_array("valid", self.valid, (n,), np.bool_)
 
 
 def edges_in_view(centers: F64, sizes: F64, yaws: F64, camera: CameraSensor) -> ProjectedEdges:

@@ -9,12 +9,13 @@ say of place and class (`pipeline.fusion.matching.agreement`), and its other pai
 (`pipeline.fusion.matching.aiming`), until nothing changes.
 """
 
+import itertools
 from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, Bools, Indices
+from pipeline.core.arrays import F32, Bools, Indices, first_of_runs
 from pipeline.core.association import (
     class_confusion,
     detector_variances,
@@ -58,7 +59,6 @@ class Associate:
         self._names = tuple(camera.name for camera in rig.cameras)
         self._config = config.associate
         self._confusion = class_confusion(config.classes, config.associate.any_class)
-        self._last: tuple[Mapping[str, Boxes2D], FoundBoxes] | None = None
 
     def __call__(
         self, boxes3d: Boxes3D, boxes2d: Mapping[str, Boxes2D], views: Mapping[str, CameraSensor]
@@ -78,21 +78,17 @@ class Associate:
         rows3d = _rank3d(boxes3d)  # row order decides between assignments of equal value
         ranked = boxes3d.select(rows3d)
         seen = project_into_views(ranked, cameras, arrays)
-        positions = -np.einsum("cij,ci->cj", arrays.rotations, arrays.translations)
-        hidden, rest = hidden_parts(ranked, seen, positions)
-        found = self._found_boxes(boxes2d, arrays.image_sizes)
+        hidden, rest = hidden_parts(ranked, seen, arrays.positions)
+        found = self._found_boxes(boxes2d, arrays)
         pairs = near_pairs(seen.xyxy, seen.cameras, found.xyxy, found.cameras, min_giou=self._config.min_giou)
         taken = self._taken(ranked, seen, (hidden, rest), found, pairs, arrays)
         return self._matches(rows3d, seen, hidden, found, pairs.select(taken))
 
-    def _found_boxes(self, boxes2d: Mapping[str, Boxes2D], image_sizes: F64) -> FoundBoxes:
+    def _found_boxes(self, boxes2d: Mapping[str, Boxes2D], arrays: CameraArrays) -> FoundBoxes:
         """The 2D boxes, clipped to the images: detected ones may reach beyond them, projected ones do not."""
-        if self._last is None or self._last[0] is not boxes2d:  # each frame's boxes are associated twice
-            found = FoundBoxes.of(boxes2d, self._names)
-            sizes = image_sizes.astype(np.float32)[found.cameras]
-            found = replace(found, xyxy=np.clip(found.xyxy, 0, np.concatenate([sizes, sizes], 1)))
-            self._last = boxes2d, found
-        return self._last[1]
+        found = FoundBoxes.of(boxes2d, self._names)
+        limits = arrays.limits.astype(np.float32).take(found.cameras, 0)
+        return replace(found, xyxy=found.xyxy.clip(0, limits))
 
     def _matches(
         self, rows3d: Indices, seen: InView, hidden: F32, found: FoundBoxes, pairs: Pairs
@@ -104,13 +100,13 @@ class Associate:
         covered[seen.cameras, rows3d[seen.rows]] = hidden
         cameras, in_3d = seen.cameras[pairs.seen], rows3d[seen.rows[pairs.seen]]
         order = np.lexsort([in_3d, cameras])
-        table = np.stack([in_3d, found.rows[pairs.found]], 1).astype(np.int64)[order]
+        table = np.array([in_3d, found.rows[pairs.found]]).T.take(order, 0)
         iou = pairs.iou.astype(np.float32)[order]
-        ends = np.searchsorted(cameras[order], np.arange(len(self._names) + 1))
+        ends = cameras[order].searchsorted(np.arange(len(self._names) + 1)).tolist()
         return {
             name: Matches(table[start:end], iou[start:end], rectangles, shares)
-            for name, start, end, rectangles, shares in zip(
-                self._names, ends[:-1], ends[1:], projected, covered, strict=True
+            for name, (start, end), rectangles, shares in zip(
+                self._names, itertools.pairwise(ends), projected, covered, strict=True
             )
         }
 
@@ -171,5 +167,8 @@ class Associate:
 
 def _rank3d(boxes: Boxes3D) -> Indices:
     """Indices by falling score, then by all other fields that matter here."""
+    order = np.argsort(-boxes.scores, kind="stable")
+    if first_of_runs(boxes.scores[order]).all():
+        return order
     upper = boxes.covariances[:, [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]
     return np.lexsort([*upper.T, boxes.class_ids, boxes.yaws, *boxes.sizes.T, *boxes.centers.T, -boxes.scores])

@@ -29,11 +29,13 @@ class Classify:
             boxes2d: By camera name; each vote counts with its score.
         """
         boxes = hypotheses.boxes
+        seen = [(matches.pairs.T, boxes2d[name]) for name, matches in hypotheses.matches.items() if matches]
+        if not seen:
+            return hypotheses
         odds = class_log_odds(boxes.sizes, boxes.class_ids, self._priors)
-        seen = [(matches.pairs, boxes2d[name]) for name, matches in hypotheses.matches.items() if name in boxes2d]
-        rows = np.concatenate([np.zeros(0, np.int64), *(pairs[:, 0] for pairs, _ in seen)])
-        named = np.concatenate([np.zeros(0, np.int32), *(found.class_ids[pairs[:, 1]] for pairs, found in seen)])
-        scores = np.concatenate([np.zeros(0), *(found.scores[pairs[:, 1]] for pairs, found in seen)])
+        rows = np.concatenate([rows for (rows, _), _ in seen])
+        named = np.concatenate([found.class_ids[rows2d] for (_, rows2d), found in seen])
+        scores = np.concatenate([found.scores[rows2d] for (_, rows2d), found in seen]).astype(np.float64)
         np.add.at(odds, rows, vote_log_odds(named, scores, self._taken_for))
         is_matched = np.bincount(rows, minlength=len(boxes)) > 0
         class_ids = np.where(is_matched, odds.argmax(1), boxes.class_ids).astype(np.int32)

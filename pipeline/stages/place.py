@@ -5,6 +5,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from pipeline.core.arrays import first_of_runs
 from pipeline.core.clouds import CombinedCloud
 from pipeline.core.detections import Boxes2D, Boxes3D, Source
 from pipeline.core.rig import CameraSensor, Rig
@@ -15,6 +16,7 @@ from pipeline.fusion.cameras.observed import Noise
 from pipeline.fusion.cameras.placed import Placed
 from pipeline.fusion.cameras.placing import SizePriors, place
 from pipeline.fusion.cameras.sightings import see
+from pipeline.fusion.found import FoundBoxes
 
 __all__ = ["Place"]
 
@@ -60,7 +62,7 @@ class Place:
         objects, merged = merge_sightings(placements, sightings.cameras, sightings.class_ids)
         count = len(merged.xy)
         found = moments(merged)
-        first = np.flatnonzero(np.diff(np.maximum.accumulate(objects), prepend=-1))
+        first = first_of_runs(np.maximum.accumulate(objects)).nonzero()[0]
         class_ids = sightings.class_ids[first]
         sizes = self._priors.mean_m[class_ids]
         missed = np.ones(count)
@@ -83,5 +85,5 @@ class Place:
             np.full(count, Source.CAMERA, np.uint8),
             stamp_ns + since_ns // np.maximum(seen, 1),
         )
-        out_of_image = sum(map(len, boxes2d.values())) - len(sightings)
+        out_of_image = len(FoundBoxes.of(boxes2d, tuple(views))) - len(sightings)
         return Placed(boxes, sightings, objects, placements, out_of_image)

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pipeline.core.arrays import F64, Bools
+from pipeline.core.arrays import F64, Bools, first_of_runs
 from pipeline.core.detections import Boxes2D, Boxes3D, Hypotheses, Source
 from pipeline.core.geometry.boxes import wrap_angle
 from pipeline.core.rig import CameraSensor, Rig
@@ -57,14 +57,16 @@ class Refine:
         predicted, jacobian, in_view = predicted_edges(boxes, edges, outline)
         if not in_view.any():
             return hypotheses
-        edges, predicted, jacobian = edges.select(in_view), predicted[in_view], jacobian[in_view]
-        is_own = edges.rows < count
-        objects, rows = np.unique(edges.rows, return_inverse=True)
-        chosen, edges = boxes.select(objects), replace(edges, rows=rows.astype(np.int64))
+        if not in_view.all():
+            edges, outline = edges.select(in_view), outline.select(in_view)
+            predicted, jacobian = predicted[in_view], jacobian[in_view]
+        is_own, is_first = edges.rows < count, first_of_runs(edges.rows)
+        objects = edges.rows[is_first]
+        chosen, edges = boxes.select(objects), replace(edges, rows=np.cumsum(is_first) - 1)
         prior = box_prior(chosen, self._lidar_xy, self._config)
-        cut_px = moved_by_borders(chosen.select(edges.rows), edges.cameras)
+        cut_px = moved_by_borders(chosen, edges.rows, edges.cameras)
         edges = _with_doubt(edges, cut_px, predicted, jacobian, prior, len(views), is_own)
-        found = refine_boxes(chosen, prior, edges, outline.select(in_view))
+        found = refine_boxes(chosen, prior, edges, outline)
         taken = found.accepted & better_turned(objects, found, turned_of)
         boxes, rows = hypotheses.boxes, turned_of[objects[taken]]
         centers, sizes, yaws = boxes.centers.copy(), boxes.sizes.copy(), boxes.yaws.copy()

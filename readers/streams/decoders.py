@@ -16,7 +16,7 @@ from pipeline.core.settings.config import Config
 from pipeline.detectors.onnx.coco import COCO_LABELS
 from readers.messages.image import decode_any_image
 from readers.messages.pointcloud2 import decode_pointcloud2
-from readers.messages.vision.detections2d import Detections2D, decode_detections2d
+from readers.messages.vision.detections2d import ClassedBoxes, boxes_with_area, decode_classed_boxes, unused_boxes
 from readers.velodyne.decoder import VelodyneDecoders
 from readers.velodyne.scan import PACKET_BYTES, SCAN
 
@@ -106,7 +106,7 @@ class RecordedBoxes:
         self._topics = {camera.name: camera.boxes_topic for camera in rig.cameras if camera.boxes_topic}
         self._min_score = config.detect2d.min_score
         self._limits = config.limits
-        self._class_ids = config.class_id_of_label
+        self._class_ids = {label.strip().lower(): row for label, row in config.class_id_of_label.items()}
         self._numbered: tuple[str, ...] = ()
         if config.detect2d.class_numbers == "coco":
             self._class_ids = {label: row for label, row in self._class_ids.items() if not label.isdecimal()}
@@ -118,15 +118,15 @@ class RecordedBoxes:
         decoded = _decode(bundle, self._topics, self._decode_one, self._on_bad)
         unused: Counter[str] = Counter()
         boxes: dict[str, Boxes2D] = {}
-        for name, found in decoded.items():
-            unused.update(found.unused)
-            sure = found.boxes.scores >= self._min_score
-            unused[f"score under detect2d.min_score ({self._min_score:g})"] += int((~sure).sum())
-            boxes[name] = found.boxes.select(sure)
+        for (name, found), (usable, _) in zip(decoded.items(), boxes_with_area([*decoded.values()]), strict=True):
+            unused.update(unused_boxes(found, usable))
+            sure = usable.scores >= self._min_score
+            boxes[name] = usable if sure.all() else usable.select(sure)
+            unused[f"score under detect2d.min_score ({self._min_score:g})"] += len(usable) - len(boxes[name])
         return Decoded(boxes, decoded.drops, dict(sorted((+unused).items())))
 
-    def _decode_one(self, message: RawMessage) -> Detections2D:
-        return decode_detections2d(message, self._class_ids, class_names=self._numbered, limits=self._limits)
+    def _decode_one(self, message: RawMessage) -> ClassedBoxes:
+        return decode_classed_boxes(message, self._class_ids, class_names=self._numbered, limits=self._limits)
 
 
 def _decode(

@@ -8,7 +8,6 @@ Foxglove shares.
 import json
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -20,12 +19,10 @@ from writers.outputs.marked_text import marked_json
 from writers.panels import arrange
 from writers.viewpoint import SceneSurvey, Viewpoint, cameras_in_order
 
-__all__ = ["COMPARED", "LAYOUT_SUFFIX", "foxglove_layout", "layout_path", "merged_layout"]
+__all__ = ["COMPARED", "foxglove_layout", "merged_layout"]
 
 COMPARED = "/compare/scene"
 """Topic of what differs between two results."""
-
-LAYOUT_SUFFIX = ".foxglove.json"
 
 FOV_Y_DEG = 45.0
 """Of the 3D panel's eye."""
@@ -47,11 +44,6 @@ Split = str | dict[str, Any]
 class _Panel:
     id: str
     config: Config
-
-
-def layout_path(path: Path) -> Path:
-    """Where the layout that belongs to an MCAP file is written: beside it."""
-    return path.with_suffix(LAYOUT_SUFFIX)
 
 
 def merged_layout(rig: Rig, survey: SceneSurvey, topics: Collection[str], names: Sequence[str]) -> str:

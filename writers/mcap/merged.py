@@ -162,7 +162,7 @@ class _Frames:
             part.header.frame_id = self._renamed(part.header.frame_id)
         return ROS2.serialize(read)
 
-    def transforms(self, message: RawMessage) -> memoryview | None:
+    def transforms(self, message: RawMessage) -> bytes | memoryview | None:
         """The transforms, with the new names of the frames; None if nothing is left of them."""
         read = _read(message)
         read.transforms = [one for one in read.transforms if self._is_moving or one.child_frame_id != self._site]

@@ -10,14 +10,16 @@ results give equal bytes.
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from types import TracebackType
-from typing import Any, NamedTuple, Self
+from typing import NamedTuple, Self
 
+from pipeline.core.clouds import PointCloud
 from pipeline.core.detections import Boxes2D
 from pipeline.core.errors import MessageError, OutputError
 from pipeline.core.frame import FrameResult
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.messages import Channel, Drop, RawMessage, time_fault
 from pipeline.core.rig import CameraSensor, Rig
+from pipeline.core.ros.columns import Columns
 from pipeline.core.ros.messages import ROS2
 from pipeline.core.ros.qos import LATCHED_YAML
 from pipeline.core.settings.config import Config
@@ -33,7 +35,7 @@ from writers.messages.diagnostics import diagnostics
 from writers.messages.images import COMPRESSED, image_cdr
 from writers.messages.placed_scene import PLACED, PLACED_SCENE, placed_scene
 from writers.messages.scene import marker_array, scene_update
-from writers.messages.sensors import camera_info, moving_transform, point_cloud2, static_transforms
+from writers.messages.sensors import camera_info, cloud_cdr, moving_transform, static_transforms
 from writers.messages.truth_scene import truth_scene, truth_scene_topic
 from writers.outputs.errors import output_errors
 from writers.outputs.marks import RESULT
@@ -46,6 +48,7 @@ __all__ = ["McapResultWriter"]
 
 CLOUD, CAMERA_INFO = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/CameraInfo"
 ANNOTATIONS, DETECTIONS_2D = "foxglove_msgs/msg/ImageAnnotations", "vision_msgs/msg/Detection2DArray"
+DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 _NOT_COPIED = "the image cannot be copied"
 
 
@@ -78,7 +81,7 @@ class McapResultWriter:
         self._resources = ExitStack()
         self._channels: dict[str, int] = {}
         self._copied: dict[Channel, int] = {}
-        self._camera_infos: dict[str, memoryview] = {}  # of the first frame: only their stamps change
+        self._camera_infos: dict[str, Buffer] = {}  # of the first frame: only their stamps change
         self._filled: set[str] = set()
         self._messages = 0
         self._survey = SceneSurvey(rig)
@@ -135,15 +138,32 @@ class McapResultWriter:
                 stamp_ns, stamp_ns, max_extrapolation_s=limits.max_extrapolation_s, max_gap_s=limits.max_gap_s
             ):
                 self._put("/tf", moving_transform(motion, stamp_ns), log_time_ns)
-            for topic, message in self._site_messages(result):
-                self._put(topic, message, log_time_ns)
-            not_copied = self._put_cameras(result)
-            self._put("/diagnostics", diagnostics(result, self._rig, not_copied), log_time_ns)
+            not_copied = self._put_results(result)
             self._draw_truth(self._truth_times.add(result.bundle))
             self._copy(after)
         return not_copied
 
-    def _site_messages(self, result: FrameResult) -> Iterator[tuple[str, Any]]:
+    def _put_results(self, result: FrameResult) -> tuple[Drop, ...]:
+        """Write what was found in a frame, all but the clouds encoded at once, and its images."""
+        log_time_ns, found = result.bundle.log_time_ns, _views(result, self._rig)
+        images, not_copied = _images(found) if self._config.output.images else ({}, ())
+        site = [*self._site_messages(result)]
+        *encoded, annotations, boxes_2d, counts = ROS2.serialize_all(
+            *(message for _, message in site),
+            self._annotations(result, found),
+            self._detections(found),
+            diagnostics(result, self._rig, not_copied),
+        )
+        for (topic, message), (data,) in zip(site, encoded, strict=True):
+            self._put_bytes(topic, message.__msgtype__, data, log_time_ns)
+        for topic, cloud in self._clouds(result):
+            parts = cloud_cdr(cloud, stamp_ns=result.bundle.stamp_ns, frame_id=self._rig.site_frame)
+            self._put_bytes(topic, CLOUD, parts, log_time_ns)
+        self._put_cameras(found, images, annotations, boxes_2d, log_time_ns)
+        self._put_bytes("/diagnostics", DIAGNOSTICS, counts[0], log_time_ns)
+        return not_copied
+
+    def _site_messages(self, result: FrameResult) -> Iterator[tuple[str, Columns]]:
         names, stamp_ns, objects = self._config.object_names, result.bundle.stamp_ns, result.fused.objects
         counted = objects.select(objects.class_ids < len(self._config.classes))
         yield "/lidar_camera_fused", lidcam_objects(counted, self._rig.counted_zones, stamp_ns=stamp_ns)
@@ -154,54 +174,52 @@ class McapResultWriter:
         if (placed := result.detections.placed) is not None:
             yield PLACED, detections_3d(placed, names, stamp_ns=stamp_ns)
             yield PLACED_SCENE, placed_scene(placed, names, stamp_ns=stamp_ns)
+
+    def _clouds(self, result: FrameResult) -> Iterator[tuple[str, PointCloud]]:
         if self._config.output.clouds:
-            frame_id = self._rig.site_frame
-            yield "/point_cloud_combined", point_cloud2(result.combined.cloud, stamp_ns=stamp_ns, frame_id=frame_id)
+            yield "/point_cloud_combined", result.combined.cloud
             if self._config.output.ground:
-                yield "/ground_cloud", point_cloud2(result.combined.ground_cloud, stamp_ns=stamp_ns, frame_id=frame_id)
+                yield "/ground_cloud", result.combined.ground_cloud
 
-    def _put_cameras(self, result: FrameResult) -> tuple[Drop, ...]:
-        """Write each camera's messages, all with one stamp; none if the frame has neither an image nor boxes of it."""
-        found = [view for camera in self._rig.cameras if (view := _view(result, camera)) is not None]
-        names, log_time_ns = self._config.object_names, result.bundle.log_time_ns
-        cameras, stamps_ns = [view.camera for view in found], [view.stamp_ns for view in found]
+    def _annotations(self, result: FrameResult, found: Sequence["_View"]) -> Columns:
+        """What is drawn into the image of each camera."""
+        cameras, names = [view.camera for view in found], self._config.object_names
         edges = object_edges(result, [camera.name for camera in cameras])
-        drawn = ROS2.serialize_all(image_annotations(result, cameras, edges, names, stamps_ns=stamps_ns))
-        detections = self._detections(found)
-        drops: tuple[Drop, ...] = ()
-        for view, annotations in zip(found, drawn, strict=True):
-            camera, prefix = view.camera, f"/{view.camera.name}"
-            if view.image is not None and self._config.output.images:
-                drops += self._put_image(prefix, view.image, camera.T_camera_site.dst, log_time_ns)
-            if camera.name not in self._camera_infos:
-                self._camera_infos[camera.name] = ROS2.serialize(camera_info(camera, view.stamp_ns))
-            info = ROS2.restamped(self._camera_infos[camera.name], view.stamp_ns)
-            self._put_bytes(f"{prefix}/camera_info", CAMERA_INFO, info, log_time_ns)
-            self._put_bytes(f"{prefix}/annotations", ANNOTATIONS, annotations, log_time_ns)
-            if camera.name in detections:
-                self._put_bytes(f"{prefix}/detections", DETECTIONS_2D, detections[camera.name], log_time_ns)
-        return drops
+        return image_annotations(result, cameras, edges, names, stamps_ns=[view.stamp_ns for view in found])
 
-    def _detections(self, found: Sequence["_View"]) -> Mapping[str, memoryview]:
-        """The messages with the 2D boxes, by camera that has some."""
+    def _detections(self, found: Iterable["_View"]) -> Columns:
+        """The 2D boxes of each camera that has some."""
         views = [(view.camera, view.stamp_ns, view.boxes) for view in found if view.boxes is not None]
-        messages = detections_2d(
+        return detections_2d(
             [boxes for _, _, boxes in views],
             self._config.object_names,
             stamps_ns=[stamp_ns for _, stamp_ns, _ in views],
             frame_ids=[camera.T_camera_site.dst for camera, _, _ in views],
         )
-        return {view[0].name: data for view, data in zip(views, ROS2.serialize_all(messages), strict=True)}
 
-    def _put_image(self, prefix: str, image: RawMessage, frame_id: str, log_time_ns: int) -> tuple[Drop, ...]:
-        msgtype = image.channel.msgtype
-        topic = f"{prefix}/image/compressed" if msgtype == COMPRESSED else f"{prefix}/image"
-        try:
-            cdr = image_cdr(image, frame_id=frame_id)
-        except MessageError as err:
-            return (Drop(image.topic, image.stamp_ns, _NOT_COPIED, str(err)),)
-        self._put_bytes(topic, msgtype, cdr, log_time_ns)
-        return ()
+    def _put_cameras(
+        self,
+        found: Sequence["_View"],
+        images: Mapping[str, Sequence[Buffer]],
+        annotations: Iterable[bytes],
+        boxes_2d: Iterable[bytes],
+        log_time_ns: int,
+    ) -> None:
+        """Write each camera's messages, all with one stamp; none if the frame has neither an image nor boxes of it."""
+        of_boxes = iter(boxes_2d)
+        for view, drawn in zip(found, annotations, strict=True):
+            camera, prefix = view.camera, f"/{view.camera.name}"
+            if view.image is not None and camera.name in images:
+                msgtype = view.image.channel.msgtype
+                topic = f"{prefix}/image/compressed" if msgtype == COMPRESSED else f"{prefix}/image"
+                self._put_bytes(topic, msgtype, images[camera.name], log_time_ns)
+            if camera.name not in self._camera_infos:
+                self._camera_infos[camera.name] = ROS2.serialize(camera_info(camera, view.stamp_ns))
+            info = ROS2.restamped(self._camera_infos[camera.name], view.stamp_ns)
+            self._put_bytes(f"{prefix}/camera_info", CAMERA_INFO, info, log_time_ns)
+            self._put_bytes(f"{prefix}/annotations", ANNOTATIONS, drawn, log_time_ns)
+            if view.boxes is not None:
+                self._put_bytes(f"{prefix}/detections", DETECTIONS_2D, next(of_boxes), log_time_ns)
 
     def _copy(self, messages: Iterable[RawMessage]) -> None:
         """Write recorded messages as they are, at the times at which they were recorded."""
@@ -216,9 +234,8 @@ class McapResultWriter:
         for frame, truth in known:
             self._put(truth_scene_topic(truth.topic), truth_scene(truth), frame.log_time_ns)
 
-    def _put(self, topic: str, message: Any, log_time_ns: int) -> None:
-        serialize = ROS2.serialize_large if message.__msgtype__ == CLOUD else ROS2.serialize
-        self._put_bytes(topic, message.__msgtype__, serialize(message), log_time_ns)
+    def _put(self, topic: str, message: Columns, log_time_ns: int) -> None:
+        self._put_bytes(topic, message.__msgtype__, ROS2.serialize(message), log_time_ns)
 
     def _put_bytes(self, topic: str, msgtype: str, cdr: Buffer | Sequence[Buffer], log_time_ns: int) -> None:
         channel = self._channels.get(topic) or self._register(topic, msgtype)
@@ -261,11 +278,28 @@ class _View(NamedTuple):
     boxes: Boxes2D | None
 
 
-def _view(result: FrameResult, camera: CameraSensor) -> _View | None:
+def _views(result: FrameResult, rig: Rig) -> list[_View]:
+    """What a frame has of each camera of which it has anything."""
     unusable = {(drop.topic, drop.stamp_ns) for drop in result.drops}
-    image, boxes = result.bundle.messages.get(camera.topic), result.detections.cameras.get(camera.name)
-    if image is not None and (image.topic, image.stamp_ns) in unusable:
-        image = None
-    if image is not None:
-        return _View(camera, image.stamp_ns, image, boxes)
-    return None if boxes is None else _View(camera, boxes.stamp_ns, None, boxes)
+    found = []
+    for camera in rig.cameras:
+        image, boxes = result.bundle.messages.get(camera.topic), result.detections.cameras.get(camera.name)
+        if image is not None and (image.topic, image.stamp_ns) not in unusable:
+            found.append(_View(camera, image.stamp_ns, image, boxes))
+        elif boxes is not None:
+            found.append(_View(camera, boxes.stamp_ns, None, boxes))
+    return found
+
+
+def _images(views: Iterable[_View]) -> tuple[Mapping[str, Sequence[Buffer]], tuple[Drop, ...]]:
+    """The bytes of each camera's image, and the images that cannot be copied."""
+    found: dict[str, Sequence[Buffer]] = {}
+    drops: tuple[Drop, ...] = ()
+    for view in views:
+        if (image := view.image) is None:
+            continue
+        try:
+            found[view.camera.name] = image_cdr(image, frame_id=view.camera.T_camera_site.dst)
+        except MessageError as err:
+            drops += (Drop(image.topic, image.stamp_ns, _NOT_COPIED, str(err)),)
+    return found, drops

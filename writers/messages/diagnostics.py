@@ -10,7 +10,7 @@ from pipeline.core.frame import FrameResult, Missing
 from pipeline.core.messages import Drop
 from pipeline.core.rig import Rig
 from pipeline.core.ros.columns import Columns, Lists
-from writers.messages.parts import headers
+from writers.messages.parts import header
 
 __all__ = ["diagnostics"]
 
@@ -31,7 +31,7 @@ def diagnostics(result: FrameResult, rig: Rig, not_copied: Sequence[Drop]) -> Co
     """
     drops = [*result.drops, *not_copied]
     return _array(
-        headers(result.bundle.stamp_ns, rig.site_frame),
+        header(result.bundle.stamp_ns, rig.site_frame),
         [
             _synchronisation(result, rig),
             _Status("cloud", f"{len(result.combined.cloud)} points", _cloud(result)),
@@ -96,7 +96,7 @@ def _objects(result: FrameResult, rig: Rig) -> Values:
     ]
 
 
-def _array(header: Columns, statuses: Sequence[_Status]) -> Columns:
+def _array(header: bytes, statuses: Sequence[_Status]) -> Columns:
     pairs = [pair for status in statuses for pair in status.values]
     keys, values = [key for key, _ in pairs], [value for _, value in pairs]
     rows = Columns("diagnostic_msgs/msg/KeyValue", len(pairs), key=keys, value=values)

@@ -10,7 +10,7 @@ from pipeline.core.ros.columns import Columns
 from pipeline.core.ros.messages import ROS2
 from pipeline.core.ros.typestores import message_types
 from writers.messages.image_parts import CompressedImage, split_compressed
-from writers.messages.parts import headers
+from writers.messages.parts import header
 
 __all__ = ["COMPRESSED", "image_cdr", "read_image"]
 
@@ -69,5 +69,5 @@ def _compressed_cdr(message: RawMessage, found: CompressedImage, frame_id: str) 
 @lru_cache(maxsize=256)  # a frame and a format of each camera
 def _before_data(frame_id: str, kind: bytes) -> bytes:
     """The bytes of a CompressedImage up to the length of its data, with a stamp of 0."""
-    empty = Columns(COMPRESSED, header=headers(0, frame_id), format=kind.decode())
+    empty = Columns(COMPRESSED, header=header(0, frame_id), format=kind.decode())
     return bytes(ROS2.serialize(empty)[: -_LENGTH.size])

@@ -13,7 +13,7 @@ from pipeline.core.frame import FrameResult
 from pipeline.core.geometry.boxes import UNIT_CORNERS
 from pipeline.core.ros.columns import Columns, Lists
 from writers.drawing import ARROW_SHARE, object_colors, object_labels, placed_objects, strong_objects
-from writers.messages.parts import IDENTITY, box_poses, headers, places_as_poses
+from writers.messages.parts import IDENTITY, box_poses, header, places_as_poses
 from writers.messages.scene_parts import ellipses, entities, labels, opaque, outlines, whole_scene
 from writers.uncertainty import ground_ellipses
 
@@ -94,15 +94,17 @@ def marker_array(result: FrameResult, class_names: Sequence[str]) -> Columns:
     that each of them can be hidden; ids are those of the objects.
     """
     objects, n = result.fused.objects, len(result.fused.objects)
-    header = headers(result.bundle.stamp_ns, objects.frame_id)
+    same_header = header(result.bundle.stamp_ns, objects.frame_id)
     unit = (1.0, 1.0, 1.0)
-    delete = Columns(_MARKER, header=header, type=_CUBE, action=_DELETE_ALL, pose=IDENTITY, scale=unit, color=_WHITE)
+    delete = Columns(
+        _MARKER, header=same_header, type=_CUBE, action=_DELETE_ALL, pose=IDENTITY, scale=unit, color=_WHITE
+    )
     letters = np.zeros((n, 3))
     letters[:, 2] = objects.sizes[:, 2] * LABEL_SHARE
     markers = Columns(
         _MARKER,
         2 * n,
-        header=header,
+        header=same_header,
         ns=[name for source in source_names(objects.sources) for name in (f"objects/{source}", "labels")],
         id=np.repeat(np.arange(n), 2),
         type=np.tile(np.array([_CUBE, _TEXT_VIEW_FACING]), n),

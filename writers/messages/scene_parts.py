@@ -8,7 +8,7 @@ import numpy as np
 from pipeline.core.arrays import F64
 from pipeline.core.geometry.box_edges import BOX_EDGES
 from pipeline.core.ros.columns import Columns, Lists
-from writers.messages.parts import IDENTITY, places_as_poses, times
+from writers.messages.parts import IDENTITY, places_as_poses, time
 
 __all__ = ["LABEL_PX", "ellipses", "entities", "labels", "opaque", "outlines", "whole_scene"]
 
@@ -22,7 +22,7 @@ _LINE = "foxglove_msgs/msg/LinePrimitive"
 
 def whole_scene(stamp_ns: int, *drawn: Columns) -> Columns:
     """foxglove_msgs/SceneUpdate of entities that leaves nothing of the scene before it."""
-    deletion = Columns("foxglove_msgs/msg/SceneEntityDeletion", timestamp=times(stamp_ns), type=_DELETE_ALL_ENTITIES)
+    deletion = Columns("foxglove_msgs/msg/SceneEntityDeletion", timestamp=time(stamp_ns), type=_DELETE_ALL_ENTITIES)
     shown: Lists | None = None
     for part in reversed(drawn):
         shown = Lists(part, part.count, shown)
@@ -39,7 +39,7 @@ def entities(
     return Columns(
         "foxglove_msgs/msg/SceneEntity",
         n,
-        timestamp=times(stamp_ns),
+        timestamp=time(stamp_ns),
         frame_id=frame_id,
         id=ids,
         metadata=Lists(pairs, len(metadata)),

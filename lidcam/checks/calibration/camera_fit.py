@@ -15,6 +15,7 @@ import numpy as np
 from lidcam.checks.evenly_kept import EvenlyKept
 from lidcam.checks.warning import RunWarning
 from pipeline.core.arrays import F32, F64, I64
+from pipeline.core.detections import Boxes3D
 from pipeline.core.frame import FrameResult
 from pipeline.core.geometry.boxes import box_corners
 from pipeline.core.geometry.rotations import matrix_of_rpy
@@ -47,9 +48,9 @@ NEAR_DEG = 2.5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Sample:
-    """The boxes of one frame: corners (N, 8, 3) in the site frame, and 2D boxes (M, 4) by camera."""
+    """The boxes of one frame: N objects in the site frame, and 2D boxes (M, 4) by camera."""
 
-    corners_site: F64
+    objects: Boxes3D
     boxes: Mapping[str, F32]
 
 
@@ -66,7 +67,7 @@ class CameraFit:
         boxes = {name: found.xyxy for name, found in frame.detections.cameras.items() if len(found)}
         if not len(objects) or not boxes:
             return
-        self._samples.add(_Sample(box_corners(objects.centers, objects.sizes, objects.yaws), boxes))
+        self._samples.add(_Sample(objects, boxes))
 
     def warnings(self) -> tuple[tuple[RunWarning, ...], tuple[RunWarning, ...]]:
         """One for each camera whose boxes do not fit.
@@ -162,14 +163,15 @@ class _Pairs:
     def of(cls, camera: CameraSensor, samples: list[_Sample]) -> "_Pairs":
         boxes = np.concatenate([sample.boxes[camera.name] for sample in samples]).astype(np.float64)
         size = np.array([camera.model.width_px, camera.model.height_px] * 2, np.float64)
-        counts3d = np.array([len(sample.corners_site) for sample in samples])
+        counts3d = np.array([len(sample.objects) for sample in samples])
         counts2d = np.array([len(sample.boxes[camera.name]) for sample in samples])
         frame_of_box = np.repeat(np.arange(len(samples)), counts2d)
         repeats = counts3d[frame_of_box]
         rows2d = np.repeat(np.arange(len(boxes)), repeats)
         within = np.arange(len(rows2d)) - np.repeat(np.cumsum(repeats) - repeats, repeats)
         rows3d = np.repeat((np.cumsum(counts3d) - counts3d)[frame_of_box], repeats) + within
-        corners = np.concatenate([sample.corners_site for sample in samples])
+        placed = ((sample.objects.centers, sample.objects.sizes, sample.objects.yaws) for sample in samples)
+        corners = np.concatenate([box_corners(*of_frame) for of_frame in placed])
         return cls(camera, corners, np.clip(boxes, 0, size), rows3d, rows2d)
 
     def fit(self, T_camera_site: F64) -> float:

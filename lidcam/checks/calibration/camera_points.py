@@ -24,10 +24,11 @@ class CameraPoints:
         self._inverse = dict.fromkeys(self._cameras, 0)
         self._points = self._clouds = 0
 
-    def add(self, xyz_site: F32) -> None:
-        """Look at one cloud: (N, 3) points in the site frame, metres."""
-        if not self._cameras or not len(xyz_site) or self._clouds == MAX_CLOUDS:
+    def add(self, *parts_xyz_site: F32) -> None:
+        """Look at one cloud: (N, 3) points of each part of it in the site frame, metres."""
+        if not self._cameras or not any(map(len, parts_xyz_site)) or self._clouds == MAX_CLOUDS:
             return
+        xyz_site = np.concatenate(parts_xyz_site)
         sample = xyz_site[:: -(-len(xyz_site) // MAX_POINTS)].astype(np.float64)
         self._clouds += 1
         self._points += len(sample)

@@ -6,7 +6,6 @@ calibrated has 0.0 to 0.4 degrees on the sample recordings, on simulated drives 
 5 % of the size of its objects, where they fill much of the image. Turned by two degrees it has 1.5 to 2.7 degrees.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,16 +57,19 @@ class CameraShift:
     def __init__(self, rig: Rig) -> None:
         self._cameras = rig.cameras
         self._seen = {camera.name: EvenlyKept[_Seen](MAX_FRAMES) for camera in rig.cameras}
+        sizes_px = {camera.name: np.array([camera.model.width_px, camera.model.height_px]) for camera in rig.cameras}
+        self._limits_px = {name: size_px - BORDER_PX for name, size_px in sizes_px.items()}
 
     def add(self, frame: FrameResult) -> None:
         """Look at one frame."""
-        boxes2d: Mapping[str, Boxes2D] = frame.detections.cameras
-        for camera in self._cameras:
-            if camera.name in boxes2d:
-                pairs = _whole_pairs(camera, frame.matches[camera.name], boxes2d[camera.name], frame.hypotheses)
-                if len(pairs):
-                    middles = (pairs[..., :2] + pairs[..., 2:]) / 2
-                    self._seen[camera.name].add(_Seen(np.median(middles[:, 1] - middles[:, 0], axis=0), pairs[:, 1]))
+        for name, limit_px in self._limits_px.items():
+            boxes, matches = frame.detections.cameras.get(name), frame.matches.get(name)
+            if boxes is None or not matches:
+                continue
+            pairs = _whole_pairs(limit_px, matches, boxes, frame.hypotheses)
+            if len(pairs):
+                middles = (pairs[..., :2] + pairs[..., 2:]) / 2
+                self._seen[name].add(_Seen(_median(middles[:, 1] - middles[:, 0]), pairs[:, 1]))
 
     @property
     def warnings(self) -> tuple[RunWarning, ...]:
@@ -76,13 +78,19 @@ class CameraShift:
         return tuple(warning for warning in found if warning is not None)
 
 
-def _whole_pairs(camera: CameraSensor, matches: Matches, boxes: Boxes2D, hypotheses: Hypotheses) -> F64:
+def _whole_pairs(limit_px: F64, matches: Matches, boxes: Boxes2D, hypotheses: Hypotheses) -> F64:
     """(P, 2, 4) objects of the lidars, as they are projected, and their 2D boxes; in pixels, both wholly in view."""
     rows, rows2d = matches.pairs[matches.pairs[:, 0] < hypotheses.lidar_count].T
-    pairs = np.stack([matches.projected_xyxy[rows], boxes.xyxy[rows2d]], 1).astype(np.float64)
-    limit = np.array([camera.model.width_px, camera.model.height_px]) - BORDER_PX
-    whole = ((pairs[..., :2] > BORDER_PX) & (pairs[..., 2:] < limit)).all((1, 2))
+    side_by_side = np.concatenate([matches.projected_xyxy[rows], boxes.xyxy[rows2d]], 1)
+    pairs = side_by_side.astype(np.float64).reshape(-1, 2, 4)
+    whole = ((pairs[..., :2] > BORDER_PX) & (pairs[..., 2:] < limit_px)).all((1, 2))
     return np.asarray(pairs[whole & (matches.hidden[rows] <= MOST_HIDDEN)])
+
+
+def _median(values: F64) -> F64:
+    """(D,) of each column of (N, D): what numpy's gives, which takes ten times as long for a few."""
+    ordered = np.sort(values, axis=0)
+    return np.asarray((ordered[(len(values) - 1) // 2] + ordered[len(values) // 2]) / 2)
 
 
 def _warning(camera: CameraSensor, seen: list[_Seen]) -> RunWarning | None:

@@ -43,7 +43,7 @@ class CalibrationCheck:
             self._clouds |= {name: _thinned(cloud) for name, cloud in found.items() if len(cloud)}
         if self._lidars <= bundle.messages.keys():  # a camera may see only what a missing lidar does
             combined = frame.combined
-            self._points.add(np.concatenate([combined.cloud.xyz, combined.ground_cloud.xyz]))
+            self._points.add(combined.cloud.xyz, combined.ground_cloud.xyz)
             self._fit.add(frame)
             self._shift.add(frame)
 
@@ -73,7 +73,7 @@ def check_first_clouds(rig: Rig, config: Config, messages: Iterable[RawMessage])
     points = CameraPoints(rig)
     poses = {lidar.name: lidar.T_site_lidar for lidar in rig.lidars}
     sites = [poses[name].apply(cloud.xyz) for name, cloud in clouds.items()]
-    points.add(np.concatenate([np.zeros((0, 3), np.float32), *sites]))
+    points.add(*sites)
     return inverted_lidars(rig, config.combine, clouds) or points.warnings
 
 

@@ -8,7 +8,8 @@ Rules for such functions, so that every machine makes the same bytes:
 
 - No fast-math, no parallel loops: sums run in the written order, and no product is fused with a sum.
 - No sine, exponential or the like where a decision depends on it: they differ in the last bit between machines.
-- They use only functions and numbers of their own file: what is kept is not made anew when another file changes.
+- They use parts, compiled functions and numbers, of their own file or of others, by names of their own file
+  (`from ... import ...`): what is kept is made anew when one of these files or numbers changes.
 - Their files are imported where a stage is built, never for `--help`, and import no numba: it takes half a second.
 """
 

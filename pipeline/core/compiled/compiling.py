@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.core.compiled.machine_code import Argument, MachineCode, undefined_symbols
+from pipeline.core.compiled.parts import parts
 
 __all__ = ["OPTIONS", "STANDS_FOR", "UnknownCodeError", "dispatcher", "inner", "is_kept_by_numba", "machine_code"]
 
@@ -22,24 +23,29 @@ class UnknownCodeError(Exception):
     """Something in what numba made is not understood."""
 
 
-def dispatcher(function: Callable[..., Any], signature: str, **options: Any) -> Any:
+def dispatcher(function: Callable[..., Any], signature: str, *, name: str = "", **options: Any) -> Any:
     """Compiled by numba, for one type of arguments.
 
     Args:
         function: May call others that have `STANDS_FOR`.
         signature: As numba writes it.
+        name: Under which numba keeps it; that of the function if empty.
         options: Of `numba.njit`, beside `OPTIONS`.
     """
     import numba
 
-    made = numba.njit(**OPTIONS, **options)(_with_compiled_parts(function))
+    made = numba.njit(**OPTIONS, **options)(_with_compiled_parts(function, name))
     made.compile(signature)
     made.disable_compile()
     return made
 
 
-def is_kept_by_numba(function: Callable[..., Any]) -> bool:
+def is_kept_by_numba(function: Callable[..., Any], name: str) -> bool:
     """Whether an earlier process seems to have made it; a kept file may be of another version.
+
+    Args:
+        function: Any.
+        name: Under which numba would keep it.
 
     Raises:
         RuntimeError: numba finds no place to keep it in.
@@ -48,7 +54,7 @@ def is_kept_by_numba(function: Callable[..., Any]) -> bool:
 
     folder = numba.njit(cache=True)(function).stats.cache_path
     with suppress(OSError):
-        return folder is not None and any(Path(folder).glob(f"*.{function.__qualname__}-*.nbi"))
+        return folder is not None and any(Path(folder).glob(f"*.{name}-*.nbi"))
     return False
 
 
@@ -101,13 +107,13 @@ def _argument(kind: Any) -> Argument:
     raise UnknownCodeError(str(kind))
 
 
-def _with_compiled_parts(function: Callable[..., Any]) -> Callable[..., Any]:
+def _with_compiled_parts(function: Callable[..., Any], name: str = "") -> Callable[..., Any]:
     """The same function, calling compiled ones."""
     assert isinstance(function, FunctionType)
     known = dict(function.__globals__)
-    for name in {*function.__code__.co_names} & {*known}:
-        if isinstance(known[name], FunctionType):
-            known[name] = vars(known[name]).get(STANDS_FOR, lambda part=known[name]: part)()
+    for called, part in parts(function).items():
+        known[called] = vars(part).get(STANDS_FOR, lambda part=part: part)()
     same = FunctionType(function.__code__, known, function.__name__, function.__defaults__, function.__closure__)
-    same.__qualname__, same.__module__, same.__doc__ = function.__qualname__, function.__module__, function.__doc__
+    same.__qualname__ = name or function.__qualname__
+    same.__module__, same.__doc__ = function.__module__, function.__doc__
     return same

@@ -5,6 +5,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache, update_wrapper
+from hashlib import sha256
 from pathlib import Path
 from types import FunctionType
 from typing import Any, ParamSpec, TypeVar, cast
@@ -23,6 +24,7 @@ from pipeline.core.compiled.compiling import (
 )
 from pipeline.core.compiled.kept import Keeper
 from pipeline.core.compiled.linking import LinkError, link, made_for
+from pipeline.core.compiled.parts import MADE_BY, used
 
 __all__ = ["compiled", "compiled_as", "inlined"]
 
@@ -54,22 +56,31 @@ def compiled(signature: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
 
 
 def compiled_as(make: Callable[[], Any]) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """In compiled functions of the same file, something else stands for the decorated function.
+    """In compiled functions, something else stands for the decorated function.
 
     Args:
-        make: Makes what numba knows, when something that needs it is compiled; called once.
+        make: Makes what numba knows, when something that needs it is compiled; called once. It names the functions that
+            it uses, or encloses them, as compiled functions do.
     """
 
     def deciding(function: Callable[P, R]) -> Callable[P, R]:
-        vars(function)[STANDS_FOR] = cache(make)
-        return function
+        vars(function)[MADE_BY] = make
+        return _standing_for(make)(function)
 
     return deciding
 
 
 def inlined(function: Callable[P, R]) -> Callable[P, R]:
-    """A part of compiled functions of the same file, for any types of arguments."""
-    return compiled_as(lambda: inner(function))(function)
+    """A part of compiled functions, for any types of arguments."""
+    return _standing_for(lambda: inner(function))(function)
+
+
+def _standing_for(make: Callable[[], Any]) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    def deciding(function: Callable[P, R]) -> Callable[P, R]:
+        vars(function)[STANDS_FOR] = cache(make)
+        return function
+
+    return deciding
 
 
 def _linked(function: FunctionType, signature: str, made_of: str) -> Callable[..., Any] | None:
@@ -90,24 +101,26 @@ def _linked(function: FunctionType, signature: str, made_of: str) -> Callable[..
     except (LinkError, UnknownCodeError) as err:
         compile_log.debug("%s is left to numba: %s", name, err)
         return None
-    parts = compiled_as(lambda: made or dispatcher(function, signature))
-    return parts(update_wrapper(call, function))
+    part = _standing_for(lambda: made or dispatcher(function, signature))
+    return part(update_wrapper(call, function))
 
 
 def _keeper(function: FunctionType, made_of: str) -> Keeper | None:
     if "<" in function.__qualname__:  # a function within another may depend on the place where it was made
         return None
     with suppress(OSError):
-        return Keeper(Path(function.__code__.co_filename), function.__qualname__, made_of)
+        return Keeper(Path(function.__code__.co_filename), function.__qualname__, made_of, used(function))
     return None
 
 
 def _by_numba(function: FunctionType, signature: str) -> Callable[..., Any]:
     """As numba calls what it made; it keeps that itself, where it can."""
     try:
-        if not is_kept_by_numba(function):
+        # numba looks whether the file of the function has changed, and at its name, but not at what it uses.
+        name = f"{function.__qualname__}_{sha256(used(function)).hexdigest()[:16]}"
+        if not is_kept_by_numba(function, name):
             _tell()
-        return cast("Callable[..., Any]", dispatcher(function, signature, cache=True))
+        return cast("Callable[..., Any]", dispatcher(function, signature, name=name, cache=True))
     except (OSError, RuntimeError) as err:
         if not isinstance(err, OSError) and "cannot cache function" not in str(err):
             raise

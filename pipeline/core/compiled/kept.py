@@ -1,8 +1,8 @@
 """Where machine code is kept between processes, and for what it is valid.
 
 It is kept beside the source, in `__pycache__`; where that cannot be written, in the user's cache; or in the folder that
-`NUMBA_CACHE_DIR` names. It is read from any of these. A file is valid for one text of the source, one version of the
-libraries and one processor; its first bytes say for which, and that it is whole.
+`NUMBA_CACHE_DIR` names. It is read from any of these. A file is valid for one text of the source and of what that uses,
+one version of the libraries and one processor; its first bytes say for which, and that it is whole.
 """
 
 import hashlib
@@ -21,20 +21,21 @@ DIGEST = hashlib.sha256
 class Keeper:
     """Keeps the machine code of a function."""
 
-    def __init__(self, source: Path, function: str, made_for: str) -> None:
+    def __init__(self, source: Path, function: str, made_for: str, used: bytes = b"") -> None:
         """Read the source.
 
         Args:
             source: Path of the file with the function.
             function: Its qualified name.
-            made_for: All that the machine code depends on beside the source.
+            made_for: What the machine code is for: what is kept for something else stays beside it.
+            used: All else that it depends on beside the source.
 
         Raises:
             OSError: the source cannot be read.
         """
         self._source = source
         self._name = f"{source.stem}.{function}.{_short(made_for)}.code"
-        self._key = DIGEST("\0".join((function, made_for, "")).encode() + source.read_bytes()).digest()
+        self._key = DIGEST("\0".join((function, made_for, "")).encode() + source.read_bytes() + b"\0" + used).digest()
 
     def read(self) -> MachineCode | None:
         """What was kept; nothing if it is not there, damaged, or of another source."""

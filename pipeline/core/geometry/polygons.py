@@ -21,15 +21,17 @@ def first_polygon_with(polygons: Sequence[F64], points: F64) -> I64:
     """
     rows = np.full(len(points), -1, np.int64)
     for row, polygon in reversed(list(enumerate(polygons))):
-        start, end = polygon, np.roll(polygon, -1, axis=0)
+        start, end = polygon, np.concatenate([polygon[1:], polygon[:1]])
         x, y = points[:, :1], points[:, 1:]
         along = end - start
         # > 0: the point lies left of the edge
         side = along[:, 0] * (y - start[:, 1]) - along[:, 1] * (x - start[:, 0])
         crosses = (start[:, 1] <= y) != (end[:, 1] <= y)
         inside = (crosses & ((side > 0) == (along[:, 1] > 0))).sum(1) % 2 == 1
-        low, high = np.minimum(start, end), np.maximum(start, end)
-        in_span = (x >= low[:, 0]) & (x <= high[:, 0]) & (y >= low[:, 1]) & (y <= high[:, 1])
-        on_edge = ((side == 0) & in_span).any(1)
-        rows[inside | on_edge] = row
+        rows[inside] = row
+        in_line = side == 0
+        if in_line.any():
+            low, high = np.minimum(start, end), np.maximum(start, end)
+            in_span = (x >= low[:, 0]) & (x <= high[:, 0]) & (y >= low[:, 1]) & (y <= high[:, 1])
+            rows[(in_line & in_span).any(1)] = row
     return rows

@@ -56,9 +56,14 @@ class Lenses:
         return select_rows(self, rows)
 
     @cached_property
+    def bent(self) -> Bools:
+        """(P,) whether a straight line may be bent in the image."""
+        return np.asarray(self.equidistant | self.coefficients.any(1))
+
+    @cached_property
     def bends(self) -> bool:
-        """Whether a straight line may be bent in one of the images."""
-        return bool(self.equidistant.any() or self.coefficients.any())
+        """Whether that is so in one of the images."""
+        return bool(self.bent.any())
 
     @property
     def arrays(self) -> tuple[F64, F64, Bools, F64]:

@@ -52,21 +52,21 @@ class RosMessages:
         """A message of any type, from its fields in order or by name."""
         return self._types.types[msgtype](*values, **fields)
 
-    def serialize(self, message: Any) -> memoryview:
+    def serialize(self, message: Any) -> bytes | memoryview:
         """The bytes of a message: ROS 1, or little-endian CDR, where arrays (N, 3) may stand for points.
 
         With CDR it may be `Columns` of one row.
         """
         if isinstance(message, Columns):
-            (data,) = self.serialize_all(message)
+            ((data,),) = self.serialize_all(message)
             return data
         if self.ros_version == 1:
             return self._types.serialize_ros1(message, message.__msgtype__)
         return self._cdr.encode(message)
 
-    def serialize_all(self, messages: Columns) -> list[memoryview]:
-        """The bytes of each message, as little-endian CDR."""
-        return self._columns.encode(messages)
+    def serialize_all(self, *messages: Columns) -> list[list[bytes]]:
+        """The bytes of each message of each columns, as little-endian CDR; to encode many at once is quicker."""
+        return self._columns.encode(*messages)
 
     def serialize_large(self, message: Any) -> tuple[bytes | memoryview, ...]:
         """The bytes of an image or a cloud in parts that follow each other, of which `data` is not copied.

@@ -70,16 +70,16 @@ def looks_at(
         nothing = np.zeros(shape, np.bool_), np.zeros(shape)
         return Looks(cameras, nothing[0], nothing[1], visible, is_matched, nothing[0].copy(), scores, iou)
     matches, models = [hypotheses.matches[name] for name in cameras], [views[name].model for name in cameras]
-    projected = np.stack([one.projected_xyxy for one in matches])
+    projected = np.array([one.projected_xyxy for one in matches])
     in_view = np.isfinite(projected[..., 0])
     xyxy = np.where(in_view[..., None], projected, np.float32(0))
     extent = xyxy[..., 2:] - xyxy[..., :2]
     border = np.array([(model.width_px, model.height_px) for model in models], np.float32)[:, None] - BORDER_PX
     is_cut = in_view & ((xyxy[..., :2] <= BORDER_PX) | (xyxy[..., 2:] >= border)).any(2)
-    pairs = np.nonzero(in_view)
+    pairs = in_view.nonzero()
     corners = box_corners(boxes.centers, boxes.sizes, boxes.yaws)
     covered = hidden_by_points([views[name] for name in cameras], combined.detection_cloud.xyz, corners, *pairs)
-    visible[pairs] = 1 - np.maximum(covered, np.stack([one.hidden for one in matches])[pairs])
+    visible[pairs] = 1 - np.maximum(covered, np.array([one.hidden for one in matches])[pairs])
     rows, found = np.concatenate([one.pairs for one in matches]).T
     camera = np.repeat(np.arange(len(cameras)), [len(one) for one in matches])
     found += np.cumsum([0, *(len(boxes2d[name]) for name in cameras)])[camera]

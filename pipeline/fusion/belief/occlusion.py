@@ -59,11 +59,13 @@ def hidden_by_points(
     """
     if not len(cameras):
         return np.zeros(0)
-    matrices = np.stack([view.T_camera_site.matrix for view in views])
-    low, cell = _cells(tuple(view.model for view in views))
+    is_used = np.zeros(len(views), np.bool_)
+    is_used[cameras] = True
+    low, cell = (values[is_used] for values in _cells(tuple(view.model for view in views)))
+    matrices = np.array([view.T_camera_site.matrix for view in views])[is_used]
     matrices32, low32, cell32 = (values.astype(np.float32) for values in (matrices, low, cell))
     nearest = nearest_in_cells(matrices32, _sampled(xyz_site), low32, cell32, COLUMNS, ROWS, NEAR_M)
-    pairs = np.ascontiguousarray(cameras), np.ascontiguousarray(objects)
+    pairs = (np.cumsum(is_used) - 1)[cameras], np.ascontiguousarray(objects)
     return nearer_shares(nearest, matrices, corners_site, *pairs, low, cell, NEAR_M, NEARER_SHARE, OPEN_CELLS)
 
 

@@ -115,13 +115,13 @@ the limits that the fit has: one simulated detector finds more, and is surer and
 
 def logit(scores: F64) -> F64:
     """Log odds of scores in [0, 1], which are limited by `SCORE_LIMIT`."""
-    limited = np.clip(scores, SCORE_LIMIT, 1 - SCORE_LIMIT)
+    limited = scores.clip(SCORE_LIMIT, 1 - SCORE_LIMIT)
     return np.asarray(np.log(limited / (1 - limited)))
 
 
 def probability(log_odds: F64) -> F64:
     """Probability of log odds, which are limited by `MOST_LOG_ODDS`."""
-    return np.asarray(1 / (1 + np.exp(-np.clip(log_odds, -MOST_LOG_ODDS, MOST_LOG_ODDS))))
+    return np.asarray(1 / (1 + np.exp(-log_odds.clip(-MOST_LOG_ODDS, MOST_LOG_ODDS))))
 
 
 def log_odds_before_cameras(
@@ -170,7 +170,7 @@ def camera_evidence(looks: Looks, plain_recall: F64, by: Coefficients) -> F64:
         by: The coefficients.
     """
     ratio = by.match + by.match_score * logit(looks.scores) + by.match_iou * looks.iou
-    shown = np.clip((looks.visible - HIDDEN_SHARE) / (FULL_VIEW_SHARE - HIDDEN_SHARE), 0, 1)
+    shown = ((looks.visible - HIDDEN_SHARE) / (FULL_VIEW_SHARE - HIDDEN_SHARE)).clip(0, 1)
     recall = plain_recall * shown * np.where(looks.is_cut, CUT_RECALL, 1.0) * looks.in_view
     missed = by.missed * np.log1p(-np.minimum(recall, MOST_RECALL))
     return np.where(looks.is_matched, ratio, missed)

@@ -19,6 +19,8 @@ __all__ = ["RecallCounts"]
 SIZE_EDGES_PX = (12.0, 24.0, 48.0, 96.0)
 """Sizes in the image, geometric means of width and height, between which recall is counted apart."""
 
+_EDGES_PX = np.array(SIZE_EDGES_PX)
+
 PRIOR_RECALL = (0.2, 0.45, 0.75, 0.9, 0.93)
 """Recall by size before anything is counted: between those of a small network and of the simulator's detector."""
 
@@ -66,7 +68,7 @@ class RecallCounts:
         rows = np.array([self._rows[name] for name in looks.cameras], np.intp)
         others = probability(before + joined_without_each(evidence, by))
         is_plain = looks.in_view & ~looks.is_cut & (looks.visible >= PLAIN_SHARE)
-        counted = np.nonzero(is_plain & (others >= SURE))
+        counted = (is_plain & (others >= SURE)).nonzero()
         cells, weights = rows[counted[0]] * len(PRIOR_RECALL) + _bins(looks.size_px[counted]), others[counted]
         self._seen += np.bincount(cells, weights, self._seen.size).reshape(self._seen.shape)
         self._found += np.bincount(cells, weights * looks.is_matched[counted], self._found.size).reshape(
@@ -86,4 +88,4 @@ class RecallCounts:
 
 
 def _bins(size_px: F64) -> Indices:
-    return np.searchsorted(SIZE_EDGES_PX, size_px, side="right")
+    return _EDGES_PX.searchsorted(size_px, side="right")

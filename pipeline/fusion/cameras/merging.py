@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64, Indices
+from pipeline.core.arrays import F64, I64, Indices, first_of_runs
 from pipeline.core.geometry.boxes import wrap_angle
 from pipeline.fusion.assignment_kernels import columns_of_classes
 from pipeline.fusion.cameras.merging_kernels import combine, mixture_means, near_worth
@@ -49,7 +49,7 @@ def moments(placements: Placements) -> Moments:
     covariances = np.zeros((len(xy), 3, 3))
     covariances[:, :2, :2] = spread
     # An axis has no front: the mean is taken of twice its angle.
-    length = np.clip(np.hypot(cos, sin), 1e-9, 1.0)
+    length = np.hypot(cos, sin).clip(1e-9, 1.0)
     covariances[:, 2, 2] = np.minimum(-np.log(length) / 2, MAX_YAW_VARIANCE) + (HEADINGS[1] ** 2) / 12
     return Moments(xy, wrap_angle(np.arctan2(sin, cos)) / 2, covariances)
 
@@ -65,69 +65,42 @@ def merge_sightings(placements: Placements, cameras: I64, class_ids: I64) -> tup
     Returns:
         (P,) the object of each sighting, numbered in order of their first one; and the places of the objects.
     """
-    count, objects = len(cameras), np.zeros(len(cameras), np.int64)
-    known = _Known(count)
-    xy, covariances, _, _ = _means(placements)
-    starts = np.flatnonzero(np.diff(cameras, prepend=-1))
-    for start, end in itertools.pairwise([*starts.tolist(), count]):
-        of_camera = slice(start, end)
-        worth = near_worth(
-            known.mean_xy[: known.count], known.spread[: known.count], xy[of_camera], covariances[of_camera], GATE
-        )
-        column_of = columns_of_classes(worth, known.class_ids[: known.count], class_ids[of_camera])
-        mine = np.flatnonzero(column_of >= 0)
-        theirs = column_of[mine]
-        is_new = np.ones(end - start, np.bool_)
-        is_new[theirs] = False
-        objects[start + theirs] = mine
-        fresh = start + np.flatnonzero(is_new)
-        objects[fresh] = known.count + np.arange(len(fresh))
-        if len(mine):
-            known.combine(placements, mine, start + theirs)
-        known.append(placements, class_ids, xy, covariances, fresh)
-    return objects, known.placements()
+    count = len(cameras)
+    known = _Known(placements)
+    mean_xy, spread = known.mean_xy.copy(), known.spread.copy()
+    first, is_first = np.arange(count), np.ones(count, np.bool_)
+    for start, end in itertools.pairwise([*first_of_runs(cameras).nonzero()[0].tolist(), count]):
+        objects, own = is_first[:start].nonzero()[0], slice(start, end)
+        worth = near_worth(known.mean_xy[objects], known.spread[objects], mean_xy[own], spread[own], GATE)
+        column_of = columns_of_classes(worth, class_ids[objects], class_ids[own])
+        matched = (column_of >= 0).nonzero()[0]
+        if len(matched):
+            rows, new_rows = objects[matched], start + column_of[matched]
+            first[new_rows], is_first[new_rows] = rows, False
+            known.combine(placements, rows, new_rows)
+    return (np.cumsum(is_first) - 1)[first], known.placements.select(is_first)
 
 
 class _Known:
-    """The objects of the cameras so far, with room for as many as there are sightings.
+    """What the cameras so far say of the object of each sighting, in the row of its first one.
 
     Attributes:
-        count: Their number N; what stands behind the first N rows means nothing.
-        xy: (P, H, 2) as `Placements.xy`.
-        covariances: (P, H, 2, 2) as `Placements.covariances`.
-        log_weights: (P, H) as `Placements.log_weights`.
-        class_ids: (P,) int64.
+        placements: (P) where the objects stand.
         mean_xy: (P, 2) mean over all headings.
         spread: (P, 2, 2) its covariance.
     """
 
-    def __init__(self, room: int) -> None:
-        self.count, headings = 0, len(HEADINGS)
-        self.xy, self.covariances = np.empty((room, headings, 2)), np.empty((room, headings, 2, 2))
-        self.log_weights, self.class_ids = np.empty((room, headings)), np.empty(room, np.int64)
-        self.mean_xy, self.spread = np.empty((room, 2)), np.empty((room, 2, 2))
+    def __init__(self, placements: Placements) -> None:
+        copies = placements.xy.copy(), placements.covariances.copy(), placements.log_weights.copy()
+        self.placements = Placements(*copies)
+        self.mean_xy, self.spread, _, _ = _means(placements)
 
-    def append(self, placements: Placements, class_ids: I64, mean_xy: F64, spread: F64, rows: Indices) -> None:
-        """Rows of sightings of which none is known yet, with their moments."""
-        new = slice(self.count, self.count + len(rows))
-        self.xy[new], self.covariances[new] = placements.xy[rows], placements.covariances[rows]
-        self.log_weights[new], self.class_ids[new] = placements.log_weights[rows], class_ids[rows]
-        self.mean_xy[new], self.spread[new] = mean_xy[rows], spread[rows]
-        self.count = new.stop
-
-    def combine(self, placements: Placements, rows: Indices, new_rows: Indices) -> None:
+    def combine(self, new: Placements, rows: Indices, new_rows: Indices) -> None:
         """Known objects with further sightings of them."""
-        squares, determinants = combine(
-            self.xy, self.covariances, placements.xy, placements.covariances, rows, new_rows
-        )
-        self.log_weights[rows] += placements.log_weights[new_rows] - (squares + np.log(determinants)) / 2
-        changed = Placements(self.xy[rows], self.covariances[rows], self.log_weights[rows])
-        self.mean_xy[rows], self.spread[rows], _, _ = _means(changed)
-
-    def placements(self) -> Placements:
-        """Of all of them."""
-        count = self.count
-        return Placements(self.xy[:count], self.covariances[:count], self.log_weights[:count])
+        known = self.placements
+        squares, determinants = combine(known.xy, known.covariances, new.xy, new.covariances, rows, new_rows)
+        known.log_weights[rows] += new.log_weights[new_rows] - (squares + np.log(determinants)) / 2
+        self.mean_xy[rows], self.spread[rows], _, _ = _means(known.select(rows))
 
 
 def _means(placements: Placements) -> tuple[F64, F64, F64, F64]:

@@ -139,7 +139,7 @@ class _Shape:
             *corners_seen(cos, sin, mean_m, FORWARD, LEFT),
             np.hypot(length_std * cos, width_std * sin) / 2,
             np.hypot(length_std * sin, width_std * cos),
-            np.stack([mean_m[:, 2], std_m[:, 2]], 1),
+            np.array([mean_m[:, 2], std_m[:, 2]]).T.copy(),
         )
 
 
@@ -154,7 +154,7 @@ def place(sightings: Sightings, priors: SizePriors, ground: Ground, noise: Noise
     """
     seen, class_ids = observe(sightings, noise), sightings.class_ids
     shape = _Shape.of(seen.middle, priors.mean_m[class_ids], priors.std_m[class_ids])
-    towards = np.stack([np.cos(seen.middle), np.sin(seen.middle)], 1)
+    towards = np.array([np.cos(seen.middle), np.sin(seen.middle)]).T.copy()
     edges = np.column_stack([seen.lower, seen.upper, seen.width, seen.stds])
     ground_noise = np.array([noise.ground_slope**2, noise.ground_m])
 
@@ -176,9 +176,9 @@ def place(sightings: Sightings, priors: SizePriors, ground: Ground, noise: Noise
     range_m = first_m
     for _ in range(STEPS):
         found, _ = improve(range_m)
-        range_m = range_m * np.exp(np.clip(found[0], -MAX_STEP, MAX_STEP))
+        range_m = range_m * np.exp(found[0].clip(-MAX_STEP, MAX_STEP))
     (_, information, square, product), corners = improve(range_m)
-    sides = np.stack([seen.left, seen.width], 1)
+    sides = np.array([seen.left, seen.width]).T.copy()
     bearing, std = bearings_between_sides(corners, sides, seen.stds, shape.across_std, range_m, noise.bearing_rad)
     xy, covariances = laid_out(sightings.origin, range_m, information, std, np.cos(bearing), np.sin(bearing))
     return Placements(xy, covariances, -(square + np.log(product)) / 2)

@@ -29,9 +29,4 @@ def rays_of_pixels(lenses: Lenses, pixels: F64) -> tuple[F64, Bools]:
         (P, S, 3) directions in the optical frames, of depth 1; and (P, S) whether there is such a ray. Where there is
         none, the direction is the optical axis.
     """
-    K = lenses.K[:, None]
-    if lenses.bends:
-        return lens_kernels.rays_of_pixels(np.ascontiguousarray(pixels), *lenses.arrays, MAX_STEPS, NEAR_PX)
-    y = (pixels[..., 1] - 0.5 - K[..., 1, 2]) / K[..., 1, 1]
-    x = (pixels[..., 0] - 0.5 - K[..., 0, 2] - K[..., 0, 1] * y) / K[..., 0, 0]
-    return np.stack([x, y, np.ones(x.shape)], -1), np.ones(x.shape, np.bool_)
+    return lens_kernels.rays_of_pixels(np.ascontiguousarray(pixels), *lenses.arrays, MAX_STEPS, NEAR_PX)

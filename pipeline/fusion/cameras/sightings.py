@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64, Bools, Rows
+from pipeline.core.arrays import F64, I64, Bools, Rows, select_rows
 from pipeline.core.camera import BORDER_PX
 from pipeline.core.detections import Boxes2D
 from pipeline.core.rig import CameraSensor
@@ -55,39 +55,27 @@ class Sightings:
 
     def select(self, rows: Rows) -> "Sightings":
         """The given rows (mask or indices), in that order."""
-        if rows.dtype == np.bool_:
-            rows = np.flatnonzero(rows)
-        return Sightings(
-            self.cameras.take(rows),
-            self.rows.take(rows),
-            self.xyxy.take(rows, axis=0),
-            self.cut.take(rows, axis=0),
-            self.scores.take(rows),
-            self.class_ids.take(rows),
-            self.stamps_ns.take(rows),
-            self.views.select(rows),
-            self.origin.take(rows, axis=0),
-            self.rays.take(rows, axis=0),
-        )
+        return select_rows(self, rows)
 
 
 def see(views: Mapping[str, CameraSensor], boxes2d: Mapping[str, Boxes2D]) -> Sightings:
     """The boxes of every camera that has some, but for boxes that leave nothing of themselves in it."""
     found = FoundBoxes.of(boxes2d, tuple(views))
-    cameras = camera_arrays(tuple(views.values())).select(found.cameras)
-    size = np.concatenate([cameras.image_sizes, cameras.image_sizes], 1)
-    xyxy = found.xyxy.astype(np.float64).clip(0, size)
+    rig = camera_arrays(tuple(views.values()))
+    cameras = rig.select(found.cameras)
+    limits = cameras.limits
+    xyxy = found.xyxy.astype(np.float64).clip(0, limits)
     rays, sound = rays_of_pixels(cameras.lenses, _outline(xyxy))
     table = Sightings(
         found.cameras,
         found.rows,
         xyxy,
-        np.concatenate([xyxy[:, :2] <= BORDER_PX, xyxy[:, 2:] >= size[:, 2:] - BORDER_PX], 1),
+        np.concatenate([xyxy[:, :2] <= BORDER_PX, xyxy[:, 2:] >= limits[:, 2:] - BORDER_PX], 1),
         found.scores.astype(np.float64),
         found.class_ids.astype(np.int64),
         found.stamps_ns,
         cameras,
-        -(cameras.rotations * cameras.translations[:, :, None]).sum(1),
+        rig.positions[found.cameras],
         (cameras.rotations[:, None] * rays[..., None]).sum(2),
     )
     shown = np.isfinite(xyxy).all(1) & np.asarray(sound.all(1)) & (xyxy[:, 2:] - xyxy[:, :2] >= LEAST_PX).all(1)

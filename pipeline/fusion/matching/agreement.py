@@ -34,6 +34,8 @@ UNKNOWN_SHARE, UNKNOWN_YAW = 0.1, 0.2
 LEAST_M, LEAST_RAD = 1e-3, 1e-2
 """Smallest standard deviations: a box is not known better."""
 
+_LEAST = np.diag([LEAST_M, LEAST_M, LEAST_RAD]) ** 2
+
 
 @dataclass(frozen=True, eq=False)
 class BoxBelief:
@@ -106,12 +108,14 @@ def feature_jacobian(xyxy: F32, jacobian: F64) -> F64:
 
 def prior_covariances(boxes: Boxes3D) -> F64:
     """(N, 3, 3) covariances of the boxes, with a guess by their size where they are unknown."""
-    guess = np.zeros((len(boxes), 3, 3))
-    guess[:, 0, 0] = guess[:, 1, 1] = (UNKNOWN_SHARE * boxes.sizes[:, :2].mean(1)) ** 2
-    guess[:, 2, 2] = UNKNOWN_YAW**2
-    unknown = (boxes.covariances == 0).all((1, 2))
-    least = np.diag([LEAST_M, LEAST_M, LEAST_RAD]) ** 2
-    return np.asarray(np.where(unknown[:, None, None], guess, boxes.covariances) + least)
+    known = boxes.covariances
+    unknown = (known == 0).all((1, 2))
+    if unknown.any():
+        guess = np.zeros((len(boxes), 3, 3))
+        guess[:, 0, 0] = guess[:, 1, 1] = (UNKNOWN_SHARE * boxes.sizes[:, :2].mean(1)) ** 2
+        guess[:, 2, 2] = UNKNOWN_YAW**2
+        known = np.where(unknown[:, None, None], guess, known)
+    return np.asarray(known + _LEAST)
 
 
 def spread(covariances: F64, jacobians: F64) -> F64:

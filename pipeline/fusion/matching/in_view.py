@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, I64, Bools, check_array
+from pipeline.core.arrays import F32, F64, I64, Bools
 from pipeline.core.camera import EDGE_SHARES, NEAR_M
 from pipeline.core.detections import Boxes3D
 from pipeline.core.errors import FrameError
@@ -15,6 +15,7 @@ from pipeline.core.geometry.boxes import box_corners
 from pipeline.core.optics.lens_kernels import rectangles_of_cut_boxes
 from pipeline.core.rig import CameraSensor
 from pipeline.fusion.matching.in_view_kernels import clipped_edges, in_pyramids, seen_from
+from pipeline.fusion.outline import cuboid_outline
 from pipeline.fusion.projection import CameraArrays, project_edges
 
 __all__ = ["InView", "project_into_views"]
@@ -38,14 +39,6 @@ class InView:
     xyxy: F32
     jacobian: F64
     ranges_m: F64
-
-    def __post_init__(self) -> None:
-        n = len(self.rows)
-        check_array("cameras", self.cameras, (n,), np.int64)
-        check_array("rows", self.rows, (n,), np.int64)
-        check_array("xyxy", self.xyxy, (n, 4), np.float32)
-        check_array("jacobian", self.jacobian, (n, 4, 3), np.float64)
-        check_array("ranges_m", self.ranges_m, (n,), np.float64)
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -74,16 +67,18 @@ def project_into_views(boxes: Boxes3D, views: Sequence[CameraSensor], arrays: Ca
         near = _in_cones(centers_camera, radii_m, angles)
     else:
         near = in_pyramids(centers_camera, radii_m, *_pyramids(arrays), NEAR_M)
-    cameras, rows = (np.ascontiguousarray(pairs) for pairs in np.nonzero(near))
-    placed, own = (boxes.centers[rows], boxes.sizes[rows], boxes.yaws[rows]), arrays.select(cameras)
-    edges = project_edges(*placed, own)
+    cameras, rows = (np.ascontiguousarray(pairs) for pairs in near.nonzero())
+    placed = boxes.centers.take(rows, 0), boxes.sizes.take(rows, 0), boxes.yaws.take(rows)
+    outline = cuboid_outline(bent=bool(arrays.lenses.bent[cameras].any()))
+    edges = project_edges(*placed, arrays, outline, rows=cameras)
     xyxy, jacobian, cut = clipped_edges(edges.xyxy, edges.jacobian, edges.valid, cameras, arrays.image_sizes)
     if len(cut):  # boxes beside the camera: cut edges, without derivatives
-        xyxy[cut] = _cut_rectangles(box_corners(*(array[cut] for array in placed)), own.select(cut))
-    seen = np.flatnonzero((xyxy[:, 2] > xyxy[:, 0]) & (xyxy[:, 3] > xyxy[:, 1]))
-    cameras, rows = cameras[seen], rows[seen]
+        xyxy[cut] = _cut_rectangles(box_corners(*(array[cut] for array in placed)), arrays.select(cameras[cut]))
+    shown = (xyxy[:, 2] > xyxy[:, 0]) & (xyxy[:, 3] > xyxy[:, 1])
+    if not shown.all():
+        cameras, rows, xyxy, jacobian = cameras[shown], rows[shown], xyxy[shown], jacobian[shown]
     ranges_m = np.sqrt((centers_camera[cameras, rows] ** 2).sum(1))
-    return InView(cameras, rows, xyxy[seen].astype(np.float32), jacobian[seen], ranges_m)
+    return InView(cameras, rows, xyxy.astype(np.float32), jacobian, ranges_m)
 
 
 def _cut_rectangles(corners: F64, cameras: CameraArrays) -> F32:

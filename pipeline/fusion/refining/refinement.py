@@ -13,13 +13,12 @@ Residuals are weighed by a Cauchy distribution (iteratively reweighted), so that
 """
 
 from dataclasses import dataclass
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 
-from pipeline.core.arrays import F64, Bools, check_array
+from pipeline.core.arrays import F64, Bools, first_of_runs
 from pipeline.core.detections import Boxes3D
-from pipeline.core.geometry.boxes import rotations_2d
 from pipeline.fusion.outline import Outline
 from pipeline.fusion.projection import project_edges
 from pipeline.fusion.refining.box_prior import BoxPrior
@@ -45,15 +44,13 @@ LEAST_SIZE, MOST_SIZE = 0.5, 1.5
 """Bounds of a refined length and width, as shares of the prior's."""
 
 _OFFSETS = np.linspace(-SPAN, SPAN, YAWS)
-_ONE = np.eye(6)
 
 _YAW = 2
 _REST = np.array([0, 1, 3, 4, 5, 6])
 """Rows of `box_prior.STATES` that are solved for at a given yaw."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class RefinedBoxes:
+class RefinedBoxes(NamedTuple):
     """N boxes after refinement.
 
     Attributes:
@@ -75,16 +72,6 @@ class RefinedBoxes:
     accepted: Bools
     costs: F64
 
-    def __post_init__(self) -> None:
-        n = len(self.yaws)
-        check_array("centers_xy", self.centers_xy, (n, 2), np.float64)
-        check_array("yaws", self.yaws, (n,), np.float64)
-        check_array("lengths_widths", self.lengths_widths, (n, 2), np.float64)
-        check_array("covariances", self.covariances, (n, 3, 3), np.float64)
-        check_array("later_s", self.later_s, (n,), np.float64)
-        check_array("accepted", self.accepted, (n,), np.bool_)
-        check_array("costs", self.costs, (n,), np.float64)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Problem:
@@ -94,25 +81,23 @@ class _Problem:
     prior: BoxPrior
     edges: MeasuredEdges
     outline: Outline
-    limits: F64
     cosines: F64
     sines: F64
 
     @classmethod
     def of(cls, boxes: Boxes3D, prior: BoxPrior, edges: MeasuredEdges, outline: Outline) -> Self:
         """The problem, with what is the same in all steps."""
-        limits = np.tile(edges.cameras.image_sizes, 2)
-        return cls(boxes, prior, edges, outline, limits, np.cos(boxes.yaws), np.sin(boxes.yaws))
+        return cls(boxes, prior, edges, outline, np.cos(boxes.yaws), np.sin(boxes.yaws))
 
     def linearised(self, states: F64) -> tuple[F64, F64, F64]:
-        """Normal matrices (N, K, 6, 6), gradients (N, K, 6) and costs (N, K) at states (N, K, 7) less the prior's."""
+        """What `normal_equations` gives at states (N, K, 7) less the prior's."""
         boxes, edges = self.boxes, self.edges
         turns = self.cosines, self.sines
         placed = boxes.centers, boxes.sizes, boxes.yaws
         tried = boxes_at(states, edges.rows, edges.later_s, *placed, *turns, LEAST_SIZE, MOST_SIZE)
         pairs = np.repeat(np.arange(len(edges)), states.shape[1])
         found = project_edges(*tried, edges.cameras, self.outline, rows=pairs)
-        measured = edges.xyxy, edges.sigma_px, self.limits, edges.later_s
+        measured = edges.xyxy, edges.sigma_px, edges.cameras.limits, edges.later_s
         return normal_equations(
             states, self.prior.information, edges.rows, found.xyxy, found.jacobian, *measured, *turns, BORDER, CAUCHY
         )
@@ -127,18 +112,37 @@ class _Problem:
         """
         yaw_sigma = np.sqrt(covariances[:, _YAW, _YAW])
         states = means[:, None] + _OFFSETS[:, None] * (covariances[:, _YAW] / yaw_sigma[:, None])[:, None]
-        for left in reversed(range(steps)):
-            normal, pull, cost = self.linearised(states)
-            right = np.zeros((*pull.shape, 1 if left else 7))
-            right[..., 0] = pull
-            if not left:  # the inverse, for the covariance
-                right[..., 1:] = _ONE
+        for _ in range(steps):
+            normal, right, cost = self.linearised(states)
             found, log_det = solve(normal, right)
-            step = found[..., 0]
-            states[..., _REST] += step
-        log_odds = -(cost - (step * pull).sum(2) + log_det) / 2
+            states[..., _REST] += found[..., 0]
+        log_odds = -(cost - (found[..., 0] * right[..., 0]).sum(2) + log_det) / 2
         about_each = (yaw_sigma * (_OFFSETS[1] - _OFFSETS[0])) ** 2 / 12
         return averaged_states(states, log_odds, np.ascontiguousarray(found[..., 1:]), about_each)
+
+    def best_known(self, covariances: F64) -> tuple[F64, F64]:
+        """When the place of each box is known best, between cloud and images.
+
+        The speed is hardly known, so the place is known best at the time of what tells most of it: the more an image
+        says, the nearer to the time of the image.
+
+        Args:
+            covariances: (N, 7, 7) of the states.
+
+        Returns:
+            (N,) seconds after the time of the prior; (N, 3, 7) x, y and yaw at that time by the states.
+        """
+        turn = np.column_stack([self.cosines, -self.sines, self.sines, self.cosines]).reshape(-1, 2, 2)
+        common = np.einsum("nij,nij->n", turn, covariances[:, :2, 5:])
+        later_s = -common / (covariances[:, 5, 5] + covariances[:, 6, 6])
+        starts = np.flatnonzero(first_of_runs(self.edges.rows))
+        measured_s = self.edges.later_s
+        first_s, last_s = np.minimum.reduceat(measured_s, starts), np.maximum.reduceat(measured_s, starts)
+        later_s = np.clip(later_s, np.minimum(first_s, 0.0), np.maximum(last_s, 0.0))
+        moved = np.zeros((len(turn), 3, 7))
+        moved[:, :, :3] = np.eye(3)
+        moved[:, :2, 5:] = turn * later_s[:, None, None]
+        return later_s, moved
 
 
 def predicted_edges(boxes: Boxes3D, edges: MeasuredEdges, outline: Outline) -> tuple[F64, F64, Bools]:
@@ -154,7 +158,7 @@ def predicted_edges(boxes: Boxes3D, edges: MeasuredEdges, outline: Outline) -> t
     """
     rows = edges.rows
     found = project_edges(boxes.centers[rows], boxes.sizes[rows], boxes.yaws[rows], edges.cameras, outline)
-    return found.xyxy, found.jacobian[..., :3], found.valid
+    return found.xyxy, found.jacobian[..., :3].copy(), found.valid
 
 
 def refine_boxes(boxes: Boxes3D, prior: BoxPrior, edges: MeasuredEdges, outline: Outline) -> RefinedBoxes:
@@ -181,7 +185,7 @@ def refine_boxes(boxes: Boxes3D, prior: BoxPrior, edges: MeasuredEdges, outline:
     follows[:, _YAW] = prior.yaw_shares
     mean, covariances = follows * mean, follows[:, :, None] * covariances * follows[:, None]
     covariances[:, _YAW, _YAW] += prior.yaw_rests
-    later_s, moved = _best_known(boxes, edges, covariances)
+    later_s, moved = problem.best_known(covariances)
     extent = boxes.sizes[:, :2]
     return RefinedBoxes(
         boxes.centers[:, :2] + np.einsum("nij,nj->ni", moved, mean)[:, :2],
@@ -192,24 +196,3 @@ def refine_boxes(boxes: Boxes3D, prior: BoxPrior, edges: MeasuredEdges, outline:
         accepted,
         np.ascontiguousarray(costs[:, 1]),
     )
-
-
-def _best_known(boxes: Boxes3D, edges: MeasuredEdges, covariances: F64) -> tuple[F64, F64]:
-    """When the place of each box is known best, between cloud and images.
-
-    The speed is hardly known, so the place is known best at the time of what tells most of it: the more an image says,
-    the nearer to the time of the image.
-
-    Returns:
-        (N,) seconds after the time of the prior; (N, 3, 7) x, y and yaw at that time by the states.
-    """
-    turn = rotations_2d(boxes.yaws)
-    common = np.einsum("nij,nij->n", turn, covariances[:, :2, 5:])
-    later_s = -common / (covariances[:, 5, 5] + covariances[:, 6, 6])
-    starts = np.searchsorted(edges.rows, np.arange(len(boxes)))
-    first, last = np.minimum.reduceat(edges.later_s, starts), np.maximum.reduceat(edges.later_s, starts)
-    later_s = np.clip(later_s, np.minimum(first, 0.0), np.maximum(last, 0.0))
-    moved = np.zeros((len(boxes), 3, 7))
-    moved[:, :, :3] = np.eye(3)
-    moved[:, :2, 5:] = turn * later_s[:, None, None]
-    return later_s, moved

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pipeline.core.arrays import I64, Bools
+from pipeline.core.arrays import I64, Bools, first_of_runs
 from pipeline.core.detections import Boxes3D
 from pipeline.core.geometry.boxes import wrap_angle
 from pipeline.fusion.refining.box_prior import MOST_YAW_RAD, SQUARE
@@ -41,7 +41,8 @@ def with_turned(boxes: Boxes3D, edges: MeasuredEdges) -> tuple[Boxes3D, Measured
     own = np.arange(len(boxes))
     is_long = boxes.sizes[:, 0] > SQUARE * boxes.sizes[:, 1]
     is_unknown = is_long & (boxes.covariances[:, 2, 2] > MOST_YAW_RAD**2)
-    is_unknown &= np.bincount(edges.rows, minlength=len(boxes)) > 0
+    if is_unknown.any():
+        is_unknown &= np.bincount(edges.rows, minlength=len(boxes)) > 0
     unknown = np.flatnonzero(is_unknown)
     if not len(unknown):
         return boxes, edges, own
@@ -75,9 +76,11 @@ def better_turned(objects: I64, found: RefinedBoxes, turned_of: I64) -> Bools:
         turned_of: See there.
     """
     stands_for = turned_of[objects]
-    costs = np.where(found.accepted, found.costs + TURNED_COST * (stands_for != objects), np.inf)
+    is_turned = stands_for != objects
+    if not is_turned.any():
+        return np.ones(len(objects), np.bool_)
+    costs = np.where(found.accepted, found.costs + TURNED_COST * is_turned, np.inf)
     order = np.lexsort((objects, costs, stands_for))
-    first = np.diff(stands_for[order], prepend=-1) != 0
     better = np.zeros(len(objects), np.bool_)
-    better[order[first]] = True
+    better[order[first_of_runs(stands_for[order])]] = True
     return better

@@ -8,7 +8,7 @@ Positions are walked over in Python, numbers are gathered by numpy at the end.
 import struct
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -234,6 +234,7 @@ def _text(encoded: bytes) -> str:
 
 def _doubles(data: bytes, places: list[int], count: int, order: Literal["<", ">"]) -> F64:
     """(len(places), count) numbers that begin at the places."""
-    octets = np.frombuffer(data, np.uint8)
-    picked: Any = octets[np.array(places, np.intp)[:, None] + np.arange(8 * count)]
-    return np.asarray(picked.view(f"{order}f8"), np.float64)
+    picked = b"".join([data[place : place + 8 * count] for place in places])
+    if len(picked) != 8 * count * len(places):
+        raise _UnfitError
+    return np.frombuffer(picked, f"{order}f8").reshape(-1, count).astype(np.float64, copy=False)

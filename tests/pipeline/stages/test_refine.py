@@ -183,7 +183,7 @@ def test_what_the_border_of_an_image_cuts_keeps_its_length() -> None:
     # Its rear is below the image, so its right edge is where its side leaves the image.
     long, camera = boxes3d([(9.0, 1.0, -4.0, 7.0, 2.5, 0.5, 0.7)], deviations=(0.3, 0.3, 0.03)), forward_camera()
     whole = edges_in_view(long.centers, long.sizes, long.yaws, camera)
-    inward_px = moved_by_borders(long, CameraArrays.of([camera]))[0] * [1, 1, -1, -1]
+    inward_px = moved_by_borders(long, np.arange(1), CameraArrays.of([camera]))[0] * [1, 1, -1, -1]
     assert np.abs(inward_px[[0, 2]]).max() > 50
     shown = np.clip(whole.xyxy[0] + inward_px, 0, [640, 480] * 2)
     seen, nothing = {"cam": boxes2d([(*shown, 0.9, 0)])}, np.zeros(1, np.float32)

@@ -117,6 +117,40 @@ def test_a_changed_source_is_compiled_anew(tmp_path: Path, caplog: pytest.LogCap
     assert loaded(tmp_path).both(np.array([3.0]), 1)[0] == 6
 
 
+@pytest.mark.parametrize("known", [True, False], ids=["linked", "left to numba"])
+def test_a_change_in_a_file_that_is_used_is_compiled_anew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, known: bool
+) -> None:
+    caplog.set_level(logging.INFO)
+    if not known:
+        monkeypatch.setattr(tested, "made_for", lambda: None)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)  # Python would take that of a file as old and as long
+    text = """
+from pipeline.core.compiled import compiled
+from part_of_sums import FACTOR, times
+
+@compiled("float64(float64)")
+def product(value):
+    return FACTOR * times(value)
+"""
+
+    def product(factor: int, more: int) -> float:
+        monkeypatch.delitem(sys.modules, "part_of_sums", raising=False)
+        importlib.invalidate_caches()
+        part = f"from pipeline.core.compiled import inlined\n\nFACTOR = {factor}\n\n"
+        part += f"@inlined\ndef times(value):\n    return value + {more}\n"
+        (tmp_path / "part_of_sums.py").write_text(part, encoding="utf-8")
+        monkeypatch.setattr(tested, "_told", False)
+        result: float = loaded(tmp_path, text).product(1.0)
+        return result
+
+    assert (product(2, 3), words(caplog)) == (8, [WORD])
+    assert (product(2, 3), words(caplog)) == (8, [])
+    assert (product(2, 4), words(caplog)) == (10, [WORD])
+    assert (product(3, 4), words(caplog)) == (15, [WORD])
+
+
 def test_one_that_is_missing_calls_one_that_is_kept(tmp_path: Path) -> None:
     loaded(tmp_path)
     (kept,) = (tmp_path / "__pycache__").glob("sums.both.*.code")

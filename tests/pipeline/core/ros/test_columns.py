@@ -10,13 +10,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rosbags.interfaces import Nodetype
 
-from pipeline.core.ros.columns import Columns, Lists
+from pipeline.core.ros.columns import Columns, ColumnsEncoder, Lists
 from pipeline.core.ros.messages import ROS2
 from pipeline.core.ros.typestores import message_types
 
 STORE = message_types(2)
 DTYPES = {"byte": "int8", "char": "uint8"}
 ARRAYS_OF_MESSAGES = {"geometry_msgs/msg/Point", "foxglove_msgs/msg/Point2", "foxglove_msgs/msg/Color"}
+
+
+def all_bytes(columns: Columns) -> list[bytes]:
+    """The bytes of each message."""
+    (found,) = ROS2.serialize_all(columns)
+    return found
 
 
 def fields_of(msgtype: str) -> Any:
@@ -82,7 +88,7 @@ def test_columns_of_every_type_that_is_written_have_the_bytes_of_rosbags(msgtype
     for count in (0, 1, 3):
         messages = [made(msgtype, rng) for _ in range(count)]
         expected = [bytes(STORE.serialize_cdr(message, msgtype)) for message in messages]
-        assert [bytes(data) for data in ROS2.serialize_all(columns_of(messages, msgtype, rng))] == expected
+        assert [bytes(data) for data in all_bytes(columns_of(messages, msgtype, rng))] == expected
 
 
 @given(seed=st.integers(0, 2**32), longest=st.integers(0, 4), count=st.integers(0, 4))
@@ -90,12 +96,12 @@ def test_any_scenes_have_the_bytes_of_rosbags(seed: int, longest: int, count: in
     rng, msgtype = np.random.default_rng(seed), "foxglove_msgs/msg/SceneEntity"
     messages = [made(msgtype, rng, longest) for _ in range(count)]
     expected = [bytes(STORE.serialize_cdr(message, msgtype)) for message in messages]
-    assert [bytes(data) for data in ROS2.serialize_all(columns_of(messages, msgtype, rng))] == expected
+    assert [bytes(data) for data in all_bytes(columns_of(messages, msgtype, rng))] == expected
 
 
 def test_what_is_left_out_is_zero_or_empty() -> None:
     empty = made("visualization_msgs/msg/Marker", np.random.default_rng(0), 0)
-    (data,) = ROS2.serialize_all(Columns("visualization_msgs/msg/Marker"))
+    (data,) = all_bytes(Columns("visualization_msgs/msg/Marker"))
     found: Any = STORE.deserialize_cdr(data, empty.__msgtype__)
     assert len(data) <= len(STORE.serialize_cdr(empty, empty.__msgtype__))
     assert (found.header.frame_id, found.ns, found.id, found.pose.orientation.w, found.points) == ("", "", 0, 0.0, [])
@@ -104,10 +110,32 @@ def test_what_is_left_out_is_zero_or_empty() -> None:
 def test_one_value_stands_for_all_rows() -> None:
     header = Columns("std_msgs/msg/Header", frame_id="site")
     poses = Columns("geometry_msgs/msg/PoseStamped", 3, header=header, pose=(1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 1.0))
-    first, second, third = ROS2.serialize_all(poses)
+    first, second, third = all_bytes(poses)
     assert first == second == third
     found: Any = STORE.deserialize_cdr(first, "geometry_msgs/msg/PoseStamped")
     assert (found.header.frame_id, found.pose.position.z, found.pose.orientation.w) == ("site", 3.0, 1.0)
+
+
+def test_a_message_within_may_be_given_as_its_bytes() -> None:
+    stamp, text = struct.pack("<iI", 5, 6), struct.pack("<I", 5) + b"site\0"
+    by_bytes = Columns("foxglove_msgs/msg/SceneEntityDeletion", 2, timestamp=stamp, id=["a", "long"])
+    by_fields = Columns(
+        "foxglove_msgs/msg/SceneEntityDeletion", 2, timestamp=Columns(TIME, sec=5, nanosec=6), id=["a", "long"]
+    )
+    assert all_bytes(by_bytes) == all_bytes(by_fields)
+    header = Columns(HEADER, stamp=stamp, frame_id="site")
+    poses = [Columns("geometry_msgs/msg/PoseStamped", header=one) for one in (header, stamp + text)]
+    assert all_bytes(poses[0]) == all_bytes(poses[1])
+
+
+def test_columns_of_several_types_are_encoded_at_once_however_long_they_are() -> None:
+    rng = np.random.default_rng(3)
+    messages = [made(msgtype, rng, 40) for msgtype in ("visualization_msgs/msg/Marker", HEADER) for _ in range(30)]
+    some = [columns_of(messages[:30], messages[0].__msgtype__, rng), columns_of(messages[30:], HEADER, rng)]
+    found = ColumnsEncoder(STORE).encode(some[0], Columns(HEADER, 0), some[1])
+    assert list(map(len, found)) == [30, 0, 30]
+    assert [*found[0], *found[2]] == [bytes(STORE.serialize_cdr(one, one.__msgtype__)) for one in messages]
+    assert ColumnsEncoder(STORE).encode() == []
 
 
 POSE, HEADER, TIME = "geometry_msgs/msg/Pose", "std_msgs/msg/Header", "builtin_interfaces/msg/Time"
@@ -117,6 +145,11 @@ LINES, STATUS = "foxglove_msgs/msg/LinePrimitive", "diagnostic_msgs/msg/Diagnost
 @pytest.mark.parametrize(
     ("columns", "error", "told"),
     [
+        (
+            Columns("vision_msgs/msg/ObjectHypothesisWithPose", hypothesis=b""),
+            ValueError,
+            "bytes depend on what is before",
+        ),
         (Columns(HEADER, frames=1), LookupError, "std_msgs/msg/Header has no frames"),
         (Columns(HEADER, 2, frame_id=["a"]), ValueError, "texts: expected 2, found 1"),
         (Columns(HEADER, 2, stamp=Columns(TIME, 3)), ValueError, "expected 2 rows, found 3"),
@@ -150,4 +183,4 @@ LINES, STATUS = "foxglove_msgs/msg/LinePrimitive", "diagnostic_msgs/msg/Diagnost
 )
 def test_what_does_not_fit_is_refused(columns: Columns, error: type[Exception], told: str) -> None:
     with pytest.raises(error, match=told):
-        ROS2.serialize_all(columns)
+        all_bytes(columns)

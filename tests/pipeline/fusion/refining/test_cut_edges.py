@@ -14,7 +14,7 @@ Box = tuple[float, float, float, float, float, float, float]
 
 def moved(*places: Box) -> F64:
     camera = forward_camera()
-    return moved_by_borders(boxes3d(places), CameraArrays.of([camera] * len(places)))
+    return moved_by_borders(boxes3d(places), np.arange(len(places)), CameraArrays.of([camera] * len(places)))
 
 
 def shown(place: Box) -> F64:
@@ -62,4 +62,4 @@ def test_what_is_beyond_a_border_shows_nothing() -> None:
 
 
 def test_none() -> None:
-    assert moved_by_borders(boxes3d([]), CameraArrays.of([])).shape == (0, 4)
+    assert moved_by_borders(boxes3d([]), np.zeros(0, np.int64), CameraArrays.of([])).shape == (0, 4)
