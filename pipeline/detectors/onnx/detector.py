@@ -81,10 +81,13 @@ class OnnxDetector2D:
             self._layout.colors if config.colors == "auto" else config.colors, self._layout.placement
         )
         self._fixed_px: Size | None = own_px
+        loaded = self._session
         if config.input == "auto":
             self._take_any_size(own_px)
         elif config.input != own_px[::-1]:
             self._take_size(own_px, (config.input[1], config.input[0]))
+        if self._session is loaded:
+            self._session = loaded.in_fewer_steps()
         logger.info("%s: %s, %d classes, %s", self._path, self._layout.name, len(self._labels), self._input_told())
 
     @property
@@ -235,7 +238,7 @@ class OnnxDetector2D:
         Raises:
             ModelError: it does not take them, or gives something else for them.
         """
-        session = self._session if self._is_free else self._session.with_free_size(self._inputs.images)
+        session = self._session if self._is_free else self._session.in_fewer_steps(self._inputs.images)
         for size_px in sizes_px:
             found = self._try(session, size_px)
             if (found.name, found.class_count) != (self._layout.name, self._layout.class_count):

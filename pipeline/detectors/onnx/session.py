@@ -5,7 +5,7 @@ what a network may take: a file of a few hundred bytes can hold a loop of 2^62 t
 """
 
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from copy import copy
 from functools import cache
@@ -19,8 +19,10 @@ from pipeline.core.arrays import Array
 from pipeline.core.errors import ModelError, is_short_memory
 from pipeline.core.settings.detect import Provider
 from pipeline.core.text import one_line
-from pipeline.detectors.onnx.free_size import with_free_size
+from pipeline.detectors.onnx.fewer_steps import drop_last_transposes, fold_focus
+from pipeline.detectors.onnx.free_size import free_size
 from pipeline.detectors.onnx.inputs import Value
+from pipeline.detectors.onnx.model_file import read_model, written_model
 from pipeline.detectors.onnx.providers import check_runs_on, providers_for
 
 __all__ = ["MAX_BATCH_BYTES", "OnnxSession"]
@@ -65,27 +67,36 @@ class OnnxSession:
         self._path, self._threads, self._provider = path, threads, provider
         self._load(str(path))
 
-    def with_free_size(self, input_name: str) -> Self:
-        """The same network, loaded to take images of other sizes; whether it can, only a run shows.
+    def in_fewer_steps(self, free_input: str | None = None) -> Self:
+        """The same network, loaded so that it takes fewer steps (`fewer_steps`); itself if there is nothing to change.
 
         Args:
-            input_name: Its input for images.
+            free_input: Its input for images, if these are to be of any size; whether they can, only a run shows.
 
         Raises:
-            ModelError: the file is too large, or it cannot be changed or loaded.
+            ModelError: its input cannot be made free, as the file is too large or has no such input, or the network
+                cannot be loaded.
         """
         try:
             if self._path.stat().st_size > MAX_CHANGED_BYTES:
+                if free_input is None:
+                    return self
                 raise ModelError(f"{self._path}: expected a file of {MAX_CHANGED_BYTES >> 20} MiB at most to change it")
-            changed = with_free_size(self._path.read_bytes(), input_name)
+            model = read_model(self._path.read_bytes())
         except OSError as err:
             raise ModelError(f"{self._path}: expected an ONNX file that can be read: {err.strerror}") from err
-        free = copy(self)
-        free._load(changed)
-        return free
+        if free_input is not None:
+            free_size(model.graph, free_input)
+        orders, is_folded = drop_last_transposes(model.graph), fold_focus(model.graph)
+        if free_input is None and not orders and not is_folded:
+            return self
+        changed = copy(self)
+        changed._load(written_model(model), orders)
+        return changed
 
-    def _load(self, model: str | bytes) -> None:
-        """Load the network from its file, or from bytes that stand for it."""
+    def _load(self, model: str | bytes, orders: Mapping[int, Sequence[int]] | None = None) -> None:
+        """Load the network from its file, or from bytes that stand for it and whose outputs take these orders."""
+        self._orders = orders or {}
         path, ort = self._path, _onnxruntime()
         providers = providers_for(self._provider, ort.get_available_providers())
         self._new_run: Callable[[], Any] = ort.RunOptions
@@ -129,12 +140,15 @@ class OnnxSession:
         options, seconds = self._new_run(), MAX_SECONDS * images
         with _after(seconds, lambda: setattr(options, "terminate", True)):
             try:
-                return [np.asarray(output) for output in self._session.run(None, dict(fed), options)]
+                outputs = [np.asarray(output) for output in self._session.run(None, dict(fed), options)]
             except Exception as err:  # onnxruntime's errors have no base of their own
                 if is_short_memory(err):
                     raise
                 reason = f"it did not end within {seconds} s" if options.terminate else one_line(err)
                 raise ModelError(f"{self._path}: the network fails on a batch of {images}: {reason}") from err
+        for row, order in self._orders.items():
+            outputs[row] = outputs[row].transpose(order)
+        return outputs
 
 
 @contextmanager
