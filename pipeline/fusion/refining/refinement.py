@@ -12,7 +12,6 @@ fit alike.
 Residuals are weighed by a Cauchy distribution (iteratively reweighted), so that a wrong 2D box does little harm.
 """
 
-from dataclasses import dataclass
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -73,8 +72,7 @@ class RefinedBoxes(NamedTuple):
     costs: F64
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Problem:
+class _Problem(NamedTuple):
     """N boxes, and P pairs with an outline of the box for each."""
 
     boxes: Boxes3D
