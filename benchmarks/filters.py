@@ -35,9 +35,10 @@ from pipeline.core.settings.combine import CombineConfig, GroundConfig, OutlierC
 from pipeline.filters import ground_passes
 from pipeline.filters.deskew import deskew
 from pipeline.filters.ground import find_ground
+from pipeline.filters.motion_passes import coordinates
 from pipeline.filters.outliers import statistical_inliers
 from pipeline.filters.relief import find_relief
-from pipeline.filters.relief_passes import on_plane
+from pipeline.filters.relief_passes import parted
 from pipeline.stages.combine import Combine
 
 SWEEP_NS = 100_000_000
@@ -75,7 +76,9 @@ def load_open3d() -> Any:
 def our_steps(xyz: F32, origins: F64) -> dict[str, Callable[[], object]]:
     """Each step on its own input, and the whole stage."""
     outliers, ground = OutlierConfig(), GroundConfig()
-    kept = xyz[statistical_inliers(xyz, neighbors=outliers.neighbors, std_ratio=outliers.std_ratio)]
+    points = xyz[statistical_inliers(xyz, neighbors=outliers.neighbors, std_ratio=outliers.std_ratio)]
+    every = np.ones(len(points), np.bool_)
+    kept = coordinates(points, every).T
     found = find_ground(kept, origins, config=ground, passes=ground_passes)
     offsets_ns = np.linspace(0, SWEEP_NS - 1, len(xyz)).astype(np.int32)
     poses = np.tile(np.eye(4), (3, 1, 1))
@@ -95,7 +98,8 @@ def our_steps(xyz: F32, origins: F64) -> dict[str, Callable[[], object]]:
         if plane is None:
             return None
         rounded = np.append(plane.normal, plane.offset_m).astype(np.float32)
-        return kept[~on_plane(kept, rounded, np.float32(ground.distance_m))]
+        rows, _, _ = parted(points, every, rounded, ground.distance_m, np.zeros(2), 1.0, np.zeros((0, 0)))
+        return points[rows]
 
     return {
         "motion compensation": lambda: deskew(xyz, offsets_ns.astype(np.int64), 0, motion),

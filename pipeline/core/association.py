@@ -33,6 +33,9 @@ __all__ = [
 FREEDOM = 4.0
 """Degrees of freedom of the t distribution."""
 
+_LOG_PEAK = np.log(FREEDOM / 2 * (FREEDOM / 2 + 1)) - 2 * np.log(np.pi * FREEDOM)
+"""Logarithm of its density in the middle, in four dimensions, for a covariance of determinant 1."""
+
 LOG_SIZES = 4.0
 """Widths, and heights, of things in images spread over this range of logarithms: from 10 to 550 pixels."""
 
@@ -78,11 +81,10 @@ def fit_ratios(squared: F64, variances: F64, area_px: F64, unseen_boxes: float) 
     Returns:
         (Q,) logarithms of the ratio.
     """
-    half = FREEDOM / 2
     a, b, c, d = variances.T
-    peak = np.log(half * (half + 1)) - 2 * np.log(np.pi * FREEDOM) - 0.5 * np.log(a * b * c * d)
+    peak = _LOG_PEAK - 0.5 * np.log(a * b * c * d)
     elsewhere = np.log(unseen_boxes / LOG_SIZES**2) - np.log(area_px)
-    return np.asarray(peak - (half + 2) * np.log1p(squared / FREEDOM) - elsewhere)
+    return np.asarray(peak - (FREEDOM / 2 + 2) * np.log1p(squared / FREEDOM) - elsewhere)
 
 
 def class_confusion(classes: Sequence[ClassPrior], any_class: float) -> F64:

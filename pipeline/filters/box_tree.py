@@ -133,36 +133,16 @@ def _place(xyz: F32, points: I64) -> float:
     return float(extent)
 
 
-@compiled("void(int64[::1])")
-def _sort(points: I64) -> None:
-    """Sorts points by their places, equal ones in their present order: three passes, each by the digits of a third."""
-    count = len(points)
-    other = np.empty(count, np.int64)
-    begins = np.zeros((3, CELLS), np.int32)
-    for i in range(count):
-        for digit in range(3):
-            begins[digit, (points[i] >> (ROW_BITS + digit * AXIS_BITS)) & (CELLS - 1)] += np.int32(1)
-    for digit in range(3):
-        shift, begin = ROW_BITS + digit * AXIS_BITS, np.int32(0)
-        for cell in range(CELLS):
-            size = begins[digit, cell]
-            begins[digit, cell] = begin
-            begin += size
-        for i in range(count):
-            cell = (points[i] >> shift) & (CELLS - 1)
-            to = np.uint32(begins[digit, cell])
-            begins[digit, cell] += np.int32(1)
-            other[to] = points[i]
-        points, other = other, points
-    for i in range(count):  # after an odd number of exchanges, the array that was given
-        other[i] = points[i]
-
-
 @compiled("int64[:, ::1](int64[::1])")
 def _crowds(points: I64) -> I64:
     """(M, 2) first one and the one after the last of each cell with more than `CROWD` points; of sorted points."""
     crowds = np.empty((len(points) // CROWD + 1, 2), np.int64)
     found = begin = 0
+    is_crowded, half = False, CROWD // 2
+    for i in range(half, len(points), half):  # of each crowd, two of these points or more
+        is_crowded |= points[i - half] >> ROW_BITS == points[i] >> ROW_BITS
+    if not is_crowded:
+        return crowds[:0]
     for i in range(1, len(points) + 1):
         if i == len(points) or points[i] >> ROW_BITS != points[begin] >> ROW_BITS:
             if i - begin > CROWD:
@@ -181,7 +161,7 @@ def curve_order(xyz: F32) -> I32:
         some = points[start:stop]
         if _place(xyz, some) == 0:
             continue
-        _sort(some)
+        some.sort()  # numbers with their rows in the lowest bits: those at one place by their rows
         pending += [(start + begin, start + end) for begin, end in _crowds(some).tolist()]
     return (points & ROW).astype(np.int32)
 

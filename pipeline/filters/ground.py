@@ -58,7 +58,7 @@ def find_ground(
     """The ground plane; None if there is none.
 
     Args:
-        xyz_site: (N, 3) points in the site frame, metres, finite.
+        xyz_site: (N, 3) points in the site frame, metres, finite; best as a row per coordinate in memory.
         lidar_origins_site: (L, 3) origins of the lidars in the site frame, metres; the ground is below each.
         config: Limits, number of planes and seed. Equal input gives equal planes.
         ground_height_m: Expected z of the ground at the site's origin; None if unknown.

@@ -14,6 +14,9 @@ __all__ = ["can_be_ground", "count_layers", "lowest_of_cells", "planes_through",
 MAX_CELL = 2.0**30
 """As in `ground_arrays`."""
 
+POINTS = "Array(float32, 2, 'C', True)"
+"""What compiled functions take: (3, N), perhaps read-only."""
+
 SPREAD = np.uint64(0x9E3779B97F4A7C15)
 """Numbers times this differ in their upper bits (D. E. Knuth: The art of computer programming, vol. 3, 6.4)."""
 
@@ -29,7 +32,7 @@ def _cell(place: np.float32, cell_m: np.float32) -> np.int64:
     return np.int64(min(max(np.floor(place / cell_m), -MAX_CELL), MAX_CELL))
 
 
-@compiled("Tuple((int64[::1], int64[::1]))(float32[:, ::1], float32)")
+@compiled(f"Tuple((int64[::1], int64[::1]))({POINTS}, float32)")
 def _lowest(points: F32, cell_m: np.float32) -> tuple[I64, I64]:
     """(M,) occupied cells, in the order in which they are met, and (M,) the row of the lowest point of each."""
     count = points.shape[1]
@@ -52,7 +55,7 @@ def _lowest(points: F32, cell_m: np.float32) -> tuple[I64, I64]:
     return cells[:found], rows[:found]
 
 
-@compiled("float64[:, ::1](float32[:, ::1], int64[:, ::1])")
+@compiled(f"float64[:, ::1]({POINTS}, int64[:, ::1])")
 def planes_through(points: F32, triples: I64) -> F64:
     """(up to K, 4) planes through three points each."""
     planes = np.empty((len(triples), 4), np.float64)
@@ -91,7 +94,7 @@ def _height(points: F32, i: int, plane: F32) -> np.float32:
     return height
 
 
-@compiled("Tuple((int64[::1], int64[::1]))(float32[:, ::1], float32[:, ::1], float32)")
+@compiled(f"Tuple((int64[::1], int64[::1]))({POINTS}, float32[:, ::1], float32)")
 def count_layers(points: F32, planes: F32, layer_m: np.float32) -> tuple[I64, I64]:
     """(K,) number of points in each plane's layer, and in the fuller of those beside it."""
     held, beside = np.empty(len(planes), np.int64), np.empty(len(planes), np.int64)
@@ -110,7 +113,7 @@ def count_layers(points: F32, planes: F32, layer_m: np.float32) -> tuple[I64, I6
     return held, beside
 
 
-@compiled("Tuple((float32[::1], int32[::1]))(float32[:, ::1], float32[::1], float32)")
+@compiled(f"Tuple((float32[::1], int32[::1]))({POINTS}, float32[::1], float32)")
 def _within(points: F32, plane: F32, limit_m: np.float32) -> tuple[F32, I32]:
     """(M,) distances from a plane, of the points that are at most `limit_m` from it, and (M,) which ones these are."""
     heights, rows = np.empty(points.shape[1], np.float32), np.empty(points.shape[1], np.int32)
@@ -152,7 +155,7 @@ def _median(values: F32) -> np.float32:
     return median
 
 
-@compiled("Tuple((float64[::1], float64[:, ::1]))(float32[:, ::1], int32[::1])")
+@compiled(f"Tuple((float64[::1], float64[:, ::1]))({POINTS}, int32[::1])")
 def _scatter(points: F32, rows: I32) -> tuple[F64, F64]:
     """Centre (3,) and covariance (3, 3) of some points; zeros of none."""
     centre, scatter = np.zeros(3, np.float64), np.zeros((3, 3), np.float64)
@@ -183,13 +186,13 @@ def _scatter(points: F32, rows: I32) -> tuple[F64, F64]:
     return centre, scatter
 
 
-@compiled("Tuple((float64[::1], float64[:, ::1]))(float32[:, ::1], float32[::1], float32)")
+@compiled(f"Tuple((float64[::1], float64[:, ::1]))({POINTS}, float32[::1], float32)")
 def scatter_within(points: F32, plane: F32, limit_m: np.float32) -> tuple[F64, F64]:
     """Centre (3,) and covariance (3, 3) of the points at most `limit_m` from a plane."""
     return _scatter(points, _within(points, plane, limit_m)[1])
 
 
-@compiled("Tuple((int64, float64[::1], float64[:, ::1]))(float32[:, ::1], float32[::1], float32)")
+@compiled(f"Tuple((int64, float64[::1], float64[:, ::1]))({POINTS}, float32[::1], float32)")
 def scatter_near(points: F32, plane: F32, layer_m: np.float32) -> tuple[int, F64, F64]:
     """How many points are in the layer of a plane; centre (3,) and covariance (3, 3) of those near it."""
     heights, rows = _within(points, plane, layer_m)

@@ -5,7 +5,7 @@ import numpy as np
 from pipeline.core.arrays import F32, I64, Bools
 from pipeline.core.compiled import compiled
 
-__all__ = ["STEP_NS", "in_range", "moved", "moved_each"]
+__all__ = ["STEP_NS", "coordinates", "in_range", "moved", "moved_each"]
 
 STEP_NS = 1_000_000
 """Time between two of the matrices that move points, which are linear in between."""
@@ -57,4 +57,19 @@ def moved_each(xyz: F32, since_ns: I64, matrices: F32) -> F32:
             a, b = first[0] + share * (second[0] - first[0]), first[1] + share * (second[1] - first[1])
             c, shift = first[2] + share * (second[2] - first[2]), first[3] + share * (second[3] - first[3])
             out[i, axis] = a * x + b * y + c * z + shift
+    return out
+
+
+@compiled(f"float32[:, ::1]({POINTS}, boolean[::1])")
+def coordinates(xyz: F32, kept: Bools) -> F32:
+    """(3, K) the coordinates of those points (N, 3) that are kept (N,)."""
+    count = 0
+    for i in range(len(kept)):
+        count += 1 if kept[i] else 0
+    out = np.empty((3, count), np.float32)
+    count = 0
+    for i in range(len(kept)):
+        if kept[i]:
+            out[0, count], out[1, count], out[2, count] = xyz[i, 0], xyz[i, 1], xyz[i, 2]
+            count += 1
     return out

@@ -64,7 +64,7 @@ def find_relief(xyz_site: F32, lidar_origins_site: F64, plane: Plane, config: Gr
     """The height of the ground above its plane.
 
     Args:
-        xyz_site: (N, 3) points in the site frame, metres, finite.
+        xyz_site: (N, 3) points in the site frame, metres, finite; best as a row per coordinate in memory.
         lidar_origins_site: (L, 3) origins of the lidars in the site frame, metres.
         plane: The ground plane of the same points.
         config: What belongs to the ground.
@@ -93,7 +93,7 @@ def _lowest(xyz: F32, middle: F64, plane: Plane, origin: F64, cell_m: float, dis
     fine_m = FINE_SHARE * cell_m
     side = round(2 * REACH_CELLS / FINE_SHARE)
     cells, heights = lowest_of_cells(
-        np.ascontiguousarray(xyz),
+        np.ascontiguousarray(xyz.T),
         np.append(plane.normal, plane.offset_m).astype(np.float32),
         middle.astype(np.float32),
         origin.astype(np.float32),

@@ -8,10 +8,10 @@ import numpy as np
 from pipeline.core.arrays import F32, F64, I64, Bools
 from pipeline.core.compiled import compiled, inlined
 
-__all__ = ["lowest_of_cells", "on_plane", "on_relief"]
+__all__ = ["lowest_of_cells", "parted"]
 
 POINTS = "Array(float32, 2, 'C', True)"
-"""What compiled functions take: (N, 3), perhaps read-only."""
+"""What compiled functions take: points in rows or columns, perhaps read-only."""
 
 ORIGIN, GRID = "Array(float64, 1, 'C', True)", "Array(float64, 2, 'C', True)"
 """Likewise: (2,), and (H, W)."""
@@ -22,7 +22,7 @@ ORIGIN, GRID = "Array(float64, 1, 'C', True)", "Array(float64, 2, 'C', True)"
     "float32, int64, float32, float32, float32)"
 )
 def lowest_of_cells(
-    xyz: F32,
+    points: F32,
     plane: F32,
     middle: F32,
     origin: F32,
@@ -35,7 +35,7 @@ def lowest_of_cells(
     """The cells of a grid that hold points near a plane, and the mean height of the lowest of them above it.
 
     Args:
-        xyz: (N, 3) metres, finite.
+        points: (3, N) metres, finite.
         plane: (4,) normal and offset.
         middle: (2,) from where distances count.
         origin: (2,) lowest corner of the grid.
@@ -48,11 +48,12 @@ def lowest_of_cells(
     Returns:
         (M,) cells, row x side + column, ascending, and (M,) metres.
     """
-    cells, heights = np.empty(len(xyz), np.int32), np.empty(len(xyz), np.float32)
+    count = points.shape[1]
+    cells, heights = np.empty(count, np.int32), np.empty(count, np.float32)
     kept, first, last = 0, side * side, -1
-    for i in range(len(xyz)):
-        x, y = xyz[i, 0], xyz[i, 1]
-        height = (x * plane[0] + y * plane[1] + xyz[i, 2] * plane[2] + plane[3]) / plane[2]
+    for i in range(count):
+        x, y = points[0, i], points[1, i]
+        height = (x * plane[0] + y * plane[1] + points[2, i] * plane[2] + plane[3]) / plane[2]
         if abs(height) > reach_m:
             dx, dy = x - middle[0], y - middle[1]
             if not abs(height) <= reach_m + slope * np.sqrt(dx * dx + dy * dy):
@@ -78,9 +79,9 @@ def lowest_of_cells(
             sums[at] += heights[j]
     found, means = np.empty(held, np.int64), np.empty(held, np.float64)
     held = 0
-    for cell in range(size):
-        if counts[cell] > 0:
-            found[held], means[held] = first + cell, sums[cell] / counts[cell]
+    for j in range(size):
+        if counts[j] > 0:
+            found[held], means[held] = first + j, sums[j] / counts[j]
             held += 1
     return found, means
 
@@ -97,39 +98,45 @@ def _between(values: F64, x: float, y: float) -> float:
     return float(near * (1 - y) + far * y)
 
 
-@inlined
-def _height(xyz: F32, i: int, plane: F32) -> np.float32:
-    height: np.float32 = xyz[i, 0] * plane[0] + xyz[i, 1] * plane[1] + xyz[i, 2] * plane[2] + plane[3]
-    return height
+@compiled(
+    f"Tuple((int64[::1], int64[::1], int64[::1]))"
+    f"({POINTS}, boolean[::1], float32[::1], float64, {ORIGIN}, float64, {GRID})"
+)
+def parted(
+    xyz: F32, kept: Bools, plane: F32, distance_m: float, origin_xy: F64, cell_m: float, offsets_m: F64
+) -> tuple[I64, I64, I64]:
+    """Rows of the points that are kept and not on a plane, that are kept and on it, and that are not on the ground.
 
-
-@compiled(f"boolean[::1]({POINTS}, float32[::1], float32)")
-def on_plane(xyz: F32, plane: F32, distance_m: np.float32) -> Bools:
-    """(N,) whether points (N, 3) are at most `distance_m` from a plane (4,), unit normal and offset."""
-    on = np.empty(len(xyz), np.bool_)
-    for i in range(len(xyz)):
-        on[i] = abs(_height(xyz, i, plane)) <= distance_m
-    return on
-
-
-@compiled(f"boolean[::1]({POINTS}, float32[::1], {ORIGIN}, float64, {GRID}, float64)")
-def on_relief(xyz: F32, plane: F32, origin_xy: F64, cell_m: float, offsets_m: F64, distance_m: float) -> Bools:
-    """(N,) whether points (N, 3) are at most `distance_m` from the ground, which differs from a plane (4,).
-
-    The others are those of `Relief`.
+    Args:
+        xyz: (N, 3) metres.
+        kept: (N,) which points count for the first two.
+        plane: (4,) unit normal and offset.
+        distance_m: On the plane or on the ground is what is at most this far from it.
+        origin_xy: See `Relief`, as for the next two, which say how the ground differs from the plane.
+        cell_m: Likewise.
+        offsets_m: Likewise; without nodes, the ground is the plane.
     """
-    on = np.empty(len(xyz), np.bool_)
-    lowest = highest = offsets_m[0, 0]
+    left, level, above = np.empty(len(xyz), np.int64), np.empty(len(xyz), np.int64), np.empty(len(xyz), np.int64)
+    left_count = level_count = above_count = 0
+    lowest = highest = 0.0
     for row in range(offsets_m.shape[0]):
         for column in range(offsets_m.shape[1]):
             lowest, highest = min(lowest, offsets_m[row, column]), max(highest, offsets_m[row, column])
     # What is beyond is not on the ground wherever it is; a bit more, for what is rounded below.
-    reach_m = distance_m + 1e-9 * (distance_m + abs(lowest) + abs(highest))
-    below_m, above_m = lowest - reach_m, highest + reach_m
+    reach_m = distance_m + 1e-9 * (distance_m - lowest + highest)
+    below_m, above_m, plane_reach_m = lowest - reach_m, highest + reach_m, np.float32(distance_m)
     for i in range(len(xyz)):
-        height = _height(xyz, i, plane)
-        on[i] = False
-        if below_m <= height <= above_m:
-            x, y = (xyz[i, 0] - origin_xy[0]) / cell_m, (xyz[i, 1] - origin_xy[1]) / cell_m
-            on[i] = abs(height - _between(offsets_m, x, y)) <= distance_m
-    return on
+        height = xyz[i, 0] * plane[0] + xyz[i, 1] * plane[1] + xyz[i, 2] * plane[2] + plane[3]
+        on_plane = on_ground = abs(height) <= plane_reach_m
+        if offsets_m.size > 0:
+            on_ground = False
+            if below_m <= height <= above_m:
+                x, y = (xyz[i, 0] - origin_xy[0]) / cell_m, (xyz[i, 1] - origin_xy[1]) / cell_m
+                on_ground = abs(height - _between(offsets_m, x, y)) <= distance_m
+        left[left_count] = level[level_count] = above[above_count] = (
+            i  # written over by the next one that belongs there
+        )
+        left_count += 1 if kept[i] and not on_plane else 0
+        level_count += 1 if kept[i] and on_plane else 0
+        above_count += 0 if on_ground else 1
+    return left[:left_count], level[:level_count], above[:above_count]

@@ -8,7 +8,7 @@ the edge is the derivative of that point.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -76,8 +76,7 @@ def camera_arrays(cameras: tuple[CameraSensor, ...]) -> CameraArrays:
     return CameraArrays.of(cameras)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ProjectedEdges:
+class ProjectedEdges(NamedTuple):
     """Rectangles around P projected boxes, not clipped to the image.
 
     Attributes:
@@ -92,13 +91,6 @@ class ProjectedEdges:
     jacobian: F64
     makers: I64
     valid: Bools
-
-    def __post_init__(self) -> None:
-        n = len(self.valid)
-        check_array("xyxy", self.xyxy, (n, 4), np.float64)
-        check_array("jacobian", self.jacobian, (n, 4, len(PARAMETERS)), np.float64)
-        check_array("makers", self.makers, (n, 4), np.int64)
-        check_array("valid", self.valid, (n,), np.bool_)
 
 
 def edges_in_view(centers: F64, sizes: F64, yaws: F64, camera: CameraSensor) -> ProjectedEdges:

@@ -9,6 +9,7 @@ say of place and class (`pipeline.fusion.matching.agreement`), and its other pai
 (`pipeline.fusion.matching.aiming`), until nothing changes.
 """
 
+import itertools
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -101,11 +102,11 @@ class Associate:
         order = np.lexsort([in_3d, cameras])
         table = np.array([in_3d, found.rows[pairs.found]]).T.take(order, 0)
         iou = pairs.iou.astype(np.float32)[order]
-        ends = np.searchsorted(cameras[order], np.arange(len(self._names) + 1))
+        ends = cameras[order].searchsorted(np.arange(len(self._names) + 1)).tolist()
         return {
             name: Matches(table[start:end], iou[start:end], rectangles, shares)
-            for name, start, end, rectangles, shares in zip(
-                self._names, ends[:-1], ends[1:], projected, covered, strict=True
+            for name, (start, end), rectangles, shares in zip(
+                self._names, itertools.pairwise(ends), projected, covered, strict=True
             )
         }
 

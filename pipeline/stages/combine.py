@@ -15,10 +15,10 @@ from pipeline.core.settings.combine import CombineConfig, MotionConfig
 from pipeline.filters import ground_passes
 from pipeline.filters.deskew import deskew
 from pipeline.filters.ground import find_ground
-from pipeline.filters.motion_passes import in_range, moved
+from pipeline.filters.motion_passes import coordinates, in_range, moved
 from pipeline.filters.outliers import statistical_inliers
 from pipeline.filters.relief import find_relief
-from pipeline.filters.relief_passes import on_plane, on_relief
+from pipeline.filters.relief_passes import parted
 
 __all__ = ["Combine"]
 
@@ -75,11 +75,10 @@ class Combine:
             neighbors, std_ratio = config.outliers.neighbors, config.outliers.std_ratio
             kept = statistical_inliers(cloud.xyz, neighbors=neighbors, std_ratio=std_ratio)
 
-        ground = self._ground_of(cloud.xyz, np.flatnonzero(kept))
-        ground_cloud, left = cloud.select(kept & ground.on_plane), np.flatnonzero(kept & ~ground.on_plane)
+        ground = self._ground_of(cloud.xyz, kept)
+        left, above, ground_cloud = ground.left, ground.above, cloud.select(ground.on_plane)
         counts["outliers"] = len(cloud) - len(ground_cloud) - len(left)
         counts |= {"ground": len(ground_cloud), "left": len(left)}
-        above = np.flatnonzero(~ground.on_ground)
 
         points_by_lidar = {self._rig.lidars[index].name: len(sweep) for index, sweep in sweeps.items()}
         return CombinedCloud(
@@ -95,39 +94,38 @@ class Combine:
             ground.relief,
         )
 
-    def _ground_of(self, xyz_site: F32, kept: Indices) -> "_Ground":
+    def _ground_of(self, xyz_site: F32, kept: Bools) -> "_Ground":
         """The ground of the points that are kept."""
-        config, origins, kept_xyz = self._config.ground, self._lidar_origins_site, xyz_site.take(kept, axis=0)
-        known_m = self._rig.ground_height_m
-        plane = None
+        config, origins, known_m = self._config.ground, self._lidar_origins_site, self._rig.ground_height_m
+        plane = relief = None
         if config.enabled:
+            kept_xyz = coordinates(xyz_site, kept).T
             plane = find_ground(kept_xyz, origins, config=config, ground_height_m=known_m, passes=ground_passes)
         if plane is None:
-            nowhere = np.zeros(len(xyz_site), np.bool_)
-            return _Ground(None, None, nowhere, nowhere)
+            return _Ground(None, None, np.flatnonzero(kept), np.arange(0), np.arange(len(xyz_site)))
+        if config.relief:
+            relief = find_relief(kept_xyz, origins, plane, config)
         rounded = np.append(plane.normal, plane.offset_m).astype(np.float32)
-        on_ground = level = on_plane(xyz_site, rounded, np.float32(config.distance_m))
-        relief = find_relief(kept_xyz, origins, plane, config) if config.relief else None
-        if relief is not None:
-            grid = relief.origin_xy, relief.cell_m, relief.offsets_m
-            on_ground = on_relief(xyz_site, rounded, *grid, config.distance_m)
-        return _Ground(plane, relief, level, on_ground)
+        grid = (relief.origin_xy, relief.cell_m, relief.offsets_m) if relief else (np.zeros(2), 1.0, np.zeros((0, 0)))
+        return _Ground(plane, relief, *parted(xyz_site, kept, rounded, config.distance_m, *grid))
 
 
 class _Ground(NamedTuple):
-    """The ground of N points.
+    """The ground, and the points by it.
 
     Attributes:
         plane: None if there is none.
         relief: How the ground differs from it.
-        on_plane: (N,) the points near the plane.
-        on_ground: (N,) the points near the ground as it is.
+        left: Rows of the points that are kept and not near the plane.
+        on_plane: Rows of those that are kept and near it.
+        above: Rows of the points that are not near the ground as it is, whether they are kept or not.
     """
 
     plane: Plane | None
     relief: Relief | None
-    on_plane: Bools
-    on_ground: Bools
+    left: Indices
+    on_plane: Indices
+    above: Indices
 
 
 def _in_range(cloud: PointCloud, min_range_m: float, max_range_m: float) -> PointCloud:

@@ -3,6 +3,7 @@
 from collections import deque
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
+from functools import lru_cache, partial
 
 from pipeline.core.errors import MessageError
 from pipeline.core.frame import SensorBundle
@@ -12,6 +13,7 @@ from pipeline.core.settings.classes import ClassPrior
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from pipeline.core.true_boxes import TrueBoxes
 from readers.messages.conversion.to_ros2 import to_ros2
+from readers.messages.conversion.vision import name_of_number
 from readers.messages.vision.detections3d import decode_detections3d
 from readers.recording import Recording
 
@@ -54,7 +56,8 @@ class CopiedMessages:
         on_bad: Callable[[Drop], None] = lambda _: None,
     ) -> None:
         self.topics, self._drawn = tuple(topics), frozenset(drawn)
-        self._classes, self._limits, self._on_drop, self._on_bad = classes, limits, on_drop, on_bad
+        self._name_of = lru_cache(maxsize=4096)(partial(name_of_number, classes=classes))
+        self._limits, self._on_drop, self._on_bad = limits, on_drop, on_bad
         self._due: list[RawMessage] = []
         self._waiting: deque[RawMessage] = deque()
         self._bytes = 0
@@ -114,7 +117,7 @@ class CopiedMessages:
 
     def _take(self, message: RawMessage) -> None:
         try:
-            copied = to_ros2(message, self._classes, limits=self._limits)
+            copied = to_ros2(message, self._name_of, limits=self._limits)
         except MessageError as err:
             self._on_bad(Drop(message.topic, message.stamp_ns, NOT_CONVERTED, str(err)))
             return

@@ -29,12 +29,12 @@ _SIZE = struct.Struct("<Q")
 
 
 def compressor(compression: Compression) -> Compress:
-    """What compresses the parts of a chunk; for one thread at a time."""
+    """What compresses the one part of a chunk, or leaves all its parts as they are; for one thread at a time."""
     if compression == "lz4":
-        return lambda parts: (lz4.frame.compress(b"".join(parts), compression_level=LZ4_LEVEL),)
+        return lambda parts: [lz4.frame.compress(part, compression_level=LZ4_LEVEL) for part in parts]
     if compression == "zstd":
         zstd = zstandard.ZstdCompressor()
-        return lambda parts: (zstd.compress(b"".join(parts)),)
+        return lambda parts: [*map(zstd.compress, parts)]
     return lambda parts: parts
 
 
@@ -84,10 +84,12 @@ class Chunk:
         Raises:
             OSError: it cannot be written.
         """
+        # Joined, they are summed at once, without the lock of the interpreter.
+        parts = self._parts if compression == "none" else [b"".join(self._parts)]
         crc = 0
-        for part in self._parts:
+        for part in parts:
             crc = zlib.crc32(part, crc)
-        data = compress(self._parts)
+        data = compress(parts)
         size = sum(map(len, data))
         name = b"" if compression == "none" else compression.encode()
         start, length = stream.tell(), _CHUNK.size + len(name) + _SIZE.size + size

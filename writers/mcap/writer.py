@@ -10,8 +10,9 @@ results give equal bytes.
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from types import TracebackType
-from typing import Any, NamedTuple, Self
+from typing import NamedTuple, Self
 
+from pipeline.core.clouds import PointCloud
 from pipeline.core.detections import Boxes2D
 from pipeline.core.errors import MessageError, OutputError
 from pipeline.core.frame import FrameResult
@@ -34,7 +35,7 @@ from writers.messages.diagnostics import diagnostics
 from writers.messages.images import COMPRESSED, image_cdr
 from writers.messages.placed_scene import PLACED, PLACED_SCENE, placed_scene
 from writers.messages.scene import marker_array, scene_update
-from writers.messages.sensors import camera_info, moving_transform, point_cloud2, static_transforms
+from writers.messages.sensors import camera_info, cloud_cdr, moving_transform, static_transforms
 from writers.messages.truth_scene import truth_scene, truth_scene_topic
 from writers.outputs.errors import output_errors
 from writers.outputs.marks import RESULT
@@ -148,23 +149,21 @@ class McapResultWriter:
         images, not_copied = _images(found) if self._config.output.images else ({}, ())
         site = [*self._site_messages(result)]
         *encoded, annotations, boxes_2d, counts = ROS2.serialize_all(
-            *(message for _, message in site if isinstance(message, Columns)),
+            *(message for _, message in site),
             self._annotations(result, found),
             self._detections(found),
             diagnostics(result, self._rig, not_copied),
         )
-        of_columns = iter(encoded)
-        for topic, message in site:
-            if isinstance(message, Columns):
-                (data,) = next(of_columns)
-                self._put_bytes(topic, message.__msgtype__, data, log_time_ns)
-            else:
-                self._put(topic, message, log_time_ns)
+        for (topic, message), (data,) in zip(site, encoded, strict=True):
+            self._put_bytes(topic, message.__msgtype__, data, log_time_ns)
+        for topic, cloud in self._clouds(result):
+            parts = cloud_cdr(cloud, stamp_ns=result.bundle.stamp_ns, frame_id=self._rig.site_frame)
+            self._put_bytes(topic, CLOUD, parts, log_time_ns)
         self._put_cameras(found, images, annotations, boxes_2d, log_time_ns)
         self._put_bytes("/diagnostics", DIAGNOSTICS, counts[0], log_time_ns)
         return not_copied
 
-    def _site_messages(self, result: FrameResult) -> Iterator[tuple[str, Any]]:
+    def _site_messages(self, result: FrameResult) -> Iterator[tuple[str, Columns]]:
         names, stamp_ns, objects = self._config.object_names, result.bundle.stamp_ns, result.fused.objects
         counted = objects.select(objects.class_ids < len(self._config.classes))
         yield "/lidar_camera_fused", lidcam_objects(counted, self._rig.counted_zones, stamp_ns=stamp_ns)
@@ -175,11 +174,12 @@ class McapResultWriter:
         if (placed := result.detections.placed) is not None:
             yield PLACED, detections_3d(placed, names, stamp_ns=stamp_ns)
             yield PLACED_SCENE, placed_scene(placed, names, stamp_ns=stamp_ns)
+
+    def _clouds(self, result: FrameResult) -> Iterator[tuple[str, PointCloud]]:
         if self._config.output.clouds:
-            frame_id = self._rig.site_frame
-            yield "/point_cloud_combined", point_cloud2(result.combined.cloud, stamp_ns=stamp_ns, frame_id=frame_id)
+            yield "/point_cloud_combined", result.combined.cloud
             if self._config.output.ground:
-                yield "/ground_cloud", point_cloud2(result.combined.ground_cloud, stamp_ns=stamp_ns, frame_id=frame_id)
+                yield "/ground_cloud", result.combined.ground_cloud
 
     def _annotations(self, result: FrameResult, found: Sequence["_View"]) -> Columns:
         """What is drawn into the image of each camera."""
@@ -234,9 +234,8 @@ class McapResultWriter:
         for frame, truth in known:
             self._put(truth_scene_topic(truth.topic), truth_scene(truth), frame.log_time_ns)
 
-    def _put(self, topic: str, message: Any, log_time_ns: int) -> None:
-        serialize = ROS2.serialize_large if message.__msgtype__ == CLOUD else ROS2.serialize
-        self._put_bytes(topic, message.__msgtype__, serialize(message), log_time_ns)
+    def _put(self, topic: str, message: Columns, log_time_ns: int) -> None:
+        self._put_bytes(topic, message.__msgtype__, ROS2.serialize(message), log_time_ns)
 
     def _put_bytes(self, topic: str, msgtype: str, cdr: Buffer | Sequence[Buffer], log_time_ns: int) -> None:
         channel = self._channels.get(topic) or self._register(topic, msgtype)

@@ -1,7 +1,6 @@
 """Objects as messages for programs: vision_msgs (branch ros2), and MsgLidCam of the predecessor system."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -10,7 +9,6 @@ from pipeline.core.detections import Boxes2D, Boxes3D
 from pipeline.core.geometry.polygons import first_polygon_with
 from pipeline.core.rig import Zone, default_zones
 from pipeline.core.ros.columns import Columns, Lists
-from pipeline.core.ros.messages import ROS2
 from writers.messages.parts import IDENTITY, box_poses, header, headers
 
 __all__ = ["detections_2d", "detections_3d", "lidcam_objects"]
@@ -60,25 +58,26 @@ def detections_2d(
     return Columns("vision_msgs/msg/Detection2DArray", len(boxes), header=arrays, detections=Lists(detections, counts))
 
 
-def lidcam_objects(objects: Boxes3D, zones: Sequence[Zone], *, stamp_ns: int) -> Any:
+def lidcam_objects(objects: Boxes3D, zones: Sequence[Zone], *, stamp_ns: int) -> Columns:
     """msgs/MsgLidCam: the objects of the zones `intersection` and `circle`, alpha their yaw.
 
     Without zones these are y >= 0 and y < 0, as in the predecessor system. A point on the edge of a zone lies in it,
     and the first zone wins: y = 0 is the intersection. Objects of other zones, or of none, are omitted.
     """
     zones = zones or default_zones()
+    names = [zone.name for zone in zones]
     rows = first_polygon_with([zone.polygon_site for zone in zones], objects.centers[:, :2])
-    found: dict[str, list[Any]] = {"intersection": [], "circle": []}
-    for row, (x, y, _), yaw in zip(rows.tolist(), objects.centers.tolist(), objects.yaws.tolist(), strict=True):
-        if row >= 0 and zones[row].name in found:
-            found[zones[row].name].append(ROS2.new("msgs/msg/MsgLidCamObject", x, y, yaw))
-    return ROS2.new(
+    places = np.column_stack([objects.centers[:, :2], objects.yaws])
+    intersection, circle = (
+        places[[row >= 0 and names[row] == name for row in rows.tolist()]] for name in ("intersection", "circle")
+    )
+    return Columns(
         "msgs/msg/MsgLidCam",
-        header=ROS2.header(stamp_ns, objects.frame_id),
-        num_intersection=len(found["intersection"]),
-        num_circle=len(found["circle"]),
-        objects_intersection=found["intersection"],
-        objects_circle=found["circle"],
+        header=header(stamp_ns, objects.frame_id),
+        num_intersection=len(intersection),
+        num_circle=len(circle),
+        objects_intersection=Lists(intersection, len(intersection)),
+        objects_circle=Lists(circle, len(circle)),
     )
 
 

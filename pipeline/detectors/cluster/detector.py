@@ -1,5 +1,8 @@
 """The engine: from the points above the ground to proposed boxes."""
 
+from collections.abc import Callable
+from functools import cache
+
 import numpy as np
 
 from pipeline.core.arrays import I64, select_rows
@@ -38,8 +41,12 @@ class ClusterDetector:
 
     def __call__(self, combined: CombinedCloud) -> Candidates3D:
         """Boxes of all clusters, and of the parts of those that fit no class well."""
-        points = self._points_above_ground(combined)
-        sight = Sight.of(points.position, points.lidar, self._fitter.lidars_above_ground(combined))
+        points = all_points = self._points_above_ground(combined)
+
+        @cache
+        def sight() -> Sight:  # of no use where nothing hangs
+            return Sight.of(all_points.position, all_points.lidar, self._fitter.lidars_above_ground(combined))
+
         fitted, cluster = [], np.full(len(points.position), -1)
         for share in (1.0, *self._config.split_shares):
             if len(points.position):
@@ -53,7 +60,7 @@ class ClusterDetector:
         return points
 
     def _fitted(
-        self, points: ThinnedPoints, before: I64, sight: Sight, share: float
+        self, points: ThinnedPoints, before: I64, sight: Callable[[], Sight], share: float
     ) -> tuple[list[Fitted], ThinnedPoints, I64]:
         """Boxes of the clusters at a share of the link distance; and the points of those to try in parts, with these.
 
@@ -68,22 +75,23 @@ class ClusterDetector:
         weighted = points.position.copy()
         weighted[:, 2] *= self._config.height_weight
         count, cluster = cluster_points(weighted, share * points.link_distance_m)
-        counts, weights, first, low, high = extents(points.position, points.weights, cluster, count)
+        rows, starts, weights, low, high = extents(points.position, points.weights, cluster, count)
         bottom, top, min_height_m = low[:, 4], high[:, 4], self._config.min_height_m
         usable = (weights >= self._config.min_points) & (top >= min_height_m)
         hangs = usable & (bottom > self._config.max_bottom_m)
         usable &= ~hangs | (top - bottom >= min_height_m)  # no roof's edge
         hangs &= usable
-        rows, starts = members(cluster, hangs)
-        hanging, from_m = points.position[rows], self._config.max_bottom_m
-        usable[hangs] = sight.is_hidden_below(hanging, points.lidar[rows], starts, from_m)
-        in_parts = np.bincount(before + 1)[before[first] + 1] > counts
-        small = usable & (in_parts | (before[first] < 0))
+        if hangs.any():
+            hanging, begins = members(rows, starts, hangs)
+            position, lidar = points.position.take(hanging, axis=0), points.lidar.take(hanging)
+            usable[hangs] = sight().is_hidden_below(position, lidar, begins, self._config.max_bottom_m)
+        came_from = before.take(rows.take(starts[:-1]))
+        small = usable & ((came_from < 0) | (np.bincount(before + 1).take(came_from + 1) > np.diff(starts)))
         small &= (high - low)[:, :4].max(1) <= self._diagonal_m  # a lower bound of the diameter
-        rows, starts = members(cluster, small)
-        fitted = [self._fitter.fit(select_rows(points, rows), starts)] if len(starts) else []
+        small_rows, begins = members(rows, starts, small)
+        fitted = [self._fitter.fit(select_rows(points, small_rows), begins)] if len(begins) else []
         again = usable.copy()
         for found in fitted:
             again[small] = (found.boxes.class_ids < 0) | (found.boxes.misfit > GOOD_MISFIT)
-        rows, _ = members(cluster, again)
-        return fitted, select_rows(points, rows), cluster[rows]
+        rows, _ = members(rows, starts, again)
+        return fitted, select_rows(points, rows), cluster.take(rows)

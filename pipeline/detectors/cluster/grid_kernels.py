@@ -80,24 +80,22 @@ def ascending(keys: I64) -> I64:
 def _cell_keys(points: F64, distance_m: F64, share: float, edges_m: F64, group: I64, groups: int) -> I64:
     """(N,) a number for the cell of each point: rising by level, group and place along x, y, z; see `averaged`."""
     count = len(points)
-    cell, low, high = np.empty((count, 3), np.int64), np.empty(3, np.int64), np.empty(3, np.int64)
-    keys = np.empty(count, np.int64)
+    cell, keys = np.empty((3, count), np.int64), np.empty(count, np.int64)
     for i in range(count):
         level = _level(share * distance_m[i], edges_m)
-        keys[i] = level * groups + group[i]
+        keys[i], edge_m = level * groups + group[i], edges_m[level]
         for axis in range(3):
-            place = np.floor(_exact(points[i, axis]) / edges_m[level])
+            place = np.floor(_exact(points[i, axis]) / edge_m)
             if not abs(place) < FURTHEST_CELL:  # faster than `min` and `max`
                 place = FURTHEST_CELL if place > 0 else -FURTHEST_CELL
-            now = int(place)
-            cell[i, axis] = now
-            if i == 0 or now < low[axis]:
-                low[axis] = now
-            if i == 0 or now > high[axis]:
-                high[axis] = now
-    for i in range(count):
-        for axis in range(3):
-            keys[i] = keys[i] * (high[axis] - low[axis] + 1) + (cell[i, axis] - low[axis])
+            cell[axis, i] = int(place)
+    for axis in range(3):
+        along = cell[axis]
+        low = high = along[0]
+        for now in along:
+            low, high = min(low, now), max(high, now)
+        for i in range(count):
+            keys[i] = keys[i] * (high - low + 1) + (along[i] - low)
     return keys
 
 
@@ -120,7 +118,10 @@ def averaged(
     """
     count, keys = len(points), _cell_keys(points, distance_m, share, edges_m, group, groups)
     slots, shift = 64, np.uint64(58)
-    while slots < 2 * count:
+    runs = 1  # of points that follow each other in a cell
+    for i in range(1, count):
+        runs += keys[i] != keys[i - 1]
+    while slots < 2 * runs:
         slots, shift = 2 * slots, shift - np.uint64(1)
     cell_in_slot = np.full(slots, -1, np.int32)
     cell_of_point, first, key_of_cell = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count, np.int64)

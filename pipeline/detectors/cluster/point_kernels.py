@@ -74,7 +74,7 @@ def points_above_ground(
     "(float64[:, ::1], int64[::1], int64[::1], int64)"
 )
 def extents(position: F64, weights: I64, cluster: I64, clusters: int) -> tuple[I64, I64, I64, F64, F64]:
-    """What clusters extend over.
+    """The points of clusters, and what these extend over.
 
     Args:
         position: (N, 3) x, y and height.
@@ -83,20 +83,18 @@ def extents(position: F64, weights: I64, cluster: I64, clusters: int) -> tuple[I
         clusters: Their number C; each has a point.
 
     Returns:
-        (C,) number of points, sum of their weights, and the first of them; (C, 5) lowest and highest place of the
-        points along x, y, the two diagonals between these, and the height.
+        (N,) rows of the points, cluster after cluster; (C + 1,) where each of these begins, and N; (C,) sum of their
+        weights; (C, 5) lowest and highest place of the points along x, y, the two diagonals between these, and the
+        height.
     """
-    counts, total, first = np.empty(clusters, np.int64), np.empty(clusters, np.int64), np.empty(clusters, np.int64)
+    starts, total = np.zeros(clusters + 1, np.int64), np.zeros(clusters, np.int64)
     low, high = np.empty((clusters, 5)), np.empty((clusters, 5))
     for c in range(clusters):
-        counts[c], total[c] = 0, 0
         for k in range(5):
             low[c, k], high[c, k] = np.inf, -np.inf
     for i in range(len(cluster)):
         c, x, y = cluster[i], position[i, 0], position[i, 1]
-        if counts[c] == 0:
-            first[c] = i
-        counts[c] += 1
+        starts[c + 1] += 1
         total[c] += weights[i]
         for k in range(5):
             place = x
@@ -109,7 +107,15 @@ def extents(position: F64, weights: I64, cluster: I64, clusters: int) -> tuple[I
             elif k == 4:
                 place = position[i, 2]
             low[c, k], high[c, k] = min(low[c, k], place), max(high[c, k], place)
-    return counts, total, first, low, high
+    rows, end = np.empty(len(cluster), np.int64), np.empty(clusters, np.int64)
+    for c in range(clusters):
+        starts[c + 1] += starts[c]
+        end[c] = starts[c]
+    for i in range(len(cluster)):
+        c = cluster[i]
+        rows[end[c]] = i
+        end[c] += 1
+    return rows, starts, total, low, high
 
 
 @compiled("Tuple((int64[::1], float64[:, ::1], int64[::1]))(int64[::1], int64[::1], int64[::1], int64[::1], int64)")
@@ -137,34 +143,29 @@ def totals(weights: I64, lidar: I64, time_sum_ns: I64, starts: I64, lidars: int)
     return counts, share, time_ns
 
 
-@compiled("Tuple((int64[::1], int64[::1]))(int64[::1], boolean[::1])")
-def members(cluster: I64, is_wanted: Bools) -> tuple[I64, I64]:
+@compiled("Tuple((int64[::1], int64[::1]))(int64[::1], int64[::1], boolean[::1])")
+def members(rows: I64, starts: I64, is_wanted: Bools) -> tuple[I64, I64]:
     """Rows of the points of the wanted ones of C clusters, cluster after cluster; and where each of these begins.
 
     Args:
-        cluster: (N,) of each point.
+        rows: (N,) of the points of all, cluster after cluster.
+        starts: (C + 1,) where each of these begins, and N.
         is_wanted: (C,)
     """
-    place, wanted = np.empty(len(is_wanted), np.int64), 0
-    for c in range(len(is_wanted)):
-        place[c] = 0
-        wanted += is_wanted[c]
-    for c in cluster:
-        place[c] += 1
-    starts, total, k = np.empty(wanted, np.int64), 0, 0
+    wanted, total = 0, 0
     for c in range(len(is_wanted)):
         if is_wanted[c]:
-            starts[k] = total
-            total += place[c]
-            place[c] = starts[k]
+            wanted += 1
+            total += starts[c + 1] - starts[c]
+    found, begins, count, k = np.empty(total, np.int64), np.empty(wanted, np.int64), 0, 0
+    for c in range(len(is_wanted)):
+        if is_wanted[c]:
+            begins[k] = count
             k += 1
-    rows = np.empty(total, np.int64)
-    for i in range(len(cluster)):
-        c = cluster[i]
-        if is_wanted[c]:
-            rows[place[c]] = i
-            place[c] += 1
-    return rows, starts
+            for i in range(starts[c], starts[c + 1]):
+                found[count] = rows[i]
+                count += 1
+    return found, begins
 
 
 @compiled(

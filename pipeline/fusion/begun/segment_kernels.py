@@ -3,11 +3,32 @@
 import numpy as np
 
 from pipeline.core.arrays import F64, I64
-from pipeline.core.compiled import compiled
+from pipeline.core.compiled import compiled, inlined
 
 __all__ = ["extents_of_segments", "points_of_segments"]
 
 _ROWS, _LIST = "Array(int64, 1, 'C', True)", "Array(float64, 1, 'C', True)"
+
+
+@inlined
+def _ranked(values: F64, count: int, rank: int) -> float:
+    """Of the first values, which change places, the one that comes after so many (C. A. R. Hoare: Find, 1961)."""
+    low, high = 0, count - 1
+    while low < high:
+        pivot, i, j = values[(low + high) // 2], low, high
+        while i <= j:
+            while values[i] < pivot:
+                i += 1
+            while values[j] > pivot:
+                j -= 1
+            if i <= j:
+                values[i], values[j] = values[j], values[i]
+                i, j = i + 1, j - 1
+        if j < rank < i:
+            break
+        low, high = (i, high) if rank >= i else (low, j)
+    found: float = values[rank]
+    return found
 
 
 @compiled(
@@ -45,10 +66,12 @@ def extents_of_segments(
         order[place[segment[i]]] = i
         place[segment[i]] += 1
     frustum, within = np.empty(count, np.int64), np.zeros(count, np.int64)
-    front, wide, high = np.empty(count), np.empty(count), np.empty(count)
+    front, wide, high, own_m = np.empty(count), np.empty(count), np.empty(count), np.empty(len(segment))
     for s in range(count):
         rows = order[starts[s] : starts[s + 1]]
-        frustum[s], front[s] = group[rows[0]], np.sort(along_m[rows])[len(rows) // 10]
+        for i in range(len(rows)):
+            own_m[i] = along_m[rows[i]]
+        frustum[s], front[s] = group[rows[0]], _ranked(own_m, len(rows), len(rows) // 10)
         low_x, high_x, low_y, high_y = np.inf, -np.inf, np.inf, -np.inf
         for i in rows:
             if along_m[i] <= front[s] + reach_m[frustum[s]]:
@@ -61,7 +84,7 @@ def extents_of_segments(
 
 @compiled(f"Tuple((int64[::1], int64[::1]))({_ROWS}, {_ROWS}, {_ROWS}, {_LIST}, {_LIST})")
 def points_of_segments(chosen: I64, order: I64, starts: I64, along_m: F64, ends_m: F64) -> tuple[I64, I64]:
-    """(Q,) rows of the points of some segments, the nearest first, and (G,) the first of these of each segment.
+    """(Q,) rows of the points of some segments, in their order, and (G,) the first of these of each segment.
 
     Args:
         chosen: (G,) the segments.
@@ -72,10 +95,9 @@ def points_of_segments(chosen: I64, order: I64, starts: I64, along_m: F64, ends_
     """
     rows, first, count = np.empty(len(order), np.int64), np.empty(len(chosen), np.int64), 0
     for g in range(len(chosen)):
-        own = order[starts[chosen[g]] : starts[chosen[g] + 1]]
         first[g] = count
-        for i in np.argsort(along_m[own], kind="mergesort"):
-            if along_m[own[i]] <= ends_m[chosen[g]]:
-                rows[count] = own[i]
+        for i in order[starts[chosen[g]] : starts[chosen[g] + 1]]:
+            if along_m[i] <= ends_m[chosen[g]]:
+                rows[count] = i
                 count += 1
     return rows[:count].copy(), first

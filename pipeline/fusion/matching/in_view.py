@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, I64, Bools, check_array
+from pipeline.core.arrays import F32, F64, I64, Bools
 from pipeline.core.camera import EDGE_SHARES, NEAR_M
 from pipeline.core.detections import Boxes3D
 from pipeline.core.errors import FrameError
@@ -39,14 +39,6 @@ class InView:
     xyxy: F32
     jacobian: F64
     ranges_m: F64
-
-    def __post_init__(self) -> None:
-        n = len(self.rows)
-        check_array("cameras", self.cameras, (n,), np.int64)
-        check_array("rows", self.rows, (n,), np.int64)
-        check_array("xyxy", self.xyxy, (n, 4), np.float32)
-        check_array("jacobian", self.jacobian, (n, 4, 3), np.float64)
-        check_array("ranges_m", self.ranges_m, (n,), np.float64)
 
     def __len__(self) -> int:
         return len(self.rows)

@@ -1,10 +1,10 @@
 """What is known of a box before the images are asked: means and covariances of its place, heading, size and speed."""
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.core.arrays import F64, check_array
+from pipeline.core.arrays import F64
 from pipeline.core.detections import Boxes3D, Source
 from pipeline.core.settings.fuse import FuseConfig
 from pipeline.fusion.refining.prior_kernels import guessed_covariances, prior_covariances
@@ -47,8 +47,7 @@ SPEED_PER_S = 2.5
 car, 1.5 m/s for a pedestrian, and as much less in a model."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class BoxPrior:
+class BoxPrior(NamedTuple):
     """Independent normal distributions of N boxes over `STATES`.
 
     The yaw among them is the one that images show. A cuboid fitted to what is no cuboid is turned, in all images alike:
@@ -65,13 +64,6 @@ class BoxPrior:
     information: F64
     yaw_shares: F64
     yaw_rests: F64
-
-    def __post_init__(self) -> None:
-        n = len(self.covariances)
-        check_array("covariances", self.covariances, (n, 7, 7), np.float64)
-        check_array("information", self.information, (n, 7, 7), np.float64)
-        check_array("yaw_shares", self.yaw_shares, (n,), np.float64)
-        check_array("yaw_rests", self.yaw_rests, (n,), np.float64)
 
 
 def known_covariances(boxes: Boxes3D, lidar_xy: F64) -> F64:

@@ -68,7 +68,7 @@ def boxes_at(
 
 
 @compiled(
-    "Tuple((float64[:, :, :, ::1], float64[:, :, ::1], float64[:, ::1]))"
+    "Tuple((float64[:, :, :, ::1], float64[:, :, :, ::1], float64[:, ::1]))"
     f"({_BLOCK}, {_BLOCK}, {_ROWS}, {_TABLE}, {_BLOCK}, {_TABLE}, {_TABLE}, {_TABLE}, {_LIST}, {_LIST}, {_LIST},"
     " float64, float64)"
 )
@@ -108,11 +108,11 @@ def normal_equations(
         cauchy: Residuals of so many standard deviations weigh half.
 
     Returns:
-        (N, K, 6, 6) normal matrices over all states but the yaw, (N, K, 6) their right sides, and (N, K) twice the
-        negative logarithm of the probability.
+        (N, K, 6, 6) normal matrices over all states but the yaw; (N, K, 6, 7) their right sides: that of the step, and
+        those of the inverse; (N, K) twice the negative logarithm of the probability.
     """
     count, tried = states.shape[:2]
-    normal, pull, cost = np.zeros((count, tried, 6, 6)), np.zeros((count, tried, 6)), np.zeros((count, tried))
+    normal, right, cost = np.zeros((count, tried, 6, 6)), np.zeros((count, tried, 6, 7)), np.zeros((count, tried))
     slope = np.empty(6)
     for p in range(len(rows)):
         n = rows[p]
@@ -134,7 +134,7 @@ def normal_equations(
                 slope[5] = (by_y * cosines[n] - by_x * sines[n]) * later_s[p]
                 weight = 1 / (1 + squared) / sigma_px[p, e]
                 for a in range(6):
-                    pull[n, k, a] += weight * slope[a] * residual
+                    right[n, k, a, 0] += weight * slope[a] * residual
                     for b in range(6):
                         normal[n, k, a, b] += weight * slope[a] * slope[b] / sigma_px[p, e]
 
@@ -147,11 +147,12 @@ def normal_equations(
                 cost[n, k] += drawn_back * states[n, k, i]
                 if i != _YAW:
                     a = i - (i > _YAW)
-                    pull[n, k, a] -= drawn_back
+                    right[n, k, a, 0] -= drawn_back
+                    right[n, k, a, 1 + a] = 1.0
                     for j in range(7):
                         if j != _YAW:
                             normal[n, k, a, j - (j > _YAW)] += information[n, i, j]
-    return normal, pull, cost
+    return normal, right, cost
 
 
 @compiled(f"Tuple((float64[:, ::1], float64[:, :, ::1]))({_BLOCK}, {_TABLE}, {_BLOCKS}, {_LIST})")

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64, Rows, check_array, select_rows
+from pipeline.core.arrays import F64, I64, Rows, select_rows
 from pipeline.core.detections import Boxes2D, Hypotheses
 from pipeline.core.rig import CameraSensor
 from pipeline.core.settings.fuse import FuseConfig
@@ -38,15 +38,6 @@ class MeasuredEdges:
     hidden_px: F64
     later_s: F64
 
-    def __post_init__(self) -> None:
-        n = len(self.rows)
-        check_array("rows", self.rows, (n,), np.int64)
-        check_array("camera_rows", self.camera_rows, (n,), np.int64)
-        check_array("xyxy", self.xyxy, (n, 4), np.float64)
-        check_array("sigma_px", self.sigma_px, (n, 4), np.float64)
-        check_array("hidden_px", self.hidden_px, (n, 4), np.float64)
-        check_array("later_s", self.later_s, (n,), np.float64)
-
     def __len__(self) -> int:
         return len(self.rows)
 
@@ -72,22 +63,20 @@ def measured_edges(
         views: The cameras by name.
         config: `pixel_sigma_px` and `outline_sigma`.
     """
-    names = [name for name in views if name in boxes2d and name in hypotheses.matches]
-    numbers = np.array([number for number, name in enumerate(views) if name in names], np.int64)
-    matches, found = [hypotheses.matches[name] for name in names], [boxes2d[name] for name in names]
-    pairs = np.concatenate([np.zeros((0, 2), np.int64), *(one.pairs for one in matches)])
-    of_camera = np.repeat(np.arange(len(names)), [len(one) for one in matches])
-    order = np.argsort(pairs[:, 0], kind="stable")
-    of_camera, (rows, rows2d) = of_camera[order], pairs[order].T.copy()
-    first = np.cumsum([0, *map(len, found)])[of_camera]
-    cameras = camera_arrays(tuple(views.values())).select(numbers[of_camera])
-    xyxy = np.concatenate([np.zeros((0, 4)), *(one.xyxy for one in found)])[first + rows2d]
-    hidden = np.concatenate([np.zeros(0), *(one.hidden for one in matches)])[of_camera * len(hypotheses.boxes) + rows]
+    numbered = [(k, name) for k, name in enumerate(views) if name in boxes2d and hypotheses.matches.get(name)]
+    matched = [(hypotheses.matches[name], boxes2d[name]) for _, name in numbered]
+    counts = [len(matches) for matches, _ in matched]
+    rows = np.concatenate([np.zeros(0, np.int64), *(matches.pairs[:, 0] for matches, _ in matched)])
+    order = np.argsort(rows, kind="stable")
+    rows, numbers = rows[order], np.repeat(np.array([number for number, _ in numbered], np.int64), counts)[order]
+    stamps_ns = np.repeat(np.array([found.stamp_ns for _, found in matched], np.int64), counts)[order]
+    xyxy = np.concatenate([np.zeros((0, 4)), *(found.xyxy[matches.pairs[:, 1]] for matches, found in matched)])[order]
+    hidden = np.concatenate([np.zeros(0), *(matches.hidden[matches.pairs[:, 0]] for matches, _ in matched)])[order]
+    cameras = camera_arrays(tuple(views.values())).select(numbers)
     xyxy = xyxy.clip(0.0, cameras.limits)
     extent = np.maximum(xyxy[:, 2:] - xyxy[:, :2], 1.0)
     outline_px = config.outline_sigma * np.sqrt(extent[:, :1] * extent[:, 1:])
     sigma_px = np.repeat(np.hypot(config.pixel_sigma_px, outline_px), 4, axis=1)
     hidden_px = hidden[:, None] * np.concatenate([extent, extent], 1)
-    stamps_ns = np.array([one.stamp_ns for one in found], np.int64)[of_camera]
     later_s = (stamps_ns - hypotheses.boxes.measured_ns[rows]) * NANOSECONDS
-    return MeasuredEdges(rows, numbers[of_camera], cameras, xyxy, sigma_px, hidden_px, later_s)
+    return MeasuredEdges(rows, numbers, cameras, xyxy, sigma_px, hidden_px, later_s)

@@ -12,12 +12,11 @@ fit alike.
 Residuals are weighed by a Cauchy distribution (iteratively reweighted), so that a wrong 2D box does little harm.
 """
 
-from dataclasses import dataclass
 from typing import NamedTuple, Self
 
 import numpy as np
 
-from pipeline.core.arrays import F64, Bools, check_array, first_of_runs
+from pipeline.core.arrays import F64, Bools, first_of_runs
 from pipeline.core.detections import Boxes3D
 from pipeline.fusion.outline import Outline
 from pipeline.fusion.projection import project_edges
@@ -44,15 +43,13 @@ LEAST_SIZE, MOST_SIZE = 0.5, 1.5
 """Bounds of a refined length and width, as shares of the prior's."""
 
 _OFFSETS = np.linspace(-SPAN, SPAN, YAWS)
-_ONE = np.eye(6)
 
 _YAW = 2
 _REST = np.array([0, 1, 3, 4, 5, 6])
 """Rows of `box_prior.STATES` that are solved for at a given yaw."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class RefinedBoxes:
+class RefinedBoxes(NamedTuple):
     """N boxes after refinement.
 
     Attributes:
@@ -74,16 +71,6 @@ class RefinedBoxes:
     accepted: Bools
     costs: F64
 
-    def __post_init__(self) -> None:
-        n = len(self.yaws)
-        check_array("centers_xy", self.centers_xy, (n, 2), np.float64)
-        check_array("yaws", self.yaws, (n,), np.float64)
-        check_array("lengths_widths", self.lengths_widths, (n, 2), np.float64)
-        check_array("covariances", self.covariances, (n, 3, 3), np.float64)
-        check_array("later_s", self.later_s, (n,), np.float64)
-        check_array("accepted", self.accepted, (n,), np.bool_)
-        check_array("costs", self.costs, (n,), np.float64)
-
 
 class _Problem(NamedTuple):
     """N boxes, and P pairs with an outline of the box for each."""
@@ -101,7 +88,7 @@ class _Problem(NamedTuple):
         return cls(boxes, prior, edges, outline, np.cos(boxes.yaws), np.sin(boxes.yaws))
 
     def linearised(self, states: F64) -> tuple[F64, F64, F64]:
-        """Normal matrices (N, K, 6, 6), gradients (N, K, 6) and costs (N, K) at states (N, K, 7) less the prior's."""
+        """What `normal_equations` gives at states (N, K, 7) less the prior's."""
         boxes, edges = self.boxes, self.edges
         turns = self.cosines, self.sines
         placed = boxes.centers, boxes.sizes, boxes.yaws
@@ -123,16 +110,11 @@ class _Problem(NamedTuple):
         """
         yaw_sigma = np.sqrt(covariances[:, _YAW, _YAW])
         states = means[:, None] + _OFFSETS[:, None] * (covariances[:, _YAW] / yaw_sigma[:, None])[:, None]
-        for left in reversed(range(steps)):
-            normal, pull, cost = self.linearised(states)
-            right = np.zeros((*pull.shape, 1 if left else 7))
-            right[..., 0] = pull
-            if not left:  # the inverse, for the covariance
-                right[..., 1:] = _ONE
+        for _ in range(steps):
+            normal, right, cost = self.linearised(states)
             found, log_det = solve(normal, right)
-            step = found[..., 0]
-            states[..., _REST] += step
-        log_odds = -(cost - (step * pull).sum(2) + log_det) / 2
+            states[..., _REST] += found[..., 0]
+        log_odds = -(cost - (found[..., 0] * right[..., 0]).sum(2) + log_det) / 2
         about_each = (yaw_sigma * (_OFFSETS[1] - _OFFSETS[0])) ** 2 / 12
         return averaged_states(states, log_odds, np.ascontiguousarray(found[..., 1:]), about_each)
 

@@ -25,7 +25,7 @@ from readers.files.rosbag1.chunk import (
     messages_of,
 )
 from readers.files.rosbag1.connections import Connection, agreed, connection_of, is_same
-from readers.files.rosbag1.index import Chunk, Contents, rows_behind
+from readers.files.rosbag1.index import Chunk, Contents
 from readers.files.rosbag1.records import Record
 from readers.files.rows import counts_of, least_by
 
@@ -169,7 +169,7 @@ class ChunkReader:
         else:
             self._stream.seek(chunk.data_position)
             records = read_bytes(self._stream, chunk.data_size)
-        rows = rows_behind(self._stream, chunk, position)
+        rows = self._contents.rows_of(position)
         if len(rows) > self._limits.max_messages_per_chunk:
             return None
         listed = as_listed(records, rows)

@@ -6,6 +6,7 @@ each chunk with the counts and times at the end of the file. Only the chunks the
 """
 
 import struct
+from bisect import bisect_left, bisect_right
 from collections import Counter
 from dataclasses import dataclass
 from io import BytesIO
@@ -28,7 +29,7 @@ from readers.files.rosbag1.records import (
 )
 from readers.files.rows import counts_of, sort_rows
 
-__all__ = ["BY_TIME", "Chunk", "Contents", "contents_of_index", "rows_behind"]
+__all__ = ["BY_TIME", "Chunk", "Contents", "contents_of_index"]
 
 COMPRESSIONS = {b"none": "none", b"bz2": "bz2", b"lz4": "lz4"}
 ENTRY = np.dtype([("sec", "<u4"), ("nanosec", "<u4"), ("offset", "<u4")])
@@ -77,6 +78,13 @@ class Contents:
     chunks: dict[int, Chunk]
     index: I64
     found_by: Literal["index", "scan"] = "index"
+
+    def rows_of(self, position: int) -> I64:
+        """(N, 3) log time, offset and connection id of all messages of a chunk whose times the index says."""
+        chunk, times_ns = self.chunks[position], self.index[:, 0]  # numpy's search would copy all times
+        rows = self.index[bisect_left(times_ns, chunk.start_ns) : bisect_right(times_ns, chunk.end_ns)]
+        found: I64 = rows[rows[:, 1] == position][:, (0, 2, 3)]
+        return found
 
 
 class _ChunkInfo(NamedTuple):
@@ -192,17 +200,8 @@ def _chunk(stream: BinaryIO, position: int, following: int, info: _ChunkInfo) ->
     return chunk, rows
 
 
-def rows_behind(stream: BinaryIO, chunk: Chunk, position: int) -> I64:
-    """(N, 3) log time, offset and connection id of all messages that the index behind a chunk lists.
-
-    Raises:
-        ValueError: it is damaged.
-    """
-    return _listed(stream, chunk, position)[1]
-
-
 def _listed(stream: BinaryIO, chunk: Chunk, position: int) -> tuple[Counter[int], I64]:
-    """Number of messages by connection id, and the rows of `rows_behind`."""
+    """Number of messages that the index behind a chunk lists, by connection id, and (N, 3) times, offsets and ids."""
     size, at = chunk.index_size, 0
     stream.seek(chunk.data_position + chunk.data_size)
     behind = stream.read(size)

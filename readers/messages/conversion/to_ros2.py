@@ -5,7 +5,7 @@ that holds all of its fields (`sensor_msgs/CameraInfo`: `D` becomes `d`), else i
 ROS 1's vision_msgs do not fit those of ROS 2: see `vision`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache, partial
 from typing import Any
@@ -20,7 +20,6 @@ from pipeline.core.ros.cdr import CdrEncoder
 from pipeline.core.ros.lazy_typestore import lazy_typestore
 from pipeline.core.ros.messages import ROS2
 from pipeline.core.ros.typestores import message_types
-from pipeline.core.settings.classes import ClassPrior
 from pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
 from readers.messages.boundary.decoding import decoder
 from readers.messages.conversion.vision import INSTANCE, VISION_ARRAYS, name_of_number, vision_message
@@ -35,15 +34,21 @@ RENAMED = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
 """Types that ROS 2 calls otherwise, as rosbags has them, whose converter takes long to import."""
 
 
+_AS_NUMBERED = partial(name_of_number, classes=())
+
+
 @decoder
 def to_ros2(
-    message: RawMessage, classes: Sequence[ClassPrior] = (), *, limits: LimitsConfig = DEFAULT_LIMITS
+    message: RawMessage,
+    name_of: Callable[[int], str] = _AS_NUMBERED,
+    *,
+    limits: LimitsConfig = DEFAULT_LIMITS,
 ) -> RawMessage:
     """The message as CDR, with the definition that its channel needs in a file; times and order are kept.
 
     Args:
         message: Any ROS message.
-        classes: Names of the numbers in ROS 1's vision_msgs.
+        name_of: What a number in ROS 1's vision_msgs stands for.
         limits: What a message that is converted may hold.
 
     Raises:
@@ -57,12 +62,12 @@ def to_ros2(
     if channel.encoding != "ros1":
         raise MessageError(f"{channel.topic}: {channel.msgtype} in {channel.encoding} is not a ROS message")
     if channel.msgtype in VISION_ARRAYS and len(message.data) <= limits.max_message_items:  # fewer items than bytes
-        data = boxes_in_place(message, partial(name_of_number, classes=classes), INSTANCE)
+        data = boxes_in_place(message, name_of, INSTANCE)
         if data is not None:
             return message._replace(channel=_of_vision(channel), data=data)
     recorded = deserialize(message, limits=limits)
     if channel.msgtype in VISION_ARRAYS:
-        converted = vision_message(recorded, channel.msgtype, classes)
+        converted = vision_message(recorded, channel.msgtype, name_of)
         return message._replace(channel=_of_vision(channel), data=ROS2.serialize(converted))
     store, in_ros2, encoder = _in_ros2(channel)
     if encoder is not None:

@@ -41,13 +41,13 @@ def name_of_number(number: int, classes: Sequence[ClassPrior]) -> str:
     return count_of(str(number)) or class_name_of_number(number, classes)
 
 
-def vision_message(recorded: Any, msgtype: str, classes: Sequence[ClassPrior]) -> Any:
+def vision_message(recorded: Any, msgtype: str, name_of: Callable[[int], str]) -> Any:
     """A Detection2DArray or Detection3DArray of ROS 2 from one of ROS 1.
 
     Args:
         recorded: The message of ROS 1.
         msgtype: Its type, one of `VISION_ARRAYS`.
-        classes: Names of the numbers.
+        name_of: `name_of_number` of some classes.
     """
     convert: Callable[[Any], Any] = _box_3d if msgtype == _BOXES_3D else _box_2d
     element = msgtype.removesuffix("Array")
@@ -58,7 +58,7 @@ def vision_message(recorded: Any, msgtype: str, classes: Sequence[ClassPrior]) -
             ROS2.new(
                 element,
                 header=_header(detection.header),
-                results=[_hypothesis(result, classes) for result in detection.results if result.id != INSTANCE],
+                results=[_hypothesis(result, name_of) for result in detection.results if result.id != INSTANCE],
                 bbox=convert(detection.bbox),
                 id=str(instances[0]) if instances and instances[0] >= 0 else "",
             )
@@ -66,10 +66,8 @@ def vision_message(recorded: Any, msgtype: str, classes: Sequence[ClassPrior]) -
     return ROS2.new(msgtype, header=_header(recorded.header), detections=detections)
 
 
-def _hypothesis(result: Any, classes: Sequence[ClassPrior]) -> Any:
-    hypothesis = ROS2.new(
-        "vision_msgs/msg/ObjectHypothesis", class_id=name_of_number(result.id, classes), score=result.score
-    )
+def _hypothesis(result: Any, name_of: Callable[[int], str]) -> Any:
+    hypothesis = ROS2.new("vision_msgs/msg/ObjectHypothesis", class_id=name_of(result.id), score=result.score)
     pose = ROS2.pose_with_covariance(_pose(result.pose.pose), result.pose.covariance)
     return ROS2.new("vision_msgs/msg/ObjectHypothesisWithPose", hypothesis=hypothesis, pose=pose)
 

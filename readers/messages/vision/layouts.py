@@ -4,6 +4,7 @@ They differ in what the class of a hypothesis is, how many numbers a box has, an
 """
 
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any, Literal, NamedTuple, TypeAlias
 
@@ -86,9 +87,14 @@ _ROS1_TAILS: dict[_Fields, Tail] = {
 }
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=1024)
 def layout_of(channel: Channel) -> BoxLayout | None:
     """The layout of a channel's messages; None if it is none of the known ones."""
+    return _layout(replace(channel, topic=""))  # many topics share one definition
+
+
+@lru_cache(maxsize=256)
+def _layout(channel: Channel) -> BoxLayout | None:
     try:
         types = typestore_for(channel).fielddefs
     except MessageError:

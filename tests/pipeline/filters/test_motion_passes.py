@@ -5,7 +5,7 @@ import pytest
 
 from pipeline.core.arrays import F32
 from pipeline.core.geometry.transform import Transform
-from pipeline.filters.motion_passes import STEP_NS, in_range, moved, moved_each
+from pipeline.filters.motion_passes import STEP_NS, coordinates, in_range, moved, moved_each
 
 
 def points(count: int) -> F32:
@@ -45,3 +45,10 @@ def test_moved_each(count: int) -> None:
     matrix = matrices[knot] + (rest_ns / STEP_NS)[:, None, None] * (matrices[knot + 1] - matrices[knot])
     expected = np.einsum("nij,nj->ni", matrix[:, :, :3], points(count)) + matrix[:, :, 3]
     np.testing.assert_allclose(moved_each(points(count), since_ns, matrices), expected, rtol=0, atol=1e-4)
+
+
+@pytest.mark.parametrize("count", [0, 1, 1000])
+@pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
+def test_coordinates(count: int, share: float) -> None:
+    kept = np.random.default_rng(1).random(count) < share
+    np.testing.assert_array_equal(coordinates(points(count), kept), points(count)[kept].T)

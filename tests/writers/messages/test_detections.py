@@ -139,13 +139,13 @@ def test_zones(y: float, zone: str) -> None:
 
 
 def test_without_zones_the_halves_of_the_predecessor_system_count() -> None:
-    message = lidcam_objects(boxes3d([[9, 0, 0, 1, 1, 1, 0], [5, -500, 0, 1, 1, 1, 0]]), (), stamp_ns=1)
+    message = through_cdr(lidcam_objects(boxes3d([[9, 0, 0, 1, 1, 1, 0], [5, -500, 0, 1, 1, 1, 0]]), (), stamp_ns=1))
     assert [one.pos_x for one in message.objects_intersection] == [9]
     assert [one.pos_x for one in message.objects_circle] == [5]
 
 
 def test_other_zones_have_no_field() -> None:
     zones = (Zone("car park", SQUARE.copy()), *RIG.zones)
-    message = lidcam_objects(boxes3d([[1, 1, 0, 1, 1, 1, 0], [9, 1, 0, 1, 1, 1, 0]]), zones, stamp_ns=1)
+    message = through_cdr(lidcam_objects(boxes3d([[1, 1, 0, 1, 1, 1, 0], [9, 1, 0, 1, 1, 1, 0]]), zones, stamp_ns=1))
     assert (message.num_intersection, message.num_circle) == (1, 0)
     assert message.objects_intersection[0].pos_x == 9

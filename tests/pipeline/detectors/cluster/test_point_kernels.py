@@ -51,12 +51,13 @@ def test_extents_of_clusters(count: int) -> None:
     rng = np.random.default_rng(count)
     cluster = rng.permutation(np.concatenate([np.arange(7), rng.integers(0, 7, count)]))
     position, weights = rng.normal(0, 5, (len(cluster), 3)), rng.integers(1, 5, len(cluster))
-    counts, total, first, low, high = extents(position, weights, cluster, 7)
+    order, starts, total, low, high = extents(position, weights, cluster, 7)
     x, y, z = position.T
     places = np.stack([x, y, (x + y) * np.sqrt(0.5), (x - y) * np.sqrt(0.5), z], 1)
     for one in range(7):
         rows = np.flatnonzero(cluster == one)
-        assert (counts[one], total[one], first[one]) == (len(rows), weights[rows].sum(), rows[0])
+        np.testing.assert_array_equal(order[starts[one] : starts[one + 1]], rows)
+        assert total[one] == weights[rows].sum()
         np.testing.assert_array_equal(low[one], places[rows].min(0))
         np.testing.assert_array_equal(high[one], places[rows].max(0))
 
@@ -75,7 +76,8 @@ def test_totals_of_clusters(lidars: int) -> None:
 @pytest.mark.parametrize("wanted", [[], [4], [0, 1, 2, 3, 4], [1, 3]])
 def test_members_of_clusters(wanted: list[int]) -> None:
     cluster = np.random.default_rng(0).integers(0, 4, 50)  # the last one has no points
-    rows, starts = members(cluster, np.isin(np.arange(5), wanted))
+    order, first = np.argsort(cluster, kind="stable"), np.searchsorted(np.sort(cluster), np.arange(6))
+    rows, starts = members(order, first, np.isin(np.arange(5), wanted))
     assert [part.tolist() for part in np.split(rows, starts)[1:]] == [
         np.flatnonzero(cluster == one).tolist() for one in wanted
     ]

@@ -72,7 +72,8 @@ def test_systems_to_solve(seed: int, size: tuple[int, int, int]) -> None:
     np.add.at(cost, rows, CAUCHY**2 * np.log1p(squared).sum(1).reshape(-1, tried))
     drawn_back = np.einsum("nij,nkj->nki", information, states)
     np.testing.assert_allclose(found[0], normal + information[:, None][..., REST, :][..., REST], rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(found[1], pull - drawn_back[..., REST], rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(found[1][..., 0], pull - drawn_back[..., REST], rtol=1e-9, atol=1e-9)
+    np.testing.assert_array_equal(found[1][..., 1:], np.broadcast_to(np.eye(6), (n, tried, 6, 6)))
     np.testing.assert_allclose(found[2], cost + (drawn_back * states).sum(2), rtol=1e-9, atol=1e-9)
 
 

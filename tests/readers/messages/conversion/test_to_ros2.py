@@ -1,4 +1,4 @@
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -16,10 +16,11 @@ from pipeline.core.messages import Channel, RawMessage
 from pipeline.core.ros.messages import RosMessages
 from pipeline.core.settings.classes import ROAD_CLASSES, ClassPrior
 from readers.messages.conversion.to_ros2 import RENAMED, to_ros2
-from readers.messages.conversion.vision import class_name_of_number
+from readers.messages.conversion.vision import class_name_of_number, name_of_number
 
 ROS1 = RosMessages(1)
 STAMP_NS = 1_600_000_000_123_456_789
+NAME_OF = partial(name_of_number, classes=ROAD_CLASSES)
 BOXES_2D, BOXES_3D = "vision_msgs/msg/Detection2DArray", "vision_msgs/msg/Detection3DArray"
 
 
@@ -178,7 +179,7 @@ def test_truth_of_ros1_gets_names_and_the_instance_as_id() -> None:
         (-5, 0.5),
         (-9, 1.0),
     ]
-    found = read(to_ros2(ros1("/truth", boxes_3d([hypothesis(*one) for one in results], [])), ROAD_CLASSES))
+    found = read(to_ros2(ros1("/truth", boxes_3d([hypothesis(*one) for one in results], [])), NAME_OF))
     first, second = found.detections
     assert {one.hypothesis.class_id: one.hypothesis.score for one in first.results} == {
         "car": 1.0,
@@ -208,7 +209,7 @@ def test_2d_boxes_of_ros1() -> None:
         bbox=ROS1.new("vision_msgs/msg/BoundingBox2D", center=center, size_x=3.0, size_y=4.0),
         source_img=image,
     )
-    found = read(to_ros2(ros1("/boxes", ROS1.new(BOXES_2D, header=header, detections=[detection])), ROAD_CLASSES))
+    found = read(to_ros2(ros1("/boxes", ROS1.new(BOXES_2D, header=header, detections=[detection])), NAME_OF))
     (box,) = found.detections
     assert [one.hypothesis.class_id for one in box.results] == ["pedestrian"]
     assert box.id == ""

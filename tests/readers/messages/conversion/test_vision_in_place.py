@@ -67,7 +67,7 @@ def recorded(frame: str, found: list[tuple[str, list[tuple[int, float]]]], msgty
 
 def built(message: RawMessage) -> bytes:
     """The judge."""
-    return bytes(ROS2.serialize(vision_message(deserialize(message), message.channel.msgtype, ROAD_CLASSES)))
+    return bytes(ROS2.serialize(vision_message(deserialize(message), message.channel.msgtype, NAME_OF)))
 
 
 @pytest.mark.parametrize("msgtype", [BOXES_2D, BOXES_3D])
@@ -101,7 +101,7 @@ def test_an_instance_that_is_no_number_is_refused_as_before(score: float) -> Non
     message = recorded("map", [("a", [(INSTANCE, score)])], BOXES_3D)
     assert boxes_in_place(message, NAME_OF, INSTANCE) is None
     with pytest.raises(MessageError, match="whose values cannot be used"):
-        to_ros2(message, ROAD_CLASSES)
+        to_ros2(message, NAME_OF)
 
 
 def test_what_is_of_another_layout_or_of_nobody_is_left() -> None:
