@@ -1,9 +1,8 @@
 """What tells an input from others: its size and its checksum."""
 
-from dataclasses import dataclass
 from hashlib import file_digest, sha256
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from pipeline.core.errors import RecordingError
 from readers.location import Location, RemotePath
@@ -11,8 +10,7 @@ from readers.location import Location, RemotePath
 __all__ = ["InputFile", "read_input_file"]
 
 
-@dataclass(frozen=True, slots=True)
-class InputFile:
+class InputFile(NamedTuple):
     """An input file.
 
     Attributes:

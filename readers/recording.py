@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, replace
-from typing import Literal, Protocol, Self
+from typing import Literal, NamedTuple, Protocol, Self
 
 from pipeline.core.errors import RecordingError
 from pipeline.core.messages import Channel, RawMessage
@@ -24,8 +24,7 @@ __all__ = [
 RosVersion = Literal["ROS 1", "ROS 2", "no ROS"]
 
 
-@dataclass(frozen=True, slots=True)
-class ReadOptions:
+class ReadOptions(NamedTuple):
     """How a recording is read.
 
     Attributes:

@@ -1,7 +1,7 @@
 """How objects are drawn, the same in every viewer: which are strong, in what colour, with what text."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -120,8 +120,7 @@ def _may_be_seen(objects: Boxes3D, models: Sequence[CameraModel], poses: F64) ->
     return np.asarray((distances <= radii) | (aside - reach <= angles))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class DrawnBoxes2D:
+class DrawnBoxes2D(NamedTuple):
     """The 2D boxes of one image as they are drawn.
 
     Attributes:

@@ -1,11 +1,10 @@
 """How the panels of a viewer's window share it: the scene, the images in their own aspect, the plots."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from math import ceil
 from operator import itemgetter
 from statistics import median
-from typing import Literal
+from typing import Literal, NamedTuple
 
 __all__ = ["Panels", "arrange"]
 
@@ -21,8 +20,7 @@ MIN_PLOT_SHARE = 0.15
 """Of what the images have: less than this is left empty."""
 
 
-@dataclass(frozen=True, slots=True)
-class Panels:
+class Panels(NamedTuple):
     """An arrangement.
 
     Attributes:

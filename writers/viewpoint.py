@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -33,8 +34,7 @@ _EMPTY_REACH_M = 5.0
 _NEAREST_M = 0.1
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Viewpoint:
+class Viewpoint(NamedTuple):
     """An eye, in the site frame.
 
     Attributes:

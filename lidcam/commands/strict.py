@@ -1,7 +1,7 @@
 """What `--strict` asks of a run."""
 
 from collections import Counter
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from lidcam.commands.verdict import first_of
 from lidcam.summary import RunReport
@@ -15,8 +15,7 @@ ENDS = 2
 """Messages of a topic: one at either end of a recording may have no partners, however short it is."""
 
 
-@dataclass(frozen=True, slots=True)
-class Strictness:
+class Strictness(NamedTuple):
     """How much of the recording a run has to use.
 
     Attributes:

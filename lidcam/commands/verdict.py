@@ -1,8 +1,7 @@
 """How a command ends that has done its work: whole, incomplete, or short of what --strict asks for."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from pipeline.core.errors import CheckError, IncompleteError
 
@@ -21,8 +20,7 @@ MAX_LISTED = 4
 """Reasons in the line."""
 
 
-@dataclass(frozen=True, slots=True)
-class Verdict:
+class Verdict(NamedTuple):
     """How a command ends that has done its work.
 
     Attributes:

@@ -1,9 +1,8 @@
 """What the processes of a run tell each other."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from logging import LogRecord
-from typing import Any
+from typing import Any, NamedTuple
 
 from pipeline.graph import Graph, Node
 from pipeline.parallel.failure import Failure
@@ -14,8 +13,7 @@ MakeGraph = Callable[[], tuple[Graph[Any], Node[Any]]]
 """Makes the stages of a frame, and the one whose output is wanted; can be pickled."""
 
 
-@dataclass(frozen=True, slots=True)
-class Beginning:
+class Beginning(NamedTuple):
     """The first thing that a process is told.
 
     Attributes:
@@ -29,8 +27,7 @@ class Beginning:
     log_levels: Mapping[str, int]
 
 
-@dataclass(frozen=True, slots=True)
-class Begun:
+class Begun(NamedTuple):
     """A process has its stages, or has failed to make them.
 
     Attributes:
@@ -40,8 +37,7 @@ class Begun:
     failure: Failure | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Question:
+class Question(NamedTuple):
     """A frame to work on.
 
     Attributes:
@@ -53,8 +49,7 @@ class Question:
     frame: Any
 
 
-@dataclass(frozen=True, slots=True)
-class Answer:
+class Answer(NamedTuple):
     """What came of a frame.
 
     Attributes:

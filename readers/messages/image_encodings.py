@@ -14,7 +14,7 @@ dark. Signed, float and two-channel encodings hold measurements, not images. Ope
 converted: most runs copy images as they are.
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,8 +25,7 @@ from pipeline.core.settings.recording import LimitsConfig
 __all__ = ["PACKED", "PLANAR", "PackedEncoding", "check_pixels", "packed_to_rgb", "planar_rows", "planar_to_rgb"]
 
 
-@dataclass(frozen=True, slots=True)
-class PackedEncoding:
+class PackedEncoding(NamedTuple):
     """An encoding with all values of a pixel side by side.
 
     Attributes:

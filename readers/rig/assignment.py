@@ -7,8 +7,7 @@ topic is left is left out.
 """
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 from readers.recording import Recording
 from readers.rig.schema import CameraEntry, LidarEntry
@@ -20,8 +19,7 @@ __all__ = ["AssignedCamera", "AssignedLidar", "assign_cameras", "assign_lidars"]
 E = TypeVar("E", LidarEntry, CameraEntry)
 
 
-@dataclass(frozen=True, slots=True)
-class AssignedLidar:
+class AssignedLidar(NamedTuple):
     """A lidar's name, topic and entry in the rig file."""
 
     name: str
@@ -29,8 +27,7 @@ class AssignedLidar:
     entry: LidarEntry
 
 
-@dataclass(frozen=True, slots=True)
-class AssignedCamera:
+class AssignedCamera(NamedTuple):
     """A camera's name, topics and entry in the rig file."""
 
     name: str
@@ -76,7 +73,7 @@ def assign_cameras(
         if entry.boxes_topic and entry.boxes_topic not in boxes:
             findings.notes.append(f"{name}: the recording has no boxes on {entry.boxes_topic}")
         elif entry.boxes_topic:
-            topics = replace(topics, boxes=entry.boxes_topic)
+            topics = topics._replace(boxes=entry.boxes_topic)
         assigned.append(AssignedCamera(name, topics, entry))
     return assigned
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -194,8 +195,7 @@ def _are(names: Iterable[str]) -> str:
     return f"{text} {'are' if text.endswith('s') else 'is'}"
 
 
-@dataclass(frozen=True, slots=True)
-class Lens:
+class Lens(NamedTuple):
     """A camera's intrinsics.
 
     Attributes:

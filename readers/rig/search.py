@@ -1,7 +1,8 @@
 """The sensors of a recording, before they are calibrated: their topics, their frames, and the site frame."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -42,8 +43,7 @@ MAX_LISTED = 10
 """Topics that an error lists at most."""
 
 
-@dataclass(frozen=True, slots=True)
-class FoundSensors:
+class FoundSensors(NamedTuple):
     """The sensors of a recording and what is known of them.
 
     Attributes:

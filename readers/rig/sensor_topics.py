@@ -11,6 +11,7 @@ single camera.
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
+from typing import NamedTuple
 
 from pipeline.core.settings.recording import TopicsConfig
 from readers.natural_order import natural_key
@@ -79,8 +80,7 @@ class Findings:
         self.faults.append(SensorFault(sensor, topic, str(reason)))
 
 
-@dataclass(frozen=True, slots=True)
-class CameraTopics:
+class CameraTopics(NamedTuple):
     """The topics of one camera; empty if it has none."""
 
     image: str

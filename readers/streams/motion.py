@@ -7,7 +7,7 @@ used only if its child frame is the site frame or fixed to it.
 from bisect import bisect_left
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -43,8 +43,7 @@ FIXED_FRAMES = ("odom", "map", "world", "earth")
 """REP 105; `odom` first, since it moves without jumps."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class MotionSource:
+class MotionSource(NamedTuple):
     """The source of the site frame's poses.
 
     Attributes:

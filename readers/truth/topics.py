@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Collection
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from pipeline.core.errors import ConfigError
 from readers.messages.vision.detections2d import DETECTIONS_2D
@@ -16,8 +16,7 @@ WHEN_MEASURED = "_when_measured"
 """Ends the name of the topic that has the same objects where the lidars measured them."""
 
 
-@dataclass(frozen=True, slots=True)
-class TruthTopics:
+class TruthTopics(NamedTuple):
     """The topics of one truth.
 
     Attributes:

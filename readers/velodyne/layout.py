@@ -1,6 +1,6 @@
 """The layout of a Velodyne's packet: which block holds which lasers, columns and returns."""
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import as_strided
@@ -22,8 +22,7 @@ LAST = 2
 BOTH = 3
 
 
-@dataclass(frozen=True, slots=True)
-class Layout:
+class Layout(NamedTuple):
     """The order of the blocks in a packet.
 
     Attributes:

@@ -10,6 +10,7 @@ An HDL-64E has a table of its own per unit, so none is built in.
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -92,8 +93,7 @@ class LaserTable:
         return ranks
 
 
-@dataclass(frozen=True, slots=True)
-class VelodyneModel:
+class VelodyneModel(NamedTuple):
     """Constants of one model.
 
     Attributes:

@@ -7,8 +7,7 @@ Foxglove shares.
 
 import json
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -40,8 +39,7 @@ Config = dict[str, Any]
 Split = str | dict[str, Any]
 
 
-@dataclass(frozen=True, slots=True)
-class _Panel:
+class _Panel(NamedTuple):
     id: str
     config: Config
 

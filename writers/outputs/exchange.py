@@ -11,8 +11,8 @@ import json
 import os
 import stat
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from pipeline.core.errors import OutputError
 from writers.outputs.work_folder import remove, work_folder_path
@@ -27,8 +27,7 @@ _CANNOT_SYNC = {errno.EINVAL, errno.ENOTSUP, errno.EOPNOTSUPP}
 """Answers of file systems that have no fsync of a folder."""
 
 
-@dataclass(frozen=True, slots=True)
-class Exchange:
+class Exchange(NamedTuple):
     """One output whose new version takes the place of the old one.
 
     Attributes:

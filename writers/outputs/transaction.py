@@ -3,11 +3,10 @@
 import os
 from collections.abc import Callable, Collection, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock
 from types import TracebackType
-from typing import Self
+from typing import NamedTuple, Self
 
 from pipeline.core.ending import undone_at_once
 from pipeline.core.errors import OutputError
@@ -21,8 +20,7 @@ from writers.outputs.work_folder import WorkFolder, work_folder_path
 __all__ = ["OutputFile", "OutputTransaction"]
 
 
-@dataclass(frozen=True, slots=True)
-class OutputFile:
+class OutputFile(NamedTuple):
     """One output while it is written.
 
     Attributes:
@@ -34,8 +32,7 @@ class OutputFile:
     part: Path
 
 
-@dataclass(frozen=True, slots=True)
-class _Member:
+class _Member(NamedTuple):
     path: Path
     target: Path
     old: str | None

@@ -19,9 +19,9 @@ import socket
 import stat
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
+from typing import NamedTuple
 
 from pipeline.core.errors import OutputError
 
@@ -69,8 +69,7 @@ class BusyError(OutputError):
     """Another run writes the output."""
 
 
-@dataclass(frozen=True, slots=True)
-class Writing:
+class Writing(NamedTuple):
     """A run that writes outputs.
 
     Attributes:

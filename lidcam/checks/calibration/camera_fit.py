@@ -8,7 +8,7 @@ better shows what is wrong.
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -46,8 +46,7 @@ NEAR_DEG = 2.5
 """A camera that is turned by no more still matches most of its objects."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Sample:
+class _Sample(NamedTuple):
     """The boxes of one frame: N objects in the site frame, and 2D boxes (M, 4) by camera."""
 
     objects: Boxes3D
@@ -116,8 +115,7 @@ class CameraFit:
                 )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Pose:
+class _Pose(NamedTuple):
     """Another pose (4, 4) of a camera: its name, what to do if it fits, and whether it is far from the given one."""
 
     T_camera_site: F64
@@ -141,8 +139,7 @@ def _turned(camera: CameraSensor) -> Iterator[_Pose]:
             yield _Pose(turn @ camera.T_camera_site.matrix, f"if it looked {' and '.join(words)}", remedy, is_far)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Pairs:
+class _Pairs(NamedTuple):
     """The boxes of one camera in several frames.
 
     Attributes:

@@ -6,7 +6,7 @@ calibrated has 0.0 to 0.4 degrees on the sample recordings, on simulated drives 
 5 % of the size of its objects, where they fill much of the image. Turned by two degrees it has 1.5 to 2.7 degrees.
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -43,8 +43,7 @@ MOST_HIDDEN = 0.3
 SIDES = (("to the left of", "to the right of"), ("above", "below"))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Seen:
+class _Seen(NamedTuple):
     """The pairs of one camera in one frame: (2,) median step to the right and down, and (P, 4) the 2D boxes, pixels."""
 
     step_px: F64

@@ -1,7 +1,7 @@
 """Boxes of any orientation in any frame, as upright boxes of the site."""
 
 from dataclasses import dataclass
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -52,8 +52,7 @@ class PosedBoxes:
         return select_rows(self, rows)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class UprightBoxes:
+class UprightBoxes(NamedTuple):
     """Boxes with a vertical axis.
 
     Attributes:

@@ -1,6 +1,6 @@
 """Whether the lower part of a cluster is hidden by something nearer to the lidar, or is not there."""
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,8 +24,7 @@ HIDDEN_SHARE = 0.5
 """A cluster is hidden below if it is so in this share of its sectors."""
 
 
-@dataclass(frozen=True, eq=False)
-class Sight:
+class Sight(NamedTuple):
     """All points of a frame, by lidar and azimuth.
 
     Attributes:

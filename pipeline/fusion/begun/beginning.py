@@ -1,8 +1,8 @@
 """Objects begun from 2D boxes: boxes fitted to the points of a lidar that the 2D boxes show."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from operator import itemgetter
+from typing import NamedTuple
 
 import numpy as np
 
@@ -38,8 +38,7 @@ MAX_CLEAR_SHARE = 0.8
 """At least the rest of an object's height is expected to show points."""
 
 
-@dataclass(frozen=True, eq=False)
-class Begun:
+class Begun(NamedTuple):
     """G objects.
 
     Attributes:

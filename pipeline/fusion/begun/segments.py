@@ -5,7 +5,7 @@ are, within each frustum. Of the segments that come of it, the one is taken that
 the size of the class and the ground place the object.
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -33,8 +33,7 @@ MAX_OFF = 3.5
 """Largest distance of a segment from where the object is expected, in standard deviations."""
 
 
-@dataclass(frozen=True, eq=False)
-class Expected:
+class Expected(NamedTuple):
     """What is expected of the object in each of F frustums.
 
     Attributes:
@@ -53,8 +52,7 @@ class Expected:
     gap_share: F64
 
 
-@dataclass(frozen=True, eq=False)
-class Segments:
+class Segments(NamedTuple):
     """The chosen segments of G frustums, at most one of each.
 
     Attributes:

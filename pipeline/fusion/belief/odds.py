@@ -5,7 +5,7 @@ its likelihood ratio (Good, Probability and the weighing of evidence, 1950).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -45,8 +45,7 @@ CUT_RECALL = 0.7
 """Of objects that the border of the image cuts, a detector finds this share of what it would find of whole ones."""
 
 
-@dataclass(frozen=True, slots=True)
-class Coefficients:
+class Coefficients(NamedTuple):
     """Of the logistic model; `benchmarks/measured/belief_fit.py` fits them.
 
     Attributes:
@@ -139,7 +138,7 @@ def log_odds_before_cameras(
     """
     score, points = logit(scores), np.log(np.maximum(point_counts, 1))
     found = by.lidar + by.lidar_score * score + by.lidar_points * points + by.lidar_frequency * np.log(frequencies)
-    led = np.where(sources == Source.CAMERA, by.placed, by.led + by.led_score * score)
+    led = np.where(sources == Source.CAMERA.value, by.placed, by.led + by.led_score * score)
     return np.where(is_lidar, found, led)
 
 

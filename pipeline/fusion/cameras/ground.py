@@ -1,7 +1,6 @@
 """The ground as compiled functions take it."""
 
-from dataclasses import dataclass
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -11,8 +10,7 @@ from pipeline.core.clouds import CombinedCloud
 __all__ = ["Ground"]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Ground:
+class Ground(NamedTuple):
     """A plane and how the ground differs from it, in the site frame.
 
     Attributes:

@@ -1,6 +1,6 @@
 """What 2D boxes say about objects that stand upright: directions and extents as seen from the camera."""
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,8 +23,7 @@ NEARER_SHARE = 0.05
 """An object is nearer than another one if its lower edge is further down by this share of the other one's box."""
 
 
-@dataclass(frozen=True)
-class Noise:
+class Noise(NamedTuple):
     """Standard deviations of what a placement rests on.
 
     Attributes:
@@ -42,8 +41,7 @@ class Noise:
     bearing_rad: float
 
 
-@dataclass(frozen=True, eq=False)
-class Observed:
+class Observed(NamedTuple):
     """P 2D boxes as (P,) float64 each.
 
     Attributes:

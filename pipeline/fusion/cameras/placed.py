@@ -1,6 +1,6 @@
 """What the cameras alone place, and the 2D boxes that each of it comes from."""
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from pipeline.core.arrays import I64
 from pipeline.core.detections import Boxes3D
@@ -10,8 +10,7 @@ from pipeline.fusion.cameras.sightings import Sightings
 __all__ = ["Placed"]
 
 
-@dataclass(frozen=True, eq=False)
-class Placed:
+class Placed(NamedTuple):
     """Objects that cameras place, and their sightings.
 
     Attributes:

@@ -9,6 +9,7 @@ nearly linear.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -67,8 +68,7 @@ LENGTH_STD_SHARE = 0.4
 """The same, as a share of that of the length."""
 
 
-@dataclass(frozen=True, eq=False)
-class SizePriors:
+class SizePriors(NamedTuple):
     """Sizes of C classes.
 
     Attributes:
@@ -110,8 +110,7 @@ class Placements:
         return select_rows(self, rows)
 
 
-@dataclass(frozen=True, eq=False)
-class _Shape:
+class _Shape(NamedTuple):
     """Extents of P objects in the frame of the ray to their centre, under each heading, metres.
 
     Attributes:

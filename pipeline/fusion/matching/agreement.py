@@ -8,6 +8,7 @@ that fit badly weigh little (the weights of the t distribution).
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -62,8 +63,7 @@ class BoxBelief:
         return np.log(self.confusion)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class MatchedPairs:
+class MatchedPairs(NamedTuple):
     """T matched pairs of a box in an image and a 2D box.
 
     Attributes:
@@ -83,8 +83,7 @@ class MatchedPairs:
     jacobians: F64
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Others:
+class Others(NamedTuple):
     """For each of P boxes in an image, what the box and the other cameras say of it.
 
     Attributes:

@@ -8,8 +8,7 @@ order within each topic, the sets do not depend on the interleaving of topics un
 import math
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import Generic, NamedTuple, TypeVar
 
 from pipeline.stages.sync.policy import DropReason, OnItemDrop
 
@@ -18,8 +17,7 @@ __all__ = ["ApproximateTime"]
 T = TypeVar("T")
 
 
-@dataclass(frozen=True, slots=True)
-class _Candidate:
+class _Candidate(NamedTuple):
     """The best set found so far; its messages are the first of each queue.
 
     Attributes:

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from pipeline.core.frame import Missing
 
@@ -12,8 +12,7 @@ MAX_SILENCES = 100
 """Spans kept for each topic; further ones prolong the last."""
 
 
-@dataclass(frozen=True, slots=True)
-class Silence:
+class Silence(NamedTuple):
     """A span of log time without a message of a topic.
 
     Attributes:
@@ -32,8 +31,7 @@ class Silence:
         return after_start and (self.end_ns is None or log_time_ns < self.end_ns)
 
 
-@dataclass(frozen=True, slots=True)
-class Absence:
+class Absence(NamedTuple):
     """What the frames of a run lack of one topic.
 
     Attributes:
@@ -66,7 +64,7 @@ class Attendance:
         silences = self._silences.get(topic)
         if silences and silences[-1].end_ns is None:
             end_ns = max(log_time_ns, self._frame_ns)  # log times may have jumped back meanwhile
-            silences[-1] = replace(silences[-1], end_ns=end_ns)
+            silences[-1] = silences[-1]._replace(end_ns=end_ns)
 
     def fall_silent(self, topic: str, heard_ns: int | None) -> None:
         """Begin a span of silence, unless one has begun.
@@ -81,7 +79,7 @@ class Attendance:
         if len(silences) < MAX_SILENCES:
             silences.append(Silence(self._heard_ns.get(topic) if heard_ns is None else heard_ns, None))
         else:
-            silences[-1] = replace(silences[-1], end_ns=None)
+            silences[-1] = silences[-1]._replace(end_ns=None)
 
     def missing(self, topics: Iterable[str], log_time_ns: int) -> Mapping[str, Missing]:
         """Count a frame recorded at `log_time_ns` without messages of `topics`; why each of them is missing."""
@@ -93,7 +91,7 @@ class Attendance:
             silences = self._silences.get(topic, [])
             for at in range(len(silences))[-2:]:  # frames come out a short time after they were recorded
                 if silences[at].covers(log_time_ns):
-                    silences[at] = replace(silences[at], frames=silences[at].frames + 1)
+                    silences[at] = silences[at]._replace(frames=silences[at].frames + 1)
                     found[topic] = Missing.SILENT
         return found
 

@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import groupby
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from pipeline.core.messages import Drop, RawMessage, time_fault
 
@@ -33,8 +33,7 @@ OUTLIER = "its stamp is far from those around it"
 OTHER_SIDE = "from before time jumped back"
 
 
-@dataclass(frozen=True, slots=True)
-class TimeJump:
+class TimeJump(NamedTuple):
     """Time jumps back.
 
     Attributes:

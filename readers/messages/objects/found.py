@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,8 +25,7 @@ MAX_M = 1e8
 """Coordinates beyond this are no place on Earth, not even in UTM."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FoundObjects:
+class FoundObjects(NamedTuple):
     """The usable objects of one message, in recorded order.
 
     Attributes:

@@ -12,8 +12,7 @@ The layout changed several times; the recorded definition says which one a messa
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -40,8 +39,7 @@ __all__ = [
 DETECTIONS_2D = "vision_msgs/msg/Detection2DArray"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Detections2D:
+class Detections2D(NamedTuple):
     """The boxes of one message.
 
     Attributes:
@@ -59,8 +57,7 @@ class Detections2D:
     unused: Mapping[str, int]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ClassedBoxes:
+class ClassedBoxes(NamedTuple):
     """The boxes of one message that are of known classes; which of them have an area is not known yet.
 
     Attributes:

@@ -8,7 +8,7 @@ Positions are walked over in Python, numbers are gathered by numpy at the end.
 import struct
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -20,8 +20,7 @@ from readers.messages.vision.layouts import BoxLayout, Tail, layout_of
 __all__ = ["POSED_BYTES", "BoxRows", "behind_tail", "rows_in_place"]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class BoxRows:
+class BoxRows(NamedTuple):
     """The content of an array of boxes, as recorded.
 
     Attributes:

@@ -4,9 +4,9 @@ They differ in what the class of a hypothesis is, how many numbers a box has, an
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal, NamedTuple, TypeAlias
 
 from rosbags.interfaces import Nodetype
 from rosbags.interfaces.typing import Typesdict
@@ -23,8 +23,7 @@ _Fields: TypeAlias = tuple[tuple[str, Any], ...]
 """Names and kinds of fields, those of parts with their path; the kind of a list of messages is a tuple of fields."""
 
 
-@dataclass(frozen=True, slots=True)
-class BoxLayout:
+class BoxLayout(NamedTuple):
     """How a message of boxes lies in bytes: header, boxes, of each its header, its hypotheses, itself, and the tail.
 
     Attributes:

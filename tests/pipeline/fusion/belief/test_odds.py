@@ -1,5 +1,3 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -112,13 +110,13 @@ def test_cameras_join_in_any_order_and_each_adds_what_it_says(values: list[float
 
 
 def test_further_cameras_count_less_than_the_first() -> None:
-    two = joined(np.array([[2.0], [2.0]]), replace(FITTED, further=0.5))[0]
+    two = joined(np.array([[2.0], [2.0]]), FITTED._replace(further=0.5))[0]
     assert two == pytest.approx(3.0)
 
 
 @given(st.lists(st.floats(-5, 5), min_size=1, max_size=6), st.sampled_from([0.3, 0.7, 1.0]))
 def test_without_each_camera_in_turn(values: list[float], further: float) -> None:
-    column, by = np.array(values)[:, None], replace(FITTED, further=further)
+    column, by = np.array(values)[:, None], FITTED._replace(further=further)
     expected = [joined(np.delete(column, row, 0), by)[0] for row in range(len(values))]
     assert joined_without_each(column, by)[:, 0].tolist() == pytest.approx(expected)
 
