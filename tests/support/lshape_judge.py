@@ -19,7 +19,7 @@ __all__ = ["judged_quantiles", "judged_rectangles"]
 
 def judged_rectangles(xy: F64, starts: I64) -> Rectangles:
     """As `lshape.fit_rectangles`."""
-    cluster = _cluster_of_row(starts, len(xy))
+    xy, cluster = xy[:, :2], _cluster_of_row(starts, len(xy))
     thin = _thinned(xy, cluster, starts)
     coarse = np.deg2rad(np.arange(0.0, 90.0, COARSE_STEP_DEG))
     best = coarse[_closeness(np.tile(coarse, (len(starts), 1)), *thin).argmax(1)]
