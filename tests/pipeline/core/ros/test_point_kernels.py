@@ -17,5 +17,5 @@ def test_points_are_those_of_numpy(n: int, later_ns: float) -> None:
     points["ring"], offsets_ns = rng.integers(0, 2**16, n), rng.integers(-(2**31), 2**31, n).astype(np.int32)
     points["time"] = (offsets_ns + later_ns) * 1e-9
     halves = np.ascontiguousarray(points["xyz"]).view(np.uint16).reshape(n, 6)
-    columns = (np.ascontiguousarray(points[name]) for name in ("intensity", "ring"))
-    assert packed_points(halves, *columns, offsets_ns, later_ns).tobytes() == points.tobytes()
+    intensity, ring = np.ascontiguousarray(points["intensity"]), np.ascontiguousarray(points["ring"])
+    assert packed_points(halves, intensity, ring, offsets_ns, later_ns).tobytes() == points.tobytes()
