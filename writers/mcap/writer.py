@@ -19,6 +19,7 @@ from pipeline.core.frame import FrameResult
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.messages import Channel, Drop, RawMessage, time_fault
 from pipeline.core.rig import CameraSensor, Rig
+from pipeline.core.ros.column_encoder import ColumnsEncoder
 from pipeline.core.ros.columns import Columns
 from pipeline.core.ros.messages import ROS2
 from pipeline.core.ros.qos import LATCHED_YAML
@@ -79,6 +80,7 @@ class McapResultWriter:
         self._output, self._layout, self._path = output, layout, output.path
         self._rig, self._config, self._provenance, self._frames = rig, config, provenance, frames
         self._resources = ExitStack()
+        self._columns: ColumnsEncoder = ROS2.columns
         self._channels: dict[str, int] = {}
         self._copied: dict[Channel, int] = {}
         self._camera_infos: dict[str, Buffer] = {}  # of the first frame: only their stamps change
@@ -148,7 +150,7 @@ class McapResultWriter:
         log_time_ns, found = result.bundle.log_time_ns, _views(result, self._rig)
         images, not_copied = _images(found) if self._config.output.images else ({}, ())
         site = [*self._site_messages(result)]
-        *encoded, annotations, boxes_2d, counts = ROS2.serialize_all(
+        *encoded, annotations, boxes_2d, counts = self._columns.encode(
             *(message for _, message in site),
             self._annotations(result, found),
             self._detections(found),

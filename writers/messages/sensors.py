@@ -12,8 +12,8 @@ from pipeline.core.geometry.transform import Transform
 from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.ros.columns import Columns, Lists
 from pipeline.core.ros.messages import ROS2
+from pipeline.core.ros.point_kernels import packed_points
 from writers.messages.parts import header, headers
-from writers.messages.point_kernels import packed_points
 
 __all__ = ["camera_info", "cloud_cdr", "moving_transform", "static_transforms"]
 

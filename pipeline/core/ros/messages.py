@@ -11,10 +11,11 @@ from rosbags.typesys.store import Typestore
 from pipeline.core.arrays import F64, U8, Array
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.ros.cdr import CdrEncoder
+from pipeline.core.ros.columns import Columns
 from pipeline.core.ros.typestores import RosVersion, message_types
 
-if TYPE_CHECKING:  # compiled: what only reads does without
-    from pipeline.core.ros.columns import Columns, ColumnsEncoder
+if TYPE_CHECKING:
+    from pipeline.core.ros.column_encoder import ColumnsEncoder
 
 __all__ = ["POINT_FIELD_DATATYPES", "ROS2", "RosMessages"]
 
@@ -47,8 +48,9 @@ class RosMessages:
         return CdrEncoder(self._types)
 
     @cached_property
-    def _columns(self) -> "ColumnsEncoder":
-        from pipeline.core.ros.columns import ColumnsEncoder
+    def columns(self) -> "ColumnsEncoder":
+        """What encodes columns; of ROS 2 alone."""
+        from pipeline.core.ros.column_encoder import ColumnsEncoder  # compiled: not for those that only read
 
         return ColumnsEncoder(self._types)
 
@@ -61,18 +63,12 @@ class RosMessages:
 
         With CDR it may be `Columns` of one row.
         """
-        from pipeline.core.ros.columns import Columns
-
         if isinstance(message, Columns):
-            ((data,),) = self.serialize_all(message)
+            ((data,),) = self.columns.encode(message)
             return data
         if self.ros_version == 1:
             return self._types.serialize_ros1(message, message.__msgtype__)
         return self._cdr.encode(message)
-
-    def serialize_all(self, *messages: "Columns") -> list[list[bytes]]:
-        """The bytes of each message of each columns, as little-endian CDR; to encode many at once is quicker."""
-        return self._columns.encode(*messages)
 
     def serialize_large(self, message: Any) -> tuple[bytes | memoryview, ...]:
         """The bytes of an image or a cloud in parts that follow each other, of which `data` is not copied.

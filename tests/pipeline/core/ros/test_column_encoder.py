@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rosbags.interfaces import Nodetype
 
-from pipeline.core.ros.columns import Columns, ColumnsEncoder, Lists
+from pipeline.core.ros.column_encoder import ColumnsEncoder
+from pipeline.core.ros.columns import Columns, Lists
 from pipeline.core.ros.messages import ROS2
 from pipeline.core.ros.typestores import message_types
 
@@ -21,7 +22,7 @@ ARRAYS_OF_MESSAGES = {"geometry_msgs/msg/Point", "foxglove_msgs/msg/Point2", "fo
 
 def all_bytes(columns: Columns) -> list[bytes]:
     """The bytes of each message."""
-    (found,) = ROS2.serialize_all(columns)
+    (found,) = ROS2.columns.encode(columns)
     return found
 
 
