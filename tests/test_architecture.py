@@ -100,7 +100,7 @@ def test_exports_exist(path: Path) -> None:
         targets = (
             node.targets if isinstance(node, ast.Assign) else [node.target] if isinstance(node, ast.AnnAssign) else []
         )
-        defined |= {target.id for target in targets if isinstance(target, ast.Name)}
+        defined |= {name.id for target in targets for name in ast.walk(target) if isinstance(name, ast.Name)}
     imported = (node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom))  # also those for type checkers
     defined |= {alias.asname or alias.name for node in imported for alias in node.names}
     assert set(exported) <= defined

@@ -17,7 +17,7 @@ import argparse
 import pickle
 import tempfile
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -292,19 +292,19 @@ def cross_entropy(probabilities: F64, right: F64) -> float:
 
 def fit(runs: Sequence[Weighed], start: Coefficients) -> Coefficients:
     """The coefficients that describe these runs best."""
-    names = [*asdict(start)]
-    first = np.array([*asdict(start).values()])
+    names = start._fields
+    first = np.array(start)
     by = start
     for _ in range(ROUNDS):
         tables = [Rows.of(run, by) for run in runs]
 
         def loss(values: F64, tables: list[Rows] = tables) -> float:
-            tried = Coefficients(**dict(zip(names, values.tolist(), strict=True)))
+            tried = Coefficients(*values.tolist())
             return PULL * float(((values - first) ** 2).sum()) + sum(one.loss(tried) for one in tables)
 
         limits = [LIMITS.get(name, (None, None)) for name in names]
-        found = minimize(loss, np.array([*asdict(by).values()]), method="L-BFGS-B", bounds=limits)
-        by = Coefficients(**dict(zip(names, found.x.tolist(), strict=True)))
+        found = minimize(loss, np.array(by), method="L-BFGS-B", bounds=limits)
+        by = Coefficients(*found.x.tolist())
     return by
 
 

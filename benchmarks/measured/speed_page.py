@@ -5,9 +5,11 @@
 Without recordings: the sample in `bags/`, as it is and ten times in a row, which shows what is paid once; and the seed
 rig, which is simulated (three lidars of 30 000 points, eight cameras of 640 x 480). Recordings that are given come in
 addition; lidcam finds out the settings of those itself, and the straight script takes those of a road. With a model
-both look at all images of them: the script gives it squares, lidcam the images' own shape, and once more the script's
-squares. The peer is `straight_script.py`, with the same filters and detectors switched on. A round is one run of each
-program; rounds follow each other, so that all see the same machine. With --print the page stays as it is.
+both look at all images of them. lidcam shows these larger by default than the script, which scales them to fit a square
+of 416 x 416; a second row scales them as the script does. It is without the script's padding, which shows nothing and
+is two thirds of the square for images of KITTI. The peer is `straight_script.py`, with the same filters and detectors
+switched on. A round is one run of each program; rounds follow each other, so that all see the same machine. With
+--print the page stays as it is.
 """
 
 import argparse
@@ -20,11 +22,13 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from functools import cache
+from math import ceil
 from pathlib import Path
 from statistics import median
 from time import perf_counter
 
 import numpy as np
+import yaml
 from page import write_part
 from repeated import repeated
 from side_by_side import table
@@ -36,7 +40,8 @@ LONGER = 10
 WORKERS = 1, 2
 LEAST_MS = 0.05
 SAME_FILTERS = ("--set", "combine.outliers.std_ratio=0.2")  # what the straight script has
-SAME_INPUT = ("--set", "detect2d.input=[416,416]")  # likewise, of its network
+SCRIPT_PX = 416  # sides of what it gives its network
+STRIDE_PX = 32  # of YOLOX, in which sizes are counted
 WARM_UP = ("--duration", "0.5")
 AS_IT_IS = {"": ()}
 
@@ -134,14 +139,37 @@ def _cases(recordings: Sequence[Path], model: Path | None, folder: Path) -> list
     _said([*_lidcam("simulate"), "sandbox", str(seed), "--duration", str(SEED_SECONDS), "--quiet"])
     sandbox = "--ground", "0.02", "--link", "0.12"
     network = (("--model-2d", str(model)), ("--model", str(model))) if model else ((), ())
-    ways = {**AS_IT_IS, ", the script's 416 x 416": SAME_INPUT} if model else AS_IT_IS
     sample = ROOT / "bags" / "sandbox.bag"
     return [
         Case("sample", sample, settings, sandbox),
         Case(f"sample, {LONGER} times", repeated(sample, LONGER, folder / "longer.bag"), settings, sandbox),
         Case("seed rig", seed, settings, sandbox),
-        *(Case(path.stem, path, (*SAME_FILTERS, *network[0]), network[1], ways) for path in recordings),
+        *(
+            Case(
+                path.stem,
+                path,
+                (*SAME_FILTERS, *network[0]),
+                network[1],
+                {**AS_IT_IS, **_as_the_script_scales(path, folder)} if model else AS_IT_IS,
+            )
+            for path in recordings
+        ),
     ]
+
+
+def _as_the_script_scales(recording: Path, folder: Path) -> dict[str, tuple[str, ...]]:
+    """Options that scale images as the script does: by what fits the largest side of all into its square.
+
+    The input is the least that holds all images so scaled. Cameras whose images have other shapes get the same input,
+    and it scales them as the square does, as it fits these, too.
+    """
+    rig = folder / "rig.yaml"
+    _said([*_lidcam("inspect"), str(recording), "--write-rig", str(rig), "--overwrite"])
+    sizes_px = [(one["width_px"], one["height_px"]) for one in yaml.safe_load(rig.read_text())["cameras"].values()]
+    fitted = [tuple(side * SCRIPT_PX / max(size) for side in size) for size in sizes_px]
+    width_px, height_px = (ceil(max(sides) / STRIDE_PX) * STRIDE_PX for sides in zip(*fitted, strict=True))
+    name = f", the script's scale ({width_px} x {height_px})"
+    return {name: ("--set", f"detect2d.input=[{width_px},{height_px}]")}
 
 
 def _section(case: Case, rounds: int, folder: Path) -> list[str]:

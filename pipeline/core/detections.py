@@ -13,7 +13,7 @@ __all__ = ["Boxes2D", "Boxes3D", "Detections", "Fused", "Hypotheses", "Matches",
 
 
 class Source(IntEnum):
-    """What the geometry of a 3D box comes from."""
+    """What the geometry of a 3D box comes from. Arrays take the values: numpy is slow with members."""
 
     LIDAR = 0
     """Points, or boxes of a lidar detector; no camera took part."""

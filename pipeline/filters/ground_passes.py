@@ -101,13 +101,13 @@ def count_layers(points: F32, planes: F32, layer_m: np.float32) -> tuple[I64, I6
     thrice_m = np.float32(3) * layer_m
     for k in range(len(planes)):
         plane = planes[k]
-        deep = low = high = top = 0
+        deep = low = high = top = np.int32(0)  # 32 bits: twice as many points at once
         for i in range(points.shape[1]):
             height = _height(points, i, plane)
-            deep += 1 if height <= -thrice_m else 0
-            low += 1 if height <= -layer_m else 0
-            high += 1 if height <= layer_m else 0
-            top += 1 if height <= thrice_m else 0
+            deep = np.int32(deep + (height <= -thrice_m))
+            low = np.int32(low + (height <= -layer_m))
+            high = np.int32(high + (height <= layer_m))
+            top = np.int32(top + (height <= thrice_m))
         held[k] = high - low
         beside[k] = max(low - deep, top - high)
     return held, beside

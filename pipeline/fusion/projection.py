@@ -13,8 +13,8 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from pipeline.core.arrays import F64, I64, Bools, Indices, Rows, check_array, select_rows
-from pipeline.core.optics.lens_kernels import outermost_points
 from pipeline.core.optics.lenses import Lenses
+from pipeline.core.optics.outline_kernels import outermost_points
 from pipeline.core.rig import CameraSensor
 from pipeline.fusion.outline import Outline, cuboid_outline
 

@@ -83,9 +83,9 @@ class Combine:
         points_by_lidar = {self._rig.lidars[index].name: len(sweep) for index, sweep in sweeps.items()}
         return CombinedCloud(
             cloud.select(left),
-            lidar_index[left],
+            lidar_index.take(left),
             cloud.select(above),
-            lidar_index[above],
+            lidar_index.take(above),
             ground_cloud,
             ground.plane,
             counts,

@@ -82,7 +82,7 @@ class Place:
             class_ids.astype(np.int32),
             np.zeros(count, np.int32),
             found.covariances,
-            np.full(count, Source.CAMERA, np.uint8),
+            np.full(count, Source.CAMERA.value, np.uint8),
             stamp_ns + since_ns // np.maximum(seen, 1),
         )
         out_of_image = len(FoundBoxes.of(boxes2d, tuple(views))) - len(sightings)

@@ -73,7 +73,7 @@ class Refine:
         covariances, sources, measured_ns = boxes.covariances.copy(), boxes.sources.copy(), boxes.measured_ns.copy()
         centers[rows, :2], sizes[rows, :2] = found.centers_xy[taken], found.lengths_widths[taken]
         yaws[rows], covariances[rows] = wrap_angle(found.yaws[taken]), found.covariances[taken]
-        sources[rows] = np.where(sources[rows] == Source.CAMERA, Source.CAMERA, Source.BOTH)
+        sources[rows[sources[rows] != Source.CAMERA.value]] = Source.BOTH.value
         measured_ns[rows] += np.rint(found.later_s[taken] * 1e9).astype(np.int64)
         refined = replace(
             boxes,

@@ -107,6 +107,7 @@ def definition_problem(channel: Channel) -> str:
     return store if isinstance(store, str) else _doubt(channel)
 
 
+@lru_cache(maxsize=1024)
 def _types_of(channel: Channel) -> Typestore | str:
     with _lock:  # lru_cache alone builds a store twice if two threads ask at once
         return _typestore(replace(channel, topic=""))  # thousands of topics may share one definition

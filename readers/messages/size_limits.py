@@ -7,6 +7,7 @@ that may represent it: a list of a hundred million small messages fits a recordi
 
 import struct
 from contextlib import suppress
+from functools import lru_cache
 from typing import Any
 
 from rosbags.interfaces import Nodetype
@@ -90,12 +91,35 @@ def count_items(store: Typestore, msgtype: str, encoding: str, data: bytes | mem
     """The number of strings and messages in lists, in as much of the message as there is; stops beyond `most`."""
     counting = _Counting(store, encoding, memoryview(data), most)
     with suppress(struct.error, _EnoughError):  # decoding reports data that end early
-        counting.message(msgtype)
+        counting.whole(msgtype)
     return counting.items
 
 
 class _EnoughError(Exception):
     pass
+
+
+@lru_cache(maxsize=1024)
+def _counted_fields(store: Typestore, msgtype: str) -> tuple[tuple[Any, ...], bool]:
+    """Kinds of the fields up to the last one with items, and whether there are more of them within these."""
+    kinds = [kind for _, kind in store.fielddefs[msgtype][1]]
+    while kinds and not _has_items(store, kinds[-1]):
+        kinds.pop()
+    return tuple(kinds), bool(kinds) and (kinds[-1][0] != Nodetype.SEQUENCE or _has_items(store, kinds[-1][1][0]))
+
+
+def _has_items(store: Typestore, kind: Any) -> bool:
+    node, detail = kind
+    if node == Nodetype.NAME:
+        return any(_has_items(store, inner) for _, inner in store.fielddefs[str(detail)][1])
+    if node == Nodetype.ARRAY:
+        return _has_items(store, detail[0])
+    return bool(node == Nodetype.SEQUENCE and _base(detail[0]) not in SIZES)
+
+
+def _base(part: Any) -> str:
+    """The name of a number or `string`; empty for a message."""
+    return "" if part[0] == Nodetype.NAME else str(part[1][0])
 
 
 class _Counting:
@@ -106,28 +130,47 @@ class _Counting:
         self._cursor = Cursor(data, encoding)
         self.items = 0
 
+    def whole(self, msgtype: str) -> None:
+        """Count the items of a message, and go no further than it takes: most have one list, before many bytes."""
+        kinds, goes_within = _counted_fields(self._store, msgtype)
+        if not kinds:
+            return
+        for kind in kinds[:-1]:
+            self._field(kind)
+        if goes_within:
+            self._field(kinds[-1])
+        else:
+            self._add(self._cursor.uint32())
+
     def message(self, msgtype: str) -> None:
         """Count the items of a message and pass over it."""
+        for _, kind in self._store.fielddefs[msgtype][1]:
+            self._field(kind)
+
+    def _field(self, kind: Any) -> None:
+        """Count the items of a field and pass over it."""
         detail: Any
-        for _, (node, detail) in self._store.fielddefs[msgtype][1]:
-            if node == Nodetype.NAME:
-                self.message(str(detail))
-            elif node == Nodetype.BASE:
-                self._values(str(detail[0]), 1)
-            else:
-                (part, part_detail), length = detail
-                count: int = self._cursor.uint32() if node == Nodetype.SEQUENCE else length
-                is_name = part == Nodetype.NAME
-                base = "" if is_name else str(part_detail[0])
-                if node == Nodetype.SEQUENCE and base not in SIZES:
-                    self.items += count
-                    if self.items > self._most:
-                        raise _EnoughError
-                if not is_name:
-                    self._values(base, count)
-                    continue
-                for _ in range(count):
-                    self.message(str(part_detail))
+        node, detail = kind
+        if node == Nodetype.NAME:
+            self.message(str(detail))
+        elif node == Nodetype.BASE:
+            self._values(str(detail[0]), 1)
+        else:
+            part, length = detail
+            count: int = self._cursor.uint32() if node == Nodetype.SEQUENCE else length
+            base = _base(part)
+            if node == Nodetype.SEQUENCE and base not in SIZES:
+                self._add(count)
+            if base:
+                self._values(base, count)
+                return
+            for _ in range(count):
+                self.message(str(part[1]))
+
+    def _add(self, count: int) -> None:
+        self.items += count
+        if self.items > self._most:
+            raise _EnoughError
 
     def _values(self, base: str, count: int) -> None:
         size = SIZES.get(base)

@@ -50,12 +50,22 @@ class Chunk:
         self._parts: list[Buffer] = []
         self._messages: dict[int, list[int]] = {}
         """By channel, the log time and the place of each message, one after the other."""
-        self._start_ns = self._end_ns = 0
 
     @property
     def has_messages(self) -> bool:
         """Whether it is worth writing."""
         return bool(self._messages)
+
+    @property
+    def span_ns(self) -> tuple[int, int]:
+        """The first log time, and the last one, which is not before 0."""
+        times_ns = [places[::2] for places in self._messages.values()]
+        return min(map(min, times_ns)), max(0, *map(max, times_ns))
+
+    @property
+    def counts(self) -> dict[int, int]:
+        """Number of messages by channel, in the order of their first ones."""
+        return {channel: len(places) // 2 for channel, places in self._messages.items()}
 
     def add_record(self, record: bytes) -> None:
         """Add a schema or a channel."""
@@ -64,10 +74,6 @@ class Chunk:
 
     def add_message(self, channel: int, sequence: int, log_time_ns: int, data: Sequence[Buffer]) -> None:
         """Add a message, whose parts follow each other and must not change any more."""
-        if self._messages:
-            self._start_ns, self._end_ns = min(self._start_ns, log_time_ns), max(self._end_ns, log_time_ns)
-        else:
-            self._start_ns, self._end_ns = log_time_ns, max(0, log_time_ns)
         self._messages.setdefault(channel, []).extend((log_time_ns, self.size))
         parts = [part if len(part) >= VIEWED_BYTES else bytes(part) for part in data]
         length = _MESSAGE.size + sum(map(len, parts))
@@ -92,8 +98,9 @@ class Chunk:
         data = compress(parts)
         size = sum(map(len, data))
         name = b"" if compression == "none" else compression.encode()
+        start_ns, end_ns = self.span_ns
         start, length = stream.tell(), _CHUNK.size + len(name) + _SIZE.size + size
-        about = length - _RECORD.size, self._start_ns, self._end_ns, self.size, crc, len(name)
+        about = length - _RECORD.size, start_ns, end_ns, self.size, crc, len(name)
         stream.write(b"".join((_CHUNK.pack(Opcode.CHUNK, *about), name, _SIZE.pack(size))))
         for piece in data:
             stream.write(piece)
@@ -104,8 +111,8 @@ class Chunk:
             place += len(indexes[-1])
         stream.write(b"".join(indexes))
         return ChunkIndex(
-            message_start_time=self._start_ns,
-            message_end_time=self._end_ns,
+            message_start_time=start_ns,
+            message_end_time=end_ns,
             chunk_start_offset=start,
             chunk_length=length,
             message_index_offsets=offsets,

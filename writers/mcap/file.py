@@ -111,12 +111,6 @@ class McapOutput:
             data: Its bytes, or parts of them that follow each other; they must not change any more.
             sequence: Its number.
         """
-        counts = self._statistics
-        first = log_time_ns if counts.message_count == 0 else counts.message_start_time
-        counts.message_start_time = min(first, log_time_ns)
-        counts.message_end_time = max(counts.message_end_time, log_time_ns)
-        counts.channel_message_counts[channel] = counts.channel_message_counts.get(channel, 0) + 1
-        counts.message_count += 1
         parts = (data,) if isinstance(data, bytes | memoryview) else data
         self._chunk.add_message(channel, sequence, log_time_ns, parts)
         self._end_full_chunk()
@@ -179,8 +173,17 @@ class McapOutput:
         chunk = self._chunk
         if chunk.has_messages:
             self._chunk = Chunk()
-            self._statistics.chunk_count += 1
+            self._count(chunk)
             self._background.add(lambda: self._write(chunk), chunk.size)
+
+    def _count(self, chunk: Chunk) -> None:
+        counts, (start_ns, end_ns) = self._statistics, chunk.span_ns
+        counts.message_start_time = min(start_ns, counts.message_start_time) if counts.chunk_count else start_ns
+        counts.message_end_time = max(end_ns, counts.message_end_time)
+        counts.chunk_count += 1
+        for channel, count in chunk.counts.items():
+            counts.channel_message_counts[channel] = counts.channel_message_counts.get(channel, 0) + count
+            counts.message_count += count
 
     def _write(self, chunk: Chunk) -> None:
         """On the other thread."""

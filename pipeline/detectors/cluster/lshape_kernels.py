@@ -293,12 +293,13 @@ def rectangles(xy: F64, ends: I64, cos: F64, sin: F64, outside_share: float) -> 
             along[0, i] = xy[i, 0] * cos[c] + xy[i, 1] * sin[c]
             along[1, i] = xy[i, 1] * cos[c] - xy[i, 0] * sin[c]
         start = ends[c]
-    low, high, residual_m = np.empty((len(ends), 2)), np.empty((len(ends), 2)), np.empty(len(ends))
+    sides, square, residual_m = np.empty((2, len(ends), 2)), np.empty(len(xy)), np.empty(len(ends))
     for axis in range(2):
-        lower, upper = quantiles(along[axis], ends, outside_share), quantiles(along[axis], ends, 1.0 - outside_share)
-        for c in range(len(ends)):
-            low[c, axis], high[c, axis] = lower[c], upper[c]
-    square, start = np.empty(len(xy)), 0
+        for side in range(2):
+            places = quantiles(along[axis], ends, 1.0 - outside_share if side else outside_share)
+            for c in range(len(ends)):
+                sides[side, c, axis] = places[c]
+    low, high, start = sides[0], sides[1], 0
     for c in range(len(ends)):
         for i in range(start, ends[c]):
             forward, left = along[0, i], along[1, i]

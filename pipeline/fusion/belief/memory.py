@@ -78,7 +78,7 @@ class Memory:
 
     def recalled(self, boxes: Boxes3D, is_asked: Bools) -> F64:
         """(N,) log likelihood ratios that are remembered of N boxes; 0 for those that are not asked for."""
-        evidence, asked = np.zeros(len(boxes)), np.flatnonzero(is_asked)
+        evidence, asked = np.zeros(len(boxes)), is_asked.nonzero()[0]
         if not len(asked):
             return evidence
         rows, said = self._same(boxes.select(asked))
@@ -95,7 +95,7 @@ class Memory:
             evidence: (N,) log likelihood ratio of what they say.
             all_look: Whether no camera is silent: then nothing older is kept.
         """
-        seen = np.flatnonzero(is_seen)
+        seen = is_seen.nonzero()[0]
         new = _Said(np.zeros(len(seen)), boxes.centers[seen], boxes.sizes[seen], boxes.class_ids[seen], evidence[seen])
         if not all_look:
             keep = np.ones(len(self._said.age_s), np.bool_)

@@ -138,7 +138,7 @@ def log_odds_before_cameras(
     """
     score, points = logit(scores), np.log(np.maximum(point_counts, 1))
     found = by.lidar + by.lidar_score * score + by.lidar_points * points + by.lidar_frequency * np.log(frequencies)
-    led = np.where(sources == Source.CAMERA, by.placed, by.led + by.led_score * score)
+    led = np.where(sources == Source.CAMERA.value, by.placed, by.led + by.led_score * score)
     return np.where(is_lidar, found, led)
 
 

@@ -12,7 +12,7 @@ from pipeline.core.detections import Boxes3D
 from pipeline.core.errors import FrameError
 from pipeline.core.geometry.box_edges import BOX_EDGES
 from pipeline.core.geometry.boxes import box_corners
-from pipeline.core.optics.lens_kernels import rectangles_of_cut_boxes
+from pipeline.core.optics.outline_kernels import rectangles_of_cut_boxes
 from pipeline.core.rig import CameraSensor
 from pipeline.fusion.matching.in_view_kernels import clipped_edges, in_pyramids, seen_from
 from pipeline.fusion.outline import cuboid_outline

@@ -97,7 +97,7 @@ def box_prior(boxes: Boxes3D, lidar_xy: F64, config: FuseConfig) -> BoxPrior:
         boxes.sizes,
         np.cos(boxes.yaws),
         np.sin(boxes.yaws),
-        boxes.sources != Source.CAMERA,
+        boxes.sources != Source.CAMERA.value,
         lidar_xy,
         np.array(limits),
     )

@@ -172,7 +172,9 @@ def refine_boxes(boxes: Boxes3D, prior: BoxPrior, edges: MeasuredEdges, outline:
     problem = _Problem.of(boxes, prior, edges, outline)
     mean, covariances = problem.averaged(np.zeros((n, 7)), prior.covariances, steps=2)
     mean, covariances = problem.averaged(mean, covariances, steps=1)
-    _, _, costs = problem.linearised(np.stack([np.zeros((n, 7)), mean], 1))
+    both = np.zeros((n, 2, 7))
+    both[:, 1] = mean
+    _, _, costs = problem.linearised(both)
     inner = np.einsum("ni,nij,nj->n", mean[:, :3], inverse(prior.covariances[:, :3, :3]), mean[:, :3])
     accepted = (costs[:, 1] <= costs[:, 0]) & (inner <= GATE) & (np.abs(mean[:, _YAW]) < np.pi / 2)
     accepted &= np.isfinite(mean).all(1) & np.isfinite(covariances).all((1, 2))

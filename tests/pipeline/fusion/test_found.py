@@ -30,6 +30,13 @@ def test_stamps_are_those_of_the_images() -> None:
     assert FoundBoxes.of(table, ("a", "b")).stamps_ns.tolist() == [*[table["a"].stamp_ns] * 3, 70]
 
 
+def test_made_once_for_the_stages_of_a_frame() -> None:
+    table = {"a": boxes2d(ONE), "b": boxes2d(TWO)}
+    found = FoundBoxes.of(table, ("a", "b"))
+    assert FoundBoxes.of({**table}, ["a", "b"]) is found
+    assert FoundBoxes.of({"a": table["a"]}, ("a", "b")).cameras.tolist() == [0, 0, 0]
+
+
 def test_nothing() -> None:
     for boxes in ({}, {"a": boxes2d([])}):
         assert len(FoundBoxes.of(boxes, ("a", "b"))) == 0

@@ -13,6 +13,7 @@ from pipeline.core.arrays import U8, Array
 from pipeline.core.errors import ModelError
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.detect import Detect2DConfig
+from pipeline.detectors.onnx import detector as onnx_detector
 from pipeline.detectors.onnx.coco import COCO_LABELS
 from pipeline.detectors.onnx.detector import OnnxDetector2D
 from pipeline.detectors.onnx.session import OnnxSession
@@ -137,6 +138,10 @@ def test_a_free_batch_runs_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     free([image(20, 30)] * 3)
     fixed([image(20, 30)] * 3)
     assert sizes == [3, 1, 1, 1]
+    monkeypatch.setattr(onnx_detector, "CACHED_BYTES", 2 * onnx_detector.PIXEL_BYTES * SIZE_PX[0] * SIZE_PX[1])
+    sizes.clear()
+    free([image(20, 30)] * 5)
+    assert sizes == [2, 2, 1], "what the processor's caches hold"
 
 
 def no_file(path: Path) -> Path:

@@ -260,7 +260,7 @@ def test_a_real_network_finds_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
         assert len(expected.scores) > 10
         np.testing.assert_array_equal(one.labels, expected.labels)
         np.testing.assert_allclose(one.scores, expected.scores, atol=1e-3)
-        np.testing.assert_allclose(one.xyxy, expected.xyxy, atol=1e-3)
+        np.testing.assert_allclose(one.xyxy, expected.xyxy, atol=1e-3, rtol=1e-5)
 
 
 @pytest.mark.parametrize("size", ["auto", (416, 416), (640, 224)])

@@ -24,6 +24,17 @@ def test_rays_are_projected_to_their_pixels(model: Any, distortion: Any, slopes:
     np.testing.assert_allclose(found, rays, atol=2e-6)
 
 
+@given(arrays(np.float64, (2, 8, 2), elements=st.floats(-2000, 2000)))
+def test_without_distortion_rays_are_those_of_the_camera_matrix(pixels: F64) -> None:
+    camera = Lenses.of([lens("plumb_bob", [])] * 2)
+    K = camera.K[:, None]
+    y = (pixels[..., 1] - 0.5 - K[..., 1, 2]) / K[..., 1, 1]
+    x = (pixels[..., 0] - 0.5 - K[..., 0, 2] - K[..., 0, 1] * y) / K[..., 0, 0]
+    found, is_found = rays_of_pixels(camera, pixels)
+    assert is_found.all()
+    np.testing.assert_array_equal(found, np.stack([x, y, np.ones(x.shape)], -1))
+
+
 def test_fisheye_far_from_the_axis() -> None:
     camera = Lenses.of([lens("equidistant", [-0.01, 0.02, -0.005, 0.001])])
     tangents = np.tan(np.radians([0.0, 30.0, 60.0, 80.0, 86.0]))
