@@ -8,7 +8,7 @@ import gc
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-__all__ = ["collect_late", "objects_stay"]
+__all__ = ["collect_late", "keep_objects", "objects_stay"]
 
 LATE_OBJECTS = 250_000
 """More than libraries, classes and settings are, before the work of a program begins."""
@@ -27,18 +27,24 @@ def collect_late() -> None:
     atexit.register(gc.freeze)
 
 
+def keep_objects() -> None:
+    """From now on the garbage collector is as usual, and does not look at what is there."""
+    gc.set_threshold(*_USUAL)
+    gc.freeze()
+
+
 @contextmanager
 def objects_stay() -> Iterator[None]:
-    """Within the block, the garbage collector is as usual, and does not look at what is there when it begins.
+    """As `keep_objects`, within the block.
 
     Libraries and stages stay to the end, and to look for garbage among them took 5 ms a frame. Where somebody has
     frozen objects, that stays as it is.
     """
-    gc.set_threshold(*_USUAL)
     if gc.get_freeze_count():
+        gc.set_threshold(*_USUAL)
         yield
         return
-    gc.freeze()
+    keep_objects()
     try:
         yield
     finally:

@@ -4,7 +4,6 @@ It ends as soon as the other end of its socket is closed, whatever it is doing: 
 the process that started it is killed.
 """
 
-import gc
 import os
 import signal
 import socket
@@ -15,6 +14,7 @@ from collections.abc import Callable, Sequence
 from queue import SimpleQueue
 from typing import Any, NoReturn, cast
 
+from pipeline.core.garbage import keep_objects
 from pipeline.core.memory import keep_freed_memory
 from pipeline.graph import Graph, Node
 from pipeline.parallel.failure import Failure, failure_of
@@ -44,7 +44,7 @@ def serve_copy(descriptor: int, kept_open: Sequence[int], made: Made) -> NoRetur
     """
     try:
         signal.set_wakeup_fd(-1)  # it leads to the thread of the other process that waits for signals
-        gc.freeze()  # to look at what is there would copy its memory
+        keep_objects()  # to look at what is there would copy its memory
         for other in kept_open:
             os.close(other)
         with open(os.devnull, "rb") as nothing:  # noqa: PTH123  # the name of a device
@@ -130,7 +130,7 @@ def _work(
     by_name = {node.name: node for node in graph.nodes}
     handed, free = [by_name[name] for name in told.handed], graph.parts(sink).free
     records = gather_log(told.log_levels)
-    gc.freeze()  # what is there stays
+    keep_objects()
     answers.put(Begun())
 
     def answer(question: Question) -> Answer:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from pipeline.core.garbage import collect_late, objects_stay
+from pipeline.core.garbage import collect_late, keep_objects, objects_stay
 
 PROGRAM = """
 import atexit, gc
@@ -23,6 +23,7 @@ def nothing_frozen() -> Iterator[None]:
     """The tests freeze what they have collected."""
     gc.unfreeze()
     yield
+    gc.unfreeze()
     gc.freeze()
 
 
@@ -50,3 +51,7 @@ def test_work_is_collected_as_usual(monkeypatch: pytest.MonkeyPatch) -> None:
     assert gc.get_threshold() != usual
     with objects_stay():
         assert gc.get_threshold() == usual
+    collect_late()
+    keep_objects()
+    assert gc.get_threshold() == usual
+    assert gc.get_freeze_count() > 1000
