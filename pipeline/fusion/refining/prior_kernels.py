@@ -127,9 +127,12 @@ def prior_covariances(
             size = max(max(size, own_least), 1e-6) * (extent * extent)
             size = min(size, max(explained * left[axis] / max(anchor * anchor, 1e-9), 1e-6 * (extent * extent)))
             too_wide[axis] = max(grown - anchor * anchor * size, 0.0) if abs(anchor) > least_anchor else 0.0
+            shared = anchor * size
+            if anchor * shared > left[axis]:  # even the smallest variance of the size is more than the centre's
+                shared = math.copysign(math.sqrt(explained * left[axis] * size), anchor)
             C[3 + axis, 3 + axis] = size
             for i in range(2):
-                C[i, 3 + axis] = C[3 + axis, i] = -(turn[i][axis] * (anchor * size))
+                C[i, 3 + axis] = C[3 + axis, i] = -(turn[i][axis] * shared)
         for i in range(2):
             for k in range(2):
                 C[i, k] -= turn[i][0] * too_wide[0] * turn[k][0] + turn[i][1] * too_wide[1] * turn[k][1]
