@@ -96,7 +96,7 @@ def process_recording(job: Job, observer: RunObserver | None = None) -> RunRepor
     with open_outputs(job) as outputs, opened(job) as run:
         with ExitStack() as stack:
             observer.opened(run.source)
-            inputs = tuple(map(read_input_file if job.outputs else InputFile.unread, run.source.recording.paths))
+            inputs = _input_files(run.source, is_written=bool(job.outputs))
             writers = open_writers(job, run.source, inputs, outputs, stack)
             # Closed before the writers are, also when the observer raises: then no stage is at work any more.
             frames = stack.enter_context(closing(run.frames(writers)))
@@ -329,6 +329,16 @@ def _window(recording: Recording, job: Job) -> TimeWindow:
         raise ConfigError(f"start at {job.start_s:g} s: the recording is only {seconds:.3f} s long")
     stop_ns = None if job.duration_s is None else start_ns + round(job.duration_s * 1e9)
     return TimeWindow(start_ns if job.start_s else None, stop_ns)
+
+
+def _input_files(source: RunInput, *, is_written: bool) -> tuple[InputFile, ...]:
+    """The files of the recording, with checksums if results say what they are of.
+
+    Not of a part of a recording: to read the rest as well takes minutes where it is large.
+    """
+    recording, window = source.recording, source.window
+    is_whole = window.start_ns is None and (window.stop_ns is None or window.stop_ns > recording.end_ns)
+    return tuple(map(read_input_file if is_written and is_whole else InputFile.unread, recording.paths))
 
 
 def _check_box_source(source: RunInput) -> None:

@@ -16,9 +16,9 @@ class InputFile(NamedTuple):
     Attributes:
         path: As it was given, without credentials; a ROS 2 folder and a split recording are the files that they hold.
         name: Name of the file.
-        bytes: Its size; None where it was not asked for, and where a server does not say it.
+        bytes: Its size; None where nothing says it: of a folder, and where a server does not.
         sha256: Of its content, hexadecimal; of an evaluation folder, of the names and sizes of its files. None where it
-            was not read as a whole, as of a file on a server.
+            was not read as a whole: of a file on a server, and where only a part was processed.
         server: What the server says of it: `size`, `etag`, `last_modified`.
     """
 
@@ -30,17 +30,20 @@ class InputFile(NamedTuple):
 
     @classmethod
     def unread(cls, path: Location) -> "InputFile":
-        """Only what its path says, and the server that was asked when it was opened."""
-        facts = path.facts if isinstance(path, RemotePath) else ()
-        size = dict(facts).get("size", "")
-        return cls(str(path), path.name, int(size) if size.isdecimal() else None, None, facts)
+        """Only what its path says, and its size: that of the file, or what the server said when it was opened."""
+        if isinstance(path, RemotePath):
+            size = dict(path.facts).get("size", "")
+            return cls(str(path), path.name, int(size) if size.isdecimal() else None, None, path.facts)
+        return cls(str(path), path.name, path.stat().st_size if path.is_file() else None)
 
     @property
     def provenance(self) -> dict[str, str]:
         """What a result says of it: not where it lay."""
-        if self.sha256 is None:
+        if self.sha256 is not None:
+            return {"name": self.name, "sha256": self.sha256}
+        if "://" in self.path:
             return {"name": self.name, "url": self.path, **dict(self.server)}
-        return {"name": self.name, "sha256": self.sha256}
+        return {"name": self.name} | ({} if self.bytes is None else {"size": str(self.bytes)})
 
     def tree(self) -> dict[str, Any]:
         """As plain values, for JSON."""

@@ -13,8 +13,9 @@ class Provenance:
 
     Attributes:
         version: Version of lidcam.
-        inputs: For each input file its `name` and its `sha256` (hexadecimal), or for a file on a server its `url`
-            (without credentials), `size`, and `etag` and `last_modified` if the server sends them.
+        inputs: For each input file its `name` and its `sha256` (hexadecimal), or its `size` where only a part of it was
+            read, or for a file on a server its `url` (without credentials), `size`, and `etag` and `last_modified` if
+            the server sends them.
         settings: Which settings these are, and why.
         config_yaml: All settings that affect the result; not `run`, so that the number of workers does not.
         rig_yaml: The rig, as a rig file.

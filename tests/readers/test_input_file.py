@@ -19,7 +19,14 @@ def test_a_file_has_its_size_and_checksum(tmp_path: Path) -> None:
     found = read_input_file(path)
     assert found.tree() == {"path": str(path), "bytes": 7, "sha256": digest}
     assert found.provenance == {"name": "drive.bag", "sha256": digest}
-    assert InputFile.unread(path).tree() == {"path": str(path), "bytes": None, "sha256": None}
+    unread = InputFile.unread(path)
+    assert unread.tree() == {"path": str(path), "bytes": 7, "sha256": None}
+    assert unread.provenance == {"name": "drive.bag", "size": "7"}
+
+
+def test_a_folder_that_is_not_read(tmp_path: Path) -> None:
+    assert InputFile.unread(tmp_path).tree() == {"path": str(tmp_path), "bytes": None, "sha256": None}
+    assert InputFile.unread(tmp_path).provenance == {"name": tmp_path.name}
 
 
 def test_a_file_on_a_server_is_not_read() -> None:

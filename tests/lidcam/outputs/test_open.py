@@ -4,6 +4,7 @@ from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
+import pytest
 from mcap.reader import make_reader
 from onnx_files import write_yolox
 
@@ -12,13 +13,13 @@ import lidcam
 SANDBOX = Path(__file__).resolve().parents[3] / "bags/sandbox.bag"
 
 
-def said(path: Path) -> dict[str, str]:
+def said(path: Path, about: str) -> dict[str, str]:
     with path.open("rb") as file:
         return {
             key: value
             for record in make_reader(file).iter_metadata()
             for key, value in record.metadata.items()
-            if key.startswith("network.")
+            if key.startswith(about)
         }
 
 
@@ -28,4 +29,14 @@ def test_the_network_and_what_ran_it(tmp_path: Path) -> None:
     settings = {"output.images": False, "output.clouds": False}
     lidcam.process(SANDBOX, out, model_2d=path, settings=settings, duration_s=0.1, workers=1)
     checksum = sha256(path.read_bytes()).hexdigest()
-    assert said(out) == {"network.name": "net.onnx", "network.sha256": checksum, "network.provider": "cpu"}
+    assert said(out, "network.") == {"network.name": "net.onnx", "network.sha256": checksum, "network.provider": "cpu"}
+
+
+@pytest.mark.parametrize(("start_s", "duration_s"), [(0.0, 0.1), (1.9, None), (0.0, 60.0)])
+def test_the_recording(tmp_path: Path, start_s: float, duration_s: float | None) -> None:
+    out, whole = tmp_path / "out.mcap", SANDBOX.read_bytes()
+    settings = {"output.images": False, "output.clouds": False}
+    lidcam.process(SANDBOX, out, settings=settings, start_s=start_s, duration_s=duration_s, workers=1)
+    known = {"sha256": sha256(whole).hexdigest()} if duration_s == 60.0 else {"size": str(len(whole))}
+    name = {"input.0.name": "sandbox.bag"}
+    assert said(out, "input.") == name | {f"input.0.{key}": value for key, value in known.items()}
