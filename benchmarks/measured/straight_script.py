@@ -6,7 +6,7 @@ rosbags reads the whole recording; each cloud of the first lidar gets the neares
 removes outliers (11 neighbours with the point itself, 0.2 standard deviations) and the ground, and links points to
 clusters; YOLOX by onnxruntime looks at every image; a cluster whose box overlaps a 2D box in an image is an object. A
 JSON message of objects and the points go into an MCAP for each frame. No motion, no damage, no missing sensors: it is
-here for its speed alone, which it prints as JSON, from the first byte read to the last byte written.
+here for its speed alone, which it prints as JSON, from the loading of the network to the last byte written.
 """
 
 import argparse
@@ -187,8 +187,8 @@ def main() -> None:
     parser.add_argument("--ground", type=float, default=0.2)
     parser.add_argument("--link", type=float, default=0.7)
     options = parser.parse_args()
-    network = Yolox(options.model) if options.model else None
     began_s = time.perf_counter()
+    network = Yolox(options.model) if options.model else None
     with timed("read"):
         clouds, images, cameras, transforms = read(options.recording)
     reference = next(iter(clouds.values()))

@@ -264,6 +264,10 @@ def test_results_of_two_recordings_are_compared_with_a_remark(compare: Any, resu
     assert "note: A and B are results of different recordings: crossing.mcap, sandbox.bag" in found.out
 
 
+def test_the_result_of_a_part_is_of_the_same_recording(compare: Any, sandbox: Path) -> None:
+    assert "different recordings" not in compare(ROOT / "tests/golden/sandbox.mcap", sandbox).out
+
+
 def test_results_of_two_sites_are_not_compared(compare: Any, sandbox: Path, tmp_path: Path) -> None:
     def moved(rig: str) -> str:
         return rig.replace("site_frame: site", "site_frame: hall")
