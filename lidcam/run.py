@@ -50,7 +50,7 @@ from pipeline.parallel.process import WorkerProcess
 from pipeline.parallel.ready import ready_processes
 from pipeline.parallel.run import Limits, run_parallel
 from pipeline.stages.sync.synchronize import SyncStats
-from readers.input_file import InputFile, read_input_file
+from readers.input_file import InputFile, InputFiles
 from readers.messages.tf import TF_TYPES
 from readers.open import open_recording
 from readers.recording import ReadOptions, Recording
@@ -96,14 +96,16 @@ def process_recording(job: Job, observer: RunObserver | None = None) -> RunRepor
     with open_outputs(job) as outputs, opened(job) as run:
         with ExitStack() as stack:
             observer.opened(run.source)
-            inputs = _input_files(run.source, is_written=bool(job.outputs))
+            inputs = stack.enter_context(closing(_input_files(run.source, is_written=bool(job.outputs))))
             writers = open_writers(job, run.source, inputs, outputs, stack)
             # Closed before the writers are, also when the observer raises: then no stage is at work any more.
             frames = stack.enter_context(closing(run.frames(writers)))
             for frame in frames:
+                inputs.read_up_to(_share(run.source.recording, frame.bundle.log_time_ns))
                 observer.frame(frame)
                 observer.advanced(run.progress)
-        return run.report(inputs, written_files(job))
+            whole = inputs.finish()
+        return run.report(whole, written_files(job))
 
 
 def iter_frames(job: Job) -> Generator[FrameResult, None, None]:
@@ -331,14 +333,19 @@ def _window(recording: Recording, job: Job) -> TimeWindow:
     return TimeWindow(start_ns if job.start_s else None, stop_ns)
 
 
-def _input_files(source: RunInput, *, is_written: bool) -> tuple[InputFile, ...]:
+def _input_files(source: RunInput, *, is_written: bool) -> InputFiles:
     """The files of the recording, with checksums if results say what they are of.
 
     Not of a part of a recording: to read the rest as well takes minutes where it is large.
     """
     recording, window = source.recording, source.window
     is_whole = window.start_ns is None and (window.stop_ns is None or window.stop_ns > recording.end_ns)
-    return tuple(map(read_input_file if is_written and is_whole else InputFile.unread, recording.paths))
+    return InputFiles(recording.paths, with_checksums=is_written and is_whole)
+
+
+def _share(recording: Recording, log_time_ns: int) -> float:
+    """How much of a recording was logged by then, 0 to 1."""
+    return (log_time_ns - recording.start_ns) / max(recording.end_ns - recording.start_ns, 1)
 
 
 def _check_box_source(source: RunInput) -> None:

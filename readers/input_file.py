@@ -1,13 +1,22 @@
 """What tells an input from others: its size and its checksum."""
 
+import math
+from collections.abc import Generator, Sequence
 from hashlib import file_digest, sha256
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from pipeline.core.errors import RecordingError
+from pipeline.parallel.background import Background
 from readers.location import Location, RemotePath
 
-__all__ = ["InputFile", "read_input_file"]
+__all__ = ["InputFile", "InputFiles", "read_input_file"]
+
+END_BYTES = 1 << 16
+"""Of the beginning and of the end of a file, for a fingerprint: the first clouds or images, and the index."""
+
+BLOCK_BYTES, STEP_BYTES = 1 << 20, 1 << 22
+"""What is read at once for a checksum, and what is worth waking a thread for."""
 
 
 class InputFile(NamedTuple):
@@ -66,7 +75,116 @@ def read_input_file(path: Location) -> InputFile:
             digest = file_digest(file, "sha256").hexdigest()
             return InputFile(str(path), path.name, file.tell(), digest)
     except OSError as err:
-        raise RecordingError(f"{path}: expected a file that can be read: {err.strerror or err}") from err
+        raise _unreadable(path, err) from err
+
+
+class InputFiles:
+    """The files of a recording, with checksums that a thread computes while frames are made of them.
+
+    It reads what was read for the frames a moment ago and lies in the system's cache. So the first frame does not wait
+    until all of the recording was read, and a disk delivers it once. To be closed.
+
+    Args:
+        paths: The files, in the order in which they are read.
+        with_checksums: Whether they are read as a whole; if not, only their sizes are known.
+
+    Attributes:
+        unread: What is known of the files before they are read.
+    """
+
+    def __init__(self, paths: Sequence[Location], *, with_checksums: bool) -> None:
+        self.unread = tuple(map(InputFile.unread, paths))
+        self._paths, self._with_checksums = tuple(paths), with_checksums
+        files = [path for path in paths if isinstance(path, Path) and path.is_file()] if with_checksums else []
+        self._total = sum(known.bytes or 0 for known in self.unread) if files else 0
+        self._due = 0
+        self._digests: dict[Location, InputFile] = {}
+        self._blocks = self._read(files)
+        self._background = Background(math.inf, "lidcam-checksum")
+        self._whole: tuple[InputFile, ...] | None = None
+
+    @property
+    def fingerprint(self) -> str:
+        """Hexadecimal; differs between recordings, and is known at once: of names, sizes, beginnings and ends.
+
+        Raises:
+            RecordingError: a file cannot be read.
+        """
+        digest = sha256(repr([sorted(known.provenance.items()) for known in self.unread]).encode())
+        for path in self._paths:
+            if isinstance(path, Path) and path.is_file():
+                digest.update(_ends(path))
+        return digest.hexdigest()
+
+    def read_up_to(self, share: float) -> None:
+        """Have the thread read on, to `share` (0 to 1) of all bytes; does not wait for it.
+
+        Raises:
+            RecordingError: a file could not be read.
+        """
+        due = round(min(share, 1.0) * self._total)
+        if due - self._due >= STEP_BYTES:
+            self._add(due - self._due)
+
+    def finish(self) -> tuple[InputFile, ...]:
+        """The files with their checksums, when all of them are read.
+
+        Raises:
+            RecordingError: a file cannot be read.
+        """
+        if not self._with_checksums:
+            return self.unread
+        if self._whole is None:
+            while self._due < self._total:  # in steps, between which `close` may end it
+                self._add(min(STEP_BYTES, self._total - self._due))
+            self._background.add(lambda: self._advance(math.inf), 0)
+            self._background.finish()
+            # Folders and files on servers are quickly looked at.
+            self._whole = tuple(self._digests.get(path) or read_input_file(path) for path in self._paths)
+        return self._whole
+
+    def close(self) -> None:
+        """End the thread, whether or not it is done, and close the files."""
+        self._background.close()
+        self._blocks.close()
+
+    def _add(self, size: int) -> None:
+        self._due += size
+        self._background.add(lambda: self._advance(size), 0)
+
+    def _advance(self, size: float) -> None:
+        """On the thread."""
+        while size > 0 and (found := next(self._blocks, 0)):
+            size -= found
+
+    def _read(self, paths: Sequence[Path]) -> Generator[int, None, None]:
+        """Reads one file after the other; the sizes of the blocks, as they are read."""
+        block = memoryview(bytearray(BLOCK_BYTES))
+        for path in paths:
+            digest, size = sha256(), 0
+            try:
+                with path.open("rb", buffering=0) as file:
+                    while found := file.readinto(block):
+                        digest.update(block[:found])
+                        size += found
+                        yield found
+            except OSError as err:
+                raise _unreadable(path, err) from err
+            self._digests[path] = InputFile(str(path), path.name, size, digest.hexdigest())
+
+
+def _unreadable(path: Path, err: OSError) -> RecordingError:
+    return RecordingError(f"{path}: expected a file that can be read: {err.strerror or err}")
+
+
+def _ends(path: Path) -> bytes:
+    try:
+        with path.open("rb") as file:
+            beginning = file.read(END_BYTES)
+            file.seek(max(path.stat().st_size - END_BYTES, 0))
+            return beginning + file.read(END_BYTES)
+    except OSError as err:
+        raise _unreadable(path, err) from err
 
 
 def _listing_sha256(folder: Path) -> str:

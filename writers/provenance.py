@@ -1,7 +1,7 @@
 """The origin of a result, stored in every output file."""
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 __all__ = ["Provenance"]
@@ -13,9 +13,11 @@ class Provenance:
 
     Attributes:
         version: Version of lidcam.
-        inputs: For each input file its `name` and its `sha256` (hexadecimal), or its `size` where only a part of it was
-            read, or for a file on a server its `url` (without credentials), `size`, and `etag` and `last_modified` if
-            the server sends them.
+        inputs: For each input file its `name` and `size`, or for a file on a server its `url` (without credentials),
+            `size`, and `etag` and `last_modified` if the server sends them.
+        fingerprint: Differs between inputs (hexadecimal).
+        checksums: Gives the SHA-256 of each input file (hexadecimal) at the end of a run, when all of it was read; None
+            of a file that is not read as a whole.
         settings: Which settings these are, and why.
         config_yaml: All settings that affect the result; not `run`, so that the number of workers does not.
         rig_yaml: The rig, as a rig file.
@@ -27,6 +29,8 @@ class Provenance:
 
     version: str
     inputs: tuple[Mapping[str, str], ...]
+    fingerprint: str
+    checksums: Callable[[], tuple[str | None, ...]]
     settings: str
     config_yaml: str
     rig_yaml: str
@@ -44,8 +48,18 @@ class Provenance:
             record[f"{name}.sha256"] = hashlib.sha256(text.encode()).hexdigest()
         return record | {f"boxes3d.{row}.topic": topic for row, topic in enumerate(self.boxes3d_topics)}
 
+    def later_metadata(self) -> dict[str, str]:
+        """The content of the metadata record `lidcam.inputs`, at the end of a run: the inputs' checksums.
+
+        Raises:
+            RecordingError: an input cannot be read.
+        """
+        known = enumerate(self.checksums())
+        return {f"input.{row}.sha256": checksum for row, checksum in known if checksum is not None}
+
     @property
     def recording_id(self) -> str:
         """32 hexadecimal digits, the same for the same inputs, settings and rig, whatever the settings are called."""
         facts = {key: value for key, value in self.metadata().items() if key != "settings"}
+        facts["fingerprint"] = self.fingerprint
         return hashlib.sha256(repr(sorted(facts.items())).encode()).hexdigest()[:32]

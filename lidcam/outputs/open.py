@@ -1,6 +1,6 @@
 """The outputs of a run: checked before it begins, opened together, and named together when all of them are whole."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from functools import partial
 from importlib.metadata import version
@@ -12,7 +12,7 @@ from lidcam.job import Job
 from lidcam.outputs.allowed import check_no_input, check_replaced
 from lidcam.settings.lasting import lasting_settings
 from pipeline.core.errors import OutputError
-from readers.input_file import InputFile, read_input_file
+from readers.input_file import InputFiles, read_input_file
 from readers.messages.image import decode_any_image
 from readers.rig.rig_file import rig_yaml
 from writers.base import ResultWriter
@@ -49,7 +49,7 @@ def written_files(job: Job) -> tuple[Path, ...]:
 
 
 def open_writers(
-    job: Job, source: RunInput, inputs: Sequence[InputFile], outputs: OutputTransaction, stack: ExitStack
+    job: Job, source: RunInput, inputs: InputFiles, outputs: OutputTransaction, stack: ExitStack
 ) -> list[ResultWriter]:
     """The writers of a job's outputs, open; they end with `stack`, before the outputs get their names.
 
@@ -88,10 +88,12 @@ WRITERS: Mapping[str, Callable[[Path, OutputTransaction, RunInput, Provenance], 
 """What writes a file, by the ending of its name."""
 
 
-def _provenance(source: RunInput, inputs: Sequence[InputFile]) -> Provenance:
+def _provenance(source: RunInput, inputs: InputFiles) -> Provenance:
     return Provenance(
         version=version("lidcam"),
-        inputs=tuple(file.provenance for file in inputs),
+        inputs=tuple(file.provenance for file in inputs.unread),
+        fingerprint=inputs.fingerprint,
+        checksums=lambda: tuple(file.sha256 for file in inputs.finish()),
         settings=str(source.settings),
         config_yaml=lasting_settings(source.config),
         rig_yaml=rig_yaml(source.rig),

@@ -17,6 +17,9 @@ __all__ = ["CONFIG", "RIG", "AttachedRecords", "is_result", "read_records"]
 RESULT = "lidcam"
 """Name of the metadata record of a result."""
 
+INPUTS = "lidcam.inputs"
+"""Name of the one behind its messages, with the checksums of the inputs; missing where the file was not closed."""
+
 MERGED = "lidcam.merged"
 """Name of the metadata record of a file with two results; its values `a` and `b` are their names."""
 
@@ -79,7 +82,7 @@ def read_records(path: Path) -> AttachedRecords:
             f"{path}: expected a result with {CONFIG} and {RIG} attached, found none of {', '.join(missing)}: a tool "
             "that rewrote it left them out; give the file that `lidcam process` wrote"
         )
-    return AttachedRecords(metadata[RESULT], texts)
+    return AttachedRecords(metadata[RESULT] | metadata.get(INPUTS, {}), texts)
 
 
 def is_result(path: Path) -> bool:

@@ -65,13 +65,11 @@ def link_what_the_lock_names(packages: Path, programs: Path) -> None:
 
 
 def take_over_kernels(packages: Path) -> None:
-    """What numba has compiled holds for a source of the same size and time."""
-    for kept in ROOT.glob("pipeline/**/__pycache__/*.nb[ic]"):
-        source = (kept.parent.with_name(kept.name.partition(".")[0] + ".py")).relative_to(ROOT)
-        folder = packages / source.parent / "__pycache__"
-        folder.mkdir(exist_ok=True)
+    """What is compiled for these sources and this processor holds elsewhere, too."""
+    for kept in ROOT.glob("pipeline/**/__pycache__/*.code"):
+        folder = packages / kept.parent.relative_to(ROOT)
+        folder.mkdir(parents=True, exist_ok=True)  # also of sources that are no more: nothing looks there
         shutil.copy(kept, folder)
-        shutil.copystat(ROOT / source, packages / source)
 
 
 def test_wheel_runs_elsewhere(tmp_path: Path, sandbox: Path) -> None:

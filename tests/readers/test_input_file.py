@@ -1,13 +1,17 @@
 """What tells an input from others."""
 
+import threading
+from collections.abc import Sequence
+from contextlib import closing
 from hashlib import sha256
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from pipeline.core.errors import RecordingError
-from readers.input_file import InputFile, read_input_file
-from readers.location import RemotePath
+from readers.input_file import BLOCK_BYTES, END_BYTES, STEP_BYTES, InputFile, InputFiles, read_input_file
+from readers.location import Location, RemotePath
 
 FACTS = (("size", "1234"), ("etag", '"x"'))
 
@@ -44,3 +48,80 @@ def test_a_server_that_says_no_size(size: str) -> None:
 def test_a_file_that_is_gone(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match=r"drive.bag: expected a file that can be read: No such file"):
         read_input_file(tmp_path / "drive.bag")
+
+
+# --- files of a run
+
+
+def known(paths: Sequence[Location], *, with_checksums: bool = True) -> tuple[InputFile, ...]:
+    with closing(InputFiles(paths, with_checksums=with_checksums)) as files:
+        return files.finish()
+
+
+@pytest.mark.parametrize("sizes", [(), (0,), (1,), (BLOCK_BYTES,), (STEP_BYTES + 1,), (0, STEP_BYTES, 3, 0, 7)])
+@pytest.mark.parametrize("shares", [(), (0.0, 0.3, 0.3, 0.2, 0.9), (1.0,), (-1.0, 7.0)])
+def test_the_same_as_file_by_file(tmp_path: Path, sizes: tuple[int, ...], shares: tuple[float, ...]) -> None:
+    paths = [tmp_path / str(row) for row in range(len(sizes))]
+    for path, size in zip(paths, sizes, strict=True):
+        path.write_bytes(np.random.default_rng(size).bytes(size))
+    with closing(InputFiles(paths, with_checksums=True)) as files:
+        assert files.unread == tuple(map(InputFile.unread, paths))
+        for share in shares:
+            files.read_up_to(share)
+        assert files.finish() == files.finish() == tuple(map(read_input_file, paths))
+
+
+def test_a_folder_and_a_file_on_a_server_among_them(tmp_path: Path) -> None:
+    (tmp_path / "drive.bag").write_bytes(b"content")
+    paths: list[Location] = [tmp_path, RemotePath("https://host/drive.mcap", FACTS), tmp_path / "drive.bag"]
+    assert known(paths) == tuple(map(read_input_file, paths))
+    assert known(paths, with_checksums=False) == tuple(map(InputFile.unread, paths))
+
+
+def test_what_was_not_asked_for_is_read_at_the_end(tmp_path: Path) -> None:
+    paths = [tmp_path / "first", tmp_path / "second"]
+    for path in paths:
+        path.write_bytes(bytes(STEP_BYTES))
+    with closing(InputFiles(paths, with_checksums=True)) as files:
+        files.read_up_to(0.5)
+        paths[1].write_bytes(b"\1" * STEP_BYTES)
+        assert files.finish()[1].sha256 == sha256(b"\1" * STEP_BYTES).hexdigest()
+
+
+def test_the_thread_ends_before_all_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "drive.bag"
+    path.write_bytes(bytes(20 * STEP_BYTES))
+    before = threading.active_count()
+    with closing(InputFiles([path], with_checksums=True)) as files:
+        for row in range(1, 20):
+            files.read_up_to(row / 20)
+        assert threading.active_count() == before + 1
+    assert threading.active_count() == before
+
+
+@pytest.mark.parametrize("share", [0.0, 1.0])
+def test_a_file_that_goes_while_it_is_read(tmp_path: Path, share: float) -> None:
+    path = tmp_path / "drive.bag"
+    path.write_bytes(bytes(STEP_BYTES))
+    with closing(InputFiles([path], with_checksums=True)) as files:
+        path.unlink()
+        files.read_up_to(share)
+        with pytest.raises(RecordingError, match=r"drive.bag: expected a file that can be read: No such file"):
+            files.finish()
+
+
+def test_a_fingerprint_without_reading_all_of_it(tmp_path: Path) -> None:
+    paths = [tmp_path / "first", tmp_path / "second"]
+    content = bytes(4 * END_BYTES)
+
+    def fingerprint(first: bytes, second: bytes) -> str:
+        for path, text in zip(paths, (first, second), strict=True):
+            path.write_bytes(text)
+        with closing(InputFiles(paths, with_checksums=False)) as files:
+            return files.fingerprint
+
+    plain = fingerprint(content, content)
+    assert plain == fingerprint(content, content)
+    others = [fingerprint(content, b"\1" + content[1:]), fingerprint(content, content[1:] + b"\1")]
+    others += [fingerprint(content[1:] + b"\1", content), fingerprint(content[1:], content), fingerprint(b"", b"")]
+    assert len({plain, *others}) == 6

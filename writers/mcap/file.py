@@ -30,7 +30,7 @@ from mcap.records import Channel as ChannelRecord
 from mcap.writer import MCAP0_MAGIC
 
 from pipeline.core.messages import Channel
-from writers.mcap.background import Background
+from pipeline.parallel.background import Background
 from writers.mcap.chunk import Buffer, Chunk, Compression, compressor
 from writers.outputs.marks import LIBRARY
 
@@ -198,7 +198,7 @@ def mcap_file(path: Path, *, profile: str, compression: Compression = "zstd") ->
     Raises:
         OSError: it cannot be written.
     """
-    with path.open("xb") as stream, contextlib.closing(Background(WAITING_BYTES)) as background:
+    with path.open("xb") as stream, contextlib.closing(Background(WAITING_BYTES, "lidcam-write")) as background:
         file = McapOutput(stream, background, profile, compression)
         yield file
         file.finish()

@@ -39,7 +39,7 @@ from writers.messages.scene import marker_array, scene_update
 from writers.messages.sensors import camera_info, cloud_cdr, moving_transform, static_transforms
 from writers.messages.truth_scene import truth_scene, truth_scene_topic
 from writers.outputs.errors import output_errors
-from writers.outputs.marks import RESULT
+from writers.outputs.marks import INPUTS, RESULT
 from writers.outputs.transaction import OutputFile
 from writers.provenance import Provenance
 from writers.truth_times import FrameTime, TruthTimes
@@ -110,6 +110,8 @@ class McapResultWriter:
         with output_errors(self._path):
             if kind is None:
                 self._draw_truth(self._truth_times.rest())
+                if later := self._provenance.later_metadata():
+                    self._file.add_metadata(INPUTS, later)
             self._resources.__exit__(kind, error, trace)
 
     def write(self, result: FrameResult) -> tuple[Drop, ...]:

@@ -1,6 +1,6 @@
 """By what lidcam knows its own files: a run replaces those of earlier runs, and no others."""
 
-__all__ = ["APPLICATION", "BAG_CALLER", "FOLDER_DATA", "LIBRARY", "MERGED", "REPAIRED", "RESULT", "SIMULATED"]
+__all__ = ["APPLICATION", "BAG_CALLER", "FOLDER_DATA", "INPUTS", "LIBRARY", "MERGED", "REPAIRED", "RESULT", "SIMULATED"]
 
 LIBRARY = "lidcam"
 """In the header of an MCAP. Without a version: the same results have the same bytes whichever version of the MCAP
@@ -11,6 +11,9 @@ REPAIRED = "lidcam.repair"
 SIMULATED = "lidcam_truth"
 MERGED = "lidcam.merged"
 """Names of metadata records of an MCAP: a result, a repaired recording, a simulated one, two results side by side."""
+
+INPUTS = "lidcam.inputs"
+"""Of a result: what is known of its inputs when all of them were read."""
 
 APPLICATION = "lidcam"
 """Application of an .rrd."""

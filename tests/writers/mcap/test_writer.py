@@ -171,12 +171,15 @@ def test_provenance(two_frames: Path) -> None:
         "version": "1.2.3",
         "settings": "as given",
         "input.0.name": "a.bag",
-        "input.0.sha256": "aa" * 32,
-        "input.1.name": "b.bag",
-        "input.1.sha256": "bb" * 32,
+        "input.0.size": "12",
+        "input.1.name": "b.mcap",
+        "input.1.url": "https://host/b.mcap",
+        "input.2.name": "c.bag",
+        "input.2.size": "0",
         "config.sha256": hashlib.sha256(b"fuse: {}\n").hexdigest(),
         "rig.sha256": hashlib.sha256(b"site_frame: site\n").hexdigest(),
     }
+    assert metadata["lidcam.inputs"] == {"input.0.sha256": "aa" * 32, "input.2.sha256": "cc" * 32}
     assert {name: a.data for name, a in attachments.items()} == {
         "lidcam.yaml": b"fuse: {}\n",
         "rig.yaml": b"site_frame: site\n",

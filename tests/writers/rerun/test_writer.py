@@ -115,11 +115,9 @@ def test_the_truth_that_is_nearest_is_drawn(tmp_path: Path, frame_id: str, drawn
 
 def test_the_recording_has_the_names_of_the_inputs(tmp_path: Path) -> None:
     path = tmp_path / "out.rrd"
-    remote = {"name": "c.mcap", "url": "https://host/c.mcap", "size": "1"}
-    provenance = replace(PROVENANCE, inputs=(*PROVENANCE.inputs, remote))
-    with RerunResultWriter(OutputFile(path, path), RIG, CONFIG, provenance, decode_any_image=grey) as writer:
+    with RerunResultWriter(OutputFile(path, path), RIG, CONFIG, PROVENANCE, decode_any_image=grey) as writer:
         writer.write(frame(0))
-    assert "a.bag, b.bag, c.mcap" in rerun(tmp_path, "rrd", "print", "-vvv", path).stdout
+    assert "a.bag, b.mcap, c.bag" in rerun(tmp_path, "rrd", "print", "-vvv", path).stdout
 
 
 def test_equal_results_give_equal_data(tmp_path: Path) -> None:

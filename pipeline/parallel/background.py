@@ -14,10 +14,11 @@ class Background:
 
     Args:
         weight: Weight of the jobs that may wait; a heavier one waits alone.
+        name: The thread's.
     """
 
-    def __init__(self, weight: int) -> None:
-        self._limit = weight
+    def __init__(self, weight: float, name: str) -> None:
+        self._limit, self._name = weight, name
         self._jobs: deque[tuple[Callable[[], object], int]] = deque()
         self._left = self._weight = 0  # jobs that wait and the one in work, and their weight
         self._changed = threading.Condition()
@@ -33,7 +34,7 @@ class Background:
             BaseException: whatever a job before it has raised.
         """
         if self._thread is None:
-            thread = threading.Thread(target=self._work, name="lidcam-write", daemon=True)
+            thread = threading.Thread(target=self._work, name=self._name, daemon=True)
             thread.start()
             self._thread = thread
         with self._changed:

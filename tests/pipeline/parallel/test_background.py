@@ -2,7 +2,7 @@ import threading
 
 import pytest
 
-from writers.mcap.background import Background
+from pipeline.parallel.background import Background
 
 
 def failing() -> None:
@@ -12,7 +12,7 @@ def failing() -> None:
 @pytest.mark.parametrize("count", [0, 1, 50])
 def test_jobs_are_done_in_order_on_another_thread(count: int) -> None:
     done: list[tuple[int, bool]] = []
-    background = Background(weight=3)
+    background = Background(weight=3, name="test")
 
     def job(number: int) -> None:
         done.append((number, threading.current_thread() is threading.main_thread()))
@@ -25,7 +25,7 @@ def test_jobs_are_done_in_order_on_another_thread(count: int) -> None:
 
 
 def test_no_more_waits_than_the_limit_but_for_one_heavy_job() -> None:
-    background, gate, is_added = Background(weight=10), threading.Event(), threading.Event()
+    background, gate, is_added = Background(weight=10, name="test"), threading.Event(), threading.Event()
     background.add(gate.wait, weight=100)  # heavier than the limit, and taken
 
     def add_one() -> None:
@@ -42,7 +42,7 @@ def test_no_more_waits_than_the_limit_but_for_one_heavy_job() -> None:
 
 
 def test_an_error_ends_the_work_and_is_raised_by_what_comes_next() -> None:
-    background, done = Background(weight=10), []
+    background, done = Background(weight=10, name="test"), []
     background.add(failing, weight=1)
     with pytest.raises(OSError, match="No space left"):
         background.finish()
@@ -55,7 +55,7 @@ def test_an_error_ends_the_work_and_is_raised_by_what_comes_next() -> None:
 
 
 def test_an_error_wakes_who_waits_for_room() -> None:
-    background, gate = Background(weight=1), threading.Event()
+    background, gate = Background(weight=1, name="test"), threading.Event()
 
     def fail_later() -> None:
         gate.wait()
@@ -69,7 +69,7 @@ def test_an_error_wakes_who_waits_for_room() -> None:
 
 
 def test_closing_waits_for_the_job_in_work_and_drops_the_rest() -> None:
-    background, gate, done = Background(weight=10), threading.Event(), []
+    background, gate, done = Background(weight=10, name="test"), threading.Event(), []
     begun = threading.Event()
 
     def first() -> None:
