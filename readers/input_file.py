@@ -96,7 +96,7 @@ class InputFiles:
         self.unread = tuple(map(InputFile.unread, paths))
         self._paths, self._with_checksums = tuple(paths), with_checksums
         files = [path for path in paths if isinstance(path, Path) and path.is_file()] if with_checksums else []
-        self._total = sum(known.bytes or 0 for known in self.unread) if files else 0
+        self._total = sum(InputFile.unread(path).bytes or 0 for path in files)
         self._due = 0
         self._digests: dict[Location, InputFile] = {}
         self._blocks = self._read(files)
@@ -123,8 +123,8 @@ class InputFiles:
             RecordingError: a file could not be read.
         """
         due = round(min(share, 1.0) * self._total)
-        if due - self._due >= STEP_BYTES:
-            self._add(due - self._due)
+        while due - self._due >= STEP_BYTES:
+            self._add(STEP_BYTES)
 
     def finish(self) -> tuple[InputFile, ...]:
         """The files with their checksums, when all of them are read.
@@ -135,8 +135,8 @@ class InputFiles:
         if not self._with_checksums:
             return self.unread
         if self._whole is None:
-            while self._due < self._total:  # in steps, between which `close` may end it
-                self._add(min(STEP_BYTES, self._total - self._due))
+            while self._due < self._total:
+                self._add(STEP_BYTES)
             self._background.add(lambda: self._advance(math.inf), 0)
             self._background.finish()
             # Folders and files on servers are quickly looked at.
@@ -149,6 +149,7 @@ class InputFiles:
         self._blocks.close()
 
     def _add(self, size: int) -> None:
+        """Have a step read; between two of them `close` ends the thread."""
         self._due += size
         self._background.add(lambda: self._advance(size), 0)
 

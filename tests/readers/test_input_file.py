@@ -1,6 +1,8 @@
 """What tells an input from others."""
 
+import os
 import threading
+import time
 from collections.abc import Sequence
 from contextlib import closing
 from hashlib import sha256
@@ -10,6 +12,7 @@ import numpy as np
 import pytest
 
 from pipeline.core.errors import RecordingError
+from readers import input_file
 from readers.input_file import BLOCK_BYTES, END_BYTES, STEP_BYTES, InputFile, InputFiles, read_input_file
 from readers.location import Location, RemotePath
 
@@ -97,6 +100,34 @@ def test_the_thread_ends_before_all_is_read(tmp_path: Path) -> None:
             files.read_up_to(row / 20)
         assert threading.active_count() == before + 1
     assert threading.active_count() == before
+
+
+class SlowDigest:
+    """Takes a while for each block, and counts them."""
+
+    blocks = 0
+    begun = threading.Event()
+
+    def update(self, block: memoryview) -> None:
+        del block
+        SlowDigest.blocks += 1
+        SlowDigest.begun.set()
+        time.sleep(0.002)
+
+    def hexdigest(self) -> str:
+        return ""
+
+
+def test_to_close_does_not_wait_for_all_that_is_due(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A sensor that begins late makes much of a recording due at once."""
+    path = tmp_path / "drive.bag"
+    path.write_bytes(b"")
+    os.truncate(path, 100 * STEP_BYTES)
+    monkeypatch.setattr(input_file, "sha256", SlowDigest)
+    with closing(InputFiles([path], with_checksums=True)) as files:
+        files.read_up_to(1.0)
+        assert SlowDigest.begun.wait(10.0)
+    assert 0 < SlowDigest.blocks < 100 * STEP_BYTES // BLOCK_BYTES
 
 
 @pytest.mark.parametrize("share", [0.0, 1.0])
