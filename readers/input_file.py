@@ -103,7 +103,6 @@ class InputFiles:
         self._background = Background(math.inf, "lidcam-checksum")
         self._whole: tuple[InputFile, ...] | None = None
 
-    @property
     def fingerprint(self) -> str:
         """Hexadecimal; differs between recordings, and is known at once: of names, sizes, beginnings and ends.
 

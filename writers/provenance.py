@@ -15,7 +15,7 @@ class Provenance:
         version: Version of lidcam.
         inputs: For each input file its `name` and `size`, or for a file on a server its `url` (without credentials),
             `size`, and `etag` and `last_modified` if the server sends them.
-        fingerprint: Differs between inputs (hexadecimal).
+        fingerprint: Gives what differs between inputs (hexadecimal), from their ends alone.
         checksums: Gives the SHA-256 of each input file (hexadecimal) at the end of a run, when all of it was read; None
             of a file that is not read as a whole.
         settings: Which settings these are, and why.
@@ -29,7 +29,7 @@ class Provenance:
 
     version: str
     inputs: tuple[Mapping[str, str], ...]
-    fingerprint: str
+    fingerprint: Callable[[], str]
     checksums: Callable[[], tuple[str | None, ...]]
     settings: str
     config_yaml: str
@@ -61,5 +61,5 @@ class Provenance:
     def recording_id(self) -> str:
         """32 hexadecimal digits, the same for the same inputs, settings and rig, whatever the settings are called."""
         facts = {key: value for key, value in self.metadata().items() if key != "settings"}
-        facts["fingerprint"] = self.fingerprint
+        facts["fingerprint"] = self.fingerprint()
         return hashlib.sha256(repr(sorted(facts.items())).encode()).hexdigest()[:32]

@@ -149,7 +149,7 @@ def test_a_fingerprint_without_reading_all_of_it(tmp_path: Path) -> None:
         for path, text in zip(paths, (first, second), strict=True):
             path.write_bytes(text)
         with closing(InputFiles(paths, with_checksums=False)) as files:
-            return files.fingerprint
+            return files.fingerprint()
 
     plain = fingerprint(content, content)
     assert plain == fingerprint(content, content)

@@ -30,7 +30,7 @@ COVARIANCE = np.array([[4.0, 1.2, 0.0], [1.2, 1.0, 0.0], [0.0, 0.0, 0.25]])
 PROVENANCE = Provenance(
     "1.2.3",
     ({"name": "a.bag", "size": "12"}, {"name": "b.mcap", "url": "https://host/b.mcap"}, {"name": "c.bag", "size": "0"}),
-    "ff" * 32,
+    lambda: "ff" * 32,
     lambda: ("aa" * 32, None, "cc" * 32),
     "as given",
     "fuse: {}\n",
