@@ -3,7 +3,6 @@
 import ast
 from pathlib import Path
 
-import pytest
 from import_graph import FLOORS, circles, module_name, our_imports, package_of, read_import_graph, room_of, sources
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -30,6 +29,10 @@ def name_of(path: Path) -> str:
     return module_name(path, ROOT)
 
 
+TREES = {name_of(path): ast.parse(path.read_text(encoding="utf-8")) for path in SOURCES}
+PACKAGES = {path.relative_to(ROOT).as_posix() for path in SOURCES if path.name == "__init__.py"}
+
+
 def within(module: str, part: str) -> bool:
     return module == part or module.startswith(f"{part}.")
 
@@ -52,57 +55,55 @@ def test_every_source_is_on_a_floor() -> None:
     assert folders == set(FLOORS)
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=name_of)
-def test_stages_know_neither_each_other_nor_what_is_above(path: Path) -> None:
+def test_stages_know_neither_each_other_nor_what_is_above() -> None:
+    assert [
+        f"{name_of(path)} imports {name}" for path in SOURCES for name in our_imports(path) if _strays(path, name)
+    ] == []
+
+
+def _strays(path: Path, imported: str) -> bool:
+    """Whether an import within one floor is none of those in `MAY_IMPORT`."""
     module = name_of(path)
     part = max((part for part in MAY_IMPORT if within(module, part)), key=len, default="")
-    for imported in our_imports(path):
-        if (
-            not part
-            or package_of(imported) != package_of(module)
-            or room_of(imported) == room_of(module) != "pipeline.stages"
-        ):
-            continue
-        own = within(imported, part) and part != "pipeline.stages"
-        own_stage = part == "pipeline.stages" and within(imported, ".".join(module.split(".")[:3]))
-        assert own or own_stage or any(within(imported, name) for name in MAY_IMPORT[part]), (
-            f"{module} imports {imported}"
-        )
+    same_room = room_of(imported) == room_of(module) != "pipeline.stages"
+    if not part or package_of(imported) != package_of(module) or same_room:
+        return False
+    own = ".".join(module.split(".")[:3]) if part == "pipeline.stages" else part
+    return not any(within(imported, name) for name in (own, *MAY_IMPORT[part]))
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=name_of)
-def test_library_code_neither_prints_nor_exits(path: Path) -> None:
-    if name_of(path) in EXITS:
-        pytest.skip("part of the command line, or of a process that it starts")
-    calls = [node.func for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if isinstance(node, ast.Call)]
-    names = {call.id for call in calls if isinstance(call, ast.Name)}
-    attributes = {
-        f"{call.value.id}.{call.attr}"
-        for call in calls
-        if isinstance(call, ast.Attribute) and isinstance(call.value, ast.Name)
-    }
-    assert not names & {"print", "exit", "quit"}
-    assert not attributes & {"sys.exit", "os._exit"}
+def test_library_code_neither_prints_nor_exits() -> None:
+    assert {name: found for name, tree in TREES.items() if name not in EXITS and (found := _edges(tree))} == {}
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=name_of)
-def test_exports_exist(path: Path) -> None:
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    exported = [
+def _edges(tree: ast.Module) -> set[str]:
+    calls = {ast.unparse(node.func) for node in ast.walk(tree) if isinstance(node, ast.Call)}
+    return calls & {"print", "exit", "quit", "sys.exit", "os._exit"}
+
+
+def test_modules_say_what_they_offer_and_offer_it() -> None:
+    """Every name in `__all__` is defined or imported at the top of its file."""
+    for name, tree in TREES.items():
+        exported = _exported(tree)
+        assert exported <= _defined(tree), name
+        is_package = name.replace(".", "/") + "/__init__.py" in PACKAGES
+        assert exported or is_package or name.rpartition(".")[2].startswith("_"), f"{name}: expected __all__"
+
+
+def _exported(tree: ast.Module) -> set[str]:
+    return {
         element.value
         for node in tree.body
-        if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name) and node.targets[0].id == "__all__"
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__"
         for element in getattr(node.value, "elts", ())
         if isinstance(element, ast.Constant)
-    ]
+    }
+
+
+def _defined(tree: ast.Module) -> set[str]:
     defined = {node.name for node in tree.body if isinstance(node, ast.FunctionDef | ast.ClassDef)}
     for node in tree.body:
-        targets = (
-            node.targets if isinstance(node, ast.Assign) else [node.target] if isinstance(node, ast.AnnAssign) else []
-        )
+        targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, "target", ast.Pass())]
         defined |= {name.id for target in targets for name in ast.walk(target) if isinstance(name, ast.Name)}
-    imported = (node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom))  # also those for type checkers
-    defined |= {alias.asname or alias.name for node in imported for alias in node.names}
-    assert set(exported) <= defined
-    if name_of(path).count(".") and not path.name.startswith("_") and path.name != "__init__.py":
-        assert exported, "every module says in __all__ what it offers"
+    imports = (node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom))  # also those for type checkers
+    return defined | {alias.asname or alias.name for node in imports for alias in node.names}

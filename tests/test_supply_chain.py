@@ -126,10 +126,11 @@ def unsafe(tree: ast.AST) -> list[str]:
     return found
 
 
-@pytest.mark.parametrize("path", sources(ROOT), ids=lambda path: str(path.relative_to(ROOT)))
-def test_nothing_that_is_read_is_executed(path: Path) -> None:
-    allowed = ALLOWED.get(path.relative_to(ROOT).as_posix(), [])
-    assert unsafe(ast.parse(path.read_text(encoding="utf-8"))) == allowed
+def test_nothing_that_is_read_is_executed() -> None:
+    found = {
+        path.relative_to(ROOT).as_posix(): unsafe(ast.parse(path.read_text(encoding="utf-8"))) for path in sources(ROOT)
+    }
+    assert {name: calls for name, calls in found.items() if calls} == ALLOWED
 
 
 @pytest.mark.parametrize(

@@ -1,28 +1,11 @@
-"""Every campaign runs, and nothing falls short in its first cases; `make campaign` tries many more."""
+"""What the campaigns share; `make campaign` runs them."""
 
-import importlib
-import os
-import subprocess
-import sys
 import time
 from pathlib import Path
 from random import Random
 
 import pytest
 from common import CaseTimeoutError, Outcome, campaign, is_one_line, run_child, time_limit
-from run_all import NAMES
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_first_cases(name: str, tmp_path: Path) -> None:
-    module = importlib.import_module(name)
-    arguments = ["--count", str(module.TEST_COUNT), "--out", str(tmp_path)]
-    if name == "bounds":  # the memory of what it starts is never less than its own, and the tests hold much
-        assert isinstance(module.__file__, str)
-        places = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
-        assert subprocess.run([sys.executable, module.__file__, *arguments], env=places).returncode == 0
-    else:
-        assert module.main(arguments) == 0
 
 
 def test_faults_are_counted_kept_and_end_with_1(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
