@@ -1,9 +1,11 @@
 """The README says what the program does, and what the documents link to exists."""
 
 import re
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
+import yaml
 from document_commands import ROOT, pages
 from typer.main import get_command
 
@@ -41,3 +43,18 @@ def test_links_lead_somewhere(page: Path) -> None:
 )
 def test_named_files_exist(path: str) -> None:
     assert (ROOT / path).is_file()
+
+
+def test_the_citation_names_this_version() -> None:
+    cited = re.search(r"^version: (.*)$", (ROOT / "CITATION.cff").read_text(encoding="utf-8"), re.MULTILINE)
+    assert cited
+    assert cited[1] == version("lidcam")
+
+
+@pytest.mark.parametrize("path", sorted(ROOT.glob(".github/**/*.yml")), ids=lambda path: path.name)
+def test_workflows_call_targets_that_exist_and_pin_what_they_use(path: Path) -> None:
+    text, makefile = path.read_text(encoding="utf-8"), (ROOT / "Makefile").read_text(encoding="utf-8")
+    assert yaml.safe_load(text)
+    for target in re.findall(r"run: make (\w+)", text):
+        assert re.search(rf"^{target}:", makefile, re.MULTILINE)
+    assert all(re.fullmatch(r"[\w/-]+@[0-9a-f]{40} # v[\d.]+", use) for use in re.findall(r"uses: (.*)", text))

@@ -19,7 +19,13 @@ _INLINE = re.compile(r"(?<!`)`([^`]+)`(?!`)")
 
 def pages() -> list[Path]:
     """All documents."""
-    return [ROOT / "README.md", ROOT / "bags" / "README.md", *sorted(ROOT.glob("docs/**/*.md"))]
+    return [
+        ROOT / "README.md",
+        ROOT / "CONTRIBUTING.md",
+        ROOT / "SECURITY.md",
+        ROOT / "bags" / "README.md",
+        *sorted(ROOT.glob("docs/**/*.md")),
+    ]
 
 
 def commands_of_pages() -> dict[str, str]:
