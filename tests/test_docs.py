@@ -1,4 +1,4 @@
-"""The README says what the program does, and what the documents link to exists."""
+"""The documents say what the program does, and what they link to exists."""
 
 import re
 from importlib.metadata import version
@@ -22,7 +22,12 @@ def test_the_table_of_options_is_complete() -> None:
     options = {
         option for parameter in get_command(process_app).params for option in parameter.opts if option[:2] == "--"
     }
-    table = README.split("| option of `lidcam-process` | |")[1].split("\n\n")[0]
+    table = (
+        (ROOT / "docs" / "process.md")
+        .read_text(encoding="utf-8")
+        .split("| option of `lidcam-process` | |")[1]
+        .split("\n\n")[0]
+    )
     assert set(re.findall(r"--[a-z][a-z0-9-]+", table)) == options - OF_EVERY_COMMAND
 
 

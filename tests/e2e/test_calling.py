@@ -203,7 +203,7 @@ def test_the_demo_needs_a_folder(lidcam: Lidcam, tmp_path: Path, folder: str) ->
 
 def test_the_demo_prints_what_the_readme_shows(lidcam: Lidcam, tmp_path: Path) -> None:
     readme = (Path(__file__).resolve().parents[2] / "README.md").read_text(encoding="utf-8")
-    table = readme.split("of which the first is\n\n```\n")[1].split("...\n```")[0]
+    table = readme.split("and prints what it found:\n\n```\n")[1].split("...\n```")[0]
     assert table.startswith("objects")
     run = lidcam("demo", tmp_path / "a" / "b", "-q")
     assert (run.code, run.err) == (0, "")
