@@ -96,7 +96,7 @@ def _exported(tree: ast.Module) -> set[str]:
         for node in tree.body
         if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__"
         for element in getattr(node.value, "elts", ())
-        if isinstance(element, ast.Constant)
+        if isinstance(element, ast.Constant) and isinstance(element.value, str)
     }
 
 

@@ -22,7 +22,7 @@ def demo(
 
     The output goes to a folder; the last lines say how to open it.
     """
-    with compiled_together():
+    with compiled_together(shown=True):
         from lidcam.commands.demo import run_demo
 
     run_demo(folder, overwrite=overwrite)

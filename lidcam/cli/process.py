@@ -147,7 +147,7 @@ def process(
         # Read once, when the libraries are loaded.
         for name in THREADS_OF_LIBRARIES:
             os.environ.setdefault(name, "1")
-    with compiled_together():  # heavy: after the arguments are known to be right
+    with compiled_together(shown=True):  # heavy: after the arguments are known to be right
         from lidcam.commands.process import Printed, run_process
     from lidcam.commands.requirement_errors import requirement_errors
     from lidcam.commands.strict import Strictness

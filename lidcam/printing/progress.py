@@ -3,16 +3,17 @@
 import logging
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from typing import Protocol
 
 from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
 from lidcam.printing.escaping import visible
 from lidcam.printing.log import progress_log
 from lidcam.printing.terminal import console
 
-__all__ = ["Advance", "show_progress"]
+__all__ = ["Advance", "show_compiling", "show_progress"]
 
 LINE_EVERY_S = 10.0
 """Wall time from one line to the next."""
@@ -44,8 +45,6 @@ def show_progress(
     if not err.is_terminal or not progress_log.isEnabledFor(logging.INFO):
         yield line
         return
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn  # for terminals alone
-
     columns = (
         TextColumn("{task.completed:.1f} of {task.total:.1f} s", markup=False),
         BarColumn(bar_width=None),
@@ -60,6 +59,40 @@ def show_progress(
             line(done_s, facts)
 
         yield advance
+
+
+@contextmanager
+def show_compiling(
+    *, err: Console | None = None, clock: Callable[[], float] = time.monotonic
+) -> Iterator[Callable[[int, int], None]]:
+    """Progress of the first run on a machine: yields what is told how many functions of how many are compiled.
+
+    On a terminal there is a bar as soon as something is compiled, unless --quiet is given; elsewhere a line every ten
+    seconds.
+
+    Args:
+        err: Where the bar is drawn; None: stderr.
+        clock: Seconds of wall time.
+    """
+    err = err or console(stderr=True)
+    last_s = clock()
+    with ExitStack() as stack:
+        bars: list[tuple[Progress, TaskID]] = []
+
+        def compiled(done: int, total: int) -> None:
+            nonlocal last_s
+            if err.is_terminal and progress_log.isEnabledFor(logging.INFO):
+                if not bars:
+                    columns = TextColumn("compiling: {task.completed} of {task.total}"), BarColumn(bar_width=None)
+                    bar = stack.enter_context(Progress(*columns, console=err, transient=True))
+                    bars.append((bar, bar.add_task("", total=total)))
+                bar, task = bars[0]
+                bar.update(task, completed=done)
+            if clock() - last_s >= LINE_EVERY_S:
+                last_s = clock()
+                progress_log.info("compiling: %d of %d", done, total)
+
+        yield compiled
 
 
 class _Lines:

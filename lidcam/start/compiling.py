@@ -7,10 +7,19 @@ __all__ = ["compiled_together"]
 
 
 @contextmanager
-def compiled_together() -> Iterator[None]:
-    """Import what a run is made of in this block: all cores share what has to be compiled."""
-    from pipeline.core.compiled import compiled_beside  # not at the top: `lidcam --help` needs no numpy
+def compiled_together(*, shown: bool = False) -> Iterator[None]:
+    """Import what a run is made of in this block: all cores share what has to be compiled.
+
+    Args:
+        shown: Draw a bar on a terminal, or log lines of progress.
+    """
+    from lidcam.printing.progress import show_compiling  # not at the top: `lidcam --help` needs no numpy
+    from pipeline.core.compiled import compiled_beside
     from pipeline.parallel.cores import usable_cores
 
-    with compiled_beside(usable_cores()):
+    if not shown:
+        with compiled_beside(usable_cores()):
+            yield
+        return
+    with show_compiling() as progress, compiled_beside(usable_cores(), progress):
         yield

@@ -7,52 +7,85 @@ them has kept so far. They end with the block in which they are wanted, and with
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
 from threading import Thread
 
-__all__ = ["compiled_beside", "kernel_modules", "serve", "start_others"]
+from pipeline.core.compile_log import compile_log
+
+__all__ = ["Progress", "compiled_beside", "kernel_sources", "one_compiled", "serve"]
+
+Progress = Callable[[int, int], object]
+"""Told how many functions are compiled by now, and how many there are."""
 
 MAX_PROCESSES = 8
 """Each holds 200 MB and takes a second to begin; more of them than this save nothing."""
 
+_ROOT = Path(__file__).parents[3]
 _IMPORT = "from pipeline.core.compiled import "
 _SERVE = "from pipeline.core.compiled.beside import serve; serve()"
 
-_wanted = 0
-_running: list[subprocess.Popen[bytes]] = []
+
+@dataclass
+class _FirstRun:
+    """What is known of compiling in this process."""
+
+    wanted: int = 0
+    progress: Progress | None = None
+    is_told: bool = False
+    running: list[subprocess.Popen[bytes]] = field(default_factory=list)
+
+
+_first_run = _FirstRun()
 
 
 @contextmanager
-def compiled_beside(processes: int) -> Iterator[None]:
+def compiled_beside(processes: int, progress: Progress | None = None) -> Iterator[None]:
     """Within the block, processes share the work if something has to be compiled; nothing is started otherwise.
 
     Args:
         processes: How many at most, this one among them.
+        progress: Called after each function that this process had to compile.
     """
-    global _wanted
-    _wanted = min(processes, MAX_PROCESSES) - 1
+    _first_run.wanted, _first_run.progress = min(processes, MAX_PROCESSES) - 1, progress
     try:
         yield
     finally:
-        _wanted = 0
-        while _running:
-            process = _running.pop()
+        _first_run.wanted, _first_run.progress = 0, None
+        while _first_run.running:
+            process = _first_run.running.pop()
             assert process.stdin is not None
             process.stdin.close()
             process.wait()
 
 
-def start_others() -> None:
-    """Start the processes that are wanted; called once something was compiled and could be kept."""
-    global _wanted
-    count, _wanted = _wanted, 0
-    modules = kernel_modules()[::-1] if count > 0 else []
+def one_compiled(folder: Path | None) -> None:
+    """Say so, and have others help if they are wanted.
+
+    Args:
+        folder: Where functions are kept; None: they are not, so that nobody can help.
+    """
+    if not _first_run.is_told:
+        _first_run.is_told = True
+        compile_log.info("compiling for this processor, once: up to a minute")
+    if folder is None:
+        return
+    _start_others()
+    if _first_run.progress:
+        total = sum(text.count("\n@compiled(") for _, text in kernel_sources())
+        _first_run.progress(min(sum(1 for _ in folder.rglob("*.nbi")), total), total)
+
+
+def _start_others() -> None:
+    count, _first_run.wanted = _first_run.wanted, 0
+    paths = [path for path, _ in kernel_sources()][::-1] if count > 0 else []
+    modules = [".".join(path.relative_to(_ROOT).with_suffix("").parts) for path in paths]
     for number in range(min(count, len(modules))):
         with suppress(OSError):  # then this process does it all
-            _running.append(
+            _first_run.running.append(
                 subprocess.Popen(
                     [sys.executable, "-P", "-c", _SERVE, *modules[number::count]],
                     env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
@@ -63,14 +96,10 @@ def start_others() -> None:
             )
 
 
-def kernel_modules() -> list[str]:
-    """Names of the modules with compiled functions, sorted."""
-    root = Path(__file__).parents[2]
-    return sorted(
-        ".".join(path.relative_to(root.parent).with_suffix("").parts)
-        for path in root.rglob("*.py")
-        if f"\n{_IMPORT}" in path.read_text(encoding="utf-8")
-    )
+def kernel_sources() -> list[tuple[Path, str]]:
+    """The files with compiled functions, and their texts, sorted by path."""
+    texts = ((path, path.read_text(encoding="utf-8")) for path in sorted((_ROOT / "pipeline").rglob("*.py")))
+    return [(path, text) for path, text in texts if f"\n{_IMPORT}" in text]
 
 
 def serve() -> None:
@@ -81,5 +110,5 @@ def serve() -> None:
 
 
 def _end_with_input() -> None:
-    sys.stdin.buffer.read()
+    os.read(0, 1)  # not sys.stdin, whose lock this thread would hold while the interpreter ends
     os._exit(0)

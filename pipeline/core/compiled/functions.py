@@ -1,135 +1,96 @@
-"""The decorators of compiled functions and of their parts."""
+"""The decorators of compiled functions and of their parts.
+
+numba keeps what it makes in a folder of its own for each version of the sources, since it does not see when a part in
+another file changes. Machine code is run as it is read, so the folder has to be the user's own, and nobody else may
+write there; otherwise everything is compiled for this run alone.
+"""
 
 import os
-import time
-from collections.abc import Callable
-from contextlib import suppress
-from functools import cache, update_wrapper
+import stat
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import cache
 from hashlib import sha256
 from pathlib import Path
-from types import FunctionType
 from typing import Any, ParamSpec, TypeVar, cast
 
-from pipeline.core.compile_log import compile_log
-from pipeline.core.compiled.arguments import checked
-from pipeline.core.compiled.beside import start_others
-from pipeline.core.compiled.compiling import (
-    OPTIONS,
-    STANDS_FOR,
-    UnknownCodeError,
-    dispatcher,
-    inner,
-    is_kept_by_numba,
-    machine_code,
-)
-from pipeline.core.compiled.kept import Keeper
-from pipeline.core.compiled.linking import LinkError, link, made_for
-from pipeline.core.compiled.parts import MADE_BY, used
+import numba
 
-__all__ = ["compiled", "compiled_as", "inlined"]
+from pipeline.core.compile_log import compile_log
+from pipeline.core.compiled.beside import kernel_sources, one_compiled
+
+__all__ = ["cache_folder", "compiled", "inlined"]
 
 P = ParamSpec("P")
 R = TypeVar("R")
 
-_told = False
+OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "boundscheck": False, "fastmath": False}
 
 
 def compiled(signature: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """Compile a function for the given types of arguments, or take what an earlier process made.
 
     It runs without the interpreter's lock. Arguments of other types raise TypeError. An index beyond the end of an
-    array is not checked, and a negative one counts from the end, as in numpy.
+    array is not checked, and a negative one counts from the end, as in numpy. With `NUMBA_DISABLE_JIT=1` in the
+    environment it stays plain Python, for a debugger.
 
     Args:
         signature: As numba writes it, such as "float32[::1](float32[:, ::1], int64)".
     """
 
     def making(function: Callable[P, R]) -> Callable[P, R]:
-        if os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0"):  # for a debugger
-            return function
-        assert isinstance(function, FunctionType)
-        made_of = made_for()
-        ready = _linked(function, signature, made_of) if made_of else None
-        return cast("Callable[P, R]", ready or _by_numba(function, signature))
+        made = _made(function, signature)
+        if getattr(made, "stats", None) and not made.stats.cache_hits:
+            one_compiled(cache_folder())
+        return cast("Callable[P, R]", made)
 
     return making
 
 
-def compiled_as(make: Callable[[], Any]) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """In compiled functions, something else stands for the decorated function.
-
-    Args:
-        make: Makes what numba knows, when something that needs it is compiled; called once. It names the functions that
-            it uses, or encloses them, as compiled functions do.
-    """
-
-    def deciding(function: Callable[P, R]) -> Callable[P, R]:
-        vars(function)[MADE_BY] = make
-        return _standing_for(make)(function)
-
-    return deciding
-
-
 def inlined(function: Callable[P, R]) -> Callable[P, R]:
     """A part of compiled functions, for any types of arguments."""
-    return _standing_for(lambda: inner(function))(function)
+    return cast("Callable[P, R]", numba.njit(inline="always", **OPTIONS)(function))
 
 
-def _standing_for(make: Callable[[], Any]) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    def deciding(function: Callable[P, R]) -> Callable[P, R]:
-        vars(function)[STANDS_FOR] = cache(make)
-        return function
+def _made(function: Callable[..., Any], signature: str) -> Any:
+    if (folder := cache_folder()) is not None:
+        try:
+            with _kept_in(folder):
+                return numba.njit(signature, cache=True, **OPTIONS)(function)
+        except OSError as err:  # a full disk
+            compile_log.debug("%s cannot be kept in %s: %s", function.__qualname__, folder, err)
+    return numba.njit(signature, **OPTIONS)(function)
 
-    return deciding
 
-
-def _linked(function: FunctionType, signature: str, made_of: str) -> Callable[..., Any] | None:
-    """Machine code, kept or new; nothing if it cannot be run without numba."""
-    name = function.__qualname__
-    keeper = _keeper(function, f"{made_of}\0{OPTIONS}\0{signature}")
-    code, made = keeper.read() if keeper else None, None
+@contextmanager
+def _kept_in(folder: Path) -> Iterator[None]:
+    """Within the block, numba keeps functions there; what else a user compiles has another place."""
+    before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(folder)
     try:
-        if code is None:
-            _tell()
-            started = time.perf_counter()
-            made = dispatcher(function, signature, no_cfunc_wrapper=True)
-            compile_log.debug("%s compiled in %.1f s", name, time.perf_counter() - started)
-            code = machine_code(made)
-            if keeper and keeper.write(code):
-                start_others()
-        call = checked(link(code, name), code.arguments, name)
-    except (LinkError, UnknownCodeError) as err:
-        compile_log.debug("%s is left to numba: %s", name, err)
-        return None
-    part = _standing_for(lambda: made or dispatcher(function, signature))
-    return part(update_wrapper(call, function))
+        yield
+    finally:
+        numba.config.CACHE_DIR = before
 
 
-def _keeper(function: FunctionType, made_of: str) -> Keeper | None:
-    if "<" in function.__qualname__:  # a function within another may depend on the place where it was made
-        return None
-    with suppress(OSError):
-        return Keeper(Path(function.__code__.co_filename), function.__qualname__, made_of, used(function))
-    return None
-
-
-def _by_numba(function: FunctionType, signature: str) -> Callable[..., Any]:
-    """As numba calls what it made; it keeps that itself, where it can."""
+@cache
+def cache_folder() -> Path | None:
+    """Where compiled functions are kept; nothing if that cannot be a folder of the user's own."""
+    named = os.environ.get("NUMBA_CACHE_DIR")
+    caches = Path(os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser())
+    version = sha256(numba.__version__.encode())
+    own = [(path, path.read_text(encoding="utf-8")) for path in sorted(Path(__file__).parent.glob("*.py"))]
+    for path, text in (*own, *kernel_sources()):
+        version.update(f"{path.name}\0{text}\0".encode())
+    folder = (Path(named) if named else caches / "lidcam") / f"kernels-{version.hexdigest()[:16]}"
     try:
-        # numba looks whether the file of the function has changed, and at its name, but not at what it uses.
-        name = f"{function.__qualname__}_{sha256(used(function)).hexdigest()[:16]}"
-        if not is_kept_by_numba(function, name):
-            _tell()
-        return cast("Callable[..., Any]", dispatcher(function, signature, name=name, cache=True))
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(mode=0o700, exist_ok=True)
+        found = folder.lstat()
     except (OSError, RuntimeError) as err:
-        if not isinstance(err, OSError) and "cannot cache function" not in str(err):
-            raise
-        _tell()
-        return cast("Callable[..., Any]", dispatcher(function, signature))
-
-
-def _tell() -> None:
-    global _told
-    if not _told:
-        _told = True
-        compile_log.info("compiling for this processor, once: up to a minute")
+        problem = str(err)
+    else:
+        if stat.S_ISDIR(found.st_mode) and found.st_uid == os.geteuid() and not found.st_mode & 0o022:
+            return folder
+        problem = "expected a folder of this user that no other can write to"
+    compile_log.warning("%s: %s; functions are compiled for this run alone", folder, problem)
+    return None

@@ -4,11 +4,18 @@ import inspect
 import operator
 from collections.abc import Callable
 from functools import cache
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
-from pipeline.core.compiled.functions import compiled_as
+from llvmlite import ir
+from numba.core import types
+from numba.core.datamodel import PrimitiveModel
+from numba.core.typing.templates import AbstractTemplate, infer_global, signature
+from numba.extending import lower_builtin, register_model, type_callable
 
 __all__ = ["LANES", "RANKS", "lanes_type", "operation", "ranks_type", "wide_type"]
+
+P = ParamSpec("P")
+R = TypeVar("R")
 
 LANES = 16
 """Numbers of a vector."""
@@ -20,10 +27,6 @@ RANKS = 10
 @cache
 def _types() -> dict[str, Any]:
     """What operations take and return, for numba; it learns of lanes here, and of `a + b` and the like with them."""
-    from numba.core import types
-    from numba.core.datamodel import PrimitiveModel
-    from numba.core.typing.templates import AbstractTemplate, infer_global, signature
-    from numba.extending import lower_builtin, register_model
 
     class HeldType(types.Type):
         """What is held in registers, for numba."""
@@ -72,9 +75,7 @@ def _types() -> dict[str, Any]:
     }
 
 
-def operation(
-    result: str, *arguments: str, emit: Callable[..., Any]
-) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+def operation(result: str, *arguments: str, emit: Callable[..., Any]) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """A function of lanes: in compiled functions what `emit` writes with LLVM's builder, else the decorated one.
 
     Args:
@@ -82,16 +83,6 @@ def operation(
         arguments: Types of its arguments.
         emit: Gets the builder and the values, for an array the pointer to its numbers.
     """
-
-    def deciding(function: Callable[..., Any]) -> Callable[..., Any]:
-        return compiled_as(lambda: _intrinsic(function, result, arguments, emit))(function)
-
-    return deciding
-
-
-def _intrinsic(function: Callable[..., Any], result: str, arguments: tuple[str, ...], emit: Callable[..., Any]) -> Any:
-    from numba.extending import intrinsic
-
     returned, taken = _types()[result], tuple(_types()[argument] for argument in arguments)
 
     def code(context: Any, builder: Any, _: Any, values: tuple[Any, ...]) -> Any:
@@ -102,34 +93,34 @@ def _intrinsic(function: Callable[..., Any], result: str, arguments: tuple[str, 
         written = emit(builder, *plain)
         return context.get_dummy_value() if result == "nothing" else written
 
-    def typed(_: Any, *given: Any) -> Any:
-        return (returned(*taken), code) if given == taken else None
+    def known(function: Callable[P, R]) -> Callable[P, R]:
+        def typed(_: Any) -> Callable[..., Any]:
+            def typer(*given: Any) -> Any:
+                return returned if given == taken else None
 
-    named = inspect.signature(function).parameters.values()
-    context = inspect.Parameter("context", inspect.Parameter.POSITIONAL_OR_KEYWORD)
-    vars(typed)["__signature__"] = inspect.Signature([context, *named])  # numba matches arguments with it
-    return intrinsic(typed)
+            vars(typer)["__signature__"] = inspect.signature(function)  # numba matches arguments with it
+            return typer
+
+        type_callable(function)(typed)
+        lower_builtin(function, *taken)(code)
+        return function
+
+    return known
 
 
 @cache
 def lanes_type() -> Any:
     """Of `Lanes`, for LLVM."""
-    from llvmlite import ir
-
     return ir.VectorType(ir.FloatType(), LANES)
 
 
 @cache
 def wide_type() -> Any:
     """Of `WideLanes`, for LLVM."""
-    from llvmlite import ir
-
     return ir.VectorType(ir.DoubleType(), LANES)
 
 
 @cache
 def ranks_type() -> Any:
     """Of `Ranks`, for LLVM."""
-    from llvmlite import ir
-
     return ir.ArrayType(lanes_type(), RANKS)

@@ -7,6 +7,7 @@ few. Without a compiler they are arrays. No number may be NaN.
 from typing import Any, TypeAlias
 
 import numpy as np
+from llvmlite import ir
 
 from pipeline.core.arrays import F32, F64
 from pipeline.core.compiled.lane_types import LANES, RANKS, lanes_type, operation, ranks_type, wide_type
@@ -46,22 +47,16 @@ Ranks: TypeAlias = F32
 
 def _lane(number: int) -> Any:
     """The number of a lane, for LLVM."""
-    from llvmlite import ir
-
     return ir.IntType(32)(number)
 
 
 def _shuffled(builder: Any, lanes: Any, numbers: list[int]) -> Any:
     """In each lane what was in the one of that number."""
-    from llvmlite import ir
-
     indices = ir.Constant(ir.VectorType(ir.IntType(32), LANES), numbers)
     return builder.shuffle_vector(lanes, ir.Constant(lanes_type(), ir.Undefined), indices)
 
 
 def _spread_out(builder: Any, number: Any) -> Any:
-    from llvmlite import ir
-
     first = builder.insert_element(ir.Constant(lanes_type(), ir.Undefined), number, _lane(0))
     return _shuffled(builder, first, [0] * LANES)
 
@@ -83,8 +78,6 @@ def _less(builder: Any, a: Any, b: Any) -> Any:
 
 
 def _less_bits(builder: Any, a: Any, b: Any) -> Any:
-    from llvmlite import ir
-
     return builder.zext(builder.bitcast(_less(builder, a, b), ir.IntType(LANES)), ir.IntType(64))
 
 
@@ -102,8 +95,6 @@ def _chosen(builder: Any, name: str, a: Any, b: Any) -> Any:
     Not a comparison and a choice: where one of the two came from the place that the result is written to, LLVM would
     write only the lanes that change, and whoever reads them next waits for that.
     """
-    from llvmlite import ir
-
     kind = ir.FunctionType(lanes_type(), [lanes_type(), lanes_type()])
     function = builder.module.declare_intrinsic(f"{name}.v{LANES}f32", (), kind)
     return builder.call(function, [a, b], fastmath=("nnan",))
@@ -119,15 +110,11 @@ def _top(builder: Any, lanes: Any) -> Any:
 
 
 def _widened_roots(builder: Any, lanes: Any) -> Any:
-    from llvmlite import ir
-
     root = builder.module.declare_intrinsic(f"llvm.sqrt.v{LANES}f32", (), ir.FunctionType(lanes_type(), [lanes_type()]))
     return builder.fpext(builder.call(root, [lanes]), wide_type())
 
 
 def _divided(builder: Any, wide: Any, number: Any) -> Any:
-    from llvmlite import ir
-
     undefined = ir.Constant(wide_type(), ir.Undefined)
     first = builder.insert_element(undefined, builder.sitofp(number, ir.DoubleType()), _lane(0))
     indices = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
@@ -135,8 +122,6 @@ def _divided(builder: Any, wide: Any, number: Any) -> Any:
 
 
 def _all_ranks(builder: Any, lanes: Any) -> Any:
-    from llvmlite import ir
-
     ranks = ir.Constant(ranks_type(), ir.Undefined)
     for rank in range(RANKS):
         ranks = builder.insert_value(ranks, lanes, rank)
@@ -157,26 +142,20 @@ def _last(builder: Any, ranks: Any) -> Any:
 
 
 def _stored_ranks(builder: Any, numbers: Any, ranks: Any) -> Any:
-    from llvmlite import ir
-
     for rank in range(RANKS):
         _stored(builder, numbers, ir.IntType(64)(rank * LANES), builder.extract_value(ranks, rank))
 
 
 def _inserted(builder: Any, lanes: Any, lane: Any, number: Any) -> Any:
-    from llvmlite import ir
-
     return builder.insert_element(lanes, number, builder.trunc(lane, ir.IntType(32)))
 
 
 def _trailing_zeros(builder: Any, bits: Any) -> Any:
-    from llvmlite import ir
-
     return builder.cttz(bits, ir.IntType(1)(1))
 
 
 @operation("lanes", "number", emit=_spread_out)
-def spread(number: float) -> Lanes:
+def spread(number: float | np.float32) -> Lanes:
     """A number in every lane."""
     return np.full(LANES, number, np.float32)
 
@@ -219,7 +198,7 @@ def highest(lanes: Lanes) -> np.float32:
 
 
 @operation("lanes", "lanes", "int", "number", emit=_inserted)
-def replaced(lanes: Lanes, lane: int, number: float) -> Lanes:
+def replaced(lanes: Lanes, lane: int, number: float | np.float32) -> Lanes:
     """The lanes with another number in one of them."""
     replaced = lanes.copy()
     replaced[lane] = number

@@ -14,7 +14,7 @@ from pipeline.filters.box_tree import RUN, box_tree, curve_order
 @pytest.fixture
 def plain(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     """The module as it is for a debugger: functions of arrays in place of instructions."""
-    monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")
+    monkeypatch.setattr("numba.config.DISABLE_JIT", True)
     spec = importlib.util.spec_from_file_location("plain_search", neighbor_search.__file__)
     assert spec is not None
     assert spec.loader is not None

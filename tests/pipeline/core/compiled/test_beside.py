@@ -3,7 +3,6 @@
 import os
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -20,61 +19,62 @@ def {name}(value):
 PROGRAM = """
 import sys, time
 from pathlib import Path
-from pipeline.core.compiled import beside, compiled_beside
+from pipeline.core.compiled import beside, compiled_beside, functions
 
-beside.kernel_modules = lambda: ["first", "last"]
-with compiled_beside(int(sys.argv[1])):
+folder, told = functions.cache_folder(), []
+sources = [(beside._ROOT / name, "\\n@compiled(") for name in ("first.py", "last.py")]
+beside.kernel_sources = lambda: sources
+with compiled_beside(int(sys.argv[1]), lambda done, total: told.append((done, total))):
     import first
-    running = list(beside._running)
-    until = time.monotonic() + 60 * bool(running)
-    while not {*Path("__pycache__").glob("last.*.code")} and time.monotonic() < until:
-        time.sleep(0.01)
-    kept = len({*Path("__pycache__").glob("last.*.code")})
+    running = list(beside._first_run.running)
+    while running and not list(folder.rglob("last.last-*.nbi")):
+        time.sleep(0.01)  # the test ends it if it never comes
+    kept = len(list(folder.rglob("last.last-*.nbi")))
 import last
-print(len(running), kept, first.first(1), last.last(2), [one.returncode is None for one in running])
+print(len(running), kept, first.first(1), last.last(2), [one.returncode for one in running], told)
 """
 
 
 def test_all_modules_with_compiled_functions_are_known() -> None:
-    modules = beside.kernel_modules()
-    assert modules == sorted(modules)
-    assert {"pipeline.filters.neighbor_search", "pipeline.detectors.cluster.grid_kernels"} < {*modules}
-    assert not [name for name in modules if name.startswith("pipeline.core.compiled")]
+    paths = [path for path, _ in beside.kernel_sources()]
+    assert paths == sorted(paths)
+    assert {"neighbor_search.py", "grid_kernels.py"} < {path.name for path in paths}
+    assert not [path for path in paths if path.parent.name == "compiled"]
 
 
 @pytest.mark.parametrize(
-    ("processes", "expected"), [(1, "0 0 2 3 []"), (2, "1 1 2 3 [False]"), (3, "2 1 2 3 [False, False]")]
+    ("processes", "expected"),
+    [(1, "0 0 2 3 [] [(1, 2)]"), (2, "1 1 2 3 [0] [(1, 2)]"), (3, "2 1 2 3 [0, 0] [(1, 2)]")],
 )
 def test_they_compile_from_the_last_and_end(tmp_path: Path, processes: int, expected: str) -> None:
     for name in ("first", "last"):
         (tmp_path / f"{name}.py").write_text(ONE.format(name=name), encoding="utf-8")
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])}
-    environment.pop("NUMBA_CACHE_DIR", None)
+    places = {"PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path]), "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
     command = [sys.executable, "-P", "-c", PROGRAM, str(processes)]
-    done = subprocess.run(command, cwd=tmp_path, env=environment, check=True, stdout=subprocess.PIPE, text=True)
+    done = subprocess.run(command, cwd=tmp_path, env=os.environ | places, check=True, stdout=subprocess.PIPE, text=True)
     assert done.stdout.strip() == expected
-    again = subprocess.run(command, cwd=tmp_path, env=environment, check=True, stdout=subprocess.PIPE, text=True)
-    assert again.stdout.strip() == "0 1 2 3 []"  # all is kept: nothing is started
+    again = subprocess.run(
+        command, cwd=tmp_path, env=os.environ | places, check=True, stdout=subprocess.PIPE, text=True
+    )
+    assert again.stdout.strip() == "0 1 2 3 [] []"  # all is kept: nothing is started
 
 
 def test_one_that_is_not_done_ends_with_the_block(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     (tmp_path / "slow.py").write_text("import time\ntime.sleep(600)\n", encoding="utf-8")
     monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr(beside, "kernel_modules", lambda: ["slow"])
-    started = time.monotonic()
+    monkeypatch.setattr(beside, "kernel_sources", lambda: [(beside._ROOT / "slow.py", "")])
     with beside.compiled_beside(2):
-        beside.start_others()
-        (process,) = beside._running
-        beside.start_others()
-        assert len(beside._running) == 1
+        beside.one_compiled(tmp_path)
+        (process,) = beside._first_run.running
+        beside.one_compiled(tmp_path)
+        assert len(beside._first_run.running) == 1
     assert process.returncode == 0
-    assert time.monotonic() - started < 60
-    beside.start_others()
-    assert not beside._running
+    beside.one_compiled(tmp_path)
+    assert not beside._first_run.running
 
 
-def test_where_none_can_be_started_this_one_does_all(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_where_none_can_be_started_this_one_does_all(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(sys, "executable", "/nowhere/python")
     with beside.compiled_beside(3):
-        beside.start_others()
-        assert not beside._running
+        beside.one_compiled(tmp_path)
+        assert not beside._first_run.running

@@ -1,19 +1,18 @@
-"""Compiled functions: made once, kept, run without a compiler, and made without a place to keep them."""
+"""Compiled functions: made once, kept in a folder of the user's own, and made without a place to keep them."""
 
 import importlib.util
 import logging
-import os
-import subprocess
-import sys
+from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numba
 import numpy as np
 import pytest
 
-import pipeline.core.compiled.functions as tested
-from pipeline.core.compiled import compiling, linking
+from pipeline.core.compiled import beside, functions
+from pipeline.core.compiled.functions import cache_folder
 
 KERNELS = '''
 import numpy as np
@@ -43,14 +42,20 @@ WORD = "compiling for this processor, once: up to a minute"
 
 
 @pytest.fixture(autouse=True)
-def told_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tested, "_told", False)
+def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """An empty cache."""
+    folder = tmp_path / "cache"
+    monkeypatch.setattr(beside, "_first_run", beside._FirstRun())
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(folder))
+    cache_folder.cache_clear()
+    yield folder
+    cache_folder.cache_clear()
 
 
-def loaded(folder: Path, text: str = KERNELS) -> ModuleType:
+def loaded(folder: Path) -> ModuleType:
     source = folder / "sums.py"
     if not source.exists():
-        source.write_text(text, encoding="utf-8")
+        source.write_text(KERNELS, encoding="utf-8")
     spec = importlib.util.spec_from_file_location("sums", source)
     assert spec is not None
     assert spec.loader is not None
@@ -59,193 +64,121 @@ def loaded(folder: Path, text: str = KERNELS) -> ModuleType:
     return module
 
 
-def words(caplog: pytest.LogCaptureFixture) -> list[str]:
-    said = [record.message for record in caplog.records if record.name == "pipeline.compiled" and record.levelno >= 20]
-    caplog.clear()
-    return said
+def hits(module: ModuleType) -> int:
+    return sum(module.both.stats.cache_hits.values())
 
 
-@pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with functions and what is kept of them."""
-    folder = tmp_path_factory.mktemp("made")
-    loaded(folder)
-    return folder
-
-
-def test_made_once_and_kept(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_made_once_and_kept(tmp_path: Path, home: Path, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.INFO)
-    assert loaded(tmp_path).squares(np.array([1.0, 2.0])) == 5
-    assert words(caplog) == [WORD]
-    assert loaded(tmp_path).squares(np.array([3.0])) == 9
-    assert words(caplog) == []
-
-
-def test_another_process_runs_what_is_kept_without_numba(made: Path) -> None:
-    program = """
-import sys
-import numpy as np
-from sums import both, squares
-total, sevens = both(np.array([1.0, 2.0]), 3)
-assert (total, sevens.tolist(), squares(sevens.astype(float))) == (5, [7, 7, 7], 147)
-try:
-    both(np.zeros(1), 4)
-except ValueError as err:
-    assert str(err) == "too many"
-assert "numba" not in sys.modules
-import numba
-assert numba.njit(lambda values: values.sum() + 1)(sevens) == 22
-assert both(sevens.astype(float), 1)[0] == 147
-"""
-    path = os.pathsep.join([str(made), *sys.path])
-    subprocess.run([sys.executable, "-c", program], check=True, env={**os.environ, "PYTHONPATH": path})
-
-
-def test_arrays_outlive_the_call(made: Path) -> None:
-    module = loaded(made)
-    arrays = [module.both(np.ones(5), 3)[1] for _ in range(1000)]
-    assert all(array.tolist() == [7, 7, 7] for array in arrays)
-
-
-def test_a_changed_source_is_compiled_anew(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    caplog.set_level(logging.INFO)
-    before = loaded(tmp_path)
-    words(caplog)
-    (tmp_path / "sums.py").write_text(KERNELS.replace("value * value", "0 + value + value"), encoding="utf-8")
-    assert loaded(tmp_path).squares(np.array([1.0, 2.0])) == 6
-    assert before.squares(np.array([1.0, 2.0])) == 5
-    assert loaded(tmp_path).both(np.array([3.0]), 1)[0] == 6
-
-
-@pytest.mark.parametrize("known", [True, False], ids=["linked", "left to numba"])
-def test_a_change_in_a_file_that_is_used_is_compiled_anew(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, known: bool
-) -> None:
-    caplog.set_level(logging.INFO)
-    if not known:
-        monkeypatch.setattr(tested, "made_for", lambda: None)
-    monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr(sys, "dont_write_bytecode", True)  # Python would take that of a file as old and as long
-    text = """
-from pipeline.core.compiled import compiled
-from part_of_sums import FACTOR, times
-
-@compiled("float64(float64)")
-def product(value):
-    return FACTOR * times(value)
-"""
-
-    def product(factor: int, more: int) -> float:
-        monkeypatch.delitem(sys.modules, "part_of_sums", raising=False)
-        importlib.invalidate_caches()
-        part = f"from pipeline.core.compiled import inlined\n\nFACTOR = {factor}\n\n"
-        part += f"@inlined\ndef times(value):\n    return value + {more}\n"
-        (tmp_path / "part_of_sums.py").write_text(part, encoding="utf-8")
-        monkeypatch.setattr(tested, "_told", False)
-        result: float = loaded(tmp_path, text).product(1.0)
-        return result
-
-    assert (product(2, 3), words(caplog)) == (8, [WORD])
-    assert (product(2, 3), words(caplog)) == (8, [])
-    assert (product(2, 4), words(caplog)) == (10, [WORD])
-    assert (product(3, 4), words(caplog)) == (15, [WORD])
-
-
-def test_one_that_is_missing_calls_one_that_is_kept(tmp_path: Path) -> None:
-    loaded(tmp_path)
-    (kept,) = (tmp_path / "__pycache__").glob("sums.both.*.code")
-    kept.unlink()
-    assert loaded(tmp_path).both(np.array([3.0]), 1)[0] == 9
-    assert kept.exists()
-
-
-def test_a_damaged_file_is_made_anew(tmp_path: Path) -> None:
-    loaded(tmp_path)
-    for kept in (tmp_path / "__pycache__").glob("*.code"):
-        whole = kept.read_bytes()
-        kept.write_bytes(whole[:-1] + b"?")
-        assert loaded(tmp_path).both(np.array([3.0]), 1)[0] == 9
-        assert len(kept.read_bytes()) >= len(whole) - 100
-
-
-@pytest.mark.parametrize("arguments", [(np.array([1, 2]),), (np.zeros(4)[::2],), (np.zeros((1, 1)),), (1.0,), ()])
-def test_other_types_are_refused(made: Path, arguments: tuple[object, ...]) -> None:
-    with pytest.raises(TypeError, match=r"squares: expected \(float64 array of 1 dimensions C writable\), got"):
-        loaded(made).squares(*arguments)
-
-
-def test_a_fault_of_the_function_is_raised() -> None:
-    with pytest.raises(numba.TypingError):
-        tested.compiled("float64(float64)")(lambda value: value.nothing)
-
-
-def test_works_where_nothing_can_be_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "file").touch()
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "file"))
-    assert loaded(tmp_path).squares(np.array([1.0, 3.0])) == 10
-
-
-def test_versions_that_are_not_known_are_left_to_numba(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    caplog.set_level(logging.INFO)
-    monkeypatch.setattr(tested, "made_for", lambda: None)
-    assert loaded(tmp_path).both(np.array([1.0, 2.0]), 1)[0] == 5
-    assert words(caplog) == [WORD]
-    monkeypatch.setattr(tested, "_told", False)
+    first = loaded(tmp_path)
+    assert (first.squares(np.array([1.0, 2.0])), hits(first)) == (5, 0)
+    assert [record.message for record in caplog.records if record.levelno >= logging.INFO] == [WORD]
+    (folder,) = home.iterdir()
+    assert folder.stat().st_mode & 0o777 == 0o700
     second = loaded(tmp_path)
-    assert second.both.stats.cache_hits
-    assert words(caplog) == []
-    with pytest.raises(TypeError, match="No matching definition"):
-        second.squares(np.array([1, 2]))
+    assert (second.both(np.array([3.0]), 2)[0], hits(second)) == (9, 1)
+    with pytest.raises(ValueError, match="too many"):
+        second.both(np.zeros(1), 4)
 
 
-def nowhere(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("numba.core.caching.CacheImpl._locator_classes", [])
+def test_a_change_of_any_kernel_file_has_a_folder_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert (before := cache_folder()) is not None
+    sources = beside.kernel_sources()
+    changed = [(sources[0][0], sources[0][1] + "# changed\n"), *sources[1:]]
+    monkeypatch.setattr(functions, "kernel_sources", lambda: changed)
+    cache_folder.cache_clear()
+    assert cache_folder() not in (before, None)
 
 
-def full_disk(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_a_user_compiles_is_kept_elsewhere(tmp_path: Path) -> None:
+    before = numba.config.CACHE_DIR
+    loaded(tmp_path)
+    assert before == numba.config.CACHE_DIR
+
+
+def writable_by_others(folder: Path) -> None:
+    folder.mkdir(parents=True, mode=0o777)
+    folder.chmod(0o777)
+
+
+def a_link(folder: Path) -> None:
+    folder.parent.mkdir()
+    elsewhere = folder.parent.parent / "elsewhere"
+    elsewhere.mkdir()
+    folder.symlink_to(elsewhere)
+
+
+def a_file(folder: Path) -> None:
+    folder.parent.touch()
+
+
+@pytest.mark.parametrize("planted", [writable_by_others, a_link, a_file])
+def test_a_place_of_others_is_not_used(
+    tmp_path: Path, home: Path, caplog: pytest.LogCaptureFixture, planted: object
+) -> None:
+    folder = cache_folder()
+    assert folder is not None
+    folder.rmdir()
+    home.rmdir()
+    assert callable(planted)
+    planted(folder)
+    cache_folder.cache_clear()
+    assert cache_folder() is None
+    assert loaded(tmp_path).squares(np.array([1.0, 3.0])) == 10
+    warnings = [record.message for record in caplog.records if record.levelno == logging.WARNING]
+    assert len(warnings) == 1
+    assert "compiled for this run alone" in warnings[0]
+    assert not list((tmp_path / "elsewhere").glob("*"))
+
+
+def test_a_folder_of_another_user_is_not_used(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("os.geteuid", lambda: 12345)
+    assert cache_folder() is None
+
+
+def test_works_on_a_full_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("numba.core.caching.IndexDataCacheFile.save", full)
-
-
-@pytest.mark.parametrize("fault", [nowhere, full_disk])
-def test_numba_works_where_it_can_keep_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fault: object) -> None:
-    assert callable(fault)
-    fault(monkeypatch)
-    monkeypatch.setattr(tested, "made_for", lambda: None)
     assert loaded(tmp_path).squares(np.array([1.0, 3.0])) == 10
 
 
-@pytest.mark.parametrize("fault", ["link", "machine_code"])
-def test_what_cannot_be_linked_is_left_to_numba(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fault: str) -> None:
-    def fails(*_: object) -> None:
-        raise linking.LinkError if fault == "link" else compiling.UnknownCodeError
-
-    monkeypatch.setattr(tested, fault, fails)
-    assert loaded(tmp_path).both(np.array([1.0, 3.0]), 1)[0] == 10
+@pytest.mark.parametrize("arguments", [(np.array([1, 2]),), (np.zeros(4)[::2],), (np.zeros((1, 1)),), (1.0,), ()])
+def test_other_types_are_refused(tmp_path: Path, arguments: tuple[object, ...]) -> None:
+    with pytest.raises(TypeError):
+        loaded(tmp_path).squares(*arguments)
 
 
-def test_this_version_of_numba_is_known() -> None:
-    # Else see that these tests pass with `SEEN` as it has to be then, and the start takes half a second longer.
-    assert linking.made_for() is not None
+def test_a_fault_of_the_function_is_raised() -> None:
+    with pytest.raises(numba.TypingError):
+        functions.compiled("float64(float64)")(lambda value: value.nothing)
 
 
 def test_plain_functions_for_a_debugger(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")
+    monkeypatch.setattr("numba.config.DISABLE_JIT", True)
     assert loaded(tmp_path).squares([1, 2, 2]) == 9
 
 
 def test_no_product_is_fused_with_a_sum() -> None:
+    @functions.compiled("float64(float64[::1], float64)")
     def product(values, factor):  # type: ignore[no-untyped-def]  # numba infers them
         total = 0.0
         for value in values:
             total += value * factor
         return total
 
-    made = compiling.dispatcher(product, "float64(float64[::1], float64)")
+    made: Any = product
     code = "".join(made.inspect_asm().values())
     assert "mul" in code
     assert not any(fused in code for fused in ("vfmadd", "fmadd", "fmla"))
+
+
+def test_kernel_files_use_numbers_and_functions_of_kernel_files_alone() -> None:
+    """What a compiled function takes from another file would not be in the key of what is kept."""
+    texts = dict(beside.kernel_sources())
+    known = {".".join(path.relative_to(beside._ROOT).with_suffix("").parts) for path in texts}
+    assert len(known) > 5
+    for path, text in texts.items():
+        uses = {line.split()[1] for line in text.splitlines() if line.startswith("from pipeline.")}
+        assert uses <= known | {"pipeline.core.arrays", "pipeline.core.compiled", "pipeline.core.compiled.lanes"}, path
