@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from pipeline.core.errors import OutputError
 from readers.location import Location
 from writers.outputs.errors import output_errors
-from writers.outputs.work_folder import work_folder_path
+from writers.outputs.work_folder import folder_prefix
 
 if TYPE_CHECKING:
     from lidcam.outputs.made import Made
@@ -48,7 +48,9 @@ def _check_one(output: Path, target: Path, source: Path, resolved: Path) -> None
     is_journal = any(target == resolved.with_name(f"{resolved.name}{suffix}") for suffix in SQLITE_SUFFIXES)
     if is_same or is_metadata or is_around or is_journal:
         raise OutputError(f"{output}: is an input of this run ({source}), or a part of one; choose another name")
-    if work_folder_path(target) in resolved.parents:
+    if any(
+        folder.parent == target.parent and folder.name.startswith(folder_prefix(target)) for folder in resolved.parents
+    ):
         raise OutputError(
             f"{output}: the input {source} is what a killed run has left of this output; move it elsewhere first"
         )

@@ -55,11 +55,10 @@ def test_a_run_that_is_interrupted_leaves_nothing(
         preexec_fn=partial(signal.signal, number, signal.SIG_DFL),
     ) as run:
         until = time.monotonic() + 60
-        while not (tmp_path / ".out.rrd.lidcam").exists():
+        while not list(tmp_path.glob(".out.rrd.lidcam-*/out.rrd")):
             assert run.poll() is None, run.communicate()
             assert time.monotonic() < until
             time.sleep(0.02)
-        time.sleep(0.2)
         run.send_signal(number)
         _, err = run.communicate(timeout=60)
     assert run.returncode == code

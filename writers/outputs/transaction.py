@@ -1,26 +1,29 @@
-"""The outputs of one run: all of them appear, or none."""
+"""The outputs of one run: they get their names when all of them are whole and on the disk."""
 
+import errno
 import os
 from collections.abc import Callable, Collection, Sequence
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock
 from types import TracebackType
-from typing import NamedTuple, Self
+from typing import Self
 
 from pipeline.core.ending import undone_at_once
 from pipeline.core.errors import OutputError
 from writers.outputs.errors import output_errors
-from writers.outputs.exchange import Exchange, exchange, has_journal, identity, sync, sync_folder
-from writers.outputs.recovery import recover
 from writers.outputs.signals import held_signals
-from writers.outputs.target import resolved_output
-from writers.outputs.work_folder import WorkFolder, work_folder_path
+from writers.outputs.work_folder import WorkFolder
 
 __all__ = ["OutputFile", "OutputTransaction"]
 
+CANNOT_SYNC = {errno.EINVAL, errno.ENOTSUP, errno.EOPNOTSUPP}
+"""Answers of file systems that have no fsync of a folder."""
 
-class OutputFile(NamedTuple):
+
+@dataclass(frozen=True, slots=True)
+class OutputFile:
     """One output while it is written.
 
     Attributes:
@@ -32,18 +35,12 @@ class OutputFile(NamedTuple):
     part: Path
 
 
-class _Member(NamedTuple):
-    path: Path
-    target: Path
-    old: str | None
-    """Identity of what stood there when the run began."""
-
-
 class OutputTransaction:
     """A context manager: the outputs get their names when the block ends without error, else nothing remains.
 
     Until then each is written in a hidden folder beside it, and old outputs stand. A second run with one of the
-    outputs is refused meanwhile. What a killed run has left is completed if all its outputs were whole, else removed.
+    outputs is refused meanwhile. Names are given one after another: a run that is killed between two of them leaves
+    a new output beside an old one.
 
     Args:
         paths: All outputs of the run; the first gets its name last, so that where it is, the others are.
@@ -59,26 +56,23 @@ class OutputTransaction:
         check_old: Callable[[Path], None] = lambda _: None,
     ) -> None:
         self._paths, self._folders, self._check_old = tuple(paths), folders, check_old
-        self._files: dict[Path, OutputFile] = {}
-        self._members: list[_Member] = []
+        self._targets: dict[Path, Path] = {}
         self._work: dict[Path, WorkFolder] = {}
-        self._is_recovered = False
         self._undoing = ExitStack()
         self._committing = Lock()
 
     def __enter__(self) -> Self:
-        """Lock the outputs.
+        """Make the folders and lock them.
 
         Raises:
-            OutputError: one cannot be written, must not be replaced, or is being written by another run.
+            OutputError: an output cannot be written, must not be replaced, or is being written by another run.
         """
         try:
             with held_signals():
                 self._undoing.enter_context(undone_at_once(self._undo))
                 self._open()
         except BaseException:  # also a signal that was held
-            with held_signals():
-                self._close()
+            self._close()
             raise
         return self
 
@@ -88,10 +82,10 @@ class OutputTransaction:
         """Give the outputs their names, or discard them.
 
         Raises:
-            OutputError: the system refuses, or an old output was changed meanwhile and must not be replaced.
+            OutputError: the system refuses, or what stands there now must not be replaced.
         """
         try:
-            if kind is None and self._members:
+            if kind is None and self._work:
                 self._sync()
                 with held_signals(), self._committing:
                     self._commit()
@@ -101,64 +95,100 @@ class OutputTransaction:
 
     def __getitem__(self, path: Path) -> OutputFile:
         """Where one of the outputs is written."""
-        return self._files[path]
+        return OutputFile(path, self._work[path].part)
 
     def get(self, path: Path) -> OutputFile | None:
         """Where an output is written; None if it is none of these."""
-        return self._files.get(path)
+        return self[path] if path in self._work else None
 
     def _open(self) -> None:
-        targets: dict[Path, Path] = {}
         for path in self._paths:
-            target = resolved_output(path, is_folder=path in self._folders)
-            if target in targets:
-                raise OutputError(f"{path}: is the same file as {targets[target]}; choose another name")
-            targets[target] = path
-        # In one order, so that one of two runs gets all; the shortest first, as errors name what the user named.
-        for target in sorted(targets, key=lambda target: (len(target.name), target)):
-            with output_errors(targets[target]):
-                self._work[target] = WorkFolder(target, targets[target])
-        for target, path in targets.items():
+            target = _resolved(path, is_folder=path in self._folders)
+            for other, known in self._targets.items():
+                if known == target:
+                    raise OutputError(f"{path}: is the same file as {other}; choose another name")
+            self._targets[path] = target
+        # The shortest first, as errors name what the user named.
+        for path, target in sorted(self._targets.items(), key=lambda item: len(item[1].name)):
             with output_errors(path):
-                recover(self._work[target], self._work)
-        self._is_recovered = True
-        for target, path in targets.items():
+                self._work[path] = WorkFolder(target, path)
+        for path, target in self._targets.items():
             if os.path.lexists(target):
                 self._check_old(path)
-            with output_errors(path):
-                self._members.append(_Member(path, target, identity(target)))
-                self._work[target].begin(tuple(targets))
-            self._files[path] = OutputFile(path, self._work[target].part)
 
     def _sync(self) -> None:
         """Wait until the new outputs are on the disk, each with the permissions of what it replaces."""
-        for member in self._members:
-            with output_errors(member.path):
-                part = self._work[member.target].part
-                if member.target.exists():
-                    part.chmod(member.target.stat().st_mode & 0o777)
-                sync(self._work[member.target].path)
-                sync_folder(member.target.parent)
+        for path, target in self._targets.items():
+            with output_errors(path):
+                part = self._work[path].part
+                if target.exists():
+                    self._check_old(path)
+                    if part.exists():
+                        part.chmod(target.stat().st_mode & 0o777)
+                _sync(part.parent)
 
     def _commit(self) -> None:
-        exchanges = []
-        for member in self._members:
-            with output_errors(member.path):
-                old, new = identity(member.target), identity(self._work[member.target].part)
-            if old not in (None, member.old):  # changed while the run went on
-                self._check_old(member.path)
-            exchanges.append(Exchange(member.target, old, new))
-        with output_errors(self._members[0].path):
-            exchange(work_folder_path(self._members[0].target), exchanges)
+        for path in reversed(self._paths):
+            target, work = self._targets[path], self._work[path]
+            if not os.path.lexists(work.part):
+                continue  # nothing was written
+            with output_errors(path):
+                if target.is_dir():  # no system replaces a folder that holds something
+                    target.rename(work.path / "old")
+                work.part.replace(target)
+                _sync_one(target.parent)
 
     def _undo(self) -> None:
-        """Discard the outputs, called from any thread. Once they get their names, the next run sees to it."""
+        """Discard the outputs, called from any thread; not while they get their names."""
         if self._committing.acquire(blocking=False):
             self._close()
 
     def _close(self) -> None:
-        is_stuck = bool(self._members) and has_journal(work_folder_path(self._members[0].target))
         while self._work:
             _, folder = self._work.popitem()
-            folder.close(is_done=(self._is_recovered or folder.is_new) and not is_stuck)
+            folder.close()
         self._undoing.close()
+
+
+def _resolved(path: Path, *, is_folder: bool) -> Path:
+    """The output without links: a link stays, and the file that it points to is replaced.
+
+    Raises:
+        OutputError: its folder is missing, it is a broken link, or something other than a file (a folder) stands there.
+    """
+    kind = "folder" if is_folder else "file"
+    with output_errors(path):
+        try:
+            if path.is_symlink() and not path.exists():
+                raise OutputError(f"{path}: is a link to {path.readlink()}, which does not exist; remove the link")
+            target = path.resolve()
+        except (ValueError, RuntimeError) as err:  # a null character; links in a circle
+            raise OutputError(f"{path}: expected the name of a {kind} to write: {err}") from err
+        if not target.parent.is_dir():
+            raise OutputError(f"{path}: the folder {path.parent} does not exist; create it first")
+        if target.is_dir() and not is_folder:
+            raise OutputError(f"{path}: expected the name of a file to write, found a folder")
+        if target.exists() and not target.is_file() and not target.is_dir():
+            raise OutputError(f"{path}: is not a regular file; give the name of a {kind} to write")
+        if target.is_file() and is_folder:
+            raise OutputError(f"{path}: expected the name of a folder to write, found a file")
+    return target
+
+
+def _sync(path: Path) -> None:
+    """Wait until a file, or a folder with all that is in it, is on the disk."""
+    if path.is_dir() and not path.is_symlink():
+        for entry in path.iterdir():
+            _sync(entry)
+    _sync_one(path)
+
+
+def _sync_one(path: Path) -> None:
+    descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
+    try:
+        os.fsync(descriptor)
+    except OSError as err:
+        if err.errno not in CANNOT_SYNC:
+            raise
+    finally:
+        os.close(descriptor)

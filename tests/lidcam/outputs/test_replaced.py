@@ -281,7 +281,7 @@ def test_what_a_killed_run_left_can_be_repaired_and_is_not_removed(tmp_path: Pat
     before = part.read_bytes()
     inspect(part, repair=tmp_path / "drive.mcap")
     assert part.read_bytes() == before
-    left = tmp_path / ".other.mcap.lidcam" / "new" / "other.mcap"
+    left = tmp_path / ".other.mcap.lidcam-x" / "other.mcap"
     left.parent.mkdir(parents=True)
     part.rename(left)
     with pytest.raises(OutputError, match="what a killed run has left of this output; move it elsewhere"):

@@ -317,7 +317,8 @@ def names_in(folder: Path) -> list[str]:
 def test_a_failed_run_leaves_nothing(tmp_path: Path) -> None:
     def failing() -> Iterable[FrameResult]:
         yield frame(0)
-        assert names_in(tmp_path) == [".out.foxglove.json.lidcam", ".out.mcap.lidcam"]
+        begins = [name.rpartition("-")[0] for name in names_in(tmp_path)]
+        assert begins == [".out.foxglove.json.lidcam", ".out.mcap.lidcam"]
         raise RuntimeError("in a stage")
 
     with pytest.raises(RuntimeError, match="in a stage"):

@@ -1,6 +1,7 @@
 """Outputs appear together or not at all, whatever ends the run."""
 
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
@@ -8,7 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from pipeline.core.ending import undo_all
 from pipeline.core.errors import OutputError
+from writers.outputs.signals import held_signals
 from writers.outputs.transaction import OutputTransaction
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -224,100 +227,181 @@ def test_a_folder_that_vanishes_is_one_line(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("refused", [0, 1, 2])
-@pytest.mark.parametrize("old", [0, 1, 3])
-def test_a_refused_rename_undoes_those_before(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refused: int, old: int
-) -> None:
+def test_a_refused_rename_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refused: int) -> None:
     paths = three(tmp_path)
-    for path in paths[:old]:
-        path.write_text("older")
-    rename = Path.rename
-    asked: list[Path] = []
+    write(paths, "older")
+    replace = Path.replace
 
-    def refusing(self: Path, target: Path) -> Path:
-        asked.append(target)
-        if target == paths[refused] and asked.count(target) == 1:
+    def refuse(self: Path, target: Path) -> Path:
+        if target == paths[refused]:
             raise OSError(5, "Input/output error")
-        return rename(self, target)
+        return replace(self, target)
 
-    monkeypatch.setattr(Path, "rename", refusing)
-    with pytest.raises(OutputError, match=r"out\.mcap: cannot be written: Input/output error"):
-        write(paths, "new")
-    assert texts(paths[:old]) == ["older"] * old
-    assert names_in(tmp_path) == sorted(path.name for path in paths[:old])
-    write(paths, "newer")
-    assert texts(paths) == ["newer"] * 3
+    monkeypatch.setattr(Path, "replace", refuse)
+    with pytest.raises(OutputError, match=rf"{paths[refused].name}: cannot be written: Input/output error"):
+        write(paths, "whole")
+    assert texts(paths) == ["older"] * (refused + 1) + ["whole"] * (2 - refused)
+    assert names_in(tmp_path) == sorted(path.name for path in paths)
 
 
 KILLED = """
-import os, sys
+import os, signal, sys
 from pathlib import Path
-sys.path.insert(0, {root!r})
-from writers.outputs import exchange
 from writers.outputs.transaction import OutputTransaction
 
-def killing(name, left):
-    real = getattr(Path, name)
-    def call(self, *arguments, **options):
-        if left[0] == 0:
-            os.kill(os.getpid(), 9)
-        left[0] -= 1
-        return real(self, *arguments, **options)
-    setattr(Path, name, call)
+step, folder = int(sys.argv[1]), Path(sys.argv[2])
+paths = [folder / name for name in ("out.mcap", "out.rrd", "out.foxglove.json")]
+done = 0
 
-os.fsync = lambda _: None
+def killing(function):
+    def one(*arguments, **named):
+        global done
+        done += 1
+        if done == step:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return function(*arguments, **named)
+    return one
 
-def run(step, folder):
-    left = [step]
-    for name in ("rename", "replace", "unlink", "rmdir", "mkdir", "chmod"):
-        killing(name, left)
-    paths = [Path(folder, name) for name in sys.argv[1].split()]
-    with OutputTransaction(paths) as outputs:
-        for path in paths:
-            outputs[path].part.write_text("new")
-
-for step, folder in enumerate(sys.argv[2:]):
-    pid = os.fork()
-    if not pid:
-        code = 1
-        try:
-            run(step, folder)
-            code = 0
-        finally:
-            os._exit(code)
-    print(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]))
+for name in ("fsync", "mkdir", "rename", "replace"):
+    setattr(os, name, killing(getattr(os, name)))
+with OutputTransaction(paths) as outputs:
+    for path in paths:
+        outputs[path].part.write_text("new")
+sys.exit(done)
 """
-MAX_STEPS = 60
 
 
-@pytest.mark.parametrize("old", [0, 3])
-def test_a_run_killed_at_any_step_leaves_all_or_none_to_the_next(
-    tmp_path: Path, old: int, monkeypatch: pytest.MonkeyPatch
+def killed(step: int, folder: Path) -> int:
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    return subprocess.run([sys.executable, "-c", KILLED, str(step), str(folder)], env=environment).returncode
+
+
+def test_a_run_killed_at_any_step_leaves_whole_files_and_the_next_one_cleans_up(tmp_path: Path) -> None:
+    steps = killed(0, tmp_path)
+    assert steps > 8
+    for step in range(1, steps + 1):
+        write(three(tmp_path), "older")
+        assert killed(step, tmp_path) == -9
+        found = texts(three(tmp_path))
+        assert found in (["older"] * 3, ["older", "older", "new"], ["older", "new", "new"], ["new"] * 3)
+        assert len(names_in(tmp_path)) > 3 or step == 1
+        write(three(tmp_path), "next")
+        assert texts(three(tmp_path)) == ["next"] * 3
+        assert len(names_in(tmp_path)) == 3
+
+
+def test_what_ends_the_process_at_once_discards_the_outputs_until_they_get_their_names(tmp_path: Path) -> None:
+    with OutputTransaction([tmp_path / "out.mcap"]) as outputs:
+        outputs[tmp_path / "out.mcap"].part.write_text("half")
+        undo_all()
+        assert names_in(tmp_path) == []
+    assert names_in(tmp_path) == []
+
+
+# --- what lies there before
+
+
+def test_what_others_have_planted_is_neither_believed_nor_touched(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """After the kill the main output is old, or all are new; after a run that fails, all are old or all are new."""
-    monkeypatch.setattr(os, "fsync", lambda _: None)  # a disk is slow, and a kill loses nothing of what it has
-    folders = [tmp_path / str(step) for step in range(MAX_STEPS)]
-    for folder in folders:
+    """Work folders of a data set: with links, FIFOs, journals of earlier versions."""
+    precious = tmp_path / "home"
+    precious.mkdir()
+    (precious / "id_rsa").write_text("secret")
+    data = tmp_path / "data"
+    data.mkdir()
+    for number, plant in enumerate(PLANTS):
+        folder = data / f".out.mcap.lidcam-{number}"
         folder.mkdir()
-        for path in three(folder)[:old]:
-            path.write_text("older")
-    names = " ".join(path.name for path in three(tmp_path))
-    command: list[str | Path] = [sys.executable, "-S", "-c", KILLED.format(root=str(ROOT)), names, *folders]
-    codes = subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()
-    assert len(codes) == MAX_STEPS
-    steps = codes.index("0")
-    assert 10 < steps < MAX_STEPS
-    assert set(codes[:steps]) == {"-9"}
-    assert set(codes[steps:]) == {"0"}
-    for step, folder in enumerate(folders[: steps + 1]):
-        paths = three(folder)
-        if paths[0].exists() and paths[0].read_text() == "new":
-            assert texts(paths) == ["new"] * 3
-        with pytest.raises(ValueError, match="next"):
-            write(paths[: 1 + step % 3][::-1], "half", ValueError("next"))
-        found = [path.read_text() if path.exists() else None for path in paths]
-        assert found in ([None if not old else "older"] * 3, ["new"] * 3)
-        with pytest.raises(ValueError, match="next"):
-            write(paths, "half", ValueError("next"))
-        assert found == [path.read_text() if path.exists() else None for path in paths]
-        assert names_in(folder) == sorted(path.name for path in paths if path.exists())
+        (folder / "lock").touch()
+        plant(folder, precious)
+    (data / ".out.mcap.lidcam-link").symlink_to(precious)
+    old = data / ".out.mcap.lidcam"  # that of earlier versions
+    (old / "new").mkdir(parents=True)
+    (old / "journal").write_text('[{"target": "../home/id_rsa", "old": null, "new": null}]')
+    planted = names_in(data)
+    write([data / "out.mcap"])
+    assert (data / "out.mcap").read_text() == "whole"
+    assert names_in(data) == sorted([*planted, "out.mcap"])
+    assert [path.read_text() for path in precious.iterdir()] == ["secret"]
+    assert len([record for record in caplog.records if "left as it is" in record.message]) == len(PLANTS)
+
+
+def replace_lock(folder: Path, make: Callable[[Path], object]) -> None:
+    (folder / "lock").unlink()
+    make(folder / "lock")
+
+
+PLANTS: list[Callable[[Path, Path], object]] = [
+    lambda folder, home: (folder / "out.mcap").symlink_to(home / "id_rsa"),
+    lambda folder, home: (folder / "new").symlink_to(home),
+    lambda folder, _: os.mkfifo(folder / "out.mcap"),
+    lambda folder, home: replace_lock(folder, lambda lock: lock.symlink_to(home / "id_rsa")),
+    lambda folder, _: replace_lock(folder, os.mkfifo),
+    lambda folder, _: replace_lock(folder, Path.mkdir),
+]
+
+
+def test_folders_of_another_user_stay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = tmp_path / ".out.mcap.lidcam-x"
+    folder.mkdir()
+    (folder / "lock").touch()
+    monkeypatch.setattr(os, "geteuid", lambda: 12345)
+    write([tmp_path / "out.mcap"])
+    assert folder.exists()
+
+
+def test_a_killed_run_s_folder_is_removed_with_all_plain_files(tmp_path: Path) -> None:
+    folder = tmp_path / ".bag.lidcam-x"
+    (folder / "bag").mkdir(parents=True)
+    (folder / "bag" / "bag.db3").touch()
+    (folder / "lock").touch()
+    (tmp_path / ".bag.lidcam-y").mkdir()  # killed before it had a lock
+    write([tmp_path / "bag"])
+    assert names_in(tmp_path) == ["bag"]
+
+
+def test_a_file_system_without_locks_names_the_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise OSError(37, "No locks available")
+
+    monkeypatch.setattr("fcntl.flock", refuse)
+    write([tmp_path / "out.mcap"])
+    with (
+        OutputTransaction([tmp_path / "out.mcap"]),
+        pytest.raises(OutputError, match="this file system has no locks that tell; remove that folder"),
+    ):
+        write([tmp_path / "out.mcap"])
+
+
+def test_where_folders_cannot_be_synced_it_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(_: int) -> None:
+        raise OSError(22, "Invalid argument")
+
+    monkeypatch.setattr("os.fsync", refuse)
+    write([tmp_path / "out.mcap"])
+    assert names_in(tmp_path) == ["out.mcap"]
+
+
+def test_signals_wait_and_then_act() -> None:
+    came: list[str] = []
+    before = signal.signal(signal.SIGTERM, lambda *_: came.append("acted"))
+    try:
+        with held_signals():
+            signal.raise_signal(signal.SIGTERM)
+            assert came == []
+        assert came == ["acted"]
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+@pytest.mark.parametrize("mode", [0o000, 0o500, 0o600])
+def test_a_closed_folder_is_one_line(tmp_path: Path, mode: int) -> None:
+    if os.geteuid() == 0:
+        pytest.skip("root may enter every folder")
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    folder.chmod(mode)
+    with pytest.raises(OutputError, match=r"out\.mcap: (cannot be written|the folder .* does not exist)"):
+        write([folder / "out.mcap"])
+    folder.chmod(0o700)
