@@ -12,10 +12,9 @@ from pipeline.core.settings.config import Config
 from pipeline.graph import Graph, Node
 from readers.streams.decoders import ImageDecoder, OnBadMessage, RecordedBoxes
 
-__all__ = ["BoxSource", "BoxSource3D", "add_boxes2d", "add_boxes3d", "box_source", "wanted_boxes"]
+__all__ = ["BoxSource", "add_boxes2d", "add_boxes3d", "box_source", "wanted_boxes"]
 
 BoxSource = Literal["onnx", "recorded", "none"]
-BoxSource3D = Literal["cluster", "recorded", "none"]
 
 
 def box_source(config: Config, rig: Rig) -> BoxSource:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from lidcam.box_sources import BoxSource, BoxSource3D, box_source
+from lidcam.box_sources import BoxSource, box_source
 from lidcam.checks.calibration.check import check_first_clouds
 from lidcam.checks.empty import check_not_empty
 from lidcam.checks.incomplete import damage_lines, left_out_lines
@@ -56,7 +56,7 @@ class Inspection:
         warnings: What the first messages say against the calibration.
         motion_topics: Where the motion of the site frame would come from; empty where it stands still.
         box_source: Where 2D boxes would come from.
-        box_source_3d: Where the lidars' 3D boxes would come from.
+        box_source_3d: Where the lidars' 3D boxes would come from: a name of `ENGINES`.
         settings: Which settings would be used, and why these; None if it could not process the recording.
     """
 
@@ -76,7 +76,7 @@ class Inspection:
     warnings: tuple[RunWarning, ...] = ()
     motion_topics: tuple[str, ...] = ()
     box_source: BoxSource = "none"
-    box_source_3d: BoxSource3D = "none"
+    box_source_3d: str = "none"
     settings: UsedSettings | None = None
 
     @property

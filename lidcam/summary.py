@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from lidcam.box_sources import BoxSource, BoxSource3D
+from lidcam.box_sources import BoxSource
 from lidcam.checks.incomplete import absent_lines, damage_lines, left_out_lines
 from lidcam.checks.missing import MissingSensor
 from lidcam.checks.warning import RunWarning
@@ -182,7 +182,7 @@ class RunReport:
         unused_topics: Topics with messages that the run did not look at.
         losses: Damaged parts of the files.
         box_source: Where 2D boxes came from.
-        box_source_3d: Where the lidars' 3D boxes came from.
+        box_source_3d: Where the lidars' 3D boxes came from: a name of `ENGINES`.
         motion_topics: Where the motion of the site frame came from; empty where it stands still.
         compensated: Frames with a cloud that was moved to the frame's time.
         skew_mean_ms: Mean spread of the stamps in a bundle.
@@ -218,7 +218,7 @@ class RunReport:
     unused_topics: tuple[UnusedTopic, ...]
     losses: tuple[Loss, ...]
     box_source: BoxSource
-    box_source_3d: BoxSource3D
+    box_source_3d: str
     motion_topics: tuple[str, ...]
     compensated: int
     skew_mean_ms: float

@@ -25,6 +25,7 @@ from pipeline.core.detections import Boxes3D, source_names
 from pipeline.core.frame import FrameResult
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
+from pipeline.core.settings.engines import ENGINES
 from readers.recording import Loss
 from readers.rig.sensor_topics import SensorFault
 from writers.foxglove.layout_file import LAYOUT_SUFFIX
@@ -45,7 +46,6 @@ _BOX_SOURCES = {
     "recorded": "as recorded",
     "none": "none: lidar-only; recorded 2D boxes, or --model-2d FILE.onnx, bring the cameras in",
 }
-_BOX_SOURCES_3D = {"cluster": "by clusters of points", "none": "none: detect3d.method is none"}
 _GEOMETRY = {"lidar": "of lidars alone", "camera": "of cameras alone", "both": "of both"}
 _NO_MOTION = "none: no odometry or tf of the site frame, or switched off"
 
@@ -177,7 +177,8 @@ def _boxes3d(report: RunReport) -> str:
 def _source_of_boxes3d(source: str, rig: Rig) -> str:
     topics = [detector.topic for detector in rig.detectors]
     more = f" and {len(topics) - MAX_LISTED} more" if len(topics) > MAX_LISTED else ""
-    return f"recorded from {', '.join(topics[:MAX_LISTED])}{more}" if source == "recorded" else _BOX_SOURCES_3D[source]
+    words = ENGINES[source].words
+    return f"{words} from {', '.join(topics[:MAX_LISTED])}{more}" if source == "recorded" else words
 
 
 def _confirmed(report: RunReport) -> str:

@@ -15,6 +15,7 @@ from pipeline.core.frame import SensorBundle
 from pipeline.core.geometry.poses import interpolate_poses
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
+from pipeline.core.settings.engines import ENGINES
 from pipeline.fusion.belief.looks import Looks
 from pipeline.fusion.belief.memory import Memory
 from pipeline.fusion.belief.odds import (
@@ -36,7 +37,7 @@ class Believe:
     """Existence probabilities. Learns how much each camera finds, and remembers, so frames must come in order."""
 
     def __init__(self, rig: Rig, config: Config) -> None:
-        self._is_calibrated = config.detect3d.method != "cluster"
+        self._is_calibrated = ENGINES[config.detect3d.method].scores_are_probabilities
         self._frequencies = np.array([prior.frequency for prior in config.classes])
         self._reach_m = reach_of_classes(config.classes)
         self._recall = RecallCounts([camera.name for camera in rig.cameras], config.fuse.camera_recall)

@@ -1,15 +1,19 @@
 """Detection in the combined cloud: from an engine's proposals to the boxes of a frame."""
 
+from importlib import import_module
+from importlib.util import find_spec
+
 import numpy as np
 
 from pipeline.core.clouds import CombinedCloud
 from pipeline.core.detections import Boxes3D, Source
+from pipeline.core.errors import ModelError
 from pipeline.core.geometry.boxes import wrap_angle
 from pipeline.core.geometry.overlaps import without_overlaps
 from pipeline.core.geometry.rotated_iou import BoxArrays
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
-from pipeline.detectors.cluster.detector import ClusterDetector
+from pipeline.core.settings.engines import ENGINES
 from pipeline.detectors.protocols import Candidates3D, Detector3D
 
 __all__ = ["Detect3D"]
@@ -19,7 +23,11 @@ class Detect3D:
     """Boxes of the configured classes in the combined cloud."""
 
     def __init__(self, rig: Rig, config: Config) -> None:
-        """Load the engine named by `detect3d.method`."""
+        """Load the engine named by `detect3d.method`.
+
+        Raises:
+            ModelError: a package that it needs is not installed.
+        """
         self._site_frame = rig.site_frame
         self._min_score = config.detect3d.min_score
         self._detector = _detector(rig, config)
@@ -46,8 +54,14 @@ class Detect3D:
 
 
 def _detector(rig: Rig, config: Config) -> Detector3D:
-    match config.detect3d.method:
-        case "cluster":
-            return ClusterDetector(rig, config)
-        case "recorded" | "none":
-            return lambda _: Candidates3D.empty()
+    engine = ENGINES[config.detect3d.method]
+    if not engine.maker:
+        return lambda _: Candidates3D.empty()
+    if engine.package and find_spec(engine.package) is None:
+        raise ModelError(
+            f"detect3d.method {config.detect3d.method} needs {engine.package}, which is not installed: "
+            f"pip install 'lidcam[{engine.extra}]'"
+        )
+    module, _, name = engine.maker.partition(":")
+    detector: Detector3D = getattr(import_module(module), name)(rig, config)
+    return detector

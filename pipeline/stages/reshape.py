@@ -16,6 +16,7 @@ from pipeline.core.geometry.boxes import wrap_angle
 from pipeline.core.geometry.footprints import points_in_footprints
 from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
+from pipeline.core.settings.engines import ENGINES
 from pipeline.detectors.cluster.fitting import BoxFitter
 
 __all__ = ["Reshape"]
@@ -35,7 +36,7 @@ class Reshape:
     """
 
     def __init__(self, rig: Rig, config: Config) -> None:
-        self._is_on = config.detect3d.method == "cluster"
+        self._is_on = ENGINES[config.detect3d.method].boxes_are_completed
         self._fitter = BoxFitter(rig, config) if self._is_on else None
         self._max_size_m = np.array([prior.max_size_m for prior in config.classes])
         self._config = config.detect3d.cluster

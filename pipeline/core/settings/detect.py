@@ -1,10 +1,11 @@
 """Settings of detection in clouds and in images."""
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
+from pipeline.core.settings.engines import ENGINES
 from pipeline.core.settings.model import Count, NotNegative, Positive, SettingsModel, Share
 
 __all__ = [
@@ -16,6 +17,11 @@ __all__ = [
     "Provider",
     "Recorded3DConfig",
 ]
+
+if TYPE_CHECKING:
+    Method3D = str
+else:
+    Method3D = Literal[tuple(ENGINES)]
 
 NetworkLayout = Literal["yolox", "yolov5", "yolov8", "end_to_end", "rtdetr", "detr", "dfine"]
 NetworkColors = Literal["bgr_255", "rgb_255", "bgr_1", "rgb_1", "imagenet"]
@@ -79,7 +85,7 @@ class Detect3DConfig(SettingsModel):
         recorded: Settings of the method `recorded`.
     """
 
-    method: Literal["cluster", "recorded", "none"] = "cluster"
+    method: Method3D = "cluster"
     min_score: Share = 0.07
     cluster: ClusterConfig = ClusterConfig()
     recorded: Recorded3DConfig = Recorded3DConfig()

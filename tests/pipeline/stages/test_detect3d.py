@@ -15,8 +15,8 @@ from pipeline.core.detections import Boxes3D
 from pipeline.core.frame import SensorBundle
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.load import load_config
+from pipeline.detectors.cluster import detector
 from pipeline.detectors.protocols import Candidates3D
-from pipeline.stages import detect3d
 from pipeline.stages.combine import Combine
 from pipeline.stages.detect3d import Detect3D
 
@@ -180,7 +180,7 @@ def test_another_engine_needs_no_change_of_the_stage(monkeypatch: pytest.MonkeyP
         np.zeros((6, 3, 3)),
         np.arange(6),
     )
-    monkeypatch.setattr(detect3d, "ClusterDetector", lambda *_: lambda _: proposals)
+    monkeypatch.setattr(detector, "ClusterDetector", lambda *_: lambda _: proposals)
     boxes = detect(np.zeros((0, 3)))
     assert boxes.centers[:, 0].tolist() == [10, 20, 30], "falling score, then x"
     assert boxes.class_ids.tolist() == [BICYCLE, CAR, CAR], "the better of two overlapping boxes, of any classes"

@@ -1,0 +1,42 @@
+"""The 3D engines: what `detect3d.method` can name, one row each."""
+
+from dataclasses import dataclass
+
+__all__ = ["ENGINES", "Engine3D"]
+
+
+@dataclass(frozen=True, slots=True)
+class Engine3D:
+    """Where the 3D boxes of a frame come from.
+
+    Attributes:
+        maker: `module:name` of what makes the engine, a `pipeline.detectors.protocols.Detector3D`, from rig and
+            settings; imported where it is used. Empty: nothing looks at the cloud.
+        words: Where the boxes come from, for tables.
+        scores_are_probabilities: Whether a score is the probability that there is an object. Other scores are
+            calibrated by `pipeline.fusion.belief`.
+        boxes_are_completed: Whether boxes are what is seen, completed to the size of their class, so that a box whose
+            class changes is completed anew.
+        package: A package that it needs and `pip install lidcam` does not bring; empty: none.
+        extra: The extra of lidcam that brings the package.
+    """
+
+    maker: str
+    words: str
+    scores_are_probabilities: bool = True
+    boxes_are_completed: bool = False
+    package: str = ""
+    extra: str = ""
+
+
+ENGINES: dict[str, Engine3D] = {
+    "cluster": Engine3D(
+        "pipeline.detectors.cluster.detector:ClusterDetector",
+        "by clusters of points",
+        scores_are_probabilities=False,
+        boxes_are_completed=True,
+    ),
+    "recorded": Engine3D("", "recorded"),
+    "none": Engine3D("", "none: detect3d.method is none"),
+}
+"""By name. An engine with settings has a section of its name in `Detect3DConfig`."""
