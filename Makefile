@@ -55,7 +55,7 @@ demo: $(INSTALLED)
 gate: $(INSTALLED)
 	@test -f out/sandbox.mcap -a -f out/crossing.mcap || $(MAKE) demo
 	@for sample in sandbox crossing; do \
-		$(BIN)/lidcam evaluate out/$$sample.mcap --require @tests/golden/$$sample.txt --json out/$$sample.figures.json && \
+		$(BIN)/lidcam evaluate out/$$sample.mcap --require @tests/golden/$$sample.txt --json-file out/$$sample.figures.json && \
 		$(BIN)/lidcam compare tests/golden/$$sample.mcap out/$$sample.mcap --max-different 2 || exit 1; \
 	done
 

@@ -266,7 +266,7 @@ def _lidcam(command: str) -> list[str]:
 
 def _run_lidcam(case: Case, way: Sequence[str], folder: Path, workers: int) -> Run:
     out = folder / "lidcam.mcap"
-    command = [*_lidcam("process"), str(case.recording), str(out), "--json", "-", "--workers", str(workers)]
+    command = [*_lidcam("process"), str(case.recording), str(out), "--json", "--workers", str(workers)]
     return _run([*command, "--overwrite", *case.lidcam, *way], out)
 
 

@@ -5,6 +5,7 @@ import time
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
@@ -44,12 +45,14 @@ class Printed:
     Attributes:
         detections: What the lidars saw, frame by frame.
         matches: Which 2D box is which object, frame by frame.
-        json: Where the final tables go as JSON: None, `-` for standard output in place of the tables, or a file.
+        as_json: Print JSON in place of the tables.
+        json_file: Where the JSON is written; None: nowhere.
     """
 
     detections: bool = False
     matches: bool = False
-    json: str | None = None
+    as_json: bool = False
+    json_file: Path | None = None
 
 
 def run_process(
@@ -76,7 +79,7 @@ def run_process(
     keep_freed_memory()
     out = console()
     others = (*job.inputs, *job.outputs, *job.read_files)
-    with json_output(printed.json, inputs=others, overwrite=job.overwrite) as json:
+    with json_output(printed.json_file, is_printed=printed.as_json, inputs=others, overwrite=job.overwrite) as json:
         with ExitStack() as stack:
             report = process_recording(job, _Terminal(printed, out, stack, requirements or ()))
         evaluation = None if requirements is None else _evaluated(job, requirements)
