@@ -14,7 +14,7 @@ from lidcam.checks.incomplete import damage_lines
 from lidcam.commands.envelope import envelope
 from lidcam.commands.json_output import json_output
 from lidcam.commands.verdict import Verdict
-from lidcam.outputs.allowed import check_no_input, check_replaced
+from lidcam.outputs.allowed import MERGED, TEXT, check_no_input, check_replaced
 from lidcam.outputs.merged import write_both
 from lidcam.printing.comparison import print_comparison
 from lidcam.printing.folding import show_line
@@ -84,7 +84,7 @@ def run_compare(options: CompareOptions) -> None:
     inputs = options.first, options.second, *options.read_files
     written = () if options.merged is None else (options.merged, layout_path(options.merged))
     check_no_input(written, inputs)
-    check_old = check_replaced("merged", overwrite=options.overwrite)
+    check_old = check_replaced(lambda path: MERGED if path == options.merged else TEXT, overwrite=options.overwrite)
     with (
         json_output(
             options.json_file, is_printed=options.as_json, inputs=(*inputs, *written), overwrite=options.overwrite

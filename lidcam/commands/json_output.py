@@ -8,7 +8,7 @@ from typing import Any
 
 from rich.console import Console
 
-from lidcam.outputs.allowed import check_no_input, check_replaced
+from lidcam.outputs.allowed import TEXT, check_no_input, check_replaced
 from lidcam.printing.escaping import json_text
 from lidcam.printing.log import remark_log
 from lidcam.printing.terminal import show_json
@@ -60,7 +60,7 @@ def json_output(
         yield output
         return
     check_no_input([file], inputs)
-    with OutputTransaction([file], check_old=check_replaced("text", overwrite=overwrite)) as outputs:
+    with OutputTransaction([file], check_old=check_replaced(lambda _: TEXT, overwrite=overwrite)) as outputs:
         yield output
         with output_errors(file):
             outputs[file].part.write_text(marked_json(f"{json_text(output.tree)}\n"), encoding="utf-8")

@@ -8,6 +8,7 @@ import numpy as np
 from rich.console import Console
 
 from lidcam.checks.warning import RunWarning
+from lidcam.outputs.kinds import OUTPUTS
 from lidcam.printing.folding import show_line, show_table
 from lidcam.printing.tables import (
     drops_table,
@@ -28,7 +29,6 @@ from pipeline.core.settings.config import Config
 from pipeline.core.settings.engines import ENGINES
 from readers.recording import Loss
 from readers.rig.sensor_topics import SensorFault
-from writers.foxglove.layout_file import LAYOUT_SUFFIX
 
 if TYPE_CHECKING:  # a run inspects nothing
     from lidcam.inspection import Inspection
@@ -217,13 +217,9 @@ def print_inspection(out: Console, inspection: "Inspection") -> None:
 
 def _how_to_look(outputs: Sequence[Path]) -> dict[str, str]:
     """What opens the outputs, by the name of the viewer."""
-    found = {}
-    for path in outputs:
-        if path.name.endswith(LAYOUT_SUFFIX):
-            found["Foxglove"] = f"open the .mcap, then Layouts, Import from file, {path.name} (Lichtblick, too)"
-        elif path.suffix == ".rrd":
-            found["Rerun"] = f"rerun {path}"
-    return found
+    kinds = {path: OUTPUTS[path.suffix] for path in outputs if path.suffix in OUTPUTS}
+    texts = tuple(path for path in outputs if path not in kinds)
+    return {kind.viewer: kind.how_to_open(path, texts) for path, kind in kinds.items()}
 
 
 def _print_losses(out: Console, losses: Sequence[Loss]) -> None:

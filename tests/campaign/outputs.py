@@ -90,13 +90,9 @@ def recording(path: Path, format: Any, texts: dict[str, str]) -> Iterator[Any]:
     from bags.simulator.recorder import files
 
     write: Any = files.recording_file
-    if not hasattr(files, "recording_outputs"):  # lidcam before it had transactions
-        with write(path, format, **texts) as writer:
-            yield writer
-        return
-    from lidcam.outputs.allowed import check_replaced
+    from lidcam.outputs.allowed import SIMULATED, check_replaced
 
-    check = check_replaced("simulated", overwrite=False)
+    check = check_replaced(lambda _: SIMULATED, overwrite=False)
     with (
         files.recording_outputs(path, format, check_old=check) as outputs,
         write(outputs, path, format, **texts) as writer,
