@@ -6,7 +6,7 @@ kept between runs.
 
 import logging
 import time
-from collections.abc import Collection, Generator, Iterator, Sequence
+from collections.abc import Collection, Generator, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import replace
 from functools import partial
@@ -38,7 +38,7 @@ from lidcam.frames import (
 from lidcam.job import Job
 from lidcam.outputs.allowed import check_no_input
 from lidcam.outputs.copied import choose_copied, choose_drawn, truth_frames
-from lidcam.outputs.open import open_outputs, open_writers, written_files
+from lidcam.outputs.open import how_to_open, open_outputs, open_writers, written_files
 from lidcam.settings.lasting import settings_sha256
 from lidcam.settings.settle import settle, with_zones
 from lidcam.summary import DropTable, RunProgress, RunReport, Tally, UnusedTopic
@@ -105,7 +105,7 @@ def process_recording(job: Job, observer: RunObserver | None = None) -> RunRepor
                 observer.frame(frame)
                 observer.advanced(run.progress)
             whole = inputs.finish()
-        return run.report(whole, written_files(job))
+        return run.report(whole, written_files(job), how_to_open(job))
 
 
 def iter_frames(job: Job) -> Generator[FrameResult, None, None]:
@@ -260,8 +260,19 @@ class Run:
         """How far the run is."""
         return RunProgress(self._tally.frames, self._tally.objects.total(), self._drops.total)
 
-    def report(self, inputs: Sequence[InputFile] = (), outputs: Sequence[Path] = ()) -> RunReport:
-        """What was done so far; `inputs` are the files that were read, `outputs` those that were written."""
+    def report(
+        self,
+        inputs: Sequence[InputFile] = (),
+        outputs: Sequence[Path] = (),
+        viewers: Mapping[str, str] | None = None,
+    ) -> RunReport:
+        """What was done so far.
+
+        Args:
+            inputs: The files that were read.
+            outputs: The files that were written.
+            viewers: How the outputs are opened, by the name of the viewer.
+        """
         source, found, tally, drops = self.source, self.found, self._tally, self._drops.rows
         motion_topics = source.motion.topics if source.motion else ()
         used = {*tally.messages, *(drop.topic for drop in drops), *motion_topics, *source.copied}
@@ -311,6 +322,7 @@ class Run:
                 *(warning for check in self._checks for warning in check.warnings),
             ),
             outputs=tuple(outputs),
+            how_to_open=viewers or {},
             stage_seconds=dict(self._graph.seconds),
             wall_seconds=self._seconds,
         )

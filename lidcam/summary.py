@@ -195,6 +195,7 @@ class RunReport:
         notes: Remarks on topics and sensors.
         warnings: What makes the result doubtful.
         outputs: Files that were written.
+        how_to_open: How the outputs are opened, by the name of the viewer.
         stage_seconds: Time spent per stage, summed over the frames and over all processes that shared them.
         wall_seconds: For loading the stages, and from the first message to the last result.
     """
@@ -231,6 +232,7 @@ class RunReport:
     notes: tuple[str, ...]
     warnings: tuple[RunWarning, ...]
     outputs: tuple[Path, ...]
+    how_to_open: Mapping[str, str]
     stage_seconds: Mapping[str, float]
     wall_seconds: float
 

@@ -20,7 +20,7 @@ from writers.base import ResultWriter
 from writers.outputs.transaction import OutputTransaction
 from writers.provenance import Provenance
 
-__all__ = ["open_outputs", "open_writers", "written_files"]
+__all__ = ["how_to_open", "open_outputs", "open_writers", "written_files"]
 
 
 def open_outputs(job: Job) -> OutputTransaction:
@@ -45,6 +45,12 @@ def written_files(job: Job) -> tuple[Path, ...]:
     """The outputs, and the texts that are written beside them."""
     beside = (OUTPUTS[path.suffix].beside(path, job.config) for path in job.outputs)
     return (*job.outputs, *chain.from_iterable(beside))
+
+
+def how_to_open(job: Job) -> dict[str, str]:
+    """How the outputs are opened, by the name of the viewer."""
+    kinds = ((path, OUTPUTS[path.suffix]) for path in job.outputs)
+    return {kind.viewer: kind.how_to_open(path, kind.beside(path, job.config)) for path, kind in kinds}
 
 
 def _replaceable(job: Job, path: Path) -> Replaceable:

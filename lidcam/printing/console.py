@@ -1,14 +1,12 @@
 """What the commands print: inspections, frames, and the final tables of a run."""
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.console import Console
 
 from lidcam.checks.warning import RunWarning
-from lidcam.outputs.kinds import OUTPUTS
 from lidcam.printing.folding import show_line, show_table
 from lidcam.printing.tables import (
     drops_table,
@@ -145,7 +143,7 @@ def print_report(out: Console, report: RunReport) -> None:
         **({"copied": _copied(report)} if report.copied else {}),
         "settings": str(report.settings),
         "written": ", ".join(map(str, report.outputs)),
-        **_how_to_look(report.outputs),
+        **report.how_to_open,
     }
     show_table(out, pairs_table("run", facts))
     _print_remarks(out, report.faults, report.notes)
@@ -213,13 +211,6 @@ def print_inspection(out: Console, inspection: "Inspection") -> None:
     show_line(out, f"2D boxes: {_BOX_SOURCES[inspection.box_source]}")
     show_line(out, f"settings: {inspection.settings}")
     _print_warnings(out, inspection.warnings)
-
-
-def _how_to_look(outputs: Sequence[Path]) -> dict[str, str]:
-    """What opens the outputs, by the name of the viewer."""
-    kinds = {path: OUTPUTS[path.suffix] for path in outputs if path.suffix in OUTPUTS}
-    texts = tuple(path for path in outputs if path not in kinds)
-    return {kind.viewer: kind.how_to_open(path, texts) for path, kind in kinds.items()}
 
 
 def _print_losses(out: Console, losses: Sequence[Loss]) -> None:

@@ -242,7 +242,7 @@ def test_what_a_merged_file_must_not_replace(compare: Any, sandbox: Path, result
         compare(sandbox, sandbox, merged=sandbox)
     taken = tmp_path / "taken.mcap"
     taken.write_bytes(b"mine")
-    with pytest.raises(OutputError, match="exists and was not written by an earlier --merged"):
+    with pytest.raises(OutputError, match="exists and was not written by --merged"):
         compare(sandbox, sandbox, merged=taken)
     assert taken.read_bytes() == b"mine"
     compare(sandbox, sandbox, merged=taken, overwrite=True, only=("cam11",))
