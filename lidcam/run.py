@@ -39,9 +39,10 @@ from lidcam.job import Job
 from lidcam.outputs.allowed import check_no_input
 from lidcam.outputs.copied import choose_copied, choose_drawn, truth_frames
 from lidcam.outputs.open import how_to_open, open_outputs, open_writers, written_files
+from lidcam.report import DropReport, FrameReport, InputReport, RunReport, SensorReport, TimingReport, UnusedTopic
 from lidcam.settings.lasting import settings_sha256
 from lidcam.settings.settle import settle, with_zones
-from lidcam.summary import DropTable, RunProgress, RunReport, Tally, UnusedTopic
+from lidcam.summary import DropTable, RunProgress, Tally
 from pipeline.core.errors import ConfigError, RecordingError, short_memory_told
 from pipeline.core.frame import FrameResult, SensorBundle
 from pipeline.graph import Node
@@ -280,35 +281,48 @@ class Run:
         start_ns = source.recording.start_ns
         missing = missing_sensors(absences, source.rig, of_frames=self._stats.sets, start_ns=start_ns)
         return RunReport(
-            inputs=tuple(inputs),
-            frames=tally.frames,
-            objects=dict(sorted(tally.objects.items())),
-            sources=dict(tally.sources),
-            confirmed=tally.confirmed,
-            frames_without_boxes=tally.frames_without_boxes,
-            frames_without_boxes3d=tally.frames_without_boxes3d,
-            points=dict(tally.points),
-            messages_used=dict(sorted(tally.messages.items())),
-            copied={topic: tally.copied[topic] for topic in sorted(source.copied)},
-            drops=drops,
-            missing=tuple(missing),
-            unused_boxes=dict(sorted(tally.unused_boxes.items())),
-            unused_boxes3d=dict(sorted(tally.unused_boxes3d.items())),
-            boxes_without_object=dict(sorted(tally.boxes_without_object.items())),
-            objects_left_out=dict(sorted(tally.objects_left_out.items())),
-            unused_topics=_unused_topics(source.recording, used),
-            losses=source.recording.losses,
-            box_source=box_source(source.config, source.rig),
-            box_source_3d=source.config.detect3d.method,
-            motion_topics=motion_topics,
-            compensated=tally.compensated,
-            skew_mean_ms=self._stats.skew_mean_ns / 1e6,
-            skew_max_ms=self._stats.skew_max_ns / 1e6,
+            inputs=InputReport(
+                files=tuple(inputs),
+                messages_used=dict(sorted(tally.messages.items())),
+                copied={topic: tally.copied[topic] for topic in sorted(source.copied)},
+                unused_topics=_unused_topics(source.recording, used),
+                losses=source.recording.losses,
+            ),
+            frames=FrameReport(
+                count=tally.frames,
+                objects=dict(sorted(tally.objects.items())),
+                sources=dict(tally.sources),
+                confirmed=tally.confirmed,
+                without_boxes=tally.frames_without_boxes,
+                without_boxes3d=tally.frames_without_boxes3d,
+                compensated=tally.compensated,
+                points=dict(tally.points),
+                skew_mean_ms=self._stats.skew_mean_ns / 1e6,
+                skew_max_ms=self._stats.skew_max_ns / 1e6,
+            ),
+            drops=DropReport(
+                messages=drops,
+                boxes=dict(sorted(tally.unused_boxes.items())),
+                boxes3d=dict(sorted(tally.unused_boxes3d.items())),
+                boxes_without_object=dict(sorted(tally.boxes_without_object.items())),
+                objects=dict(sorted(tally.objects_left_out.items())),
+            ),
+            sensors=SensorReport(
+                rig=source.rig,
+                calibration=found.sources,
+                faults=found.faults,
+                missing=tuple(missing),
+                box_source=box_source(source.config, source.rig),
+                box_source_3d=source.config.detect3d.method,
+                motion_topics=motion_topics,
+            ),
+            timing=TimingReport(
+                stage_seconds=dict(self._graph.seconds),
+                wall_seconds=self._seconds,
+                frames_per_second=tally.frames / self._seconds if self._seconds else 0.0,
+            ),
             settings=source.settings,
             settings_sha256=settings_sha256(source.config),
-            rig=source.rig,
-            sensors=found.sources,
-            faults=found.faults,
             notes=(*found.notes, *clock_notes(self._clocks, source.rig.sensor_of_topic)),
             warnings=(
                 *jump_warnings(self._clocks.jumps, start_ns=start_ns),
@@ -323,8 +337,6 @@ class Run:
             ),
             outputs=tuple(outputs),
             how_to_open=viewers or {},
-            stage_seconds=dict(self._graph.seconds),
-            wall_seconds=self._seconds,
         )
 
     def _count_early_drops(self) -> None:

@@ -14,8 +14,8 @@ from lidcam.printing.console import print_inspection
 from lidcam.printing.folding import show_line
 from lidcam.printing.log import remark_log
 from lidcam.printing.terminal import console, show_json
+from lidcam.report import loss_records
 from lidcam.settings.choice import SettingsChoice
-from lidcam.summary import loss_records
 from readers.location import Location, location
 from readers.open import open_recording
 from readers.recording import ReadOptions, Recording, TopicInfo

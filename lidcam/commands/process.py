@@ -19,9 +19,10 @@ from lidcam.job import Job
 from lidcam.printing.console import print_detections, print_matches, print_report
 from lidcam.printing.progress import Advance, show_progress
 from lidcam.printing.terminal import console
+from lidcam.report import RunReport, report_tree
 from lidcam.run import RunObserver, process_recording
 from lidcam.settings.choice import used_record
-from lidcam.summary import RunProgress, RunReport, report_tree
+from lidcam.summary import RunProgress
 from pipeline.core.frame import FrameResult
 from pipeline.core.garbage import objects_stay
 from pipeline.core.memory import keep_freed_memory
@@ -87,11 +88,12 @@ def run_process(
         failures = ((failure,) if failure else ()) + (evaluation.failures if evaluation else ())
         verdict = Verdict(failures, report.incomplete)
         json.tree = _tree(report, evaluation, verdict)
-    for drop in report.drops:
+    for drop in report.drops.messages:
         logger.info("dropped: %s: %d messages: %s %s", drop.topic, drop.count, drop.reason, drop.example)
     for warning in report.warnings:
         logger.info("warning: %s", warning)
-    logger.info("done: %d frames, %.1f a second, written: %s", report.frames, report.frames_per_second, report.outputs)
+    rate_hz = report.timing.frames_per_second
+    logger.info("done: %d frames, %.1f a second, written: %s", report.frames.count, rate_hz, report.outputs)
     json.show(out, lambda: _print(out, report, evaluation))
     verdict.end()
 
@@ -123,7 +125,7 @@ def _tree(report: RunReport, evaluation: "Evaluation | None", verdict: Verdict) 
         figures = {**figures, **measured, **both}
     return envelope(
         "process",
-        inputs=report.inputs,
+        inputs=report.inputs.files,
         settings=used_record(report.settings) | {"sha256": report.settings_sha256},
         truth=evaluation.truth.tree() if evaluation and evaluation.truth else None,
         figures=figures,
