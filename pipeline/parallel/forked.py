@@ -14,8 +14,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NoReturn
 
-from pipeline.core.ending import threads_that_watch
-
 __all__ = ["Copy", "may_fork"]
 
 TASKS = Path("/proc/self/task")
@@ -30,7 +28,7 @@ LONGEST_PAUSE_S = 0.02
 def may_fork() -> bool:
     """Whether copies of this process can be made: it runs on Linux, and has one thread, those of libraries counted.
 
-    One that waits for signals does no harm. (On macOS system libraries have threads of their own.)
+    On macOS system libraries have threads of their own.
     """
     if sys.platform != "linux":
         return False
@@ -42,7 +40,7 @@ def may_fork() -> bool:
 
 def _threads() -> int:
     try:
-        return len({int(task.name) for task in TASKS.iterdir()}.difference(threads_that_watch()))
+        return sum(1 for _ in TASKS.iterdir())
     except OSError:
         return 2  # unknown
 

@@ -4,6 +4,7 @@ It ends as soon as the other end of its socket is closed, whatever it is doing: 
 the process that started it is killed.
 """
 
+import gc
 import os
 import signal
 import socket
@@ -14,8 +15,6 @@ from collections.abc import Callable, Sequence
 from queue import SimpleQueue
 from typing import Any, NoReturn, cast
 
-from pipeline.core.garbage import keep_objects
-from pipeline.core.memory import keep_freed_memory
 from pipeline.graph import Graph, Node
 from pipeline.parallel.failure import Failure, failure_of
 from pipeline.parallel.log import forget_log, gather_log
@@ -44,7 +43,7 @@ def serve_copy(descriptor: int, kept_open: Sequence[int], made: Made) -> NoRetur
     """
     try:
         signal.set_wakeup_fd(-1)  # it leads to the thread of the other process that waits for signals
-        keep_objects()  # to look at what is there would copy its memory
+        gc.freeze()  # to look for garbage in what is there would copy its memory
         for other in kept_open:
             os.close(other)
         with open(os.devnull, "rb") as nothing:  # noqa: PTH123  # the name of a device
@@ -65,7 +64,6 @@ def serve(descriptor: int, made: Made | None = None) -> None:
         made: The stages; made here if there are none.
     """
     sys.setswitchinterval(SWITCH_S)
-    keep_freed_memory()
     connection = socket.socket(fileno=descriptor)
     questions: SimpleQueue[Question] = SimpleQueue()
     answers: SimpleQueue[Begun | Answer] = SimpleQueue()
@@ -130,7 +128,7 @@ def _work(
     by_name = {node.name: node for node in graph.nodes}
     handed, free = [by_name[name] for name in told.handed], graph.parts(sink).free
     records = gather_log(told.log_levels)
-    keep_objects()
+    gc.freeze()
     answers.put(Begun())
 
     def answer(question: Question) -> Answer:

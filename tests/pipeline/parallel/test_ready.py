@@ -129,8 +129,6 @@ def test_whether_copies_may_be_made(
     monkeypatch.setattr(forked, "TASKS", tmp_path)
     monkeypatch.setattr(sys, "platform", platform)
     assert forked.may_fork() == may
-    monkeypatch.setattr(forked, "threads_that_watch", lambda: {1})
-    assert forked.may_fork() == (platform == "linux")
     monkeypatch.setattr(forked, "TASKS", tmp_path / "unknown")
     assert not forked.may_fork()
 
