@@ -3,7 +3,7 @@
 # make test     lint, types, tests
 # make check    lint and types only
 # make fuzz     hostile inputs for every decoder, MINUTES=15 of them (Linux)
-# make campaign kills, full disks, damaged and hostile inputs: MINUTES=30 of them (Linux)
+# make campaign signals, kills, damaged and hostile inputs: MINUTES=30 of them (Linux)
 # make golden   write the golden results anew, after a change that is meant
 # make samples  record the sample recordings in bags/ anew
 # make bench    docs/performance.md anew: speed beside other programs; and what else is measured against what

@@ -26,9 +26,8 @@ from pipeline.core.errors import LidcamError
 from pipeline.core.frame import FrameResult
 from pipeline.core.messages import RawMessage
 
-__all__ = ["TEST_COUNT", "main"]
+__all__ = ["main"]
 
-TEST_COUNT = 4
 
 Form = Literal["rosbag1", "mcap", "sqlite"]
 Motion = Literal["odometry", "tf"]

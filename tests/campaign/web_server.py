@@ -22,9 +22,8 @@ from readers.location import RemotePath
 from readers.open import open_recording
 from readers.recording import ReadOptions
 
-__all__ = ["TEST_COUNT", "main"]
+__all__ = ["main"]
 
-TEST_COUNT = 6
 COUNT = 10 * len(LIES)
 
 REQUEST_S = 1.0
