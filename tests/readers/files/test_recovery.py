@@ -254,7 +254,7 @@ def test_a_wrong_index_does_not_hide_messages(tmp_path: Path) -> None:
     damaged[at + 8] ^= 0x10  # the offset of a message
     path.write_bytes(damaged)
     got, losses = recovered(path)
-    assert (got, [loss.messages for loss in losses]) == ([content(m) for m in messages], [0])
+    assert (got, losses) == ([content(m) for m in messages], ())  # where a message is, its chunk says
     assert recovered(path, thorough=True) == ([content(m) for m in messages], ())
 
 
