@@ -90,7 +90,7 @@ def test_a_chunk_that_is_damaged_is_lost_alone(tmp_path: Path, kind: str) -> Non
 
 
 def test_many_false_records_are_bounded() -> None:
-    """Zeros that look like records to a search."""
+    """Empty messages without end."""
+    message = b"\x26\0\0\0\x04\0\0\0op=\x02\x09\0\0\0conn=\0\0\0\0\x0d\0\0\0time=" + bytes(12)
     with pytest.raises(ValueError, match="max_messages_per_chunk"):
-        message = b"\x26\0\0\0\x04\0\0\0op=\x02\x09\0\0\0conn=\0\0\0\0\x0d\0\0\0time=" + bytes(12)
         contents_of_chunk(message * 30, LimitsConfig(max_messages_per_chunk=20))
