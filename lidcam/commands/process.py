@@ -22,8 +22,7 @@ from lidcam.run import RunObserver, process_recording
 from lidcam.settings.choice import used_record
 from lidcam.summary import RunProgress, RunReport, report_tree
 from pipeline.core.frame import FrameResult
-from pipeline.core.garbage import objects_stay
-from pipeline.core.memory import keep_freed_memory
+from pipeline.core.garbage import keep_objects
 
 if TYPE_CHECKING:  # evaluation is imported where a run is evaluated
     from lidcam.evaluation.evaluation import Evaluation
@@ -73,7 +72,6 @@ def run_process(
         IncompleteError: part of the recording could not be used; the outputs stay.
         LidcamError: the input, the calibration, the settings or an output is at fault; no output is left behind.
     """
-    keep_freed_memory()
     out = console()
     others = (*job.inputs, *job.outputs, *job.read_files)
     with json_output(printed.json, inputs=others, overwrite=job.overwrite) as json:
@@ -137,7 +135,7 @@ class _Terminal(RunObserver):
         self._printed, self._out, self._stack, self._requirements = printed, out, stack, requirements
 
     def opened(self, source: RunInput) -> None:
-        self._stack.enter_context(objects_stay())
+        keep_objects()
         if self._requirements:
             from lidcam.evaluation.evaluators import known_figures
             from lidcam.evaluation.requirement import check_names

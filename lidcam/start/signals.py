@@ -13,7 +13,7 @@ import sys
 import time
 from types import FrameType
 
-from pipeline.core.ending import undo_all, watch_for_end
+from pipeline.core.ending import undo_all
 
 __all__ = ["end_at_signals"]
 
@@ -44,7 +44,6 @@ def _end_now(number: int, _: FrameType | None) -> None:
 
 def _watch(told: int) -> None:
     """End the program if the main thread does not come to it; the system tells `told` the signals as they arrive."""
-    watch_for_end()
     while True:
         for number in os.read(told, 64):
             if signal.getsignal(number) is _end_now:  # not while driving, nor while files get their names

@@ -7,14 +7,12 @@ has to go is listed here while it exists. (git does so with its temporary files 
 Only the programs end in this way; elsewhere a signal is what Python makes of it, and the usual clean-up does the same.
 """
 
-from _thread import get_native_id
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 
-__all__ = ["threads_that_watch", "undo_all", "undone_at_once", "watch_for_end"]
+__all__ = ["undo_all", "undone_at_once"]
 
 _undoings: dict[object, Callable[[], object]] = {}
-_watching: set[int] = set()
 
 
 @contextmanager
@@ -36,13 +34,3 @@ def undo_all() -> None:
     while _undoings:
         with suppress(Exception):
             _undoings.popitem()[1]()
-
-
-def watch_for_end() -> None:
-    """Tell that the calling thread waits for signals and does nothing else: it holds no lock while it waits."""
-    _watching.add(get_native_id())
-
-
-def threads_that_watch() -> Collection[int]:
-    """Native ids of the threads of `watch_for_end`."""
-    return frozenset(_watching)
