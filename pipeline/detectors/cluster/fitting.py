@@ -12,9 +12,14 @@ from pipeline.core.rig import Rig
 from pipeline.core.settings.config import Config
 from pipeline.detectors.cluster.clusters import thin_points
 from pipeline.detectors.cluster.completion import CompletedBoxes, Kinds, complete_boxes
-from pipeline.detectors.cluster.lshape import Rectangles, fit_rectangles, quantiles_by_cluster, rectangles_along
+from pipeline.detectors.cluster.lshape import (
+    Rectangles,
+    fit_rectangles,
+    principal_axes,
+    quantiles_by_cluster,
+    rectangles_along,
+)
 from pipeline.detectors.cluster.point_kernels import points_above_ground, totals
-from pipeline.detectors.cluster.principal import principal_axes
 from pipeline.detectors.cluster.scores import box_covariances, box_scores
 from pipeline.detectors.protocols import Candidates3D
 

@@ -139,13 +139,10 @@ def averaged(
         cell_of_point[i] = cell_in_slot[slot]
 
     order, place = ascending(key_of_cell[:cells]), np.empty(cells, np.int64)
-    means, least_m = np.empty((cells, 3)), np.empty(cells)
-    counts, first_sorted = np.empty(cells, np.int64), np.empty(cells, np.int64)
+    means, least_m = np.zeros((cells, 3)), np.full(cells, np.inf)
+    counts, first_sorted = np.zeros(cells, np.int64), np.empty(cells, np.int64)
     for k in range(cells):
-        place[order[k]] = k
-        counts[k], first_sorted[k], least_m[k] = 0, first[order[k]], np.inf
-        for axis in range(3):
-            means[k, axis] = -0.0  # which adds nothing, not even a sign
+        place[order[k]], first_sorted[k] = k, first[order[k]]
     for i in range(count):
         k = place[cell_of_point[i]]
         cell_of_point[i] = k

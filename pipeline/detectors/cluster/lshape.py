@@ -13,9 +13,9 @@ import numpy as np
 
 from pipeline.core.arrays import F64, I64
 from pipeline.core.geometry.boxes import rotations_2d
-from pipeline.detectors.cluster.lshape_kernels import bounds, closest_directions, quantiles, rectangles, thinned
+from pipeline.detectors.cluster.lshape_kernels import closest_directions, quantiles, rectangles, thinned
 
-__all__ = ["Rectangles", "fit_rectangles", "quantiles_by_cluster", "rectangles_along"]
+__all__ = ["Rectangles", "fit_rectangles", "principal_axes", "quantiles_by_cluster", "rectangles_along"]
 
 
 COARSE_STEP_DEG = 3.0
@@ -73,8 +73,8 @@ def fit_rectangles(xy: F64, starts: I64) -> Rectangles:
         starts: (C,) first row of each cluster; each has at least one, and there is at least one cluster.
     """
     xy, ends = np.ascontiguousarray(xy), _ends(starts, len(xy))
-    low, high = bounds(xy, ends)
-    diagonal_m = np.maximum(np.hypot(*(high - low).T), 1e-3)
+    low = np.minimum.reduceat(xy[:, :2], starts)
+    diagonal_m = np.maximum(np.hypot(*(np.maximum.reduceat(xy[:, :2], starts) - low).T), 1e-3)
     count, means, weights, mean_ends = thinned(xy, ends, low, diagonal_m / CELLS_ACROSS, CELLS_ACROSS + 1)
     thin = means[:count], weights[:count], mean_ends, SOFT_SHARE * diagonal_m
     best = closest_directions(*thin, _COS, _SIN, len(_COARSE_RAD), BINS, TRIM_SHARE)
@@ -107,8 +107,29 @@ def quantiles_by_cluster(values: F64, starts: I64, share: float) -> F64:
     return quantiles(np.ascontiguousarray(values), _ends(starts, len(values)), share)
 
 
+def principal_axes(xy: F64, starts: I64) -> tuple[F64, F64]:
+    """(C,) angle about +z of the principal axis of each cluster, in (-pi/2, pi/2]; (C,) its roundness, in [0, 1].
+
+    The principal axis is the direction in which points are spread most. A cyclist is no rectangle: thin wheels at both
+    ends, a rider as wide as the handlebars in the middle. The rectangle to whose sides the points lie closest runs
+    along the lines from shoulder to wheel, 14 degrees off the heading in the median of simulated recordings; the
+    principal axis is 3 degrees off. Roundness is the standard deviation across the axis, as a share of that along it;
+    1 for a single point.
+
+    Args:
+        xy: (N, 2 or more) of which x and y count, metres; sorted by cluster.
+        starts: (C,) first row of each cluster; each has at least one.
+    """
+    counts = np.diff(starts, append=len(xy))
+    mean = np.add.reduceat(xy[:, :2], starts) / counts[:, None]
+    x, y = (xy[:, :2] - np.repeat(mean, counts, axis=0)).T
+    xx, xy_, yy = np.add.reduceat(np.stack([x * x, x * y, y * y]), starts, axis=1) / counts
+    apart = np.hypot((xx - yy) / 2, xy_)
+    largest, smallest = (xx + yy) / 2 + apart, np.maximum((xx + yy) / 2 - apart, 0.0)
+    roundness = np.sqrt(np.divide(smallest, largest, out=np.ones_like(largest), where=largest > 0))
+    return np.arctan2(2 * xy_, xx - yy) / 2, roundness
+
+
 def _ends(starts: I64, count: int) -> I64:
     """(C,) row behind the last of each cluster."""
-    ends = np.empty_like(starts)
-    ends[:-1], ends[-1] = starts[1:], count
-    return ends
+    return np.append(starts[1:], count)

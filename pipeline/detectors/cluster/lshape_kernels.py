@@ -1,90 +1,11 @@
-"""The loops of `lshape.py` and `principal.py` over the points of each cluster.
-
-Sums are taken as numpy takes those of a row: in eight columns, and of more than 128 values by halves. That errs less
-than adding one after another, and makes the results those of array operations.
-"""
+"""The loops of `lshape.py` over the points of each cluster."""
 
 import numpy as np
 
 from pipeline.core.arrays import F64, I64
 from pipeline.core.compiled import compiled, inlined
 
-__all__ = ["bounds", "closest_directions", "moments", "quantiles", "rectangles", "thinned"]
-
-
-SUMMED_AT_ONCE = 128
-
-STRIDE = 16
-"""Values are looked at in such strides: those of neighbours often rise, and each would be the best one so far."""
-
-
-@compiled("float64(float64[::1], int64, int64)")
-def _sum_of_few(values: F64, start: int, count: int) -> float:
-    if count < 8:
-        total = -0.0  # which adds nothing, not even a sign
-        for i in range(start, start + count):
-            total += values[i]
-        return total
-    a, b, c, d = values[start], values[start + 1], values[start + 2], values[start + 3]
-    e, f, g, h = values[start + 4], values[start + 5], values[start + 6], values[start + 7]
-    stop = start + count - count % 8
-    for i in range(start + 8, stop, 8):
-        a, b, c, d = a + values[i], b + values[i + 1], c + values[i + 2], d + values[i + 3]
-        e, f, g, h = e + values[i + 4], f + values[i + 5], g + values[i + 6], h + values[i + 7]
-    sums: float = ((a + b) + (c + d)) + ((e + f) + (g + h))
-    for i in range(stop, start + count):
-        sums += values[i]
-    return sums
-
-
-@compiled("float64(float64[::1], int64, int64)")
-def _sum_of_many(values: F64, start: int, count: int) -> float:
-    # By halves of halves: of each that is begun, its place, its size and the sum of its first half once that is known.
-    places, sizes, firsts = np.empty(64, np.int64), np.empty(64, np.int64), np.empty(64)
-    is_second = np.empty(64, np.bool_)
-    depth, places[0], sizes[0] = 0, start, count
-    while True:
-        if sizes[depth] > SUMMED_AT_ONCE:
-            half = sizes[depth] // 2
-            places[depth + 1], sizes[depth + 1] = places[depth], half - half % 8
-            depth += 1
-            is_second[depth] = False
-            continue
-        total = _sum_of_few(values, places[depth], sizes[depth])
-        while depth > 0 and is_second[depth]:
-            depth -= 1
-            total = firsts[depth] + total
-        if depth == 0:
-            return total
-        # The first half is done, the second one comes.
-        firsts[depth - 1] = total
-        places[depth] += sizes[depth]
-        sizes[depth] = sizes[depth - 1] - sizes[depth]
-        is_second[depth] = True
-
-
-@inlined
-def _sum(values: F64, start: int, count: int) -> float:
-    """Of at least one value."""
-    total: float = values[start]
-    if count - 1 > SUMMED_AT_ONCE:
-        return total + _sum_of_many(values, start + 1, count - 1)
-    return total + _sum_of_few(values, start + 1, count - 1)
-
-
-@compiled("float64[:, :, ::1](float64[:, ::1], int64[::1])")
-def bounds(xy: F64, ends: I64) -> F64:
-    """(2, C, 2) least and largest x and y of each cluster; see `thinned`."""
-    found, start = np.empty((2, len(ends), 2)), 0
-    for c in range(len(ends)):
-        x, y = xy[start, 0], xy[start, 1]
-        most_x, most_y = x, y
-        for i in range(start + 1, ends[c]):
-            x, most_x = min(x, xy[i, 0]), max(most_x, xy[i, 0])
-            y, most_y = min(y, xy[i, 1]), max(most_y, xy[i, 1])
-        found[0, c, 0], found[0, c, 1], found[1, c, 0], found[1, c, 1] = x, y, most_x, most_y
-        start = ends[c]
-    return found
+__all__ = ["closest_directions", "quantiles", "rectangles", "thinned"]
 
 
 @compiled(
@@ -127,9 +48,10 @@ def thinned(xy: F64, ends: I64, low: F64, cell_m: F64, across: int) -> tuple[int
         for k in range(across * across):
             size = start + place[k] - first
             if size > 0:
-                means[made, 0] = _sum(x, first, size) / size
-                means[made, 1] = _sum(y, first, size) / size
-                weights[made] = size
+                east, north = 0.0, 0.0
+                for i in range(first, first + size):
+                    east, north = east + x[i], north + y[i]
+                means[made, 0], means[made, 1], weights[made] = east / size, north / size, size
                 made += 1
                 first += size
         mean_ends[c] = made
@@ -230,7 +152,9 @@ def closest_directions(
                 gap = min(abs(forward[i] - low), abs(forward[i] - high))
                 gap = min(gap, min(abs(left[i] - low_left), abs(left[i] - high_left)))
                 near[i] = own[i] / np.sqrt(gap * gap + soft)
-            closeness = _sum(near, 0, count)
+            closeness = 0.0
+            for i in range(count):
+                closeness += near[i]
             if closeness > closest:
                 best, closest = skipped + k, closeness
         found[c] = best
@@ -248,27 +172,22 @@ def quantiles(values: F64, ends: I64, share: float) -> F64:
         share: In [0, 1], near one of the ends.
     """
     found, best, start = np.empty(len(ends)), np.empty(len(values)), 0
-    lowest, highest = _range(values, len(values))
     for c in range(len(ends)):
-        size, worst = ends[c] - start, np.inf
+        size = ends[c] - start
         rank = int(np.floor(share * (size - 1)) if share < 0.5 else np.ceil(share * (size - 1)))
-        from_top = rank > size // 2
-        sign = -1.0 if from_top else 1.0
-        wanted = (size - 1 - rank if from_top else rank) + 1
+        sign, wanted = 1.0, rank + 1
+        if rank > size // 2:
+            sign, wanted = -1.0, size - rank  # from the top
         for k in range(wanted):
-            best[k] = worst
-        for first in range(start, min(start + STRIDE, ends[c])):
-            for i in range(first, ends[c], STRIDE):
-                value, k = sign * values[i], wanted - 1
-                if value < worst:
-                    while k > 0 and best[k - 1] > value:
-                        best[k] = best[k - 1]
-                        k -= 1
-                    best[k] = value
-                    worst = best[wanted - 1]
-        # Rounded as where all clusters lie side by side in one row.
-        offset = c * (highest - lowest + 1.0)
-        found[c] = sign * worst - lowest + offset - offset + lowest
+            best[k] = np.inf
+        for i in range(start, ends[c]):
+            value, k = sign * values[i], wanted - 1
+            if value < best[k]:
+                while k > 0 and best[k - 1] > value:
+                    best[k] = best[k - 1]
+                    k -= 1
+                best[k] = value
+        found[c] = sign * best[wanted - 1]
         start = ends[c]
     return found
 
@@ -293,37 +212,17 @@ def rectangles(xy: F64, ends: I64, cos: F64, sin: F64, outside_share: float) -> 
             along[0, i] = xy[i, 0] * cos[c] + xy[i, 1] * sin[c]
             along[1, i] = xy[i, 1] * cos[c] - xy[i, 0] * sin[c]
         start = ends[c]
-    sides, square, residual_m = np.empty((2, len(ends), 2)), np.empty(len(xy)), np.empty(len(ends))
+    low, high, residual_m = np.empty((len(ends), 2)), np.empty((len(ends), 2)), np.empty(len(ends))
     for axis in range(2):
-        for side in range(2):
-            places = quantiles(along[axis], ends, 1.0 - outside_share if side else outside_share)
-            for c in range(len(ends)):
-                sides[side, c, axis] = places[c]
-    low, high, start = sides[0], sides[1], 0
+        low[:, axis] = quantiles(along[axis], ends, outside_share)
+        high[:, axis] = quantiles(along[axis], ends, 1.0 - outside_share)
+    start = 0
     for c in range(len(ends)):
+        square = 0.0
         for i in range(start, ends[c]):
-            forward, left = along[0, i], along[1, i]
-            first = min(abs(forward - low[c, 0]), abs(forward - high[c, 0]))
-            second = min(abs(left - low[c, 1]), abs(left - high[c, 1]))
-            square[i] = min(first, second) * min(first, second)
-        residual_m[c] = np.sqrt(_sum(square, start, ends[c] - start) / (ends[c] - start))
+            first = min(abs(along[0, i] - low[c, 0]), abs(along[0, i] - high[c, 0]))
+            second = min(abs(along[1, i] - low[c, 1]), abs(along[1, i] - high[c, 1]))
+            square += min(first, second) * min(first, second)
+        residual_m[c] = np.sqrt(square / (ends[c] - start))
         start = ends[c]
     return low, high, residual_m
-
-
-@compiled("float64[:, ::1](float64[:, ::1], int64[::1])")
-def moments(xy: F64, ends: I64) -> F64:
-    """(C, 3) mean xx, xy and yy of the points (N, 2) of each cluster about their mean; `ends` as above."""
-    found, products, start = np.empty((len(ends), 3)), np.empty((3, len(xy))), 0
-    for c in range(len(ends)):
-        count = ends[c] - start
-        for i in range(count):
-            products[0, i], products[1, i] = xy[start + i, 0], xy[start + i, 1]
-        mean_x, mean_y = _sum(products[0], 0, count) / count, _sum(products[1], 0, count) / count
-        for i in range(count):
-            x, y = xy[start + i, 0] - mean_x, xy[start + i, 1] - mean_y
-            products[0, i], products[1, i], products[2, i] = x * x, x * y, y * y
-        for k in range(3):
-            found[c, k] = _sum(products[k], 0, count) / count
-        start = ends[c]
-    return found
