@@ -90,7 +90,6 @@ bench: $(INSTALLED_ALL)
 	$(BIN)/python benchmarks/measured/speed_page.py
 	$(BIN)/python benchmarks/measured/memory_table.py
 	$(BIN)/python benchmarks/evaluation.py
-	$(BIN)/python benchmarks/clusters.py
 	$(BIN)/python benchmarks/synchronisation.py
 	$(BIN)/python benchmarks/rotated_iou.py
 	$(BIN)/python benchmarks/networks.py

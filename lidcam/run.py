@@ -47,8 +47,6 @@ from pipeline.core.errors import ConfigError, RecordingError, short_memory_told
 from pipeline.core.frame import FrameResult, SensorBundle
 from pipeline.graph import Node
 from pipeline.parallel.cores import usable_cores
-from pipeline.parallel.process import WorkerProcess
-from pipeline.parallel.ready import ready_processes
 from pipeline.parallel.run import Limits, run_parallel
 from pipeline.stages.sync.synchronize import SyncStats
 from readers.input_file import InputFile, InputFiles
@@ -159,9 +157,7 @@ def _opened(job: Job) -> Iterator["Run"]:
         drawn = choose_drawn(recording, copied)
         frames = truth_frames(recording, copied, found, config)
         source = RunInput(recording, found.rig, config, motion, window, used, copied, drawn, frames)
-        run = Run(source, found, drops)
-        with run.ready():
-            yield run
+        yield Run(source, found, drops)
 
 
 class Run:
@@ -195,15 +191,7 @@ class Run:
         self._graph, self._result = self._make_graph()
         _check_box_source(source)
         self._workers = source.config.run.workers or usable_cores()
-        self._processes: Sequence[WorkerProcess] = ()
         self._seconds = time.perf_counter() - started  # loading a network belongs to a run
-
-    @contextmanager
-    def ready(self) -> Iterator[None]:
-        """Within the block, processes that share the work are ready; made before the run has threads."""
-        graph, result, expected = self._graph, self._result, expected_frames(self.source)
-        with ready_processes(graph, result, workers=self._workers, expected=expected) as self._processes:
-            yield
 
     def frames(self, writers: Sequence[ResultWriter] = ()) -> Generator[FrameResult, None, None]:
         """The frames, in order, each written before it is yielded; to be read once.
@@ -253,7 +241,6 @@ class Run:
             make_graph=self._make_graph,
             expected=expected_frames(self.source),
             needed=partial(_needed, decoded=decoded_topics(config, rig)),
-            ready=self._processes,
         )
 
     @property

@@ -1,5 +1,6 @@
 """Compiled functions: made once, kept in a folder of the user's own, and made without a place to keep them."""
 
+import ast
 import importlib.util
 import logging
 from collections.abc import Iterator
@@ -174,11 +175,23 @@ def test_no_product_is_fused_with_a_sum() -> None:
     assert not any(fused in code for fused in ("vfmadd", "fmadd", "fmla"))
 
 
-def test_kernel_files_use_numbers_and_functions_of_kernel_files_alone() -> None:
+def test_compiled_functions_use_numbers_and_functions_of_kernel_files_alone() -> None:
     """What a compiled function takes from another file would not be in the key of what is kept."""
     texts = dict(beside.kernel_sources())
     known = {".".join(path.relative_to(beside._ROOT).with_suffix("").parts) for path in texts}
+    known |= {"pipeline.core.arrays", "pipeline.core.compiled", "pipeline.core.compiled.lanes"}
     assert len(known) > 5
     for path, text in texts.items():
-        uses = {line.split()[1] for line in text.splitlines() if line.startswith("from pipeline.")}
-        assert uses <= known | {"pipeline.core.arrays", "pipeline.core.compiled", "pipeline.core.compiled.lanes"}, path
+        tree = ast.parse(text)
+        others = {
+            alias.asname or alias.name
+            for node in tree.body
+            if isinstance(node, ast.ImportFrom)
+            and str(node.module).startswith("pipeline.")
+            and node.module not in known
+            for alias in node.names
+        }
+        for function in (node for node in tree.body if isinstance(node, ast.FunctionDef) and node.decorator_list):
+            if any(ast.unparse(one).startswith(("compiled", "inlined")) for one in function.decorator_list):
+                used = {node.id for node in ast.walk(function) if isinstance(node, ast.Name)}
+                assert not used & others, f"{path}: {function.name}"
