@@ -15,6 +15,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from pipeline.fusion.belief.looks import looks_at
 from scipy.optimize import linear_sum_assignment
 
 from pipeline.core.arrays import F32
@@ -26,7 +27,6 @@ from pipeline.core.geometry.boxes import box_corners, iou_xyxy, wrap_angle
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.rig import CameraSensor, LidarSensor, Rig
 from pipeline.core.settings.config import Config
-from pipeline.fusion.belief.looks import looks_at
 from pipeline.stages.associate import Associate
 from pipeline.stages.believe import Believe
 from pipeline.stages.refine import Refine

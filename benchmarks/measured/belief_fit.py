@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 from counting import CLASSES, RANGE_M, excused
 from labelled_frames import LabelledFrame, labelled_frames, write_recording
+from pipeline.fusion.belief.looks import Looks, looks_at
 from scipy.optimize import minimize
 
 from lidcam.evaluation.frames import EvaluationFrames
@@ -39,7 +40,6 @@ from pipeline.evaluation.detection.criteria import Criteria
 from pipeline.evaluation.detection.gathering import Gathering
 from pipeline.evaluation.detection.tables import IGNORED
 from pipeline.evaluation.records import UNKNOWN, EvaluationFrame, SourceBoxes, TruthBoxes3D
-from pipeline.fusion.belief.looks import Looks, looks_at
 from pipeline.fusion.belief.odds import (
     FITTED,
     Coefficients,

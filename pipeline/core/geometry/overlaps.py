@@ -1,13 +1,13 @@
-"""Boxes that stand on the same ground."""
+"""Boxes that stand on the same ground, and so are one object."""
 
 from collections.abc import Iterator
 
 import numpy as np
 
-from pipeline.core.arrays import Indices
-from pipeline.core.geometry.rotated_iou import BoxArrays, shared_ground
+from pipeline.core.arrays import F64, Bools, Indices
+from pipeline.core.geometry.rotated_iou import BoxArrays, OrientedBoxes, ious, shared_ground
 
-__all__ = ["OVERLAP_SHARE", "without_overlaps"]
+__all__ = ["OVERLAP_SHARE", "first_of_each", "overlap_shares", "without_overlaps"]
 
 OVERLAP_SHARE = 0.25
 """If one of two boxes has more than this share of its ground inside the other, they are taken for one object."""
@@ -31,6 +31,34 @@ def without_overlaps(boxes: BoxArrays, groups: Indices | None = None) -> Indices
         for row, others in _by_row(first, second):
             kept[row] = not kept[others].any()
     return np.flatnonzero(kept)
+
+
+def overlap_shares(first: OrientedBoxes, second: OrientedBoxes, bev: F64 | None = None) -> F64:
+    """(N, M) ground that each of N boxes shares with each of M, as a share of that of the smaller one.
+
+    Args:
+        first: N boxes.
+        second: M boxes.
+        bev: (N, M) their `Ious.bev`, where it is known already.
+    """
+    bev = ious(first, second).bev if bev is None else bev
+    ground_m2, others_m2 = (boxes.sizes[:, 0] * boxes.sizes[:, 1] for boxes in (first, second))
+    shared_m2 = bev / (1 + bev) * (ground_m2[:, None] + others_m2)
+    return np.asarray(shared_m2 / np.maximum(np.minimum(ground_m2[:, None], others_m2), 1e-12))
+
+
+def first_of_each(boxes: OrientedBoxes, share: float) -> Bools:
+    """(N,) whether each box shares no more than a part of its ground with any kept one before it.
+
+    Args:
+        boxes: The better ones first.
+        share: Of the ground of the smaller of two boxes.
+    """
+    rivals = np.tril(overlap_shares(boxes, boxes) > share, -1)
+    kept = np.ones(len(rivals), np.bool_)
+    for row in np.flatnonzero(rivals.any(1)):
+        kept[row] = not (rivals[row] & kept).any()
+    return kept
 
 
 def _rivals(boxes: BoxArrays) -> Iterator[tuple[Indices, Indices]]:

@@ -3,10 +3,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
+from pipeline.fusion.assignment import assign
 from scipy.optimize import linear_sum_assignment
 
 from pipeline.core.arrays import F64
-from pipeline.fusion.assignment import assign
 
 TABLES = arrays(
     np.float64,

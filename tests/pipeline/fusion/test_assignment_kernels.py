@@ -3,10 +3,10 @@
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
+from pipeline.fusion.assignment_kernels import best_of_pairs, columns_of_classes
 from scipy.optimize import linear_sum_assignment
 
 from pipeline.core.arrays import F64
-from pipeline.fusion.assignment_kernels import best_of_pairs, columns_of_classes
 
 WORTH = [-3.0, 0.0, 0.0, 0.5, 1.0, 1.25, 2.0, 4.0]
 

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
+from pipeline.fusion.naming import OWN_LOG_ODDS, class_log_odds, confusion, vote_log_odds
 
 from pipeline.core.arrays import F64
 from pipeline.core.settings.classes import ROAD_CLASSES, ClassPrior
-from pipeline.fusion.naming import OWN_LOG_ODDS, class_log_odds, confusion, vote_log_odds
 
 CAR, PEDESTRIAN, BICYCLE, TRUCK, BUS = range(5)
 TAKEN_FOR = confusion(ROAD_CLASSES)

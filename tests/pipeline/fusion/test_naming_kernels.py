@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from pipeline.fusion.naming_kernels import size_log_odds
 
 from pipeline.core.arrays import F64, Bools
-from pipeline.fusion.naming_kernels import size_log_odds
 
 LONG_LIMIT, SHORT_SHARE, SHORT_LIMIT, MEASURED_SHARE, OWN = LIMITS = np.array([4.0, 0.2, 3.0, 1e-3, 0.2])
 WEIGHTS = np.array([[0.15, 0.15, 0.2], [0.15, 0.15, 0.9]])

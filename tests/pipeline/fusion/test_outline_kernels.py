@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-
 from pipeline.fusion.outline_kernels import rounded_offsets
 
 UPRIGHT, AS_HIGH_AS_WIDE, TALL, CUT, RIDES = SHAPE = np.array([2.0, 1.2, 0.4, 0.59, 2.0])

@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 from detections import boxes3d
-
 from pipeline.fusion.overlaps import first_of_each, overlap_shares
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from detections import boxes2d, boxes3d, camera_rig, forward_camera
 from fusion_scenes import fusion_scenes
+from pipeline.fusion.matching.hiding import hidden_parts
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.transform import Rotation
 
@@ -20,7 +21,6 @@ from pipeline.core.geometry.transform import Transform
 from pipeline.core.messages import Channel, RawMessage
 from pipeline.core.rig import CameraSensor
 from pipeline.core.settings.config import Config
-from pipeline.fusion.matching.hiding import hidden_parts
 from pipeline.fusion.matching.in_view import project_into_views
 from pipeline.fusion.projection import CameraArrays
 from pipeline.stages.associate import Associate

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from detections import boxes2d, boxes3d, camera_rig, forward_camera
 from lidar_scene import combined
+from pipeline.fusion.belief.looks import Looks, looks_at
 
 from pipeline.core.arrays import F64
 from pipeline.core.detections import Boxes2D, Boxes3D, Hypotheses, Matches
@@ -15,7 +16,6 @@ from pipeline.core.geometry.pose_samples import PoseSamples
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.detect import Detect3DConfig
 from pipeline.core.settings.fuse import FuseConfig
-from pipeline.fusion.belief.looks import Looks, looks_at
 from pipeline.stages.believe import Believe
 
 VIEW = forward_camera()

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from detections import LOOK_FORWARD, boxes2d, boxes3d, camera_rig, forward_camera
 from fusion_scenes import FusionScene, fusion_scenes
+from pipeline.fusion.refining.cut_edges import moved_by_borders
 from scipy.stats import chi2
 
 from pipeline.core.arrays import F64
@@ -17,7 +18,6 @@ from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.settings.config import Config
 from pipeline.core.settings.fuse import FuseConfig
 from pipeline.fusion.projection import CameraArrays, edges_in_view
-from pipeline.fusion.refining.cut_edges import moved_by_borders
 from pipeline.stages.associate import Associate
 from pipeline.stages.refine import Refine
 

@@ -3,9 +3,9 @@ import pytest
 from detections import boxes2d
 from hypothesis import given
 from hypothesis import strategies as st
+from pipeline.fusion.begun.frustums import SHRINK_SHARE, FrustumPoints, heading_of, points_in_frustums
 from seen_boxes import camera_at, views_of
 
-from pipeline.fusion.begun.frustums import SHRINK_SHARE, FrustumPoints, heading_of, points_in_frustums
 from pipeline.fusion.cameras.sightings import Sightings, see
 
 CAMERA = camera_at("cam", (1.0, -2.0, 4.0), yaw_deg=30, pitch_deg=12)

@@ -1,12 +1,12 @@
 import numpy as np
 from detections import boxes2d, boxes3d
+from pipeline.fusion.begun.beginning import Begun
+from pipeline.fusion.begun.frustums import FrustumPoints
+from pipeline.fusion.begun.parting import choose_parts, find_hosts, find_merged, share_points
 from seen_boxes import camera_at, views_of
 
 from pipeline.core.arrays import F64
 from pipeline.detectors.protocols import Candidates3D
-from pipeline.fusion.begun.beginning import Begun
-from pipeline.fusion.begun.frustums import FrustumPoints
-from pipeline.fusion.begun.parting import choose_parts, find_hosts, find_merged, share_points
 from pipeline.fusion.cameras.sightings import see
 
 

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-
 from pipeline.fusion.begun.parting_kernels import boxes_that_hold, nearest_of_team
 
 

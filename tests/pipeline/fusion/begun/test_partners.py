@@ -1,9 +1,9 @@
 import numpy as np
 from detections import boxes2d
+from pipeline.fusion.begun.partners import find_echoes, find_partners
 from seen_boxes import camera_at, views_of
 
 from pipeline.core.detections import Matches
-from pipeline.fusion.begun.partners import find_echoes, find_partners
 from pipeline.fusion.cameras.sightings import see
 
 VIEWS = views_of(camera_at("a", (0.0, 0.0, 2.0)), camera_at("b", (0.0, 0.0, 2.0)))

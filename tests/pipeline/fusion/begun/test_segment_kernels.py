@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-
 from pipeline.fusion.begun.segment_kernels import extents_of_segments, points_of_segments
 
 

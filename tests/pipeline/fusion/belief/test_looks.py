@@ -3,10 +3,10 @@ from dataclasses import replace
 import numpy as np
 from detections import boxes2d, boxes3d, forward_camera
 from lidar_scene import combined
+from pipeline.fusion.belief.looks import looks_at
 
 from pipeline.core.detections import Boxes3D, Hypotheses, Matches
 from pipeline.core.geometry.boxes import box_corners
-from pipeline.fusion.belief.looks import looks_at
 
 VIEW = forward_camera()
 CAR = (20.0, 0.0, 0.0, 4.0, 1.8, 1.5, 0.0)

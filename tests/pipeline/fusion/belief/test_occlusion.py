@@ -3,12 +3,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from detections import boxes3d, forward_camera
+from pipeline.fusion.belief.occlusion import hidden_by_points
 
 from pipeline.core.arrays import F32, F64
 from pipeline.core.geometry.boxes import box_corners
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.rig import CameraSensor
-from pipeline.fusion.belief.occlusion import hidden_by_points
 
 VIEW = forward_camera()  # 640 x 480 px, f = 500 px, looks along x
 PLATE = (10.0, 0.0, 0.0, 0.1, 4.0, 4.0, 0.0)

@@ -3,10 +3,10 @@
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
+from pipeline.fusion.belief.occlusion_kernels import nearer_shares, nearest_in_cells
 
 from pipeline.core.arrays import F32, F64
 from pipeline.core.geometry.boxes import box_corners
-from pipeline.fusion.belief.occlusion_kernels import nearer_shares, nearest_in_cells
 
 COLUMNS, ROWS, NEAR_M = 8, 6, 0.1
 LOW, CELL = np.array([[-1.0, -0.75], [-0.8, -0.6]]), np.array([[0.25, 0.25], [0.2, 0.2]])

@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pipeline.fusion.belief.looks import Looks
 
 from pipeline.core.detections import Source
 from pipeline.core.settings.classes import ROAD_CLASSES
-from pipeline.fusion.belief.looks import Looks
 from pipeline.fusion.belief.odds import (
     FITTED,
     at_its_place,

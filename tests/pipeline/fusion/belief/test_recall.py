@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
+from pipeline.fusion.belief.looks import Looks
 
 from pipeline.core.arrays import F64
-from pipeline.fusion.belief.looks import Looks
 from pipeline.fusion.belief.odds import FITTED
 from pipeline.fusion.belief.recall import MEMORY, PRIOR_RECALL, RecallCounts
 

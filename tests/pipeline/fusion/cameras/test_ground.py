@@ -1,5 +1,4 @@
 import numpy as np
-
 from pipeline.fusion.cameras.ground import Ground
 
 

@@ -1,12 +1,12 @@
 import numpy as np
+from pipeline.fusion.cameras.ground import Ground
+from pipeline.fusion.cameras.observed import Noise
 from seen_boxes import camera_at, seen_by, views_of
 
 from pipeline.core.arrays import F64
 from pipeline.core.rig import CameraSensor
 from pipeline.core.settings.classes import ROAD_CLASSES
-from pipeline.fusion.cameras.ground import Ground
 from pipeline.fusion.cameras.merging import Moments, merge_sightings, moments
-from pipeline.fusion.cameras.observed import Noise
 from pipeline.fusion.cameras.placing import HEADINGS, Placements, SizePriors, place
 from pipeline.fusion.cameras.sightings import see
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from pipeline.fusion.cameras.merging_kernels import combine, mixture_means, near_worth
 
 from pipeline.core.arrays import F64
-from pipeline.fusion.cameras.merging_kernels import combine, mixture_means, near_worth
 
 HEADINGS = 12
 DIRECTIONS = np.random.default_rng(0).normal(size=(2, HEADINGS))

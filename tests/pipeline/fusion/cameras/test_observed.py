@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 from detections import boxes2d
+from pipeline.fusion.cameras.observed import Noise, Observed, observe
 from seen_boxes import camera_at, views_of
 
-from pipeline.fusion.cameras.observed import Noise, Observed, observe
 from pipeline.fusion.cameras.sightings import see
 
 LEVEL = camera_at("level", (0.0, 0.0, 1.6))

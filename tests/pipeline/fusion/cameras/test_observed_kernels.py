@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from pipeline.fusion.cameras.observed_kernels import extents_seen, hidden_edges
 
 from pipeline.core.arrays import F64, I64, Bools
 from pipeline.core.geometry.boxes import wrap_angle
-from pipeline.fusion.cameras.observed_kernels import extents_seen, hidden_edges
 
 EDGE_SHARE, NEARER_SHARE = 0.3, 0.05
 

@@ -7,13 +7,13 @@ import pytest
 from detections import boxes2d
 from hypothesis import given
 from hypothesis import strategies as st
+from pipeline.fusion.cameras.ground import Ground
+from pipeline.fusion.cameras.observed import Noise
 from seen_boxes import Box, camera_at, seen_by, views_of
 
 from pipeline.core.rig import CameraSensor
 from pipeline.core.settings.classes import ROAD_CLASSES
-from pipeline.fusion.cameras.ground import Ground
 from pipeline.fusion.cameras.merging import Moments, moments
-from pipeline.fusion.cameras.observed import Noise
 from pipeline.fusion.cameras.placing import SizePriors, place
 from pipeline.fusion.cameras.sightings import see
 

@@ -4,10 +4,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from pipeline.fusion.cameras.ground import Ground
+from pipeline.fusion.cameras.placing_kernels import (
+    bearings_between_sides,
+    corners_seen,
+    laid_out,
+    least_squares,
+    places_at,
+    rises,
+)
 
 from pipeline.core.arrays import F64
 from pipeline.core.clouds import CombinedCloud, Plane, PointCloud, Relief
-from pipeline.fusion.cameras.ground import Ground
 from pipeline.fusion.cameras.placing import (
     CONTACT_SHARE,
     FIRST_STD,
@@ -17,14 +25,6 @@ from pipeline.fusion.cameras.placing import (
     ROOF_SHARE,
     SHAPE_STD,
     SHARES,
-)
-from pipeline.fusion.cameras.placing_kernels import (
-    bearings_between_sides,
-    corners_seen,
-    laid_out,
-    least_squares,
-    places_at,
-    rises,
 )
 
 GROUND_SLOPE, GROUND_M = 0.008, 0.05

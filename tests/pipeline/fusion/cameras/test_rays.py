@@ -6,10 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from lens_models import LENS_MODELS, lens
+from pipeline.fusion.cameras.rays import rays_of_pixels
 
 from pipeline.core.arrays import F64
 from pipeline.core.optics.lenses import Lenses
-from pipeline.fusion.cameras.rays import rays_of_pixels
 
 
 @pytest.mark.parametrize(("model", "distortion"), LENS_MODELS.values(), ids=LENS_MODELS)

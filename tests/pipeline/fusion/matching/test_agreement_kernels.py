@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-
 from pipeline.fusion.matching.agreement_kernels import distances_of_pairs, shifts_of_others, sums_of_others
 
 FREEDOM = 4.0

@@ -1,5 +1,4 @@
 import numpy as np
-
 from pipeline.fusion.matching.aiming import common_shifts
 
 CAMERAS = np.array([0, 0, 0, 1, 1], np.int64)

@@ -3,10 +3,10 @@ import pytest
 from detections import boxes3d, forward_camera
 from hypothesis import given
 from hypothesis import strategies as st
+from pipeline.fusion.matching.hiding import hidden_parts
 
 from pipeline.core.arrays import F32
 from pipeline.core.detections import Boxes3D
-from pipeline.fusion.matching.hiding import hidden_parts
 from pipeline.fusion.matching.in_view import InView, project_into_views
 from pipeline.fusion.projection import CameraArrays
 

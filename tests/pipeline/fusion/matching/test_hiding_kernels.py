@@ -6,11 +6,11 @@ import numpy as np
 from detections import boxes3d, forward_camera
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pipeline.fusion.matching.hiding import MAX_COVERS, hidden_parts
 
 from pipeline.core.arrays import F64
 from pipeline.core.detections import Boxes3D
 from pipeline.core.geometry.boxes import box_corners
-from pipeline.fusion.matching.hiding import MAX_COVERS, hidden_parts
 from pipeline.fusion.matching.in_view import InView, project_into_views
 from pipeline.fusion.projection import CameraArrays
 

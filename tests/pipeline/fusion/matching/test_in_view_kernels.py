@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-
 from pipeline.fusion.matching.in_view_kernels import clipped_edges, in_pyramids, seen_from
 
 

@@ -4,9 +4,9 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from pipeline.fusion.matching.pairing import Pairs, best_pairs, near_pairs
 
 from pipeline.core.arrays import F64
-from pipeline.fusion.matching.pairing import Pairs, best_pairs, near_pairs
 
 
 def all_pairs(worth: F64) -> Pairs:

@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pipeline.fusion.matching.pairing_kernels import overlapping_pairs
 
 from pipeline.core.arrays import F32
 from pipeline.core.geometry.boxes import pair_overlaps_xyxy
-from pipeline.fusion.matching.pairing_kernels import overlapping_pairs
 
 
 def rectangles(random: np.random.Generator, count: int) -> F32:

@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
 from pipeline.fusion.refining.camera_doubt import MEDIAN_SPREAD, SURE, camera_shifts
 
 

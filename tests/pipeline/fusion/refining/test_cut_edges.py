@@ -3,11 +3,11 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 from detections import boxes3d, forward_camera
+from pipeline.fusion.refining.cut_edges import moved_by_borders
 
 from pipeline.core.arrays import F64
 from pipeline.core.geometry.boxes import box_corners
 from pipeline.fusion.projection import CameraArrays
-from pipeline.fusion.refining.cut_edges import moved_by_borders
 
 Box = tuple[float, float, float, float, float, float, float]
 

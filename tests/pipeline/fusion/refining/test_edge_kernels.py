@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from pipeline.fusion.refining.edge_kernels import corners_in_cameras, doubted_edges, median_shifts, moved_edges
 
 from pipeline.core.arrays import F64
 from pipeline.core.geometry.box_edges import BOX_EDGES
 from pipeline.core.geometry.boxes import UNIT_CORNERS, box_corners
-from pipeline.fusion.refining.edge_kernels import corners_in_cameras, doubted_edges, median_shifts, moved_edges
 
 
 @pytest.mark.parametrize("count", [0, 1, 20])

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pipeline.fusion.refining.fit_kernels import averaged_states, boxes_at, normal_equations
 
 from pipeline.core.arrays import F64, I64
-from pipeline.fusion.refining.fit_kernels import averaged_states, boxes_at, normal_equations
 
 REST = [0, 1, 3, 4, 5, 6]
 BORDER, CAUCHY = 3.0, 2.5

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from pipeline.fusion.refining.prior_kernels import guessed_covariances, prior_covariances
 
 from pipeline.core.arrays import F64, Bools
 from pipeline.core.geometry.boxes import rotations_2d
-from pipeline.fusion.refining.prior_kernels import guessed_covariances, prior_covariances
 
 LIMITS = np.array([0.01, 0.0087**2, 0.6**2, 0.95, 0.25, 0.15**2, 0.03**2, 0.1**2, 2.5, 0.05**2])
 GUESS = np.array([0.1, 0.005, 0.1, np.pi / 4, 1.5])

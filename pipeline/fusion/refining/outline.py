@@ -5,23 +5,15 @@ ground at the corners of their box. Seen across a corner, the rectangle around a
 around the object by a fifth of the radius of the corner and more, on both sides. So the cuboid's corners are rounded.
 """
 
-from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 
-from pipeline.core.arrays import F64, Rows, check_array
-from pipeline.core.geometry.box_edges import BOX_EDGES
+from pipeline.core.arrays import F64
 from pipeline.core.geometry.boxes import UNIT_CORNERS
-from pipeline.fusion.outline_kernels import rounded_offsets
+from pipeline.fusion.projection import Outline
 
-__all__ = ["Outline", "cuboid_outline", "rounded_outline"]
-
-_BETWEEN = np.array([0.25, 0.5, 0.75])[:, None]
-_ALONG_EDGES = np.concatenate(
-    [UNIT_CORNERS, *(UNIT_CORNERS[a] * (1 - _BETWEEN) + UNIT_CORNERS[b] * _BETWEEN for a, b in BOX_EDGES)]
-)
-"""Corners, and where lines are bent the samples of edges that `CameraModel.project_boxes` uses."""
+__all__ = ["rounded_outline"]
 
 _INWARD = np.array([[0.0, 1.0], [1.0, 0.0]])
 """Where the straight line that stands for a round corner begins and ends, in units of what it cuts off both sides."""
@@ -50,36 +42,6 @@ stands, hands and shoulders, and the head."""
 _SIDES = np.array([[1.0, 0], [0, 1], [-1, 0], [0, -1]])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Outline:
-    """Points of P objects, along the axes of their boxes.
-
-    A point is at `signs * size / 2 + offsets`: it keeps its distance to the sides of the box when the box grows.
-
-    Attributes:
-        signs: (S, 3) float64 in [-1, 1].
-        offsets: (P, S, 3) float64 metres; P may be 1 if they are the same for all.
-    """
-
-    signs: F64
-    offsets: F64
-
-    def __post_init__(self) -> None:
-        check_array("signs", self.signs, (len(self.signs), 3), np.float64)
-        check_array("offsets", self.offsets, (len(self.offsets), len(self.signs), 3), np.float64)
-
-    def select(self, rows: Rows) -> "Outline":
-        """The outlines of the given objects (mask or indices), in that order."""
-        return self if len(self.offsets) == 1 else Outline(self.signs, self.offsets[rows])
-
-
-@cache
-def cuboid_outline(*, bent: bool) -> Outline:
-    """The corners of boxes; if a lens bends lines, points of their edges, too."""
-    points = _ALONG_EDGES if bent else UNIT_CORNERS
-    return Outline(points, np.zeros((1, len(points), 3)))
-
-
 def rounded_outline(sizes: F64, *, rounding: float, underside: float, cabin: float, bent: bool) -> Outline:
     """Boxes with round corners, seen from above, and a roof that is smaller than the body.
 
@@ -94,9 +56,19 @@ def rounded_outline(sizes: F64, *, rounding: float, underside: float, cabin: flo
         bent: Whether a lens bends lines.
     """
     signs, inward, of_riders = _round_points(bent=bent)
-    shape = np.array([UPRIGHT, AS_HIGH_AS_WIDE, TALL_ROUNDING, CUT_PER_RADIUS, RIDES])
-    sizes = np.ascontiguousarray(sizes)
-    return Outline(signs, rounded_offsets(sizes, signs, inward, of_riders, rounding, underside, cabin, shape))
+    smaller, height = sizes[:, :2].min(1), sizes[:, 2]
+    is_upright = height > UPRIGHT * smaller
+    low = ((AS_HIGH_AS_WIDE - height / sizes[:, 1]) / (AS_HIGH_AS_WIDE - 1)).clip(0.0, 1.0)
+    round_share = 0.5 if rounding > 0 else 0.0
+    share = np.where(is_upright, round_share, rounding * (TALL_ROUNDING + (1 - TALL_ROUNDING) * low))
+    offsets = np.zeros((len(sizes), len(signs), 3))
+    offsets[..., :2] = inward * (CUT_PER_RADIUS * share * smaller)[:, None, None]
+    roof = signs[:, 2] == 1
+    offsets[:, roof, :2] -= signs[roof, :2] * (cabin * low[:, None] * sizes[:, :2] / 2)[:, None]
+    offsets[:, signs[:, 2] < 0, 2] = (underside * height)[:, None]
+    rides = is_upright & (sizes[:, 0] > RIDES * sizes[:, 1]) & (rounding > 0)
+    offsets[rides] = of_riders * sizes[rides, None] / 2
+    return Outline(signs, offsets)
 
 
 @cache

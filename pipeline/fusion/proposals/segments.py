@@ -9,11 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.core.arrays import F32, F64, I64
+from pipeline.core.arrays import F32, F64, I64, first_of_runs
 from pipeline.core.settings.detect import ClusterConfig
 from pipeline.detectors.cluster.clusters import cluster_points, thin_points
-from pipeline.fusion.begun.frustums import FrustumPoints
-from pipeline.fusion.begun.segment_kernels import extents_of_segments, points_of_segments
+from pipeline.fusion.proposals.frustums import FrustumPoints
 
 __all__ = ["Expected", "Segments", "choose_segments"]
 
@@ -85,18 +84,31 @@ def choose_segments(
     if not len(found):
         return Segments(none, none, none, np.zeros(0))
     number, segment = _linked(xyz, found, link_m, config)
-    order, starts, group, counts, front, wide, high = extents_of_segments(
-        segment, number, found.group, found.along_m, found.share_x, found.share_y, expected.reach_m
+    segment_m = np.lexsort([found.along_m, segment])
+    counts = np.bincount(segment, minlength=number)
+    starts = np.cumsum(counts) - counts
+    # The front is where the nearest tenth of the points ends: one stray point is not an object's side.
+    group, front = found.group[segment_m[starts]], found.along_m[segment_m[starts + counts // 10]]
+    is_within = found.along_m <= (front + expected.reach_m[group])[segment]
+    counts = np.bincount(segment[is_within], minlength=number)
+    order = segment_m[is_within[segment_m]]
+    starts = np.cumsum(counts) - counts
+    wide, high = (
+        np.maximum.reduceat(share, starts) - np.minimum.reduceat(share, starts)
+        for share in (found.share_x[order], found.share_y[order])
     )
     high = np.minimum((high + expected.gap_share[group]) / (1.0 - expected.clear_share[group]), 1.0)
     off = (front - expected.front_m[group]) / expected.front_std_m[group]
     sound = (counts >= min_points) & (wide >= MIN_WIDTH) & (wide * high >= MIN_FILL) & (np.abs(off) <= MAX_OFF)
     worth = np.where(sound, 2 * np.log(np.maximum(wide * high, MIN_FILL)) - off**2 / 2, -np.inf)
     best = np.lexsort((front, -worth, group))
-    best = best[np.flatnonzero(np.diff(group[best], prepend=-1))]
+    best = best[first_of_runs(group[best])]
     best = best[np.isfinite(worth[best])]
-    points, first = points_of_segments(best, order, starts, found.along_m, front + expected.reach_m[group])
-    return Segments(group[best], points, first, worth[best])
+    rank = np.full(number, -1)
+    rank[best] = np.arange(len(best))
+    points = np.flatnonzero(is_within & (rank[segment] >= 0))
+    points = points[np.argsort(rank[segment[points]], kind="stable")]
+    return Segments(group[best], points, np.cumsum(counts[best]) - counts[best], worth[best])
 
 
 def _linked(xyz: F32, found: FrustumPoints, link_m: F64, config: ClusterConfig) -> tuple[int, I64]:
