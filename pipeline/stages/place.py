@@ -13,7 +13,7 @@ from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.settings.classes import ClassPrior
 from pipeline.core.settings.fuse import FuseConfig
 from pipeline.fusion.cameras.merging import merge_sightings, moments
-from pipeline.fusion.cameras.placing import Placed, SizePriors, place
+from pipeline.fusion.cameras.placing import Placed, Placements, SizePriors, place
 from pipeline.fusion.cameras.sightings import Noise, see
 from pipeline.fusion.found import FoundBoxes
 
@@ -66,6 +66,11 @@ class Place:
             views: By camera name, for every camera of the rig.
         """
         sightings = see(views, boxes2d)
+        out_of_image = len(FoundBoxes.of(boxes2d, tuple(views))) - len(sightings)
+        stamp_ns = combined.cloud.stamp_ns
+        if not len(sightings):
+            none = np.zeros(0, np.int64)
+            return Placed(Boxes3D.empty(stamp_ns, self._site_frame), sightings, none, Placements.empty(), out_of_image)
         ground_m = partial(combined.ground_m, level_m=self._ground_height_m)
         placements = place(sightings, self._priors, ground_m, self._noise)
         objects, merged = merge_sightings(placements, sightings.cameras, sightings.class_ids)
@@ -77,7 +82,6 @@ class Place:
         missed = np.ones(count)
         np.multiply.at(missed, objects, 1.0 - sightings.scores)
         seen = np.bincount(objects, minlength=count)
-        stamp_ns = combined.cloud.stamp_ns
         since_ns = np.zeros(count, np.int64)
         np.add.at(since_ns, objects, sightings.stamps_ns - stamp_ns)
         boxes = Boxes3D(
@@ -93,5 +97,4 @@ class Place:
             np.full(count, Source.CAMERA.value, np.uint8),
             stamp_ns + since_ns // np.maximum(seen, 1),
         )
-        out_of_image = len(FoundBoxes.of(boxes2d, tuple(views))) - len(sightings)
         return Placed(boxes, sightings, objects, placements, out_of_image)

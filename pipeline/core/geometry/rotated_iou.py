@@ -8,7 +8,7 @@ from pipeline.core.arrays import F64
 
 __all__ = ["BoxArrays", "Ious", "OrientedBoxes", "ious", "pair_ious", "shared_ground"]
 
-BLOCK = 1 << 14
+BLOCK = 1 << 12
 """Pairs that are compared at once: memory is bounded."""
 
 ROUNDING = 16 * np.finfo(np.float64).eps

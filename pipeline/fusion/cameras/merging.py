@@ -28,11 +28,11 @@ MAX_YAW_VARIANCE = np.pi**2 / 12
 """Of an axis of which nothing is known, rad^2."""
 
 VIEW_WEIGHT = 1e-3
-"""Weight of the direction of view beside the headings, of which all weigh 1: where all headings are equally likely, as
-of a footprint as long as wide, rounding alone would say what their mean is."""
+"""Weight of the direction of view beside that of all headings, 1, where these cancel out: where all are equally likely,
+as of a footprint as long as wide, rounding alone would say what their mean is."""
 
 QUARTER_RAD = np.pi / 2 - 1e-6
-"""Axes up to here clockwise from the x axis have a negative yaw: rounding does not tell an axis along y from itself."""
+"""Axes up to here clockwise from x have a negative yaw: an axis along y has one yaw, however it is rounded."""
 
 
 class Moments(NamedTuple):
@@ -65,7 +65,8 @@ def moments(placements: Placements, view_xy: F64) -> Moments:
     length = np.hypot(mean[:, 0], mean[:, 1]).clip(1e-9, 1.0)
     covariances[:, 2, 2] = np.minimum(-np.log(length) / 2, MAX_YAW_VARIANCE) + (HEADINGS[1] ** 2) / 12
     view_rad = 2 * np.arctan2(xy[:, 1] - view_xy[:, 1], xy[:, 0] - view_xy[:, 0])
-    mean += VIEW_WEIGHT * np.stack([np.cos(view_rad), np.sin(view_rad)], 1)
+    view_weight = VIEW_WEIGHT * (1 - length)
+    mean += view_weight[:, None] * np.stack([np.cos(view_rad), np.sin(view_rad)], 1)
     yaw_rad = np.arctan2(mean[:, 1], mean[:, 0]) / 2
     return Moments(xy, wrap_angle(yaw_rad + np.pi * (yaw_rad < -QUARTER_RAD)), covariances)
 

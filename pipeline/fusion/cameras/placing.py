@@ -96,6 +96,12 @@ class Placements:
         """The given rows (mask or indices), in that order."""
         return select_rows(self, rows)
 
+    @classmethod
+    def empty(cls) -> "Placements":
+        """Of no objects."""
+        h = len(HEADINGS)
+        return cls(np.zeros((0, h, 2)), np.zeros((0, h, 2, 2)), np.zeros((0, h)))
+
     def copy(self) -> "Placements":
         """The same in arrays of its own."""
         return Placements(self.xy.copy(), self.covariances.copy(), self.log_weights.copy())

@@ -167,20 +167,19 @@ def _uncovered(own: F64, covers: F64) -> tuple[F64, F64]:
         np.sort(np.concatenate([own[:, axis::2], covers[..., axis], covers[..., axis + 2]], 1), axis=1)
         for axis in (0, 1)
     )
-    in_x = (covers[..., :1] <= x[:, None, :-1]) & (x[:, None, 1:] <= covers[..., 2:3])
-    in_y = (covers[..., 1:2] <= y[:, None, :-1]) & (y[:, None, 1:] <= covers[..., 3:])
+    in_x = np.asarray((covers[..., :1] <= x[:, None, :-1]) & (x[:, None, 1:] <= covers[..., 2:3]))
+    in_y = np.asarray((covers[..., 1:2] <= y[:, None, :-1]) & (y[:, None, 1:] <= covers[..., 3:]))
     area = np.diff(y)[:, :, None] * np.diff(x)[:, None, :]
-    covered = np.asarray(in_y[:, :, :, None] & in_x[:, :, None, :])
-    free = np.asarray((area > 0) & ~covered.any(1))
-    left_m2 = (area * free).sum((1, 2))
+    free = np.asarray((area > 0) & ~(in_y[..., None] & in_x[:, :, None]).any(1))
+    left_px2 = (area * free).sum((1, 2))
     around = [
         np.where(free.any(1), x[:, :-1], np.inf).min(1),
         np.where(free.any(2), y[:, :-1], np.inf).min(1),
         np.where(free.any(1), x[:, 1:], -np.inf).max(1),
         np.where(free.any(2), y[:, 1:], -np.inf).max(1),
     ]
-    share = 1.0 - (left_m2 / (own[:, 2:] - own[:, :2]).prod(1)).clip(0.0, 1.0)
-    return share, np.where(free.any((1, 2))[:, None], np.stack(around, 1), own)
+    share = 1.0 - (left_px2 / (own[:, 2:] - own[:, :2]).prod(1)).clip(0.0, 1.0)
+    return share, np.where(np.asarray(free.any((1, 2)))[:, None], np.stack(around, 1), own)
 
 
 def _cut_rectangles(corners: F64, cameras: CameraArrays) -> F32:

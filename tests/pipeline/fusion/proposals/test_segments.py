@@ -1,9 +1,9 @@
 import numpy as np
-from pipeline.fusion.begun.frustums import FrustumPoints
-from pipeline.fusion.begun.segments import Expected, Segments, choose_segments
 
 from pipeline.core.arrays import F64
 from pipeline.core.settings.detect import ClusterConfig
+from pipeline.fusion.proposals.frustums import FrustumPoints
+from pipeline.fusion.proposals.segments import Expected, Segments, choose_segments
 
 CONFIG = ClusterConfig()
 

@@ -3,10 +3,10 @@ import pytest
 from detections import boxes2d
 from hypothesis import given
 from hypothesis import strategies as st
-from pipeline.fusion.begun.frustums import SHRINK_SHARE, FrustumPoints, heading_of, points_in_frustums
 from seen_boxes import camera_at, views_of
 
 from pipeline.fusion.cameras.sightings import Sightings, see
+from pipeline.fusion.proposals.frustums import SHRINK_SHARE, FrustumPoints, heading_of, points_in_frustums
 
 CAMERA = camera_at("cam", (1.0, -2.0, 4.0), yaw_deg=30, pitch_deg=12)
 ROWS = [(100.0, 200, 500, 600, 0.9, 0), (480.0, 100, 900, 300, 0.8, 0)]
