@@ -12,7 +12,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from pipeline.core.arrays import F64, I64, Bools, Indices, Rows, check_array, select_rows
+from pipeline.core.arrays import F64, Bools, Indices, Rows, check_array, select_rows
 from pipeline.core.geometry.box_edges import BOX_EDGES
 from pipeline.core.geometry.boxes import UNIT_CORNERS
 from pipeline.core.optics.lenses import Lenses
@@ -26,7 +26,6 @@ __all__ = [
     "ProjectedEdges",
     "camera_arrays",
     "cuboid_outline",
-    "edges_in_view",
     "project_edges",
 ]
 
@@ -129,27 +128,13 @@ class ProjectedEdges(NamedTuple):
     Attributes:
         xyxy: (P, 4) float64 left, top, right, bottom in pixels.
         jacobian: (P, 4, 7) float64, derivatives of these edges by `PARAMETERS`.
-        makers: (P, 4) int64, row in `Outline.signs` of the point that makes each edge.
         valid: (P,) whether the whole box is in front of the camera and within the lens model; other rows are
             meaningless.
     """
 
     xyxy: F64
     jacobian: F64
-    makers: I64
     valid: Bools
-
-
-def edges_in_view(centers: F64, sizes: F64, yaws: F64, camera: CameraSensor) -> ProjectedEdges:
-    """The rectangles of boxes in the image of one camera.
-
-    Args:
-        centers: (N, 3) box centres in the site frame, metres.
-        sizes: (N, 3) length, width, height, metres.
-        yaws: (N,) radians about +z.
-        camera: The camera.
-    """
-    return project_edges(centers, sizes, yaws, CameraArrays.of([camera]), rows=np.zeros(len(yaws), np.intp))
 
 
 def project_edges(
@@ -173,7 +158,7 @@ def project_edges(
     """
     outline = outline or cuboid_outline(bent=cameras.lenses.bends)
     rows = np.arange(len(yaws)) if rows is None else rows
-    xyxy, jacobian, makers, valid = outermost_points(
+    xyxy, jacobian, _, valid = outermost_points(
         np.ascontiguousarray(centers),
         np.ascontiguousarray(sizes),
         np.cos(yaws),
@@ -185,4 +170,4 @@ def project_edges(
         cameras.translations,
         *cameras.lenses.arrays,
     )
-    return ProjectedEdges(xyxy, jacobian, makers, valid)
+    return ProjectedEdges(xyxy, jacobian, valid)

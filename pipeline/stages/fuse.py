@@ -6,7 +6,7 @@ import numpy as np
 
 from pipeline.core.arrays import F32, F64, Bools, Indices
 from pipeline.core.detections import Boxes3D, Fused, Hypotheses
-from pipeline.core.geometry.overlaps import OVERLAP_SHARE, first_of_each, overlap_shares
+from pipeline.core.geometry.overlaps import OVERLAP_SHARE, overlap_shares, without_overlaps
 from pipeline.core.settings.fuse import FuseConfig
 
 __all__ = ["Fuse"]
@@ -51,7 +51,7 @@ class Fuse:
         rows = np.flatnonzero(is_lidar & ~is_chosen & (there >= self._min_score) & (boxes.point_counts > 0))
         rows = rows[np.lexsort((rows, -boxes.point_counts[rows]))]
         rows = rows[_apart(boxes.select(rows), boxes.select(is_chosen))]
-        return rows[first_of_each(boxes.select(rows), OVERLAP_SHARE)]
+        return rows[without_overlaps(boxes.select(rows))]
 
 
 def _apart(boxes: Boxes3D, others: Boxes3D) -> Bools:

@@ -3,7 +3,6 @@
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 
 import numpy as np
 
@@ -11,7 +10,7 @@ from pipeline.core.arrays import F64, I64, Bools
 from pipeline.core.clouds import CombinedCloud
 from pipeline.core.detections import Boxes3D, Matches, Source
 from pipeline.core.geometry.boxes import wrap_angle
-from pipeline.core.geometry.overlaps import OVERLAP_SHARE, first_of_each, overlap_shares
+from pipeline.core.geometry.overlaps import OVERLAP_SHARE, overlap_shares, without_overlaps
 from pipeline.core.geometry.rotated_iou import ious
 from pipeline.core.rig import Rig
 from pipeline.core.settings.classes import ClassPrior
@@ -27,7 +26,6 @@ from pipeline.fusion.proposals.parting import (
     find_merged,
     find_partners,
     has_room,
-    share_points,
 )
 
 __all__ = ["Propose", "Proposed"]
@@ -72,7 +70,7 @@ class Propose:
         max_size_m = np.array([prior.max_size_m for prior in classes])
         self._ground_m2 = np.array([prior.size_m[0] * prior.size_m[1] for prior in classes])
         self._max_std_m = np.hypot(max_size_m[:, 0], max_size_m[:, 1]) / 2
-        self._fit = ObjectFitter(rig, fitter, config, classes) if rig.lidars else None
+        self._fit = ObjectFitter(rig, fitter, config, classes)
 
     def __call__(
         self, combined: CombinedCloud, lidar: Boxes3D, matches: Mapping[str, Matches], placed: Placed
@@ -95,22 +93,20 @@ class Propose:
         alone = np.sort(alone[np.argsort(-sightings.scores[alone], kind="stable")[:MAX_ALONE]])
         is_matched = np.zeros(len(lidar), np.bool_)
         is_matched[partner[partner >= 0]] = True
-        new = Boxes3D.empty(lidar.stamp_ns, lidar.frame_id)
-        if self._fit is not None:
-            found = self._fit(combined, sightings.select(alone), placed.placements.select(alone))
-            seen = alone[found.sighting]
-            clusters = find_enclosing(combined.detection_cloud.xyz, found.rows, found.starts, lidar)
-            merged = find_merged(sightings, partner, seen, clusters)
-            needed_m2 = self._ground_m2[sightings.class_ids[seen]] + self._ground_m2[sightings.class_ids[merged]]
-            within = np.flatnonzero((merged >= 0) & has_room(_ground_m2(lidar), clusters, needed_m2))
-            lidar, parts, parted = self._parted(combined, lidar, placed, (partner, iou), seen[within], merged[within])
-            free = np.lexsort((seen, -found.worth))
-            free = free[merged[free] < 0]
-            boxes = _as_boxes(found.boxes, lidar)
-            boxes = parts.joined(boxes.select(free[~_is_known(boxes, lidar, is_matched)[free]]))
-            new = boxes.select(first_of_each(boxes, OVERLAP_SHARE))
-            is_served[seen[merged < 0]] = True
-            is_served[parted] = True
+        found = self._fit(combined, sightings.select(alone), placed.placements.select(alone))
+        seen = alone[found.sighting]
+        clusters = find_enclosing(combined.detection_cloud.xyz, found.rows, found.starts, lidar)
+        merged = find_merged(sightings, partner, seen, clusters)
+        needed_m2 = self._ground_m2[sightings.class_ids[seen]] + self._ground_m2[sightings.class_ids[merged]]
+        within = np.flatnonzero((merged >= 0) & has_room(_ground_m2(lidar), clusters, needed_m2))
+        lidar, parts, parted = self._parted(combined, lidar, placed, (partner, iou), seen[within], merged[within])
+        free = np.lexsort((seen, -found.worth))
+        free = free[merged[free] < 0]
+        boxes = _as_boxes(found.boxes, lidar)
+        boxes = parts.joined(boxes.select(free[~_is_known(boxes, lidar, is_matched)[free]]))
+        new = boxes.select(without_overlaps(boxes))
+        is_served[seen[merged < 0]] = True
+        is_served[parted] = True
         unserved = np.zeros(len(placed.boxes), np.bool_)
         unserved[placed.objects[alone]] = True
         unserved[placed.objects[is_served]] = False
@@ -142,12 +138,12 @@ class Propose:
         """
         partner, iou = partners
         rows = np.union1d(seen, owners)
-        if self._fit is None or not len(rows):
+        if not len(rows):
             return lidar, lidar.select(rows), rows
         owner = rows.copy()
         owner[np.searchsorted(rows, seen)] = owners
-        sightings, share = placed.sightings.select(rows), partial(share_points, owner=owner)
-        found = self._fit(combined, sightings, placed.placements.select(rows), share)
+        sightings = placed.sightings.select(rows)
+        found = self._fit(combined, sightings, placed.placements.select(rows), owner)
         row, ground_m2 = rows[found.sighting], self._ground_m2[sightings.class_ids[found.sighting]]
         kept, other = choose_parts(found.iou, row, owner[found.sighting], ground_m2, partner, iou, _ground_m2(lidar))
         boxes = _as_boxes(found.boxes, lidar)

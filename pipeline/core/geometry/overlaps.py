@@ -4,10 +4,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from pipeline.core.arrays import F64, Bools, Indices
+from pipeline.core.arrays import F64, Indices
 from pipeline.core.geometry.rotated_iou import BoxArrays, OrientedBoxes, ious, shared_ground
 
-__all__ = ["OVERLAP_SHARE", "first_of_each", "overlap_shares", "without_overlaps"]
+__all__ = ["OVERLAP_SHARE", "overlap_shares", "without_overlaps"]
 
 OVERLAP_SHARE = 0.25
 """If one of two boxes has more than this share of its ground inside the other, they are taken for one object."""
@@ -16,7 +16,7 @@ BLOCK, PAIRS = 256, 1 << 14
 """Boxes whose neighbours are sought, and pairs that are compared, at once: a cloud may hold many small clusters."""
 
 
-def without_overlaps(boxes: BoxArrays, groups: Indices | None = None) -> Indices:
+def without_overlaps(boxes: OrientedBoxes, groups: Indices | None = None) -> Indices:
     """Rows of the boxes that share little ground with any box kept before them.
 
     Args:
@@ -47,21 +47,7 @@ def overlap_shares(first: OrientedBoxes, second: OrientedBoxes, bev: F64 | None 
     return np.asarray(shared_m2 / np.maximum(np.minimum(ground_m2[:, None], others_m2), 1e-12))
 
 
-def first_of_each(boxes: OrientedBoxes, share: float) -> Bools:
-    """(N,) whether each box shares no more than a part of its ground with any kept one before it.
-
-    Args:
-        boxes: The better ones first.
-        share: Of the ground of the smaller of two boxes.
-    """
-    rivals = np.tril(overlap_shares(boxes, boxes) > share, -1)
-    kept = np.ones(len(rivals), np.bool_)
-    for row in np.flatnonzero(rivals.any(1)):
-        kept[row] = not (rivals[row] & kept).any()
-    return kept
-
-
-def _rivals(boxes: BoxArrays) -> Iterator[tuple[Indices, Indices]]:
+def _rivals(boxes: OrientedBoxes) -> Iterator[tuple[Indices, Indices]]:
     """Boxes, and one before each of them, of which one has too much of its ground inside the other; in their order."""
     count = len(boxes.yaws)
     if not count:
@@ -92,7 +78,7 @@ def _rivals(boxes: BoxArrays) -> Iterator[tuple[Indices, Indices]]:
         yield first[is_rival], second[is_rival]
 
 
-def _select(boxes: BoxArrays, rows: Indices) -> BoxArrays:
+def _select(boxes: OrientedBoxes, rows: Indices) -> BoxArrays:
     return BoxArrays(boxes.centers[rows], boxes.sizes[rows], boxes.yaws[rows])
 
 

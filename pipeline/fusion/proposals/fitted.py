@@ -1,6 +1,6 @@
 """Objects that 2D boxes show, by the points of the lidars in their frustums: boxes fitted to these points."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from operator import itemgetter
 from typing import NamedTuple
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from pipeline.core.arrays import F64, I64, Bools
 from pipeline.core.clouds import CombinedCloud
-from pipeline.core.geometry.boxes import pair_iou_xyxy
+from pipeline.core.geometry.boxes import pair_overlaps_xyxy
 from pipeline.core.rig import Rig
 from pipeline.core.settings.classes import ClassPrior
 from pipeline.core.settings.detect import ClusterConfig
@@ -19,6 +19,7 @@ from pipeline.fusion.cameras.placing import Placements
 from pipeline.fusion.cameras.sightings import Sightings
 from pipeline.fusion.projection import project_edges
 from pipeline.fusion.proposals.frustums import FrustumPoints, heading_of, points_in_frustums
+from pipeline.fusion.proposals.parting import share_points
 from pipeline.fusion.proposals.segments import MAX_OFF, Expected, choose_segments
 
 __all__ = ["FittedObjects", "ObjectFitter"]
@@ -59,22 +60,18 @@ class FittedObjects(NamedTuple):
     starts: I64
 
 
-Share = Callable[[FrustumPoints], I64]
-"""The rows of the points that frustums may have, rising."""
-
-
 class ObjectFitter:
     """Finds the points of the objects that 2D boxes show, and fits boxes to them."""
 
     def __init__(self, rig: Rig, fitter: BoxFitter, config: ClusterConfig, classes: Sequence[ClassPrior]) -> None:
         self._fitter = fitter
-        self._lidar_xy = np.array([lidar.T_site_lidar.translation[:2] for lidar in rig.lidars])
+        self._lidar_xy = np.array([lidar.T_site_lidar.translation[:2] for lidar in rig.lidars]).reshape(-1, 2)
         self._config = config
         self._size = np.array([prior.size_m for prior in classes])
         self._max_size = np.array([prior.max_size_m for prior in classes])
 
     def __call__(
-        self, combined: CombinedCloud, sightings: Sightings, placements: Placements, share: Share | None = None
+        self, combined: CombinedCloud, sightings: Sightings, placements: Placements, owner: I64 | None = None
     ) -> FittedObjects:
         """The objects of those of the 2D boxes that have points.
 
@@ -82,12 +79,12 @@ class ObjectFitter:
             combined: The cloud of the frame.
             sightings: S 2D boxes.
             placements: Where each of them places its object.
-            share: If given, says which frustums may have a point that lies in several.
+            owner: (S,) see `share_points`; None: a point may belong to several objects.
         """
         expected = self._expected(sightings, placements)
         found, link_m = self._points(combined, sightings, expected)
-        if share is not None:
-            shared = share(found)
+        if owner is not None:
+            shared = share_points(found, owner)
             found, link_m = found.select(shared), link_m[shared]
         segments = choose_segments(combined.detection_cloud.xyz, found, link_m, expected, self._config, MIN_POINTS)
         rows = found.rows[segments.points]
@@ -102,7 +99,7 @@ class ObjectFitter:
         variance = (heading[:, :, None] * covariances * heading[:, None, :]).sum((1, 2))
         size, max_size = self._size[sightings.class_ids], self._max_size[sightings.class_ids]
         depth = (size[:, 0] + size[:, 1]) / 4
-        range_m = np.linalg.norm(xy[:, None] - self._lidar_xy, axis=2).min(1)
+        range_m = np.linalg.norm(xy[:, None] - self._lidar_xy, axis=2).min(1, initial=np.inf)
         gap_m = range_m / np.sqrt(self._config.points_per_sr)
         return Expected(
             along - depth,
@@ -139,5 +136,6 @@ def _selected(objects: FittedObjects, kept: Bools) -> FittedObjects:
 def _iou_with(sightings: Sightings, boxes: Candidates3D) -> F64:
     """(G,) overlap of each projected box with its 2D box, both clipped to the image."""
     edges = project_edges(boxes.centers, boxes.sizes, boxes.yaws, sightings.views)
-    clipped = edges.xyxy.clip(0, np.tile(sightings.views.image_sizes, 2))
-    return np.where(edges.valid, pair_iou_xyxy(np.where(edges.valid[:, None], clipped, 0.0), sightings.xyxy), 0.0)
+    clipped = edges.xyxy.clip(0, sightings.views.limits)
+    iou, _ = pair_overlaps_xyxy(np.where(edges.valid[:, None], clipped, 0.0), sightings.xyxy)
+    return np.where(edges.valid, iou, 0.0)

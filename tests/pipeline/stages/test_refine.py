@@ -8,6 +8,7 @@ from detections import LOOK_FORWARD, boxes2d, boxes3d, camera_rig, forward_camer
 from fusion_scenes import FusionScene, fusion_scenes
 from fusion_stages import associate_of
 from scipy.stats import chi2
+from seen_boxes import edges_in_view
 
 from pipeline.core.arrays import F64
 from pipeline.core.camera import CameraModel
@@ -16,7 +17,7 @@ from pipeline.core.geometry.boxes import wrap_angle
 from pipeline.core.geometry.transform import Transform
 from pipeline.core.rig import CameraSensor, Rig
 from pipeline.core.settings.fuse import FuseConfig
-from pipeline.fusion.projection import CameraArrays, edges_in_view
+from pipeline.fusion.projection import CameraArrays
 from pipeline.fusion.refining.edges import moved_by_borders
 from pipeline.stages.refine import Refine
 

@@ -7,7 +7,7 @@ from detections import boxes3d
 
 from pipeline.core.geometry import overlaps
 from pipeline.core.geometry.boxes import box_corners
-from pipeline.core.geometry.overlaps import first_of_each, overlap_shares, without_overlaps
+from pipeline.core.geometry.overlaps import overlap_shares, without_overlaps
 from pipeline.core.geometry.rotated_iou import BoxArrays
 
 
@@ -76,14 +76,5 @@ def test_share_is_that_of_the_smaller_box() -> None:
     assert shares == pytest.approx(np.array([[0.75, 1.0], [0.0, 0.0]]))
 
 
-def test_each_box_gives_way_to_a_kept_one_before_it() -> None:
-    # the second gives way to the first, so the third, which overlaps the second alone, stays
-    row = boxes3d([(0, 0, 0, 2, 1, 1, 0), (1, 0, 0, 2, 1, 1, 0), (2, 0, 0, 2, 1, 1, 0)])
-    assert first_of_each(row, 0.25).tolist() == [True, False, True]
-    assert first_of_each(row, 0.6).tolist() == [True, True, True]
-
-
 def test_nothing() -> None:
-    none = boxes3d([])
-    assert overlap_shares(none, boxes3d([(0, 0, 0, 1, 1, 1, 0)])).shape == (0, 1)
-    assert len(first_of_each(none, 0.5)) == 0
+    assert overlap_shares(boxes3d([]), boxes3d([(0, 0, 0, 1, 1, 1, 0)])).shape == (0, 1)
