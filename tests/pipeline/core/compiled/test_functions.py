@@ -1,8 +1,9 @@
 """Compiled functions: made once, kept in a folder of the user's own, and made without a place to keep them."""
 
+import ast
 import importlib.util
 import logging
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -174,11 +175,28 @@ def test_no_product_is_fused_with_a_sum() -> None:
     assert not any(fused in code for fused in ("vfmadd", "fmadd", "fmla"))
 
 
-def test_kernel_files_use_numbers_and_functions_of_kernel_files_alone() -> None:
+def test_compiled_functions_use_numbers_and_functions_of_kernel_files_alone() -> None:
     """What a compiled function takes from another file would not be in the key of what is kept."""
     texts = dict(beside.kernel_sources())
     known = {".".join(path.relative_to(beside._ROOT).with_suffix("").parts) for path in texts}
     assert len(known) > 5
     for path, text in texts.items():
-        uses = {line.split()[1] for line in text.splitlines() if line.startswith("from pipeline.")}
-        assert uses <= known | {"pipeline.core.arrays", "pipeline.core.compiled", "pipeline.core.compiled.lanes"}, path
+        tree = ast.parse(text)
+        source_of = {
+            alias.name: node.module
+            for node in tree.body
+            if isinstance(node, ast.ImportFrom) and str(node.module).startswith("pipeline.")
+            for alias in node.names
+        }
+        used = {
+            name.id
+            for node in tree.body
+            if isinstance(node, ast.FunctionDef) and {"compiled", "inlined"} & _names(node.decorator_list)
+            for name in (each for line in node.body for each in ast.walk(line))
+            if isinstance(name, ast.Name)
+        }
+        assert {source_of[name] for name in used & {*source_of}} <= known | {"pipeline.core.compiled.lanes"}, path
+
+
+def _names(nodes: Sequence[ast.AST]) -> set[str]:
+    return {name.id for node in nodes for name in ast.walk(node) if isinstance(name, ast.Name)}

@@ -73,7 +73,7 @@ def test_where_an_object_is() -> None:
     assert reach_of_classes(ROAD_CLASSES)[:2].tolist() == [2.0, 0.875]
 
 
-def test_what_was_begun_from_a_2d_box_has_less_behind_it_without_points() -> None:
+def test_what_a_2d_box_proposes_has_less_behind_it_without_points() -> None:
     sources = np.array([Source.LIDAR, Source.BOTH, Source.CAMERA], np.uint8)
     is_lidar = np.array([True, False, False])
     odds = log_odds_before_cameras(np.full(3, 0.5), np.ones(3), LIDAR[0], sources, is_lidar, FITTED)
