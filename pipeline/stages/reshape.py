@@ -14,7 +14,7 @@ from pipeline.core.arrays import F64, I64, Indices
 from pipeline.core.clouds import CombinedCloud
 from pipeline.core.detections import Boxes3D, Hypotheses
 from pipeline.core.geometry.boxes import wrap_angle
-from pipeline.core.geometry.footprints import points_in_footprints
+from pipeline.core.geometry.regions import points_in_footprints
 from pipeline.core.settings.classes import ClassPrior
 from pipeline.core.settings.detect import Detect3DConfig
 from pipeline.core.settings.engines import ENGINES

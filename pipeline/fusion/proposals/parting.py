@@ -7,7 +7,7 @@ import numpy as np
 from pipeline.core.arrays import F32, F64, I64, Bools, first_of_runs
 from pipeline.core.detections import Boxes3D, Matches
 from pipeline.core.geometry.boxes import iou_xyxy
-from pipeline.core.geometry.footprints import points_in_footprints
+from pipeline.core.geometry.regions import points_in_footprints
 from pipeline.fusion.cameras.sightings import Sightings
 from pipeline.fusion.proposals.frustums import FrustumPoints
 

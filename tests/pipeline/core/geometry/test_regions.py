@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pipeline.core.geometry.boxes import box_corners
-from pipeline.core.geometry.footprints import points_in_footprints
+from pipeline.core.geometry.regions import points_in_footprints
 
 
 @given(seed=st.integers(0, 10_000), points=st.integers(0, 300), boxes=st.integers(0, 6))
